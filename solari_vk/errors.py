@@ -1,0 +1,16 @@
+"""The exceptions of the package. Every mistake of a user, a file or a driver becomes one of them."""
+
+
+class SolariError(Exception):
+    """Something asked of the package can't be done.
+
+    The message says what was wrong, where (file, node, index, object) and what to do about it.
+    """
+
+
+class DeviceError(SolariError):
+    """No device fits, the Vulkan loader is missing, or a device failed (lost, out of memory)."""
+
+
+class ValidationError(SolariError):
+    """The Vulkan validation layer reported messages; they are the text of the exception."""

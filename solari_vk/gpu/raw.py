@@ -1,0 +1,221 @@
+"""The one place that imports the `vulkan` package: its ffi, its constants repaired, its functions checked.
+
+The package's Python wrappers free nested temporaries and are slow, so only its parsed header is used:
+`struct` builds C structures that own what they point to, `Functions` loads entry points once and
+turns every negative VkResult into an exception, and `VK_*` names come out as integers, aliases included.
+"""
+
+from __future__ import annotations
+
+import re
+import weakref
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from solari_vk.errors import DeviceError
+
+try:
+    from vulkan import _vulkan as _package
+except OSError as error:
+    raise DeviceError(
+        f"the Vulkan loader can't be opened ({error}): install it (Debian: apt-get install libvulkan1) "
+        "and a driver with VK_KHR_ray_query"
+    ) from error
+
+ffi: Any = _package.ffi
+lib: Any = _package.lib
+NULL: Any = ffi.NULL
+CData = Any
+
+# The header's own enumerators. The package's Python constants leave 492 aliases None and get 40 values
+# wrong (extension offsets, signs of error codes), so they serve only for what is no enumerator.
+_ENUMERATORS: dict[str, int] = {}
+for _name in ffi.list_types()[0]:
+    if (_ctype := ffi.typeof(_name)).kind == "enum":
+        _ENUMERATORS.update(_ctype.relements)
+
+_VENDOR_SUFFIX = re.compile(r"_(KHR|EXT|NV)$")
+
+
+def __getattr__(name: str) -> int:
+    """A Vulkan constant by its name; an alias of another vendor's suffix is followed to its value."""
+    if not name.startswith("VK_"):
+        raise AttributeError(name)
+    base = _VENDOR_SUFFIX.sub("", name)
+    for spelling in (name, base, base + "_KHR", base + "_EXT"):
+        value: int | None = _ENUMERATORS.get(spelling, getattr(_package, spelling, None))
+        if value is not None:
+            globals()[name] = value
+            return value
+    raise AttributeError(f"{name} is no Vulkan constant that the `vulkan` package knows")
+
+
+def api_version(major: int, minor: int, patch: int = 0) -> int:
+    """A version as Vulkan packs it."""
+    return major << 22 | minor << 12 | patch
+
+
+# ---- structures -------------------------------------------------------------------------------------
+
+_keeps: weakref.WeakKeyDictionary[CData, list[Any]] = weakref.WeakKeyDictionary()
+_STRUCTURE_TYPES = {
+    name.replace("_", "").removeprefix("VKSTRUCTURETYPE"): value
+    for name, value in ffi.typeof("enum VkStructureType").relements.items()
+}
+
+
+def struct(type_name: str, **fields: Any) -> CData:
+    """A pointer to a new C structure of a type such as "VkBufferCreateInfo".
+
+    `sType` is filled in. Pointer fields take bytes or str (a C string), a list (a C array of what the
+    field points to), a structure from this function, a numpy array, or any cdata; whatever is pointed
+    to lives as long as the returned pointer. Value fields take numbers, dicts or lists, and
+    structures from this function by value. Raises TypeError for a field the structure hasn't got.
+    """
+    pointer = ffi.new(type_name + "*")
+    kept = _fill(pointer, ffi.typeof(type_name), fields)
+    _keeps[pointer] = kept
+    return pointer
+
+
+def array(type_name: str, items: Sequence[Any]) -> CData:
+    """A C array that owns its items: structures from `struct`, handles, numbers or strings."""
+    block = ffi.new(f"{type_name}[]", max(len(items), 1))
+    _keeps[block] = [_assign(block, i, ffi.typeof(type_name), item) for i, item in enumerate(items)]
+    return block
+
+
+def _fill(target: CData, ctype: Any, fields: Mapping[str, Any]) -> list[Any]:
+    members = dict(ctype.fields)
+    if "sType" in members and "pNext" in members and "sType" not in fields:
+        target.sType = _STRUCTURE_TYPES[ctype.cname.removeprefix("struct ").removeprefix("Vk").upper()]
+    kept = []
+    for name, value in fields.items():
+        if name not in members:
+            raise TypeError(f"{ctype.cname} has no field {name}; it has {', '.join(members)}")
+        kept.append(_assign(target, name, members[name].type, value))
+    return kept
+
+
+def _assign(target: CData, key: str | int, ctype: Any, value: Any) -> Any:
+    """Put a value into a field or an array element; returns what must be kept alive with it."""
+    put: Callable[[Any], None]
+    if isinstance(key, str):
+        put = lambda item: setattr(target, key, item)  # noqa: E731
+    else:
+        put = lambda item: target.__setitem__(key, item)  # noqa: E731
+    if ctype.kind == "pointer":
+        made = _pointee(ctype, value)
+        put(made)
+        return made if made is value else (made, value)
+    if ctype.kind in ("struct", "union") and isinstance(value, Mapping):
+        made = ffi.new(ctype.cname + "*")
+        kept = _fill(made, ctype, value)
+        put(made[0])
+        return kept
+    if ctype.kind in ("struct", "union") and isinstance(value, ffi.CData) and ffi.typeof(value).kind == "pointer":
+        put(value[0])
+        return _keeps.get(value, value)
+    put(value)
+    return None
+
+
+def _pointee(ctype: Any, value: Any) -> Any:
+    """The cdata for a pointer field given as cdata, None, str, bytes, a list or a numpy array."""
+    if value is None:
+        return NULL
+    if isinstance(value, ffi.CData):
+        return value
+    if isinstance(value, str):
+        return ffi.new("char[]", value.encode())
+    if isinstance(value, bytes) and ctype.item.kind == "primitive" and ctype.item.cname == "char":
+        return ffi.new("char[]", value)
+    if isinstance(value, (list, tuple)):
+        if not value:
+            return NULL
+        return array(ctype.item.cname, value)
+    return ffi.from_buffer(value) if ctype.item.kind == "void" else ffi.cast(ctype, ffi.from_buffer(value))
+
+
+# ---- functions --------------------------------------------------------------------------------------
+
+_RESULT_NAMES = ffi.typeof("enum VkResult").elements
+_REMEDY = {
+    "VK_ERROR_DEVICE_LOST": "the device was lost: a dispatch may have run too long, or the driver failed; make a new Device",
+    "VK_ERROR_OUT_OF_DEVICE_MEMORY": "the device is out of memory: use a smaller scene or picture",
+    "VK_ERROR_OUT_OF_HOST_MEMORY": "the host is out of memory: use a smaller scene or picture",
+    "VK_ERROR_INCOMPATIBLE_DRIVER": "no Vulkan driver is installed: install one with VK_KHR_ray_query",
+    "VK_ERROR_LAYER_NOT_PRESENT": "install the Khronos validation layer (Debian: apt-get install vulkan-validationlayers)",
+}
+
+
+def check(result: int, function: str) -> int:
+    """Pass on a VkResult that isn't an error; raise DeviceError naming the function and the remedy otherwise."""
+    if result < 0:
+        name = _RESULT_NAMES.get(result, f"VkResult {result}")
+        remedy = _REMEDY.get(name)
+        raise DeviceError(f"{function}: {name}" + (f": {remedy}" if remedy else ""))
+    return result
+
+
+class Functions:
+    """Vulkan functions by name, each looked up once; those that return a VkResult are checked.
+
+    `get_address(name)` gives a function pointer, as vkGetDeviceProcAddr does. A function the driver
+    hasn't got raises DeviceError when it is first used.
+    """
+
+    def __init__(self, get_address: Callable[[bytes], CData]) -> None:
+        self._get_address = get_address
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        if not name.startswith("vk"):
+            raise AttributeError(name)
+        pointer = self._get_address(name.encode())
+        if pointer == NULL:
+            raise DeviceError(f"the driver has no function {name}")
+        function = ffi.cast("PFN_" + name, pointer)
+        result = ffi.typeof(function).result
+        if result.cname in ("enum VkResult", "VkResult"):
+            function = _checked(function, name)
+        setattr(self, name, function)
+        return function
+
+
+def _checked(function: Any, name: str) -> Callable[..., int]:
+    def call(*arguments: Any) -> int:
+        result: int = function(*arguments)
+        return result if result >= 0 else check(result, name)
+
+    return call
+
+
+def global_functions() -> Functions:
+    """Functions that need no instance, such as vkCreateInstance."""
+    return Functions(lambda name: lib.vkGetInstanceProcAddr(NULL, name))
+
+
+def instance_functions(instance: CData) -> Functions:
+    """Functions of one instance."""
+    return Functions(lambda name: lib.vkGetInstanceProcAddr(instance, name))
+
+
+def device_functions(device: CData) -> Functions:
+    """Functions of one device, without the loader's dispatch in between."""
+    return Functions(lambda name: lib.vkGetDeviceProcAddr(device, name))
+
+
+def enumerate_items(function: Callable[..., Any], type_name: str, *arguments: Any) -> list[CData]:
+    """The usual pair of calls: count, then fill. Structures come with sType set."""
+    count = ffi.new("uint32_t*")
+    function(*arguments, count, NULL)
+    items = ffi.new(f"{type_name}[]", max(count[0], 1))
+    if ffi.typeof(type_name).kind == "struct" and "sType" in dict(ffi.typeof(type_name).fields):
+        for i in range(count[0]):
+            _fill(items[i], ffi.typeof(type_name), {})
+    function(*arguments, count, items)
+    found = [items[i] for i in range(count[0])]
+    for item in found:  # an element is a view into the array
+        if ffi.typeof(item).kind == "struct":
+            _keeps[item] = [items]
+    return found
