@@ -141,11 +141,11 @@ def _pointee(ctype: Any, value: Any) -> Any:
 
 _RESULT_NAMES = ffi.typeof("enum VkResult").elements
 _REMEDY = {
-    "VK_ERROR_DEVICE_LOST": "the device was lost: a dispatch may have run too long, or the driver failed; make a new Device",
+    "VK_ERROR_DEVICE_LOST": "the device was lost (a dispatch ran too long, or the driver failed): make a new Device",
     "VK_ERROR_OUT_OF_DEVICE_MEMORY": "the device is out of memory: use a smaller scene or picture",
     "VK_ERROR_OUT_OF_HOST_MEMORY": "the host is out of memory: use a smaller scene or picture",
     "VK_ERROR_INCOMPATIBLE_DRIVER": "no Vulkan driver is installed: install one with VK_KHR_ray_query",
-    "VK_ERROR_LAYER_NOT_PRESENT": "install the Khronos validation layer (Debian: apt-get install vulkan-validationlayers)",
+    "VK_ERROR_LAYER_NOT_PRESENT": "install the Khronos validation layer (Debian: vulkan-validationlayers)",
 }
 
 
@@ -162,11 +162,13 @@ class Functions:
     """Vulkan functions by name, each looked up once; those that return a VkResult are checked.
 
     `get_address(name)` gives a function pointer, as vkGetDeviceProcAddr does. A function the driver
-    hasn't got raises DeviceError when it is first used.
+    hasn't got raises DeviceError when it is first used. `on_error(result)` hears of every failure
+    before it is raised, so that an owner can remember a lost device.
     """
 
-    def __init__(self, get_address: Callable[[bytes], CData]) -> None:
+    def __init__(self, get_address: Callable[[bytes], CData], on_error: Callable[[int], None] | None = None) -> None:
         self._get_address = get_address
+        self._on_error = on_error
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
         if not name.startswith("vk"):
@@ -177,15 +179,19 @@ class Functions:
         function = ffi.cast("PFN_" + name, pointer)
         result = ffi.typeof(function).result
         if result.cname in ("enum VkResult", "VkResult"):
-            function = _checked(function, name)
+            function = _checked(function, name, self._on_error)
         setattr(self, name, function)
         return function
 
 
-def _checked(function: Any, name: str) -> Callable[..., int]:
+def _checked(function: Any, name: str, on_error: Callable[[int], None] | None) -> Callable[..., int]:
     def call(*arguments: Any) -> int:
         result: int = function(*arguments)
-        return result if result >= 0 else check(result, name)
+        if result >= 0:
+            return result
+        if on_error is not None:
+            on_error(result)
+        return check(result, name)
 
     return call
 
@@ -200,9 +206,9 @@ def instance_functions(instance: CData) -> Functions:
     return Functions(lambda name: lib.vkGetInstanceProcAddr(instance, name))
 
 
-def device_functions(device: CData) -> Functions:
+def device_functions(device: CData, on_error: Callable[[int], None] | None = None) -> Functions:
     """Functions of one device, without the loader's dispatch in between."""
-    return Functions(lambda name: lib.vkGetDeviceProcAddr(device, name))
+    return Functions(lambda name: lib.vkGetDeviceProcAddr(device, name), on_error)
 
 
 def enumerate_items(function: Callable[..., Any], type_name: str, *arguments: Any) -> list[CData]:

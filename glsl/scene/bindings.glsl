@@ -1,0 +1,100 @@
+// Descriptor set 0: what is in the world. solari_vk/scene/binder.py fills it, by these names.
+#ifndef SCENE_BINDINGS_GLSL
+#define SCENE_BINDINGS_GLSL
+
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_buffer_reference : require
+#extension GL_EXT_nonuniform_qualifier : require
+#extension GL_EXT_ray_query : require
+
+const uint NO_INDEX = 0xFFFFFFFFu;
+
+// ---- geometry: read only, one set of addresses a mesh, so no pool limits a scene's size ------------
+
+struct VertexAttributes {
+    vec3 normal;
+    vec4 tangent;  // w: handedness of the bitangent
+    vec2 uv;
+};
+
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Positions { vec3 at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Attributes { VertexAttributes at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Triangles { uvec3 at[]; };
+
+const uint MESH_HAS_NORMALS = 1u;
+const uint MESH_HAS_UVS = 2u;
+const uint MESH_HAS_TANGENTS = 4u;
+
+struct Mesh {
+    Positions positions;
+    Attributes attributes;
+    Triangles triangles;
+    uint triangle_count;
+    uint flags;
+};
+
+struct Instance {
+    mat4x3 world_from_object;
+    mat4x3 previous_world_from_object;
+    uint mesh;         // drawn by raster
+    uint ray_mesh;     // met by rays
+    uint material;
+    uint light_index;  // into light_sources, NO_INDEX when the instance emits nothing
+};
+
+// ---- materials --------------------------------------------------------------------------------------
+
+const uint MATERIAL_DOUBLE_SIDED = 1u;
+
+struct Material {
+    vec3 base_color;
+    float perceptual_roughness;
+    vec3 emissive;      // radiance
+    float metallic;
+    vec3 reflectance;   // F0 of the dielectric is 0.16 times its square
+    float normal_scale;
+    uint base_color_texture;          // into textures, or NO_INDEX
+    uint metallic_roughness_texture;
+    uint emissive_texture;
+    uint normal_texture;
+    uint flags;
+};
+
+struct Texture {
+    mat3x2 uv_transform;  // applied to (u, v, 1)
+    uint image;           // into texture_images
+};
+
+// ---- lights -----------------------------------------------------------------------------------------
+
+const uint LIGHT_EMISSIVE_MESH = 0u;
+const uint LIGHT_DIRECTIONAL = 1u;
+
+struct LightSource {
+    uint kind;
+    uint index;  // of the instance, or into directional_lights
+};
+
+struct DirectionalLight {
+    vec3 direction_to_light;
+    float one_minus_cos_half_angle;  // keeps its precision for disks as small as a star
+    vec3 radiance;       // illuminance / solid angle
+    float solid_angle;   // = inverse pdf of a direction chosen uniformly in the disk
+};
+
+
+layout(set = 0, binding = 0) uniform accelerationStructureEXT tlas;
+layout(set = 0, binding = 1, scalar) readonly buffer InstancesBlock { Instance at[]; } instances;
+layout(set = 0, binding = 2, scalar) readonly buffer MeshesBlock { Mesh at[]; } meshes;
+layout(set = 0, binding = 3, scalar) readonly buffer MaterialsBlock { Material at[]; } materials;
+layout(set = 0, binding = 4, scalar) readonly buffer TexturesBlock { Texture at[]; } textures;
+layout(set = 0, binding = 5, scalar) readonly buffer LightSourcesBlock { LightSource at[]; } light_sources;
+layout(set = 0, binding = 6, scalar) readonly buffer DirectionalLightsBlock { DirectionalLight at[]; } directional_lights;
+layout(set = 0, binding = 7, scalar) readonly buffer SceneInfoBlock {
+    uint light_count;
+    uint directional_light_count;
+    uint first_directional_light;  // its index in light_sources; the others follow
+} scene_info;
+layout(set = 0, binding = 8) uniform sampler2D texture_images[];
+
+#endif

@@ -1,0 +1,150 @@
+"""Compiled shaders on disk: those shipped with the package, and those compiled on this machine.
+
+Both are found by a hash of all the text that a shader is made from, so a stale module can't be used.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import re
+import sys
+import tempfile
+import warnings
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from pathlib import Path
+
+_INCLUDE = re.compile(rb'^[ \t]*#[ \t]*include[ \t]+["<]([^">\n]+)[">]', re.MULTILINE)
+_INDEX = "shipped.json"
+_OFF = ("", "0", "off", "no")
+
+
+def closure(root: Path, path: str) -> dict[str, bytes]:
+    """The files a shader may include, itself first, as {path: text}; includes in inactive #if branches count too."""
+    found: dict[str, bytes] = {}
+    waiting = [path]
+    while waiting:
+        name = waiting.pop()
+        if name in found:
+            continue
+        try:
+            found[name] = (root / name).read_bytes()
+        except OSError:
+            found[name] = b"\0missing"
+            continue
+        folder = os.path.dirname(name)
+        for match in _INCLUDE.findall(found[name]):
+            requested = match.decode(errors="replace")
+            beside = os.path.normpath(os.path.join(folder, requested)).replace(os.sep, "/")
+            waiting.append(beside if (root / beside).is_file() else os.path.normpath(requested).replace(os.sep, "/"))
+    return found
+
+
+def source_key(root: Path, path: str, header: str, options: str) -> str:
+    """A hash of all that a shader's SPIR-V depends on but the compiler."""
+    digest = hashlib.sha256(f"{path}\0{options}\0{header}\0".encode())
+    for name, text in sorted(closure(root, path).items()):
+        digest.update(f"{name}\0{len(text)}\0".encode())
+        digest.update(text)
+    return digest.hexdigest()
+
+
+# ---- shipped ----------------------------------------------------------------------------------------
+
+
+def ship(root: Path, out: Path, modules: Mapping[str, bytes], options: str) -> None:
+    """Write modules given as {shader's path: SPIR-V} to PATH.spv below `out`, and their index."""
+    index = {}
+    for path, spirv in modules.items():
+        file = out / f"{path}.spv"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(spirv)
+        key = source_key(root, path, "", options)
+        index[key] = {"file": f"{path}.spv", "sha256": hashlib.sha256(spirv).hexdigest()}
+    out.mkdir(parents=True, exist_ok=True)
+    (out / _INDEX).write_text(json.dumps(index, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+
+
+@lru_cache(maxsize=8)
+def _index(file: Path, modified_ns: int) -> dict[str, dict[str, str]]:
+    content: dict[str, dict[str, str]] = json.loads(file.read_text(encoding="utf-8"))
+    return content
+
+
+def shipped(root: Path, key: str) -> bytes | None:
+    """The module shipped for these sources, or None; a damaged one counts as none, with a warning."""
+    index = root / _INDEX
+    try:
+        entry = _index(index, index.stat().st_mtime_ns).get(key)
+        if entry is None:
+            return None
+        spirv = (root / entry["file"]).read_bytes()
+        if hashlib.sha256(spirv).hexdigest() == entry["sha256"]:
+            return spirv
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        warnings.warn(f"the compiled shaders listed in {index} can't be read ({error})", stacklevel=3)
+        return None
+    warnings.warn(f"the compiled shader {root / entry['file']} is damaged; compiling it instead", stacklevel=3)
+    return None
+
+
+# ---- cache ------------------------------------------------------------------------------------------
+
+
+def cache_folder() -> Path | None:
+    """Where compiled shaders are kept: SOLARI_VK_CACHE, else the platform's folder; None when that says off."""
+    named = os.environ.get("SOLARI_VK_CACHE")
+    if named is not None:
+        return None if named.strip().lower() in _OFF else Path(named)
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches" / "solari_vk"
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA", Path.home())) / "solari_vk" / "cache"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "solari_vk"
+
+
+def cached(key: str, compiler: str, make: Callable[[], bytes]) -> bytes:
+    """The module with this source key from the cache, or made and put there.
+
+    An entry is a SHA-256 of the module and then the module: a torn or damaged one is made again. A cache that can't
+    be written is a warning, since all else still works.
+    """
+    folder = cache_folder()
+    if folder is None:
+        return make()
+    file = folder / f"{hashlib.sha256(f'{key}\0{compiler}'.encode()).hexdigest()}.spv"
+    try:
+        entry = file.read_bytes()
+        if len(entry) > 32 and hashlib.sha256(entry[32:]).digest() == entry[:32]:
+            return entry[32:]
+    except OSError:
+        pass
+    spirv = make()
+    try:
+        _write(file, hashlib.sha256(spirv).digest() + spirv)
+    except OSError as error:
+        warnings.warn(
+            f"compiled shaders can't be kept in {folder} ({error.strerror}); set SOLARI_VK_CACHE to a folder that can be "
+            "written, or to 'off'",
+            stacklevel=3,
+        )
+    return spirv
+
+
+def _write(file: Path, content: bytes) -> None:
+    """Write a file so that another process sees all of it or none."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=file.parent, suffix=".tmp")
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(content)
+        os.replace(temporary, file)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(temporary)
+        raise

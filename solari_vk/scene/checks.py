@@ -1,0 +1,108 @@
+"""What the fields of the scene's objects accept: converters that copy, check and freeze.
+
+Each raises TypeError or ValueError with a text that follows the field's name ("transform must be ...").
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float32]
+WRAP_MODES = ("repeat", "mirrored_repeat", "clamp_to_edge")
+FILTERS = ("linear", "nearest")
+
+
+def array(*shape: int | None, dtype: Any = np.float32, optional: bool = False) -> Callable[[Any], Any]:
+    """A read-only copy of that shape (None: any length), finite."""
+
+    def convert(value: Any) -> Any:
+        if value is None and optional:
+            return None
+        given = np.asarray(value)
+        if np.issubdtype(dtype, np.integer) and given.size and not np.issubdtype(given.dtype, np.integer):
+            raise ValueError(f"must be integers, not {given.dtype}")
+        if np.issubdtype(dtype, np.integer) and given.size and (
+            given.min() < 0 or given.max() > np.iinfo(dtype).max
+        ):
+            raise ValueError(f"must lie between 0 and {np.iinfo(dtype).max}")
+        array = np.array(given, dtype=dtype, order="C")
+        fits = array.ndim == len(shape) and all(w is None or w == n for w, n in zip(shape, array.shape, strict=True))
+        if not fits:
+            wanted = ", ".join("N" if n is None else str(n) for n in shape)
+            raise ValueError(f"must have the shape ({wanted}), not {array.shape}")
+        refuse_not_finite(array)
+        array.setflags(write=False)
+        return array
+
+    return convert
+
+
+def refuse_not_finite(array: NDArray[Any]) -> None:
+    finite = np.isfinite(array)
+    if not finite.all():
+        where = tuple(int(i) for i in np.argwhere(~finite)[0])
+        raise ValueError(f"must be finite, but element {where} is {array[where]}")
+
+
+def color(low: float = 0.0, high: float = math.inf) -> Callable[[Any], FloatArray]:
+    """Three values within a range; a single number stands for grey."""
+
+    def convert(value: ArrayLike) -> FloatArray:
+        array = np.array(np.broadcast_to(np.asarray(value, dtype=np.float32), (3,)))
+        refuse_not_finite(array)
+        if (array < low).any() or (array > high).any():
+            raise ValueError(f"must lie between {low:g} and {high:g}, not {array.tolist()}")
+        array.setflags(write=False)
+        return array
+
+    return convert
+
+
+def number(low: float = -math.inf, high: float = math.inf) -> Callable[[Any], float]:
+    def convert(value: Any) -> float:
+        number = float(value)
+        if not math.isfinite(number) or not low <= number <= high:
+            raise ValueError(f"must be a finite number between {low:g} and {high:g}, not {value}")
+        return number
+
+    return convert
+
+
+def instance_of(kind: Callable[[], type], optional: bool = False) -> Callable[[Any], Any]:
+    def convert(value: Any) -> Any:
+        if not (optional and value is None) and not isinstance(value, kind()):
+            raise TypeError(f"must be a {kind().__name__}, not {type(value).__name__}")
+        return value
+
+    return convert
+
+
+def affine_transform(value: ArrayLike) -> NDArray[np.float64]:
+    """A 4x4 (or 3x4) affine, invertible matrix, read-only float64."""
+    given = np.asarray(value, dtype=np.float64)
+    if given.shape not in ((4, 4), (3, 4)):
+        raise ValueError(f"must have the shape (4, 4) or (3, 4), not {given.shape}")
+    refuse_not_finite(given)
+    matrix = np.eye(4)
+    matrix[: given.shape[0]] = given
+    if not np.array_equal(matrix[3], (0, 0, 0, 1)):
+        raise ValueError(f"must be affine, with the last row 0 0 0 1, not {matrix[3].tolist()}")
+    scale = np.abs(matrix[:3, :3]).max()
+    if scale == 0 or abs(np.linalg.det(matrix[:3, :3] / scale)) < 1e-12:
+        raise ValueError("must be invertible: a scale of zero (or three axes in a plane) has no surface to light")
+    matrix.setflags(write=False)
+    return matrix
+
+
+def one_of(choices: tuple[str, ...]) -> Callable[[Any], str]:
+    def convert(value: Any) -> str:
+        if value not in choices:
+            raise ValueError(f"must be one of {', '.join(choices)}, not {value!r}")
+        return str(value)
+
+    return convert
