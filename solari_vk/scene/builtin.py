@@ -1,0 +1,260 @@
+"""Scenes made by the code, for tests, pictures and measurements: the same for the same arguments.
+
+Each function returns a Scene with one camera whose ev100 exposes the picture well. Lengths are in metres
+and emission in cd/m^2. `builtin(name)` makes one by its name.
+"""
+
+from __future__ import annotations
+
+import colorsys
+import inspect
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from solari_vk.errors import SolariError
+from solari_vk.scene import shapes
+from solari_vk.scene.checks import FloatArray
+from solari_vk.scene.model import Camera, Instance, Material, Mesh, Scene
+
+EV100_OF_UNIT_EXPOSURE = -math.log2(1.2)  # pictures show radiance as it is
+
+
+def rgb(value: ArrayLike) -> FloatArray:
+    """One number or three as a colour (3,)."""
+    return np.broadcast_to(np.asarray(value, np.float32), (3,))
+
+
+def matte(color: ArrayLike, name: str = "", **fields: Any) -> Material:
+    """As near to Lambert as the material goes: rough, and F0 = 0. Grazing angles keep a faint sheen."""
+    return Material(base_color=rgb(color), perceptual_roughness=1.0, reflectance=rgb(0), name=name, **fields)
+
+
+def lamp(radiance: ArrayLike, name: str = "lamp", **fields: Any) -> Material:
+    """A surface that gives light and reflects none of note."""
+    return matte(0.0, name, emissive=rgb(radiance), **fields)
+
+
+def place(scale: ArrayLike = 1.0, at: ArrayLike = (0, 0, 0), turn: float = 0.0) -> NDArray[np.float64]:
+    """World from object (4, 4): scale, then turn about y by radians, then move."""
+    transform = np.eye(4)
+    cosine, sine = math.cos(turn), math.sin(turn)
+    rotation = np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]])
+    transform[:3, :3] = rotation @ np.diag(np.broadcast_to(np.asarray(scale, np.float64), (3,)))
+    transform[:3, 3] = at
+    return transform
+
+
+def cornell_box(size: float = 2.0, radiance: ArrayLike = (17.0, 12.0, 4.0)) -> Scene:
+    """The Cornell box as measured at Cornell (graphics.cornell.edu/online/box/data.html).
+
+    The measured box, 548.8 mm high, is scaled to `size` metres of height; it stands on y = 0, its open
+    side at z = 0 and towards -z, where the camera is. The lamp, 130 x 105 mm of the measured box, fills a
+    hole in the ceiling, so nothing overlaps. Colours are the usual Rec. 709 rendition of the measured
+    spectra (McGuire's CornellBox-Original), and all surfaces are matte.
+    """
+    scale = size / 548.8
+
+    def mesh(*corners: ArrayLike, name: str) -> Mesh:
+        return shapes.polygons(*(scale * np.asarray(c, np.float64) for c in corners), name=name)
+
+    def block(top: list[tuple[int, int]], height: int, name: str) -> Mesh:
+        upper = [(x, height, z) for x, z in top]
+        faces: list[ArrayLike] = [upper]
+        for (x0, z0), (x1, z1) in zip(top, [*top[1:], top[0]], strict=True):
+            faces.append([(x1, height, z1), (x0, height, z0), (x0, 0, z0), (x1, 0, z1)])
+        return mesh(*faces, name=name)
+
+    h = 548.8
+    hole = [(343, h, 227), (343, h, 332), (213, h, 332), (213, h, 227)]
+    ceiling = [(556, h, 0), (556, h, 559.2), (0, h, 559.2), (0, h, 0)]
+    around = [[ceiling[i], ceiling[(i + 1) % 4], hole[(i + 1) % 4], hole[i]] for i in range(4)]
+    white, red, green = (0.725, 0.71, 0.68), (0.63, 0.065, 0.05), (0.14, 0.45, 0.091)
+    floor = [(552.8, 0, 0), (0, 0, 0), (0, 0, 559.2), (549.6, 0, 559.2)]
+    back = [(549.6, 0, 559.2), (0, 0, 559.2), (0, h, 559.2), (556, h, 559.2)]
+    right = [(0, 0, 559.2), (0, 0, 0), (0, h, 0), (0, h, 559.2)]
+    left = [(552.8, 0, 0), (549.6, 0, 559.2), (556, h, 559.2), (556, h, 0)]
+    short = [(130, 65), (82, 225), (240, 272), (290, 114)]
+    tall = [(423, 247), (265, 296), (314, 456), (472, 406)]
+    scene = Scene(name="cornell_box")
+    scene.add(Instance(mesh=mesh(floor, back, *around, name="room"), material=matte(white, "white"), name="room"))
+    scene.add(Instance(mesh=mesh(left, name="left"), material=matte(red, "red"), name="left wall"))
+    scene.add(Instance(mesh=mesh(right, name="right"), material=matte(green, "green"), name="right wall"))
+    blocks = matte(white, "block")
+    scene.add(Instance(mesh=block(short, 165, "short"), material=blocks, name="short block"))
+    scene.add(Instance(mesh=block(tall, 330, "tall"), material=blocks, name="tall block"))
+    scene.add(Instance(mesh=mesh(hole, name="lamp"), material=lamp(radiance), name="lamp"))
+    scene.add(
+        Camera.look_at(
+            scale * np.array((278, 273, -800)),
+            scale * np.array((278, 273, 0)),
+            vertical_fov=2 * math.atan(0.0125 / 0.035),
+            ev100=EV100_OF_UNIT_EXPOSURE,
+        )
+    )
+    return scene
+
+
+def closed_box(albedo: float = 0.5, emission: float = 1.0, size: float = 2.0) -> Scene:
+    """The inside of a cube of `size` metres whose walls all emit `emission` and reflect `albedo`.
+
+    With Lambert walls the radiance after k bounces is emission (1 - albedo^(k+1)) / (1 - albedo), the same
+    everywhere. The camera stands off the middle, so that no symmetry hides a mistake.
+    """
+    half = np.full(3, size / 2)
+    walls = Instance(
+        mesh=shapes.box(-half, half, inward=True),
+        material=matte(albedo, "glowing wall", emissive=rgb(emission)),
+        name="walls",
+    )
+    final = emission / max(1 - albedo, 0.05)
+    camera = Camera.look_at(
+        size * np.array((0.13, 0.07, 0.21)),
+        size * np.array((-0.4, -0.3, -0.5)),
+        vertical_fov=math.radians(90),
+        ev100=EV100_OF_UNIT_EXPOSURE + math.log2(max(2 * final, 1e-6)),
+    )
+    return Scene(walls, camera, name="closed_box")
+
+
+def many_lights(
+    sphere_count: int = 441, box_count: int = 8000, extent: float = 60.0, sphere_segments: int = 12, seed: int = 1
+) -> Scene:
+    """Coloured glowing spheres in a square grid over a plane strewn with random boxes.
+
+    The plane is `extent` metres wide; the grid of spheres (21 x 21 by default) fills it at 2 to 4 m of height.
+    Boxes are 0.2 to 1.2 m wide and 0.2 to 2 m high. All boxes share one mesh, and so do all spheres.
+    """
+    if min(sphere_count, box_count) < 0 or not extent > 0:
+        raise SolariError("many_lights: counts must not be negative, and extent must be positive")
+    random = np.random.default_rng(seed)
+    scene = Scene(name="many_lights")
+    half = extent / 2
+    ground = shapes.quad((0, 0, 0), (0, 0, half), (half, 0, 0), name="ground")
+    scene.add(Instance(mesh=ground, material=matte(0.6, "ground"), name="ground"))
+    cube = shapes.box()
+    paints = [
+        Material(
+            base_color=rgb(0.25 + 0.6 * random.random(3)),
+            perceptual_roughness=0.2 + 0.8 * random.random(),
+            metallic=float(random.random() < 0.2),
+            name=f"paint {i}",
+        )
+        for i in range(16)
+    ]
+    for _ in range(box_count):
+        width, height, depth = random.uniform((0.2, 0.2, 0.2), (1.2, 2.0, 1.2))
+        x, z = random.uniform(-half, half, 2)
+        transform = place((width, height, depth), (x, height / 2, z), random.uniform(0, math.pi))
+        scene.add(Instance(mesh=cube, material=paints[int(random.integers(len(paints)))], transform=transform))
+    ball = shapes.sphere(0.15, sphere_segments)
+    colors = [colorsys.hsv_to_rgb(i / 24, 0.7, 1.0) for i in range(24)]
+    glows = [lamp(400.0 * np.asarray(color), f"glow {i}") for i, color in enumerate(colors)]
+    side = max(math.ceil(math.sqrt(sphere_count)), 1)
+    for i in range(sphere_count):
+        x, z = ((np.array((i % side, i // side)) + 0.5) / side - 0.5) * extent
+        glow = glows[int(random.integers(len(glows)))]
+        scene.add(Instance(mesh=ball, material=glow, transform=place(at=(x, random.uniform(2, 4), z))))
+    eye, target = (0, 0.16 * extent, 0.48 * extent), (0, 0, 0.1 * extent)
+    scene.add(Camera.look_at(eye, target, vertical_fov=math.radians(50), ev100=1.0))
+    return scene
+
+
+def mirror_hall(length: float = 8.0) -> Scene:
+    """A hall 4 m wide, 3 m high and `length` metres long with facing mirrors on both long sides.
+
+    Three balls (red matte, gold, glass-like black) stand between them under a strip of light. The
+    mirrors are metals of roughness 0 and reflect 95 %.
+    """
+    low, high = np.array((-2, 0, -length / 2)), np.array((2, 3, length / 2))
+    room = shapes.box(low, high, inward=True)
+    scene = Scene(Instance(mesh=room, material=matte(0.7, "plaster"), name="room"), name="mirror_hall")
+    mirror = Material(base_color=rgb(0.95), metallic=1.0, perceptual_roughness=0.0, name="mirror")
+    for side in (-1.0, 1.0):
+        # 1 cm in front of the wall, and not up to floor and ceiling, so that frames are seen in the reflections.
+        mesh = shapes.quad((side * 1.99, 1.5, 0), (0, 0, side * (length / 2 - 0.2)), (0, 1.3, 0), name="mirror")
+        scene.add(Instance(mesh=mesh, material=mirror, name="mirror"))
+    strip = shapes.quad((0, 2.98, 0), (0.25, 0, 0), (0, 0, length / 2 - 1), name="strip light")
+    scene.add(Instance(mesh=strip, material=lamp((12.0, 11.0, 9.5)), name="strip light"))
+    ball = shapes.sphere(0.5, 48)
+    balls = (
+        Material(base_color=rgb((0.7, 0.08, 0.05)), perceptual_roughness=0.7, name="red"),
+        Material(base_color=rgb((1.0, 0.77, 0.34)), metallic=1.0, perceptual_roughness=0.25, name="gold"),
+        Material(base_color=rgb(0.02), perceptual_roughness=0.0, name="black glass"),
+    )
+    for x, z, material in zip((-0.7, 0.6, -0.3), (-1.5, 0.0, 1.3), balls, strict=True):
+        scene.add(Instance(mesh=ball, material=material, transform=place(at=(x, 0.5, z)), name=material.name))
+    scene.add(Camera.look_at((1.3, 1.6, length / 2 - 0.6), (-0.9, 1.0, -0.5), vertical_fov=math.radians(65), ev100=0.5))
+    return scene
+
+
+def thin_wall(thickness: float = 0.02, radiance: float = 20.0) -> Scene:
+    """A closed room, 4 x 2 x 2 m, halved by a thin wall: the lamp is on the left, no light is on the right.
+
+    Everything is matte. The camera looks down from outside through the ceiling, whose back it does not see,
+    so that both halves are in the picture; the right half must be exactly black.
+    """
+    room = Instance(mesh=shapes.box((-2, 0, -1), (2, 2, 1), inward=True), material=matte(0.7, "plaster"), name="room")
+    # The wall goes through floor, ceiling and sides: no ray slips past its edges.
+    wall = shapes.box((-thickness / 2, -0.1, -1.1), (thickness / 2, 2.1, 1.1))
+    light = shapes.quad((-1, 1.98, 0), (0.4, 0, 0), (0, 0, 0.4), name="lamp")
+    return Scene(
+        room,
+        Instance(mesh=wall, material=matte(0.7, "wall"), name="wall"),
+        Instance(mesh=light, material=lamp(radiance), name="lamp"),
+        Camera.look_at((0, 6.5, 3.2), (0, 0.8, 0), vertical_fov=math.radians(32), ev100=2.0),
+        name="thin_wall",
+    )
+
+
+def sphere_grid(columns: int = 8, rows: int = 3, base_color: ArrayLike = (0.9, 0.55, 0.25)) -> Scene:
+    """Balls of 0.45 m radius, 1 m apart, in front of a wall: roughness grows from 0 to 1 to the right, metallic from 0
+    to 1 upwards. Lit by a large soft lamp from the left and a small one from the right, both above the camera."""
+    if min(columns, rows) < 1:
+        raise SolariError("sphere_grid: columns and rows must be at least 1")
+    scene = Scene(name="sphere_grid")
+    ball = shapes.sphere(0.45, 48)
+    for row in range(rows):
+        for column in range(columns):
+            material = Material(
+                base_color=rgb(base_color),
+                perceptual_roughness=column / max(columns - 1, 1),
+                metallic=row / max(rows - 1, 1),
+            )
+            at = (column - (columns - 1) / 2, row + 0.5, 0)
+            scene.add(Instance(mesh=ball, material=material, transform=place(at=at), name=f"ball {column} {row}"))
+    width = float(columns + rows)
+    floor = [(-2 * width, 0, -1), (-2 * width, 0, 2 * width), (2 * width, 0, 2 * width), (2 * width, 0, -1)]
+    wall = [(-2 * width, 0, -1), (2 * width, 0, -1), (2 * width, 2 * width, -1), (-2 * width, 2 * width, -1)]
+    scene.add(Instance(mesh=shapes.polygons(floor, wall, name="stage"), material=matte(0.4, "stage"), name="stage"))
+    for name, x, half, radiance in (
+        ("soft lamp", -width, 0.35 * width, 9.0),
+        ("small lamp", width, 0.08 * width, 60.0),
+    ):
+        mesh = shapes.facing_quad((x, width, width), half)
+        scene.add(Instance(mesh=mesh, material=lamp(radiance), name=name))
+    distance = 0.5 * max(columns / 1.6, rows) / math.tan(math.radians(15)) + 1.2
+    eye, target = (0, rows / 2 + 0.6, distance), (0, rows / 2, 0)
+    scene.add(Camera.look_at(eye, target, vertical_fov=math.radians(30), ev100=0.3))
+    return scene
+
+
+SCENES: dict[str, Callable[..., Scene]] = {
+    function.__name__: function
+    for function in (cornell_box, closed_box, many_lights, mirror_hall, thin_wall, sphere_grid)
+}
+
+
+def builtin(name: str, **arguments: Any) -> Scene:
+    """The built-in scene of that name, with that function's arguments; SolariError when there is none."""
+    if name not in SCENES:
+        raise SolariError(f"there is no built-in scene '{name}'; there are {', '.join(SCENES)}")
+    signature = inspect.signature(SCENES[name])
+    try:
+        signature.bind(**arguments)
+    except TypeError as error:
+        raise SolariError(f"built-in scene '{name}': {error}; it takes {', '.join(signature.parameters)}") from None
+    return SCENES[name](**arguments)

@@ -1,0 +1,146 @@
+"""The generated scenes: shapes are closed and face the right way, arguments and names work, views are sensible."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from solari_vk.errors import SolariError
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import SCENES, builtin, cornell_box
+from solari_vk.scene.model import Instance, Material, Scene
+from solari_vk.scene.studio import frame_camera, studio_lights
+
+
+def corners_of(mesh):
+    return mesh.positions.astype(np.float64)[mesh.triangles]
+
+
+def volume(mesh):
+    """Signed volume of a closed mesh: positive when its triangles face outward."""
+    a, b, c = np.moveaxis(corners_of(mesh), 1, 0)
+    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6)
+
+
+def geometric_normals(mesh):
+    a, b, c = np.moveaxis(corners_of(mesh), 1, 0)
+    normals = np.cross(b - a, c - a)
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def edges_are_shared(mesh):
+    """Every directed edge meets its opposite exactly once, by position: the surface is closed."""
+    _, same = np.unique(mesh.positions, axis=0, return_inverse=True)
+    triangles = same.reshape(-1)[mesh.triangles]
+    edges = [(int(t[i]), int(t[(i + 1) % 3])) for t in triangles for i in range(3)]
+    return len(set(edges)) == len(edges) and all((b, a) in set(edges) for a, b in set(edges))
+
+
+def test_shapes_face_the_right_way():
+    assert volume(shapes.box()) == pytest.approx(1.0)
+    assert volume(shapes.box((0, 0, 0), (1, 2, 3), inward=True)) == pytest.approx(-6.0)
+    assert volume(shapes.sphere(1.0, 128)) == pytest.approx(4 / 3 * math.pi, rel=2e-3)
+    for mesh in (shapes.box(), shapes.box(inward=True), shapes.sphere(0.7, 24)):
+        assert edges_are_shared(mesh)
+        vertex_normals = mesh.normals[mesh.triangles].mean(axis=1)
+        assert (np.einsum("ij,ij->i", geometric_normals(mesh), vertex_normals) > 0.9).all()
+    np.testing.assert_allclose(geometric_normals(shapes.quad((0, 0, 0), (1, 0, 0), (0, 1, 0))), [[0, 0, 1]] * 2)
+    np.testing.assert_allclose(geometric_normals(shapes.facing_quad((0, 3, 3), 1.0))[0], np.array((0, -1, -1)) / 2**0.5)
+    with pytest.raises(SolariError, match="at least 3"):
+        shapes.sphere(1.0, 2)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_scene_is_sensible(name):
+    small = {"sphere_count": 9, "box_count": 20} if name == "many_lights" else {}
+    scene = builtin(name, **small)
+    assert scene.name == name
+    assert scene.camera.vertical_fov > 0
+    assert any(instance.material.emits for instance in scene)
+    assert np.isfinite(scene.bounds()).all()
+    for instance in scene:
+        lengths = np.linalg.norm(instance.mesh.normals, axis=1)
+        np.testing.assert_allclose(lengths, 1, atol=1e-5)
+
+
+def test_cornell_box_is_the_measured_one():
+    scene = cornell_box(size=0.5488)
+    meshes = {instance.name: instance.mesh for instance in scene}
+    low, high = scene.bounds()
+    np.testing.assert_allclose(low, 0, atol=1e-6)
+    np.testing.assert_allclose(high, (0.556, 0.5488, 0.5592), atol=1e-6)
+    lamp = corners_of(meshes["lamp"])
+    np.testing.assert_allclose(geometric_normals(meshes["lamp"]), [(0, -1, 0)] * 2, atol=1e-6)
+    areas = 0.5 * np.linalg.norm(np.cross(lamp[:, 1] - lamp[:, 0], lamp[:, 2] - lamp[:, 0]), axis=1)
+    assert areas.sum() == pytest.approx(0.130 * 0.105, rel=1e-5)
+    # Every wall and block face is seen from the middle of the room, or looks away from its block.
+    middle = np.array((0.278, 0.27, 0.28))
+    for name in ("room", "left wall", "right wall"):
+        centers = corners_of(meshes[name]).mean(axis=1)
+        assert (np.einsum("ij,ij->i", geometric_normals(meshes[name]), middle - centers) > 0).all()
+    for name, height in (("short block", 0.165), ("tall block", 0.330)):
+        mesh = meshes[name]
+        centers = corners_of(mesh).mean(axis=1)
+        outward = centers - mesh.positions.mean(axis=0) * np.array((1, 0, 1)) - (0, height / 2, 0)
+        assert (np.einsum("ij,ij->i", geometric_normals(mesh), outward) > 0).all(), name
+        assert mesh.positions[:, 1].max() == pytest.approx(height, rel=1e-5)
+
+
+def test_many_lights_repeats_and_scales():
+    scene, again = (builtin("many_lights", sphere_count=25, box_count=50) for _ in range(2))
+    other = builtin("many_lights", sphere_count=25, box_count=50, seed=2)
+    transforms = [np.array([i.transform for i in s]) for s in (scene, again, other)]
+    np.testing.assert_array_equal(transforms[0], transforms[1])
+    assert not np.array_equal(transforms[0], transforms[2])
+    assert sum(i.material.emits for i in scene) == 25
+    assert len(scene.instances) == 76
+    assert len({id(i.mesh) for i in scene}) == 3
+    assert len(builtin("many_lights", sphere_count=0, box_count=0).instances) == 1
+
+
+def test_mistakes_name_what_there_is():
+    with pytest.raises(SolariError, match="no built-in scene 'cornell'; there are cornell_box, closed_box"):
+        builtin("cornell")
+    with pytest.raises(SolariError, match="unexpected keyword argument 'colour'; it takes size, radiance"):
+        builtin("cornell_box", colour=3)
+    with pytest.raises(SolariError, match="negative"):
+        builtin("many_lights", box_count=-1)
+    with pytest.raises(SolariError, match="at least 1"):
+        builtin("sphere_grid", columns=0)
+
+
+@pytest.mark.parametrize("aspect", [0.5, 1.0, 2.5])
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])
+def test_frame_camera_sees_all_and_fills_the_picture(aspect, scale):
+    transform = np.diag((scale, scale, scale, 1))
+    scene = Scene(Instance(mesh=shapes.box((3, 1, 2), (4, 3, 7)), material=Material(), transform=transform))
+    camera = frame_camera(scene, aspect=aspect, margin=1.1)
+    low, high = scene.bounds()
+    corners = np.array([np.where(bits, high, low) for bits in np.ndindex(2, 2, 2)])
+    view = np.linalg.inv(camera.transform)
+    seen = corners @ view[:3, :3].T + view[:3, 3]
+    tangent = math.tan(camera.vertical_fov / 2)
+    place = np.abs(seen[:, :2] / -seen[:, 2:] / np.array((tangent * aspect, tangent)))
+    assert (seen[:, 2] < -camera.near).all()
+    assert place.max() == pytest.approx(1 / 1.1, rel=1e-6)
+
+
+def test_studio_lights_face_the_scene_and_follow_exposure():
+    scene = Scene(Instance(mesh=shapes.sphere(3.0), material=Material(), name="ball"))
+    studio_lights(scene, ev100=5)
+    lamps = [i for i in scene if i.material.emits]
+    assert [i.name for i in lamps] == ["key light", "fill light", "rim light"]
+    for lamp in lamps:
+        center = corners_of(lamp.mesh).mean(axis=(0, 1))
+        assert np.dot(geometric_normals(lamp.mesh)[0], -center) > 0.99 * np.linalg.norm(center)
+    # Key light on white paint facing it: E = L A / d^2, and the picture shows exposure * E / pi.
+    key = corners_of(lamps[0].mesh)
+    area = np.linalg.norm(np.cross(key[:, 1] - key[:, 0], key[:, 2] - key[:, 0]), axis=1).sum() / 2
+    distance = np.linalg.norm(key.mean(axis=(0, 1)))
+    shown = lamps[0].material.emissive[0] * area / distance**2 / math.pi / (1.2 * 2.0**5)
+    assert shown == pytest.approx(0.9, rel=1e-4)
+    ground = next(i for i in scene if i.name == "ground")
+    assert geometric_normals(ground.mesh)[0, 1] == pytest.approx(1.0)
+    assert ground.mesh.positions[:, 1].max() < -3
