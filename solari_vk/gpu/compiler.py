@@ -1,4 +1,4 @@
-"""GLSL to SPIR-V through libshaderc, with pyshaderc's calls, exact error positions, a cache, and shipped modules.
+"""GLSL to SPIR-V with pyshaderc's calls, exact error positions, a cache on disk, and modules shipped compiled.
 
 `set_include_paths`, `compile_into_spirv`, `compile_file_into_spirv` and `CompilationError` are those of
 pyshaderc 1.1. `compile_shader` is what passes use: SPIR-V that came with the package when the sources are
@@ -14,63 +14,17 @@ import os
 import re
 import sys
 from collections.abc import Sequence
-from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from cffi import FFI
 
 from solari_vk.errors import SolariError
-from solari_vk.gpu import shader_cache
+from solari_vk.gpu import shader_cache, shaderc
 
 __all__ = [
-    "CompilationError", "compile_file_into_spirv", "compile_into_spirv", "compile_shader", "glsl_root",
+    "CompilationError", "build_all", "compile_file_into_spirv", "compile_into_spirv", "compile_shader", "glsl_root",
     "set_include_paths",
 ]  # fmt: skip
-
-_ffi = FFI()
-_ffi.cdef("""
-typedef struct shaderc_include_result {
-    const char* source_name; size_t source_name_length; const char* content; size_t content_length; void* user_data;
-} shaderc_include_result;
-typedef shaderc_include_result* (*resolve)(void*, const char* requested, int type, const char* requesting, size_t depth);
-typedef void (*release)(void*, shaderc_include_result*);
-void* shaderc_compiler_initialize(void);
-void shaderc_compiler_release(void*);
-void* shaderc_compile_options_initialize(void);
-void shaderc_compile_options_release(void*);
-void shaderc_compile_options_set_source_language(void*, int);
-void shaderc_compile_options_set_generate_debug_info(void*);
-void shaderc_compile_options_set_optimization_level(void*, int);
-void shaderc_compile_options_set_target_env(void*, int, uint32_t);
-void shaderc_compile_options_set_target_spirv(void*, int);
-void shaderc_compile_options_set_suppress_warnings(void*);
-void shaderc_compile_options_set_warnings_as_errors(void*);
-void shaderc_compile_options_set_include_callbacks(void*, resolve, release, void*);
-void* shaderc_compile_into_spv(void*, const char*, size_t, int kind, const char* name, const char* entry, void*);
-void shaderc_result_release(void*);
-size_t shaderc_result_get_length(void*);
-const char* shaderc_result_get_bytes(void*);
-const char* shaderc_result_get_error_message(void*);
-int shaderc_result_get_compilation_status(void*);
-typedef struct { const char* file; void* base; const char* symbol; void* address; } Dl_info;
-int dladdr(const void*, Dl_info*);
-""")
-
-_STAGES = {"vert": 0, "frag": 1, "comp": 2, "geom": 3, "tesc": 4, "tese": 5, "rgen": 14, "rahit": 15, "rchit": 16,
-           "rmiss": 17, "rint": 18}  # fmt: skip
-_LANGUAGES = {"glsl": 0, "hlsl": 1}
-_OPTIMIZATIONS = {"zero": 0, "size": 1, "performance": 2}
-_STANDARD_INCLUDE = 1
-_VULKAN_1_3 = 1 << 22 | 3 << 12
-_SPIRV_1_6 = 0x010600
-_NAMES = {
-    "linux": ("libshaderc.so.1", "libshaderc_shared.so.1", "libshaderc_shared.so"),
-    "darwin": ("libshaderc.1.dylib", "libshaderc_shared.1.dylib", "libshaderc_shared.dylib",
-               "/opt/homebrew/lib/libshaderc_shared.1.dylib", "/usr/local/lib/libshaderc_shared.1.dylib"),
-    "win32": ("shaderc_shared.dll", "libshaderc_shared.dll"),
-}  # fmt: skip
 
 _include_paths: list[str] = []
 
@@ -83,43 +37,6 @@ def glsl_root() -> Path:
     """The folder of the package's GLSL: inside the installed package, or beside it in a working copy."""
     installed = Path(__file__).resolve().parents[1] / "glsl"
     return installed if installed.is_dir() else Path(__file__).resolve().parents[2] / "glsl"
-
-
-# ---- libshaderc -------------------------------------------------------------------------------------
-
-
-@cache
-def _library() -> Any:
-    """libshaderc, or SolariError with the remedy. SOLARI_VK_SHADERC names the file of another build."""
-    named = os.environ.get("SOLARI_VK_SHADERC")
-    candidates = [named] if named else list(_NAMES.get(sys.platform, _NAMES["linux"]))
-    if "VULKAN_SDK" in os.environ and not named:
-        folder = Path(os.environ["VULKAN_SDK"])
-        candidates += [str(folder / part / Path(name).name) for part in ("lib", "Bin") for name in list(candidates)]
-    for name in candidates:
-        try:
-            return _ffi.dlopen(name)
-        except OSError:
-            continue
-    raise SolariError(
-        f"no GLSL compiler: none of {', '.join(candidates)} can be opened. Install libshaderc (Debian: apt-get install "
-        "libshaderc1; macOS: brew install shaderc; Windows: the Vulkan SDK), or name the library's file in "
-        "SOLARI_VK_SHADERC. Without it only unchanged shaders that were shipped compiled can run"
-    )
-
-
-@cache
-def compiler_version() -> str:
-    """What tells this libshaderc from another one: it has no version call, so its file, size and time stand in."""
-    library = _library()
-    try:
-        info = _ffi.new("Dl_info*")
-        _ffi.dlopen(None).dladdr(_ffi.cast("void*", library.shaderc_compiler_initialize), info)
-        file = Path(os.fsdecode(_ffi.string(info.file))).resolve()
-        status = file.stat()
-        return f"{file} {status.st_size} {status.st_mtime_ns}"
-    except (OSError, AttributeError, TypeError):  # Windows has no dladdr
-        return str(library)
 
 
 def set_include_paths(paths: Sequence[str | os.PathLike[str]]) -> None:
@@ -154,65 +71,22 @@ def compile_into_spirv(
     performance. Raises CompilationError; SolariError for an unknown argument or when libshaderc is missing.
     """
     for value, known, what in (
-        (stage, _STAGES, "stage"), (language, _LANGUAGES, "language"), (optimization, _OPTIMIZATIONS, "optimization"),
-    ):  # fmt: skip
+        (stage, shaderc.STAGES, "stage"),
+        (language, shaderc.LANGUAGES, "language"),
+        (optimization, shaderc.OPTIMIZATIONS, "optimization"),
+    ):
         if value not in known:
             raise SolariError(f"unknown {what} {value!r}: take one of {', '.join(known)}")
-    library = _library()
     source = raw.encode() if isinstance(raw, str) else bytes(raw)
-    kept: dict[Any, Any] = {}
-
-    @_ffi.callback("resolve")  # type: ignore[untyped-decorator]
-    def resolve(_data: Any, requested: Any, kind: int, requesting: Any, _depth: int) -> Any:
-        name, content = _include(os.fsdecode(_ffi.string(requested)), kind, os.fsdecode(_ffi.string(requesting)))
-        texts = _ffi.new("char[]", os.fsencode(name)), _ffi.new("char[]", content)
-        result = _ffi.new("shaderc_include_result*", (texts[0], len(texts[0]) - 1, texts[1], len(content), _ffi.NULL))
-        kept[result] = texts
-        return result
-
-    @_ffi.callback("release")  # type: ignore[untyped-decorator]
-    def release(_data: Any, result: Any) -> None:
-        kept.pop(result, None)
-
-    compiler, options = library.shaderc_compiler_initialize(), library.shaderc_compile_options_initialize()
-    result = _ffi.NULL
+    name = os.fspath(filepath)
     try:
-        library.shaderc_compile_options_set_source_language(options, _LANGUAGES[language])
-        library.shaderc_compile_options_set_optimization_level(options, _OPTIMIZATIONS[optimization])
-        library.shaderc_compile_options_set_generate_debug_info(options)
-        library.shaderc_compile_options_set_target_env(options, 0, _VULKAN_1_3)
-        library.shaderc_compile_options_set_target_spirv(options, _SPIRV_1_6)
-        library.shaderc_compile_options_set_include_callbacks(options, resolve, release, _ffi.NULL)
-        if suppress_warnings:
-            library.shaderc_compile_options_set_suppress_warnings(options)
-        if warnings_as_errors:
-            library.shaderc_compile_options_set_warnings_as_errors(options)
-        result = library.shaderc_compile_into_spv(
-            compiler, source, len(source), _STAGES[stage], os.fsencode(filepath), b"main", options
-        )
-        if library.shaderc_result_get_compilation_status(result) != 0:
-            log = _ffi.string(library.shaderc_result_get_error_message(result)).decode(errors="replace")
-            raise CompilationError(_with_source_lines(log, os.fspath(filepath), source))
-        size = library.shaderc_result_get_length(result)
-        return _without_lines(bytes(_ffi.buffer(library.shaderc_result_get_bytes(result), size)))
-    finally:
-        if result != _ffi.NULL:
-            library.shaderc_result_release(result)
-        library.shaderc_compile_options_release(options)
-        library.shaderc_compiler_release(compiler)
-
-
-def _include(requested: str, kind: int, requesting: str) -> tuple[str, bytes]:
-    """Name and text of an included file; an empty name makes shaderc report the text as the error."""
-    beside = [] if kind == _STANDARD_INCLUDE else [os.path.dirname(requesting)]
-    for folder in (*beside, *_include_paths):
-        path = os.path.join(folder, requested)
-        if os.path.isfile(path):
-            try:
-                return path, Path(path).read_bytes()
-            except OSError as error:  # must not escape into C
-                return "", f"{path} can't be read: {error.strerror}".encode()
-    return "", f"{requested} is not found in {', '.join((*beside, *_include_paths)) or 'any include path'}".encode()
+        spirv = shaderc.compile_source(
+            source, stage, name, _include_paths, language=language, optimization=optimization,
+            suppress_warnings=suppress_warnings, warnings_as_errors=warnings_as_errors,
+        )  # fmt: skip
+    except shaderc.Failure as failure:
+        raise CompilationError(_with_source_lines(str(failure), name, source)) from None
+    return _without_lines(spirv)
 
 
 _POSITION = re.compile(r"^(?P<file>.+?):(?P<line>\d+): (?:error|warning): ")
@@ -258,6 +132,7 @@ def _without_lines(spirv: bytes) -> bytes:
 # ---- the package's own shaders ----------------------------------------------------------------------
 
 _OPTIMIZATION = "performance"
+_OPTIONS = f"{_OPTIMIZATION} {shaderc.VULKAN_1_3:x} {shaderc.SPIRV_1_6:x}"
 _DIRECTIVE = re.compile(r"^\s*#\s*(version|extension)\b")
 
 
@@ -272,12 +147,11 @@ def compile_shader(path: str, *, header: str = "", root: str | os.PathLike[str] 
     file = base / path
     if not file.is_file():
         raise SolariError(f"there is no shader {path} in {base}")
-    options = f"{_OPTIMIZATION} {_VULKAN_1_3:x} {_SPIRV_1_6:x}"
-    source_key = shader_cache.source_key(base, path, header, options)
+    source_key = shader_cache.source_key(base, path, header, _OPTIONS)
     shipped = shader_cache.shipped(base, source_key)
     if shipped is not None:
         return shipped
-    return shader_cache.cached(source_key, compiler_version(), lambda: _compile(base, file, header))
+    return shader_cache.cached(source_key, shaderc.version(), lambda: _compile(base, file, header))
 
 
 def _compile(base: Path, file: Path, header: str) -> bytes:
@@ -305,10 +179,9 @@ def build_all(root: str | os.PathLike[str], out: str | os.PathLike[str]) -> list
     Returns the paths below `root`. `out` is the root itself (modules beside sources) or a copy of it made later.
     """
     base, made = Path(root), {}
-    for file in sorted(path for path in base.rglob("*") if path.suffix.lstrip(".") in _STAGES):
+    for file in sorted(path for path in base.rglob("*") if path.suffix.lstrip(".") in shaderc.STAGES):
         made[file.relative_to(base).as_posix()] = compile_shader(file.relative_to(base).as_posix(), root=base)
-    options = f"{_OPTIMIZATION} {_VULKAN_1_3:x} {_SPIRV_1_6:x}"
-    shader_cache.ship(base, Path(out), made, options)
+    shader_cache.ship(base, Path(out), made, _OPTIONS)
     return list(made)
 
 

@@ -117,7 +117,7 @@ def cached(key: str, compiler: str, make: Callable[[], bytes]) -> bytes:
     folder = cache_folder()
     if folder is None:
         return make()
-    file = folder / f"{hashlib.sha256(f'{key}\0{compiler}'.encode()).hexdigest()}.spv"
+    file = folder / (hashlib.sha256(f"{key} {compiler}".encode()).hexdigest() + ".spv")
     try:
         entry = file.read_bytes()
         if len(entry) > 32 and hashlib.sha256(entry[32:]).digest() == entry[:32]:
@@ -129,8 +129,8 @@ def cached(key: str, compiler: str, make: Callable[[], bytes]) -> bytes:
         _write(file, hashlib.sha256(spirv).digest() + spirv)
     except OSError as error:
         warnings.warn(
-            f"compiled shaders can't be kept in {folder} ({error.strerror}); set SOLARI_VK_CACHE to a folder that can be "
-            "written, or to 'off'",
+            f"compiled shaders can't be kept in {folder} ({error.strerror}); set SOLARI_VK_CACHE to a folder that can "
+            "be written, or to 'off'",
             stacklevel=3,
         )
     return spirv

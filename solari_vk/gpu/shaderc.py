@@ -1,0 +1,206 @@
+"""The two ways to shaderc: its library through cffi, and its command `glslc` where the library can't be loaded.
+
+Debian 12's libshaderc.so.1 can't be loaded by anything but glslc: it leaves symbols of glslang and SPIRV-Tools
+undefined that only that program provides. Both ways run the same compiler and give the same modules.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from cffi import FFI
+
+from solari_vk.errors import SolariError
+
+VULKAN_1_3 = 1 << 22 | 3 << 12
+SPIRV_1_6 = 0x010600
+STAGES = {"vert": 0, "frag": 1, "comp": 2, "geom": 3, "tesc": 4, "tese": 5, "rgen": 14, "rahit": 15, "rchit": 16,
+          "rmiss": 17, "rint": 18}  # fmt: skip
+LANGUAGES = {"glsl": 0, "hlsl": 1}
+OPTIMIZATIONS = {"zero": 0, "size": 1, "performance": 2}
+_STANDARD_INCLUDE = 1
+_NAMES = {
+    "linux": ("libshaderc.so.1", "libshaderc_shared.so.1", "libshaderc_shared.so"),
+    "darwin": ("libshaderc.1.dylib", "libshaderc_shared.1.dylib", "libshaderc_shared.dylib",
+               "/opt/homebrew/lib/libshaderc_shared.1.dylib", "/usr/local/lib/libshaderc_shared.1.dylib"),
+    "win32": ("shaderc_shared.dll", "libshaderc_shared.dll"),
+}  # fmt: skip
+
+_ffi = FFI()
+_ffi.cdef("""
+typedef struct shaderc_include_result {
+    const char* source_name; size_t source_name_length; const char* content; size_t content_length; void* user_data;
+} shaderc_include_result;
+typedef shaderc_include_result* (*resolve)(void*, const char* wanted, int type, const char* wanting, size_t depth);
+typedef void (*release)(void*, shaderc_include_result*);
+void* shaderc_compiler_initialize(void);
+void shaderc_compiler_release(void*);
+void* shaderc_compile_options_initialize(void);
+void shaderc_compile_options_release(void*);
+void shaderc_compile_options_set_source_language(void*, int);
+void shaderc_compile_options_set_generate_debug_info(void*);
+void shaderc_compile_options_set_optimization_level(void*, int);
+void shaderc_compile_options_set_target_env(void*, int, uint32_t);
+void shaderc_compile_options_set_target_spirv(void*, int);
+void shaderc_compile_options_set_suppress_warnings(void*);
+void shaderc_compile_options_set_warnings_as_errors(void*);
+void shaderc_compile_options_set_include_callbacks(void*, resolve, release, void*);
+void* shaderc_compile_into_spv(void*, const char*, size_t, int kind, const char* name, const char* entry, void*);
+void shaderc_result_release(void*);
+size_t shaderc_result_get_length(void*);
+const char* shaderc_result_get_bytes(void*);
+const char* shaderc_result_get_error_message(void*);
+int shaderc_result_get_compilation_status(void*);
+typedef struct { const char* file; void* base; const char* symbol; void* address; } Dl_info;
+int dladdr(const void*, Dl_info*);
+""")
+
+
+class Failure(Exception):
+    """shaderc refused the source; the text is its log."""
+
+
+@cache
+def library() -> Any:
+    """libshaderc, or None when it can't be loaded. SOLARI_VK_SHADERC names the file of another build."""
+    for name in _library_names():
+        try:
+            return _ffi.dlopen(name)
+        except OSError:
+            continue
+    return None
+
+
+def _library_names() -> list[str]:
+    named = os.environ.get("SOLARI_VK_SHADERC")
+    if named:
+        return [named]
+    names = list(_NAMES.get(sys.platform, _NAMES["linux"]))
+    if "VULKAN_SDK" in os.environ:
+        folder = Path(os.environ["VULKAN_SDK"])
+        names += [str(folder / part / Path(name).name) for part in ("lib", "Bin") for name in names]
+    return names
+
+
+@cache
+def version() -> str:
+    """What tells this compiler from another: its library's file, size and time (it has no version call), or glslc's.
+
+    Raises SolariError with the remedy when there is no compiler.
+    """
+    loaded = library()
+    if loaded is not None:
+        try:
+            info = _ffi.new("Dl_info*")
+            _ffi.dlopen(None).dladdr(_ffi.cast("void*", loaded.shaderc_compiler_initialize), info)
+            return _identity(os.fsdecode(_ffi.string(info.file)))
+        except (OSError, AttributeError, TypeError):  # Windows has no dladdr
+            return str(loaded)
+    return _identity(_glslc())
+
+
+def _identity(path: str) -> str:
+    file = Path(path).resolve()
+    status = file.stat()
+    return f"{file} {status.st_size} {status.st_mtime_ns}"
+
+
+def _glslc() -> str:
+    command = shutil.which("glslc")
+    if command is None:
+        raise SolariError(
+            f"no GLSL compiler: none of {', '.join(_library_names())} can be loaded and there is no glslc. Install "
+            "shaderc (Debian: apt-get install glslc; macOS: brew install shaderc; Windows: the Vulkan SDK), or name "
+            "its library in SOLARI_VK_SHADERC. Without it only unchanged shaders that came compiled can run"
+        )
+    return command
+
+
+def compile_source(
+    source: bytes, stage: str, name: str, include_paths: Sequence[str], *, language: str = "glsl",
+    optimization: str = "performance", suppress_warnings: bool = False, warnings_as_errors: bool = False,
+) -> bytes:  # fmt: skip
+    """SPIR-V 1.6 for Vulkan 1.3 with debug information. Raises Failure, or SolariError without a compiler."""
+    loaded = library()
+    if loaded is None:
+        return _by_command(
+            source, stage, name, include_paths, language, optimization, suppress_warnings, warnings_as_errors
+        )
+    kept: dict[Any, Any] = {}
+
+    @_ffi.callback("resolve")  # type: ignore[untyped-decorator]
+    def resolve(_data: Any, requested: Any, kind: int, requesting: Any, _depth: int) -> Any:
+        found, content = _include(
+            os.fsdecode(_ffi.string(requested)), kind, os.fsdecode(_ffi.string(requesting)), include_paths
+        )
+        texts = _ffi.new("char[]", os.fsencode(found)), _ffi.new("char[]", content)
+        result = _ffi.new("shaderc_include_result*", (texts[0], len(texts[0]) - 1, texts[1], len(content), _ffi.NULL))
+        kept[result] = texts
+        return result
+
+    @_ffi.callback("release")  # type: ignore[untyped-decorator]
+    def release(_data: Any, result: Any) -> None:
+        kept.pop(result, None)
+
+    compiler, options = loaded.shaderc_compiler_initialize(), loaded.shaderc_compile_options_initialize()
+    result = _ffi.NULL
+    try:
+        loaded.shaderc_compile_options_set_source_language(options, LANGUAGES[language])
+        loaded.shaderc_compile_options_set_optimization_level(options, OPTIMIZATIONS[optimization])
+        loaded.shaderc_compile_options_set_generate_debug_info(options)
+        loaded.shaderc_compile_options_set_target_env(options, 0, VULKAN_1_3)
+        loaded.shaderc_compile_options_set_target_spirv(options, SPIRV_1_6)
+        loaded.shaderc_compile_options_set_include_callbacks(options, resolve, release, _ffi.NULL)
+        if suppress_warnings:
+            loaded.shaderc_compile_options_set_suppress_warnings(options)
+        if warnings_as_errors:
+            loaded.shaderc_compile_options_set_warnings_as_errors(options)
+        result = loaded.shaderc_compile_into_spv(
+            compiler, source, len(source), STAGES[stage], os.fsencode(name), b"main", options
+        )
+        if loaded.shaderc_result_get_compilation_status(result) != 0:
+            raise Failure(_ffi.string(loaded.shaderc_result_get_error_message(result)).decode(errors="replace"))
+        size = loaded.shaderc_result_get_length(result)
+        return bytes(_ffi.buffer(loaded.shaderc_result_get_bytes(result), size))
+    finally:
+        if result != _ffi.NULL:
+            loaded.shaderc_result_release(result)
+        loaded.shaderc_compile_options_release(options)
+        loaded.shaderc_compiler_release(compiler)
+
+
+def _include(requested: str, kind: int, requesting: str, include_paths: Sequence[str]) -> tuple[str, bytes]:
+    """Name and text of an included file; an empty name makes shaderc report the text as the error."""
+    beside = [] if kind == _STANDARD_INCLUDE else [os.path.dirname(requesting)]
+    for folder in (*beside, *include_paths):
+        path = os.path.join(folder, requested)
+        if os.path.isfile(path):
+            try:
+                return path, Path(path).read_bytes()
+            except OSError as error:  # must not escape into C
+                return "", f"{path} can't be read: {error.strerror}".encode()
+    return "", f"{requested} is not found in {', '.join((*beside, *include_paths)) or 'any include path'}".encode()
+
+
+def _by_command(
+    source: bytes, stage: str, name: str, include_paths: Sequence[str], language: str, optimization: str,
+    suppress_warnings: bool, warnings_as_errors: bool,
+) -> bytes:  # fmt: skip
+    command = [
+        _glslc(), f"-fshader-stage={stage}", "-x", language, "--target-env=vulkan1.3", "--target-spv=spv1.6", "-g",
+        {"zero": "-O0", "size": "-Os", "performance": "-O"}[optimization],
+        *(("-w",) if suppress_warnings else ()), *(("-Werror",) if warnings_as_errors else ()),
+        "-I", os.path.dirname(name) or ".", *(part for path in include_paths for part in ("-I", path)), "-o", "-", "-",
+    ]  # fmt: skip
+    done = subprocess.run(command, input=source, capture_output=True, check=False)
+    if done.returncode != 0:
+        log = done.stderr.decode(errors="replace").replace("<stdin>:", f"{name}:").replace("glslc: error: ", "error: ")
+        raise Failure(log)
+    return done.stdout
