@@ -10,18 +10,21 @@ from typing import Any
 
 from solari_vk.errors import DeviceError, ValidationError
 from solari_vk.gpu import memory, raw
+from solari_vk.gpu.allocator import Allocator
+from solari_vk.gpu.barriers import ALL_COMMANDS, host_read_barrier
 from solari_vk.gpu.instance import Instance
 from solari_vk.gpu.physical import OPTIONAL_EXTENSIONS, REQUIRED_EXTENSIONS, DeviceReport, choose, feature_chain
+from solari_vk.gpu.uploads import StagingPool, Uploads
 
 _WAIT_SLICE = 100_000_000  # nanoseconds: Python sees Ctrl-C between slices
-_ALL_COMMANDS = raw.VK_PIPELINE_STAGE_2_ALL_COMMANDS_BIT
 
 
 class Device:
     """A Vulkan 1.3 device with ray queries, opened. Use it in one thread; a context manager.
 
     select: part of a device's name, its index or its UUID; by default SOLARI_VK_DEVICE, else the best.
-    validation: core and synchronization validation; by default on when SOLARI_VK_VALIDATION=1.
+    validation: core and synchronization validation; by default on when SOLARI_VK_VALIDATION=1. Extensions
+    newer than the installed layer, such as position fetch, are off while it is on.
     staging: treat device memory as not mappable, as on a discrete GPU; by default SOLARI_VK_STAGING=1.
     Raises DeviceError when no device fits, saying what each one misses.
     """
@@ -34,6 +37,7 @@ class Device:
         self.lost = False
         self.closed = False
         self.submitted = 0
+        self._host_synced = 0
         self._owned: dict[int, Callable[[], None]] = {}
         self._next_token = 0
         self._retired: deque[tuple[int, Callable[[], None]]] = deque()
@@ -46,8 +50,8 @@ class Device:
         except BaseException:
             self._instance.close()
             raise
-        self.memory = memory.Allocator(self)
-        self.staging_pool = memory.StagingPool(self)
+        self.memory = Allocator(self)
+        self.staging_pool = StagingPool(self)
         self._samplers: dict[tuple[Any, ...], memory.Sampler] = {}
 
     def _open(self, chosen: Any) -> None:
@@ -156,7 +160,12 @@ class Device:
         """Submit now what `before_next_submit` has gathered."""
         if records := self._before_next:
             self._before_next = []
-            self._start(lambda cmd: [record(cmd) for record in records], "prepare resources")
+
+            def record_all(cmd: raw.CData) -> None:
+                for record in records:
+                    record(cmd)
+
+            self._start(record_all, "prepare resources")
 
     def start(self, record: Callable[[raw.CData], None], name: str = "") -> int:
         """Record one-time commands and submit them without waiting; returns the timeline's value."""
@@ -167,7 +176,7 @@ class Device:
         """Record one-time commands, submit them and wait until they are done."""
         self.wait(self.start(record, name))
 
-    def _start(self, record: Callable[[raw.CData], Any], name: str) -> int:
+    def _start(self, record: Callable[[raw.CData], None], name: str) -> int:
         allocate = raw.struct(
             "VkCommandBufferAllocateInfo",
             commandPool=self._pool,
@@ -177,7 +186,10 @@ class Device:
         buffers = raw.ffi.new("VkCommandBuffer[1]")
         self.vk.vkAllocateCommandBuffers(self.handle, allocate, buffers)
         commands = buffers[0]
-        free = lambda: self.vk.vkFreeCommandBuffers(self.handle, self._pool, 1, buffers)  # noqa: E731
+
+        def free() -> None:
+            self.vk.vkFreeCommandBuffers(self.handle, self._pool, 1, buffers)
+
         try:
             self.name_object("command_buffer", commands, name)
             begin = raw.struct("VkCommandBufferBeginInfo", flags=raw.VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT)
@@ -200,6 +212,11 @@ class Device:
             self._completed = self._counter[0]
         return self._completed
 
+    @property
+    def idle(self) -> bool:
+        """Whether no work is running or waiting to be submitted."""
+        return not self._before_next and self.completed == self.submitted
+
     def wait(self, value: int) -> None:
         """Wait until the timeline has reached a value that a submission returned."""
         if self.lost:
@@ -221,13 +238,8 @@ class Device:
         """Wait for everything submitted and make what it wrote visible to the host (mapped memory)."""
         if self.submitted == self._host_synced and not self._before_next:
             return
-        barrier = memory_barrier(
-            raw.VK_ACCESS_2_MEMORY_WRITE_BIT, raw.VK_ACCESS_2_HOST_READ_BIT, target=raw.VK_PIPELINE_STAGE_2_HOST_BIT
-        )
-        self.run(lambda cmd: self.vk.vkCmdPipelineBarrier2(cmd, barrier), "host reads")
+        self.run(lambda cmd: self.vk.vkCmdPipelineBarrier2(cmd, host_read_barrier()), "host reads")
         self._host_synced = self.submitted
-
-    _host_synced = 0
 
     # ---- lifetime -----------------------------------------------------------------------------------
 
@@ -291,7 +303,6 @@ class Device:
         self._retired.clear()
         self._retired_with_next.clear()
         self._owned.clear()
-        self.staging_pool.close()
         self.memory.close()
         self.vk.vkDestroyCommandPool(self.handle, self._pool, raw.NULL)
         self.vk.vkDestroySemaphore(self.handle, self.timeline, raw.NULL)
@@ -358,9 +369,9 @@ class Device:
             self._samplers[key] = memory.Sampler(self, **options)
         return self._samplers[key]
 
-    def uploads(self) -> memory.Uploads:
+    def uploads(self) -> Uploads:
         """A batch of uploads: `with device.uploads() as uploads:`, one submission at its end."""
-        return memory.Uploads(self)
+        return Uploads(self)
 
 
 class Submission:
@@ -378,7 +389,7 @@ class Submission:
         self.waits = raw.array("VkSemaphoreSubmitInfo", [_semaphore(*wait) for wait in waits])
         self.signals = raw.array(
             "VkSemaphoreSubmitInfo",
-            [_semaphore(device.timeline, 0, _ALL_COMMANDS), *(_semaphore(*signal) for signal in signals)],
+            [_semaphore(device.timeline, 0, ALL_COMMANDS), *(_semaphore(*signal) for signal in signals)],
         )
         self.signal = self.signals[0]
         self.info = raw.struct(
@@ -398,16 +409,6 @@ class Submission:
 
 def _semaphore(semaphore: raw.CData, value: int, stages: int) -> raw.CData:
     return raw.struct("VkSemaphoreSubmitInfo", semaphore=semaphore, value=value, stageMask=stages)
-
-
-def memory_barrier(
-    written: int, read: int, *, source: int = _ALL_COMMANDS, target: int = _ALL_COMMANDS
-) -> raw.CData:
-    """A VkDependencyInfo with one global memory barrier: access masks, and stages where they matter."""
-    barrier = raw.struct(
-        "VkMemoryBarrier2", srcStageMask=source, srcAccessMask=written, dstStageMask=target, dstAccessMask=read
-    )
-    return raw.struct("VkDependencyInfo", memoryBarrierCount=1, pMemoryBarriers=barrier)
 
 
 def list_devices() -> list[DeviceReport]:

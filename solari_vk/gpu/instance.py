@@ -18,6 +18,8 @@ OPTIONAL_EXTENSIONS = (
     "VK_EXT_metal_surface",
     "VK_EXT_headless_surface",
 )
+# The header versions that brought in extensions newer than some validation layers in use.
+_EXTENSION_VERSIONS = {"VK_KHR_ray_tracing_position_fetch": raw.api_version(1, 3, 249)}
 
 
 class Instance:
@@ -26,12 +28,19 @@ class Instance:
     def __init__(self, validation: bool = False) -> None:
         self.messages: list[str] = []
         functions = raw.global_functions()
+        layers_present = _layer_versions(functions)
         layers = [VALIDATION_LAYER] if validation else []
-        if validation and VALIDATION_LAYER not in _layer_names(functions):
+        if validation and VALIDATION_LAYER not in layers_present:
             raise DeviceError(
                 f"validation was asked for, but {VALIDATION_LAYER} is not installed "
                 "(Debian: apt-get install vulkan-validationlayers)"
             )
+        # A layer reports structures newer than itself as errors, so they are left out while it is on.
+        self.unknown_to_layer = frozenset(
+            name
+            for name, version in _EXTENSION_VERSIONS.items()
+            if validation and layers_present[VALIDATION_LAYER] < version
+        )
         present = _extension_names(functions, None)
         extensions = [name for name in OPTIONAL_EXTENSIONS if name in present]
         chain = None
@@ -91,7 +100,7 @@ class Instance:
     def devices(self) -> list[PhysicalDevice]:
         """Every device of the instance, fitting or not."""
         handles = raw.enumerate_items(self.vk.vkEnumeratePhysicalDevices, "VkPhysicalDevice", self.handle)
-        return [PhysicalDevice(self.vk, handle, i) for i, handle in enumerate(handles)]
+        return [PhysicalDevice(self.vk, handle, i, self.unknown_to_layer) for i, handle in enumerate(handles)]
 
     def close(self) -> None:
         """Destroy the instance; messages of its end are still collected. Safe to call twice."""
@@ -103,9 +112,10 @@ class Instance:
         self.handle = None
 
 
-def _layer_names(functions: raw.Functions) -> set[str]:
+def _layer_versions(functions: raw.Functions) -> dict[str, int]:
+    """The installed layers and the version of the Vulkan header that each knows."""
     layers = raw.enumerate_items(functions.vkEnumerateInstanceLayerProperties, "VkLayerProperties")
-    return {raw.ffi.string(layer.layerName).decode() for layer in layers}
+    return {raw.ffi.string(layer.layerName).decode(): int(layer.specVersion) for layer in layers}
 
 
 def _extension_names(functions: raw.Functions, layer: str | None) -> set[str]:

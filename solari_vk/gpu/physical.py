@@ -128,7 +128,9 @@ class DeviceProperties:
 class PhysicalDevice:
     """One device of an instance before it is opened: properties, extensions, features, queue family."""
 
-    def __init__(self, vk: raw.Functions, handle: raw.CData, index: int) -> None:
+    def __init__(
+        self, vk: raw.Functions, handle: raw.CData, index: int, hidden_extensions: frozenset[str] = frozenset()
+    ) -> None:
         self.handle = handle
         self.index = index
         self.extensions = {
@@ -136,7 +138,7 @@ class PhysicalDevice:
             for item in raw.enumerate_items(
                 vk.vkEnumerateDeviceExtensionProperties, "VkExtensionProperties", handle, raw.NULL
             )
-        }
+        } - hidden_extensions
         self.properties = self._query_properties(vk)
         self.queue_family, self.timestamp_bits = self._find_queue_family(vk)
         self.features = self._query_features(vk)
@@ -188,7 +190,7 @@ class PhysicalDevice:
     def _query_features(self, vk: raw.Functions) -> dict[str, set[str]]:
         if self.properties.api_version < (1, 3):
             return {}
-        chain, parts = feature_chain({group: () for group in self._groups()})
+        chain, parts = feature_chain(dict.fromkeys(self._groups(), ()))
         vk.vkGetPhysicalDeviceFeatures2(self.handle, chain)
         return {
             group: {name for name, _ in raw.ffi.typeof(_STRUCTURES[group]).fields if getattr(part, name) == 1}

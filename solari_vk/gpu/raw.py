@@ -29,7 +29,7 @@ CData = Any
 
 # The header's own enumerators. The package's Python constants leave 492 aliases None and get 40 values
 # wrong (extension offsets, signs of error codes), so they serve only for what is no enumerator.
-_ENUMERATORS: dict[str, int] = {}
+_ENUMERATORS: dict[str, int] = {"VK_WHOLE_SIZE": 2**64 - 1}  # the package has -1
 for _name in ffi.list_types()[0]:
     if (_ctype := ffi.typeof(_name)).kind == "enum":
         _ENUMERATORS.update(_ctype.relements)
@@ -181,7 +181,8 @@ class Functions:
         if result.cname in ("enum VkResult", "VkResult"):
             function = _checked(function, name, self._on_error)
         setattr(self, name, function)
-        return function
+        loaded: Callable[..., Any] = function
+        return loaded
 
 
 def _checked(function: Any, name: str, on_error: Callable[[int], None] | None) -> Callable[..., int]:
