@@ -131,8 +131,9 @@ def _without_lines(spirv: bytes) -> bytes:
 
 # ---- the package's own shaders ----------------------------------------------------------------------
 
-_OPTIMIZATION = "performance"
-_OPTIONS = f"{_OPTIMIZATION} {shaderc.VULKAN_1_3:x} {shaderc.SPIRV_1_6:x}"
+# A shader with an empty main exists for what it declares, of which the optimizer would leave nothing.
+_EMPTY_MAIN = re.compile(r"\bvoid\s+main\s*\(\s*\)\s*\{\s*\}")
+_OPTIONS = f"performance {shaderc.VULKAN_1_3:x} {shaderc.SPIRV_1_6:x}"
 _DIRECTIVE = re.compile(r"^\s*#\s*(version|extension)\b")
 
 
@@ -159,7 +160,8 @@ def _compile(base: Path, file: Path, header: str) -> bytes:
     before = list(_include_paths)
     set_include_paths([base])
     try:
-        return compile_into_spirv(source, file.suffix.lstrip("."), file, optimization=_OPTIMIZATION)
+        optimization = "zero" if _EMPTY_MAIN.search(source) else "performance"
+        return compile_into_spirv(source, file.suffix.lstrip("."), file, optimization=optimization)
     finally:
         set_include_paths(before)
 
