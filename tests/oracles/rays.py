@@ -1,0 +1,110 @@
+"""Who is hit: Embree over a Scene, a float64 ray-triangle test, and the rays of a camera's pixels."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+class World:
+    """All triangles of a Scene's visible instances in world space, float64, in the instances' order.
+
+    corners (T, 3, 3); instance (T,) numbers instances in the order in which they were added, hidden ones
+    included; triangle (T,) numbers triangles within the mesh; front is the side of `normals` (T, 3),
+    which is the object-space front even when the instance is mirrored.
+    """
+
+    def __init__(self, scene):
+        corners, owner, local, flips = [], [], [], []
+        for index, instance in enumerate(scene):
+            if not instance.visible:
+                continue
+            mesh = instance.ray_mesh or instance.mesh
+            positions = mesh.positions.astype(np.float64) @ instance.transform[:3, :3].T + instance.transform[:3, 3]
+            triangles = positions[mesh.triangles]
+            corners.append(triangles)
+            owner.append(np.full(len(triangles), index))
+            local.append(np.arange(len(triangles)))
+            flips.append(np.full(len(triangles), np.sign(np.linalg.det(instance.transform[:3, :3]))))
+        self.corners = np.concatenate(corners)
+        self.instance = np.concatenate(owner)
+        self.triangle = np.concatenate(local)
+        a, b, c = np.moveaxis(self.corners, 1, 0)
+        normals = np.cross(b - a, c - a) * np.concatenate(flips)[:, None]
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        self.normals = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
+        self.areas = length[:, 0] / 2
+        self._embree = None
+
+    def embree_hits(self, origins, directions):
+        """The index into `corners` that Embree reports for each ray (N,), -1 for a miss."""
+        if self._embree is None:
+            from embreex.mesh_construction import TriangleMesh
+            from embreex.rtcore_scene import EmbreeScene
+
+            self._embree = EmbreeScene(robust=True)
+            count = len(self.corners) * 3
+            vertices = self.corners.reshape(-1, 3).astype(np.float32)
+            TriangleMesh(self._embree, vertices, np.arange(count, dtype=np.int32).reshape(-1, 3))
+        return self._embree.run(origins.astype(np.float32), directions.astype(np.float32))
+
+    def distance_to(self, hits, origins, directions):
+        """Float64 distances (N,) along the rays to the planes of the triangles they hit; inf for misses."""
+        distance = np.full(len(hits), np.inf)
+        hit = hits >= 0
+        normal, corner = self.normals[hits[hit]], self.corners[hits[hit], 0]
+        with np.errstate(divide="ignore"):
+            distance[hit] = np.einsum("ij,ij->i", corner - origins[hit], normal) / np.einsum(
+                "ij,ij->i", directions[hit], normal
+            )
+        return distance
+
+
+def intersect(corners, origins, directions):
+    """(distance, u, v) of Moller and Trumbore in float64 for N triangles (N, 3, 3) and N rays; nan where it misses."""
+    a, b, c = np.moveaxis(np.asarray(corners, np.float64), 1, 0)
+    edge_1, edge_2 = b - a, c - a
+    p = np.cross(directions, edge_2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse = 1 / np.einsum("ij,ij->i", edge_1, p)
+        s = origins - a
+        u = np.einsum("ij,ij->i", s, p) * inverse
+        q = np.cross(s, edge_1)
+        v = np.einsum("ij,ij->i", directions, q) * inverse
+        t = np.einsum("ij,ij->i", edge_2, q) * inverse
+        inside = (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0)
+    return tuple(np.where(inside, value, np.nan) for value in (t, u, v))
+
+
+def closest_by_brute_force(corners, origins, directions):
+    """Index of the closest triangle for each ray, -1 for none: every pair tested in float64."""
+    best = np.full(len(origins), np.inf)
+    index = np.full(len(origins), -1)
+    for i, triangle in enumerate(corners):
+        t, _, _ = intersect(np.broadcast_to(triangle, (len(origins), 3, 3)), origins, directions)
+        closer = np.nan_to_num(t, nan=np.inf) < best
+        best[closer], index[closer] = t[closer], i
+    return index, best
+
+
+def camera_rays(camera, width, height, offset=(0.5, 0.5)):
+    """Origins and unit directions (h, w, 3), row 0 at the top, through `offset` within each pixel (x right, y down)."""
+    x = (np.arange(width) + offset[0]) / width * 2 - 1
+    y = 1 - (np.arange(height) + offset[1]) / height * 2
+    tangent = np.tan(camera.vertical_fov / 2)
+    x, y = np.meshgrid(x * tangent * width / height, y * tangent)
+    local = np.stack([x, y, -np.ones_like(x)], axis=-1)
+    directions = local @ camera.transform[:3, :3].T
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    return np.broadcast_to(camera.transform[:3, 3], directions.shape), directions
+
+
+def edge_distance(corners, points):
+    """Distance (N,) from points in triangles' planes to the nearest edge of their triangle."""
+    least = np.full(len(points), np.inf)
+    for i in range(3):
+        start, end = corners[:, i], corners[:, (i + 1) % 3]
+        along = end - start
+        part = np.einsum("ij,ij->i", points - start, along) / np.maximum((along**2).sum(axis=1), 1e-300)
+        nearest = start + np.clip(part, 0, 1)[:, None] * along
+        least = np.minimum(least, np.linalg.norm(points - nearest, axis=1))
+    return least

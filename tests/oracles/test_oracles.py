@@ -1,0 +1,129 @@
+"""The references against each other and against known values: an oracle that is wrong proves nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from oracles import brdf, closed_forms, packing, rays, statistics
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import place
+from solari_vk.scene.model import Camera, Instance, Material, Scene
+
+
+def direction(cosine):
+    return np.array((np.sqrt(1 - cosine**2), 0.0, cosine))
+
+
+@pytest.mark.parametrize("roughness", [0.3, 0.6, 1.0])
+@pytest.mark.parametrize("cosine", [0.1, 0.6])
+def test_albedo_by_visible_normals_is_the_hemisphere_integral(roughness, cosine):
+    alpha = brdf.alpha_of(roughness)
+    wi, solid = brdf.hemisphere_grid(600, 800)
+    for f0 in (0.0, 1.0):
+        values = brdf.single_scattering(direction(cosine), wi, f0, alpha)[..., 0]
+        a, b = brdf.directional_albedo_terms(alpha, cosine)
+        assert (values * wi[..., 2] * solid).sum() == pytest.approx(f0 * a + b, abs=4e-4)
+
+
+@pytest.mark.parametrize("metallic", [0.0, 0.5, 1.0])
+def test_white_furnace_is_white_by_brute_force(metallic):
+    wi, solid = brdf.hemisphere_grid(600, 600)
+    for roughness in (0.5, 1.0):
+        surface = brdf.Surface(1.0, metallic, roughness)
+        for cosine in (0.15, 0.8):
+            values = surface.value(direction(cosine), wi)
+            np.testing.assert_allclose((values * (wi[..., 2:] * solid[..., None])).sum(axis=(0, 1)), 1, atol=5e-4)
+            np.testing.assert_allclose(surface.albedo(cosine), 1, atol=1e-6)
+
+
+def test_diffuse_is_reciprocal():
+    surface = brdf.Surface((0.3, 0.6, 0.9), 0.0, 0.4)
+    wo, wi = direction(0.2), np.array((0.0, 0.8, 0.6))
+    np.testing.assert_allclose(surface.diffuse(wo, wi), surface.diffuse(wi, wo))
+
+
+def test_bounded_pdf_is_the_valid_share():
+    wi, solid = brdf.hemisphere_grid(700, 700)
+    for alpha, cosine in ((0.3, 0.2), (0.8, 0.7), (0.3, 1.0)):
+        total = (brdf.bounded_vndf_pdf(direction(cosine), wi, alpha) * solid).sum()
+        unbounded = brdf.directional_albedo_terms(alpha, cosine)
+        assert sum(unbounded) - 0.01 < total <= 1 + 1e-4
+
+
+def test_polygon_irradiance_is_the_integral():
+    corners = np.array([(0.5, 2, -0.3), (0.5, 2, 0.7), (-0.5, 1.5, 0.7), (-0.5, 1.5, -0.3)])
+    u, v = ((np.arange(400) + 0.5) / 400 for _ in range(2))
+    grid = (
+        corners[0]
+        + u[:, None, None] * (corners[1] - corners[0])
+        + v[None, :, None] * (corners[3] - corners[0])
+    ).reshape(-1, 3)
+    normal = np.cross(corners[1] - corners[0], corners[3] - corners[0])
+    area, normal = np.linalg.norm(normal), normal / np.linalg.norm(normal)
+    for point in ((0.0, 0, 0.0), (3.0, 0, 1.0)):
+        ray = grid - point
+        squared = (ray**2).sum(axis=1)
+        brute = 5.0 * (ray[:, 1] * np.abs(ray @ normal) / squared**2).mean() * area
+        assert closed_forms.polygon_irradiance(point, (0, 1, 0), corners, 5.0)[0] == pytest.approx(brute, rel=1e-5)
+
+
+def test_small_sun_gives_its_illuminance():
+    assert closed_forms.sun_irradiance(1000, 0.0093, 0.5) == pytest.approx(500, rel=1e-4)
+    assert closed_forms.closed_box_radiance(2.0, 0.5, 3) == pytest.approx(2 * (1 - 0.5**4) / 0.5)
+
+
+def test_packings():
+    # Known values: pcg output for the seeds 0 and 1, and the extension's own limits.
+    assert packing.pcg_hash(0) == 129708002
+    assert packing.rgb9e5_encode((1, 1, 1)) == 256 | 256 << 9 | 256 << 18 | 16 << 27
+    np.testing.assert_array_equal(packing.rgb9e5_decode(packing.rgb9e5_encode((65408, 0, 1e9))), (65408, 0, 65408))
+    random = np.random.default_rng(3)
+    for color in random.random((200, 3)) * 10.0 ** random.uniform(-4, 4, (200, 1)):
+        error = np.abs(packing.rgb9e5_decode(packing.rgb9e5_encode(color)) - color)
+        assert (error <= color.max() / 512 + 2.0**-25).all()
+    for vector in random.normal(size=(200, 3)):
+        unit = vector / np.linalg.norm(vector)
+        np.testing.assert_allclose(packing.octahedral_decode(packing.octahedral_encode(unit)), unit, atol=1e-12)
+
+
+def test_embree_brute_force_and_camera_agree():
+    scene = Scene(
+        Instance(mesh=shapes.sphere(1.0, 8), material=Material(), transform=place((1, 2, -1), (0.3, 0, 0), 0.4)),
+        Instance(mesh=shapes.box(), material=Material(), transform=place(1.0, (-1, 0, 0.5), 0.2)),
+    )
+    world = rays.World(scene)
+    camera = Camera.look_at((0, 1, 6), (0, 0, 0))
+    origins, directions = (x.reshape(-1, 3) for x in rays.camera_rays(camera, 40, 30))
+    embree = world.embree_hits(origins, directions)
+    brute, distance = rays.closest_by_brute_force(world.corners, origins, directions)
+    assert (embree == brute).mean() > 0.999
+    assert 0.1 < (embree >= 0).mean() < 0.9
+    same = embree == brute
+    np.testing.assert_allclose(world.distance_to(embree, origins, directions)[same], distance[same], rtol=1e-9)
+    hit = (embree >= 0) & same
+    assert (np.einsum("ij,ij->i", world.normals[embree[hit]], directions[hit]) < 0).all(), "mirrored fronts"
+
+
+def test_statistics_reject_what_is_wrong_and_only_that():
+    random = np.random.default_rng(5)
+    expected = np.full(1000, 40.0)
+    assert statistics.chi_squared_p(random.poisson(expected), expected) > 0.001
+    assert statistics.chi_squared_p(random.poisson(expected * np.linspace(0.8, 1.2, 1000)), expected) < 1e-6
+    assert statistics.chi_squared_p([1, 10], [0, 11]) == 0
+    np.testing.assert_array_equal(statistics.holm([0.001, 0.04, 0.03, 0.2], 0.05), [True, False, False, False])
+    truth = np.ones((64, 64, 3))
+    rejections = 0
+    for _ in range(100):
+        noisy = truth + random.normal(scale=0.1, size=truth.shape)
+        result = statistics.compare(noisy, np.full(truth.shape, 0.01), truth, np.zeros(truth.shape))
+        rejections += result.tiles_rejected > 0
+    assert rejections <= 4
+    biased = statistics.compare(1.02 * truth, np.full(truth.shape, 0.01), truth, np.zeros(truth.shape))
+    with pytest.raises(AssertionError):
+        biased.assert_equal(0.003)
+    runs = 1 + random.normal(scale=0.01, size=(16, 20))
+    assert statistics.replicates(runs, np.ones(20), 0.005) == (0, True)
+    assert statistics.replicates(runs * 1.02, np.ones(20), 0.005)[1] is False
+
+
