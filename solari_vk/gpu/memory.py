@@ -11,6 +11,7 @@ import numpy as np
 from solari_vk.errors import DeviceError, SolariError
 from solari_vk.gpu import raw
 from solari_vk.gpu.barriers import full_barrier, host_read_barrier, image_barrier
+from solari_vk.gpu.uploads import Uploads as Uploads
 from solari_vk.gpu.uploads import as_bytes
 
 if TYPE_CHECKING:
@@ -345,6 +346,8 @@ def _read_back(device: Device, size: int, copy: Any) -> np.ndarray:
 class Sampler:
     """How a texture is filtered and repeated: "linear" or "nearest"; "repeat", "clamp" or "mirror".
 
+    mipmap: how levels are blended, or "none" to use the largest one only.
+
     anisotropy: the most samples of an anisotropic filter; 1 is off, and devices without it stay at 1.
     """
 
@@ -360,7 +363,11 @@ class Sampler:
         anisotropy: float = 1.0,
     ) -> None:
         filters = {"nearest": raw.VK_FILTER_NEAREST, "linear": raw.VK_FILTER_LINEAR}
-        modes = {"nearest": raw.VK_SAMPLER_MIPMAP_MODE_NEAREST, "linear": raw.VK_SAMPLER_MIPMAP_MODE_LINEAR}
+        modes = {
+            "nearest": raw.VK_SAMPLER_MIPMAP_MODE_NEAREST,
+            "linear": raw.VK_SAMPLER_MIPMAP_MODE_LINEAR,
+            "none": raw.VK_SAMPLER_MIPMAP_MODE_NEAREST,
+        }
         wraps = {
             "repeat": raw.VK_SAMPLER_ADDRESS_MODE_REPEAT,
             "clamp": raw.VK_SAMPLER_ADDRESS_MODE_CLAMP_TO_EDGE,
@@ -378,7 +385,8 @@ class Sampler:
                 addressModeV=wraps[wrap_v],
                 anisotropyEnable=int(anisotropy > 1),
                 maxAnisotropy=max(anisotropy, 1.0),
-                maxLod=raw.VK_LOD_CLAMP_NONE,
+                # A limit just above 0 keeps the choice between magnify and minify, as Vulkan advises.
+                maxLod=0.25 if mipmap == "none" else raw.VK_LOD_CLAMP_NONE,
             )
         except KeyError as error:
             raise SolariError(f"sampler: {error} is not one of {[*filters, *wraps]}") from error
