@@ -1,0 +1,72 @@
+"""Solari's raytraced lighting on any Vulkan device with ray queries.
+
+    import solari_vk as sv
+
+    scene = sv.builtin("cornell_box")
+    with sv.Device() as device:
+        renderer = sv.PathTracer(device, scene, (640, 360))
+        radiance = renderer.render(scene.camera, samples=256)
+    sv.save_image("cornell_box.png", radiance, exposure=scene.camera.exposure, tonemap="agx")
+
+Names are loaded when first used, so that importing the package is quick and needs no Vulkan.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "errors": ("SolariError", "DeviceError", "ValidationError"),
+    "gpu.device": ("Device", "list_devices"),
+    "scene.model": (
+        "Camera",
+        "DirectionalLight",
+        "Instance",
+        "Material",
+        "Mesh",
+        "Scene",
+        "Texture",
+        "TextureImage",
+    ),
+    "scene.gltf": ("load_gltf",),
+    "scene.builtin": ("builtin",),
+    "display": ("auto_exposure", "tonemap", "check_output", "save_image"),
+    "renderer": ("AOVS", "PathTracer"),
+}
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+
+__all__ = ["__version__", *_HOME_OF]  # noqa: PLE0604
+
+if TYPE_CHECKING:
+    from solari_vk.display import auto_exposure, check_output, save_image, tonemap
+    from solari_vk.errors import DeviceError, SolariError, ValidationError
+    from solari_vk.gpu.device import Device, list_devices
+    from solari_vk.renderer import AOVS, PathTracer
+    from solari_vk.scene.builtin import builtin
+    from solari_vk.scene.gltf import load_gltf
+    from solari_vk.scene.model import (
+        Camera,
+        DirectionalLight,
+        Instance,
+        Material,
+        Mesh,
+        Scene,
+        Texture,
+        TextureImage,
+    )
+
+
+def __getattr__(name: str) -> Any:
+    home = _HOME_OF.get(name)
+    if home is None:
+        raise AttributeError(f"module 'solari_vk' has no attribute '{name}'")
+    value = getattr(import_module(f"solari_vk.{home}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

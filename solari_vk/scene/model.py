@@ -243,6 +243,33 @@ class Camera(Checked):
         transform[:3, 3] = eye
         return cls(transform=transform, **fields)
 
+    @classmethod
+    def from_pose(cls, pose: Any) -> Camera:
+        """A camera from what `pose` gave, or from {"position": [x, y, z], "target": [x, y, z]}.
+
+        Also takes "up", "vertical_fov_degrees" and "ev100", or a whole "transform" for position and target.
+        """
+        known = {"position", "target", "up", "transform", "vertical_fov_degrees", "ev100"}
+        if not isinstance(pose, dict) or not known.issuperset(pose):
+            raise SolariError(f"a camera pose is a JSON object of {', '.join(sorted(known))}, not {pose!r}")
+        try:
+            fields: dict[str, Any] = {"ev100": float(pose["ev100"])} if "ev100" in pose else {}
+            if "vertical_fov_degrees" in pose:
+                fields["vertical_fov"] = math.radians(pose["vertical_fov_degrees"])
+            if "transform" in pose:
+                return cls(transform=pose["transform"], **fields)
+            return cls.look_at(pose["position"], pose["target"], pose.get("up", (0, 1, 0)), **fields)
+        except (KeyError, TypeError, ValueError) as error:
+            raise SolariError(f"a camera pose needs 'position' and 'target', or 'transform': {error}") from None
+
+    def pose(self) -> dict[str, Any]:
+        """What `from_pose` takes, as plain JSON values."""
+        return {
+            "transform": self.transform.tolist(),
+            "vertical_fov_degrees": math.degrees(self.vertical_fov),
+            "ev100": self.ev100,
+        }
+
     @property
     def exposure(self) -> float:
         """The factor from radiance to the picture's values."""
@@ -275,7 +302,7 @@ class Scene(Observable):
         if item in holder:
             raise SolariError(f"{item.describe()} is in the scene already: make another object to add it twice")
         holder[item] = None
-        self._notify()
+        self._notify(item)
         return item
 
     def remove(self, item: Instance | DirectionalLight | Camera) -> None:
@@ -284,7 +311,7 @@ class Scene(Observable):
         if item not in holder:
             raise SolariError(f"{item.describe()} is not in the scene")
         del holder[item]
-        self._notify()
+        self._notify(item)
 
     def _holder(self, item: Any) -> dict[Any, None]:
         for kind, holder in (

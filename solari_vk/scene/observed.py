@@ -30,10 +30,10 @@ class Observable:
         alive = tuple(r for r in self._watchers if (w := r()) is not None and w is not watcher)
         object.__setattr__(self, "_watchers", alive)
 
-    def _notify(self) -> None:
+    def _notify(self, changed: Observable) -> None:
         for reference in self._watchers:
             if (watcher := reference()) is not None:
-                watcher.note(self)
+                watcher.note(changed)
 
     def describe(self) -> str:
         """The object's kind and name, for messages."""
@@ -76,7 +76,7 @@ class Checked(Observable):
             for name, value in before.items():
                 object.__setattr__(self, name, value)
             raise
-        self._notify()
+        self._notify(self)
 
     def _validate(self) -> None:
         """Raise SolariError where fields don't fit together."""

@@ -1,0 +1,276 @@
+"""Keeps descriptor set 0 equal to a scene: uploads what changed and rebuilds the TLAS, on the GPU's own time.
+
+The scene tells the binder which objects changed; `update` turns that into table rows, uploads and
+acceleration-structure builds that run just before the next submission. Work follows the size of the
+change, not of the scene.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from solari_vk.errors import SolariError
+from solari_vk.gpu import raw, spirv
+from solari_vk.gpu.acceleration import INSTANCE_DTYPE, Tlas
+from solari_vk.gpu.compiler import compile_shader
+from solari_vk.gpu.device import Device, memory_barrier
+from solari_vk.scene.geometry import Geometry
+from solari_vk.scene.lights import Lights
+from solari_vk.scene.model import DirectionalLight, Instance, Material, Mesh, Scene, Texture, TextureImage
+from solari_vk.scene.observed import Observable
+from solari_vk.scene.table import Rows, Table
+from solari_vk.scene.textures import Textures
+
+NO_INDEX = 0xFFFFFFFF
+DOUBLE_SIDED = 1  # MATERIAL_DOUBLE_SIDED of scene/bindings.glsl
+MAX_INSTANCES = 1 << 24
+# A material's textures: the field of the model and of the record, and whether its colours are sRGB.
+TEXTURE_SLOTS = {
+    "base_color_texture": True,
+    "metallic_roughness_texture": False,
+    "emissive_texture": True,
+    "normal_texture": False,
+}
+
+
+class SceneBinder:
+    """One scene on one device. Renderers of the scene share it; `resources` are set 0's, by name.
+
+    `version` grows when a resource was replaced by another, `revision` with every change of the scene.
+    """
+
+    def __init__(self, device: Device, scene: Scene) -> None:
+        self.scene = scene
+        self.version = 0
+        self.revision = 0
+        self._device = device
+        bindings = spirv.reflect(compile_shader("scene/layout.comp"), "scene/layout.comp").bindings
+        layout: dict[str, Any] = {name: b.dtype if b.element is None else b.element for name, b in bindings.items()}
+        self._geometry = Geometry(device, layout["meshes"], layout["vertex_attributes"], self)
+        self._textures = Textures(device, layout["textures"], self)
+        self._lights = Lights(device, layout["light_sources"], layout["directional_lights"], layout["scene_info"])
+        self._materials = Table(device, "materials", layout["materials"])
+        self._material_rows: Rows[Material] = Rows()
+        self._material_textures: dict[Material, dict[str, Texture]] = {}
+        self._instances = Table(device, "instances", layout["instances"])
+        self._instance_rows: Rows[Instance] = Rows()
+        self._tlas_instances = Table(device, "tlas_instances", INSTANCE_DTYPE)
+        self._uses: dict[Instance, tuple[Mesh, Mesh, Material]] = {}
+        self._tlas = Tlas(device, 16, name="scene")
+        self._changed: dict[Observable, None] = {}
+        scene.watch(self)
+        for item in (*scene.instances, *scene.directional_lights):
+            self.note(item)
+        self._write_rows: dict[Instance, None] = {}
+        self._write_materials: dict[Material, None] = {}
+        self._first = True
+
+    def note(self, changed: Observable) -> None:
+        """Remember that an object was added, removed or edited (called by what is watched)."""
+        self._changed[changed] = None
+
+    @property
+    def resources(self) -> dict[str, Any]:
+        """What set 0's bindings hold, by their names in GLSL."""
+        tables = (self._geometry.table, self._textures.table, self._materials, self._instances, *self._lights.tables)
+        return {table.name: table.buffer for table in tables} | {
+            "tlas": self._tlas,
+            "texture_images": self._textures.bound,
+        }
+
+    def update(self) -> None:
+        """Take up all changes since the last call."""
+        if not self._changed and not self._first:
+            return
+        self._first = False
+        self.revision += 1
+        changed, self._changed = self._changed, {}
+        try:
+            for item in changed:
+                self._take_up(item)
+            self._geometry.update()
+            if self._textures.update():
+                self.version += 1
+            self._update_materials()
+            self._update_instances()
+            self._lights.update()
+            self._upload()
+        except BaseException:
+            self._changed = changed | self._changed  # the next update tries again
+            raise
+
+    # ---- from changed objects to rows ---------------------------------------------------------------
+
+    def _take_up(self, item: Observable) -> None:
+        if isinstance(item, Instance):
+            self._take_up_instance(item)
+        elif isinstance(item, DirectionalLight):
+            present = item in self.scene.directional_lights
+            self._lights.set_directional(item, present)
+            (item.watch if present else item.unwatch)(self)
+        elif isinstance(item, Material):
+            if item in self._material_rows:
+                self._use_textures(item)
+                self._write_rows.update(dict.fromkeys(self._material_rows.users(item)))
+        elif isinstance(item, Mesh):
+            self._write_rows.update(dict.fromkeys(self._geometry.change(item)))
+        elif isinstance(item, (Texture, TextureImage)):
+            self._textures.change(item)
+
+    def _take_up_instance(self, instance: Instance) -> None:
+        before = self._uses.get(instance)
+        if instance in self.scene.instances:
+            after = (instance.mesh, instance.ray_mesh or instance.mesh, instance.material)
+            if before is None and self._instance_rows.acquire(instance, None):
+                instance.watch(self)
+                if self._instance_rows.limit > MAX_INSTANCES:
+                    raise SolariError(f"{self.scene.describe()} has more than {MAX_INSTANCES} instances")
+            self._write_rows[instance] = None
+            if before != after:
+                self._acquire(instance, after)
+                self._uses[instance] = after
+        elif before is not None:
+            instance.unwatch(self)
+            row = self._instance_rows[instance]
+            self._instance_rows.release(instance, None)
+            self._write_rows.pop(instance, None)
+            self._set_emissive(instance, row, False)
+            self._tlas_instances.records[row] = np.zeros((), INSTANCE_DTYPE)
+            self._tlas_instances.mark([row])
+            del self._uses[instance]
+        if before is not None and before != self._uses.get(instance):
+            self._release(instance, before)
+
+    def _acquire(self, instance: Instance, uses: tuple[Mesh, Mesh, Material]) -> None:
+        mesh, ray_mesh, material = uses
+        self._geometry.acquire(mesh, instance, traced=False)
+        self._geometry.acquire(ray_mesh, instance, traced=True)
+        if self._material_rows.acquire(material, instance):
+            material.watch(self)
+            self._use_textures(material)
+
+    def _release(self, instance: Instance, uses: tuple[Mesh, Mesh, Material]) -> None:
+        mesh, ray_mesh, material = uses
+        self._geometry.release(mesh, instance, traced=False)
+        self._geometry.release(ray_mesh, instance, traced=True)
+        if self._material_rows.release(material, instance):
+            material.unwatch(self)
+            self._write_materials.pop(material, None)
+            for slot, texture in self._material_textures.pop(material).items():
+                self._textures.release(texture, TEXTURE_SLOTS[slot], material)
+
+    def _use_textures(self, material: Material) -> None:
+        """Take up which textures a material has, new ones before the old ones go."""
+        before = self._material_textures.get(material, {})
+        after = {slot: texture for slot in TEXTURE_SLOTS if (texture := getattr(material, slot)) is not None}
+        for slot, texture in after.items():
+            self._textures.acquire(texture, TEXTURE_SLOTS[slot], material)
+        for slot, texture in before.items():
+            self._textures.release(texture, TEXTURE_SLOTS[slot], material)
+        self._material_textures[material] = after
+        self._write_materials[material] = None
+
+    # ---- from rows to records -----------------------------------------------------------------------
+
+    def _update_materials(self) -> None:
+        self._materials.reserve(self._material_rows.limit)
+        for material in self._write_materials:
+            row = self._material_rows[material]
+            record = self._materials.records[row]
+            for name in ("base_color", "perceptual_roughness", "emissive", "metallic", "reflectance", "normal_scale"):
+                record[name] = getattr(material, name)
+            textures = self._material_textures[material]
+            for slot, srgb in TEXTURE_SLOTS.items():
+                record[slot] = self._textures.rows[textures[slot], srgb] if slot in textures else NO_INDEX
+            record["flags"] = DOUBLE_SIDED if material.double_sided else 0
+            self._materials.mark([row])
+        self._write_materials.clear()
+
+    def _set_emissive(self, instance: Instance, row: int, emits: bool) -> None:
+        moved = self._lights.set_emissive(instance, row, emits)
+        if moved is not None:
+            self._write_rows[moved] = None
+
+    def _update_instances(self) -> None:
+        for instance in list(self._write_rows):
+            emits = instance.visible and instance.material.emits
+            self._set_emissive(instance, self._instance_rows[instance], emits)
+        written = list(self._write_rows)
+        self._write_rows.clear()
+        if not written:
+            return
+        for table in (self._instances, self._tlas_instances):
+            table.reserve(self._instance_rows.limit)
+        rows = np.array([self._instance_rows[i] for i in written])
+        transforms = np.array([i.transform for i in written])[:, :3].astype(np.float32)
+        meshes = self._geometry.rows
+        records = np.zeros(len(written), self._instances.records.dtype)
+        records["world_from_object"] = records["previous_world_from_object"] = transforms.transpose(0, 2, 1)
+        records["mesh"] = [meshes[i.mesh] for i in written]
+        records["ray_mesh"] = [meshes[i.ray_mesh or i.mesh] for i in written]
+        records["material"] = [self._material_rows[i.material] for i in written]
+        records["light_index"] = [NO_INDEX if (n := self._lights.index(i)) is None else n for i in written]
+        self._instances.records[rows] = records
+        self._instances.mark(rows.tolist())
+
+        traced = np.zeros(len(written), INSTANCE_DTYPE)
+        traced["transform"] = transforms
+        mask = np.array([0xFF if i.visible else 0 for i in written], np.uint32)
+        traced["custom_index_and_mask"] = rows.astype(np.uint32) | mask << 24
+        both_faces = np.array([i.material.double_sided for i in written])
+        flags = np.full(len(written), raw.VK_GEOMETRY_INSTANCE_TRIANGLE_FLIP_FACING_BIT_KHR, np.uint32)
+        flags[both_faces] |= raw.VK_GEOMETRY_INSTANCE_TRIANGLE_FACING_CULL_DISABLE_BIT_KHR
+        traced["sbt_offset_and_flags"] = flags << 24
+        traced["blas_address"] = [self._geometry.blas(i.ray_mesh or i.mesh).address for i in written]
+        self._tlas_instances.records[rows] = traced
+        self._tlas_instances.mark(rows.tolist())
+
+    # ---- from records to the device -----------------------------------------------------------------
+
+    def _upload(self) -> None:
+        """Have the tables' changes copied and the TLAS rebuilt just before the next submission."""
+        rebuild = self._tlas_instances.dirty
+        count = self._instance_rows.limit
+        if count > self._tlas.max_instances:
+            self._tlas.destroy()
+            self._tlas = Tlas(self._device, max(count, 2 * self._tlas.max_instances), name="scene")
+            self.version += 1
+        with self._device.uploads() as uploads:
+            for table in (
+                self._geometry.table,
+                self._textures.table,
+                self._materials,
+                self._instances,
+                self._tlas_instances,
+                *self._lights.tables,
+            ):
+                if table.flush(uploads):
+                    self.version += 1
+        if rebuild:
+            self._device.before_next_submit(self._build_tlas)
+
+    def _build_tlas(self, commands: raw.CData) -> None:
+        everything = memory_barrier(
+            raw.VK_ACCESS_2_MEMORY_WRITE_BIT, raw.VK_ACCESS_2_MEMORY_READ_BIT | raw.VK_ACCESS_2_MEMORY_WRITE_BIT
+        )
+        self._device.vk.vkCmdPipelineBarrier2(commands, everything)
+        self._tlas.record_build(commands, self._tlas_instances.buffer.address, self._instance_rows.limit)
+        self._device.vk.vkCmdPipelineBarrier2(commands, everything)
+
+    def destroy(self) -> None:
+        """Stop watching the scene and free everything."""
+        self.scene.unwatch(self)
+        for item in (*self._uses, *self._material_rows, *self.scene.directional_lights):
+            item.unwatch(self)
+        for owner in (
+            self._geometry,
+            self._textures,
+            self._lights,
+            self._materials,
+            self._instances,
+            self._tlas_instances,
+            self._tlas,
+        ):
+            owner.destroy()

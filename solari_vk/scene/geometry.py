@@ -1,0 +1,125 @@
+"""Meshes on the device: vertex and index buffers, and the acceleration structures that rays meet."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from solari_vk.gpu.acceleration import Blas, TriangleGeometry, build_blases
+from solari_vk.gpu.device import Device
+from solari_vk.gpu.memory import Buffer, Uploads
+from solari_vk.scene.model import Mesh
+from solari_vk.scene.observed import Observable
+from solari_vk.scene.table import Rows, Table
+
+HAS_NORMALS, HAS_UVS, HAS_TANGENTS = 1, 2, 4  # MESH_HAS_* of scene/bindings.glsl
+
+
+class Geometry:
+    """The `meshes` table and everything its addresses point to."""
+
+    def __init__(self, device: Device, record: np.dtype[Any], attributes: np.dtype[Any], watcher: Any) -> None:
+        self.table = Table(device, "meshes", record)
+        self.rows: Rows[Mesh] = Rows()
+        self._ray_users: Rows[Mesh] = Rows()
+        self._attributes = attributes
+        self._device = device
+        self._watcher = watcher
+        self._buffers: dict[Mesh, Buffer] = {}
+        self._blases: dict[Mesh, Blas] = {}
+        self._to_upload: dict[Mesh, None] = {}
+
+    def acquire(self, mesh: Mesh, user: Observable, *, traced: bool) -> None:
+        """Use a mesh; traced: rays meet it, so it gets an acceleration structure."""
+        if self.rows.acquire(mesh, user):
+            mesh.watch(self._watcher)
+            self._to_upload[mesh] = None
+        if traced and self._ray_users.acquire(mesh, user):
+            self._to_upload[mesh] = None
+
+    def release(self, mesh: Mesh, user: Observable, *, traced: bool) -> None:
+        """Undo one `acquire`."""
+        if traced and self._ray_users.release(mesh, user) and mesh in self._blases:
+            self._blases.pop(mesh).destroy()
+        if self.rows.release(mesh, user):
+            mesh.unwatch(self._watcher)
+            self._to_upload.pop(mesh, None)
+            if mesh in self._buffers:
+                self._buffers.pop(mesh).destroy()
+
+    def change(self, mesh: Mesh) -> list[Any]:
+        """The mesh was edited: upload it again. Returns the instances that use it."""
+        if mesh not in self.rows:
+            return []
+        self._to_upload[mesh] = None
+        return self.rows.users(mesh)
+
+    def blas(self, mesh: Mesh) -> Blas:
+        """The acceleration structure of a mesh that rays meet, built by `update`."""
+        return self._blases[mesh]
+
+    def update(self) -> None:
+        """Upload new and changed meshes and build their acceleration structures."""
+        if not self._to_upload:
+            return
+        self.table.reserve(self.rows.limit)
+        blases = {}
+        with self._device.uploads() as uploads:
+            for mesh in self._to_upload:
+                geometry = self._upload(mesh, uploads)
+                if mesh in self._ray_users:
+                    blases[mesh] = Blas(self._device, [geometry], name=mesh.name or "mesh")
+        build_blases(self._device, list(blases.values()))
+        for mesh, blas in blases.items():
+            if mesh in self._blases:
+                self._blases[mesh].destroy()
+            self._blases[mesh] = blas
+        self._to_upload.clear()
+
+    def _upload(self, mesh: Mesh, uploads: Uploads) -> TriangleGeometry:
+        """One buffer a mesh: positions, then triangles, then the other attributes if there are any."""
+        triangles = mesh.triangles
+        parts = [mesh.positions, triangles]
+        flags = 0
+        if any(part is not None for part in (mesh.normals, mesh.uvs, mesh.tangents)):
+            attributes = np.zeros(len(mesh.positions), self._attributes)
+            for flag, name, values in (
+                (HAS_NORMALS, "normal", mesh.normals),
+                (HAS_UVS, "uv", mesh.uvs),
+                (HAS_TANGENTS, "tangent", mesh.tangents),
+            ):
+                if values is not None:
+                    attributes[name] = values
+                    flags |= flag
+            parts.append(attributes)
+        name = mesh.name or "mesh"
+        buffer = self._device.buffer(sum(part.nbytes for part in parts), name)
+        offsets = []
+        offset = 0
+        for part in parts:
+            offsets.append(buffer.address + offset)
+            uploads.buffer(buffer, part, offset)
+            offset += part.nbytes
+        if mesh in self._buffers:
+            self._buffers[mesh].destroy()
+        self._buffers[mesh] = buffer
+        record = self.table.records[self.rows[mesh]]
+        record["positions"], record["triangles"] = offsets[:2]
+        record["attributes"] = offsets[2] if flags else 0
+        record["triangle_count"] = len(triangles)
+        record["flags"] = flags
+        self.table.mark([self.rows[mesh]])
+        return TriangleGeometry(
+            positions=offsets[0],
+            position_count=len(mesh.positions),
+            indices=offsets[1],
+            triangle_count=len(triangles),
+        )
+
+    def destroy(self) -> None:
+        """Free everything."""
+        for resource in (*self._blases.values(), *self._buffers.values(), self.table):
+            resource.destroy()
+        for mesh in self.rows:
+            mesh.unwatch(self._watcher)

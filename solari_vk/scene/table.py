@@ -1,0 +1,120 @@
+"""Rows of records that the host edits and a device buffer mirrors, and who uses which row."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterable
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.gpu.device import Device
+from solari_vk.gpu.memory import Buffer, Uploads
+
+Key = TypeVar("Key", bound=Hashable)
+
+
+class Table:
+    """Records of one dtype, on the host in `records` and in `buffer` once flushed.
+
+    The buffer is replaced when it has to grow; `flush` says so.
+    """
+
+    def __init__(self, device: Device, name: str, dtype: np.dtype[Any], usage: int | None = None) -> None:
+        self.name = name
+        self.records: NDArray[Any] = np.zeros(16, dtype)
+        self._device = device
+        self._options = {} if usage is None else {"usage": usage}
+        self.buffer = self._make_buffer()
+        self._dirty: set[int] = set(range(len(self.records)))
+
+    def _make_buffer(self) -> Buffer:
+        return self._device.buffer(self.records.nbytes, self.name, **self._options)
+
+    def reserve(self, rows: int) -> None:
+        """Have room for rows 0 to rows - 1."""
+        if rows > len(self.records):
+            grown = np.zeros(max(rows, 2 * len(self.records)), self.records.dtype)
+            grown[: len(self.records)] = self.records
+            self.records = grown
+
+    def mark(self, rows: Iterable[int]) -> None:
+        """Say which rows of `records` were written."""
+        self._dirty.update(rows)
+
+    @property
+    def dirty(self) -> bool:
+        """Whether `flush` has something to do."""
+        return bool(self._dirty)
+
+    def flush(self, uploads: Uploads) -> bool:
+        """Upload the marked rows; True when the buffer is another one than before."""
+        replaced = self.records.nbytes > self.buffer.size
+        if replaced:
+            self.buffer.destroy()
+            self.buffer = self._make_buffer()
+            uploads.buffer(self.buffer, self.records)
+        elif self._dirty:
+            rows = np.fromiter(self._dirty, np.int64, len(self._dirty))
+            rows.sort()
+            for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
+                first, last = int(run[0]), int(run[-1])
+                uploads.buffer(self.buffer, self.records[first : last + 1], first * self.records.itemsize)
+        self._dirty.clear()
+        return replaced
+
+    def destroy(self) -> None:
+        """Free the device buffer."""
+        self.buffer.destroy()
+
+
+class Rows(Generic[Key]):
+    """A row number for each object that somebody uses: taken with its first user, freed with its last."""
+
+    def __init__(self) -> None:
+        self._rows: dict[Key, int] = {}
+        self._users: dict[Key, dict[Hashable, int]] = {}
+        self._free: list[int] = []
+        self.limit = 0
+        """One past the highest row ever used."""
+
+    def __contains__(self, key: Key) -> bool:
+        return key in self._rows
+
+    def __getitem__(self, key: Key) -> int:
+        return self._rows[key]
+
+    def __iter__(self) -> Any:
+        return iter(self._rows)
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def users(self, key: Key) -> list[Any]:
+        """Who uses the object."""
+        return list(self._users.get(key, ()))
+
+    def acquire(self, key: Key, user: Hashable) -> bool:
+        """Count one more use; True when the object is new here."""
+        users = self._users.setdefault(key, {})
+        users[user] = users.get(user, 0) + 1
+        if key in self._rows:
+            return False
+        if self._free:
+            self._rows[key] = self._free.pop()
+        else:
+            self._rows[key] = self.limit
+            self.limit += 1
+        return True
+
+    def release(self, key: Key, user: Hashable) -> bool:
+        """Count one use less; True when that was the last and the row is free again."""
+        users = self._users[key]
+        users[user] -= 1
+        if users[user] == 0:
+            del users[user]
+        if users:
+            return False
+        del self._users[key]
+        self._free.append(self._rows.pop(key))
+        return True
