@@ -12,6 +12,7 @@ from solari_vk.errors import DeviceError, ValidationError
 from solari_vk.gpu import memory, raw
 from solari_vk.gpu.allocator import Allocator
 from solari_vk.gpu.barriers import ALL_COMMANDS, host_read_barrier
+from solari_vk.gpu.barriers import memory_barrier as memory_barrier
 from solari_vk.gpu.instance import Instance
 from solari_vk.gpu.physical import OPTIONAL_EXTENSIONS, REQUIRED_EXTENSIONS, DeviceReport, choose, feature_chain
 from solari_vk.gpu.uploads import StagingPool, Uploads

@@ -70,7 +70,6 @@ class Uploads:
 
     `record` puts the copies into a command buffer of the caller instead. Data is copied when `buffer` or
     `image` is called, so arrays may change afterwards. Work submitted later sees the new contents.
-    Buffers and images must not be destroyed before the batch is submitted or recorded.
     """
 
     def __init__(self, device: Device) -> None:
@@ -170,10 +169,14 @@ class Uploads:
             vk.vkCmdPipelineBarrier2(cmd, full_barrier())
             for key, regions in copies.regions.items():
                 chunk, buffer = copies.buffers[key]
+                if buffer.handle is None:  # destroyed since: nobody sees its contents
+                    continue
                 table = np.array(regions, np.uint64)  # as VkBufferCopy: source offset, target offset, size
                 pointer = raw.ffi.cast("VkBufferCopy*", raw.ffi.from_buffer(table))
                 vk.vkCmdCopyBuffer(cmd, chunk.handle, buffer.handle, len(regions), pointer)
         for chunk, image, levels in self._images:
+            if image.handle is None:
+                continue
             vk.vkCmdPipelineBarrier2(cmd, image_barrier(image, raw.VK_IMAGE_LAYOUT_UNDEFINED, _TRANSFER_LAYOUT))
             parts = raw.array("VkBufferImageCopy", [image.copy_region(level, start) for start, level in levels])
             vk.vkCmdCopyBufferToImage(cmd, chunk.handle, image.handle, _TRANSFER_LAYOUT, len(levels), parts)
