@@ -92,7 +92,8 @@ def cornell_box(size: float = 2.0, radiance: ArrayLike = (17.0, 12.0, 4.0)) -> S
             scale * np.array((278, 273, -800)),
             scale * np.array((278, 273, 0)),
             vertical_fov=2 * math.atan(0.0125 / 0.035),
-            ev100=EV100_OF_UNIT_EXPOSURE,
+            near=0.005 * size,
+            ev100=-1.0,
         )
     )
     return scene
