@@ -1,0 +1,201 @@
+"""Tangents for normal maps, as MikkTSpace makes them.
+
+Follows Mikkelsen, "Simulation of Wrinkled Surfaces Revisited" (2008) and the rules of its mikktspace.c, whole
+arrays at a time: vertices of equal position, normal and uv are one; around each, triangles that share edges
+and the uv's orientation form a group; a group's tangent is the mean of its triangles' uv directions in the
+vertex's tangent plane, weighted by angle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+_TINY = float(np.finfo(np.float32).tiny)
+
+
+@dataclass
+class TangentSpace:
+    """Vertices split where tangents differ: row i is the given vertex source[i] with the tangent tangents[i]."""
+
+    source: Integers  # (K,)
+    tangents: NDArray[np.float32]  # (K, 4): unit, orthogonal to the normal; w times cross(normal, xyz) is up the image
+    indices: NDArray[np.uint32]  # (M, 3) into source
+
+
+def generate_tangents(
+    positions: NDArray[Any], normals: NDArray[Any], uvs: NDArray[Any], triangles: NDArray[Any]
+) -> TangentSpace:
+    """Tangents of triangles (M, 3) over vertices (N, 3), unit normals (N, 3) and uvs (N, 2), v down as in glTF.
+
+    Where mikktspace.c leaves a constant, at corners that no triangle with a uv area reaches, the tangent is
+    some unit vector orthogonal to the normal.
+    """
+    triangles = triangles.astype(np.int64)
+    corners = triangles.reshape(-1)
+    welded_of = weld(np.hstack([positions, normals, uvs]))
+    welded = welded_of[triangles]
+    position, normal = np.asarray(positions, np.float64), np.asarray(normals, np.float64)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        along_u, preserving, has_uv = _uv_directions(position[triangles], np.asarray(uvs, np.float64)[triangles])
+        solid = ~_has_equal_corners(weld(positions)[triangles])
+        neighbor = _neighbors(welded, solid)
+        preserving = _orient_without_uv(preserving, has_uv, neighbor)
+        group = _groups(preserving, neighbor)
+        # A triangle without area takes no part: its corners join a group of the same vertex, if there is one.
+        first = np.full(len(welded_of), -1, np.int64)
+        solid_corners = np.flatnonzero(np.repeat(solid & has_uv, 3))[::-1]
+        first[welded.reshape(-1)[solid_corners]] = group[solid_corners]
+        flat_corners = np.flatnonzero(np.repeat(~solid, 3))
+        known = first[welded.reshape(-1)[flat_corners]]
+        group[flat_corners] = np.where(known >= 0, known, group[flat_corners])
+
+        weight = _corner_angles(position[triangles], normal[triangles]) * (solid & has_uv)[:, None]
+        directions = _unit(_project(along_u[:, None, :], normal[triangles]))
+        summed = np.stack(
+            [np.bincount(group, (weight * directions[..., axis]).reshape(-1), len(group)) for axis in range(3)], axis=1
+        )
+    # Corners of one vertex and one group are one vertex of the result.
+    split = corners * np.int64(len(corners)) + group
+    _, first_corner, inverse = np.unique(split, return_index=True, return_inverse=True)
+    source = corners[first_corner]
+    tangent = _orthonormal(summed[group[first_corner]], normal[source])
+    # glTF's v points down the image, but the green channel of a normal map up.
+    sign = np.where(preserving[group[first_corner] // 3], -1.0, 1.0)
+    result = np.hstack([tangent, sign[:, None]]).astype(np.float32)
+    return TangentSpace(source, result, inverse.reshape(-1, 3).astype(np.uint32))
+
+
+def weld(rows: NDArray[Any]) -> Integers:
+    """A number (N,) for each row of floats (N, K), the same for rows that are exactly equal."""
+    bits = np.ascontiguousarray(np.asarray(rows, np.float32) + np.float32(0)).view(np.uint32)  # + 0: -0 equals 0
+    key = np.zeros(len(bits), np.uint64)
+    for column in bits.T:
+        key = (key ^ column) * np.uint64(0x9E3779B97F4A7C15)
+        key ^= key >> np.uint64(29)
+    _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
+    if not np.array_equal(bits[first][inverse], bits):  # a collision of the hash: compare the rows themselves
+        _, inverse = np.unique(bits, axis=0, return_inverse=True)
+    return inverse.reshape(-1).astype(np.int64)
+
+
+def _uv_directions(points: Floats, uv: Floats) -> tuple[Floats, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Of each triangle: the direction in which u grows, whether uv keeps its winding, whether uv has an area."""
+    edge1, edge2 = points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
+    (s1, t1), (s2, t2) = (uv[:, 1] - uv[:, 0]).T, (uv[:, 2] - uv[:, 0]).T
+    area = s1 * t2 - t1 * s2
+    along_u = t2[:, None] * edge1 - t1[:, None] * edge2
+    along_v = s1[:, None] * edge2 - s2[:, None] * edge1
+    preserving = area > 0
+    lengths = np.stack([np.linalg.norm(along_u, axis=1), np.linalg.norm(along_v, axis=1)])
+    has_uv = (np.abs(area) > _TINY) & (lengths / np.abs(area) > _TINY).all(axis=0) & np.isfinite(lengths).all(axis=0)
+    return along_u * np.where(preserving, 1.0, -1.0)[:, None], preserving, has_uv
+
+
+def _has_equal_corners(positions: Integers) -> NDArray[np.bool_]:
+    a, b, c = positions.T
+    equal: NDArray[np.bool_] = (a == b) | (b == c) | (c == a)
+    return equal
+
+
+def _neighbors(welded: Integers, solid: NDArray[np.bool_]) -> Integers:
+    """For each edge, corner i to i + 1 of a triangle, the edge (3 * triangle + corner) on its other side, or -1.
+
+    Edges pair only when they run in opposite directions, the first with the first, where more than two meet.
+    """
+    start, end = welded.reshape(-1), np.roll(welded, -1, axis=1).reshape(-1)
+    edges = np.flatnonzero(np.repeat(solid, 3))
+    start, end = start[edges], end[edges]
+    key = np.minimum(start, end) * (welded.max(initial=0) + 1) + np.maximum(start, end)
+    sides = []
+    for side in (start < end, start > end):
+        order = np.flatnonzero(side)
+        order = order[np.argsort(key[order], kind="stable")]
+        sides.append((key[order], edges[order]))
+    (keys_a, edges_a), (keys_b, edges_b) = sides
+    rank = np.arange(len(keys_a)) - np.searchsorted(keys_a, keys_a)
+    # The k-th edge of a key on one side sits k after the key's first on the other.
+    place = np.searchsorted(keys_b, keys_a) + rank
+    matched = place < len(keys_b)
+    matched[matched] = keys_b[place[matched]] == keys_a[matched]
+    neighbor = np.full(welded.size, -1, np.int64)
+    neighbor[edges_a[matched]] = edges_b[place[matched]]
+    neighbor[edges_b[place[matched]]] = edges_a[matched]
+    return neighbor
+
+
+def _orient_without_uv(
+    preserving: NDArray[np.bool_], has_uv: NDArray[np.bool_], neighbor: Integers
+) -> NDArray[np.bool_]:
+    """Triangles without a uv area take the orientation of a neighbor, so that groups reach across them."""
+    preserving, settled = preserving.copy(), has_uv.copy()
+    across = np.where(neighbor >= 0, neighbor // 3, -1).reshape(-1, 3)
+    for _ in range(64):
+        open_ones = np.flatnonzero(~settled)
+        known = (across[open_ones] >= 0) & settled[across[open_ones]]
+        reached = known.any(axis=1)
+        if not reached.any():
+            break
+        donor = across[open_ones, np.argmax(known, axis=1)][reached]
+        preserving[open_ones[reached]] = preserving[donor]
+        settled[open_ones[reached]] = True
+    return preserving
+
+
+def _groups(preserving: NDArray[np.bool_], neighbor: Integers) -> Integers:
+    """The group of each corner (3M,), named by its least corner: connected components by union of least labels."""
+    label = np.arange(len(preserving) * 3, dtype=np.int64)
+    edge = np.flatnonzero(neighbor > np.arange(len(neighbor)))
+    other = neighbor[edge]
+    same = preserving[edge // 3] == preserving[other // 3]
+    edge, other = edge[same], other[same]
+    # An edge's start is the other's end: both pairs of corners are linked.
+    a = np.concatenate([edge, _next(edge)])
+    b = np.concatenate([_next(other), other])
+    while True:
+        low, high = np.minimum(label[a], label[b]), np.maximum(label[a], label[b])
+        apart = low != high
+        if not apart.any():
+            return label
+        np.minimum.at(label, high[apart], low[apart])
+        while not np.array_equal(label, jumped := label[label]):
+            label = jumped
+        a, b = a[apart], b[apart]
+
+
+def _next(corner: Integers) -> Integers:
+    return np.where(corner % 3 == 2, corner - 2, corner + 1)
+
+
+def _corner_angles(points: Floats, normals: Floats) -> Floats:
+    """The angle (M, 3) of each corner, measured in its normal's plane."""
+    before = _unit(_project(np.roll(points, 1, axis=1) - points, normals))
+    after = _unit(_project(np.roll(points, -1, axis=1) - points, normals))
+    angles: Floats = np.arccos(np.clip((before * after).sum(axis=-1), -1, 1))
+    return angles
+
+
+def _project(vectors: Floats, normals: Floats) -> Floats:
+    inside: Floats = vectors - (vectors * normals).sum(axis=-1, keepdims=True) * normals
+    return inside
+
+
+def _unit(vectors: Floats) -> Floats:
+    """Unit vectors; zero and not finite ones become zero."""
+    largest = np.abs(vectors).max(axis=-1, keepdims=True)
+    scaled = np.where((largest > 0) & np.isfinite(largest), vectors / np.where(largest > 0, largest, 1), 0)
+    length = np.linalg.norm(scaled, axis=-1, keepdims=True)
+    unit: Floats = scaled / np.where(length > 0, length, 1)
+    return unit
+
+
+def _orthonormal(tangents: Floats, normals: Floats) -> Floats:
+    """Unit tangents orthogonal to the normals; where there is none, the axis least along the normal."""
+    axes = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
+    missing = np.linalg.norm(tangents, axis=1) < 1e-6
+    return _unit(_project(np.where(missing[:, None], axes, tangents), normals))
