@@ -1,0 +1,62 @@
+"""Prints what a job of tools/setup.sh lacks on this system, one thing a line: missing.py demo|test."""
+
+import ctypes
+import os
+import shutil
+import sys
+
+LOADER = ("libvulkan.so.1", "libvulkan.1.dylib")
+COMPILER = ("libshaderc.so.1", "libshaderc_shared.so.1", "libshaderc_shared.so", "libshaderc_shared.1.dylib")
+FOLDERS = ("", "/opt/homebrew/lib/", "/usr/local/lib/")
+LAYER = b"VK_LAYER_KHRONOS_validation"
+
+
+class LayerProperties(ctypes.Structure):
+    """VkLayerProperties."""
+
+    _fields_ = [
+        ("name", ctypes.c_char * 256),
+        ("versions", ctypes.c_uint32 * 2),
+        ("description", ctypes.c_char * 256),
+    ]
+
+
+def library(names):
+    """The first of these libraries that can be opened, or None."""
+    # ctypes resolves all symbols at once, which Debian's libshaderc doesn't survive; the package opens it lazily too.
+    lazily = ctypes.CDLL(None).dlopen
+    lazily.restype = ctypes.c_void_p
+    for path in (folder + name for name in names if name for folder in FOLDERS):
+        handle = lazily(os.fsencode(path), os.RTLD_LAZY)
+        if handle:
+            return ctypes.CDLL(path, handle=handle)
+    return None
+
+
+def has_layer(loader):
+    """Whether the loader finds the validation layer."""
+    count = ctypes.c_uint32()
+    loader.vkEnumerateInstanceLayerProperties(ctypes.byref(count), None)
+    layers = (LayerProperties * count.value)()
+    loader.vkEnumerateInstanceLayerProperties(ctypes.byref(count), layers)
+    return any(layer.name == LAYER for layer in layers)
+
+
+def missing(job):
+    """What is missing, in words."""
+    loader = library(LOADER)
+    if loader is None:
+        yield "the Vulkan loader"
+    if library((os.environ.get("SOLARI_VK_SHADERC", ""), *COMPILER)) is None:
+        yield "libshaderc"
+    if job == "test":
+        if loader is None or not has_layer(loader):
+            yield "the Vulkan validation layer"
+        if shutil.which("spirv-val") is None:
+            yield "spirv-val"
+        if shutil.which("Xvfb") is None:
+            yield "Xvfb"
+
+
+if __name__ == "__main__":
+    print("\n".join(missing(sys.argv[1])))

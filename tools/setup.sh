@@ -1,0 +1,161 @@
+# The part that tools/demo and tools/test share; they set $root and source this file. `set_up demo` or `set_up test`
+# ends with $python, an interpreter that has the package, on a machine that has all the job needs. As root on Debian and
+# its relatives what is missing comes from apt; elsewhere one message says what to install.
+
+log=$root/out/setup.log
+archive_packages='python3 python3-venv libvulkan1 libshaderc1'
+archive_packages_test='vulkan-validationlayers spirv-tools xvfb xauth'
+# The first Mesa whose software device traces rays.
+mesa_with_rays=24.1
+
+say() { printf 'setup: %s\n' "$*"; }
+
+fail() {
+    printf 'setup: %s\n' "$*" >&2
+    exit 1
+}
+
+# Runs a command with its output in the log; a failure shows the end of it.
+logged() {
+    mkdir -p "$root/out"
+    printf '\n== %s\n' "$*" >>"$log"
+    "$@" >>"$log" 2>&1 && return
+    tail -n 12 "$log" >&2
+    fail "failed: $* (all its output is in $log)"
+}
+
+set_up() {
+    job=$1
+    python=$root/.venv/bin/python
+    install_system_packages
+    make_environment
+    install_driver
+}
+
+# ---- system packages -----------------------------------------------------------------------------------
+
+find_python() {
+    for system_python in ${PYTHON:-} python3 python3.13 python3.12 python3.11; do
+        "$system_python" -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && return
+    done
+    return 1
+}
+
+missing_now() {
+    if find_python; then
+        "$system_python" "$root/tools/missing.py" "$job"
+    else
+        echo 'Python 3.11 or later with venv'
+    fi
+}
+
+install_system_packages() {
+    missing=$(missing_now)
+    [ -n "$missing" ] || return 0
+    packages=$archive_packages
+    [ "$job" = demo ] || packages="$packages $archive_packages_test"
+    if can_use_apt; then
+        say "installing $packages"
+        logged apt-get update
+        # shellcheck disable=SC2086 # a list of words
+        apt_install $packages
+        missing=$(missing_now)
+        [ -n "$missing" ] || return 0
+    fi
+    # shellcheck disable=SC2086
+    fail "missing: $(echo "$missing" | paste -s -d , - | sed 's/,/, /g'). $(how_to_install $packages)"
+}
+
+can_use_apt() { [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; }
+
+apt_install() {
+    DEBIAN_FRONTEND=noninteractive
+    export DEBIAN_FRONTEND
+    logged apt-get install -y --no-install-recommends -o Dpkg::Use-Pty=0 "$@"
+}
+
+# What to type for the packages of this system that stand for the given ones of Debian.
+how_to_install() {
+    echo 'Install it and run this again:'
+    if command -v apt-get >/dev/null; then
+        echo "    sudo apt-get install $*"
+    elif command -v dnf >/dev/null; then
+        echo '    sudo dnf install python3 vulkan-loader libshaderc mesa-vulkan-drivers'
+        [ "$job" = demo ] || echo '    sudo dnf install vulkan-validation-layers spirv-tools xorg-x11-server-Xvfb'
+    elif command -v pacman >/dev/null; then
+        echo '    sudo pacman -S python vulkan-icd-loader shaderc vulkan-swrast'
+        [ "$job" = demo ] || echo '    sudo pacman -S vulkan-validation-layers spirv-tools xorg-server-xvfb'
+    elif [ "$(uname)" = Darwin ]; then
+        echo '    brew install python vulkan-loader shaderc'
+        echo 'But no picture will come of it: MoltenVK, the Vulkan driver of macOS, has no ray queries.'
+    else
+        echo "    the packages of your system that are called $* on Debian"
+    fi
+}
+
+# ---- virtual environment -------------------------------------------------------------------------------
+
+make_environment() {
+    extras=
+    [ "$job" = demo ] || extras='[test]'
+    stamp=$root/.venv/set_up_for_$job
+    wanted=$(cd "$root" && cat pyproject.toml | cksum)
+    if "$python" -c '' 2>/dev/null; then
+        [ "$(cat "$stamp" 2>/dev/null)" != "$wanted" ] || return 0
+    else
+        say "creating a virtual environment in $root/.venv"
+        logged "$system_python" -m venv --clear "$root/.venv"
+    fi
+    say "installing the package${extras:+ and what its tests need}"
+    logged "$python" -m pip install --disable-pip-version-check --editable "$root$extras"
+    printf '%s\n' "$wanted" >"$stamp"
+}
+
+# ---- driver --------------------------------------------------------------------------------------------
+
+has_device() {
+    "$python" -c '
+import sys
+from solari_vk.gpu.device import list_devices
+sys.exit(all(device.missing for device in list_devices()))' 2>/dev/null
+}
+
+install_driver() {
+    has_device && return
+    if can_use_apt; then
+        release=
+        if ! dpkg --compare-versions "$(candidate)" ge "$mesa_with_rays"; then
+            release=$(. /etc/os-release && echo "${VERSION_CODENAME:-}")-backports
+            add_backports "$release"
+        fi
+        say "no device with ray queries: installing Mesa's software device${release:+ from $release}"
+        apt_install ${release:+-t "$release"} mesa-vulkan-drivers
+        has_device && return
+    fi
+    "$python" -m solari_vk info >&2 || true
+    fail "no Vulkan device with ray queries. $(how_to_install_driver)"
+}
+
+# The version of Mesa that apt would install.
+candidate() { apt-cache policy mesa-vulkan-drivers | sed -n 's/^ *Candidate: //p' | sed 's/(none)/0/;s/^$/0/'; }
+
+add_backports() {
+    apt-cache policy mesa-vulkan-drivers | grep -q "$1/" && return
+    added=$("$python" "$root/tools/backports.py" "$1") || fail "Mesa $mesa_with_rays or later is needed, and $1 can't be added"
+    say "added $1 to apt: $added"
+    logged apt-get update
+}
+
+how_to_install_driver() {
+    echo 'Install a driver with VK_KHR_ray_query: that of your GPU, or Mesa 24.1 or later for its software device.'
+    if [ "$(uname)" = Darwin ]; then
+        echo 'MoltenVK, the Vulkan driver of macOS, has no ray queries.'
+    elif command -v apt-get >/dev/null; then
+        echo '    sudo apt-get install mesa-vulkan-drivers'
+        echo 'Debian 12 has it in its backports. These commands add them, from where this machine gets its packages:'
+        echo "    sudo $root/.venv/bin/python $root/tools/backports.py bookworm-backports && sudo apt-get update"
+        echo '    sudo apt-get install -t bookworm-backports mesa-vulkan-drivers'
+    else
+        how_to_install mesa-vulkan-drivers
+    fi
+}
