@@ -11,10 +11,11 @@ from typing import Any
 from solari_vk.errors import DeviceError, ValidationError
 from solari_vk.gpu import memory, raw
 from solari_vk.gpu.allocator import Allocator
-from solari_vk.gpu.barriers import ALL_COMMANDS, host_read_barrier
+from solari_vk.gpu.barriers import host_read_barrier
 from solari_vk.gpu.barriers import memory_barrier as memory_barrier
 from solari_vk.gpu.instance import Instance
 from solari_vk.gpu.physical import OPTIONAL_EXTENSIONS, REQUIRED_EXTENSIONS, DeviceReport, choose, feature_chain
+from solari_vk.gpu.submission import Submission as Submission
 from solari_vk.gpu.uploads import StagingPool, Uploads
 
 _WAIT_SLICE = 100_000_000  # nanoseconds: Python sees Ctrl-C between slices
@@ -114,6 +115,9 @@ class Device:
             "VkSemaphoreWaitInfo", semaphoreCount=1, pSemaphores=[self.timeline], pValues=self._wait_value
         )
         self._completed = 0
+
+    def _refuse(self, name: bytes) -> raw.CData:
+        raise DeviceError(f"{name.decode()} on {self.name}, which was closed")
 
     def _on_error(self, result: int) -> None:
         if result == raw.VK_ERROR_DEVICE_LOST:
@@ -270,6 +274,8 @@ class Device:
 
     def retire(self, destroy: Callable[[], None], *, with_next: bool = False) -> None:
         """Call `destroy` when all work submitted so far is done; with_next: and the next submission too."""
+        if self.closed:
+            raise DeviceError(f"{self.name} was closed")
         if with_next:
             self._retired_with_next.append(destroy)
         else:
@@ -297,9 +303,8 @@ class Device:
         waited = 0
         while wait(self.handle, self._wait_info, _WAIT_SLICE) == raw.VK_TIMEOUT and not (self.lost and waited > 10):
             waited += 1
-        for _, destroy in self._retired:
-            destroy()
-        for destroy in [*self._retired_with_next, *reversed(self._owned.values())]:
+        retired = [destroy for _, destroy in self._retired]
+        for destroy in [*retired, *self._retired_with_next, *reversed(self._owned.values())]:
             destroy()
         self._retired.clear()
         self._retired_with_next.clear()
@@ -309,6 +314,7 @@ class Device:
         self.vk.vkDestroySemaphore(self.handle, self.timeline, raw.NULL)
         self.vk.vkDestroyDevice(self.handle, raw.NULL)
         self._instance.close()
+        self.vk = self.instance_vk = raw.Functions(self._refuse)
         self.check_messages()
 
     def __enter__(self) -> Device:
@@ -373,43 +379,6 @@ class Device:
     def uploads(self) -> Uploads:
         """A batch of uploads: `with device.uploads() as uploads:`, one submission at its end."""
         return Uploads(self)
-
-
-class Submission:
-    """A VkSubmitInfo2 built once. Its timeline value is changed in place, so that submitting costs microseconds."""
-
-    def __init__(
-        self,
-        device: Device,
-        command_buffers: Sequence[raw.CData],
-        waits: Sequence[tuple[raw.CData, int, int]] = (),
-        signals: Sequence[tuple[raw.CData, int, int]] = (),
-    ) -> None:
-        self._device = device
-        commands = [raw.struct("VkCommandBufferSubmitInfo", commandBuffer=item) for item in command_buffers]
-        self.waits = raw.array("VkSemaphoreSubmitInfo", [_semaphore(*wait) for wait in waits])
-        self.signals = raw.array(
-            "VkSemaphoreSubmitInfo",
-            [_semaphore(device.timeline, 0, ALL_COMMANDS), *(_semaphore(*signal) for signal in signals)],
-        )
-        self.signal = self.signals[0]
-        self.info = raw.struct(
-            "VkSubmitInfo2",
-            waitSemaphoreInfoCount=len(waits),
-            pWaitSemaphoreInfos=self.waits,
-            commandBufferInfoCount=len(commands),
-            pCommandBufferInfos=commands,
-            signalSemaphoreInfoCount=1 + len(signals),
-            pSignalSemaphoreInfos=self.signals,
-        )
-
-    def submit(self) -> int:
-        """Submit; returns the value that the device's timeline reaches when the commands are done."""
-        return self._device._submit(self)
-
-
-def _semaphore(semaphore: raw.CData, value: int, stages: int) -> raw.CData:
-    return raw.struct("VkSemaphoreSubmitInfo", semaphore=semaphore, value=value, stageMask=stages)
 
 
 def list_devices() -> list[DeviceReport]:

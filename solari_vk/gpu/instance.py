@@ -84,7 +84,7 @@ class Instance:
         messages = self.messages
 
         def receive(severity: int, kinds: int, data: raw.CData, user: raw.CData) -> int:
-            messages.append(raw.ffi.string(data.pMessage).decode(errors="replace"))
+            note_message(messages, raw.ffi.string(data.pMessage).decode(errors="replace"))
             return 0
 
         callback_type = raw.ffi.typeof("PFN_vkDebugUtilsMessengerCallbackEXT")
@@ -110,6 +110,11 @@ class Instance:
             self.vk.vkDestroyDebugUtilsMessengerEXT(self.handle, self._messenger, raw.NULL)
         self.vk.vkDestroyInstance(self.handle, raw.NULL)
         self.handle = None
+
+
+def note_message(messages: list[str], text: str) -> None:
+    """Take up a message of the validation layer; tests listen here too."""
+    messages.append(text)
 
 
 def _layer_versions(functions: raw.Functions) -> dict[str, int]:

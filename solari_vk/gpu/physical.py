@@ -263,11 +263,13 @@ def choose(devices: list[PhysicalDevice], select: str | int | None) -> PhysicalD
 
 
 def _matching(devices: list[PhysicalDevice], select: str) -> list[PhysicalDevice]:
-    if select.isdigit():
-        return [device for device in devices if device.index == int(select)]
     wanted = select.lower()
     by_uuid = [d for d in devices if d.properties.uuid.replace("-", "") == wanted.replace("-", "")]
-    return by_uuid or [d for d in devices if wanted in d.properties.name.lower()]
+    if by_uuid or not select:
+        return by_uuid
+    if select.isdigit():
+        return [device for device in devices if device.index == int(select)]
+    return [d for d in devices if wanted in d.properties.name.lower()]
 
 
 def _describe(devices: list[PhysicalDevice]) -> str:

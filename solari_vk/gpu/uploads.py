@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from solari_vk.gpu import raw
-from solari_vk.gpu.barriers import full_barrier, image_barrier
+from solari_vk.gpu.barriers import full_barrier, host_read_barrier, image_barrier
 
 if TYPE_CHECKING:
     from solari_vk.gpu.device import Device
@@ -182,6 +182,21 @@ class Uploads:
             vk.vkCmdCopyBufferToImage(cmd, chunk.handle, image.handle, _TRANSFER_LAYOUT, len(levels), parts)
             vk.vkCmdPipelineBarrier2(cmd, image_barrier(image, _TRANSFER_LAYOUT, image.layout))
         vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+
+
+def read_back(device: Device, size: int, copy: Callable[[raw.CData, raw.CData], None]) -> np.ndarray:
+    """Bytes that `copy(command buffer, VkBuffer)` writes into a mapped buffer."""
+    chunk = device.staging_pool.take(size)
+
+    def record(cmd: raw.CData) -> None:
+        device.vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+        copy(cmd, chunk.handle)
+        device.vk.vkCmdPipelineBarrier2(cmd, host_read_barrier())
+
+    device.run(record, "read back")
+    found = chunk.view(np.uint8, size).copy()
+    device.staging_pool.give(chunk)
+    return found
 
 
 def _giver(pool: StagingPool, chunk: Buffer) -> Callable[[], None]:

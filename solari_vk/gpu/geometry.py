@@ -1,0 +1,132 @@
+"""What a bottom-level acceleration structure is built from: triangles and boxes in device memory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from solari_vk.errors import SolariError
+from solari_vk.gpu import raw
+
+if TYPE_CHECKING:
+    from solari_vk.gpu.device import Device
+
+AABB_DTYPE = np.dtype([("minimum", "<f4", 3), ("maximum", "<f4", 3)])
+_INDEX_TYPES = {
+    np.dtype(np.uint16): raw.VK_INDEX_TYPE_UINT16,
+    np.dtype(np.uint32): raw.VK_INDEX_TYPE_UINT32,
+}
+
+
+@dataclass(frozen=True)
+class TriangleGeometry:
+    """Triangles in device memory, all fields addresses in bytes or counts.
+
+    positions: float32 x, y, z every `position_stride` bytes. indices: three a triangle of `index_dtype`
+    (uint16 or uint32), or 0 when every three positions are a triangle. transform: 3x4 float32, row-major,
+    16-byte aligned, or 0.
+    """
+
+    positions: int
+    position_count: int
+    triangle_count: int
+    indices: int = 0
+    index_dtype: type[np.unsignedinteger] = np.uint32
+    position_stride: int = 12
+    transform: int = 0
+    opaque: bool = True
+    no_duplicate_any_hit: bool = False
+
+    @property
+    def primitive_count(self) -> int:
+        """Number of triangles."""
+        return self.triangle_count
+
+
+@dataclass(frozen=True)
+class AabbGeometry:
+    """Boxes in device memory: AABB_DTYPE records at an address, `stride` bytes apart (a multiple of 8)."""
+
+    boxes: int
+    count: int
+    stride: int = AABB_DTYPE.itemsize
+    opaque: bool = True
+    no_duplicate_any_hit: bool = False
+
+    @property
+    def primitive_count(self) -> int:
+        """Number of boxes."""
+        return self.count
+
+
+Geometry = TriangleGeometry | AabbGeometry
+
+
+def geometry_struct(geometry: Geometry) -> raw.CData:
+    """The VkAccelerationStructureGeometryKHR of a geometry."""
+    flags = raw.VK_GEOMETRY_OPAQUE_BIT_KHR * geometry.opaque
+    flags |= raw.VK_GEOMETRY_NO_DUPLICATE_ANY_HIT_INVOCATION_BIT_KHR * geometry.no_duplicate_any_hit
+    if isinstance(geometry, AabbGeometry):
+        kind = raw.VK_GEOMETRY_TYPE_AABBS_KHR
+        data = {
+            "aabbs": raw.struct(
+                "VkAccelerationStructureGeometryAabbsDataKHR",
+                data={"deviceAddress": geometry.boxes},
+                stride=geometry.stride,
+            )
+        }
+    else:
+        kind = raw.VK_GEOMETRY_TYPE_TRIANGLES_KHR
+        index_type = _INDEX_TYPES[np.dtype(geometry.index_dtype)] if geometry.indices else raw.VK_INDEX_TYPE_NONE_KHR
+        data = {
+            "triangles": raw.struct(
+                "VkAccelerationStructureGeometryTrianglesDataKHR",
+                vertexFormat=raw.VK_FORMAT_R32G32B32_SFLOAT,
+                vertexData={"deviceAddress": geometry.positions},
+                vertexStride=geometry.position_stride,
+                maxVertex=max(geometry.position_count - 1, 0),
+                indexType=index_type,
+                indexData={"deviceAddress": geometry.indices},
+                transformData={"deviceAddress": geometry.transform},
+            )
+        }
+    return raw.struct("VkAccelerationStructureGeometryKHR", geometryType=kind, geometry=data, flags=flags)
+
+
+def check_geometries(device: Device, geometries: Sequence[Geometry], name: str) -> None:
+    """Raise SolariError for what vkCmdBuildAccelerationStructuresKHR must not be given."""
+    limits = device.properties.acceleration
+    where = f"Blas {name}"
+    if not 1 <= len(geometries) <= limits.maxGeometryCount:
+        raise SolariError(f"{where}: {len(geometries)} geometries; this device takes 1 to {limits.maxGeometryCount:,}")
+    if len({type(geometry) for geometry in geometries}) > 1:
+        raise SolariError(f"{where}: triangles and boxes can't be in one Blas")
+    total = sum(geometry.primitive_count for geometry in geometries)
+    if total > limits.maxPrimitiveCount:
+        raise SolariError(f"{where}: {total:,} primitives; this device takes {limits.maxPrimitiveCount:,} at most")
+    for i, geometry in enumerate(geometries):
+        if geometry.primitive_count < 0:
+            raise SolariError(f"{where}, geometry {i}: {geometry.primitive_count} primitives")
+        if isinstance(geometry, AabbGeometry):
+            aligned = {"boxes": (geometry.boxes, 8), "stride": (geometry.stride, 8)}
+        else:
+            if np.dtype(geometry.index_dtype) not in _INDEX_TYPES:
+                raise SolariError(f"{where}, geometry {i}: index_dtype {geometry.index_dtype}, not uint16 or uint32")
+            size = np.dtype(geometry.index_dtype).itemsize
+            aligned = {
+                "positions": (geometry.positions, 4),
+                "position_stride": (geometry.position_stride, 4),
+                "indices": (geometry.indices, size),
+                "transform": (geometry.transform, 16),
+            }
+            if not geometry.indices and geometry.position_count < 3 * geometry.triangle_count:
+                raise SolariError(
+                    f"{where}, geometry {i}: {geometry.triangle_count:,} triangles without indices "
+                    f"need {3 * geometry.triangle_count:,} positions, not {geometry.position_count:,}"
+                )
+        for field, (value, alignment) in aligned.items():
+            if value < 0 or value % alignment:
+                raise SolariError(f"{where}, geometry {i}: {field} is {value:#x}, not a multiple of {alignment}")

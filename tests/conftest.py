@@ -1,0 +1,81 @@
+"""Fixtures for all tests: one validated device, and no test passes with a validation message."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+
+import pytest
+
+# Every Device of the suite validates, also those that tests make through the command line in this process.
+os.environ.setdefault("SOLARI_VK_VALIDATION", "1")
+
+from solari_vk.errors import DeviceError
+from solari_vk.gpu import instance as instance_module
+from solari_vk.gpu.device import Device, list_devices
+
+_messages: list[str] = []
+_devices: list[Device] = []
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line("markers", "provokes_validation: the test makes validation messages on purpose")
+    note = instance_module.note_message
+
+    def note_and_log(messages: list[str], text: str) -> None:
+        _messages.append(text)
+        note(messages, text)
+
+    instance_module.note_message = note_and_log
+
+
+def _find_reason_to_skip() -> str | None:
+    """Why there is no device at all; a device that doesn't fit is no reason, but a failure."""
+    try:
+        if list_devices():
+            return None
+        return "no Vulkan device is present"
+    except DeviceError as error:
+        return f"no Vulkan device is present: {error}"
+
+
+@pytest.fixture(scope="session")
+def any_device() -> None:
+    """Skip without a Vulkan device; with SOLARI_VK_REQUIRE_DEVICE=1 that is a failure."""
+    reason = _find_reason_to_skip()
+    if reason is not None:
+        if os.environ.get("SOLARI_VK_REQUIRE_DEVICE") == "1":
+            pytest.fail(f"SOLARI_VK_REQUIRE_DEVICE=1, but {reason}")
+        pytest.skip(reason)
+
+
+@pytest.fixture(scope="session")
+def device(any_device: None) -> Iterator[Device]:
+    """A device with core and synchronization validation, shared by the session."""
+    opened = Device(validation=True)
+    _devices.append(opened)
+    yield opened
+    _devices.remove(opened)
+    opened.close()
+
+
+@pytest.fixture(autouse=True)
+def no_validation_messages(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Fail the test that raised a validation message, whoever caught the exception."""
+    _messages.clear()
+    yield
+    for opened in _devices:
+        opened.wait_idle()
+    messages = list(_messages)
+    _messages.clear()
+    if request.node.get_closest_marker("provokes_validation") is None:
+        assert not messages, "validation messages:\n" + "\n".join(messages)
+    else:
+        assert messages, "the test was to provoke validation, but there was no message"
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Messages of the session device's own end."""
+    if _messages:
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+        print("\nvalidation messages at the end of the session:\n" + "\n".join(_messages))

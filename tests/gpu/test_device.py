@@ -1,0 +1,356 @@
+"""Choosing, opening, submitting to, losing and closing a device."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from solari_vk.errors import DeviceError, SolariError, ValidationError
+from solari_vk.gpu import physical, raw
+from solari_vk.gpu.barriers import full_barrier
+from solari_vk.gpu.device import Device, list_devices
+from solari_vk.gpu.instance import Instance
+from solari_vk.gpu.memory import Buffer
+
+
+@pytest.fixture
+def own_device(any_device: None) -> Iterator[Device]:
+    """A device that the test may break."""
+    with Device(validation=True) as opened:
+        yield opened
+
+
+def nothing(_: raw.CData) -> None:
+    """Commands that do nothing."""
+
+
+# ---- choice -----------------------------------------------------------------------------------------
+
+
+def fake(index: int, name: str, kind: str, missing: tuple[str, ...] = ()) -> Any:
+    properties = SimpleNamespace(name=name, kind=kind, uuid=f"0000000{index}-0000-0000-0000-00000000000{index}")
+    return SimpleNamespace(index=index, properties=properties, missing=list(missing))
+
+
+MACHINE = [
+    fake(0, "llvmpipe", "cpu"),
+    fake(1, "Integrated One", "integrated gpu"),
+    fake(2, "Old Card", "discrete gpu", ("VK_KHR_ray_query", "feature rayQuery")),
+    fake(3, "Big Card", "discrete gpu"),
+    fake(4, "Big Card", "discrete gpu"),
+]
+
+
+@pytest.mark.parametrize(
+    ("select", "index"),
+    [
+        (None, 3),
+        (0, 0),
+        ("1", 1),
+        ("4", 4),
+        ("LLVM", 0),
+        ("card", 3),
+        ("00000004-0000-0000-0000-000000000004", 4),
+        ("00000001000000000000000000000001", 1),
+    ],
+)
+def test_choice_by_nothing_index_name_and_uuid(select: str | int | None, index: int) -> None:
+    assert physical.choose(MACHINE, select).index == index
+
+
+@pytest.mark.parametrize("select", ["2", "old", "nobody", 17, "00000009-0000-0000-0000-000000000009"])
+def test_refused_choice_lists_every_device_and_what_it_misses(select: str | int) -> None:
+    with pytest.raises(DeviceError) as caught:
+        physical.choose(MACHINE, select)
+    text = str(caught.value)
+    assert repr(select) in text
+    assert "2: Old Card (00000002-0000-0000-0000-000000000002): misses VK_KHR_ray_query, feature rayQuery" in text
+    assert text.count("fits") == 4
+
+
+def test_no_device_at_all_says_what_to_install() -> None:
+    with pytest.raises(DeviceError, match="no Vulkan device: install"):
+        physical.choose([], None)
+
+
+def test_real_devices_by_index_name_and_uuid(any_device: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    for report in list_devices():
+        if report.missing:
+            continue
+        for select in (report.index, str(report.index), report.uuid):
+            with Device(select) as device:
+                assert device.properties.uuid == report.uuid
+        monkeypatch.setenv("SOLARI_VK_DEVICE", report.uuid)
+        with Device() as device:
+            assert device.properties.uuid == report.uuid
+            assert device.name == report.name
+    monkeypatch.setenv("SOLARI_VK_DEVICE", "no such device")
+    with pytest.raises(DeviceError, match="'no such device'"):
+        Device()
+
+
+def test_missing_features_are_named(any_device: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    groups = physical.REQUIRED_FEATURES
+    monkeypatch.setitem(groups, "core", ("sparseResidency16Samples",))
+    monkeypatch.setattr(physical, "REQUIRED_EXTENSIONS", (*physical.REQUIRED_EXTENSIONS, "VK_XYZ_none"))
+    instance = Instance()
+    try:
+        for found in instance.devices():
+            assert "VK_XYZ_none" in found.missing
+            if "sparseResidency16Samples" not in found.features["core"]:
+                assert "feature sparseResidency16Samples" in found.missing
+    finally:
+        instance.close()
+
+
+def test_properties_are_filled_in(device: Device) -> None:
+    properties = device.properties
+    assert properties.api_version >= (1, 3)
+    assert properties.limits.maxStorageBufferRange >= 1 << 27
+    assert properties.max_buffer_size >= 1 << 30
+    assert properties.acceleration.minAccelerationStructureScratchOffsetAlignment >= 1
+    assert properties.acceleration.maxInstanceCount >= (1 << 24) - 1
+    assert properties.timestamp_period > 0
+    assert {"rayQuery", "bufferDeviceAddress", "scalarBlockLayout"} <= device.features
+
+
+# ---- submissions ------------------------------------------------------------------------------------
+
+
+def test_timeline_counts_submissions(own_device: Device) -> None:
+    first = own_device.start(nothing, "first")
+    second = own_device.start(nothing, "second")
+    assert second == first + 1
+    own_device.wait(second)
+    assert own_device.completed == second
+    assert own_device.idle
+    with pytest.raises(DeviceError, match="waiting for submission 99"):
+        own_device.wait(99)
+
+
+def test_prepared_submission_is_fast_and_counts_on(any_device: None) -> None:
+    with Device(validation=False) as device:
+        pool = device.create("VkCommandPool", raw.struct("VkCommandPoolCreateInfo"), "test")
+        device.own(lambda: device.vk.vkDestroyCommandPool(device.handle, pool, raw.NULL))
+        buffers = raw.ffi.new("VkCommandBuffer[1]")
+        info = raw.struct("VkCommandBufferAllocateInfo", commandPool=pool, commandBufferCount=1)
+        device.vk.vkAllocateCommandBuffers(device.handle, info, buffers)
+        device.vk.vkBeginCommandBuffer(buffers[0], raw.struct("VkCommandBufferBeginInfo"))
+        device.vk.vkEndCommandBuffer(buffers[0])
+        submission = device.submission([buffers[0]])
+        times = []
+        for _ in range(200):
+            begin = time.perf_counter()
+            value = submission.submit()
+            times.append(time.perf_counter() - begin)
+            device.wait(value)
+        assert value == 200
+        assert np.median(times) < 100e-6  # about 5 microseconds; a busy machine gets room
+
+
+def test_what_is_due_before_the_next_submission_runs_first_and_once(own_device: Device) -> None:
+    order: list[str] = []
+    own_device.before_next_submit(lambda cmd: order.append("a"))
+    own_device.before_next_submit(lambda cmd: order.append("b"))
+    assert not own_device.idle
+    own_device.run(lambda cmd: order.append("c"))
+    own_device.run(lambda cmd: order.append("d"))
+    assert order == ["a", "b", "c", "d"]
+    assert own_device.submitted == 3
+
+
+def test_exception_while_recording_leaves_the_device_usable(own_device: Device) -> None:
+    def fail(_: raw.CData) -> None:
+        raise RuntimeError("in the middle")
+
+    with pytest.raises(RuntimeError, match="in the middle"):
+        own_device.run(fail)
+    assert own_device.submitted == 0
+    own_device.run(nothing)
+    assert own_device.live_objects == 0
+
+
+def test_retired_objects_wait_for_the_work_that_uses_them(own_device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    destroyed: list[str] = []
+    value = own_device.start(nothing)
+    monkeypatch.setattr(Device, "completed", property(lambda self: value - 1))
+    own_device.retire(lambda: destroyed.append("early"))
+    own_device.collect()
+    assert destroyed == []
+    monkeypatch.undo()
+    own_device.wait(value)
+    assert destroyed == ["early"]
+    own_device.retire(lambda: destroyed.append("next"), with_next=True)
+    own_device.run(nothing)
+    assert destroyed == ["early"]  # one-time commands of the device itself are not the submission meant
+    own_device.wait(own_device.submit([]))
+    assert destroyed == ["early", "next"]
+
+
+def test_a_thousand_cycles_leave_nothing_behind(own_device: Device) -> None:
+    counts = []
+    for i in range(1000):
+        buffer = own_device.buffer(1000 + i, "cycle")
+        buffer.fill(i)
+        own_device.start(nothing, "cycle")
+        buffer.destroy()
+        if i % 100 == 99:
+            own_device.wait_idle()
+            counts.append((own_device.live_objects, own_device.memory.bytes_used, own_device.memory.allocation_count))
+    assert len(set(counts)) == 1
+    assert counts[-1][:2] == (0, 0)
+
+
+# ---- validation -------------------------------------------------------------------------------------
+
+
+@pytest.mark.provokes_validation
+def test_core_validation_is_on_and_raises(own_device: Device) -> None:
+    buffer = own_device.buffer(64, "source of trouble")
+
+    def copy_too_much(cmd: raw.CData) -> None:
+        region = raw.struct("VkBufferCopy", dstOffset=64, size=1 << 20)
+        own_device.vk.vkCmdCopyBuffer(cmd, buffer.handle, buffer.handle, 1, region)
+
+    with pytest.raises(ValidationError) as caught:
+        own_device.start(copy_too_much, "trouble")
+    assert "VUID-vkCmdCopyBuffer" in str(caught.value)
+    assert "source of trouble" in str(caught.value)  # the debug name
+    own_device.check_messages()  # raised once
+
+
+@pytest.mark.provokes_validation
+def test_synchronization_validation_is_on(own_device: Device) -> None:
+    buffer = own_device.buffer(64, "hazardous")
+    vk = own_device.vk
+
+    def write_twice(cmd: raw.CData, barrier: bool) -> None:
+        vk.vkCmdFillBuffer(cmd, buffer.handle, 0, 64, 1)
+        if barrier:
+            vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+        vk.vkCmdFillBuffer(cmd, buffer.handle, 0, 64, 2)
+
+    own_device.run(lambda cmd: write_twice(cmd, True))
+    with pytest.raises(ValidationError, match="SYNC-HAZARD-WRITE-AFTER-WRITE"):
+        own_device.run(lambda cmd: write_twice(cmd, False))
+
+
+@pytest.mark.provokes_validation
+def test_a_leak_is_reported_by_close(any_device: None) -> None:
+    device = Device(validation=True)
+    device.create("VkSemaphore", raw.struct("VkSemaphoreCreateInfo"), "forgotten")
+    with pytest.raises(ValidationError, match="forgotten"):
+        device.close()
+
+
+def test_no_validation_unless_asked_for(any_device: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("SOLARI_VK_VALIDATION")
+    with Device() as device:
+        assert not device.validation
+    monkeypatch.setenv("SOLARI_VK_VALIDATION", "1")
+    with Device() as device:
+        assert device.validation
+
+
+# ---- loss and end -----------------------------------------------------------------------------------
+
+
+def inject(device: Device, function: str, result: int) -> None:
+    """Have a function of the device return an error instead of being called."""
+    setattr(device.vk, function, raw._checked(lambda *_: result, function, device._on_error))
+
+
+def use_until_failure(device: Device, buffer: Buffer) -> None:
+    for _ in range(100):
+        device.run(nothing)
+        buffer.read()
+
+
+@pytest.mark.parametrize("function", ["vkQueueSubmit2", "vkWaitSemaphores", "vkGetSemaphoreCounterValue"])
+def test_a_lost_device_raises_and_still_closes(any_device: None, function: str) -> None:
+    device = Device(validation=True)
+    buffer = device.buffer(1 << 20, "kept")
+    buffer.fill(1)
+    device.start(nothing)
+    inject(device, function, raw.VK_ERROR_DEVICE_LOST)
+    with pytest.raises(DeviceError, match=rf"{function}: VK_ERROR_DEVICE_LOST.*new Device"):
+        use_until_failure(device, buffer)
+    assert device.lost
+    for attempt in (lambda: device.run(nothing), device.wait_idle, lambda: buffer.upload(np.ones(1 << 20, np.uint8))):
+        with pytest.raises(DeviceError, match="lost"):
+            attempt()
+    buffer.destroy()
+    begin = time.monotonic()
+    device.close()
+    assert time.monotonic() - begin < 5
+
+
+def test_out_of_memory_names_what_was_asked_for(own_device: Device) -> None:
+    inject(own_device, "vkAllocateMemory", raw.VK_ERROR_OUT_OF_DEVICE_MEMORY)
+    with pytest.raises(DeviceError, match=r"buffer picture: .*OUT_OF_DEVICE_MEMORY.*smaller"):
+        own_device.buffer(1 << 20, "picture")
+    with pytest.raises(DeviceError, match=r"image texture: .*OUT_OF_DEVICE_MEMORY"):
+        own_device.image(64, 64, raw.VK_FORMAT_R8G8B8A8_UNORM, "texture")
+    del own_device.vk.vkAllocateMemory
+    own_device.buffer(1 << 20, "picture").destroy()
+    own_device.wait_idle()
+    assert own_device.live_objects == 0
+
+
+def test_close_twice_and_use_after_close(any_device: None) -> None:
+    device = Device(validation=True)
+    buffer = device.buffer(64, "late")
+    device.close()
+    device.close()
+    for attempt in (lambda: device.run(nothing), lambda: device.buffer(64, "too late"), buffer.read):
+        with pytest.raises(DeviceError, match="closed"):
+            attempt()
+    buffer.destroy()
+
+
+def test_use_of_a_destroyed_resource_is_refused(device: Device) -> None:
+    buffer = device.buffer(64, "gone")
+    image = device.image(4, 4, raw.VK_FORMAT_R8_UNORM, "vanished")
+    for resource in (buffer, image):
+        resource.destroy()
+        resource.destroy()
+    for attempt in (lambda: buffer.upload(b"1"), buffer.read, buffer.view, buffer.fill):
+        with pytest.raises(SolariError, match="of buffer gone, which was destroyed"):
+            attempt()
+    for attempt in (image.read, lambda: image.upload([np.zeros((4, 4, 1), np.uint8)])):
+        with pytest.raises(SolariError, match="of image vanished, which was destroyed"):
+            attempt()
+
+
+def test_close_destroys_what_the_owner_forgot(any_device: None) -> None:
+    with Device(validation=True) as device:
+        device.buffer(1000, "a")
+        device.image(16, 16, raw.VK_FORMAT_R8G8B8A8_UNORM, "b", mip_levels=3).level_view(1)
+        device.sampler()
+    # The autouse check sees a message for anything that is left.
+
+
+@pytest.mark.parametrize(
+    ("kind", "object_type"),
+    [
+        ("image_view", raw.VK_OBJECT_TYPE_IMAGE_VIEW),
+        ("VkImageView"[2:], raw.VK_OBJECT_TYPE_IMAGE_VIEW),
+        ("acceleration_structure", raw.VK_OBJECT_TYPE_ACCELERATION_STRUCTURE_KHR),
+        ("AccelerationStructureKHR", raw.VK_OBJECT_TYPE_ACCELERATION_STRUCTURE_KHR),
+        ("DescriptorSetLayout", raw.VK_OBJECT_TYPE_DESCRIPTOR_SET_LAYOUT),
+    ],
+)
+def test_object_kinds_are_spelled_either_way(
+    device: Device, kind: str, object_type: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    named = []
+    monkeypatch.setattr(
+        device.vk, "vkSetDebugUtilsObjectNameEXT", lambda _, info: named.append((info.objectType, info.objectHandle))
+    )
+    device.name_object(kind, raw.ffi.cast("VkImageView", 1234), "a name")
+    assert named == [(object_type, 1234)]
