@@ -252,6 +252,8 @@ class SceneBinder:
             self._device.before_next_submit(self._build_tlas)
 
     def _build_tlas(self, commands: raw.CData) -> None:
+        if self._tlas.destroyed:  # the binder went before anything was submitted
+            return
         everything = memory_barrier(
             raw.VK_ACCESS_2_MEMORY_WRITE_BIT, raw.VK_ACCESS_2_MEMORY_READ_BIT | raw.VK_ACCESS_2_MEMORY_WRITE_BIT
         )

@@ -119,7 +119,10 @@ class Geometry:
 
     def destroy(self) -> None:
         """Free everything."""
-        for resource in (*self._blases.values(), *self._buffers.values(), self.table):
-            resource.destroy()
+        for blas in self._blases.values():
+            blas.destroy()
+        for buffer in self._buffers.values():
+            buffer.destroy()
+        self.table.destroy()
         for mesh in self.rows:
             mesh.unwatch(self._watcher)

@@ -34,12 +34,13 @@ class Textures:
         self._linked: dict[tuple[Texture, bool], DescriptorKey] = {}
         self._to_upload: dict[ImageKey, None] = {}
         self._to_link: dict[tuple[Texture, bool], None] = {}
-        self.bound: list[tuple[Image, Sampler]] = []
+        self.bound: list[tuple[Image, Sampler]]
         # What unused places of the array hold, so that none is ever empty.
         self._white = device.image(1, 1, _FORMATS[False], "white texture")
         with device.uploads() as uploads:
             uploads.image(self._white, [np.full((1, 1, 4), 255, np.uint8)])
         self._blank = (self._white, device.sampler())
+        self.bound = [self._blank]
 
     def acquire(self, texture: Texture, srgb: bool, material: Material) -> int:
         """Use a texture; returns its row."""
@@ -76,8 +77,8 @@ class Textures:
         for key in self._to_link:
             self._link(key)
         with self._device.uploads() as uploads:
-            for image in self._to_upload:
-                self._upload(image, uploads)
+            for needed in self._to_upload:
+                self._upload(needed, uploads)
         self._to_link.clear()
         self._to_upload.clear()
         self.bound = [self._blank] * max(self._descriptors.limit, 1)
@@ -134,9 +135,10 @@ class Textures:
 
     def destroy(self) -> None:
         """Free everything."""
-        for resource in (*self._images.values(), self._white, self.table):
-            resource.destroy()
+        for image in (*self._images.values(), self._white):
+            image.destroy()
+        self.table.destroy()
         for texture, _ in self.rows:
             texture.unwatch(self._watcher)
-        for image, _ in self._image_users:
-            image.unwatch(self._watcher)
+        for source, _ in self._image_users:
+            source.unwatch(self._watcher)

@@ -1,0 +1,196 @@
+"""The binder's tables against the scene they mirror, through random edits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from solari_vk.errors import SolariError
+from solari_vk.gpu.uploads import Uploads
+from solari_vk.scene.binder import NO_INDEX, SceneBinder
+from solari_vk.scene.lights import DIRECTIONAL, EMISSIVE_MESH
+from solari_vk.scene.model import DirectionalLight, Instance, Material, Mesh, Scene, Texture, TextureImage
+
+
+def make_mesh(rng, triangles=1):
+    return Mesh(positions=rng.normal(size=(3 * triangles, 3)), normals=np.tile([0, 0, 1], (3 * triangles, 1)))
+
+
+def make_texture(rng):
+    return Texture(image=TextureImage(pixels=rng.integers(0, 256, (*rng.integers(1, 9, 2), 4))))
+
+
+def make_material(rng):
+    emissive = rng.choice([0.0, 2.0])
+    texture = make_texture(rng) if rng.random() < 0.3 else None
+    return Material(
+        base_color=rng.random(3), emissive=emissive, base_color_texture=texture, double_sided=rng.random() < 0.5
+    )
+
+
+def make_transform(rng):
+    transform = np.eye(4)
+    transform[:3] = rng.normal(size=(3, 4))
+    return transform
+
+
+def table(binder, name):
+    """What the device holds, read back."""
+    host = {t.name: t for t in (binder._geometry.table, binder._textures.table, binder._materials, binder._instances,
+                                binder._tlas_instances, *binder._lights.tables)}[name]  # fmt: skip
+    return host.buffer.read(host.records.dtype)
+
+
+def assert_mirrors(binder, scene):
+    """Every object's record on the device says what the object says."""
+    binder.update()
+    instances, materials = table(binder, "instances"), table(binder, "materials")
+    meshes, traced, sources = table(binder, "meshes"), table(binder, "tlas_instances"), table(binder, "light_sources")
+    info = table(binder, "scene_info")[0]
+    emissive = [i for i in scene if i.visible and i.material.emits]
+    assert info["light_count"] == len(emissive) + len(scene.directional_lights)
+    assert info["directional_light_count"] == len(scene.directional_lights)
+    assert info["first_directional_light"] == len(emissive)
+    assert (sources["kind"][: len(emissive)] == EMISSIVE_MESH).all()
+    assert (sources["kind"][len(emissive) : info["light_count"]] == DIRECTIONAL).all()
+    rows = set()
+    for instance in scene:
+        row = binder._instance_rows[instance]
+        rows.add(row)
+        record, ray = instances[row], traced[row]
+        np.testing.assert_array_equal(record["world_from_object"].T, instance.transform[:3].astype(np.float32))
+        np.testing.assert_array_equal(ray["transform"], instance.transform[:3].astype(np.float32))
+        assert ray["custom_index_and_mask"] == row | (0xFF000000 if instance.visible else 0)
+        assert ray["blas_address"] == binder._geometry.blas(instance.ray_mesh or instance.mesh).address
+        for name, mesh in (("mesh", instance.mesh), ("ray_mesh", instance.ray_mesh or instance.mesh)):
+            entry = meshes[record[name]]
+            assert entry["triangle_count"] == len(mesh.triangles)
+            buffer = binder._geometry._buffers[mesh]
+            assert entry["positions"] == buffer.address
+            np.testing.assert_array_equal(buffer.read(np.float32, mesh.positions.size), mesh.positions.ravel())
+        material = materials[record["material"]]
+        np.testing.assert_array_equal(material["base_color"], instance.material.base_color)
+        np.testing.assert_array_equal(material["emissive"], instance.material.emissive)
+        assert material["flags"] == instance.material.double_sided
+        assert bool(ray["sbt_offset_and_flags"] >> 24 & 1) == instance.material.double_sided
+        texture = instance.material.base_color_texture
+        if texture is None:
+            assert material["base_color_texture"] == NO_INDEX
+        else:
+            image, _ = binder.resources["texture_images"][table(binder, "textures")[material["base_color_texture"]][1]]
+            np.testing.assert_array_equal(image.read(), texture.image.pixels)
+        if instance in emissive:
+            assert tuple(sources[record["light_index"]]) == (EMISSIVE_MESH, row)
+        else:
+            assert record["light_index"] == NO_INDEX
+    assert not traced["blas_address"][[row for row in range(len(traced)) if row not in rows]].any()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_random_edits_are_mirrored(device, seed):
+    rng = np.random.default_rng(seed)
+    scene = Scene()
+    objects = device.live_objects
+    binder = SceneBinder(device, scene)
+    meshes = [make_mesh(rng, triangles) for triangles in (1, 2, 5)]
+    materials = [make_material(rng) for _ in range(4)]
+
+    def add():
+        ray_mesh = rng.choice(meshes) if rng.random() < 0.3 else None
+        scene.add(Instance(mesh=rng.choice(meshes), material=rng.choice(materials), ray_mesh=ray_mesh,
+                           transform=make_transform(rng)))  # fmt: skip
+
+    def some():
+        return rng.choice(list(scene.instances))
+
+    edits = [
+        add,
+        lambda: scene.remove(some()),
+        lambda: setattr(some(), "transform", make_transform(rng)),
+        lambda: setattr(some(), "visible", rng.random() < 0.5),
+        lambda: setattr(some(), "material", rng.choice(materials)),
+        lambda: setattr(some(), "mesh", rng.choice(meshes)),
+        lambda: setattr(some(), "ray_mesh", rng.choice([None, *meshes])),
+        lambda: setattr(rng.choice(materials), "emissive", rng.choice([0.0, 3.0])),
+        lambda: setattr(rng.choice(materials), "base_color_texture", rng.choice([None, make_texture(rng)])),
+        lambda: setattr(rng.choice(materials), "double_sided", rng.random() < 0.5),
+        lambda: rng.choice(meshes).update(positions=rng.normal(size=(6, 3)), normals=None),
+        lambda: scene.add(DirectionalLight(direction=rng.normal(size=3))),
+        lambda: scene.directional_lights and scene.remove(next(iter(scene.directional_lights))),
+    ]
+    for _ in range(12):
+        for _ in range(rng.integers(1, 12)):
+            if not scene.instances:
+                add()
+            rng.choice(edits)()
+        assert_mirrors(binder, scene)
+    binder.destroy()
+    device.wait_idle()
+    assert device.live_objects <= objects + 4  # shared samplers stay
+
+
+def test_instances_can_leave_and_come_back(device):
+    rng = np.random.default_rng(0)
+    scene = Scene(*(Instance(mesh=make_mesh(rng), material=Material(emissive=1)) for _ in range(40)))
+    binder = SceneBinder(device, scene)
+    assert_mirrors(binder, scene)
+    first = list(scene)[:25]
+    for instance in first:
+        scene.remove(instance)
+    assert_mirrors(binder, scene)
+    for instance in first:
+        scene.add(instance)
+    assert_mirrors(binder, scene)
+    assert binder._instance_rows.limit == 40
+    binder.destroy()
+
+
+def test_a_small_change_uploads_little(device, monkeypatch):
+    rng = np.random.default_rng(0)
+    mesh, material = make_mesh(rng), Material()
+    scene = Scene(*(Instance(mesh=mesh, material=material) for _ in range(5000)))
+    binder = SceneBinder(device, scene)
+    binder.update()
+    sizes = []
+    upload = Uploads.buffer
+
+    def note(self, buffer, data, offset=0):
+        sizes.append(data.nbytes)
+        upload(self, buffer, data, offset)
+
+    monkeypatch.setattr(Uploads, "buffer", note)
+    next(iter(scene)).transform = make_transform(rng)
+    binder.update()
+    assert 0 < sum(sizes) < 500
+    sizes.clear()
+    binder.update()
+    assert not sizes
+    binder.destroy()
+
+
+def test_two_binders_see_the_same_changes(device):
+    rng = np.random.default_rng(0)
+    scene = Scene(Instance(mesh=make_mesh(rng), material=Material()))
+    binders = [SceneBinder(device, scene), SceneBinder(device, scene)]
+    for _ in range(3):
+        scene.add(Instance(mesh=make_mesh(rng), material=Material(emissive=1)))
+        for binder in binders:
+            assert_mirrors(binder, scene)
+    for binder in binders:
+        binder.destroy()
+
+
+def test_a_failed_update_is_tried_again(device, monkeypatch):
+    rng = np.random.default_rng(0)
+    scene = Scene(Instance(mesh=make_mesh(rng), material=Material()))
+    binder = SceneBinder(device, scene)
+
+    def fail(*_):
+        raise SolariError("out of memory")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Uploads, "buffer", fail)
+        with pytest.raises(SolariError, match="out of memory"):
+            binder.update()
+    assert_mirrors(binder, scene)
+    binder.destroy()
