@@ -23,13 +23,11 @@ class LayerProperties(ctypes.Structure):
 
 def library(names):
     """The first of these libraries that can be opened, or None."""
-    # ctypes resolves all symbols at once, which Debian's libshaderc doesn't survive; the package opens it lazily too.
-    lazily = ctypes.CDLL(None).dlopen
-    lazily.restype = ctypes.c_void_p
     for path in (folder + name for name in names if name for folder in FOLDERS):
-        handle = lazily(os.fsencode(path), os.RTLD_LAZY)
-        if handle:
-            return ctypes.CDLL(path, handle=handle)
+        try:
+            return ctypes.CDLL(path)
+        except OSError:
+            continue
     return None
 
 
@@ -47,8 +45,8 @@ def missing(job):
     loader = library(LOADER)
     if loader is None:
         yield "the Vulkan loader"
-    if library((os.environ.get("SOLARI_VK_SHADERC", ""), *COMPILER)) is None:
-        yield "libshaderc"
+    if library((os.environ.get("SOLARI_VK_SHADERC", ""), *COMPILER)) is None and shutil.which("glslc") is None:
+        yield "shaderc (its library or glslc)"
     if job == "test":
         if loader is None or not has_layer(loader):
             yield "the Vulkan validation layer"

@@ -3,7 +3,8 @@
 # its relatives what is missing comes from apt; elsewhere one message says what to install.
 
 log=$root/out/setup.log
-archive_packages='python3 python3-venv libvulkan1 libshaderc1'
+# glslc too, because the libshaderc1 of Debian 12 lacks a symbol and can't be loaded.
+archive_packages='python3 python3-venv libvulkan1 libshaderc1 glslc'
 archive_packages_test='vulkan-validationlayers spirv-tools xvfb xauth'
 # The first Mesa whose software device traces rays.
 mesa_with_rays=24.1
@@ -80,7 +81,7 @@ how_to_install() {
     if command -v apt-get >/dev/null; then
         echo "    sudo apt-get install $*"
     elif command -v dnf >/dev/null; then
-        echo '    sudo dnf install python3 vulkan-loader libshaderc mesa-vulkan-drivers'
+        echo '    sudo dnf install python3 vulkan-loader libshaderc glslc mesa-vulkan-drivers'
         [ "$job" = demo ] || echo '    sudo dnf install vulkan-validation-layers spirv-tools xorg-x11-server-Xvfb'
     elif command -v pacman >/dev/null; then
         echo '    sudo pacman -S python vulkan-icd-loader shaderc vulkan-swrast'
