@@ -1,0 +1,155 @@
+"""What a frame's shaders become: modules, their common interface, a pipeline a pass, and what each pass touches."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from solari_vk.errors import SolariError
+from solari_vk.gpu import hazards, raw
+from solari_vk.gpu.compiler import compile_shader
+from solari_vk.gpu.device import Device
+from solari_vk.gpu.hazards import Accesses
+from solari_vk.gpu.interface import Interface, merge_bindings
+from solari_vk.gpu.pipelines import PipelineKey, Pipelines
+from solari_vk.gpu.spirv import Module, reflect
+from solari_vk.gpu.stages import Pass, Stage, Step
+
+
+@dataclass(frozen=True)
+class BuiltStep:
+    """A pass with its module, pipeline and group counts, or a step of other commands. Names are unique."""
+
+    name: str
+    item: Pass | Step
+    module: Module | None = None
+    pipeline: raw.CData = None
+    groups: tuple[int, int, int] = (0, 0, 0)
+
+
+@dataclass(frozen=True)
+class Program:
+    """All steps of a frame, ready to be recorded."""
+
+    interface: Interface
+    steps: list[BuiltStep]
+    modules: dict[tuple[str, str], Module]
+    pipeline_keys: set[PipelineKey]
+
+    def check(self, bound: Mapping[str, Any], uniform_name: str) -> None:
+        """Raise SolariError when a shader's resource is missing, naming the passes that need it."""
+        for name, binding in self.interface.bindings.items():
+            if name in bound or (name == uniform_name and binding.kind == "uniform_buffer"):
+                continue
+            users = [step.name for step in self.steps if step.module is not None and name in step.module.bindings]
+            raise SolariError(
+                f"{name} ({binding.kind}) is used by {', '.join(users)}, but no stage declares it and it isn't among "
+                "the external resources"
+            )
+
+    def accesses(self, bound: Mapping[str, Any]) -> list[Accesses]:
+        """What each step reads and writes. Two names of one resource count as the first of them."""
+        first: dict[int, str] = {}
+        for name, resource in bound.items():
+            first.setdefault(id(resource), name)
+
+        def canonical(step: str, name: str) -> str:
+            if name not in bound:
+                raise SolariError(f"{step}: there is no resource {name}; there are {', '.join(sorted(bound))}")
+            return first[id(bound[name])]
+
+        found = []
+        for step in self.steps:
+            item = step.item
+            if isinstance(item, Step):
+                reads = {canonical(step.name, name): hazards.ANY_READ for name in item.reads}
+                writes = {canonical(step.name, name): hazards.ANY_WRITE for name in item.writes}
+            else:
+                assert step.module is not None
+                main = step.module.main
+                reads = {first[id(bound[n])]: hazards.SHADER_READ for n in sorted(main.reads) if n in bound}
+                writes = {first[id(bound[n])]: hazards.SHADER_WRITE for n in sorted(main.writes) if n in bound}
+                if item.indirect is not None:
+                    arguments = canonical(step.name, item.indirect)
+                    reads[arguments] = reads.get(arguments, hazards.NOTHING) | hazards.INDIRECT_READ
+            found.append(Accesses(step.name, reads, writes))
+        return found
+
+
+class ProgramBuilder:
+    """Builds programs, taking over from the one before what didn't change."""
+
+    def __init__(self, device: Device, glsl_root: str | Path | None) -> None:
+        self._device = device
+        self._root = glsl_root
+        self._pipelines = Pipelines(device)
+
+    def build(self, stages: Sequence[Stage], old: Program | None) -> Program:
+        """The program of these stages from the shaders as they are now. Raises CompilationError or SolariError."""
+        items = [item for stage in stages for item in stage.passes]
+        if not items:
+            raise SolariError("a frame needs at least one pass")
+        modules = self._modules([item for item in items if isinstance(item, Pass)], old)
+        merged = merge_bindings(modules.values())
+        if old is not None and old.interface.fits(merged, modules.values()):
+            interface = old.interface
+        else:
+            interface = Interface(self._device, list(modules.values()))
+        program = Program(interface, [], modules, set())
+        seen: Counter[str] = Counter()
+        total = Counter(item.name for item in items)
+        try:
+            for item in items:
+                seen[item.name] += 1
+                name = item.name if total[item.name] == 1 else f"{item.name} #{seen[item.name]}"
+                program.steps.append(self._step(name, item, program))
+        except BaseException:
+            self.discard(program, old)
+            raise
+        return program
+
+    def _modules(self, passes: Sequence[Pass], old: Program | None) -> dict[tuple[str, str], Module]:
+        modules: dict[tuple[str, str], Module] = {}
+        for item in passes:
+            key = (item.name, item.header)
+            if key not in modules:
+                spirv = compile_shader(f"passes/{item.name}.comp", header=item.header, root=self._root)
+                known = old.modules.get(key) if old else None
+                modules[key] = known if known and known.spirv == spirv else reflect(spirv, f"passes/{item.name}.comp")
+        return modules
+
+    def _step(self, name: str, item: Pass | Step, program: Program) -> BuiltStep:
+        if isinstance(item, Step):
+            return BuiltStep(name, item)
+        module = program.modules[item.name, item.header]
+        key, pipeline = self._pipelines.compute(name, module, item.constants, program.interface)
+        program.pipeline_keys.add(key)
+        return BuiltStep(name, item, module, pipeline, self._groups(name, item, module))
+
+    def _groups(self, name: str, item: Pass, module: Module) -> tuple[int, int, int]:
+        if item.threads is None:
+            return (0, 0, 0)
+        threads = (item.threads,) if isinstance(item.threads, int) else tuple(item.threads)
+        if not 1 <= len(threads) <= 3 or min(threads) < 1:
+            raise SolariError(f"pass {name}: threads are one to three whole numbers above 0, not {item.threads!r}")
+        sizes = module.local_size(item.constants)
+        x, y, z = (-(-count // size) for count, size in zip((*threads, 1, 1)[:3], sizes, strict=True))
+        most = tuple(self._device.properties.limits.maxComputeWorkGroupCount)
+        if x > most[0] or y > most[1] or z > most[2]:
+            raise SolariError(f"pass {name}: {(x, y, z)} workgroups, but this device runs at most {most}")
+        return x, y, z
+
+    def discard(self, program: Program, kept: Program | None) -> None:
+        """Destroy what a program doesn't share with the one kept, when the work submitted so far is done."""
+        self._pipelines.retain(kept.pipeline_keys if kept else set())
+        if kept is None or program.interface is not kept.interface:
+            program.interface.destroy()
+
+    def destroy(self, program: Program | None) -> None:
+        """Destroy a program and all that was kept for the next one."""
+        if program is not None:
+            self.discard(program, None)
+        self._pipelines.destroy()

@@ -1,0 +1,129 @@
+"""The buffers and images of a frame's stages: made from declared sizes and the shaders' types, kept while they fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from solari_vk.errors import SolariError
+from solari_vk.gpu import raw
+from solari_vk.gpu.barriers import full_barrier
+from solari_vk.gpu.device import Device
+from solari_vk.gpu.interface import Interface
+from solari_vk.gpu.memory import Buffer, Image
+from solari_vk.gpu.spirv import Binding
+from solari_vk.gpu.stages import History, Stage
+
+PREVIOUS = "previous_"
+
+
+@dataclass(frozen=True)
+class _Made:
+    """What a declared name stands for: one resource, or two of a history. Equal `spec` means it can be kept."""
+
+    spec: tuple[Any, ...]
+    items: tuple[Buffer | Image, ...]
+
+
+class Resources:
+    """The resources of a list of stages, by name."""
+
+    def __init__(self, device: Device, made: dict[str, _Made] | None = None) -> None:
+        self._device = device
+        self._made = {} if made is None else made
+
+    def named(self, slot: int) -> dict[str, Any]:
+        """What each name means in a slot: a history's two resources change places."""
+        found: dict[str, Any] = {}
+        for name, made in self._made.items():
+            found[name] = made.items[slot % len(made.items)]
+            if len(made.items) > 1:
+                found[PREVIOUS + name] = made.items[1 - slot]
+        return found
+
+    def changed_to(self, stages: Sequence[Stage], interface: Interface) -> Resources:
+        """The resources that these stages declare; those that fit are taken over. This object stays as it is.
+
+        Raises SolariError for a name declared twice, that no shader has, or whose size makes no sense.
+        """
+        made: dict[str, _Made] = {}
+        result = Resources(self._device, made)
+        try:
+            for stage in stages:
+                for name, size in (*stage.buffers.items(), *stage.images.items()):
+                    if name in made:
+                        raise SolariError(f"stage {stage.name}: {name} is declared by another stage as well")
+                    spec = _specification(stage, name, size, interface)
+                    known = self._made.get(name)
+                    made[name] = known if known and known.spec == spec else self._make(name, spec)
+        except BaseException:
+            result.destroy_all_but(self)
+            raise
+        return result
+
+    def _make(self, name: str, spec: tuple[Any, ...]) -> _Made:
+        kind, copies, *rest = spec
+        labels = [name] if copies == 1 else [f"{name} {slot}" for slot in range(copies)]
+        items: list[Buffer | Image] = []
+        for label in labels:
+            if kind == "buffer":
+                buffer = self._device.buffer(rest[0], label)
+                buffer.fill(0)
+                items.append(buffer)
+            else:
+                width, height, format_name = rest
+                usage = raw.VK_IMAGE_USAGE_STORAGE_BIT | raw.VK_IMAGE_USAGE_SAMPLED_BIT
+                image = self._device.image(width, height, getattr(raw, "VK_FORMAT_" + format_name), label, usage=usage)
+                _clear(image)
+                items.append(image)
+        return _Made(spec, tuple(items))
+
+    def destroy_all_but(self, kept: Resources) -> None:
+        """Destroy what isn't also in `kept`, when the work submitted so far is done."""
+        others = {id(item) for made in kept._made.values() for item in made.items}
+        for made in self._made.values():
+            for item in made.items:
+                if id(item) not in others:
+                    item.destroy()
+
+
+def _specification(stage: Stage, name: str, size: Any, interface: Interface) -> tuple[Any, ...]:
+    """All that decides whether an existing resource can be kept."""
+    copies = 1
+    if isinstance(size, History):
+        copies, size = 2, size.size
+    binding = interface.bindings.get(name) or (interface.bindings.get(PREVIOUS + name) if copies == 2 else None)
+    if binding is None:
+        raise SolariError(f"stage {stage.name} declares {name}, which none of the frame's shaders uses")
+    if name in stage.buffers:
+        return ("buffer", copies, _buffer_bytes(stage, binding, size), str(binding.dtype), str(binding.element))
+    if binding.kind != "storage_image" or not binding.image_format:
+        raise SolariError(f"stage {stage.name}: {name} must be a storage image with a format in the shaders")
+    if not (isinstance(size, tuple) and len(size) == 2 and min(size) >= 1):
+        raise SolariError(f"stage {stage.name}: the size of {name} is (width, height), not {size!r}")
+    return ("image", copies, *size, binding.image_format)
+
+
+def _buffer_bytes(stage: Stage, binding: Binding, count: Any) -> int:
+    if binding.kind != "storage_buffer":
+        raise SolariError(f"stage {stage.name}: {binding.name} is a {binding.kind} in the shaders, not a buffer")
+    if not isinstance(count, int) or count < 1:
+        raise SolariError(f"stage {stage.name}: {binding.name} needs a whole number of elements above 0, not {count!r}")
+    if binding.element is None and count != 1:
+        raise SolariError(f"stage {stage.name}: {binding.name} has no runtime array: its count is 1, not {count}")
+    return binding.size_bytes(count)
+
+
+def _clear(image: Image) -> None:
+    """Zero an image just before the next submission."""
+
+    def record(cmd: raw.CData) -> None:
+        if image.handle is not None:
+            zero, part = raw.struct("VkClearColorValue"), raw.struct("VkImageSubresourceRange", **image.all_levels)
+            vk = image.device.vk
+            vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+            vk.vkCmdClearColorImage(cmd, image.handle, image.layout, zero, 1, part)
+            vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+
+    image.device.before_next_submit(record)
