@@ -104,6 +104,7 @@ make_environment() {
     if "$python" -c '' 2>/dev/null; then
         [ "$(cat "$stamp" 2>/dev/null)" != "$wanted" ] || return 0
     else
+        find_python
         say "creating a virtual environment in $root/.venv"
         logged "$system_python" -m venv --clear "$root/.venv"
     fi
