@@ -1,0 +1,103 @@
+// Compact encodings of directions and colours. Octahedral normals: Cigolle et al., "A Survey of Efficient
+// Representations for Independent Unit Vectors" (JCGT 2014).
+#ifndef COMMON_PACKING_GLSL
+#define COMMON_PACKING_GLSL
+
+#include "common/math.glsl"
+
+// ---- unsigned normalized numbers: nearest, the last bit included -------------------------------------
+
+uint pack_unorm(float value, uint bit_count) {
+    float most = float((1u << bit_count) - 1u);
+    return uint(saturate(value) * most + 0.5);
+}
+
+float unpack_unorm(uint bits, uint bit_count) {
+    uint most = (1u << bit_count) - 1u;
+    return float(bits & most) / float(most);
+}
+
+uint pack_4x8_unorm(vec4 v) {
+    return pack_unorm(v.x, 8u) | pack_unorm(v.y, 8u) << 8u | pack_unorm(v.z, 8u) << 16u | pack_unorm(v.w, 8u) << 24u;
+}
+
+vec4 unpack_4x8_unorm(uint bits) {
+    return vec4(unpack_unorm(bits, 8u), unpack_unorm(bits >> 8u, 8u), unpack_unorm(bits >> 16u, 8u),
+                unpack_unorm(bits >> 24u, 8u));
+}
+
+// ---- unit vectors -----------------------------------------------------------------------------------
+
+vec2 octahedral_wrap(vec2 v) {
+    return (1.0 - abs(v.yx)) * vec2(v.x >= 0.0 ? 1.0 : -1.0, v.y >= 0.0 ? 1.0 : -1.0);
+}
+
+// From a unit vector to the unit square.
+vec2 octahedral_encode(vec3 direction) {
+    vec3 n = direction / (abs(direction.x) + abs(direction.y) + abs(direction.z));
+    return (n.z >= 0.0 ? n.xy : octahedral_wrap(n.xy)) * 0.5 + 0.5;
+}
+
+vec3 octahedral_decode(vec2 position) {
+    vec2 f = position * 2.0 - 1.0;
+    float z = 1.0 - abs(f.x) - abs(f.y);
+    return normalize(vec3(z >= 0.0 ? f : octahedral_wrap(f), z));
+}
+
+// The square's codes 0 to 2^b - 2 have a middle, so that the axes are stored exactly.
+uint pack_octahedral(vec3 direction, uint bits_each) {
+    float most = float((1u << bits_each) - 2u);
+    uvec2 code = uvec2(clamp(octahedral_encode(direction), 0.0, 1.0) * most + 0.5);
+    return code.x | code.y << bits_each;
+}
+
+vec3 unpack_octahedral(uint bits, uint bits_each) {
+    uint mask = (1u << bits_each) - 1u;
+    float most = float(mask - 1u);
+    return octahedral_decode(vec2(bits & mask, bits >> bits_each & mask) / most);
+}
+
+uint pack_octahedral_2x16(vec3 direction) { return pack_octahedral(direction, 16u); }
+vec3 unpack_octahedral_2x16(uint bits) { return unpack_octahedral(bits, 16u); }
+
+// 24 bits of direction below 8 bits of flags.
+uint pack_octahedral_24(vec3 direction, uint flags) { return pack_octahedral(direction, 12u) | flags << 24u; }
+vec3 unpack_octahedral_24(uint bits) { return unpack_octahedral(bits, 12u); }
+uint unpack_octahedral_24_flags(uint bits) { return bits >> 24u; }
+
+// ---- shared exponent: EXT_texture_shared_exponent, 9 bits a colour, 5 of exponent -------------------
+
+const float RGB9E5_MOST = 65408.0;
+
+// 2^n exactly: exp2 need not be.
+float power_of_two(int n) { return uintBitsToFloat(uint(n + 127) << 23u); }
+
+uint pack_rgb9e5(vec3 color) {
+    vec3 c = clamp(color, 0.0, RGB9E5_MOST);
+    float most = max_component(c);
+    // floor(log2(most)) from the bits: exact, and right for denormals too small to matter
+    int exponent = max(-16, int(floatBitsToUint(most) >> 23u) - 127) + 16;
+    float scale = power_of_two(24 - exponent);
+    if (uint(most * scale + 0.5) == 512u) {
+        exponent += 1;
+        scale *= 0.5;
+    }
+    uvec3 mantissa = uvec3(c * scale + 0.5);
+    return mantissa.x | mantissa.y << 9u | mantissa.z << 18u | uint(exponent) << 27u;
+}
+
+vec3 unpack_rgb9e5(uint bits) {
+    vec3 mantissa = vec3(uvec3(bits, bits >> 9u, bits >> 18u) & 0x1FFu);
+    return mantissa * power_of_two(int(bits >> 27u) - 24);
+}
+
+// Radiance as log2(1 + radiance * exposure): near-black keeps its energy (0.18's fix for the light tiles).
+uint pack_radiance_log2_rgb9e5(vec3 radiance, float exposure) {
+    return pack_rgb9e5(log2(radiance * exposure + 1.0));
+}
+
+vec3 unpack_radiance_log2_rgb9e5(uint bits, float exposure) {
+    return (exp2(unpack_rgb9e5(bits)) - 1.0) / exposure;
+}
+
+#endif

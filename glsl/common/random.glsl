@@ -1,0 +1,88 @@
+// Random numbers and distributions. PCG hashes: Jarzynski and Olano, "Hash Functions for GPU Rendering" (JCGT 2020).
+#ifndef COMMON_RANDOM_GLSL
+#define COMMON_RANDOM_GLSL
+
+#include "common/math.glsl"
+
+uint pcg(uint v) {
+    uint state = v * 747796405u + 2891336453u;
+    uint word = ((state >> ((state >> 28u) + 4u)) ^ state) * 277803737u;
+    return (word >> 22u) ^ word;
+}
+
+uvec3 pcg3d(uvec3 v) {
+    v = v * 1664525u + 1013904223u;
+    v.x += v.y * v.z; v.y += v.z * v.x; v.z += v.x * v.y;
+    v ^= v >> 16u;
+    v.x += v.y * v.z; v.y += v.z * v.x; v.z += v.x * v.y;
+    return v;
+}
+
+uvec4 pcg4d(uvec4 v) {
+    v = v * 1664525u + 1013904223u;
+    v.x += v.y * v.w; v.y += v.z * v.x; v.z += v.x * v.y; v.w += v.y * v.z;
+    v ^= v >> 16u;
+    v.x += v.y * v.w; v.y += v.z * v.x; v.z += v.x * v.y; v.w += v.y * v.z;
+    return v;
+}
+
+// The state of a generator of its own for every (pixel, sample, seed).
+uint seed_rng(uvec2 pixel, uint sample_index, uint seed) {
+    return pcg4d(uvec4(pixel, sample_index, seed)).x;
+}
+
+uint rand_u(inout uint rng) {
+    uint number = pcg(rng);
+    rng = rng * 747796405u + 2891336453u;
+    return number;
+}
+
+// In [0, 1), a multiple of 2^-24.
+float rand_f(inout uint rng) { return float(rand_u(rng) >> 8u) * 5.9604644775390625e-8; }
+
+vec2 rand_vec2f(inout uint rng) {
+    float x = rand_f(rng);
+    return vec2(x, rand_f(rng));
+}
+
+// Uniform in [0, n); 0 where n is 0. Probabilities are off by at most n / 2^32 of their value.
+uint rand_range_u(uint n, inout uint rng) {
+    uint high, low;
+    umulExtended(rand_u(rng), n, high, low);
+    return high;
+}
+
+// ---- distributions ----------------------------------------------------------------------------------
+
+vec2 sample_disk(vec2 u) {
+    float angle = 2.0 * PI * u.y;
+    return sqrt(u.x) * vec2(cos(angle), sin(angle));
+}
+
+// In the frame whose z axis is the normal; pdf = z / pi, and z is never 0.
+vec3 sample_cosine_hemisphere(vec2 u) {
+    return vec3(sample_disk(u), sqrt(1.0 - u.x));
+}
+
+// In the frame whose z axis is the normal; pdf = 1 / (2 pi).
+vec3 sample_uniform_hemisphere(vec2 u) {
+    float angle = 2.0 * PI * u.y;
+    return vec3(safe_sqrt(1.0 - u.x * u.x) * vec2(cos(angle), sin(angle)), u.x);
+}
+
+// Uniform in the cone around an axis; the cosine's distance from 1 keeps disks as small as a star round.
+vec3 sample_cone(vec3 axis, float one_minus_cos_half_angle, vec2 u) {
+    float one_minus_cos = one_minus_cos_half_angle * u.x;
+    float angle = 2.0 * PI * u.y;
+    float sine = safe_sqrt(one_minus_cos * (2.0 - one_minus_cos));
+    mat3 frame = orthonormalize(axis);
+    return normalize(axis - axis * one_minus_cos + sine * (frame[0] * cos(angle) + frame[1] * sin(angle)));
+}
+
+// Weights of the second and third vertex, uniform over the triangle's area.
+vec2 sample_triangle_barycentrics(vec2 u) {
+    float root = sqrt(u.x);
+    return vec2(root * (1.0 - u.y), root * u.y);
+}
+
+#endif

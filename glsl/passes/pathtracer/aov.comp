@@ -1,0 +1,37 @@
+// What the ray through the middle of every pixel meets, for use beside the picture.
+#version 460
+#extension GL_EXT_ray_query : require
+#include "passes/bindings.glsl"
+#include "passes/pathtracer/camera.glsl"
+#include "scene/surface.glsl"
+#include "scene/trace.glsl"
+
+layout(local_size_x = 8, local_size_y = 8) in;
+
+void main() {
+    uvec2 pixel = INVOCATION_INDEX + uvec2(0u, uniforms.first_row);
+    if (pixel.x >= uniforms.size.x || INVOCATION_INDEX.y >= uniforms.row_count || pixel.y >= uniforms.size.y) { return; }
+    uint index = pixel.y * uniforms.size.x + pixel.x;
+
+    CameraRay ray = make_camera_ray(vec2(pixel) + 0.5);
+    Hit hit = trace_closest_hit(ray.origin, ray.t_min, ray.direction, INFINITY, TRACE_FRONT_FACES);
+    aov_instance.at[index] = hit.instance;
+    if (hit.instance == NO_INDEX) {
+        aov_depth.at[index] = INFINITY;
+        aov_position.at[index] = vec3(0.0);
+        aov_geometric_normal.at[index] = vec3(0.0);
+        aov_normal.at[index] = vec3(0.0);
+        aov_albedo.at[index] = vec3(0.0);
+        aov_roughness_metallic.at[index] = vec2(0.0);
+        aov_emissive.at[index] = vec3(0.0);
+        return;
+    }
+    ResolvedRayHitFull surface = resolve_ray_hit_full(hit, ray.direction, ray.cone_spread * hit.t);
+    aov_depth.at[index] = hit.t * ray.depth_per_t;
+    aov_position.at[index] = surface.world_position;
+    aov_geometric_normal.at[index] = surface.geometric_world_normal;
+    aov_normal.at[index] = surface.world_normal;
+    aov_albedo.at[index] = surface.material.base_color;
+    aov_roughness_metallic.at[index] = vec2(surface.material.perceptual_roughness, surface.material.metallic);
+    aov_emissive.at[index] = surface.emits ? surface.material.emissive : vec3(0.0);
+}

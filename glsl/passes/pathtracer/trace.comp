@@ -1,0 +1,139 @@
+// Reference path tracer: adds samples to running sums. Unidirectional, light and BRDF samples weighted by the power heuristic
+// in solid angle (Veach, "Robust Monte Carlo Methods for Light Transport Simulation", 1997, chapter 9).
+#version 460
+#extension GL_EXT_ray_query : require
+#include "passes/bindings.glsl"
+#include "passes/pathtracer/camera.glsl"
+#include "scene/brdf.glsl"
+#include "scene/sampling.glsl"
+#include "scene/surface.glsl"
+#include "scene/trace.glsl"
+
+layout(local_size_x = 8, local_size_y = 8) in;
+
+const uint FIRST_ROULETTE_BOUNCE = 3u;
+
+// How much of a light's radiance counts where a ray met the light by itself.
+float hit_weight(float bounce_pdf, float light_pdf) {
+    if (bounce_pdf == INFINITY || light_pdf == 0.0 || uniforms.light_strategy == LIGHTS_BY_BRDF) { return 1.0; }
+    return uniforms.light_strategy == LIGHTS_BY_SAMPLING ? 0.0 : power_heuristic(bounce_pdf, light_pdf);
+}
+
+vec3 directional_light_radiance(vec3 direction, float bounce_pdf) {
+    vec3 radiance = vec3(0.0);
+    for (uint i = 0u; i < scene_info.directional_light_count; i++) {
+        DirectionalLight light = directional_lights.at[i];
+        if (directional_light_covers(light, direction)) {
+            radiance += light.radiance * hit_weight(bounce_pdf, directional_hit_pdf(light));
+        }
+    }
+    return radiance;
+}
+
+// Chooses a light and weighs it against meeting it by a BRDF sample; the caller tests visibility.
+vec3 sample_light(
+    ResolvedRayHitFull surface, Brdf brdf, mat3 frame, vec3 wo, inout uint rng, out ResolvedLightSample light_sample
+) {
+    light_sample = resolve_light_sample(generate_random_light_sample(rng));
+    LightContribution light = calculate_resolved_light_contribution(light_sample, surface.world_position);
+    if (!(dot(light.wi, surface.geometric_world_normal) > 0.0)) { return vec3(0.0); }
+    vec3 wi = light.wi * frame;
+    vec3 value = light.received_radiance * light.inverse_pdf * evaluate_brdf(brdf, wo, wi);
+    return uniforms.light_strategy == LIGHTS_BY_MIS
+        ? value * power_heuristic(light.solid_angle_pdf, brdf_pdf(brdf, wo, wi))
+        : value;
+}
+
+void main() {
+    uvec2 pixel = INVOCATION_INDEX + uvec2(0u, uniforms.first_row);
+    if (pixel.x >= uniforms.size.x || INVOCATION_INDEX.y >= uniforms.row_count || pixel.y >= uniforms.size.y) { return; }
+
+    vec3 sum = vec3(0.0);
+    float mean = 0.0;
+    float deviations = 0.0;
+
+    // One loop over the rays of all samples: a path that ends early makes room for the next, so neighbours stay together.
+    uint sample_count = 0u;
+    uint bounce = 0u;
+    bool path_ended = true;
+    uint rng;
+    vec3 origin, direction, radiance, throughput;
+    float t_min, cone_spread, cone_width, bounce_pdf;
+    while (true) {
+        if (path_ended) {
+            if (sample_count == uniforms.samples_per_dispatch) { break; }
+            rng = seed_rng(pixel, uniforms.sample_index + sample_count, uniforms.seed);
+            CameraRay ray = make_camera_ray(vec2(pixel) + 0.5 + sample_pixel_filter(rand_vec2f(rng)));
+            origin = ray.origin;
+            direction = ray.direction;
+            t_min = ray.t_min;
+            cone_spread = ray.cone_spread;
+            cone_width = 0.0;
+            bounce = 0u;
+            bounce_pdf = INFINITY;
+            radiance = vec3(0.0);
+            throughput = vec3(1.0);
+            path_ended = false;
+        }
+
+        Hit hit = trace_closest_hit(origin, t_min, direction, INFINITY, bounce == 0u ? TRACE_FRONT_FACES : TRACE_BOTH_FACES);
+        if (hit.instance == NO_INDEX) {
+            radiance += throughput * directional_light_radiance(direction, bounce_pdf);
+            path_ended = true;
+        } else {
+            cone_width += cone_spread * hit.t;
+            ResolvedRayHitFull surface = resolve_ray_hit_full(hit, direction, cone_width);
+            if (surface.emits) {
+                float light_pdf = emissive_hit_pdf(surface, direction, hit.t);
+                radiance += throughput * surface.material.emissive * hit_weight(bounce_pdf, light_pdf);
+            }
+            path_ended = bounce == uniforms.max_bounces;
+            if (!path_ended) {
+                mat3 frame = orthonormalize(surface.world_normal);
+                vec3 wo = -direction * frame;
+                Brdf brdf = prepare_brdf(surface.material, wo);
+                origin = surface.world_position + surface.geometric_world_normal * surface.ray_offset;
+
+                if (uniforms.light_strategy != LIGHTS_BY_BRDF && scene_info.light_count > 0u) {
+                    ResolvedLightSample light_sample;
+                    vec3 value = throughput * sample_light(surface, brdf, frame, wo, rng, light_sample);
+                    if (max_component(value) > 0.0 && trace_light_visibility(origin, light_sample)) { radiance += value; }
+                }
+
+                BrdfSample next = sample_brdf(brdf, wo, rng);
+                direction = normalize(frame * next.wi);
+                throughput *= next.weight;
+                bounce_pdf = next.pdf;
+                t_min = 0.0;
+                bounce += 1u;
+                // Differs from Solari: the survival probability is at most 1, so that roulette never takes energy away
+                float survival = bounce >= FIRST_ROULETTE_BOUNCE ? min(max_component(throughput), 1.0) : 1.0;
+                path_ended = !(next.wi.z > 0.0 && dot(direction, surface.geometric_world_normal) > 0.0)
+                    || !(max_component(throughput) > 0.0) || rand_f(rng) >= survival;
+                throughput /= survival;
+            }
+        }
+
+        if (path_ended) {
+            sample_count += 1u;
+            sum += radiance;
+            float apart = luminance(radiance) - mean;
+            mean += apart / float(sample_count);
+            deviations += apart * (luminance(radiance) - mean);
+        }
+    }
+
+    // Chan et al., "Updating Formulae and a Pairwise Algorithm for Computing Sample Variances" (1979)
+    uint index = pixel.y * uniforms.size.x + pixel.x;
+    if (uniforms.sample_index > 0u) {
+        vec2 before = luminance_moments.at[index];
+        float before_count = float(uniforms.sample_index);
+        float share = float(sample_count) / (before_count + float(sample_count));
+        float apart = mean - before.x;
+        deviations += before.y + apart * apart * before_count * share;
+        mean = before.x + apart * share;
+        sum += radiance_sum.at[index];
+    }
+    radiance_sum.at[index] = sum;
+    luminance_moments.at[index] = vec2(mean, deviations);
+}

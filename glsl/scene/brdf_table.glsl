@@ -1,0 +1,40 @@
+// Reads the table of GGX's directional albedo that passes/brdf_table computes.
+#ifndef SCENE_BRDF_TABLE_GLSL
+#define SCENE_BRDF_TABLE_GLSL
+
+#include "common/math.glsl"
+#include "passes/bindings.glsl"
+
+// Rows: perceptual roughness from 0 to 1. Columns: the square root of the normal's cosine from 0 to 1, since the albedo of
+// smooth surfaces changes fastest near grazing.
+const uint BRDF_TABLE_SIZE = 64u;
+
+// Row 0: everything single-scattered, Fresnel as it is.
+vec2 mirror_albedo(float NdotV) {
+    float x = saturate(1.0 - NdotV);
+    float fresnel = square(square(x)) * x;
+    return vec2(1.0 - fresnel, fresnel);
+}
+
+// A and B of the albedo F0 A + B.
+vec2 lookup_brdf_table(float NdotV, float perceptual_roughness) {
+    const uint last = BRDF_TABLE_SIZE - 1u;
+    vec2 position = vec2(sqrt(saturate(NdotV)), saturate(perceptual_roughness)) * float(last);
+    uvec2 cell = min(uvec2(position), uvec2(last - 1u));
+    vec2 part = position - vec2(cell);
+    uint first = cell.y * BRDF_TABLE_SIZE + cell.x;
+    vec2 smoother = mix(brdf_table.at[first], brdf_table.at[first + 1u], part.x);
+    vec2 rougher = mix(brdf_table.at[first + BRDF_TABLE_SIZE], brdf_table.at[first + BRDF_TABLE_SIZE + 1u], part.x);
+    return mix(smoother, rougher, part.y);
+}
+
+// The cosine-weighted average of the albedo with multiple scattering is column 0 + F0 column 1 + F0^2 column 2.
+mat3 lookup_brdf_averages(float perceptual_roughness) {
+    const uint last = BRDF_TABLE_SIZE - 1u;
+    float position = saturate(perceptual_roughness) * float(last);
+    uint row = min(uint(position), last - 1u);
+    vec3 average = mix(brdf_averages.at[row], brdf_averages.at[row + 1u], position - float(row));
+    return mat3(vec3(average.x), vec3(average.y), vec3(average.z));
+}
+
+#endif

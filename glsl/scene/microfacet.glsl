@@ -1,0 +1,55 @@
+// GGX microfacets in the frame whose z axis is the shading normal, and how to sample them.
+#ifndef SCENE_MICROFACET_GLSL
+#define SCENE_MICROFACET_GLSL
+
+#include "common/math.glsl"
+
+// Below this a surface is a mirror.
+const float MIRROR_ROUGHNESS = 0.001;
+
+// The sine comes from x and y: 1 - cos^2 loses 12 % at roughness 0.001.
+float D_GGX(float roughness, vec3 half_vector) {
+    float a2 = square(roughness);
+    float spread = dot(half_vector.xy, half_vector.xy) + a2 * square(half_vector.z);
+    return INVERSE_PI * a2 / square(spread);
+}
+
+float V_SmithGGXCorrelated(float roughness, float NdotV, float NdotL) {
+    float a2 = square(roughness);
+    float shadowed_l = NdotV * sqrt(a2 + (1.0 - a2) * square(NdotL));
+    float shadowed_v = NdotL * sqrt(a2 + (1.0 - a2) * square(NdotV));
+    return 0.5 / max(shadowed_l + shadowed_v, 1e-30);
+}
+
+vec3 fresnel(vec3 f0, float LdotH) {
+    float x = saturate(1.0 - LdotH);
+    float x2 = x * x;
+    return f0 + (1.0 - f0) * (x2 * x2 * x);
+}
+
+// Eto and Tokuyoshi, "Bounded VNDF Sampling for Smith-GGX Reflections" (SIGGRAPH Asia 2023), listing 1. The light's direction
+// for a view direction; samples with z <= 0 are invalid and count as nothing, so the pdf integrates to the valid fraction.
+vec3 sample_ggx_vndf(vec3 wo, float roughness, vec2 u) {
+    vec3 wo_std = normalize(vec3(wo.xy * roughness, wo.z));
+    float a2 = square(roughness);
+    float s2 = square(1.0 + length(wo.xy));
+    float k = (1.0 - a2) * s2 / (s2 + a2 * square(wo.z));
+    float b = k * wo_std.z;
+    float z = (1.0 - u.y) * (1.0 + b) - b;
+    float phi = 2.0 * PI * u.x;
+    vec3 wi_std = vec3(safe_sqrt(1.0 - z * z) * vec2(cos(phi), sin(phi)), z);
+    vec3 m_std = wo_std + wi_std;
+    vec3 m = normalize(vec3(m_std.xy * roughness, m_std.z));
+    return 2.0 * dot(wo, m) * m - wo;
+}
+
+// What D is to be multiplied by for the pdf of a direction (listing 2, for wo above the surface).
+float ggx_vndf_pdf_per_d(vec3 wo, float roughness) {
+    float a2 = square(roughness);
+    float flat2 = dot(wo.xy, wo.xy);
+    float s2 = square(1.0 + sqrt(flat2));
+    float k = (1.0 - a2) * s2 / (s2 + a2 * square(wo.z));
+    return 0.5 / (k * wo.z + sqrt(a2 * flat2 + square(wo.z)));
+}
+
+#endif
