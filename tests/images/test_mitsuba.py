@@ -1,0 +1,42 @@
+"""The Cornell box against Mitsuba 3, Lambert and with our BRDF written as a Mitsuba BSDF.
+
+The references are stored with their variances and a fingerprint of the scene they show
+(`python -m oracles.make_references` in tests/ renders them anew). A small live render checks that
+the installed Mitsuba still makes them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from oracles import mitsuba_scene
+from oracles.references import BOUNCES, CASES, SIZE, fingerprint, load
+from oracles.statistics import compare
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_cornell_box_is_mitsubas(picture, name):
+    scene, lambert = CASES[name]()
+    reference = load(name)
+    assert reference["fingerprint"] == fingerprint(scene), "the scene changed: python -m oracles.make_references"
+    made = picture(scene, (SIZE, SIZE), 768, max_bounces=BOUNCES, lambert=lambert)
+    result = compare(made.mean, made.variance, reference["mean"], reference["variance"])
+    print(name, result)
+    result.assert_equal(0.003, name)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_stored_reference_is_what_mitsuba_renders(name):
+    scene, lambert = CASES[name]()
+    mitsuba = mitsuba_scene.select_variant(vectorised=not lambert)
+    if mitsuba is None:
+        pytest.skip("the vectorised Mitsuba needs LLVM 19 (Debian: libllvm19)")
+    if not lambert:
+        mitsuba_scene.register_bsdf(mitsuba)
+    reference = load(name)
+    live = mitsuba_scene.scene_of(mitsuba, scene, SIZE, SIZE, bounces=BOUNCES, lambert=lambert)
+    mean, variance = mitsuba_scene.render(mitsuba, live, 8, 8, seed=99)
+    result = compare(mean, variance, reference["mean"], reference["variance"])
+    print(name, result)
+    result.assert_equal(0.05, name)
+    assert np.isfinite(mean).all()
