@@ -1,4 +1,4 @@
-"""Fixtures of the path tracer's proofs: pictures with variances taken from independent runs."""
+"""Fixtures of the path tracer's proofs: path tracers that are closed, and pictures with measured variances."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import solari_vk as sv
 
 @dataclass
 class Picture:
-    """mean (h, w, 3) of independent runs and the variance (h, w, 3) of that mean; runs (R, h, w, 3)."""
+    """Independent parts of one picture's samples, runs (R, h, w, 3): their mean, and the variance of that mean."""
 
     runs: np.ndarray
 
@@ -26,22 +26,38 @@ class Picture:
 
 
 @pytest.fixture
-def picture(device):
-    """picture(scene, size, samples, runs=8, seed=1, camera=None, **settings of PathTracer) -> Picture.
+def tracer(device):
+    """tracer(scene, size, **settings) -> PathTracer, closed when the test ends."""
+    made = []
 
-    samples is the total per pixel. The variance comes from the spread of the runs, not from the
-    renderer's own estimate, which has its own test.
+    def make(scene, size, **settings):
+        made.append(sv.PathTracer(device, scene, size, **settings))
+        return made[-1]
+
+    yield make
+    for renderer in made:
+        renderer.close()
+
+
+@pytest.fixture
+def picture(tracer):
+    """picture(scene, size, samples, runs=8, camera=None, **settings of PathTracer) -> Picture.
+
+    samples is the total per pixel. The variance comes from the spread of consecutive parts of the
+    samples, not from the renderer's own estimate, which has its own test.
     """
 
-    def make(scene, size=(48, 48), samples=64, *, runs=8, seed=1, camera=None, **settings):
-        images = []
-        for run in range(runs):
-            with_seed = sv.PathTracer(device, scene, size, seed=1000 * seed + run, **settings)
-            image = with_seed.render(camera or scene.camera, samples=max(samples // runs, 1))
-            assert image.shape == (size[1], size[0], 3)
+    def make(scene, size=(48, 48), samples=64, *, runs=8, camera=None, **settings):
+        renderer = tracer(scene, size, **settings)
+        part = max(samples // runs, 1)
+        sums = [np.zeros((size[1], size[0], 3))]
+        for run in range(1, runs + 1):
+            image = renderer.render(camera or scene.camera, samples=run * part)
+            assert image.shape == sums[0].shape
             assert image.dtype == np.float32
             assert np.isfinite(image).all()
-            images.append(image)
-        return Picture(np.stack(images))
+            sums.append(image * np.float64(run * part))
+        renderer.close()
+        return Picture(np.diff(np.stack(sums), axis=0) / part)
 
     return make

@@ -170,7 +170,7 @@ TRANSFORMS = {
 }
 
 
-def test_instances_are_as_their_baked_meshes(picture, device):
+def test_instances_are_as_their_baked_meshes(picture, tracer):
     """Two emit: lights are transformed as surfaces are, and shine from the same side."""
     ball = shapes.sphere(0.7, 16)
     paint = sv.Material(base_color=(0.5, 0.7, 0.3), perceptual_roughness=0.4)
@@ -183,7 +183,7 @@ def test_instances_are_as_their_baked_meshes(picture, device):
             scene.add(baked(instance) if bake else instance)
         made.append((scene, picture(scene, (48, 48), 256, seed=10 + bake, **SETTINGS)))
     same(made[0][1], made[1][1], 0.02, "instances")
-    renderers = [sv.PathTracer(device, scene, (48, 48)) for scene, _ in made]
+    renderers = [tracer(scene, (48, 48)) for scene, _ in made]
     for renderer, (scene, _) in zip(renderers, made, strict=True):
         renderer.render(scene.camera, samples=1)
     for name in ("depth", "position", "geometric_normal", "shading_normal"):

@@ -19,7 +19,7 @@ def main():
     for name, case in CASES.items():
         scene, lambert = case()
         made = mitsuba_scene.scene_of(mitsuba, scene, SIZE, SIZE, bounces=BOUNCES, lambert=lambert)
-        mean, variance = mitsuba_scene.render(mitsuba, made, batches=32, samples=256)
+        mean, variance = mitsuba_scene.render(mitsuba, made, batches=32, samples=1024)
         np.savez_compressed(
             FOLDER / f"{name}.npz",
             mean=mean.astype(np.float32),

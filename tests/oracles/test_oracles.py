@@ -55,9 +55,7 @@ def test_polygon_irradiance_is_the_integral():
     corners = np.array([(0.5, 2, -0.3), (0.5, 2, 0.7), (-0.5, 1.5, 0.7), (-0.5, 1.5, -0.3)])
     u, v = ((np.arange(400) + 0.5) / 400 for _ in range(2))
     grid = (
-        corners[0]
-        + u[:, None, None] * (corners[1] - corners[0])
-        + v[None, :, None] * (corners[3] - corners[0])
+        corners[0] + u[:, None, None] * (corners[1] - corners[0]) + v[None, :, None] * (corners[3] - corners[0])
     ).reshape(-1, 3)
     normal = np.cross(corners[1] - corners[0], corners[3] - corners[0])
     area, normal = np.linalg.norm(normal), normal / np.linalg.norm(normal)
@@ -125,5 +123,3 @@ def test_statistics_reject_what_is_wrong_and_only_that():
     runs = 1 + random.normal(scale=0.01, size=(16, 20))
     assert statistics.replicates(runs, np.ones(20), 0.005) == (0, True)
     assert statistics.replicates(runs * 1.02, np.ones(20), 0.005)[1] is False
-
-

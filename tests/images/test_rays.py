@@ -1,0 +1,163 @@
+"""Who is seen where: camera rays against Embree, and closed surfaces that nothing gets out of."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from oracles import rays
+
+import solari_vk as sv
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import builtin, matte, place
+
+SIZE = 128
+
+
+def jumble():
+    """Spheres and boxes turned, mirrored, scaled and sheared, through each other."""
+    random = np.random.default_rng(11)
+    scene = sv.Scene()
+    for i in range(60):
+        transform = np.eye(4)
+        transform[:3, :3] = random.normal(size=(3, 3)) * 0.6
+        transform[:3, 3] = random.uniform(-3, 3, 3)
+        mesh = shapes.sphere(1.0, 24) if i % 2 else shapes.box()
+        scene.add(sv.Instance(mesh=mesh, material=sv.Material(), transform=transform))
+    return scene
+
+
+SCENES = {
+    "cornell_box": lambda: builtin("cornell_box"),
+    "many_lights": lambda: builtin("many_lights", sphere_count=100, box_count=2000, extent=30),
+    "jumble": jumble,
+}
+
+
+def cameras_in(scene, count, seed):
+    """Cameras around and inside the scene's bounds."""
+    random = np.random.default_rng(seed)
+    low, high = scene.bounds()
+    for _ in range(count):
+        eye, target = random.uniform(low - 0.3 * (high - low), high + 0.3 * (high - low), (2, 3))
+        yield sv.Camera.look_at(eye, target, vertical_fov=random.uniform(0.6, 1.8), near=1e-6)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_camera_rays_hit_what_embree_hits(tracer, name):
+    """1e5 rays in all; a difference counts unless it is within 1e-4 of the extent of an edge, or equally far."""
+    scene = SCENES[name]()
+    for instance in scene:
+        instance.material.update(double_sided=True)  # Embree knows no culling
+    world = rays.World(scene)
+    low, high = scene.bounds()
+    extent = float(np.linalg.norm(high - low))
+    renderer = tracer(scene, (SIZE, SIZE), max_bounces=0)
+    total, wrong = 0, 0
+    for camera in cameras_in(scene, 3, seed=21):
+        renderer.render(camera, samples=1)
+        origins, directions = (x.reshape(-1, 3) for x in rays.camera_rays(camera, SIZE, SIZE))
+        hits = world.embree_hits(origins, directions)
+        distance = world.distance_to(hits, origins, directions)
+        expected = np.where(hits >= 0, world.instance[np.maximum(hits, 0)], -1)
+        seen = renderer["instance_id"].reshape(-1).astype(np.int64)
+        seen = np.where(seen >= len(scene.instances), -1, seen)
+        position = renderer["position"].reshape(-1, 3)[:, :3].astype(np.float64)
+        found = np.linalg.norm(position - origins, axis=1)
+        both = (seen >= 0) & (expected >= 0)
+        far_off = both & (np.abs(found - distance) > 1e-4 * (extent + distance))
+        differs = (seen != expected) | far_off
+        hit = hits >= 0
+        points = origins + np.where(hit, distance, 0)[:, None] * directions
+        near_edge = np.zeros(len(hits), bool)
+        near_edge[hit] = rays.edge_distance(world.corners[hits[hit]], points[hit]) < 1e-4 * extent
+        # Two surfaces in one place: either is right.
+        coincident = both & (np.abs(found - distance) <= 1e-6 * (extent + distance))
+        wrong += int((differs & ~near_edge & ~coincident).sum())
+        total += len(hits)
+        along = np.einsum("ij,ij->i", position - origins, -camera.transform[:3, 2][None])
+        good = both & ~differs
+        np.testing.assert_allclose(renderer["depth"].reshape(-1)[good], along[good], rtol=1e-3, atol=1e-4 * extent)
+        normals = renderer["geometric_normal"].reshape(-1, 3)[good]
+        facing = np.abs(np.einsum("ij,ij->i", normals, world.normals[hits[good]]))
+        assert np.quantile(facing, 0.001) > 0.999
+    print(name, total, wrong)
+    assert wrong / total < 1e-4
+
+
+def blob(inward=False):
+    """A closed bumpy ball of long, thin and tiny triangles."""
+    mesh = shapes.sphere(1.0, 48)
+    random = np.random.default_rng(2)
+    _, same = np.unique(mesh.positions, axis=0, return_inverse=True)
+    bumps = random.uniform(0.7, 1.3, same.max() + 1)[same.reshape(-1)]
+    triangles = mesh.triangles[:, ::-1] if inward else mesh.triangles
+    return sv.Mesh(positions=mesh.positions * bumps[:, None], indices=triangles)
+
+
+def all_around_suns():
+    """Two suns whose disks cover the whole sphere: whatever escapes is seen as bright."""
+    for direction in ((0.3, 1, 0.2), (-0.3, -1, -0.2)):
+        yield sv.DirectionalLight(direction=direction, illuminance=1e6, angular_diameter=math.pi)
+
+
+PLACES = {
+    "plain": place(),
+    "small": place(1e-3),
+    "large": place(1e4),
+    "far": place(1.0, (1000.0, -300.0, 500.0)),
+    "stretched": place((10.0, 0.1, 1.0), turn=0.7),
+    "mirrored": place((-1.0, 1.0, 1.0)),
+}
+
+
+@pytest.mark.parametrize("where", PLACES)
+def test_nothing_escapes_from_a_closed_surface(tracer, where):
+    """White inside, suns all around outside: one ray through an edge, or one shadow ray through the wall, is light."""
+    transform = PLACES[where]
+    scene = sv.Scene(sv.Instance(mesh=blob(inward=True), material=matte(1.0), transform=transform), *all_around_suns())
+    camera_transform = np.eye(4)
+    camera_transform[:3, 3] = transform[:3, 3]
+    camera = sv.Camera(transform=camera_transform, vertical_fov=2.6, near=1e-6)
+    renderer = tracer(scene, (64, 64), max_bounces=4, lambert=True)
+    radiance = renderer.render(camera, samples=32)
+    seen = renderer["instance_id"]
+    assert (seen == 0).all(), f"{(seen != 0).sum()} camera rays escaped"
+    assert (radiance == 0).all(), f"light got in at {(radiance > 0).any(axis=-1).sum()} pixels"
+
+
+def test_suns_are_seen_outside(tracer):
+    """The test above would fail with light: without the surface everything is bright."""
+    renderer = tracer(sv.Scene(*all_around_suns()), (16, 16), max_bounces=0)
+    assert (renderer.render(sv.Camera(), samples=1) > 0).all()
+
+
+def test_thin_wall_keeps_its_dark_side_black(tracer):
+    scene = builtin("thin_wall", thickness=0.001)
+    renderer = tracer(scene, (128, 64), max_bounces=5)
+    radiance = renderer.render(scene.camera, samples=32)
+    x = renderer["position"][..., 0]
+    wall = renderer["instance_id"] == 1
+    room = (renderer["instance_id"] == 0) | wall
+    # Away from the wall's own pixels, whose samples fall on both of its sides.
+    dark, lit = room & (x > 0.1), room & (x < -0.1)
+    assert dark.sum() > 500
+    assert (radiance[dark] == 0).all()
+    assert np.median(radiance[lit]) > 0.1
+
+
+def test_culling_of_camera_rays_and_only_of_those(tracer):
+    """A single-sided wall with its back to the camera is looked through, but stops light and shows in mirrors."""
+    wall = sv.Instance(mesh=shapes.quad((0, 0, -2), (-9, 0, 0), (0, 9, 0)), material=matte(0.8), name="wall")
+    back = sv.Instance(mesh=shapes.quad((0, 0, -4), (9, 0, 0), (0, 9, 0)), material=matte(0.8), name="back")
+    lamp = sv.DirectionalLight(direction=(0, 0, -1), illuminance=100)
+    scene = sv.Scene(wall, back, lamp)
+    camera = sv.Camera(vertical_fov=0.5)
+    renderer = tracer(scene, (8, 8), max_bounces=1, lambert=True)
+    assert (renderer.render(camera, samples=8) == 0).all(), "the wall's back stops the sun"
+    assert (renderer["instance_id"] == 1).all(), "the camera looks through the wall's back"
+    wall.material.update(double_sided=True)
+    assert (renderer.render(camera, samples=8) > 0).all()
+    assert (renderer["instance_id"] == 0).all()
+    np.testing.assert_allclose(renderer["depth"], 2, rtol=1e-5)

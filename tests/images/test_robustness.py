@@ -1,0 +1,193 @@
+"""Determinism, restarts, calibrated variance, and finite pictures of broken or extreme scenes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import solari_vk as sv
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import builtin, cornell_box, lamp, matte, place
+
+AOVS = ("depth", "position", "geometric_normal", "shading_normal", "albedo", "roughness_metallic", "emissive")
+
+
+def fresh(tracer, scene, samples=4, size=(32, 32), camera=None, **settings):
+    return tracer(scene, size, **settings).render(camera or scene.camera, samples=samples)
+
+
+def test_seed_decides_the_picture(tracer):
+    scene = cornell_box()
+    renderer = tracer(scene, (32, 32), seed=7)
+    first = renderer.render(scene.camera, samples=4).copy()
+    np.testing.assert_array_equal(first, fresh(tracer, scene, seed=7))
+    assert (first != fresh(tracer, scene, seed=8)).mean() > 0.3
+
+
+def test_different_frames_and_pixels_are_independent(tracer):
+    """Noise of neighbours, and of seeds next to each other, is uncorrelated."""
+    scene = builtin("closed_box")
+    noise = [fresh(tracer, scene, 1, (64, 64), seed=s, max_bounces=2)[..., 0].astype(np.float64) for s in (1, 2, 3)]
+    noise = [n - n.mean() for n in noise]
+    first = noise[0]
+    for shifted in (np.roll(first, 1, 0), np.roll(first, 1, 1), np.roll(first, (1, 1), (0, 1)), *noise[1:]):
+        correlation = (noise[0] * shifted).mean() / (noise[0].std() * shifted.std())
+        assert abs(correlation) < 4.5 / 64
+
+
+def edit_material(scene):
+    next(iter(scene)).material.base_color = (0.1, 0.6, 0.2)
+
+
+def edit_transform(scene):
+    block = next(i for i in scene if i.name == "short block")
+    block.transform = place(at=(0.1, 0.2, -0.1)) @ block.transform
+
+
+def edit_remove(scene):
+    scene.remove(next(i for i in scene if i.name == "tall block"))
+
+
+def edit_add(scene):
+    scene.add(sv.Instance(mesh=shapes.sphere(0.3, 12), material=lamp((3, 0, 9)), transform=place(at=(1, 1, 0.4))))
+
+
+def edit_light_radiance(scene):
+    next(i for i in scene if i.name == "lamp").material.emissive = (1, 5, 9)
+
+
+def edit_hide(scene):
+    next(i for i in scene if i.name == "short block").visible = False
+
+
+def edit_new_sun(scene):
+    scene.add(sv.DirectionalLight(direction=(0.2, -0.3, 1), illuminance=20))
+
+
+def edit_camera(scene):
+    scene.camera.vertical_fov = 0.5
+
+
+EDITS = [
+    edit_material,
+    edit_transform,
+    edit_remove,
+    edit_add,
+    edit_light_radiance,
+    edit_hide,
+    edit_new_sun,
+    edit_camera,
+]
+
+
+@pytest.mark.parametrize("edit", EDITS, ids=lambda edit: edit.__name__)
+def test_edits_restart_the_picture(tracer, edit):
+    """After an edit the picture is exactly that of a new renderer, with nothing of the old scene left."""
+    scene = cornell_box()
+    renderer = tracer(scene, (32, 32), seed=3)
+    before = renderer.render(scene.camera, samples=3).copy()
+    edit(scene)
+    after = renderer.render(scene.camera, samples=4).copy()
+    assert np.abs(after - before).mean() > 1e-4
+    np.testing.assert_array_equal(after, fresh(tracer, scene, seed=3))
+
+
+def test_variance_is_calibrated(tracer):
+    """The estimated variance of the pixel mean is that of independent runs, over light, shadow and lamp."""
+    scene = cornell_box()
+    images, estimates = [], []
+    for seed in range(24):
+        renderer = tracer(scene, (32, 32), seed=seed, max_bounces=3)
+        images.append(renderer.render(scene.camera, samples=16).astype(np.float64))
+        estimates.append(renderer["variance"].astype(np.float64))
+    estimate = np.mean(estimates, axis=0)
+    stack = np.stack(images)
+    if estimate.ndim == 2 or estimate.shape[-1] == 1:
+        estimate = estimate.reshape(32, 32)
+        stack = stack @ np.array((0.2126, 0.7152, 0.0722))
+    measured = stack.var(axis=0, ddof=1)
+    assert (estimate >= 0).all()
+    for rows in (slice(0, 10), slice(10, 22), slice(22, 32)):
+        ratio = estimate[rows].sum() / measured[rows].sum()
+        print(rows, ratio)
+        assert ratio == pytest.approx(1, abs=0.15)
+
+
+def all_finite(tracer, scene, camera=None, samples=8, **settings):
+    renderer = tracer(scene, (32, 32), **settings)
+    radiance = renderer.render(camera or scene.camera, samples=samples)
+    assert np.isfinite(radiance).all()
+    assert (radiance >= 0).all()
+    for name in AOVS:
+        values = renderer[name]
+        hit = np.broadcast_to(
+            (renderer["instance_id"] < len(scene.instances)).reshape(32, 32, *[1] * (values.ndim - 2)), values.shape
+        )
+        assert np.isfinite(values[hit]).all(), name
+    return radiance
+
+
+def test_degenerate_triangles_are_harmless(tracer):
+    """Points, lines and slivers in a mesh change nothing; as lights they give nothing."""
+    plain = cornell_box()
+    broken = cornell_box()
+    random = np.random.default_rng(1)
+    points = random.uniform(0.4, 1.6, (12, 3))
+    spoiled = np.concatenate([np.repeat(points[:3], 3, axis=0), points[[3, 4, 3, 5, 5, 6]]])
+    for material in (matte(0.5), lamp(5.0)):
+        broken.add(sv.Instance(mesh=sv.Mesh(positions=spoiled), material=material))
+        broken.add(sv.Instance(mesh=sv.Mesh(positions=spoiled, normals=np.zeros_like(spoiled)), material=material))
+    radiance = all_finite(tracer, broken, samples=256)
+    expected = fresh(tracer, plain, 256)
+    assert radiance.mean() == pytest.approx(expected.mean(), rel=0.05)
+
+
+def test_zero_area_triangles_within_a_lamp(tracer):
+    scene = cornell_box()
+    light = next(i for i in scene if i.name == "lamp")
+    expected = fresh(tracer, scene, 256)
+    whole = light.mesh
+    indices = np.concatenate([whole.indices, [[0, 0, 1], [2, 2, 2]]])
+    light.mesh = sv.Mesh(positions=whole.positions, normals=whole.normals, indices=indices)
+    assert all_finite(tracer, scene, samples=256).mean() == pytest.approx(expected.mean(), rel=0.04)
+
+
+@pytest.mark.parametrize("normals", ["zero", "opposite", "tangential"])
+def test_odd_vertex_normals(tracer, normals):
+    ball = shapes.sphere(0.4, 16)
+    turned = np.roll(ball.normals, 1, axis=1)
+    values = {"zero": 0 * ball.normals, "opposite": -ball.normals, "tangential": turned}[normals]
+    scene = cornell_box()
+    mesh = sv.Mesh(positions=ball.positions, normals=values, indices=ball.indices)
+    for roughness, metallic in ((0.0, 1.0), (0.5, 0.0)):
+        material = sv.Material(perceptual_roughness=roughness, metallic=metallic)
+        scene.add(sv.Instance(mesh=mesh, material=material, transform=place(at=(0.6 + metallic, 1.3, 0.4))))
+    all_finite(tracer, scene, max_bounces=6)
+
+
+@pytest.mark.parametrize("roughness", [0.0, 0.03, 0.0317, 0.1, 1.0])
+def test_extreme_materials(tracer, roughness):
+    scene = cornell_box()
+    for i, instance in enumerate(scene):
+        if not instance.material.emits:
+            instance.material.update(
+                perceptual_roughness=roughness, metallic=i % 3 / 2, base_color=i % 2, reflectance=i % 4 / 3
+            )
+    all_finite(tracer, scene, max_bounces=8)
+
+
+def test_extreme_lights_and_no_lights(tracer):
+    for radiance in (1e-30, 1e8):
+        all_finite(tracer, cornell_box(radiance=(radiance, 0, radiance)))
+    scene = cornell_box()
+    scene.remove(next(i for i in scene if i.name == "lamp"))
+    assert (all_finite(tracer, scene) == 0).all()
+    assert (all_finite(tracer, sv.Scene(), sv.Camera()) == 0).all(), "an empty scene is black"
+
+
+def test_camera_in_odd_places(tracer):
+    """On a wall, in a lamp's plane, within a block, and far away."""
+    scene = cornell_box()
+    for eye in ((1.0, 0.0, 1.0), (1.0, 2.0, 1.0), (0.65, 0.3, 0.6), (1e5, 1e5, -1e5)):
+        camera = sv.Camera.look_at(eye, (1.0, 0.9, 1.1))
+        all_finite(tracer, scene, camera)

@@ -1,0 +1,159 @@
+"""Textures: the right way up, the right channels, wrapped, transformed and minified as they should be."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import solari_vk as sv
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import matte
+
+QUAD = shapes.quad((0, 0, -2), (1, 0, 0), (0, 1, 0))  # uv (0, 0) at its lower left, (1, 1) at the upper right
+
+
+def srgb_to_linear(value):
+    value = np.asarray(value, np.float64) / 255
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+
+
+def four_colors(**fields):
+    """Red top left, green top right, blue bottom left, white bottom right, as the file's rows are."""
+    pixels = np.full((2, 2, 4), 255, np.uint8)
+    pixels[0, 0, :3], pixels[0, 1, :3], pixels[1, 0, :3], pixels[1, 1, :3] = (
+        (255, 0, 0),
+        (0, 255, 0),
+        (0, 0, 255),
+        (200, 100, 50),
+    )
+    return sv.Texture(
+        image=sv.TextureImage(pixels=pixels), magnification="nearest", minification="nearest", mipmaps=False, **fields
+    )
+
+
+def flat(r, g, b, size=4):
+    return sv.Texture(image=sv.TextureImage(pixels=np.full((size, size, 4), (r, g, b, 255), np.uint8)))
+
+
+def look(tracer, material, mesh=QUAD, size=(32, 32), samples=4, **settings):
+    """A renderer that has rendered the quad, which just fills the picture."""
+    scene = sv.Scene(sv.Instance(mesh=mesh, material=material))
+    renderer = tracer(scene, size, **settings)
+    renderer.render(sv.Camera(vertical_fov=2 * math.atan(0.5)), samples=samples)
+    return renderer
+
+
+def quadrants(image):
+    """Means of the four quarters, row 0 at the top: (2, 2, 3)."""
+    h, w = image.shape[0] // 2, image.shape[1] // 2
+    inner = image[..., :3].reshape(2, h, 2, w, 3)[:, 2:-2, :, 2:-2]
+    return inner.mean(axis=(1, 3))
+
+
+COLORS = srgb_to_linear([[(255, 0, 0), (0, 255, 0)], [(0, 0, 255), (200, 100, 50)]])
+
+
+def test_base_color_orientation_and_srgb(tracer):
+    """v = 0 is the image's first row (glTF), and it is at the quad's lower edge."""
+    material = sv.Material(base_color=(1, 1, 0.5), base_color_texture=four_colors())
+    albedo = quadrants(look(tracer, material)["albedo"])
+    np.testing.assert_allclose(albedo, COLORS[::-1] * (1, 1, 0.5), atol=2e-3)
+
+
+def test_emissive_texture_is_seen_and_lights(tracer):
+    material = sv.Material(base_color=0.0, reflectance=0.0, emissive=(8, 4, 2), emissive_texture=four_colors())
+    renderer = look(tracer, material, max_bounces=0, samples=16)
+    np.testing.assert_allclose(quadrants(renderer["emissive"]), COLORS[::-1] * (8, 4, 2), rtol=3e-3, atol=1e-2)
+    np.testing.assert_allclose(quadrants(renderer.render(samples=16)), COLORS[::-1] * (8, 4, 2), rtol=3e-3, atol=1e-2)
+
+
+@pytest.mark.parametrize("strategy", ["nee", "brdf"])
+def test_textured_lamp_lights_by_its_texels(picture, strategy):
+    """The light on the floor below is the quarter-wise sum, by Lambert's formula."""
+    from oracles.closed_forms import polygon_irradiance
+
+    corners = np.array([(-1, 1, 1), (-1, 1, -1), (1, 1, -1), (1, 1, 1)])[::-1]
+    lamp = sv.Material(base_color=0.0, reflectance=0.0, emissive=3.0, emissive_texture=four_colors())
+    scene = sv.Scene(
+        sv.Instance(mesh=shapes.polygons(corners), material=lamp),
+        sv.Instance(mesh=shapes.quad((0, 0, 0), (0, 0, 4), (4, 0, 0)), material=matte(1.0)),
+        sv.Camera.look_at((0.0, 0.9, 0.0), (0.6, 0, 0.3), up=(0, 0, 1), vertical_fov=0.02),
+    )
+    made = picture(scene, (8, 8), 8192, max_bounces=1, lambert=True, light_strategy=strategy)
+    expected = np.zeros(3)
+    a, b, d = corners[0], corners[1], corners[3]
+    for u in range(2):
+        for v in range(2):
+            part = [a + (b - a) * (u + i) / 2 + (d - a) * (v + j) / 2 for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))]
+            expected += polygon_irradiance((0.6, 0, 0.3), (0, 1, 0), part, 3.0)[0] * COLORS[v, u]
+    np.testing.assert_allclose(made.mean.mean(axis=(0, 1)), expected / math.pi, rtol=0.01)
+
+
+def test_metallic_roughness_channels(tracer):
+    """Green is roughness, blue is metallic, linear; red counts for nothing."""
+    material = sv.Material(perceptual_roughness=0.5, metallic=1.0, metallic_roughness_texture=flat(255, 102, 51))
+    values = look(tracer, material)["roughness_metallic"]
+    np.testing.assert_allclose(values[16, 16, :2], (0.5 * 0.4, 0.2), atol=2e-3)
+
+
+@pytest.mark.parametrize(("wrap", "expected"), [("repeat", 0), ("mirrored_repeat", 1), ("clamp_to_edge", 1)])
+def test_wrapping(tracer, wrap, expected):
+    """u from 0 to 1 moved by 1: the left half shows the texel that the mode says."""
+    move = np.array([(1, 0, 1), (0, 1, 0)])
+    texture = four_colors(wrap_u=wrap, wrap_v=wrap, uv_transform=move)
+    albedo = quadrants(look(tracer, sv.Material(base_color=1.0, base_color_texture=texture))["albedo"])
+    np.testing.assert_allclose(albedo[1, 0], COLORS[0, expected], atol=2e-3)
+
+
+def test_uv_transform_turns(tracer):
+    """(u, v) to (v, 1 - u): a quarter turn."""
+    texture = four_colors(uv_transform=np.array([(0, 1, 0), (-1, 0, 1)]))
+    albedo = quadrants(look(tracer, sv.Material(base_color=1.0, base_color_texture=texture))["albedo"])
+    expected = np.empty((2, 2, 3))
+    for row, column in np.ndindex(2, 2):
+        u, v = 0.25 + 0.5 * column, 0.75 - 0.5 * row
+        expected[row, column] = COLORS[int((1 - u) * 2), int(v * 2)]
+    np.testing.assert_allclose(albedo, expected, atol=2e-3)
+
+
+def checker(mipmaps):
+    pixels = np.zeros((256, 256, 4), np.uint8)
+    pixels[..., :3] = 255 * (np.indices((256, 256)).sum(axis=0) % 2)[..., None]
+    pixels[..., 3] = 255
+    return sv.Texture(image=sv.TextureImage(pixels=pixels), mipmaps=mipmaps)
+
+
+def test_mips_average_in_linear_light(tracer):
+    """256 x 256 checks on 16 x 16 pixels: one ray each sees their linear mean; without mips it sees noise."""
+    smooth, rough = (
+        look(tracer, sv.Material(base_color=1.0, base_color_texture=checker(m)), size=(16, 16), samples=1)["albedo"]
+        for m in (True, False)
+    )
+    np.testing.assert_allclose(smooth[..., :3], 0.5, atol=0.02)
+    assert rough[..., 0].std() > 0.1 or np.abs(rough[..., 0].mean() - 0.5) > 0.1
+
+
+def test_near_textures_use_the_finest_level(tracer):
+    """Magnified, the same checks are black and white."""
+    mesh = sv.Mesh(positions=QUAD.positions, normals=QUAD.normals, uvs=QUAD.uvs * (4 / 256), indices=QUAD.indices)
+    texture = checker(True)
+    texture.update(magnification="nearest")
+    albedo = look(tracer, sv.Material(base_color=1.0, base_color_texture=texture), mesh, (32, 32), 1)["albedo"][..., 0]
+    assert ((albedo < 0.01) | (albedo > 0.99)).mean() > 0.95
+    assert 0.4 < albedo.mean() < 0.6
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.5, -1.0])
+def test_normal_map(tracer, scale):
+    """x along growing u, y along growing texture rows' opposite (glTF's green up), z rebuilt from both."""
+    material = sv.Material(normal_texture=flat(204, 89, 0), normal_scale=scale)
+    renderer = look(tracer, material)
+    x, y = (204 / 255 * 2 - 1), (89 / 255 * 2 - 1)
+    tangent = np.array((x * scale, y * scale, math.sqrt(1 - x * x - y * y)))
+    seen = renderer["shading_normal"][16, 16, :3]
+    # On this quad u grows along +x and v along +y (the image's rows run upwards), so the bitangent is -y.
+    expected = np.array((tangent[0], -tangent[1], tangent[2])) / np.linalg.norm(tangent)
+    np.testing.assert_allclose(seen, expected, atol=5e-3)
+    np.testing.assert_allclose(renderer["geometric_normal"][16, 16, :3], (0, 0, 1), atol=1e-5)
