@@ -57,7 +57,7 @@ def generate_tangents(
 
         weight = _corner_angles(position[triangles], normal[triangles]) * (solid & has_uv)[:, None]
         directions = _unit(_project(along_u[:, None, :], normal[triangles]))
-        summed = np.stack(
+        summed: Floats = np.stack(
             [np.bincount(group, (weight * directions[..., axis]).reshape(-1), len(group)) for axis in range(3)], axis=1
         )
     # Corners of one vertex and one group are one vertex of the result.

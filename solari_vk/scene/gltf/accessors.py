@@ -1,0 +1,153 @@
+"""Accessors: typed arrays out of a glTF file's buffers, of every type, packing and sparseness."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.scene.gltf.document import Bytes, Document
+from solari_vk.scene.gltf.values import Entry
+
+_COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_SHAPES = {
+    "SCALAR": (1, 1), "VEC2": (1, 2), "VEC3": (1, 3), "VEC4": (1, 4), "MAT2": (2, 2), "MAT3": (3, 3), "MAT4": (4, 4),
+}  # fmt: skip
+LARGEST_WITHOUT_DATA = 2**24
+
+
+class Accessors:
+    """Decodes accessors, each once."""
+
+    def __init__(self, document: Document) -> None:
+        self._document = document
+        self._floats: dict[int, NDArray[np.float32]] = {}
+
+    def floats(self, index: int, user: Entry, kinds: tuple[str, ...]) -> NDArray[np.float32]:
+        """Finite float32 values (count, components); integers are normalized where the accessor says so.
+
+        Matrices have one row of components, in the file's column order.
+        """
+        array = self._floats.get(index)
+        entry = self._document.item("accessor", index, user)
+        self._check_kind(entry, user, kinds)
+        if array is None:
+            raw = self._decode(entry)
+            if entry.flag("normalized", False) and raw.dtype.kind in "iu":
+                # The most negative integer has no positive partner: the format clamps it to -1.
+                array = np.maximum(raw / np.float32(np.iinfo(raw.dtype).max), np.float32(-1)).astype(np.float32)
+            else:
+                array = raw.astype(np.float32, copy=False)
+            finite = np.isfinite(array)
+            if not finite.all():
+                row = int(np.argmin(finite.all(axis=1)))
+                raise entry.error(
+                    f"(used by {user.place}) has {array[row].tolist()} at element {row}: all values must be finite; "
+                    "export the file again"
+                )
+            self._floats[index] = array
+        return array
+
+    def integers(self, index: int, user: Entry, kinds: tuple[str, ...]) -> NDArray[Any]:
+        """Unsigned integers (count, components) of the accessor's own type."""
+        entry = self._document.item("accessor", index, user)
+        self._check_kind(entry, user, kinds)
+        array = self._decode(entry)
+        if array.dtype.kind != "u":
+            raise entry.error(f"(used by {user.place}) must hold unsigned integers, not {array.dtype.name}")
+        return array
+
+    def count(self, index: int, user: Entry) -> int:
+        """The number of elements, without decoding them."""
+        return self._document.item("accessor", index, user).integer("count")
+
+    def has_data(self, index: int, user: Entry) -> bool:
+        """Whether anything but zeros can be in it."""
+        entry = self._document.item("accessor", index, user)
+        return "bufferView" in entry or "sparse" in entry
+
+    @staticmethod
+    def _check_kind(entry: Entry, user: Entry, kinds: tuple[str, ...]) -> None:
+        kind = entry.text("type", None, tuple(_SHAPES))
+        if kind not in kinds:
+            raise entry.error(f"(used by {user.place}) has the type {kind}, but must be {' or '.join(kinds)}")
+
+    def _decode(self, entry: Entry) -> NDArray[Any]:
+        count = entry.integer("count")
+        dtype = _component(entry)
+        columns, rows = _SHAPES[entry.text("type", None, tuple(_SHAPES))]
+        # Every column of a matrix starts at a multiple of four bytes.
+        column_size = rows * dtype.itemsize if columns == 1 else -(-rows * dtype.itemsize // 4) * 4
+        view_index = entry.index("bufferView")
+        if count == 0:
+            return np.zeros((0, columns * rows), dtype)
+        if view_index is None:
+            if count > LARGEST_WITHOUT_DATA:
+                raise entry.error(f"has {count} elements but no data; at most {LARGEST_WITHOUT_DATA} are allowed")
+            self._document.charge(count * columns * rows * dtype.itemsize, entry)
+            array = np.zeros((count, columns * rows), dtype)
+        else:
+            data, stride = self._document.view(view_index, entry)
+            offset = entry.integer("byteOffset", 0)
+            array = _strided(entry, data, offset, count, dtype, columns, rows, column_size, stride)
+            self._document.charge(array.nbytes, entry)
+        sparse = entry.entry("sparse")
+        return array if sparse is None else self._replace(entry, sparse, array, columns, rows, column_size)
+
+    def _replace(
+        self, entry: Entry, sparse: Entry, array: NDArray[Any], columns: int, rows: int, column_size: int
+    ) -> NDArray[Any]:
+        count = sparse.integer("count", high=len(array))
+        where, what = sparse.entry("indices"), sparse.entry("values")
+        if where is None or what is None:
+            raise sparse.error("needs 'indices' and 'values'; export the file again")
+        if count == 0:
+            return array
+        kind = _component(where)
+        if kind.kind != "u":
+            raise where.wrong("componentType", "an unsigned integer type")
+        data, _ = self._document.view(where.integer("bufferView"), where)
+        indices = _strided(where, data, where.integer("byteOffset", 0), count, kind, 1, 1, kind.itemsize, None)[:, 0]
+        if int(indices.max()) >= len(array):
+            raise where.error(f"names element {indices.max()} of {len(array)}; export the file again")
+        data, _ = self._document.view(what.integer("bufferView"), what)
+        offset = what.integer("byteOffset", 0)
+        values = _strided(what, data, offset, count, array.dtype, columns, rows, column_size, None)
+        replaced = array.copy()
+        replaced[indices] = values
+        return replaced
+
+
+def _component(entry: Entry) -> np.dtype[Any]:
+    code = entry.integer("componentType")
+    if code not in _COMPONENTS:
+        raise entry.wrong("componentType", "5120 to 5123, 5125 or 5126")
+    return np.dtype(_COMPONENTS[code])
+
+
+def _strided(
+    entry: Entry,
+    data: Bytes,
+    offset: int,
+    count: int,
+    dtype: np.dtype[Any],
+    columns: int,
+    rows: int,
+    column_size: int,
+    stride: int | None,
+) -> NDArray[Any]:
+    """Elements (count, columns * rows) as a view of the bytes where that is possible, alignment or not."""
+    size = column_size * (columns - 1) + rows * dtype.itemsize
+    step = column_size * columns if stride is None else stride
+    if step < size:
+        raise entry.error(f"has elements of {size} bytes in a view with a stride of {step}; export the file again")
+    needed = offset + (count - 1) * step + size
+    if needed > len(data):
+        raise entry.error(
+            f"needs {needed} bytes for its {count} elements but its buffer view has {len(data)}; "
+            "the file is truncated or damaged: export it again"
+        )
+    strides = (step, column_size, dtype.itemsize)
+    elements: NDArray[Any] = np.ndarray((count, columns, rows), dtype, data, offset, strides)
+    return elements.reshape(count, columns * rows)

@@ -1,0 +1,241 @@
+"""A glTF file opened: its JSON, the buffers it names, and nothing outside its own folder."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import json
+import os
+import re
+import stat
+import struct
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, unquote_to_bytes
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.errors import SolariError
+from solari_vk.scene.gltf.values import Entry, clean, shown
+
+Bytes = NDArray[np.uint8]
+LARGEST_JSON = 256 * 2**20
+_GLB_MAGIC, _JSON_CHUNK, _BIN_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
+_PLURALS = {"mesh": "meshes"}
+
+
+class Document:
+    """The file's JSON as `Entry` objects and its binary data as byte arrays, each read when first used."""
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        self.file = clean(str(path))
+        data = _read_regular(self.path, self.file)
+        self._binary: Bytes | None = None
+        if len(data) >= 4 and struct.unpack_from("<I", data)[0] == _GLB_MAGIC:
+            text, self._binary = self._split_glb(data)
+        else:
+            text = data
+        self.root = Entry(self.file, "the file", self._parse(text))
+        self._items: dict[tuple[str, int], Entry] = {}
+        self._buffers: dict[int, Bytes] = {}
+        self._decoded_bytes = 0
+        self._held_bytes = 0
+        self._check_version()
+
+    # ---- the JSON -----------------------------------------------------------------------------------
+
+    def error(self, text: str) -> SolariError:
+        """The exception to raise about the file as a whole."""
+        return SolariError(f"{self.file}: {text}")
+
+    def _split_glb(self, data: bytes) -> tuple[bytes, Bytes | None]:
+        if len(data) < 20:
+            raise self.error("this .glb file ends inside its header; it is truncated: copy or download it again")
+        version, length = struct.unpack_from("<II", data, 4)
+        if version != 2:
+            raise self.error(f"this is a glTF {version} file; only glTF 2.0 can be read: convert or export it again")
+        if length > len(data):
+            raise self.error(
+                f"the .glb header promises {length} bytes but the file has {len(data)}; it is truncated: "
+                "copy or download it again"
+            )
+        text: bytes | None = None
+        binary: Bytes | None = None
+        offset = 12
+        while offset + 8 <= length:
+            size, kind = struct.unpack_from("<II", data, offset)
+            if size > length - offset - 8:
+                raise self.error(
+                    f"the .glb chunk at byte {offset} promises {size} bytes but {length - offset - 8} are left; "
+                    "the file is truncated or damaged: copy or download it again"
+                )
+            if text is None:
+                if kind != _JSON_CHUNK:
+                    raise self.error("the first chunk of the .glb file is not JSON; it is damaged: export it again")
+                text = data[offset + 8 : offset + 8 + size]
+            elif kind == _BIN_CHUNK and binary is None:
+                binary = np.frombuffer(data, np.uint8, size, offset + 8)
+            offset += 8 + size
+        if text is None:
+            raise self.error("the .glb file has no JSON chunk; it is damaged: export it again")
+        return text, binary
+
+    def _parse(self, text: bytes) -> Any:
+        if len(text) > LARGEST_JSON:
+            raise self.error(f"the JSON has {len(text)} bytes; more than {LARGEST_JSON} are not read: put data in .bin")
+        try:
+            return json.loads(text.decode("utf-8-sig"), parse_constant=_refuse_constant)
+        except RecursionError:
+            raise self.error("the JSON is nested too deeply to be a glTF file") from None
+        except ValueError as error:
+            raise self.error(
+                f"neither a .glb file nor the JSON of a .gltf file ({shown(clean(str(error)))}); "
+                "give a glTF 2.0 file that is whole"
+            ) from None
+
+    def _check_version(self) -> None:
+        asset = self.root.entry("asset")
+        if asset is None:
+            raise self.error("the JSON has no 'asset', so it is not a glTF 2.0 file")
+        for key in ("version", "minVersion"):
+            version = asset.text(key, "2.0" if key == "minVersion" else None)
+            if version.split(".")[0] != "2" or (key == "minVersion" and version != "2.0"):
+                raise self.error(f"glTF {shown(version)} is asked for; only 2.0 can be read: export it as glTF 2.0")
+
+    def array(self, kind: str) -> list[Any]:
+        """All of a kind ("node", "mesh", ...), as they stand in the JSON."""
+        plural = _PLURALS.get(kind, kind + "s")
+        given = self.root.data.get(plural, [])
+        if not isinstance(given, list):
+            raise self.root.wrong(plural, "a list of objects")
+        return given
+
+    def item(self, kind: str, index: int, user: Entry) -> Entry:
+        """The index-th object of a kind; `user` is who names it."""
+        found = self._items.get((kind, index))
+        if found is None:
+            array = self.array(kind)
+            if not 0 <= index < len(array):
+                raise user.error(
+                    f"names {kind} {shown(index)}, but the file has only {len(array)} of them; export the file again"
+                )
+            found = Entry(self.file, f"{kind} {index}", array[index])
+            if found.name:
+                found.place += f" {shown(found.name)}"
+            self._items[kind, index] = found
+        return found
+
+    # ---- the binary data ----------------------------------------------------------------------------
+
+    def charge(self, size: int, user: Entry) -> None:
+        """Count decoded bytes and refuse a small file that unfolds into a very large one."""
+        self._decoded_bytes += size
+        if self._decoded_bytes > 64 * 2**20 + 64 * self._held_bytes:
+            raise user.error(
+                f"makes the geometry {self._decoded_bytes >> 20} MiB large although the file's buffers have only "
+                f"{self._held_bytes >> 20} MiB: its accessors overlap or have no data, so it is damaged or hostile"
+            )
+
+    def view(self, index: int, user: Entry) -> tuple[Bytes, int | None]:
+        """The bytes of a buffer view and its stride, None where elements are packed."""
+        view = self.item("bufferView", index, user)
+        stride = view.integer("byteStride", low=4, high=252) if "byteStride" in view else None
+        number = view.integer("buffer")
+        buffer = self._buffers.get(number)
+        if buffer is None:
+            buffer = self._buffers[number] = self._load_buffer(number, view)
+            self._held_bytes += len(buffer)
+        offset, length = view.integer("byteOffset", 0), view.integer("byteLength", low=1)
+        if offset + length > len(buffer):
+            raise view.error(
+                f"reaches from byte {offset} to {shown(offset + length)} of buffer {number}, which has only "
+                f"{len(buffer)} bytes; the file is truncated or damaged: export it again"
+            )
+        return buffer[offset : offset + length], stride
+
+    def _load_buffer(self, index: int, user: Entry) -> Bytes:
+        entry = self.item("buffer", index, user)
+        length = entry.integer("byteLength", low=1)
+        if "uri" in entry:
+            data = self.resource(entry, length)
+        elif index == 0 and self._binary is not None:
+            data = self._binary
+        else:
+            remark = next((f" ({name} would make its data)" for name in user.extensions()), "")
+            raise entry.error(f"has no data: neither a 'uri' nor a .glb chunk holds it{remark}; export the file again")
+        if len(data) < length:
+            raise entry.error(f"promises {length} bytes but its data has {len(data)}: the file is truncated")
+        return data[:length]
+
+    def resource(self, entry: Entry, length: int | None = None) -> Bytes:
+        """The bytes behind an object's 'uri': embedded data, or a file in the glTF's own folder.
+
+        Of a file at most `length` bytes are read.
+        """
+        uri = entry.text("uri")
+        if uri[:5].lower() == "data:":
+            return _decode_data_uri(uri, entry)
+        path = self.resource_path(entry)
+        return np.frombuffer(_read_regular(path, f"{self.file}: {entry.place}: {shown(uri)}", length), np.uint8)
+
+    def resource_path(self, entry: Entry) -> Path:
+        """The file that an object's 'uri' names, refused when it lies outside the glTF's own folder."""
+        uri = entry.text("uri")
+        folder = Path(os.path.realpath(self.path)).parent
+        # Some exporters do not percent-encode, so the name as written is tried too.
+        for name in dict.fromkeys((unquote(uri), uri)):
+            inside = not (re.match(r"[A-Za-z][A-Za-z0-9+.-]*:", name) or name[:1] in ("/", "\\", "~"))
+            if not inside or "\\" in name or "\0" in name or not name:
+                raise self._outside(entry, uri)
+            try:
+                path = Path(os.path.realpath(folder / clean(name)))
+                exists = path.is_relative_to(folder) and path.exists()
+            except (OSError, ValueError):
+                raise entry.error(f"has a 'uri' that no file can have: {shown(uri)}") from None
+            if not path.is_relative_to(folder) or path == folder:
+                raise self._outside(entry, uri)
+            if exists:
+                return path
+        raise entry.error(f"needs the file {shown(uri)}, which is not beside the glTF file: copy it there")
+
+    @staticmethod
+    def _outside(entry: Entry, uri: str) -> SolariError:
+        return entry.error(
+            f"has the 'uri' {shown(uri)}, which is not a relative path inside the glTF file's own folder; nothing else "
+            "is read: copy the file there and name it by its relative path"
+        )
+
+
+def _refuse_constant(name: str) -> None:
+    raise ValueError(f"{name} is no JSON number")
+
+
+def _decode_data_uri(uri: str, entry: Entry) -> Bytes:
+    header, comma, body = uri.partition(",")
+    try:
+        if not comma:
+            raise ValueError
+        if header.lower().endswith(";base64"):
+            body = unquote(body) if "%" in body else body
+            return np.frombuffer(base64.b64decode(body + "=" * (-len(body) % 4), validate=True), np.uint8)
+        return np.frombuffer(unquote_to_bytes(body), np.uint8)
+    except (ValueError, binascii.Error):
+        raise entry.error("has a data URI that is not valid base64; export the file again") from None
+
+
+def _read_regular(path: Path, who: str, length: int | None = None) -> bytes:
+    """The first `length` bytes of a file; pipes, devices and folders are refused, since they may never end."""
+    try:
+        # Not blocking, so that opening a pipe nobody writes to returns.
+        with open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb") as file:
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                raise SolariError(f"{who}: not a file that can be read: give the path of a glTF file")
+            return file.read(-1 if length is None else length)
+    except FileNotFoundError:
+        raise SolariError(f"{who}: there is no such file: check the path") from None
+    except (OSError, ValueError) as error:
+        raise SolariError(f"{who}: can't be read: {getattr(error, 'strerror', None) or error}") from None
+    except (MemoryError, OverflowError):
+        raise SolariError(f"{who}: too large for this machine's memory") from None

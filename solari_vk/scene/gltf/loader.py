@@ -1,0 +1,211 @@
+"""From a glTF file to a `Scene`."""
+
+from __future__ import annotations
+
+import math
+import os
+from typing import Any
+
+import numpy as np
+
+from solari_vk.scene import checks
+from solari_vk.scene.gltf.deform import Pose
+from solari_vk.scene.gltf.document import Document
+from solari_vk.scene.gltf.materials import Materials
+from solari_vk.scene.gltf.nodes import Matrix, PlacedNode, joint_matrices, repeated, roots, upright, walk
+from solari_vk.scene.gltf.primitives import Primitives
+from solari_vk.scene.gltf.report import Report
+from solari_vk.scene.gltf.values import Entry, shown
+from solari_vk.scene.model import Camera, DirectionalLight, Instance, Mesh, Scene
+
+SUPPORTED_EXTENSIONS = (
+    "EXT_mesh_gpu_instancing",
+    "KHR_lights_punctual",
+    "KHR_materials_emissive_strength",
+    "KHR_materials_ior",
+    "KHR_materials_specular",
+    "KHR_materials_unlit",  # reported where it is used
+    "KHR_materials_variants",  # the default ones are shown
+    "KHR_mesh_quantization",
+    "KHR_node_visibility",
+    "KHR_texture_transform",
+    "KHR_xmp_json_ld",
+)
+_NODE_EXTENSIONS = ("EXT_mesh_gpu_instancing", "KHR_lights_punctual", "KHR_node_visibility", "KHR_xmp_json_ld")
+# Instances that nodes may make on top of one for each node and each gpu instance.
+SPARE_INSTANCES = 2**18
+
+
+def load_gltf(path: str | os.PathLike[str], *, scene: int | str | None = None) -> Scene:
+    """Load a scene, by number or name, of a .gltf or .glb file; by default the one the file chooses.
+
+    Deforming meshes are taken in their rest pose. A sun has the real one's angular size, which glTF does not
+    say. `Scene.warnings` tells what the file asks for and the renderer can't show, each by name. SolariError
+    when the file is missing, damaged or hostile, or requires an extension that is not supported; files outside
+    the glTF's own folder are never read.
+    """
+    document = Document(path)
+    try:
+        return _Loader(document).load(scene)
+    except (MemoryError, RecursionError):
+        raise document.error("is too large for this machine's memory") from None
+
+
+class _Loader:
+    def __init__(self, document: Document) -> None:
+        self._document = document
+        self._report = Report()
+        self._primitives = Primitives(document, self._report)
+        self._materials = Materials(document, self._report)
+        self._mesh_primitives: dict[int, list[Entry]] = {}
+        self._lights: list[Entry] | None = None
+        self._scene = Scene()
+
+    def load(self, which: int | str | None) -> Scene:
+        self._check_required()
+        first, owner = roots(self._document, which)
+        self._scene.name = owner.name or self._document.path.stem
+        self._remark_extensions(owner if owner is not self._document.root else None, ())
+        placed = walk(self._document, first, owner)
+        self._load_materials(placed)
+        allowed = SPARE_INSTANCES + len(placed)
+        for node in placed.values():
+            self._remark_extensions(node.entry, _NODE_EXTENSIONS)
+            if "mesh" in node.entry:
+                worlds = repeated(node, self._primitives.accessors)
+                allowed += len(worlds) - len(worlds) * len(self._primitives_of(node))
+                if allowed < 0:
+                    raise node.entry.error("brings the scene to too many instances of meshes; split the file")
+                self._add_meshes(node, worlds, placed)
+            if node.visible and "camera" in node.entry:
+                self._add_camera(node)
+            if node.visible and node.entry.extension("KHR_lights_punctual"):
+                self._add_light(node)
+        self._remark_animations(placed)
+        self._scene.warnings.extend(self._report.lines())
+        return self._scene
+
+    def _check_required(self) -> None:
+        for name in self._document.root.texts("extensionsRequired"):
+            if name not in SUPPORTED_EXTENSIONS:
+                raise self._document.error(
+                    f"the file requires the extension {shown(name)[1:-1]}, which is not supported: export it without"
+                )
+
+    def _remark_extensions(self, entry: Entry | None, handled: tuple[str, ...]) -> None:
+        for name in entry.extensions() if entry else ():
+            if name not in handled and entry:
+                self._report.add(f"the extension {name} is not supported and was ignored", entry.place)
+
+    # ---- meshes -------------------------------------------------------------------------------------
+
+    def _primitives_of(self, node: PlacedNode) -> list[Entry]:
+        number = node.entry.integer("mesh")
+        if number not in self._mesh_primitives:
+            mesh = self._document.item("mesh", number, node.entry)
+            self._remark_extensions(mesh, ("KHR_xmp_json_ld",))
+            self._mesh_primitives[number] = mesh.entries("primitives", "primitive")
+        return self._mesh_primitives[number]
+
+    def _load_materials(self, placed: dict[int, PlacedNode]) -> None:
+        users: dict[int, Entry] = {}
+        seen: set[int] = set()
+        for node in placed.values():
+            if "mesh" in node.entry and (number := node.entry.integer("mesh")) not in seen:
+                seen.add(number)
+                for primitive in self._primitives_of(node):
+                    if (material := primitive.index("material")) is not None:
+                        users.setdefault(material, primitive)
+        self._materials.load(users)
+
+    def _add_meshes(self, node: PlacedNode, worlds: Matrix, placed: dict[int, PlacedNode]) -> None:
+        mesh_entry = self._document.item("mesh", node.entry.integer("mesh"), node.entry)
+        pose = self._pose(node, mesh_entry, placed)
+        if pose.joints is not None:
+            worlds = np.eye(4)[None]  # the joints alone say where a skinned mesh is
+        parts = self._primitives_of(node)
+        for number, primitive in enumerate(parts):
+            suffix = f"/{number}" if len(parts) > 1 else ""
+            material = self._materials[primitive.index("material")]
+            name = (mesh_entry.name or mesh_entry.place) + suffix
+            mesh = self._primitives.mesh(primitive, name, material, pose)
+            if mesh is not None:
+                for world in worlds:
+                    self._add_instance(node, world, mesh, material.material, (node.entry.name or name) + suffix)
+
+    def _add_instance(self, node: PlacedNode, world: Matrix, mesh: Mesh, material: Any, name: str) -> None:
+        try:
+            world = checks.affine_transform(world)
+        except ValueError:
+            self._report.add("nodes whose transform is singular or not affine have no surface", node.entry.place)
+            return
+        self._scene.add(Instance(mesh=mesh, material=material, transform=world, visible=node.visible, name=name))
+
+    def _pose(self, node: PlacedNode, mesh: Entry, placed: dict[int, PlacedNode]) -> Pose:
+        """The rest pose of a node's mesh."""
+        joints = joint_matrices(self._document, self._primitives.accessors, node, placed, self._report)
+        owner = node.entry if "weights" in node.entry else mesh
+        given = owner.data.get("weights", [])
+        if not isinstance(given, list):
+            raise owner.wrong("weights", "a list of numbers")
+        weights = owner.numbers("weights", (0.0,) * len(given), low=-1e6, high=1e6)
+        key = (weights if any(weights) else None, None if joints is None else node.number)
+        return Pose(None if key == (None, None) else key, weights, joints)
+
+    # ---- cameras and lights -------------------------------------------------------------------------
+
+    def _add_camera(self, node: PlacedNode) -> None:
+        camera = self._document.item("camera", node.entry.integer("camera"), node.entry)
+        kind = camera.text("type", None, ("perspective", "orthographic"))
+        perspective = camera.entry("perspective")
+        transform = upright(node.world)
+        if kind == "orthographic":
+            self._report.add("orthographic cameras are not supported and are left out", camera.place)
+        elif perspective is None:
+            raise camera.error("has no 'perspective'; export the file again")
+        elif transform is None:
+            self._report.add("cameras whose node's transform is singular are left out", node.entry.place)
+        else:
+            self._scene.add(
+                Camera(
+                    transform=transform,
+                    vertical_fov=perspective.number("yfov", low=1e-3, high=math.pi - 1e-3),
+                    near=max(perspective.number("znear", low=0), 1e-9),
+                    name=node.entry.name or camera.name,
+                )
+            )
+
+    def _add_light(self, node: PlacedNode) -> None:
+        user = node.entry.extension("KHR_lights_punctual")
+        if self._lights is None:
+            extension = self._document.root.extension("KHR_lights_punctual")
+            self._lights = extension.entries("lights", "light") if extension else []
+        number = user.integer("light") if user else 0
+        if number >= len(self._lights):
+            raise node.entry.error(f"names light {shown(number)}, but the file has only {len(self._lights)} of them")
+        light = self._lights[number]
+        name = node.entry.name or light.name
+        kind = light.text("type", None, ("directional", "point", "spot"))
+        intensity, color = light.number("intensity", 1.0, low=0), light.numbers("color", (1.0, 1.0, 1.0), low=0)
+        direction = upright(node.world)
+        if kind != "directional":
+            if intensity > 0 and any(color):
+                self._report.add(f"{kind} lights are not supported and are left out", f"{node.entry.place}")
+        elif direction is None:
+            self._report.add("lights whose node's transform is singular are left out", node.entry.place)
+        else:
+            travel = -direction[:3, 2].astype(np.float32)
+            tint = np.array(color, np.float32)
+            self._scene.add(DirectionalLight(direction=travel, illuminance=intensity, color=tint, name=name))
+
+    def _remark_animations(self, placed: dict[int, PlacedNode]) -> None:
+        for number in range(len(self._document.array("animation"))):
+            animation = self._document.item("animation", number, self._document.root)
+            for channel in animation.entries("channels", "channel"):
+                target = channel.entry("target")
+                if target is not None and target.index("node") in placed:
+                    self._report.add("animations are not played: the rest pose is shown", animation.place)
+                    break
+
+
+__all__ = ["SUPPORTED_EXTENSIONS", "load_gltf"]

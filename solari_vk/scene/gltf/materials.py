@@ -1,0 +1,165 @@
+"""Materials of a glTF file, with what their extensions say about emission and reflection.
+
+Occlusion textures are left aside without a remark: they stand in for light that a ray tracer computes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.scene.gltf.document import Document
+from solari_vk.scene.gltf.report import Report
+from solari_vk.scene.gltf.textures import Slot, Textures
+from solari_vk.scene.gltf.values import Entry
+from solari_vk.scene.model import Material
+
+# Extensions that change nothing while this field of theirs is zero.
+_NEUTRAL_FIELDS = {
+    "KHR_materials_anisotropy": "anisotropyStrength",
+    "KHR_materials_clearcoat": "clearcoatFactor",
+    "KHR_materials_diffuse_transmission": "diffuseTransmissionFactor",
+    "KHR_materials_dispersion": "dispersion",
+    "KHR_materials_iridescence": "iridescenceFactor",
+    "KHR_materials_sheen": "sheenColorFactor",
+    "KHR_materials_transmission": "transmissionFactor",
+    "KHR_materials_volume": "thicknessFactor",
+}
+_READ = ("KHR_materials_emissive_strength", "KHR_materials_ior", "KHR_materials_specular")
+HIGHEST_F0 = 0.16  # that a reflectance of 1 stands for
+
+
+@dataclass
+class LoadedMaterial:
+    """A material and what its meshes have to bring along."""
+
+    material: Material
+    number: int | None = None
+    uv_set: int = 0
+    has_textures: bool = False
+    normal_map: Slot | None = None
+
+
+@dataclass
+class _Parsed:
+    entry: Entry
+    slots: dict[str, Slot] = field(default_factory=dict)
+
+
+class Materials:
+    """Makes the model's materials, each once."""
+
+    def __init__(self, document: Document, report: Report) -> None:
+        self._document = document
+        self._report = report
+        self._textures = Textures(document, report)
+        self._loaded: dict[int | None, LoadedMaterial] = {}
+
+    def load(self, users: dict[int, Entry]) -> None:
+        """Load these materials (number: who names it) and all their images."""
+        parsed = {index: self._parse(self._document.item("material", index, user)) for index, user in users.items()}
+        self._textures.decode([slot for one in parsed.values() for slot in one.slots.values()])
+        for index, one in parsed.items():
+            self._loaded[index] = self._make(index, one)
+
+    def __getitem__(self, index: int | None) -> LoadedMaterial:
+        if index is None and None not in self._loaded:
+            # The format's default: metallic and rough.
+            self._loaded[None] = LoadedMaterial(
+                Material(base_color=np.ones(3, np.float32), metallic=1.0, perceptual_roughness=1.0, name="default")
+            )
+        return self._loaded[index]
+
+    def _parse(self, entry: Entry) -> _Parsed:
+        pbr = _pbr(entry)
+        found = {
+            "base_color_texture": self._textures.slot(pbr, "baseColorTexture"),
+            "metallic_roughness_texture": self._textures.slot(pbr, "metallicRoughnessTexture"),
+            "normal_texture": self._textures.slot(entry, "normalTexture"),
+            "emissive_texture": self._textures.slot(entry, "emissiveTexture"),
+        }
+        slots = {name: slot for name, slot in found.items() if slot is not None}
+        # A mesh has one set of uvs: the first texture's.
+        uv_set = next((slot.uv_set for slot in slots.values()), 0)
+        for name, slot in list(slots.items()):
+            if slot.uv_set != uv_set:
+                self._report.add("textures on a second set of uvs are not supported and are left out", slot.entry.place)
+                del slots[name]
+        return _Parsed(entry, slots)
+
+    def _make(self, index: int, parsed: _Parsed) -> LoadedMaterial:
+        entry, slots = parsed.entry, parsed.slots
+        pbr = _pbr(entry)
+        base_color = pbr.numbers("baseColorFactor", (1.0, 1.0, 1.0, 1.0), low=0, high=1)
+        strength = entry.extension("KHR_materials_emissive_strength")
+        emissive = np.array(entry.numbers("emissiveFactor", (0.0, 0.0, 0.0), low=0))
+        if strength is not None:
+            emissive = emissive * strength.number("emissiveStrength", 1.0, low=0)
+        if emissive.max() > np.finfo(np.float32).max:
+            raise entry.error("emits more than a float can hold; lower its emissiveFactor or emissiveStrength")
+        normal = slots.get("normal_texture")
+        self._remark_extensions(entry)
+        self._remark_alpha(entry, base_color[3], slots.get("base_color_texture"))
+        material = Material(
+            base_color=np.array(base_color[:3], np.float32),
+            metallic=pbr.number("metallicFactor", 1.0, low=0, high=1),
+            perceptual_roughness=pbr.number("roughnessFactor", 1.0, low=0, high=1),
+            reflectance=self._reflectance(entry),
+            emissive=emissive.astype(np.float32),
+            normal_scale=normal.entry.number("scale", 1.0, low=-1e6, high=1e6) if normal else 1.0,
+            double_sided=entry.flag("doubleSided", False),
+            name=entry.name,
+            **{name: self._textures.texture(slot) for name, slot in slots.items()},
+        )
+        uv_set = next((slot.uv_set for slot in slots.values()), 0)
+        return LoadedMaterial(material, index, uv_set, bool(slots), normal)
+
+    def _reflectance(self, entry: Entry) -> NDArray[np.float32]:
+        """The reflectance whose F0, 0.16 reflectance^2, is that of the index of refraction and the specular color."""
+        ior, specular = entry.extension("KHR_materials_ior"), entry.extension("KHR_materials_specular")
+        index = 1.5 if ior is None else ior.number("ior", 1.5, low=0)
+        if 0 < index < 1:
+            raise entry.wrong("extensions", "without an 'ior' between 0 and 1")
+        # An index of 0 is the format's word for full reflection.
+        f0 = np.full(3, ((index - 1) / (index + 1)) ** 2 if index > 0 else 1.0)
+        if specular is not None:
+            factor = specular.number("specularFactor", 1.0, low=0, high=1)
+            f0 = np.minimum(f0 * specular.numbers("specularColorFactor", (1.0, 1.0, 1.0), low=0), 1) * factor
+            if factor < 1:
+                self._report.add(
+                    "KHR_materials_specular: specularFactor does not lower reflections at grazing angles",
+                    entry.place,
+                )
+            if "specularTexture" in specular or "specularColorTexture" in specular:
+                self._report.add("KHR_materials_specular: its textures are not supported and are left out", entry.place)
+        if f0.max() > HIGHEST_F0 * (1 + 1e-6):
+            self._report.add(f"dielectrics reflect {HIGHEST_F0:.0%} at most when seen straight on", entry.place)
+        return np.sqrt(np.minimum(f0 / HIGHEST_F0, 1)).astype(np.float32)
+
+    def _remark_extensions(self, entry: Entry) -> None:
+        for name in entry.extensions():
+            said = entry.extension(name)
+            neutral = _NEUTRAL_FIELDS.get(name)
+            if name in _READ or said is None:
+                continue
+            if neutral and said.data.get(neutral, 0) in (0, [0, 0, 0]):
+                continue
+            if name == "KHR_materials_unlit":
+                self._report.add("KHR_materials_unlit is not supported: materials are lit as any other", entry.place)
+            else:
+                self._report.add(f"the extension {name} is not supported and was ignored", entry.place)
+
+    def _remark_alpha(self, entry: Entry, alpha: float, slot: Slot | None) -> None:
+        """A remark when something would be seen through the surface."""
+        mode = entry.text("alphaMode", "OPAQUE", ("OPAQUE", "MASK", "BLEND"))
+        cutoff = entry.number("alphaCutoff", 0.5, low=0)
+        least = alpha * (int(self._textures.image(slot).pixels[..., 3].min()) / 255 if slot else 1.0)
+        if least < {"OPAQUE": 0.0, "MASK": cutoff, "BLEND": 1.0}[mode]:
+            self._report.add(f"alphaMode {mode} is not supported: surfaces are opaque", entry.place)
+
+
+def _pbr(entry: Entry) -> Entry:
+    """The metallic-roughness part of a material, empty when it has none."""
+    return entry.entry("pbrMetallicRoughness") or Entry(entry.file, entry.place, {})

@@ -1,0 +1,176 @@
+"""The node hierarchy of a glTF file: what stands where in one of its scenes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.scene.gltf.accessors import Accessors
+from solari_vk.scene.gltf.document import Document
+from solari_vk.scene.gltf.report import Report
+from solari_vk.scene.gltf.values import Entry, shown
+
+Matrix = NDArray[np.float64]
+_IDENTITY = tuple(np.eye(4).reshape(-1).tolist())
+
+
+@dataclass(frozen=True)
+class PlacedNode:
+    """A node with its matrix, world from node (4, 4)."""
+
+    number: int
+    entry: Entry
+    world: Matrix
+    visible: bool
+
+
+def roots(document: Document, which: int | str | None) -> tuple[list[int], Entry]:
+    """The root nodes of a scene by number or name (by default the file's choice), and who names them."""
+    scenes = document.array("scene")
+    if which is None:
+        if not scenes:
+            return _orphans(document), document.root
+        which = document.root.integer("scene", 0)
+    if isinstance(which, str):
+        names = [document.item("scene", number, document.root).name for number in range(len(scenes))]
+        if which not in names:
+            known = ", ".join(f"'{shown(name)[1:-1]}'" for name in names[:10] if name)
+            raise document.error(f"has no scene named {shown(which)}; it has {len(names)}, named {known or 'nothing'}")
+        which = names.index(which)
+    if not 0 <= which < len(scenes):
+        raise document.error(f"has no scene {which}; it has {len(scenes)}, counted from 0")
+    entry = document.item("scene", which, document.root)
+    return entry.integers("nodes"), entry
+
+
+def _orphans(document: Document) -> list[int]:
+    """Without scenes: all nodes that are nobody's children."""
+    count = len(document.array("node"))
+    children: set[int] = set()
+    for number in range(count):
+        children.update(document.item("node", number, document.root).integers("children"))
+    found = [number for number in range(count) if number not in children]
+    if count and not found:
+        raise document.error("every node is a child of another, so they form a cycle; export the file again")
+    return found
+
+
+def walk(document: Document, first: list[int], owner: Entry) -> dict[int, PlacedNode]:
+    """All nodes below some roots by number, parents first, in the file's order."""
+    placed: dict[int, PlacedNode] = {}
+    identity = np.eye(4)
+    waiting: list[tuple[int, Matrix, bool, Entry]] = [(number, identity, True, owner) for number in reversed(first)]
+    while waiting:
+        number, parent, visible, user = waiting.pop()
+        entry = document.item("node", number, user)
+        if number in placed:
+            raise entry.error(
+                f"is reached twice, the second time from {user.place}: nodes form a tree, where each has one parent "
+                "and none is below itself; export the file again"
+            )
+        with np.errstate(over="ignore", invalid="ignore"):
+            world = parent @ _local_matrix(entry)
+        visibility = entry.extension("KHR_node_visibility")
+        visible = visible and (visibility is None or visibility.flag("visible", True))
+        placed[number] = PlacedNode(number, entry, world, visible)
+        waiting.extend((child, world, visible, entry) for child in reversed(entry.integers("children")))
+    return placed
+
+
+def _local_matrix(entry: Entry) -> Matrix:
+    """Parent from node."""
+    if "matrix" in entry:
+        matrix = np.array(entry.numbers("matrix", _IDENTITY)).reshape(4, 4).T
+        if np.allclose(matrix[3], (0, 0, 0, 1), rtol=0, atol=1e-5):
+            matrix[3] = (0, 0, 0, 1)
+        return matrix
+    if not ("translation" in entry or "rotation" in entry or "scale" in entry):
+        return np.eye(4)
+    return compose(
+        np.array([entry.numbers("translation", (0.0, 0.0, 0.0))]),
+        np.array([entry.numbers("rotation", (0.0, 0.0, 0.0, 1.0))]),
+        np.array([entry.numbers("scale", (1.0, 1.0, 1.0))]),
+    )[0]
+
+
+def compose(translations: Matrix, rotations: Matrix, scales: Matrix) -> Matrix:
+    """Matrices (N, 4, 4) from translations (N, 3), quaternions (N, 4: x y z w) and scales (N, 3).
+
+    A quaternion of zero length gives a singular matrix.
+    """
+    length = np.linalg.norm(rotations, axis=1, keepdims=True)
+    x, y, z, w = (rotations / np.where(length > 0, length, 1)).T
+    rows = [
+        [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
+    ]
+    matrices = np.zeros((len(translations), 4, 4))
+    matrices[:, :3, :3] = np.moveaxis(np.array(rows), 2, 0) * scales[:, None, :]
+    matrices[:, :3, 3] = translations
+    matrices[:, 3, 3] = 1
+    return matrices
+
+
+def repeated(node: PlacedNode, accessors: Accessors) -> Matrix:
+    """World matrices (N, 4, 4) of a node's mesh: one, or those of EXT_mesh_gpu_instancing."""
+    instancing = node.entry.extension("EXT_mesh_gpu_instancing")
+    attributes = instancing.entry("attributes") if instancing else None
+    if attributes is None:
+        return node.world[None]
+    found: dict[str, NDArray[Any]] = {}
+    for name, kind in (("TRANSLATION", "VEC3"), ("ROTATION", "VEC4"), ("SCALE", "VEC3")):
+        index = attributes.index(name)
+        if index is not None:
+            found[name] = accessors.floats(index, attributes, (kind,)).astype(np.float64)
+    counts = {len(values) for values in found.values()}
+    if len(counts) > 1:
+        raise attributes.error(f"has accessors of different lengths {sorted(counts)}; export the file again")
+    count = counts.pop() if counts else 1
+    with np.errstate(over="ignore", invalid="ignore"):
+        return node.world @ compose(
+            found.get("TRANSLATION", np.zeros((count, 3))),
+            found.get("ROTATION", np.tile((0.0, 0.0, 0.0, 1.0), (count, 1))),
+            found.get("SCALE", np.ones((count, 3))),
+        )
+
+
+def joint_matrices(
+    document: Document, accessors: Accessors, node: PlacedNode, placed: dict[int, PlacedNode], report: Report
+) -> Matrix | None:
+    """World from vertex (J, 4, 4) of each joint of a node's skin; None without one or (reported) without joints."""
+    index = node.entry.index("skin")
+    if index is None:
+        return None
+    skin = document.item("skin", index, node.entry)
+    joints = skin.integers("joints")
+    if not joints or any(joint not in placed for joint in joints):
+        for joint in joints:
+            document.item("node", joint, skin)
+        report.add("skins whose joints are not in the scene are left out", skin.place)
+        return None
+    matrices = np.array([placed[joint].world for joint in joints])
+    inverse = skin.index("inverseBindMatrices")
+    if inverse is None:
+        return matrices
+    bind = accessors.floats(inverse, skin, ("MAT4",))
+    if len(bind) < len(joints):
+        raise skin.error(f"has {len(bind)} inverse bind matrices for {len(joints)} joints; export the file again")
+    with np.errstate(over="ignore", invalid="ignore"):
+        return matrices @ bind[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1)
+
+
+def upright(world: Matrix) -> Matrix | None:
+    """The matrix without scale and shear, keeping where -z looks and what is above; None without a direction."""
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        back, up = world[:3, 2].copy(), world[:3, 1].copy()
+        back /= np.linalg.norm(back)
+        right = np.cross(up, back)
+        right /= np.linalg.norm(right)
+    result = np.eye(4)
+    result[:3, :3] = np.stack([right, np.cross(back, right), back], axis=1)
+    result[:3, 3] = world[:3, 3]
+    return result if np.isfinite(result).all() else None

@@ -1,0 +1,217 @@
+"""Mesh primitives of a glTF file: triangles, checked vertices, and tangents where a normal map needs them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.scene.gltf.accessors import Accessors
+from solari_vk.scene.gltf.deform import Pose, Vertices, morph, skin
+from solari_vk.scene.gltf.document import Document
+from solari_vk.scene.gltf.materials import LoadedMaterial
+from solari_vk.scene.gltf.report import Report
+from solari_vk.scene.gltf.values import Entry
+from solari_vk.scene.model import Mesh
+from solari_vk.scene.tangents import generate_tangents
+
+LARGEST_COORDINATE = 1e18  # metres: areas of larger triangles are no floats
+_MODES = ("points", "lines", "line loops", "line strips", "triangles", "triangle strips", "triangle fans")
+_HARMLESS = ("KHR_materials_variants", "KHR_draco_mesh_compression", "KHR_xmp_json_ld")
+
+
+class Primitives:
+    """Makes the model's meshes; primitives of the same data share one."""
+
+    def __init__(self, document: Document, report: Report) -> None:
+        self._document = document
+        self._report = report
+        self._accessors = Accessors(document)
+        self._meshes: dict[Any, Mesh | None] = {}
+
+    @property
+    def accessors(self) -> Accessors:
+        return self._accessors
+
+    def mesh(self, primitive: Entry, name: str, material: LoadedMaterial, pose: Pose) -> Mesh | None:
+        """The primitive as a mesh fit for a material, or None (reported) when it has no surface."""
+        attributes = primitive.entry("attributes")
+        if attributes is None:
+            raise primitive.error("has no 'attributes'; export the file again")
+        turned = None if material.normal_map is None else material.normal_map.uv_transform
+        mode = primitive.integer("mode", 4, high=6)
+        targets = primitive.entries("targets", "target") if any(pose.weights) else []
+        key = (
+            *(attributes.index(a) for a in ("POSITION", "NORMAL", "TANGENT", f"TEXCOORD_{material.uv_set}")),
+            primitive.index("indices"), mode, turned, material.uv_set if material.has_textures else None, pose.key,
+            tuple(tuple(sorted((k, str(v)) for k, v in target.data.items())) for target in targets),
+        )  # fmt: skip
+        if key not in self._meshes:
+            self._meshes[key] = self._make(primitive, attributes, mode, name, material, pose, targets)
+        self._remark(primitive, attributes, material)
+        return self._meshes[key]
+
+    def _remark(self, primitive: Entry, attributes: Entry, material: LoadedMaterial) -> None:
+        for name in primitive.extensions():
+            if name not in _HARMLESS:
+                self._report.add(f"the extension {name} is not supported and was ignored", primitive.place)
+        color = attributes.index("COLOR_0")
+        if color is not None and not (self._accessors.floats(color, attributes, ("VEC3", "VEC4")) == 1).all():
+            self._report.add("vertex colors (COLOR_0) are not supported and are ignored", primitive.place)
+        uvs = f"TEXCOORD_{material.uv_set}"
+        if material.has_textures and uvs not in attributes:
+            self._report.add(f"meshes without {uvs} see their textures at a single point", primitive.place)
+
+    def _make(
+        self, primitive: Entry, attributes: Entry, mode: int, name: str,
+        material: LoadedMaterial, pose: Pose, targets: list[Entry],
+    ) -> Mesh | None:  # fmt: skip
+        if mode < 4:
+            self._report.add(f"{_MODES[mode]} have no surface and are left out", primitive.place)
+            return None
+        vertices = self._vertices(primitive, attributes, material)
+        if vertices is None:
+            return None
+        triangles = self._triangles(primitive, mode, len(vertices["POSITION"]))
+        with np.errstate(over="ignore", invalid="ignore"):
+            vertices = morph(vertices, targets, pose.weights, self._accessors)
+            if pose.joints is not None:
+                vertices = skin(vertices, attributes, pose.joints, self._accessors)
+        positions = vertices["POSITION"]
+        if len(positions) and not np.abs(positions).max() <= LARGEST_COORDINATE:
+            raise primitive.error(f"reaches further than {LARGEST_COORDINATE:g} metres; scale it down")
+
+        distinct = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
+        triangles = triangles[distinct]
+        used, triangles = _compact(triangles, len(positions))
+        if len(used) < len(positions):
+            vertices = {attribute: values[used] for attribute, values in vertices.items()}
+        cross = _area_vectors(vertices["POSITION"], triangles)
+        if not cross.any():
+            self._report.add("primitives without any triangle of some area are left out", primitive.place)
+            return None
+        if "NORMAL" in vertices:
+            vertices["NORMAL"] = self._unit_normals(vertices["NORMAL"], triangles, cross, primitive)
+        return self._with_tangents(vertices, triangles, cross, name, material)
+
+    def _vertices(self, primitive: Entry, attributes: Entry, material: LoadedMaterial) -> Vertices | None:
+        position = attributes.index("POSITION")
+        if position is None:
+            self._report.add("primitives without POSITION are left out", primitive.place)
+            return None
+        if primitive.extension("KHR_draco_mesh_compression") and not self._accessors.has_data(position, attributes):
+            self._report.add("KHR_draco_mesh_compression is not supported: primitives are left out", primitive.place)
+            return None
+        wanted = {
+            "POSITION": (position, ("VEC3",)),
+            "NORMAL": (attributes.index("NORMAL"), ("VEC3",)),
+            "TANGENT": (attributes.index("TANGENT"), ("VEC4",)),
+            "TEXCOORD": (attributes.index(f"TEXCOORD_{material.uv_set}"), ("VEC2",)),
+        }
+        if wanted["NORMAL"][0] is None:
+            del wanted["TANGENT"]  # the format's rule: they belong to normals that are not there
+        count = self._accessors.count(position, attributes)
+        vertices = {}
+        for name, (index, kinds) in wanted.items():
+            if index is not None:
+                if (rows := self._accessors.count(index, attributes)) != count:
+                    raise primitive.error(f"has {rows} of {name} for {count} positions; export the file again")
+                vertices[name] = self._accessors.floats(index, attributes, kinds)
+        return vertices
+
+    def _triangles(self, primitive: Entry, mode: int, count: int) -> NDArray[np.uint32]:
+        index = primitive.index("indices")
+        if index is None:
+            corners = np.arange(count, dtype=np.uint32)
+        else:
+            corners = self._accessors.integers(index, primitive, ("SCALAR",))[:, 0].astype(np.uint32)
+            if len(corners) and int(corners.max()) >= count:
+                raise primitive.error(
+                    f"names vertex {corners.max()} (accessor {index}) but has only {count}; export the file again"
+                )
+        if mode == 4:
+            whole = len(corners) // 3 * 3
+            if whole != len(corners):
+                self._report.add("the last corners make no whole triangle and are left out", primitive.place)
+            return corners[:whole].reshape(-1, 3)
+        if len(corners) < 3:
+            return np.zeros((0, 3), np.uint32)
+        if mode == 6:
+            return np.stack([corners[1:-1], corners[2:], np.broadcast_to(corners[0], len(corners) - 2)], axis=1)
+        strip = np.stack([corners[:-2], corners[1:-1], corners[2:]], axis=1)
+        strip[1::2] = strip[1::2, [0, 2, 1]]
+        return strip
+
+    def _unit_normals(
+        self, normals: NDArray[np.float32], triangles: NDArray[np.uint32], cross: NDArray[np.float64], place: Entry
+    ) -> NDArray[np.float32]:
+        unit = _unit(normals)
+        missing = ~unit.any(axis=1)
+        if missing.any():
+            self._report.add("normals of zero length are replaced by those of the triangles around", place.place)
+            faces = _unit(
+                np.stack([
+                    np.bincount(triangles.reshape(-1), np.repeat(cross[:, axis], 3), len(normals)) for axis in range(3)
+                ], axis=1)
+            )  # fmt: skip
+            faces[~faces.any(axis=1)] = (0, 1, 0)
+            unit[missing] = faces[missing]
+        return unit.astype(np.float32)
+
+    def _with_tangents(
+        self, vertices: Vertices, triangles: NDArray[np.uint32], cross: NDArray[np.float64], name: str,
+        material: LoadedMaterial,
+    ) -> Mesh:  # fmt: skip
+        normals, uvs = vertices.get("NORMAL"), vertices.get("TEXCOORD")
+        positions, tangents = vertices["POSITION"], vertices.get("TANGENT")
+        if tangents is not None and normals is not None:
+            tangents = _fit_tangents(tangents, normals)
+        if material.normal_map is not None and tangents is None and uvs is not None:
+            shading = normals
+            if shading is None:  # flat: every corner has its triangle's normal
+                positions, uvs = positions[triangles].reshape(-1, 3), uvs[triangles].reshape(-1, 2)
+                shading = np.repeat(_unit(cross), 3, axis=0).astype(np.float32)
+                triangles = np.arange(len(positions), dtype=np.uint32).reshape(-1, 3)
+            linear = np.reshape(material.normal_map.uv_transform, (2, 3))[:, :2]
+            split = generate_tangents(positions, shading, uvs @ linear.T, triangles)
+            positions, uvs = positions[split.source], uvs[split.source]
+            tangents, triangles = split.tangents, split.indices
+            normals = None if normals is None else normals[split.source]
+        return Mesh(positions=positions, indices=triangles, normals=normals, uvs=uvs, tangents=tangents, name=name)
+
+
+def _compact(triangles: NDArray[np.uint32], count: int) -> tuple[NDArray[Any], NDArray[np.uint32]]:
+    """The vertices that triangles use, ascending, and the triangles over only these."""
+    if count > 4 * triangles.size:  # a small part of a large buffer that many primitives share
+        used, compact = np.unique(triangles, return_inverse=True)
+        return used, compact.reshape(-1, 3).astype(np.uint32)
+    flags = np.zeros(count, bool)
+    flags[triangles] = True
+    return np.flatnonzero(flags), (np.cumsum(flags, dtype=np.uint32) - np.uint32(1))[triangles]
+
+
+def _area_vectors(positions: NDArray[np.float32], triangles: NDArray[np.uint32]) -> NDArray[np.float64]:
+    """Normals of the triangles, twice their area long."""
+    a, b, c = (positions[triangles[:, i]].astype(np.float64) for i in range(3))
+    return np.cross(b - a, c - a)
+
+
+def _unit(vectors: NDArray[Any]) -> NDArray[np.float64]:
+    """Unit vectors, zero where there is no direction."""
+    doubles = vectors.astype(np.float64)
+    length = np.linalg.norm(doubles, axis=1, keepdims=True)
+    unit: NDArray[np.float64] = np.where(length > 1e-30, doubles / np.where(length > 1e-30, length, 1), 0)
+    return unit
+
+
+def _fit_tangents(tangents: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Unit tangents with w = -1 or 1; some direction across the normal where there is none."""
+    fitted = np.empty(tangents.shape, np.float32)
+    fitted[:, :3] = _unit(tangents[:, :3])
+    fitted[:, 3] = np.where(tangents[:, 3] < 0, -1, 1)
+    missing = ~fitted[:, :3].any(axis=1)
+    if missing.any():
+        axes = np.eye(3)[np.argmin(np.abs(normals[missing]), axis=1)]
+        fitted[missing, :3] = _unit(np.cross(axes, normals[missing]))
+    return fitted
