@@ -1,0 +1,129 @@
+"""Seeded bugs: each is put into a copy of the shaders, and the proof that should notice it must fail."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass
+
+import pytest
+import test_closed_forms as closed_forms
+import test_estimators as estimators
+import test_rays as rays
+
+from solari_vk.gpu import compiler
+
+
+@dataclass
+class Mutant:
+    """In `file`, `old` (found exactly once) becomes `new`; `proof(picture, tracer)` must then fail."""
+
+    file: str
+    old: str
+    new: str
+    proof: object
+    slow: bool = False
+
+
+def glossy_lamp(picture, tracer):
+    closed_forms.test_lamp_over_our_materials(picture, 0.35, 0.0, 1.0, "conserving")
+
+
+def metal_lamp(picture, tracer):
+    closed_forms.test_lamp_over_our_materials(picture, 0.35, 1.0, 0.5, "conserving")
+
+
+def box_series(picture, tracer):
+    closed_forms.test_closed_box_series(picture, 5, "mis")
+
+
+def white_box(picture, tracer):
+    closed_forms.test_white_closed_box_with_our_brdf_keeps_all_energy(picture, 0.5, 0.0)
+
+
+def wide_sun(picture, tracer):
+    closed_forms.test_sun_over_lambert_floor(picture, 0.8, "mis")
+
+
+def closed_surface(picture, tracer):
+    rays.test_nothing_escapes_from_a_closed_surface(tracer, "far")
+
+
+def baked_instances(picture, tracer):
+    estimators.test_instances_are_as_their_baked_meshes(picture, tracer)
+
+
+def embree(picture, tracer):
+    rays.test_camera_rays_hit_what_embree_hits(tracer, "cornell_box")
+
+
+TRACE, SAMPLING = "passes/pathtracer/trace.comp", "scene/sampling.glsl"
+BRDF, MICROFACET, SURFACE = "scene/brdf.glsl", "scene/microfacet.glsl", "scene/surface.glsl"
+MUTANTS = {
+    "emission counted twice": Mutant(
+        TRACE, "surface.material.emissive * hit_weight(bounce_pdf, light_pdf)", "surface.material.emissive", glossy_lamp
+    ),
+    "no cosine at the light": Mutant(SAMPLING, "? cosine / distance_squared", "? 1.0 / distance_squared", glossy_lamp),
+    "wrong light count": Mutant(
+        SAMPLING, "float inverse_light_pdf = float(", "float inverse_light_pdf = 1.0 + float(", wide_sun
+    ),
+    "weights in area measure": Mutant(SAMPLING, "? square(ray_t) / inverse_pdf", "? 1.0 / inverse_pdf", glossy_lamp),
+    "roulette keeps the survivors' energy down": Mutant(TRACE, "throughput /= survival;", "", box_series),
+    "no average under the layer": Mutant(BRDF, "*= through / (1.0 - average)", "*= through", white_box),
+    "no offset of ray origins": Mutant(
+        SURFACE, "16.0 * ROUNDING_UNIT * dot(world_reach", "0.0 * dot(world_reach", closed_surface
+    ),
+    "mirrored instances turn inside out": Mutant(
+        SURFACE, "cofactors *= dot(m[0], cofactors[0]) < 0.0 ? -1.0 : 1.0;", "", baked_instances
+    ),
+    "no shadows": Mutant(
+        TRACE,
+        "max_component(value) > 0.0 && trace_light_visibility(origin, light_sample)",
+        "max_component(value) > 0.0",
+        closed_surface,
+        slow=True,
+    ),
+    "sun's pdf forgets the light count": Mutant(
+        SAMPLING,
+        "1.0 / (float(scene_info.light_count) * light.solid_angle)",
+        "0.5 / light.solid_angle",
+        wide_sun,
+        slow=True,
+    ),
+    "no multiple scattering": Mutant(
+        BRDF, "brdf.multiscatter = 1.0 / (ab.x + ab.y) - 1.0", "brdf.multiscatter = 0.0", metal_lamp, slow=True
+    ),
+    "visibility term halved": Mutant(
+        MICROFACET, "return 0.5 / max(shadowed_l", "return 0.25 / max(shadowed_l", metal_lamp, slow=True
+    ),
+    "half pixel off": Mutant(TRACE, "vec2(pixel) + 0.5 + sample", "vec2(pixel) + sample", glossy_lamp, slow=True),
+    "pdf without its bound": Mutant(
+        MICROFACET,
+        "float k = (1.0 - a2) * s2 / (s2 + a2 * square(wo.z));\n    return 0.5",
+        "float k = 1.0;\n    return 0.5",
+        metal_lamp,
+        slow=True,
+    ),
+    "triangle's instance is off by one": Mutant(
+        "passes/pathtracer/aov.comp",
+        "aov_instance.at[index] = hit.instance;",
+        "aov_instance.at[index] = hit.instance + 1u;",
+        embree,
+        slow=True,
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.slow] if m.slow else []) for n, m in MUTANTS.items()]
+)
+def test_a_seeded_bug_is_noticed(name, picture, tracer, tmp_path, monkeypatch):
+    mutant = MUTANTS[name]
+    root = tmp_path / "glsl"
+    shutil.copytree(compiler.glsl_root(), root)
+    file = root / mutant.file
+    text = file.read_text()
+    assert text.count(mutant.old) == 1, f"{mutant.file} has changed: '{mutant.old}' must be found once"
+    file.write_text(text.replace(mutant.old, mutant.new))
+    monkeypatch.setattr(compiler, "glsl_root", lambda: root)
+    with pytest.raises(AssertionError):
+        mutant.proof(picture, tracer)
