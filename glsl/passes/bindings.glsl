@@ -40,13 +40,13 @@ layout(set = 1, binding = 3, scalar) buffer RadianceSumBlock { vec3 at[]; } radi
 // Of luminance over samples: mean, and sum of squared distances from the mean.
 layout(set = 1, binding = 4, scalar) buffer LuminanceMomentsBlock { vec2 at[]; } luminance_moments;
 
-layout(set = 1, binding = 5, scalar) buffer AovDepthBlock { float at[]; } aov_depth;  // along the view axis, inf: nothing
-layout(set = 1, binding = 6, scalar) buffer AovPositionBlock { vec3 at[]; } aov_position;
-layout(set = 1, binding = 7, scalar) buffer AovGeometricNormalBlock { vec3 at[]; } aov_geometric_normal;
-layout(set = 1, binding = 8, scalar) buffer AovNormalBlock { vec3 at[]; } aov_normal;
-layout(set = 1, binding = 9, scalar) buffer AovAlbedoBlock { vec3 at[]; } aov_albedo;
-layout(set = 1, binding = 10, scalar) buffer AovRoughnessMetallicBlock { vec2 at[]; } aov_roughness_metallic;
-layout(set = 1, binding = 11, scalar) buffer AovEmissiveBlock { vec3 at[]; } aov_emissive;
-layout(set = 1, binding = 12, scalar) buffer AovInstanceBlock { uint at[]; } aov_instance;  // NO_INDEX: nothing
+layout(set = 1, binding = 5, scalar) buffer DepthBlock { float at[]; } aov_depth;  // along the view axis, inf: nothing
+layout(set = 1, binding = 6, scalar) buffer PositionBlock { vec3 at[]; } aov_position;
+layout(set = 1, binding = 7, scalar) buffer GeometricNormalBlock { vec3 at[]; } aov_geometric_normal;
+layout(set = 1, binding = 8, scalar) buffer ShadingNormalBlock { vec3 at[]; } aov_shading_normal;
+layout(set = 1, binding = 9, scalar) buffer AlbedoBlock { vec3 at[]; } aov_albedo;
+layout(set = 1, binding = 10, scalar) buffer RoughnessMetallicBlock { vec2 at[]; } aov_roughness_metallic;
+layout(set = 1, binding = 11, scalar) buffer EmissiveBlock { vec3 at[]; } aov_emissive;
+layout(set = 1, binding = 12, scalar) buffer InstanceIdBlock { uint at[]; } aov_instance_id;  // NO_INDEX: nothing
 
 #endif

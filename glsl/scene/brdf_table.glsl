@@ -6,8 +6,8 @@
 #include "passes/bindings.glsl"
 
 // Rows: perceptual roughness from 0 to 1. Columns: the square root of the normal's cosine from 0 to 1, since the albedo of
-// smooth surfaces changes fastest near grazing.
-const uint BRDF_TABLE_SIZE = 64u;
+// smooth surfaces changes fastest near grazing. The host reads the size from here.
+layout(constant_id = 2) const uint BRDF_TABLE_SIZE = 64u;
 
 // Row 0: everything single-scattered, Fresnel as it is.
 vec2 mirror_albedo(float NdotV) {
@@ -18,7 +18,7 @@ vec2 mirror_albedo(float NdotV) {
 
 // A and B of the albedo F0 A + B.
 vec2 lookup_brdf_table(float NdotV, float perceptual_roughness) {
-    const uint last = BRDF_TABLE_SIZE - 1u;
+    uint last = BRDF_TABLE_SIZE - 1u;
     vec2 position = vec2(sqrt(saturate(NdotV)), saturate(perceptual_roughness)) * float(last);
     uvec2 cell = min(uvec2(position), uvec2(last - 1u));
     vec2 part = position - vec2(cell);
@@ -30,7 +30,7 @@ vec2 lookup_brdf_table(float NdotV, float perceptual_roughness) {
 
 // The cosine-weighted average of the albedo with multiple scattering is column 0 + F0 column 1 + F0^2 column 2.
 mat3 lookup_brdf_averages(float perceptual_roughness) {
-    const uint last = BRDF_TABLE_SIZE - 1u;
+    uint last = BRDF_TABLE_SIZE - 1u;
     float position = saturate(perceptual_roughness) * float(last);
     uint row = min(uint(position), last - 1u);
     vec3 average = mix(brdf_averages.at[row], brdf_averages.at[row + 1u], position - float(row));

@@ -11,7 +11,7 @@ const uint POINTS_PER_CELL = 8u;
 void main() {
     uint row = gl_GlobalInvocationID.x;
     if (row >= BRDF_TABLE_SIZE) { return; }
-    const uint point_count = POINTS_PER_CELL * (BRDF_TABLE_SIZE - 1u);
+    uint point_count = POINTS_PER_CELL * (BRDF_TABLE_SIZE - 1u);
     vec3 average = vec3(0.0);
     for (uint i = 0u; i < point_count; i++) {
         float root = (float(i) + 0.5) / float(point_count);

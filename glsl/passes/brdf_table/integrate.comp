@@ -1,5 +1,5 @@
 // Directional albedo of single-scattering GGX for F0 split into A and B (Karis, "Real Shading in Unreal Engine 4", 2013), by
-// midpoint quadrature over bounded VNDF samples, whose weights are smooth.
+// quadrature over bounded VNDF samples, whose weights are smooth but for a kink at the horizon.
 #version 460
 #include "passes/bindings.glsl"
 #include "scene/brdf_table.glsl"
@@ -7,8 +7,9 @@
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
-// Around the normal the integrand is periodic and a few points suffice; the other way it ends in a kink.
-const uvec2 POINT_COUNT = uvec2(8u, 128u);
+// Points of a golden-ratio lattice: a plain grid of as many has ten times the error, from the kink.
+const uint POINT_COUNT = 1024u;
+const float GOLDEN_RATIO = 0.618033988749895;
 
 void main() {
     uvec2 cell = gl_GlobalInvocationID.xy;
@@ -22,15 +23,16 @@ void main() {
     } else {
         vec3 wo = vec3(safe_sqrt(1.0 - NdotV * NdotV), 0.0, NdotV);
         float pdf_per_d = ggx_vndf_pdf_per_d(wo, roughness);
-        for (uint i = 0u; i < POINT_COUNT.x * POINT_COUNT.y; i++) {
-            vec2 u = (vec2(i % POINT_COUNT.x, i / POINT_COUNT.x) + 0.5) / vec2(POINT_COUNT);
-            u.x *= 0.5;  // the other half is its mirror image
+        for (uint i = 0u; i < POINT_COUNT; i++) {
+            // half the turn, the other is its mirror image; denser towards the lowest directions, where weights vary most
+            float from_end = 1.0 - (float(i) + 0.5) / float(POINT_COUNT);
+            vec2 u = vec2(0.5 * fract(float(i) * GOLDEN_RATIO), 1.0 - from_end * from_end);
             vec3 wi = sample_ggx_vndf(wo, roughness, u);
             if (!(wi.z > 0.0)) { continue; }
-            float weight = V_SmithGGXCorrelated(roughness, wo.z, wi.z) * wi.z / pdf_per_d;
+            float weight = 2.0 * from_end * V_SmithGGXCorrelated(roughness, wo.z, wi.z) * wi.z / pdf_per_d;
             albedo += weight * mirror_albedo(dot(wi, normalize(wo + wi)));
         }
-        albedo /= float(POINT_COUNT.x * POINT_COUNT.y);
+        albedo /= float(POINT_COUNT);
     }
     brdf_table.at[cell.y * BRDF_TABLE_SIZE + cell.x] = albedo;
 }

@@ -15,12 +15,12 @@ void main() {
 
     CameraRay ray = make_camera_ray(vec2(pixel) + 0.5);
     Hit hit = trace_closest_hit(ray.origin, ray.t_min, ray.direction, INFINITY, TRACE_FRONT_FACES);
-    aov_instance.at[index] = hit.instance;
+    aov_instance_id.at[index] = hit.instance;
     if (hit.instance == NO_INDEX) {
         aov_depth.at[index] = INFINITY;
         aov_position.at[index] = vec3(0.0);
         aov_geometric_normal.at[index] = vec3(0.0);
-        aov_normal.at[index] = vec3(0.0);
+        aov_shading_normal.at[index] = vec3(0.0);
         aov_albedo.at[index] = vec3(0.0);
         aov_roughness_metallic.at[index] = vec2(0.0);
         aov_emissive.at[index] = vec3(0.0);
@@ -30,7 +30,7 @@ void main() {
     aov_depth.at[index] = hit.t * ray.depth_per_t;
     aov_position.at[index] = surface.world_position;
     aov_geometric_normal.at[index] = surface.geometric_world_normal;
-    aov_normal.at[index] = surface.world_normal;
+    aov_shading_normal.at[index] = surface.world_normal;
     aov_albedo.at[index] = surface.material.base_color;
     aov_roughness_metallic.at[index] = vec2(surface.material.perceptual_roughness, surface.material.metallic);
     aov_emissive.at[index] = surface.emits ? surface.material.emissive : vec3(0.0);

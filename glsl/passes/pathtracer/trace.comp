@@ -48,12 +48,20 @@ void main() {
     uvec2 pixel = INVOCATION_INDEX + uvec2(0u, uniforms.first_row);
     if (pixel.x >= uniforms.size.x || INVOCATION_INDEX.y >= uniforms.row_count || pixel.y >= uniforms.size.y) { return; }
 
+    // Sums go on from sample to sample whatever the dispatches' sizes, so that a seed gives the same bits.
+    uint index = pixel.y * uniforms.size.x + pixel.x;
+    uint sample_index = uniforms.sample_index;
     vec3 sum = vec3(0.0);
-    float mean = 0.0;
-    float deviations = 0.0;
+    vec2 moments = vec2(0.0);
+    uint rays = 0u;
+    if (sample_index > 0u) {
+        sum = radiance_sum.at[index];
+        moments = luminance_moments.at[index];
+        rays = ray_count.at[index];
+    }
+    uint last_sample_index = sample_index + uniforms.samples_per_dispatch;
 
     // One loop over the rays of all samples: a path that ends early makes room for the next, so neighbours stay together.
-    uint sample_count = 0u;
     uint bounce = 0u;
     bool path_ended = true;
     uint rng;
@@ -61,8 +69,8 @@ void main() {
     float t_min, cone_spread, cone_width, bounce_pdf;
     while (true) {
         if (path_ended) {
-            if (sample_count == uniforms.samples_per_dispatch) { break; }
-            rng = seed_rng(pixel, uniforms.sample_index + sample_count, uniforms.seed);
+            if (sample_index == last_sample_index) { break; }
+            rng = seed_rng(pixel, sample_index, uniforms.seed);
             CameraRay ray = make_camera_ray(vec2(pixel) + 0.5 + sample_pixel_filter(rand_vec2f(rng)));
             origin = ray.origin;
             direction = ray.direction;
@@ -76,6 +84,7 @@ void main() {
             path_ended = false;
         }
 
+        rays += 1u;
         Hit hit = trace_closest_hit(origin, t_min, direction, INFINITY, bounce == 0u ? TRACE_FRONT_FACES : TRACE_BOTH_FACES);
         if (hit.instance == NO_INDEX) {
             radiance += throughput * directional_light_radiance(direction, bounce_pdf);
@@ -97,7 +106,10 @@ void main() {
                 if (uniforms.light_strategy != LIGHTS_BY_BRDF && scene_info.light_count > 0u) {
                     ResolvedLightSample light_sample;
                     vec3 value = throughput * sample_light(surface, brdf, frame, wo, rng, light_sample);
-                    if (max_component(value) > 0.0 && trace_light_visibility(origin, light_sample)) { radiance += value; }
+                    if (max_component(value) > 0.0) {
+                        rays += 1u;
+                        radiance += trace_light_visibility(origin, light_sample) ? value : vec3(0.0);
+                    }
                 }
 
                 BrdfSample next = sample_brdf(brdf, wo, rng);
@@ -115,25 +127,16 @@ void main() {
         }
 
         if (path_ended) {
-            sample_count += 1u;
+            sample_index += 1u;
             sum += radiance;
-            float apart = luminance(radiance) - mean;
-            mean += apart / float(sample_count);
-            deviations += apart * (luminance(radiance) - mean);
+            // Welford, "Note on a Method for Calculating Corrected Sums of Squares and Products" (1962)
+            float apart = luminance(radiance) - moments.x;
+            moments.x += apart / float(sample_index);
+            moments.y += apart * (luminance(radiance) - moments.x);
         }
     }
 
-    // Chan et al., "Updating Formulae and a Pairwise Algorithm for Computing Sample Variances" (1979)
-    uint index = pixel.y * uniforms.size.x + pixel.x;
-    if (uniforms.sample_index > 0u) {
-        vec2 before = luminance_moments.at[index];
-        float before_count = float(uniforms.sample_index);
-        float share = float(sample_count) / (before_count + float(sample_count));
-        float apart = mean - before.x;
-        deviations += before.y + apart * apart * before_count * share;
-        mean = before.x + apart * share;
-        sum += radiance_sum.at[index];
-    }
     radiance_sum.at[index] = sum;
-    luminance_moments.at[index] = vec2(mean, deviations);
+    luminance_moments.at[index] = moments;
+    ray_count.at[index] = rays;
 }

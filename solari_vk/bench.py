@@ -1,0 +1,140 @@
+"""`solari-vk bench`: speed as figures and as ratios measured in one run."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from solari_vk.gpu.device import Device
+from solari_vk.gpu.frame import Frame, Pass, Stage
+from solari_vk.renderer import PathTracer
+from solari_vk.scene.builtin import builtin
+from solari_vk.scene.gltf import load_gltf
+from solari_vk.scene.model import Camera, Instance, Material, Mesh, Scene
+
+SECONDS = 3.0  # each measurement runs about so long
+
+
+def run(select: str | None, files: list[Path]) -> None:
+    """Measure and print everything."""
+    _say("import solari_vk", _process("import solari_vk"), "s", "aim 0.15")
+    _say("solari-vk info", _process("import sys; from solari_vk.cli import main; main(['info'])"), "s", "aim 0.5")
+    for path in files:
+        load = _time(lambda path=path: load_gltf(path))  # type: ignore[misc]
+        _say(f"load {path.name}", load, "s", "aim 2 for FlightHelmet")
+    with Device(select) as device:
+        print(f"device: {device.name}")
+        for name in ("cornell_box", "many_lights"):
+            _rays(device, name)
+            for size in (256, 512):
+                _samples(device, name, size)
+        _host_time(device)
+        _large_scene(device)
+
+
+def _say(what: str, value: float, unit: str, note: str = "") -> None:
+    print(f"{what:<52} {value:>12,.3f} {unit}" + (f"  ({note})" if note else ""), flush=True)
+
+
+def _time(work: Callable[[], object]) -> float:
+    started = time.perf_counter()
+    work()
+    return time.perf_counter() - started
+
+
+def _process(code: str) -> float:
+    """Seconds that a fresh interpreter needs for some code, beyond its own start; the best of five."""
+
+    def best(program: str) -> float:
+        command = [sys.executable, "-c", program]
+        return min(_time(lambda: subprocess.run(command, check=True, capture_output=True)) for _ in range(5))
+
+    return best(code) - best("pass")
+
+
+def _rays(device: Device, name: str) -> None:
+    """Rays a second of the bare kernel and of the path tracer, in turns over the same scene and size."""
+    scene = builtin(name)
+    size = (256, 256)
+    tracer = PathTracer(device, scene, size, max_bounces=4)
+    tracer.render(scene.camera, samples=1)
+    stage = Stage("bench", buffers={"bench_rays": size[0] * size[1]}, passes=[Pass("bench/rays", threads=size)])
+    frame = Frame(device, [stage], external=tracer.binder.resources)
+    tracer.write_camera(frame.uniforms, scene.camera)
+    frame.uniforms["max_bounces"] = 4
+    frame.submit()
+    frame.wait()
+
+    bare_rays = bare_ms = 0.0
+    traced_rays = traced_ms = 0.0
+    until = time.perf_counter() + 2 * SECONDS
+    sample = 1
+    while time.perf_counter() < until:
+        frame.uniforms["sample_index"] = sample
+        frame.submit()
+        frame.wait()
+        bare_ms += frame.timings["bench/rays"]
+        bare_rays += int(frame["bench_rays"].sum(dtype=np.uint64))
+        before = tracer.rays
+        tracer.render(scene.camera, samples=tracer.samples + 1, progressive=True)
+        traced_rays += tracer.rays - before
+        traced_ms += tracer.timings["pathtracer/trace"]
+        sample += 1
+    bare, traced = bare_rays / bare_ms / 1e3, traced_rays / traced_ms / 1e3
+    _say(f"{name}: bare ray-query kernel", bare, "Mrays/s")
+    _say(f"{name}: inside the path tracer", traced, "Mrays/s")
+    _say(f"{name}: path tracer / bare kernel", traced / bare, "", "aim 0.5 or more")
+    frame.destroy()
+    tracer.destroy()
+
+
+def _samples(device: Device, name: str, size: int) -> None:
+    scene = builtin(name)
+    tracer = PathTracer(device, scene, (size, size))
+    tracer.render(scene.camera, samples=1)
+    started = time.perf_counter()
+    tracer.render(scene.camera, samples=1 << 20, time_limit=SECONDS)
+    seconds = time.perf_counter() - started
+    _say(f"{name} {size}x{size}", tracer.samples * size * size / seconds / 1e6, "Msamples/s")
+    tracer.destroy()
+
+
+def _host_time(device: Device) -> None:
+    """Python's own time for a frame: recorded commands, no scene change, the device idle meanwhile."""
+    scene = builtin("cornell_box")
+    tracer = PathTracer(device, scene, (8, 8), max_bounces=0)
+    tracer.render(scene.camera, samples=4)
+    spent = []
+    for _ in range(1000):
+        device.wait_idle()
+        spent.append(_time(tracer.submit_frame))
+    device.wait_idle()
+    _say("host time of a frame, median of 1000", float(np.median(spent)) * 1e3, "ms", "aim 0.2")
+    tracer.destroy()
+
+
+def _large_scene(device: Device) -> None:
+    """Load a generated height field of a million triangles: numpy arrays to the first pixel."""
+    side = 708
+    x, z = np.meshgrid(np.linspace(-1, 1, side + 1), np.linspace(-1, 1, side + 1))
+    heights = 0.05 * np.sin(20 * x) * np.cos(17 * z)
+    first = (np.arange(side)[:, None] * (side + 1) + np.arange(side)).ravel()
+    corners = np.stack([first, first + side + 1, first + 1, first + 1, first + side + 1, first + side + 2], axis=1)
+    mesh = Mesh(positions=np.stack([x, heights, z], axis=-1).reshape(-1, 3), indices=corners.reshape(-1, 3))
+    lamp = Mesh(positions=[[-1, 2, -1], [1, 2, -1], [0, 2, 1]])
+    scene = Scene(
+        Instance(mesh=mesh, material=Material()), Instance(mesh=lamp, material=Material(emissive=5, double_sided=True))
+    )
+    camera = Camera.look_at((0, 1, 2), (0, 0, 0))
+
+    def load() -> None:
+        tracer = PathTracer(device, scene, (8, 8))
+        tracer.render(camera, samples=1)
+        tracer.destroy()
+
+    _say(f"load a generated scene of {len(corners) * 2:,} triangles", _time(load), "s")

@@ -1,0 +1,32 @@
+"""The directional albedo of the specular lobe, computed once for a renderer; glsl/passes/brdf_table/."""
+
+from __future__ import annotations
+
+from solari_vk.gpu.compiler import compile_shader
+from solari_vk.gpu.device import Device
+from solari_vk.gpu.frame import Frame, Pass, Stage
+from solari_vk.gpu.memory import Buffer
+from solari_vk.gpu.spirv import reflect
+
+NAMES = ("brdf_table", "brdf_averages")
+
+
+def stage() -> Stage:
+    """The table over cosine and roughness, then its averages over the cosine; the shader says how large."""
+    shader = "passes/brdf_table/integrate.comp"
+    size = int(reflect(compile_shader(shader), shader).constants["BRDF_TABLE_SIZE"].default)
+    return Stage(
+        "brdf_table",
+        buffers={"brdf_table": size * size, "brdf_averages": size},
+        passes=[
+            Pass("brdf_table/integrate", threads=(size, size)),
+            Pass("brdf_table/average", threads=size),
+        ],
+    )
+
+
+def compute(device: Device) -> tuple[Frame, dict[str, Buffer]]:
+    """Run the stage; returns its frame, which owns the buffers, and the buffers by name."""
+    frame = Frame(device, [stage()])
+    frame.submit()
+    return frame, {name: frame.resource(name) for name in NAMES}

@@ -1,0 +1,116 @@
+"""The reference path tracer's stages and what its uniforms and outputs mean; glsl/passes/pathtracer/."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.errors import SolariError
+from solari_vk.gpu.frame import Frame, Pass, Stage, Uniforms
+from solari_vk.scene.model import Camera
+
+LIGHT_STRATEGIES = ("mis", "nee", "brdf")  # LIGHTS_BY_* of passes/bindings.glsl
+LAYERINGS = ("conserving", "sum", "fresnel_product")  # LAYERING_* of scene/brdf.glsl
+PIXEL_FILTERS = {"box": 0.5, "gaussian": 2.0, "blackman_harris": 1.5}  # PIXEL_FILTER_*, and their radii in pixels
+FIRST_HIT_AOVS = (
+    "depth",
+    "position",
+    "geometric_normal",
+    "shading_normal",
+    "albedo",
+    "roughness_metallic",
+    "emissive",
+    "instance_id",
+)
+AOVS = (*FIRST_HIT_AOVS, "variance")
+"""Outputs beside the radiance. Of what the middle of each pixel shows: depth along the view axis (metres, inf:
+nothing), position (metres), geometric_normal, shading_normal (world space, towards the camera), albedo,
+roughness_metallic (perceptual), emissive (radiance), instance_id (row, 2^32 - 1: nothing). Of all its samples:
+variance, that of the pixel's mean luminance."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What `PathTracer` documents. Raises SolariError for values out of range."""
+
+    max_bounces: int
+    seed: int
+    light_strategy: str
+    pixel_filter: str
+    layering: str
+    lambert: bool
+
+    def __post_init__(self) -> None:
+        for name, choices in (
+            ("light_strategy", LIGHT_STRATEGIES),
+            ("layering", LAYERINGS),
+            ("pixel_filter", tuple(PIXEL_FILTERS)),
+        ):
+            if getattr(self, name) not in choices:
+                known = ", ".join(choices)
+                raise SolariError(f"PathTracer: {name} must be one of {known}, not {getattr(self, name)!r}")
+        for name in ("max_bounces", "seed"):
+            if not 0 <= getattr(self, name) < 2**32:
+                raise SolariError(f"PathTracer: {name} must lie between 0 and 2^32 - 1, not {getattr(self, name)}")
+
+
+def trace_stage(size: tuple[int, int], rows: int, settings: Settings) -> Stage:
+    """Sums over all pixels, and a dispatch over some rows: the uniform first_row says which."""
+    pixels = size[0] * size[1]
+    brdf = {"brdf_layering": LAYERINGS.index(settings.layering), "brdf_lambert": settings.lambert}
+    return Stage(
+        "pathtracer",
+        buffers={"radiance_sum": pixels, "luminance_moments": pixels, "ray_count": pixels},
+        passes=[Pass("pathtracer/trace", threads=(size[0], rows), constants=brdf)],
+    )
+
+
+def aov_stage(size: tuple[int, int], rows: int) -> Stage:
+    """What the middle of every pixel shows."""
+    pixels = size[0] * size[1]
+    return Stage(
+        "aov",
+        buffers={f"aov_{name}": pixels for name in FIRST_HIT_AOVS},
+        passes=[Pass("pathtracer/aov", threads=(size[0], rows))],
+    )
+
+
+def write_uniforms(uniforms: Uniforms, settings: Settings, camera: Camera, size: tuple[int, int], rows: int) -> None:
+    """All that stays the same while a picture is refined."""
+    width, height = size
+    tan_half_fov = math.tan(camera.vertical_fov / 2)
+    uniforms["world_from_view"] = camera.transform[:3].T
+    uniforms["tan_half_fov"] = (tan_half_fov * width / height, tan_half_fov)
+    uniforms["near"] = camera.near
+    uniforms["size"] = size
+    uniforms["jitter"] = camera.jitter
+    uniforms["row_count"] = rows
+    if "seed" in uniforms:
+        uniforms["seed"] = settings.seed
+        uniforms["max_bounces"] = settings.max_bounces
+        uniforms["light_strategy"] = LIGHT_STRATEGIES.index(settings.light_strategy)
+        uniforms["pixel_filter"] = list(PIXEL_FILTERS).index(settings.pixel_filter)
+        uniforms["filter_radius"] = PIXEL_FILTERS[settings.pixel_filter]
+
+
+def read_mean(frame: Frame, size: tuple[int, int], samples: int) -> NDArray[np.float32]:
+    """Radiance (height, width, 3)."""
+    mean: NDArray[np.float32] = frame["radiance_sum"] / np.float32(samples)
+    return mean.reshape(size[1], size[0], 3)
+
+
+def read_variance(frame: Frame, size: tuple[int, int], samples: int) -> NDArray[np.float32]:
+    """Variance of the mean luminance (height, width); inf for a single sample, of which nothing is known."""
+    deviations = frame["luminance_moments"][:, 1].astype(np.float64)
+    spread = deviations / (samples * (samples - 1)) if samples > 1 else np.full_like(deviations, np.inf)
+    return spread.astype(np.float32).reshape(size[1], size[0])
+
+
+def read_aov(frame: Frame, name: str, size: tuple[int, int]) -> NDArray[Any]:
+    """One of FIRST_HIT_AOVS, (height, width[, channels])."""
+    values = frame[f"aov_{name}"]
+    return values.reshape(size[1], size[0], *values.shape[1:])

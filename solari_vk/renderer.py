@@ -1,0 +1,213 @@
+"""Renderers: what a frame is, read top to bottom. Today the reference path tracer."""
+
+from __future__ import annotations
+
+import copy
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.errors import SolariError
+from solari_vk.gpu.device import Device
+from solari_vk.gpu.frame import Frame, Stage
+from solari_vk.passes import brdf_table, pathtracer
+from solari_vk.scene.binder import SceneBinder
+from solari_vk.scene.model import Camera, Scene
+
+AOVS = pathtracer.AOVS
+DISPATCH_MS = 100.0  # what a dispatch should take: far below any driver's watchdog, far above its overhead
+MOST_PIXELS = 1 << 20  # of a first dispatch, before anything is measured
+MOST_SAMPLES = 64  # of a pixel in one dispatch
+
+
+class PathTracer:
+    """The reference path tracer: progressive, unbiased, the ground truth of every realtime test.
+
+    size: (width, height) in pixels. max_bounces: how many surfaces a path may leave, 0 shows emission
+    only. seed: another one gives other noise. light_strategy: "mis", or "nee" or "brdf" alone, which
+    agree in the mean. pixel_filter: "box", or the wider "gaussian" or "blackman_harris". layering: how
+    diffuse sits under specular, "conserving", or Solari's "sum" (0.18) or "fresnel_product" (0.19).
+    lambert: every surface is plain Lambert, for closed forms. Source: seed 004.
+
+    The scene may be edited between calls of `render`. `close` frees what the device holds; closing the
+    device does so too.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        scene: Scene | SceneBinder,
+        size: tuple[int, int],
+        *,
+        max_bounces: int = 16,
+        seed: int = 0,
+        light_strategy: str = "mis",
+        pixel_filter: str = "box",
+        layering: str = "conserving",
+        lambert: bool = False,
+    ) -> None:
+        self.device = device
+        self.settings = pathtracer.Settings(max_bounces, seed, light_strategy, pixel_filter, layering, lambert)
+        self.samples = 0
+        """Samples a pixel in the picture so far."""
+        self._owns_binder = isinstance(scene, Scene)
+        self.binder = SceneBinder(device, scene) if isinstance(scene, Scene) else scene
+        self.binder.update()
+        self._bound_version = self.binder.version
+        self._table, self._table_buffers = brdf_table.compute(device)
+        self._batch = 1
+        self._shown: tuple[Any, ...] | None = None
+        self._camera: Camera | None = None
+        self._set_size(size)
+        self._frame = Frame(device, self._stages(), external=self._external)
+        self._aovs: Frame | None = None  # made when first asked for
+        self._aovs_shown: tuple[Any, ...] | None = None
+
+    @property
+    def _external(self) -> dict[str, Any]:
+        return {**self.binder.resources, **self._table_buffers}
+
+    def _set_size(self, size: tuple[int, int]) -> None:
+        width, height = (int(n) for n in size)
+        if not (1 <= width <= 16384 and 1 <= height <= 16384):
+            raise SolariError(f"PathTracer: size {size} is not within 1x1 to 16384x16384 pixels")
+        self.size = (width, height)
+        self._band_rows = min(height, max(MOST_PIXELS // width, 1))
+
+    def _stages(self) -> list[Stage]:
+        return [pathtracer.trace_stage(self.size, self._band_rows, self.settings)]
+
+    def resize(self, size: tuple[int, int]) -> None:
+        """Another picture size (width, height); the picture starts anew."""
+        self._set_size(size)
+        self._frame.rebuild(self._stages())
+        self._drop_aovs()
+        self._shown = None
+
+    def _drop_aovs(self) -> None:
+        if self._aovs is not None:
+            self._aovs.close()
+            self._aovs = None
+
+    def close(self) -> None:
+        """Free everything on the device. Safe to call twice."""
+        self._drop_aovs()
+        self._frame.close()
+        self._table.close()
+        if self._owns_binder:
+            self.binder.destroy()
+
+    # ---- rendering ----------------------------------------------------------------------------------
+
+    def render(
+        self,
+        camera: Camera,
+        samples: int = 256,
+        *,
+        time_limit: float | None = None,
+        progress: Callable[[int], None] | None = None,
+    ) -> NDArray[np.float32]:
+        """Refine the picture until it has so many samples a pixel; returns linear radiance (height, width, 3).
+
+        Starts anew when the camera, the scene or the size is another one than before, else goes on from
+        the samples it has. time_limit: stop after so many seconds. progress: called with the samples done.
+        """
+        if samples < 1:
+            raise SolariError(f"PathTracer.render: samples must be at least 1, not {samples}")
+        started = time.perf_counter()
+        self._prepare(camera)
+        while self.samples < samples:
+            self._add_samples(min(self._batch, samples - self.samples))
+            if progress is not None:
+                progress(self.samples)
+            if time_limit is not None and time.perf_counter() - started > time_limit:
+                break
+        return self["radiance"]
+
+    def _prepare(self, camera: Camera) -> None:
+        """Take up edits of the scene, and start anew if anything differs from what the picture shows."""
+        self.binder.update()
+        if self.binder.version != self._bound_version:
+            self._bound_version = self.binder.version
+            self._frame.bind(self.binder.resources)
+            self._drop_aovs()
+        view = (camera.transform.tobytes(), camera.vertical_fov, camera.near, *camera.jitter.tolist())
+        shown = (self.binder.revision, self.size, *view)
+        if shown != self._shown:
+            self._shown = shown
+            self._camera = copy.copy(camera)
+            self.samples = 0
+            self._write_uniforms(self._frame)
+
+    def _write_uniforms(self, frame: Frame) -> None:
+        assert self._camera is not None
+        pathtracer.write_uniforms(frame.uniforms, self.settings, self._camera, self.size, self._band_rows)
+
+    def _add_samples(self, count: int) -> None:
+        """Trace so many samples for every pixel, one band of rows after the other."""
+        uniforms = self._frame.uniforms
+        uniforms["sample_index"] = self.samples
+        uniforms["samples_per_dispatch"] = count
+        try:
+            for row in range(0, self.size[1], self._band_rows):
+                uniforms["first_row"] = row
+                self._frame.submit()
+        except BaseException:
+            self._shown = None  # some bands have these samples and some have not: the next call starts anew
+            raise
+        self.samples += count
+        self._adapt(count)
+
+    def _adapt(self, count: int) -> None:
+        """Choose the next dispatch's size from how long the last one took."""
+        spent = self._frame.timings.get("pathtracer/trace")
+        if not spent:
+            return
+        wanted = int(DISPATCH_MS / spent * count)
+        self._batch = max(1, min(wanted, 2 * count, MOST_SAMPLES))
+        if wanted == 0 and count == 1 and spent > 4 * DISPATCH_MS and self._band_rows > 8:
+            self._band_rows = max(int(self._band_rows * DISPATCH_MS / spent), 8)
+            self._frame.rebuild(self._stages())
+            self._frame.uniforms["row_count"] = self._band_rows
+            self._drop_aovs()
+
+    # ---- results ------------------------------------------------------------------------------------
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """An output as an array (height, width[, channels]): "radiance" or one of AOVS."""
+        if self._shown is None or self.samples == 0:
+            raise SolariError(f"PathTracer: render before asking for '{name}'")
+        if name == "radiance":
+            return pathtracer.read_mean(self._frame, self.size, self.samples)
+        if name == "variance":
+            return pathtracer.read_variance(self._frame, self.size, self.samples)
+        if name not in AOVS:
+            raise SolariError(f"PathTracer has no output '{name}'; there are radiance, {', '.join(AOVS)}")
+        return pathtracer.read_aov(self._first_hits(), name, self.size)
+
+    def _first_hits(self) -> Frame:
+        """The frame of the AOVs, run for what the picture shows."""
+        if self._aovs is None:
+            stages = [pathtracer.aov_stage(self.size, self._band_rows)]
+            self._aovs = Frame(self.device, stages, external=self._external)
+            self._aovs_shown = None
+        if self._aovs_shown != self._shown:
+            self._aovs_shown = self._shown
+            self._write_uniforms(self._aovs)
+            for row in range(0, self.size[1], self._band_rows):
+                self._aovs.uniforms["first_row"] = row
+                self._aovs.submit()
+        return self._aovs
+
+    @property
+    def rays(self) -> int:
+        """How many rays the picture has taken so far."""
+        return int(self._frame["ray_count"].sum(dtype=np.uint64))
+
+    @property
+    def timings(self) -> dict[str, float]:
+        """GPU milliseconds of each pass in the last finished frame."""
+        return self._frame.timings
