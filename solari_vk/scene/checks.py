@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 FloatArray = NDArray[np.float32]
 WRAP_MODES = ("repeat", "mirrored_repeat", "clamp_to_edge")
 FILTERS = ("linear", "nearest")
+LARGEST_TRANSFORM = 1e12  # three axes multiplied have to stay floats
 
 
 def array(*shape: int | None, dtype: Any = np.float32, optional: bool = False) -> Callable[[Any], Any]:
@@ -94,6 +95,8 @@ def affine_transform(value: ArrayLike) -> NDArray[np.float64]:
     (a, b, c, _), (d, e, f, _), (g, h, i, _), last = matrix.tolist()
     if last != [0.0, 0.0, 0.0, 1.0]:
         raise ValueError(f"must be affine, with the last row 0 0 0 1, not {last}")
+    if np.abs(matrix).max() > LARGEST_TRANSFORM:
+        raise ValueError(f"must lie within {LARGEST_TRANSFORM:g}, or floats overflow on the device")
     scale = max(map(abs, (a, b, c, d, e, f, g, h, i)))
     determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
     if abs(determinant) <= 1e-12 * scale**3:

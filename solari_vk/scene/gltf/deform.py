@@ -82,5 +82,4 @@ def _apply(matrices: NDArray[np.float64], vectors: NDArray[np.float32]) -> NDArr
 
 def _unit(vectors: NDArray[np.float32]) -> NDArray[np.float32]:
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    unit: NDArray[np.float32] = vectors / np.where(length > 0, length, 1)
-    return unit
+    return (vectors / np.where(length > 0, length, 1)).astype(np.float32)

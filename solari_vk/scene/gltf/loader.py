@@ -127,8 +127,8 @@ class _Loader:
         for number, primitive in enumerate(parts):
             suffix = f"/{number}" if len(parts) > 1 else ""
             material = self._materials[primitive.index("material")]
-            name = (mesh_entry.name or mesh_entry.place) + suffix
-            mesh = self._primitives.mesh(primitive, name, material, pose)
+            name = mesh_entry.name or mesh_entry.place
+            mesh = self._primitives.mesh(primitive, name + suffix, material, pose)
             if mesh is not None:
                 for world in worlds:
                     self._add_instance(node, world, mesh, material.material, (node.entry.name or name) + suffix)

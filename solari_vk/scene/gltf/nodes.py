@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -63,6 +64,14 @@ def walk(document: Document, first: list[int], owner: Entry) -> dict[int, Placed
     placed: dict[int, PlacedNode] = {}
     identity = np.eye(4)
     waiting: list[tuple[int, Matrix, bool, Entry]] = [(number, identity, True, owner) for number in reversed(first)]
+    with np.errstate(over="ignore", invalid="ignore"):
+        _walk_all(document, waiting, placed)
+    return placed
+
+
+def _walk_all(
+    document: Document, waiting: list[tuple[int, Matrix, bool, Entry]], placed: dict[int, PlacedNode]
+) -> None:
     while waiting:
         number, parent, visible, user = waiting.pop()
         entry = document.item("node", number, user)
@@ -71,29 +80,31 @@ def walk(document: Document, first: list[int], owner: Entry) -> dict[int, Placed
                 f"is reached twice, the second time from {user.place}: nodes form a tree, where each has one parent "
                 "and none is below itself; export the file again"
             )
-        with np.errstate(over="ignore", invalid="ignore"):
-            world = parent @ _local_matrix(entry)
+        world = parent @ _local_matrix(entry)
         visibility = entry.extension("KHR_node_visibility")
         visible = visible and (visibility is None or visibility.flag("visible", True))
         placed[number] = PlacedNode(number, entry, world, visible)
         waiting.extend((child, world, visible, entry) for child in reversed(entry.integers("children")))
-    return placed
 
 
 def _local_matrix(entry: Entry) -> Matrix:
     """Parent from node."""
     if "matrix" in entry:
-        matrix = np.array(entry.numbers("matrix", _IDENTITY)).reshape(4, 4).T
+        matrix: Matrix = np.array(entry.numbers("matrix", _IDENTITY)).reshape(4, 4).T
         if np.allclose(matrix[3], (0, 0, 0, 1), rtol=0, atol=1e-5):
             matrix[3] = (0, 0, 0, 1)
         return matrix
     if not ("translation" in entry or "rotation" in entry or "scale" in entry):
         return np.eye(4)
-    return compose(
-        np.array([entry.numbers("translation", (0.0, 0.0, 0.0))]),
-        np.array([entry.numbers("rotation", (0.0, 0.0, 0.0, 1.0))]),
-        np.array([entry.numbers("scale", (1.0, 1.0, 1.0))]),
-    )[0]
+    position = entry.numbers("translation", (0.0, 0.0, 0.0))
+    quaternion = entry.numbers("rotation", (0.0, 0.0, 0.0, 1.0))
+    scale = entry.numbers("scale", (1.0, 1.0, 1.0))
+    length = math.hypot(*quaternion) or 1.0
+    turned = _rotation(*(part / length for part in quaternion))
+    return np.array(
+        [[*(a * b for a, b in zip(row, scale, strict=True)), x] for row, x in zip(turned, position, strict=True)]
+        + [[0.0, 0.0, 0.0, 1.0]]
+    )
 
 
 def compose(translations: Matrix, rotations: Matrix, scales: Matrix) -> Matrix:
@@ -103,16 +114,20 @@ def compose(translations: Matrix, rotations: Matrix, scales: Matrix) -> Matrix:
     """
     length = np.linalg.norm(rotations, axis=1, keepdims=True)
     x, y, z, w = (rotations / np.where(length > 0, length, 1)).T
-    rows = [
+    matrices = np.zeros((len(translations), 4, 4))
+    matrices[:, :3, :3] = np.moveaxis(np.array(_rotation(x, y, z, w)), 2, 0) * scales[:, None, :]
+    matrices[:, :3, 3] = translations
+    matrices[:, 3, 3] = 1
+    return matrices
+
+
+def _rotation(x: Any, y: Any, z: Any, w: Any) -> list[list[Any]]:
+    """Rows of the rotation matrix of a quaternion: floats, or arrays of many; zeros for a zero quaternion."""
+    return [
         [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
         [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
     ]
-    matrices = np.zeros((len(translations), 4, 4))
-    matrices[:, :3, :3] = np.moveaxis(np.array(rows), 2, 0) * scales[:, None, :]
-    matrices[:, :3, 3] = translations
-    matrices[:, 3, 3] = 1
-    return matrices
 
 
 def repeated(node: PlacedNode, accessors: Accessors) -> Matrix:

@@ -1,0 +1,112 @@
+"""Writes small glTF files for tests: arrays in, JSON and binary out, in each of the format's packings."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+COMPONENTS = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
+KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
+TRIANGLE = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+
+
+class GltfWriter:
+    """`json` is the file's content, to be changed at will; `data` its one buffer."""
+
+    def __init__(self) -> None:
+        self.data = bytearray()
+        self.json: dict[str, Any] = {"asset": {"version": "2.0"}}
+
+    def add(self, kind: str, **fields: Any) -> int:
+        """Append an object to a list ("nodes", "meshes", ...) and return its number."""
+        self.json.setdefault(kind, []).append(fields)
+        return len(self.json[kind]) - 1
+
+    def view(self, data: bytes, **fields: Any) -> int:
+        self.data.extend(b"\0" * (-len(self.data) % 4))
+        offset = len(self.data)
+        self.data.extend(data)
+        return self.add("bufferViews", buffer=0, byteOffset=offset, byteLength=len(data), **fields)
+
+    def accessor(self, values: Any, dtype: str = "f4", stride: int | None = None, **fields: Any) -> int:
+        """An accessor of rows; `stride` spreads them out."""
+        array = np.array(values, "<" + dtype)
+        rows = array.reshape(len(array), -1)
+        size = rows.shape[1] * rows.itemsize
+        spread = np.full((len(rows), stride or size), 0xAB, np.uint8)
+        spread[:, :size] = np.ascontiguousarray(rows).view(np.uint8)
+        view = self.view(spread.tobytes(), **({"byteStride": stride} if stride else {}))
+        kind = KINDS[rows.shape[1]]
+        return self.add(
+            "accessors", bufferView=view, componentType=COMPONENTS[dtype], count=len(rows), **{"type": kind, **fields}
+        )
+
+    def mesh(self, attributes: dict[str, Any] | None = None, indices: Any = None, **fields: Any) -> int:
+        """A mesh of one primitive; attributes are accessor numbers or rows of floats."""
+        attributes = {"POSITION": TRIANGLE, **(attributes or {})}
+        numbers = {k: v if isinstance(v, int) else self.accessor(v) for k, v in attributes.items() if v is not None}
+        primitive = {"attributes": numbers, **fields}
+        if indices is not None:
+            primitive["indices"] = indices if isinstance(indices, int) else self.accessor(indices, "u2")
+        return self.add("meshes", primitives=[primitive])
+
+    def node(self, **fields: Any) -> int:
+        return self.add("nodes", **fields)
+
+    def image(self, pixels: Any, format: str = "PNG") -> int:
+        """A texture (image, no sampler) of pixels (h, w, c)."""
+        image = self.add("images", bufferView=self.view(encoded(pixels, format)), mimeType="image/" + format.lower())
+        return self.add("textures", source=image)
+
+    def scene(self, *nodes: int) -> None:
+        self.json["scene"] = self.add("scenes", nodes=list(nodes))
+
+    def finish(self) -> dict[str, Any]:
+        """The JSON with the buffer and, where there are none, a scene of all nodes."""
+        if self.data:
+            self.json.setdefault("buffers", [{"byteLength": len(self.data)}])
+        if "scenes" not in self.json and "nodes" in self.json:
+            children = {c for node in self.json["nodes"] for c in node.get("children", [])}
+            self.scene(*(n for n in range(len(self.json["nodes"])) if n not in children))
+        return self.json
+
+    def glb(self) -> bytes:
+        return glb(json.dumps(self.finish()).encode(), bytes(self.data))
+
+    def save(self, path: Path, packing: str = "glb") -> Path:
+        """Write as "glb", "embedded" (a data URI) or "external" (a .bin beside it)."""
+        if packing == "glb":
+            path.write_bytes(self.glb())
+            return path
+        content = self.finish()
+        if packing == "embedded":
+            uri = "data:application/octet-stream;base64," + base64.b64encode(self.data).decode()
+        else:
+            uri = path.stem + ".bin"
+            path.with_suffix(".bin").write_bytes(self.data)
+        content["buffers"][0]["uri"] = uri
+        path.write_text(json.dumps(content))
+        return path
+
+
+def glb(text: bytes, binary: bytes) -> bytes:
+    text += b" " * (-len(text) % 4)
+    binary += b"\0" * (-len(binary) % 4)
+    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text
+    if binary:
+        chunks += struct.pack("<II", len(binary), 0x004E4942) + binary
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+
+def encoded(pixels: Any, format: str = "PNG", **options: Any) -> bytes:
+    from PIL import Image
+
+    file = io.BytesIO()
+    Image.fromarray(np.asarray(pixels, np.uint8)).save(file, format=format, **options)
+    return file.getvalue()

@@ -1,0 +1,395 @@
+"""What load_gltf takes over from files: packings, accessors, triangles, nodes, cameras, lights, scenes."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from gltf_writer import TRIANGLE, GltfWriter
+
+from solari_vk.errors import SolariError
+from solari_vk.scene.gltf import load_gltf
+from solari_vk.scene.model import Mesh, Scene
+
+
+def load(writer: GltfWriter, tmp_path: Path, **options: Any) -> Scene:
+    return load_gltf(writer.save(tmp_path / "file.glb"), **options)
+
+
+def load_mesh(writer: GltfWriter, tmp_path: Path) -> Mesh:
+    """The mesh of a file whose last mesh is to be shown."""
+    writer.node(mesh=len(writer.json["meshes"]) - 1)
+    (instance,) = load(writer, tmp_path)
+    return instance.mesh
+
+
+def corners(mesh: Mesh) -> list[list[list[float]]]:
+    return mesh.positions[mesh.triangles].tolist()
+
+
+# ---- files and accessors ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("packing", ["glb", "embedded", "external"])
+def test_packings_give_the_same_scene(tmp_path: Path, packing: str) -> None:
+    writer = GltfWriter()
+    writer.mesh(indices=[0, 1, 2])
+    writer.node(mesh=0, name="arm")
+    name = "with space.glb" if packing == "glb" else "with space.gltf"
+    path = writer.save(tmp_path / name, packing)
+    if packing == "external":  # percent-encoded, as the format asks
+        path.write_text(path.read_text().replace("with space.bin", "with%20space.bin"))
+    scene = load_gltf(path)
+    (instance,) = scene
+    assert (instance.name, scene.warnings, scene.name) == ("arm", [], "with space")
+    assert corners(instance.mesh) == [TRIANGLE]
+
+
+def test_the_kind_of_file_is_seen_from_its_content_and_names_need_no_encoding(tmp_path: Path) -> None:
+    writer = GltfWriter()
+    writer.mesh()
+    writer.node(mesh=0)
+    assert len(load_gltf(writer.save(tmp_path / "binary.gltf")).instances) == 1
+    path = writer.save(tmp_path / "100%25 #1.gltf", "external")
+    assert len(load_gltf(str(path)).instances) == 1
+
+
+@pytest.mark.parametrize("dtype", ["u1", "u2", "u4"])
+@pytest.mark.parametrize("stride", [None, 16, 252])
+def test_indices_of_every_type_and_vertices_of_any_stride(tmp_path: Path, dtype: str, stride: int | None) -> None:
+    writer = GltfWriter()
+    position = writer.accessor([[9, 9, 9], *TRIANGLE], stride=stride)
+    writer.mesh({"POSITION": position}, writer.accessor([3, 1, 2], dtype))
+    mesh = load_mesh(writer, tmp_path)
+    assert corners(mesh) == [[TRIANGLE[2], TRIANGLE[0], TRIANGLE[1]]]
+    assert len(mesh.positions) == 3, "vertices that no triangle uses are not kept"
+
+
+@pytest.mark.parametrize(
+    ("dtype", "normalized", "scale"),
+    [("i1", True, 127), ("i2", True, 32767), ("i1", False, 1), ("i2", False, 1), ("u1", True, 255), ("u2", True, 65535),
+     ("u1", False, 1), ("u2", False, 1)],
+)  # fmt: skip
+def test_quantized_positions(tmp_path: Path, dtype: str, normalized: bool, scale: float) -> None:
+    writer = GltfWriter()
+    given = np.array([[0, 0, 0], [100, 0, 0], [0, 100, 50]])
+    if dtype[0] == "i":
+        given[2] = [-100, 3, np.iinfo(dtype).min]
+    extra = {"normalized": True} if normalized else {}
+    writer.mesh({"POSITION": writer.accessor(given, dtype, stride=8, **extra)})
+    writer.json["extensionsRequired"] = writer.json["extensionsUsed"] = ["KHR_mesh_quantization"]
+    expected = np.maximum(given / scale, -1) if normalized else given
+    np.testing.assert_allclose(load_mesh(writer, tmp_path).positions, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("based", [True, False])
+@pytest.mark.parametrize("dtype", ["u1", "u2", "u4"])
+def test_sparse_accessors(tmp_path: Path, based: bool, dtype: str) -> None:
+    writer = GltfWriter()
+    number = writer.accessor([[0, 0, 0], [5, 5, 5], [0, 1, 0]])
+    accessor = writer.json["accessors"][number]
+    if not based:  # zeros underneath
+        del accessor["bufferView"]
+    replaced = {1: [1.0, 0, 0]} if based else {1: [1.0, 0, 0], 2: [0, 1.0, 0]}
+    accessor["sparse"] = {
+        "count": len(replaced),
+        "indices": {"bufferView": writer.view(np.array(list(replaced), dtype).tobytes()),
+                    "componentType": {"u1": 5121, "u2": 5123, "u4": 5125}[dtype]},
+        "values": {"bufferView": writer.view(np.array(list(replaced.values()), "<f4").tobytes())},
+    }  # fmt: skip
+    writer.mesh({"POSITION": number})
+    assert corners(load_mesh(writer, tmp_path)) == [TRIANGLE]
+
+
+def test_unaligned_and_interleaved_data(tmp_path: Path) -> None:
+    writer = GltfWriter()
+    rows = np.zeros(3, [("pad", "u1"), ("position", "<f4", 3), ("uv", "<u2", 2), ("end", "u1", 3)])
+    rows["position"], rows["uv"] = TRIANGLE, [[0, 0], [65535, 0], [0, 65535]]
+    view = writer.view(rows.tobytes(), byteStride=rows.itemsize)
+    position = writer.add("accessors", bufferView=view, byteOffset=1, componentType=5126, count=3, type="VEC3")
+    uv = writer.add(
+        "accessors", bufferView=view, byteOffset=13, componentType=5123, count=3, type="VEC2", normalized=True
+    )
+    writer.mesh({"POSITION": position, "TEXCOORD_0": uv})
+    mesh = load_mesh(writer, tmp_path)
+    assert corners(mesh) == [TRIANGLE]
+    assert mesh.uvs is not None
+    assert mesh.uvs.tolist() == [[0, 0], [1, 0], [0, 1]]
+
+
+# ---- triangles --------------------------------------------------------------------------------------
+
+FIVE = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [-1, 0, 0]]
+
+
+@pytest.mark.parametrize(
+    ("mode", "expected"),
+    [(4, [[0, 1, 2], [3, 4, 0]]), (5, [[0, 1, 2], [1, 3, 2], [2, 3, 4], [3, 0, 4]]),
+     (6, [[1, 2, 0], [2, 3, 0], [3, 4, 0]])],
+)  # fmt: skip
+@pytest.mark.parametrize("indexed", [True, False])
+def test_triangle_modes(tmp_path: Path, mode: int, expected: list[list[int]], indexed: bool) -> None:
+    writer = GltfWriter()
+    order = [0, 1, 2, 3, 4, 0]
+    if indexed:
+        writer.mesh({"POSITION": FIVE}, order, mode=mode)
+    else:
+        writer.mesh({"POSITION": [FIVE[i] for i in order]}, mode=mode)
+    # The last of the fan repeats its first vertex, so it has no area and is dropped, indexed or not kept.
+    mesh = load_mesh(writer, tmp_path)
+    found = [t for t in corners(mesh) if np.cross(np.subtract(t[1], t[0]), np.subtract(t[2], t[0])).any()]
+    wanted = [[FIVE[i] for i in t] for t in expected]
+    assert found == [t for t in wanted if np.cross(np.subtract(t[1], t[0]), np.subtract(t[2], t[0])).any()]
+
+
+@pytest.mark.parametrize(("mode", "name"), [(0, "points"), (1, "lines"), (2, "line loops"), (3, "line strips")])
+def test_points_and_lines_are_reported(tmp_path: Path, mode: int, name: str) -> None:
+    writer = GltfWriter()
+    writer.mesh(mode=mode)
+    writer.node(mesh=0)
+    scene = load(writer, tmp_path)
+    assert not scene.instances
+    assert scene.warnings == [f"{name} have no surface and are left out: mesh 0, primitive 0"]
+
+
+@pytest.mark.parametrize(
+    ("mesh", "warning"),
+    [({"POSITION": [[0, 0, 0], [1, 1, 1], [2, 2, 2]]}, "without any triangle of some area"),
+     ({"POSITION": [[1, 2, 3]] * 3}, "without any triangle of some area"),
+     ({"POSITION": None}, "without POSITION")],
+)  # fmt: skip
+def test_primitives_without_surface_are_reported(tmp_path: Path, mesh: dict[str, Any], warning: str) -> None:
+    writer = GltfWriter()
+    writer.mesh(mesh)
+    writer.node(mesh=0)
+    scene = load(writer, tmp_path)
+    assert not scene.instances
+    assert len(scene.warnings) == 1
+    assert warning in scene.warnings[0]
+
+
+def test_incomplete_triangles_are_reported(tmp_path: Path) -> None:
+    writer = GltfWriter()
+    writer.mesh(indices=[0, 1, 2, 0])
+    writer.node(mesh=0)
+    scene = load(writer, tmp_path)
+    assert "whole triangle" in scene.warnings[0]
+    assert len(next(iter(scene)).mesh.triangles) == 1
+
+
+def test_normals_are_made_unit_and_missing_ones_are_flat(tmp_path: Path) -> None:
+    writer = GltfWriter()
+    writer.mesh({"NORMAL": [[0, 0, 2], [0, 0, 1], [0, 0, 0]]})
+    writer.mesh({"TANGENT": [[1, 0, 0, 1]] * 3})
+    writer.node(mesh=0)
+    writer.node(mesh=1)
+    scene = load(writer, tmp_path)
+    first, second = (instance.mesh for instance in scene)
+    assert first.normals is not None
+    assert first.normals.tolist() == [[0, 0, 1]] * 3
+    assert "zero length" in scene.warnings[0]
+    assert second.normals is None
+    assert second.tangents is None, "tangents without normals have no meaning"
+
+
+# ---- what is shared ---------------------------------------------------------------------------------
+
+
+def test_nodes_share_meshes_and_materials(tmp_path: Path) -> None:
+    writer = GltfWriter()
+    material = writer.add("materials", name="paint")
+    mesh = writer.mesh(material=material)
+    copy = writer.add("meshes", primitives=[dict(writer.json["meshes"][mesh]["primitives"][0])])
+    for number in (mesh, mesh, copy):
+        writer.node(mesh=number)
+    writer.json["meshes"].append({"primitives": [{**writer.json["meshes"][mesh]["primitives"][0]}] * 2, "name": "two"})
+    writer.node(mesh=2)
+    scene = load(writer, tmp_path)
+    assert len(scene.instances) == 5
+    assert len({instance.mesh for instance in scene}) == 1
+    assert len({instance.material for instance in scene}) == 1
+    assert [instance.name for instance in scene][3:] == ["two/0", "two/1"]
+
+
+def test_two_primitives_of_a_shared_buffer_hold_only_what_they_use(tmp_path: Path) -> None:
+    writer = GltfWriter()
+    position = writer.accessor(np.random.default_rng(1).normal(size=(300, 3)))
+    writer.mesh({"POSITION": position}, [0, 1, 2])
+    writer.mesh({"POSITION": position}, [298, 299, 5])
+    writer.node(mesh=0)
+    writer.node(mesh=1)
+    assert [len(instance.mesh.positions) for instance in load(writer, tmp_path)] == [3, 3]
+
+
+# ---- nodes ------------------------------------------------------------------------------------------
+
+
+def test_hierarchies_of_trs_and_matrices(tmp_path: Path) -> None:
+    writer = GltfWriter()
+    mesh = writer.mesh()
+    half = math.sqrt(0.5)
+    leaf = writer.node(mesh=mesh, scale=[2, 3, -4], name="leaf")
+    turned = writer.node(children=[leaf], rotation=[0, 0, 2 * half, 2 * half])  # a quarter about z, not of unit length
+    matrix = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 10, 20, 30, 1]
+    writer.node(children=[turned], matrix=matrix, name="root")
+    (instance,) = load(writer, tmp_path)
+    expected = [[0, -3, 0, 10], [2, 0, 0, 20], [0, 0, -4, 30], [0, 0, 0, 1]]
+    np.testing.assert_allclose(instance.transform, expected, atol=1e-12)
+
+
+def test_deep_hierarchies(tmp_path: Path) -> None:
+    writer = GltfWriter()
+    mesh = writer.mesh()
+    depth = 20_000
+    writer.json["nodes"] = [{"translation": [0, 0, 1], "children": [n + 1]} for n in range(depth)]
+    writer.node(mesh=mesh)
+    (instance,) = load(writer, tmp_path)
+    assert instance.transform[2, 3] == depth
+
+
+@pytest.mark.parametrize(
+    "transform",
+    [{"scale": [1, 0, 1]}, {"matrix": [0] * 16}, {"matrix": [1, 0, 0, 0.5, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]},
+     {"scale": [1e300, 1e300, 1e300]}, {"rotation": [0, 0, 0, 0]}],
+)  # fmt: skip
+def test_singular_transforms_are_reported(tmp_path: Path, transform: dict[str, Any]) -> None:
+    writer = GltfWriter()
+    mesh = writer.mesh()
+    inner = writer.node(mesh=mesh, name="flat", scale=[1e300, 1, 1])
+    writer.node(children=[inner], **transform)
+    scene = load(writer, tmp_path)
+    assert not scene.instances
+    assert scene.warnings == ["nodes whose transform is singular or not affine have no surface: node 0 'flat'"]
+
+
+def test_hidden_nodes(tmp_path: Path) -> None:
+    writer = GltfWriter()
+    mesh = writer.mesh()
+    child = writer.node(mesh=mesh)
+    writer.node(children=[child], extensions={"KHR_node_visibility": {"visible": False}})
+    scene = load(writer, tmp_path)
+    assert [instance.visible for instance in scene] == [False]
+    assert not scene.warnings
+
+
+def test_gpu_instancing(tmp_path: Path) -> None:
+    writer = GltfWriter()
+    mesh = writer.mesh()
+    attributes = {
+        "TRANSLATION": writer.accessor([[1, 0, 0], [2, 0, 0]]),
+        "SCALE": writer.accessor([[1, 1, 1], [2, 2, 2]]),
+    }
+    writer.node(mesh=mesh, translation=[0, 5, 0], extensions={"EXT_mesh_gpu_instancing": {"attributes": attributes}})
+    scene = load(writer, tmp_path)
+    assert [instance.transform[:2, 3].tolist() for instance in scene] == [[1, 5], [2, 5]]
+    assert [instance.transform[0, 0] for instance in scene] == [1, 2]
+
+
+# ---- scenes -----------------------------------------------------------------------------------------
+
+
+def test_scenes_by_number_and_name(tmp_path: Path) -> None:
+    writer = GltfWriter()
+    mesh = writer.mesh()
+    for name in ("a", "b"):
+        node = writer.node(mesh=mesh, name=name)
+        writer.add("scenes", nodes=[node], name=f"scene {name}")
+    writer.json["scene"] = 1
+
+    def shown(scene: int | str | None) -> list[str]:
+        return [instance.name for instance in load(writer, tmp_path, scene=scene)]
+
+    assert [shown(which) for which in (None, 0, 1, "scene a", "scene b")] == [["b"], ["a"], ["b"], ["a"], ["b"]]
+    with pytest.raises(SolariError, match="no scene named 'c'; it has 2, named 'scene a', 'scene b'"):
+        shown("c")
+    with pytest.raises(SolariError, match="no scene 2; it has 2"):
+        shown(2)
+
+
+def test_files_without_scenes_show_all_roots(tmp_path: Path) -> None:
+    writer = GltfWriter()
+    mesh = writer.mesh()
+    child = writer.node(mesh=mesh, name="child")
+    writer.node(children=[child], mesh=mesh, name="root")
+    writer.finish().pop("scenes")
+    writer.json.pop("scene")
+    path = tmp_path / "file.gltf"
+    writer.json["buffers"][0]["uri"] = "file.bin"
+    (tmp_path / "file.bin").write_bytes(writer.data)
+    path.write_text(json.dumps(writer.json))
+    assert [instance.name for instance in load_gltf(path)] == ["root", "child"]
+
+
+# ---- cameras and lights -----------------------------------------------------------------------------
+
+
+def test_cameras(tmp_path: Path) -> None:
+    writer = GltfWriter()
+    camera = writer.add("cameras", type="perspective", perspective={"yfov": 0.7, "znear": 0.1, "aspectRatio": 2.0})
+    other = writer.add("cameras", type="orthographic", orthographic={}, name="flat")
+    writer.node(camera=camera, name="eye", translation=[1, 2, 3], scale=[2, 2, 2])
+    writer.node(camera=other)
+    scene = load(writer, tmp_path)
+    (found,) = scene.cameras
+    assert (found.name, found.vertical_fov, found.near) == ("eye", 0.7, 0.1)
+    np.testing.assert_allclose(found.transform, [[1, 0, 0, 1], [0, 1, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]])
+    assert scene.warnings == ["orthographic cameras are not supported and are left out: camera 1 'flat'"]
+
+
+def test_directional_lights_and_reports_of_others(tmp_path: Path) -> None:
+    writer = GltfWriter()
+    kinds = [
+        {"type": "directional", "intensity": 1000.0, "color": [1, 0.5, 0.25], "name": "sun"},
+        {"type": "point", "name": "bulb"},
+        {"type": "spot", "spot": {}},
+        {"type": "point", "intensity": 0},
+    ]
+    writer.json["extensions"] = {"KHR_lights_punctual": {"lights": kinds}}
+    half = math.sqrt(0.5)
+    for number in range(4):
+        writer.node(extensions={"KHR_lights_punctual": {"light": number}}, rotation=[-half, 0, 0, half])
+    scene = load(writer, tmp_path)
+    (light,) = scene.directional_lights
+    assert (light.name, light.illuminance) == ("sun", 1000)
+    assert light.color.tolist() == [1, 0.5, 0.25]
+    np.testing.assert_allclose(light.direction, [0, -1, 0], atol=1e-6)
+    assert scene.warnings == [
+        "point lights are not supported and are left out: node 1",
+        "spot lights are not supported and are left out: node 2",
+    ]
+
+
+# ---- deformation ------------------------------------------------------------------------------------
+
+
+def test_skins_and_morphs_are_shown_in_their_rest_pose(tmp_path: Path) -> None:
+    writer = GltfWriter()
+    target = writer.accessor([[0, 0, 1], [0, 0, 0], [0, 0, 0]])
+    mesh = writer.mesh(
+        {
+            "NORMAL": [[0, 0, 1]] * 3,
+            "JOINTS_0": writer.accessor([[0, 1, 0, 0]] * 3, "u1"),
+            "WEIGHTS_0": [[0.5, 0.5, 0, 0]] * 3,
+        },
+        targets=[{"POSITION": target}],
+    )
+    writer.json["meshes"][mesh]["weights"] = [2.0]
+    joints = [writer.node(translation=[4, 0, 0]), writer.node(translation=[0, 6, 0])]
+    shift = np.tile(np.eye(4), (2, 1, 1))
+    shift[:, 3, 2] = 1  # columns, as the format has them: one metre along z
+    bind = writer.accessor(shift.reshape(2, 16))
+    skin = writer.add("skins", joints=joints, inverseBindMatrices=bind)
+    writer.node(mesh=mesh, skin=skin, translation=[100, 0, 0])
+    writer.add("animations", name="walk", channels=[{"sampler": 0, "target": {"node": joints[0], "path": "scale"}}],
+               samplers=[])  # fmt: skip
+    scene = load(writer, tmp_path)
+    (instance,) = scene
+    expected = np.array(TRIANGLE, float) + [2, 3, 1]
+    expected[0, 2] += 2
+    np.testing.assert_allclose(instance.mesh.positions, expected)
+    assert instance.transform.tolist() == np.eye(4).tolist(), "the node's own transform has no say"
+    assert scene.warnings == ["animations are not played: the rest pose is shown: animation 0 'walk'"]
