@@ -182,7 +182,8 @@ class Frame:
             return resource.read()
         binding = self._program.interface[name]
         if binding.element is not None:
-            return resource.read(binding.element, offset=binding.element_offset)  # type: ignore[no-any-return]
+            flat = resource.read(binding.element.base, offset=binding.element_offset)
+            return flat.reshape(-1, *binding.element.shape)  # type: ignore[no-any-return]
         if binding.dtype is None:
             raise SolariError(f"{name} is a {binding.kind} and can't be read")
         return resource.read(binding.dtype, 1).reshape(())  # type: ignore[no-any-return]

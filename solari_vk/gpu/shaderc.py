@@ -7,6 +7,7 @@ undefined that only that program provides. Both ways run the same compiler and g
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -202,5 +203,5 @@ def _by_command(
     done = subprocess.run(command, input=source, capture_output=True, check=False)
     if done.returncode != 0:
         log = done.stderr.decode(errors="replace").replace("<stdin>:", f"{name}:").replace("glslc: error: ", "error: ")
-        raise Failure(log)
+        raise Failure(re.sub(r"(?m)^\d+ (error|warning)s?.* generated\.$", "", log))
     return done.stdout

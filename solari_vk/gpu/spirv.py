@@ -119,7 +119,10 @@ class Module:
 def reflect(spirv: bytes, name: str = "shader") -> Module:
     """Read a module. Raises SolariError with `name` for what is no SPIR-V, isn't scalar layout, or writes through
     a buffer reference."""
-    return _Reader(spirv, name).module()
+    try:
+        return _Reader(spirv, name).module()
+    except (KeyError, IndexError, ValueError, TypeError, OverflowError, RecursionError) as error:
+        raise SolariError(f"{name}: the SPIR-V module is damaged or not understood ({error!r})") from error
 
 
 class _Reader:
@@ -227,9 +230,9 @@ class _Reader:
         if op == _TYPE_FLOAT:
             return np.dtype(f"f{words[1] // 8}")
         if op in (_TYPE_VECTOR, _TYPE_MATRIX):
-            return np.dtype((self._dtype(words[1], where), (words[2],)))
+            return _repeated(self._dtype(words[1], where), words[2])
         if op == _TYPE_ARRAY:
-            return np.dtype((self._strided(type_id, where), (self._length(type_id),)))
+            return _repeated(self._strided(type_id, where), self._length(type_id))
         if op == _TYPE_STRUCT:
             return self._struct(type_id, len(words) - 1, None, where)
         if op == _TYPE_POINTER:
@@ -303,6 +306,11 @@ class _Reader:
 
 def _parts(accesses: Accesses) -> tuple[frozenset[int], frozenset[int], frozenset[int]]:
     return accesses.used, accesses.read, accesses.written
+
+
+def _repeated(dtype: np.dtype[Any], count: int) -> np.dtype[Any]:
+    """An array type; arrays of arrays become one with more dimensions."""
+    return np.dtype((dtype.base, (count, *dtype.shape)))
 
 
 def _alignment(dtype: np.dtype[Any]) -> int:

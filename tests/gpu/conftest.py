@@ -1,0 +1,29 @@
+"""A GLSL root of a test's own; everything compiled from it is checked with spirv-val."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from shader_folder import ShaderFolder, check_spirv
+
+from solari_vk.gpu import shaderc
+
+
+@pytest.fixture
+def shaders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ShaderFolder]:
+    """An empty GLSL root and cache; each module compiled while the test runs goes through spirv-val."""
+    monkeypatch.setenv("SOLARI_VK_CACHE", str(tmp_path / "cache"))
+    made: list[tuple[bytes, str]] = []
+    compile_source: Callable[..., bytes] = shaderc.compile_source
+
+    def compile_and_keep(source: bytes, stage: str, name: str, *arguments: object, **options: object) -> bytes:
+        spirv = compile_source(source, stage, name, *arguments, **options)
+        made.append((spirv, name))
+        return spirv
+
+    monkeypatch.setattr(shaderc, "compile_source", compile_and_keep)
+    yield ShaderFolder(tmp_path / "glsl")
+    for spirv, name in made:
+        check_spirv(spirv, name)

@@ -1,0 +1,32 @@
+"""Shaders that a test writes for itself, and the check of what they compile to."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+HEADER = "#version 460\n#extension GL_EXT_scalar_block_layout : require\n"
+
+
+def check_spirv(spirv: bytes, name: str) -> None:
+    """Fail when the module isn't valid for Vulkan 1.3 with scalar layout."""
+    command = shutil.which("spirv-val")
+    assert command, "spirv-val is missing: install spirv-tools"
+    arguments = [command, "--target-env", "vulkan1.3", "--scalar-block-layout", "-"]
+    done = subprocess.run(arguments, input=spirv, capture_output=True, check=False)
+    assert done.returncode == 0, f"{name}: {done.stderr.decode()}{done.stdout.decode()}"
+
+
+class ShaderFolder:
+    """Writes shaders below a folder. `write("demo", text)` makes passes/demo.comp, with the usual first lines."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        (root / "passes").mkdir(parents=True, exist_ok=True)
+
+    def write(self, name: str, text: str) -> Path:
+        path = self.root / (name if "." in name else f"passes/{name}.comp")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text if "." in name else HEADER + text)
+        return path

@@ -1,0 +1,260 @@
+"""The compiler's calls, where it says errors are, its cache, and shipped modules."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import pytest
+from shader_folder import check_spirv
+
+from solari_vk.errors import SolariError
+from solari_vk.gpu import compiler, shader_cache, shaderc
+from solari_vk.gpu.compiler import CompilationError, compile_shader
+from solari_vk.gpu.spirv import reflect
+
+PLAIN = "layout(local_size_x = 1) in;\nlayout(set = 1, binding = 0, scalar) buffer B { uint at[]; } values;\n"
+LIBRARY = "#ifndef L\n#define L\nuint answer() { return 42u; }\n#endif\n"
+USER = '#include "lib/a.glsl"\n' + PLAIN + "void main() { values.at[0] = answer(); }\n"
+
+
+@pytest.fixture
+def compilations(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The names of the sources that the compiler was really asked for."""
+    asked: list[str] = []
+    real = shaderc.compile_source
+
+    def note(source: bytes, stage: str, name: str, *arguments: object, **options: object) -> bytes:
+        asked.append(name)
+        return real(source, stage, name, *arguments, **options)
+
+    monkeypatch.setattr(shaderc, "compile_source", note)
+    return asked
+
+
+def entry_points() -> list[str]:
+    root = compiler.glsl_root()
+    return sorted(p.relative_to(root).as_posix() for p in root.rglob("*") if p.suffix.lstrip(".") in shaderc.STAGES)
+
+
+@pytest.mark.parametrize("path", entry_points())
+def test_every_shader_of_the_package_is_valid_and_readable(path):
+    spirv = compile_shader(path)
+    check_spirv(spirv, path)
+    reflect(spirv, path)
+
+
+def test_names_survive_optimization_and_paths_do_not(shaders):
+    shaders.write("lib/a.glsl", LIBRARY)
+    shaders.write("user", USER)
+    spirv = compile_shader("passes/user.comp", root=shaders.root)
+    assert set(reflect(spirv).bindings) == {"values"}
+    assert str(shaders.root).encode() not in spirv
+    assert b"answer()" not in spirv, "source text is left in the module"
+
+
+def test_pyshaderc_calls(shaders):
+    shaders.write("lib/a.glsl", LIBRARY)
+    path = shaders.write("user", USER.replace('"lib/a.glsl"', "<lib/a.glsl>"))
+    compiler.set_include_paths([shaders.root])
+    try:
+        from_file = compiler.compile_file_into_spirv(str(path), "comp")
+        from_text = compiler.compile_into_spirv(path.read_bytes(), "comp", str(path), optimization="zero")
+        assert reflect(from_file).bindings == reflect(from_text).bindings
+        compiler.set_include_paths([])
+        with pytest.raises(CompilationError, match=r"user\.comp:3: .*lib/a\.glsl"):
+            compiler.compile_file_into_spirv(str(path), "comp")
+    finally:
+        compiler.set_include_paths([])
+    with pytest.raises(SolariError, match="unknown stage 'pixel'"):
+        compiler.compile_into_spirv("", "pixel", "x")
+    with pytest.raises(SolariError, match=r"nowhere\.comp can't be read"):
+        compiler.compile_file_into_spirv("/nowhere.comp", "comp")
+
+
+def test_include_beside_the_including_file_goes_first(shaders):
+    shaders.write("lib/a.glsl", '#include "b.glsl"\n')
+    shaders.write("lib/b.glsl", "const uint BESIDE = 1u;\n")
+    shaders.write("b.glsl", "#error the wrong one\n")
+    shaders.write("user", '#include "lib/a.glsl"\n' + PLAIN + "void main() { values.at[0] = BESIDE; }\n")
+    compile_shader("passes/user.comp", root=shaders.root)
+
+
+@pytest.mark.parametrize("header", ["", "const bool X = true;\nconst bool Y = false;"])
+def test_errors_name_the_true_file_and_line_and_show_it(shaders, header):
+    shaders.write("lib/a.glsl", "#ifndef L\n#define L\n\nuint answer() { return missing; }\n#endif\n")
+    shaders.write("user", USER + "void more() { absent(); }\n")
+    with pytest.raises(CompilationError) as caught:
+        compile_shader("passes/user.comp", header=header, root=shaders.root)
+    lines = str(caught.value).splitlines()
+    at = next(i for i, line in enumerate(lines) if "'missing'" in line)
+    assert lines[at].startswith(f"{shaders.root}/lib/a.glsl:4: error")
+    assert lines[at + 1].strip() == "uint answer() { return missing; }"
+    at = next(i for i, line in enumerate(lines) if "'absent'" in line)
+    assert lines[at].startswith(f"{shaders.root}/passes/user.comp:7: error")
+    assert lines[at + 1].strip() == "void more() { absent(); }"
+
+
+def test_error_in_a_header_says_so(shaders):
+    shaders.write("user", PLAIN + "void main() {}\n")
+    with pytest.raises(CompilationError, match=r"user\.comp \(header\):2: error: 'tru'"):
+        compile_shader("passes/user.comp", header="const bool X = true;\nconst bool Y = tru;", root=shaders.root)
+
+
+def test_header_comes_before_the_code_and_makes_a_variant(shaders):
+    shaders.write("user", PLAIN + "void main() { values.at[0] = VALUE; }\n")
+    headers = [f"const uint VALUE = {number}u;" for number in (1, 2)]
+    one, two = (compile_shader("passes/user.comp", header=header, root=shaders.root) for header in headers)
+    assert one != two
+    with pytest.raises(CompilationError, match="VALUE"):
+        compile_shader("passes/user.comp", root=shaders.root)
+
+
+def test_empty_main_keeps_its_declarations(shaders):
+    shaders.write("layout", PLAIN + "void main() {}\n")
+    assert set(reflect(compile_shader("passes/layout.comp", root=shaders.root)).bindings) == {"values"}
+
+
+def test_missing_shader(shaders):
+    with pytest.raises(SolariError, match=r"no shader passes/none\.comp"):
+        compile_shader("passes/none.comp", root=shaders.root)
+
+
+# ---- cache ------------------------------------------------------------------------------------------
+
+
+def test_cache_follows_the_include_closure(shaders, compilations):
+    shaders.write("lib/a.glsl", LIBRARY)
+    shaders.write("user", USER)
+    first = compile_shader("passes/user.comp", root=shaders.root)
+    assert compile_shader("passes/user.comp", root=shaders.root) == first
+    assert len(compilations) == 1
+    shaders.write("lib/a.glsl", LIBRARY.replace("42u", "43u"))
+    assert compile_shader("passes/user.comp", root=shaders.root) != first
+    assert len(compilations) == 2
+    shaders.write("lib/unrelated.glsl", "changed")
+    compile_shader("passes/user.comp", root=shaders.root)
+    assert len(compilations) == 2
+
+
+def test_cache_follows_the_compiler(shaders, compilations, monkeypatch):
+    shaders.write("user", PLAIN + "void main() { values.at[0] = 1u; }\n")
+    compile_shader("passes/user.comp", root=shaders.root)
+    monkeypatch.setattr(shaderc, "version", lambda: "another compiler")
+    compile_shader("passes/user.comp", root=shaders.root)
+    assert len(compilations) == 2
+
+
+@pytest.mark.parametrize("damage", [lambda b: b[:-4], lambda b: b"", lambda b: b[:40] + b"\xff" + b[41:]])
+def test_damaged_cache_entries_are_made_again(shaders, compilations, damage):
+    shaders.write("user", PLAIN + "void main() { values.at[0] = 1u; }\n")
+    good = compile_shader("passes/user.comp", root=shaders.root)
+    folder = shader_cache.cache_folder()
+    assert folder is not None
+    (entry,) = folder.glob("*.spv")
+    entry.write_bytes(damage(entry.read_bytes()))
+    assert compile_shader("passes/user.comp", root=shaders.root) == good
+    assert len(compilations) == 2
+    assert compile_shader("passes/user.comp", root=shaders.root) == good
+    assert len(compilations) == 2
+    assert not list(folder.glob("*.tmp"))
+
+
+def test_cache_off_and_not_writable(shaders, compilations, monkeypatch, tmp_path):
+    shaders.write("user", PLAIN + "void main() { values.at[0] = 1u; }\n")
+    monkeypatch.setenv("SOLARI_VK_CACHE", "off")
+    compile_shader("passes/user.comp", root=shaders.root)
+    compile_shader("passes/user.comp", root=shaders.root)
+    assert len(compilations) == 2
+    (tmp_path / "file").write_text("in the way")
+    monkeypatch.setenv("SOLARI_VK_CACHE", str(tmp_path / "file" / "cache"))
+    with pytest.warns(UserWarning, match="SOLARI_VK_CACHE"):
+        compile_shader("passes/user.comp", root=shaders.root)
+
+
+# ---- shipped modules --------------------------------------------------------------------------------
+
+
+def test_shipped_modules_need_no_compiler(shaders, monkeypatch):
+    shaders.write("lib/a.glsl", LIBRARY)
+    shaders.write("user", USER)
+    assert compiler.build_all(shaders.root, shaders.root) == ["passes/user.comp"]
+    index = json.loads((shaders.root / "shipped.json").read_text())
+    (entry,) = index.values()
+    assert hashlib.sha256((shaders.root / entry["file"]).read_bytes()).hexdigest() == entry["sha256"]
+
+    def no_compiler(*_: object, **__: object) -> bytes:
+        raise SolariError("no GLSL compiler")
+
+    monkeypatch.setattr(shaderc, "compile_source", no_compiler)
+    monkeypatch.setattr(shaderc, "version", no_compiler)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert reflect(compile_shader("passes/user.comp", root=shaders.root)).main.writes == {"values"}
+    with pytest.raises(SolariError, match="no GLSL compiler"):
+        compile_shader("passes/user.comp", header="const bool X = true;", root=shaders.root)
+    shaders.write("lib/a.glsl", LIBRARY.replace("42u", "43u"))
+    with pytest.raises(SolariError, match="no GLSL compiler"):
+        compile_shader("passes/user.comp", root=shaders.root)
+
+
+def test_damaged_shipped_module_is_compiled_instead(shaders, compilations):
+    shaders.write("user", PLAIN + "void main() { values.at[0] = 1u; }\n")
+    compiler.build_all(shaders.root, shaders.root)
+    good = (shaders.root / "passes/user.comp.spv").read_bytes()
+    (shaders.root / "passes/user.comp.spv").write_bytes(good[:-8])
+    with pytest.warns(UserWarning, match="damaged"):
+        assert compile_shader("passes/user.comp", root=shaders.root) == good
+    (shaders.root / "shipped.json").write_text("{")
+    with pytest.warns(UserWarning, match="can't be read"):
+        assert compile_shader("passes/user.comp", root=shaders.root) == good
+
+
+def test_build_from_the_command_line(shaders, tmp_path):
+    shaders.write("user", PLAIN + "void main() { values.at[0] = 1u; }\n")
+    command = [sys.executable, "-m", "solari_vk.gpu.compiler", "--build", str(shaders.root), str(tmp_path / "out")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["passes/user.comp"]
+    check_spirv((tmp_path / "out/passes/user.comp.spv").read_bytes(), "user")
+
+
+# ---- both ways to shaderc ---------------------------------------------------------------------------
+
+
+@pytest.fixture
+def fresh_lookup():
+    """Forget which compiler was found, before and after."""
+    shaderc.library.cache_clear()
+    shaderc.version.cache_clear()
+    yield
+    shaderc.library.cache_clear()
+    shaderc.version.cache_clear()
+
+
+def test_without_any_compiler_the_remedy_is_told(shaders, monkeypatch, fresh_lookup):
+    shaders.write("user", PLAIN + "void main() {}\n")
+    monkeypatch.setenv("SOLARI_VK_SHADERC", "/nowhere/libshaderc.so")
+    monkeypatch.setenv("PATH", "/nowhere")
+    with pytest.raises(SolariError, match=r"/nowhere/libshaderc\.so.*apt-get install glslc"):
+        compile_shader("passes/user.comp", root=shaders.root)
+
+
+def test_library_and_command_agree(shaders, monkeypatch, fresh_lookup):
+    if shaderc.library() is None:
+        pytest.skip("libshaderc can't be loaded here; glslc is used instead")
+    shaders.write("lib/a.glsl", LIBRARY)
+    path = shaders.write("user", USER)
+    arguments = (path.read_bytes(), "comp", str(path), [str(shaders.root)])
+    by_library = compiler._without_lines(shaderc.compile_source(*arguments))
+    monkeypatch.setattr(shaderc, "library", lambda: None)
+    assert compiler._without_lines(shaderc.compile_source(*arguments)) == by_library
+
+
+def test_glsl_root_is_found():
+    assert (compiler.glsl_root() / "scene" / "bindings.glsl").is_file()
+    assert isinstance(compiler.glsl_root(), Path)
