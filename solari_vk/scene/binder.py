@@ -219,10 +219,10 @@ class SceneBinder:
         traced["transform"] = transforms
         mask = np.array([0xFF if i.visible else 0 for i in written], np.uint32)
         traced["custom_index_and_mask"] = rows.astype(np.uint32) | mask << 24
-        both_faces = np.array([i.material.double_sided for i in written])
-        flags = np.full(len(written), raw.VK_GEOMETRY_INSTANCE_TRIANGLE_FLIP_FACING_BIT_KHR, np.uint32)
-        flags[both_faces] |= raw.VK_GEOMETRY_INSTANCE_TRIANGLE_FACING_CULL_DISABLE_BIT_KHR
-        traced["sbt_offset_and_flags"] = flags << 24
+        # Vulkan's default front is glTF's, counter-clockwise in object space, however instances are mirrored.
+        both_faces = np.array([i.material.double_sided for i in written], np.uint32)
+        cull_disable = raw.VK_GEOMETRY_INSTANCE_TRIANGLE_FACING_CULL_DISABLE_BIT_KHR
+        traced["sbt_offset_and_flags"] = both_faces * cull_disable << 24
         traced["blas_address"] = [self._geometry.blas(i.ray_mesh or i.mesh).address for i in written]
         self._tlas_instances.records[rows] = traced
         self._tlas_instances.mark(rows.tolist())
