@@ -7,6 +7,7 @@ import sys
 
 LOADER = ("libvulkan.so.1", "libvulkan.1.dylib")
 COMPILER = ("libshaderc.so.1", "libshaderc_shared.so.1", "libshaderc_shared.so", "libshaderc_shared.1.dylib")
+LLVM = ("libLLVM.so.19.1", "libLLVM-19.so", "libLLVM.so.19.0")
 FOLDERS = ("", "/opt/homebrew/lib/", "/usr/local/lib/")
 LAYER = b"VK_LAYER_KHRONOS_validation"
 
@@ -54,6 +55,9 @@ def missing(job):
             yield "spirv-val"
         if shutil.which("Xvfb") is None:
             yield "Xvfb"
+        # What Mitsuba, a reference of some tests, compiles with.
+        if library(LLVM) is None:
+            yield "LLVM 19"
 
 
 if __name__ == "__main__":

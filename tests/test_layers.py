@@ -1,0 +1,129 @@
+"""The architecture, read from the sources: who may import whom, who may name what, how long a file may be."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE, GLSL = ROOT / "solari_vk", ROOT / "glsl"
+TEXT = {".py", ".glsl", ".comp", ".vert", ".frag", ".toml", ".md", ".sh", ""}
+SHADERS = sorted(path for path in GLSL.rglob("*") if path.suffix in TEXT and path.is_file())
+MODULES = sorted(PACKAGE.rglob("*.py"))
+
+# Each part of the package with the parts it may import. `scene` and `passes` meet in GLSL only.
+MAY_IMPORT = {
+    "errors": set(),
+    "settings": {"errors"},
+    "display": {"errors"},
+    "gpu": {"errors"},
+    "scene": {"errors", "gpu"},
+    "passes": {"errors", "gpu"},
+    "renderer": {"errors", "settings", "gpu", "scene", "passes"},
+}
+ON_TOP = {"__init__", "__main__", "bench", "cli", "conformance", "viewer"}
+# Of passes, the scene's GLSL may only read what they leave in set 1, such as the BRDF's table.
+GLSL_MAY_INCLUDE = {
+    "common": r"common/",
+    "scene": r"common/|scene/|passes/bindings\.glsl$",
+    "passes": r"common/|scene/|passes/",
+}
+
+# DESIGN's bound is about 250 lines. What counts are lines that say something, and "about" is a tenth.
+LONGEST, LONGEST_TEST = 275, 500
+
+MACHINE_PATH = re.compile(r"(?<![\w.)}\]])/(?:home|root|Users|work|mnt|tmp)/\w")
+URL = re.compile(r"\b(?:https?|ssh|git|ftp)://([^\s/\"'>)]+)")
+PUBLIC_HOSTS = {"github.com", "registry.khronos.org", "jms55.github.io", "doi.org", "jcgt.org", "arxiv.org"}
+
+
+def part_of(path: Path) -> str:
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def imported_parts(path: Path) -> set[str]:
+    """The parts of the package that a module imports, wherever in it; "" is the package itself."""
+    names = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}:{node.lineno}: imports are absolute"
+            assert node.module is not None
+            deeper = node.module == "solari_vk"
+            names += [f"solari_vk.{alias.name}" for alias in node.names] if deeper else [node.module]
+    split = [name.split(".") for name in names]
+    return {parts[1] if len(parts) > 1 else "" for parts in split if parts[0] == "solari_vk"}
+
+
+def committed_files() -> list[Path]:
+    """The files of the project that people write, without asking git, which an sdist doesn't have."""
+    tops = [ROOT / name for name in ("solari_vk", "glsl", "tests", "tools", ".ci", "docs")]
+    files = [path for top in tops for path in top.rglob("*") if not re.search(r"/\.\w+_cache/|__pycache__", path.as_posix())]
+    return sorted(path for path in [*ROOT.glob("*.*"), *files] if path.is_file() and path.suffix in TEXT)
+
+
+def test_every_part_has_a_rule():
+    parts = {part_of(path) for path in MODULES}
+    assert parts <= set(MAY_IMPORT) | ON_TOP, "a new part needs a line in MAY_IMPORT"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_imports_point_one_way(path):
+    part = part_of(path)
+    if part in MAY_IMPORT:
+        wrong = imported_parts(path) - MAY_IMPORT[part] - {part}
+        assert not wrong, f"{part} must not import {sorted(wrong)}"
+
+
+def test_only_raw_imports_vulkan():
+    importing = re.compile(r"^\s*(?:import|from) vulkan\b", re.MULTILINE)
+    found = [path for path in MODULES if importing.search(path.read_text(encoding="utf-8"))]
+    assert found == [PACKAGE / "gpu" / "raw.py"]
+
+
+def test_only_trace_names_ray_queries():
+    found = [path for path in SHADERS if "rayQueryEXT" in path.read_text(encoding="utf-8")]
+    assert found == [GLSL / "scene" / "trace.glsl"]
+
+
+@pytest.mark.parametrize("path", SHADERS, ids=lambda path: str(path.relative_to(GLSL)))
+def test_shader_keeps_the_rules(path):
+    text = path.read_text(encoding="utf-8")
+    assert not re.search(r"#\s*pragma\s+once", text), "glslang has no #pragma once: use #ifndef"
+    if path.suffix == ".glsl":
+        assert re.search(r"^#ifndef (\w+)\n#define \1$", text, re.MULTILINE), "a library is guarded by #ifndef"
+    top = path.relative_to(GLSL).parts[0]
+    for name in re.findall(r'^\s*#\s*include\s+"([^"]+)"', text, re.MULTILINE):
+        assert (GLSL / name).is_file(), f"{name}: includes are paths from the glsl root"
+        assert re.match(GLSL_MAY_INCLUDE[top], name), f"{top} must not include {name}"
+
+
+def test_passes_that_trace_share_nothing_in_a_group():
+    """They are compiled as ray generation shaders too, where there are no workgroups."""
+    for path in (GLSL / "passes").rglob("*.comp"):
+        text = path.read_text(encoding="utf-8")
+        if "scene/trace.glsl" in text or "scene/sampling.glsl" in text:
+            assert not re.search(r"^\s*shared\b|\bbarrier\(\)|gl_LocalInvocation", text, re.MULTILINE), path
+
+
+def test_files_stay_short():
+    counts = {
+        path.relative_to(ROOT): sum(1 for line in path.read_text(encoding="utf-8").splitlines() if line.strip())
+        for path in committed_files()
+        if path.suffix != ".md" and path.name != "LICENSE"
+    }
+    long = {str(path): n for path, n in counts.items() if n > (LONGEST_TEST if path.parts[0] == "tests" else LONGEST)}
+    assert not long, f"a longer file is two ideas: {long}"
+
+
+def test_no_machine_is_named():
+    for path in committed_files():
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+            place = f"{path.relative_to(ROOT)}:{number}: {line.strip()}"
+            assert path == Path(__file__) or not MACHINE_PATH.search(line), f"a path of one machine: {place}"
+            hosts = {host.lower() for host in URL.findall(line) if not host.endswith("example.org")}
+            assert hosts <= PUBLIC_HOSTS, f"a host that isn't in PUBLIC_HOSTS: {place}"

@@ -1,0 +1,134 @@
+"""What is built from the tree: the sdist, the wheel from the sdist, and shaders that run without a compiler."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+STAGES = {".comp", ".vert", ".frag"}
+NO_COMPILER = {"SOLARI_VK_SHADERC": os.devnull, "PATH": "", "SOLARI_VK_CACHE": "off"}
+PARTS = ["solari_vk", "glsl", "tests", "tools", "docs", "pyproject.toml", "hatch_build.py", "README.md", "LICENSE"]
+
+
+def build(folder: Path, target: str, **environment: str) -> Path:
+    """The file that hatchling makes of a source tree."""
+    done = subprocess.run(
+        [sys.executable, "-m", "hatchling", "build", "-t", target],
+        cwd=folder, env=os.environ | environment, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    (made,) = (folder / "dist").glob("*.whl" if target == "wheel" else "*.tar.gz")
+    return made
+
+
+@pytest.fixture(scope="module")
+def tree(tmp_path_factory):
+    """A copy of the sources, with a compiled module in it that belongs to no shader."""
+    copy = tmp_path_factory.mktemp("tree")
+    ignored = shutil.ignore_patterns("__pycache__", "*.spv", "shipped.json", ".*_cache", "*.npz")
+    for name in PARTS:
+        if (ROOT / name).is_dir():
+            shutil.copytree(ROOT / name, copy / name, ignore=ignored)
+        elif (ROOT / name).is_file():
+            shutil.copy(ROOT / name, copy / name)
+    shutil.copy(ROOT / ".gitignore", copy)
+    (copy / "glsl" / "gone.comp.spv").write_bytes(b"of an earlier build")
+    return copy
+
+
+@pytest.fixture(scope="module")
+def unpacked_sdist(tree, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sdist")
+    with tarfile.open(build(tree, "sdist")) as archive:
+        archive.extractall(folder, filter="data")
+    (unpacked,) = folder.iterdir()
+    return unpacked
+
+
+@pytest.fixture(scope="module")
+def wheel(unpacked_sdist):
+    """The wheel built from the sdist on a machine without a compiler."""
+    return build(unpacked_sdist, "wheel", **NO_COMPILER)
+
+
+def entry_points() -> list[str]:
+    glsl = ROOT / "glsl"
+    return sorted(path.relative_to(glsl).as_posix() for path in glsl.rglob("*") if path.suffix in STAGES)
+
+
+def test_sdist_has_sources_and_compiled_shaders(unpacked_sdist):
+    for name in ("LICENSE", "README.md", "pyproject.toml", "hatch_build.py", "tools/test", "tests/test_packaging.py"):
+        assert (unpacked_sdist / name).is_file(), name
+    compiled = {path.relative_to(unpacked_sdist / "glsl").as_posix() for path in unpacked_sdist.rglob("*.spv")}
+    assert compiled == {f"{path}.spv" for path in entry_points()}
+
+
+def test_wheel_has_package_glsl_and_compiled_shaders(wheel):
+    names = set(zipfile.ZipFile(wheel).namelist())
+    modules = {path.relative_to(ROOT).as_posix() for path in (ROOT / "solari_vk").rglob("*.py")}
+    glsl = {f"solari_vk/glsl/{path.relative_to(ROOT / 'glsl').as_posix()}" for path in (ROOT / "glsl").rglob("*.glsl")}
+    shaders = {f"solari_vk/glsl/{path}" for path in entry_points()}
+    compiled = {f"{path}.spv" for path in shaders}
+    assert modules | glsl | shaders | compiled | {"solari_vk/py.typed", "solari_vk/glsl/shipped.json"} <= names
+    assert all(name.startswith(("solari_vk/", "solari_vk-")) for name in names)
+    assert {name for name in names if name.endswith(".spv")} == compiled
+
+
+def test_wheel_metadata(wheel):
+    with zipfile.ZipFile(wheel) as archive:
+        texts = {Path(name).name: archive.read(name).decode() for name in archive.namelist() if ".dist-info/" in name}
+    assert "solari-vk = solari_vk.cli:main" in texts["entry_points.txt"]
+    assert "License-Expression: MIT" in texts["METADATA"]
+    assert "MIT License" in texts["LICENSE"]
+    assert "Root-Is-Purelib: true" in texts["WHEEL"]
+
+
+def test_installed_wheel_needs_no_compiler(wheel, tmp_path):
+    """Every shader comes out of the wheel as it was compiled; a changed one asks for a compiler."""
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(tmp_path)
+    program = """
+import sys
+from pathlib import Path
+from solari_vk.errors import SolariError
+from solari_vk.gpu.compiler import compile_shader, glsl_root
+
+assert glsl_root() == Path(sys.argv[1]) / "solari_vk" / "glsl", glsl_root()
+for path in sys.argv[2:]:
+    assert compile_shader(path)[:4] == b"\\x03\\x02\\x23\\x07", path
+changed = glsl_root() / sys.argv[2]
+changed.write_text(changed.read_text() + "// changed\\n")
+try:
+    compile_shader(sys.argv[2])
+except SolariError:
+    print("done")
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program, tmp_path, *entry_points()],
+        cwd=tmp_path, env=os.environ | NO_COMPILER, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.stdout.strip() == "done", done.stdout + done.stderr
+
+
+def test_build_without_compiler_and_without_modules_warns(tree, tmp_path):
+    copy = tmp_path / "tree"
+    shutil.copytree(tree, copy, ignore=shutil.ignore_patterns("*.spv", "shipped.json", "dist"))
+    names = zipfile.ZipFile(build(copy, "wheel", **NO_COMPILER)).namelist()
+    assert f"solari_vk/glsl/{entry_points()[0]}" in names
+    assert not [name for name in names if name.endswith(".spv")]
+
+
+def test_shader_that_does_not_compile_ends_the_build(tree, tmp_path):
+    copy = tmp_path / "tree"
+    shutil.copytree(tree, copy, ignore=shutil.ignore_patterns("*.spv", "shipped.json", "dist"))
+    (copy / "glsl" / "broken.comp").write_text("#version 460\nvoid main() { nonsense }\n")
+    with pytest.raises(AssertionError, match=r"broken\.comp:2"):
+        build(copy, "wheel", SOLARI_VK_CACHE="off")

@@ -1,0 +1,110 @@
+"""The set-up scripts: backports from both formats of apt's sources, what is missing, one line on failure."""
+
+from __future__ import annotations
+
+import os
+import runpy
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+backports = runpy.run_path(str(ROOT / "tools" / "backports.py"))
+find_source = backports["find_source"]
+
+STANZAS = """\
+# a comment
+Types: deb
+URIs: https://mirror.example.org/debian-security
+Suites: bookworm-security
+Components: main
+
+Types: deb
+Enabled: no
+URIs: https://mirror.example.org/disabled
+Suites: bookworm
+Components: main
+
+Types: deb deb-src
+URIs: https://mirror.example.org/debian
+# another
+Suites: bookworm bookworm-updates
+Components: main contrib
+Signed-By:
+ -----BEGIN PGP PUBLIC KEY BLOCK-----
+ .
+ mDMEabc=
+ -----END PGP PUBLIC KEY BLOCK-----
+"""
+LINES = """\
+# deb https://mirror.example.org/commented bookworm main
+deb-src https://mirror.example.org/source bookworm main
+deb https://mirror.example.org/debian bookworm-security main
+deb [arch=amd64 signed-by=/usr/share/keyrings/a.gpg] mirror+file:/etc/apt/list bookworm contrib main # here
+"""
+
+
+def test_stanza_keeps_all_but_the_suite():
+    suffix, text = find_source([(".sources", STANZAS)], "bookworm", "bookworm-backports")
+    assert suffix == ".sources"
+    assert text.splitlines() == [
+        "Types: deb",
+        "Uris: https://mirror.example.org/debian",
+        "Suites: bookworm-backports",
+        "Components: main",
+        "Signed-By: ",
+        " -----BEGIN PGP PUBLIC KEY BLOCK-----",
+        " .",
+        " mDMEabc=",
+        " -----END PGP PUBLIC KEY BLOCK-----",
+    ]
+
+
+def test_line_keeps_its_options():
+    made = find_source([(".list", LINES)], "bookworm", "bookworm-backports")
+    options = "[arch=amd64 signed-by=/usr/share/keyrings/a.gpg]"
+    assert made == (".list", f"deb {options} mirror+file:/etc/apt/list bookworm-backports main\n")
+
+
+def test_first_file_with_the_release_counts():
+    made = find_source([(".list", "\n"), (".sources", STANZAS), (".list", LINES)], "bookworm", "bookworm-backports")
+    assert made[0] == ".sources"
+    assert find_source([(".list", LINES), (".sources", STANZAS)], "trixie", "trixie-backports") is None
+
+
+def test_nothing_is_missing_here():
+    done = subprocess.run(
+        [sys.executable, ROOT / "tools" / "missing.py", "demo"], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == ""
+
+
+@pytest.fixture
+def bare_path(tmp_path):
+    """A PATH with a shell's usual tools and neither Python nor a package manager."""
+    for name in ("sh", "cat", "dirname", "basename", "id", "uname", "paste", "sed", "mkdir", "tail", "cksum"):
+        found = shutil.which(name)
+        assert found is not None
+        (tmp_path / name).symlink_to(found)
+    return str(tmp_path)
+
+
+@pytest.mark.parametrize("script", ["demo", "test"])
+def test_unknown_system_is_told_what_to_install(script, bare_path):
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHON"} | {"PATH": bare_path}
+    done = subprocess.run([ROOT / "tools" / script], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    first, second = done.stderr.splitlines()[:2]
+    assert first == "setup: missing: Python 3.11 or later with venv. Install it and run this again:"
+    assert "python3-venv libvulkan1 libshaderc1" in second
+    assert ("vulkan-validationlayers" in second) == (script == "test")
+
+
+def test_demo_refuses_a_missing_file_before_it_sets_up(bare_path):
+    environment = os.environ | {"PATH": bare_path}
+    command = [ROOT / "tools" / "demo", "no_such_file.glb"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (1, "setup: there is no file no_such_file.glb\n")
