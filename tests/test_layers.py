@@ -62,8 +62,9 @@ def imported_parts(path: Path) -> set[str]:
 def committed_files() -> list[Path]:
     """The files of the project that people write, without asking git, which an sdist doesn't have."""
     tops = [ROOT / name for name in ("solari_vk", "glsl", "tests", "tools", ".ci", "docs")]
-    files = [path for top in tops for path in top.rglob("*") if not re.search(r"/\.\w+_cache/|__pycache__", path.as_posix())]
-    return sorted(path for path in [*ROOT.glob("*.*"), *files] if path.is_file() and path.suffix in TEXT)
+    made = re.compile(r"/\.\w+_cache/|__pycache__")
+    files = [*ROOT.glob("*.*"), *(path for top in tops for path in top.rglob("*"))]
+    return sorted(p for p in files if p.is_file() and p.suffix in TEXT and not made.search(p.as_posix()))
 
 
 def test_every_part_has_a_rule():
