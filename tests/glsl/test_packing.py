@@ -1,0 +1,71 @@
+"""Encodings against numpy: bit for bit where arithmetic is exact, within the format's own step elsewhere."""
+
+from __future__ import annotations
+
+import numpy as np
+
+EXPOSURE = 0.25
+MOST = 65408.0
+
+
+def rgb9e5(colors):
+    """EXT_texture_shared_exponent in float64."""
+    c = np.clip(colors.astype(np.float64), 0, MOST)
+    most = c.max(axis=1)
+    exponent = np.maximum(-16, np.floor(np.log2(np.maximum(most, 1e-30))).astype(int)) + 16
+    exponent += np.floor(most * 2.0 ** (24 - exponent) + 0.5) == 512
+    mantissa = np.floor(c * 2.0 ** (24 - exponent)[:, None] + 0.5).astype(np.uint32)
+    return mantissa[:, 0] | mantissa[:, 1] << 9 | mantissa[:, 2] << 18 | exponent.astype(np.uint32) << 27
+
+
+def inputs():
+    rng = np.random.default_rng(3)
+    count = 20_000
+    colors = (rng.random((count, 3)) * 2.0 ** rng.uniform(-20, 17, (count, 1))).astype(np.float32)
+    edges = [0, 1e-9, 2.0**-24, 2.0**-16, 1, 511.5 / 512, 511.75 / 512, 2, 3.9999, 65408, 65504, 1e9]
+    colors[: len(edges)] = np.array(edges, np.float32)[:, None]
+    colors[len(edges) : 2 * len(edges), 0] = edges
+    directions = rng.normal(size=(count, 3))
+    axes = np.concatenate([np.eye(3), -np.eye(3), [[1, 1, 0], [-1, 1, 0], [0, -1, -1], [1e-7, -1e-7, -1]]])
+    directions[: len(axes)] = axes
+    directions = (directions / np.linalg.norm(directions, axis=1, keepdims=True)).astype(np.float32)
+    values = rng.uniform(-0.1, 1.1, (count, 4)).astype(np.float32)
+    values[:256] = (np.arange(256) / 255)[:, None]
+    return colors, directions, values
+
+
+def check(shaders):
+    colors, directions, values = inputs()
+    count = len(colors)
+    given = {"colors": colors, "directions": directions, "values": values}
+    out = shaders.run("packing", count, given, {"packed": 5 * count, "unpacked": 5 * count})
+    packed, unpacked = out["packed"].reshape(-1, 5), out["unpacked"].reshape(-1, 5, 4).astype(np.float64)
+
+    assert (packed[:, 0] == rgb9e5(colors)).all()
+    step = 2.0 ** ((packed[:, 0] >> 27).astype(int) - 24)
+    bits = packed[:, 0]
+    mantissa = np.stack([bits & 511, bits >> 9 & 511, bits >> 18 & 511], axis=1)
+    assert (unpacked[:, 0, :3] == mantissa * step[:, None]).all()
+    assert (np.abs(unpacked[:, 0, :3] - np.clip(colors, 0, MOST)) <= 0.5 * step[:, None]).all()
+
+    encoded = np.log2(1 + colors.astype(np.float64) * EXPOSURE)
+    log_step = 2.0 ** ((packed[:, 1] >> 27).astype(int) - 24)[:, None]
+    decoded = np.log2(1 + unpacked[:, 1, :3] * EXPOSURE)
+    assert (np.abs(decoded - encoded) <= 0.505 * log_step + 4e-6).all()
+
+    for column, bound in ((2, 5e-5), (3, 8e-4)):
+        angle = np.linalg.norm(unpacked[:, column, :3] - directions, axis=1)
+        assert angle.max() < bound
+        assert (unpacked[:6, column, :3] == directions[:6]).all(), "the axes are exact"
+    assert (unpacked[:, 3, 3] == np.arange(count) % 256).all()
+
+    codes = np.floor(np.clip(values.astype(np.float64), 0, 1) * 255 + 0.5).astype(np.uint32)
+    given_codes = np.stack([packed[:, 4] >> 8 * k & 255 for k in range(4)], axis=1)
+    between = np.abs((np.clip(values.astype(np.float64), 0, 1) * 255) % 1 - 0.5) < 1e-4
+    assert ((given_codes == codes) | between).all()
+    assert (given_codes[:256] == np.arange(256)[:, None]).all()
+    assert np.abs(unpacked[:, 4] - given_codes / 255).max() < 1e-7
+
+
+def test_packings(shaders):
+    check(shaders)
