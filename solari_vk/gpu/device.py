@@ -1,28 +1,27 @@
-"""An open device: one queue, one timeline that counts submissions, deferred destruction, validation."""
+"""An open device: chosen, created with its features, validated, and closed with all that it owns."""
 
 from __future__ import annotations
 
 import os
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
 from solari_vk.errors import DeviceError, ValidationError
 from solari_vk.gpu import memory, raw
 from solari_vk.gpu.allocator import Allocator
-from solari_vk.gpu.barriers import host_read_barrier
 from solari_vk.gpu.barriers import memory_barrier as memory_barrier
 from solari_vk.gpu.instance import Instance
 from solari_vk.gpu.physical import OPTIONAL_EXTENSIONS, REQUIRED_EXTENSIONS, DeviceReport, choose, feature_chain
 from solari_vk.gpu.submission import Submission as Submission
+from solari_vk.gpu.submission import WorkQueue
 from solari_vk.gpu.uploads import StagingPool, Uploads
 
-_WAIT_SLICE = 100_000_000  # nanoseconds: Python sees Ctrl-C between slices
 
-
-class Device:
+class Device(WorkQueue):
     """A Vulkan 1.3 device with ray queries, opened. Use it in one thread; a context manager.
+
+    Submitting, waiting and deferred destruction are those of `WorkQueue`.
 
     select: part of a device's name, its index or its UUID; by default SOLARI_VK_DEVICE, else the best.
     validation: core and synchronization validation; by default on when SOLARI_VK_VALIDATION=1. Extensions
@@ -38,17 +37,10 @@ class Device:
         self.staging = _flag("SOLARI_VK_STAGING") if staging is None else staging
         self.lost = False
         self.closed = False
-        self.submitted = 0
-        self._host_synced = 0
-        self._owned: dict[int, Callable[[], None]] = {}
-        self._next_token = 0
-        self._retired: deque[tuple[int, Callable[[], None]]] = deque()
-        self._retired_with_next: list[Callable[[], None]] = []
-        self._before_next: list[Callable[[raw.CData], None]] = []
         self._instance = Instance(self.validation)
         try:
-            chosen = choose(self._instance.devices(), os.environ.get("SOLARI_VK_DEVICE") if select is None else select)
-            self._open(chosen)
+            wanted = os.environ.get("SOLARI_VK_DEVICE") or None if select is None else select
+            self._open(choose(self._instance.devices(), wanted))
         except BaseException:
             self._instance.close()
             raise
@@ -92,29 +84,7 @@ class Device:
         queues = raw.ffi.new("VkQueue*")
         self.vk.vkGetDeviceQueue(self.handle, self.queue_family, 0, queues)
         self.queue = queues[0]
-        self.timeline = self.create(
-            "VkSemaphore",
-            raw.struct(
-                "VkSemaphoreCreateInfo",
-                pNext=raw.struct("VkSemaphoreTypeCreateInfo", semaphoreType=raw.VK_SEMAPHORE_TYPE_TIMELINE),
-            ),
-            "device timeline",
-        )
-        self._pool = self.create(
-            "VkCommandPool",
-            raw.struct(
-                "VkCommandPoolCreateInfo",
-                flags=raw.VK_COMMAND_POOL_CREATE_TRANSIENT_BIT,
-                queueFamilyIndex=self.queue_family,
-            ),
-            "device one-time commands",
-        )
-        self._counter = raw.ffi.new("uint64_t*")
-        self._wait_value = raw.ffi.new("uint64_t*")
-        self._wait_info = raw.struct(
-            "VkSemaphoreWaitInfo", semaphoreCount=1, pSemaphores=[self.timeline], pValues=self._wait_value
-        )
-        self._completed = 0
+        super().__init__()
 
     def _refuse(self, name: bytes) -> raw.CData:
         raise DeviceError(f"{name.decode()} on {self.name}, which was closed")
@@ -123,172 +93,12 @@ class Device:
         if result == raw.VK_ERROR_DEVICE_LOST:
             self.lost = True
 
-    # ---- submissions --------------------------------------------------------------------------------
-
-    def submission(
-        self,
-        command_buffers: Sequence[raw.CData],
-        *,
-        waits: Sequence[tuple[raw.CData, int, int]] = (),
-        signals: Sequence[tuple[raw.CData, int, int]] = (),
-    ) -> Submission:
-        """A submission prepared once and made many times; waits and signals are (semaphore, value, stages)."""
-        return Submission(self, command_buffers, waits, signals)
-
-    def submit(self, command_buffers: Sequence[raw.CData]) -> int:
-        """Submit command buffers; returns the value that the timeline reaches when they are done."""
-        return Submission(self, command_buffers).submit()
-
-    def before_next_submit(self, record: Callable[[raw.CData], None]) -> None:
-        """Have commands recorded and submitted just before the next submission: all such in one batch."""
-        self._before_next.append(record)
-
-    def _submit(self, submission: Submission, *, internal: bool = False) -> int:
-        if self.lost:
-            raise DeviceError(f"{self.name} was lost: make a new Device")
-        if self._before_next and not internal:
-            self.flush()
-        value = self.submitted + 1
-        submission.signal.value = value
-        self.vk.vkQueueSubmit2(self.queue, 1, submission.info, raw.NULL)
-        self.submitted = value
-        if self._retired_with_next and not internal:
-            self._retired.extend((value, destroy) for destroy in self._retired_with_next)
-            self._retired_with_next.clear()
-        if self._retired:
-            self.collect()
-        if self.messages:
-            self.check_messages()
-        return value
-
-    def flush(self) -> None:
-        """Submit now what `before_next_submit` has gathered."""
-        if records := self._before_next:
-            self._before_next = []
-
-            def record_all(cmd: raw.CData) -> None:
-                for record in records:
-                    record(cmd)
-
-            self._start(record_all, "prepare resources")
-
-    def start(self, record: Callable[[raw.CData], None], name: str = "") -> int:
-        """Record one-time commands and submit them without waiting; returns the timeline's value."""
-        self.flush()
-        return self._start(record, name)
-
-    def run(self, record: Callable[[raw.CData], None], name: str = "") -> None:
-        """Record one-time commands, submit them and wait until they are done."""
-        self.wait(self.start(record, name))
-
-    def _start(self, record: Callable[[raw.CData], None], name: str) -> int:
-        allocate = raw.struct(
-            "VkCommandBufferAllocateInfo",
-            commandPool=self._pool,
-            level=raw.VK_COMMAND_BUFFER_LEVEL_PRIMARY,
-            commandBufferCount=1,
-        )
-        buffers = raw.ffi.new("VkCommandBuffer[1]")
-        self.vk.vkAllocateCommandBuffers(self.handle, allocate, buffers)
-        commands = buffers[0]
-
-        def free() -> None:
-            self.vk.vkFreeCommandBuffers(self.handle, self._pool, 1, buffers)
-
-        try:
-            self.name_object("command_buffer", commands, name)
-            begin = raw.struct("VkCommandBufferBeginInfo", flags=raw.VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT)
-            self.vk.vkBeginCommandBuffer(commands, begin)
-            with self.label(commands, name or "one-time commands"):
-                record(commands)
-            self.vk.vkEndCommandBuffer(commands)
-        except BaseException:
-            free()
-            raise
-        value = self._submit(Submission(self, [commands]), internal=True)
-        self.retire(free)
-        return value
-
-    @property
-    def completed(self) -> int:
-        """The newest timeline value whose work is done."""
-        if self._completed < self.submitted:
-            self.vk.vkGetSemaphoreCounterValue(self.handle, self.timeline, self._counter)
-            self._completed = self._counter[0]
-        return self._completed
-
-    @property
-    def idle(self) -> bool:
-        """Whether no work is running or waiting to be submitted."""
-        return not self._before_next and self.completed == self.submitted
-
-    def wait(self, value: int) -> None:
-        """Wait until the timeline has reached a value that a submission returned."""
-        if self.lost:
-            raise DeviceError(f"{self.name} was lost: make a new Device")
-        if value > self.submitted:
-            raise DeviceError(f"waiting for submission {value}, but only {self.submitted} were made")
-        self._wait_value[0] = value
-        while self._completed < value:
-            if self.vk.vkWaitSemaphores(self.handle, self._wait_info, _WAIT_SLICE) == raw.VK_SUCCESS:
-                self._completed = max(self._completed, value)
-        self.collect()
-        self.check_messages()
-
-    def wait_idle(self) -> None:
-        """Wait for everything submitted so far."""
-        self.wait(self.submitted)
-
-    def sync_host(self) -> None:
-        """Wait for everything submitted and make what it wrote visible to the host (mapped memory)."""
-        if self.submitted == self._host_synced and not self._before_next:
-            return
-        self.run(lambda cmd: self.vk.vkCmdPipelineBarrier2(cmd, host_read_barrier()), "host reads")
-        self._host_synced = self.submitted
-
-    # ---- lifetime -----------------------------------------------------------------------------------
-
     def create(self, type_name: str, create_info: raw.CData, name: str) -> raw.CData:
         """vkCreate of a handle type such as "VkSemaphore", with its debug name; the caller destroys it."""
         out = raw.ffi.new(type_name + "*")
         getattr(self.vk, "vkCreate" + type_name[2:])(self.handle, create_info, raw.NULL, out)
         self.name_object(type_name[2:], out[0], name)
         return out[0]
-
-    def own(self, destroy: Callable[[], None]) -> int:
-        """Remember how an object is destroyed; returns a token for `release`. `close` destroys the rest."""
-        self._next_token += 1
-        self._owned[self._next_token] = destroy
-        return self._next_token
-
-    def release(self, token: int) -> None:
-        """Destroy an owned object once the work submitted so far is done; no effect the second time."""
-        destroy = self._owned.pop(token, None)
-        if destroy is not None:
-            self.retire(destroy)
-
-    @property
-    def live_objects(self) -> int:
-        """How many owned objects exist, those that wait for their destruction included."""
-        return len(self._owned) + len(self._retired) + len(self._retired_with_next)
-
-    def retire(self, destroy: Callable[[], None], *, with_next: bool = False) -> None:
-        """Call `destroy` when all work submitted so far is done; with_next: and the next submission too."""
-        if self.closed:
-            raise DeviceError(f"{self.name} was closed")
-        if with_next:
-            self._retired_with_next.append(destroy)
-        else:
-            self._retired.append((self.submitted, destroy))
-            self.collect()
-
-    def collect(self) -> None:
-        """Destroy what was retired and is no longer used."""
-        if not self._retired or self.lost:
-            return
-        completed = self.completed
-        while self._retired and self._retired[0][0] <= completed:
-            self._retired.popleft()[1]()
 
     def close(self) -> None:
         """Wait for the device, destroy all that is left, and close it. Safe to call twice.
@@ -298,20 +108,9 @@ class Device:
         if self.closed:
             return
         self.closed = True
-        wait = raw.ffi.cast("PFN_vkWaitSemaphores", raw.lib.vkGetDeviceProcAddr(self.handle, b"vkWaitSemaphores"))
-        self._wait_value[0] = self.submitted
-        waited = 0
-        while wait(self.handle, self._wait_info, _WAIT_SLICE) == raw.VK_TIMEOUT and not (self.lost and waited > 10):
-            waited += 1
-        retired = [destroy for _, destroy in self._retired]
-        for destroy in [*retired, *self._retired_with_next, *reversed(self._owned.values())]:
-            destroy()
-        self._retired.clear()
-        self._retired_with_next.clear()
-        self._owned.clear()
+        self._finish()
         self.memory.close()
-        self.vk.vkDestroyCommandPool(self.handle, self._pool, raw.NULL)
-        self.vk.vkDestroySemaphore(self.handle, self.timeline, raw.NULL)
+        self._destroy_queue()
         self.vk.vkDestroyDevice(self.handle, raw.NULL)
         self._instance.close()
         self.vk = self.instance_vk = raw.Functions(self._refuse)

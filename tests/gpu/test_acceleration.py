@@ -345,8 +345,19 @@ def test_tlas_shrinks_to_nothing_and_grows_again(acceleration_device: Device, tr
         assert np.array_equal(hits["kind"] == TRIANGLE, np.arange(10) < count)
 
 
-def test_refit_equals_rebuild(acceleration_device: Device, tracer: Tracer, made: Any) -> None:
+def test_refit_equals_rebuild(
+    acceleration_device: Device, tracer: Tracer, made: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     device = acceleration_device
+    modes: list[tuple[int, bool]] = []
+    record_build = device.vk.vkCmdBuildAccelerationStructuresKHR
+
+    def note(cmd: Any, count: int, infos: Any, ranges: Any) -> None:
+        info = infos[0]
+        modes.append((info.mode, info.srcAccelerationStructure == info.dstAccelerationStructure))
+        record_build(cmd, count, infos, ranges)
+
+    monkeypatch.setattr(device.vk, "vkCmdBuildAccelerationStructuresKHR", note)
     positions, triangles = grid(20)
     data = upload(device, made, positions)
     geometry = TriangleGeometry(
@@ -357,6 +368,7 @@ def test_refit_equals_rebuild(acceleration_device: Device, tracer: Tracer, made:
     positions[:, 2] += 0.3 * positions[:, 0]
     data.upload(positions)
     build_blases(device, [refitted], update=True)
+    assert modes == [(0, False), (1, True)]
     rebuilt = made(Blas(device, [geometry]))
     build_blases(device, [rebuilt])
     rng = np.random.default_rng(9)
@@ -372,6 +384,7 @@ def test_refit_equals_rebuild(acceleration_device: Device, tracer: Tracer, made:
     records["transform"][0, :, 3] = [5, 0, 1]
     buffer.upload(records)
     device.run(lambda cmd: tlas.record_build(cmd, buffer.address, 1, update=True))
+    assert modes[-2:] == [(0, False), (1, True)]
     moved = tracer.trace(tlas, origins + np.array([5, 0, 1]), DOWN)
     assert np.array_equal(moved["primitive"], hits[1]["primitive"])
     assert (tracer.trace(tlas, origins, DOWN)["kind"] == NONE).all()

@@ -164,6 +164,21 @@ def test_what_is_due_before_the_next_submission_runs_first_and_once(own_device: 
     assert own_device.submitted == 3
 
 
+def test_what_fails_before_a_submission_leaves_the_rest_due(own_device: Device) -> None:
+    order: list[str] = []
+
+    def fail(_: raw.CData) -> None:
+        raise RuntimeError("not now")
+
+    for record in (lambda cmd: order.append("a"), fail, lambda cmd: order.append("b")):
+        own_device.before_next_submit(record)
+    with pytest.raises(RuntimeError, match="not now"):
+        own_device.run(nothing)
+    order.clear()
+    own_device.run(lambda cmd: order.append("c"))
+    assert order == ["a", "b", "c"]
+
+
 def test_exception_while_recording_leaves_the_device_usable(own_device: Device) -> None:
     def fail(_: raw.CData) -> None:
         raise RuntimeError("in the middle")

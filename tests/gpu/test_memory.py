@@ -278,6 +278,26 @@ def test_later_uploads_of_a_batch_win(path_device: Device) -> None:
     assert np.array_equal(buffer.read(np.uint32), expected)
 
 
+def test_overlapping_copies_are_told_from_touching_ones(device: Device) -> None:
+    chunk, one, two = (device.buffer(100, name) for name in ("chunk", "one", "two"))
+    copies = uploads._Copies()
+    for target, offset, size, expected in (
+        (one, 10, 10, True),
+        (one, 20, 10, True),
+        (one, 0, 10, True),
+        (two, 15, 10, True),
+        (one, 19, 1, False),
+        (one, 5, 50, False),
+        (one, 29, 2, False),
+        (one, 30, 2, True),
+        (two, 14, 1, True),
+        (two, 14, 2, False),
+    ):
+        assert copies.add(chunk, 0, target, offset, size) == expected
+    for buffer in (chunk, one, two):
+        buffer.destroy()
+
+
 def test_uploads_are_ordered_with_submitted_work(path_device: Device) -> None:
     source, target = path_device.buffer(MIB, "source"), path_device.buffer(16 * MIB, "target")
     vk = path_device.vk
