@@ -24,6 +24,7 @@ from solari_vk.gpu.memory import Image
 from solari_vk.gpu.program import Program, ProgramBuilder
 from solari_vk.gpu.resources import Resources
 from solari_vk.gpu.slot import Slot
+from solari_vk.gpu.spirv import Binding
 from solari_vk.gpu.stages import History, Pass, Stage, Step
 from solari_vk.gpu.uniforms import Uniforms
 
@@ -59,6 +60,7 @@ class Frame:
         self.device = device
         self.uniforms = Uniforms(None, uniforms)
         self.frame_count = 0
+        self.timed_value = 0
         self._uniform_name = uniforms
         every = os.environ.get("SOLARI_VK_BARRIERS") == "all"
         self._barrier_every_pass = every if barrier_every_pass is None else barrier_every_pass
@@ -140,11 +142,13 @@ class Frame:
         if slot.stale:
             slot.record(self._barriers)
         slot.write_uniforms()
-        if before:
-            commands = [self._buffers[SLOTS], *before, slot.commands]
-            slot.value = self.device.submit(commands)
-        else:
-            slot.value = slot.submission.submit()
+        try:
+            if before:
+                self.device.submit([self._buffers[SLOTS], *before, slot.commands])
+            else:
+                slot.submission.submit()
+        finally:
+            slot.value = self.device.submitted  # right too when the submission raised what validation had to say
         self.frame_count += 1
         return slot.value
 
@@ -170,17 +174,21 @@ class Frame:
             raise SolariError(f"the frame has no resource {name}; there are {', '.join(sorted(bound))}")
         return bound[name]
 
+    def binding(self, name: str) -> Binding:
+        """How the shaders declare a resource: its kind and numpy types. Raises SolariError for an unknown name."""
+        assert self._program is not None
+        return self._program.interface[name]
+
     def __getitem__(self, name: str) -> np.ndarray:
         """A copy of a resource after the latest frame; waits for it.
 
         Of a buffer the elements of its runtime array, or without one its block as a record of shape (); of an image
         (height, width, channels).
         """
-        assert self._program is not None
         resource = self.resource(name)
         if isinstance(resource, Image):
             return resource.read()
-        binding = self._program.interface[name]
+        binding = self.binding(name)
         if binding.element is not None:
             flat = resource.read(binding.element.base, offset=binding.element_offset)
             return flat.reshape(-1, *binding.element.shape)  # type: ignore[no-any-return]
@@ -192,13 +200,15 @@ class Frame:
     def timings(self) -> dict[str, float]:
         """GPU milliseconds of each step in the latest frame that is done; empty before the first.
 
-        Waits when no frame has finished yet. Empty as well on a device without timestamps.
+        Waits when no frame has finished yet. Empty as well on a device without timestamps. `timed_value` then is the
+        timeline value that `submit` returned for that frame.
         """
         done = [slot for slot in self._slots if 0 < slot.value <= self.device.completed]
         slot = max(done, key=lambda item: item.value) if done else self._latest
         if not slot.value:
             return {}
         self.device.wait(slot.value)
+        self.timed_value = slot.value
         return slot.read_timings()
 
     def describe(self) -> list[Row]:

@@ -1,0 +1,420 @@
+"""Frames run on the device: layouts, history, barriers, indirect passes, rebuilding, errors, lifetime."""
+
+from __future__ import annotations
+
+import itertools
+import time
+
+import numpy as np
+import pytest
+
+from solari_vk.errors import SolariError, ValidationError
+from solari_vk.gpu import raw
+from solari_vk.gpu.compiler import CompilationError
+from solari_vk.gpu.frame import Frame, History, Pass, Stage, Step
+
+BINDINGS = """#ifndef BINDINGS
+#define BINDINGS
+layout(set = 1, binding = 0, scalar) uniform UniformsBlock {
+    mat4 clip_from_world; mat4x3 world_from_object; vec3 place; uint frame; float gain;
+} uniforms;
+layout(set = 1, binding = 1, scalar) buffer ABlock { uint at[]; } a;
+layout(set = 1, binding = 2, scalar) buffer BBlock { uint at[]; } b;
+layout(set = 1, binding = 3, scalar) buffer CBlock { uint total; uint at[]; } c;
+layout(set = 1, binding = 4, rgba32f) uniform image2D picture;
+layout(set = 1, binding = 5, rgba32f) uniform image2D previous_picture;
+layout(set = 1, binding = 6, scalar) buffer ArgumentsBlock { uvec3 groups; } arguments;
+#endif
+"""
+COUNT = 1024
+ONE = "layout(local_size_x = 64) in;\n"
+START = '#include "passes/bindings.glsl"\n' + ONE
+INDEX = "uint i = gl_GlobalInvocationID.x; "
+PASSES = {
+    "fill_a": "void main() { " + INDEX + "a.at[i] = i + uniforms.frame; }\n",
+    "a_to_b": "void main() { " + INDEX + "b.at[i] = a.at[a.at.length() - 1 - i] * 2u; }\n",
+    "b_to_c": "void main() { " + INDEX + "c.at[i] = b.at[b.at.length() - 1 - i] + 1u; }\n",
+    "add_to_c": "void main() { atomicAdd(c.total, 1u); }\n",
+    "accumulate": """void main() {
+    ivec2 at = ivec2(gl_GlobalInvocationID.x % 16u, gl_GlobalInvocationID.x / 16u);
+    imageStore(picture, at, imageLoad(previous_picture, at) + vec4(1, uniforms.gain, at));
+}
+""",
+    "arguments": "layout(constant_id = 0) const uint GROUPS = 1;\n"
+    "void main() { if (gl_GlobalInvocationID.x == 0u) arguments.groups = uvec3(GROUPS, 1, 1); }\n",
+}
+
+
+@pytest.fixture
+def root(shaders):
+    shaders.write("passes/bindings.glsl", BINDINGS)
+    for name, text in PASSES.items():
+        shaders.write(name, START + text)
+    return shaders.root
+
+
+def chain(size: int = COUNT) -> Stage:
+    """Each pass needs the one before it; the order of reading is turned round, so that a race shows."""
+    passes = [Pass(name, threads=size) for name in ("fill_a", "a_to_b", "b_to_c")]
+    return Stage("chain", buffers={"a": size, "b": size, "c": size}, passes=passes)
+
+
+def expected(frame: int) -> np.ndarray:
+    return (np.arange(COUNT, dtype=np.uint32) + frame) * 2 + 1
+
+
+def test_chain_gives_the_right_numbers_every_frame(device, root):
+    with Frame(device, [chain()], glsl_root=root) as frame:
+        for number in range(5):
+            frame.uniforms["frame"] = number
+            frame.submit()
+            np.testing.assert_array_equal(frame["c"], expected(number))
+
+
+def test_derived_barriers_are_these(device, root):
+    counts = {"arguments": 1, "a": COUNT, "b": COUNT, "c": COUNT}
+    passes = [
+        Pass("fill_a", threads=COUNT),
+        Pass("arguments", threads=1, constants={"GROUPS": 2}),
+        Pass("add_to_c", indirect="arguments"),
+        Pass("a_to_b", threads=COUNT),
+        Pass("fill_a", threads=COUNT),
+        Pass("b_to_c", threads=COUNT),
+        Pass("b_to_c", threads=COUNT),
+        Step("outside", lambda _: None, reads=["c"], writes=["a"]),
+    ]
+    with Frame(device, [Stage("all", buffers=counts, passes=passes)], glsl_root=root) as frame:
+        frame.submit()
+        rows = {row.name: row.barrier for row in frame.describe()}
+        assert rows == {
+            "fill_a #1": "",
+            "arguments": "",
+            "add_to_c": "RAW arguments (arguments)",
+            "a_to_b": "",  # the barrier before add_to_c has ordered fill_a
+            "fill_a #2": "WAR a (a_to_b)",
+            "b_to_c #1": "",
+            "b_to_c #2": "WAW c (b_to_c #1)",
+            "outside": "RAW c (b_to_c #2)",
+        }
+        assert frame["c"].shape == (COUNT,)
+        assert set(frame.timings) == set(rows)
+        assert all(0 <= milliseconds < 1000 for milliseconds in frame.timings.values())
+
+
+def test_barrier_before_every_pass(device, root):
+    passes = [Pass("fill_a", threads=COUNT), Pass("add_to_c", threads=1)]
+    stage = Stage("two", buffers={"a": COUNT, "c": COUNT}, passes=passes)
+    with Frame(device, [stage], glsl_root=root, barrier_every_pass=True) as frame:
+        frame.submit()
+        assert [row.barrier for row in frame.describe()] == ["", "every pass"]
+
+
+@pytest.mark.provokes_validation
+def test_synchronization_validation_sees_a_missing_barrier(device, root):
+    with Frame(device, [chain()], glsl_root=root) as frame:
+        frame._barriers = [None] * len(frame._barriers)
+        with pytest.raises(ValidationError, match="HAZARD"):
+            frame.submit()
+
+
+def test_indirect_pass_takes_its_groups_from_the_buffer(device, root):
+    passes = [Pass("arguments", threads=1, constants={"GROUPS": 3}), Pass("add_to_c", indirect="arguments")]
+    with Frame(device, [Stage("x", buffers={"arguments": 1, "c": 1}, passes=passes)], glsl_root=root) as frame:
+        frame.submit()
+        assert frame.resource("c").read(np.uint32, 1)[0] == 3 * 64
+        np.testing.assert_array_equal(frame["arguments"]["groups"], [3, 1, 1])
+
+
+def picture_stage(width: int = 16, height: int = 16) -> Stage:
+    return Stage("picture", images={"picture": History((width, height))}, passes=[Pass("accumulate", threads=256)])
+
+
+def test_history_swaps_with_the_slots(device, root):
+    with Frame(device, [picture_stage()], glsl_root=root) as frame:
+        frame.uniforms["gain"] = 0.5
+        for number in range(1, 6):
+            frame.submit()
+            np.testing.assert_array_equal(frame["picture"][3, 5], [number, number * 0.5, 5 * number, 3 * number])
+            np.testing.assert_array_equal(frame["previous_picture"][0, 0, 0], number - 1)
+        assert frame.resource("picture") is not frame.resource("previous_picture")
+
+
+def test_frames_in_flight_keep_their_own_uniforms(device, root, shaders):
+    body = "if (gl_GlobalInvocationID.x == 0u) a.at[uniforms.frame] = uniforms.frame;"
+    shaders.write("note", START + "void main() { " + body + " }\n")
+    with Frame(device, [Stage("x", buffers={"a": 50}, passes=[Pass("note", threads=1)])], glsl_root=root) as frame:
+        for number in range(50):
+            frame.uniforms["frame"] = number
+            frame.submit()
+        np.testing.assert_array_equal(frame["a"], np.arange(50))
+
+
+def test_step_and_command_buffers_before_the_frame(device, root):
+    buffer = device.buffer(16, "filled")
+    frame_holder: list[Frame] = []
+
+    def fill(cmd):
+        device.vk.vkCmdFillBuffer(cmd, frame_holder[0].resource("a").handle, 0, raw.VK_WHOLE_SIZE, 7)
+
+    passes = [Pass("fill_a", threads=COUNT), Step("sevens", fill, writes=["a"]), Pass("a_to_b", threads=COUNT)]
+    with Frame(device, [Stage("x", buffers={"a": COUNT, "b": COUNT}, passes=passes)], glsl_root=root) as frame:
+        frame_holder.append(frame)
+        frame.submit()
+        assert (frame["b"] == 14).all()
+        assert [row.barrier for row in frame.describe()] == ["", "WAW a (fill_a)", "RAW a (sevens)"]
+    buffer.destroy()
+
+
+def test_work_before_the_frame_is_ordered(device, root):
+    create = raw.struct("VkCommandPoolCreateInfo", queueFamilyIndex=device.queue_family)
+    pool = device.create("VkCommandPool", create, "")
+    out = raw.ffi.new("VkCommandBuffer[1]")
+    device.vk.vkAllocateCommandBuffers(
+        device.handle, raw.struct("VkCommandBufferAllocateInfo", commandPool=pool, commandBufferCount=1), out
+    )
+    buffer = device.buffer(4 * COUNT, "a")
+    simultaneous = raw.VK_COMMAND_BUFFER_USAGE_SIMULTANEOUS_USE_BIT
+    device.vk.vkBeginCommandBuffer(out[0], raw.struct("VkCommandBufferBeginInfo", flags=simultaneous))
+    device.vk.vkCmdFillBuffer(out[0], buffer.handle, 0, raw.VK_WHOLE_SIZE, 5)
+    device.vk.vkEndCommandBuffer(out[0])
+    stage = Stage("x", buffers={"b": COUNT}, passes=[Pass("a_to_b", threads=COUNT), Pass("fill_a", threads=COUNT)])
+    with Frame(device, [stage], external={"a": buffer}, glsl_root=root) as frame:
+        for _ in range(3):
+            frame.submit(before=[out[0]])
+        assert (frame["b"] == 10).all()
+        device.wait_idle()
+    device.vk.vkDestroyCommandPool(device.handle, pool, raw.NULL)
+    buffer.destroy()
+
+
+# ---- layouts ----------------------------------------------------------------------------------------
+
+LAYOUT = """#extension GL_EXT_shader_explicit_arithmetic_types : require
+layout(local_size_x = 1) in;
+struct Inner { vec3 position; uint64_t big; };
+struct Record {
+    float scalar; vec2 two; vec3 three; vec4 four; int whole; ivec3 wholes; uint number;
+    mat2 m2; mat3 m3; mat4 m4; mat4x3 m43; mat2x3 m23; float list[5]; vec3 places[2]; Inner inner; Inner inners[3];
+    mat3x4 transforms[2];
+};
+struct Small { uint8_t byte; uint16_t small; i8vec3 bytes; uint16_t last; };
+layout(set = 1, binding = 0, scalar) readonly buffer RecordsBlock { uint count; Record at[]; } records;
+layout(set = 1, binding = 1, scalar) buffer ResultsBlock { float at[]; } results;
+layout(set = 1, binding = 2, scalar) readonly buffer SmallBlock { Small at[]; } smalls;
+layout(set = 1, binding = 3, scalar) uniform UniformsBlock { Record record; } uniforms;
+uint n = 0u;
+void put(float x) { results.at[n++] = x; }
+void put_record(Record r) {
+    put(r.scalar); put(r.two.y); put(r.three.z); put(r.four.w); put(float(r.whole)); put(float(r.wholes.z));
+    put(float(r.number)); put(r.m2[1][0]); put(r.m3[2][1]); put(r.m4[3][2]); put(r.m43[3][1]);
+    put(r.m23[1][2]); put(r.list[4]); put(r.places[1].y); put(r.inner.position.z);
+    put(float(r.inner.big)); put(r.inners[2].position.x); put(float(r.inners[1].big)); put(r.transforms[1][2][3]);
+}
+void main() {
+    put(float(records.count)); put_record(records.at[1]); put_record(uniforms.record);
+    put(float(smalls.at[1].byte)); put(float(smalls.at[1].small)); put(float(smalls.at[1].bytes.z));
+    put(float(smalls.at[1].last));
+}
+"""
+
+
+def number_fields(records: np.ndarray, first: int) -> int:
+    """Give every number in structured records another value, counting from `first`; returns the next."""
+    if records.dtype.names is None:
+        records[...] = np.arange(first, first + records.size).reshape(records.shape)
+        return first + records.size
+    for name in records.dtype.names:
+        first = number_fields(records[name], first)
+    return first
+
+
+def picked(r: np.ndarray) -> list[float]:
+    """What put_record picks."""
+    values = [
+        r["scalar"], r["two"][1], r["three"][2], r["four"][3], r["whole"], r["wholes"][2], r["number"],
+        r["m2"][1, 0], r["m3"][2, 1], r["m4"][3, 2], r["m43"][3, 1], r["m23"][1, 2], r["list"][4], r["places"][1, 1],
+        r["inner"]["position"][2], r["inner"]["big"], r["inners"][2]["position"][0], r["inners"][1]["big"],
+        r["transforms"][1, 2, 3],
+    ]  # fmt: skip
+    assert len(set(values)) == len(values)
+    return [float(value) for value in values]
+
+
+def test_every_member_type_arrives_in_the_shader(device, shaders):
+    shaders.write("layout_check", LAYOUT)
+    counts = {"records": 2, "results": 64, "smalls": 2}
+    stage = Stage("layout", buffers=counts, passes=[Pass("layout_check", threads=1)])
+    with Frame(device, [stage], glsl_root=shaders.root) as frame:
+        number_fields(frame.uniforms.record["record"], 30)
+        records = np.zeros(2, frame.uniforms.record.dtype["record"])
+        number_fields(records, 1000)
+        smalls = np.zeros(2, frame["smalls"].dtype)
+        number_fields(smalls, 3)
+        frame.resource("records").upload(np.uint32(2))
+        frame.resource("records").upload(records, frame.binding("records").element_offset)
+        frame.resource("smalls").upload(smalls)
+        frame.submit()
+        small = smalls[1]
+        found = frame["results"]
+        expected = [2, *picked(records[1]), *picked(frame.uniforms["record"]),
+                    small["byte"], small["small"], small["bytes"][2], small["last"]]  # fmt: skip
+        np.testing.assert_array_equal(found[: len(expected)], expected)
+        np.testing.assert_array_equal(frame["records"], records)
+
+
+# ---- rebuilding -------------------------------------------------------------------------------------
+
+
+def test_broken_shader_leaves_the_frame_as_it_was(device, root, shaders):
+    with Frame(device, [chain()], glsl_root=root) as frame:
+        frame.uniforms["frame"] = 3
+        frame.submit()
+        device.wait_idle()
+        objects = device.live_objects
+        shaders.write("a_to_b", START + "void main() { b.at[0] = nonsense; }\n")
+        with pytest.raises(CompilationError, match=r"a_to_b\.comp:5: .*nonsense"):
+            frame.rebuild()
+        shaders.write("a_to_b", START + PASSES["a_to_b"].replace("b.at[i]", "layout_conflict"))
+        with pytest.raises(SolariError):
+            frame.rebuild([chain(), Stage("more", buffers={"a": 5})])
+        device.wait_idle()
+        assert device.live_objects == objects
+        frame.submit()
+        np.testing.assert_array_equal(frame["c"], expected(3))
+        shaders.write("a_to_b", START + PASSES["a_to_b"].replace("* 2u", "* 4u"))
+        frame.rebuild()
+        frame.submit()
+        assert frame["b"][0] == (COUNT - 1 + 3) * 4, "the uniforms are kept, the shader is the new one"
+
+
+def test_new_binding_on_reload_keeps_resources_and_uniforms(device, root, shaders):
+    stages = [chain(), picture_stage()]
+    with Frame(device, [chain()], glsl_root=root) as frame:
+        frame.uniforms["frame"] = 2
+        frame.submit()
+        before = frame.resource("a")
+        frame.rebuild(stages)
+        assert frame.resource("a") is before
+        np.testing.assert_array_equal(frame["a"], np.arange(COUNT) + 2)
+        frame.submit()
+        assert frame["picture"][0, 0, 0] == 1
+        np.testing.assert_array_equal(frame["c"], expected(2))
+
+
+def test_resize_makes_new_zeroed_resources_and_keeps_the_rest(device, root):
+    with Frame(device, [chain(), picture_stage()], glsl_root=root) as frame:
+        for _ in range(3):
+            frame.submit()
+        pipelines = [step.pipeline for step in frame._program.steps]
+        kept = frame.resource("a")
+        frame.rebuild([chain(), picture_stage(20, 16)])
+        assert frame.resource("a") is kept
+        frame.submit()
+        assert frame["picture"].shape == (16, 20, 4)
+        assert frame["picture"][2, 2, 0] == 1
+        assert [step.pipeline for step in frame._program.steps] == pipelines
+
+
+def test_bound_resource_replaced_and_destroyed_at_once(device, root):
+    buffers = []
+    for value in (1, 2, 3):
+        buffers.append(device.buffer(4 * COUNT, f"a {value}"))
+        buffers[-1].upload(np.full(COUNT, value, np.uint32))
+    stage = Stage("x", buffers={"b": COUNT}, passes=[Pass("a_to_b", threads=COUNT)])
+    with Frame(device, [stage], external={"a": buffers[0]}, glsl_root=root) as frame:
+        frame.submit()
+        frame.submit()
+        for old, new in itertools.pairwise(buffers):
+            frame.bind({"a": new})
+            old.destroy()
+            frame.submit()
+        assert (frame["b"] == 6).all()
+    buffers[-1].destroy()
+
+
+def test_nothing_grows(device, root):
+    def one_life() -> None:
+        with Frame(device, [chain(), picture_stage()], glsl_root=root) as frame:
+            for width in (16, 17, 16):
+                frame.rebuild([chain(), picture_stage(width)])
+                frame.submit()
+                frame.submit()
+        device.wait_idle()
+
+    one_life()
+    objects, used = device.live_objects, device.memory.bytes_used
+    for _ in range(5):
+        one_life()
+    assert device.live_objects == objects
+    assert device.memory.bytes_used == used
+
+
+# ---- errors -----------------------------------------------------------------------------------------
+
+
+FILL = Pass("fill_a", threads=1)
+
+
+def with_a(item: Pass) -> Stage:
+    return Stage("s", buffers={"a": 4}, passes=[item])
+
+
+@pytest.mark.parametrize(
+    ("stage", "message"),
+    [
+        (Stage("s", passes=[FILL]), r"a \(storage_buffer\) is used by fill_a, but no stage declares it"),
+        (Stage("s", buffers={"a": 4, "q": 4}, passes=[FILL]), "stage s declares q, which none"),
+        (Stage("s", buffers={"a": 0}, passes=[FILL]), "a needs a whole number of elements above 0"),
+        (Stage("s", buffers={"a": 4}, images={"picture": 3}, passes=[FILL]), "declares picture"),
+        (Stage("s", buffers={"picture": 4}, passes=[Pass("accumulate", threads=1)]), "picture is a storage_image"),
+        (Stage("s", images={"picture": History((0, 4))}, passes=[Pass("accumulate", threads=1)]), "size of picture is"),
+        (Stage("s", buffers={"arguments": 2}, passes=[Pass("arguments", threads=1)]), "has no runtime array"),
+        (with_a(Pass("fill_a", threads=0)), "pass fill_a: threads are one to three"),
+        (with_a(Pass("fill_a", threads=(1 << 40, 1))), "workgroups, but this device runs"),
+        (with_a(Pass("fill_a", threads=1, constants={"X": 1})), "constant X; those it uses"),
+        (with_a(Pass("fill_a", indirect="z")), "fill_a: there is no resource z; there are a"),
+        (with_a(Pass("nothing", threads=1)), r"no shader passes/nothing\.comp"),
+        (Stage("s", passes=[]), "at least one pass"),
+    ],
+)  # fmt: skip
+def test_mistakes_are_told_plainly(device, root, stage, message):
+    device.wait_idle()
+    objects = device.live_objects
+    with pytest.raises(SolariError, match=message):
+        Frame(device, [stage], glsl_root=root)
+    device.wait_idle()
+    assert device.live_objects == objects
+
+
+def test_pass_needs_threads_or_indirect():
+    with pytest.raises(SolariError, match="give either threads or indirect"):
+        Pass("x")
+    with pytest.raises(SolariError, match="give either threads or indirect"):
+        Pass("x", threads=1, indirect="a")
+
+
+def test_unknown_names_and_shapes(device, root):
+    with Frame(device, [chain()], glsl_root=root) as frame:
+        with pytest.raises(SolariError, match="no resource q; there are a, b, c"):
+            frame["q"]
+        with pytest.raises(SolariError, match="uniforms have no field q; there are clip_from_world"):
+            frame.uniforms["q"] = 1
+        with pytest.raises(SolariError, match=r"uniforms\.clip_from_world has shape \(4, 4\), not \(3, 3\)"):
+            frame.uniforms["clip_from_world"] = np.eye(3)
+        with pytest.raises(SolariError, match=r"uniforms\.frame is uint32"):
+            frame.uniforms["frame"] = -1
+        assert frame.timings == {}
+
+
+def test_host_time_per_frame(device, root):
+    """The budget is 0.2 ms without validation, which costs several times that: this finds a slip of order."""
+    with Frame(device, [chain()], glsl_root=root) as frame:
+        for _ in range(4):
+            frame.submit()
+        spent = []
+        for _ in range(50):
+            device.wait_idle()
+            start = time.perf_counter()
+            frame.submit()
+            spent.append(time.perf_counter() - start)
+        assert np.median(spent) < 2e-3
