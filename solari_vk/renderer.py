@@ -58,7 +58,6 @@ class PathTracer:
         self.binder.update()
         self._bound_version = self.binder.version
         self._table, self._table_buffers = brdf_table.compute(device)
-        self._batch = 1
         self._shown: tuple[Any, ...] | None = None
         self._camera: Camera | None = None
         self._set_size(size)
@@ -75,7 +74,13 @@ class PathTracer:
         if not (1 <= width <= 16384 and 1 <= height <= 16384):
             raise SolariError(f"PathTracer: size {size} is not within 1x1 to 16384x16384 pixels")
         self.size = (width, height)
-        self._band_rows = min(height, max(MOST_PIXELS // width, 1))
+        self._band_rows = self._most_rows
+        self._batch = 1
+        self._sizes: dict[int, int] = {}  # rows times samples of the dispatches that may still be running
+
+    @property
+    def _most_rows(self) -> int:
+        return min(self.size[1], max(MOST_PIXELS // self.size[0], 1))
 
     def _stages(self) -> list[Stage]:
         return [pathtracer.trace_stage(self.size, self._band_rows, self.settings)]
@@ -140,11 +145,11 @@ class PathTracer:
             self._shown = shown
             self._camera = copy.copy(camera)
             self.samples = 0
-            self._write_uniforms(self._frame)
+            self._write_uniforms(self._frame, self._band_rows)
 
-    def _write_uniforms(self, frame: Frame) -> None:
+    def _write_uniforms(self, frame: Frame, rows: int) -> None:
         assert self._camera is not None
-        pathtracer.write_uniforms(frame.uniforms, self.settings, self._camera, self.size, self._band_rows)
+        pathtracer.write_uniforms(frame.uniforms, self.settings, self._camera, self.size, rows)
 
     def _add_samples(self, count: int) -> None:
         """Trace so many samples for every pixel, one band of rows after the other."""
@@ -154,25 +159,26 @@ class PathTracer:
         try:
             for row in range(0, self.size[1], self._band_rows):
                 uniforms["first_row"] = row
-                self._frame.submit()
+                self._sizes[self._frame.submit()] = count * self._band_rows
         except BaseException:
             self._shown = None  # some bands have these samples and some have not: the next call starts anew
             raise
         self.samples += count
-        self._adapt(count)
+        self._adapt()
 
-    def _adapt(self, count: int) -> None:
-        """Choose the next dispatch's size from how long the last one took."""
-        spent = self._frame.timings.get("pathtracer/trace")
-        if not spent:
-            return
-        wanted = int(DISPATCH_MS / spent * count)
-        self._batch = max(1, min(wanted, 2 * count, MOST_SAMPLES))
-        if wanted == 0 and count == 1 and spent > 4 * DISPATCH_MS and self._band_rows > 8:
-            self._band_rows = max(int(self._band_rows * DISPATCH_MS / spent), 8)
+    def _adapt(self) -> None:
+        """Choose the next dispatch's size from how long the latest finished one took."""
+        spent = self._frame.timings.get("pathtracer/trace", 0.0)
+        finished = [value for value in self._sizes if value <= self._frame.timed_value]
+        size = [self._sizes.pop(value) for value in finished][-1] if finished else 0
+        if not spent or not size or self._frame.frame_count < 4:
+            return  # nothing is known, or the driver may have been compiling
+        wanted = DISPATCH_MS / spent * size
+        self._batch = max(1, min(int(wanted / self._band_rows), 2 * self._batch, MOST_SAMPLES))
+        if wanted < self._band_rows / 4 and self._band_rows > 8:
+            self._band_rows = max(int(wanted), 8)
             self._frame.rebuild(self._stages())
             self._frame.uniforms["row_count"] = self._band_rows
-            self._drop_aovs()
 
     # ---- results ------------------------------------------------------------------------------------
 
@@ -190,14 +196,14 @@ class PathTracer:
 
     def _first_hits(self) -> Frame:
         """The frame of the AOVs, run for what the picture shows."""
+        rows = self._most_rows
         if self._aovs is None:
-            stages = [pathtracer.aov_stage(self.size, self._band_rows)]
-            self._aovs = Frame(self.device, stages, external=self._external)
+            self._aovs = Frame(self.device, [pathtracer.aov_stage(self.size, rows)], external=self._external)
             self._aovs_shown = None
         if self._aovs_shown != self._shown:
             self._aovs_shown = self._shown
-            self._write_uniforms(self._aovs)
-            for row in range(0, self.size[1], self._band_rows):
+            self._write_uniforms(self._aovs, rows)
+            for row in range(0, self.size[1], rows):
                 self._aovs.uniforms["first_row"] = row
                 self._aovs.submit()
         return self._aovs
