@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 _HOMES = {
-    "errors": ("SolariError", "DeviceError", "ValidationError"),
+    "errors": ("DeviceError", "SolariError", "ValidationError"),
     "gpu.device": ("Device", "list_devices"),
     "scene.model": (
         "Camera",
@@ -33,12 +33,38 @@ _HOMES = {
     ),
     "scene.gltf": ("load_gltf",),
     "scene.builtin": ("builtin",),
-    "display": ("auto_exposure", "tonemap", "check_output", "save_image"),
+    "scene.studio": ("frame_camera", "studio_lights"),
+    "display": ("auto_exposure", "check_output", "save_image", "tonemap"),
     "renderer": ("AOVS", "PathTracer"),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
-__all__ = ["__version__", *_HOME_OF]  # noqa: PLE0604
+__all__ = [
+    "AOVS",
+    "Camera",
+    "Device",
+    "DeviceError",
+    "DirectionalLight",
+    "Instance",
+    "Material",
+    "Mesh",
+    "PathTracer",
+    "Scene",
+    "SolariError",
+    "Texture",
+    "TextureImage",
+    "ValidationError",
+    "__version__",
+    "auto_exposure",
+    "builtin",
+    "check_output",
+    "frame_camera",
+    "list_devices",
+    "load_gltf",
+    "save_image",
+    "studio_lights",
+    "tonemap",
+]
 
 if TYPE_CHECKING:
     from solari_vk.display import auto_exposure, check_output, save_image, tonemap
@@ -57,6 +83,7 @@ if TYPE_CHECKING:
         Texture,
         TextureImage,
     )
+    from solari_vk.scene.studio import frame_camera, studio_lights
 
 
 def __getattr__(name: str) -> Any:

@@ -12,12 +12,14 @@ import numpy as np
 
 from solari_vk.gpu.device import Device
 from solari_vk.gpu.frame import Frame, Pass, Stage
+from solari_vk.passes.pathtracer import write_uniforms
 from solari_vk.renderer import PathTracer
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.gltf import load_gltf
 from solari_vk.scene.model import Camera, Instance, Material, Mesh, Scene
 
 SECONDS = 3.0  # each measurement runs about so long
+BOUNCES = 4
 
 
 def run(select: str | None, files: list[Path]) -> None:
@@ -61,36 +63,30 @@ def _rays(device: Device, name: str) -> None:
     """Rays a second of the bare kernel and of the path tracer, in turns over the same scene and size."""
     scene = builtin(name)
     size = (256, 256)
-    tracer = PathTracer(device, scene, size, max_bounces=4)
+    tracer = PathTracer(device, scene, size, max_bounces=BOUNCES)
     tracer.render(scene.camera, samples=1)
-    stage = Stage("bench", buffers={"bench_rays": size[0] * size[1]}, passes=[Pass("bench/rays", threads=size)])
-    frame = Frame(device, [stage], external=tracer.binder.resources)
-    tracer.write_camera(frame.uniforms, scene.camera)
-    frame.uniforms["max_bounces"] = 4
-    frame.submit()
-    frame.wait()
+    stage = Stage("bench", buffers={"ray_count": size[0] * size[1]}, passes=[Pass("bench/rays", threads=size)])
+    bare = Frame(device, [stage], external=tracer.binder.resources)
+    write_uniforms(bare.uniforms, tracer.settings, scene.camera, size, size[1])
+    bare.submit()
+    device.wait_idle()
 
-    bare_rays = bare_ms = 0.0
-    traced_rays = traced_ms = 0.0
+    bare_rays = bare_seconds = 0.0
+    traced_rays = traced_seconds = 0.0
     until = time.perf_counter() + 2 * SECONDS
-    sample = 1
     while time.perf_counter() < until:
-        frame.uniforms["sample_index"] = sample
-        frame.submit()
-        frame.wait()
-        bare_ms += frame.timings["bench/rays"]
-        bare_rays += int(frame["bench_rays"].sum(dtype=np.uint64))
+        bare.uniforms["sample_index"] = tracer.samples
+        bare_seconds += _time(lambda: device.wait(bare.submit()))
+        bare_rays += int(bare["ray_count"].sum(dtype=np.uint64))
         before = tracer.rays
-        tracer.render(scene.camera, samples=tracer.samples + 1, progressive=True)
+        traced_seconds += _time(lambda: tracer.render(scene.camera, samples=tracer.samples + 1))
         traced_rays += tracer.rays - before
-        traced_ms += tracer.timings["pathtracer/trace"]
-        sample += 1
-    bare, traced = bare_rays / bare_ms / 1e3, traced_rays / traced_ms / 1e3
-    _say(f"{name}: bare ray-query kernel", bare, "Mrays/s")
-    _say(f"{name}: inside the path tracer", traced, "Mrays/s")
-    _say(f"{name}: path tracer / bare kernel", traced / bare, "", "aim 0.5 or more")
-    frame.destroy()
-    tracer.destroy()
+    _say(f"{name}: bare ray-query kernel", bare_rays / bare_seconds / 1e6, "Mrays/s")
+    _say(f"{name}: inside the path tracer", traced_rays / traced_seconds / 1e6, "Mrays/s")
+    ratio = traced_rays / traced_seconds / (bare_rays / bare_seconds)
+    _say(f"{name}: path tracer / bare kernel", ratio, "", "aim 0.5 or more")
+    bare.close()
+    tracer.close()
 
 
 def _samples(device: Device, name: str, size: int) -> None:
@@ -101,21 +97,21 @@ def _samples(device: Device, name: str, size: int) -> None:
     tracer.render(scene.camera, samples=1 << 20, time_limit=SECONDS)
     seconds = time.perf_counter() - started
     _say(f"{name} {size}x{size}", tracer.samples * size * size / seconds / 1e6, "Msamples/s")
-    tracer.destroy()
+    tracer.close()
 
 
 def _host_time(device: Device) -> None:
-    """Python's own time for a frame: recorded commands, no scene change, the device idle meanwhile."""
+    """Python's own time for a frame: uniforms, submission, bookkeeping; the device is idle meanwhile."""
     scene = builtin("cornell_box")
     tracer = PathTracer(device, scene, (8, 8), max_bounces=0)
     tracer.render(scene.camera, samples=4)
     spent = []
     for _ in range(1000):
         device.wait_idle()
-        spent.append(_time(tracer.submit_frame))
+        spent.append(_time(lambda: tracer.advance(scene.camera, 1)))
     device.wait_idle()
     _say("host time of a frame, median of 1000", float(np.median(spent)) * 1e3, "ms", "aim 0.2")
-    tracer.destroy()
+    tracer.close()
 
 
 def _large_scene(device: Device) -> None:
@@ -126,15 +122,14 @@ def _large_scene(device: Device) -> None:
     first = (np.arange(side)[:, None] * (side + 1) + np.arange(side)).ravel()
     corners = np.stack([first, first + side + 1, first + 1, first + 1, first + side + 1, first + side + 2], axis=1)
     mesh = Mesh(positions=np.stack([x, heights, z], axis=-1).reshape(-1, 3), indices=corners.reshape(-1, 3))
-    lamp = Mesh(positions=[[-1, 2, -1], [1, 2, -1], [0, 2, 1]])
-    scene = Scene(
-        Instance(mesh=mesh, material=Material()), Instance(mesh=lamp, material=Material(emissive=5, double_sided=True))
-    )
+    lamp = Material(emissive=np.full(3, 5.0, np.float32), double_sided=True)
+    above = Mesh(positions=np.array([[-1, 2, -1], [1, 2, -1], [0, 2, 1]], np.float32))
+    scene = Scene(Instance(mesh=mesh, material=Material()), Instance(mesh=above, material=lamp))
     camera = Camera.look_at((0, 1, 2), (0, 0, 0))
 
     def load() -> None:
         tracer = PathTracer(device, scene, (8, 8))
         tracer.render(camera, samples=1)
-        tracer.destroy()
+        tracer.close()
 
     _say(f"load a generated scene of {len(corners) * 2:,} triangles", _time(load), "s")

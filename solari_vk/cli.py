@@ -52,7 +52,7 @@ def _parser() -> argparse.ArgumentParser:
     render.add_argument("--size", type=_size, default=(640, 360), metavar="WxH", help="pixels (640x360)")
     render.add_argument("--samples", type=_positive, default=256, help="samples per pixel (256)")
     render.add_argument("--seed", type=int, default=0, help="another seed gives other noise (0)")
-    render.add_argument("--max-bounces", type=_count, default=16, help="surfaces a path may leave, 0: emission only (16)")
+    render.add_argument("--max-bounces", type=_count, default=16, help="surfaces a path may leave (16)")
     render.add_argument("--scene", help="which scene of the file, by index or name (its default)")
     render.add_argument(
         "--camera", metavar="N|NAME|JSON|FILE",
@@ -60,7 +60,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     render.add_argument("--exposure", metavar="EV100|auto", help="exposure value (the camera's; auto for files)")
     render.add_argument("--tonemap", choices=("none", "reinhard", "aces", "agx"), default="agx", help="for .png (agx)")
-    render.add_argument("--aov", default="", metavar="A,B", help="more outputs: layers of an .exr, else files of their own")
+    render.add_argument("--aov", default="", metavar="A,B", help="more outputs: layers of an .exr, else files")
     render.add_argument("--time-limit", type=float, metavar="S", help="stop after so many seconds of rendering")
     render.add_argument("--lights", choices=("auto", "studio", "none"), default="auto",
                         help="add studio lights: auto adds them to a file that has no light of its own")
@@ -144,7 +144,6 @@ def _render(options: argparse.Namespace) -> None:
 def _load(options: argparse.Namespace) -> tuple[Scene, Camera, str | float]:
     """The scene, the camera and the exposure ("auto" or the camera's own) that the options ask for."""
     import solari_vk as sv
-    from solari_vk.scene.builtin import frame_camera, studio_lights
 
     builtin = options.source.startswith("builtin:")
     if builtin:
@@ -154,12 +153,13 @@ def _load(options: argparse.Namespace) -> tuple[Scene, Camera, str | float]:
         scene = sv.load_gltf(options.source, scene=int(which) if which and which.isdigit() else which)
     camera = _camera(scene, options.camera)
     if camera is None:
-        camera = frame_camera(scene)
+        width, height = options.size
+        camera = sv.frame_camera(scene, aspect=width / height)
     lit = bool(scene.directional_lights) or any(i.visible and i.material.emits for i in scene.instances)
     if options.lights == "studio" or (options.lights == "auto" and not lit):
         if options.lights == "auto":
             print(f"{options.source} has no light of its own: adding studio lights", file=sys.stderr)
-        studio_lights(scene)
+        sv.studio_lights(scene, camera=camera)
     exposure: str | float = options.exposure or ("camera" if builtin else "auto")
     if exposure not in ("auto", "camera"):
         try:
@@ -186,7 +186,7 @@ def _camera(scene: Scene, text: str | None) -> Camera | None:
     try:
         pose = json.loads(text if text.lstrip().startswith("{") else Path(text).read_text())
     except (OSError, ValueError) as error:
-        raise SolariError(f"--camera {text}: neither a camera's name, a JSON pose nor a file of one ({error})") from None
+        raise SolariError(f"--camera {text}: no camera's name, no JSON pose and no file of one ({error})") from None
     return Camera.from_pose(pose)
 
 
@@ -238,15 +238,22 @@ class _Progress:
 
 def _info(options: argparse.Namespace) -> None:
     from solari_vk import __version__
-    from solari_vk.gpu import compiler
+    from solari_vk.gpu import shader_cache, shaderc
     from solari_vk.gpu.device import list_devices
 
     print(f"solari_vk {__version__}")
-    print(f"compiler: {compiler.describe()}")
-    print(f"cache: {compiler.describe_cache()}")
+    try:
+        print(f"compiler: {shaderc.version().split(' ')[0]}")
+    except SolariError as error:
+        print(f"compiler: {error}")
+    folder = shader_cache.cache_folder()
+    modules = list(folder.glob("*.spv")) if folder and folder.is_dir() else []
+    size = sum(module.stat().st_size for module in modules)
+    print(f"cache: {folder}, {len(modules)} shaders, {size / 1e6:.1f} MB" if folder else "cache: off")
     reports = list_devices()
     for report in reports:
-        print(f"device {report.index}: {report.name} ({report.driver}), Vulkan {report.api_version}, {report.uuid}")
+        version = ".".join(map(str, report.api_version))
+        print(f"device {report.index}: {report.name} ({report.kind}), {report.driver}, Vulkan {version}, {report.uuid}")
         print("  usable" if not report.missing else f"  misses: {', '.join(report.missing)}")
     if all(report.missing for report in reports):
         raise DeviceError("no device can be used: install a driver with VK_KHR_ray_query (Mesa lavapipe 24.1 or newer)")

@@ -125,12 +125,18 @@ class PathTracer:
         started = time.perf_counter()
         self._prepare(camera)
         while self.samples < samples:
-            self._add_samples(min(self._batch, samples - self.samples))
+            self.advance(camera, samples - self.samples)
             if progress is not None:
                 progress(self.samples)
             if time_limit is not None and time.perf_counter() - started > time_limit:
                 break
         return self["radiance"]
+
+    def advance(self, camera: Camera, most: int = MOST_SAMPLES) -> None:
+        """Submit the next samples for every pixel, as many as make a short dispatch, and don't wait for them."""
+        self._prepare(camera)
+        self._add_samples(min(self._batch, most))
+        self._adapt()
 
     def _prepare(self, camera: Camera) -> None:
         """Take up edits of the scene, and start anew if anything differs from what the picture shows."""
@@ -164,7 +170,6 @@ class PathTracer:
             self._shown = None  # some bands have these samples and some have not: the next call starts anew
             raise
         self.samples += count
-        self._adapt()
 
     def _adapt(self) -> None:
         """Choose the next dispatch's size from how long the latest finished one took."""

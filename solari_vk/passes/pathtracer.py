@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
-from solari_vk.gpu.frame import Frame, Pass, Stage, Uniforms
+from solari_vk.gpu.frame import Frame, Pass, Stage
+from solari_vk.gpu.uniforms import Uniforms
 from solari_vk.scene.model import Camera
 
 LIGHT_STRATEGIES = ("mis", "nee", "brdf")  # LIGHTS_BY_* of passes/bindings.glsl
@@ -99,8 +100,8 @@ def write_uniforms(uniforms: Uniforms, settings: Settings, camera: Camera, size:
 
 def read_mean(frame: Frame, size: tuple[int, int], samples: int) -> NDArray[np.float32]:
     """Radiance (height, width, 3)."""
-    mean: NDArray[np.float32] = frame["radiance_sum"] / np.float32(samples)
-    return mean.reshape(size[1], size[0], 3)
+    mean = frame["radiance_sum"] / np.float32(samples)
+    return mean.astype(np.float32).reshape(size[1], size[0], 3)
 
 
 def read_variance(frame: Frame, size: tuple[int, int], samples: int) -> NDArray[np.float32]:
