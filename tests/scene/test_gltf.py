@@ -388,7 +388,7 @@ def test_skins_and_morphs_are_shown_in_their_rest_pose(tmp_path: Path) -> None:
                samplers=[])  # fmt: skip
     scene = load(writer, tmp_path)
     (instance,) = scene
-    expected = np.array(TRIANGLE, float) + [2, 3, 1]
+    expected = np.add(TRIANGLE, [2.0, 3.0, 1.0])
     expected[0, 2] += 2
     np.testing.assert_allclose(instance.mesh.positions, expected)
     assert instance.transform.tolist() == np.eye(4).tolist(), "the node's own transform has no say"

@@ -41,7 +41,7 @@ class Document:
         self._items: dict[tuple[str, int], Entry] = {}
         self._buffers: dict[int, Bytes] = {}
         self._decoded_bytes = 0
-        self._held_bytes = 0
+        self.held_bytes = 0
         self._check_version()
 
     # ---- the JSON -----------------------------------------------------------------------------------
@@ -132,10 +132,10 @@ class Document:
     def charge(self, size: int, user: Entry) -> None:
         """Count decoded bytes and refuse a small file that unfolds into a very large one."""
         self._decoded_bytes += size
-        if self._decoded_bytes > 64 * 2**20 + 64 * self._held_bytes:
+        if self._decoded_bytes > 32 * 2**20 + 16 * self.held_bytes:
             raise user.error(
                 f"makes the geometry {self._decoded_bytes >> 20} MiB large although the file's buffers have only "
-                f"{self._held_bytes >> 20} MiB: its accessors overlap or have no data, so it is damaged or hostile"
+                f"{self.held_bytes >> 20} MiB: its accessors overlap or have no data, so it is damaged or hostile"
             )
 
     def view(self, index: int, user: Entry) -> tuple[Bytes, int | None]:
@@ -146,7 +146,7 @@ class Document:
         buffer = self._buffers.get(number)
         if buffer is None:
             buffer = self._buffers[number] = self._load_buffer(number, view)
-            self._held_bytes += len(buffer)
+            self.held_bytes += len(buffer)
         offset, length = view.integer("byteOffset", 0), view.integer("byteLength", low=1)
         if offset + length > len(buffer):
             raise view.error(

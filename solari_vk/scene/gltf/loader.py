@@ -12,11 +12,11 @@ from solari_vk.scene import checks
 from solari_vk.scene.gltf.deform import Pose
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.materials import Materials
-from solari_vk.scene.gltf.nodes import Matrix, PlacedNode, joint_matrices, repeated, roots, upright, walk
+from solari_vk.scene.gltf.nodes import PlacedNode, joint_matrices, repeat_count, repeated, roots, upright, walk
 from solari_vk.scene.gltf.primitives import Primitives
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry, shown
-from solari_vk.scene.model import Camera, DirectionalLight, Instance, Mesh, Scene
+from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material, Mesh, Scene
 
 SUPPORTED_EXTENSIONS = (
     "EXT_mesh_gpu_instancing",
@@ -32,8 +32,10 @@ SUPPORTED_EXTENSIONS = (
     "KHR_xmp_json_ld",
 )
 _NODE_EXTENSIONS = ("EXT_mesh_gpu_instancing", "KHR_lights_punctual", "KHR_node_visibility", "KHR_xmp_json_ld")
-# Instances that nodes may make on top of one for each node and each gpu instance.
-SPARE_INSTANCES = 2**18
+# Instances that a file may make on top of one for each node and each gpu instance.
+SPARE_INSTANCES = 2**17
+
+Part = tuple[str, Mesh, Material]
 
 
 def load_gltf(path: str | os.PathLike[str], *, scene: int | str | None = None) -> Scene:
@@ -58,6 +60,7 @@ class _Loader:
         self._primitives = Primitives(document, self._report)
         self._materials = Materials(document, self._report)
         self._mesh_primitives: dict[int, list[Entry]] = {}
+        self._parts_made: dict[Any, list[Part]] = {}
         self._lights: list[Entry] | None = None
         self._scene = Scene()
 
@@ -67,16 +70,12 @@ class _Loader:
         self._scene.name = owner.name or self._document.path.stem
         self._remark_extensions(owner if owner is not self._document.root else None, ())
         placed = walk(self._document, first, owner)
+        self._check_instance_count(placed)
         self._load_materials(placed)
-        allowed = SPARE_INSTANCES + len(placed)
         for node in placed.values():
             self._remark_extensions(node.entry, _NODE_EXTENSIONS)
             if "mesh" in node.entry:
-                worlds = repeated(node, self._primitives.accessors)
-                allowed += len(worlds) - len(worlds) * len(self._primitives_of(node))
-                if allowed < 0:
-                    raise node.entry.error("brings the scene to too many instances of meshes; split the file")
-                self._add_meshes(node, worlds, placed)
+                self._add_meshes(node, placed)
             if node.visible and "camera" in node.entry:
                 self._add_camera(node)
             if node.visible and node.entry.extension("KHR_lights_punctual"):
@@ -84,6 +83,17 @@ class _Loader:
         self._remark_animations(placed)
         self._scene.warnings.extend(self._report.lines())
         return self._scene
+
+    def _check_instance_count(self, placed: dict[int, PlacedNode]) -> None:
+        """Refuse a small file that unfolds into very many instances, before any is made."""
+        count = 0
+        for node in placed.values():
+            if "mesh" in node.entry:
+                count += repeat_count(node, self._primitives.accessors) * len(self._primitives_of(node))
+                # A gpu instance is at least twelve bytes of a buffer.
+                allowed = SPARE_INSTANCES + len(placed) + self._document.held_bytes // 12
+                if count > allowed:
+                    raise node.entry.error(f"brings the scene above {allowed} instances of primitives; split the file")
 
     def _check_required(self) -> None:
         for name in self._document.root.texts("extensionsRequired"):
@@ -118,28 +128,37 @@ class _Loader:
                         users.setdefault(material, primitive)
         self._materials.load(users)
 
-    def _add_meshes(self, node: PlacedNode, worlds: Matrix, placed: dict[int, PlacedNode]) -> None:
-        mesh_entry = self._document.item("mesh", node.entry.integer("mesh"), node.entry)
-        pose = self._pose(node, mesh_entry, placed)
-        if pose.joints is not None:
-            worlds = np.eye(4)[None]  # the joints alone say where a skinned mesh is
-        parts = self._primitives_of(node)
-        for number, primitive in enumerate(parts):
-            suffix = f"/{number}" if len(parts) > 1 else ""
-            material = self._materials[primitive.index("material")]
-            name = mesh_entry.name or mesh_entry.place
-            mesh = self._primitives.mesh(primitive, name + suffix, material, pose)
-            if mesh is not None:
-                for world in worlds:
-                    self._add_instance(node, world, mesh, material.material, (node.entry.name or name) + suffix)
+    def _add_meshes(self, node: PlacedNode, placed: dict[int, PlacedNode]) -> None:
+        mesh = self._document.item("mesh", node.entry.integer("mesh"), node.entry)
+        pose = self._pose(node, mesh, placed)
+        # The joints alone say where a skinned mesh is.
+        worlds = repeated(node, self._primitives.accessors) if pose.joints is None else np.eye(4)[None]
+        parts = self._parts(node, mesh, pose)
+        name = node.entry.name or mesh.name or mesh.place
+        for world in worlds:
+            try:
+                world = checks.affine_transform(world)
+            except ValueError:
+                self._report.add("nodes whose transform is singular or not affine have no surface", node.entry.place)
+                continue
+            for suffix, shape, material in parts:
+                self._scene.add(
+                    Instance(mesh=shape, material=material, transform=world, visible=node.visible, name=name + suffix)
+                )
 
-    def _add_instance(self, node: PlacedNode, world: Matrix, mesh: Mesh, material: Any, name: str) -> None:
-        try:
-            world = checks.affine_transform(world)
-        except ValueError:
-            self._report.add("nodes whose transform is singular or not affine have no surface", node.entry.place)
-            return
-        self._scene.add(Instance(mesh=mesh, material=material, transform=world, visible=node.visible, name=name))
+    def _parts(self, node: PlacedNode, mesh: Entry, pose: Pose) -> list[Part]:
+        """The meshes and materials of a mesh's primitives that have a surface, and what tells their names apart."""
+        key = (node.entry.integer("mesh"), pose.key)
+        if key not in self._parts_made:
+            primitives = self._primitives_of(node)
+            parts = self._parts_made[key] = []
+            for number, primitive in enumerate(primitives):
+                suffix = f"/{number}" if len(primitives) > 1 else ""
+                material = self._materials[primitive.index("material")]
+                made = self._primitives.mesh(primitive, (mesh.name or mesh.place) + suffix, material, pose)
+                if made is not None:
+                    parts.append((suffix, made, material.material))
+        return self._parts_made[key]
 
     def _pose(self, node: PlacedNode, mesh: Entry, placed: dict[int, PlacedNode]) -> Pose:
         """The rest pose of a node's mesh."""

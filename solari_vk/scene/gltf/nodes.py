@@ -130,21 +130,34 @@ def _rotation(x: Any, y: Any, z: Any, w: Any) -> list[list[Any]]:
     ]
 
 
-def repeated(node: PlacedNode, accessors: Accessors) -> Matrix:
-    """World matrices (N, 4, 4) of a node's mesh: one, or those of EXT_mesh_gpu_instancing."""
+def _repetitions(node: PlacedNode, accessors: Accessors) -> tuple[int, dict[str, NDArray[Any]]]:
+    """How often a node's mesh is there, and the accessors of EXT_mesh_gpu_instancing, if any."""
     instancing = node.entry.extension("EXT_mesh_gpu_instancing")
     attributes = instancing.entry("attributes") if instancing else None
-    if attributes is None:
-        return node.world[None]
     found: dict[str, NDArray[Any]] = {}
+    if attributes is None:
+        return 1, found
     for name, kind in (("TRANSLATION", "VEC3"), ("ROTATION", "VEC4"), ("SCALE", "VEC3")):
         index = attributes.index(name)
         if index is not None:
-            found[name] = accessors.floats(index, attributes, (kind,)).astype(np.float64)
+            found[name] = accessors.floats(index, attributes, (kind,))
     counts = {len(values) for values in found.values()}
     if len(counts) > 1:
         raise attributes.error(f"has accessors of different lengths {sorted(counts)}; export the file again")
-    count = counts.pop() if counts else 1
+    return (counts.pop() if counts else 1), found
+
+
+def repeat_count(node: PlacedNode, accessors: Accessors) -> int:
+    """How often a node's mesh is there."""
+    return _repetitions(node, accessors)[0]
+
+
+def repeated(node: PlacedNode, accessors: Accessors) -> Matrix:
+    """World matrices (N, 4, 4) of a node's mesh: one, or those of EXT_mesh_gpu_instancing."""
+    count, attributes = _repetitions(node, accessors)
+    if not attributes:
+        return node.world[None]
+    found = {name: values.astype(np.float64) for name, values in attributes.items()}
     with np.errstate(over="ignore", invalid="ignore"):
         return node.world @ compose(
             found.get("TRANSLATION", np.zeros((count, 3))),

@@ -1,0 +1,57 @@
+"""Real files load, quickly and without a remark that is not true."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solari_vk.scene.gltf import load_gltf
+
+_FOLDER = os.environ.get("SOLARI_VK_ASSETS")
+ASSETS = Path(_FOLDER) if _FOLDER else Path(__file__).parents[3] / "shared" / "assets"
+# Every remark that these files deserve; all other files deserve none.
+REMARKS = {
+    "FlightHelmet": ["alphaMode BLEND is not supported: surfaces are opaque: material 5 'LensesMat'"],
+    "Fox": [
+        "animations are not played: the rest pose is shown: animation 0 'Survey', animation 1 'Walk', animation 2 'Run'"
+    ],
+}
+FILES = sorted([*ASSETS.glob("*/*.glb"), *ASSETS.glob("*/*.gltf")]) if ASSETS.is_dir() else []
+
+pytestmark = pytest.mark.skipif(not FILES, reason="no assets: set SOLARI_VK_ASSETS to a folder that has them")
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_assets_load(path: Path) -> None:
+    scene = load_gltf(path)
+    assert scene.instances
+    assert np.isfinite(scene.bounds()).all()
+    assert scene.warnings == REMARKS.get(path.stem, [])
+
+
+@pytest.mark.skipif(not (ASSETS / "FlightHelmet").is_dir(), reason="no FlightHelmet among the assets")
+def test_flight_helmet() -> None:
+    started = time.perf_counter()
+    scene = load_gltf(ASSETS / "FlightHelmet" / "FlightHelmet.gltf")
+    assert time.perf_counter() - started < 2.0
+    assert len(scene.instances) == 6
+    materials = {instance.material for instance in scene}
+    textures = [m.normal_texture for m in materials] + [m.base_color_texture for m in materials]
+    images = {texture.image for texture in textures if texture is not None}
+    assert len(images) == 10, "the hose and the wood share theirs"
+    for instance in scene:
+        mesh = instance.mesh
+        assert mesh.normals is not None
+        assert mesh.tangents is not None
+        np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1, atol=1e-5)
+
+
+@pytest.mark.skipif(not (ASSETS / "Fox").is_dir(), reason="no Fox among the assets")
+def test_the_fox_stands_on_its_paws() -> None:
+    low, high = load_gltf(ASSETS / "Fox" / "Fox.glb").bounds()
+    assert abs(low[1]) < 1
+    assert high[1] - low[1] == pytest.approx(79, abs=2)

@@ -1,0 +1,314 @@
+"""Damaged and hostile files: one clear SolariError naming file, place and remedy; quickly, in bounded memory."""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import time
+import tracemalloc
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from gltf_writer import TRIANGLE, GltfWriter, encoded, glb
+
+from solari_vk.errors import SolariError
+from solari_vk.scene.gltf import load_gltf
+
+GREY = np.full((2, 2, 3), 128)
+
+
+@pytest.fixture(autouse=True)
+def quick_and_small() -> Iterator[None]:
+    """Every test here ends within 5 s and with less than 300 MiB."""
+    tracemalloc.start()
+    started = time.perf_counter()
+    yield
+    seconds = time.perf_counter() - started
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert seconds < 5
+    assert peak < 300 * 2**20
+
+
+def basic() -> GltfWriter:
+    writer = GltfWriter()
+    writer.mesh({"NORMAL": [[0, 0, 1]] * 3}, [0, 1, 2])
+    writer.node(mesh=0, name="arm")
+    return writer
+
+
+def refusal(tmp_path: Path, content: bytes | dict[str, Any], name: str = "file.glb") -> str:
+    """The message with which a file is refused, which names the file."""
+    path = tmp_path / name
+    path.write_bytes(content if isinstance(content, bytes) else json.dumps(content).encode())
+    with pytest.raises(SolariError) as caught:
+        load_gltf(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert len(str(caught.value)) < 700
+    return str(caught.value).removeprefix(f"{path}: ")
+
+
+# ---- the container ----------------------------------------------------------------------------------
+
+
+def test_a_truncated_glb_is_refused_at_every_length(tmp_path: Path) -> None:
+    whole = basic().glb()
+    for length in range(0, len(whole), 7):
+        assert refusal(tmp_path, whole[:length])
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [(b"", "neither a .glb"), (b"hello", "neither a .glb"), (b"\xff\xfe{}", "neither a .glb"),
+     (b"glTF" + b"\0" * 8, "ends inside its header"), (struct.pack("<4sIIII", b"glTF", 1, 20, 0, 0), "glTF 1 file"),
+     (struct.pack("<4sIIII", b"glTF", 2, 20, 9, 0x4E4F534A), "promises 9 bytes but 0 are left"),
+     (struct.pack("<4sIIII", b"glTF", 2, 20, 0, 0x004E4942), "first chunk of the .glb file is not JSON"),
+     (b"[1]", "a JSON object"), (b"{}", "no 'asset'"), (b'{"asset": {"version": "1.0"}}', "glTF '1.0' is asked for"),
+     (b'{"asset": {"version": "2.0", "minVersion": "2.1"}}', "'2.1' is asked for"), (b'{"asset": []}', "JSON object"),
+     (b'{"asset": {"version": 2.0}}', "'version' is 2.0, but must be a text"),
+     (b'{"asset": {"version": "2.0"}, "nodes": {}, "scenes": [{"nodes": [0]}]}', "'nodes' is an object of 0"),
+     (b'{"asset": {"version": "2.0"}, "x": ' + b"[" * 100_000, "nested too deeply"),
+     (b'{"asset": {"version": "2.0"}, "x": ' + b"9" * 100_000 + b"}", "neither a .glb"),
+     (b'{"asset": {"version": "2.0"}, "nodes": [{"translation": [NaN, 0, 0]}]}', "NaN is no JSON number")],
+)  # fmt: skip
+def test_files_that_are_no_gltf(tmp_path: Path, content: bytes, message: str) -> None:
+    assert message in refusal(tmp_path, content)
+
+
+def test_paths_that_are_no_files(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.glb")
+    for path, message in ((tmp_path / "none.glb", "no such file"), (tmp_path, "not a file|directory"),
+                          (tmp_path / "pipe.glb", "not a file")):  # fmt: skip
+        with pytest.raises(SolariError, match=message):
+            load_gltf(path)
+
+
+# ---- nothing outside the folder ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["buffers", "images"])
+@pytest.mark.parametrize(
+    "uri",
+    ["../secret.bin", "..%2fsecret.bin", "%2e%2e/secret.bin", "sub/../../secret.bin", "/etc/passwd", "%2Fetc%2Fpasswd",
+     "file:///etc/passwd", "http://127.0.0.1:9/x.bin", "C:\\secret.bin", "..\\secret.bin", "sub\\secret.bin",
+     "link.bin", "linked/secret.bin", "\\\\host\\share", "~/x", ".", "", "a\0b", "file%00"],
+)  # fmt: skip
+def test_uris_outside_the_folder(tmp_path: Path, kind: str, uri: str) -> None:
+    (tmp_path / "secret.bin").write_bytes(encoded(GREY) * 10)
+    folder = tmp_path / "folder"
+    (folder / "sub").mkdir(parents=True)
+    (folder / "link.bin").symlink_to(tmp_path / "secret.bin")
+    (folder / "linked").symlink_to(tmp_path)
+    writer = basic()
+    texture = writer.add("textures", source=writer.add("images", uri=uri))
+    if kind == "images":
+        writer.json["meshes"][0]["primitives"][0]["material"] = writer.add(
+            "materials", emissiveTexture={"index": texture}
+        )
+    content = writer.finish()
+    content["buffers"][0]["uri"] = uri if kind == "buffers" else "file.bin"
+    (folder / "file.bin").write_bytes(writer.data)
+    message = refusal(folder, content, "file.gltf")
+    assert message.startswith(f"{kind[:-1]} 0 has the 'uri'")
+    assert "copy the file there" in message
+
+
+def test_uris_inside_the_folder_may_take_detours_and_links(tmp_path: Path) -> None:
+    (tmp_path / "sub").mkdir()
+    writer = basic()
+    content = writer.finish()
+    (tmp_path / "sub" / "real.bin").write_bytes(writer.data)
+    (tmp_path / "link.bin").symlink_to("sub/real.bin")
+    (tmp_path / "folder").symlink_to(tmp_path)
+    for uri in ("./sub/../sub/real.bin", "link.bin"):
+        content["buffers"][0]["uri"] = uri
+        (tmp_path / "file.gltf").write_text(json.dumps(content))
+        assert load_gltf(tmp_path / "file.gltf").instances
+        assert load_gltf(tmp_path / "folder" / "file.gltf").instances
+
+
+@pytest.mark.parametrize("endless", ["pipe", "device"])
+def test_endless_buffers(tmp_path: Path, endless: str) -> None:
+    content = basic().finish()
+    content["buffers"][0]["uri"] = "endless.bin"
+    if endless == "pipe":
+        os.mkfifo(tmp_path / "endless.bin")
+    else:
+        (tmp_path / "endless.bin").symlink_to("/dev/zero")
+    assert "endless.bin" in refusal(tmp_path, content, "file.gltf")
+
+
+@pytest.mark.parametrize(
+    ("uri", "message"),
+    [("missing.bin", "buffer 0 needs the file 'missing.bin', which is not beside the glTF file"),
+     ("data:;base64,####", "buffer 0 has a data URI that is not valid base64"), ("data:", "not valid base64"),
+     ("data:;base64,AAAA", "buffer 0 promises"), ("x" * 5000, "a 'uri' that no file can have"), (7, "must be a text")],
+)  # fmt: skip
+def test_buffers_without_their_data(tmp_path: Path, uri: Any, message: str) -> None:
+    content = basic().finish()
+    content["buffers"][0]["uri"] = uri
+    assert message in refusal(tmp_path, content, "file.gltf")
+
+
+# ---- numbers that lie -------------------------------------------------------------------------------
+
+HUGE = 10**15
+Change = Callable[[dict[str, Any]], Any]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [(lambda j: j["accessors"][0].update(count=HUGE), "accessor 0 needs"),
+     (lambda j: j["accessors"][0].update(count=4), "accessor 0 needs 48 bytes for its 4 elements"),
+     (lambda j: j["accessors"][0].update(byteOffset=8), "accessor 0 needs"),
+     (lambda j: j["accessors"][0].update(count=-1), "'count' is -1, but must be a whole number from 0"),
+     (lambda j: j["accessors"][0].update(count=2.5), "'count' is 2.5"),
+     (lambda j: j["accessors"][0].update(count=10**400), "'count' is 1000"),
+     (lambda j: j["accessors"][0].update(count=True), "'count' is True"),
+     (lambda j: j["accessors"][0].update(type="VEC2"), "has the type VEC2, but must be VEC3"),
+     (lambda j: j["accessors"][0].update(type=[]), "'type' is a list of 0"),
+     (lambda j: j["accessors"][0].update(componentType=5124), "'componentType' is 5124"),
+     (lambda j: j["accessors"][2].update(componentType=5126), "must hold unsigned integers|needs"),
+     (lambda j: j["accessors"][1].update(count=2), "has 2 of NORMAL for 3 positions"),
+     (lambda j: j["accessors"][0].pop("count"), "'count' is missing"),
+     (lambda j: (j["accessors"][0].pop("bufferView"), j["accessors"][0].update(count=HUGE),
+                 j["accessors"][1].update(count=HUGE)), "has 1000000000000000 elements but no data"),
+     (lambda j: j["bufferViews"][0].update(byteLength=HUGE), "bufferView 0 reaches from byte 0"),
+     (lambda j: j["bufferViews"][0].update(byteOffset=HUGE), "bufferView 0 reaches"),
+     (lambda j: j["bufferViews"][0].update(byteStride=4), "elements of 12 bytes in a view with a stride of 4"),
+     (lambda j: j["bufferViews"][0].update(buffer=1), "names buffer 1, but the file has only 1"),
+     (lambda j: j["buffers"][0].update(byteLength=HUGE), "buffer 0 promises"),
+     (lambda j: j["scenes"][0].update(nodes=[HUGE]), "scene 0 names node 1000000000000000"),
+     (lambda j: j["scenes"][0].update(nodes=["0"]), "a list of whole numbers"),
+     (lambda j: j.update(scene=3), "has no scene 3"),
+     (lambda j: j["nodes"][0].update(mesh=5), "node 0 'arm' names mesh 5"),
+     (lambda j: j["nodes"][0].update(children=[0]), "node 0 'arm' is reached twice"),
+     (lambda j: j["nodes"][0].update(matrix=[1] * 15), "node 0 'arm' has a wrong field: 'matrix' is a list of 15"),
+     (lambda j: j["nodes"][0].update(translation=[1e400, 0, 0]), "neither a .glb|3 finite numbers"),
+     (lambda j: j["nodes"][0].update(rotation=["0", 0, 0, 1]), "4 finite numbers"),
+     (lambda j: j["nodes"][0].update(name={}), "'name' is an object"),
+     (lambda j: j["nodes"][0].update(extensions=3), "JSON object"),
+     (lambda j: j["nodes"].__setitem__(0, None), "node 0 is None"),
+     (lambda j: j["meshes"][0].update(primitives=[3]), "mesh 0, primitive 0 is 3"),
+     (lambda j: j["meshes"][0]["primitives"][0].update(mode=7), "'mode' is 7"),
+     (lambda j: j["meshes"][0]["primitives"][0].update(material=0), "names material 0, but the file has only 0"),
+     (lambda j: j["meshes"][0]["primitives"][0]["attributes"].update(POSITION=1.5), "'POSITION' is 1.5"),
+     (lambda j: j.update(extensionsRequired=["X" * 10_000]), "requires the extension XXXX"),
+     (lambda j: j["nodes"][0].update(extensions={"KHR_lights_punctual": {"light": 0}}), "names light 0")],
+)  # fmt: skip
+def test_wrong_fields(tmp_path: Path, change: Change, message: str) -> None:
+    writer = basic()
+    change(writer.finish())
+    text = json.dumps(writer.json).replace("Infinity", "1e400").encode()
+    found = refusal(tmp_path, glb(text, bytes(writer.data)))
+    assert any(part in found for part in message.split("|")), found
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e30])
+def test_positions_must_be_finite(tmp_path: Path, value: float) -> None:
+    writer = GltfWriter()
+    writer.mesh({"POSITION": [[0, 0, 0], [1, value, 0], [0, 1, 0]]})
+    writer.node(mesh=0)
+    message = refusal(tmp_path, writer.glb())
+    assert "element 1" in message if not np.isfinite(value) else "1e+18 metres" in message
+
+
+def test_indices_beyond_the_vertices(tmp_path: Path) -> None:
+    writer = GltfWriter()
+    writer.mesh(indices=[0, 1, 3])
+    writer.node(mesh=0)
+    assert "mesh 0, primitive 0 names vertex 3 (accessor 1) but has only 3" in refusal(tmp_path, writer.glb())
+
+
+@pytest.mark.parametrize(("field", "value"), [("count", 4), ("count", HUGE), ("index", 3), ("index", 255)])
+def test_sparse_accessors_beyond_their_base(tmp_path: Path, field: str, value: int) -> None:
+    writer = basic()
+    index = value if field == "index" else 0
+    sparse = {
+        "count": value if field == "count" else 1,
+        "indices": {"bufferView": writer.view(np.array([index], "u1").tobytes()), "componentType": 5121},
+        "values": {"bufferView": writer.view(np.zeros(3, "<f4").tobytes())},
+    }
+    writer.json["accessors"][0]["sparse"] = sparse
+    assert "accessor 0, sparse" in refusal(tmp_path, writer.glb()) if field == "count" else True
+
+
+def test_nodes_with_two_parents_and_cycles(tmp_path: Path) -> None:
+    writer = basic()
+    writer.node(children=[0, 2])
+    writer.node(children=[0], name="second")
+    assert "node 0 'arm' is reached twice, the second time from node 2 'second'" in refusal(tmp_path, writer.glb())
+    content: dict[str, Any] = {"asset": {"version": "2.0"}, "nodes": [{"children": [1]}, {"children": [0]}]}
+    assert "form a cycle" in refusal(tmp_path, content)
+    content["scenes"] = [{"nodes": [0]}]
+    assert "is reached twice" in refusal(tmp_path, content)
+
+
+# ---- small files that unfold ------------------------------------------------------------------------
+
+
+def test_a_mesh_of_many_primitives_on_many_nodes(tmp_path: Path) -> None:
+    writer = GltfWriter()
+    writer.mesh()
+    writer.json["meshes"][0]["primitives"] *= 3000
+    writer.json["nodes"] = [{"mesh": 0}] * 3000
+    assert "instances of primitives; split the file" in refusal(tmp_path, writer.glb())
+
+
+@pytest.mark.parametrize("use", ["mesh", "instancing"])
+def test_accessors_over_the_same_bytes(tmp_path: Path, use: str) -> None:
+    writer = GltfWriter()
+    mesh = writer.mesh({"POSITION": np.tile(TRIANGLE, (20_000, 1))})
+    first = writer.json["accessors"][0]
+    for number in range(1, 500):
+        again = writer.add("accessors", **{**first, "count": 3 * (20_000 - number)})
+        if use == "mesh":
+            writer.node(mesh=writer.mesh({"POSITION": again}))
+        else:
+            writer.node(mesh=mesh, extensions={"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": again}}})
+    message = refusal(tmp_path, writer.glb())
+    assert ("overlap" in message) if use == "mesh" else ("above" in message)
+
+
+def test_accessors_without_data(tmp_path: Path) -> None:
+    writer = GltfWriter()
+    for number in range(200):
+        zeros = writer.add("accessors", componentType=5126, count=2**24, type="VEC3")
+        writer.mesh({"POSITION": zeros})
+        writer.node(mesh=number)
+    assert "MiB large although the file's buffers have only 0 MiB" in refusal(tmp_path, writer.glb())
+
+
+@pytest.mark.parametrize("size", [(16385, 1), (1, 20000), (2**31 - 1, 2**31 - 1), (12000, 12000), (0, 5)])
+def test_giant_images(tmp_path: Path, size: tuple[int, int]) -> None:
+    import zlib
+
+    file = bytearray(encoded(GREY))
+    file[16:24] = struct.pack(">II", *size)
+    file[29:33] = struct.pack(">I", zlib.crc32(file[12:29]))
+    writer = basic()
+    image = writer.add("images", bufferView=writer.view(bytes(file)), name="sky")
+    material = writer.add("materials", emissiveTexture={"index": writer.add("textures", source=image)})
+    writer.json["meshes"][0]["primitives"][0]["material"] = material
+    message = refusal(tmp_path, writer.glb())
+    assert message.startswith("image 0 'sky' ")
+    assert "scale it down" in message or "damaged" in message
+
+
+def test_names_that_can_not_be_printed(tmp_path: Path) -> None:
+    writer = basic()
+    writer.json["nodes"][0].update(name="\ud800" + "x" * 10_000, mesh=7)
+    message = refusal(tmp_path, writer.glb())
+    message.encode()
+
+
+def test_the_scene_may_be_empty(tmp_path: Path) -> None:
+    path = tmp_path / "empty.gltf"
+    path.write_text('{"asset": {"version": "2.0"}}')
+    scene = load_gltf(path)
+    assert not scene.instances
+    assert not scene.warnings
