@@ -213,8 +213,8 @@ class WorkQueue:
 
     @property
     def idle(self) -> bool:
-        """Whether no work is running or waiting to be submitted."""
-        return not self._before_next and self.completed == self.submitted
+        """Whether no work is running or waiting to be submitted; never on a lost device."""
+        return not self.lost and not self._before_next and self.completed == self.submitted
 
     def wait(self, value: int) -> None:
         """Wait until the timeline has reached a value that a submission returned."""

@@ -296,6 +296,7 @@ def test_a_lost_device_raises_and_still_closes(any_device: None, function: str) 
     with pytest.raises(DeviceError, match=rf"{function}: VK_ERROR_DEVICE_LOST.*new Device"):
         use_until_failure(device, buffer)
     assert device.lost
+    assert not device.idle
     for attempt in (lambda: device.run(nothing), device.wait_idle, lambda: buffer.upload(np.ones(1 << 20, np.uint8))):
         with pytest.raises(DeviceError, match="lost"):
             attempt()
