@@ -44,7 +44,9 @@ class Program:
         for name, binding in self.interface.bindings.items():
             if name in bound or (name == uniform_name and binding.kind == "uniform_buffer"):
                 continue
-            users = [step.name for step in self.steps if step.module is not None and name in step.module.bindings]
+            users = [step.name for step in self.steps if step.module is not None and name in step.module.main.uses]
+            if not users:
+                continue  # declared, but no pass touches it
             raise SolariError(
                 f"{name} ({binding.kind}) is used by {', '.join(users)}, but no stage declares it and it isn't among "
                 "the external resources"
