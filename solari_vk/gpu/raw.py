@@ -27,12 +27,9 @@ lib: Any = _package.lib
 NULL: Any = ffi.NULL
 CData = Any
 
-# The header's own enumerators. The package's Python constants leave 492 aliases None and get 40 values
-# wrong (extension offsets, signs of error codes), so they serve only for what is no enumerator.
-_ENUMERATORS: dict[str, int] = {"VK_WHOLE_SIZE": 2**64 - 1}  # the package has -1
-for _name in ffi.list_types()[0]:
-    if (_ctype := ffi.typeof(_name)).kind == "enum":
-        _ENUMERATORS.update(_ctype.relements)
+# The header's own enumerators come from `lib`. The package's Python constants leave 492 aliases None and get
+# 40 values wrong (extension offsets, signs of error codes), so they serve only for what is no enumerator.
+_REPAIRED = {"VK_WHOLE_SIZE": 2**64 - 1}
 
 _VENDOR_SUFFIX = re.compile(r"_(KHR|EXT|NV)$")
 
@@ -43,7 +40,7 @@ def __getattr__(name: str) -> int:
         raise AttributeError(name)
     base = _VENDOR_SUFFIX.sub("", name)
     for spelling in (name, base, base + "_KHR", base + "_EXT"):
-        value: int | None = _ENUMERATORS.get(spelling, getattr(_package, spelling, None))
+        value: int | None = _REPAIRED.get(spelling, getattr(lib, spelling, getattr(_package, spelling, None)))
         if value is not None:
             globals()[name] = value
             return value
