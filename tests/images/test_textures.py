@@ -66,7 +66,7 @@ def test_emissive_texture_is_seen_and_lights(tracer):
     material = sv.Material(base_color=0.0, reflectance=0.0, emissive=(8, 4, 2), emissive_texture=four_colors())
     renderer = look(tracer, material, max_bounces=0, samples=16)
     np.testing.assert_allclose(quadrants(renderer["emissive"]), COLORS[::-1] * (8, 4, 2), rtol=3e-3, atol=1e-2)
-    np.testing.assert_allclose(quadrants(renderer.render(samples=16)), COLORS[::-1] * (8, 4, 2), rtol=3e-3, atol=1e-2)
+    np.testing.assert_allclose(quadrants(renderer["radiance"]), COLORS[::-1] * (8, 4, 2), rtol=3e-3, atol=1e-2)
 
 
 @pytest.mark.parametrize("strategy", ["nee", "brdf"])
@@ -74,7 +74,7 @@ def test_textured_lamp_lights_by_its_texels(picture, strategy):
     """The light on the floor below is the quarter-wise sum, by Lambert's formula."""
     from oracles.closed_forms import polygon_irradiance
 
-    corners = np.array([(-1, 1, 1), (-1, 1, -1), (1, 1, -1), (1, 1, 1)])[::-1]
+    corners = np.array([(-1, 1, 1), (-1, 1, -1), (1, 1, -1), (1, 1, 1)])
     lamp = sv.Material(base_color=0.0, reflectance=0.0, emissive=3.0, emissive_texture=four_colors())
     scene = sv.Scene(
         sv.Instance(mesh=shapes.polygons(corners), material=lamp),
@@ -126,9 +126,9 @@ def checker(mipmaps):
 
 
 def test_mips_average_in_linear_light(tracer):
-    """256 x 256 checks on 16 x 16 pixels: one ray each sees their linear mean; without mips it sees noise."""
+    """256 x 256 checks on 15 x 15 pixels: one ray each sees their linear mean; without mips it sees a pattern."""
     smooth, rough = (
-        look(tracer, sv.Material(base_color=1.0, base_color_texture=checker(m)), size=(16, 16), samples=1)["albedo"]
+        look(tracer, sv.Material(base_color=1.0, base_color_texture=checker(m)), size=(15, 15), samples=1)["albedo"]
         for m in (True, False)
     )
     np.testing.assert_allclose(smooth[..., :3], 0.5, atol=0.02)

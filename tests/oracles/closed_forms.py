@@ -29,14 +29,10 @@ def polygon_irradiance(points, normals, corners, radiance):
 
 
 def sun_radiance(illuminance, angular_diameter):
-    """Radiance of a sun's disk: a surface facing it gets the illuminance (disk's solid angle taken as facing)."""
-    return illuminance / (2 * np.pi * (1 - np.cos(angular_diameter / 2)))
+    """Radiance of a sun's disk that gives a surface facing it the illuminance: E = L pi sin^2(half angle)."""
+    return illuminance / (np.pi * np.sin(angular_diameter / 2) ** 2)
 
 
 def sun_irradiance(illuminance, angular_diameter, cos_incidence):
-    """Irradiance of a surface that sees the whole disk: the disk's vector irradiance times the cosine.
-
-    The radiance is uniform over a cone of half angle a, so that E = L pi sin^2(a) cos(incidence).
-    """
-    half = angular_diameter / 2
-    return sun_radiance(illuminance, angular_diameter) * np.pi * np.sin(half) ** 2 * cos_incidence
+    """Irradiance of a surface that sees the whole disk: the cosine's mean over the disk is that of its middle."""
+    return sun_radiance(illuminance, angular_diameter) * np.pi * np.sin(angular_diameter / 2) ** 2 * cos_incidence
