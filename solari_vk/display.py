@@ -72,14 +72,16 @@ def tonemap(radiance: ArrayLike, *, exposure: float = 1.0, curve: str = "agx") -
     """
     if curve not in CURVES:
         raise SolariError(f"there is no tone mapping '{curve}'; there are {', '.join(CURVES)}")
-    exposed = np.asarray(radiance, np.float32) * np.float32(exposure)
+    with np.errstate(over="ignore"):  # becomes infinity, which is white
+        exposed = np.asarray(radiance, np.float32) * np.float32(exposure)
     return CURVES[curve](np.nan_to_num(exposed, nan=0.0, posinf=1e6, neginf=0.0)).astype(np.float32)
 
 
 def encode_srgb(linear: ArrayLike) -> Colors:
     """The sRGB transfer function (IEC 61966-2-1): linear [0, 1] to encoded [0, 1]."""
     x = np.clip(np.asarray(linear, np.float32), 0, 1)
-    return np.where(x <= 0.0031308, x * 12.92, 1.055 * x ** np.float32(1 / 2.4) - 0.055).astype(np.float32)
+    curved = 1.055 * x ** np.float32(1 / 2.4) - 0.055
+    return np.where(x <= 0.0031308, x * 12.92, curved).astype(np.float32)
 
 
 def decode_srgb(encoded: ArrayLike) -> Colors:

@@ -31,7 +31,8 @@ def array(*shape: int | None, dtype: Any = np.float32, optional: bool = False) -
             given.min() < 0 or given.max() > np.iinfo(dtype).max
         ):
             raise ValueError(f"must lie between 0 and {np.iinfo(dtype).max}")
-        array = np.array(given, dtype=dtype, order="C")
+        with np.errstate(over="ignore"):  # becomes infinity, which is refused below
+            array = np.array(given, dtype=dtype, order="C")
         fits = array.ndim == len(shape) and all(w is None or w == n for w, n in zip(shape, array.shape, strict=True))
         if not fits:
             wanted = ", ".join("N" if n is None else str(n) for n in shape)
@@ -54,7 +55,8 @@ def color(low: float = 0.0, high: float = math.inf) -> Callable[[Any], FloatArra
     """Three values within a range; a single number stands for grey."""
 
     def convert(value: ArrayLike) -> FloatArray:
-        array = np.array(np.broadcast_to(np.asarray(value, dtype=np.float32), (3,)))
+        with np.errstate(over="ignore"):
+            array = np.array(np.broadcast_to(np.asarray(value, dtype=np.float32), (3,)))
         refuse_not_finite(array)
         if (array < low).any() or (array > high).any():
             raise ValueError(f"must lie between {low:g} and {high:g}, not {array.tolist()}")

@@ -189,7 +189,7 @@ class _Loader:
                 Camera(
                     transform=transform,
                     vertical_fov=perspective.number("yfov", low=1e-3, high=math.pi - 1e-3),
-                    near=max(perspective.number("znear", low=0), 1e-9),
+                    near=max(perspective.number("znear", low=0, high=1e30), 1e-9),
                     name=node.entry.name or camera.name,
                 )
             )
@@ -205,7 +205,8 @@ class _Loader:
         light = self._lights[number]
         name = node.entry.name or light.name
         kind = light.text("type", None, ("directional", "point", "spot"))
-        intensity, color = light.number("intensity", 1.0, low=0), light.numbers("color", (1.0, 1.0, 1.0), low=0)
+        intensity = light.number("intensity", 1.0, low=0, high=1e30)
+        color = light.numbers("color", (1.0, 1.0, 1.0), low=0, high=1e6)
         direction = upright(node.world)
         if kind != "directional":
             if intensity > 0 and any(color):

@@ -70,8 +70,9 @@ class Textures:
         transform = info.extension("KHR_texture_transform")
         if transform is None:
             return Slot(info, index, image, uv_set)
-        (u, v), (scale_u, scale_v) = transform.numbers("offset", (0.0, 0.0)), transform.numbers("scale", (1.0, 1.0))
-        angle = transform.number("rotation", 0.0)
+        u, v = transform.numbers("offset", (0.0, 0.0), low=-1e9, high=1e9)
+        scale_u, scale_v = transform.numbers("scale", (1.0, 1.0), low=-1e9, high=1e9)
+        angle = transform.number("rotation", 0.0, low=-1e9, high=1e9)
         cos, sin = math.cos(angle), math.sin(angle)
         # Counter-clockwise as seen in the image, whose v points down.
         matrix = (cos * scale_u, sin * scale_v, u, -sin * scale_u, cos * scale_v, v)

@@ -1,0 +1,263 @@
+"""The scene's objects: what they accept, that changes reach their watchers, and that refusals change nothing."""
+
+from __future__ import annotations
+
+import gc
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from solari_vk.errors import SolariError
+from solari_vk.scene.model import (
+    Camera,
+    DirectionalLight,
+    Instance,
+    Material,
+    Mesh,
+    Scene,
+    Texture,
+    TextureImage,
+)
+from solari_vk.scene.observed import Observable
+
+TRIANGLE = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+
+
+def mesh(**fields: Any) -> Mesh:
+    return Mesh(**{"positions": TRIANGLE, **fields})
+
+
+def instance(**fields: Any) -> Instance:
+    return Instance(**{"mesh": mesh(), "material": Material(), **fields})
+
+
+class Notes:
+    def __init__(self) -> None:
+        self.seen: list[Observable] = []
+
+    def note(self, changed: Observable) -> None:
+        self.seen.append(changed)
+
+
+# ---- fields -----------------------------------------------------------------------------------------
+
+
+def test_arrays_are_copied_converted_and_frozen() -> None:
+    given = np.array(TRIANGLE, np.float64)
+    made = mesh(positions=given, indices=[[0, 1, 2]])
+    given[:] = 9
+    assert made.positions.tolist() == TRIANGLE
+    assert (made.positions.dtype, made.triangles.dtype) == (np.float32, np.uint32)
+    with pytest.raises(ValueError, match="read-only"):
+        made.positions[0, 0] = 1
+    assert mesh().triangles.tolist() == [[0, 1, 2]]
+
+
+REFUSED: list[tuple[type, dict[str, Any], str]] = [
+    (Mesh, {"positions": [[0, 0]]}, r"positions must have the shape \(N, 3\), not \(1, 2\)"),
+    (Mesh, {"positions": [[0, 0, math.nan]] * 3}, r"must be finite, but element \(0, 2\) is nan"),
+    (Mesh, {"positions": [[0, 0, 1e60]] * 3}, "must be finite"),
+    (Mesh, {"positions": TRIANGLE[:2]}, "2 positions without indices make no whole triangles"),
+    (Mesh, {"positions": np.zeros((0, 3))}, "0 positions"),
+    (Mesh, {"positions": TRIANGLE, "indices": [[0, 1, 3]]}, "indices must name triangles of positions 0 to 2"),
+    (Mesh, {"positions": TRIANGLE, "indices": np.zeros((0, 3), int)}, "indices must name"),
+    (Mesh, {"positions": TRIANGLE, "indices": [[0, -1, 2]]}, "must lie between 0 and 4294967295"),
+    (Mesh, {"positions": TRIANGLE, "indices": [[0, 1, 2**40]]}, "must lie between 0 and 4294967295"),
+    (Mesh, {"positions": TRIANGLE, "indices": [[0.0, 1.0, 2.0]]}, "must be integers, not float64"),
+    (Mesh, {"positions": TRIANGLE, "uvs": [[0, 0]]}, "uvs has 1 rows for 3 positions"),
+    (Mesh, {"positions": TRIANGLE, "name": "wall", "normals": [[0, 0, 1]]}, "Mesh 'wall': normals has 1 rows"),
+    (Mesh, {"positions": "none"}, "positions"),
+    (TextureImage, {"pixels": np.zeros((0, 4, 4), np.uint8)}, "at least one pixel"),
+    (TextureImage, {"pixels": np.zeros((2, 2, 3), np.uint8)}, r"shape \(N, N, 4\)"),
+    (TextureImage, {"pixels": np.zeros((2, 2, 4))}, "must be integers"),
+    (Material, {"metallic": 1.5}, "metallic must be a finite number between 0 and 1, not 1.5"),
+    (Material, {"metallic": "much"}, "metallic"),
+    (Material, {"perceptual_roughness": math.nan}, "perceptual_roughness must be a finite number"),
+    (Material, {"base_color": [0, 0, 1.1]}, "base_color must lie between 0 and 1"),
+    (Material, {"base_color": [0, 0]}, "base_color"),
+    (Material, {"emissive": [-1, 0, 0]}, "emissive must lie between 0 and inf"),
+    (Material, {"emissive": math.inf}, "emissive must be finite"),
+    (Material, {"emissive": 1e60}, "emissive must be finite"),
+    (Material, {"normal_texture": TRIANGLE}, "normal_texture must be a Texture, not list"),
+    (Instance, {"mesh": None, "material": Material()}, "mesh must be a Mesh, not NoneType"),
+    (DirectionalLight, {"direction": [0, 0, 0]}, "direction must not be zero"),
+    (DirectionalLight, {"direction": [0, 1, 0], "angular_diameter": 0}, "angular_diameter"),
+    (DirectionalLight, {"direction": [0, 1, 0], "illuminance": -1}, "illuminance"),
+    (Camera, {"vertical_fov": 4}, "vertical_fov"),
+    (Camera, {"near": 0}, "near"),
+    (Camera, {"jitter": [0, 0, 0]}, "jitter"),
+]
+
+
+@pytest.mark.parametrize(("kind", "fields", "message"), REFUSED)
+def test_refused_fields(kind: type, fields: dict[str, Any], message: str) -> None:
+    with pytest.raises(SolariError, match=message):
+        kind(**fields)
+
+
+@pytest.mark.parametrize(
+    ("transform", "message"),
+    [(np.eye(3), "shape"), (np.diag([1, 0, 1, 1]), "invertible"), (np.diag([1, 1, 1, 2]), "affine"),
+     (np.full((4, 4), math.nan), "finite"), (np.zeros((4, 4)), "affine"), (np.diag([1e300, 1, 1, 1]), "within 1e"),
+     (np.ones((3, 4)), "invertible"), ("x", "transform")],
+)  # fmt: skip
+def test_refused_transforms(transform: Any, message: str) -> None:
+    with pytest.raises(SolariError, match=message):
+        instance(transform=transform)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1, 1e4, -1])
+def test_transforms_of_any_usual_size_and_three_rows(scale: float) -> None:
+    matrix = np.diag([scale, 1, 1, 1])
+    matrix[:3, 3] = [1e4, 0, 0]
+    assert instance(transform=matrix[:3]).transform.tolist() == matrix.tolist()
+
+
+def test_colors_may_be_grey_and_textures_take_words() -> None:
+    assert Material(base_color=0.25, reflectance=[0, 0.5, 1]).base_color.tolist() == [0.25] * 3
+    image = TextureImage(pixels=np.zeros((1, 1, 4), np.uint8))
+    assert Texture(image=image, wrap_u="clamp_to_edge").uv_transform.tolist() == np.eye(2, 3).tolist()
+    with pytest.raises(SolariError, match="wrap_u must be one of repeat, mirrored_repeat, clamp_to_edge, not 'wrap'"):
+        Texture(image=image, wrap_u="wrap")
+    assert not Material().emits
+    assert Material(emissive=[0, 0, 1]).emits
+
+
+# ---- changes ----------------------------------------------------------------------------------------
+
+
+def test_watchers_are_told_once_for_every_change() -> None:
+    notes, material = Notes(), Material()
+    material.watch(notes)
+    material.watch(notes)
+    material.metallic = 0.5
+    material.update(metallic=1, perceptual_roughness=0.25)
+    assert notes.seen == [material, material]
+    material.unwatch(notes)
+    material.metallic = 0
+    assert len(notes.seen) == 2
+
+
+def test_watchers_are_held_weakly() -> None:
+    notes, other, material = Notes(), Notes(), Material()
+    material.watch(notes)
+    material.watch(other)
+    del notes
+    gc.collect()
+    material.metallic = 0.5
+    assert other.seen == [material]
+    material.unwatch(other)
+    assert not material._watchers
+
+
+def test_updates_are_all_or_nothing() -> None:
+    notes, made = Notes(), mesh(name="wall")
+    made.watch(notes)
+    for fields, message in (
+        ({"uvs": [[0, 0]] * 3, "normals": "x"}, "Mesh 'wall': normals"),
+        ({"uvs": [[0, 0]] * 3, "positions": [*TRIANGLE, [1, 1, 1]], "indices": [[0, 1, 2]]}, "uvs has 3 rows"),
+        ({"uvs": [[0, 0]] * 3, "colour": 1}, "has no field 'colour'; it has positions, indices"),
+    ):
+        with pytest.raises(SolariError, match=message):
+            made.update(**fields)
+        assert made.uvs is None
+        assert made.indices is None
+        assert made.positions.tolist() == TRIANGLE
+    assert not notes.seen
+    made.update(positions=np.zeros((4, 3)), indices=[[0, 1, 3]])
+    assert notes.seen == [made]
+
+
+def test_misspelt_fields_are_refused() -> None:
+    with pytest.raises(SolariError, match="Material has no field 'metalic'; it has base_color"):
+        Material().metalic = 1  # type: ignore[attr-defined]
+
+
+def test_objects_are_their_own_handles() -> None:
+    assert mesh() != mesh()
+    assert len({mesh(), mesh()}) == 2
+
+
+# ---- scenes -----------------------------------------------------------------------------------------
+
+
+def test_scenes_hold_items_in_order_and_tell_of_each() -> None:
+    first, second = instance(name="first"), instance(name="second")
+    sun, camera = DirectionalLight(direction=[0, -1, 0]), Camera()
+    notes, scene = Notes(), Scene(first, name="room")
+    scene.watch(notes)
+    assert scene.add(second) is second
+    scene.add(sun)
+    scene.add(camera)
+    assert list(scene) == [first, second]
+    assert (list(scene.directional_lights), list(scene.cameras), scene.camera) == ([sun], [camera], camera)
+    scene.remove(first)
+    scene.add(first)
+    assert list(scene) == [second, first]
+    assert notes.seen == [second, sun, camera, first, first]
+
+
+def test_scenes_refuse_what_they_can_not_hold() -> None:
+    box = instance(name="box")
+    scene = Scene(box, name="room")
+    with pytest.raises(SolariError, match="Instance 'box' is in the scene already"):
+        scene.add(box)
+    with pytest.raises(SolariError, match="Instance is not in the scene"):
+        scene.remove(instance())
+    with pytest.raises(SolariError, match="holds instances, directional lights and cameras, not Mesh"):
+        scene.add(mesh())  # type: ignore[type-var]
+    with pytest.raises(SolariError, match="Scene 'room' has no camera"):
+        _ = scene.camera
+    with pytest.raises(SolariError, match="no visible instance"):
+        Scene().bounds()
+
+
+def test_bounds() -> None:
+    turned = np.array([[0, -2, 0, 5], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    scene = Scene(instance(transform=turned), instance(visible=False, transform=turned * 9 - 8 * np.diag([0, 0, 0, 1])))
+    assert scene.bounds().tolist() == [[3, 0, 0], [5, 1, 0]]
+
+
+# ---- cameras ----------------------------------------------------------------------------------------
+
+
+def test_look_at() -> None:
+    camera = Camera.look_at([1, 2, 3], [1, 2, -7], vertical_fov=1, name="eye")
+    expected = np.eye(4)
+    expected[:3, 3] = [1, 2, 3]
+    np.testing.assert_allclose(camera.transform, expected)
+    assert (camera.vertical_fov, camera.name) == (1, "eye")
+    down = Camera.look_at([0, 5, 0], [0, 0, 0], up=[0, 0, -1])
+    np.testing.assert_allclose(down.transform[:3, :3] @ [0, 0, -1], [0, -1, 0])
+    for position, target in (([0, 0, 0], [0, 0, 0]), ([0, 5, 0], [0, 0, 0])):
+        with pytest.raises(SolariError, match="must differ, and up must not lie along the view"):
+            Camera.look_at(position, target)
+
+
+def test_exposure() -> None:
+    assert Camera(ev100=0).exposure == pytest.approx(1 / 1.2)
+    assert Camera(ev100=3).exposure == pytest.approx(1 / 9.6)
+
+
+def test_poses_round_trip() -> None:
+    camera = Camera.look_at([1, 2, 3], [4, 5, 7], ev100=2)
+    again = Camera.from_pose(camera.pose())
+    np.testing.assert_allclose(again.transform, camera.transform)
+    assert again.vertical_fov == pytest.approx(camera.vertical_fov)
+    assert again.ev100 == 2
+    np.testing.assert_allclose(
+        Camera.from_pose({"position": [1, 2, 3], "target": [4, 5, 7]}).transform, camera.transform
+    )
+
+
+@pytest.mark.parametrize(
+    ("pose", "message"),
+    [([], "a JSON object of"), ({"eye": 1}, "a JSON object of"), ({"position": [0, 0, 0]}, "needs 'position' and"),
+     ({"position": "x", "target": [0, 0, 0]}, "needs"), ({"transform": [[1]]}, "shape"),
+     ({"position": [0, 0, 1], "target": [0, 0, 0], "vertical_fov_degrees": 200}, "vertical_fov")],
+)  # fmt: skip
+def test_poses_that_make_no_camera(pose: Any, message: str) -> None:
+    with pytest.raises(SolariError, match=message):
+        Camera.from_pose(pose)

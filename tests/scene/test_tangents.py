@@ -1,0 +1,245 @@
+"""Tangents as MikkTSpace makes them: cases worked out by hand, a plain transcription of its rules, and properties."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from solari_vk.scene.tangents import TangentSpace, generate_tangents, weld
+
+Array = NDArray[Any]
+
+
+def grid(size: int, seed: int = 0) -> tuple[Array, Array, Array, Array]:
+    """A bumpy sheet with smooth normals and sheared uvs: positions, normals, uvs, triangles."""
+    generator = np.random.default_rng(seed)
+    u, v = np.meshgrid(np.linspace(0, 1, size), np.linspace(0, 1, size))
+    height = 0.2 * np.sin(5 * u + generator.uniform()) * np.cos(4 * v)
+    positions = np.stack([u, v, height], axis=-1).reshape(-1, 3).astype(np.float32)
+    uvs = (np.stack([u + 0.3 * v, 1 - v + 0.1 * u * u], axis=-1).reshape(-1, 2)).astype(np.float32)
+    first = (np.arange(size - 1)[:, None] * size + np.arange(size - 1)).reshape(-1)
+    triangles = np.concatenate([
+        np.stack([first, first + 1, first + size], axis=1),
+        np.stack([first + 1, first + size + 1, first + size], axis=1),
+    ])  # fmt: skip
+    normals = np.zeros_like(positions)
+    cross = np.cross(positions[triangles[:, 1]] - positions[triangles[:, 0]],
+                     positions[triangles[:, 2]] - positions[triangles[:, 0]])  # fmt: skip
+    for corner in range(3):
+        np.add.at(normals, triangles[:, corner], cross)
+    return positions, normals / np.linalg.norm(normals, axis=1, keepdims=True), uvs, triangles
+
+
+def by_corner(space: TangentSpace) -> Array:
+    return space.tangents[space.indices]
+
+
+# ---- the rules, one corner at a time ----------------------------------------------------------------
+
+
+def transcription(positions: Array, normals: Array, uvs: Array, triangles: Array) -> Array:
+    """Tangents (M, 3, 4) by MikkTSpace's rules, a corner at a time, where all triangles have areas."""
+    corner_key = [[tuple(map(float, (*positions[i], *normals[i], *uvs[i]))) for i in t] for t in triangles]
+    frames = []
+    for t in triangles:
+        e1, e2 = positions[t[1:]].astype(float) - positions[t[0]]
+        (s1, t1), (s2, t2) = uvs[t[1:]].astype(float) - uvs[t[0]]
+        area = s1 * t2 - t1 * s2
+        along_u = (t2 * e1 - t1 * e2) * (1 if area > 0 else -1)
+        frames.append((along_u / np.linalg.norm(along_u), area > 0))
+    edges: dict[Any, list[tuple[int, int]]] = {}
+    for number, keys in enumerate(corner_key):
+        for corner in range(3):
+            edges.setdefault((keys[corner], keys[(corner + 1) % 3]), []).append((number, corner))
+    group_of: dict[tuple[int, int], int] = {}
+    groups: list[list[tuple[int, int]]] = []
+    for number in range(len(triangles)):
+        for corner in range(3):
+            if (number, corner) in group_of:
+                continue
+            groups.append([])
+            waiting = [(number, corner)]
+            while waiting:
+                where = waiting.pop()
+                if where in group_of or frames[where[0]][1] != frames[number][1]:
+                    continue
+                group_of[where] = len(groups) - 1
+                groups[-1].append(where)
+                keys = corner_key[where[0]]
+                for a, b in ((where[1], (where[1] + 1) % 3), ((where[1] + 2) % 3, where[1])):
+                    for other, edge in edges.get((keys[b], keys[a]), []):
+                        waiting.append((other, (edge + 1) % 3 if a == where[1] else edge))
+    result = np.zeros((len(triangles), 3, 4))
+    for members in groups:
+        total = np.zeros(3)
+        for number, corner in members:
+            t = triangles[number]
+            n = normals[t[corner]].astype(float)
+            sides = [positions[t[(corner + k) % 3]].astype(float) - positions[t[corner]] for k in (1, 2)]
+            before, after = (v - n * (n @ v) for v in sides)
+            cosine = before @ after / (np.linalg.norm(before) * np.linalg.norm(after))
+            direction = frames[number][0] - n * (n @ frames[number][0])
+            total += math.acos(np.clip(cosine, -1, 1)) * direction / np.linalg.norm(direction)
+        for number, corner in members:
+            result[number, corner, :3] = total / np.linalg.norm(total)
+            result[number, corner, 3] = -1 if frames[number][1] else 1  # glTF's sign, for v down
+    return result
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_equal_to_the_rules_one_corner_at_a_time(seed: int) -> None:
+    positions, normals, uvs, triangles = grid(7, seed)
+    generator = np.random.default_rng(seed)
+    if seed % 2:  # islands: some triangles get uvs of their own, some of them mirrored
+        positions, normals = positions[triangles].reshape(-1, 3), normals[triangles].reshape(-1, 3)
+        uvs = uvs[triangles]
+        chosen = generator.random(len(triangles)) < 0.3
+        uvs[chosen] = uvs[chosen] * [-1, 1] + [5, 0]
+        turned = generator.random(len(triangles)) < 0.2
+        uvs[turned] = uvs[turned][..., ::-1]
+        uvs = uvs.reshape(-1, 2)
+        triangles = np.arange(len(positions)).reshape(-1, 3)
+    expected = transcription(positions, normals, uvs, triangles)
+    np.testing.assert_allclose(by_corner(generate_tangents(positions, normals, uvs, triangles)), expected, atol=2e-5)
+
+
+# ---- by hand ----------------------------------------------------------------------------------------
+
+SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32)
+UP = np.tile(np.float32([0, 0, 1]), (4, 1))
+HALVES = np.array([[0, 1, 2], [0, 2, 3]])
+
+
+@pytest.mark.parametrize(
+    ("uvs", "tangent"),
+    [([[0, 1], [1, 1], [1, 0], [0, 0]], [1, 0, 0, 1]),  # upright image: v down, so up is +y
+     ([[1, 1], [0, 1], [0, 0], [1, 0]], [-1, 0, 0, -1]),  # mirrored
+     ([[0, 0], [0, 1], [1, 1], [1, 0]], [0, 1, 0, 1]),  # turned by a quarter
+     ([[0, 2], [1, 2], [1, 0], [0, 0]], [1, 0, 0, 1])],
+)  # fmt: skip
+def test_a_square(uvs: Any, tangent: Any) -> None:
+    space = generate_tangents(SQUARE, UP, np.array(uvs, np.float32), HALVES)
+    np.testing.assert_allclose(space.tangents, [tangent] * 4, atol=1e-6)
+    assert space.source[space.indices].tolist() == HALVES.tolist()
+    # The bitangent points to where the image goes up, which is where v falls.
+    bitangent = np.cross(UP[0], space.tangents[0, :3]) * space.tangents[0, 3]
+    slope = np.linalg.lstsq(SQUARE[:, :2] - SQUARE[0, :2], np.float32(uvs)[:, 1] - np.float32(uvs)[0, 1], rcond=None)[0]
+    assert bitangent[:2] @ slope < 0
+
+
+def test_the_mean_is_weighted_by_angle() -> None:
+    """Around one vertex, 90 degrees in which u runs along x and 45 degrees in which it runs elsewhere."""
+    positions = np.float32([[0, 0, 0], [1, 0, 0], [0, 1, 0], [-1, 1, 0]])
+    uvs = np.float32([[0, 0], [1, 0], [0, 1], [-1, 0]])
+    # In the second triangle y = 1 - w, x = -w at the weight w of the last vertex: u = x, v = x + y.
+    second = np.array([1, -1]) / math.sqrt(2)  # where u grows and v stays
+    expected = math.pi / 2 * np.array([1, 0]) + math.pi / 4 * second
+    space = generate_tangents(positions, UP, uvs, np.array([[0, 1, 2], [0, 2, 3]]))
+    assert len(space.source) == 4
+    np.testing.assert_allclose(space.tangents[0, :2], expected / np.linalg.norm(expected), atol=1e-6)
+    uvs[3] = [1, 2]  # now the second is mirrored: two groups, so the shared vertices split
+    assert len(generate_tangents(positions, UP, uvs, np.array([[0, 1, 2], [0, 2, 3]])).source) == 6
+
+
+def test_mirrored_halves_are_split() -> None:
+    positions = np.float32([[-1, 0, 0], [0, 0, 0], [1, 0, 0], [-1, 1, 0], [0, 1, 0], [1, 1, 0]])
+    uvs = np.float32([[1, 1], [0, 1], [1, 1], [1, 0], [0, 0], [1, 0]])
+    triangles = np.array([[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4]])
+    space = generate_tangents(positions, np.tile(UP[0], (6, 1)), uvs, triangles)
+    assert len(space.source) == 8
+    corners = by_corner(space)
+    np.testing.assert_allclose(corners[:2], np.broadcast_to([-1, 0, 0, -1], (2, 3, 4)), atol=1e-6)
+    np.testing.assert_allclose(corners[2:], np.broadcast_to([1, 0, 0, 1], (2, 3, 4)), atol=1e-6)
+
+
+def test_triangles_without_uv_area_join_their_neighbors() -> None:
+    positions = np.vstack([SQUARE, [[0, 2, 0]]]).astype(np.float32)
+    uvs = np.float32([[0, 1], [1, 1], [1, 0], [0, 0], [0.5, 0]])
+    triangles = np.array([[0, 1, 2], [0, 2, 3], [3, 2, 4]])
+    space = generate_tangents(positions, np.tile(UP[0], (5, 1)), uvs, triangles)
+    np.testing.assert_allclose(by_corner(space)[2, :2], [[1, 0, 0, 1]] * 2, atol=1e-6)
+    assert len(space.source) == 5
+
+
+def test_triangles_without_area_take_the_tangent_of_their_vertex() -> None:
+    uvs = np.float32([[0, 1], [1, 1], [1, 0], [0, 0]])
+    space = generate_tangents(SQUARE, UP, uvs, np.array([[1, 1, 2], [0, 1, 2], [0, 2, 3]]))
+    np.testing.assert_allclose(space.tangents, [[1, 0, 0, 1]] * 4, atol=1e-6)
+
+
+def test_nothing_to_go_by() -> None:
+    """Equal uvs everywhere, and zero normals: still unit tangents across the normal, still finite."""
+    space = generate_tangents(SQUARE, UP, np.zeros((4, 2), np.float32), HALVES)
+    np.testing.assert_allclose(np.linalg.norm(space.tangents[:, :3], axis=1), 1)
+    np.testing.assert_allclose((space.tangents[:, :3] * UP[space.source]).sum(axis=1), 0, atol=1e-6)
+    space = generate_tangents(SQUARE, UP * 0, np.zeros((4, 2), np.float32), HALVES)
+    assert np.isfinite(space.tangents).all()
+    assert generate_tangents(SQUARE, UP, SQUARE[:, :2], np.zeros((0, 3), int)).tangents.shape == (0, 4)
+
+
+# ---- properties -------------------------------------------------------------------------------------
+
+
+def test_orthogonal_unit_and_right_handed() -> None:
+    positions, normals, uvs, triangles = grid(30)
+    space = generate_tangents(positions, normals, uvs, triangles)
+    tangents = space.tangents[:, :3]
+    np.testing.assert_allclose(np.linalg.norm(tangents, axis=1), 1, atol=1e-6)
+    np.testing.assert_allclose((tangents * normals[space.source]).sum(axis=1), 0, atol=1e-6)
+    assert len(space.source) == len(positions), "a smooth sheet needs no splits"
+    mirrored = generate_tangents(positions, normals, uvs * [-1, 1], triangles)
+    np.testing.assert_allclose(by_corner(mirrored), -by_corner(space), atol=1e-6)
+
+
+def test_the_order_of_triangles_and_corners_and_vertices_has_no_say() -> None:
+    positions, normals, uvs, triangles = grid(12)
+    expected = by_corner(generate_tangents(positions, normals, uvs, triangles))
+    generator = np.random.default_rng(5)
+    order = generator.permutation(len(triangles))
+    turns = generator.integers(0, 3, len(triangles))
+    turned = np.stack([np.roll(t, -n) for t, n in zip(triangles, turns, strict=True)])[order]
+    renumbered = generator.permutation(len(positions))
+    place = np.argsort(renumbered)
+    space = generate_tangents(positions[renumbered], normals[renumbered], uvs[renumbered], place[turned])
+    found = by_corner(space)
+    for new, old in enumerate(order):
+        np.testing.assert_allclose(np.roll(found[new], turns[old], axis=0), expected[old], atol=1e-6)
+
+
+def test_unwelded_vertices_are_welded_first() -> None:
+    positions, normals, uvs, triangles = grid(9)
+    expected = by_corner(generate_tangents(positions, normals, uvs, triangles))
+    flat = triangles.reshape(-1)
+    apart = np.arange(len(flat)).reshape(-1, 3)
+    found = by_corner(generate_tangents(positions[flat], normals[flat], uvs[flat], apart))
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("scale", [1e-12, 1e-3, 1e6, 1e15])
+def test_the_scale_has_no_say(scale: float) -> None:
+    positions, normals, uvs, triangles = grid(9)
+    expected = by_corner(generate_tangents(positions, normals, uvs, triangles))
+    scaled = generate_tangents((positions * scale).astype(np.float32), normals, uvs, triangles)
+    np.testing.assert_allclose(by_corner(scaled), expected, atol=1e-4)
+
+
+def test_more_than_two_triangles_on_an_edge() -> None:
+    generator = np.random.default_rng(7)
+    positions = generator.normal(size=(12, 3)).astype(np.float32)
+    triangles = np.array([[0, 1, n] if n % 2 else [1, 0, n] for n in range(2, 12)])
+    normals = positions / np.linalg.norm(positions, axis=1, keepdims=True)
+    space = generate_tangents(positions, normals, generator.random((12, 2)).astype(np.float32), triangles)
+    assert np.isfinite(space.tangents).all()
+    assert space.source[space.indices].tolist() == triangles.tolist()
+
+
+def test_weld() -> None:
+    rows = np.float32([[1, 2], [0, 0], [1, 2], [-0.0, 0], [2, 1]])
+    numbers = weld(rows)
+    assert numbers[0] == numbers[2]
+    assert numbers[1] == numbers[3]
+    assert len(set(numbers.tolist())) == 3
