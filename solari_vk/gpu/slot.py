@@ -9,9 +9,9 @@ import numpy as np
 
 from solari_vk.gpu import raw
 from solari_vk.gpu.barriers import full_barrier, memory_barrier
+from solari_vk.gpu.descriptors import DescriptorSets
 from solari_vk.gpu.device import Device
 from solari_vk.gpu.hazards import Barrier
-from solari_vk.gpu.interface import DescriptorSets
 from solari_vk.gpu.memory import Buffer
 from solari_vk.gpu.program import Program
 from solari_vk.gpu.stages import Pass
