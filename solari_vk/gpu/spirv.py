@@ -7,15 +7,16 @@ a 64-bit integer are u8; bool doesn't occur in blocks (it becomes uint).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from solari_vk.errors import SolariError
 from solari_vk.gpu import spirv_code as code
+from solari_vk.gpu.module import Binding, Entry, Module, SpecConstant
 from solari_vk.gpu.spirv_code import Accesses
+
+__all__ = ["Binding", "Entry", "Module", "SpecConstant", "reflect"]
 
 _DECORATION_SPEC_ID, _DECORATION_BLOCK, _DECORATION_ARRAY_STRIDE, _DECORATION_MATRIX_STRIDE = 1, 2, 6, 7
 _DECORATION_ROW_MAJOR, _DECORATION_NON_WRITABLE, _DECORATION_NON_READABLE = 4, 24, 25
@@ -40,80 +41,6 @@ _IMAGE_FORMATS = (
     "R32_UINT", "A2B10G10R10_UINT_PACK32", "R32G32_UINT", "R16G16_UINT", "R8G8_UINT", "R16_UINT", "R8_UINT",
     "R64_UINT", "R64_SINT",
 )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Binding:
-    """A resource that a shader declares.
-
-    `kind` is uniform_buffer, storage_buffer, storage_image, sampled_image, combined_image_sampler, sampler or
-    acceleration_structure. `count` is the length of an array of resources, 1 without an array, 0 for an array
-    without a length. Of a block, `dtype` is the fixed part (None when there is none) and `element` what the
-    runtime array at `element_offset` bytes holds (None without one). `image_format` is a name such as
-    "R32_SFLOAT", without VK_FORMAT_, of a storage image.
-    """
-
-    name: str
-    set: int
-    binding: int
-    kind: str
-    count: int = 1
-    dtype: np.dtype[Any] | None = None
-    element: np.dtype[Any] | None = None
-    element_offset: int = 0
-    image_format: str = ""
-    readonly: bool = False
-    writeonly: bool = False
-
-    def size_bytes(self, count: int) -> int:
-        """Bytes of a buffer for this block with `count` elements in its runtime array."""
-        fixed = self.element_offset if self.element is not None else (self.dtype.itemsize if self.dtype else 0)
-        return fixed + (count * self.element.itemsize if self.element is not None else 0)
-
-
-@dataclass(frozen=True)
-class SpecConstant:
-    """A specialization constant: its id, its numpy type (bool is u4, as Vulkan passes it) and its default."""
-
-    id: int
-    dtype: np.dtype[Any]
-    default: int | float | bool
-
-
-@dataclass(frozen=True)
-class Entry:
-    """An entry point: its stage (comp, vert, ...), and the names of bindings that it uses, reads and writes."""
-
-    name: str
-    stage: str
-    uses: frozenset[str]
-    reads: frozenset[str]
-    writes: frozenset[str]
-
-
-@dataclass(frozen=True)
-class Module:
-    """All that the host needs to know of a SPIR-V module."""
-
-    name: str
-    spirv: bytes
-    bindings: dict[str, Binding]
-    constants: dict[str, SpecConstant]
-    entries: dict[str, Entry]
-    push_constants: np.dtype[Any] | None
-    _local_size: tuple[tuple[int, int | None], ...]
-
-    @property
-    def main(self) -> Entry:
-        """The entry point called main."""
-        return self.entries["main"]
-
-    def local_size(self, constants: Mapping[str, int | float | bool] | None = None) -> tuple[int, int, int]:
-        """Workgroup size with these values of the specialization constants, by name."""
-        values = {self.constants[name].id: int(value) for name, value in (constants or {}).items()}
-        sizes = [default if spec_id is None else values.get(spec_id, default) for default, spec_id in self._local_size]
-        x, y, z = (*sizes, 1, 1, 1)[:3]
-        return x, y, z
 
 
 def reflect(spirv: bytes, name: str = "shader") -> Module:
