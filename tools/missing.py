@@ -55,9 +55,11 @@ def missing(job):
             yield "spirv-val"
         if shutil.which("Xvfb") is None:
             yield "Xvfb"
-        # What Mitsuba, a reference of some tests, compiles with.
+        # Mitsuba, a reference of some tests, needs these two.
         if library(LLVM) is None:
             yield "LLVM 19"
+        if library(("libatomic.so.1", "libSystem.dylib")) is None:
+            yield "libatomic"
 
 
 if __name__ == "__main__":
