@@ -121,16 +121,10 @@ float brdf_pdf(Brdf brdf, vec3 wo, vec3 wi) {
 BrdfSample sample_brdf(Brdf brdf, vec3 wo, inout uint rng) {
     float choice = rand_f(rng);
     vec2 u = rand_vec2f(rng);
-    if (choice >= brdf.specular_probability) {
-        vec3 wi = sample_cosine_hemisphere(u);
-        float pdf = brdf_pdf(brdf, wo, wi);
-        return BrdfSample(wi, evaluate_brdf(brdf, wo, wi) / pdf, pdf);
+    if (brdf.mirror && choice < brdf.specular_probability) {
+        return BrdfSample(vec3(-wo.xy, wo.z), specular_fresnel(brdf, wo.z) / brdf.specular_probability, INFINITY);
     }
-    if (brdf.mirror) {
-        vec3 wi = vec3(-wo.xy, wo.z);
-        return BrdfSample(wi, specular_fresnel(brdf, wo.z) / brdf.specular_probability, INFINITY);
-    }
-    vec3 wi = sample_ggx_vndf(wo, brdf.roughness, u);
+    vec3 wi = choice < brdf.specular_probability ? sample_ggx_vndf(wo, brdf.roughness, u) : sample_cosine_hemisphere(u);
     float pdf = brdf_pdf(brdf, wo, wi);
     return BrdfSample(wi, pdf > 0.0 ? evaluate_brdf(brdf, wo, wi) / pdf : vec3(0.0), pdf);
 }

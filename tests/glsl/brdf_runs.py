@@ -1,0 +1,46 @@
+"""Drives brdf.comp: materials and directions in, draws, values or albedos out."""
+
+from __future__ import annotations
+
+import numpy as np
+
+MATERIAL = np.dtype(
+    [("base_color", "<f4", 3), ("reflectance", "<f4", 3), ("metallic", "<f4"), ("perceptual_roughness", "<f4")]
+)
+MODES = {"draw": 0, "evaluate": 1, "albedo": 2}
+
+
+def materials(base_color=1.0, reflectance=0.5, metallic=0.0, roughness=0.5):
+    """Records of the broadcast arguments; colours may be numbers or (..., 3)."""
+    shape = np.broadcast_shapes(np.shape(metallic), np.shape(roughness), np.shape(base_color)[:-1], (1,))
+    records = np.zeros(shape, MATERIAL)
+    for name, value in (("metallic", metallic), ("perceptual_roughness", roughness)):
+        records[name] = value
+    for name, value in (("base_color", base_color), ("reflectance", reflectance)):
+        records[name] = value if np.ndim(value) else np.full(3, value)
+    return records.ravel()
+
+
+def direction(degrees, turn=0.4):
+    """A direction (3,) that far from the normal."""
+    angle = np.radians(degrees)
+    return np.array([np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn), np.cos(angle)], np.float32)
+
+
+def run(shaders, mode, count, materials, wo, wi=None, **constants):
+    """Rows (count, 4, 3) of brdf.comp."""
+    wo = np.atleast_2d(np.asarray(wo, np.float32))
+    wi = np.zeros((1, 3), np.float32) if wi is None else np.atleast_2d(np.asarray(wi, np.float32))
+    given = {"test_materials": materials, "outgoing": wo, "incoming": wi}
+    if mode == "albedo":
+        del given["incoming"]
+    header = f"const uint MODE = {MODES[mode]}u;"
+    out = shaders.run(
+        "brdf", count, given, {"results": 4 * count}, external=shaders.brdf_tables(), header=header, constants=constants
+    )
+    return out["results"].reshape(count, 4, 3)
+
+
+def albedo(shaders, materials, wo, **constants):
+    """Directional albedo (N, 3) of each material seen from the direction of the same row."""
+    return run(shaders, "albedo", max(len(materials), len(np.atleast_2d(wo))), materials, wo, **constants)[:, 0]
