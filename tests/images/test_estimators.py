@@ -142,12 +142,12 @@ def baked(instance):
     """The same surface with its transform in its vertices; mirrored ones keep their front by turning triangles."""
     linear = instance.transform[:3, :3]
     mesh = instance.mesh
-    normals = mesh.normals @ np.linalg.inv(linear)
     triangles = mesh.triangles if np.linalg.det(linear) > 0 else mesh.triangles[:, ::-1]
     return sv.Instance(
         mesh=sv.Mesh(
             positions=mesh.positions @ linear.T + instance.transform[:3, 3],
-            normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
+            # Not unit vectors: they are interpolated as the instance's are, which turn after interpolation.
+            normals=mesh.normals @ np.linalg.inv(linear),
             uvs=mesh.uvs,
             indices=triangles,
         ),
@@ -182,7 +182,7 @@ def test_instances_are_as_their_baked_meshes(picture, tracer):
             instance = sv.Instance(mesh=ball, material=material, transform=transform)
             scene.add(baked(instance) if bake else instance)
         made.append((scene, picture(scene, (48, 48), 256, seed=10 + bake, **SETTINGS)))
-    same(made[0][1], made[1][1], 0.02, "instances")
+    same(made[0][1], made[1][1], 0.01, "instances")
     renderers = [tracer(scene, (48, 48)) for scene, _ in made]
     for renderer, (scene, _) in zip(renderers, made, strict=True):
         renderer.render(scene.camera, samples=1)

@@ -92,7 +92,9 @@ def blob(bumps):
     mesh = shapes.sphere(1.0, 48)
     random = np.random.default_rng(2)
     _, same = np.unique(mesh.positions, axis=0, return_inverse=True)
-    radius = random.uniform(1 - bumps, 1 + bumps, same.max() + 1)[same.reshape(-1)]
+    # Less towards the poles, where triangles are small and bumps would be spikes.
+    height = bumps * np.hypot(mesh.positions[:, 0], mesh.positions[:, 2])
+    radius = 1 + height * random.uniform(-1, 1, same.max() + 1)[same.reshape(-1)]
     return sv.Mesh(positions=mesh.positions * radius[:, None], indices=mesh.triangles[:, ::-1])
 
 

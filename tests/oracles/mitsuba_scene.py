@@ -216,6 +216,8 @@ def render(mi, mitsuba_scene, batches, samples, seed=0):
     """
     images = []
     for batch in range(batches):
-        images.append(np.array(mi.render(mitsuba_scene, spp=samples, seed=seed * 10_000 + batch), np.float64))
+        # Far apart, since the scalar variants number their blocks on from the seed.
+        image = mi.render(mitsuba_scene, spp=samples, seed=(seed * 1000 + batch) * 65_537 % 2**32)
+        images.append(np.array(image, np.float64))
     stack = np.stack(images)
     return stack.mean(axis=0), stack.var(axis=0, ddof=1) / batches
