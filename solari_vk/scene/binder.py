@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 
 from solari_vk.errors import SolariError
-from solari_vk.gpu import raw, spirv
-from solari_vk.gpu.acceleration import INSTANCE_DTYPE, Tlas
+from solari_vk.gpu import spirv
 from solari_vk.gpu.compiler import compile_shader
-from solari_vk.gpu.device import Device, memory_barrier
+from solari_vk.gpu.device import Device
 from solari_vk.scene.geometry import Geometry
 from solari_vk.scene.lights import Lights
 from solari_vk.scene.model import DirectionalLight, Instance, Material, Mesh, Scene, Texture, TextureImage
 from solari_vk.scene.observed import Observable
 from solari_vk.scene.table import Rows, Table
 from solari_vk.scene.textures import Textures
+from solari_vk.scene.traced import TracedInstances
 
 NO_INDEX = 0xFFFFFFFF
 DOUBLE_SIDED = 1  # MATERIAL_DOUBLE_SIDED of scene/bindings.glsl
@@ -56,9 +56,8 @@ class SceneBinder:
         self._material_textures: dict[Material, dict[str, Texture]] = {}
         self._instances = Table(device, "instances", layout["instances"])
         self._instance_rows: Rows[Instance] = Rows()
-        self._tlas_instances = Table(device, "tlas_instances", INSTANCE_DTYPE)
+        self._traced = TracedInstances(device)
         self._uses: dict[Instance, tuple[Mesh, Mesh, Material]] = {}
-        self._tlas = Tlas(device, 16, name="scene")
         self._changed: dict[Observable, None] = {}
         scene.watch(self)
         for item in (*scene.instances, *scene.directional_lights):
@@ -72,11 +71,14 @@ class SceneBinder:
         self._changed[changed] = None
 
     @property
+    def _tables(self) -> tuple[Table, ...]:
+        return self._geometry.table, self._textures.table, self._materials, self._instances, *self._lights.tables
+
+    @property
     def resources(self) -> dict[str, Any]:
         """What set 0's bindings hold, by their names in GLSL."""
-        tables = (self._geometry.table, self._textures.table, self._materials, self._instances, *self._lights.tables)
-        return {table.name: table.buffer for table in tables} | {
-            "tlas": self._tlas,
+        return {table.name: table.buffer for table in self._tables} | {
+            "tlas": self._traced.tlas,
             "texture_images": self._textures.bound,
         }
 
@@ -137,8 +139,7 @@ class SceneBinder:
             self._instance_rows.release(instance, None)
             self._write_rows.pop(instance, None)
             self._set_emissive(instance, row, False)
-            self._tlas_instances.records[row] = np.zeros((), INSTANCE_DTYPE)
-            self._tlas_instances.mark([row])
+            self._traced.remove(row)
             del self._uses[instance]
         if before is not None and before != self._uses.get(instance):
             self._release(instance, before)
@@ -201,8 +202,7 @@ class SceneBinder:
         self._write_rows.clear()
         if not written:
             return
-        for table in (self._instances, self._tlas_instances):
-            table.reserve(self._instance_rows.limit)
+        self._instances.reserve(self._instance_rows.limit)
         rows = np.array([self._instance_rows[i] for i in written])
         transforms = np.array([i.transform for i in written])[:, :3].astype(np.float32)
         meshes = self._geometry.rows
@@ -215,51 +215,28 @@ class SceneBinder:
         self._instances.records[rows] = records
         self._instances.mark(rows.tolist())
 
-        traced = np.zeros(len(written), INSTANCE_DTYPE)
-        traced["transform"] = transforms
-        mask = np.array([0xFF if i.visible else 0 for i in written], np.uint32)
-        traced["custom_index_and_mask"] = rows.astype(np.uint32) | mask << 24
-        # Vulkan's default front is glTF's, counter-clockwise in object space, however instances are mirrored.
-        both_faces = np.array([i.material.double_sided for i in written], np.uint32)
-        cull_disable = raw.VK_GEOMETRY_INSTANCE_TRIANGLE_FACING_CULL_DISABLE_BIT_KHR
-        traced["sbt_offset_and_flags"] = both_faces * cull_disable << 24
-        traced["blas_address"] = [self._geometry.blas(i.ray_mesh or i.mesh).address for i in written]
-        self._tlas_instances.records[rows] = traced
-        self._tlas_instances.mark(rows.tolist())
+        ray_meshes = [i.ray_mesh or i.mesh for i in written]
+        centers = np.array([self._geometry.center(mesh) for mesh in ray_meshes])
+        self._traced.write(
+            rows,
+            transforms,
+            np.einsum("nij,nj->ni", transforms[:, :, :3], centers) + transforms[:, :, 3],
+            np.array([i.visible for i in written]),
+            np.array([i.material.double_sided for i in written]),
+            np.array([self._geometry.blas(mesh).address for mesh in ray_meshes], np.uint64),
+        )
 
     # ---- from records to the device -----------------------------------------------------------------
 
     def _upload(self) -> None:
         """Have the tables' changes copied and the TLAS rebuilt just before the next submission."""
-        rebuild = self._tlas_instances.dirty
-        count = self._instance_rows.limit
-        if count > self._tlas.max_instances:
-            self._tlas.destroy()
-            self._tlas = Tlas(self._device, max(count, 2 * self._tlas.max_instances), name="scene")
+        if self._traced.update():
             self.version += 1
         with self._device.uploads() as uploads:
-            for table in (
-                self._geometry.table,
-                self._textures.table,
-                self._materials,
-                self._instances,
-                self._tlas_instances,
-                *self._lights.tables,
-            ):
+            for table in self._tables:
                 if table.flush(uploads):
                     self.version += 1
-        if rebuild:
-            self._device.before_next_submit(self._build_tlas)
-
-    def _build_tlas(self, commands: raw.CData) -> None:
-        if self._tlas.destroyed:  # the binder went before anything was submitted
-            return
-        everything = memory_barrier(
-            raw.VK_ACCESS_2_MEMORY_WRITE_BIT, raw.VK_ACCESS_2_MEMORY_READ_BIT | raw.VK_ACCESS_2_MEMORY_WRITE_BIT
-        )
-        self._device.vk.vkCmdPipelineBarrier2(commands, everything)
-        self._tlas.record_build(commands, self._tlas_instances.buffer.address, self._instance_rows.limit)
-        self._device.vk.vkCmdPipelineBarrier2(commands, everything)
+            self._traced.flush(uploads)
 
     def destroy(self) -> None:
         """Stop watching the scene and free everything."""
@@ -272,7 +249,6 @@ class SceneBinder:
             self._lights,
             self._materials,
             self._instances,
-            self._tlas_instances,
-            self._tlas,
+            self._traced,
         ):
             owner.destroy()

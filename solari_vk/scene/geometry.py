@@ -5,12 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from solari_vk.gpu.acceleration import Blas, TriangleGeometry, build_blases
 from solari_vk.gpu.device import Device
 from solari_vk.gpu.memory import Buffer, Uploads
 from solari_vk.scene.model import Mesh
 from solari_vk.scene.observed import Observable
+from solari_vk.scene.spatial import spatial_order
 from solari_vk.scene.table import Rows, Table
 
 HAS_NORMALS, HAS_UVS, HAS_TANGENTS = 1, 2, 4  # MESH_HAS_* of scene/bindings.glsl
@@ -27,6 +29,7 @@ class Geometry:
         self._device = device
         self._watcher = watcher
         self._buffers: dict[Mesh, Buffer] = {}
+        self._centers: dict[Mesh, NDArray[np.float32]] = {}
         self._blases: dict[Mesh, Blas] = {}
         self._to_upload: dict[Mesh, None] = {}
 
@@ -47,6 +50,7 @@ class Geometry:
             self._to_upload.pop(mesh, None)
             if mesh in self._buffers:
                 self._buffers.pop(mesh).destroy()
+                del self._centers[mesh]
 
     def change(self, mesh: Mesh) -> list[Any]:
         """The mesh was edited: upload it again. Returns the instances that use it."""
@@ -58,6 +62,10 @@ class Geometry:
     def blas(self, mesh: Mesh) -> Blas:
         """The acceleration structure of a mesh that rays meet, built by `update`."""
         return self._blases[mesh]
+
+    def center(self, mesh: Mesh) -> NDArray[np.float32]:
+        """The middle (3,) of an uploaded mesh's bounds, in object space."""
+        return self._centers[mesh]
 
     def update(self) -> None:
         """Upload new and changed meshes and build their acceleration structures."""
@@ -78,8 +86,11 @@ class Geometry:
         self._to_upload.clear()
 
     def _upload(self, mesh: Mesh, uploads: Uploads) -> TriangleGeometry:
-        """One buffer a mesh: positions, then triangles, then the other attributes if there are any."""
+        """One buffer a mesh: positions, then triangles in spatial order, then other attributes if there are any."""
         triangles = mesh.triangles
+        corners = mesh.positions[triangles]
+        triangles = triangles[spatial_order(corners.mean(axis=1))]
+        self._centers[mesh] = (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1))) / 2
         parts = [mesh.positions, triangles]
         flags = 0
         if any(part is not None for part in (mesh.normals, mesh.uvs, mesh.tangents)):

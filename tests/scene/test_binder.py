@@ -36,8 +36,7 @@ def make_transform(rng):
 
 def table(binder, name):
     """What the device holds, read back."""
-    host = {t.name: t for t in (binder._geometry.table, binder._textures.table, binder._materials, binder._instances,
-                                binder._tlas_instances, *binder._lights.tables)}[name]  # fmt: skip
+    host = {t.name: t for t in (*binder._tables, binder._traced.table)}[name]
     return host.buffer.read(host.records.dtype)
 
 
@@ -45,7 +44,8 @@ def assert_mirrors(binder, scene):
     """Every object's record on the device says what the object says."""
     binder.update()
     instances, materials = table(binder, "instances"), table(binder, "materials")
-    meshes, traced, sources = table(binder, "meshes"), table(binder, "tlas_instances"), table(binder, "light_sources")
+    meshes, sources = table(binder, "meshes"), table(binder, "light_sources")
+    traced = table(binder, "tlas_instances")[: binder._traced.count]
     info = table(binder, "scene_info")[0]
     emissive = [i for i in scene if i.visible and i.material.emits]
     assert info["light_count"] == len(emissive) + len(scene.directional_lights)
@@ -57,7 +57,8 @@ def assert_mirrors(binder, scene):
     for instance in scene:
         row = binder._instance_rows[instance]
         rows.add(row)
-        record, ray = instances[row], traced[row]
+        record = instances[row]
+        [ray] = traced[traced["custom_index_and_mask"] & 0xFFFFFF == row]
         np.testing.assert_array_equal(record["world_from_object"].T, instance.transform[:3].astype(np.float32))
         np.testing.assert_array_equal(ray["transform"], instance.transform[:3].astype(np.float32))
         assert ray["custom_index_and_mask"] == row | (0xFF000000 if instance.visible else 0)
@@ -83,7 +84,7 @@ def assert_mirrors(binder, scene):
             assert tuple(sources[record["light_index"]]) == (EMISSIVE_MESH, row)
         else:
             assert record["light_index"] == NO_INDEX
-    assert not traced["blas_address"][[row for row in range(len(traced)) if row not in rows]].any()
+    assert sorted(traced["custom_index_and_mask"] & 0xFFFFFF) == sorted(rows)
 
 
 @pytest.mark.parametrize("seed", range(3))
