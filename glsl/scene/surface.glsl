@@ -68,10 +68,15 @@ TrianglePoint resolve_triangle(Instance instance, Mesh mesh, uint triangle, vec2
     mat3 cofactors = mat3(cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1]));
     cofactors *= dot(m[0], cofactors[0]) < 0.0 ? -1.0 : 1.0;
     point.normal_matrix = cofactors;
-    point.area = 0.5 * length(cross(mat3(m) * edge_1, mat3(m) * edge_2));
 
     float extent = max(max_component(abs(edge_1)), max_component(abs(edge_2)));
-    vec3 object_normal = safe_normalize(cross(edge_1 / extent, edge_2 / extent), vec3(0.0, 0.0, 1.0));
+    point.area = 0.0;
+    vec3 object_normal = vec3(0.0, 0.0, 1.0);  // of what is no triangle, which no ray meets
+    if (extent > 0.0) {
+        vec3 unit_1 = edge_1 / extent, unit_2 = edge_2 / extent;  // so that no product vanishes or overflows
+        object_normal = safe_normalize(cross(unit_1, unit_2), object_normal);
+        point.area = 0.5 * length(cross(mat3(m) * unit_1, mat3(m) * unit_2)) * extent * extent;
+    }
     point.geometric_world_normal = safe_normalize(cofactors * object_normal, vec3(0.0, 0.0, 1.0));
     point.ray_offset = world_ray_offset(abs(corner) + extent, m, cofactors, object_normal);
     point.uv = vec2(0.0);

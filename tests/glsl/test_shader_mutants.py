@@ -9,6 +9,7 @@ import test_furnace as furnace
 import test_packing as packing
 import test_random as random_numbers
 import test_ray_offsets as ray_offsets
+import test_surface as surface
 
 RANDOM, PACKING = "common/random.glsl", "common/packing.glsl"
 BRDF, MICROFACET, TABLE = "scene/brdf.glsl", "scene/microfacet.glsl", "scene/brdf_table.glsl"
@@ -16,38 +17,133 @@ BRDF, MICROFACET, TABLE = "scene/brdf.glsl", "scene/microfacet.glsl", "scene/brd
 MUTANTS = {
     "generator: a wrong multiplier": (random_numbers.check, (), RANDOM, "277803737u", "277803739u"),
     "generator: 23 bits": (
-        random_numbers.check, (), RANDOM, ">> 8u) * 5.9604644775390625e-8", ">> 9u) * 1.1920928955078125e-7"),
+        random_numbers.check,
+        (),
+        RANDOM,
+        ">> 8u) * 5.9604644775390625e-8",
+        ">> 9u) * 1.1920928955078125e-7",
+    ),
     "range: off by one": (random_numbers.check, (), RANDOM, "rand_u(rng), n, high", "rand_u(rng), n - 1u, high"),
     "disk: no square root": (distributions.check_disk, (), RANDOM, "return sqrt(u.x) * vec2", "return u.x * vec2"),
     "hemisphere: uniform for cosine": (distributions.check_hemispheres, (), RANDOM, "sqrt(1.0 - u.x));", "1.0 - u.x);"),
     "barycentrics: one corner preferred": (
-        distributions.check_barycentrics, (), RANDOM, "float root = sqrt(u.x)", "float root = u.x"),
+        distributions.check_barycentrics,
+        (),
+        RANDOM,
+        "float root = sqrt(u.x)",
+        "float root = u.x",
+    ),
     "cone: twice as wide": (
-        distributions.check_cone, (0.01, (0, 0, 1)), RANDOM, "one_minus_cos_half_angle * u.x", "2.0 * one_minus_cos_half_angle * u.x"),
+        distributions.check_cone,
+        (0.01, (0, 0, 1)),
+        RANDOM,
+        "one_minus_cos_half_angle * u.x",
+        "2.0 * one_minus_cos_half_angle * u.x",
+    ),
     "packing: truncation": (packing.check, (), PACKING, "c * scale + 0.5", "c * scale"),
     "packing: full mantissa overflows": (packing.check, (), PACKING, "== 512u", "== 513u"),
     "packing: octahedron folded wrongly": (packing.check, (), PACKING, "abs(v.yx)", "abs(v.xy)"),
-    "BRDF: dropped cosine": (furnace.check, (0.0,), BRDF, "(INVERSE_PI * wi.z);\n    if (brdf_lambert ||", "INVERSE_PI;\n    if (brdf_lambert ||"),
+    "BRDF: dropped cosine": (
+        furnace.check,
+        (0.0,),
+        BRDF,
+        "(INVERSE_PI * wi.z);\n    if (brdf_lambert ||",
+        "INVERSE_PI;\n    if (brdf_lambert ||",
+    ),
     "BRDF: no multiple scattering": (furnace.check, (1.0,), BRDF, "brdf.multiscatter = 1.0 / (ab.x + ab.y) - 1.0;", ""),
-    "BRDF: diffuse not under the layer": (furnace.check, (0.0,), BRDF, "value * (1.0 - specular_albedo(brdf.dielectric_f0, ab))", "value"),
+    "BRDF: diffuse not under the layer": (
+        furnace.check,
+        (0.0,),
+        BRDF,
+        "value * (1.0 - specular_albedo(brdf.dielectric_f0, ab))",
+        "value",
+    ),
     "BRDF: D by 1 - cos^2": (
-        furnace.check, (1.0,), MICROFACET, "dot(half_vector.xy, half_vector.xy) + a2", "(1.0 - square(half_vector.z)) + a2"),
-    "table: off by one row": (furnace.check, (1.0,), TABLE, "min(uvec2(position), uvec2(last - 1u))", "min(uvec2(position) + uvec2(0u, 1u), uvec2(last - 1u))"),
+        brdf_sampling.check_density,
+        (0.04, 1.0, 30.0),
+        MICROFACET,
+        "dot(half_vector.xy, half_vector.xy) + a2",
+        "(1.0 - square(half_vector.z)) + a2",
+    ),
+    "table: off by one row": (furnace.check, (1.0,), TABLE, "first = cell.y *", "first = (cell.y - min(cell.y, 1u)) *"),
     "sampling: pdf without Jacobian": (
-        brdf_sampling.check_density, (0.5, 1.0, 60.0), MICROFACET, "return 0.5 / (k", "return 1.0 / (k"),
+        brdf_sampling.check_density,
+        (0.5, 1.0, 60.0),
+        MICROFACET,
+        "return 0.5 / (k",
+        "return 1.0 / (k",
+    ),
     "sampling: pdf of unbounded VNDF": (
-        brdf_sampling.check_density, (0.5, 1.0, 60.0), MICROFACET, "(k * wo.z + sqrt", "(wo.z + sqrt"),
-    "sampling: cap not bounded": (brdf_sampling.check_density, (0.5, 1.0, 60.0), MICROFACET, "float b = k * wo_std.z", "float b = wo_std.z"),
+        brdf_sampling.check_density,
+        (0.5, 1.0, 60.0),
+        MICROFACET,
+        "(k * wo.z + sqrt",
+        "(wo.z + sqrt",
+    ),
+    "sampling: cap not bounded": (
+        brdf_sampling.check_density,
+        (0.5, 1.0, 60.0),
+        MICROFACET,
+        "float b = k * wo_std.z",
+        "float b = wo_std.z",
+    ),
     "sampling: lobes' chances swapped": (
-        brdf_sampling.check_density, (0.6, 0.0, 75.0), BRDF, "mix(diffuse_pdf, specular_pdf,", "mix(specular_pdf, diffuse_pdf,"),
+        brdf_sampling.check_density,
+        (0.6, 0.0, 75.0),
+        BRDF,
+        "mix(diffuse_pdf, specular_pdf,",
+        "mix(specular_pdf, diffuse_pdf,",
+    ),
     "sampling: weight without its pdf": (
-        brdf_sampling.check_density, (0.5, 1.0, 60.0), BRDF, "evaluate_brdf(brdf, wo, wi) / pdf :", "evaluate_brdf(brdf, wo, wi) :"),
-    "BRDF: not reciprocal": (brdf_sampling.check_reciprocity, (), BRDF, "(1.0 - specular_albedo(brdf.dielectric_f0, ab))", "1.0"),
+        brdf_sampling.check_density,
+        (0.5, 1.0, 60.0),
+        BRDF,
+        "evaluate_brdf(brdf, wo, wi) / pdf :",
+        "evaluate_brdf(brdf, wo, wi) :",
+    ),
+    "BRDF: not reciprocal": (
+        brdf_sampling.check_reciprocity,
+        (),
+        BRDF,
+        "(1.0 - specular_albedo(brdf.dielectric_f0, ab))",
+        "1.0",
+    ),
     "BRDF: grazing views divide by zero": (
-        brdf_sampling.check_finite, (), BRDF, "pdf > 0.0 ? evaluate_brdf(brdf, wo, wi) / pdf : vec3(0.0), pdf", "evaluate_brdf(brdf, wo, wi) / pdf, pdf"),
-    "offset: an eighth of the bound": (ray_offsets.check, (1e-3,), "scene/surface.glsl", "return 16.0 *", "return 2.0 *"),
-    "offset: light's end not moved": (ray_offsets.check, (1.0,), "scene/sampling.glsl", "? -offset : offset)", "? offset : -offset)"),
-}  # fmt: skip
+        brdf_sampling.check_finite,
+        (),
+        BRDF,
+        "pdf > 0.0 ? evaluate_brdf(brdf, wo, wi) / pdf : vec3(0.0), pdf",
+        "evaluate_brdf(brdf, wo, wi) / pdf, pdf",
+    ),
+    "heuristic: not for infinity": (
+        surface.check_heuristics,
+        (),
+        "common/math.glsl",
+        "f == g ? 0.5 : 1.0 / (1.0 + g / f)",
+        "f / (f + g)",
+    ),
+    "normals: not bent": (
+        surface.check_bending,
+        (),
+        "scene/surface.glsl",
+        "if (dot(mirrored, geometric_normal) >= least)",
+        "if (true)",
+    ),
+    "offset: an eighth of the bound": (
+        ray_offsets.check,
+        (1e-3,),
+        "scene/surface.glsl",
+        "return 16.0 *",
+        "return 2.0 *",
+    ),
+    "offset: light's end not moved": (
+        ray_offsets.check,
+        (1.0,),
+        "scene/sampling.glsl",
+        "? -offset : offset)",
+        "? offset : -offset)",
+    ),
+}
 
 
 @pytest.mark.parametrize("name", MUTANTS)
