@@ -12,8 +12,7 @@ import numpy as np
 
 from solari_vk.gpu.device import Device
 from solari_vk.gpu.frame import Frame, Pass, Stage
-from solari_vk.passes.pathtracer import write_uniforms
-from solari_vk.renderer import PathTracer
+from solari_vk.renderer import PathTracer, write_view
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.gltf import load_gltf
 from solari_vk.scene.model import Camera, Instance, Material, Mesh, Scene
@@ -67,7 +66,8 @@ def _rays(device: Device, name: str) -> None:
     tracer.render(scene.camera, samples=1)
     stage = Stage("bench", buffers={"ray_count": size[0] * size[1]}, passes=[Pass("bench/rays", threads=size)])
     bare = Frame(device, [stage], external=tracer.binder.resources)
-    write_uniforms(bare.uniforms, tracer.settings, scene.camera, size, size[1])
+    write_view(bare.uniforms, scene.camera, size, size[1])
+    bare.uniforms["max_bounces"] = BOUNCES
     bare.submit()
     device.wait_idle()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 import time
 from collections.abc import Callable
 from typing import Any
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device import Device
 from solari_vk.gpu.frame import Frame, Stage
+from solari_vk.gpu.uniforms import Uniforms
 from solari_vk.passes import brdf_table, pathtracer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera, Scene
@@ -21,6 +23,18 @@ AOVS = pathtracer.AOVS
 DISPATCH_MS = 100.0  # what a dispatch should take: far below any driver's watchdog, far above its overhead
 MOST_PIXELS = 1 << 20  # of a first dispatch, before anything is measured
 MOST_SAMPLES = 64  # of a pixel in one dispatch
+
+
+def write_view(uniforms: Uniforms, camera: Camera, size: tuple[int, int], rows: int) -> None:
+    """What every pass that starts at pixels needs: the camera, the picture's size, and the rows of a dispatch."""
+    width, height = size
+    tan_half_fov = math.tan(camera.vertical_fov / 2)
+    uniforms["world_from_view"] = camera.transform[:3].T
+    uniforms["tan_half_fov"] = (tan_half_fov * width / height, tan_half_fov)
+    uniforms["near"] = camera.near
+    uniforms["size"] = size
+    uniforms["jitter"] = camera.jitter
+    uniforms["row_count"] = rows
 
 
 class PathTracer:
@@ -151,11 +165,8 @@ class PathTracer:
             self._shown = shown
             self._camera = copy.copy(camera)
             self.samples = 0
-            self._write_uniforms(self._frame, self._band_rows)
-
-    def _write_uniforms(self, frame: Frame, rows: int) -> None:
-        assert self._camera is not None
-        pathtracer.write_uniforms(frame.uniforms, self.settings, self._camera, self.size, rows)
+            write_view(self._frame.uniforms, self._camera, self.size, self._band_rows)
+            pathtracer.write_uniforms(self._frame.uniforms, self.settings)
 
     def _add_samples(self, count: int) -> None:
         """Trace so many samples for every pixel, one band of rows after the other."""
@@ -207,7 +218,8 @@ class PathTracer:
             self._aovs_shown = None
         if self._aovs_shown != self._shown:
             self._aovs_shown = self._shown
-            self._write_uniforms(self._aovs, rows)
+            assert self._camera is not None
+            write_view(self._aovs.uniforms, self._camera, self.size, rows)
             for row in range(0, self.size[1], rows):
                 self._aovs.uniforms["first_row"] = row
                 self._aovs.submit()

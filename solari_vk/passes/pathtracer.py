@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +11,6 @@ from numpy.typing import NDArray
 from solari_vk.errors import SolariError
 from solari_vk.gpu.frame import Frame, Pass, Stage
 from solari_vk.gpu.uniforms import Uniforms
-from solari_vk.scene.model import Camera
 
 LIGHT_STRATEGIES = ("mis", "nee", "brdf")  # LIGHTS_BY_* of passes/bindings.glsl
 LAYERINGS = ("conserving", "sum", "fresnel_product")  # LAYERING_* of scene/brdf.glsl
@@ -80,22 +78,13 @@ def aov_stage(size: tuple[int, int], rows: int) -> Stage:
     )
 
 
-def write_uniforms(uniforms: Uniforms, settings: Settings, camera: Camera, size: tuple[int, int], rows: int) -> None:
-    """All that stays the same while a picture is refined."""
-    width, height = size
-    tan_half_fov = math.tan(camera.vertical_fov / 2)
-    uniforms["world_from_view"] = camera.transform[:3].T
-    uniforms["tan_half_fov"] = (tan_half_fov * width / height, tan_half_fov)
-    uniforms["near"] = camera.near
-    uniforms["size"] = size
-    uniforms["jitter"] = camera.jitter
-    uniforms["row_count"] = rows
-    if "seed" in uniforms:
-        uniforms["seed"] = settings.seed
-        uniforms["max_bounces"] = settings.max_bounces
-        uniforms["light_strategy"] = LIGHT_STRATEGIES.index(settings.light_strategy)
-        uniforms["pixel_filter"] = list(PIXEL_FILTERS).index(settings.pixel_filter)
-        uniforms["filter_radius"] = PIXEL_FILTERS[settings.pixel_filter]
+def write_uniforms(uniforms: Uniforms, settings: Settings) -> None:
+    """The settings; the view is the renderer's to write."""
+    uniforms["seed"] = settings.seed
+    uniforms["max_bounces"] = settings.max_bounces
+    uniforms["light_strategy"] = LIGHT_STRATEGIES.index(settings.light_strategy)
+    uniforms["pixel_filter"] = list(PIXEL_FILTERS).index(settings.pixel_filter)
+    uniforms["filter_radius"] = PIXEL_FILTERS[settings.pixel_filter]
 
 
 def read_mean(frame: Frame, size: tuple[int, int], samples: int) -> NDArray[np.float32]:
