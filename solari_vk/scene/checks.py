@@ -99,9 +99,9 @@ def affine_transform(value: ArrayLike) -> NDArray[np.float64]:
         raise ValueError(f"must be affine, with the last row 0 0 0 1, not {last}")
     if np.abs(matrix).max() > LARGEST_TRANSFORM:
         raise ValueError(f"must lie within {LARGEST_TRANSFORM:g}, or floats overflow on the device")
-    scale = max(map(abs, (a, b, c, d, e, f, g, h, i)))
+    lengths = math.hypot(a, d, g) * math.hypot(b, e, h) * math.hypot(c, f, i)
     determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
-    if abs(determinant) <= 1e-12 * scale**3:
+    if abs(determinant) <= 1e-9 * lengths:  # also when an axis has no length
         raise ValueError("must be invertible: a scale of zero (or three axes in a plane) has no surface to light")
     matrix.setflags(write=False)
     return matrix

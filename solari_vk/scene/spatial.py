@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 def spatial_order(points: NDArray[np.floating]) -> NDArray[np.int64]:
     """A permutation of points (N, 3): every half of it, and half of a half, is split along its longest extent."""
+    points = np.array(points, np.float32)
     order = np.arange(len(points))
     starts, sizes = np.array([0]), np.array([len(points)])
     while len(points) and sizes.max() > 2:
@@ -25,11 +26,11 @@ def spatial_order(points: NDArray[np.floating]) -> NDArray[np.int64]:
     return order
 
 
-def _split(points: NDArray[np.floating], order: NDArray[np.int64], starts: NDArray[np.int64], size: int) -> None:
-    """Order each run of `size` so that its first half comes before its second along the run's longest extent."""
+def _split(points: NDArray[np.float32], order: NDArray[np.int64], starts: NDArray[np.int64], size: int) -> None:
+    """Reorder each run of `size` so that its first half comes before its second along the run's longest extent."""
     places = starts[:, None] + np.arange(size)
-    runs = order[places]
-    inside = points[runs]
-    axes = np.ptp(inside, axis=1).argmax(axis=1)
-    keys = np.take_along_axis(inside, axes[:, None, None], axis=2)[..., 0]
-    order[places] = np.take_along_axis(runs, np.argpartition(keys, size // 2, axis=1), axis=1)
+    runs = points[places]
+    axes = (runs.max(axis=1) - runs.min(axis=1)).argmax(axis=1)
+    keys = np.take_along_axis(runs, axes[:, None, None], axis=2)[..., 0]
+    chosen = starts[:, None] + np.argpartition(keys, size // 2, axis=1)
+    points[places], order[places] = points[chosen], order[chosen]
