@@ -1,0 +1,68 @@
+"""No limit at 65,536: neither for lights nor for the triangles of one."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import solari_vk as sv
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import lamp, matte
+
+
+def grid_of_triangles(side, height):
+    """A square of 2 side^2 triangles over [-1, 1]^2, facing down."""
+    x, z = np.meshgrid(np.linspace(-1, 1, side + 1), np.linspace(-1, 1, side + 1))
+    first = (np.arange(side)[:, None] * (side + 1) + np.arange(side)).ravel()
+    corners = np.stack([first, first + 1, first + side + 1, first + 1, first + side + 2, first + side + 1], axis=1)
+    return np.stack([x, np.full_like(x, height), z], axis=-1).reshape(-1, 3), corners.reshape(-1, 3)
+
+
+def floor_under(*lamps):
+    floor = shapes.quad((0, 0, 0), (0, 0, 4), (4, 0, 0))
+    scene = sv.Scene(sv.Instance(mesh=floor, material=matte(0.5)), *lamps)
+    scene.add(sv.Camera.look_at((0, 0.9, 0), (0, 0, 0), up=(0, 0, 1), vertical_fov=math.radians(60)))
+    return scene
+
+
+def render(device, scene):
+    """Radiance of the floor by light sampling alone, and the standard error of its mean."""
+    with_lights = sv.PathTracer(device, scene, (32, 32), max_bounces=1, lambert=True, light_strategy="nee")
+    radiance = with_lights.render(scene.camera, samples=64)
+    error = math.sqrt(with_lights["variance"].mean() / radiance[..., 0].size)
+    with_lights.close()
+    return float(radiance[..., 1].mean()), error
+
+
+@pytest.fixture(scope="module")
+def expected(device):
+    """The same square light as two triangles."""
+    mesh = sv.Mesh(positions=grid_of_triangles(1, 1.0)[0], indices=grid_of_triangles(1, 1.0)[1])
+    return render(device, floor_under(sv.Instance(mesh=mesh, material=lamp(3.0))))
+
+
+def test_a_light_of_many_triangles(device, expected):
+    positions, indices = grid_of_triangles(300, 1.0)
+    assert len(indices) > 2 * 65_536
+    mesh = sv.Mesh(positions=positions, indices=indices)
+    value, error = render(device, floor_under(sv.Instance(mesh=mesh, material=lamp(3.0))))
+    assert abs(value - expected[0]) < 4 * math.hypot(error, expected[1])
+    assert math.hypot(error, expected[1]) < 0.005 * value
+
+
+def test_many_lights(device, expected):
+    """Seventy thousand instances, each a light of its own, tile the same square; the last ones count as the first."""
+    side = 265
+    half = 1 / side
+    mesh, material = shapes.quad((0, 0, 0), (half, 0, 0), (0, 0, half)), lamp(3.0)
+    assert side * side > 65_536
+    lamps = []
+    for x in np.linspace(-1 + half, 1 - half, side):
+        for z in np.linspace(-1 + half, 1 - half, side):
+            transform = np.eye(4)
+            transform[:3, 3] = x, 1.0, z
+            lamps.append(sv.Instance(mesh=mesh, material=material, transform=transform))
+    value, error = render(device, floor_under(*lamps))
+    assert abs(value - expected[0]) < 4 * math.hypot(error, expected[1])
