@@ -85,7 +85,7 @@ def over_pixels(scene, size, value, nodes=3):
 def test_lamp_over_lambert_floor(picture, strategy):
     albedo = np.array((0.8, 0.5, 0.2))
     scene = floor_scene(sv.Material(base_color=albedo), lamp_above())
-    samples = 1024 if strategy == "brdf" else 256
+    samples = 4096 if strategy == "brdf" else 256
     made = picture(scene, (32, 32), samples, max_bounces=1, lambert=True, light_strategy=strategy)
     up = np.array([(0.0, 1.0, 0.0)])
     irradiance = over_pixels(scene, 32, lambda points: closed_forms.polygon_irradiance(points, up, LAMP_CORNERS, 1.0))
@@ -146,7 +146,7 @@ def test_sun_over_lambert_floor(picture, diameter, strategy):
         direction=(1, -1.5, 0.3), illuminance=1000, color=(1, 0.8, 0.6), angular_diameter=diameter
     )
     scene = floor_scene(sv.Material(base_color=0.6), sun)
-    samples = 2048 if strategy == "brdf" else 128
+    samples = 8192 if strategy == "brdf" else 128
     made = picture(scene, (16, 16), samples, max_bounces=1, lambert=True, light_strategy=strategy)
     cosine = 1.5 / math.sqrt(1 + 1.5**2 + 0.3**2)
     irradiance = closed_forms.sun_irradiance(1000, diameter, cosine)
