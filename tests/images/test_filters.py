@@ -1,0 +1,52 @@
+"""Pixel filters: an edge between light and dark, seen across it, draws the filter's cumulative distribution."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy import integrate, stats
+
+import solari_vk as sv
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import lamp
+
+WIDTH, HEIGHT, SAMPLES = 12, 48, 256
+
+
+def blackman_harris(x):
+    """Nuttall's four terms over [-1.5, 1.5] pixels, not normalised."""
+    turn = math.pi * x / 1.5
+    return 0.35875 + 0.48829 * np.cos(turn) + 0.14128 * np.cos(2 * turn) + 0.01168 * np.cos(3 * turn)
+
+
+def share(pixel_filter, distance):
+    """How much of a filter lies beyond a vertical edge `distance` pixels to the right of its centre."""
+    if pixel_filter == "box":
+        return min(max(0.5 - distance, 0.0), 1.0)
+    if pixel_filter == "gaussian":  # round, cut off at 4 standard deviations of half a pixel
+        radial = lambda r: r * math.exp(-2 * r * r) * 2 * math.acos(min(max(distance / r, -1), 1))  # noqa: E731
+        inside = integrate.quad(radial, 0, 2, points=[min(max(abs(distance), 1e-9), 2)])[0]
+        return inside / (2 * math.pi * integrate.quad(lambda r: r * math.exp(-2 * r * r), 0, 2)[0])
+    if distance >= 1.5:
+        return 0.0
+    whole = integrate.quad(blackman_harris, -1.5, 1.5)[0]
+    return integrate.quad(blackman_harris, max(distance, -1.5), 1.5)[0] / whole
+
+
+@pytest.mark.parametrize("pixel_filter", ["box", "gaussian", "blackman_harris"])
+def test_an_edge_draws_the_filter(device, pixel_filter):
+    """Light fills the picture to the right of 0.3 pixels from the middle."""
+    edge = 0.3
+    pixel = 2 * math.tan(math.radians(15)) / HEIGHT  # at distance 1
+    bright = shapes.quad((edge * pixel + 5, 0, -1), (5, 0, 0), (0, 5, 0))
+    scene = sv.Scene(sv.Instance(mesh=bright, material=lamp(1.0)))
+    camera = sv.Camera(vertical_fov=math.radians(30))
+    renderer = sv.PathTracer(device, scene, (WIDTH, HEIGHT), max_bounces=0, pixel_filter=pixel_filter)
+    columns = renderer.render(camera, samples=SAMPLES)[..., 1].mean(axis=0)
+    renderer.close()
+    expected = np.array([share(pixel_filter, edge - (x + 0.5 - WIDTH / 2)) for x in range(WIDTH)])
+    deviation = np.sqrt(np.maximum(expected * (1 - expected), 1e-6) / (SAMPLES * HEIGHT))
+    bound = stats.norm.isf(0.005 / WIDTH / 2)
+    assert (np.abs(columns - expected) <= bound * deviation + 1e-6).all(), (columns, expected)
