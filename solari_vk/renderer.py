@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -90,7 +91,8 @@ class PathTracer:
         self.size = (width, height)
         self._band_rows = self._most_rows
         self._batch = 1
-        self._sizes: dict[int, int] = {}  # rows times samples of the dispatches that may still be running
+        # Rows times samples of the last dispatches, with the timeline value of each.
+        self._sizes: deque[tuple[int, int]] = deque(maxlen=4)
 
     @property
     def _most_rows(self) -> int:
@@ -176,25 +178,30 @@ class PathTracer:
         try:
             for row in range(0, self.size[1], self._band_rows):
                 uniforms["first_row"] = row
-                self._sizes[self._frame.submit()] = count * self._band_rows
+                self._sizes.append((self._frame.submit(), count * self._band_rows))
         except BaseException:
             self._shown = None  # some bands have these samples and some have not: the next call starts anew
             raise
         self.samples += count
 
     def _adapt(self) -> None:
-        """Choose the next dispatch's size from how long the latest finished one took."""
-        spent = self._frame.timings.get("pathtracer/trace", 0.0)
-        finished = [value for value in self._sizes if value <= self._frame.timed_value]
-        size = [self._sizes.pop(value) for value in finished][-1] if finished else 0
-        if not spent or not size or self._frame.frame_count < 4:
-            return  # nothing is known, or the driver may have been compiling
+        """Choose the next dispatch's size from how long the latest finished one took.
+
+        Only now and then: on some drivers reading a timestamp waits for the work in progress.
+        """
+        frame = self._frame
+        if frame.frame_count < 4 or frame.frame_count.bit_count() != 1:
+            return  # a driver may compile in the first dispatches
+        spent = frame.timings.get("pathtracer/trace", 0.0)
+        size = dict(self._sizes).get(frame.timed_value, 0)
+        if not spent or not size:
+            return
         wanted = DISPATCH_MS / spent * size
-        self._batch = max(1, min(int(wanted / self._band_rows), 2 * self._batch, MOST_SAMPLES))
+        self._batch = max(1, min(int(wanted / self._band_rows), 4 * self._batch, MOST_SAMPLES))
         if wanted < self._band_rows / 4 and self._band_rows > 8:
             self._band_rows = max(int(wanted), 8)
-            self._frame.rebuild(self._stages())
-            self._frame.uniforms["row_count"] = self._band_rows
+            frame.rebuild(self._stages())
+            frame.uniforms["row_count"] = self._band_rows
 
     # ---- results ------------------------------------------------------------------------------------
 
