@@ -35,7 +35,7 @@ _NAMES = {
 }  # fmt: skip
 
 _ffi = FFI()
-_ffi.cdef("""
+_DECLARATIONS = """
 typedef struct shaderc_include_result {
     const char* source_name; size_t source_name_length; const char* content; size_t content_length; void* user_data;
 } shaderc_include_result;
@@ -61,7 +61,7 @@ const char* shaderc_result_get_error_message(void*);
 int shaderc_result_get_compilation_status(void*);
 typedef struct { const char* file; void* base; const char* symbol; void* address; } Dl_info;
 int dladdr(const void*, Dl_info*);
-""")
+"""
 
 
 class Failure(Exception):
@@ -73,9 +73,11 @@ def library() -> Any:
     """libshaderc, or None when it can't be loaded. SOLARI_VK_SHADERC names the file of another build."""
     for name in _library_names():
         try:
-            return _ffi.dlopen(name)
+            found = _ffi.dlopen(name)
         except OSError:
             continue
+        _ffi.cdef(_DECLARATIONS)  # parsed only when needed: it takes a tenth of a second
+        return found
     return None
 
 
