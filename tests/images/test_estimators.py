@@ -67,7 +67,7 @@ def reference(pictures, picture):
 
 @pytest.mark.parametrize("strategy", ["nee", "brdf"])
 def test_strategies_agree(picture, pictures, strategy):
-    other = picture(room(), (48, 48), 512, seed=2, light_strategy=strategy, **SETTINGS)
+    other = picture(room(), (48, 48), 256, seed=2, light_strategy=strategy, **SETTINGS)
     same(other, reference(pictures, picture), 0.015, strategy)
 
 
@@ -79,7 +79,7 @@ def test_strategies_agree_under_wide_suns(picture):
     # Lamps and suns together: which of both kinds is sampled enters every weight.
     scene = room(default_lamps(), *suns)
     mis, nee, brdf = (
-        picture(scene, (48, 48), 256, seed=seed, light_strategy=strategy, **SETTINGS)
+        picture(scene, (48, 48), 128, seed=seed, light_strategy=strategy, **SETTINGS)
         for seed, strategy in enumerate(("mis", "nee", "brdf"), 3)
     )
     same(nee, mis, 0.015, "nee")
@@ -89,12 +89,12 @@ def test_strategies_agree_under_wide_suns(picture):
 def test_split_emitters_give_the_same_picture(picture, pictures):
     parts = [ceiling_lamp(-1.2, -0.7, -1, 1, (3, 2.5, 2)), ceiling_lamp(-0.7, 0.8, -1, 0.2, (3, 2.5, 2))]
     parts += [ceiling_lamp(-0.7, 0.8, 0.2, 1, (3, 2.5, 2)), default_lamps()[1]]
-    same(picture(room(parts), (48, 48), 256, seed=8, **SETTINGS), reference(pictures, picture), 0.015)
+    same(picture(room(parts), (48, 48), 128, seed=8, **SETTINGS), reference(pictures, picture), 0.015)
 
 
 def test_order_of_lights_does_not_matter(picture, pictures):
     scene = room(default_lamps()[::-1])
-    same(picture(scene, (48, 48), 256, seed=9, **SETTINGS), reference(pictures, picture), 0.015)
+    same(picture(scene, (48, 48), 128, seed=9, **SETTINGS), reference(pictures, picture), 0.015)
 
 
 def test_radiance_scales(picture):
@@ -132,7 +132,7 @@ def mirrored(scene, mirror, proper):
 
 @pytest.mark.parametrize("proper", [True, False])
 def test_mirrored_world_and_camera(picture, pictures, proper):
-    made = picture(mirrored(room(), np.diag((-1.0, 1, 1, 1)), proper), (48, 48), 256, seed=6, **SETTINGS)
+    made = picture(mirrored(room(), np.diag((-1.0, 1, 1, 1)), proper), (48, 48), 128, seed=6, **SETTINGS)
     if proper:
         made.runs = made.runs[:, :, ::-1]
     same(made, reference(pictures, picture), 0.015, f"proper {proper}")
@@ -181,7 +181,7 @@ def test_instances_are_as_their_baked_meshes(picture, tracer):
             material = lamp((3, 2, 1)) if name in ("scaled", "mirrored and sheared") else paint
             instance = sv.Instance(mesh=ball, material=material, transform=transform)
             scene.add(baked(instance) if bake else instance)
-        made.append((scene, picture(scene, (48, 48), 256, seed=10 + bake, **SETTINGS)))
+        made.append((scene, picture(scene, (48, 48), 128, seed=10 + bake, **SETTINGS)))
     same(made[0][1], made[1][1], 0.01, "instances")
     renderers = [tracer(scene, (48, 48)) for scene, _ in made]
     for renderer, (scene, _) in zip(renderers, made, strict=True):
