@@ -1,12 +1,13 @@
-"""The command line: solari-vk render | info | bench.
+"""The command line: solari-vk render | info | bench | conformance.
 
-Exit codes: 0 done, 1 an internal error, 2 bad input or usage, 3 no usable device.
+Exit codes: 0 done, 1 an internal error or a conformance rule that doesn't hold, 2 bad input or usage, 3 no usable device.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import signal
 import sys
 import time
 import traceback
@@ -24,7 +25,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run one command; returns the exit code."""
     options = _parser().parse_args(arguments)
     try:
-        options.run(options)
+        code: int = options.run(options) or 0
     except DeviceError as error:
         print(f"solari-vk: {error}", file=sys.stderr)
         return 3
@@ -38,7 +39,7 @@ def main(arguments: list[str] | None = None) -> int:
         traceback.print_exc()
         print("solari-vk: an internal error; please report it with the lines above", file=sys.stderr)
         return 1
-    return 0
+    return code
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -74,6 +75,14 @@ def _parser() -> argparse.ArgumentParser:
     bench.set_defaults(run=_bench)
     bench.add_argument("files", nargs="*", type=Path, help="glTF files whose loading is measured too")
     bench.add_argument("--device", help="part of a device's name, its index or its UUID")
+
+    conformance = commands.add_parser("conformance", help="measure whether a device keeps the documents' rules")
+    conformance.set_defaults(run=_conformance)
+    conformance.add_argument("--device", help="part of a device's name, its index or its UUID")
+    conformance.add_argument("--only", action="append", default=[], metavar="GROUP", help="a group (all; repeatable)")
+    conformance.add_argument("--full", action="store_true", help="larger sizes and more rays: takes much longer")
+    for kind, what in (("junit", "JUnit XML"), ("markdown", "Markdown"), ("html", "HTML")):
+        conformance.add_argument(f"--{kind}", type=Path, metavar="FILE", help=f"write the report as {what}")
     return parser
 
 
@@ -191,17 +200,21 @@ def _camera(scene: Scene, text: str | None) -> Camera | None:
 
 
 def _accumulate(renderer: PathTracer, camera: Camera, options: argparse.Namespace) -> Any:
-    """Render with progress; Ctrl-C ends it early with what there is."""
+    """Render with progress; Ctrl-C ends it between dispatches with what there is, a second one at once."""
     progress = _Progress(options.samples)
+    usual = signal.signal(signal.SIGINT, progress.interrupt)
     try:
         return renderer.render(camera, samples=options.samples, time_limit=options.time_limit, progress=progress)
-    except KeyboardInterrupt:
-        if renderer.samples == 0:
-            raise
+    except _Interrupted:
         print(f"interrupted: keeping {renderer.samples} samples a pixel", file=sys.stderr)
         return renderer["radiance"]
     finally:
+        signal.signal(signal.SIGINT, usual)
         progress.close()
+
+
+class _Interrupted(Exception):
+    pass
 
 
 class _Progress:
@@ -210,6 +223,7 @@ class _Progress:
     def __init__(self, total: int) -> None:
         self._total = total
         self._started = self._said = time.monotonic()
+        self._interrupted = False
         self._bar: Any = None
         if sys.stderr.isatty():
             from rich.console import Console
@@ -221,7 +235,15 @@ class _Progress:
             self._bar.start()
             self._task = self._bar.add_task("", total=total)
 
+    def interrupt(self, *_: object) -> None:
+        """Takes SIGINT."""
+        if self._interrupted:
+            raise KeyboardInterrupt
+        self._interrupted = True
+
     def __call__(self, done: int) -> None:
+        if self._interrupted:
+            raise _Interrupted
         if self._bar is not None:
             self._bar.update(self._task, completed=done)
         elif time.monotonic() - self._said > 5:
@@ -263,3 +285,12 @@ def _bench(options: argparse.Namespace) -> None:
     from solari_vk.bench import run
 
     run(options.device, options.files)
+
+
+def _conformance(options: argparse.Namespace) -> int:
+    from solari_vk.conformance.run import run
+
+    return run(
+        options.device, only=options.only, full=options.full,
+        junit=options.junit, markdown=options.markdown, html=options.html,
+    )  # fmt: skip
