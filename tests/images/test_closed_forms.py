@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 from oracles import brdf, closed_forms, rays
-from oracles.statistics import compare
+from oracles.statistics import compare, replicates, tile_means
 
 import solari_vk as sv
 from solari_vk.scene import shapes
@@ -165,3 +165,23 @@ def test_sun_disk_is_seen_with_its_radiance_and_size(picture):
     assert made.mean[32, 32] == pytest.approx(radiance, rel=1e-5)
     upper = made.mean[:32, :, 0].mean() / radiance
     assert upper == pytest.approx(share, rel=0.01)
+
+
+@pytest.mark.slow
+def test_seeds_are_unbiased_and_independent(tracer):
+    """P-REPL over 24 seeds: the lamp's closed form, and a global mean that spreads as independent pixels would."""
+    scene = floor_scene(sv.Material(base_color=1.0), lamp_above())
+    runs = []
+    for seed in range(24):
+        renderer = tracer(scene, (32, 32), max_bounces=1, lambert=True, seed=seed)
+        runs.append(renderer.render(scene.camera, samples=64)[..., 0].astype(np.float64))
+        renderer.close()
+    runs = np.stack(runs)
+    up = np.array([(0.0, 1.0, 0.0)])
+    irradiance = over_pixels(scene, 32, lambda points: closed_forms.polygon_irradiance(points, up, LAMP_CORNERS, 5.0))
+    tiles, expected = (
+        np.stack([tile_means(x, 8) for x in group]) for group in (runs, irradiance[None, ..., 0] / math.pi)
+    )
+    assert replicates(tiles, expected[0], BAR) == (0, True)
+    independent = math.sqrt(runs.var(axis=0, ddof=1).sum()) / 32**2
+    assert runs.mean(axis=(1, 2)).std(ddof=1) / independent == pytest.approx(1, abs=0.45)
