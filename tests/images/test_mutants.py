@@ -31,6 +31,10 @@ def glossy_lamp(picture, tracer):
     closed_forms.test_lamp_over_our_materials(picture, 0.35, 0.0, 1.0, "conserving")
 
 
+def metal_lamp(picture, tracer):
+    closed_forms.test_lamp_over_our_materials(picture, 0.35, 1.0, 0.5, "conserving")
+
+
 def white_metal(picture, tracer):
     closed_forms.test_white_closed_box_with_our_brdf_keeps_all_energy(picture, 1.0, 1.0)
 
@@ -82,7 +86,7 @@ MUTANTS = {
         BRDF, "brdf.multiscatter = 1.0 / (ab.x + ab.y) - 1.0", "brdf.multiscatter = 0.0", white_metal
     ),
     "visibility term halved": Mutant(
-        MICROFACET, "return 0.5 / max(shadowed_l", "return 0.25 / max(shadowed_l", white_metal
+        MICROFACET, "return 0.5 / max(shadowed_l", "return 0.25 / max(shadowed_l", metal_lamp
     ),
     "pdf without its bound": Mutant(
         MICROFACET, "a2 * square(wo.z));\n    return 0.5", "a2 * square(wo.z)) + 1.0;\n    return 0.5", white_metal

@@ -79,6 +79,7 @@ def test_camera_rays_hit_what_embree_hits(tracer, name):
         total += len(hits)
         along = np.einsum("ij,ij->i", position - origins, -camera.transform[:3, 2][None])
         good = both & ~differs
+        assert good.any(), "no ray hit what Embree says"
         np.testing.assert_allclose(renderer["depth"].reshape(-1)[good], along[good], rtol=1e-3, atol=1e-4 * extent)
         normals = renderer["geometric_normal"].reshape(-1, 3)[good]
         facing = np.abs(np.einsum("ij,ij->i", normals, world.normals[hits[good]]))
