@@ -37,6 +37,7 @@ _HOMES = {
     "display": ("auto_exposure", "check_output", "save_image", "tonemap"),
     "renderer": ("AOVS", "PathTracer"),
 }
+_MODULES = ("rt",)
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
@@ -61,12 +62,14 @@ __all__ = [
     "frame_camera",
     "list_devices",
     "load_gltf",
+    "rt",
     "save_image",
     "studio_lights",
     "tonemap",
 ]
 
 if TYPE_CHECKING:
+    from solari_vk import rt
     from solari_vk.display import auto_exposure, check_output, save_image, tonemap
     from solari_vk.errors import DeviceError, SolariError, ValidationError
     from solari_vk.gpu.device import Device, list_devices
@@ -87,6 +90,8 @@ if TYPE_CHECKING:
 
 
 def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return import_module(f"solari_vk.{name}")
     home = _HOME_OF.get(name)
     if home is None:
         raise AttributeError(f"module 'solari_vk' has no attribute '{name}'")

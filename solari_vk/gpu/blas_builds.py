@@ -3,20 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from solari_vk.errors import SolariError
 from solari_vk.gpu import raw
 from solari_vk.gpu.barriers import full_barrier
-from solari_vk.gpu.structure import make_scratch, scratch_size
+from solari_vk.gpu.compaction import compact_in_place
+from solari_vk.gpu.structure import clock, make_scratch, scratch_size
 
 if TYPE_CHECKING:
-    from solari_vk.gpu.acceleration import Blas
+    from solari_vk.gpu.blas import Blas
     from solari_vk.gpu.device import Device
 
 SCRATCH_BUDGET = 256 << 20
+
+
+@dataclass(frozen=True)
+class BlasBuild:
+    """A structure to be built from its geometries, or refitted to them."""
+
+    blas: Blas
+    update: bool = False
+
+    @property
+    def scratch(self) -> int:
+        """Bytes it needs while it is built."""
+        return scratch_size(self.blas.device, self.blas, self.update)
 
 
 def build_blases(
@@ -33,47 +46,57 @@ def build_blases(
     one batch is held uncompacted; their addresses are final when this returns. `update` refits structures
     that were built with allow_update. Raises SolariError for one that was destroyed, or compacted before.
     """
-    for blas in blases:
-        blas._check_alive("build")
+    builds = [BlasBuild(blas, update) for blas in blases]
+    check_builds(device, builds)
+    at = clock.tick()
+    for batch in batches(builds, scratch_budget):
+        submit_batch(device, batch, at)
+        shrinking = [build.blas for build in batch if compact and build.blas.allow_compaction and not update]
+        if shrinking:
+            compact_in_place(device, shrinking)
+
+
+def check_builds(device: Device, builds: Sequence[BlasBuild]) -> None:
+    """Raise SolariError for structures that can't be built, or not in this way, or not together."""
+    for build in builds:
+        blas = build.blas
+        blas.check_alive("build", device)
         if blas.compacted:
             raise SolariError(f"build of Blas {blas.name}, which was compacted: make a new one")
-        if update:
-            blas._check_update()
-    if len(set(map(id, blases))) != len(blases):
-        raise SolariError("the same Blas twice in one build")
-    for batch in _batches(device, blases, scratch_budget, update):
-        _build_batch(device, batch, update)
-        shrinking = [blas for blas in batch if compact and blas.allow_compaction and not update]
-        if shrinking:
-            _compact(device, shrinking)
+        if build.update:
+            blas.check_update()
+    seen: set[int] = set()
+    for build in builds:
+        if id(build.blas) in seen:
+            raise SolariError(f"the same Blas twice in one build: {build.blas.name}")
+        seen.add(id(build.blas))
 
 
-def _batches(device: Device, blases: Sequence[Blas], budget: int, update: bool) -> list[list[Blas]]:
+def batches(builds: Sequence[BlasBuild], budget: int = SCRATCH_BUDGET) -> list[list[BlasBuild]]:
     """Consecutive structures whose scratch fits the budget together; one that doesn't is alone."""
-    batches: list[list[Blas]] = []
+    found: list[list[BlasBuild]] = []
     scratch = storage = 0
-    for blas in blases:
-        need = scratch_size(device, blas, update)
+    for build in builds:
         # Storage before compaction is bounded too: it is several times the scratch.
-        if not batches or scratch + need > budget or storage + blas.size > 4 * budget:
-            batches.append([])
+        if not found or scratch + build.scratch > budget or storage + build.blas.size > 4 * budget:
+            found.append([])
             scratch = storage = 0
-        batches[-1].append(blas)
-        scratch += need
-        storage += blas.size
-    return batches
+        found[-1].append(build)
+        scratch += build.scratch
+        storage += build.blas.size
+    return found
 
 
-def _build_batch(device: Device, batch: Sequence[Blas], update: bool) -> None:
-    scratch, address = make_scratch(device, sum(scratch_size(device, b, update) for b in batch), "blas scratch")
+def submit_batch(device: Device, batch: Sequence[BlasBuild], at: int) -> None:
+    """Build one batch for the build call of a time, after and before everything else that is submitted."""
+    scratch, address = make_scratch(device, sum(build.scratch for build in batch), "blas scratch")
     infos = []
-    for blas in batch:
-        if blas.handle is None:
-            blas._create(blas.size)
-        infos.append(blas._build_info(address, update=update))
-        address += scratch_size(device, blas, update)
+    for build in batch:
+        build.blas.ensure_storage()
+        infos.append(build.blas.build_info(address, update=build.update))
+        address += build.scratch
     infos_array = raw.array("VkAccelerationStructureBuildGeometryInfoKHR", infos)
-    ranges = raw.array("VkAccelerationStructureBuildRangeInfoKHR*", [blas.ranges for blas in batch])
+    ranges = raw.array("VkAccelerationStructureBuildRangeInfoKHR*", [build.blas.ranges for build in batch])
 
     def record(cmd: raw.CData) -> None:
         vk = device.vk
@@ -82,55 +105,6 @@ def _build_batch(device: Device, batch: Sequence[Blas], update: bool) -> None:
         vk.vkCmdPipelineBarrier2(cmd, full_barrier())
 
     device.start(record, "build blases")
-    for blas in batch:
-        blas.build_count += 1
+    for build in batch:
+        build.blas.note_build(at, update=build.update)
     scratch.destroy()
-
-
-def _compact(device: Device, blases: Sequence[Blas]) -> None:
-    """Copy structures just built into storage of the size that they turned out to need."""
-    vk = device.vk
-    create = raw.struct(
-        "VkQueryPoolCreateInfo",
-        queryType=raw.VK_QUERY_TYPE_ACCELERATION_STRUCTURE_COMPACTED_SIZE_KHR,
-        queryCount=len(blases),
-    )
-    pool = device.create("VkQueryPool", create, "compacted sizes")
-    try:
-        vk.vkResetQueryPool(device.handle, pool, 0, len(blases))
-        handles = raw.array("VkAccelerationStructureKHR", [blas.handle for blas in blases])
-        kind = raw.VK_QUERY_TYPE_ACCELERATION_STRUCTURE_COMPACTED_SIZE_KHR
-        device.run(
-            lambda cmd: vk.vkCmdWriteAccelerationStructuresPropertiesKHR(cmd, len(blases), handles, kind, pool, 0),
-            "compacted sizes",
-        )
-        sizes = np.zeros(len(blases), np.uint64)
-        flags = raw.VK_QUERY_RESULT_64_BIT | raw.VK_QUERY_RESULT_WAIT_BIT
-        target = raw.ffi.from_buffer(sizes)
-        vk.vkGetQueryPoolResults(device.handle, pool, 0, len(blases), sizes.nbytes, target, 8, flags)
-    finally:
-        device.retire(lambda: vk.vkDestroyQueryPool(device.handle, pool, raw.NULL))
-    copies = []
-    for blas, size in zip(blases, sizes.tolist(), strict=True):
-        if 0 < size < blas.size:
-            source, storage, token = blas.handle, blas._storage, blas._token
-            blas._create(size)
-            copies.append((source, blas.handle, storage, token))
-            blas.compacted = True
-
-    def record(cmd: raw.CData) -> None:
-        for source, target, _, _ in copies:
-            info = raw.struct(
-                "VkCopyAccelerationStructureInfoKHR",
-                src=source,
-                dst=target,
-                mode=raw.VK_COPY_ACCELERATION_STRUCTURE_MODE_COMPACT_KHR,
-            )
-            vk.vkCmdCopyAccelerationStructureKHR(cmd, info)
-        vk.vkCmdPipelineBarrier2(cmd, full_barrier())
-
-    if copies:
-        device.start(record, "compact blases")
-    for _, _, storage, token in copies:
-        device.release(token)
-        storage.destroy()

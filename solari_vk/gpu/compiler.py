@@ -133,35 +133,51 @@ def _without_lines(spirv: bytes) -> bytes:
 
 # A shader with an empty main exists for what it declares, of which the optimizer would leave nothing.
 _EMPTY_MAIN = re.compile(r"\bvoid\s+main\s*\(\s*\)\s*\{\s*\}")
+# What the optimizer says of capabilities that are newer than it; the device's compiler optimizes as well.
+_TOO_NEW = "failed to optimize: Invalid capability"
 _OPTIONS = f"performance {shaderc.VULKAN_1_3:x} {shaderc.SPIRV_1_6:x}"
 _DIRECTIVE = re.compile(r"^\s*#\s*(version|extension)\b")
 
 
-def compile_shader(path: str, *, header: str = "", root: str | os.PathLike[str] | None = None) -> bytes:
-    """SPIR-V of the shader at `path` below the GLSL root, whose suffix names the stage ("passes/x/trace.comp").
+Roots = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 
-    `header` is put after the #version and #extension lines: what makes a variant. Includes start at the root
-    (`root`, default `glsl_root()`). Raises CompilationError; SolariError when there is no such file, or no compiler
-    and no shipped module for exactly these sources.
+
+def compile_shader(path: str, *, header: str = "", root: Roots | None = None) -> bytes:
+    """SPIR-V of the shader at `path` below a GLSL root, whose suffix names the stage ("passes/x/trace.comp").
+
+    `header` is put after the #version and #extension lines: what makes a variant. Shader and includes are looked up
+    in `root`, a folder or several in their order, and then in the package's. Raises CompilationError; SolariError
+    when there is no such file, or no compiler and no shipped module for exactly these sources.
     """
-    base = Path(root) if root is not None else glsl_root()
-    file = base / path
-    if not file.is_file():
-        raise SolariError(f"there is no shader {path} in {base}")
-    source_key = shader_cache.source_key(base, path, header, _OPTIONS)
-    shipped = shader_cache.shipped(base, source_key)
-    if shipped is not None:
-        return shipped
-    return shader_cache.cached(source_key, shaderc.version(), lambda: _compile(base, file, header))
+    roots = _roots(root)
+    file = next((found for base in roots if (found := base / path).is_file()), None)
+    if file is None:
+        raise SolariError(f"there is no shader {path} in {', '.join(map(str, roots))}")
+    source_key = shader_cache.source_key(roots, path, header, _OPTIONS)
+    for base in roots:
+        shipped = shader_cache.shipped(base, source_key)
+        if shipped is not None:
+            return shipped
+    return shader_cache.cached(source_key, shaderc.version(), lambda: _compile(roots, file, header))
 
 
-def _compile(base: Path, file: Path, header: str) -> bytes:
+def _roots(given: Roots | None) -> list[Path]:
+    listed = [given] if isinstance(given, (str, os.PathLike)) else list(given or ())
+    return list(dict.fromkeys([*map(Path, listed), glsl_root()]))
+
+
+def _compile(roots: Sequence[Path], file: Path, header: str) -> bytes:
     source = _with_header(file.read_text(encoding="utf-8"), header, file)
+    stage = file.suffix.lstrip(".")
     before = list(_include_paths)
-    set_include_paths([base])
+    set_include_paths(roots)
     try:
         optimization = "zero" if _EMPTY_MAIN.search(source) else "performance"
-        return compile_into_spirv(source, file.suffix.lstrip("."), file, optimization=optimization)
+        return compile_into_spirv(source, stage, file, optimization=optimization)
+    except CompilationError as error:
+        if _TOO_NEW not in str(error):
+            raise
+        return compile_into_spirv(source, stage, file, optimization="zero")
     finally:
         set_include_paths(before)
 

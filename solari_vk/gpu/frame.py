@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ import numpy as np
 from solari_vk.errors import SolariError
 from solari_vk.gpu import raw
 from solari_vk.gpu.barriers import full_barrier
+from solari_vk.gpu.compiler import Roots
 from solari_vk.gpu.device import Device
 from solari_vk.gpu.hazards import plan_barriers
 from solari_vk.gpu.memory import Image
@@ -49,13 +49,14 @@ class Frame:
 
     external: resources made elsewhere, by name, such as a scene's; names that no shader has are passed over.
     uniforms: the name of the uniform block. barrier_every_pass: a barrier before every step, to find out whether one
-    is missing (default: SOLARI_VK_BARRIERS=all). glsl_root: the folder that holds passes/, default the package's.
+    is missing (default: SOLARI_VK_BARRIERS=all). glsl_root: the folder that holds passes/, or several; what isn't found
+    there is taken from the package's.
     Raises SolariError when a shader's resource is neither declared by a stage nor external.
     """
 
     def __init__(
         self, device: Device, stages: Sequence[Stage], *, external: Mapping[str, Any] | None = None,
-        uniforms: str = "uniforms", barrier_every_pass: bool | None = None, glsl_root: str | Path | None = None,
+        uniforms: str = "uniforms", barrier_every_pass: bool | None = None, glsl_root: Roots | None = None,
     ) -> None:  # fmt: skip
         self.device = device
         self.uniforms = Uniforms(None, uniforms)
@@ -110,6 +111,8 @@ class Frame:
         old, self._program = self._program, program
         self._barriers = plan_barriers(accesses, self._barrier_every_pass)
         self._accesses = accesses
+        kinds = program.interface.bindings.values()
+        self._structures = [binding.name for binding in kinds if binding.kind == "acceleration_structure"]
         self._resources.destroy_all_but(resources)
         self._stages, self._external, self._resources = stages, external, resources
         if old is None or old.interface is not program.interface:
@@ -135,12 +138,14 @@ class Frame:
         """Run the next frame with the uniforms as they are; returns the device's timeline value.
 
         Waits only for the frame before the last. `before` are command buffers to run ahead of this frame and after all
-        earlier work; resources they write are safe to use without barriers of their own.
+        earlier work; resources they write are safe to use without barriers of their own. Raises SolariError when a
+        shader's acceleration structure must not be used as it is (`Tlas.check_usable`).
         """
         slot = self._slots[self.frame_count % SLOTS]
         self.device.wait(slot.value)
         if slot.stale:
             slot.record(self._barriers)
+        self._check_structures()
         slot.write_uniforms()
         try:
             if before:
@@ -151,6 +156,14 @@ class Frame:
             slot.value = self.device.submitted  # right too when the submission raised what validation had to say
         self.frame_count += 1
         return slot.value
+
+    def _check_structures(self) -> None:
+        """Raise SolariError when a top-level structure that the shaders see isn't built, or no longer true."""
+        if self._structures:
+            self.device.flush()  # builds that wait for the next submission count
+            for name in self._structures:
+                if name in self._external:
+                    self._external[name].check_usable()
 
     def _record_order(self) -> None:
         """A command buffer that only orders what comes after it behind what came before."""

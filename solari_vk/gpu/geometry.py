@@ -27,7 +27,7 @@ class TriangleGeometry:
 
     positions: float32 x, y, z every `position_stride` bytes. indices: three a triangle of `index_dtype`
     (uint16 or uint32), or 0 when every three positions are a triangle. transform: 3x4 float32, row-major,
-    16-byte aligned, or 0.
+    16-byte aligned, or 0. index_hash: of the indices where it is known, since only the same indices can be refitted.
     """
 
     positions: int
@@ -39,6 +39,7 @@ class TriangleGeometry:
     transform: int = 0
     opaque: bool = True
     no_duplicate_any_hit: bool = False
+    index_hash: int = 0
 
     @property
     def primitive_count(self) -> int:
@@ -94,6 +95,53 @@ def geometry_struct(geometry: Geometry) -> raw.CData:
             )
         }
     return raw.struct("VkAccelerationStructureGeometryKHR", geometryType=kind, geometry=data, flags=flags)
+
+
+def build_ranges(geometries: Sequence[Geometry]) -> raw.CData:
+    """All primitives of each geometry, as a build takes them."""
+    counts = [{"primitiveCount": geometry.primitive_count} for geometry in geometries]
+    return raw.array("VkAccelerationStructureBuildRangeInfoKHR", counts)
+
+
+def refit_keys(geometries: Sequence[Geometry]) -> list[tuple[object, ...]]:
+    """What must be equal for a refit: all but where data lies and what positions and transforms are."""
+    return [
+        (geometry.position_count, geometry.triangle_count, geometry.index_hash)
+        if isinstance(geometry, TriangleGeometry)
+        else (geometry.count,)
+        for geometry in geometries
+    ]
+
+
+def _format(geometry: Geometry) -> dict[str, object]:
+    """What a structure is made for and no build may change."""
+    common = {
+        "kind": "boxes",
+        "opaque": geometry.opaque,
+        "no_duplicate_any_hit": geometry.no_duplicate_any_hit,
+    }
+    if isinstance(geometry, AabbGeometry):
+        return common
+    return common | {
+        "kind": "triangles",
+        "indices": np.dtype(geometry.index_dtype).name if geometry.indices else "none",
+        "transform": "given" if geometry.transform else "none",
+    }
+
+
+def check_fit(made_for: Sequence[Geometry], geometries: Sequence[Geometry], where: str) -> None:
+    """Raise SolariError unless geometries can be built in a structure made for others."""
+    if len(geometries) != len(made_for):
+        raise SolariError(f"build of {where}: {len(geometries)} geometries, made for {len(made_for)}")
+    for i, (wanted, given) in enumerate(zip(made_for, geometries, strict=True)):
+        expected, found = _format(wanted), _format(given)
+        for key, value in expected.items():
+            if found.get(key) != value:
+                raise SolariError(f"build of {where}, geometry {i}: {key} is {found.get(key)}, made for {value}")
+        for field in ("position_count", "triangle_count", "count"):
+            most, count = getattr(wanted, field, 0), getattr(given, field, 0)
+            if count > most:
+                raise SolariError(f"build of {where}, geometry {i}: {field} is {count:,}, made for {most:,}")
 
 
 def check_geometries(device: Device, geometries: Sequence[Geometry], name: str) -> None:

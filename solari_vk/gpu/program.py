@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from solari_vk.errors import SolariError
 from solari_vk.gpu import hazards, raw
-from solari_vk.gpu.compiler import compile_shader
+from solari_vk.gpu.compiler import Roots, compile_shader
 from solari_vk.gpu.device import Device
 from solari_vk.gpu.hazards import Accesses
 from solari_vk.gpu.interface import Interface, merge_bindings
@@ -84,7 +83,7 @@ class Program:
 class ProgramBuilder:
     """Builds programs, taking over from the one before what didn't change."""
 
-    def __init__(self, device: Device, glsl_root: str | Path | None) -> None:
+    def __init__(self, device: Device, glsl_root: Roots | None) -> None:
         self._device = device
         self._root = glsl_root
         self._pipelines = Pipelines(device)

@@ -13,7 +13,7 @@ import re
 import sys
 import tempfile
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 
@@ -22,8 +22,11 @@ _INDEX = "shipped.json"
 _OFF = ("", "0", "off", "no")
 
 
-def closure(root: Path, path: str) -> dict[str, bytes]:
-    """The files a shader may include, itself first, as {path: text}; includes in inactive #if branches count too."""
+def closure(roots: Sequence[Path], path: str) -> dict[str, bytes]:
+    """The files a shader may include, itself first, as {path: text}; includes in inactive #if branches count too.
+
+    A path is looked up in the roots in their order.
+    """
     found: dict[str, bytes] = {}
     waiting = [path]
     while waiting:
@@ -31,22 +34,23 @@ def closure(root: Path, path: str) -> dict[str, bytes]:
         if name in found:
             continue
         try:
-            found[name] = (root / name).read_bytes()
-        except OSError:
+            found[name] = next(file for root in roots if (file := root / name).is_file()).read_bytes()
+        except (StopIteration, OSError):
             found[name] = b"\0missing"
             continue
         folder = os.path.dirname(name)
         for match in _INCLUDE.findall(found[name]):
             requested = match.decode(errors="replace")
             beside = os.path.normpath(os.path.join(folder, requested)).replace(os.sep, "/")
-            waiting.append(beside if (root / beside).is_file() else os.path.normpath(requested).replace(os.sep, "/"))
+            exists = any((root / beside).is_file() for root in roots)
+            waiting.append(beside if exists else os.path.normpath(requested).replace(os.sep, "/"))
     return found
 
 
-def source_key(root: Path, path: str, header: str, options: str) -> str:
+def source_key(roots: Sequence[Path], path: str, header: str, options: str) -> str:
     """A hash of all that a shader's SPIR-V depends on but the compiler."""
     digest = hashlib.sha256(f"{path}\0{options}\0{header}\0".encode())
-    for name, text in sorted(closure(root, path).items()):
+    for name, text in sorted(closure(roots, path).items()):
         digest.update(f"{name}\0{len(text)}\0".encode())
         digest.update(text)
     return digest.hexdigest()
@@ -62,7 +66,7 @@ def ship(root: Path, out: Path, modules: Mapping[str, bytes], options: str) -> N
         file = out / f"{path}.spv"
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(spirv)
-        key = source_key(root, path, "", options)
+        key = source_key([root], path, "", options)
         index[key] = {"file": f"{path}.spv", "sha256": hashlib.sha256(spirv).hexdigest()}
     out.mkdir(parents=True, exist_ok=True)
     (out / _INDEX).write_text(json.dumps(index, indent=1, sort_keys=True) + "\n", encoding="utf-8")

@@ -216,7 +216,7 @@ def test_compaction_shrinks_and_changes_no_hit(
     loose, tight = made(Blas(device, [geometry], name="loose")), made(Blas(device, [geometry], name="tight"))
     # Lavapipe reports the storage's size as the compacted one, so storage and report are made to differ here.
     needed, wasteful = tight.size, tight.size + 100_000
-    tight._create(wasteful)
+    tight.create(wasteful)
     get_results = device.vk.vkGetQueryPoolResults
 
     def report(handle: Any, pool: Any, first: int, count: int, size: int, target: Any, *rest: int) -> None:
@@ -293,8 +293,9 @@ def test_a_thousand_small_structures_in_batches(
 def test_one_structure_above_the_budget_is_built_alone(acceleration_device: Device, tracer: Tracer, made: Any) -> None:
     device = acceleration_device
     blases = [made(Blas(device, [grid_geometry(device, made, n)])) for n in (2, 30, 2)]
-    assert [len(batch) for batch in blas_builds._batches(device, blases, 1, False)] == [1, 1, 1]
-    assert [len(batch) for batch in blas_builds._batches(device, blases, 1 << 30, False)] == [3]
+    builds = [blas_builds.BlasBuild(blas) for blas in blases]
+    assert [len(batch) for batch in blas_builds.batches(builds, 1)] == [1, 1, 1]
+    assert [len(batch) for batch in blas_builds.batches(builds, 1 << 30)] == [3]
     build_blases(device, blases, scratch_budget=1)
     tlas = build_tlas(device, made, instances(blases, translations(np.array([[0, 0, 0], [2, 0, 0], [4, 0, 0]]))))
     hits = tracer.trace(tlas, np.array([[0.4, 0.4, 1], [2.4, 0.4, 1], [4.4, 0.4, 1]]), DOWN)
@@ -307,13 +308,13 @@ def test_scratch_is_aligned(acceleration_device: Device, made: Any, monkeypatch:
     monkeypatch.setattr(structure, "_alignment", lambda _: 4096)
     blases = [made(Blas(device, [quad_geometry(device, made, 0.0, 0.0, 0.0)])) for _ in range(5)]
     seen: list[int] = []
-    build_info = Blas._build_info
+    build_info = Blas.build_info
 
     def note(self: Blas, scratch: int = 0, *, update: bool = False) -> raw.CData:
         seen.append(scratch)
         return build_info(self, scratch, update=update)
 
-    monkeypatch.setattr(Blas, "_build_info", note)
+    monkeypatch.setattr(Blas, "build_info", note)
     build_blases(device, blases)
     assert len(set(seen)) == 5
     assert all(address % 4096 == 0 for address in seen)

@@ -1,0 +1,144 @@
+// The wgpu document's ray queries over GL_EXT_ray_query: its functions, structures, flags and kinds, by its names. Knows
+// nothing of the renderer's scene: any acceleration structure will do, and candidates are the shader's to decide.
+//
+//     RAY_QUERY(query);
+//     rayQueryInitialize(query, tlas, RayDesc(RAY_FLAG_NONE, 0xFFu, t_min, t_max, origin, dir));
+//     while (rayQueryProceed(query)) {
+//         RayIntersection candidate = rayQueryGetCandidateIntersection(query);
+//         if (candidate.kind == RAY_QUERY_INTERSECTION_AABB) { rayQueryGenerateIntersection(query, t); }
+//         else { rayQueryConfirmIntersection(query); }
+//     }
+//     RayIntersection hit = rayQueryGetCommittedIntersection(query);
+//
+// A pass with the header `#define RAY_QUERY_DEBUG` counts what the document leaves undefined in `ray_query_faults`, and
+// goes on as if it had not been asked for; without it, it is undefined. `solari_vk.rt.check_ray_queries` reads the counts.
+// Differs from wgpu: queries are declared by a macro, since GLSL can't keep them in structures with what is known of them.
+#ifndef SCENE_RAY_QUERY_GLSL
+#define SCENE_RAY_QUERY_GLSL
+
+#extension GL_EXT_ray_query : require
+#extension GL_EXT_scalar_block_layout : require
+
+struct RayDesc {
+    uint flags;
+    uint cull_mask;  // instances whose mask shares no bit with it are passed by
+    float t_min;
+    float t_max;
+    vec3 origin;
+    vec3 dir;  // any length; t counts in it
+};
+
+struct RayIntersection {
+    uint kind;  // with RAY_QUERY_INTERSECTION_NONE nothing else means anything
+    float t;    // 0 for a candidate that is a box
+    uint instance_custom_data;
+    uint instance_index;
+    uint sbt_record_offset;
+    uint geometry_index;
+    uint primitive_index;
+    vec2 barycentrics;  // of triangles: weights of the second and third vertex
+    bool front_face;    // of triangles
+    mat4x3 object_to_world;
+    mat4x3 world_to_object;
+};
+
+const uint RAY_FLAG_NONE = 0x0u;
+const uint FORCE_OPAQUE = 0x1u;
+const uint FORCE_NO_OPAQUE = 0x2u;
+const uint TERMINATE_ON_FIRST_HIT = 0x4u;
+const uint SKIP_CLOSEST_HIT_SHADER = 0x8u;
+const uint CULL_BACK_FACING = 0x10u;
+const uint CULL_FRONT_FACING = 0x20u;
+const uint CULL_OPAQUE = 0x40u;
+const uint CULL_NO_OPAQUE = 0x80u;
+const uint SKIP_TRIANGLES = 0x100u;
+const uint SKIP_AABBS = 0x200u;
+
+const uint RAY_QUERY_INTERSECTION_NONE = 0u;
+const uint RAY_QUERY_INTERSECTION_TRIANGLE = 1u;
+const uint RAY_QUERY_INTERSECTION_GENERATED = 2u;
+const uint RAY_QUERY_INTERSECTION_AABB = 3u;
+
+// ---- over GL_EXT_ray_query ---------------------------------------------------------------------------
+
+uint ray_query_committed_kind(rayQueryEXT query) {
+    return rayQueryGetIntersectionTypeEXT(query, true);  // Vulkan's three are the document's
+}
+
+uint ray_query_candidate_kind(rayQueryEXT query) {
+    bool triangle = rayQueryGetIntersectionTypeEXT(query, false) == gl_RayQueryCandidateIntersectionTriangleEXT;
+    return triangle ? RAY_QUERY_INTERSECTION_TRIANGLE : RAY_QUERY_INTERSECTION_AABB;
+}
+
+RayIntersection ray_query_no_intersection() {
+    RayIntersection nothing;
+    nothing.kind = RAY_QUERY_INTERSECTION_NONE;
+    nothing.t = 0.0;
+    nothing.instance_custom_data = nothing.instance_index = nothing.sbt_record_offset = 0u;
+    nothing.geometry_index = nothing.primitive_index = 0u;
+    nothing.barycentrics = vec2(0.0);
+    nothing.front_face = false;
+    nothing.object_to_world = nothing.world_to_object = mat4x3(0.0);
+    return nothing;
+}
+
+// Vulkan wants to know at compile time which of the two intersections is meant.
+#define RAY_QUERY_DEFINE_GETTER(NAME, COMMITTED, KIND) \
+    RayIntersection NAME(rayQueryEXT query) { \
+        RayIntersection found = ray_query_no_intersection(); \
+        found.kind = KIND; \
+        if (found.kind == RAY_QUERY_INTERSECTION_NONE) { return found; } \
+        found.instance_custom_data = uint(rayQueryGetIntersectionInstanceCustomIndexEXT(query, COMMITTED)); \
+        found.instance_index = uint(rayQueryGetIntersectionInstanceIdEXT(query, COMMITTED)); \
+        found.sbt_record_offset = rayQueryGetIntersectionInstanceShaderBindingTableRecordOffsetEXT(query, COMMITTED); \
+        found.geometry_index = uint(rayQueryGetIntersectionGeometryIndexEXT(query, COMMITTED)); \
+        found.primitive_index = uint(rayQueryGetIntersectionPrimitiveIndexEXT(query, COMMITTED)); \
+        found.object_to_world = rayQueryGetIntersectionObjectToWorldEXT(query, COMMITTED); \
+        found.world_to_object = rayQueryGetIntersectionWorldToObjectEXT(query, COMMITTED); \
+        if (found.kind != RAY_QUERY_INTERSECTION_AABB) { found.t = rayQueryGetIntersectionTEXT(query, COMMITTED); } \
+        if (found.kind == RAY_QUERY_INTERSECTION_TRIANGLE) { \
+            found.barycentrics = rayQueryGetIntersectionBarycentricsEXT(query, COMMITTED); \
+            found.front_face = rayQueryGetIntersectionFrontFaceEXT(query, COMMITTED); \
+        } \
+        return found; \
+    }
+RAY_QUERY_DEFINE_GETTER(ray_query_committed, true, ray_query_committed_kind(query))
+RAY_QUERY_DEFINE_GETTER(ray_query_candidate, false, ray_query_candidate_kind(query))
+
+// Vulkan asks that no hit is generated behind one that is committed; the document lets it have no effect.
+void ray_query_generate(rayQueryEXT query, float hit_t) {
+    bool none = ray_query_committed_kind(query) == RAY_QUERY_INTERSECTION_NONE;
+    if (none || hit_t <= rayQueryGetIntersectionTEXT(query, true)) { rayQueryGenerateIntersectionEXT(query, hit_t); }
+}
+
+#ifdef RAY_QUERY_VERTEX_RETURN
+// Corners of a hit triangle, in object space; compilers of before 2023 don't know the extension's name.
+#extension GL_EXT_spirv_intrinsics : require
+spirv_instruction(extensions = ["SPV_KHR_ray_tracing_position_fetch"], capabilities = [5391], id = 5340)
+vec3[3] ray_query_positions(spirv_by_reference rayQueryEXT query, int committed);
+#endif
+
+// ---- the document's functions -----------------------------------------------------------------------
+
+#ifdef RAY_QUERY_DEBUG
+#include "scene/ray_query_debug.glsl"
+#else
+#define RAY_QUERY(query) rayQueryEXT query
+#define rayQueryInitialize(query, structure, desc) ray_query_initialize(query, structure, desc)
+#define rayQueryProceed(query) rayQueryProceedEXT(query)
+#define rayQueryGenerateIntersection(query, hit_t) ray_query_generate(query, hit_t)
+#define rayQueryConfirmIntersection(query) rayQueryConfirmIntersectionEXT(query)
+#define rayQueryTerminate(query) rayQueryTerminateEXT(query)
+#define rayQueryGetCommittedIntersection(query) ray_query_committed(query)
+#define rayQueryGetCandidateIntersection(query) ray_query_candidate(query)
+#define getCommittedHitVertexPositions(query) ray_query_positions(query, 1)
+#define getCandidateHitVertexPositions(query) ray_query_positions(query, 0)
+
+void ray_query_initialize(rayQueryEXT query, accelerationStructureEXT structure, RayDesc desc) {
+    rayQueryInitializeEXT(
+        query, structure, desc.flags, desc.cull_mask & 0xFFu, desc.origin, desc.t_min, desc.dir, desc.t_max
+    );
+}
+#endif
+
+#endif

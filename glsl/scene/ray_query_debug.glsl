@@ -1,0 +1,161 @@
+// The debug build of ray_query.glsl: each query has a record of what is known of it, and each broken rule is counted.
+#ifndef SCENE_RAY_QUERY_DEBUG_GLSL
+#define SCENE_RAY_QUERY_DEBUG_GLSL
+
+// Rows of ray_query_faults; solari_vk/gpu/ray_query_faults.py has their names, in this order.
+const uint FAULT_GET_BEFORE_PROCEED = 0u;
+const uint FAULT_COMMITTED_WHILE_CANDIDATE = 1u;
+const uint FAULT_CANDIDATE_WHILE_COMMITTED = 2u;
+const uint FAULT_COMMITTED_POSITIONS_WHILE_CANDIDATE = 3u;
+const uint FAULT_CANDIDATE_POSITIONS_WHILE_COMMITTED = 4u;
+const uint FAULT_POSITIONS_OF_NO_TRIANGLE = 5u;
+const uint FAULT_PROCEED_BEFORE_INITIALIZE = 6u;
+const uint FAULT_GENERATE_OF_NO_AABB = 7u;
+const uint FAULT_GENERATE_OUT_OF_RANGE = 8u;
+const uint FAULT_GENERATE_WITHOUT_CANDIDATE = 9u;
+const uint FAULT_CONFIRM_OF_NO_TRIANGLE = 10u;
+const uint FAULT_CONFIRM_WITHOUT_CANDIDATE = 11u;
+const uint FAULT_TERMINATE_BEFORE_INITIALIZE = 12u;
+const uint FAULT_INVALID_RAY = 13u;
+const uint FAULT_CONTRADICTING_FLAGS = 14u;
+
+#ifndef RAY_QUERY_FAULTS_BINDING
+#define RAY_QUERY_FAULTS_BINDING 63
+#endif
+#ifndef RAY_QUERY_INVOCATION
+#define RAY_QUERY_INVOCATION gl_GlobalInvocationID
+#endif
+
+struct RayQueryFault {
+    uint count;
+    uvec3 invocation;  // the first that broke the rule
+};
+layout(set = 1, binding = RAY_QUERY_FAULTS_BINDING, scalar) buffer RayQueryFaultsBlock {
+    RayQueryFault at[];
+} ray_query_faults;
+
+const uint RAY_QUERY_UNKNOWN = 0u;
+const uint RAY_QUERY_INITIALIZED = 1u;
+const uint RAY_QUERY_AT_CANDIDATE = 2u;
+const uint RAY_QUERY_DONE = 3u;
+
+struct RayQueryRecord {
+    uint phase;
+    float t_min;
+    float t_max;
+};
+
+// Whether a rule is kept; counted when it is not.
+bool ray_query_rule(bool kept, uint fault) {
+    if (!kept && atomicAdd(ray_query_faults.at[fault].count, 1u) == 0u) {
+        ray_query_faults.at[fault].invocation = RAY_QUERY_INVOCATION;
+    }
+    return kept;
+}
+
+bool ray_query_is_valid(RayDesc desc) {
+    const float largest = 3.4028235e38;  // comparisons with NaN are false
+    bool finite = all(lessThanEqual(abs(desc.origin), vec3(largest))) && all(lessThanEqual(abs(desc.dir), vec3(largest)));
+    return finite && any(notEqual(desc.dir, vec3(0.0))) && desc.t_min >= 0.0 && desc.t_min <= desc.t_max;
+}
+
+bool ray_query_at_most_one(uint flags) { return (flags & (flags - 1u)) == 0u; }
+
+bool ray_query_flags_agree(uint flags) {
+    return ray_query_at_most_one(flags & (FORCE_OPAQUE | FORCE_NO_OPAQUE | CULL_OPAQUE | CULL_NO_OPAQUE))
+        && ray_query_at_most_one(flags & (CULL_BACK_FACING | CULL_FRONT_FACING | SKIP_TRIANGLES))
+        && ray_query_at_most_one(flags & (SKIP_TRIANGLES | SKIP_AABBS));
+}
+
+// A ray that breaks a rule is replaced by one that meets nothing.
+void ray_query_initialize(
+    rayQueryEXT query, inout RayQueryRecord record, accelerationStructureEXT structure, RayDesc desc
+) {
+    bool valid = ray_query_rule(ray_query_is_valid(desc), FAULT_INVALID_RAY);
+    valid = ray_query_rule(ray_query_flags_agree(desc.flags), FAULT_CONTRADICTING_FLAGS) && valid;
+    if (!valid) { desc = RayDesc(RAY_FLAG_NONE, 0u, 0.0, 0.0, vec3(0.0), vec3(0.0, 0.0, 1.0)); }
+    record = RayQueryRecord(RAY_QUERY_INITIALIZED, desc.t_min, desc.t_max);
+    rayQueryInitializeEXT(
+        query, structure, desc.flags, desc.cull_mask & 0xFFu, desc.origin, desc.t_min, desc.dir, desc.t_max
+    );
+}
+
+bool ray_query_proceed(rayQueryEXT query, inout RayQueryRecord record) {
+    if (!ray_query_rule(record.phase != RAY_QUERY_UNKNOWN, FAULT_PROCEED_BEFORE_INITIALIZE)) { return false; }
+    if (record.phase == RAY_QUERY_DONE) { return false; }
+    bool candidate = rayQueryProceedEXT(query);
+    record.phase = candidate ? RAY_QUERY_AT_CANDIDATE : RAY_QUERY_DONE;
+    return candidate;
+}
+
+void ray_query_generate_checked(rayQueryEXT query, RayQueryRecord record, float hit_t) {
+    if (!ray_query_rule(record.phase == RAY_QUERY_AT_CANDIDATE, FAULT_GENERATE_WITHOUT_CANDIDATE)) { return; }
+    bool box = ray_query_candidate_kind(query) == RAY_QUERY_INTERSECTION_AABB;
+    bool inside = hit_t >= record.t_min && hit_t <= record.t_max;
+    if (ray_query_rule(box, FAULT_GENERATE_OF_NO_AABB) && ray_query_rule(inside, FAULT_GENERATE_OUT_OF_RANGE)) {
+        ray_query_generate(query, hit_t);
+    }
+}
+
+void ray_query_confirm_checked(rayQueryEXT query, RayQueryRecord record) {
+    if (!ray_query_rule(record.phase == RAY_QUERY_AT_CANDIDATE, FAULT_CONFIRM_WITHOUT_CANDIDATE)) { return; }
+    bool triangle = ray_query_candidate_kind(query) == RAY_QUERY_INTERSECTION_TRIANGLE;
+    if (ray_query_rule(triangle, FAULT_CONFIRM_OF_NO_TRIANGLE)) { rayQueryConfirmIntersectionEXT(query); }
+}
+
+void ray_query_terminate_checked(rayQueryEXT query, RayQueryRecord record) {
+    if (ray_query_rule(record.phase != RAY_QUERY_UNKNOWN, FAULT_TERMINATE_BEFORE_INITIALIZE)) {
+        rayQueryTerminateEXT(query);
+    }
+}
+
+// Whether the query stands where it must for a getter.
+bool ray_query_stands(RayQueryRecord record, uint phase, uint fault) {
+    if (!ray_query_rule(record.phase >= RAY_QUERY_AT_CANDIDATE, FAULT_GET_BEFORE_PROCEED)) { return false; }
+    return ray_query_rule(record.phase == phase, fault);
+}
+
+RayIntersection ray_query_committed_checked(rayQueryEXT query, RayQueryRecord record) {
+    bool stands = ray_query_stands(record, RAY_QUERY_DONE, FAULT_COMMITTED_WHILE_CANDIDATE);
+    if (!stands) { return ray_query_no_intersection(); }
+    return ray_query_committed(query);
+}
+
+RayIntersection ray_query_candidate_checked(rayQueryEXT query, RayQueryRecord record) {
+    bool stands = ray_query_stands(record, RAY_QUERY_AT_CANDIDATE, FAULT_CANDIDATE_WHILE_COMMITTED);
+    if (!stands) { return ray_query_no_intersection(); }
+    return ray_query_candidate(query);
+}
+
+#ifdef RAY_QUERY_VERTEX_RETURN
+vec3[3] ray_query_committed_positions(rayQueryEXT query, RayQueryRecord record) {
+    bool stands = ray_query_stands(record, RAY_QUERY_DONE, FAULT_COMMITTED_POSITIONS_WHILE_CANDIDATE);
+    bool triangle = stands && ray_query_committed_kind(query) == RAY_QUERY_INTERSECTION_TRIANGLE;
+    if (!stands || !ray_query_rule(triangle, FAULT_POSITIONS_OF_NO_TRIANGLE)) {
+        return vec3[3](vec3(0.0), vec3(0.0), vec3(0.0));
+    }
+    return ray_query_positions(query, 1);
+}
+
+vec3[3] ray_query_candidate_positions(rayQueryEXT query, RayQueryRecord record) {
+    bool stands = ray_query_stands(record, RAY_QUERY_AT_CANDIDATE, FAULT_CANDIDATE_POSITIONS_WHILE_COMMITTED);
+    bool triangle = stands && ray_query_candidate_kind(query) == RAY_QUERY_INTERSECTION_TRIANGLE;
+    if (!stands || !ray_query_rule(triangle, FAULT_POSITIONS_OF_NO_TRIANGLE)) {
+        return vec3[3](vec3(0.0), vec3(0.0), vec3(0.0));
+    }
+    return ray_query_positions(query, 0);
+}
+#endif
+
+#define RAY_QUERY(query) rayQueryEXT query; RayQueryRecord query##_record = RayQueryRecord(RAY_QUERY_UNKNOWN, 0.0, 0.0)
+#define rayQueryInitialize(query, structure, desc) ray_query_initialize(query, query##_record, structure, desc)
+#define rayQueryProceed(query) ray_query_proceed(query, query##_record)
+#define rayQueryGenerateIntersection(query, hit_t) ray_query_generate_checked(query, query##_record, hit_t)
+#define rayQueryConfirmIntersection(query) ray_query_confirm_checked(query, query##_record)
+#define rayQueryTerminate(query) ray_query_terminate_checked(query, query##_record)
+#define rayQueryGetCommittedIntersection(query) ray_query_committed_checked(query, query##_record)
+#define rayQueryGetCandidateIntersection(query) ray_query_candidate_checked(query, query##_record)
+#define getCommittedHitVertexPositions(query) ray_query_committed_positions(query, query##_record)
+#define getCandidateHitVertexPositions(query) ray_query_candidate_positions(query, query##_record)
+
+#endif

@@ -1,0 +1,70 @@
+"""What tests of acceleration structures share: short ways to make them, and a check that nothing is left alive."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from probes import quad
+
+from solari_vk import rt
+from solari_vk.gpu.device import Device
+
+
+class World:
+    """Makes structures by name on one device and destroys all of them in the end."""
+
+    def __init__(self, device: Device) -> None:
+        self.device = device
+        self._made: list[Any] = []
+
+    def keep(self, item: Any) -> Any:
+        self._made.append(item)
+        return item
+
+    def blas(self, geometries: Sequence[Any] | None = None, **options: Any) -> rt.Blas:
+        return self.keep(rt.create_blas(self.device, geometries or [rt.Triangles(quad())], **options))
+
+    def tlas(self, max_instances: int = 4, **options: Any) -> rt.Tlas:
+        return self.keep(rt.create_tlas(self.device, max_instances, **options))
+
+    def entry(self, blas: rt.Blas, *geometries: Any) -> rt.BlasBuildEntry:
+        return rt.BlasBuildEntry(blas, geometries or [rt.Triangles(quad())])
+
+    def build(self, blases: Sequence[Any] = (), tlases: Sequence[Any] = ()) -> int:
+        return rt.build_acceleration_structures(self.device, blases, tlases)
+
+    def buffer(self, array: Any, dtype: Any = np.float32) -> Any:
+        data = np.ascontiguousarray(array, dtype)
+        buffer = self.keep(self.device.buffer(data.nbytes, "data"))
+        buffer.upload(data)
+        return buffer
+
+    def close(self) -> None:
+        for item in self._made:
+            item.destroy()
+
+
+@pytest.fixture
+def world(device: Device) -> Iterator[World]:
+    device.wait_idle()
+    before = device.live_objects
+    made = World(device)
+    yield made
+    made.close()
+    device.wait_idle()
+    assert device.live_objects - before <= 4  # staging chunks stay in their pool
+
+
+@pytest.fixture
+def built(world: World) -> Callable[..., tuple[rt.Blas, rt.Tlas]]:
+    """A Blas over a quad and a Tlas over it, built."""
+
+    def make(**options: Any) -> tuple[rt.Blas, rt.Tlas]:
+        blas, tlas = world.blas(name="quad", **options), world.tlas(name="top")
+        world.build([world.entry(blas)], [rt.TlasPackage(tlas, [rt.TlasInstance(blas)])])
+        return blas, tlas
+
+    return make
