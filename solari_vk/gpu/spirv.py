@@ -7,6 +7,7 @@ a 64-bit integer are u8; bool doesn't occur in blocks (it becomes uint).
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -43,6 +44,7 @@ _IMAGE_FORMATS = (
 )  # fmt: skip
 
 
+@lru_cache(maxsize=128)  # modules never change, and reading one takes 50 ms
 def reflect(spirv: bytes, name: str = "shader") -> Module:
     """Read a module. Raises SolariError with `name` for what is no SPIR-V, isn't scalar layout, or writes through
     a buffer reference."""
