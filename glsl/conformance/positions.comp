@@ -1,0 +1,35 @@
+// The vertices of candidate and committed triangles, on devices that return them.
+#version 460
+#extension GL_EXT_ray_query : require
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_GOOGLE_include_directive : require
+#define RAY_QUERY_VERTEX_RETURN
+#include "conformance/probe.glsl"
+
+layout(local_size_x = 32) in;
+
+struct Vertices {
+    uint kind;
+    vec3 candidate[3];
+    vec3 committed[3];
+};
+
+layout(set = 0, binding = 3, scalar) writeonly buffer Corners { Vertices at[]; } corners;
+
+void main() {
+    uint index = gl_GlobalInvocationID.x;
+    if (index >= probes.at.length()) return;
+    Probe probe = probes.at[index];
+    Vertices vertices = Vertices(0u, vec3[3](vec3(0.0), vec3(0.0), vec3(0.0)), vec3[3](vec3(0.0), vec3(0.0), vec3(0.0)));
+    RAY_QUERY(query);
+    rayQueryInitialize(query, tlas, RayDesc(probe.flags, probe.cull_mask, probe.t_min, probe.t_max, probe.origin,
+                                            probe.direction));
+    while (rayQueryProceed(query)) {
+        if (rayQueryGetCandidateIntersection(query).kind != RAY_QUERY_INTERSECTION_TRIANGLE) continue;
+        vertices.candidate = getCandidateHitVertexPositions(query);
+        rayQueryConfirmIntersection(query);
+    }
+    vertices.kind = rayQueryGetCommittedIntersection(query).kind;
+    if (vertices.kind == RAY_QUERY_INTERSECTION_TRIANGLE) vertices.committed = getCommittedHitVertexPositions(query);
+    corners.at[index] = vertices;
+}

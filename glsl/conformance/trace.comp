@@ -1,0 +1,43 @@
+// The closest hit of many rays; candidates are confirmed, boxes passed over.
+#version 460
+#extension GL_EXT_ray_query : require
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_GOOGLE_include_directive : require
+#include "scene/ray_query.glsl"
+
+layout(local_size_x = 64) in;
+
+struct Ray {
+    vec3 origin;
+    float t_min;
+    vec3 direction;
+    float t_max;
+    uint flags;
+};
+
+struct Hit {
+    float t;  // negative when nothing was hit
+    uint custom_data;
+    uint instance;
+    uint geometry;
+    uint primitive;
+};
+
+layout(set = 0, binding = 0) uniform accelerationStructureEXT tlas;
+layout(set = 0, binding = 1, scalar) readonly buffer Rays { Ray at[]; } rays;
+layout(set = 0, binding = 2, scalar) writeonly buffer Hits { Hit at[]; } hits;
+
+void main() {
+    uint index = gl_GlobalInvocationID.x;
+    if (index >= rays.at.length()) return;
+    Ray ray = rays.at[index];
+    RAY_QUERY(query);
+    rayQueryInitialize(query, tlas, RayDesc(ray.flags, 0xFFu, ray.t_min, ray.t_max, ray.origin, ray.direction));
+    while (rayQueryProceed(query)) {
+        if (rayQueryGetCandidateIntersection(query).kind == RAY_QUERY_INTERSECTION_TRIANGLE)
+            rayQueryConfirmIntersection(query);
+    }
+    RayIntersection hit = rayQueryGetCommittedIntersection(query);
+    float t = hit.kind == RAY_QUERY_INTERSECTION_NONE ? -1.0 : hit.t;
+    hits.at[index] = Hit(t, hit.instance_custom_data, hit.instance_index, hit.geometry_index, hit.primitive_index);
+}

@@ -1,0 +1,216 @@
+"""Many rays with plain truths: closed surfaces hold, instances are told apart, extreme sizes, rays that are none."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from solari_vk.conformance.kernels import Kernels
+from solari_vk.conformance.rules import SUITE, VULKAN, WGPU, Measurement, Rule, count_wrong
+from solari_vk.conformance.worlds import IDENTITY, Boxes, Placed, Shapes, Triangles, World
+from solari_vk.gpu.acceleration import Tlas
+from solari_vk.scene.spatial import spatial_order
+
+Floats = NDArray[np.floating]
+_WATERTIGHT = "no ray gets through"
+PLACES = ("plain", "turned and far", "stretched and mirrored", "small")
+_CUSTOM = Rule("TlasInstance: custom data and index tell many instances apart", WGPU, "wgpu's raytracing API")
+_EXTREME = Rule("sizes from 1e-6 to 1e6 and places up to 1e6", VULKAN, "Ray Traversal")
+_NOT_FINITE = Rule("rays with NaN, infinite or zero parts end and hit nothing", SUITE, "ray_query.glsl")
+_CAUGHT = Rule("the debug build counts each of these rays", SUITE, "ray_query.glsl")
+_INVALID_RAY = 13  # the row of ray_query_faults
+
+
+def trace(
+    kernels: Kernels, tlas: Tlas, origins: ArrayLike, directions: ArrayLike, *,
+    t_min: ArrayLike = 0.0, t_max: ArrayLike = 1e30, flags: int = 0,
+) -> np.ndarray:  # fmt: skip
+    """The closest hits (N records of t, custom_data, instance, geometry, primitive; t < 0 is a miss) of N rays."""
+    rays = ray_records(kernels, origins, directions, t_min=t_min, t_max=t_max, flags=flags)
+    return kernels.compute("trace", {"tlas": tlas, "rays": rays}, {"hits": len(rays)}, len(rays))["hits"]
+
+
+def ray_records(
+    kernels: Kernels, origins: ArrayLike, directions: ArrayLike, *,
+    t_min: ArrayLike = 0.0, t_max: ArrayLike = 1e30, flags: int = 0,
+) -> np.ndarray:  # fmt: skip
+    """Rays as trace.comp takes them."""
+    origins, directions = np.broadcast_arrays(np.atleast_2d(origins), np.atleast_2d(directions))
+    rays = np.zeros(len(origins), kernels.dtype("trace.comp", "rays"))
+    rays["origin"], rays["direction"], rays["flags"] = origins, directions, flags
+    rays["t_min"], rays["t_max"] = t_min, t_max
+    return rays
+
+
+def turn(random: np.random.Generator) -> NDArray[np.float64]:
+    """A random rotation (3, 3)."""
+    q, r = np.linalg.qr(random.normal(size=(3, 3)))
+    q *= np.sign(np.diag(r))
+    return q * np.sign(np.linalg.det(q))  # type: ignore[no-any-return]
+
+
+def bumpy_ball(segments: int, bumps: float, seed: int = 0) -> NDArray[np.float32]:
+    """(T, 3, 3): a closed ball around the origin of `2 * segments^2` thin and uneven triangles, in spatial order."""
+    random = np.random.default_rng(seed)
+    rings = segments
+    polar, around = np.meshgrid(np.linspace(0, np.pi, rings + 1), np.arange(segments) * (2 * np.pi / segments),
+                                indexing="ij")  # fmt: skip
+    radius = 1 + bumps * np.sin(polar) * random.uniform(-1, 1, polar.shape)
+    sine = np.sin(polar)
+    sine[[0, -1]] = 0
+    points = np.stack([sine * np.cos(around), np.cos(polar), sine * np.sin(around)], -1) * radius[..., None]
+    points = points.astype(np.float32)
+    a, b = points[:-1], points[1:]
+    c, d = np.roll(b, -1, axis=1), np.roll(a, -1, axis=1)
+    corners = np.concatenate([np.stack([a, c, b], 2).reshape(-1, 3, 3), np.stack([a, d, c], 2).reshape(-1, 3, 3)])
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    corners = corners[area > 0]
+    ordered: NDArray[np.float32] = corners[spatial_order(corners.mean(axis=1))]
+    return ordered
+
+
+def _place(name: str) -> NDArray[np.float64]:
+    matrix = IDENTITY.copy()
+    if name == "turned and far":
+        matrix[:, :3] = turn(np.random.default_rng(3))
+        matrix[:, 3] = 100, -30, 50
+    elif name == "stretched and mirrored":
+        matrix[:, :3] = turn(np.random.default_rng(4)) @ np.diag((-10, 0.1, 1.0))
+    elif name == "small":
+        matrix[:, :3] *= 1e-3
+    return matrix
+
+
+def measure_watertight(kernels: Kernels) -> Iterator[Measurement]:
+    """Rays from inside a closed surface, and down on a fan around one vertex: at edges, and right at vertices."""
+    random = np.random.default_rng(7)
+    angles = np.cumsum(random.uniform(0.2, 1.0, 200))
+    angles *= 2 * np.pi / angles[-1]
+    # Flat enough that from above no triangle is seen from the side, where a ray beside an edge misses rightly.
+    rim = np.stack([np.cos(angles), np.sin(angles), 0.2 * np.sin(3 * angles) - 0.2], 1)
+    rim = rim * random.uniform(0.5, 2, (200, 1)) + (0.1, 0.2, 0.3)
+    apex = np.tile((0.1, 0.2, 0.3), (200, 1))
+    fan = np.stack([apex, rim, np.roll(rim, -1, axis=0)], 1).astype(np.float32)
+    ball = bumpy_ball(64, 0.05)
+    shapes = {"ball": [Triangles(ball)], "fan": [Triangles(fan)]}
+    targets = {
+        "closed surface: edges": ("ball", _edge_points(ball, np.linspace(0.05, 0.95, 11)), (0.05, -0.1, 0.02)),
+        "closed surface: vertices": ("ball", np.unique(ball.reshape(-1, 3), axis=0), (0.05, -0.1, 0.02)),
+        "fan: edges": ("fan", _edge_points(fan, np.linspace(0.05, 0.95, 64), [(0, 1)]), (0.1, 0.2, 2.0)),
+        "fan: vertex": ("fan", np.tile(fan[0, 0], (10_000, 1)), (0.1, 0.2, 2.0)),
+    }
+    through = dict.fromkeys(targets, 0)
+    for place in PLACES:
+        matrix = Placed("ball", _place(place)).matrix
+        for shape in shapes:
+            with World(kernels.device, shapes, [Placed(shape, matrix)]) as world:
+                for name, (of, points, eye) in targets.items():
+                    if of == shape:
+                        origins = random.normal(size=points.shape) * 0.05 + eye
+                        directions = (points - origins) @ matrix[:, :3].T
+                        origins = origins @ matrix[:, :3].T + matrix[:, 3]
+                        hits = trace(kernels, world.tlas, origins, directions)
+                        through[name] += int((hits["t"] < 0).sum())
+    for name, (_, points, _) in targets.items():
+        rule = Rule(f"{_WATERTIGHT}: {name}", VULKAN, "Ray Traversal: Watertightness")
+        yield Measurement(rule, float(through[name]), unit=f"of {len(points) * len(PLACES):,}")
+
+
+def _edge_points(corners: Floats, along: Floats, edges: Sequence[tuple[int, int]] = ((0, 1), (1, 2), (2, 0))) -> Floats:
+    """Points at these parts of triangles' edges."""
+    corners = corners.astype(np.float64)
+    part = along[:, None, None]
+    points = [corners[:, i] * (1 - part) + corners[:, j] * part for i, j in edges]
+    return np.concatenate(points).reshape(-1, 3)
+
+
+def measure_many_instances(kernels: Kernels, count: int) -> Iterator[Measurement]:
+    """Small triangles in a loose heap, each looked at from close by."""
+    random = np.random.default_rng(9)
+    count = min(count, int(kernels.device.properties.acceleration.maxInstanceCount))
+    side = int(np.ceil(count ** (1 / 3)))
+    places = np.stack(np.unravel_index(np.arange(count), (side, side, side)), 1) * 4.0
+    places = places[spatial_order(places)]
+    custom = (np.arange(count) * 2654435761) & 0xFFFFFF
+    corners = np.array([[(-1, -1, 0), (1, -1, 0), (0, 1.5, 0)]])
+    placed, origins, directions = [], [], []
+    for at, data in zip(places, custom, strict=True):
+        matrix = np.concatenate([turn(random) * random.choice((-1, 1)), at[:, None]], axis=1)
+        placed.append(Placed("one", matrix, custom=int(data)))
+        origins.append(at + matrix[:, 2] * 1.5)
+        directions.append(-matrix[:, 2])
+    with World(kernels.device, {"one": [Triangles(corners)]}, placed) as world:
+        hits = trace(kernels, world.tlas, np.array(origins), np.array(directions))
+    wrong = (hits["instance"] != np.arange(count)) | (hits["custom_data"] != custom) | (hits["t"] < 0)
+    wrong |= np.abs(hits["t"] - 1.5) > 1e-3
+    yield Measurement(_CUSTOM, float(wrong.sum()), unit=f"of {count:,}")
+
+
+def measure_extreme_transforms(kernels: Kernels) -> Iterator[Measurement]:
+    """t against float64, relative to the rounding that a world-space ray brings with it."""
+    random = np.random.default_rng(12)
+    corners = np.array([[(-1, -1, 0), (1, -1, 0), (0, 1.5, 0)]])
+    worst, where, missed = 0.0, "", []
+    for exponent in range(-6, 7):
+        for stretch in (1.0, 1e3, 1e-3):
+            for far in (0.0, 100.0):
+                scale = 10.0**exponent
+                matrix = np.zeros((3, 4))
+                matrix[:, :3] = turn(random) @ np.diag((1.0, stretch, 1.0)) * scale
+                matrix[:, 3] = np.array((1.0, -2.0, 0.5)) * far * scale
+                placed = Placed("one", matrix)
+                exact = placed.matrix
+                origins = np.array([(0.1, 0.05, 1.5)]) @ exact[:, :3].T + exact[:, 3]
+                directions = np.array([(0.02, -0.05, -1.0)]) @ exact[:, :3].T
+                label = f"scale {scale:g}, stretch {stretch:g}, distance {far:g}"
+                with World(kernels.device, {"one": [Triangles(corners)]}, [placed]) as world:
+                    (hit,) = trace(kernels, world.tlas, origins, directions)
+                inverse = np.linalg.inv(exact[:, :3])
+                origin = inverse @ (origins[0].astype(np.float32).astype(np.float64) - exact[:, 3])
+                t = -origin[2] / (inverse @ directions[0].astype(np.float32).astype(np.float64))[2]
+                if hit["t"] < 0:
+                    missed.append(label)
+                    continue
+                error = abs(hit["t"] - t) / max(t, np.abs(inverse).max() * np.abs(exact).max())
+                worst, where = max((worst, where), (float(error), label))
+    yield count_wrong(_EXTREME, missed)
+    rule = Rule(f"{_EXTREME.name}: t", VULKAN, "Ray Traversal")
+    yield Measurement(rule, worst, 1e-6, "relative error", where)
+
+
+def measure_not_finite(kernels: Kernels) -> Iterator[Measurement]:
+    """Rays at a wall and a row of boxes, with one part after the other that is no number."""
+    wall = np.array([[(-9, -9, 0), (9, -9, 0), (0, 9, 0)]])
+    shapes: Shapes = {"wall": [Triangles(wall)], "box": [Boxes(np.array([[(-1, -1, 1), (1, 1, 2)]]))]}
+    good = np.array((0.1, 0.2, 5.0, 0.0, 0.0, -1.0, 0.0, 100.0))
+    names = ("origin.x", "origin.y", "origin.z", "dir.x", "dir.y", "dir.z", "t_min", "t_max")
+    rays, labels = [good], ["a plain ray"]
+    for i, name in enumerate(names):
+        for value in (np.nan, np.inf, -np.inf):
+            if (name, value) in (("t_max", np.inf), ("t_min", -np.inf)):
+                continue  # a ray without an end is fine
+            bad = good.copy()
+            bad[i] = value
+            rays.append(bad)
+            labels.append(f"{name} = {value}")
+    for label, changed in (("dir = 0", {5: 0.0}), ("t_max < t_min", {6: 9.0, 7: 1.0}), ("t_max < 0", {7: -1.0})):
+        bad = good.copy()
+        bad[list(changed)] = list(changed.values())
+        rays.append(bad)
+        labels.append(label)
+    table = np.array(rays)
+    with World(kernels.device, shapes, [Placed("wall"), Placed("box")]) as world:
+        records = ray_records(kernels, table[:, :3], table[:, 3:6], t_min=table[:, 6], t_max=table[:, 7])
+        inputs, outputs = {"tlas": world.tlas, "rays": records}, {"hits": len(records)}
+        hits = kernels.compute("trace", inputs, outputs, len(records))["hits"]
+        faults = np.zeros(32, [("count", "<u4"), ("invocation", "<u4", 3)])
+        inputs |= {"ray_query_faults": faults}
+        caught = kernels.compute("trace", inputs, outputs, len(records), "#define RAY_QUERY_DEBUG")
+    expected = np.arange(len(rays)) == 0
+    wrong = np.flatnonzero((hits["t"] >= 0) != expected)
+    yield count_wrong(_NOT_FINITE, [labels[i] for i in wrong])
+    wrong = np.flatnonzero((caught["hits"]["t"] >= 0) != expected)
+    missed = len(rays) - 1 - int(caught["ray_query_faults"]["count"][_INVALID_RAY])
+    yield count_wrong(_CAUGHT, [labels[i] for i in wrong] + ["count"] * (missed != 0))

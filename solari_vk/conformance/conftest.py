@@ -1,0 +1,50 @@
+"""Fixtures of the suite. Without `solari-vk conformance` around it, a run is set up from the environment."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from solari_vk.conformance.kernels import Kernels
+from solari_vk.conformance.suite import Recorder, Suite
+from solari_vk.gpu.device import Device
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Register the suite unless `solari_vk.conformance.run` did."""
+    if not any(isinstance(plugin, Suite) for plugin in config.pluginmanager.get_plugins()):
+        config.pluginmanager.register(Suite.from_environment(), "solari_vk conformance")
+
+
+@pytest.fixture(scope="session")
+def suite(request: pytest.FixtureRequest) -> Suite:
+    """The run."""
+    plugins = request.config.pluginmanager.get_plugins()
+    return next(plugin for plugin in plugins if isinstance(plugin, Suite))
+
+
+@pytest.fixture(scope="session")
+def device(suite: Suite) -> Device:
+    """The device under test."""
+    return suite.device
+
+
+@pytest.fixture(scope="session")
+def kernels(device: Device) -> Iterator[Kernels]:
+    """The suite's shaders."""
+    with Kernels(device) as made:
+        yield made
+
+
+@pytest.fixture
+def rule(request: Any, suite: Suite) -> Recorder:
+    """rule(measurement or measurements): what the test has found."""
+    return suite.recorder(request.node)
+
+
+@pytest.fixture(scope="session")
+def full(suite: Suite) -> bool:
+    """Whether to measure the large sizes as well."""
+    return suite.full

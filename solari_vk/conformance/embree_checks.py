@@ -1,0 +1,142 @@
+"""Random rays against Embree: the same triangle, except where it is a matter of rounding."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.conformance.bulk_checks import bumpy_ball, trace, turn
+from solari_vk.conformance.kernels import Kernels
+from solari_vk.conformance.rules import VULKAN, Measurement, Rule
+from solari_vk.conformance.worlds import IDENTITY, Placed, Triangles, World
+from solari_vk.scene.spatial import spatial_order
+
+SCENES = ("soup", "instanced", "mesh of a million")
+FULL_ONLY = ("mesh of a million",)
+_NEAR = 1e-4  # of the extent: so close to an edge either answer is right
+_BATCH = 1 << 18
+
+
+def available() -> bool:
+    """Whether Embree's Python package is installed."""
+    return importlib.util.find_spec("embreex") is not None
+
+
+def rules(scene: str) -> list[Rule]:
+    """What is measured on a scene."""
+    section = "Ray Closest Hit Determination"
+    return [
+        Rule(f"{scene}: the closest hit is Embree's, but for edges", VULKAN, section),
+        Rule(f"{scene}: hits that differ at an edge", VULKAN, section),
+        Rule(f"{scene}: t of the same hit", VULKAN, section),
+    ]
+
+
+def _soup(random: np.random.Generator, count: int) -> NDArray[np.float64]:
+    centers = random.uniform(-1, 1, (count, 3))
+    centers = centers[spatial_order(centers)]
+    return centers[:, None] + random.normal(size=(count, 3, 3)) * 0.04
+
+
+def _scene(name: str, rays: int) -> tuple[dict[str, list[Triangles]], list[Placed]]:
+    random = np.random.default_rng(15)
+    large = rays >= 1_000_000
+    if name == "soup":
+        return {"soup": [Triangles(_soup(random, 50_000 if large else 5_000))]}, [Placed("soup")]
+    if name == "mesh of a million":
+        return {"mesh": [Triangles(bumpy_ball(708, 0.02))]}, [Placed("mesh")]
+    shapes = {"ball": [Triangles(bumpy_ball(12, 0.3))], "soup": [Triangles(_soup(random, 100))]}
+    places = random.uniform(-6, 6, (1000 if large else 200, 3))
+    placed = []
+    for i, at in enumerate(places[spatial_order(places)]):
+        matrix = IDENTITY.copy()
+        matrix[:, :3] = turn(random) @ np.diag(random.uniform(0.3, 1.5, 3) * random.choice((-1, 1), 3))
+        matrix[:, 3] = at
+        placed.append(Placed(("ball", "soup")[i % 2], matrix))
+    return shapes, placed
+
+
+class _Flat:
+    """All triangles in world space, with which instance and primitive each is."""
+
+    def __init__(self, shapes: dict[str, list[Triangles]], placed: list[Placed]) -> None:
+        corners, instance, primitive = [], [], []
+        for index, item in enumerate(placed):
+            local = shapes[item.shape][0].placed
+            corners.append(local @ item.matrix[:, :3].T + item.matrix[:, 3])
+            instance.append(np.full(len(local), index))
+            primitive.append(np.arange(len(local)))
+        self.corners = np.concatenate(corners)
+        self.instance, self.primitive = np.concatenate(instance), np.concatenate(primitive)
+        self.first = np.concatenate([[0], np.cumsum([len(part) for part in corners])])[:-1]
+        self.low, self.high = self.corners.min(axis=(0, 1)), self.corners.max(axis=(0, 1))
+        self.extent = float(np.linalg.norm(self.high - self.low))
+
+    def embree(self) -> Any:
+        scene = importlib.import_module("embreex.rtcore_scene").EmbreeScene(robust=True)
+        vertices = self.corners.reshape(-1, 3).astype(np.float32)
+        indices = np.arange(len(vertices), dtype=np.int32).reshape(-1, 3)
+        importlib.import_module("embreex.mesh_construction").TriangleMesh(scene, vertices, indices)
+        return scene
+
+    def meet(self, index: NDArray[Any], origins: NDArray[Any], directions: NDArray[Any]) -> tuple[Any, Any]:
+        """Float64 t to the planes of triangles (N,), and how far from their nearest edges' lines; inf for index -1."""
+        t, edge = np.full(len(index), np.inf), np.full(len(index), np.inf)
+        hit = np.flatnonzero(index >= 0)
+        corners, origins, directions = self.corners[index[hit]], origins[hit], directions[hit]
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t[hit] = _dot(corners[:, 0] - origins, normal) / _dot(directions, normal)
+            points = origins + t[hit, None] * directions
+        for i in range(3):
+            along = corners[:, (i + 1) % 3] - corners[:, i]
+            part = np.clip(_dot(points - corners[:, i], along) / np.maximum(_dot(along, along), 1e-300), 0, 1)
+            apart = np.linalg.norm(points - corners[:, i] - part[:, None] * along, axis=1)
+            edge[hit] = np.fmin(edge[hit], apart)
+        return t, edge
+
+
+def _dot(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
+    return np.einsum("ij,ij->i", a, b)  # type: ignore[no-any-return]
+
+
+def measure(kernels: Kernels, scene: str, count: int) -> Iterator[Measurement]:
+    """`count` random rays through the scene's bounds."""
+    shapes, placed = _scene(scene, count)
+    flat = _Flat(shapes, placed)
+    oracle = flat.embree()
+    random = np.random.default_rng(16)
+    unexcused = excused = 0
+    worst = 0.0
+    with World(kernels.device, shapes, placed) as world:
+        for start in range(0, count, _BATCH):
+            size = min(_BATCH, count - start)
+            middle, half = (flat.low + flat.high) / 2, (flat.high - flat.low) / 2
+            origins = (middle + random.uniform(-1.5, 1.5, (size, 3)) * half).astype(np.float32)
+            targets = middle + random.uniform(-0.9, 0.9, (size, 3)) * half
+            directions = (targets - origins).astype(np.float32)
+            directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+            hits = trace(kernels, world.tlas, origins, directions)
+            found = np.where(hits["t"] < 0, -1, flat.first[np.minimum(hits["instance"], len(placed) - 1)]
+                             + np.minimum(hits["primitive"], len(flat.corners)))  # fmt: skip
+            found = np.minimum(found, len(flat.corners) - 1)
+            right = oracle.run(origins, directions)
+            t_found, edge_found = flat.meet(found, origins.astype(np.float64), directions.astype(np.float64))
+            t_right, edge_right = flat.meet(right, origins.astype(np.float64), directions.astype(np.float64))
+            differs = found != right
+            with np.errstate(invalid="ignore"):
+                level = np.abs(t_found - t_right) <= 1e-6 * flat.extent
+            at_edge = np.fmin(edge_found, edge_right) <= _NEAR * flat.extent
+            unexcused += int((differs & ~at_edge & ~level).sum())
+            excused += int((differs & (at_edge | level)).sum())
+            same = ~differs & (found >= 0)
+            worst = max(worst, float(np.abs(hits["t"] - t_found)[same].max(initial=0)) / flat.extent)
+    rule, edges, distance = rules(scene)
+    yield Measurement(rule, unexcused / count, 1e-4, f"of {count:,} rays")
+    yield Measurement(edges, excused / count, 1e-3, f"of {count:,} rays")
+    yield Measurement(distance, worst, 1e-4, "of the extent")

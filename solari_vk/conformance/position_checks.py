@@ -1,0 +1,51 @@
+"""Vertex return: the positions of hit triangles' vertices, where the device has them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from solari_vk.conformance.kernels import Kernels
+from solari_vk.conformance.probe_checks import probe_rays
+from solari_vk.conformance.probe_table import PROBES
+from solari_vk.conformance.probes import CONFIRM, INSTANCES, SHAPES, TRIANGLE, Probe, call_rule
+from solari_vk.conformance.rules import Measurement
+from solari_vk.conformance.worlds import Triangles, World
+
+RULES = {
+    (which, several): call_rule(f"get{which.capitalize()}HitVertexPositions, {count}")
+    for which in ("committed", "candidate")
+    for several, count in ((False, "one geometry"), (True, "several geometries"))
+}
+
+
+def measure_positions(kernels: Kernels) -> Iterator[Measurement]:
+    """Object-space positions of every triangle that a probe must hit, against the geometry (with its transform)."""
+    rays = probe_rays(kernels.dtype("positions.comp", "probes"))
+    with World(kernels.device, SHAPES, list(INSTANCES.values())) as world:
+        inputs = {"tlas": world.tlas, "probes": rays}
+        found = kernels.compute("positions", inputs, {"corners": len(rays)}, len(rays))["corners"]
+    for (which, several), rule in RULES.items():
+        worst, label = 0.0, ""
+        for probe, got in zip(PROBES, found, strict=True):
+            expected = _corners(probe, which)
+            if expected is None or several != (len(SHAPES[INSTANCES[probe.on].shape]) > 1):
+                continue
+            error = float(np.abs(got[which] - expected).max()) if got["kind"] == TRIANGLE else np.inf
+            if not error <= worst:
+                worst, label = error, probe.label
+        yield Measurement(rule, worst, 1e-6, "absolute error", label)
+
+
+def _corners(probe: Probe, which: str) -> np.ndarray | None:
+    """The vertices (3, 3) that a probe must get; None when it needn't hit, or when several may be hit."""
+    hit = probe.committed
+    if hit is None or hit.kind != TRIANGLE or hit.primitive is None or probe.action != CONFIRM:
+        return None
+    if which == "candidate" and probe.candidates != 1:
+        return None
+    part = SHAPES[INSTANCES[probe.on].shape][hit.geometry]
+    assert isinstance(part, Triangles)
+    corners: np.ndarray = part.placed[hit.primitive]
+    return corners

@@ -1,0 +1,208 @@
+"""Runs the probes in a world and holds the answers against the hand table and float64 closed forms."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.conformance.kernels import Kernels
+from solari_vk.conformance.probe_table import PROBES
+from solari_vk.conformance.probes import AABB, INSTANCES, SHAPES, TRIANGLE, Expected, Probe, call_rule, hit_rule
+from solari_vk.conformance.rules import VULKAN, Measurement, Rule, count_wrong
+from solari_vk.conformance.worlds import Placed, Triangles, World
+
+_ORDER = list(INSTANCES)
+_GETTERS = Rule("OpRayQueryGetRayTMin, RayFlags, WorldRayOrigin, WorldRayDirection", VULKAN, "Ray Query")
+_OBJECT_RAY = Rule("OpRayQueryGetIntersectionObjectRayOrigin, Direction", VULKAN, "Ray Query")
+_OPAQUE_BOX = Rule("OpRayQueryGetIntersectionCandidateAABBOpaque", VULKAN, "Ray Query")
+_STEP_LIMIT = 4096
+
+
+def probe_rays(dtype: np.dtype[Any]) -> np.ndarray:
+    """The probes as the shader takes them, rays in world space rounded to float32."""
+    records = np.zeros(len(PROBES), dtype)
+    for record, probe in zip(records, PROBES, strict=True):
+        matrix = INSTANCES[probe.on].matrix
+        record["origin"] = matrix[:, :3] @ probe.origin + matrix[:, 3]
+        record["direction"] = matrix[:, :3] @ probe.direction
+        record["t_min"], record["t_max"] = probe.t_min, probe.t_max
+        record["flags"], record["cull_mask"] = probe.flags, probe.mask
+        record["action"], record["parameter"] = probe.action, probe.parameter
+    return records
+
+
+def run_probes(
+    kernels: Kernels, world: World, stage: str = "compute", damage: Callable[[np.ndarray], None] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rays and answers (one a probe) from a compute or a fragment shader; `damage` seeds bugs into what is sent."""
+    rays = probe_rays(kernels.dtype("probe.comp", "probes"))
+    sent = rays.copy()
+    if damage is not None:
+        damage(sent)
+    inputs, outputs = {"tlas": world.tlas, "probes": sent}, {"answers": len(rays)}
+    if stage == "compute":
+        return rays, kernels.compute("probe", inputs, outputs, len(rays))["answers"]
+    found, row = kernels.fragment("probe", inputs, outputs, len(rays))
+    answers = found["answers"]
+    assert (row == answers["committed"]["kind"] + 1).all(), "the picture differs from what the fragments wrote"
+    return rays, answers
+
+
+def measure(rays: np.ndarray, answers: np.ndarray) -> Iterator[Measurement]:
+    """All rules that the probes measure."""
+    checked = [_Checked(*item) for item in zip(PROBES, rays, answers, strict=True)]
+    rules: dict[Rule, list[_Checked]] = {}
+    for item in checked:
+        rules.setdefault(item.probe.rule, []).append(item)
+    for rule, items in rules.items():
+        yield count_wrong(rule, [f"{item.probe.label} ({why})" for item in items if (why := item.wrong())])
+    yield count_wrong(
+        call_rule("rayQueryProceed: ends, and stays ended"),
+        [item.probe.label for item in checked if item.answer["proceeds_after_end"] or item.steps >= _STEP_LIMIT],
+    )
+    for which in ("committed", "candidate"):
+        yield from _measure_getters(which, [item for item in checked if item.expected(which) is not None])
+    yield count_wrong(_GETTERS, [item.probe.label for item in checked if not item.tells_its_ray()])
+    opaque = [item for item in checked if item.answer["box_candidates"]]
+    yield count_wrong(_OPAQUE_BOX, [item.probe.label for item in opaque if not item.tells_opaque_boxes()])
+
+
+def _measure_getters(which: str, items: list[_Checked]) -> Iterator[Measurement]:
+    exact = [item for item in items if item.answer[which]["kind"] == item.expected(which).kind]  # type: ignore[union-attr]
+    bars = {"t": 2e-6, "barycentrics": 4e-6, "object_to_world": 1e-6, "world_to_object": 1e-5, "object_ray": 1e-6}
+    worst: dict[str, tuple[float, str]] = dict.fromkeys(bars, (0.0, ""))
+    wrong: dict[str, list[str]] = {name: [] for name in _DISCRETE}
+    for item in exact:
+        for name, error in item.errors(which).items():
+            if not error <= worst[name][0]:
+                worst[name] = (error, item.probe.label)
+        for name in item.discrete(which):
+            wrong[name].append(item.probe.label)
+    for name, labels in wrong.items():
+        yield count_wrong(hit_rule(f"{name}, {which}"), labels)
+    for name, (error, label) in worst.items():
+        rule = hit_rule(f"{name}, {which}")
+        if name == "object_ray":
+            rule = Rule(f"{_OBJECT_RAY.name}, {which}", _OBJECT_RAY.document, _OBJECT_RAY.section)
+        yield Measurement(rule, error, bars[name], "relative error", label)
+
+
+_DISCRETE = ("instance_custom_data", "instance_index", "sbt_record_offset", "geometry_index", "primitive_index",
+             "front_face")  # fmt: skip
+
+
+class _Checked:
+    """A probe with its ray, its answer, and the float64 truth about the instance that it meets."""
+
+    def __init__(self, probe: Probe, ray: np.void, answer: np.void) -> None:
+        self.probe, self.ray, self.answer = probe, ray, answer
+        self.steps = int(answer["steps"])
+        self.placed: Placed = INSTANCES[probe.on]
+        matrix = self.placed.matrix
+        self.inverse = np.linalg.inv(matrix[:, :3])
+        self.origin = self.inverse @ (ray["origin"].astype(np.float64) - matrix[:, 3])
+        self.direction = self.inverse @ ray["direction"].astype(np.float64)
+
+    def expected(self, which: str) -> Expected | None:
+        """What the hand table says of the committed hit or of the only candidate."""
+        return self.probe.committed if which == "committed" else self.probe.candidate
+
+    def wrong(self) -> str:
+        """What the answer has wrong, in words; empty when nothing."""
+        probe, answer = self.probe, self.answer
+        if self.steps == 0xFFFFFFFF:
+            return "not run"
+        found = []
+        for which in ("committed", "candidate"):
+            expected, got = self.expected(which), answer[which]
+            if which == "committed" and expected is None and got["kind"]:
+                found.append(f"hit at t = {got['t']:g}")
+            if expected is None:
+                continue
+            if got["kind"] != expected.kind:
+                found.append(f"{which} kind {got['kind']}")
+                continue
+            found += [f"{which} {name}" for name in self.discrete(which)]
+            allowed = probe.among if expected.t is None else (expected.t,)
+            # Rounding of world-space rays moves a tiny instance's t more than the float64 check, which knows of it.
+            if allowed and not any(abs(got["t"] - t) <= 1e-3 * t for t in allowed):
+                found.append(f"{which} t = {got['t']:g}")
+        if probe.candidates is not None and self.steps != probe.candidates:
+            found.append(f"{self.steps} candidates")
+        return ", ".join(found)
+
+    def _primitive(self, which: str, got: np.void) -> int:
+        expected = self.expected(which)
+        assert expected is not None
+        return int(got["primitive"]) if expected.primitive is None else expected.primitive
+
+    def discrete(self, which: str) -> list[str]:
+        """The names of whole-number members that are wrong."""
+        expected, got = self.expected(which), self.answer[which]
+        assert expected is not None
+        pairs = {
+            "instance_custom_data": (got["custom_data"], self.placed.custom),
+            "instance_index": (got["instance"], _ORDER.index(self.probe.on)),
+            "sbt_record_offset": (got["sbt_offset"], self.placed.sbt_offset),
+            "geometry_index": (got["geometry"], expected.geometry),
+            "primitive_index": (got["primitive"], self._primitive(which, got)),
+        }
+        if expected.kind == TRIANGLE:
+            pairs["front_face"] = (got["front_face"], int(expected.front))
+        return [name for name, (value, right) in pairs.items() if value != right]
+
+    def errors(self, which: str) -> dict[str, float]:
+        """Relative errors of the real-valued members."""
+        expected, got = self.expected(which), self.answer[which]
+        assert expected is not None
+        matrix = self.placed.matrix
+        back = np.concatenate([self.inverse, -(self.inverse @ matrix[:, 3:])], axis=1)
+        found = {
+            "object_to_world": _error(got["object_to_world"].T, matrix),
+            "world_to_object": _error(got["world_to_object"].T, back),
+            "object_ray": max(
+                _error(got["object_origin"], self.origin, self._coarseness()),
+                _error(got["object_direction"], self.direction),
+            ),
+        }
+        if expected.kind == TRIANGLE:
+            t, barycentrics = self._meet(expected.geometry, self._primitive(which, got))
+            found["barycentrics"] = _error(got["barycentrics"], barycentrics, max(self._coarseness(), t))
+            found["t"] = _error(got["t"], t, max(self._coarseness(), t))
+        elif expected.kind != AABB and expected.t is not None:
+            found["t"] = _error(got["t"], expected.t, max(self._coarseness(), expected.t))
+        return found
+
+    def _coarseness(self) -> float:
+        """The magnitude whose rounding moves the object-space ray: its origin cancels against the instance's place."""
+        return float(np.abs(self.inverse).max() * np.abs(self.placed.matrix).max())
+
+    def _meet(self, geometry: int, primitive: int) -> tuple[float, NDArray[np.float64]]:
+        """t and barycentrics at which the object-space ray meets the triangle's plane."""
+        part = SHAPES[self.placed.shape][geometry]
+        assert isinstance(part, Triangles)
+        a, b, c = part.placed[primitive]
+        u, v, t = np.linalg.solve(np.stack([b - a, c - a, -self.direction], axis=1), self.origin - a)
+        return float(t), np.array([u, v])
+
+    def tells_its_ray(self) -> bool:
+        """Whether the query's getters of the ray return what it was given."""
+        got, ray = self.answer, self.ray
+        same = [
+            got["t_min"] == ray["t_min"], got["flags"] == ray["flags"],
+            (got["world_origin"] == ray["origin"]).all(), (got["world_direction"] == ray["direction"]).all(),
+        ]  # fmt: skip
+        return all(map(bool, same))
+
+    def tells_opaque_boxes(self) -> bool:
+        """Whether box candidates came with the opacity that geometry and flags give them."""
+        opaque = self.placed.shape == "opaque boxes" or self.probe.flags & 1
+        return int(self.answer["opaque_boxes"]) == (int(self.answer["box_candidates"]) if opaque else 0)
+
+
+def _error(got: Any, right: Any, scale: float | None = None) -> float:
+    difference = np.abs(np.asarray(got, np.float64) - right).max()
+    return float(difference / (scale if scale else max(np.abs(right).max(), 1e-30)))

@@ -1,0 +1,165 @@
+"""The probes' scene, and the hand table of probes: rays with what the documents say that they must find.
+
+Every probe is told in the object space of one instance, where its outcome is plain; the world keeps instances 10
+apart in x, far enough that a ray meets its own instance only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.conformance.rules import VULKAN, WGPU, Rule
+from solari_vk.conformance.worlds import (
+    CULL_DISABLE,
+    FLIP_FACING,
+    INSTANCE_NO_OPAQUE,
+    INSTANCE_OPAQUE,
+    Boxes,
+    Placed,
+    Triangles,
+)
+
+# wgpu ray tracing, "Flags for RayDesc::flags"
+FORCE_OPAQUE, FORCE_NO_OPAQUE, TERMINATE_ON_FIRST_HIT, SKIP_CLOSEST_HIT_SHADER = 0x1, 0x2, 0x4, 0x8
+CULL_BACK_FACING, CULL_FRONT_FACING, CULL_OPAQUE, CULL_NO_OPAQUE = 0x10, 0x20, 0x40, 0x80
+SKIP_TRIANGLES, SKIP_AABBS = 0x100, 0x200
+# "Constants for RayIntersection::kind"
+NONE, TRIANGLE, GENERATED, AABB = 0, 1, 2, 3
+# What a probe does at candidates, as glsl/conformance/probe.glsl has it
+PASS_OVER, CONFIRM, CONFIRM_ODD, GENERATE_AT, GENERATE_SPHERE, TERMINATE = 0, 1, 2, 4, 8, 16
+
+
+def triangle(x: float = 0.0, z: float = 0.0) -> NDArray[np.float64]:
+    """(3, 3): (x, 0, z), (x + 2, 0, z), (x, 2, z), facing +z."""
+    return np.array([(x, 0, z), (x + 2, 0, z), (x, 2, z)], np.float64)
+
+
+def _stack(first: float = 0.0) -> NDArray[np.float64]:
+    return np.stack([triangle(0, first - i) for i in range(4)])
+
+
+_UNIT_BOXES = np.array([[(2 * i, 0, 0), (2 * i + 1, 1, 1)] for i in range(3)], np.float64)
+_MIRROR = np.array([(-1, 0, 0, 2), (0, 1, 0, 0), (0, 0, 1, 0)], np.float64)
+_MOVE = np.array([(1, 0, 0, 4), (0, 1, 0, 0), (0, 0, 1, 0.5)], np.float64)
+
+SHAPES: dict[str, tuple[Triangles | Boxes, ...]] = {
+    "opaque": (Triangles(triangle()[None]),),
+    "glass": (Triangles(triangle()[None], opaque=False),),
+    "wall": (Triangles(_stack()),),
+    "glass stack": (Triangles(_stack(), opaque=False),),
+    "glass over opaque": (Triangles(triangle(0, -1)[None]), Triangles(triangle()[None], opaque=False)),
+    "many": (
+        Triangles(triangle()[None]),
+        Triangles(np.stack([triangle(2), triangle(2, -1)]), index_dtype=np.uint16, stride=28),
+        Triangles(np.stack([triangle(0, -i) for i in range(3)]), index_dtype=np.uint32, transform=_MOVE),
+    ),
+    "mirrored geometry": (Triangles(triangle()[None], transform=_MIRROR),),
+    "boxes": (Boxes(_UNIT_BOXES),),
+    "opaque boxes": (Boxes(_UNIT_BOXES, opaque=True, stride=32),),
+    "two lists of boxes": (Boxes(_UNIT_BOXES[:1]), Boxes(_UNIT_BOXES[:2] + np.array((0, 2, 0)), stride=40)),
+}
+
+_TURN = np.array([(0.6, 0, 0.8), (0, 1, 0), (-0.8, 0, 0.6)])
+_SHEAR = np.array([(2.0, 0.5, 0.0), (0.0, 0.75, -0.25), (0.0, 0.0, 0.5)])
+
+
+def _instances() -> dict[str, Placed]:
+    """The instances by label, 10 apart."""
+    linear = {
+        "mirrored": np.diag((-1.0, 1, 1)), "turned": _TURN, "stretched": np.diag((3.0, 0.5, 1.25)),
+        "sheared": _TURN @ _SHEAR, "inverted": -_TURN @ np.diag((0.5, 2.0, 1)), "tiny": np.eye(3) * 2.0**-10,
+        "turned boxes": _TURN @ np.diag((1.0, 0.5, 2)), "flipped mirrored": np.diag((-1.0, 1, 1)),
+    }  # fmt: skip
+    told: dict[str, dict[str, object]] = {
+        "opaque": {}, "glass": {}, "wall": {}, "glass stack": {}, "glass over opaque": {}, "many": {"custom": 0x5A5A5A},
+        "mirrored geometry": {}, "boxes": {}, "opaque boxes": {}, "two lists of boxes": {},
+        "made opaque": {"shape": "glass", "flags": INSTANCE_OPAQUE},
+        "made glass": {"shape": "opaque", "flags": INSTANCE_NO_OPAQUE},
+        "opaque stack": {"shape": "glass stack", "flags": INSTANCE_OPAQUE},
+        "two-sided": {"shape": "opaque", "flags": CULL_DISABLE},
+        "flipped": {"shape": "opaque", "flags": FLIP_FACING},
+        "flipped mirrored": {"shape": "opaque", "flags": FLIP_FACING},
+        "mask 01": {"shape": "opaque", "mask": 0x01}, "mask 80": {"shape": "opaque", "mask": 0x80},
+        "mask 00": {"shape": "opaque", "mask": 0x00}, "mask 5A": {"shape": "opaque", "mask": 0x5A},
+        "all bits": {"shape": "opaque", "custom": 0xFFFFFF}, "top bit": {"shape": "opaque", "custom": 0x800001},
+        "zero": {"shape": "opaque", "custom": 0}, "record offset": {"shape": "opaque", "sbt_offset": 0x123456},
+        "inactive": {"shape": "opaque", "active": False},
+        "mirrored": {"shape": "opaque"}, "turned": {"shape": "opaque"}, "stretched": {"shape": "opaque"},
+        "sheared": {"shape": "opaque"}, "inverted": {"shape": "opaque"}, "tiny": {"shape": "opaque"},
+        "turned boxes": {"shape": "boxes"},
+    }  # fmt: skip
+    found = {}
+    for place, (label, fields) in enumerate(told.items()):
+        matrix = np.zeros((3, 4))
+        matrix[:, :3] = linear.get(label, np.eye(3))
+        matrix[:, 3] = 10 * place, place % 3, -(place % 5)
+        default = {"shape": label, "custom": 3 * place + 1}
+        found[label] = Placed(**{**default, **fields}, transform=matrix)  # type: ignore[arg-type]
+    return found
+
+
+INSTANCES = _instances()
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What must be committed, or what the first candidate must be. t None: any of those in the probe's `among`."""
+
+    kind: int
+    t: float | None
+    geometry: int = 0
+    primitive: int | None = 0
+    front: bool = True
+
+
+@dataclass(frozen=True)
+class Probe:
+    """A ray in the object space of instance `on`, and what it must find there.
+
+    `committed` None means nothing. `candidate`, when given, is the first and only candidate; `candidates` how often the
+    traversal must stop, None where documents leave it open; `among` are the distances of which one must be found.
+    """
+
+    label: str
+    rule: Rule
+    on: str
+    committed: Expected | None
+    origin: tuple[float, float, float] = (0.5, 0.25, 2.0)
+    direction: tuple[float, float, float] = (0.0, 0.0, -1.0)
+    t_min: float = 0.0
+    t_max: float = 100.0
+    flags: int = 0
+    mask: int = 0xFF
+    action: int = CONFIRM
+    parameter: float = 0.0
+    candidate: Expected | None = None
+    candidates: int | None = None
+    among: tuple[float, ...] = ()
+
+
+def flag_rule(name: str) -> Rule:
+    """A rule of the list of ray flags."""
+    return Rule(name, WGPU, "Flags for RayDesc::flags")
+
+
+def ray_rule(name: str) -> Rule:
+    """A rule of RayDesc."""
+    return Rule(f"RayDesc.{name}", WGPU, "RayDesc")
+
+
+def hit_rule(name: str) -> Rule:
+    """A rule of RayIntersection."""
+    return Rule(f"RayIntersection.{name}", WGPU, "RayIntersection")
+
+
+def call_rule(name: str) -> Rule:
+    """A rule of the rayQuery functions."""
+    return Rule(name, WGPU, "naga's raytracing API")
+
+
+def instance_rule(name: str) -> Rule:
+    """A rule of instance flags, which the wgpu document leaves out."""
+    return Rule(name, VULKAN, "VkGeometryInstanceFlagBitsKHR")

@@ -1,0 +1,104 @@
+"""The report of a run: a header about the device, and a table with a row a rule, as text, Markdown or HTML."""
+
+from __future__ import annotations
+
+import html
+from collections import Counter
+from collections.abc import Sequence
+
+from solari_vk.conformance.rules import FAULT, STATUSES, UNSUPPORTED, Row
+from solari_vk.gpu.device import Device
+
+_COLUMNS = ("rule", "document, section", "result", "measured", "bar", "runs")
+
+
+class Report:
+    """What `solari-vk conformance` prints and writes."""
+
+    def __init__(self, device: Device, rows: Sequence[Row], full: bool, seconds: float) -> None:
+        from solari_vk import __version__
+
+        self.rows = list(rows)
+        made = device.properties
+        limits = made.acceleration
+        self.header = {
+            "device": f"{device.name} ({made.kind}), {made.uuid}",
+            "driver": f"{made.driver}, Vulkan {'.'.join(map(str, made.api_version))}",
+            "limits": f"{limits.maxInstanceCount:,} instances, {limits.maxPrimitiveCount:,} primitives, "
+            f"{limits.maxGeometryCount:,} geometries",
+            "suite": f"solari_vk {__version__}, {'full' if full else 'fast'} profile, {seconds:.0f} s"
+            + (", under the validation layer" if device.validation else ""),
+            "result": self.verdict(),
+        }
+
+    def verdict(self) -> str:
+        """How many rules came out how."""
+        counts = Counter(row.status for row in self.rows)
+        parts = [f"{counts[status]} {status}" for status in reversed(STATUSES) if counts[status]]
+        return f"{len(self.rows)} rules: {', '.join(parts) or 'none measured'}"
+
+    def _groups(self) -> dict[str, list[Row]]:
+        found: dict[str, list[Row]] = {}
+        for row in self.rows:
+            found.setdefault(row.group, []).append(row)
+        return found
+
+    def _cells(self, row: Row) -> tuple[str, ...]:
+        source = ", ".join(part for part in (row.rule.document, row.rule.section) if part)
+        return row.rule.name, source, row.status, row.measured, row.bar, str(row.runs)
+
+    def _remarks(self) -> list[str]:
+        """What rows that aren't plain have to say."""
+        return [f"{row.status}: {row.group}: {row.rule.name}: {row.note}" for row in self.rows if row.note]
+
+    def text(self) -> str:
+        """Plain text, columns aligned."""
+        lines = [f"{name + ':':9}{value}" for name, value in self.header.items()]
+        for group, members in self._groups().items():
+            cells = [_COLUMNS, *map(self._cells, members)]
+            widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+            lines += ["", group]
+            lines += [
+                "  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+                for row in cells
+            ]
+        return "\n".join(lines + (["", *self._remarks()] if self._remarks() else []))
+
+    def markdown(self) -> str:
+        """A page with a table a group."""
+        lines = ["# Conformance report", ""]
+        lines += [f"- {name}: {value}" for name, value in self.header.items()]
+        for group, members in self._groups().items():
+            lines += ["", f"## {group}", "", _markdown_row(_COLUMNS), _markdown_row(["---"] * len(_COLUMNS))]
+            lines += [_markdown_row(self._cells(row)) for row in members]
+        for title, statuses in (("Known faults", {FAULT}), ("Unsupported", {UNSUPPORTED}), ("Failures", None)):
+            found = [
+                row for row in self.rows
+                if row.note and (row.status in statuses if statuses else row.status not in (FAULT, UNSUPPORTED))
+            ]  # fmt: skip
+            if found:
+                lines += ["", f"## {title}", "", *(f"- {row.rule.name}: {row.note}" for row in found)]
+        return "\n".join(lines) + "\n"
+
+    def html(self) -> str:
+        """A page of its own, without anything from elsewhere."""
+        parts = [
+            "<!doctype html><meta charset='utf-8'><title>Conformance report</title><style>body{font:14px sans-serif;"
+            "margin:2em}table{border-collapse:collapse}td,th{border:1px solid #ccc;padding:2px 8px;text-align:left}"
+            ".bad{background:#fbb}.fault{background:#fe9}.none{background:#eee}</style><h1>Conformance report</h1><ul>",
+            *(f"<li>{html.escape(name)}: {html.escape(value)}" for name, value in self.header.items()),
+            "</ul>",
+        ]
+        colors = {"pass": "", FAULT: "fault", UNSUPPORTED: "none"}
+        for group, members in self._groups().items():
+            parts.append(f"<h2>{html.escape(group)}</h2><table><tr>")
+            parts += [f"<th>{name}" for name in (*_COLUMNS, "remark")]
+            for row in members:
+                cells = "".join(f"<td>{html.escape(cell)}" for cell in (*self._cells(row), row.note))
+                parts.append(f"<tr class='{colors.get(row.status, 'bad')}'>{cells}")
+            parts.append("</table>")
+        return "\n".join(parts) + "\n"
+
+
+def _markdown_row(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"

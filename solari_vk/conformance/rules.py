@@ -1,0 +1,119 @@
+"""What the suite measures: rules with their sources, measurements with their bars, and the rows of the report."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+WGPU, VULKAN, SUITE = "wgpu ray tracing", "Vulkan 1.3", "solari_vk"
+PASS, FAIL, ERROR, FAULT, UNSUPPORTED = "pass", "FAIL", "ERROR", "known fault", "unsupported"
+# The worst first: what a row says when its rule was measured in several cases.
+STATUSES = (ERROR, FAIL, FAULT, UNSUPPORTED, PASS)
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A sentence that must hold, and where it is from."""
+
+    name: str
+    document: str
+    section: str
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """A rule measured once: it holds when `measured` is at most `bar`. `note` says what went wrong, and where."""
+
+    rule: Rule
+    measured: float
+    bar: float = 0.0
+    unit: str = "wrong"
+    note: str = ""
+
+    @property
+    def holds(self) -> bool:
+        """Whether the bar is kept; a NaN keeps none."""
+        return self.measured <= self.bar
+
+    def __str__(self) -> str:
+        note = f": {self.note}" if self.note else ""
+        return f"{self.rule.name}: {self.measured:.4g} {self.unit}, at most {self.bar:.4g}{note}"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A measurement, or why there is none, with the group and the case it was made in."""
+
+    group: str
+    rule: Rule
+    status: str
+    case: str = ""
+    measurement: Measurement | None = None
+    reason: str = ""
+
+
+@dataclass
+class Row:
+    """All that is known of one rule: the worst of its cases."""
+
+    group: str
+    rule: Rule
+    outcomes: list[Outcome] = field(default_factory=list)
+
+    @property
+    def worst(self) -> Outcome:
+        """The outcome that decides: by status first, then by how much of its bar it uses."""
+        return min(self.outcomes, key=lambda outcome: (STATUSES.index(outcome.status), -_used(outcome)))
+
+    @property
+    def status(self) -> str:
+        """The worst status of its cases."""
+        return self.worst.status
+
+    @property
+    def measured(self) -> str:
+        """The worst measured value with its unit."""
+        made = self.worst.measurement
+        return f"{made.measured:.3g} {made.unit}" if made else ""
+
+    @property
+    def bar(self) -> str:
+        """What it was held against."""
+        return f"{self.worst.measurement.bar:.3g}" if self.worst.measurement else ""
+
+    @property
+    def note(self) -> str:
+        """What to know of a row that isn't plain: reason or note, and the case."""
+        worst = self.worst
+        text = worst.reason or (worst.measurement.note if worst.measurement and worst.status != PASS else "")
+        return f"{text} [{worst.case}]" if text and worst.case else text
+
+    @property
+    def runs(self) -> int:
+        """In how many cases it was measured."""
+        return sum(outcome.measurement is not None for outcome in self.outcomes)
+
+
+def _used(outcome: Outcome) -> float:
+    made = outcome.measurement
+    if made is None or math.isnan(made.measured):
+        return math.inf
+    return made.measured / made.bar if made.bar else made.measured
+
+
+def rows(outcomes: Iterable[Outcome]) -> list[Row]:
+    """One row a rule, in the order in which groups and rules came up first."""
+    found: dict[tuple[str, Rule], Row] = {}
+    for outcome in outcomes:
+        key = (outcome.group, outcome.rule)
+        found.setdefault(key, Row(*key)).outcomes.append(outcome)
+    groups = list(dict.fromkeys(group for group, _ in found))
+    return sorted(found.values(), key=lambda row: groups.index(row.group))
+
+
+def count_wrong(rule: Rule, wrong: Iterable[str]) -> Measurement:
+    """A rule that holds when nothing is wrong; the names of the first few that are make the note."""
+    names = list(wrong)
+    more = f" and {len(names) - 4} more" if len(names) > 4 else ""
+    return Measurement(rule, float(len(names)), note=", ".join(names[:4]) + more)

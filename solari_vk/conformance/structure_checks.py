@@ -1,0 +1,199 @@
+"""Acceleration structures: ways of building that must agree, formats, indices, and what holds nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.conformance.bulk_checks import bumpy_ball, trace, turn
+from solari_vk.conformance.kernels import Kernels
+from solari_vk.conformance.rules import VULKAN, WGPU, Measurement, Rule, count_wrong
+from solari_vk.conformance.worlds import (
+    COMPACTED,
+    FRESH,
+    WAYS,
+    Boxes,
+    Placed,
+    Shapes,
+    Triangles,
+    World,
+    instance_records,
+    translation,
+)
+from solari_vk.gpu.acceleration import build_blases
+from solari_vk.scene.spatial import spatial_order
+
+_API, _COMPACTION, _STRUCTURES = "wgpu's raytracing API", "Blas compaction", "Acceleration Structures"
+_DOWN = np.array((0.0, 0.0, -1.0))
+_FLAT = np.array([[(0, 0, 0), (2, 0, 0), (0, 2, 0)]], np.float64)
+Damage = Callable[[np.ndarray], None]
+
+
+def _heap() -> tuple[Shapes, list[Placed], NDArray[np.float64], NDArray[np.float64]]:
+    """Balls and boxes turned through each other, and rays through the heap."""
+    random = np.random.default_rng(20)
+    shapes: Shapes = {
+        "ball": [Triangles(bumpy_ball(16, 0.1))],
+        "two": [Triangles(bumpy_ball(8, 0.3) * 0.5), Triangles(bumpy_ball(8, 0.3), opaque=False)],
+    }
+    places = random.uniform(-5, 5, (150, 3))
+    placed = []
+    for i, at in enumerate(places[spatial_order(places)]):
+        matrix = np.concatenate([turn(random) @ np.diag(random.uniform(0.3, 1.5, 3)), at[:, None]], axis=1)
+        placed.append(Placed(("ball", "two")[i % 2], matrix, custom=i * 7919 & 0xFFFFFF))
+    origins = random.uniform(-7, 7, (20_000, 3))
+    return shapes, placed, origins, random.uniform(-4, 4, (20_000, 3)) - origins
+
+
+def measure_ways(kernels: Kernels, damage: Damage | None = None) -> Iterator[Measurement]:
+    """However structures were built, the same rays meet the same triangles at the same t. Also sizes."""
+    shapes, placed, origins, directions = _heap()
+    hits, sizes = {}, {}
+    for way in (*WAYS, "fast build"):
+        known = way if way in WAYS else FRESH
+        seeded = damage if way != FRESH else None
+        with World(kernels.device, shapes, placed, known, fast_trace=way in WAYS, damage=seeded) as world:
+            hits[way] = trace(kernels, world.tlas, origins, directions)
+            sizes[way] = [(blas.built_size, blas.size) for blas in world.blases.values()]
+    right = hits.pop(FRESH)
+    documents = {"compacted": (WGPU, _COMPACTION)}
+    for way, found in hits.items():
+        same_t = np.abs(found["t"] - right["t"]) <= 1e-5 * np.abs(right["t"])
+        keys = ("custom_data", "instance", "geometry", "primitive")
+        same = np.logical_and.reduce([found[key] == right[key] for key in keys])
+        # Two surfaces at one distance may come in either order.
+        wrong = ~same_t | (~same & (np.abs(found["t"] - right["t"]) > 0))
+        source = documents.get(way, (VULKAN, _STRUCTURES))
+        yield Measurement(Rule(f"hits as when fresh: {way}", *source), float(wrong.sum()), unit=f"of {len(right):,}")
+    grown = [after / before for before, after in sizes[COMPACTED]]
+    rule = Rule("a compacted Blas is no larger", WGPU, _COMPACTION)
+    yield Measurement(rule, max(grown), 1.0, "of the size before")
+    hit_share = float((right["t"] >= 0).mean())
+    assert 0.1 < hit_share < 1, f"the heap must be hit, and missed, not {hit_share:.2f}"
+
+
+def measure_formats(kernels: Kernels) -> Iterator[Measurement]:
+    """The same triangles with and without indices, strides and transforms are hit alike."""
+    ball = bumpy_ball(12, 0.2)
+    moved = translation(0.25, -0.5, 0.125)
+    variants = {
+        "no indices": Triangles(ball), "uint16": Triangles(ball, index_dtype=np.uint16),
+        "uint32": Triangles(ball, index_dtype=np.uint32), "stride 20": Triangles(ball, stride=20),
+        "uint16, stride 32": Triangles(ball, index_dtype=np.uint16, stride=32),
+        "not opaque": Triangles(ball, opaque=False),
+        "transform": Triangles(ball - moved[:, 3].astype(np.float32), transform=moved),
+        "transform, uint32": Triangles(ball - moved[:, 3].astype(np.float32), transform=moved, index_dtype=np.uint32),
+    }  # fmt: skip
+    random = np.random.default_rng(21)
+    origins = random.uniform(-1.5, 1.5, (4000, 3))
+    directions = random.uniform(-0.7, 0.7, (4000, 3)) - origins
+    right = None
+    wrong = []
+    for name, variant in variants.items():
+        with World(kernels.device, {"one": [variant]}, [Placed("one")]) as world:
+            hits = trace(kernels, world.tlas, origins, directions)
+        right = hits if right is None else right
+        # A transform rounds vertices anew, so that a ray at an edge may change sides.
+        allowed = 4 if variant.transform is not None else 0
+        differs = (hits["primitive"] != right["primitive"]) | (np.abs(hits["t"] - right["t"]) > 1e-5)
+        if differs.sum() > allowed:
+            wrong.append(f"{name}: {differs.sum()} rays")
+    yield count_wrong(Rule("index formats, strides and geometry transforms", VULKAN, _STRUCTURES), wrong)
+
+
+def measure_indices(kernels: Kernels, damage: Damage | None = None) -> Iterator[Measurement]:
+    """Each of the 24 bits of custom data and the 8 of masks, alone."""
+    customs = [1 << bit for bit in range(24)] + [0, 0xFFFFFF, 0xAAAAAA, 0x555555]
+    masks = [1 << bit for bit in range(8)]
+    placed = [Placed("one", translation(4.0 * i), custom=custom) for i, custom in enumerate(customs)]
+    placed += [Placed("one", translation(4.0 * (len(placed) + i)), mask=mask) for i, mask in enumerate(masks)]
+    origins = np.array([(4.0 * i + 0.5, 0.5, 1.0) for i in range(len(placed))])
+    with World(kernels.device, {"one": [Triangles(_FLAT)]}, placed, damage=damage) as world:
+        hits = trace(kernels, world.tlas, origins, _DOWN)
+    wrong = [hex(custom) for custom, hit in zip(customs, hits, strict=False) if hit["custom_data"] != custom]
+    yield count_wrong(Rule("TlasInstance: custom data of 24 bits", WGPU, _API), wrong)
+    lost = [hex(mask) for mask, hit in zip(masks, hits[len(customs) :], strict=True) if hit["t"] < 0]
+    yield count_wrong(Rule("TlasInstance: mask of 8 bits", WGPU, _API), lost)
+
+
+def measure_nothing(kernels: Kernels) -> Iterator[Measurement]:
+    """Structures without anything in them, and primitives that are none."""
+    empty = np.zeros((0, 3, 3))
+    point = np.full((1, 3, 3), 0.5)
+    line = np.array([[(0, 0, 0), (1, 1, 0), (2, 2, 0)]])
+    gone = np.full((1, 3, 3), np.nan)
+    shapes: Shapes = {
+        "empty": [Triangles(empty)], "point": [Triangles(point)], "line": [Triangles(line)],
+        "NaN": [Triangles(gone)], "no boxes": [Boxes(np.zeros((0, 2, 3)))],
+        "NaN before a triangle": [Triangles(np.concatenate([gone, _FLAT]))], "one": [Triangles(_FLAT)],
+    }  # fmt: skip
+    names = list(shapes)
+    random = np.random.default_rng(22)
+    origins = np.stack([*random.uniform(0.05, 0.9, (2, 64)), np.ones(64)], axis=1)
+    worlds: dict[str, list[Placed]] = {name: [Placed(name)] for name in names}
+    worlds |= {"no instances": [], "inactive": [Placed("one", active=False)], "mask 0": [Placed("one", mask=0)]}
+    wrong = []
+    for name, placed in worlds.items():
+        used = {item.shape: shapes[item.shape] for item in placed}
+        with World(kernels.device, used, placed) as world:
+            hits = trace(kernels, world.tlas, origins, _DOWN)
+        solid = name in ("one", "NaN before a triangle")
+        if ((hits["t"] >= 0) != solid).any() or (solid and (hits["primitive"] != (name != "one")).any()):
+            wrong.append(name)
+    rule = Rule("empty structures and degenerate or NaN primitives are never hit", VULKAN, _STRUCTURES)
+    yield count_wrong(rule, wrong)
+
+
+def measure_many_blases(kernels: Kernels, count: int) -> Iterator[Measurement]:
+    """Many different structures in one call, in few and in many batches."""
+    shapes = {f"blas {i}": [Triangles(_FLAT + np.array((0, 0, i % 7 * 0.5)))] for i in range(count)}
+    placed = [Placed(name, translation(4.0 * i), custom=i) for i, name in enumerate(shapes)]
+    origins = np.array([(4.0 * i + 0.5, 0.5, 5.0) for i in range(count)])
+    expected = 5 - np.arange(count) % 7 * 0.5
+    cases = (("one batch", 1 << 28, FRESH), ("many batches", 1 << 12, FRESH), ("compacted", 0, COMPACTED))
+    for name, budget, way in cases:
+        with World(kernels.device, shapes, placed, way) as world:
+            if budget:
+                build_blases(kernels.device, list(world.blases.values()), compact=False, scratch_budget=budget)
+                addresses = {key: blas.address for key, blas in world.blases.items()}
+                world.place(instance_records(placed, addresses))
+            hits = trace(kernels, world.tlas, origins, _DOWN)
+        wrong = (hits["custom_data"] != np.arange(count)) | (np.abs(hits["t"] - expected) > 1e-4)
+        rule = Rule(f"many Blases in one call: {name}", WGPU, _API)
+        yield Measurement(rule, float(wrong.sum()), unit=f"of {count}")
+
+
+def measure_tlas_rebuilds(kernels: Kernels, damage: Damage | None = None) -> Iterator[Measurement]:
+    """A Tlas built over fewer, more and other instances has those of the last build, and no others."""
+    placed = [Placed("one", translation(4.0 * i), custom=i) for i in range(64)]
+    origins = np.array([(4.0 * i + 0.5, 0.5, 1.0) for i in range(64)])
+    wrong = []
+    with World(kernels.device, {"one": [Triangles(_FLAT)]}, placed) as world:
+        addresses = {"one": world.blases["one"].address}
+        for step, chosen in enumerate((range(64), range(10), range(0), range(20, 60, 3), range(64))):
+            members: Sequence[int] = list(chosen)
+            records = instance_records([placed[i] for i in members], addresses)
+            if damage is not None and len(records):
+                damage(records)
+            world.place(records)
+            hits = trace(kernels, world.tlas, origins, _DOWN)
+            seen = np.flatnonzero(hits["t"] >= 0).tolist()
+            if seen != members or hits["custom_data"][seen].tolist() != members:
+                wrong.append(f"build {step + 1}")
+    yield count_wrong(Rule("a Tlas holds what it was last built with", WGPU, _API), wrong)
+
+
+def measure_large_tlas(kernels: Kernels, count: int) -> Iterator[Measurement]:
+    """More instances than 16 bits count."""
+    side = int(np.ceil(np.sqrt(count)))
+    places = np.stack(np.unravel_index(np.arange(count), (side, side)), 1) * 3.0
+    places = places[spatial_order(np.pad(places, ((0, 0), (0, 1))))]
+    placed = [Placed("one", translation(x, y), custom=i & 0xFFFFFF) for i, (x, y) in enumerate(places)]
+    with World(kernels.device, {"one": [Triangles(_FLAT)]}, placed) as world:
+        origins = np.concatenate([places + 0.5, np.ones((count, 1))], axis=1)
+        hits = trace(kernels, world.tlas, origins, _DOWN)
+    wrong = (hits["custom_data"] != np.arange(count)) | (hits["instance"] != np.arange(count)) | (hits["t"] < 0)
+    rule = Rule("more instances than 16 bits count", VULKAN, _STRUCTURES)
+    yield Measurement(rule, float(wrong.sum()), unit=f"of {count:,}")

@@ -1,0 +1,37 @@
+"""Acceleration structures: built in all ways, in all formats, large, many, and empty."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from solari_vk.conformance import structure_checks as checks
+from solari_vk.conformance.kernels import Kernels
+from solari_vk.conformance.rules import Measurement
+from solari_vk.conformance.suite import Recorder
+
+_CHECKS = {
+    "ways": checks.measure_ways,
+    "formats": checks.measure_formats,
+    "indices": checks.measure_indices,
+    "nothing": checks.measure_nothing,
+    "rebuilds": checks.measure_tlas_rebuilds,
+}
+
+
+@pytest.mark.parametrize("measure", [pytest.param(check, id=name) for name, check in _CHECKS.items()])
+def test_structures(rule: Recorder, kernels: Kernels, measure: Callable[[Kernels], Iterator[Measurement]]) -> None:
+    """Everything that has one size."""
+    rule(measure(kernels))
+
+
+def test_many_blases(rule: Recorder, kernels: Kernels, full: bool) -> None:
+    """Hundreds of structures in one call; thousands in the full profile."""
+    rule(checks.measure_many_blases(kernels, 2000 if full else 300))
+
+
+def test_large_tlas(rule: Recorder, kernels: Kernels, full: bool) -> None:
+    """More instances than 16 bits count, in the full profile."""
+    if full:
+        rule(checks.measure_large_tlas(kernels, 70_000))

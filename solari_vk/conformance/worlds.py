@@ -1,0 +1,207 @@
+"""Small worlds told in numpy, and the acceleration structures made of them: fresh, rebuilt, refitted or compacted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.gpu.acceleration import (
+    INSTANCE_DTYPE,
+    AabbGeometry,
+    Blas,
+    Geometry,
+    Tlas,
+    TriangleGeometry,
+    build_blases,
+)
+from solari_vk.gpu.device import Device
+from solari_vk.gpu.memory import Buffer
+
+FRESH, REBUILT, REFITTED, COMPACTED = "fresh", "rebuilt", "refitted", "compacted"
+WAYS = (FRESH, REBUILT, REFITTED, COMPACTED)
+IDENTITY = np.eye(4)[:3]
+
+# VkGeometryInstanceFlagBitsKHR
+CULL_DISABLE, FLIP_FACING, INSTANCE_OPAQUE, INSTANCE_NO_OPAQUE = 1, 2, 4, 8
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """corners (T, 3, 3) of triangles in object space before `transform` (3, 4); index_dtype: with an index buffer."""
+
+    corners: NDArray[np.floating]
+    opaque: bool = True
+    transform: NDArray[np.floating] | None = None
+    index_dtype: type[np.unsignedinteger] | None = None
+    stride: int = 12
+
+    @property
+    def placed(self) -> NDArray[np.float64]:
+        """The corners in object space, float64."""
+        corners = np.asarray(self.corners, np.float32).astype(np.float64)
+        matrix = IDENTITY if self.transform is None else np.asarray(self.transform, np.float32).astype(np.float64)
+        return corners @ matrix[:, :3].T + matrix[:, 3]
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """bounds (B, 2, 3): low and high corners in object space."""
+
+    bounds: NDArray[np.floating]
+    opaque: bool = False
+    stride: int = 24
+
+
+@dataclass(frozen=True)
+class Placed:
+    """An instance: which shape, where (object to world, 3x4), and what its record says besides."""
+
+    shape: str
+    transform: NDArray[np.floating] = field(default_factory=lambda: IDENTITY)
+    custom: int = 0
+    mask: int = 0xFF
+    flags: int = 0
+    sbt_offset: int = 0
+    active: bool = True
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """Object to world (3, 4) in float64, of the float32 numbers that the device gets."""
+        return np.asarray(self.transform, np.float32).astype(np.float64)
+
+
+Shapes = Mapping[str, Sequence[Triangles | Boxes]]
+
+
+def instance_records(placed: Sequence[Placed], addresses: Mapping[str, int]) -> np.ndarray:
+    """INSTANCE_DTYPE records."""
+    records = np.zeros(len(placed), INSTANCE_DTYPE)
+    if placed:
+        records["transform"] = [item.transform for item in placed]
+        records["custom_index_and_mask"] = [item.custom | item.mask << 24 for item in placed]
+        records["sbt_offset_and_flags"] = [item.sbt_offset | item.flags << 24 for item in placed]
+        records["blas_address"] = [addresses[item.shape] if item.active else 0 for item in placed]
+    return records
+
+
+class World:
+    """The structures of some shapes and instances in device memory, made one of WAYS. A context manager.
+
+    Rebuilt and refitted worlds first are built with vertices, boxes and instances elsewhere. `damage` changes the
+    instance records just before they are uploaded: how tests of the suite seed bugs.
+    """
+
+    def __init__(
+        self, device: Device, shapes: Shapes, placed: Sequence[Placed], way: str = FRESH, *,
+        fast_trace: bool = True, damage: Callable[[np.ndarray], None] | None = None,
+    ) -> None:  # fmt: skip
+        self.device = device
+        self.placed = list(placed)
+        self._open = ExitStack()
+        self._uploads: list[tuple[Buffer, np.ndarray]] = []
+        update = way == REFITTED
+        compact = way == COMPACTED
+        self.blases = {
+            name: self._own(
+                Blas(
+                    device, [self._geometry(part) for part in parts], prefer_fast_trace=fast_trace,
+                    allow_update=update, allow_compaction=compact, name=name,
+                )
+            )
+            for name, parts in shapes.items()
+        }  # fmt: skip
+        self.tlas = self._own(Tlas(device, len(placed), allow_update=update, prefer_fast_trace=fast_trace))
+        self._instances = self._own(device.buffer(max(len(placed), 1) * INSTANCE_DTYPE.itemsize, "instances"))
+        if way in (REBUILT, REFITTED):
+            self._build(displaced=True)
+        self._build(update=update, compact=compact, damage=damage)
+
+    def _own(self, resource: Any) -> Any:
+        self._open.callback(resource.destroy)
+        return resource
+
+    def _buffer(self, data: np.ndarray, name: str, moves: bool = True) -> Buffer:
+        buffer: Buffer = self._own(self.device.buffer(data.nbytes, name))
+        if moves:
+            self._uploads.append((buffer, data))
+        else:
+            buffer.upload(data)
+        return buffer
+
+    def _geometry(self, part: Triangles | Boxes) -> Geometry:
+        if isinstance(part, Boxes):
+            data = _strided(np.asarray(part.bounds, np.float32).reshape(-1, 6), part.stride)
+            boxes = self._buffer(data, "boxes")
+            return AabbGeometry(
+                boxes.address, len(part.bounds), part.stride, opaque=part.opaque, no_duplicate_any_hit=True
+            )
+        vertices = np.asarray(part.corners, np.float32).reshape(-1, 3)
+        indices = 0
+        if part.index_dtype is not None:
+            # A shuffled vertex buffer: a driver that took no notice of the indices would be found out.
+            order = np.random.default_rng(5).permutation(len(vertices))
+            inverse = np.empty_like(order)
+            inverse[order] = np.arange(len(order))
+            vertices = vertices[order]
+            indices = self._buffer(inverse.astype(part.index_dtype), "indices", moves=False).address
+        transform = 0
+        if part.transform is not None:
+            matrix = np.asarray(part.transform, np.float32)
+            transform = self._buffer(matrix, "geometry transform", moves=False).address
+        positions = self._buffer(_strided(vertices, part.stride), "positions")
+        return TriangleGeometry(
+            positions.address, len(vertices), len(part.corners), indices=indices,
+            index_dtype=part.index_dtype or np.uint32, position_stride=part.stride, transform=transform,
+            opaque=part.opaque, no_duplicate_any_hit=True,
+        )  # fmt: skip
+
+    def _build(
+        self, *, displaced: bool = False, update: bool = False, compact: bool = False,
+        damage: Callable[[np.ndarray], None] | None = None,
+    ) -> None:  # fmt: skip
+        with self.device.uploads() as uploads:
+            for buffer, data in self._uploads:
+                uploads.buffer(buffer, data * np.float32(1.5) + np.float32(7) if displaced else data)
+        build_blases(self.device, list(self.blases.values()), compact=compact, update=update)
+        records = instance_records(self.placed, {name: blas.address for name, blas in self.blases.items()})
+        if displaced:
+            records["transform"][:, :, 3] += np.float32(-31)
+        if damage is not None:
+            damage(records)
+        self.place(records, update=update)
+
+    def place(self, records: np.ndarray, *, update: bool = False) -> None:
+        """Build the TLAS over these records, or refit it."""
+        if len(records):
+            self._instances.upload(records)
+        address = self._instances.address
+        self.device.run(lambda cmd: self.tlas.record_build(cmd, address, len(records), update=update), "tlas")
+
+    def close(self) -> None:
+        """Free everything when the work submitted so far is done. Safe to call twice."""
+        self._open.close()
+
+    def __enter__(self) -> World:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _strided(rows: NDArray[np.float32], stride: int) -> NDArray[np.float32]:
+    """Rows `stride` bytes apart, with NaN between them that nothing may read."""
+    data = np.full((len(rows), stride // 4), np.nan, np.float32)
+    data[:, : rows.shape[1]] = rows
+    return data
+
+
+def translation(x: float, y: float = 0.0, z: float = 0.0) -> NDArray[np.float64]:
+    """A 3x4 matrix that only moves."""
+    matrix = IDENTITY.copy()
+    matrix[:, 3] = x, y, z
+    return matrix
