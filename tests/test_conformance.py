@@ -12,8 +12,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solari_vk import rt
 from solari_vk.cli import main
-from solari_vk.conformance import bulk_checks, embree_checks, probe_checks, structure_checks, worlds
+from solari_vk.conformance import api_checks, bulk_checks, embree_checks, probe_checks, structure_checks, worlds
 from solari_vk.conformance import probes as told
 from solari_vk.conformance.kernels import Kernels
 from solari_vk.conformance.probe_table import PROBES
@@ -22,6 +23,7 @@ from solari_vk.conformance.report import Report
 from solari_vk.conformance.rules import Measurement, Outcome, Rule, rows
 from solari_vk.conformance.suite import Fault, Recorder
 from solari_vk.conformance.worlds import World
+from solari_vk.gpu import instances
 from solari_vk.gpu.compiler import glsl_root
 
 
@@ -297,6 +299,21 @@ def test_bugs_in_structures_are_noticed(kernels, monkeypatch):
         patch.setattr(worlds, "instance_records", swapped)
         patch.setattr(structure_checks, "instance_records", swapped)
         expect_red(structure_checks.measure_many_blases(kernels, 20), "one batch", "many batches", "compacted")
+
+
+def test_bugs_in_the_order_rules_are_noticed(kernels, monkeypatch):
+    """A rebuilt Blas not seen, custom data of 25 bits, a preparation that a rebuild doesn't end."""
+    usable = rt.Tlas.check_usable
+
+    def lenient(tlas):
+        if not tlas.built or tlas.destroyed or any(blas.destroyed for blas in tlas.blases):
+            usable(tlas)
+
+    monkeypatch.setattr(rt.Tlas, "check_usable", lenient)
+    monkeypatch.setattr(instances, "CUSTOM_DATA_BITS", 25)
+    monkeypatch.setattr(rt.Blas, "_drop_preparation", lambda blas: None)
+    expect_red(api_checks.measure_order(kernels), "else refused", "first 24 bits")
+    expect_red(api_checks.measure_compaction(kernels), "prepare_compaction")
 
 
 # ---- verdicts and reports ---------------------------------------------------------------------------

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from solari_vk import rt
 from solari_vk.conformance.kernels import Kernels
 from solari_vk.conformance.rules import SUITE, VULKAN, WGPU, Measurement, Rule, count_wrong
 from solari_vk.conformance.worlds import IDENTITY, Boxes, Placed, Shapes, Triangles, World
@@ -20,7 +21,7 @@ _CUSTOM = Rule("TlasInstance: custom data and index tell many instances apart", 
 _EXTREME = Rule("sizes from 1e-6 to 1e6 and places up to 1e6", VULKAN, "Ray Traversal")
 _NOT_FINITE = Rule("rays with NaN, infinite or zero parts end and hit nothing", SUITE, "ray_query.glsl")
 _CAUGHT = Rule("the debug build counts each of these rays", SUITE, "ray_query.glsl")
-_INVALID_RAY = 13  # the row of ray_query_faults
+_INVALID_RAY = next(row for row, text in enumerate(rt.RULES) if text.startswith("a ray with NaN"))
 
 
 def trace(
@@ -205,7 +206,7 @@ def measure_not_finite(kernels: Kernels) -> Iterator[Measurement]:
         records = ray_records(kernels, table[:, :3], table[:, 3:6], t_min=table[:, 6], t_max=table[:, 7])
         inputs, outputs = {"tlas": world.tlas, "rays": records}, {"hits": len(records)}
         hits = kernels.compute("trace", inputs, outputs, len(records))["hits"]
-        faults = np.zeros(32, [("count", "<u4"), ("invocation", "<u4", 3)])
+        faults = np.zeros(len(rt.RULES), [("count", "<u4"), ("invocation", "<u4", 3)])
         inputs |= {"ray_query_faults": faults}
         caught = kernels.compute("trace", inputs, outputs, len(records), "#define RAY_QUERY_DEBUG")
     expected = np.arange(len(rays)) == 0

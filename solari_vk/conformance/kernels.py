@@ -12,6 +12,7 @@ import numpy as np
 from solari_vk.conformance.raster import Raster
 from solari_vk.errors import SolariError
 from solari_vk.gpu import raw
+from solari_vk.gpu.acceleration import Tlas
 from solari_vk.gpu.compiler import compile_shader
 from solari_vk.gpu.device import Device
 from solari_vk.gpu.interface import Interface
@@ -89,6 +90,8 @@ class Kernels:
             bound: dict[str, Any] = {}
             for key, value in inputs.items():
                 bound[key] = value
+                if isinstance(value, Tlas):
+                    value.check_usable()
                 if isinstance(value, np.ndarray):
                     bound[key] = buffer = device.buffer(value.nbytes, key)
                     stack.callback(buffer.destroy)

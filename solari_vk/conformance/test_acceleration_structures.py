@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
+from solari_vk.conformance import api_checks
 from solari_vk.conformance import structure_checks as checks
 from solari_vk.conformance.kernels import Kernels
 from solari_vk.conformance.rules import Measurement
@@ -17,6 +18,8 @@ _CHECKS = {
     "indices": checks.measure_indices,
     "nothing": checks.measure_nothing,
     "rebuilds": checks.measure_tlas_rebuilds,
+    "order": api_checks.measure_order,
+    "compaction": api_checks.measure_compaction,
 }
 
 

@@ -104,9 +104,10 @@ class World:
         self.placed = list(placed)
         self._open = ExitStack()
         self._uploads: list[tuple[Buffer, np.ndarray]] = []
+        self.sizes: dict[str, int] = {}  # of Blases before they were compacted
         update = way == REFITTED
         compact = way == COMPACTED
-        self.blases = {
+        self.blases: dict[str, Blas] = {
             name: self._own(
                 Blas(
                     device, [self._geometry(part) for part in parts], prefer_fast_trace=fast_trace,
@@ -167,13 +168,25 @@ class World:
         with self.device.uploads() as uploads:
             for buffer, data in self._uploads:
                 uploads.buffer(buffer, data * np.float32(1.5) + np.float32(7) if displaced else data)
-        build_blases(self.device, list(self.blases.values()), compact=compact, update=update)
+        build_blases(self.device, list(self.blases.values()), compact=False, update=update)
+        if compact:
+            self._compact()
         records = instance_records(self.placed, {name: blas.address for name, blas in self.blases.items()})
         if displaced:
             records["transform"][:, :, 3] += np.float32(-31)
         if damage is not None:
             damage(records)
         self.place(records, update=update)
+
+    def _compact(self) -> None:
+        """Put compacted copies in the place of all structures, and free those."""
+        for blas in self.blases.values():
+            blas.prepare_compaction()
+        self.device.wait_idle()
+        self.sizes = {name: blas.size for name, blas in self.blases.items()}
+        for name, blas in self.blases.items():
+            self.blases[name] = self._own(blas.compact())
+            blas.destroy()
 
     def place(self, records: np.ndarray, *, update: bool = False) -> None:
         """Build the TLAS over these records, or refit it."""
