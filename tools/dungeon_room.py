@@ -79,7 +79,7 @@ def dungeon_room(kit: Path) -> sv.Scene:
         room.add(sv.Instance(mesh=sphere, material=flame, transform=place(scale=radius, at=(x, y, z)), name="flame"))
     eye, target = (0.8, 3.4, 9.5), (-0.1, 1.2, -1.5)
     room.add(sv.Camera.look_at(eye, target, vertical_fov=math.radians(38), ev100=-3.5))
-    moon = sv.DirectionalLight(direction=(-0.4, -1.0, -0.5), illuminance=0.6, color=(0.6, 0.75, 1.0), name="moon")
+    moon = sv.DirectionalLight(direction=(-0.4, -1.0, -0.5), illuminance=0.15, color=(0.6, 0.75, 1.0), name="moon")
     room.add(moon)
     return room
 

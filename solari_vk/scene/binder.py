@@ -236,7 +236,8 @@ class SceneBinder:
             for table in self._tables:
                 if table.flush(uploads):
                     self.version += 1
-            self._traced.flush(uploads)
+            self._traced.table.flush(uploads)
+        self._traced.rebuild()
 
     def destroy(self) -> None:
         """Stop watching the scene and free everything."""

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from solari_vk.gpu import raw
 from solari_vk.gpu.acceleration import INSTANCE_DTYPE, Tlas
 from solari_vk.gpu.device import Device
-from solari_vk.gpu.memory import Uploads
 from solari_vk.scene.spatial import spatial_order
 from solari_vk.scene.table import Table
 
@@ -98,9 +97,8 @@ class TracedInstances:
         self.tlas = Tlas(self._device, max(self.count, 2 * self.tlas.max_instances), name="scene")
         return True
 
-    def flush(self, uploads: Uploads) -> None:
-        """Upload the records, and have the TLAS rebuilt just before the next submission if any changed."""
-        self.table.flush(uploads)
+    def rebuild(self) -> None:
+        """If records changed, have the TLAS rebuilt just before the next submission, behind their upload."""
         if self._rebuild:
             self._rebuild = False
             self._device.before_next_submit(self._build)

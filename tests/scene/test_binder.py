@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 from solari_vk.errors import SolariError
+from solari_vk.gpu.device import Device
 from solari_vk.gpu.uploads import Uploads
+from solari_vk.renderer import PathTracer
 from solari_vk.scene.binder import NO_INDEX, SceneBinder
+from solari_vk.scene.camera import Camera
 from solari_vk.scene.lights import DIRECTIONAL, EMISSIVE_MESH
 from solari_vk.scene.model import DirectionalLight, Instance, Material, Mesh, Scene, Texture, TextureImage
 
@@ -195,3 +198,19 @@ def test_a_failed_update_is_tried_again(device, monkeypatch):
             binder.update()
     assert_mirrors(binder, scene)
     binder.destroy()
+
+
+@pytest.mark.parametrize("staging", [False, True])
+def test_rays_meet_what_was_uploaded(any_device, staging):
+    """The TLAS is built from the records behind their upload, also when that has to be staged."""
+    square = Mesh(positions=[[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], indices=[[0, 1, 2], [0, 2, 3]])
+    scene = Scene(Instance(mesh=square, material=Material(base_color_texture=make_texture(np.random.default_rng(0)))))
+    camera = Camera.look_at((0, 0, 1), (0, 0, 0))
+    with Device(staging=staging) as device:
+        renderer = PathTracer(device, scene, (4, 4), max_bounces=0)
+        renderer.render(camera, samples=1)
+        assert (renderer["instance_id"] == 0).all()
+        scene.add(Instance(mesh=square, material=Material(), transform=np.diag([0.1, 0.1, 0.1, 1])))
+        next(iter(scene)).visible = False
+        renderer.render(camera, samples=1)
+        assert set(renderer["instance_id"].ravel().tolist()) <= {1, NO_INDEX}
