@@ -21,6 +21,7 @@ __version__ = "0.1.0"
 _HOMES = {
     "errors": ("DeviceError", "SolariError", "ValidationError"),
     "gpu.device": ("Device", "list_devices"),
+    "gpu.frame": ("Frame", "Pass", "Stage"),
     "scene.model": (
         "Camera",
         "DirectionalLight",
@@ -36,6 +37,7 @@ _HOMES = {
     "scene.studio": ("frame_camera", "studio_lights"),
     "display": ("auto_exposure", "check_output", "save_image", "tonemap"),
     "renderer": ("AOVS", "PathTracer"),
+    "tracer": ("RayTracer", "SceneFrame"),
 }
 _MODULES = ("rt",)
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
@@ -46,12 +48,17 @@ __all__ = [
     "Device",
     "DeviceError",
     "DirectionalLight",
+    "Frame",
     "Instance",
     "Material",
     "Mesh",
+    "Pass",
     "PathTracer",
+    "RayTracer",
     "Scene",
+    "SceneFrame",
     "SolariError",
+    "Stage",
     "Texture",
     "TextureImage",
     "ValidationError",
@@ -73,6 +80,7 @@ if TYPE_CHECKING:
     from solari_vk.display import auto_exposure, check_output, save_image, tonemap
     from solari_vk.errors import DeviceError, SolariError, ValidationError
     from solari_vk.gpu.device import Device, list_devices
+    from solari_vk.gpu.frame import Frame, Pass, Stage
     from solari_vk.renderer import AOVS, PathTracer
     from solari_vk.scene.builtin import builtin
     from solari_vk.scene.gltf import load_gltf
@@ -87,6 +95,7 @@ if TYPE_CHECKING:
         TextureImage,
     )
     from solari_vk.scene.studio import frame_camera, studio_lights
+    from solari_vk.tracer import RayTracer, SceneFrame
 
 
 def __getattr__(name: str) -> Any:

@@ -17,6 +17,7 @@ struct Hit {
 };
 
 const uint TRACE_BOTH_FACES = gl_RayFlagsOpaqueEXT;
+const uint TRACE_ANY_HIT = gl_RayFlagsOpaqueEXT | gl_RayFlagsTerminateOnFirstHitEXT;  // the first that is found
 // Camera rays look through the backs of single-sided materials, as raster does.
 const uint TRACE_FRONT_FACES = gl_RayFlagsOpaqueEXT | gl_RayFlagsCullBackFacingTrianglesEXT;
 

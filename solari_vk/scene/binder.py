@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
 from solari_vk.gpu import spirv
@@ -81,6 +82,16 @@ class SceneBinder:
             "tlas": self._traced.tlas,
             "texture_images": self._textures.bound,
         }
+
+    @property
+    def instances(self) -> dict[int, Instance]:
+        """The scene's instances by their rows, as of the last `update`: what shaders call an instance's index."""
+        return {self._instance_rows[instance]: instance for instance in self._uses}
+
+    @property
+    def triangle_orders(self) -> dict[int, NDArray[np.int64]]:
+        """For each row of `meshes` in use: which of the mesh's triangles each of the uploaded ones is."""
+        return self._geometry.triangle_orders()
 
     def update(self) -> None:
         """Take up all changes since the last call."""

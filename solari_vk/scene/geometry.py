@@ -30,6 +30,7 @@ class Geometry:
         self._watcher = watcher
         self._buffers: dict[Mesh, Buffer] = {}
         self._centers: dict[Mesh, NDArray[np.float32]] = {}
+        self._orders: dict[Mesh, NDArray[np.int64]] = {}
         self._blases: dict[Mesh, Blas] = {}
         self._to_upload: dict[Mesh, None] = {}
 
@@ -50,7 +51,7 @@ class Geometry:
             self._to_upload.pop(mesh, None)
             if mesh in self._buffers:
                 self._buffers.pop(mesh).destroy()
-                del self._centers[mesh]
+                del self._centers[mesh], self._orders[mesh]
 
     def change(self, mesh: Mesh) -> list[Any]:
         """The mesh was edited: upload it again. Returns the instances that use it."""
@@ -66,6 +67,10 @@ class Geometry:
     def center(self, mesh: Mesh) -> NDArray[np.float32]:
         """The middle (3,) of an uploaded mesh's bounds, in object space."""
         return self._centers[mesh]
+
+    def triangle_orders(self) -> dict[int, NDArray[np.int64]]:
+        """For each row of `table` in use: which of the mesh's triangles each of the uploaded ones is."""
+        return {self.rows[mesh]: order for mesh, order in self._orders.items()}
 
     def update(self) -> None:
         """Upload new and changed meshes and build their acceleration structures."""
@@ -89,7 +94,8 @@ class Geometry:
         """One buffer a mesh: positions, then triangles in spatial order, then other attributes if there are any."""
         triangles = mesh.triangles
         corners = mesh.positions[triangles]
-        triangles = triangles[spatial_order(corners.mean(axis=1))]
+        order = self._orders[mesh] = spatial_order(corners.mean(axis=1))
+        triangles = triangles[order]
         self._centers[mesh] = (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1))) / 2
         parts = [mesh.positions, triangles]
         flags = 0

@@ -1,0 +1,59 @@
+// Rays from a user's arrays: what each meets, first or at all, and which of the user's triangles that is. A ray with NaN,
+// an infinite origin or direction, or no direction meets nothing.
+#version 460
+#extension GL_EXT_ray_query : require
+#extension GL_EXT_scalar_block_layout : require
+#include "common/math.glsl"
+#include "scene/bindings.glsl"
+#include "scene/surface.glsl"
+#include "scene/trace.glsl"
+
+layout(local_size_x = 64) in;
+layout(constant_id = 0) const bool any_hit = false;
+
+struct TracedHit {
+    float t;
+    uint instance;
+    uint primitive;
+    vec2 barycentrics;
+    uint front_face;
+    vec3 position;
+    vec3 normal;
+};
+
+layout(set = 1, binding = 0, scalar) uniform RayBatchBlock {
+    uint first;  // the batch's place in the buffers
+    uint count;
+} ray_batch;
+layout(set = 1, binding = 1, scalar) readonly buffer RayOriginsBlock { vec3 at[]; } ray_origins;
+layout(set = 1, binding = 2, scalar) readonly buffer RayDirectionsBlock { vec3 at[]; } ray_directions;
+layout(set = 1, binding = 3, scalar) readonly buffer RayStartsBlock { float at[]; } ray_starts;
+layout(set = 1, binding = 4, scalar) readonly buffer RayEndsBlock { float at[]; } ray_ends;
+layout(set = 1, binding = 5, scalar) writeonly buffer RayHitsBlock { TracedHit at[]; } ray_hits;
+// The user's number of each triangle in the order of the device, and where each mesh's begin.
+layout(set = 1, binding = 6, scalar) readonly buffer TriangleOrdersBlock { uint at[]; } triangle_orders;
+layout(set = 1, binding = 7, scalar) readonly buffer OrderStartsBlock { uint at[]; } order_starts;
+
+bool is_finite(vec3 v) { return all(lessThanEqual(abs(v), vec3(3.4028235e38))); }  // comparisons with NaN are false
+
+void main() {
+    if (INVOCATION_INDEX.x >= ray_batch.count) { return; }
+    uint i = ray_batch.first + INVOCATION_INDEX.x;
+    vec3 origin = ray_origins.at[i], direction = ray_directions.at[i];
+    float t_min = ray_starts.at[i], t_max = ray_ends.at[i];
+    bool valid = is_finite(origin) && is_finite(direction) && any(notEqual(direction, vec3(0.0)));
+    valid = valid && t_min >= 0.0 && t_min <= t_max;
+
+    Hit hit = Hit(INFINITY, NO_INDEX, 0u, vec2(0.0), false);
+    if (valid) { hit = trace_closest_hit(origin, t_min, direction, t_max, any_hit ? TRACE_ANY_HIT : TRACE_BOTH_FACES); }
+    if (hit.instance == NO_INDEX) {
+        ray_hits.at[i] = TracedHit(INFINITY, NO_INDEX, NO_INDEX, vec2(0.0), 0u, vec3(0.0), vec3(0.0));
+        return;
+    }
+    Instance instance = instances.at[hit.instance];
+    TrianglePoint point = resolve_triangle(instance, meshes.at[instance.ray_mesh], hit.triangle, hit.barycentrics);
+    ray_hits.at[i] = TracedHit(
+        hit.t, hit.instance, triangle_orders.at[order_starts.at[instance.ray_mesh] + hit.triangle], hit.barycentrics,
+        uint(hit.front_face), point.world_position, point.geometric_world_normal
+    );
+}

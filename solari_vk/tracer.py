@@ -1,0 +1,237 @@
+"""Rays through a scene, for whatever isn't a picture: from arrays in Python, or in compute shaders of one's own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from solari_vk.errors import SolariError
+from solari_vk.gpu import raw
+from solari_vk.gpu.barriers import host_read_barrier
+from solari_vk.gpu.compiler import compile_shader
+from solari_vk.gpu.device import Device
+from solari_vk.gpu.frame import Frame, Pass, Stage, Step
+from solari_vk.gpu.memory import Buffer
+from solari_vk.gpu.spirv import reflect
+from solari_vk.scene.binder import SceneBinder
+from solari_vk.scene.model import Instance, Scene
+
+SHADER = "passes/ray_tracer/trace.comp"
+ARRAYS = ("ray_origins", "ray_directions", "ray_starts", "ray_ends", "ray_hits")
+BATCH = 1 << 16  # rays in a dispatch: long enough to hide what it costs to start one, short for any watchdog
+
+
+class SceneFrame(Frame):
+    """Passes of one's own over a scene: shaders that include "scene/bindings.glsl" find it in descriptor set 0.
+
+    scene: a Scene, or a SceneBinder to share what another renderer of the scene has on the device. Each `submit` takes
+    up the scene's edits first. `external` and all other options are those of `Frame`; glsl_root is the folder (or
+    folders) of one's own shaders, which may include the package's by their paths.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        scene: Scene | SceneBinder,
+        stages: Sequence[Stage],
+        *,
+        external: Mapping[str, Any] | None = None,
+        **options: Any,
+    ) -> None:
+        self._owns_binder = isinstance(scene, Scene)
+        self.binder = SceneBinder(device, scene) if isinstance(scene, Scene) else scene
+        try:
+            self.binder.update()
+            self._bound_version = self.binder.version
+            super().__init__(device, stages, external={**self.binder.resources, **(external or {})}, **options)
+        except BaseException:
+            self._free_binder()
+            raise
+
+    def rebuild(self, stages: Sequence[Stage] | None = None, external: Mapping[str, Any] | None = None) -> None:
+        """As of `Frame`; external resources come on top of the scene's."""
+        super().rebuild(stages, None if external is None else {**self.binder.resources, **external})
+
+    def submit(self, before: Sequence[raw.CData] = ()) -> int:
+        """Take up the scene's edits and run the next frame; returns the device's timeline value."""
+        self.binder.update()
+        if self.binder.version != self._bound_version:
+            self._bound_version = self.binder.version
+            self.bind(self.binder.resources)
+        return super().submit(before)
+
+    def close(self) -> None:
+        """Free everything. Safe to call twice."""
+        super().close()
+        self._free_binder()
+
+    def _free_binder(self) -> None:
+        if self._owns_binder:
+            self._owns_binder = False
+            self.binder.destroy()
+
+
+class RayTracer:
+    """Traces arrays of rays through a scene; a context manager.
+
+    The scene may be edited between calls. `instances` are the Instance objects by the numbers in hits. Instances that
+    have a ray_mesh are met there. Invisible ones are not met.
+    """
+
+    def __init__(self, device: Device, scene: Scene | SceneBinder) -> None:
+        self.device = device
+        self._owns_binder = isinstance(scene, Scene)
+        self.binder = SceneBinder(device, scene) if isinstance(scene, Scene) else scene
+        bindings = reflect(compile_shader(SHADER), SHADER).bindings
+        types = {name: _host_type(bindings[name].element) for name in ARRAYS}
+        sizes = {name: 2 * BATCH * dtype.itemsize for name, dtype in types.items()}
+        self._buffers = {name: Buffer(device, size, name, host=True) for name, size in sizes.items()}
+        self._views = {name: self._buffers[name].view(dtype) for name, dtype in types.items()}
+        self._frames: dict[bool, SceneFrame] = {}
+        self._orders: dict[int, NDArray[np.int64]] = {}
+        self._revision = -1
+        self.instances: dict[int, Instance] = {}
+
+    def trace(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        *,
+        t_min: ArrayLike = 0.0,
+        t_max: ArrayLike = np.inf,
+        any_hit: bool = False,
+    ) -> NDArray[Any]:
+        """What rays meet: origins and directions (..., 3) in metres and of any length, broadcast to each other.
+
+        t_min, t_max (...) are in lengths of the direction. any_hit: whatever is found first, which is quicker where
+        only being blocked counts. A ray with NaN, an infinite origin or direction, or no direction meets nothing.
+
+        Returns records (...): t (inf: nothing), instance (a key of `instances`, -1: nothing), primitive (the triangle
+        of its ray_mesh or mesh, as given there; -1), barycentrics (2) of the second and third vertex, front_face,
+        position (3), and normal (3), the triangle's own of unit length on its front. Raises SolariError for arrays
+        that don't fit each other.
+        """
+        shape, rays = _broadcast(origins, directions, t_min, t_max)
+        self._update()
+        frame = self._frame(any_hit)
+        count = len(rays["ray_origins"])
+        hits = np.empty(count, self._views["ray_hits"].dtype)
+        pending: tuple[int, slice, slice] | None = None
+        for number, start in enumerate(range(0, count, BATCH)):
+            batch = slice(start, min(start + BATCH, count))
+            first = number % 2 * BATCH
+            place = slice(first, first + batch.stop - batch.start)
+            for name, values in rays.items():
+                self._views[name][place] = values[batch]
+            frame.uniforms["first"] = first
+            frame.uniforms["count"] = batch.stop - batch.start
+            submitted = (frame.submit(), batch, place)
+            if pending is not None:  # fetched while the next ones are traced
+                self._fetch(hits, *pending)
+            pending = submitted
+        if pending is not None:
+            self._fetch(hits, *pending)
+        return hits.reshape(shape)
+
+    def _fetch(self, hits: NDArray[Any], value: int, batch: slice, place: slice) -> None:
+        self.device.wait(value)
+        # as bytes: numpy copies records field by field
+        hits[batch].view(np.uint8)[:] = self._views["ray_hits"][place].view(np.uint8)
+
+    def _frame(self, any_hit: bool) -> SceneFrame:
+        if any_hit not in self._frames:
+            vk = self.device.vk
+            trace = Pass("ray_tracer/trace", threads=BATCH, constants={"any_hit": any_hit})
+            to_host = Step("hits to the host", lambda cmd: vk.vkCmdPipelineBarrier2(cmd, host_read_barrier()))
+            stage = Stage("ray tracer", passes=[trace, to_host])
+            self._frames[any_hit] = SceneFrame(
+                self.device, self.binder, [stage], external=self._buffers, uniforms="ray_batch"
+            )
+        return self._frames[any_hit]
+
+    def _update(self) -> None:
+        """Take up the scene's edits: what its instances are, and the order in which its triangles lie on the device."""
+        self.binder.update()
+        if self.binder.revision == self._revision:
+            return
+        self.instances = self.binder.instances
+        orders = self.binder.triangle_orders
+        same = orders.keys() == self._orders.keys() and all(orders[row] is self._orders[row] for row in orders)
+        if not same or "order_starts" not in self._buffers:
+            starts = np.zeros(max(orders, default=0) + 1, np.uint32)
+            starts[list(orders)] = np.cumsum([0, *map(len, orders.values())])[:-1]
+            numbers = np.concatenate([np.zeros(0, np.int64), *orders.values()]).astype(np.uint32)
+            for name, values in (("triangle_orders", numbers), ("order_starts", starts)):
+                if name in self._buffers:
+                    self._buffers[name].destroy()
+                self._buffers[name] = self.device.buffer(values.nbytes, name)
+                self._buffers[name].upload(values)
+            for frame in self._frames.values():
+                frame.bind({name: self._buffers[name] for name in ("triangle_orders", "order_starts")})
+        self._orders = orders
+        self._revision = self.binder.revision
+
+    def close(self) -> None:
+        """Free everything on the device. Safe to call twice."""
+        for frame in self._frames.values():
+            frame.close()
+        for buffer in self._buffers.values():
+            buffer.destroy()
+        self._frames.clear()
+        self._buffers.clear()
+        self._views.clear()
+        if self._owns_binder:
+            self._owns_binder = False
+            self.binder.destroy()
+
+    def __enter__(self) -> RayTracer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _host_type(element: Any) -> np.dtype[Any]:
+    """An array's type in the shader as users see it: the number -1 and true or false for what are unsigned there."""
+    if element.names is None:
+        return np.dtype((element.base, element.shape))
+    types = {"instance": "<i4", "primitive": "<i4", "front_face": "?"}
+    fields = element.fields
+    described: np.dtype[Any] = np.dtype(
+        {
+            "names": list(element.names),
+            "formats": [types.get(name, fields[name][0]) for name in element.names],
+            "offsets": [fields[name][1] for name in element.names],
+            "itemsize": element.itemsize,
+        }
+    )
+    return described
+
+
+def _broadcast(
+    origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike
+) -> tuple[tuple[int, ...], dict[str, NDArray[Any]]]:
+    """The rays' shape, and what the shader takes as arrays (N, 3) and (N)."""
+    given = {"origins": origins, "directions": directions, "t_min": t_min, "t_max": t_max}
+    arrays = {}
+    for name, values in given.items():
+        try:
+            arrays[name] = np.asarray(values)
+            if arrays[name].dtype.kind not in "fiu":
+                arrays[name] = np.asarray(values, np.float64)
+        except (TypeError, ValueError) as error:
+            raise SolariError(f"trace: {name} are numbers: {error}") from error
+    for name in ("origins", "directions"):
+        if arrays[name].shape[-1:] != (3,):
+            raise SolariError(f"trace: the shape of {name} is {arrays[name].shape}, not (..., 3)")
+    try:
+        shapes = [arrays["origins"].shape[:-1], arrays["directions"].shape[:-1]]
+        shape = np.broadcast_shapes(*shapes, arrays["t_min"].shape, arrays["t_max"].shape)
+    except ValueError as error:
+        raise SolariError(f"trace: {', '.join(f'{n} {a.shape}' for n, a in arrays.items())} don't fit") from error
+    vectors = (np.broadcast_to(arrays[name], (*shape, 3)).reshape(-1, 3) for name in ("origins", "directions"))
+    scalars = (np.broadcast_to(arrays[name], shape).reshape(-1) for name in ("t_min", "t_max"))
+    return shape, dict(zip(ARRAYS, (*vectors, *scalars), strict=False))

@@ -1,0 +1,107 @@
+"""The examples of docs/examples run, are short, and compute what they say."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import solari_vk as sv
+from solari_vk.gpu.device import Device
+
+FOLDER = Path(__file__).resolve().parents[2] / "docs/examples"
+EXAMPLES = sorted(path.stem for path in FOLDER.glob("*.py"))
+
+
+def load(name: str) -> Any:
+    spec = importlib.util.spec_from_file_location(name, FOLDER / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_all_are_there_and_short() -> None:
+    assert EXAMPLES == ["acoustics", "bake_occlusion", "lidar", "spheres"]
+    for path in [*FOLDER.glob("*.py"), *FOLDER.rglob("*.comp")]:
+        assert len(path.read_text(encoding="utf-8").splitlines()) < 40, path
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_runs_as_a_program(any_device: None, name: str, tmp_path: Path) -> None:
+    command = [sys.executable, str(FOLDER / f"{name}.py")]
+    environment = os.environ | {"PYTHONPATH": str(FOLDER.parents[1])}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_lidar_measures_distances(device: Device) -> None:
+    lidar = load("lidar")
+    with sv.RayTracer(device, sv.builtin("closed_box", size=4.0)) as tracer:
+        hits, points = lidar.scan(tracer, np.array([0.5, -0.3, 0.2]))
+        assert set(tracer.instances) >= set(np.unique(hits["instance"]).tolist())
+    assert hits.shape == (lidar.CHANNELS, lidar.STEPS)
+    assert len(points) == hits.size
+    assert np.abs(points).max(axis=1) == pytest.approx(np.full(hits.size, 2.0), abs=6 * lidar.NOISE)
+    assert np.abs(points).max(axis=1).std() > lidar.NOISE / 3
+
+
+def test_acoustics_decay_as_eyring_says(device: Device) -> None:
+    acoustics = load("acoustics")
+    source, listener, side, absorption = np.array([-1, 0, 1]), np.array([1, 0.5, -1]), 4.0, 0.2
+    with sv.RayTracer(device, sv.builtin("closed_box", size=side)) as tracer:
+        response = acoustics.impulse_response(tracer, source, listener, absorption)
+    direct = np.linalg.norm(source - listener)
+    first = int(direct / acoustics.SPEED * acoustics.RATE)
+    assert np.flatnonzero(response)[0] == first
+    assert response[first] == pytest.approx(1 / (4 * np.pi * direct**2))
+    left = 10 * np.log10(np.cumsum(response[::-1])[::-1] / response.sum())
+    early, late = np.argmax(left < -5), np.argmax(left < -35)
+    measured = 2 * (late - early) / acoustics.RATE
+    eyring = 24 * np.log(10) / acoustics.SPEED * side**3 / (-6 * side**2 * np.log(1 - absorption))
+    assert measured == pytest.approx(eyring, rel=0.1)
+
+
+def test_occlusion_of_closed_open_and_half_hidden_points(device: Device) -> None:
+    bake = load("bake_occlusion").bake
+    closed = bake(device, sv.builtin("closed_box"), reach=100.0)
+    assert all((part == 0).all() for part in closed)
+    small = np.array([[0, 0, 0], [0, 0, 1e-3], [1e-3, 0, 0]], np.float32)
+    wall = np.array([[-1e-2, -1, -1e3], [-1e-2, -1, 1e3], [-1e-2, 1e3, 0]], np.float32)
+    alone = sv.Scene(sv.Instance(mesh=sv.Mesh(positions=small), material=sv.Material()))
+    assert bake(device, alone)[0].tolist() == [1]
+    alone.add(sv.Instance(mesh=sv.Mesh(positions=wall), material=sv.Material()))
+    floor, _ = bake(device, alone, samples=4096, reach=100.0)
+    assert floor[0] == pytest.approx(0.5, abs=0.03)
+    assert bake(device, alone, samples=64, reach=1e-3)[0].tolist() == [1]  # the wall is out of reach
+
+
+def test_spheres_are_where_their_equation_says(device: Device) -> None:
+    rng = np.random.default_rng(7)
+    spheres = np.hstack([rng.uniform(-1.5, 1.5, (30, 3)), rng.uniform(0.1, 0.4, (30, 1))]).astype(np.float32)
+    width, height = 64, 36
+    picture = load("spheres").render(device, spheres, (width, height))
+    x, y = np.meshgrid(2 * (np.arange(width) + 0.5) - width, 2 * (np.arange(height) + 0.5) - height)
+    directions = np.stack([0.6 * x / height, -0.6 * y / height, -np.ones_like(x)], -1)
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    to_center = spheres[:, :3] - np.array([0, 0, 5])
+    along = directions @ to_center.T
+    depth = spheres[:, 3] ** 2 - (np.square(to_center).sum(1) - along**2)
+    t = np.where(depth >= 0, along - np.sqrt(np.maximum(depth, 0)), np.inf)
+    nearest = t.min(axis=-1)
+    seen = np.isfinite(nearest)
+    assert 0.05 < seen.mean() < 0.9
+    normal = np.array([0, 0, 5]) + np.where(seen, nearest, 0)[..., None] * directions - spheres[t.argmin(-1), :3]
+    normal /= spheres[t.argmin(-1), 3:]
+    facing = np.maximum(-np.einsum("hwi,hwi->hw", normal, directions), 0)
+    expected = np.where(seen[..., None], (0.5 + 0.5 * normal) * facing[..., None], 0.02)
+    wrong = np.abs(picture - expected).max(axis=-1) > 0.02
+    assert wrong.mean() < 0.004  # silhouettes

@@ -1,0 +1,123 @@
+"""SceneFrame and GLSL roots: a user's shaders beside the package's, over a scene that may be edited."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import solari_vk as sv
+from solari_vk.gpu.compiler import CompilationError
+from solari_vk.gpu.device import Device
+from solari_vk.scene.binder import SceneBinder
+
+SHADER = """#version 460
+#include "scene/surface.glsl"
+#include "mine/scale.glsl"
+layout(local_size_x = 1) in;
+layout(set = 1, binding = 0, scalar) buffer AnswerBlock { vec4 at[]; } answer;
+layout(set = 1, binding = 1, scalar) readonly buffer FactorBlock { float at[]; } factor;
+void main() {
+    Hit hit = trace_closest_hit(vec3(0.2, 0.2, 1.0), 0.0, vec3(0.0, 0.0, -1.0), INFINITY, TRACE_BOTH_FACES);
+    answer.at[0] = vec4(-1.0);
+    if (hit.instance == NO_INDEX) { return; }
+    vec3 color = materials.at[instances.at[hit.instance].material].base_color;
+    answer.at[0] = vec4(SCALE * factor.at[0] * color, hit.t);
+}
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name, text in (("passes/mine.comp", SHADER), ("mine/scale.glsl", "const float SCALE = 2.0;\n")):
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text)
+    return tmp_path
+
+
+@pytest.fixture
+def factor(device: Device) -> Any:
+    buffer = device.buffer(4, "factor")
+    buffer.upload(np.float32(3))
+    yield buffer
+    buffer.destroy()
+
+
+def triangle(z: float = 0.0) -> sv.Mesh:
+    return sv.Mesh(positions=np.array([[0, 0, z], [1, 0, z], [0, 1, z]], np.float32))
+
+
+STAGE = sv.Stage("mine", buffers={"answer": 1}, passes=[sv.Pass("mine", threads=1)])
+
+
+def test_a_shader_sees_the_scene_and_its_edits(device: Device, folder: Path, factor: Any) -> None:
+    instance = sv.Instance(mesh=triangle(), material=sv.Material(base_color=(0.1, 0.2, 0.3)))
+    scene = sv.Scene(instance)
+
+    def answer(frame: sv.SceneFrame) -> Any:
+        frame.submit()
+        return pytest.approx(frame["answer"][0])
+
+    with sv.SceneFrame(device, scene, [STAGE], external={"factor": factor}, glsl_root=folder) as frame:
+        assert answer(frame) == [0.6, 1.2, 1.8, 1]
+        instance.material = sv.Material(base_color=(0.5, 0.5, 0.5))
+        assert answer(frame) == [3, 3, 3, 1]
+        instance.mesh = triangle(0.5)
+        assert answer(frame) == [3, 3, 3, 0.5]
+        for i in range(40):  # tables and TLAS are replaced by larger ones
+            scene.add(sv.Instance(mesh=triangle(-1 - i), material=sv.Material()))
+        assert answer(frame) == [3, 3, 3, 0.5]
+        scene.remove(instance)
+        frame.rebuild()
+        frame.rebuild(external={"factor": factor})
+        frame.submit()
+        assert frame["answer"][0, 3] == 2
+
+
+def test_roots_are_searched_in_order(device: Device, folder: Path, factor: Any, tmp_path_factory: Any) -> None:
+    other = tmp_path_factory.mktemp("other")
+    (other / "mine").mkdir()
+    (other / "mine/scale.glsl").write_text("const float SCALE = 20.0;\n")
+    scene = sv.Scene(sv.Instance(mesh=triangle(), material=sv.Material(base_color=(0.1, 0.1, 0.1))))
+    for roots, expected in (([folder, other], 0.6), ([other, folder], 6.0), (str(folder), 0.6)):
+        with sv.SceneFrame(device, scene, [STAGE], external={"factor": factor}, glsl_root=roots) as frame:
+            frame.submit()
+            assert frame["answer"][0, 0] == pytest.approx(expected)
+
+
+def test_a_change_of_any_root_is_seen(device: Device, folder: Path, factor: Any) -> None:
+    scene = sv.Scene(sv.Instance(mesh=triangle(), material=sv.Material(base_color=(0.1, 0.1, 0.1))))
+    with sv.SceneFrame(device, scene, [STAGE], external={"factor": factor}, glsl_root=folder) as frame:
+        frame.submit()
+        (folder / "mine/scale.glsl").write_text("const float SCALE = 4.0;\n")
+        frame.rebuild()
+        frame.submit()
+        assert frame["answer"][0, 0] == pytest.approx(1.2)
+
+
+def test_errors_name_what_is_missing_and_leave_nothing(device: Device, folder: Path, factor: Any) -> None:
+    device.wait_idle()
+    scene, before = sv.Scene(), device.live_objects
+    with pytest.raises(sv.SolariError, match=r"there is no shader passes/none.comp in .*, .*glsl"):
+        sv.SceneFrame(device, scene, [sv.Stage("x", passes=[sv.Pass("none", 1)])], glsl_root=folder)
+    with pytest.raises(sv.SolariError, match=r"factor .* is used by mine, but no stage declares it"):
+        sv.SceneFrame(device, scene, [STAGE], glsl_root=folder)
+    (folder / "mine/scale.glsl").unlink()
+    with pytest.raises(CompilationError, match=r"mine/scale.glsl"):
+        sv.SceneFrame(device, scene, [STAGE], external={"factor": factor}, glsl_root=folder)
+    device.wait_idle()
+    assert device.live_objects - before <= 4
+
+
+def test_a_binder_is_shared(device: Device, folder: Path, factor: Any) -> None:
+    scene = sv.Scene(sv.Instance(mesh=triangle(), material=sv.Material()))
+    binder = SceneBinder(device, scene)
+    for _ in range(2):
+        with sv.SceneFrame(device, binder, [STAGE], external={"factor": factor}, glsl_root=folder) as frame:
+            frame.submit()
+            assert frame["answer"][0, 3] == 1
+            frame.close()
+    binder.destroy()

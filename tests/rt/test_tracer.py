@@ -1,0 +1,212 @@
+"""RayTracer against a float64 ray-triangle test of every pair, and everything else that its documentation says."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from oracles.rays import World, closest_by_brute_force, intersect
+
+import solari_vk as sv
+from solari_vk import tracer as tracer_module
+from solari_vk.gpu.device import Device
+from solari_vk.scene.binder import SceneBinder
+
+SOME = sv.Material()
+
+
+def soup(rng: np.random.Generator, count: int, size: float = 0.3) -> sv.Mesh:
+    """Triangles scattered at random, in an order that says nothing of where they are."""
+    corners = rng.uniform(-1, 1, (count, 1, 3)) + rng.normal(0, size, (count, 3, 3))
+    return sv.Mesh(positions=corners.reshape(-1, 3).astype(np.float32))
+
+
+def place(*position: float, matrix: Any = None) -> np.ndarray:
+    transform = np.eye(4)
+    transform[:3, 3] = position
+    if matrix is not None:
+        transform[:3, :3] = matrix
+    return transform
+
+
+def make_scene(rng: np.random.Generator) -> sv.Scene:
+    """Instances that move, mirror, shear and share a mesh, one with a mesh for rays of its own, one hidden."""
+    mesh, other = soup(rng, 60), soup(rng, 40)
+    return sv.Scene(
+        sv.Instance(mesh=mesh, material=SOME),
+        sv.Instance(mesh=mesh, material=SOME, transform=place(3, 0, 0, matrix=np.diag([-1, 1, 1]))),
+        sv.Instance(mesh=other, material=SOME, transform=place(0, 3, 0), visible=False),
+        sv.Instance(mesh=mesh, ray_mesh=other, material=SOME, transform=place(0, 3, 0)),
+        sv.Instance(mesh=other, material=SOME, transform=place(3, 3, 0, matrix=[[1, 0.5, 0], [0, 2, 0], [0.1, 0, -1]])),
+    )
+
+
+def make_rays(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
+    origins = rng.uniform(-2, 5, (count, 3))
+    return origins, rng.uniform(-1, 4, (count, 3)) - origins  # of any length
+
+
+def check(tracer: sv.RayTracer, scene: sv.Scene, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Trace, and compare each field with the oracle where rays don't pass within rounding of an edge."""
+    origins, directions = origins.astype(np.float32), directions.astype(np.float32)
+    hits = tracer.trace(origins, directions)
+    world, exact, along = World(scene), origins.astype(np.float64), directions.astype(np.float64)
+    index, distance = closest_by_brute_force(world.corners, exact, along)
+    numbers = {instance: i for i, instance in enumerate(scene)}
+    instance = np.array([-1 if row < 0 else numbers[tracer.instances[row]] for row in hits["instance"].tolist()])
+    found = index >= 0
+    expected = np.where(found, world.instance[index], -1)
+    triangle = np.where(found, world.triangle[index], -1)
+    agree = (instance == expected) & (hits["primitive"] == triangle)
+    assert agree.mean() > 0.998  # the rest passes edges
+    sure = agree & found
+    assert found.mean() > 0.2
+    assert (hits["t"][agree & ~found] == np.inf).all()
+    assert np.allclose(hits["t"][sure], distance[sure], rtol=1e-4, atol=1e-5)
+    corners = world.corners[index[sure]]
+    _, u, v = intersect(corners, exact[sure], along[sure])
+    close = np.isfinite(u)
+    assert np.allclose(hits["barycentrics"][sure][close], np.stack([u, v], -1)[close], atol=2e-3)
+    assert np.allclose(hits["position"][sure], exact[sure] + distance[sure, None] * along[sure], atol=2e-4)
+    normals = world.normals[index[sure]]
+    assert np.einsum("ij,ij->i", hits["normal"][sure], normals).min() > 0.999
+    facing = np.einsum("ij,ij->i", normals, along[sure])
+    clear = np.abs(facing) > 1e-4
+    assert np.array_equal(hits["front_face"][sure][clear], (facing < 0)[clear])
+    return hits
+
+
+def test_closest_hits_are_those_of_float64(device: Device) -> None:
+    rng = np.random.default_rng(1)
+    scene = make_scene(rng)
+    with sv.RayTracer(device, scene) as tracer:
+        check(tracer, scene, *make_rays(rng, 4000))
+
+
+def test_any_hit_is_some_hit(device: Device) -> None:
+    rng = np.random.default_rng(2)
+    scene = make_scene(rng)
+    origins, directions = make_rays(rng, 4000)
+    with sv.RayTracer(device, scene) as tracer:
+        closest = tracer.trace(origins, directions)
+        anything = tracer.trace(origins, directions, any_hit=True)
+    assert np.array_equal(closest["instance"] >= 0, anything["instance"] >= 0)
+    assert (anything["t"] >= closest["t"] - 1e-5).all()
+    assert (anything["t"] > closest["t"] + 1e-3).any()  # it does stop early
+
+
+def test_triangles_have_the_users_numbers(device: Device) -> None:
+    rng = np.random.default_rng(3)
+    cells = rng.permutation(400)
+    x, y = cells % 20, cells // 20
+    corners = np.array([[0, 0, 0], [0.9, 0, 0], [0, 0.9, 0]]) + np.stack([x, y, 0 * x], -1)[:, None]
+    mesh = sv.Mesh(positions=corners.reshape(-1, 3).astype(np.float32))
+    scene = sv.Scene(sv.Instance(mesh=mesh, material=SOME))
+    with sv.RayTracer(device, scene) as tracer:
+        hits = tracer.trace(corners.mean(axis=1) + np.array([0, 0, 2]), (0, 0, -2))
+        assert np.array_equal(hits["primitive"], np.arange(400))
+        assert (hits["t"] == 1).all()
+        mesh.positions = corners[::-1].reshape(-1, 3)
+        hits = tracer.trace(corners.mean(axis=1) + np.array([0, 0, 2]), (0, 0, -2))
+        assert np.array_equal(hits["primitive"], np.arange(400)[::-1])
+
+
+def test_edits_are_taken_up(device: Device) -> None:
+    rng = np.random.default_rng(4)
+    scene = make_scene(rng)
+    rays = make_rays(rng, 1500)
+    with sv.RayTracer(device, scene) as tracer:
+        check(tracer, scene, *rays)
+        first, second, *_ = scene
+        first.transform = place(0, 0, 0.5)
+        check(tracer, scene, *rays)
+        scene.remove(second)
+        mesh = soup(rng, 30)
+        added = [scene.add(sv.Instance(mesh=mesh, material=SOME, transform=place(i % 5, i // 5, 1))) for i in range(30)]
+        hits = check(tracer, scene, *rays)  # more than the first TLAS holds
+        assert {tracer.instances[row] for row in set(hits["instance"].tolist()) - {-1}} & set(added)
+        assert second not in tracer.instances.values()
+        for item in list(scene):
+            scene.remove(item)
+        assert (tracer.trace(*rays)["instance"] == -1).all()
+
+
+def test_rays_without_sense_meet_nothing(device: Device) -> None:
+    scene = sv.builtin("closed_box")  # from inside, every other ray meets something
+    good = np.array([0.0, 0.0, 1.0])
+    nan, inf = np.nan, np.inf
+    cases = [((v, 0, 0), good) for v in (nan, inf, -inf)] + [((0, 0, 0), (0, v, 1)) for v in (nan, inf, -inf)]
+    cases += [((0, 0, 0), (0, 0, 0)), ((0, 0, 0), good)]
+    with sv.RayTracer(device, scene) as tracer:
+        hits = tracer.trace(*map(np.array, zip(*cases, strict=True)))
+        assert hits["instance"].tolist()[:-1] == [-1] * 7
+        assert hits["instance"][-1] >= 0
+        limits = tracer.trace((0, 0, 0), good, t_min=[0, nan, -1, 2, 0, inf], t_max=[inf, 5, 5, 1, nan, inf])
+        assert (limits["instance"] >= 0).tolist() == [True] + [False] * 5
+        miss = hits[0]
+        assert (miss["t"], miss["primitive"], miss["front_face"]) == (inf, -1, False)
+        assert not any(miss[name].any() for name in ("barycentrics", "position", "normal"))
+
+
+def test_limits_of_rays(device: Device) -> None:
+    mesh = sv.Mesh(positions=np.array([[-9, -9, 0], [9, -9, 0], [0, 9, 0]], np.float32))
+    scene = sv.Scene(*(sv.Instance(mesh=mesh, material=SOME, transform=place(0, 0, -z)) for z in (2.0, 4.0)))
+    with sv.RayTracer(device, scene) as tracer:
+        hits = tracer.trace((0, 0, 0), (0, 0, -2), t_min=[0, 1.5, 2.5, 0], t_max=[9, 9, 9, 0.5])
+    assert hits["t"].tolist() == [1, 2, np.inf, np.inf]
+
+
+@pytest.mark.parametrize("count", [0, 1, 63, 64, 65, 128, 129, 1000])
+def test_batches_join_without_seams(device: Device, monkeypatch: pytest.MonkeyPatch, count: int) -> None:
+    monkeypatch.setattr(tracer_module, "BATCH", 64)
+    corners = np.array([[0, 0, 0], [0.9, 0, 0], [0, 0.9, 0]]) + np.arange(1000)[:, None, None] * np.array([1.0, 0, 0])
+    scene = sv.Scene(sv.Instance(mesh=sv.Mesh(positions=corners.reshape(-1, 3).astype(np.float32)), material=SOME))
+    with sv.RayTracer(device, scene) as tracer:
+        hits = tracer.trace(corners.mean(axis=1)[:count] + np.array([0, 0, 1]), (0, 0, -1))
+    assert np.array_equal(hits["primitive"], np.arange(count))
+
+
+def test_shapes_and_types(device: Device) -> None:
+    with sv.RayTracer(device, sv.builtin("closed_box")) as tracer:
+        assert tracer.trace((0, 0, 0), (0, 0, 1)).shape == ()
+        assert tracer.trace(np.zeros((4, 1, 3)), np.ones((5, 3), int)).shape == (4, 5)
+        assert tracer.trace([0, 0, 0], [[0, 0, 1]], t_max=[[9], [8]]).shape == (2, 1)
+        assert (tracer.trace(np.zeros((7, 3), np.float64)[::-1], [0, 0, 1])["instance"] >= 0).all()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((np.zeros(2), np.zeros(3)), r"the shape of origins is \(2,\), not \(..., 3\)"),
+        ((np.zeros(3), 1.0), r"the shape of directions is \(\), not \(..., 3\)"),
+        ((np.zeros((2, 3)), np.zeros((4, 3))), "don't fit"),
+        ((np.zeros((2, 3)), np.zeros(3), [1, 2, 3]), "don't fit"),
+        ((["a", "b", "c"], np.zeros(3)), "origins are numbers"),
+        ((np.zeros(3), None), "directions"),
+    ],
+)
+def test_arrays_that_do_not_fit(device: Device, arguments: Any, message: str) -> None:
+    with sv.RayTracer(device, sv.Scene()) as tracer, pytest.raises(sv.SolariError, match=f"trace: .*{message}"):
+        tracer.trace(*arguments[:2], **({"t_min": arguments[2]} if len(arguments) > 2 else {}))
+
+
+def test_a_binder_is_shared_and_nothing_is_left(device: Device) -> None:
+    device.wait_idle()
+    scene, before = sv.builtin("closed_box"), device.live_objects
+    for _ in range(3):
+        binder = SceneBinder(device, scene)
+        tracer = sv.RayTracer(device, binder)
+        assert tracer.trace((0, 0, 0), (0, 0, -1))["instance"] >= 0
+        tracer.close()
+        tracer.close()
+        binder.update()  # still alive
+        binder.destroy()
+        device.wait_idle()
+        assert device.live_objects - before <= 4
+
+
+def test_with_memory_that_is_not_mapped(any_device: None) -> None:
+    with Device(validation=True, staging=True) as device, sv.RayTracer(device, sv.builtin("closed_box")) as tracer:
+        hits = tracer.trace(np.zeros((1000, 3)), np.random.default_rng(5).normal(size=(1000, 3)))
+        assert (hits["instance"] >= 0).all()
