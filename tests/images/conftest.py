@@ -2,27 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import functools
 
-import numpy as np
 import pytest
 
 import solari_vk as sv
-
-
-@dataclass
-class Picture:
-    """Independent parts of one picture's samples, runs (R, h, w, 3): their mean, and the variance of that mean."""
-
-    runs: np.ndarray
-
-    @property
-    def mean(self):
-        return self.runs.mean(axis=0, dtype=np.float64)
-
-    @property
-    def variance(self):
-        return self.runs.var(axis=0, ddof=1, dtype=np.float64) / len(self.runs)
+from solari_vk.conformance.pictures import take_picture
 
 
 @pytest.fixture
@@ -40,24 +25,6 @@ def tracer(device):
 
 
 @pytest.fixture
-def picture(tracer):
-    """picture(scene, size, samples, runs=8, camera=None, **settings of PathTracer) -> Picture.
-
-    samples is the total per pixel. The variance comes from the spread of consecutive parts of the
-    samples, not from the renderer's own estimate, which has its own test.
-    """
-
-    def make(scene, size=(48, 48), samples=64, *, runs=8, camera=None, **settings):
-        renderer = tracer(scene, size, **settings)
-        part = max(samples // runs, 1)
-        sums = [np.zeros((size[1], size[0], 3))]
-        for run in range(1, runs + 1):
-            image = renderer.render(camera or scene.camera, samples=run * part)
-            assert image.shape == sums[0].shape
-            assert image.dtype == np.float32
-            assert np.isfinite(image).all()
-            sums.append(image * np.float64(run * part))
-        renderer.close()
-        return Picture(np.diff(np.stack(sums), axis=0) / part)
-
-    return make
+def picture(device):
+    """picture(scene, size, samples, runs=8, camera=None, **settings of PathTracer) -> Picture; see take_picture."""
+    return functools.partial(take_picture, device)

@@ -6,11 +6,13 @@ import math
 
 import numpy as np
 import pytest
-from oracles import brdf, closed_forms, rays
+from oracles import brdf
 from oracles.statistics import compare, replicates, tile_means
 
 import solari_vk as sv
-from solari_vk.scene import shapes
+from solari_vk.conformance.light_checks import LAMP_CORNERS, LAMP_RADIANCE, floor_scene, lamp_above, lamp_on_lambert
+from solari_vk.conformance.oracles import closed_forms
+from solari_vk.conformance.oracles.closed_forms import over_pixels
 from solari_vk.scene.builtin import closed_box
 
 BAR = 0.005
@@ -50,46 +52,13 @@ def test_white_closed_box_with_our_brdf_keeps_all_energy(picture, roughness, met
     assert made.mean.mean() == pytest.approx(4.0, rel=BAR)
 
 
-def floor_scene(material, *extra):
-    """A floor of 8 m seen slantwise from 3 m: all of the picture is floor."""
-    floor = sv.Instance(mesh=shapes.quad((0, 0, 0), (0, 0, 4), (4, 0, 0)), material=material, name="floor")
-    camera = sv.Camera.look_at((0.4, 3, 1.5), (0, 0, 0), vertical_fov=math.radians(50))
-    return sv.Scene(floor, camera, *extra)
-
-
-# A tilted lamp above the floor, between it and the camera: its back is not seen by the camera.
-LAMP_CORNERS = np.array([(-0.6, 1.2, -0.4), (0.7, 1.2, -0.4), (0.7, 1.5, 0.5), (-0.6, 1.5, 0.5)])
-LAMP_RADIANCE = np.array((5.0, 3.0, 1.0))
-
-
-def lamp_above():
-    return sv.Instance(
-        mesh=shapes.polygons(LAMP_CORNERS),
-        material=sv.Material(base_color=0.0, reflectance=0.0, emissive=LAMP_RADIANCE),
-        name="lamp",
-    )
-
-
-def over_pixels(scene, size, value, nodes=3):
-    """Pixel means (h, w, 3) of value(points (N, 3)), a function of the floor, by Gauss-Legendre within each pixel."""
-    at, weights = np.polynomial.legendre.leggauss(nodes)
-    total = np.zeros((size, size, 3))
-    for i, j in np.ndindex(nodes, nodes):
-        origins, directions = rays.camera_rays(scene.camera, size, size, ((at[i] + 1) / 2, (at[j] + 1) / 2))
-        points = origins - (origins[..., 1] / directions[..., 1])[..., None] * directions
-        total += value(points.reshape(-1, 3)).reshape(size, size, -1) * weights[i] * weights[j] / 4
-    return total
-
-
 @pytest.mark.parametrize("strategy", ["mis", "nee", "brdf"])
 def test_lamp_over_lambert_floor(picture, strategy):
     albedo = np.array((0.8, 0.5, 0.2))
     scene = floor_scene(sv.Material(base_color=albedo), lamp_above())
     samples = 4096 if strategy == "brdf" else 256
     made = picture(scene, (32, 32), samples, max_bounces=1, lambert=True, light_strategy=strategy)
-    up = np.array([(0.0, 1.0, 0.0)])
-    irradiance = over_pixels(scene, 32, lambda points: closed_forms.polygon_irradiance(points, up, LAMP_CORNERS, 1.0))
-    expect(made, irradiance * LAMP_RADIANCE * albedo / math.pi, strategy, 0.01 if strategy == "brdf" else BAR)
+    expect(made, lamp_on_lambert(scene, 32, albedo), strategy, 0.01 if strategy == "brdf" else BAR)
 
 
 def lamp_over_surface(surface, points, eye, resolution=24):
@@ -133,7 +102,7 @@ def test_lamp_over_our_materials(picture, roughness, metallic, reflectance, laye
     made = picture(scene, (16, 16), 2048, max_bounces=1, layering=layering)
     surface = brdf.Surface(color, metallic, roughness, reflectance, layering)
     eye = scene.camera.transform[:3, 3]
-    expected = over_pixels(scene, 16, lambda points: lamp_over_surface(surface, points, eye))
+    expected = over_pixels(scene.camera, 16, lambda points: lamp_over_surface(surface, points, eye))
     expect(made, expected, f"{roughness} {metallic} {layering}", bar=0.01)
 
 
@@ -178,7 +147,9 @@ def test_seeds_are_unbiased_and_independent(tracer):
         renderer.close()
     runs = np.stack(runs)
     up = np.array([(0.0, 1.0, 0.0)])
-    irradiance = over_pixels(scene, 32, lambda points: closed_forms.polygon_irradiance(points, up, LAMP_CORNERS, 5.0))
+    irradiance = over_pixels(
+        scene.camera, 32, lambda points: closed_forms.polygon_irradiance(points, up, LAMP_CORNERS, 5.0)
+    )
     tiles, expected = (
         np.stack([tile_means(x, 8) for x in group]) for group in (runs, irradiance[None, ..., 0] / math.pi)
     )

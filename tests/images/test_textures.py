@@ -72,7 +72,7 @@ def test_emissive_texture_is_seen_and_lights(tracer):
 @pytest.mark.parametrize("strategy", ["nee", "brdf"])
 def test_textured_lamp_lights_by_its_texels(picture, strategy):
     """The light on the floor below is the quarter-wise sum, by Lambert's formula."""
-    from oracles.closed_forms import polygon_irradiance
+    from solari_vk.conformance.oracles.closed_forms import polygon_irradiance
 
     corners = np.array([(-1, 1, 1), (-1, 1, -1), (1, 1, -1), (1, 1, 1)])
     lamp = sv.Material(base_color=0.0, reflectance=0.0, emissive=3.0, emissive_texture=four_colors())

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from solari_vk.conformance.oracles.closed_forms import camera_rays as camera_rays
+
 
 class World:
     """All triangles of a Scene's visible instances in world space, float64, in the instances' order.
@@ -84,18 +86,6 @@ def closest_by_brute_force(corners, origins, directions):
         closer = np.nan_to_num(t, nan=np.inf) < best
         best[closer], index[closer] = t[closer], i
     return index, best
-
-
-def camera_rays(camera, width, height, offset=(0.5, 0.5)):
-    """Origins and unit directions (h, w, 3), row 0 at the top, through `offset` within each pixel (x right, y down)."""
-    x = (np.arange(width) + offset[0]) / width * 2 - 1
-    y = 1 - (np.arange(height) + offset[1]) / height * 2
-    tangent = np.tan(camera.vertical_fov / 2)
-    x, y = np.meshgrid(x * tangent * width / height, y * tangent)
-    local = np.stack([x, y, -np.ones_like(x)], axis=-1)
-    directions = local @ camera.transform[:3, :3].T
-    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-    return np.broadcast_to(camera.transform[:3, 3], directions.shape), directions
 
 
 def edge_distance(corners, points):

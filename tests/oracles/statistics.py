@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from solari_vk.conformance.pictures import tile_means as tile_means
+
 
 def sidak(alpha, count):
     """The level of each of `count` independent tests for a family-wise level alpha."""
@@ -44,14 +46,6 @@ def chi_squared_p(observed, expected, least=5.0):
         observed, expected = observed[:-1], expected[:-1]
     statistic = ((observed - expected) ** 2 / expected).sum()
     return float(stats.chi2.sf(statistic, len(expected) - 1))
-
-
-def tile_means(image, size):
-    """Means (rows, columns, ...) of size x size tiles; the picture's edges that fill no tile are left out."""
-    image = np.asarray(image, np.float64)
-    rows, columns = image.shape[0] // size, image.shape[1] // size
-    cut = image[: rows * size, : columns * size]
-    return cut.reshape(rows, size, columns, size, *image.shape[2:]).mean(axis=(1, 3))
 
 
 @dataclass

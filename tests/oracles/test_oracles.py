@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from oracles import brdf, closed_forms, packing, rays, statistics
+from oracles import brdf, packing, rays, statistics
+from solari_vk.conformance.oracles import closed_forms
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import place
 from solari_vk.scene.model import Camera, Instance, Material, Scene

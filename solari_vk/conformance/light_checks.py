@@ -1,0 +1,94 @@
+"""Lights: closed forms for a lamp and a sun over a floor, and changes that must change nothing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+import solari_vk as sv
+from solari_vk.conformance.oracles import closed_forms
+from solari_vk.conformance.pictures import Picture, compare_picture, take_picture
+from solari_vk.conformance.rules import Measurement, Rule
+from solari_vk.gpu.device import Device
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import rgb
+
+# Five standard errors of the mean fit beside the interval: other devices draw other noise.
+BAR = 0.01
+# A tilted lamp above the floor, between it and the camera: its back is not seen by the camera.
+LAMP_CORNERS = np.array([(-0.6, 1.2, -0.4), (0.7, 1.2, -0.4), (0.7, 1.5, 0.5), (-0.6, 1.5, 0.5)])
+LAMP_RADIANCE = np.array((5.0, 3.0, 1.0))
+_ALBEDO = np.array((0.8, 0.5, 0.2))
+_CLOSED, _INVARIANT = "closed form", ("invariance", "the same light, told otherwise")
+
+
+def floor_scene(material: sv.Material, *extra: Any) -> sv.Scene:
+    """A floor of 8 m seen slantwise from 3 m: all of the picture is floor."""
+    floor = sv.Instance(mesh=shapes.quad((0, 0, 0), (0, 0, 4), (4, 0, 0)), material=material, name="floor")
+    camera = sv.Camera.look_at((0.4, 3, 1.5), (0, 0, 0), vertical_fov=math.radians(50))
+    return sv.Scene(floor, camera, *extra)
+
+
+def lamp_above(corners: ArrayLike = LAMP_CORNERS, brightness: float = 1.0) -> sv.Instance:
+    """A lamp of these corners with LAMP_RADIANCE times the brightness."""
+    material = sv.Material(base_color=rgb(0), reflectance=rgb(0), emissive=rgb(LAMP_RADIANCE * brightness))
+    return sv.Instance(mesh=shapes.polygons(corners), material=material, name="lamp")
+
+
+def lamp_on_lambert(scene: sv.Scene, size: int, albedo: NDArray[Any] = _ALBEDO) -> NDArray[Any]:
+    """What a picture (size, size, 3) of a Lambert floor under the lamp must be."""
+    up = np.array([(0.0, 1.0, 0.0)])
+    irradiance = closed_forms.over_pixels(
+        scene.camera, size, lambda points: closed_forms.polygon_irradiance(points, up, LAMP_CORNERS, 1.0)
+    )
+    radiance: NDArray[Any] = irradiance * LAMP_RADIANCE * albedo / math.pi
+    return radiance
+
+
+def measure_lamp(device: Device, strategy: str) -> Iterator[Measurement]:
+    """An emissive polygon over a Lambert floor."""
+    scene = floor_scene(sv.Material(base_color=rgb(_ALBEDO)), lamp_above())
+    samples, bar = (2048, 2 * BAR) if strategy == "brdf" else (512, BAR)
+    made = take_picture(device, scene, (32, 32), samples, max_bounces=1, lambert=True, light_strategy=strategy)
+    source = (_CLOSED, "irradiance of a polygon (Lambert 1760)")
+    yield from compare_picture(f"a lamp over a floor, {strategy}", source, made, lamp_on_lambert(scene, 32), bar)
+
+
+def measure_sun(device: Device, diameter: float, strategy: str) -> Iterator[Measurement]:
+    """A sun's disk over a Lambert floor."""
+    sun = sv.DirectionalLight(
+        direction=rgb((1, -1.5, 0.3)), illuminance=1000, color=rgb((1, 0.8, 0.6)), angular_diameter=diameter
+    )
+    scene = floor_scene(sv.Material(base_color=rgb(0.6)), sun)
+    samples, bar = (4096, 2 * BAR) if strategy == "brdf" else (256, BAR)
+    made = take_picture(device, scene, (16, 16), samples, max_bounces=1, lambert=True, light_strategy=strategy)
+    irradiance = closed_forms.sun_irradiance(1000, diameter, 1.5 / math.sqrt(1 + 1.5**2 + 0.3**2))
+    expected = irradiance * 0.6 / math.pi * np.array((1, 0.8, 0.6))
+    source = (_CLOSED, "irradiance of a disk of constant radiance")
+    yield from compare_picture(f"a sun {diameter:g} rad wide, {strategy}", source, made, expected, bar)
+
+
+def measure_invariance(device: Device) -> Iterator[Measurement]:
+    """Lamps in parts, in another order, and brighter give the same picture, the same, and one as much brighter."""
+    floor = sv.Material(base_color=rgb(_ALBEDO))
+
+    def picture(*lamps: sv.Instance, seed: int = 0) -> Picture:
+        scene = floor_scene(floor, *lamps)
+        return take_picture(device, scene, (32, 32), 512, max_bounces=1, lambert=True, seed=seed)
+
+    a, b, c, d = LAMP_CORNERS
+    near, far = (a + b) / 2, (c + d) / 2
+    parts = [lamp_above(np.array(corners)) for corners in ([a, near, far, d], [near, b, c, far])]
+    whole = picture(lamp_above())
+    for name, other in (
+        ("a lamp in two parts", picture(*parts, seed=1)),
+        ("its parts in another order", picture(*parts[::-1], seed=2)),
+    ):
+        yield from compare_picture(name, _INVARIANT, other, whole.mean, 1.5 * BAR, whole.variance)
+    bright = picture(lamp_above(brightness=1024.0))
+    error = np.abs(bright.mean / (1024 * whole.mean) - 1).max()
+    yield Measurement(Rule("a lamp 1024 times as bright", *_INVARIANT), float(error), 1e-5, "relative error")

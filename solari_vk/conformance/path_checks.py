@@ -1,0 +1,74 @@
+"""The path tracer: series in closed boxes, energy of all materials, light-tight surfaces, and seeds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+import solari_vk as sv
+from solari_vk.conformance.bulk_checks import bumpy_ball
+from solari_vk.conformance.oracles import closed_forms
+from solari_vk.conformance.pictures import take_picture
+from solari_vk.conformance.rules import SUITE, Measurement, Rule
+from solari_vk.gpu.device import Device
+from solari_vk.scene.builtin import closed_box, matte, rgb
+
+BAR = 0.005
+_SERIES = ("closed form", "geometric series in a closed box")
+_TRACER = (SUITE, "PathTracer")
+
+
+def measure_series(device: Device, bounces: int) -> Iterator[Measurement]:
+    """Le (1 + rho + ... + rho^k) everywhere in a closed Lambert box, whatever the strategy."""
+    albedo, emission = np.array((0.3, 0.5, 0.7)), np.array((2.0, 1.0, 0.25))
+    expected = closed_forms.closed_box_radiance(emission, albedo, bounces)
+    for strategy in ("mis", "nee", "brdf"):
+        scene = closed_box()
+        next(iter(scene)).material.update(base_color=albedo, emissive=emission)
+        made = take_picture(
+            device, scene, (32, 32), 512, max_bounces=bounces, lambert=True, light_strategy=strategy
+        )
+        error = np.abs(made.mean.mean(axis=(0, 1)) / expected - 1).max()
+        rule = Rule(f"closed box after {bounces} bounces, {strategy}", *_SERIES)
+        yield Measurement(rule, float(error), 2 * BAR, "relative error")
+
+
+def measure_white_box(device: Device, roughness: float, metallic: float) -> Iterator[Measurement]:
+    """White walls lose no energy: every bounce adds the emission once more, whatever the material."""
+    scene = closed_box(1.0, 1.0)
+    next(iter(scene)).material.update(perceptual_roughness=roughness, metallic=metallic, reflectance=0.5)
+    made = take_picture(device, scene, (32, 32), 128, max_bounces=3)
+    rule = Rule(f"white closed box, roughness {roughness:g}, metallic {metallic:g}", *_SERIES)
+    yield Measurement(rule, abs(float(made.mean.mean()) / 4 - 1), BAR, "relative error")
+
+
+def measure_light_tight(device: Device) -> Iterator[Measurement]:
+    """Suns all around a closed surface, and a camera inside: what is lit got light through a wall."""
+    suns = [
+        sv.DirectionalLight(direction=rgb(direction), illuminance=1e6, angular_diameter=math.pi)
+        for direction in ((0.3, 1, 0.2), (-0.3, -1, -0.2))
+    ]
+    # Faces inward, and the bumps are gentle: a crease sharper than a right angle is open to origins moved off it.
+    corners = bumpy_ball(40, 0.01)
+    for name, scale, at in (("plain", 1.0, 0.0), ("small", 1e-3, 0.0), ("far", 1.0, 1000.0)):
+        transform = np.diag((scale, scale, scale, 1.0))
+        transform[:3, 3] = at
+        mesh = sv.Mesh(positions=corners[:, ::-1].reshape(-1, 3))
+        camera = np.eye(4)
+        camera[:3, 3] = at
+        scene = sv.Scene(sv.Instance(mesh=mesh, material=matte(1.0), transform=transform), *suns)
+        scene.add(sv.Camera(transform=camera, vertical_fov=2.6, near=1e-6))
+        made = take_picture(device, scene, (64, 64), 32, max_bounces=4, lambert=True, runs=2)
+        lit = float((made.mean > 0).any(axis=-1).sum())
+        yield Measurement(Rule(f"a closed surface is light-tight, {name}", *_TRACER), lit, 0.0, "of 4,096 pixels")
+
+
+def measure_seeds(device: Device) -> Iterator[Measurement]:
+    """The same seed gives the same bits, another one other noise."""
+    pictures = [take_picture(device, sv.builtin("cornell_box"), (32, 32), 8, runs=2, seed=seed) for seed in (5, 5, 6)]
+    first, again, other = (picture.mean for picture in pictures)
+    yield Measurement(Rule("a seed gives the same bits", *_TRACER), float((first != again).sum()), 0.0, "values differ")
+    same = float((first == other).all(axis=-1).mean())
+    yield Measurement(Rule("another seed gives other noise", *_TRACER), same, 0.9, "of pixels are the same")
