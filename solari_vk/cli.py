@@ -1,6 +1,6 @@
 """The command line: solari-vk render | info | bench | conformance.
 
-Exit codes: 0 done, 1 an internal error or a conformance rule that doesn't hold, 2 bad input or usage, 3 no usable device.
+Exit codes: 0 done, 1 an internal error or a conformance rule that doesn't hold, 2 bad input or usage, 3 no device.
 """
 
 from __future__ import annotations
@@ -32,6 +32,9 @@ def main(arguments: list[str] | None = None) -> int:
     except SolariError as error:
         print(f"solari-vk: {error}", file=sys.stderr)
         return 2
+    except BrokenPipeError:  # whoever read our output had enough
+        sys.stdout = None
+        return 0
     except KeyboardInterrupt:
         print("solari-vk: interrupted, nothing was written", file=sys.stderr)
         return 1
@@ -156,15 +159,18 @@ def _load(options: argparse.Namespace) -> tuple[Scene, Camera, str | float]:
 
     builtin = options.source.startswith("builtin:")
     if builtin:
+        if options.scene is not None:
+            raise SolariError(f"--scene {options.scene}: a built-in scene is one scene")
         scene = sv.builtin(options.source.removeprefix("builtin:"))
     else:
         which = options.scene
-        scene = sv.load_gltf(options.source, scene=int(which) if which and which.isdigit() else which)
+        scene = sv.load_gltf(options.source, scene=int(which) if which and which.isdecimal() else which)
     camera = _camera(scene, options.camera)
     if camera is None:
         width, height = options.size
         camera = sv.frame_camera(scene, aspect=width / height)
-    lit = bool(scene.directional_lights) or any(i.visible and i.material.emits for i in scene.instances)
+    lit = any(sun.illuminance > 0 and (sun.color > 0).any() for sun in scene.directional_lights)
+    lit = lit or any(i.visible and i.material.emits for i in scene.instances)
     if options.lights == "studio" or (options.lights == "auto" and not lit):
         if options.lights == "auto":
             print(f"{options.source} has no light of its own: adding studio lights", file=sys.stderr)
@@ -185,7 +191,7 @@ def _camera(scene: Scene, text: str | None) -> Camera | None:
     cameras = list(scene.cameras)
     if text is None:
         return cameras[0] if cameras else None
-    if text.isdigit():
+    if text.isdecimal():
         if int(text) >= len(cameras):
             raise SolariError(f"--camera {text}: {scene.describe()} has {len(cameras)} cameras, counted from 0")
         return cameras[int(text)]

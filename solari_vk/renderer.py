@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+import operator
 import time
 from collections import deque
 from collections.abc import Callable
@@ -68,6 +69,7 @@ class PathTracer:
         self.settings = pathtracer.Settings(max_bounces, seed, light_strategy, pixel_filter, layering, lambert)
         self.samples = 0
         """Samples a pixel in the picture so far."""
+        self._set_size(size)
         self._owns_binder = isinstance(scene, Scene)
         self.binder = SceneBinder(device, scene) if isinstance(scene, Scene) else scene
         self.binder.update()
@@ -75,22 +77,27 @@ class PathTracer:
         self._table, self._table_buffers = brdf_table.compute(device)
         self._shown: tuple[Any, ...] | None = None
         self._camera: Camera | None = None
-        self._set_size(size)
         self._frame = Frame(device, self._stages(), external=self._external)
         self._aovs: Frame | None = None  # made when first asked for
         self._aovs_shown: tuple[Any, ...] | None = None
+        self._aovs_version = 0
 
     @property
     def _external(self) -> dict[str, Any]:
         return {**self.binder.resources, **self._table_buffers}
 
     def _set_size(self, size: tuple[int, int]) -> None:
-        width, height = (int(n) for n in size)
-        if not (1 <= width <= 16384 and 1 <= height <= 16384):
-            raise SolariError(f"PathTracer: size {size} is not within 1x1 to 16384x16384 pixels")
+        try:
+            width, height = (operator.index(n) for n in size)
+        except (TypeError, ValueError):
+            raise SolariError(f"PathTracer: size must be two whole numbers (width, height), not {size!r}") from None
+        most = self.device.properties.limits.maxStorageBufferRange // pathtracer.LARGEST_PIXEL_BYTES
+        if width < 1 or height < 1 or width * height > most:
+            raise SolariError(f"PathTracer: {width}x{height} is not between 1 pixel and the {most:,} this device holds")
         self.size = (width, height)
         self._band_rows = self._most_rows
         self._batch = 1
+        self._next_look = 4  # the count of frames at which `_adapt` looks; a driver may compile in the first ones
         # Rows times samples of the last dispatches, with the timeline value of each.
         self._sizes: deque[tuple[int, int]] = deque(maxlen=4)
 
@@ -103,10 +110,16 @@ class PathTracer:
 
     def resize(self, size: tuple[int, int]) -> None:
         """Another picture size (width, height); the picture starts anew."""
+        before = self.size
         self._set_size(size)
-        self._frame.rebuild(self._stages())
+        try:
+            self._frame.rebuild(self._stages())
+        except BaseException:
+            self._set_size(before)
+            raise
         self._drop_aovs()
         self._shown = None
+        self._next_look += self._frame.frame_count
 
     def _drop_aovs(self) -> None:
         if self._aovs is not None:
@@ -136,8 +149,8 @@ class PathTracer:
         Starts anew when the camera, the scene or the size is another one than before, else goes on from
         the samples it has. time_limit: stop after so many seconds. progress: called with the samples done.
         """
-        if samples < 1:
-            raise SolariError(f"PathTracer.render: samples must be at least 1, not {samples}")
+        if not isinstance(samples, int) or samples < 1:
+            raise SolariError(f"PathTracer.render: samples must be a whole number of at least 1, not {samples!r}")
         started = time.perf_counter()
         self._prepare(camera)
         while self.samples < samples:
@@ -156,6 +169,8 @@ class PathTracer:
 
     def _prepare(self, camera: Camera) -> None:
         """Take up edits of the scene, and start anew if anything differs from what the picture shows."""
+        if not isinstance(camera, Camera):
+            raise SolariError(f"PathTracer: a Camera is needed, not {camera!r}")
         self.binder.update()
         if self.binder.version != self._bound_version:
             self._bound_version = self.binder.version
@@ -190,8 +205,9 @@ class PathTracer:
         Only now and then: on some drivers reading a timestamp waits for the work in progress.
         """
         frame = self._frame
-        if frame.frame_count < 4 or frame.frame_count.bit_count() != 1:
-            return  # a driver may compile in the first dispatches
+        if frame.frame_count < self._next_look:
+            return
+        self._next_look = 2 * frame.frame_count
         spent = frame.timings.get("pathtracer/trace", 0.0)
         size = dict(self._sizes).get(frame.timed_value, 0)
         if not spent or not size:
@@ -220,7 +236,10 @@ class PathTracer:
     def _first_hits(self) -> Frame:
         """The frame of the AOVs, run for what the picture shows."""
         rows = self._most_rows
+        if self._aovs_version != self.binder.version:  # another renderer may have taken up an edit
+            self._drop_aovs()
         if self._aovs is None:
+            self._aovs_version = self.binder.version
             self._aovs = Frame(self.device, [pathtracer.aov_stage(self.size, rows)], external=self._external)
             self._aovs_shown = None
         if self._aovs_shown != self._shown:

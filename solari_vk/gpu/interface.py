@@ -74,6 +74,8 @@ class Interface:
             device.properties.core12.maxPerStageDescriptorUpdateAfterBindSampledImages,
             device.properties.core12.maxPerStageDescriptorUpdateAfterBindSamplers,
             device.properties.core12.maxDescriptorSetUpdateAfterBindSampledImages,
+            device.properties.core12.maxDescriptorSetUpdateAfterBindSamplers,
+            device.properties.core12.maxPerStageUpdateAfterBindResources // 2,
             _BINDLESS_LIMIT,
         )
         self._pushed = pushed = _pushed_bytes(modules)

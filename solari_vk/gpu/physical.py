@@ -267,9 +267,8 @@ def _matching(devices: list[PhysicalDevice], select: str) -> list[PhysicalDevice
     by_uuid = [d for d in devices if d.properties.uuid.replace("-", "") == wanted.replace("-", "")]
     if by_uuid or not select:
         return by_uuid
-    if select.isdigit():
-        return [device for device in devices if device.index == int(select)]
-    return [d for d in devices if wanted in d.properties.name.lower()]
+    by_index = [device for device in devices if select == str(device.index)]
+    return by_index or [d for d in devices if wanted in d.properties.name.lower()]
 
 
 def _describe(devices: list[PhysicalDevice]) -> str:

@@ -74,7 +74,9 @@ def library() -> Any:
     for name in _library_names():
         try:
             found = _ffi.dlopen(name)
-        except OSError:
+        except OSError as error:
+            if "SOLARI_VK_SHADERC" in os.environ:
+                raise SolariError(f"SOLARI_VK_SHADERC names {name}, which can't be loaded ({error})") from None
             continue
         _ffi.cdef(_DECLARATIONS)  # parsed only when needed: it takes a tenth of a second
         return found

@@ -15,6 +15,7 @@ from solari_vk.gpu.uniforms import Uniforms
 LIGHT_STRATEGIES = ("mis", "nee", "brdf")  # LIGHTS_BY_* of passes/bindings.glsl
 LAYERINGS = ("conserving", "sum", "fresnel_product")  # LAYERING_* of scene/brdf.glsl
 PIXEL_FILTERS = {"box": 0.5, "gaussian": 2.0, "blackman_harris": 1.5}  # PIXEL_FILTER_*, and their radii in pixels
+LARGEST_PIXEL_BYTES = 12  # of a pixel in any one buffer: three floats
 FIRST_HIT_AOVS = (
     "depth",
     "position",
@@ -53,6 +54,8 @@ class Settings:
                 known = ", ".join(choices)
                 raise SolariError(f"PathTracer: {name} must be one of {known}, not {getattr(self, name)!r}")
         for name in ("max_bounces", "seed"):
+            if not isinstance(getattr(self, name), int):
+                raise SolariError(f"PathTracer: {name} must be a whole number, not {getattr(self, name)!r}")
             if not 0 <= getattr(self, name) < 2**32:
                 raise SolariError(f"PathTracer: {name} must lie between 0 and 2^32 - 1, not {getattr(self, name)}")
 

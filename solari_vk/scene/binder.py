@@ -111,7 +111,10 @@ class SceneBinder:
             self._lights.update()
             self._upload()
         except BaseException:
-            self._changed = changed | self._changed  # the next update tries again
+            self._changed = changed | self._changed  # the next update tries again, knowing nothing of what arrived
+            for table in self._tables:
+                table.mark_all()
+            self._traced.mark_all()
             raise
 
     # ---- from changed objects to rows ---------------------------------------------------------------

@@ -31,6 +31,7 @@ class Camera(Checked):
     name: str = ""
 
     _converters = {
+        "name": checks.text,
         "transform": checks.affine_transform,
         "vertical_fov": checks.number(1e-4, math.pi - 1e-4),
         "near": checks.number(1e-9),

@@ -15,10 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 FloatArray = NDArray[np.float32]
 WRAP_MODES = ("repeat", "mirrored_repeat", "clamp_to_edge")
 FILTERS = ("linear", "nearest")
+LARGEST_COORDINATE = 1e18  # metres: areas of larger triangles are no floats
+LARGEST_RADIANCE = 1e18  # cd/m^2; what a path multiplies has to stay a float
 LARGEST_TRANSFORM = 1e12  # three axes multiplied have to stay floats
 
 
-def array(*shape: int | None, dtype: Any = np.float32, optional: bool = False) -> Callable[[Any], Any]:
+def array(
+    *shape: int | None, dtype: Any = np.float32, optional: bool = False, most: float = math.inf
+) -> Callable[[Any], Any]:
     """A read-only copy of that shape (None: any length), finite."""
 
     def convert(value: Any) -> Any:
@@ -38,6 +42,8 @@ def array(*shape: int | None, dtype: Any = np.float32, optional: bool = False) -
             wanted = ", ".join("N" if n is None else str(n) for n in shape)
             raise ValueError(f"must have the shape ({wanted}), not {array.shape}")
         refuse_not_finite(array)
+        if most < math.inf and array.size and np.abs(array).max() > most:
+            raise ValueError(f"must lie within {most:g}")
         array.setflags(write=False)
         return array
 
@@ -74,6 +80,28 @@ def number(low: float = -math.inf, high: float = math.inf) -> Callable[[Any], fl
         return number
 
     return convert
+
+
+def direction(value: ArrayLike) -> FloatArray:
+    """A unit vector (3,) along the given one, of whatever length."""
+    given = np.array(value, np.float64)
+    if given.shape != (3,):
+        raise ValueError(f"must have the shape (3,), not {given.shape}")
+    refuse_not_finite(given)
+    largest = np.abs(given).max()
+    if largest == 0:
+        raise ValueError("must not be zero")
+    given /= largest
+    unit = (given / np.linalg.norm(given)).astype(np.float32)
+    unit.setflags(write=False)
+    return unit
+
+
+def text(value: Any) -> str:
+    """A string."""
+    if not isinstance(value, str):
+        raise TypeError(f"must be a string, not {type(value).__name__}")
+    return value
 
 
 def instance_of(kind: Callable[[], type], optional: bool = False) -> Callable[[Any], Any]:

@@ -86,7 +86,7 @@ class Lights:
             one_minus_cos = 2 * math.sin(half_angle / 2) ** 2
             solid_angle = 2 * math.pi * one_minus_cos
             record = self.directional.records[i]
-            record["direction_to_light"] = -light.direction / np.linalg.norm(light.direction)
+            record["direction_to_light"] = -light.direction
             record["one_minus_cos_half_angle"] = one_minus_cos
             # The disk's cosine-weighted integral, pi sin^2, rather than its solid angle: a surface that
             # faces the light's centre then gets the stated illuminance however wide the disk is.

@@ -46,7 +46,8 @@ class Mesh(Checked):
     name: str = ""
 
     _converters = {
-        "positions": checks.array(None, 3),
+        "name": checks.text,
+        "positions": checks.array(None, 3, most=checks.LARGEST_COORDINATE),
         "indices": checks.array(None, 3, dtype=np.uint32, optional=True),
         "normals": checks.array(None, 3, optional=True),
         "uvs": checks.array(None, 2, optional=True),
@@ -80,7 +81,7 @@ class TextureImage(Checked):
     pixels: NDArray[np.uint8]
     name: str = ""
 
-    _converters = {"pixels": checks.array(None, None, 4, dtype=np.uint8)}
+    _converters = {"pixels": checks.array(None, None, 4, dtype=np.uint8), "name": checks.text}
 
     def _validate(self) -> None:
         if 0 in self.pixels.shape:
@@ -137,12 +138,13 @@ class Material(Checked):
     name: str = ""
 
     _converters = {
+        "name": checks.text,
         "base_color": checks.color(0, 1),
         "metallic": checks.number(0, 1),
         "perceptual_roughness": checks.number(0, 1),
         "reflectance": checks.color(0, 1),
-        "emissive": checks.color(0),
-        "normal_scale": checks.number(),
+        "emissive": checks.color(0, checks.LARGEST_RADIANCE),
+        "normal_scale": checks.number(-1e6, 1e6),
         "base_color_texture": checks.instance_of(lambda: Texture, optional=True),
         "metallic_roughness_texture": checks.instance_of(lambda: Texture, optional=True),
         "emissive_texture": checks.instance_of(lambda: Texture, optional=True),
@@ -175,6 +177,7 @@ class Instance(Checked):
     name: str = ""
 
     _converters = {
+        "name": checks.text,
         "mesh": checks.instance_of(lambda: Mesh),
         "material": checks.instance_of(lambda: Material),
         "transform": checks.affine_transform,
@@ -185,7 +188,7 @@ class Instance(Checked):
 
 @dataclass(eq=False, kw_only=True)
 class DirectionalLight(Checked):
-    """A sun: direction (3,) in which its light travels, illuminance in lux on a surface facing it,
+    """A sun: direction (3,) in which its light travels (made a unit vector), illuminance in lux on a surface facing it,
     colour, and the angle in radians that its disk spans."""
 
     direction: FloatArray
@@ -195,15 +198,13 @@ class DirectionalLight(Checked):
     name: str = ""
 
     _converters = {
-        "direction": checks.array(3),
-        "illuminance": checks.number(0),
-        "color": checks.color(0),
+        "name": checks.text,
+        "direction": checks.direction,
+        "illuminance": checks.number(0, 1e15),
+        "color": checks.color(0, 1e6),
         "angular_diameter": checks.number(1e-5, math.pi),
     }
 
-    def _validate(self) -> None:
-        if not np.linalg.norm(self.direction) > 0:
-            raise SolariError(f"{self.describe()}: direction must not be zero")
 
 
 Item = TypeVar("Item", bound=Instance | DirectionalLight | Camera)
@@ -266,10 +267,14 @@ class Scene(Observable):
     def bounds(self) -> NDArray[np.float64]:
         """The corners (2, 3), least and greatest, of a box around all visible instances, in metres."""
         corners = []
+        boxes: dict[Mesh, NDArray[Any]] = {}
         for instance in self.instances:
             if instance.visible:
                 positions = instance.mesh.positions
-                box = np.array(list(product(*zip(positions.min(axis=0), positions.max(axis=0), strict=True))))
+                if instance.mesh not in boxes:
+                    sides = zip(positions.min(axis=0), positions.max(axis=0), strict=True)
+                    boxes[instance.mesh] = np.array(list(product(*sides)))
+                box = boxes[instance.mesh]
                 corners.append(box @ instance.transform[:3, :3].T + instance.transform[:3, 3])
         if not corners:
             raise SolariError(f"{self.describe()} has no visible instance, so it has no bounds")

@@ -20,27 +20,32 @@ class Table:
     The buffer is replaced when it has to grow; `flush` says so.
     """
 
-    def __init__(self, device: Device, name: str, dtype: np.dtype[Any], usage: int | None = None) -> None:
+    def __init__(self, device: Device, name: str, dtype: np.dtype[Any]) -> None:
         self.name = name
         self.records: NDArray[Any] = np.zeros(16, dtype)
         self._device = device
-        self._options = {} if usage is None else {"usage": usage}
         self.buffer = self._make_buffer()
         self._dirty: set[int] = set(range(len(self.records)))
 
     def _make_buffer(self) -> Buffer:
-        return self._device.buffer(self.records.nbytes, self.name, **self._options)
+        return self._device.buffer(self.records.nbytes, self.name)
 
     def reserve(self, rows: int) -> None:
         """Have room for rows 0 to rows - 1."""
         if rows > len(self.records):
-            grown = np.zeros(max(rows, 2 * len(self.records)), self.records.dtype)
+            # Doubling stops where a shader can't see more.
+            most = self._device.properties.limits.maxStorageBufferRange // self.records.itemsize
+            grown = np.zeros(max(rows, min(2 * len(self.records), most)), self.records.dtype)
             grown[: len(self.records)] = self.records
             self.records = grown
 
     def mark(self, rows: Iterable[int]) -> None:
         """Say which rows of `records` were written."""
         self._dirty.update(rows)
+
+    def mark_all(self) -> None:
+        """Have everything uploaded again."""
+        self._dirty.update(range(len(self.records)))
 
     @property
     def dirty(self) -> bool:

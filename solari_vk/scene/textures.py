@@ -33,6 +33,7 @@ class Textures:
         self._descriptors: Rows[DescriptorKey] = Rows()
         self._linked: dict[tuple[Texture, bool], DescriptorKey] = {}
         self._to_upload: dict[ImageKey, None] = {}
+        self._unlinked = False
         self._to_link: dict[tuple[Texture, bool], None] = {}
         self.bound: list[tuple[Image, Sampler]]
         # What unused places of the array hold, so that none is ever empty.
@@ -71,8 +72,9 @@ class Textures:
 
     def update(self) -> bool:
         """Upload what is new or changed; True when `bound` is another one than before."""
-        if not self._to_link and not self._to_upload:
+        if not self._to_link and not self._to_upload and not self._unlinked:
             return False
+        self._unlinked = False
         self.table.reserve(self.rows.limit)
         for key in self._to_link:
             self._link(key)
@@ -114,6 +116,7 @@ class Textures:
         descriptor = self._linked.pop(key, None)
         if descriptor is None:
             return
+        self._unlinked = True
         self._descriptors.release(descriptor, key)
         image = descriptor[:2]
         if self._image_users.release(image, key):

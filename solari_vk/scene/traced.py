@@ -97,6 +97,11 @@ class TracedInstances:
         self.tlas = Tlas(self._device, max(self.count, 2 * self.tlas.max_instances), name="scene")
         return True
 
+    def mark_all(self) -> None:
+        """Have everything uploaded and built again."""
+        self.table.mark_all()
+        self._rebuild = True
+
     def rebuild(self) -> None:
         """If records changed, have the TLAS rebuilt just before the next submission, behind their upload."""
         if self._rebuild:

@@ -31,7 +31,11 @@ class Document:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
         self.file = clean(str(path))
-        data = _read_regular(self.path, self.file)
+        # Not more than a file that is what it seems can hold: a .glb says so itself, other JSON has its limit.
+        head = _read_regular(self.path, self.file, 12)
+        glb = head[:4] == _GLB_MAGIC.to_bytes(4, "little") and len(head) == 12
+        most = max(struct.unpack_from("<I", head, 8)[0], 20) if glb else LARGEST_JSON + 1
+        data = _read_regular(self.path, self.file, most)
         self._binary: Bytes | None = None
         if len(data) >= 4 and struct.unpack_from("<I", data)[0] == _GLB_MAGIC:
             text, self._binary = self._split_glb(data)

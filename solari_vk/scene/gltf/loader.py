@@ -81,6 +81,7 @@ class _Loader:
             if node.visible and node.entry.extension("KHR_lights_punctual"):
                 self._add_light(node)
         self._remark_animations(placed)
+        self._remark_unseen_extensions()
         self._scene.warnings.extend(self._report.lines())
         return self._scene
 
@@ -101,6 +102,14 @@ class _Loader:
                 raise self._document.error(
                     f"the file requires the extension {shown(name)[1:-1]}, which is not supported: export it without"
                 )
+
+    def _remark_unseen_extensions(self) -> None:
+        """What the file says it uses, is not supported, and stands where nothing else looks (materials do)."""
+        named = " ".join(self._report.lines())
+        for name in self._document.root.texts("extensionsUsed"):
+            known = name in SUPPORTED_EXTENSIONS or name == "KHR_xmp_json_ld" or name.startswith("KHR_materials_")
+            if not known and name not in named:
+                self._report.add(f"the extension {shown(name)[1:-1]} is not supported and was ignored", "the file")
 
     def _remark_extensions(self, entry: Entry | None, handled: tuple[str, ...]) -> None:
         for name in entry.extensions() if entry else ():
@@ -189,7 +198,7 @@ class _Loader:
                 Camera(
                     transform=transform,
                     vertical_fov=perspective.number("yfov", low=1e-3, high=math.pi - 1e-3),
-                    near=max(perspective.number("znear", low=0, high=1e30), 1e-9),
+                    near=max(perspective.number("znear", low=0, high=1e15), 1e-9),
                     name=node.entry.name or camera.name,
                 )
             )

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.scene import checks
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.textures import Slot, Textures
@@ -97,8 +98,8 @@ class Materials:
         emissive = np.array(entry.numbers("emissiveFactor", (0.0, 0.0, 0.0), low=0))
         if strength is not None:
             emissive = emissive * strength.number("emissiveStrength", 1.0, low=0)
-        if emissive.max() > np.finfo(np.float32).max:
-            raise entry.error("emits more than a float can hold; lower its emissiveFactor or emissiveStrength")
+        if emissive.max() > checks.LARGEST_RADIANCE:
+            raise entry.error(f"emits more than {checks.LARGEST_RADIANCE:g} cd/m^2; lower factor or strength")
         normal = slots.get("normal_texture")
         self._remark_extensions(entry)
         self._remark_alpha(entry, base_color[3], slots.get("base_color_texture"))

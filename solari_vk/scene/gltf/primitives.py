@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.scene import checks
 from solari_vk.scene.gltf.accessors import Accessors
 from solari_vk.scene.gltf.deform import Pose, Vertices, morph, skin
 from solari_vk.scene.gltf.document import Document
@@ -16,7 +17,6 @@ from solari_vk.scene.gltf.values import Entry
 from solari_vk.scene.model import Mesh
 from solari_vk.scene.tangents import generate_tangents
 
-LARGEST_COORDINATE = 1e18  # metres: areas of larger triangles are no floats
 _MODES = ("points", "lines", "line loops", "line strips", "triangles", "triangle strips", "triangle fans")
 _HARMLESS = ("KHR_materials_variants", "KHR_draco_mesh_compression", "KHR_xmp_json_ld")
 
@@ -79,8 +79,8 @@ class Primitives:
             if pose.joints is not None:
                 vertices = skin(vertices, attributes, pose.joints, self._accessors)
         positions = vertices["POSITION"]
-        if len(positions) and not np.abs(positions).max() <= LARGEST_COORDINATE:
-            raise primitive.error(f"reaches further than {LARGEST_COORDINATE:g} metres; scale it down")
+        if len(positions) and not np.abs(positions).max() <= checks.LARGEST_COORDINATE:
+            raise primitive.error(f"reaches further than {checks.LARGEST_COORDINATE:g} metres; scale it down")
 
         distinct = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
         triangles = triangles[distinct]
