@@ -16,10 +16,17 @@ def test_sizes_it_refuses(device, size):
     assert device.live_objects == live
 
 
-@pytest.mark.parametrize(
-    "options",
-    [{"seed": "a"}, {"seed": -1}, {"max_bounces": 1.5}, {"light_strategy": "x"}, {"layering": "x"}, {"pixel_filter": 3}],
-)
+BAD_SETTINGS = [
+    {"seed": "a"},
+    {"seed": -1},
+    {"max_bounces": 1.5},
+    {"light_strategy": "x"},
+    {"layering": "x"},
+    {"pixel_filter": 3},
+]
+
+
+@pytest.mark.parametrize("options", BAD_SETTINGS)
 def test_settings_it_refuses(device, options):
     with pytest.raises(sv.SolariError, match=next(iter(options))):
         sv.PathTracer(device, sv.builtin("cornell_box"), (4, 4), **options)
