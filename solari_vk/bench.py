@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from solari_vk import bench_rt
 from solari_vk.gpu.device import Device
 from solari_vk.gpu.frame import Frame, Pass, Stage
 from solari_vk.renderer import PathTracer, write_view
@@ -36,6 +37,7 @@ def run(select: str | None, files: list[Path]) -> None:
                 _samples(device, name, size)
         _host_time(device)
         _large_scene(device)
+        bench_rt.run(device, _say, SECONDS / 3)
 
 
 def _say(what: str, value: float, unit: str, note: str = "") -> None:

@@ -116,7 +116,7 @@ class RayTracer:
         """
         shape, rays = _broadcast(origins, directions, t_min, t_max)
         self._update()
-        frame = self._frame(any_hit)
+        frame = self.frame(any_hit)
         count = len(rays["ray_origins"])
         hits = np.empty(count, self._views["ray_hits"].dtype)
         pending: tuple[int, slice, slice] | None = None
@@ -141,7 +141,8 @@ class RayTracer:
         # as bytes: numpy copies records field by field
         hits[batch].view(np.uint8)[:] = self._views["ray_hits"][place].view(np.uint8)
 
-    def _frame(self, any_hit: bool) -> SceneFrame:
+    def frame(self, any_hit: bool) -> SceneFrame:
+        """The frame that traces a batch of what lies in the buffers."""
         if any_hit not in self._frames:
             vk = self.device.vk
             trace = Pass("ray_tracer/trace", threads=BATCH, constants={"any_hit": any_hit})

@@ -26,7 +26,7 @@ MAY_IMPORT = {
     "tracer": {"errors", "gpu", "scene"},
     "renderer": {"errors", "settings", "gpu", "scene", "passes"},
 }
-ON_TOP = {"__init__", "__main__", "bench", "cli", "conformance", "viewer"}
+ON_TOP = {"__init__", "__main__", "bench", "bench_rt", "cli", "conformance", "viewer"}
 # Of passes, the scene's GLSL may only read what they leave in set 1, such as the BRDF's table.
 GLSL_MAY_INCLUDE = {
     "common": r"common/",

@@ -29,6 +29,7 @@ def trace(
     t_max: Any = 1e30,
     action: Any = CONFIRM,
     hit_t: Any = 1.0,
+    hit_step: Any = 0.0,
     header: str = "",
     glsl: Path = GLSL,
     check: bool = True,
@@ -45,7 +46,8 @@ def trace(
         rays = np.zeros(count, frame.binding("rays").element)
         desc = rays["desc"]
         desc["origin"], desc["dir"], desc["flags"], desc["cull_mask"] = origins, directions, flags, cull_mask
-        desc["t_min"], desc["t_max"], rays["action"], rays["hit_t"] = t_min, t_max, action, hit_t
+        desc["t_min"], desc["t_max"], rays["action"] = t_min, t_max, action
+        rays["hit_t"], rays["hit_step"] = hit_t, hit_step
         frame.resource("rays").upload(rays)
         frame.submit()
         answers = frame["answers"]

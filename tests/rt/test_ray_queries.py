@@ -16,7 +16,7 @@ from solari_vk.gpu.compiler import glsl_root
 from solari_vk.gpu.device import Device
 from solari_vk.gpu.frame import Frame, Pass, Stage
 
-CENTER = np.array([0.6, 0.3, 5.0])
+CENTER = np.array([0.6, 0.2, 5.0])
 # The document's values, written out once more.
 FLAGS = {
     "FORCE_OPAQUE": 0x1,
@@ -97,8 +97,8 @@ def test_what_the_getters_say(device: Device, mixed: rt.Tlas) -> None:
     assert candidate["instance_custom_data"].tolist() == [0, 101, 102, 103, 0]
     assert candidate["t"].tolist() == [0, 5, 0, 0, 0]
     assert hit["t"].tolist() == [5, 5, 4.5, 4.5, 0]
-    assert hit["barycentrics"][:2] == pytest.approx(np.array([[0.3, 0.3]] * 2), abs=1e-6)
-    assert candidate["barycentrics"][1] == pytest.approx([0.3, 0.3], abs=1e-6)
+    assert hit["barycentrics"][:2] == pytest.approx(np.array([[0.4, 0.2]] * 2), abs=1e-6)
+    assert candidate["barycentrics"][1] == pytest.approx([0.4, 0.2], abs=1e-6)
     assert hit["front_face"].tolist() == [1, 1, 0, 0, 0]
     assert (hit["sbt_record_offset"] == 0).all()
     for intersection in (hit[:4], candidate[1:4]):
@@ -135,16 +135,25 @@ def test_ranges_and_terminate(device: Device, mixed: rt.Tlas) -> None:
 
 
 def test_no_hit_is_generated_behind_a_committed_one(world: Any) -> None:
-    geometries = [rt.Aabbs([[0, 0, 0, 1, 1, 1]], opaque=False)]
+    geometries = [rt.Aabbs([[0, 0, 0, 1, 1, 1]] * 2, opaque=False)]
     boxes, wall, tlas = world.blas(geometries), world.blas(), world.tlas(2)
     world.build(
         [rt.BlasBuildEntry(boxes, geometries), world.entry(wall)],
         [rt.TlasPackage(tlas, [rt.TlasInstance(wall, shifted(0, 0, 0.5)), rt.TlasInstance(boxes)])],
     )
     for header in ("", rt.RAY_QUERY_DEBUG):
-        hit = trace(world.device, tlas, [CENTER] * 2, action=GENERATE, hit_t=[4.2, 4.9], header=header)["hit"]
-        assert hit["kind"].tolist() == [GENERATED, TRIANGLE]
-        assert hit["t"] == pytest.approx([4.2, 4.5])
+        answers = trace(
+            world.device, tlas, [CENTER] * 3, action=GENERATE, hit_t=[4.2, 4.9, 4.4], hit_step=[0, 0, -0.2],
+            header=header,
+        )  # fmt: skip
+        assert answers["hit"]["kind"].tolist() == [GENERATED, TRIANGLE, GENERATED]
+        assert answers["hit"]["t"] == pytest.approx([4.2, 4.5, 4.2])
+        answers = trace(
+            world.device, tlas, CENTER, action=GENERATE, hit_t=4.2, hit_step=0.2, flags=FLAGS["SKIP_TRIANGLES"],
+            header=header,
+        )  # fmt: skip
+        assert answers["candidates"].tolist() == [2]
+        assert answers["hit"]["t"] == pytest.approx([4.2])
 
 
 def test_wrong_rays_meet_nothing_when_debugging(device: Device, mixed: rt.Tlas) -> None:

@@ -195,7 +195,8 @@ def test_twice_and_too_many(world: Any, built: Any) -> None:
     with refused("the same Tlas twice in one build: top"):
         world.build((), [*top(blas, tlas), *top(blas, tlas)])
     with refused("build of Tlas top: 5 instances, made for 4"):
-        world.build((), [rt.TlasPackage(tlas, [rt.TlasInstance(blas)] * 5)])
+        world.build([world.entry(blas)], [rt.TlasPackage(tlas, [rt.TlasInstance(blas)] * 5)])
+    assert blas.build_count == 1  # nothing of the call took place
     with refused("Tlas tlas of -1 instances"):
         world.tlas(-1)
     with refused("0 geometries"):

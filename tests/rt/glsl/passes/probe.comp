@@ -2,7 +2,7 @@
 #extension GL_EXT_scalar_block_layout : require
 #include "scene/ray_query.glsl"
 layout(local_size_x = 64) in;
-struct Ray { RayDesc desc; uint action; float hit_t; };
+struct Ray { RayDesc desc; uint action; float hit_t; float hit_step; };  // hits are generated ever farther
 struct Answer { RayIntersection hit; uint candidates; RayIntersection candidate; vec3 positions[3]; };
 layout(set = 0, binding = 0) uniform accelerationStructureEXT tlas;
 layout(set = 1, binding = 0, scalar) readonly buffer RaysBlock { Ray at[]; } rays;
@@ -25,6 +25,7 @@ void main() {
         answer.candidates += 1u;
         bool box = answer.candidate.kind == RAY_QUERY_INTERSECTION_AABB;
         if (box && (ray.action & GENERATE) != 0u) { rayQueryGenerateIntersection(query, ray.hit_t); }
+        ray.hit_t += ray.hit_step;
         if (!box && (ray.action & CONFIRM) != 0u) { rayQueryConfirmIntersection(query); }
         if ((ray.action & TERMINATE) != 0u) { rayQueryTerminate(query); }
     }
