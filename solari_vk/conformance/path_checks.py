@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -20,11 +20,13 @@ _SERIES = ("closed form", "geometric series in a closed box")
 _TRACER = (SUITE, "PathTracer")
 
 
-def measure_series(device: Device, bounces: int) -> Iterator[Measurement]:
+def measure_series(
+    device: Device, bounces: int, strategies: Sequence[str] = ("mis", "nee", "brdf")
+) -> Iterator[Measurement]:
     """Le (1 + rho + ... + rho^k) everywhere in a closed Lambert box, whatever the strategy."""
     albedo, emission = np.array((0.3, 0.5, 0.7)), np.array((2.0, 1.0, 0.25))
     expected = closed_forms.closed_box_radiance(emission, albedo, bounces)
-    for strategy in ("mis", "nee", "brdf"):
+    for strategy in strategies:
         scene = closed_box()
         next(iter(scene)).material.update(base_color=albedo, emissive=emission)
         made = take_picture(
@@ -32,7 +34,8 @@ def measure_series(device: Device, bounces: int) -> Iterator[Measurement]:
         )
         error = np.abs(made.mean.mean(axis=(0, 1)) / expected - 1).max()
         rule = Rule(f"closed box after {bounces} bounces, {strategy}", *_SERIES)
-        yield Measurement(rule, float(error), 2 * BAR, "relative error")
+        # Light samples alone have a heavy tail at the walls they lie in.
+        yield Measurement(rule, float(error), (4 if strategy == "nee" else 2) * BAR, "relative error")
 
 
 def measure_white_box(device: Device, roughness: float, metallic: float) -> Iterator[Measurement]:
@@ -44,7 +47,10 @@ def measure_white_box(device: Device, roughness: float, metallic: float) -> Iter
     yield Measurement(rule, abs(float(made.mean.mean()) / 4 - 1), BAR, "relative error")
 
 
-def measure_light_tight(device: Device) -> Iterator[Measurement]:
+PLACES = {"plain": (1.0, 0.0), "small": (1e-3, 0.0), "far": (1.0, 1000.0)}  # scale, distance in x, y and z
+
+
+def measure_light_tight(device: Device, places: Sequence[str] = tuple(PLACES)) -> Iterator[Measurement]:
     """Suns all around a closed surface, and a camera inside: what is lit got light through a wall."""
     suns = [
         sv.DirectionalLight(direction=rgb(direction), illuminance=1e6, angular_diameter=math.pi)
@@ -52,7 +58,8 @@ def measure_light_tight(device: Device) -> Iterator[Measurement]:
     ]
     # Faces inward, and the bumps are gentle: a crease sharper than a right angle is open to origins moved off it.
     corners = bumpy_ball(40, 0.01)
-    for name, scale, at in (("plain", 1.0, 0.0), ("small", 1e-3, 0.0), ("far", 1.0, 1000.0)):
+    for name in places:
+        scale, at = PLACES[name]
         transform = np.diag((scale, scale, scale, 1.0))
         transform[:3, 3] = at
         mesh = sv.Mesh(positions=corners[:, ::-1].reshape(-1, 3))

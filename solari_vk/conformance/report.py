@@ -9,6 +9,10 @@ from collections.abc import Sequence
 from solari_vk.conformance.rules import FAULT, STATUSES, UNSUPPORTED, Row
 from solari_vk.gpu.device import Device
 
+_LEGEND = (
+    "Written by `solari-vk conformance`. A rule holds when what was measured is at most the bar; where it was measured in "
+    "several cases (runs), the worst is shown."
+)
 _COLUMNS = ("rule", "document, section", "result", "measured", "bar", "runs")
 
 
@@ -66,7 +70,7 @@ class Report:
 
     def markdown(self) -> str:
         """A page with a table a group."""
-        lines = ["# Conformance report", ""]
+        lines = ["# Conformance report", "", _LEGEND, ""]
         lines += [f"- {name}: {value}" for name, value in self.header.items()]
         for group, members in self._groups().items():
             lines += ["", f"## {group}", "", _markdown_row(_COLUMNS), _markdown_row(["---"] * len(_COLUMNS))]

@@ -1,8 +1,13 @@
-"""Drives brdf.comp: materials and directions in, draws, values or albedos out."""
+"""Drives passes/conformance/brdf.comp: materials and directions in, draws, values or albedos out."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from solari_vk.conformance.shader_runner import ShaderRunner
 
 MATERIAL = np.dtype(
     [("base_color", "<f4", 3), ("reflectance", "<f4", 3), ("metallic", "<f4"), ("perceptual_roughness", "<f4")]
@@ -10,7 +15,9 @@ MATERIAL = np.dtype(
 MODES = {"draw": 0, "evaluate": 1, "albedo": 2}
 
 
-def materials(base_color=1.0, reflectance=0.5, metallic=0.0, roughness=0.5):
+def materials(
+    base_color: ArrayLike = 1.0, reflectance: ArrayLike = 0.5, metallic: ArrayLike = 0.0, roughness: ArrayLike = 0.5
+) -> NDArray[Any]:
     """Records of the broadcast arguments; colours may be numbers or (..., 3)."""
     shape = np.broadcast_shapes(np.shape(metallic), np.shape(roughness), np.shape(base_color)[:-1], (1,))
     records = np.zeros(shape, MATERIAL)
@@ -21,26 +28,27 @@ def materials(base_color=1.0, reflectance=0.5, metallic=0.0, roughness=0.5):
     return records.ravel()
 
 
-def direction(degrees, turn=0.4):
+def direction(degrees: float, turn: float = 0.4) -> NDArray[np.float32]:
     """A direction (3,) that far from the normal."""
     angle = np.radians(degrees)
     return np.array([np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn), np.cos(angle)], np.float32)
 
 
-def run(shaders, mode, count, materials, wo, wi=None, **constants):
+def run(
+    shaders: ShaderRunner, mode: str, count: int, materials: NDArray[Any], wo: ArrayLike, wi: ArrayLike | None = None,
+    **constants: Any,
+) -> NDArray[np.float32]:  # fmt: skip
     """Rows (count, 4, 3) of brdf.comp."""
     wo = np.atleast_2d(np.asarray(wo, np.float32))
     wi = np.zeros((1, 3), np.float32) if wi is None else np.atleast_2d(np.asarray(wi, np.float32))
     given = {"test_materials": materials, "outgoing": wo, "incoming": wi}
-    if mode == "albedo":
-        del given["incoming"]
-    header = f"const uint MODE = {MODES[mode]}u;"
     out = shaders.run(
-        "brdf", count, given, {"results": 4 * count}, external=shaders.brdf_tables(), header=header, constants=constants
-    )
+        "conformance/brdf", count, given, {"results": 4 * count}, external=shaders.brdf_tables(),
+        constants={"MODE": MODES[mode], **constants},
+    )  # fmt: skip
     return out["results"].reshape(count, 4, 3)
 
 
-def albedo(shaders, materials, wo, **constants):
+def albedo(shaders: ShaderRunner, materials: NDArray[Any], wo: ArrayLike, **constants: Any) -> NDArray[np.float32]:
     """Directional albedo (N, 3) of each material seen from the direction of the same row."""
     return run(shaders, "albedo", max(len(materials), len(np.atleast_2d(wo))), materials, wo, **constants)[:, 0]

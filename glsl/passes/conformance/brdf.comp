@@ -5,6 +5,7 @@
 
 layout(local_size_x = 64) in;
 
+layout(constant_id = 60) const uint MODE = 0u;
 const uint DRAW = 0u;
 const uint EVALUATE = 1u;
 const uint ALBEDO = 2u;

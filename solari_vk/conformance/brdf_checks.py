@@ -1,0 +1,178 @@
+"""The surface model: energy, draws against their density, weights, reciprocity, and numbers everywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.conformance import brdf_runs
+from solari_vk.conformance.rules import Measurement, Rule
+from solari_vk.conformance.shader_runner import ShaderRunner
+
+Floats = NDArray[np.floating[Any]]
+_SOURCE = ("energy and probability", "scene/brdf.glsl")
+_FURNACE_BAR = 0.005
+ROUGHNESS = np.concatenate([np.linspace(0, 0.12, 41), np.linspace(0.125, 1, 36)]).astype(np.float32)
+DEGREES = [0, 10, 25, 40, 55, 65, 72, 77, 80, 82, 84, 85]
+CASES = [  # perceptual roughness, metallic, degrees
+    (0.04, 1.0, 30.0),
+    (0.1, 1.0, 80.0),
+    (0.3, 1.0, 5.0),
+    (0.5, 1.0, 60.0),
+    (1.0, 1.0, 85.0),
+    (0.2, 0.0, 40.0),
+    (0.6, 0.0, 75.0),
+    (0.5, 0.5, 20.0),
+    (0.0, 0.0, 50.0),
+]
+CELLS = (24, 32)  # of slope and turn of the half vector
+FINE = 12  # points a cell each way for the expected counts
+
+
+def furnace(shaders: ShaderRunner, metallic: float, **constants: Any) -> Floats:
+    """Albedo (roughness, angle) of white in white light."""
+    wo = np.tile([brdf_runs.direction(d) for d in DEGREES], (len(ROUGHNESS), 1))
+    roughness = np.repeat(ROUGHNESS, len(DEGREES))
+    albedo = brdf_runs.albedo(shaders, brdf_runs.materials(metallic=metallic, roughness=roughness), wo, **constants)
+    assert np.isfinite(albedo).all()
+    assert np.ptp(albedo, axis=1).max() < 1e-6
+    return albedo[:, 0].reshape(len(ROUGHNESS), len(DEGREES))
+
+
+def measure_furnace(shaders: ShaderRunner, metallic: float) -> Iterator[Measurement]:
+    """A white surface sends back all of white light, whatever its roughness and the angle."""
+    worst = np.abs(furnace(shaders, metallic) - 1)
+    where = np.unravel_index(worst.argmax(), worst.shape)
+    note = f"roughness {ROUGHNESS[where[0]]:g}, {DEGREES[where[1]]} degrees"
+    rule = Rule(f"white furnace, metallic {metallic:g}", *_SOURCE)
+    yield Measurement(rule, float(worst.max()), _FURNACE_BAR, "lost or gained", note)
+
+
+def half_to_incoming(slope: Floats, turn: Floats, wo: Floats) -> tuple[Floats, Floats]:
+    """wi (N, 3) for half vectors by the tangent of their tilt and their turn, and the solid angle of wi per
+    d(slope) d(turn)."""
+    cos_h = 1 / np.sqrt(1 + slope**2)
+    half = np.stack([slope * np.cos(turn), slope * np.sin(turn), np.ones_like(slope)], axis=-1) * cos_h[..., None]
+    along = half @ wo
+    return 2 * along[..., None] * half - wo, 4 * np.abs(along) * cos_h**3 * slope
+
+
+def expected_shares(shaders: ShaderRunner, material: NDArray[Any], wo: Floats, scale: float) -> Floats:
+    """Probability of each cell (CELLS) from brdf_pdf: Gauss in the slope up to where wi sets, midpoints in the turn."""
+    wo = wo.astype(np.float64)
+    nodes, weights = np.polynomial.legendre.leggauss(FINE)
+    turn = 2 * np.pi * (np.arange(CELLS[1] * FINE) + 0.5) / (CELLS[1] * FINE)
+    towards = wo[0] * np.cos(turn) + wo[1] * np.sin(turn)
+    horizon = np.arctan((towards + np.hypot(towards, wo[2])) / wo[2] / scale) * 2 / np.pi
+    edges = np.minimum(np.arange(CELLS[0] + 1)[:, None] / CELLS[0], horizon)  # (cells + 1, turns)
+    width = np.diff(edges, axis=0)[:, None]
+    q = edges[:-1, None] + width * (nodes[:, None] + 1) / 2  # (cells, nodes, turns)
+    slope = scale * np.tan(q * np.pi / 2)
+    d_slope = scale * np.pi / 2 / np.cos(q * np.pi / 2) ** 2 * width * weights[:, None] / 2
+    wi, area = half_to_incoming(slope.ravel(), np.broadcast_to(turn, q.shape).ravel(), wo)
+    wi[:, 2] = np.maximum(wi[:, 2], 1e-12)
+    pdf = brdf_runs.run(shaders, "evaluate", len(wi), material, wo, wi)[:, 2, 0]
+    shares = (pdf * area).reshape(q.shape) * d_slope * (2 * np.pi / len(turn))
+    shares = shares.sum(axis=1).reshape(CELLS[0], CELLS[1], FINE).sum(axis=2)
+    # the horizon may cut a corner of a cell between two turns: little is expected there, but it isn't impossible
+    reach = np.max([horizon, np.roll(horizon, 1), np.roll(horizon, -1)], axis=0).reshape(CELLS[1], FINE).max(axis=1)
+    possible = np.arange(CELLS[0])[:, None] / CELLS[0] < reach + 1e-3
+    return np.where(possible, np.maximum(shares, 1e-12), 0)
+
+
+def drawn_cells(
+    shaders: ShaderRunner, material: NDArray[Any], wo: Floats, wi: Floats, scale: float, count: int
+) -> tuple[Floats, Floats]:
+    """How many of `count` draws, of which wi (N, 3) are valid, fell into each cell, and how many should have. The last
+    cell holds the draws that were lost below the horizon, where there are any."""
+    half = wi.astype(np.float64) + wo
+    half /= half[:, 2:]
+    q = np.arctan(np.hypot(half[:, 0], half[:, 1]) / scale) * 2 / np.pi
+    turn = np.arctan2(half[:, 1], half[:, 0]) / (2 * np.pi) % 1
+    cells, _, _ = np.histogram2d(q, turn, CELLS, [[0, 1], [0, 1]])
+    shares = expected_shares(shaders, material, wo, scale) * count
+    lost = count - len(wi)
+    observed, expected = np.append(cells, lost), np.append(shares, max(count - shares.sum(), 0))
+    if lost < 5 and expected[-1] < 1e-3 * count:
+        observed, expected = observed[:-1], expected[:-1]
+    return observed, expected
+
+
+def _chi_squared(observed: Floats, expected: Floats) -> float:
+    """Pearson's statistic as standard deviations of a normal (Wilson and Hilferty 1931); cells below 5 are pooled."""
+    if observed[expected <= 0].any():
+        return float("inf")
+    small = expected < 5
+    observed = np.append(observed[~small], observed[small].sum())
+    expected = np.append(expected[~small], expected[small].sum())
+    used = expected > (5 if expected[-1] < 5 else 0)
+    freedom = used.sum() - 1
+    statistic = ((observed[used] - expected[used]) ** 2 / expected[used]).sum()
+    spread = 2 / (9 * freedom)
+    return float((np.cbrt(statistic / freedom) - 1 + spread) / np.sqrt(spread))
+
+
+def measure_draws(
+    shaders: ShaderRunner, cases: Sequence[tuple[float, float, float]], count: int
+) -> Iterator[Measurement]:
+    """Draws follow brdf_pdf, and weigh f cos / pdf."""
+    most = NormalDist().inv_cdf((1 - 0.01) ** (1 / len(cases)))
+    for roughness, metallic, degrees in cases:
+        name = f"roughness {roughness:g}, metallic {metallic:g}, {degrees:g} degrees"
+        material, wo = brdf_runs.materials(0.8, 0.5, metallic, roughness), brdf_runs.direction(degrees)
+        rows = brdf_runs.run(shaders, "draw", count, material, wo)
+        wi, weight, pdf, value = rows[:, 0], rows[:, 1], rows[:, 2, 0], rows[:, 3]
+        valid = np.isfinite(rows[:, 2, 1]) & (wi[:, 2] > 0)
+        off = np.abs(weight[valid] * pdf[valid, None] / np.maximum(value[valid], 1e-20) - 1).max()
+        yield Measurement(Rule("weight = f cos / pdf", *_SOURCE), float(off), 2e-3, "relative error", name)
+        scale = max(roughness**2, 0.3 if metallic < 1 else 0.0)
+        z = _chi_squared(*drawn_cells(shaders, material, wo, wi[valid], scale, count))
+        yield Measurement(Rule(f"draws follow their density, {name}", *_SOURCE), z, most, "standard deviations")
+
+
+def random_directions(rng: np.random.Generator, count: int, edge_share: float = 0.2) -> NDArray[np.float32]:
+    """Unit vectors of the upper hemisphere, some of them grazing, straight up or nearly either."""
+    v = rng.normal(size=(count, 3))
+    v[:, 2] = np.abs(v[:, 2])
+    edges = rng.random(count) < edge_share
+    v[edges, 2] = rng.choice([0, 1e-20, 1e-7, 1e-4, 1e3, 1e7, 1e30], edges.sum())
+    v /= np.linalg.norm(v, axis=1, keepdims=True)
+    return v.astype(np.float32)
+
+
+def random_materials(rng: np.random.Generator, count: int) -> NDArray[Any]:
+    """Records of brdf_runs.MATERIAL, many of them at or next to an edge of what is allowed."""
+    edges = np.array([0, 1e-20, 1e-3, 0.03, 0.031622776, 0.0316228, 0.032, 0.5, 0.999999, 1], np.float32)
+    records = np.zeros(count, brdf_runs.MATERIAL)
+    for name in ("metallic", "perceptual_roughness"):
+        records[name] = np.where(rng.random(count) < 0.5, rng.random(count), rng.choice(edges, count))
+    for name in ("base_color", "reflectance"):
+        records[name] = np.where(rng.random((count, 1)) < 0.5, rng.random((count, 3)), rng.choice(edges, (count, 1)))
+    return records
+
+
+def measure_numbers(shaders: ShaderRunner, count: int) -> Iterator[Measurement]:
+    """No NaN, no infinity, nothing negative, nothing through the surface; diffuse is reciprocal."""
+    rng = np.random.default_rng(5)
+    records = random_materials(rng, count)
+    wo, wi = random_directions(rng, count), random_directions(rng, count)
+    below = rng.random(count) < 0.1
+    wi[below] *= -1
+    rows = brdf_runs.run(shaders, "evaluate", count, records, wo, wi)
+    bad = ~np.isfinite(rows).all(axis=(1, 2)) | (rows[:, 1:] < 0).any(axis=(1, 2))
+    bad |= below & (rows[:, [1, 3]] != 0).any(axis=(1, 2))
+    yield Measurement(Rule("values are finite, not negative, none below the surface", *_SOURCE), float(bad.sum()), 0.0,
+                      f"of {count:,}")  # fmt: skip
+    drawn = brdf_runs.run(shaders, "draw", count, records, wo)
+    bad = np.isnan(drawn).any(axis=(1, 2)) | ~((drawn[:, 1] >= 0) & (drawn[:, 1] < 30)).all(axis=1)
+    yield Measurement(Rule("draws are numbers, weights bounded", *_SOURCE), float(bad.sum()), 0.0, f"of {count:,}")
+    wo, wi = random_directions(rng, count, 0), random_directions(rng, count, 0)
+    records["perceptual_roughness"] = rng.uniform(0.1, 1, count)
+    there = brdf_runs.run(shaders, "evaluate", count, records, wo, wi)[:, 1] / wi[:, 2:]
+    back = brdf_runs.run(shaders, "evaluate", count, records, wi, wo)[:, 1] / wo[:, 2:]
+    error = (np.abs(there - back) / (np.abs(back) + 1e-3)).max()
+    yield Measurement(Rule("diffuse is reciprocal", *_SOURCE), float(error), 1e-4, "relative error")

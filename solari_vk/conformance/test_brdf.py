@@ -1,0 +1,35 @@
+"""The surface model that all of the lighting goes through."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from solari_vk.conformance import brdf_checks as checks
+from solari_vk.conformance.shader_runner import ShaderRunner
+from solari_vk.conformance.suite import Recorder
+from solari_vk.gpu.device import Device
+
+
+@pytest.fixture(scope="module")
+def shaders(device: Device) -> Iterator[ShaderRunner]:
+    """The package's shaders."""
+    with ShaderRunner(device) as made:
+        yield made
+
+
+@pytest.mark.parametrize("metallic", [0.0, 0.5, 1.0])
+def test_white_furnace(rule: Recorder, shaders: ShaderRunner, metallic: float) -> None:
+    """Energy."""
+    rule(checks.measure_furnace(shaders, metallic))
+
+
+def test_draws(rule: Recorder, shaders: ShaderRunner, full: bool) -> None:
+    """Sampling."""
+    rule(checks.measure_draws(shaders, checks.CASES, 1_000_000 if full else 200_000))
+
+
+def test_numbers(rule: Recorder, shaders: ShaderRunner, full: bool) -> None:
+    """Finite everywhere."""
+    rule(checks.measure_numbers(shaders, 1_000_000 if full else 200_000))
