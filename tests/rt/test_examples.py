@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -41,6 +42,16 @@ def test_runs_as_a_program(any_device: None, name: str, tmp_path: Path) -> None:
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_the_guide_runs(any_device: None, capsys: pytest.CaptureFixture[str]) -> None:
+    guide = FOLDER.parent / "ray_tracing.md"
+    text = guide.read_text(encoding="utf-8")
+    for block in re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL):
+        exec(compile(block, guide.name, "exec"), {})
+    assert capsys.readouterr().out == "ready\n"
+    for target in re.findall(r"\]\(([^)]+)\)", text):
+        assert (guide.parent / target).is_file(), target
 
 
 def test_lidar_measures_distances(device: Device) -> None:
