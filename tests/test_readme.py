@@ -46,8 +46,9 @@ def test_commands_parse():
 
 
 def test_options_and_outputs_are_there(capsys):
-    with pytest.raises(SystemExit):
-        cli._parser().parse_args(["render", "--help"])
+    for command in ("render", "conformance"):
+        with pytest.raises(SystemExit):
+            cli._parser().parse_args([command, "--help"])
     text = capsys.readouterr().out
     (aovs,) = re.findall(r"^\| `--aov a,b` \| [^:]*: (.*) \|$", README, re.MULTILINE)
     assert re.findall(r"`(\w+)`", aovs) == list(sv.AOVS)
