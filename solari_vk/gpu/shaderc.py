@@ -76,7 +76,8 @@ def library() -> Any:
             found = _ffi.dlopen(name)
         except OSError as error:
             if "SOLARI_VK_SHADERC" in os.environ:
-                raise SolariError(f"SOLARI_VK_SHADERC names {name}, which can't be loaded ({error})") from None
+                why = str(error).split(". ")[0]
+                raise SolariError(f"SOLARI_VK_SHADERC names {name}, which can't be loaded ({why})") from None
             continue
         _ffi.cdef(_DECLARATIONS)  # parsed only when needed: it takes a tenth of a second
         return found

@@ -238,9 +238,16 @@ def fresh_lookup():
 
 def test_without_any_compiler_the_remedy_is_told(shaders, monkeypatch, fresh_lookup):
     shaders.write("user", PLAIN + "void main() {}\n")
-    monkeypatch.setenv("SOLARI_VK_SHADERC", "/nowhere/libshaderc.so")
+    monkeypatch.setattr(shaderc, "_library_names", lambda: ["/nowhere/libshaderc.so"])
     monkeypatch.setenv("PATH", "/nowhere")
     with pytest.raises(SolariError, match=r"/nowhere/libshaderc\.so.*apt-get install glslc"):
+        compile_shader("passes/user.comp", root=shaders.root)
+
+
+def test_a_named_library_that_is_not_there_is_refused(shaders, monkeypatch, fresh_lookup):
+    shaders.write("user", PLAIN + "void main() {}\n")
+    monkeypatch.setenv("SOLARI_VK_SHADERC", "/nowhere/libshaderc.so")
+    with pytest.raises(SolariError, match=r"SOLARI_VK_SHADERC names /nowhere/libshaderc\.so, which can't be loaded"):
         compile_shader("passes/user.comp", root=shaders.root)
 
 
