@@ -10,8 +10,8 @@ from solari_vk.conformance.rules import FAULT, STATUSES, UNSUPPORTED, Row
 from solari_vk.gpu.device import Device
 
 _LEGEND = (
-    "Written by `solari-vk conformance --markdown FILE`. A rule holds when what was measured is at most the bar; where it\n"
-    "was measured in several cases (runs), the worst is shown."
+    "Written by `solari-vk conformance --markdown FILE`. A rule holds when what was measured is at most the bar;\n"
+    "where it was measured in several cases (runs), the worst is shown."
 )
 _COLUMNS = ("rule", "document, section", "result", "measured", "bar", "runs")
 
