@@ -226,7 +226,7 @@ class PathTracer:
         if self._shown is None or self.samples == 0:
             raise SolariError(f"PathTracer: render before asking for '{name}'")
         if name == "radiance":
-            return pathtracer.read_mean(self._frame, self.size, self.samples)
+            return pathtracer.read_mean(self._frame, self.size)
         if name == "variance":
             return pathtracer.read_variance(self._frame, self.size, self.samples)
         if name not in AOVS:

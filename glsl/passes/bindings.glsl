@@ -36,9 +36,9 @@ layout(set = 1, binding = 2, scalar) buffer BrdfAveragesBlock { vec3 at[]; } brd
 
 // ---- reference path tracer --------------------------------------------------------------------------
 
-layout(set = 1, binding = 3, scalar) buffer RadianceSumBlock { vec3 at[]; } radiance_sum;
-// Of luminance over samples: mean, and sum of squared distances from the mean.
-layout(set = 1, binding = 4, scalar) buffer LuminanceMomentsBlock { vec2 at[]; } luminance_moments;
+layout(set = 1, binding = 3, scalar) buffer RadianceMeanBlock { vec3 at[]; } radiance_mean;
+// Of luminance over samples: sum of squared distances from the mean.
+layout(set = 1, binding = 4, scalar) buffer LuminanceDeviationsBlock { float at[]; } luminance_deviations;
 layout(set = 1, binding = 13, scalar) buffer RayCountBlock { uint at[]; } ray_count;  // traced for the pixel so far
 
 layout(set = 1, binding = 5, scalar) buffer DepthBlock { float at[]; } aov_depth;  // along the view axis, inf: nothing

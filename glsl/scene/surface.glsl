@@ -174,13 +174,13 @@ vec3 resolve_shading_normal(
     return safe_normalize(mat3(along, cross(normal, along) * sign(tangent.w), normal) * mapped, normal);
 }
 
-// Bends a shading normal, in the plane of both normals, until the mirror direction of wo rises above the surface; it then
+// Differs from Solari, which shades with normals as they come: bends a shading normal, in the plane of both normals, until the mirror direction of wo rises above the surface; it then
 // also faces wo. All BRDFs see the bent normal, and nothing is reflected to below the geometric surface.
 vec3 bend_shading_normal(vec3 normal, vec3 geometric_normal, vec3 wo) {
     float cosine = dot(geometric_normal, wo);
     float least = min(0.9 * cosine, 0.01);
     vec3 mirrored = 2.0 * dot(normal, wo) * normal - wo;
-    if (dot(mirrored, geometric_normal) >= least) { return normal; }
+    if (dot(normal, wo) > 0.0 && dot(mirrored, geometric_normal) >= least) { return normal; }
     vec3 sideways = safe_normalize(normal - geometric_normal * dot(normal, geometric_normal), vec3(0.0));
     float along = dot(wo, sideways);
     float in_plane = length(vec2(along, cosine));
@@ -216,8 +216,8 @@ ResolvedRayHitFull resolve_ray_hit_full(Hit hit, vec3 ray_direction, float cone_
         vec2 uv_1 = mesh.attributes.at[point.vertices.y].uv - uv;
         vec2 uv_2 = mesh.attributes.at[point.vertices.z].uv - uv;
         float uv_area = 0.5 * abs(uv_1.x * uv_2.y - uv_1.y * uv_2.x);
-        float cosine = max(abs(dot(ray_direction, point.geometric_world_normal)), 1e-4);
-        footprint_lod = 0.5 * log2(max(uv_area, 1e-30) / max(point.area, 1e-30)) + log2(max(cone_width, 1e-30) / cosine);
+        // the footprint's narrow axis: at a slant the long one would blur, and is what a pixel's samples average
+        footprint_lod = 0.5 * log2(max(uv_area, 1e-30) / max(point.area, 1e-30)) + log2(max(cone_width, 1e-30));
     }
     surface.material = resolve_material(material, point.uv, footprint_lod);
     vec3 normal = resolve_shading_normal(instance, mesh, material, point, hit.barycentrics, footprint_lod);

@@ -61,12 +61,12 @@ class Settings:
 
 
 def trace_stage(size: tuple[int, int], rows: int, settings: Settings) -> Stage:
-    """Sums over all pixels, and a dispatch over some rows: the uniform first_row says which."""
+    """Means over all pixels, and a dispatch over some rows: the uniform first_row says which."""
     pixels = size[0] * size[1]
     brdf = {"brdf_layering": LAYERINGS.index(settings.layering), "brdf_lambert": settings.lambert}
     return Stage(
         "pathtracer",
-        buffers={"radiance_sum": pixels, "luminance_moments": pixels, "ray_count": pixels},
+        buffers={"radiance_mean": pixels, "luminance_deviations": pixels, "ray_count": pixels},
         passes=[Pass("pathtracer/trace", threads=(size[0], rows), constants=brdf)],
     )
 
@@ -90,15 +90,14 @@ def write_uniforms(uniforms: Uniforms, settings: Settings) -> None:
     uniforms["filter_radius"] = PIXEL_FILTERS[settings.pixel_filter]
 
 
-def read_mean(frame: Frame, size: tuple[int, int], samples: int) -> NDArray[np.float32]:
+def read_mean(frame: Frame, size: tuple[int, int]) -> NDArray[np.float32]:
     """Radiance (height, width, 3)."""
-    mean = frame["radiance_sum"] / np.float32(samples)
-    return mean.astype(np.float32).reshape(size[1], size[0], 3)
+    return frame["radiance_mean"].reshape(size[1], size[0], 3)
 
 
 def read_variance(frame: Frame, size: tuple[int, int], samples: int) -> NDArray[np.float32]:
     """Variance of the mean luminance (height, width); inf for a single sample, of which nothing is known."""
-    deviations = frame["luminance_moments"][:, 1].astype(np.float64)
+    deviations = frame["luminance_deviations"].astype(np.float64)
     spread = deviations / (samples * (samples - 1)) if samples > 1 else np.full_like(deviations, np.inf)
     return spread.astype(np.float32).reshape(size[1], size[0])
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 import test_brdf_sampling as brdf_sampling
+import test_brdf_values as brdf_values
 import test_distributions as distributions
 import test_furnace as furnace
 import test_packing as packing
@@ -115,6 +116,27 @@ MUTANTS = {
         "pdf > 0.0 ? evaluate_brdf(brdf, wo, wi) / pdf : vec3(0.0), pdf",
         "evaluate_brdf(brdf, wo, wi) / pdf, pdf",
     ),
+    "BRDF: shadowing of another roughness": (
+        brdf_values.check_values,
+        brdf_values.CASES[0],
+        "scene/microfacet.glsl",
+        "float a2 = square(roughness);\n    float shadowed_l",
+        "float a2 = roughness;\n    float shadowed_l",
+    ),
+    "BRDF: shadowing halved": (
+        brdf_values.check_values,
+        brdf_values.CASES[2],
+        "scene/microfacet.glsl",
+        "return 0.5 / max(",
+        "return 0.25 / max(",
+    ),
+    "normals: bent where they face away": (
+        surface.check_bending,
+        (),
+        "scene/surface.glsl",
+        "dot(normal, wo) > 0.0 && ",
+        "",
+    ),
     "heuristic: not for infinity": (
         surface.check_heuristics,
         (),
@@ -126,7 +148,7 @@ MUTANTS = {
         surface.check_bending,
         (),
         "scene/surface.glsl",
-        "if (dot(mirrored, geometric_normal) >= least)",
+        "if (dot(normal, wo) > 0.0 && dot(mirrored, geometric_normal) >= least)",
         "if (true)",
     ),
     "offset: an eighth of the bound": (

@@ -12,7 +12,7 @@ import solari_vk as sv
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import builtin, matte, place
 
-SIZE = 128
+SIZE = 192
 
 
 def jumble():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
+import solari_vk.display
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import matte
 
@@ -143,6 +144,49 @@ def test_near_textures_use_the_finest_level(tracer):
     albedo = look(tracer, sv.Material(base_color=1.0, base_color_texture=texture), mesh, (32, 32), 1)["albedo"][..., 0]
     assert ((albedo < 0.01) | (albedo > 0.99)).mean() > 0.95
     assert 0.4 < albedo.mean() < 0.6
+
+
+@pytest.mark.parametrize(("degrees", "distance"), [(0, 2), (0, 4.7), (60, 2), (75, 3)])
+def test_level_of_detail(tracer, monkeypatch, degrees, distance):
+    """Each level of a 256 x 256 image has a grey of its own: the level seen is that of a pixel's narrow axis."""
+    levels = 9
+    greys = (sv.display.encode_srgb(np.arange(levels) / levels) * 255).round().astype(np.uint8)
+    made = lambda *_: [np.full((256 >> k, 256 >> k, 4), greys[k], np.uint8) for k in range(levels)]  # noqa: E731
+    monkeypatch.setattr("solari_vk.scene.textures.mip_chain", made)
+    texture = sv.Texture(image=sv.TextureImage(pixels=made()[0]))
+    turn = math.radians(degrees)
+    across = np.array((math.cos(turn), 0, -math.sin(turn)))
+    mesh = shapes.quad((0, 0, -distance), across, (0, 1, 0))
+    renderer = look(tracer, sv.Material(base_color=1.0, base_color_texture=texture), mesh, (32, 32), 1)
+    seen = renderer["albedo"][15:17, 15:17, 0].mean() * levels
+    expected = math.log2(256 / 2 * distance / 32)  # texels a metre, times a pixel's height there
+    assert abs(seen - expected) < 0.1
+
+
+MIRRORED = [np.diag(signs) for signs in ((1, 1, 1, 1), (-1, 1, 1, 1), (1, -1, 1, 1), (-1, -1, 1, 1), (1, 1, -1, 1))]
+
+
+@pytest.mark.parametrize("given_tangents", [False, True])
+@pytest.mark.parametrize("transform", MIRRORED, ids=["as is", "x", "y", "x and y", "z"])
+def test_normal_map_on_mirrored_instances(tracer, transform, given_tangents):
+    """The map turns with its surface: the shading normal is the mirror image of that of the unmirrored instance."""
+    fields = {name: getattr(QUAD, name) for name in ("positions", "normals", "uvs", "indices")}
+    fields["positions"] = fields["positions"] + np.array((0, 0, 2), np.float32)
+    if given_tangents:  # u grows along +x; glTF's bitangent points to where v falls
+        fields["tangents"] = np.tile((1, 0, 0, -1), (4, 1))
+    mesh = sv.Mesh(**fields)
+    material = sv.Material(normal_texture=flat(204, 89, 0), double_sided=True)
+    normals = []
+    for matrix in (np.eye(4), transform):
+        placed = np.eye(4)
+        placed[2, 3] = -2
+        scene = sv.Scene(sv.Instance(mesh=mesh, material=material, transform=placed @ matrix))
+        renderer = tracer(scene, (8, 8))
+        renderer.render(sv.Camera(vertical_fov=2 * math.atan(0.4)), samples=1)
+        normals.append(renderer["shading_normal"][4, 4])
+    expected = transform[:3, :3] @ normals[0]
+    expected *= np.sign(expected[2])  # seen from behind, it is the back's
+    np.testing.assert_allclose(normals[1], expected, atol=1e-5)
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5, -1.0])

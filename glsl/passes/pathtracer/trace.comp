@@ -48,15 +48,16 @@ void main() {
     uvec2 pixel = INVOCATION_INDEX + uvec2(0u, uniforms.first_row);
     if (pixel.x >= uniforms.size.x || INVOCATION_INDEX.y >= uniforms.row_count || pixel.y >= uniforms.size.y) { return; }
 
-    // Sums go on from sample to sample whatever the dispatches' sizes, so that a seed gives the same bits.
+    // The mean goes on from sample to sample whatever the dispatches' sizes, so that a seed gives the same bits; and it is a
+    // mean, not a sum, so that floats take in the millionth sample as well as the first.
     uint index = pixel.y * uniforms.size.x + pixel.x;
     uint sample_index = uniforms.sample_index;
-    vec3 sum = vec3(0.0);
-    vec2 moments = vec2(0.0);
+    vec3 mean = vec3(0.0);
+    float deviations = 0.0;
     uint rays = 0u;
     if (sample_index > 0u) {
-        sum = radiance_sum.at[index];
-        moments = luminance_moments.at[index];
+        mean = radiance_mean.at[index];
+        deviations = luminance_deviations.at[index];
         rays = ray_count.at[index];
     }
     uint last_sample_index = sample_index + uniforms.samples_per_dispatch;
@@ -128,15 +129,14 @@ void main() {
 
         if (path_ended) {
             sample_index += 1u;
-            sum += radiance;
             // Welford, "Note on a Method for Calculating Corrected Sums of Squares and Products" (1962)
-            float apart = luminance(radiance) - moments.x;
-            moments.x += apart / float(sample_index);
-            moments.y += apart * (luminance(radiance) - moments.x);
+            vec3 apart = radiance - mean;
+            mean += apart / float(sample_index);
+            deviations += luminance(apart) * luminance(radiance - mean);
         }
     }
 
-    radiance_sum.at[index] = sum;
-    luminance_moments.at[index] = moments;
+    radiance_mean.at[index] = mean;
+    luminance_deviations.at[index] = deviations;
     ray_count.at[index] = rays;
 }

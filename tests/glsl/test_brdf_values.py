@@ -1,0 +1,52 @@
+"""Values of the surface model, direction by direction, against the NumPy reference written without sight of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from oracles.brdf import Surface, alpha_of, directional_albedo_terms
+
+from solari_vk.conformance import brdf_runs
+from solari_vk.conformance.brdf_checks import random_directions
+
+CASES = [
+    # base colour, metallic, perceptual roughness, reflectance; and how far the table's interpolation may be off
+    (0.8, 0.0, 0.3, 0.5, 2e-3),
+    (0.8, 0.0, 0.9, 1.0, 2e-3),
+    (0.6, 1.0, 0.2, 0.5, 2e-3),
+    (0.9, 1.0, 1.0, 0.5, 2e-3),
+    (0.5, 0.5, 0.6, 0.7, 2e-3),
+    (0.8, 0.0, 0.1, 1.0, 1e-2),
+]
+
+
+def check_values(shaders, base_color, metallic, roughness, reflectance, bar):
+    rng = np.random.default_rng(1)
+    count = 2000
+    wo, wi = random_directions(rng, count), random_directions(rng, count)
+    # half of them near the mirror direction, where a smooth surface shines
+    wi[::2] = wo[::2] * (-1, -1, 1) + 0.1 * rng.normal(size=(count // 2, 3))
+    wi /= np.linalg.norm(wi, axis=1, keepdims=True)
+    inside = (wo[:, 2] > 0.05) & (wi[:, 2] > 0.05)
+    wo, wi = wo[inside].astype(np.float32), wi[inside].astype(np.float32)
+    material = brdf_runs.materials(base_color, reflectance, metallic, roughness)
+    rows = brdf_runs.run(shaders, "evaluate", len(wo), material, wo, wi)
+    seen = rows[:, 1] + rows[:, 3]
+    surface = Surface(base_color, metallic, roughness, reflectance)
+    expected = surface.value(wo.astype(float), wi.astype(float)) * wi[:, 2:]
+    assert np.abs(seen / expected - 1).max() < bar
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_values(shaders, case):
+    check_values(shaders, *case)
+
+
+def test_table_holds_the_albedo(shaders):
+    """Nodes of the table against brute force: cosine is the square of the column's place."""
+    table = shaders.brdf_tables()["brdf_table"].read(np.float32).reshape(64, 64, 2)
+    for row in (8, 20, 40, 63):
+        for column in (12, 30, 63):
+            a, b = directional_albedo_terms(alpha_of(row / 63), (column / 63) ** 2)
+            np.testing.assert_allclose(table[row, column], (a, b), atol=1e-3)
+
