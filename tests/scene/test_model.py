@@ -77,7 +77,7 @@ REFUSED: list[tuple[type, dict[str, Any], str]] = [
     (Material, {"perceptual_roughness": math.nan}, "perceptual_roughness must be a finite number"),
     (Material, {"base_color": [0, 0, 1.1]}, "base_color must lie between 0 and 1"),
     (Material, {"base_color": [0, 0]}, "base_color"),
-    (Material, {"emissive": [-1, 0, 0]}, "emissive must lie between 0 and inf"),
+    (Material, {"emissive": [-1, 0, 0]}, "emissive must lie between 0 and 1e"),
     (Material, {"emissive": math.inf}, "emissive must be finite"),
     (Material, {"emissive": 1e60}, "emissive must be finite"),
     (Material, {"normal_texture": TRIANGLE}, "normal_texture must be a Texture, not list"),
