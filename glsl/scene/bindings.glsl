@@ -78,10 +78,10 @@ struct LightSource {
 struct DirectionalLight {
     vec3 direction_to_light;
     float one_minus_cos_half_angle;  // keeps its precision for disks as small as a star
-    vec3 radiance;       // illuminance / solid angle
+    // Differs from Solari: illuminance / (pi sin^2), so that a surface facing a wide disk gets just its illuminance
+    vec3 radiance;
     float solid_angle;   // = inverse pdf of a direction chosen uniformly in the disk
 };
-
 
 layout(set = 0, binding = 0) uniform accelerationStructureEXT tlas;
 layout(set = 0, binding = 1, scalar) readonly buffer InstancesBlock { Instance at[]; } instances;

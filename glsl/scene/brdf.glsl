@@ -70,7 +70,7 @@ Brdf prepare_brdf(ResolvedMaterial material, vec3 wo) {
     float diffuse = luminance(brdf.diffuse_color * through);
     brdf.specular_probability = diffuse > 0.0 ? luminance(specular) / (luminance(specular) + diffuse) : 1.0;
     if (brdf_layering == LAYERING_CONSERVING && brdf.metallic < 1.0) {
-        // (1 - E(wo)) (1 - E(wi)) / (1 - E_average): reciprocal, and all that enters leaves
+        // Differs from Solari: (1 - E(wo)) (1 - E(wi)) / (1 - E_average) is reciprocal, and all that enters leaves
         mat3 averages = lookup_brdf_averages(material.perceptual_roughness);
         vec3 f0 = brdf.dielectric_f0;
         vec3 average = averages[0] + f0 * (averages[1] + f0 * averages[2]);

@@ -28,7 +28,7 @@ struct LightContribution {
     vec3 received_radiance;  // to be multiplied by inverse_pdf and the BRDF
     float inverse_pdf;
     vec3 wi;
-    float solid_angle_pdf;   // of wi, for MIS against BRDF samples
+    float solid_angle_pdf;   // of wi, for MIS against BRDF samples; differs from Solari, which mixes measures
 };
 
 LightSample generate_random_light_sample(inout uint rng) {

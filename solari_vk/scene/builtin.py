@@ -160,7 +160,7 @@ def many_lights(
         glow = glows[int(random.integers(len(glows)))]
         scene.add(Instance(mesh=ball, material=glow, transform=place(at=(x, random.uniform(2, 4), z))))
     eye, target = (0, 0.16 * extent, 0.48 * extent), (0, 0, 0.1 * extent)
-    scene.add(Camera.look_at(eye, target, vertical_fov=math.radians(50), ev100=1.0))
+    scene.add(Camera.look_at(eye, target, vertical_fov=math.radians(50), ev100=2.5))
     return scene
 
 
