@@ -83,6 +83,7 @@ class RayTracer:
 
     def __init__(self, device: Device, scene: Scene | SceneBinder) -> None:
         self.device = device
+        self._closed = False
         self._owns_binder = isinstance(scene, Scene)
         self.binder = SceneBinder(device, scene) if isinstance(scene, Scene) else scene
         bindings = reflect(compile_shader(SHADER), SHADER).bindings
@@ -107,13 +108,16 @@ class RayTracer:
         """What rays meet: origins and directions (..., 3) in metres and of any length, broadcast to each other.
 
         t_min, t_max (...) are in lengths of the direction. any_hit: whatever is found first, which is quicker where
-        only being blocked counts. A ray with NaN, an infinite origin or direction, or no direction meets nothing.
+        only being blocked counts. A ray with NaN, an infinite origin or direction, no direction or a negative t_min
+        meets nothing.
 
         Returns records (...): t (inf: nothing), instance (a key of `instances`, -1: nothing), primitive (the triangle
         of its ray_mesh or mesh, as given there; -1), barycentrics (2) of the second and third vertex, front_face,
         position (3), and normal (3), the triangle's own of unit length on its front. Raises SolariError for arrays
         that don't fit each other.
         """
+        if self._closed:
+            raise SolariError("RayTracer.trace: it is closed; make another one")
         shape, rays = _broadcast(origins, directions, t_min, t_max)
         self._update()
         frame = self.frame(any_hit)
@@ -177,6 +181,7 @@ class RayTracer:
 
     def close(self) -> None:
         """Free everything on the device. Safe to call twice."""
+        self._closed = True
         for frame in self._frames.values():
             frame.close()
         for buffer in self._buffers.values():

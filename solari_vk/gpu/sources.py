@@ -219,18 +219,19 @@ def _count(data: Any) -> int:
 
 def _floats(what: str, given: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
     with np.errstate(over="ignore"):  # becomes infinity, which is refused below
-        array = np.ascontiguousarray(given, np.float32)
+        array = np.array(given, np.float32, order="C")  # a copy: what was checked can't change before the build
     fits = array.ndim == len(shape) and all(n in (-1, m) for n, m in zip(shape, array.shape, strict=True))
     if not fits:
         wanted = ", ".join("N" if n < 0 else str(n) for n in shape)
         raise SolariError(f"{what}: the shape is {array.shape}, not ({wanted})")
     if not np.isfinite(array).all():
         raise SolariError(f"{what}: element {tuple(np.argwhere(~np.isfinite(array))[0].tolist())} is not finite")
+    array.setflags(write=False)
     return array
 
 
 def _indices(given: Any, positions: Any) -> NDArray[Any]:
-    array = np.ascontiguousarray(given)
+    array = np.array(given, order="C")
     if array.dtype not in (np.uint16, np.uint32):
         if array.dtype.kind not in "iu" or (array.size and (array.min() < 0 or array.max() >= 2**32)):
             raise SolariError(f"indices: they are whole numbers from 0 to 2^32 - 1, not {array.dtype}")
@@ -240,4 +241,5 @@ def _indices(given: Any, positions: Any) -> NDArray[Any]:
     count = _count(positions)
     if array.size and int(array.max()) >= count:
         raise SolariError(f"indices: {int(array.max())} is named, but there are {count} positions")
+    array.setflags(write=False)
     return array

@@ -318,3 +318,18 @@ def test_a_build_after_an_error_works(world: Any, built: Any) -> None:
     world.build([world.entry(blas)], top(blas, tlas))
     answers = trace(world.device, tlas, CENTER, action=CONFIRM)
     assert answers["hit"]["kind"].tolist() == [TRIANGLE]
+
+
+def test_arrays_are_copied_when_they_are_checked() -> None:
+    """What changes in the caller's arrays afterwards never reaches the device."""
+    positions, indices = np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.uint32)
+    triangles = rt.Triangles(positions, indices)
+    boxes = np.array([[0, 0, 0, 1, 1, 1]], np.float32)
+    aabbs = rt.Aabbs(boxes)
+    positions[0], indices[0], boxes[0] = np.nan, 5_000_000, np.nan
+    held = [value for thing in (triangles, aabbs) for value in vars(thing).values() if isinstance(value, np.ndarray)]
+    assert len(held) == 3
+    for array in held:
+        assert np.isfinite(array).all()
+        assert array.max() <= 2
+        assert not array.flags.writeable

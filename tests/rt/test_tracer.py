@@ -210,3 +210,10 @@ def test_with_memory_that_is_not_mapped(any_device: None) -> None:
     with Device(validation=True, staging=True) as device, sv.RayTracer(device, sv.builtin("closed_box")) as tracer:
         hits = tracer.trace(np.zeros((1000, 3)), np.random.default_rng(5).normal(size=(1000, 3)))
         assert (hits["instance"] >= 0).all()
+
+
+def test_a_closed_tracer_says_so(device):
+    tracer = sv.RayTracer(device, sv.builtin("cornell_box"))
+    tracer.close()
+    with pytest.raises(sv.SolariError, match="closed"):
+        tracer.trace((0, 0, 0), (0, 0, 1))
