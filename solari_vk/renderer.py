@@ -110,12 +110,12 @@ class PathTracer:
 
     def resize(self, size: tuple[int, int]) -> None:
         """Another picture size (width, height); the picture starts anew."""
-        before = self.size
+        before = self.size, self._band_rows
         self._set_size(size)
         try:
             self._frame.rebuild(self._stages())
         except BaseException:
-            self._set_size(before)
+            self.size, self._band_rows = before
             raise
         self._drop_aovs()
         self._shown = None

@@ -58,6 +58,28 @@ def test_a_refused_resize_changes_nothing(device):
     renderer.close()
 
 
+def test_a_resize_that_fails_on_the_device_changes_nothing(device, monkeypatch):
+    """Also not the rows of a dispatch, which may have been fewer than at the start."""
+    scene = sv.builtin("cornell_box")
+    renderer = sv.PathTracer(device, scene, (8, 24), max_bounces=1)
+    renderer._band_rows = 8
+    renderer._frame.rebuild(renderer._stages())
+    renderer.render(scene.camera, samples=1)
+
+    def fail(*_):
+        raise sv.DeviceError("out of memory")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(renderer._frame, "rebuild", fail)
+        with pytest.raises(sv.DeviceError):
+            renderer.resize((9, 25))
+    other = sv.Camera.look_at((0.3, 1.2, 2.5), (0, 1, 0))
+    fresh = sv.PathTracer(device, scene, (8, 24), max_bounces=1)
+    np.testing.assert_array_equal(renderer.render(other, samples=2), fresh.render(other, samples=2))
+    renderer.close()
+    fresh.close()
+
+
 @pytest.mark.parametrize("bands", [1, 3, 7])
 def test_dispatches_grow_towards_their_time(device, bands, monkeypatch):
     """Whatever the number of bands: pictures that are quick to trace take more samples a dispatch."""
