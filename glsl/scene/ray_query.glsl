@@ -11,13 +11,17 @@
 //     RayIntersection hit = rayQueryGetCommittedIntersection(query);
 //
 // A pass with the header `#define RAY_QUERY_DEBUG` counts what the document leaves undefined in `ray_query_faults`, and
-// goes on as if it had not been asked for; without it, it is undefined. `solari_vk.rt.check_ray_queries` reads the counts.
+// goes on as if it had not been asked for; without it, it is undefined, but for rays with NaN, infinities or an empty range,
+// which always meet nothing. `solari_vk.rt.check_ray_queries` reads the counts.
 // Differs from wgpu: queries are declared by a macro, since GLSL can't keep them in structures with what is known of them.
 #ifndef SCENE_RAY_QUERY_GLSL
 #define SCENE_RAY_QUERY_GLSL
 
 #extension GL_EXT_ray_query : require
+#extension GL_EXT_ray_flags_primitive_culling : require
 #extension GL_EXT_scalar_block_layout : require
+
+layout(primitive_culling);  // what SKIP_TRIANGLES and SKIP_AABBS need; every device with ray queries has it
 
 struct RayDesc {
     uint flags;
@@ -105,6 +109,20 @@ RayIntersection ray_query_no_intersection() {
 RAY_QUERY_DEFINE_GETTER(ray_query_committed, true, ray_query_committed_kind(query))
 RAY_QUERY_DEFINE_GETTER(ray_query_candidate, false, ray_query_candidate_kind(query))
 
+// Vulkan leaves other rays undefined: they could hang a device. Told by bits, since Vulkan lets a device pass over NaN in
+// comparisons. An infinite t_max is right.
+bool ray_query_is_valid(RayDesc desc) {
+    const uint infinity = 0x7F800000u, no_sign = 0x7FFFFFFFu;
+    uvec3 origin = floatBitsToUint(desc.origin) & no_sign, dir = floatBitsToUint(desc.dir) & no_sign;
+    uint t_min = floatBitsToUint(desc.t_min) & no_sign, t_max = floatBitsToUint(desc.t_max) & no_sign;
+    bool finite = all(lessThan(origin, uvec3(infinity))) && all(lessThan(dir, uvec3(infinity)));
+    bool numbers = t_min < infinity && t_max <= infinity;
+    return finite && numbers && any(notEqual(desc.dir, vec3(0.0))) && desc.t_min >= 0.0 && desc.t_min <= desc.t_max;
+}
+
+// A ray in the place of one that breaks a rule: no mask lets it in.
+const RayDesc RAY_QUERY_NO_RAY = RayDesc(RAY_FLAG_NONE, 0u, 0.0, 0.0, vec3(0.0), vec3(0.0, 0.0, 1.0));
+
 // Vulkan asks that no hit is generated behind one that is committed; the document lets it have no effect.
 void ray_query_generate(rayQueryEXT query, float hit_t) {
     bool none = ray_query_committed_kind(query) == RAY_QUERY_INTERSECTION_NONE;
@@ -135,6 +153,7 @@ vec3[3] ray_query_positions(spirv_by_reference rayQueryEXT query, int committed)
 #define getCandidateHitVertexPositions(query) ray_query_positions(query, 0)
 
 void ray_query_initialize(rayQueryEXT query, accelerationStructureEXT structure, RayDesc desc) {
+    if (!ray_query_is_valid(desc)) { desc = RAY_QUERY_NO_RAY; }
     rayQueryInitializeEXT(
         query, structure, desc.flags, desc.cull_mask & 0xFFu, desc.origin, desc.t_min, desc.dir, desc.t_max
     );

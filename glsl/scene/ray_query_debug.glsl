@@ -53,12 +53,6 @@ bool ray_query_rule(bool kept, uint fault) {
     return kept;
 }
 
-bool ray_query_is_valid(RayDesc desc) {
-    const float largest = 3.4028235e38;  // comparisons with NaN are false
-    bool finite = all(lessThanEqual(abs(desc.origin), vec3(largest))) && all(lessThanEqual(abs(desc.dir), vec3(largest)));
-    return finite && any(notEqual(desc.dir, vec3(0.0))) && desc.t_min >= 0.0 && desc.t_min <= desc.t_max;
-}
-
 bool ray_query_at_most_one(uint flags) { return (flags & (flags - 1u)) == 0u; }
 
 bool ray_query_flags_agree(uint flags) {
@@ -73,7 +67,7 @@ void ray_query_initialize(
 ) {
     bool valid = ray_query_rule(ray_query_is_valid(desc), FAULT_INVALID_RAY);
     valid = ray_query_rule(ray_query_flags_agree(desc.flags), FAULT_CONTRADICTING_FLAGS) && valid;
-    if (!valid) { desc = RayDesc(RAY_FLAG_NONE, 0u, 0.0, 0.0, vec3(0.0), vec3(0.0, 0.0, 1.0)); }
+    if (!valid) { desc = RAY_QUERY_NO_RAY; }
     record = RayQueryRecord(RAY_QUERY_INITIALIZED, desc.t_min, desc.t_max);
     rayQueryInitializeEXT(
         query, structure, desc.flags, desc.cull_mask & 0xFFu, desc.origin, desc.t_min, desc.dir, desc.t_max

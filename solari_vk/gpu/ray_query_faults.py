@@ -29,7 +29,7 @@ RULES = (
     "rayQueryConfirmIntersection for what is no triangle",
     "rayQueryConfirmIntersection while rayQueryProceed stands at no candidate",
     "rayQueryTerminate before rayQueryInitialize",
-    "a ray with NaN, an infinite origin or direction, no direction, or t_min outside of 0 .. t_max",
+    "a ray with NaN, an infinite origin, direction or t_min, no direction, or t_min outside of 0 .. t_max",
     "flags that contradict each other",
 )
 FAULT_BUFFERS: Mapping[str, int] = {"ray_query_faults": len(RULES)}

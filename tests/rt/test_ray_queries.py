@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from probes import AABB, CONFIRM, GENERATE, GENERATED, NONE, TERMINATE, TRIANGLE, quad, shifted, trace
+from probes import AABB, CONFIRM, GENERATE, GENERATED, GLSL, NONE, TERMINATE, TRIANGLE, quad, shifted, trace
 
 from solari_vk import rt
 from solari_vk.errors import SolariError
-from solari_vk.gpu.compiler import glsl_root
+from solari_vk.gpu.compiler import compile_shader, glsl_root
 from solari_vk.gpu.device import Device
 from solari_vk.gpu.frame import Frame, Pass, Stage
 
@@ -156,19 +156,76 @@ def test_no_hit_is_generated_behind_a_committed_one(world: Any) -> None:
         assert answers["hit"]["t"] == pytest.approx([4.2])
 
 
-def test_wrong_rays_meet_nothing_when_debugging(device: Device, mixed: rt.Tlas) -> None:
+def wrong_rays() -> dict[str, Any]:
+    """Rays through the opaque triangles: one that is right, and eleven with something wrong in each."""
     nan, inf = np.nan, np.inf
-    origins = [CENTER, [nan, 0, 0], CENTER, [0, inf, 0], CENTER, CENTER, CENTER, CENTER, CENTER]
-    directions = np.array([[0, 0, -1.0]] * 9)
+    origins, directions = np.array([CENTER] * 12), np.array([[0, 0, -1.0]] * 12)
+    origins[1, 0], origins[3, 2] = nan, inf
     directions[2, 0], directions[4, 2], directions[5] = nan, -inf, 0
-    t_min = [0, 0, 0, 0, 0, 0, -1, nan, 9]
-    t_max = [9] * 8 + [2]
-    with pytest.raises(SolariError, match=r"a ray with NaN.*\(8 times, first in invocation \(\d, 0, 0\)\)"):
-        trace(device, mixed, origins, directions, t_min=t_min, t_max=t_max, header=rt.RAY_QUERY_DEBUG)
-    answers = trace(
-        device, mixed, origins, directions, t_min=t_min, t_max=t_max, header=rt.RAY_QUERY_DEBUG, check=False
-    )
-    assert answers["hit"]["kind"].tolist() == [TRIANGLE] + [NONE] * 8
+    limits = [(0, inf)] + [(0, 9)] * 5 + [(-1, 9), (nan, 9), (9, 2), (0, nan), (inf, inf), (-inf, inf)]
+    t_min, t_max = zip(*limits, strict=True)
+    return {"origins": origins, "directions": directions, "t_min": t_min, "t_max": t_max}
+
+
+def test_wrong_rays_meet_nothing_when_debugging(device: Device, mixed: rt.Tlas) -> None:
+    with pytest.raises(SolariError, match=r"a ray with NaN.*\(11 times, first in invocation \(\d+, 0, 0\)\)"):
+        trace(device, mixed, **wrong_rays(), header=rt.RAY_QUERY_DEBUG)
+    answers = trace(device, mixed, **wrong_rays(), header=rt.RAY_QUERY_DEBUG, check=False)
+    assert answers["hit"]["kind"].tolist() == [TRIANGLE] + [NONE] * 11
+
+
+def given_to_vulkan(device: Device, mixed: rt.Tlas, folder: Path) -> np.ndarray:
+    """What the release build makes of the wrong rays: t_min, t_max, origin and direction as Vulkan has them."""
+    (folder / "passes").mkdir(exist_ok=True)
+    (folder / "passes/given.comp").write_text(GIVEN)
+    stage = Stage("given", buffers={"rays": 12, "given": 12}, passes=[Pass("given", 12)])
+    with Frame(device, [stage], external={"tlas": mixed}, glsl_root=folder) as frame:
+        rays = np.zeros(12, frame.binding("rays").element)
+        names = {"origin": "origins", "dir": "directions", "t_min": "t_min", "t_max": "t_max"}
+        for field, name in names.items():
+            rays[field] = wrong_rays()[name]
+        rays["cull_mask"] = 0xFF
+        frame.resource("rays").upload(rays)
+        frame.submit()
+        return np.asarray(frame["given"])
+
+
+GIVEN = """
+#version 460
+#extension GL_EXT_scalar_block_layout : require
+#include "scene/ray_query.glsl"
+layout(local_size_x = 64) in;
+layout(set = 0, binding = 0) uniform accelerationStructureEXT tlas;
+layout(set = 1, binding = 0, scalar) readonly buffer RaysBlock { RayDesc at[]; } rays;
+layout(set = 1, binding = 1, scalar) buffer GivenBlock { float at[][7]; } given;
+void main() {
+    uint i = gl_GlobalInvocationID.x;
+    if (i >= rays.at.length()) { return; }
+    RAY_QUERY(query);
+    rayQueryInitialize(query, tlas, rays.at[i]);
+    vec3 origin = rayQueryGetWorldRayOriginEXT(query), dir = rayQueryGetWorldRayDirectionEXT(query);
+    given.at[i] = float[7](rayQueryGetRayTMinEXT(query), origin.x, origin.y, origin.z, dir.x, dir.y, dir.z);
+}
+"""
+
+
+def test_wrong_rays_meet_nothing_and_never_reach_vulkan(device: Device, mixed: rt.Tlas, tmp_path: Path) -> None:
+    answers = trace(device, mixed, **wrong_rays())
+    assert answers["hit"]["kind"].tolist() == [TRIANGLE] + [NONE] * 11
+    given = given_to_vulkan(device, mixed, tmp_path)
+    assert given[0].tolist() == pytest.approx([0, *CENTER, 0, 0, -1])
+    assert given[1:].tolist() == [[0, 0, 0, 0, 0, 0, 1]] * 11
+
+
+def test_skipping_primitives_is_declared() -> None:
+    """SPIR-V has the flags only with RayTraversalPrimitiveCullingKHR, which every device with ray queries takes."""
+    words = np.frombuffer(compile_shader("passes/probe.comp", root=GLSL), np.uint32)
+    found, at = set(), 5
+    while at < len(words):
+        if words[at] & 0xFFFF == 17:  # OpCapability
+            found.add(int(words[at + 1]))
+        at += int(words[at] >> 16)
+    assert {4472, 4478} <= found  # RayQueryKHR, RayTraversalPrimitiveCullingKHR
 
 
 @pytest.mark.parametrize("flags", [0x3, 0x41, 0x82, 0xC0, 0x30, 0x110, 0x300])

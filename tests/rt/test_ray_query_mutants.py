@@ -16,6 +16,7 @@ from solari_vk.gpu import compiler
 from solari_vk.gpu.compiler import glsl_root
 
 QUERY, DEBUG = "scene/ray_query.glsl", "scene/ray_query_debug.glsl"
+VULKAN = queries.test_wrong_rays_meet_nothing_and_never_reach_vulkan
 # The file, what it holds, what is put in its place, and the test.
 MUTANTS: dict[str, tuple[str, str, str, Any]] = {
     "a flag's value": (QUERY, "CULL_OPAQUE = 0x40u", "CULL_OPAQUE = 0x80u", "values"),
@@ -51,7 +52,16 @@ MUTANTS: dict[str, tuple[str, str, str, Any]] = {
     "the wrong invocation": (DEBUG, ".invocation = RAY_QUERY_INVOCATION", ".invocation = uvec3(0u)", 6),
     "rays unchecked": (DEBUG, "ray_query_is_valid(desc), F", "true, F",
                        queries.test_wrong_rays_meet_nothing_when_debugging),
-    "t_min unchecked": (DEBUG, "desc.t_min >= 0.0 && ", "", queries.test_wrong_rays_meet_nothing_when_debugging),
+    "t_min unchecked": (QUERY, "desc.t_min >= 0.0 && ", "", queries.test_wrong_rays_meet_nothing_when_debugging),
+    "range unchecked": (QUERY, "&& desc.t_min <= desc.t_max;", ";", VULKAN),
+    "NaN in ranges": (QUERY, "finite && numbers && any", "finite && any", VULKAN),
+    "origins unchecked": (QUERY, "all(lessThan(origin, uvec3(infinity))) && ", "", VULKAN),
+    "directions unchecked": (QUERY, "&& all(lessThan(dir, uvec3(infinity)));", ";", VULKAN),
+    "no direction": (QUERY, " && any(notEqual(desc.dir, vec3(0.0)))", "", VULKAN),
+    "an endless ray refused": (QUERY, "t_max <= infinity", "t_max < infinity", VULKAN),
+    "wrong rays to Vulkan": (QUERY, "if (!ray_query_is_valid(desc)) {", "if (false) {", VULKAN),
+    "culling undeclared": (QUERY, "layout(primitive_culling);", "",
+                           queries.test_skipping_primitives_is_declared),
     "flags unchecked": (DEBUG, "ray_query_flags_agree(desc.flags), F", "true, F", "contradiction"),
     "not kept: before proceed": (DEBUG, "record.phase >= RAY_QUERY_AT_CANDIDATE, F", "true, F", 0),
     "not kept: committed": (DEBUG, "RAY_QUERY_DONE, FAULT_COMMITTED_WHILE", "record.phase, FAULT_COMMITTED_WHILE", 1),
@@ -84,12 +94,17 @@ def run(check: Any, world: Any, mixed: rt.Tlas, folder: Path) -> None:
             queries.test_a_broken_rule_is_counted_and_harmless(device, mixed, folder, check, code)
     elif "world" in check.__annotations__:
         check(world)
+    elif "tmp_path" in check.__annotations__:
+        check(device, mixed, folder)
+    elif "device" not in check.__annotations__:
+        check()
     else:
         check(device, mixed)
 
 
 mixed = queries.mixed  # the fixture
-QUICK = ("no cull mask", "matrices swapped", "t_max dropped", "a fault's effect", "not kept: high end")
+QUICK = ("no cull mask", "matrices swapped", "t_max dropped", "a fault's effect", "not kept: high end",
+         "wrong rays to Vulkan")
 
 
 @pytest.mark.parametrize(
