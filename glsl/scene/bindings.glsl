@@ -35,11 +35,11 @@ struct Mesh {
 
 struct Instance {
     mat4x3 world_from_object;
-    mat4x3 previous_world_from_object;
-    uint mesh;         // drawn by raster
+    uint mesh;         // drawn by raster; NO_INDEX: nothing is
     uint ray_mesh;     // met by rays
     uint material;
     uint light_index;  // into light_sources, NO_INDEX when the instance emits nothing
+    uint id;           // never used again, unlike rows; 0: none
 };
 
 // ---- materials --------------------------------------------------------------------------------------

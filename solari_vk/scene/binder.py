@@ -59,6 +59,8 @@ class SceneBinder:
         self._instance_rows: Rows[Instance] = Rows()
         self._traced = TracedInstances(device)
         self._uses: dict[Instance, tuple[Mesh, Mesh, Material]] = {}
+        self._ids: dict[Instance, int] = {}
+        self._last_id = 0
         self._changed: dict[Observable, None] = {}
         scene.watch(self)
         for item in (*scene.instances, *scene.directional_lights):
@@ -87,6 +89,17 @@ class SceneBinder:
     def instances(self) -> dict[int, Instance]:
         """The scene's instances by their rows, as of the last `update`: what shaders call an instance's index."""
         return {self._instance_rows[instance]: instance for instance in self._uses}
+
+    @property
+    def instance_capacity(self) -> int:
+        """How many rows `instances` has room for."""
+        return len(self._instances.records)
+
+    @property
+    def light_ids(self) -> NDArray[np.uint32]:
+        """For each row of `light_sources` a number that stays with the light and is never used again, as of the last
+        `update`; the same array until the list changes."""
+        return self._lights.ids
 
     @property
     def triangle_orders(self) -> dict[int, NDArray[np.int64]]:
@@ -131,7 +144,11 @@ class SceneBinder:
                 self._use_textures(item)
                 self._write_rows.update(dict.fromkeys(self._material_rows.users(item)))
         elif isinstance(item, Mesh):
-            self._write_rows.update(dict.fromkeys(self._geometry.change(item)))
+            users = self._geometry.change(item)
+            self._write_rows.update(dict.fromkeys(users))
+            for instance in users:
+                if self._lights.index(instance) is not None:
+                    self._lights.renew(instance)
         elif isinstance(item, (Texture, TextureImage)):
             self._textures.change(item)
 
@@ -141,10 +158,14 @@ class SceneBinder:
             after = (instance.mesh, instance.ray_mesh or instance.mesh, instance.material)
             if before is None and self._instance_rows.acquire(instance, None):
                 instance.watch(self)
+                self._last_id += 1
+                self._ids[instance] = self._last_id
                 if self._instance_rows.limit > MAX_INSTANCES:
                     raise SolariError(f"{self.scene.describe()} has more than {MAX_INSTANCES} instances")
             self._write_rows[instance] = None
             if before != after:
+                if before is not None and before[1] is not after[1] and self._lights.index(instance) is not None:
+                    self._lights.renew(instance)
                 self._acquire(instance, after)
                 self._uses[instance] = after
         elif before is not None:
@@ -154,7 +175,9 @@ class SceneBinder:
             self._write_rows.pop(instance, None)
             self._set_emissive(instance, row, False)
             self._traced.remove(row)
-            del self._uses[instance]
+            self._instances.records[row]["mesh"] = NO_INDEX
+            self._instances.mark([row])
+            del self._uses[instance], self._ids[instance]
         if before is not None and before != self._uses.get(instance):
             self._release(instance, before)
 
@@ -221,8 +244,9 @@ class SceneBinder:
         transforms = np.array([i.transform for i in written])[:, :3].astype(np.float32)
         meshes = self._geometry.rows
         records = np.zeros(len(written), self._instances.records.dtype)
-        records["world_from_object"] = records["previous_world_from_object"] = transforms.transpose(0, 2, 1)
-        records["mesh"] = [meshes[i.mesh] for i in written]
+        records["world_from_object"] = transforms.transpose(0, 2, 1)
+        records["id"] = [self._ids[i] for i in written]
+        records["mesh"] = [meshes[i.mesh] if i.visible else NO_INDEX for i in written]
         records["ray_mesh"] = [meshes[i.ray_mesh or i.mesh] for i in written]
         records["material"] = [self._material_rows[i.material] for i in written]
         records["light_index"] = [NO_INDEX if (n := self._lights.index(i)) is None else n for i in written]

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from solari_vk.gpu.device import Device
 from solari_vk.scene.model import DirectionalLight, Instance
@@ -28,7 +29,12 @@ class Lights:
         self._emissive: list[Instance] = []
         self._index: dict[Instance, int] = {}
         self._directional: dict[DirectionalLight, None] = {}
-        self._directional_changed = True
+        self._changed = True
+        self._id_of: dict[Instance | DirectionalLight, int] = {}
+        self._last_id = 0
+        self.ids: NDArray[np.uint32] = np.zeros(0, np.uint32)
+        """For each row of `sources` a number that stays with the light and is never used again; another array after
+        each change of the list."""
 
     @property
     def tables(self) -> tuple[Table, Table, Table]:
@@ -46,15 +52,15 @@ class Lights:
             if index is None:
                 index = self._index[instance] = len(self._emissive)
                 self._emissive.append(instance)
-                self._directional_changed = True
+                self.renew(instance)
             self.sources.reserve(index + 1)
             self.sources.records[index] = (EMISSIVE_MESH, row)
             self.sources.mark([index])
             return None
         if index is None:
             return None
-        self._directional_changed = True
-        del self._index[instance]
+        self._changed = True
+        del self._index[instance], self._id_of[instance]
         last = self._emissive.pop()
         if last is instance:
             return None
@@ -64,19 +70,29 @@ class Lights:
         self.sources.mark([index])
         return last
 
+    def renew(self, light: Instance | DirectionalLight) -> None:
+        """Give a light another id: what was sampled on it, such as a triangle, no longer means the same."""
+        self._last_id += 1
+        self._id_of[light] = self._last_id
+        self._changed = True
+
     def set_directional(self, light: DirectionalLight, present: bool) -> None:
         """List a directional light, take up its changes, or take it off."""
-        if present:
-            self._directional[light] = None
-        else:
+        if not present:
             self._directional.pop(light, None)
-        self._directional_changed = True
+            self._id_of.pop(light, None)
+        elif light not in self._directional:
+            self._directional[light] = None
+            self.renew(light)
+        self._changed = True
 
     def update(self) -> None:
         """Write what follows from the changes."""
-        if not self._directional_changed:
+        if not self._changed:
             return
-        self._directional_changed = False
+        self._changed = False
+        listed = (*self._emissive, *self._directional)
+        self.ids = np.fromiter((self._id_of[light] for light in listed), np.uint32, len(listed))
         first, count = len(self._emissive), len(self._directional)
         self.sources.reserve(first + count)
         self.directional.reserve(count)

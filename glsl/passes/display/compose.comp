@@ -1,0 +1,28 @@
+// Adds up what the passes found for every pixel, and what is seen of lights themselves.
+#version 460
+#include "passes/bindings.glsl"
+#include "passes/gbuffer/gbuffer.glsl"
+#include "scene/sampling.glsl"
+
+layout(local_size_x = 8, local_size_y = 8) in;
+
+void main() {
+    uvec2 pixel = INVOCATION_INDEX;
+    if (any(greaterThanEqual(pixel, uniforms.size))) { return; }
+    uint index = pixel.y * uniforms.size.x + pixel.x;
+
+    vec3 emitted = unpack_emissive(imageLoad(gbuffer, ivec2(pixel)));
+    if (imageLoad(depth, ivec2(pixel)).x == 0.0) {
+        vec3 direction = make_camera_ray(vec2(pixel) + 0.5).direction;
+        for (uint i = 0u; i < scene_info.directional_light_count; i++) {
+            DirectionalLight light = directional_lights.at[i];
+            emitted += directional_light_covers(light, direction) ? light.radiance : vec3(0.0);
+        }
+    }
+    vec3 diffuse = di_diffuse.at[index] + gi_diffuse.at[index];
+    vec3 specular = di_specular.at[index] + specular_gi.at[index];
+    emission.at[index] = emitted;
+    diffuse_radiance.at[index] = diffuse;
+    specular_radiance.at[index] = specular;
+    radiance.at[index] = emitted + diffuse + specular;
+}

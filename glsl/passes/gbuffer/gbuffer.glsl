@@ -1,0 +1,146 @@
+// The G-buffer's layout: packing a surface, loading it back for a pixel of this frame or the last, and whether two are alike.
+#ifndef PASSES_GBUFFER_GBUFFER_GLSL
+#define PASSES_GBUFFER_GBUFFER_GLSL
+
+#include "common/packing.glsl"
+#include "passes/bindings.glsl"
+#include "passes/pathtracer/camera.glsl"
+#include "scene/surface.glsl"
+
+struct GBufferSurface {
+    bool exists;
+    uint instance;
+    vec3 world_position;
+    float view_depth;  // metres along the view axis
+    vec3 world_normal;            // shading normal, bent to face the camera
+    vec3 geometric_world_normal;  // faces the camera
+    float ray_offset;  // rays leave from world_position + ray_offset * geometric_world_normal
+    vec3 wo;           // to the camera
+    ResolvedMaterial material;
+};
+
+// ---- packing ----------------------------------------------------------------------------------------
+
+const uvec3 COLOR_BITS = uvec3(13u, 14u, 13u);  // of which the first 8 lie where Solari has all of them
+
+// Differs from Solari: its occlusion and spare byte hold five, six and five more bits of the base colour, since 8 bits in
+// gamma 2.2 are off by 0.4 %, which is as much as direct light may be; reflectance is one number, the colour's mean;
+// emission is scaled by the exposure, so that what the eye tells apart is what fits.
+uvec4 pack_gbuffer(ResolvedMaterial material, vec3 emissive, vec3 world_normal) {
+    vec3 color = pow(clamp(material.base_color, 0.0, 1.0), vec3(1.0 / 2.2));
+    uvec3 codes = uvec3(
+        pack_unorm(color.x, COLOR_BITS.x), pack_unorm(color.y, COLOR_BITS.y), pack_unorm(color.z, COLOR_BITS.z)
+    );
+    uvec3 coarse = codes >> (COLOR_BITS - 8u);
+    uvec3 fine = codes & ((uvec3(1u) << (COLOR_BITS - 8u)) - 1u);
+    float reflectance = dot(material.reflectance, vec3(1.0 / 3.0));
+    return uvec4(
+        coarse.x | coarse.y << 8u | coarse.z << 16u | pack_unorm(material.perceptual_roughness, 8u) << 24u,
+        pack_rgb9e5(emissive * uniforms.exposure),
+        pack_unorm(reflectance, 8u) | pack_unorm(material.metallic, 8u) << 8u | fine.x << 16u | fine.y << 21u | fine.z << 27u,
+        pack_octahedral_24(world_normal, 0u)
+    );
+}
+
+vec3 unpack_base_color(uvec4 texel) {
+    uvec3 coarse = uvec3(texel.x, texel.x >> 8u, texel.x >> 16u) & 0xFFu;
+    uvec3 fine = uvec3(texel.z >> 16u, texel.z >> 21u, texel.z >> 27u) & ((uvec3(1u) << (COLOR_BITS - 8u)) - 1u);
+    uvec3 codes = coarse << (COLOR_BITS - 8u) | fine;
+    return pow(vec3(codes) / vec3((uvec3(1u) << COLOR_BITS) - 1u), vec3(2.2));
+}
+
+vec3 unpack_emissive(uvec4 texel) { return unpack_rgb9e5(texel.y) / uniforms.exposure; }
+
+ResolvedMaterial unpack_material(uvec4 texel) {
+    ResolvedMaterial material;
+    material.base_color = unpack_base_color(texel);
+    material.emissive = unpack_emissive(texel);
+    material.reflectance = vec3(unpack_unorm(texel.z, 8u));
+    material.perceptual_roughness = unpack_unorm(texel.x >> 24u, 8u);
+    material.roughness = square(material.perceptual_roughness);
+    material.metallic = unpack_unorm(texel.z >> 8u, 8u);
+    return material;
+}
+
+// ---- loading ----------------------------------------------------------------------------------------
+
+// A raster's vertices are snapped to 1/256 of a pixel or finer, so that its depth is off by what the surface falls away in
+// that; besides, a position rebuilt from depth is off by rounding.
+float gbuffer_ray_offset(vec3 world_position, float view_depth, float pixel_footprint, float cosine) {
+    float rounding = 32.0 * ROUNDING_UNIT * (max_component(abs(world_position)) + view_depth);
+    return rounding + pixel_footprint / 128.0 * safe_sqrt(1.0 - square(cosine));
+}
+
+GBufferSurface unpack_gbuffer(
+    uvec4 texel, uvec2 surface_texel, float depth_value, vec2 position, mat4x3 world_from_view, vec2 tan_half_fov, float near
+) {
+    GBufferSurface surface;
+    surface.exists = depth_value > 0.0;
+    surface.instance = surface_texel.y;
+    surface.view_depth = surface.exists ? near / depth_value : INFINITY;
+    vec2 ndc = 2.0 * position / vec2(uniforms.size) - 1.0;
+    vec3 along = mat3(world_from_view) * vec3(ndc * tan_half_fov * vec2(1.0, -1.0), -1.0);
+    surface.world_position = world_from_view[3] + (surface.exists ? along * surface.view_depth : vec3(0.0));
+    surface.wo = -normalize(along);
+    surface.geometric_world_normal = unpack_octahedral_2x16(surface_texel.x);
+    // packing moves a normal by a little, so that it may no longer face the camera
+    surface.world_normal =
+        bend_shading_normal(unpack_octahedral_24(texel.w), surface.geometric_world_normal, surface.wo);
+    surface.material = unpack_material(texel);
+    float footprint = 2.0 * tan_half_fov.y / float(uniforms.size.y) * surface.view_depth;
+    surface.ray_offset = gbuffer_ray_offset(
+        surface.world_position, surface.view_depth, footprint, dot(surface.wo, surface.geometric_world_normal)
+    );
+    return surface;
+}
+
+GBufferSurface load_gbuffer(uvec2 pixel) {
+    ivec2 at = ivec2(pixel);
+    return unpack_gbuffer(
+        imageLoad(gbuffer, at), imageLoad(gbuffer_surface, at).xy, imageLoad(depth, at).x,
+        vec2(pixel) + 0.5 + uniforms.jitter, uniforms.world_from_view, uniforms.tan_half_fov, uniforms.near
+    );
+}
+
+// What a pixel showed in the last frame, where it was then.
+GBufferSurface load_previous_gbuffer(uvec2 pixel) {
+    ivec2 at = ivec2(pixel);
+    return unpack_gbuffer(
+        imageLoad(previous_gbuffer, at), imageLoad(previous_gbuffer_surface, at).xy, imageLoad(previous_depth, at).x,
+        vec2(pixel) + 0.5 + uniforms.previous_jitter, uniforms.previous_world_from_view, uniforms.previous_tan_half_fov,
+        uniforms.previous_near
+    );
+}
+
+// ---- from frame to frame ----------------------------------------------------------------------------
+
+// Where a world position lies in a camera's picture, in uv, without jitter.
+vec2 project_to_uv(vec3 world_position, mat4x3 view_from_world, vec2 tan_half_fov) {
+    vec3 view = view_from_world * vec4(world_position, 1.0);
+    return 0.5 + vec2(0.5, -0.5) * view.xy / (tan_half_fov * -view.z);
+}
+
+vec3 previous_world_position(uint instance_index, vec3 object_position, vec3 world_position) {
+    PreviousInstance previous = previous_instances.at[instance_index];
+    return previous.id == instances.at[instance_index].id ? previous.world_from_object * vec4(object_position, 1.0) : world_position;
+}
+
+vec2 motion_vector(vec3 world_position, vec3 previous_world_position) {
+    return project_to_uv(previous_world_position, uniforms.previous_view_from_world, uniforms.previous_tan_half_fov)
+        - project_to_uv(world_position, uniforms.view_from_world, uniforms.tan_half_fov);
+}
+
+// The point of the last frame's pixel grid (pixel centres at + 0.5) that showed what a pixel shows now.
+vec2 reproject(uvec2 pixel) {
+    vec2 motion = imageLoad(motion_vectors, ivec2(pixel)).xy;
+    return vec2(pixel) + 0.5 + uniforms.jitter + motion * vec2(uniforms.size) - uniforms.previous_jitter;
+}
+
+// Whether two surfaces are close enough for samples of the one to serve the other.
+bool are_similar(GBufferSurface a, GBufferSurface b) {
+    float plane_distance = abs(dot(b.world_position - a.world_position, a.world_normal));
+    return a.exists && b.exists && plane_distance <= uniforms.similarity_plane_distance * a.view_depth
+        && dot(a.world_normal, b.world_normal) >= 0.0;
+}
+
+#endif

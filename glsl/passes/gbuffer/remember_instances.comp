@@ -1,0 +1,13 @@
+// Keeps where every instance is, for the next frame's motion vectors.
+#version 460
+#include "passes/bindings.glsl"
+#include "scene/bindings.glsl"
+
+layout(local_size_x = 64) in;
+
+void main() {
+    uint row = gl_GlobalInvocationID.x;
+    if (row >= previous_instances.at.length()) { return; }
+    Instance instance = instances.at[row];
+    previous_instances.at[row] = PreviousInstance(instance.world_from_object, instance.id);
+}
