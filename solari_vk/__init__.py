@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 _HOMES = {
-    "errors": ("DeviceError", "SolariError", "ValidationError"),
+    "errors": ("CallbackError", "DeviceError", "SolariError", "ValidationError"),
     "gpu.device": ("Device", "list_devices"),
     "gpu.frame": ("Frame", "Pass", "Stage"),
     "scene.model": (
@@ -36,7 +36,9 @@ _HOMES = {
     "scene.builtin": ("builtin",),
     "scene.studio": ("frame_camera", "studio_lights"),
     "display": ("auto_exposure", "check_output", "save_image", "tonemap"),
-    "renderer": ("AOVS", "PathTracer"),
+    "reference": ("AOVS", "PathTracer"),
+    "renderer": ("Renderer",),
+    "settings": ("Settings",),
     "tracer": ("RayTracer", "SceneFrame"),
 }
 _MODULES = ("rt",)
@@ -44,6 +46,7 @@ _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
     "AOVS",
+    "CallbackError",
     "Camera",
     "Device",
     "DeviceError",
@@ -55,8 +58,10 @@ __all__ = [
     "Pass",
     "PathTracer",
     "RayTracer",
+    "Renderer",
     "Scene",
     "SceneFrame",
+    "Settings",
     "SolariError",
     "Stage",
     "Texture",
@@ -78,10 +83,11 @@ __all__ = [
 if TYPE_CHECKING:
     from solari_vk import rt
     from solari_vk.display import auto_exposure, check_output, save_image, tonemap
-    from solari_vk.errors import DeviceError, SolariError, ValidationError
+    from solari_vk.errors import CallbackError, DeviceError, SolariError, ValidationError
     from solari_vk.gpu.device import Device, list_devices
     from solari_vk.gpu.frame import Frame, Pass, Stage
-    from solari_vk.renderer import AOVS, PathTracer
+    from solari_vk.reference import AOVS, PathTracer
+    from solari_vk.renderer import Renderer
     from solari_vk.scene.builtin import builtin
     from solari_vk.scene.gltf import load_gltf
     from solari_vk.scene.model import (
@@ -95,6 +101,7 @@ if TYPE_CHECKING:
         TextureImage,
     )
     from solari_vk.scene.studio import frame_camera, studio_lights
+    from solari_vk.settings import Settings
     from solari_vk.tracer import RayTracer, SceneFrame
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import time
@@ -10,38 +11,67 @@ from pathlib import Path
 
 import numpy as np
 
-from solari_vk import bench_rt
+from solari_vk import __version__, bench_rt
+from solari_vk.errors import SolariError
 from solari_vk.gpu.device import Device
 from solari_vk.gpu.frame import Frame, Pass, Stage
-from solari_vk.renderer import PathTracer, write_view
+from solari_vk.reference import PathTracer
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.gltf import load_gltf
 from solari_vk.scene.model import Camera, Instance, Material, Mesh, Scene
+from solari_vk.view import write_view
 
 SECONDS = 3.0  # each measurement runs about so long
 BOUNCES = 4
 
 
-def run(select: str | None, files: list[Path]) -> None:
-    """Measure and print everything."""
-    _say("import solari_vk", _process("import solari_vk"), "s", "aim 0.15")
-    _say("solari-vk info", _process("import sys; from solari_vk.cli import main; main(['info'])"), "s", "aim 0.5")
+class Figures:
+    """Takes figures one by one, prints each at once, and writes them all as a page."""
+
+    def __init__(self) -> None:
+        self._rows: list[tuple[str, str, str]] = []
+
+    def __call__(self, what: str, value: float, unit: str, note: str = "") -> None:
+        """One figure."""
+        text = f"{value:,.0f}" if unit == "bytes" else f"{value:,.3f}"
+        self._rows.append((what, f"{text} {unit}".rstrip(), note))
+        print(f"{what:<60} {text:>14} {unit}" + (f"  ({note})" if note else ""), flush=True)
+
+    def markdown(self, device: Device) -> str:
+        """The page."""
+        version = ".".join(map(str, device.properties.api_version))
+        head = [
+            "# Benchmarks", "",
+            "Written by `solari-vk bench --markdown FILE`. Times are wall-clock times; ratios are of runs in turns.", "",
+            f"- device: {device.name} ({device.properties.kind}), {os.cpu_count()} cores",
+            f"- driver: {device.properties.driver}, Vulkan {version}",
+            f"- solari_vk {__version__}", "", "| what | measured | remark |", "| --- | ---: | --- |",
+        ]  # fmt: skip
+        return "\n".join([*head, *(f"| {' | '.join(row)} |" for row in self._rows)]) + "\n"
+
+
+def run(select: str | None, files: list[Path], markdown: Path | None = None) -> None:
+    """Measure and print everything; markdown: a file to write as well. Raises SolariError without a folder for it."""
+    if markdown is not None and not markdown.resolve().parent.is_dir():
+        raise SolariError(f"{markdown}: there is no folder {markdown.resolve().parent}")
+    say = Figures()
+    say("import solari_vk", _process("import solari_vk"), "s", "aim 0.15")
+    say("solari-vk info", _process("import sys; from solari_vk.cli import main; main(['info'])"), "s", "aim 0.5")
     for path in files:
         load = _time(lambda path=path: load_gltf(path))  # type: ignore[misc]
-        _say(f"load {path.name}", load, "s", "aim 2 for FlightHelmet")
+        say(f"load {path.name}", load, "s", "aim 2 for FlightHelmet")
     with Device(select) as device:
         print(f"device: {device.name}")
         for name in ("cornell_box", "many_lights"):
-            _rays(device, name)
+            _rays(device, say, name)
             for size in (256, 512):
-                _samples(device, name, size)
-        _host_time(device)
-        _large_scene(device)
-        bench_rt.run(device, _say, SECONDS / 3)
-
-
-def _say(what: str, value: float, unit: str, note: str = "") -> None:
-    print(f"{what:<52} {value:>12,.3f} {unit}" + (f"  ({note})" if note else ""), flush=True)
+                _samples(device, say, name, size)
+        _host_time(device, say)
+        _large_scene(device, say)
+        bench_rt.run(device, say, SECONDS)
+        if markdown is not None:
+            markdown.write_text(say.markdown(device), encoding="utf-8")
+            print(f"wrote {markdown}")
 
 
 def _time(work: Callable[[], object]) -> float:
@@ -60,7 +90,7 @@ def _process(code: str) -> float:
     return best(code) - best("pass")
 
 
-def _rays(device: Device, name: str) -> None:
+def _rays(device: Device, say: Figures, name: str) -> None:
     """Rays a second of the bare kernel and of the path tracer, in turns over the same scene and size."""
     scene = builtin(name)
     size = (256, 256)
@@ -83,26 +113,26 @@ def _rays(device: Device, name: str) -> None:
         before = tracer.rays
         traced_seconds += _time(lambda: tracer.render(scene.camera, samples=tracer.samples + 1))
         traced_rays += tracer.rays - before
-    _say(f"{name}: bare ray-query kernel", bare_rays / bare_seconds / 1e6, "Mrays/s")
-    _say(f"{name}: inside the path tracer", traced_rays / traced_seconds / 1e6, "Mrays/s")
+    say(f"{name}: bare ray-query kernel", bare_rays / bare_seconds / 1e6, "Mrays/s")
+    say(f"{name}: inside the path tracer", traced_rays / traced_seconds / 1e6, "Mrays/s")
     ratio = traced_rays / traced_seconds / (bare_rays / bare_seconds)
-    _say(f"{name}: path tracer / bare kernel", ratio, "", "aim 0.5 or more")
+    say(f"{name}: path tracer / bare kernel", ratio, "", "aim 0.5 or more")
     bare.close()
     tracer.close()
 
 
-def _samples(device: Device, name: str, size: int) -> None:
+def _samples(device: Device, say: Figures, name: str, size: int) -> None:
     scene = builtin(name)
     tracer = PathTracer(device, scene, (size, size))
     tracer.render(scene.camera, samples=1)
     started = time.perf_counter()
     tracer.render(scene.camera, samples=1 << 20, time_limit=SECONDS)
     seconds = time.perf_counter() - started
-    _say(f"{name} {size}x{size}", tracer.samples * size * size / seconds / 1e6, "Msamples/s")
+    say(f"{name} {size}x{size}", tracer.samples * size * size / seconds / 1e6, "Msamples/s")
     tracer.close()
 
 
-def _host_time(device: Device) -> None:
+def _host_time(device: Device, say: Figures) -> None:
     """Python's own time for a frame: uniforms, submission, bookkeeping; the device is idle meanwhile."""
     scene = builtin("cornell_box")
     tracer = PathTracer(device, scene, (8, 8), max_bounces=0)
@@ -112,11 +142,11 @@ def _host_time(device: Device) -> None:
         device.wait_idle()
         spent.append(_time(lambda: tracer.advance(scene.camera, 1)))
     device.wait_idle()
-    _say("host time of a frame, median of 1000", float(np.median(spent)) * 1e3, "ms", "aim 0.2")
+    say("host time of a frame, median of 1000", float(np.median(spent)) * 1e3, "ms", "aim 0.2")
     tracer.close()
 
 
-def _large_scene(device: Device) -> None:
+def _large_scene(device: Device, say: Figures) -> None:
     """Load a generated height field of a million triangles: numpy arrays to the first pixel."""
     side = 708
     x, z = np.meshgrid(np.linspace(-1, 1, side + 1), np.linspace(-1, 1, side + 1))
@@ -134,4 +164,4 @@ def _large_scene(device: Device) -> None:
         tracer.render(camera, samples=1)
         tracer.close()
 
-    _say(f"load a generated scene of {len(corners) * 2:,} triangles", _time(load), "s")
+    say(f"load a generated scene of {len(corners) * 2:,} triangles", _time(load), "s")

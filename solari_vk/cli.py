@@ -17,8 +17,14 @@ from typing import TYPE_CHECKING, Any
 from solari_vk.errors import DeviceError, SolariError
 
 if TYPE_CHECKING:
-    from solari_vk.renderer import PathTracer
+    from solari_vk.reference import PathTracer
     from solari_vk.scene.model import Camera, Scene
+
+_CONFORMANCE_EXIT = (
+    "Exit code 0: every rule holds, but for those that the device has no feature for, that only --full measures, and "
+    "known faults of its driver no worse than listed; all of these are named. 1: a rule doesn't hold, a listed fault "
+    "is gone or grew, or something needed to measure is missing, such as embreex. 2: wrong usage. 3: no device."
+)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -78,12 +84,16 @@ def _parser() -> argparse.ArgumentParser:
     bench.set_defaults(run=_bench)
     bench.add_argument("files", nargs="*", type=Path, help="glTF files whose loading is measured too")
     bench.add_argument("--device", help="part of a device's name, its index or its UUID")
+    bench.add_argument("--markdown", type=Path, metavar="FILE", help="write the figures as Markdown")
 
-    conformance = commands.add_parser("conformance", help="measure whether a device keeps the documents' rules")
+    conformance = commands.add_parser(
+        "conformance", help="measure whether a device keeps the documents' rules",
+        description="Measure whether a device keeps the documents' rules. " + _CONFORMANCE_EXIT,
+    )  # fmt: skip
     conformance.set_defaults(run=_conformance)
     conformance.add_argument("--device", help="part of a device's name, its index or its UUID")
     conformance.add_argument("--only", action="append", default=[], metavar="GROUP", help="a group (all; repeatable)")
-    conformance.add_argument("--full", action="store_true", help="larger sizes and more rays: takes much longer")
+    conformance.add_argument("--full", action="store_true", help="ten times the rays and instances: takes much longer")
     for kind, what in (("junit", "JUnit XML"), ("markdown", "Markdown"), ("html", "HTML")):
         conformance.add_argument(f"--{kind}", type=Path, metavar="FILE", help=f"write the report as {what}")
     return parser
@@ -290,7 +300,7 @@ def _info(options: argparse.Namespace) -> None:
 def _bench(options: argparse.Namespace) -> None:
     from solari_vk.bench import run
 
-    run(options.device, options.files)
+    run(options.device, options.files, options.markdown)
 
 
 def _conformance(options: argparse.Namespace) -> int:

@@ -1,12 +1,9 @@
-"""Renderers: what a frame is, read top to bottom. Today the reference path tracer."""
+"""The realtime renderer: what a frame is, read top to bottom."""
 
 from __future__ import annotations
 
-import copy
-import math
+import importlib.util
 import operator
-import time
-from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -16,40 +13,25 @@ from numpy.typing import NDArray
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device import Device
 from solari_vk.gpu.frame import Frame, Stage
-from solari_vk.gpu.uniforms import Uniforms
-from solari_vk.passes import brdf_table, pathtracer
+from solari_vk.light_translation import LightTranslation
+from solari_vk.passes import brdf_table, display, gbuffer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera, Scene
+from solari_vk.settings import Settings
+from solari_vk.view import View
 
-AOVS = pathtracer.AOVS
-DISPATCH_MS = 100.0  # what a dispatch should take: far below any driver's watchdog, far above its overhead
-MOST_PIXELS = 1 << 20  # of a first dispatch, before anything is measured
-MOST_SAMPLES = 64  # of a pixel in one dispatch
-
-
-def write_view(uniforms: Uniforms, camera: Camera, size: tuple[int, int], rows: int) -> None:
-    """What every pass that starts at pixels needs: the camera, the picture's size, and the rows of a dispatch."""
-    width, height = size
-    tan_half_fov = math.tan(camera.vertical_fov / 2)
-    uniforms["world_from_view"] = camera.transform[:3].T
-    uniforms["tan_half_fov"] = (tan_half_fov * width / height, tan_half_fov)
-    uniforms["near"] = camera.near
-    uniforms["size"] = size
-    uniforms["jitter"] = camera.jitter
-    uniforms["row_count"] = rows
+JITTER_LENGTH = 32  # samples until the pattern within a pixel begins anew
+LARGEST_PIXEL_BYTES = 64  # of a pixel in any one buffer
 
 
-class PathTracer:
-    """The reference path tracer: progressive, unbiased, the ground truth of every realtime test.
+class Renderer:
+    """Solari's realtime lighting: ReSTIR DI and GI, a world-space radiance cache, specular GI.
 
-    size: (width, height) in pixels. max_bounces: how many surfaces a path may leave, 0 shows emission
-    only. seed: another one gives other noise. light_strategy: "mis", or "nee" or "brdf" alone, which
-    agree in the mean. pixel_filter: "box", or the wider "gaussian" or "blackman_harris". layering: how
-    diffuse sits under specular, "conserving", or Solari's "sum" (0.18) or "fresnel_product" (0.19).
-    lambert: every surface is plain Lambert, for closed forms. Source: seed 004.
+    size: (width, height) in pixels. settings: shared, not copied, so that assigning to its fields takes effect with the
+    next frame. seed: another one gives other noise; one seed gives one picture. Sources: seeds 000, 003 and 002.
 
-    The scene may be edited between calls of `render`. `close` frees what the device holds; closing the
-    device does so too.
+    The scene may be edited between calls of `render`, and several renderers may share it (as one SceneBinder, to hold it
+    on the device once). `close` frees what the device holds; closing the device does so too.
     """
 
     def __init__(
@@ -57,206 +39,190 @@ class PathTracer:
         device: Device,
         scene: Scene | SceneBinder,
         size: tuple[int, int],
+        settings: Settings | None = None,
         *,
-        max_bounces: int = 16,
         seed: int = 0,
-        light_strategy: str = "mis",
-        pixel_filter: str = "box",
-        layering: str = "conserving",
-        lambert: bool = False,
     ) -> None:
         self.device = device
-        self.settings = pathtracer.Settings(max_bounces, seed, light_strategy, pixel_filter, layering, lambert)
-        self.samples = 0
-        """Samples a pixel in the picture so far."""
-        self._set_size(size)
+        self.settings = Settings() if settings is None else settings
+        self.seed = seed
+        self.size = self._checked(size)
+        self.frame_count = 0
         self._owns_binder = isinstance(scene, Scene)
         self.binder = SceneBinder(device, scene) if isinstance(scene, Scene) else scene
         self.binder.update()
+        self._table, table_buffers = brdf_table.compute(device)
+        self._lights = LightTranslation(device)
+        external = {**self.binder.resources, **table_buffers, **self._lights.buffers}
+        self._built = self._build_key
+        self._frame = Frame(device, self._stages(), external=external)
         self._bound_version = self.binder.version
-        self._table, self._table_buffers = brdf_table.compute(device)
-        self._shown: tuple[Any, ...] | None = None
-        self._camera: Camera | None = None
-        self._frame = Frame(device, self._stages(), external=self._external)
-        self._aovs: Frame | None = None  # made when first asked for
-        self._aovs_shown: tuple[Any, ...] | None = None
-        self._aovs_version = 0
+        self._written = -1  # revision of the settings in the uniforms
+        self._previous: tuple[View, Any] | None = None  # view and jitter of the last frame, None: no history
 
-    @property
-    def _external(self) -> dict[str, Any]:
-        return {**self.binder.resources, **self._table_buffers}
-
-    def _set_size(self, size: tuple[int, int]) -> None:
-        try:
-            width, height = (operator.index(n) for n in size)
-        except (TypeError, ValueError):
-            raise SolariError(f"PathTracer: size must be two whole numbers (width, height), not {size!r}") from None
-        most = self.device.properties.limits.maxStorageBufferRange // pathtracer.LARGEST_PIXEL_BYTES
-        if width < 1 or height < 1 or width * height > most:
-            raise SolariError(f"PathTracer: {width}x{height} is not between 1 pixel and the {most:,} this device holds")
-        self.size = (width, height)
-        self._band_rows = self._most_rows
-        self._batch = 1
-        self._next_look = 4  # the count of frames at which `_adapt` looks; a driver may compile in the first ones
-        # Rows times samples of the last dispatches, with the timeline value of each.
-        self._sizes: deque[tuple[int, int]] = deque(maxlen=4)
-
-    @property
-    def _most_rows(self) -> int:
-        return min(self.size[1], max(MOST_PIXELS // self.size[0], 1))
+    # ---- the frame ----------------------------------------------------------------------------------
 
     def _stages(self) -> list[Stage]:
-        return [pathtracer.trace_stage(self.size, self._band_rows, self.settings)]
+        """What happens in a frame, in this order."""
+        size, settings = self.size, self.settings
+        stages = [gbuffer.stage(size, settings, self.binder.instance_capacity)]
+        # SCAFFOLD: passes that aren't there yet leave zeros
+        pixels = size[0] * size[1]
+        left = {"restir_di": ("di_diffuse", "di_specular"), "restir_gi": ("gi_diffuse",), "specular_gi": ("specular_gi",)}
+        for name in ("light_tiles", "world_cache", "restir_di", "restir_gi", "specular_gi", "guides"):
+            if importlib.util.find_spec(f"solari_vk.passes.{name}"):
+                stages.append(importlib.import_module(f"solari_vk.passes.{name}").stage(size, settings))
+            elif name in left:
+                stages.append(Stage(name, buffers=dict.fromkeys(left[name], pixels)))
+        stages.append(display.stage(size, settings))
+        return stages
 
-    def resize(self, size: tuple[int, int]) -> None:
-        """Another picture size (width, height); the picture starts anew."""
-        before = self.size, self._band_rows
-        self._set_size(size)
-        try:
-            self._frame.rebuild(self._stages())
-        except BaseException:
-            self.size, self._band_rows = before
-            raise
-        self._drop_aovs()
-        self._shown = None
-        self._next_look += self._frame.frame_count
+    @property
+    def _build_key(self) -> tuple[Any, ...]:
+        return self.size, self.binder.instance_capacity, self.settings.built_in
 
-    def _drop_aovs(self) -> None:
-        if self._aovs is not None:
-            self._aovs.close()
-            self._aovs = None
+    def render(self, camera: Camera) -> RenderedFrame:
+        """Submit the next frame and return it, without waiting for it; its results are read by name.
 
-    def close(self) -> None:
-        """Free everything on the device. Safe to call twice."""
-        self._drop_aovs()
-        self._frame.close()
-        self._table.close()
-        if self._owns_binder:
-            self.binder.destroy()
-
-    # ---- rendering ----------------------------------------------------------------------------------
-
-    def render(
-        self,
-        camera: Camera,
-        samples: int = 256,
-        *,
-        time_limit: float | None = None,
-        progress: Callable[[int], None] | None = None,
-    ) -> NDArray[np.float32]:
-        """Refine the picture until it has so many samples a pixel; returns linear radiance (height, width, 3).
-
-        Starts anew when the camera, the scene or the size is another one than before, else goes on from
-        the samples it has. time_limit: stop after so many seconds. progress: called with the samples done.
+        Light gathers over frames: after about 24 of them a still picture has settled. Call `reset` at a cut.
         """
-        if not isinstance(samples, int) or samples < 1:
-            raise SolariError(f"PathTracer.render: samples must be a whole number of at least 1, not {samples!r}")
-        started = time.perf_counter()
-        self._prepare(camera)
-        while self.samples < samples:
-            self.advance(camera, samples - self.samples)
-            if progress is not None:
-                progress(self.samples)
-            if time_limit is not None and time.perf_counter() - started > time_limit:
-                break
-        return self["radiance"]
-
-    def advance(self, camera: Camera, most: int = MOST_SAMPLES) -> None:
-        """Submit the next samples for every pixel, as many as make a short dispatch, and don't wait for them."""
-        self._prepare(camera)
-        self._add_samples(min(self._batch, most))
-        self._adapt()
-
-    def _prepare(self, camera: Camera) -> None:
-        """Take up edits of the scene, and start anew if anything differs from what the picture shows."""
         if not isinstance(camera, Camera):
-            raise SolariError(f"PathTracer: a Camera is needed, not {camera!r}")
+            raise SolariError(f"Renderer.render: a Camera is needed, not {camera!r}")
         self.binder.update()
+        if self._lights.update(self.binder.light_ids):
+            self._frame.bind(self._lights.buffers)
         if self.binder.version != self._bound_version:
             self._bound_version = self.binder.version
             self._frame.bind(self.binder.resources)
-            self._drop_aovs()
-        view = (camera.transform.tobytes(), camera.vertical_fov, camera.near, *camera.jitter.tolist())
-        shown = (self.binder.revision, self.size, *view)
-        if shown != self._shown:
-            self._shown = shown
-            self._camera = copy.copy(camera)
-            self.samples = 0
-            write_view(self._frame.uniforms, self._camera, self.size, self._band_rows)
-            pathtracer.write_uniforms(self._frame.uniforms, self.settings)
+        if self._build_key != self._built:
+            self._frame.rebuild(self._stages())
+            self._built = self._build_key
+            self._written = -1
+        self._write_uniforms(camera)
+        self._frame.submit()
+        self.frame_count += 1
+        return RenderedFrame(self)
 
-    def _add_samples(self, count: int) -> None:
-        """Trace so many samples for every pixel, one band of rows after the other."""
+    def _write_uniforms(self, camera: Camera) -> None:
         uniforms = self._frame.uniforms
-        uniforms["sample_index"] = self.samples
-        uniforms["samples_per_dispatch"] = count
+        if self._written != self.settings.revision:
+            self._written = self.settings.revision
+            for name, value in self.settings.uniforms().items():
+                uniforms[name] = value
+        view = View.of(camera, self.size)
+        jitter = camera.jitter + self._jitter()
+        previous_view, previous_jitter = self._previous or (view, jitter)
+        uniforms["has_history"] = self._previous is not None
+        uniforms["previous_world_from_view"] = previous_view.world_from_view
+        uniforms["previous_view_from_world"] = previous_view.view_from_world
+        uniforms["previous_tan_half_fov"] = previous_view.tan_half_fov
+        uniforms["previous_near"] = previous_view.near
+        uniforms["previous_jitter"] = previous_jitter
+        uniforms["world_from_view"] = view.world_from_view
+        uniforms["view_from_world"] = view.view_from_world
+        uniforms["tan_half_fov"] = view.tan_half_fov
+        uniforms["near"] = view.near
+        uniforms["jitter"] = jitter
+        uniforms["size"] = self.size
+        uniforms["exposure"] = camera.exposure
+        uniforms["seed"] = self.seed
+        uniforms["frame_index"] = self.frame_count & 0xFFFFFFFF
+        self._previous = view, jitter
+
+    def _jitter(self) -> NDArray[np.float32]:
+        """Where in the pixel this frame's samples lie, from its centre, in pixels."""
+        if not self.settings.jitter:
+            return np.zeros(2, np.float32)
+        index = (self.frame_count + 7 * self.seed) % JITTER_LENGTH + 1
+        return np.array([_halton(index, 2), _halton(index, 3)], np.float32) - np.float32(0.5)
+
+    # ---- control ------------------------------------------------------------------------------------
+
+    def reset(self) -> None:
+        """Forget all earlier frames, as after a cut."""
+        self._previous = None
+
+    def resize(self, size: tuple[int, int]) -> None:
+        """Another picture size (width, height), without history."""
+        self.size = self._checked(size)
+        self.reset()
+
+    def _checked(self, size: tuple[int, int]) -> tuple[int, int]:
         try:
-            for row in range(0, self.size[1], self._band_rows):
-                uniforms["first_row"] = row
-                self._sizes.append((self._frame.submit(), count * self._band_rows))
-        except BaseException:
-            self._shown = None  # some bands have these samples and some have not: the next call starts anew
-            raise
-        self.samples += count
+            width, height = (operator.index(n) for n in size)
+        except (TypeError, ValueError):
+            raise SolariError(f"Renderer: size must be two whole numbers (width, height), not {size!r}") from None
+        limits = self.device.properties.limits
+        most = limits.maxStorageBufferRange // LARGEST_PIXEL_BYTES
+        side = limits.maxImageDimension2D
+        if not (0 < width <= side and 0 < height <= side and width * height <= most):
+            raise SolariError(
+                f"Renderer: {width}x{height} is not between 1 pixel and what this device holds, {side} pixels a side and "
+                f"{most:,} in all"
+            )
+        return width, height
 
-    def _adapt(self) -> None:
-        """Choose the next dispatch's size from how long the latest finished one took.
+    def close(self) -> None:
+        """Free everything on the device. Safe to call twice."""
+        self._frame.close()
+        self._table.close()
+        self._lights.destroy()
+        if self._owns_binder:
+            self._owns_binder = False
+            self.binder.destroy()
 
-        Only now and then: on some drivers reading a timestamp waits for the work in progress.
-        """
-        frame = self._frame
-        if frame.frame_count < self._next_look:
-            return
-        self._next_look = 2 * frame.frame_count
-        spent = frame.timings.get("pathtracer/trace", 0.0)
-        size = dict(self._sizes).get(frame.timed_value, 0)
-        if not spent or not size:
-            return
-        wanted = DISPATCH_MS / spent * size
-        self._batch = max(1, min(int(wanted / self._band_rows), 4 * self._batch, MOST_SAMPLES))
-        if wanted < self._band_rows / 4 and self._band_rows > 8:
-            self._band_rows = max(int(wanted), 8)
-            frame.rebuild(self._stages())
-            frame.uniforms["row_count"] = self._band_rows
+    def __enter__(self) -> Renderer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     # ---- results ------------------------------------------------------------------------------------
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """An output as an array (height, width[, channels]): "radiance" or one of AOVS."""
-        if self._shown is None or self.samples == 0:
-            raise SolariError(f"PathTracer: render before asking for '{name}'")
-        if name == "radiance":
-            return pathtracer.read_mean(self._frame, self.size)
-        if name == "variance":
-            return pathtracer.read_variance(self._frame, self.size, self.samples)
-        if name not in AOVS:
-            raise SolariError(f"PathTracer has no output '{name}'; there are radiance, {', '.join(AOVS)}")
-        return pathtracer.read_aov(self._first_hits(), name, self.size)
+        """A copy of a result of the latest frame; waits for it.
 
-    def _first_hits(self) -> Frame:
-        """The frame of the AOVs, run for what the picture shows."""
-        rows = self._most_rows
-        if self._aovs_version != self.binder.version:  # another renderer may have taken up an edit
-            self._drop_aovs()
-        if self._aovs is None:
-            self._aovs_version = self.binder.version
-            self._aovs = Frame(self.device, [pathtracer.aov_stage(self.size, rows)], external=self._external)
-            self._aovs_shown = None
-        if self._aovs_shown != self._shown:
-            self._aovs_shown = self._shown
-            assert self._camera is not None
-            write_view(self._aovs.uniforms, self._camera, self.size, rows)
-            for row in range(0, self.size[1], rows):
-                self._aovs.uniforms["first_row"] = row
-                self._aovs.submit()
-        return self._aovs
-
-    @property
-    def rays(self) -> int:
-        """How many rays the picture has taken so far."""
-        return int(self._frame["ray_count"].sum(dtype=np.uint64))
+        Buffers with an element a pixel and images come as (height, width[, channels]), others as they are. Besides the
+        names in the shaders there are those of OUTPUTS; a "/" stands for "_".
+        """
+        if self.frame_count == 0:
+            raise SolariError(f"Renderer: render before asking for '{name}'")
+        if name in OUTPUTS:
+            return OUTPUTS[name](self._frame)
+        values = self._frame[name.replace("/", "_")]
+        width, height = self.size
+        if len(values.shape) and values.shape[0] == width * height:
+            return values.reshape(height, width, *values.shape[1:])
+        return values
 
     @property
     def timings(self) -> dict[str, float]:
         """GPU milliseconds of each pass in the last finished frame."""
         return self._frame.timings
+
+
+class RenderedFrame:
+    """One frame's results by name, until the next one is rendered: what `Renderer.__getitem__` documents."""
+
+    def __init__(self, renderer: Renderer) -> None:
+        self._renderer = renderer
+        self.index = renderer.frame_count
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        if self._renderer.frame_count != self.index:
+            raise SolariError(f"frame {self.index} is gone, since a later one was rendered: read '{name}' before that")
+        return self._renderer[name]
+
+
+OUTPUTS: dict[str, Callable[[Frame], NDArray[Any]]] = {}
+"""Results that aren't simply what a buffer or image holds: the OUTPUTS of the passes."""
+
+
+def _halton(index: int, base: int) -> float:
+    """The radical inverse of a number: Halton (1964)."""
+    result, part = 0.0, 1.0
+    while index:
+        part /= base
+        result += part * (index % base)
+        index //= base
+    return result

@@ -21,10 +21,12 @@ MAY_IMPORT = {
     "display": {"errors"},
     "gpu": {"errors"},
     "scene": {"errors", "gpu"},
-    "passes": {"errors", "gpu"},
+    "view": {"gpu", "scene"},
+    "passes": {"errors", "gpu", "settings"},
     "rt": {"errors", "gpu"},
     "tracer": {"errors", "gpu", "scene"},
-    "renderer": {"errors", "settings", "gpu", "scene", "passes"},
+    "reference": {"errors", "gpu", "scene", "passes", "view"},
+    "renderer": {"errors", "settings", "gpu", "scene", "passes", "view"},
 }
 ON_TOP = {"__init__", "__main__", "bench", "bench_rt", "cli", "conformance", "viewer"}
 # Of passes, the scene's GLSL may only read what they leave in set 1, such as the BRDF's table.

@@ -83,7 +83,7 @@ def test_a_resize_that_fails_on_the_device_changes_nothing(device, monkeypatch):
 @pytest.mark.parametrize("bands", [1, 3, 7])
 def test_dispatches_grow_towards_their_time(device, bands, monkeypatch):
     """Whatever the number of bands: pictures that are quick to trace take more samples a dispatch."""
-    monkeypatch.setattr("solari_vk.renderer.MOST_PIXELS", 16 * 8)
+    monkeypatch.setattr("solari_vk.reference.MOST_PIXELS", 16 * 8)
     scene = sv.builtin("cornell_box")
     renderer = sv.PathTracer(device, scene, (16, 8 * bands), max_bounces=0)
     renderer.render(scene.camera, samples=200)
@@ -111,7 +111,7 @@ def test_short_dispatches_for_slow_pictures(device, monkeypatch):
     """When a dispatch takes too long, the next covers fewer rows."""
     scene = sv.builtin("cornell_box")
     renderer = sv.PathTracer(device, scene, (64, 64))
-    monkeypatch.setattr("solari_vk.renderer.DISPATCH_MS", 1e-3)
+    monkeypatch.setattr("solari_vk.reference.DISPATCH_MS", 1e-3)
     renderer.render(scene.camera, samples=12)
     assert renderer._band_rows == 8
     renderer.close()

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.conformance.rules import Measurement, Rule
 from solari_vk.gpu.device import Device
-from solari_vk.renderer import PathTracer
+from solari_vk.reference import PathTracer
 from solari_vk.scene.model import Camera, Scene
 
 _ALPHA = 0.005  # of all tiles of a picture together

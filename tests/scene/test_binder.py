@@ -10,7 +10,7 @@ import pytest
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device import Device
 from solari_vk.gpu.uploads import Uploads
-from solari_vk.renderer import PathTracer
+from solari_vk.reference import PathTracer
 from solari_vk.scene.binder import NO_INDEX, SceneBinder
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.lights import DIRECTIONAL, EMISSIVE_MESH

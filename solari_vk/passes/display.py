@@ -1,0 +1,16 @@
+"""The picture: what all passes found added up; glsl/passes/display/."""
+
+from __future__ import annotations
+
+from solari_vk.gpu.frame import Pass, Stage
+from solari_vk.settings import Settings
+
+
+def stage(size: tuple[int, int], settings: Settings) -> Stage:
+    """Radiance before exposure, in parts and as a whole."""
+    pixels = size[0] * size[1]
+    return Stage(
+        "display",
+        buffers={name: pixels for name in ("emission", "diffuse_radiance", "specular_radiance", "radiance")},
+        passes=[Pass("display/compose", threads=size)],
+    )

@@ -1,0 +1,249 @@
+"""The reference path tracer: the ground truth of every realtime test."""
+
+from __future__ import annotations
+
+import copy
+import operator
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.errors import SolariError
+from solari_vk.gpu.device import Device
+from solari_vk.gpu.frame import Frame, Stage
+from solari_vk.passes import brdf_table, pathtracer
+from solari_vk.scene.binder import SceneBinder
+from solari_vk.scene.model import Camera, Scene
+from solari_vk.view import write_view
+
+AOVS = pathtracer.AOVS
+DISPATCH_MS = 100.0  # what a dispatch should take: far below any driver's watchdog, far above its overhead
+MOST_PIXELS = 1 << 20  # of a first dispatch, before anything is measured
+MOST_SAMPLES = 64  # of a pixel in one dispatch
+
+
+class PathTracer:
+    """The reference path tracer: progressive, unbiased, the ground truth of every realtime test.
+
+    size: (width, height) in pixels. max_bounces: how many surfaces a path may leave, 0 shows emission
+    only. seed: another one gives other noise. light_strategy: "mis", or "nee" or "brdf" alone, which
+    agree in the mean. pixel_filter: "box", or the wider "gaussian" or "blackman_harris". layering: how
+    diffuse sits under specular, "conserving", or Solari's "sum" (0.18) or "fresnel_product" (0.19).
+    lambert: every surface is plain Lambert, for closed forms. Source: seed 004.
+
+    The scene may be edited between calls of `render`. `close` frees what the device holds; closing the
+    device does so too.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        scene: Scene | SceneBinder,
+        size: tuple[int, int],
+        *,
+        max_bounces: int = 16,
+        seed: int = 0,
+        light_strategy: str = "mis",
+        pixel_filter: str = "box",
+        layering: str = "conserving",
+        lambert: bool = False,
+    ) -> None:
+        self.device = device
+        self.settings = pathtracer.Settings(max_bounces, seed, light_strategy, pixel_filter, layering, lambert)
+        self.samples = 0
+        """Samples a pixel in the picture so far."""
+        self._set_size(size)
+        self._owns_binder = isinstance(scene, Scene)
+        self.binder = SceneBinder(device, scene) if isinstance(scene, Scene) else scene
+        self.binder.update()
+        self._bound_version = self.binder.version
+        self._table, self._table_buffers = brdf_table.compute(device)
+        self._shown: tuple[Any, ...] | None = None
+        self._camera: Camera | None = None
+        self._frame = Frame(device, self._stages(), external=self._external)
+        self._aovs: Frame | None = None  # made when first asked for
+        self._aovs_shown: tuple[Any, ...] | None = None
+        self._aovs_version = 0
+
+    @property
+    def _external(self) -> dict[str, Any]:
+        return {**self.binder.resources, **self._table_buffers}
+
+    def _set_size(self, size: tuple[int, int]) -> None:
+        try:
+            width, height = (operator.index(n) for n in size)
+        except (TypeError, ValueError):
+            raise SolariError(f"PathTracer: size must be two whole numbers (width, height), not {size!r}") from None
+        most = self.device.properties.limits.maxStorageBufferRange // pathtracer.LARGEST_PIXEL_BYTES
+        if width < 1 or height < 1 or width * height > most:
+            raise SolariError(f"PathTracer: {width}x{height} is not between 1 pixel and the {most:,} this device holds")
+        self.size = (width, height)
+        self._band_rows = self._most_rows
+        self._batch = 1
+        self._next_look = 4  # the count of frames at which `_adapt` looks; a driver may compile in the first ones
+        # Rows times samples of the last dispatches, with the timeline value of each.
+        self._sizes: deque[tuple[int, int]] = deque(maxlen=4)
+
+    @property
+    def _most_rows(self) -> int:
+        return min(self.size[1], max(MOST_PIXELS // self.size[0], 1))
+
+    def _stages(self) -> list[Stage]:
+        return [pathtracer.trace_stage(self.size, self._band_rows, self.settings)]
+
+    def resize(self, size: tuple[int, int]) -> None:
+        """Another picture size (width, height); the picture starts anew."""
+        before = self.size, self._band_rows
+        self._set_size(size)
+        try:
+            self._frame.rebuild(self._stages())
+        except BaseException:
+            self.size, self._band_rows = before
+            raise
+        self._drop_aovs()
+        self._shown = None
+        self._next_look += self._frame.frame_count
+
+    def _drop_aovs(self) -> None:
+        if self._aovs is not None:
+            self._aovs.close()
+            self._aovs = None
+
+    def close(self) -> None:
+        """Free everything on the device. Safe to call twice."""
+        self._drop_aovs()
+        self._frame.close()
+        self._table.close()
+        if self._owns_binder:
+            self.binder.destroy()
+
+    # ---- rendering ----------------------------------------------------------------------------------
+
+    def render(
+        self,
+        camera: Camera,
+        samples: int = 256,
+        *,
+        time_limit: float | None = None,
+        progress: Callable[[int], None] | None = None,
+    ) -> NDArray[np.float32]:
+        """Refine the picture until it has so many samples a pixel; returns linear radiance (height, width, 3).
+
+        Starts anew when the camera, the scene or the size is another one than before, else goes on from
+        the samples it has. time_limit: stop after so many seconds. progress: called with the samples done.
+        """
+        if not isinstance(samples, int) or samples < 1:
+            raise SolariError(f"PathTracer.render: samples must be a whole number of at least 1, not {samples!r}")
+        started = time.perf_counter()
+        self._prepare(camera)
+        while self.samples < samples:
+            self.advance(camera, samples - self.samples)
+            if progress is not None:
+                progress(self.samples)
+            if time_limit is not None and time.perf_counter() - started > time_limit:
+                break
+        return self["radiance"]
+
+    def advance(self, camera: Camera, most: int = MOST_SAMPLES) -> None:
+        """Submit the next samples for every pixel, as many as make a short dispatch, and don't wait for them."""
+        self._prepare(camera)
+        self._add_samples(min(self._batch, most))
+        self._adapt()
+
+    def _prepare(self, camera: Camera) -> None:
+        """Take up edits of the scene, and start anew if anything differs from what the picture shows."""
+        if not isinstance(camera, Camera):
+            raise SolariError(f"PathTracer: a Camera is needed, not {camera!r}")
+        self.binder.update()
+        if self.binder.version != self._bound_version:
+            self._bound_version = self.binder.version
+            self._frame.bind(self.binder.resources)
+            self._drop_aovs()
+        view = (camera.transform.tobytes(), camera.vertical_fov, camera.near, *camera.jitter.tolist())
+        shown = (self.binder.revision, self.size, *view)
+        if shown != self._shown:
+            self._shown = shown
+            self._camera = copy.copy(camera)
+            self.samples = 0
+            write_view(self._frame.uniforms, self._camera, self.size, self._band_rows)
+            pathtracer.write_uniforms(self._frame.uniforms, self.settings)
+
+    def _add_samples(self, count: int) -> None:
+        """Trace so many samples for every pixel, one band of rows after the other."""
+        uniforms = self._frame.uniforms
+        uniforms["sample_index"] = self.samples
+        uniforms["samples_per_dispatch"] = count
+        try:
+            for row in range(0, self.size[1], self._band_rows):
+                uniforms["first_row"] = row
+                self._sizes.append((self._frame.submit(), count * self._band_rows))
+        except BaseException:
+            self._shown = None  # some bands have these samples and some have not: the next call starts anew
+            raise
+        self.samples += count
+
+    def _adapt(self) -> None:
+        """Choose the next dispatch's size from how long the latest finished one took.
+
+        Only now and then: on some drivers reading a timestamp waits for the work in progress.
+        """
+        frame = self._frame
+        if frame.frame_count < self._next_look:
+            return
+        self._next_look = 2 * frame.frame_count
+        spent = frame.timings.get("pathtracer/trace", 0.0)
+        size = dict(self._sizes).get(frame.timed_value, 0)
+        if not spent or not size:
+            return
+        wanted = DISPATCH_MS / spent * size
+        self._batch = max(1, min(int(wanted / self._band_rows), 4 * self._batch, MOST_SAMPLES))
+        if wanted < self._band_rows / 4 and self._band_rows > 8:
+            self._band_rows = max(int(wanted), 8)
+            frame.rebuild(self._stages())
+            frame.uniforms["row_count"] = self._band_rows
+
+    # ---- results ------------------------------------------------------------------------------------
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """An output as an array (height, width[, channels]): "radiance" or one of AOVS."""
+        if self._shown is None or self.samples == 0:
+            raise SolariError(f"PathTracer: render before asking for '{name}'")
+        if name == "radiance":
+            return pathtracer.read_mean(self._frame, self.size)
+        if name == "variance":
+            return pathtracer.read_variance(self._frame, self.size, self.samples)
+        if name not in AOVS:
+            raise SolariError(f"PathTracer has no output '{name}'; there are radiance, {', '.join(AOVS)}")
+        return pathtracer.read_aov(self._first_hits(), name, self.size)
+
+    def _first_hits(self) -> Frame:
+        """The frame of the AOVs, run for what the picture shows."""
+        rows = self._most_rows
+        if self._aovs_version != self.binder.version:  # another renderer may have taken up an edit
+            self._drop_aovs()
+        if self._aovs is None:
+            self._aovs_version = self.binder.version
+            self._aovs = Frame(self.device, [pathtracer.aov_stage(self.size, rows)], external=self._external)
+            self._aovs_shown = None
+        if self._aovs_shown != self._shown:
+            self._aovs_shown = self._shown
+            assert self._camera is not None
+            write_view(self._aovs.uniforms, self._camera, self.size, rows)
+            for row in range(0, self.size[1], rows):
+                self._aovs.uniforms["first_row"] = row
+                self._aovs.submit()
+        return self._aovs
+
+    @property
+    def rays(self) -> int:
+        """How many rays the picture has taken so far."""
+        return int(self._frame["ray_count"].sum(dtype=np.uint64))
+
+    @property
+    def timings(self) -> dict[str, float]:
+        """GPU milliseconds of each pass in the last finished frame."""
+        return self._frame.timings
