@@ -30,8 +30,8 @@ class Renderer:
     size: (width, height) in pixels. settings: shared, not copied, so that assigning to its fields takes effect with the
     next frame. seed: another one gives other noise; one seed gives one picture. Sources: seeds 000, 003 and 002.
 
-    The scene may be edited between calls of `render`, and several renderers may share it (as one SceneBinder, to hold it
-    on the device once). `close` frees what the device holds; closing the device does so too.
+    The scene may be edited between calls of `render`, and several renderers may share it (as one SceneBinder, to
+    hold it on the device once). `close` frees what the device holds; closing the device does so too.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class Renderer:
         stages = [gbuffer.stage(size, settings, self.binder.instance_capacity)]
         # SCAFFOLD: passes that aren't there yet leave zeros
         pixels = size[0] * size[1]
-        left = {"restir_di": ("di_diffuse", "di_specular"), "restir_gi": ("gi_diffuse",), "specular_gi": ("specular_gi",)}
+        left = {"restir_di": ["di_diffuse", "di_specular"], "restir_gi": ["gi_diffuse"], "specular_gi": ["specular_gi"]}
         for name in ("light_tiles", "world_cache", "restir_di", "restir_gi", "specular_gi", "guides"):
             if importlib.util.find_spec(f"solari_vk.passes.{name}"):
                 stages.append(importlib.import_module(f"solari_vk.passes.{name}").stage(size, settings))
@@ -157,8 +157,8 @@ class Renderer:
         side = limits.maxImageDimension2D
         if not (0 < width <= side and 0 < height <= side and width * height <= most):
             raise SolariError(
-                f"Renderer: {width}x{height} is not between 1 pixel and what this device holds, {side} pixels a side and "
-                f"{most:,} in all"
+                f"Renderer: {width}x{height} is not between 1 pixel and what this device holds, {side} pixels a side "
+                f"and {most:,} in all"
             )
         return width, height
 

@@ -41,93 +41,146 @@ class Settings:
     specular: bool = _field(True, "frame", "Indirect light of specular surfaces, mirrors among them.")
     world_cache: bool = _field(True, "frame", "The radiance cache; without it indirect light is one bounce of direct.")
     jitter: bool = _field(True, "frame", "Move samples within the pixel from frame to frame, for antialiasing.")
-    gbuffer: str = _field("raster", "frame", "How pixels find their surface.", choices=("raster", "traced"), rebuilds=True)
+    gbuffer: str = _field(
+        "raster", "frame", "How pixels find their surface.", choices=("raster", "traced"), rebuilds=True
+    )
     frustum_culling: bool = _field(True, "frame", "Raster draws only what may be in view.", rebuilds=True)
     occlusion_culling: bool = _field(
         True, "frame", "Raster draws only what isn't behind what was visible last frame.", rebuilds=True
     )
     layering: str = _field(
-        "conserving", "frame", "How diffuse sits under specular: Solari 0.18 adds both, 0.19 takes a product of Fresnel "
-        "terms.", choices=("conserving", "sum", "fresnel_product"), rebuilds=True
-    )  # fmt: skip
+        "conserving",
+        "frame",
+        "How diffuse sits under specular: Solari 0.18 adds both, 0.19 takes a product of Fresnel terms.",
+        choices=("conserving", "sum", "fresnel_product"),
+        rebuilds=True,
+    )
     lambert: bool = _field(False, "frame", "Every surface is plain Lambert, for closed forms.", rebuilds=True)
 
     # ---- reuse, of DI and GI
     similarity_plane_distance: float = _field(
-        0.003, "reuse", "Share of the view depth that two pixels' planes may lie apart to share samples. More: less noise "
-        "at small features, more blur of contact shadows.", low=1e-6, high=1.0
-    )  # fmt: skip
+        0.003,
+        "reuse",
+        "Share of the view depth that two pixels' planes may lie apart to share samples. More: less noise "
+        "at small features, more blur of contact shadows.",
+        low=1e-6,
+        high=1.0,
+    )
     permutation_sampling: bool = _field(True, "reuse", "Shuffle pixels among neighbours over time: less correlation.")
     spatial_tries: int = _field(5, "reuse", "Attempts to find a similar neighbour.", low=1, high=32)
     spatial_radius_halving: bool = _field(True, "reuse", "Halve the radius after each failed attempt (0.19).")
 
     # ---- light tiles
-    light_tile_count: int = _field(128, "light_tiles", "Tiles a frame. More: less correlation.", low=1, high=4096,
-                                   rebuilds=True)  # fmt: skip
-    light_tile_samples: int = _field(1024, "light_tiles", "Light samples a tile. More: less correlation.", low=1,
-                                     high=65536, rebuilds=True)  # fmt: skip
-    light_tile_encoding: str = _field("log2", "light_tiles", "How radiance is packed; linear is Solari 0.17's.",
-                                      choices=("log2", "linear"))  # fmt: skip
-    light_sampling: str = _field("tiles", "light_tiles", "Candidates come from tiles, or are resolved one by one.",
-                                 choices=("tiles", "resolve"))  # fmt: skip
+    light_tile_count: int = _field(
+        128, "light_tiles", "Tiles a frame. More: less correlation.", low=1, high=4096, rebuilds=True
+    )
+    light_tile_samples: int = _field(
+        1024, "light_tiles", "Light samples a tile. More: less correlation.", low=1, high=65536, rebuilds=True
+    )
+    light_tile_encoding: str = _field(
+        "log2", "light_tiles", "How radiance is packed; linear is Solari 0.17's.", choices=("log2", "linear")
+    )
+    light_sampling: str = _field(
+        "tiles", "light_tiles", "Candidates come from tiles, or are resolved one by one.", choices=("tiles", "resolve")
+    )
 
     # ---- world cache
-    world_cache_cells: int = _field(1 << 20, "world_cache", "Cells of the hash map, a power of two.", low=1 << 10,
-                                    high=1 << 26, rebuilds=True)  # fmt: skip
-    world_cache_cell_size: float = _field(0.15, "world_cache", "Metres of the finest cell. Less: sharper, slower, noisier.",
-                                          low=1e-6, high=1e6)  # fmt: skip
-    world_cache_lod_distance: float = _field(15.0, "world_cache", "Metres at which cells have doubled. More: finer cells.",
-                                             low=1e-6, high=1e9)  # fmt: skip
-    world_cache_lifetime: int = _field(10, "world_cache", "Frames a cell lives after it was last seen.", low=1, high=1000)
-    world_cache_lifetime_rule: str = _field("max", "world_cache", "How cells that see cells keep them alive; store is "
-                                            "Solari 0.17's, by which they never die.", choices=("max", "store"))  # fmt: skip
+    world_cache_cells: int = _field(
+        1 << 20, "world_cache", "Cells of the hash map, a power of two.", low=1 << 10, high=1 << 26, rebuilds=True
+    )
+    world_cache_cell_size: float = _field(
+        0.15, "world_cache", "Metres of the finest cell. Less: sharper, slower, noisier.", low=1e-6, high=1e6
+    )
+    world_cache_lod_distance: float = _field(
+        15.0, "world_cache", "Metres at which cells have doubled. More: finer cells.", low=1e-6, high=1e9
+    )
+    world_cache_lifetime: int = _field(
+        10, "world_cache", "Frames a cell lives after it was last seen.", low=1, high=1000
+    )
+    world_cache_lifetime_rule: str = _field(
+        "max",
+        "world_cache",
+        "How cells that see cells keep them alive; store is Solari 0.17's, by which they never die.",
+        choices=("max", "store"),
+    )
     world_cache_search_steps: int = _field(3, "world_cache", "Places tried for a cell.", low=1, high=64)
-    world_cache_max_samples: int = _field(32, "world_cache", "Frames averaged. More: less noise, more lag.", low=1,
-                                          high=4096)  # fmt: skip
-    world_cache_blend: str = _field("adaptive", "world_cache", "Fewer frames are averaged where light changes; fixed is "
-                                    "Solari 0.17's.", choices=("adaptive", "fixed"))  # fmt: skip
+    world_cache_max_samples: int = _field(
+        32, "world_cache", "Frames averaged. More: less noise, more lag.", low=1, high=4096
+    )
+    world_cache_blend: str = _field(
+        "adaptive",
+        "world_cache",
+        "Fewer frames are averaged where light changes; fixed is Solari 0.17's.",
+        choices=("adaptive", "fixed"),
+    )
     world_cache_candidates: int = _field(32, "world_cache", "Light samples a cell chooses from.", low=1, high=1024)
     world_cache_ray_length: float = _field(50.0, "world_cache", "Metres that a cell's ray sees.", low=1e-3, high=1e9)
-    world_cache_update_cap: int = _field(40_000, "world_cache", "Cells updated a frame, about; the others wait by chance.",
-                                         low=1, high=1 << 26)  # fmt: skip
-    world_cache_jitter: float = _field(0.5, "world_cache", "Cells by which a query is moved at random: hides the grid.",
-                                       low=0, high=2)  # fmt: skip
+    world_cache_update_cap: int = _field(
+        40_000, "world_cache", "Cells updated a frame, about; the others wait by chance.", low=1, high=1 << 26
+    )
+    world_cache_jitter: float = _field(
+        0.5, "world_cache", "Cells by which a query is moved at random: hides the grid.", low=0, high=2
+    )
     world_cache_leak_prevention: bool = _field(True, "world_cache", "Rays shorter than a cell use the finest (0.19).")
 
     # ---- ReSTIR DI
     di_candidates: int = _field(8, "restir_di", "Light samples a pixel chooses from (0.17: 32).", low=1, high=1024)
     di_temporal: bool = _field(True, "restir_di", "Reuse the last frame's samples.")
     di_spatial: bool = _field(True, "restir_di", "Reuse a neighbour's sample.")
-    di_initial_visibility: bool = _field(False, "restir_di", "Drop occluded candidates before they are reused. Solari does: "
-                                         "less noise in shadow, but shadows grow halos.")  # fmt: skip
-    di_order: str = _field("0.18", "restir_di", "When visibility is tested; 0.17 feeds it forward.",
-                           choices=("0.18", "0.17"))  # fmt: skip
-    di_merge: str = _field("balance", "restir_di", "Weights of a merge; constant is Solari 0.17's.",
-                           choices=("balance", "constant"))  # fmt: skip
-    di_confidence_cap: float = _field(20.0, "restir_di", "Frames of history that count. More: less noise, more lag.",
-                                      low=1, high=1e4)  # fmt: skip
+    di_initial_visibility: bool = _field(
+        False,
+        "restir_di",
+        "Drop occluded candidates before they are reused. Solari does: less noise in shadow, but shadows grow halos.",
+    )
+    di_order: str = _field(
+        "0.18", "restir_di", "When visibility is tested; 0.17 feeds it forward.", choices=("0.18", "0.17")
+    )
+    di_merge: str = _field(
+        "balance", "restir_di", "Weights of a merge; constant is Solari 0.17's.", choices=("balance", "constant")
+    )
+    di_confidence_cap: float = _field(
+        20.0, "restir_di", "Frames of history that count. More: less noise, more lag.", low=1, high=1e4
+    )
     di_spatial_radius: float = _field(30.0, "restir_di", "Pixels in which a neighbour is looked for.", low=1, high=1e4)
 
     # ---- ReSTIR GI
     gi_temporal: bool = _field(True, "restir_gi", "Reuse the last frame's samples.")
     gi_spatial: bool = _field(True, "restir_gi", "Reuse a neighbour's sample.")
-    gi_confidence_cap: float = _field(8.0, "restir_gi", "Frames of history that count. More: less noise, more lag.",
-                                      low=1, high=1e4)  # fmt: skip
+    gi_confidence_cap: float = _field(
+        8.0, "restir_gi", "Frames of history that count. More: less noise, more lag.", low=1, high=1e4
+    )
     gi_spatial_radius: float = _field(30.0, "restir_gi", "Pixels in which a neighbour is looked for.", low=1, high=1e4)
-    gi_jacobian_limit: float = _field(10.0, "restir_gi", "A shift that stretches more than so is no merge.", low=1,
-                                      high=1e6)  # fmt: skip
+    gi_jacobian_limit: float = _field(
+        10.0, "restir_gi", "A shift that stretches more than so is no merge.", low=1, high=1e6
+    )
     gi_skip_smooth_metals: bool = _field(True, "restir_gi", "Nothing is sampled where nothing diffuse is (0.19).")
 
     # ---- specular GI
-    specular_bounces: int = _field(3, "specular_gi", "Surfaces a path visits before it ends in the cache.", low=1, high=64)
-    specular_reuse_roughness: float = _field(0.4, "specular_gi", "Above this roughness the GI reservoir serves.", low=0,
-                                             high=1)  # fmt: skip
-    specular_di_roughness: float = _field(0.0225, "specular_gi", "Up to this roughness lights are met by specular rays, "
-                                          "above it DI shades them.", low=0, high=1)  # fmt: skip
-    specular_termination: str = _field("spread", "specular_gi", "A path ends in the cache when its cone is wider than a "
-                                       "cell, or (0.18) at a rough surface.", choices=("spread", "roughness"))  # fmt: skip
-    specular_mirror: str = _field("mirror", "specular_gi", "How the smoothest surfaces reflect; clamped_ggx is 0.18's.",
-                                  choices=("mirror", "clamped_ggx"))  # fmt: skip
+    specular_bounces: int = _field(
+        3, "specular_gi", "Surfaces a path visits before it ends in the cache.", low=1, high=64
+    )
+    specular_reuse_roughness: float = _field(
+        0.4, "specular_gi", "Above this roughness the GI reservoir serves.", low=0, high=1
+    )
+    specular_di_roughness: float = _field(
+        0.0225,
+        "specular_gi",
+        "Up to this roughness lights are met by specular rays, above it DI shades them.",
+        low=0,
+        high=1,
+    )
+    specular_termination: str = _field(
+        "spread",
+        "specular_gi",
+        "A path ends in the cache when its cone is wider than a cell, or (0.18) at a rough surface.",
+        choices=("spread", "roughness"),
+    )
+    specular_mirror: str = _field(
+        "mirror",
+        "specular_gi",
+        "How the smoothest surfaces reflect; clamped_ggx is 0.18's.",
+        choices=("mirror", "clamped_ggx"),
+    )
     primary_surface_replacement: bool = _field(True, "specular_gi", "Guides describe what mirrors show.")
 
     revision = 0
@@ -162,7 +215,16 @@ class Settings:
             raise SolariError(_unknown(name))
         default = DEFAULTS[name]
         if isinstance(default, bool):
-            words = {"1": True, "true": True, "on": True, "yes": True, "0": False, "false": False, "off": False, "no": False}
+            words = {
+                "1": True,
+                "true": True,
+                "on": True,
+                "yes": True,
+                "0": False,
+                "false": False,
+                "off": False,
+                "no": False,
+            }
             if value.strip().lower() not in words:
                 raise SolariError(f"Settings: {name} is on or off, not {value!r}")
             setattr(self, name, words[value.strip().lower()])
@@ -192,13 +254,24 @@ class Settings:
 FIELDS: dict[str, Field] = {field.name: field.metadata["field"] for field in dataclasses.fields(Settings)}
 DEFAULTS: dict[str, Any] = {field.name: field.default for field in dataclasses.fields(Settings)}
 QUALITIES: dict[str, dict[str, Any]] = {
-    "low": {"di_candidates": 4, "world_cache_cell_size": 0.3, "world_cache_candidates": 8, "world_cache_update_cap": 10_000,
-            "specular_bounces": 2},
+    "low": {
+        "di_candidates": 4,
+        "world_cache_cell_size": 0.3,
+        "world_cache_candidates": 8,
+        "world_cache_update_cap": 10_000,
+        "specular_bounces": 2,
+    },
     "medium": {},
     "high": {"di_candidates": 16, "world_cache_cell_size": 0.1, "world_cache_max_samples": 64, "specular_bounces": 4},
-    "ultra": {"di_candidates": 32, "world_cache_cell_size": 0.05, "world_cache_max_samples": 128,
-              "world_cache_update_cap": 200_000, "specular_bounces": 8, "gi_confidence_cap": 16.0},
-}  # fmt: skip
+    "ultra": {
+        "di_candidates": 32,
+        "world_cache_cell_size": 0.05,
+        "world_cache_max_samples": 128,
+        "world_cache_update_cap": 200_000,
+        "specular_bounces": 8,
+        "gi_confidence_cap": 16.0,
+    },
+}
 
 
 def _unknown(name: str) -> str:

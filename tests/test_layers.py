@@ -22,11 +22,12 @@ MAY_IMPORT = {
     "gpu": {"errors"},
     "scene": {"errors", "gpu"},
     "view": {"gpu", "scene"},
+    "light_translation": {"gpu"},
     "passes": {"errors", "gpu", "settings"},
     "rt": {"errors", "gpu"},
     "tracer": {"errors", "gpu", "scene"},
     "reference": {"errors", "gpu", "scene", "passes", "view"},
-    "renderer": {"errors", "settings", "gpu", "scene", "passes", "view"},
+    "renderer": {"errors", "settings", "gpu", "scene", "passes", "view", "light_translation"},
 }
 ON_TOP = {"__init__", "__main__", "bench", "bench_rt", "cli", "conformance", "viewer"}
 # Of passes, the scene's GLSL may only read what they leave in set 1, such as the BRDF's table.

@@ -91,7 +91,7 @@ class Lights:
         if not self._changed:
             return
         self._changed = False
-        listed = (*self._emissive, *self._directional)
+        listed: list[Instance | DirectionalLight] = [*self._emissive, *self._directional]
         self.ids = np.fromiter((self._id_of[light] for light in listed), np.uint32, len(listed))
         first, count = len(self._emissive), len(self._directional)
         self.sources.reserve(first + count)
