@@ -14,3 +14,7 @@ class DeviceError(SolariError):
 
 class ValidationError(SolariError):
     """The Vulkan validation layer reported messages; they are the text of the exception."""
+
+
+class CallbackError(ExceptionGroup[Exception], SolariError):
+    """Callbacks of the user's raised; `exceptions` are theirs. The device is as it would be without them."""

@@ -141,7 +141,7 @@ class RayTracer:
         return hits.reshape(shape)
 
     def _fetch(self, hits: NDArray[Any], value: int, batch: slice, place: slice) -> None:
-        self.device.wait(value)
+        self.device.await_value(value)
         # as bytes: numpy copies records field by field
         hits[batch].view(np.uint8)[:] = self._views["ray_hits"][place].view(np.uint8)
 

@@ -77,7 +77,8 @@ class Blas(Structure):
         return self.prefers_update and refit_keys(self.geometries) == refit_keys(self._built_from)
 
     def ensure_storage(self) -> None:
-        """Make storage before the first build."""
+        """Make storage before the first build. Raises SolariError when it was destroyed."""
+        self.check_alive("build")
         if self.handle is None:
             self.create(self.size)
 
@@ -92,9 +93,10 @@ class Blas(Structure):
     def prepare_compaction(self, callback: Callable[[], None] | None = None) -> None:
         """Find out, once all builds submitted so far are done, how small it can be; then it is `ready_for_compaction`.
 
-        The callback is called then, from within a later call of the device (submitting, waiting). Building it again
-        before that ends the preparation, and the callback is never called. Raises SolariError for a structure that
-        was not built, was made without allow_compaction, or is compacted.
+        The callback is called then, at the end of the next `wait`, `wait_idle` or `poll` of the device, where what it
+        raises comes out as a CallbackError. Building or destroying it before that ends the preparation, and the
+        callback is never called. Raises SolariError for a structure that was not built, was made without
+        allow_compaction, or is compacted.
         """
         self.check_alive("compaction")
         if not self.built or self.compacted or not self.allow_compaction:
@@ -106,7 +108,7 @@ class Blas(Structure):
 
     @property
     def ready_for_compaction(self) -> bool:
-        """Whether `compact` may be called now."""
+        """Whether `compact` may be called now. Asking calls no callback."""
         return self._preparation is not None and self._preparation.ready
 
     def compact(self, name: str = "") -> Blas:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 class SizeQuery:
     """Asks the device for the compacted sizes of structures, after all builds submitted so far.
 
-    `value` is the timeline's when the answer is there. `read` it once, then or later.
+    `value` is the timeline's when the answer is there. `read` it once, then or later; or `fetch` it when it is there.
     """
 
     def __init__(self, device: Device, blases: Sequence[Blas]) -> None:
@@ -37,8 +37,12 @@ class SizeQuery:
 
     def read(self) -> list[int]:
         """The sizes in bytes, in the order asked for; waits for them."""
+        self._device.await_value(self.value)
+        return self.fetch()
+
+    def fetch(self) -> list[int]:
+        """The sizes, once the device has come to `value`."""
         device = self._device
-        device.wait(self.value)
         sizes = np.zeros(self._count, np.uint64)
         flags = raw.VK_QUERY_RESULT_64_BIT | raw.VK_QUERY_RESULT_WAIT_BIT
         target = raw.ffi.from_buffer(sizes)
@@ -89,6 +93,7 @@ class Preparation:
 
     def __init__(self, blas: Blas, callback: Callable[[], None] | None) -> None:
         self.size = 0
+        self._blas = blas.describe()
         self._callback = callback
         self._cancelled = False
         self._query = SizeQuery(blas.device, [blas])
@@ -110,12 +115,20 @@ class Preparation:
         self._cancelled = True
 
     def _finish(self) -> None:
-        """Called when the device has finished; also while the device closes, when there is nothing to tell."""
+        """Called when the device has finished, maybe in the middle of a build: the user's callback comes later.
+
+        Also called while the device closes, when there is nothing to tell.
+        """
         if self._device.closed:
             return
         if self._cancelled:
             self._query.drop()
             return
-        (self.size,) = self._query.read()
+        (self.size,) = self._query.fetch()
         if self._callback is not None:
+            self._device.callbacks.add(f"prepare_compaction of {self._blas}", self._tell)
+
+    def _tell(self) -> None:
+        """Call back, unless it was cancelled since it was due."""
+        if self._callback is not None and not self._cancelled:
             self._callback()

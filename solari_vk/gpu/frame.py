@@ -142,7 +142,7 @@ class Frame:
         shader's acceleration structure must not be used as it is (`Tlas.check_usable`).
         """
         slot = self._slots[self.frame_count % SLOTS]
-        self.device.wait(slot.value)
+        self.device.await_value(slot.value)
         if slot.stale:
             slot.record(self._barriers)
         self._check_structures()
@@ -220,7 +220,7 @@ class Frame:
         slot = max(done, key=lambda item: item.value) if done else self._latest
         if not slot.value:
             return {}
-        self.device.wait(slot.value)
+        self.device.await_value(slot.value)
         self.timed_value = slot.value
         return slot.read_timings()
 

@@ -9,6 +9,7 @@ from contextlib import AbstractContextManager
 from solari_vk.errors import DeviceError
 from solari_vk.gpu import raw
 from solari_vk.gpu.barriers import ALL_COMMANDS, host_read_barrier
+from solari_vk.gpu.callbacks import Callbacks
 
 _WAIT_SLICE = 100_000_000  # nanoseconds: Python sees Ctrl-C between slices
 
@@ -73,7 +74,9 @@ class WorkQueue:
         self._next_token = 0
         self._retired: deque[tuple[int, Callable[[], None]]] = deque()
         self._retired_with_next: list[Callable[[], None]] = []
+        self._collecting = False
         self._before_next: list[Callable[[raw.CData], None]] = []
+        self.callbacks = Callbacks()
         self.timeline = self.create(
             "VkSemaphore",
             raw.struct(
@@ -173,7 +176,7 @@ class WorkQueue:
 
     def run(self, record: Callable[[raw.CData], None], name: str = "") -> None:
         """Record one-time commands, submit them and wait until they are done."""
-        self.wait(self.start(record, name))
+        self.await_value(self.start(record, name))
 
     def _start(self, record: Callable[[raw.CData], None], name: str) -> int:
         allocate = raw.struct(
@@ -217,7 +220,25 @@ class WorkQueue:
         return not self.lost and not self._before_next and self.completed == self.submitted
 
     def wait(self, value: int) -> None:
-        """Wait until the timeline has reached a value that a submission returned."""
+        """Wait until the timeline has reached a value that a submission returned; then do as `poll` does."""
+        self.await_value(value)
+        self.callbacks.call()
+
+    def wait_idle(self) -> None:
+        """Wait for everything submitted so far; then do as `poll` does."""
+        self.wait(self.submitted)
+
+    def poll(self) -> None:
+        """Free what the device is done with, and call the callbacks (`Blas.prepare_compaction`) that are due.
+
+        Only this, `wait` and `wait_idle` call them. Raises CallbackError, when all were called, if any raised.
+        """
+        self.collect()
+        self.check_messages()
+        self.callbacks.call()
+
+    def await_value(self, value: int) -> None:
+        """As `wait`, but no callback is called: for waits in the middle of something."""
         if self.lost:
             raise DeviceError(f"{self.name} was lost: make a new Device")
         if value > self.submitted:
@@ -228,10 +249,6 @@ class WorkQueue:
                 self._completed = max(self._completed, value)
         self.collect()
         self.check_messages()
-
-    def wait_idle(self) -> None:
-        """Wait for everything submitted so far."""
-        self.wait(self.submitted)
 
     def sync_host(self) -> None:
         """Wait for everything submitted and make what it wrote visible to the host (mapped memory)."""
@@ -270,12 +287,16 @@ class WorkQueue:
             self.collect()
 
     def collect(self) -> None:
-        """Destroy what was retired and is no longer used."""
-        if not self._retired or self.lost:
+        """Destroy what was retired and is no longer used. Calls no callback."""
+        if not self._retired or self.lost or self._collecting:
             return
         completed = self.completed
-        while self._retired and self._retired[0][0] <= completed:
-            self._retired.popleft()[1]()
+        self._collecting = True  # what destruction retires is for this loop: recursion has a depth, and no order
+        try:
+            while self._retired and self._retired[0][0] <= completed:
+                self._retired.popleft()[1]()
+        finally:
+            self._collecting = False
 
     def _finish(self) -> None:
         """Wait for all work and destroy all that is left. A lost device is waited for a second at most."""
@@ -290,6 +311,7 @@ class WorkQueue:
         self._retired.clear()
         self._retired_with_next.clear()
         self._owned.clear()
+        self.callbacks.clear()
 
     def _destroy_queue(self) -> None:
         self.vk.vkDestroyCommandPool(self.handle, self._pool, raw.NULL)

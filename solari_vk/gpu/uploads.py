@@ -148,7 +148,7 @@ class Uploads:
     def _flush_when_large(self) -> None:
         if self._submits and self._staged > FLUSH_SIZE:
             # At most two parts are held: the one being copied and the one being filled.
-            self._device.wait(max(self._submit() - 1, 0))
+            self._device.await_value(max(self._submit() - 1, 0))
 
     def _submit(self) -> int:
         if self.empty:

@@ -120,6 +120,15 @@ def test_freed_structures(world: Any, built: Any) -> None:
         use(world, tlas)
 
 
+def test_a_freed_structure_gets_no_new_storage(world: Any) -> None:
+    blas = world.blas(name="gone")
+    blas.destroy()
+    before = world.device.live_objects
+    with refused("build of Blas gone, which was destroyed"):
+        blas.ensure_storage()
+    assert world.device.live_objects == before
+
+
 def test_freed_between_making_and_submitting_a_call(world: Any) -> None:
     blas = world.blas(name="gone")
     call = rt.BuildCall(world.device, [world.entry(blas)])

@@ -1,0 +1,168 @@
+"""Callbacks of prepare_compaction: where they are called, and what becomes of what they raise."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from probes import TRIANGLE, quad, trace
+
+import solari_vk as sv
+from solari_vk import rt
+from solari_vk.errors import CallbackError, DeviceError, SolariError
+from solari_vk.gpu import uploads
+from solari_vk.gpu.acceleration import Blas, TriangleGeometry, build_blases
+
+CENTER = np.array([0.6, 0.3, 5.0])
+
+
+def out_of_memory_once(device: sv.Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The allocator waits for what is being freed, and tries again."""
+    real, tries = device.memory._allocate, []
+
+    def allocate(*arguments: Any) -> Any:
+        tries.append(1)
+        if len(tries) == 1:
+            raise DeviceError("full")
+        return real(*arguments)
+
+    with monkeypatch.context() as full:
+        full.setattr(device.memory, "_allocate", allocate)
+        device.buffer(16, "late").destroy()
+    assert len(tries) == 2
+
+
+def test_callbacks_never_run_inside_a_device_call(world: Any, built: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever the device has finished, and wherever it is heard of, the user's function waits for its own call."""
+    device, inside, told = world.device, [], []
+    blas, tlas = built()
+    for name in ("vkQueueSubmit2", "vkCmdBuildAccelerationStructuresKHR", "vkWaitSemaphores"):
+        real = getattr(device.vk, name)
+        monkeypatch.setattr(device.vk, name, lambda *a, real=real: (inside.append(1), real(*a), inside.pop())[1])
+    calls = {
+        "build": lambda: world.build([world.entry(other)], [rt.TlasPackage(tlas, [rt.TlasInstance(blas)])]),
+        "build_blases": lambda: build_blases(device, [world.keep(Blas(device, [at])) for _ in "ab"], scratch_budget=1),
+        "frame": lambda: trace(device, tlas, CENTER),
+        "read back": lambda: buffer.read(np.float32),
+        "run": lambda: device.run(lambda cmd: None),
+        "sync": device.sync_host,
+        "large upload": lambda: buffer.upload(np.zeros(3, np.float32)),
+        "ready": lambda: blas.ready_for_compaction,
+        "out of memory": lambda: out_of_memory_once(device, monkeypatch),
+    }
+    monkeypatch.setattr(uploads, "FLUSH_SIZE", 4)
+    monkeypatch.setattr(sv.Device, "idle", False)  # or a mapped buffer is written at once
+    other, buffer = world.blas(), world.buffer([1, 2, 3])
+    at = TriangleGeometry(world.buffer(quad()).address, 6, 2)
+    for name, call in calls.items():
+        blas.prepare_compaction(lambda: told.append(bool(inside)))
+        device.await_value(device.submitted)
+        assert blas.ready_for_compaction, name
+        call()
+        assert told == [], name
+        device.poll()
+        assert told == [False], name
+        del told[:]
+    assert len(calls) == 9
+
+
+def test_every_callback_is_called_and_what_they_raise_comes_out_together(
+    world: Any, built: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device, told = world.device, []
+    blases = [world.blas(name=f"number {i}") for i in range(4)]
+    world.build([world.entry(blas) for blas in blases])
+    completed = device.completed
+    monkeypatch.setattr(sv.Device, "completed", completed)  # as if it were at work, so that all are done at once
+
+    def fail(i: int) -> None:
+        told.append(i)
+        if i % 2 == 0:
+            raise ValueError(f"mine {i}")
+
+    for i, blas in enumerate(blases):
+        blas.prepare_compaction(lambda i=i: fail(i))
+    monkeypatch.undo()
+    with pytest.raises(CallbackError, match=r"prepare_compaction of Blas number 0.* of Blas number 2") as caught:
+        device.wait_idle()
+    assert isinstance(caught.value, SolariError)
+    assert told == [0, 1, 2, 3]
+    assert [str(error) for error in caught.value.exceptions] == ["mine 0", "mine 2"]
+    assert all("Blas number" in error.__notes__[0] for error in caught.value.exceptions)
+    device.wait_idle()  # they come out once
+    for blas in blases:  # and the device is as it would be without them
+        assert blas.ready_for_compaction
+        world.keep(blas.compact())
+    _, tlas = built()
+    assert trace(device, tlas, CENTER)["hit"]["kind"].tolist() == [TRIANGLE]
+
+
+def test_interrupting_a_callback_leaves_the_others_due(world: Any) -> None:
+    device, told = world.device, []
+    blases = [world.blas() for _ in range(3)]
+    world.build([world.entry(blas) for blas in blases])
+
+    def stop() -> None:
+        raise KeyboardInterrupt
+
+    for blas, callback in zip(blases, (lambda: told.append(0), stop, lambda: told.append(2)), strict=True):
+        blas.prepare_compaction(callback)
+    with pytest.raises(KeyboardInterrupt):
+        device.wait_idle()
+    assert told == [0]
+    device.poll()
+    assert told == [0, 2]
+
+
+def test_many_may_be_done_at_once(world: Any, built: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    blas, _ = built()
+    with monkeypatch.context() as slow:
+        slow.setattr(sv.Device, "completed", world.device.completed)
+        for _ in range(1000):
+            blas.prepare_compaction()
+    world.device.wait_idle()
+    assert blas.ready_for_compaction
+
+
+@pytest.mark.parametrize("how", ["build", "destroy"])
+def test_a_callback_that_is_due_can_still_be_cancelled(world: Any, built: Any, how: str) -> None:
+    blas, _ = built()
+    told: list[str] = []
+    blas.prepare_compaction(lambda: told.append("called"))
+    world.device.await_value(world.device.submitted)
+    assert blas.ready_for_compaction
+    if how == "build":
+        world.build([world.entry(blas)])
+    else:
+        blas.destroy()
+    world.device.wait_idle()
+    assert told == []
+
+
+def test_a_callback_may_build_wait_and_prepare_anew(world: Any, built: Any) -> None:
+    device, told = world.device, []
+    blas, tlas = built()
+
+    def again() -> None:
+        told.append("first")
+        small = world.keep(blas.compact())
+        world.build((), [rt.TlasPackage(tlas, [rt.TlasInstance(small)])])
+        blas.prepare_compaction(lambda: told.append("second"))
+        device.wait_idle()
+        told.append("after waiting")
+
+    blas.prepare_compaction(again)
+    device.wait_idle()
+    assert told == ["first", "second", "after waiting"]
+    assert trace(device, tlas, CENTER)["hit"]["kind"].tolist() == [TRIANGLE]
+
+
+def test_callbacks_of_a_closed_device_are_dropped(any_device: None) -> None:
+    told: list[int] = []
+    with sv.Device(validation=True) as device:
+        blas = rt.create_blas(device, [rt.Triangles(quad())])
+        rt.build_acceleration_structures(device, [rt.BlasBuildEntry(blas, [rt.Triangles(quad())])])
+        blas.prepare_compaction(lambda: told.append(1))
+        device.await_value(device.submitted)
+    assert told == []
