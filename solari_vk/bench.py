@@ -42,7 +42,7 @@ class Figures:
         version = ".".join(map(str, device.properties.api_version))
         head = [
             "# Benchmarks", "",
-            "Written by `solari-vk bench --markdown FILE`. Times are wall-clock times; ratios are of runs in turns.", "",
+            "Written by `solari-vk bench --markdown FILE`. Times are wall-clock; ratios are of runs in turns.", "",
             f"- device: {device.name} ({device.properties.kind}), {os.cpu_count()} cores",
             f"- driver: {device.properties.driver}, Vulkan {version}",
             f"- solari_vk {__version__}", "", "| what | measured | remark |", "| --- | ---: | --- |",

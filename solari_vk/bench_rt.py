@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk import rt
+from solari_vk.errors import SolariError
 from solari_vk.gpu.device import Device
+from solari_vk.gpu.frame import Pass, Stage
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.shapes import sphere
 from solari_vk.scene.spatial import spatial_order
-from solari_vk.tracer import BATCH, RayTracer
+from solari_vk.tracer import BATCH, RayTracer, SceneFrame
 
 Say = Callable[..., None]
 
@@ -61,11 +64,14 @@ def _blas(device: Device, say: Say, seconds: float, triangles: int) -> None:
     blas = rt.create_blas(device, [geometry])
     entry = rt.BlasBuildEntry(blas, [geometry])
     spent = _best(device, seconds, lambda: rt.build_acceleration_structures(device, [entry]))
-    say(f"BLAS of {len(indices):,} triangles", 1 / spent, "builds/s")
+    note = f"{len(indices) / spent / 1e6:.2f} Mtriangles/s"
+    say(f"BLAS of {len(indices):,} triangles: builds", 1 / spent, "/s", note)
     blas.prepare_compaction()
     device.wait_idle()
     compacted = blas.compact()
-    say(f"BLAS of {len(indices):,} triangles", blas.size / 2**20, "MiB", f"{compacted.size / 2**20:,.3f} compacted")
+    say(f"BLAS of {len(indices):,} triangles: built", blas.size, "bytes")
+    note = f"{compacted.size / blas.size:.3f} of that"
+    say(f"BLAS of {len(indices):,} triangles: compacted", compacted.size, "bytes", note)
     blas.destroy()
     compacted.destroy()
     for buffer in buffers:
@@ -89,21 +95,37 @@ def _tlas(device: Device, say: Say, seconds: float, count: int) -> float:
 
 
 def _trace(device: Device, say: Say, seconds: float, name: str) -> None:
-    """`RayTracer.trace` against its own kernel over rays that are on the device already, in turns."""
+    """The same rays in turns by a shader that does nothing else, by `RayTracer`'s own over its filled buffers, and by
+    `RayTracer.trace` from arrays to arrays."""
     scene, rng, count = builtin(name), np.random.default_rng(1), 8 * BATCH
     low, high = scene.bounds()
     origins = np.tile(rng.uniform(low, high, (2 * BATCH, 3)).astype(np.float32), (4, 1))
     directions = np.tile(rng.normal(size=(2 * BATCH, 3)).astype(np.float32), (4, 1))
-    with RayTracer(device, scene) as tracer:
-        tracer.trace(origins[: 2 * BATCH], directions[: 2 * BATCH])
-        bare: list[float] = []
-        whole: list[float] = []
-        while sum(whole) < seconds:
-            bare.append(_best(device, 0.0, lambda: _run_kernel(tracer, count // BATCH)))
-            whole.append(_best(device, 0.0, lambda: tracer.trace(origins, directions)))
-    say(f"{name}: rays from Python", count / float(np.median(whole)) / 1e6, "Mrays/s")
-    ratio = float(np.median(np.array(bare) / np.array(whole)))
-    say(f"{name}: rays from Python / bare kernel", ratio, "", "aim 0.8 or more")
+    with ExitStack() as stack:
+        tracer = stack.enter_context(RayTracer(device, scene))
+        rays = {}
+        for what, values in (("plain_origins", origins), ("plain_directions", directions)):
+            rays[what] = device.buffer(values.nbytes, what)
+            stack.callback(rays[what].destroy)
+            rays[what].upload(values)
+        stage = Stage("plain", buffers={"plain_distances": count}, passes=[Pass("bench/plain", threads=count)])
+        plain = stack.enter_context(SceneFrame(device, tracer.binder, [stage], external=rays))
+        plain.submit()
+        hits = tracer.trace(origins, directions)
+        if not np.array_equal(plain["plain_distances"], hits["t"]):
+            raise SolariError(f"{name}: the kernels that are compared don't find the same distances")
+        works: list[Callable[[], Any]] = [
+            plain.submit, lambda: _run_kernel(tracer, count // BATCH), lambda: tracer.trace(origins, directions),
+        ]  # fmt: skip
+        times: list[list[float]] = []
+        # In turns, so that what else runs on the machine slows all of them.
+        while len(times) < 3 or sum(map(sum, times)) < 3 * seconds:
+            times.append([_best(device, 0.0, work) for work in works])
+    bare, own, whole = np.array(times).T
+    say(f"{name}: a kernel that only traces", count / float(np.median(bare)) / 1e6, "Mrays/s")
+    say(f"{name}: RayTracer.trace, arrays to arrays", count / float(np.median(whole)) / 1e6, "Mrays/s")
+    say(f"{name}: RayTracer.trace / kernel that only traces", float(np.median(bare / whole)), "", "aim 0.8 or more")
+    say(f"{name}: RayTracer.trace / its own kernel", float(np.median(own / whole)), "", "what Python costs")
 
 
 def _run_kernel(tracer: RayTracer, batches: int) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from solari_vk.conformance.kernels import Kernels
+from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.conformance.suite import Recorder, Suite
 from solari_vk.gpu.device import Device
 
@@ -33,8 +34,15 @@ def device(suite: Suite) -> Device:
 
 @pytest.fixture(scope="session")
 def kernels(device: Device) -> Iterator[Kernels]:
-    """The suite's shaders."""
+    """Runs conformance/NAME.comp of the package over arrays and acceleration structures."""
     with Kernels(device) as made:
+        yield made
+
+
+@pytest.fixture(scope="session")
+def shaders(device: Device) -> Iterator[ShaderRunner]:
+    """Runs passes/NAME.comp of the package over arrays."""
+    with ShaderRunner(device) as made:
         yield made
 
 
@@ -46,5 +54,5 @@ def rule(request: Any, suite: Suite) -> Recorder:
 
 @pytest.fixture(scope="session")
 def full(suite: Suite) -> bool:
-    """Whether to measure the large sizes as well."""
+    """Whether to measure ten times as much; what is measured only then is given to `rule.full_only` otherwise."""
     return suite.full

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import html
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from solari_vk.conformance.rules import FAULT, STATUSES, UNSUPPORTED, Row
+from solari_vk.conformance.rules import FAULT, NOT_RUN, RED, STATUSES, UNSUPPORTED, Row
 from solari_vk.gpu.device import Device
 
 _LEGEND = (
     "Written by `solari-vk conformance --markdown FILE`. A rule holds when what was measured is at most the bar;\n"
-    "where it was measured in several cases (runs), the worst is shown."
+    "where it was measured in several cases (runs), the worst is shown. The exit code is 0 when every rule holds, but\n"
+    "for known faults (listed with evidence, and with a bound above which they fail too), what the device has no feature\n"
+    "for, and what only the full profile measures. Whatever else couldn't be measured is an error."
 )
 _COLUMNS = ("rule", "document, section", "result", "measured", "bar", "runs")
 
@@ -19,7 +21,10 @@ _COLUMNS = ("rule", "document, section", "result", "measured", "bar", "runs")
 class Report:
     """What `solari-vk conformance` prints and writes."""
 
-    def __init__(self, device: Device, rows: Sequence[Row], full: bool, seconds: float) -> None:
+    def __init__(
+        self, device: Device, rows: Sequence[Row], full: bool, seconds: float,
+        spent: Mapping[str, float] | None = None, left_out: Sequence[str] = (),
+    ) -> None:  # fmt: skip
         from solari_vk import __version__
 
         self.rows = list(rows)
@@ -34,6 +39,10 @@ class Report:
             + (", under the validation layer" if device.validation else ""),
             "result": self.verdict(),
         }
+        if spent:
+            self.header["seconds"] = ", ".join(f"{group} {time:.0f}" for group, time in spent.items())
+        if left_out:
+            self.header["left out"] = ", ".join(left_out)
 
     def verdict(self) -> str:
         """How many rules came out how."""
@@ -57,7 +66,7 @@ class Report:
 
     def text(self) -> str:
         """Plain text, columns aligned."""
-        lines = [f"{name + ':':9}{value}" for name, value in self.header.items()]
+        lines = [f"{name + ':':10}{value}" for name, value in self.header.items()]
         for group, members in self._groups().items():
             cells = [_COLUMNS, *map(self._cells, members)]
             widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
@@ -75,11 +84,9 @@ class Report:
         for group, members in self._groups().items():
             lines += ["", f"## {group}", "", _markdown_row(_COLUMNS), _markdown_row(["---"] * len(_COLUMNS))]
             lines += [_markdown_row(self._cells(row)) for row in members]
-        for title, statuses in (("Known faults", {FAULT}), ("Unsupported", {UNSUPPORTED}), ("Failures", None)):
-            found = [
-                row for row in self.rows
-                if row.note and (row.status in statuses if statuses else row.status not in (FAULT, UNSUPPORTED))
-            ]  # fmt: skip
+        remarks = {"Failures": RED, "Known faults": (FAULT,), "Unsupported": (UNSUPPORTED,), "Not run": (NOT_RUN,)}
+        for title, statuses in remarks.items():
+            found = [row for row in self.rows if row.note and row.status in statuses]
             if found:
                 lines += ["", f"## {title}", "", *(f"- {row.rule.name}: {row.note}" for row in found)]
         return "\n".join(lines) + "\n"
@@ -93,7 +100,7 @@ class Report:
             *(f"<li>{html.escape(name)}: {html.escape(value)}" for name, value in self.header.items()),
             "</ul>",
         ]
-        colors = {"pass": "", FAULT: "fault", UNSUPPORTED: "none"}
+        colors = {"pass": "", FAULT: "fault", UNSUPPORTED: "none", NOT_RUN: "none"}
         for group, members in self._groups().items():
             parts.append(f"<h2>{html.escape(group)}</h2><table><tr>")
             parts += [f"<th>{name}" for name in (*_COLUMNS, "remark")]

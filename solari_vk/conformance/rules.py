@@ -8,8 +8,10 @@ from dataclasses import dataclass, field
 
 WGPU, VULKAN, SUITE = "wgpu ray tracing", "Vulkan 1.3", "solari_vk"
 PASS, FAIL, ERROR, FAULT, UNSUPPORTED = "pass", "FAIL", "ERROR", "known fault", "unsupported"
+NOT_RUN = "not run (full only)"
 # The worst first: what a row says when its rule was measured in several cases.
-STATUSES = (ERROR, FAIL, FAULT, UNSUPPORTED, PASS)
+STATUSES = (ERROR, FAIL, FAULT, NOT_RUN, UNSUPPORTED, PASS)
+RED = (ERROR, FAIL)  # what makes a run fail
 
 
 @dataclass(frozen=True)

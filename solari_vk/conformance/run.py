@@ -19,7 +19,7 @@ def run(
     select: str | None = None, *, only: Sequence[str] = (), full: bool = False,
     junit: Path | None = None, markdown: Path | None = None, html: Path | None = None,
 ) -> int:  # fmt: skip
-    """Run groups (all by default) and print the report; 0 when everything holds, else 1.
+    """Run groups (all by default) and print the report; 0 when it is green, else 1 (`solari-vk conformance --help`).
 
     Raises SolariError for an unknown group or without pytest, DeviceError when no device fits.
     """

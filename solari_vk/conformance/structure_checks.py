@@ -185,15 +185,19 @@ def measure_tlas_rebuilds(kernels: Kernels, damage: Damage | None = None) -> Ite
     yield count_wrong(Rule("a Tlas holds what it was last built with", WGPU, _API), wrong)
 
 
-def measure_large_tlas(kernels: Kernels, count: int) -> Iterator[Measurement]:
+def large_tlas_rule(count: int) -> Rule:
+    """What `measure_large_tlas` measures."""
+    return Rule(f"a Tlas of {count:,} instances", VULKAN, _STRUCTURES)
+
+
+def measure_large_tlas(kernels: Kernels, count: int, damage: Damage | None = None) -> Iterator[Measurement]:
     """More instances than 16 bits count."""
     side = int(np.ceil(np.sqrt(count)))
     places = np.stack(np.unravel_index(np.arange(count), (side, side)), 1) * 3.0
     places = places[spatial_order(np.pad(places, ((0, 0), (0, 1))))]
     placed = [Placed("one", translation(x, y), custom=i & 0xFFFFFF) for i, (x, y) in enumerate(places)]
-    with World(kernels.device, {"one": [Triangles(_FLAT)]}, placed) as world:
+    with World(kernels.device, {"one": [Triangles(_FLAT)]}, placed, damage=damage) as world:
         origins = np.concatenate([places + 0.5, np.ones((count, 1))], axis=1)
         hits = trace(kernels, world.tlas, origins, _DOWN)
     wrong = (hits["custom_data"] != np.arange(count)) | (hits["instance"] != np.arange(count)) | (hits["t"] < 0)
-    rule = Rule("more instances than 16 bits count", VULKAN, _STRUCTURES)
-    yield Measurement(rule, float(wrong.sum()), unit=f"of {count:,}")
+    yield Measurement(large_tlas_rule(count), float(wrong.sum()), unit=f"of {count:,}")

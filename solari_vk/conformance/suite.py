@@ -14,7 +14,20 @@ from typing import Any
 import pytest
 
 from solari_vk.conformance import report
-from solari_vk.conformance.rules import ERROR, FAIL, FAULT, PASS, UNSUPPORTED, Measurement, Outcome, Rule, rows
+from solari_vk.conformance.rules import (
+    ERROR,
+    FAIL,
+    FAULT,
+    NOT_RUN,
+    PASS,
+    RED,
+    UNSUPPORTED,
+    Measurement,
+    Outcome,
+    Rule,
+    rows,
+)
+from solari_vk.errors import SolariError
 from solari_vk.gpu.device import Device
 
 FOLDER = Path(__file__).resolve().parent
@@ -28,6 +41,7 @@ class Fault:
     driver: str
     rule: str
     evidence: str
+    at_most: float
     case: str = "*"
 
     def explains(self, rule: Rule, case: str) -> bool:
@@ -36,9 +50,12 @@ class Fault:
 
 
 def known_faults(driver: str, file: Path = FOLDER / "known_faults.toml") -> list[Fault]:
-    """The faults known of a driver."""
+    """The faults known of a driver. Raises SolariError for an entry that lacks something."""
     listed = tomllib.loads(file.read_text(encoding="utf-8")).get("fault", [])
-    return [fault for fault in (Fault(**entry) for entry in listed) if fault.driver in driver]
+    try:
+        return [fault for fault in (Fault(**entry) for entry in listed) if fault.driver in driver]
+    except TypeError as error:
+        raise SolariError(f"{file.name}: an entry needs driver, rule, evidence and at_most: {error}") from error
 
 
 class Recorder:
@@ -54,29 +71,44 @@ class Recorder:
         for made in [measured] if isinstance(measured, Measurement) else measured:
             fault = next((fault for fault in self._faults if fault.explains(made.rule, self.case)), None)
             status, reason = (PASS, "") if made.holds else (FAIL, "")
-            if fault is not None:
-                status, reason = (FAULT, fault.evidence) if not made.holds else (
-                    FAIL, "it holds, but is listed in known_faults.toml: remove the entry")  # fmt: skip
+            if fault is not None and made.holds:
+                status, reason = FAIL, "it holds, but is listed in known_faults.toml: remove the entry"
+            elif fault is not None and made.measured <= fault.at_most:
+                status, reason = FAULT, f"{fault.evidence} Listed up to {fault.at_most:g}."
+            elif fault is not None:
+                reason = f"known_faults.toml lists it up to {fault.at_most:g} only: it grew worse"
             self.outcomes.append(Outcome(self.group, made.rule, status, self.case, made, reason))
 
-    def unsupported(self, rules: Rule | Iterable[Rule], reason: str) -> None:
-        """Record that rules can't be measured here, and what is missing."""
+    def unsupported(self, rules: Rule | Iterable[Rule], feature: str) -> None:
+        """Record that the device has no feature that rules need."""
+        self._note(rules, UNSUPPORTED, feature)
+
+    def missing(self, rules: Rule | Iterable[Rule], needed: str) -> None:
+        """Record that rules can't be measured for want of something that isn't the device's: an error."""
+        self._note(rules, ERROR, needed)
+
+    def full_only(self, rules: Rule | Iterable[Rule]) -> None:
+        """Record that only the full profile measures rules, and that this is another one."""
+        self._note(rules, NOT_RUN, "--full measures it")
+
+    def _note(self, rules: Rule | Iterable[Rule], status: str, reason: str) -> None:
         for rule in [rules] if isinstance(rules, Rule) else rules:
-            self.outcomes.append(Outcome(self.group, rule, UNSUPPORTED, self.case, None, reason))
+            self.outcomes.append(Outcome(self.group, rule, status, self.case, None, reason))
 
     def conclude(self) -> None:
-        """End the test as its outcomes say."""
-        texts = {
-            status: "\n".join(str(o.measurement or o.rule.name) + (f" ({o.reason})" if o.reason else "") for o in found)
-            for status in (FAIL, FAULT, UNSUPPORTED)
-            if (found := [outcome for outcome in self.outcomes if outcome.status == status])
-        }
-        if FAIL in texts:
-            pytest.fail(texts[FAIL], pytrace=False)
-        if FAULT in texts:
-            pytest.xfail(texts[FAULT])
-        if UNSUPPORTED in texts and all(outcome.status == UNSUPPORTED for outcome in self.outcomes):
-            pytest.skip(texts[UNSUPPORTED])
+        """End the test as its outcomes say; one without any fails, for a test that measures nothing proves nothing."""
+        if not self.outcomes:
+            pytest.fail("nothing was measured", pytrace=False)
+        if found := self._text(*RED):
+            pytest.fail(found, pytrace=False)
+        if found := self._text(FAULT):
+            pytest.xfail(found)
+        if all(outcome.measurement is None for outcome in self.outcomes):
+            pytest.skip(self._text(UNSUPPORTED, NOT_RUN))
+
+    def _text(self, *statuses: str) -> str:
+        found = [outcome for outcome in self.outcomes if outcome.status in statuses]
+        return "\n".join(str(o.measurement or o.rule.name) + (f" ({o.reason})" if o.reason else "") for o in found)
 
 
 @dataclass(eq=False)
@@ -89,7 +121,9 @@ class Suite:
     html: Path | None = None
     outcomes: list[Outcome] = field(default_factory=list)
     faults: list[Fault] = field(default_factory=list)
+    spent: dict[str, float] = field(default_factory=dict)  # seconds by group
     started: float = field(default_factory=time.monotonic)
+    _left_out: list[str] = field(default_factory=list)
     _device: Device | None = None
 
     @classmethod
@@ -108,19 +142,23 @@ class Suite:
     def recorder(self, item: Any) -> Recorder:
         """The recorder of a test item."""
         call = getattr(item, "callspec", None)
-        group = item.path.stem.removeprefix("test_")
         assert self.device is not None
-        return item.stash.setdefault(_RECORDER, Recorder(group, call.id if call else "", self.faults))  # type: ignore[no-any-return]
+        made = Recorder(_group(item.path), call.id if call else "", self.faults)
+        return item.stash.setdefault(_RECORDER, made)  # type: ignore[no-any-return]
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_call(self, item: pytest.Item) -> Generator[None, None, None]:
         """After a test of the suite: validation messages, then its outcomes."""
+        started = time.monotonic()
         yield
         recorder = item.stash.get(_RECORDER, None)
         if recorder is not None:
             self.device.wait_idle()
             self.device.check_messages()
+            self.spent[recorder.group] = self.spent.get(recorder.group, 0.0) + time.monotonic() - started
             recorder.conclude()
+        elif FOLDER in item.path.parents:
+            pytest.fail("a test of the suite takes the fixture `rule`, and gives it what it measured", pytrace=False)
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(
@@ -132,7 +170,8 @@ class Suite:
         item.user_properties.extend((outcome.rule.name, _figure(outcome)) for outcome in measured)
         made = yield
         self.outcomes.extend(measured)
-        if made.failed and FOLDER in item.path.parents and not any(outcome.status == FAIL for outcome in measured):
+        told = bool(measured) if made.skipped else any(outcome.status in RED for outcome in measured)
+        if (made.failed or made.skipped) and FOLDER in item.path.parents and not told:
             self._note_error(item.path, item.name, made.longreprtext)
         return made
 
@@ -141,15 +180,36 @@ class Suite:
         if report.failed:
             self._note_error(Path(report.nodeid), report.nodeid, report.longreprtext)
 
+    def pytest_collection_finish(self, session: Any) -> None:
+        """What of the suite isn't run, to be named in the report."""
+        run = {_group(item.path) for item in session.items}
+        present = {_group(file) for file in FOLDER.glob("test_*.py")}
+        self._left_out += [f"group {name}" for name in sorted(present - run)]
+
+    def pytest_deselected(self, items: Sequence[Any]) -> None:
+        """Tests that an option such as -k left out."""
+        self._left_out += [f"{_group(item.path)}: {item.name}" for item in items]
+
+    def pytest_sessionfinish(self, session: Any) -> None:
+        """A listed fault without a rule is one more error; and errors count, whatever pytest made of them."""
+        if self._device is not None and not self._left_out:
+            for fault in self.faults:
+                if not any(fault.explains(outcome.rule, outcome.case) for outcome in self.outcomes):
+                    reason = "no rule of that name: remove the entry, or mend it"
+                    self.outcomes.append(Outcome("known_faults.toml", Rule(fault.rule, "", ""), ERROR, reason=reason))
+        if session.exitstatus == pytest.ExitCode.OK and any(outcome.status in RED for outcome in self.outcomes):
+            session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
     def _note_error(self, path: Path, name: str, text: str) -> None:
         last = (text.strip().splitlines() or ["failed"])[-1]
-        self.outcomes.append(Outcome(path.stem.removeprefix("test_"), Rule(name, "", ""), ERROR, reason=last))
+        self.outcomes.append(Outcome(_group(path), Rule(name, "", ""), ERROR, reason=last))
 
     def pytest_terminal_summary(self, terminalreporter: Any) -> None:
         """The table, and the files that were asked for."""
         if self._device is None:
             return
-        made = report.Report(self._device, rows(self.outcomes), self.full, time.monotonic() - self.started)
+        seconds = time.monotonic() - self.started
+        made = report.Report(self._device, rows(self.outcomes), self.full, seconds, self.spent, self._left_out)
         terminalreporter.write_line("")
         for line in made.text().splitlines():
             terminalreporter.write_line(line)
@@ -163,6 +223,10 @@ class Suite:
         if self._device is not None:
             self._device.close()
             self._device = None
+
+
+def _group(path: Path) -> str:
+    return path.stem.removeprefix("test_")
 
 
 def _figure(outcome: Outcome) -> str:

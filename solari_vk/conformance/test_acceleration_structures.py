@@ -29,12 +29,18 @@ def test_structures(rule: Recorder, kernels: Kernels, measure: Callable[[Kernels
     rule(measure(kernels))
 
 
-def test_many_blases(rule: Recorder, kernels: Kernels, full: bool) -> None:
-    """Hundreds of structures in one call; thousands in the full profile."""
-    rule(checks.measure_many_blases(kernels, 2000 if full else 300))
+def test_many_blases(rule: Recorder, kernels: Kernels) -> None:
+    """Thousands of structures in one call."""
+    rule(checks.measure_many_blases(kernels, 2000))
 
 
-def test_large_tlas(rule: Recorder, kernels: Kernels, full: bool) -> None:
-    """More instances than 16 bits count, in the full profile."""
-    if full:
-        rule(checks.measure_large_tlas(kernels, 70_000))
+@pytest.mark.parametrize("count", [100_000, 1_000_000])
+def test_large_tlas(rule: Recorder, kernels: Kernels, full: bool, count: int) -> None:
+    """A grid of instances, each of them looked at."""
+    most = int(kernels.device.properties.acceleration.maxInstanceCount)
+    if count > most:
+        rule.unsupported(checks.large_tlas_rule(count), f"maxInstanceCount is {most:,}")
+    elif count > 100_000 and not full:
+        rule.full_only(checks.large_tlas_rule(count))
+    else:
+        rule(checks.measure_large_tlas(kernels, count))
