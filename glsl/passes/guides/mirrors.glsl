@@ -1,0 +1,47 @@
+// Flat mirrors as maps of space: what is seen in a chain of them lies where the chain's reflections move it.
+#ifndef PASSES_GUIDES_MIRRORS_GLSL
+#define PASSES_GUIDES_MIRRORS_GLSL
+
+#include "passes/bindings.glsl"
+#include "passes/gbuffer/gbuffer.glsl"
+#include "scene/trace.glsl"
+
+// A plane through a point: Householder's reflection, x - 2 n (n . (x - point)).
+struct MirrorPlane {
+    vec3 point;
+    vec3 normal;
+};
+
+// The chain after one more mirror, that lies behind those it has.
+mat4x3 append_mirror(mat4x3 chain, MirrorPlane mirror) {
+    vec3 n = mirror.normal;
+    mat3 householder = mat3(1.0) - 2.0 * mat3(n * n.x, n * n.y, n * n.z);
+    vec3 moved = 2.0 * dot(n, mirror.point) * n;
+    mat3 turn = mat3(chain) * householder;
+    return mat4x3(turn[0], turn[1], turn[2], mat3(chain) * moved + chain[3]);
+}
+
+// Where a mirror of an instance was in the last frame: its point moves as the instance does, its normal by the cofactors.
+MirrorPlane previous_mirror(uint instance_index, MirrorPlane mirror) {
+    Instance instance = instances.at[instance_index];
+    PreviousInstance previous = previous_instances.at[instance_index];
+    if (previous.id != instance.id || previous.world_from_object == instance.world_from_object) { return mirror; }
+    mat4x3 m = previous.world_from_object;
+    mat3 turn = mat3(instance.world_from_object);
+    vec3 object_point = inverse(turn) * (mirror.point - instance.world_from_object[3]);
+    vec3 object_normal = mirror.normal * turn;
+    mat3 cofactors = mat3(cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1]));
+    return MirrorPlane(m * vec4(object_point, 1.0), safe_normalize(cofactors * object_normal, mirror.normal));
+}
+
+// Where the point of a hit was in the last frame.
+vec3 previous_hit_position(Hit hit, vec3 world_position) {
+    Mesh mesh = meshes.at[instances.at[hit.instance].ray_mesh];
+    uvec3 corners = mesh.triangles.at[hit.triangle];
+    vec3 weights = vec3(1.0 - hit.barycentrics.x - hit.barycentrics.y, hit.barycentrics);
+    vec3 object_position = weights.x * mesh.positions.at[corners.x] + weights.y * mesh.positions.at[corners.y]
+        + weights.z * mesh.positions.at[corners.z];
+    return previous_world_position(hit.instance, object_position, world_position);
+}
+
+#endif

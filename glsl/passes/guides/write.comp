@@ -1,0 +1,114 @@
+// Guide buffers for denoisers: what each pixel shows, and for mirrors of metal what they show, as if it stood behind them
+// (Panteleev, "Rendering Perfect Reflections and Refractions in Path-Traced Games", NVIDIA 2020).
+#version 460
+#extension GL_EXT_ray_query : require
+#include "passes/bindings.glsl"
+#include "passes/gbuffer/gbuffer.glsl"
+#include "passes/guides/bindings.glsl"
+#include "passes/guides/mirrors.glsl"
+#include "scene/brdf.glsl"
+#include "scene/surface.glsl"
+#include "scene/trace.glsl"
+
+layout(local_size_x = 8, local_size_y = 8) in;
+
+const uint MOST_MIRRORS = 16u;
+const float FAR_AWAY = 1e6;  // of directions, that have no distance
+
+struct Guides {
+    vec3 diffuse_albedo;
+    vec3 specular_albedo;
+    vec3 world_normal;
+    float perceptual_roughness;
+    float depth;
+    vec2 specular_motion;
+};
+
+// The environment BRDF: what the specular lobe reflects of light that comes from everywhere.
+vec3 environment_brdf(ResolvedMaterial material, float NdotV) {
+    vec2 ab = material.roughness <= MIRROR_ROUGHNESS
+        ? mirror_albedo(NdotV) : lookup_brdf_table(NdotV, material.perceptual_roughness);
+    vec3 dielectric = specular_albedo(0.16 * material.reflectance * material.reflectance, ab);
+    return mix(dielectric, specular_albedo(material.base_color, ab), material.metallic);
+}
+
+void describe(inout Guides guides, ResolvedMaterial material, float NdotV) {
+    guides.diffuse_albedo = material.base_color * (1.0 - material.metallic);
+    guides.specular_albedo = environment_brdf(material, NdotV);
+    guides.perceptual_roughness = material.perceptual_roughness;
+}
+
+bool is_mirror(ResolvedMaterial material) {
+    return material.metallic > 0.9999 && material.roughness <= MIRROR_ROUGHNESS;
+}
+
+// Follows the mirrors from the pixel's surface on, and describes what they show last.
+Guides describe_reflection(GBufferSurface seen, uvec2 pixel) {
+    CameraRay camera_ray = make_camera_ray(vec2(pixel) + 0.5);
+    ResolvedRayHitFull surface;
+    surface.world_position = seen.world_position;
+    surface.world_normal = seen.world_normal;
+    surface.geometric_world_normal = seen.geometric_world_normal;
+    surface.ray_offset = seen.ray_offset;
+    surface.material = seen.material;
+    uint instance = seen.instance;
+    vec3 direction = -seen.wo;
+    float path_length = length(seen.world_position - camera_ray.origin);
+    mat4x3 chain = mat4x3(1.0), previous_chain = mat4x3(1.0);
+    vec3 previous_position;
+
+    for (uint i = 0u; i < MOST_MIRRORS && instance != NO_INDEX && is_mirror(surface.material); i++) {
+        MirrorPlane mirror = MirrorPlane(surface.world_position, surface.world_normal);
+        chain = append_mirror(chain, mirror);
+        previous_chain = append_mirror(previous_chain, previous_mirror(instance, mirror));
+        direction = normalize(reflect(direction, surface.world_normal));
+        vec3 origin = surface.world_position + surface.geometric_world_normal * surface.ray_offset;
+        Hit hit = trace_closest_hit(origin, 0.0, direction, INFINITY, TRACE_BOTH_FACES);
+        instance = hit.instance;
+        if (instance == NO_INDEX) {
+            path_length = INFINITY;
+            previous_position = direction * FAR_AWAY;
+        } else {
+            path_length += hit.t;
+            surface = resolve_ray_hit_full(hit, direction, camera_ray.cone_spread * path_length);
+            previous_position = previous_hit_position(hit, surface.world_position);
+        }
+    }
+
+    Guides guides = Guides(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, vec2(0.0));
+    vec3 virtual_position, previous_virtual_position;
+    if (instance == NO_INDEX) {
+        virtual_position = uniforms.world_from_view[3] + mat3(chain) * (direction * FAR_AWAY);
+        previous_virtual_position = uniforms.previous_world_from_view[3] + mat3(previous_chain) * previous_position;
+    } else {
+        describe(guides, surface.material, dot(surface.world_normal, -direction));
+        guides.world_normal = mat3(chain) * surface.world_normal;
+        guides.depth = uniforms.near / (path_length * camera_ray.depth_per_t);
+        virtual_position = chain * vec4(surface.world_position, 1.0);
+        previous_virtual_position = previous_chain * vec4(previous_position, 1.0);
+    }
+    guides.specular_motion = motion_vector(virtual_position, previous_virtual_position);
+    return guides;
+}
+
+void main() {
+    uvec2 pixel = INVOCATION_INDEX;
+    if (any(greaterThanEqual(pixel, uniforms.size))) { return; }
+    ivec2 at = ivec2(pixel);
+
+    vec2 motion = imageLoad(motion_vectors, at).xy;
+    GBufferSurface surface = load_gbuffer(pixel);
+    Guides guides = Guides(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, imageLoad(depth, at).x, motion);
+    if (surface.exists && uniforms.primary_surface_replacement != 0u && is_mirror(surface.material)) {
+        guides = describe_reflection(surface, pixel);
+    } else if (surface.exists) {
+        describe(guides, surface.material, dot(surface.world_normal, surface.wo));
+        guides.world_normal = surface.world_normal;
+    }
+    imageStore(guides_diffuse_albedo, at, vec4(guides.diffuse_albedo, 1.0));
+    imageStore(guides_specular_albedo, at, vec4(guides.specular_albedo, 1.0));
+    imageStore(guides_normal_roughness, at, vec4(guides.world_normal, guides.perceptual_roughness));
+    imageStore(guides_depth, at, vec4(guides.depth));
+    imageStore(guides_motion, at, vec4(motion, 0.0, 0.0));
+    imageStore(guides_specular_motion, at, vec4(guides.specular_motion, 0.0, 0.0));
+}
