@@ -54,10 +54,11 @@ class Renderer:
         self._table, table_buffers = brdf_table.compute(device)
         self._lights = LightTranslation(device)
         external = {**self.binder.resources, **table_buffers, **self._lights.buffers}
-        self._built = self._build_key
+        self._built = self.size, self.binder.instance_capacity, self.settings.built_in
+        self._seen: tuple[Any, ...] = ()
         self._frame = Frame(device, self._stages(), external=external)
         self._bound_version = self.binder.version
-        self._written = -1  # revision of the settings in the uniforms
+        self._views: tuple[View | None, View | None] = None, None  # in the uniforms, this frame's and the last one's
         self._previous: tuple[View, Any] | None = None  # view and jitter of the last frame, None: no history
 
     # ---- the frame ----------------------------------------------------------------------------------
@@ -77,10 +78,6 @@ class Renderer:
         stages.append(display.stage(size, settings))
         return stages
 
-    @property
-    def _build_key(self) -> tuple[Any, ...]:
-        return self.size, self.binder.instance_capacity, self.settings.built_in
-
     def render(self, camera: Camera) -> RenderedFrame:
         """Submit the next frame and return it, without waiting for it; its results are read by name.
 
@@ -94,34 +91,36 @@ class Renderer:
         if self.binder.version != self._bound_version:
             self._bound_version = self.binder.version
             self._frame.bind(self.binder.resources)
-        if self._build_key != self._built:
-            self._frame.rebuild(self._stages())
-            self._built = self._build_key
-            self._written = -1
+        self._take_up_settings()
         self._write_uniforms(camera)
         self._frame.submit()
         self.frame_count += 1
         return RenderedFrame(self)
 
+    def _take_up_settings(self) -> None:
+        """Build the frame anew where sizes or pipelines changed, and write the other settings where they did."""
+        seen = self.size, self.binder.instance_capacity, self.settings.revision
+        if seen == self._seen:
+            return
+        built = self.size, self.binder.instance_capacity, self.settings.built_in
+        if built != self._built:
+            self._frame.rebuild(self._stages())
+            self._built = built
+        for name, value in self.settings.uniforms().items():
+            self._frame.uniforms[name] = value
+        self._seen = seen
+
     def _write_uniforms(self, camera: Camera) -> None:
         uniforms = self._frame.uniforms
-        if self._written != self.settings.revision:
-            self._written = self.settings.revision
-            for name, value in self.settings.uniforms().items():
-                uniforms[name] = value
-        view = View.of(camera, self.size)
+        view = View.of(camera, self.size, self._views[0])
         jitter = camera.jitter + self._jitter()
         previous_view, previous_jitter = self._previous or (view, jitter)
+        if self._views != (view, previous_view):
+            self._views = view, previous_view
+            view.write(uniforms)
+            previous_view.write(uniforms, "previous_")
         uniforms["has_history"] = self._previous is not None
-        uniforms["previous_world_from_view"] = previous_view.world_from_view
-        uniforms["previous_view_from_world"] = previous_view.view_from_world
-        uniforms["previous_tan_half_fov"] = previous_view.tan_half_fov
-        uniforms["previous_near"] = previous_view.near
         uniforms["previous_jitter"] = previous_jitter
-        uniforms["world_from_view"] = view.world_from_view
-        uniforms["view_from_world"] = view.view_from_world
-        uniforms["tan_half_fov"] = view.tan_half_fov
-        uniforms["near"] = view.near
         uniforms["jitter"] = jitter
         uniforms["size"] = self.size
         uniforms["exposure"] = camera.exposure

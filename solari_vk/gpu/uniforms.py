@@ -19,23 +19,25 @@ class Uniforms:
     def __init__(self, dtype: np.dtype[Any] | None, name: str) -> None:
         self._name = name
         self.record = np.zeros(1, dtype if dtype is not None else np.dtype([]))
+        self._fields = {field: self.record[field] for field in self.record.dtype.names or ()}
 
     def __getitem__(self, field: str) -> Any:
         self._check(field)
-        return self.record[field][0]
+        return self._fields[field][0]
 
     def __setitem__(self, field: str, value: Any) -> None:
         self._check(field)
-        target = self.record[field][0]
-        if np.shape(value) != np.shape(target) and np.ndim(value) != 0:
-            raise SolariError(f"{self._name}.{field} has shape {np.shape(target)}, not {np.shape(value)}")
+        target = self._fields[field]
+        shape = value.shape if isinstance(value, np.ndarray) else np.shape(value)
+        if shape != target.shape[1:] and shape:
+            raise SolariError(f"{self._name}.{field} has shape {target.shape[1:]}, not {shape}")
         try:
-            self.record[field] = value
+            target[0] = value
         except (TypeError, ValueError, OverflowError) as error:
-            raise SolariError(f"{self._name}.{field} is {self.record.dtype[field].base}: {error}") from error
+            raise SolariError(f"{self._name}.{field} is {target.dtype}: {error}") from error
 
     def __contains__(self, field: str) -> bool:
-        return field in (self.record.dtype.names or ())
+        return field in self._fields
 
     def _check(self, field: str) -> None:
         if field not in self:

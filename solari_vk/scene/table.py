@@ -60,13 +60,20 @@ class Table:
             self.buffer = self._make_buffer()
             uploads.buffer(self.buffer, self.records)
         elif self._dirty:
-            rows = np.fromiter(self._dirty, np.int64, len(self._dirty))
-            rows.sort()
-            for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
-                first, last = int(run[0]), int(run[-1])
+            for first, last in self._runs():
                 uploads.buffer(self.buffer, self.records[first : last + 1], first * self.records.itemsize)
         self._dirty.clear()
         return replaced
+
+    def _runs(self) -> list[tuple[int, int]]:
+        """The first and last of marked rows that follow each other."""
+        first, last = min(self._dirty), max(self._dirty)
+        if last - first + 1 == len(self._dirty):  # one run, as of a single row: most frames
+            return [(first, last)]
+        rows = np.fromiter(self._dirty, np.int64, len(self._dirty))
+        rows.sort()
+        runs = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
+        return [(int(run[0]), int(run[-1])) for run in runs]
 
     def destroy(self) -> None:
         """Free the device buffer."""

@@ -12,12 +12,14 @@ from solari_vk.scene.spatial import spatial_order
 from solari_vk.scene.table import Table
 
 ALWAYS = 0xFF  # mask of visible instances
+FEW = 64  # instances whose order matters little
 
 
 class TracedInstances:
     """Records by instance row. The row is the custom index; the place in the TLAS follows space.
 
-    Places are chosen anew when instances come or go, and when half of them have moved since.
+    Places are chosen anew when instances come or go, and when half of them, and more than a few, have
+    moved since.
     """
 
     def __init__(self, device: Device) -> None:
@@ -74,7 +76,7 @@ class TracedInstances:
 
     def update(self) -> bool:
         """Bring `table.records` up to date; True when the TLAS is another one than before."""
-        if self._sorted and self._moved <= self.count // 2:
+        if self._sorted and self._moved <= max(self.count // 2, FEW):
             for rows in self._changed:
                 rows = rows[self._active[rows]]
                 self.table.records[self._places[rows]] = self._records[rows]
