@@ -68,7 +68,9 @@ def assert_mirrors(binder, scene):
         np.testing.assert_array_equal(ray["transform"], instance.transform[:3].astype(np.float32))
         assert ray["custom_index_and_mask"] == row | (0xFF000000 if instance.visible else 0)
         assert ray["blas_address"] == binder._geometry.blas(instance.ray_mesh or instance.mesh).address
-        for name, mesh in (("mesh", instance.mesh), ("ray_mesh", instance.ray_mesh or instance.mesh)):
+        assert (record["mesh"] == NO_INDEX) == (not instance.visible)
+        drawn = [("mesh", instance.mesh)] if instance.visible else []
+        for name, mesh in (*drawn, ("ray_mesh", instance.ray_mesh or instance.mesh)):
             entry = meshes[record[name]]
             assert entry["triangle_count"] == len(mesh.triangles)
             buffer = binder._geometry._buffers[mesh]
@@ -89,6 +91,11 @@ def assert_mirrors(binder, scene):
             assert tuple(sources[record["light_index"]]) == (EMISSIVE_MESH, row)
         else:
             assert record["light_index"] == NO_INDEX
+    used = np.isin(np.arange(len(instances)), sorted(rows))
+    ever = instances["id"] > 0
+    assert (instances["mesh"][ever & ~used] == NO_INDEX).all()  # nothing is drawn of what was removed
+    assert len(set(instances["id"][used])) == len(rows)
+    assert len(binder.light_ids) == info["light_count"] == len(set(binder.light_ids))
     assert all(image.handle is not None for image, _ in binder.resources["texture_images"])
     assert sorted(traced["custom_index_and_mask"] & 0xFFFFFF) == sorted(rows)
 
