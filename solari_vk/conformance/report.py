@@ -12,8 +12,8 @@ from solari_vk.gpu.device import Device
 _LEGEND = (
     "Written by `solari-vk conformance --markdown FILE`. A rule holds when what was measured is at most the bar;\n"
     "where it was measured in several cases (runs), the worst is shown. The exit code is 0 when every rule holds, but\n"
-    "for known faults (listed with evidence, and with a bound above which they fail too), what the device has no feature\n"
-    "for, and what only the full profile measures. Whatever else couldn't be measured is an error."
+    "for known faults (listed with evidence, and with a bound above which they fail too), what the device has no\n"
+    "feature for, and what only the full profile measures. Whatever else couldn't be measured is an error."
 )
 _COLUMNS = ("rule", "document, section", "result", "measured", "bar", "runs")
 

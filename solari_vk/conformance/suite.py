@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 import tomllib
+from collections import Counter
 from collections.abc import Generator, Iterable, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
@@ -123,6 +124,7 @@ class Suite:
     faults: list[Fault] = field(default_factory=list)
     spent: dict[str, float] = field(default_factory=dict)  # seconds by group
     started: float = field(default_factory=time.monotonic)
+    _deselected: Counter[str] = field(default_factory=Counter)
     _left_out: list[str] = field(default_factory=list)
     _device: Device | None = None
 
@@ -180,15 +182,16 @@ class Suite:
         if report.failed:
             self._note_error(Path(report.nodeid), report.nodeid, report.longreprtext)
 
+    def pytest_deselected(self, items: Sequence[Any]) -> None:
+        """Tests that an option such as -k left out."""
+        self._deselected.update(_group(item.path) for item in items)
+
     def pytest_collection_finish(self, session: Any) -> None:
         """What of the suite isn't run, to be named in the report."""
         run = {_group(item.path) for item in session.items}
         present = {_group(file) for file in FOLDER.glob("test_*.py")}
-        self._left_out += [f"group {name}" for name in sorted(present - run)]
-
-    def pytest_deselected(self, items: Sequence[Any]) -> None:
-        """Tests that an option such as -k left out."""
-        self._left_out += [f"{_group(item.path)}: {item.name}" for item in items]
+        self._left_out = [f"group {name}" for name in sorted(present - run)]
+        self._left_out += [f"{count} tests of {name}" for name, count in self._deselected.items() if name in run]
 
     def pytest_sessionfinish(self, session: Any) -> None:
         """A listed fault without a rule is one more error; and errors count, whatever pytest made of them."""

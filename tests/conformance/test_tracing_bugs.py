@@ -1,0 +1,159 @@
+"""Bulk checks, vertex return and structures can fail."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from seeded_bugs import expect_red, failing, masked
+
+from solari_vk import rt
+from solari_vk.conformance import api_checks, bulk_checks, embree_checks, position_checks, structure_checks, worlds
+from solari_vk.conformance.kernels import Kernels
+from solari_vk.conformance.rules import FAIL
+from solari_vk.conformance.suite import Recorder, known_faults
+from solari_vk.gpu import instances
+
+
+def test_bugs_in_tracing_are_noticed(patched, monkeypatch):
+    """Off by one against Embree and many instances, t against float64, and rays that are none made whole."""
+    bugs = [
+        ("conformance/trace.comp", "hit.primitive_index)", "hit.primitive_index + 1u)"),
+        ("conformance/trace.comp", "-1.0 : hit.t", "-1.0 : hit.t * 1.001"),
+        ("conformance/trace.comp", "Hit(t, hit.instance_custom_data", "Hit(t, hit.instance_custom_data & 0xFFFu"),
+        ("conformance/trace.comp", "Ray ray = rays.at[index];", "Ray ray = rays.at[index];\n"
+         "    ray.direction = mix(ray.direction, vec3(0.0, 0.0, -1.0), isnan(ray.direction));"),
+    ]  # fmt: skip
+    with patched(*bugs) as kernels:
+        expect_red(bulk_checks.measure_many_instances(kernels, 300), "tell many instances apart")
+        sizes = (f"size {size} at all" for size in ("1e-06", "1", "1e+06"))
+        expect_red(bulk_checks.measure_extreme_transforms(kernels), "100,000 sizes away: t", *sizes)
+        expect_red(bulk_checks.measure_not_finite(kernels), "end and hit nothing")
+        if embree_checks.available():
+            expect_red(embree_checks.measure(kernels, "instanced", 5000, small=True), "is Embree's")
+
+
+def test_missed_extremes_are_noticed(patched):
+    """Nothing smaller than a thousandth is hit."""
+    bug = ("conformance/trace.comp", "Ray ray = rays.at[index];", "Ray ray = rays.at[index];\n"
+           "    ray.t_max = length(ray.direction) < 1e-3 ? 0.0 : ray.t_max;")  # fmt: skip
+    with patched(bug) as kernels:
+        expect_red(bulk_checks.measure_extreme_transforms(kernels), "100,000 sizes away")
+
+
+def test_holes_are_noticed(kernels, monkeypatch):
+    """A closed surface and a fan without one triangle let rays through."""
+    whole = worlds.Triangles
+    monkeypatch.setattr(bulk_checks, "Triangles", lambda corners: whole(corners[1:]))
+    expect_red(bulk_checks.measure_watertight(kernels), "closed surface: edges", "fan: edges")
+
+
+POSITIONS = "conformance/positions.comp"
+
+
+def changed_vertices(which, expression):
+    """A seeded bug: vertex i of those returned is this expression of `found` and i."""
+    getter, field = f"get{which}HitVertexPositions(query)", f"vertices.{which.lower()}"
+    changed = f"for (int i = 0; i < 3; i++) {field}[i] = {expression}"
+    return POSITIONS, f"{field} = {getter};", f"{{ vec3 found[3] = {getter}; {changed}; }}"
+
+
+def on_both(expression):
+    return [changed_vertices(which, expression.format(which)) for which in ("Committed", "Candidate")]
+
+
+POSITION_BUGS = {
+    "none": on_both("vec3(0.0)"),
+    "another order": on_both("found[2 - i]"),
+    "in world space": on_both("rayQueryGet{}Intersection(query).object_to_world * vec4(found[i], 1.0)"),
+}
+
+
+@pytest.fixture
+def fetching(plain_device):
+    """A device that returns vertices: the validation layer of Debian 12 is older than the extension, and hides it."""
+    if not plain_device.has_position_fetch:
+        pytest.skip("the device returns no vertices (rayTracingPositionFetch)")
+    return plain_device
+
+
+@pytest.mark.parametrize("name", POSITION_BUGS)
+def test_bugs_in_vertex_return_are_noticed(patched, fetching, name):
+    with patched(*POSITION_BUGS[name], device=fetching) as kernels:
+        measured = list(position_checks.measure_positions(kernels))
+    expect_red(measured, *(rule.name for rule in position_checks.RULES.values()))
+    if name == "in world space":  # a larger error than the known fault's isn't taken for it
+        recorder = Recorder("ray_queries", "", known_faults("llvmpipe Mesa 25.0"))
+        recorder(measured)
+        assert {outcome.status for outcome in recorder.outcomes} == {FAIL}
+
+
+def test_unplaced_vertices_are_noticed(fetching, monkeypatch):
+    """A driver that returns vertices before their geometry's transform, as if the table told of other triangles."""
+    with Kernels(fetching) as kernels:
+        assert not failing(position_checks.measure_positions(kernels)) - {
+            rule.name for (_, several), rule in position_checks.RULES.items() if several
+        }
+        unplaced = {
+            name: [replace(p, transform=None) if isinstance(p, worlds.Triangles) else p for p in parts]
+            for name, parts in position_checks.SHAPES.items()
+        }
+        of_world = position_checks.SHAPES
+        world = position_checks.World
+        monkeypatch.setattr(position_checks, "World", lambda device, _, placed: world(device, of_world, placed))
+        monkeypatch.setattr(position_checks, "SHAPES", unplaced)
+        expect_red(position_checks.measure_positions(kernels), "Committed", "one geometry")
+
+
+def test_bugs_in_large_tlas_are_noticed(kernels):
+    def beyond_16_bits(records):
+        records["custom_index_and_mask"] &= np.uint32(0xFF00FFFF)
+
+    expect_red(structure_checks.measure_large_tlas(kernels, 70_000, beyond_16_bits), "a Tlas of 70,000 instances")
+
+
+def test_bugs_in_structures_are_noticed(kernels, monkeypatch):
+    def moved(records):
+        records["transform"][3, 0, 3] += 0.01
+
+    expect_red(structure_checks.measure_ways(kernels, moved), *(f"fresh: {way}" for way in worlds.WAYS[1:]))
+    half = masked("custom_index_and_mask", 0x0F7FFFFF)
+    expect_red(structure_checks.measure_indices(kernels, half), "custom data of 24 bits", "mask of 8 bits")
+
+    def drop_last(records):
+        records["custom_index_and_mask"][-1] = 0
+
+    expect_red(structure_checks.measure_tlas_rebuilds(kernels, drop_last), "last built with")
+    made = worlds.TriangleGeometry
+    for seeded in ({"indices": 0}, {"position_stride": 12}, {"transform": 0}):
+        with monkeypatch.context() as patch:
+            patch.setattr(worlds, "TriangleGeometry", lambda *a, seeded=seeded, **k: made(*a, **{**k, **seeded}))
+            expect_red(structure_checks.measure_formats(kernels), "index formats")
+    records_of = worlds.instance_records
+    with monkeypatch.context() as patch:
+        patch.setattr(worlds, "instance_records", lambda placed, addresses: records_of(
+            [replace(item, active=True) for item in placed], addresses))  # fmt: skip
+        expect_red(structure_checks.measure_nothing(kernels), "never hit")
+    with monkeypatch.context() as patch:
+        def swapped(placed, addresses):
+            return records_of(placed, dict(zip(addresses, [*list(addresses.values())[1:], 0], strict=True)))
+
+        patch.setattr(worlds, "instance_records", swapped)
+        patch.setattr(structure_checks, "instance_records", swapped)
+        expect_red(structure_checks.measure_many_blases(kernels, 20), "one batch", "many batches", "compacted")
+
+
+def test_bugs_in_the_order_rules_are_noticed(kernels, monkeypatch):
+    """A rebuilt Blas not seen, custom data of 25 bits, a preparation that a rebuild doesn't end."""
+    usable = rt.Tlas.check_usable
+
+    def lenient(tlas):
+        if not tlas.built or tlas.destroyed or any(blas.destroyed for blas in tlas.blases):
+            usable(tlas)
+
+    monkeypatch.setattr(rt.Tlas, "check_usable", lenient)
+    monkeypatch.setattr(instances, "CUSTOM_DATA_BITS", 25)
+    monkeypatch.setattr(rt.Blas, "_drop_preparation", lambda blas: None)
+    expect_red(api_checks.measure_order(kernels), "else refused", "first 24 bits")
+    expect_red(api_checks.measure_compaction(kernels), "prepare_compaction")
