@@ -19,6 +19,7 @@ from collections.abc import Iterable, Sequence
 
 from solari_vk.gpu.acceleration import Blas, Tlas
 from solari_vk.gpu.build_call import BlasBuildEntry, BuildCall, TlasPackage
+from solari_vk.gpu.checks import check_items, check_kind, whole_number
 from solari_vk.gpu.device import Device
 from solari_vk.gpu.instances import InstanceFlags, TlasInstance, TlasInstances
 from solari_vk.gpu.ray_query_faults import (
@@ -75,6 +76,10 @@ def create_blas(
     prefer_fast_trace: else builds are fast. update_mode: PREFER_UPDATE refits when it is built again from the same
     counts and indices, `rebuild_after` times in a row at most. Raises SolariError for what no build could take.
     """
+    _check_creation(device, update_mode, rebuild_after, f"Blas {name}")
+    kinds = (Triangles, Aabbs, TriangleSize, AabbSize)
+    remedy = "give rt.Triangles, rt.Aabbs, rt.TriangleSize or rt.AabbSize"
+    geometries = check_items(geometries, kinds, f"Blas {name}: the geometries", remedy)
     blas = Blas(
         device,
         [geometry.geometry() for geometry in geometries],
@@ -101,6 +106,7 @@ def create_tlas(
     """A Tlas for at most so many instances. update_mode: PREFER_UPDATE refits when it is built again over as many
     instances of the same Blases, `rebuild_after` times in a row at most. Raises SolariError beyond the device's
     limit."""
+    _check_creation(device, update_mode, rebuild_after, f"Tlas {name}")
     tlas = Tlas(
         device,
         max_instances,
@@ -111,6 +117,12 @@ def create_tlas(
     )
     tlas.update_mode, tlas.rebuild_after = update_mode, rebuild_after
     return tlas
+
+
+def _check_creation(device: Device, update_mode: UpdateMode, rebuild_after: int, what: str) -> None:
+    check_kind(device, Device, f"{what}: the device", "give a solari_vk.Device")
+    check_kind(update_mode, UpdateMode, f"{what}: update_mode", "give rt.UpdateMode.BUILD or PREFER_UPDATE")
+    whole_number(rebuild_after, f"{what}: rebuild_after", 0)
 
 
 def build_acceleration_structures(

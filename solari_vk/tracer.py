@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from solari_vk.errors import SolariError
 from solari_vk.gpu import raw
 from solari_vk.gpu.barriers import host_read_barrier
+from solari_vk.gpu.checks import check_kind, check_switch, numbers
 from solari_vk.gpu.compiler import compile_shader
 from solari_vk.gpu.device import Device
 from solari_vk.gpu.frame import Frame, Pass, Stage, Step
@@ -41,6 +42,7 @@ class SceneFrame(Frame):
         external: Mapping[str, Any] | None = None,
         **options: Any,
     ) -> None:
+        _check_given(device, scene, "SceneFrame")
         self._owns_binder = isinstance(scene, Scene)
         self.binder = SceneBinder(device, scene) if isinstance(scene, Scene) else scene
         try:
@@ -82,19 +84,26 @@ class RayTracer:
     """
 
     def __init__(self, device: Device, scene: Scene | SceneBinder) -> None:
+        _check_given(device, scene, "RayTracer")
         self.device = device
         self._closed = False
-        self._owns_binder = isinstance(scene, Scene)
-        self.binder = SceneBinder(device, scene) if isinstance(scene, Scene) else scene
-        bindings = reflect(compile_shader(SHADER), SHADER).bindings
-        types = {name: _host_type(bindings[name].element) for name in ARRAYS}
-        sizes = {name: 2 * BATCH * dtype.itemsize for name, dtype in types.items()}
-        self._buffers = {name: Buffer(device, size, name, host=True) for name, size in sizes.items()}
-        self._views = {name: self._buffers[name].view(dtype) for name, dtype in types.items()}
         self._frames: dict[bool, SceneFrame] = {}
         self._orders: dict[int, NDArray[np.int64]] = {}
         self._revision = -1
         self.instances: dict[int, Instance] = {}
+        self._buffers: dict[str, Buffer] = {}
+        self._views: dict[str, NDArray[Any]] = {}
+        self._owns_binder = isinstance(scene, Scene)
+        self.binder = SceneBinder(device, scene) if isinstance(scene, Scene) else scene
+        try:
+            bindings = reflect(compile_shader(SHADER), SHADER).bindings
+            for name in ARRAYS:
+                dtype = _host_type(bindings[name].element)
+                self._buffers[name] = Buffer(device, 2 * BATCH * dtype.itemsize, name, host=True)
+                self._views[name] = self._buffers[name].view(dtype)
+        except BaseException:
+            self.close()
+            raise
 
     def trace(
         self,
@@ -109,7 +118,7 @@ class RayTracer:
 
         t_min, t_max (...) are in lengths of the direction. any_hit: whatever is found first, which is quicker where
         only being blocked counts. A ray with NaN, an infinite origin or direction, no direction or a negative t_min
-        meets nothing.
+        meets nothing. All are taken as float32, beyond whose range is infinity: a t_max of 1e300 is no limit.
 
         Returns records (...): t (inf: nothing), instance (a key of `instances`, -1: nothing), primitive (the triangle
         of its ray_mesh or mesh, as given there; -1), barycentrics (2) of the second and third vertex, front_face,
@@ -118,6 +127,7 @@ class RayTracer:
         """
         if self._closed:
             raise SolariError("RayTracer.trace: it is closed; make another one")
+        check_switch(any_hit, "trace: any_hit")
         shape, rays = _broadcast(origins, directions, t_min, t_max)
         self._update()
         frame = self.frame(any_hit)
@@ -128,8 +138,9 @@ class RayTracer:
             batch = slice(start, min(start + BATCH, count))
             first = number % 2 * BATCH
             place = slice(first, first + batch.stop - batch.start)
-            for name, values in rays.items():
-                self._views[name][place] = values[batch]
+            with np.errstate(over="ignore"):  # becomes infinity, as said
+                for name, values in rays.items():
+                    self._views[name][place] = values[batch]
             frame.uniforms["first"] = first
             frame.uniforms["count"] = batch.stop - batch.start
             submitted = (frame.submit(), batch, place)
@@ -200,6 +211,11 @@ class RayTracer:
         self.close()
 
 
+def _check_given(device: Any, scene: Any, what: str) -> None:
+    check_kind(device, Device, f"{what}: the device", "give a solari_vk.Device")
+    check_kind(scene, (Scene, SceneBinder), f"{what}: the scene", "give a solari_vk.Scene, or a SceneBinder")
+
+
 def _host_type(element: Any) -> np.dtype[Any]:
     """An array's type in the shader as users see it: the number -1 and true or false for what are unsigned there."""
     if element.names is None:
@@ -222,14 +238,7 @@ def _broadcast(
 ) -> tuple[tuple[int, ...], dict[str, NDArray[Any]]]:
     """The rays' shape, and what the shader takes as arrays (N, 3) and (N)."""
     given = {"origins": origins, "directions": directions, "t_min": t_min, "t_max": t_max}
-    arrays = {}
-    for name, values in given.items():
-        try:
-            arrays[name] = np.asarray(values)
-            if arrays[name].dtype.kind not in "fiu":
-                arrays[name] = np.asarray(values, np.float64)
-        except (TypeError, ValueError) as error:
-            raise SolariError(f"trace: {name} are numbers: {error}") from error
+    arrays = {name: numbers(values, f"trace: {name}") for name, values in given.items()}
     for name in ("origins", "directions"):
         if arrays[name].shape[-1:] != (3,):
             raise SolariError(f"trace: the shape of {name} is {arrays[name].shape}, not (..., 3)")

@@ -13,6 +13,7 @@ from solari_vk.gpu import raw
 from solari_vk.gpu.barriers import full_barrier
 from solari_vk.gpu.blas import Blas as Blas
 from solari_vk.gpu.blas_builds import build_blases as build_blases
+from solari_vk.gpu.checks import whole_number
 from solari_vk.gpu.geometry import AABB_DTYPE as AABB_DTYPE
 from solari_vk.gpu.geometry import AabbGeometry as AabbGeometry
 from solari_vk.gpu.geometry import Geometry as Geometry
@@ -51,6 +52,7 @@ class Tlas(Structure):
         name: str = "tlas",
     ) -> None:
         limit = int(device.properties.acceleration.maxInstanceCount)
+        max_instances = whole_number(max_instances, f"Tlas {name}: max_instances")
         if not 0 <= max_instances <= limit:
             raise SolariError(f"Tlas {name} of {max_instances:,} instances: this device takes 0 to {limit:,}")
         self.max_instances = max_instances

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from solari_vk.errors import SolariError
 from solari_vk.gpu import raw
+from solari_vk.gpu.checks import check_kind, check_switch, show
 from solari_vk.gpu.compaction import Preparation, copy_compacted
 from solari_vk.gpu.geometry import Geometry, build_ranges, check_fit, check_geometries, geometry_struct, refit_keys
 from solari_vk.gpu.structure import Structure, build_flags
@@ -36,6 +37,7 @@ class Blas(Structure):
     ) -> None:
         self.geometries = tuple(geometries)
         self.compacted = False
+        check_switch(allow_compaction, f"Blas {name}: allow_compaction")
         check_geometries(device, self.geometries, name)
         flags = build_flags(device, prefer_fast_trace, low_memory, allow_update)
         flags |= raw.VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_COMPACTION_BIT_KHR * allow_compaction
@@ -99,6 +101,8 @@ class Blas(Structure):
         allow_compaction, or is compacted.
         """
         self.check_alive("compaction")
+        if callback is not None and not callable(callback):
+            raise SolariError(f"compaction of {self.describe()}: the callback is {show(callback)}: give a function")
         if not self.built or self.compacted or not self.allow_compaction:
             why = "it was made without allow_compaction" if not self.allow_compaction else "it was never built"
             raise SolariError(f"compaction of {self.describe()}: {'it is compacted' if self.compacted else why}")
@@ -117,6 +121,7 @@ class Blas(Structure):
         It can be neither built nor compacted again. Raises SolariError when not `ready_for_compaction`.
         """
         self.check_alive("compaction")
+        check_kind(name, str, f"compaction of {self.describe()}: the name", "give a string")
         if not self.ready_for_compaction:
             raise SolariError(f"compaction of {self.describe()}, which isn't ready: call prepare_compaction and wait")
         assert self._preparation is not None

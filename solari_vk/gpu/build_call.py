@@ -17,10 +17,11 @@ from solari_vk.errors import SolariError
 from solari_vk.gpu import raw
 from solari_vk.gpu.acceleration import Blas, Tlas
 from solari_vk.gpu.blas_builds import BlasBuild, batches, check_builds, submit_batch
+from solari_vk.gpu.checks import check_items, check_kind
 from solari_vk.gpu.device import Device
 from solari_vk.gpu.geometry import check_fit
 from solari_vk.gpu.instances import TlasInstance, TlasInstances, gather
-from solari_vk.gpu.sources import Source, Uploader, place_all
+from solari_vk.gpu.sources import Aabbs, Source, Triangles, Uploader, place_all
 from solari_vk.gpu.structure import clock
 
 
@@ -31,6 +32,12 @@ class BlasBuildEntry:
     blas: Blas
     geometries: Sequence[Source]
 
+    def __post_init__(self) -> None:
+        check_kind(self.blas, Blas, "build entry: the Blas", "give what rt.create_blas makes")
+        what = f"build entry of {self.blas.describe()}: the geometries"
+        geometries = check_items(self.geometries, (Triangles, Aabbs), what, "give rt.Triangles or rt.Aabbs")
+        object.__setattr__(self, "geometries", tuple(geometries))
+
 
 @dataclass(frozen=True, eq=False)
 class TlasPackage:
@@ -38,6 +45,13 @@ class TlasPackage:
 
     tlas: Tlas
     instances: Sequence[TlasInstance | None] | TlasInstances = field(default=())
+
+    def __post_init__(self) -> None:
+        check_kind(self.tlas, Tlas, "package: the Tlas", "give what rt.create_tlas makes")
+        what, remedy = f"package of {self.tlas.describe()}", "give a list of rt.TlasInstance objects"
+        check_kind(self.instances, (Sequence, TlasInstances), f"{what}: the list of instances", remedy)
+        if not isinstance(self.instances, TlasInstances):
+            check_items(self.instances, (TlasInstance, type(None)), f"{what}: the instances", remedy)
 
 
 class BuildCall:
@@ -49,9 +63,10 @@ class BuildCall:
     def __init__(
         self, device: Device, blases: Iterable[BlasBuildEntry] = (), tlases: Iterable[TlasPackage] = ()
     ) -> None:
+        check_kind(device, Device, "build: the device", "give a solari_vk.Device")
         self._device = device
-        self._entries = list(blases)
-        self._packages = list(tlases)
+        self._entries = check_items(blases, BlasBuildEntry, "build: the Blases", "give rt.BlasBuildEntry objects")
+        self._packages = check_items(tlases, TlasPackage, "build: the Tlases", "give rt.TlasPackage objects")
         self._check()
         for entry in self._entries:
             check_fit(entry.blas.made_for, [s.geometry() for s in entry.geometries], entry.blas.describe())

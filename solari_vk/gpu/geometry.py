@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from solari_vk.errors import SolariError
 from solari_vk.gpu import raw
+from solari_vk.gpu.checks import check_kind, check_switch, show, whole_number
 
 if TYPE_CHECKING:
     from solari_vk.gpu.device import Device
@@ -144,10 +145,33 @@ def check_fit(made_for: Sequence[Geometry], geometries: Sequence[Geometry], wher
                 raise SolariError(f"build of {where}, geometry {i}: {field} is {count:,}, made for {most:,}")
 
 
+def check_index_type(given: Any, where: str) -> None:
+    """Raise SolariError for a type that indices can't have."""
+    try:
+        fits = np.dtype(given) in _INDEX_TYPES
+    except TypeError:
+        fits = False
+    if not fits:
+        raise SolariError(f"{where}: index_dtype {show(given)}, not uint16 or uint32")
+
+
+def _check_types(geometry: Any, where: str) -> None:
+    check_kind(geometry, (TriangleGeometry, AabbGeometry), where, "give a TriangleGeometry or an AabbGeometry")
+    for field, value in vars(geometry).items():
+        if field == "index_dtype":
+            check_index_type(value, where)
+        elif field in ("opaque", "no_duplicate_any_hit"):
+            check_switch(value, f"{where}: {field}")
+        else:
+            whole_number(value, f"{where}: {field}")
+
+
 def check_geometries(device: Device, geometries: Sequence[Geometry], name: str) -> None:
     """Raise SolariError for what vkCmdBuildAccelerationStructuresKHR must not be given."""
     limits = device.properties.acceleration
     where = f"Blas {name}"
+    for i, geometry in enumerate(geometries):
+        _check_types(geometry, f"{where}, geometry {i}")
     if not 1 <= len(geometries) <= limits.maxGeometryCount:
         raise SolariError(f"{where}: {len(geometries)} geometries; this device takes 1 to {limits.maxGeometryCount:,}")
     if len({type(geometry) for geometry in geometries}) > 1:
@@ -161,8 +185,6 @@ def check_geometries(device: Device, geometries: Sequence[Geometry], name: str) 
         if isinstance(geometry, AabbGeometry):
             aligned = {"boxes": (geometry.boxes, 8), "stride": (geometry.stride, 8)}
         else:
-            if np.dtype(geometry.index_dtype) not in _INDEX_TYPES:
-                raise SolariError(f"{where}, geometry {i}: index_dtype {geometry.index_dtype}, not uint16 or uint32")
             size = np.dtype(geometry.index_dtype).itemsize
             aligned = {
                 "positions": (geometry.positions, 4),

@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
 from solari_vk.gpu.acceleration import INSTANCE_DTYPE, Blas
+from solari_vk.gpu.checks import check_items, check_kind, check_whole, numbers, show
 
 CUSTOM_DATA_BITS = 24
+_MAKE_BLAS = "give what rt.create_blas makes"
 
 
 class InstanceFlags(IntFlag):
@@ -35,10 +37,13 @@ def _check(transforms: NDArray[Any], custom_data: NDArray[Any], mask: NDArray[An
         return f" (number {int(wrong.argmax())})" if len(wrong) > 1 else ""
 
     for what, values, most in (("custom_data", custom_data, (1 << CUSTOM_DATA_BITS) - 1), ("mask", mask, 0xFF)):
+        check_whole(values, f"instance: {what} is a whole number from 0 to {most:,}")
         wrong = (values < 0) | (values > most)
-        if values.dtype.kind not in "iu" or wrong.any():
-            example = values[wrong][0] if values.dtype.kind in "iu" else values.dtype
+        if wrong.any():
+            example = values[wrong][0]
             raise SolariError(f"instance: {what} is a whole number from 0 to {most:,}, not {example}{where(wrong)}")
+    check_whole(flags, "instance: flags are rt.InstanceFlags")
+    flags = flags.astype(np.int64)
     wrong = (flags < 0) | (flags > 0xF) | (flags & 0xC == 0xC)
     if wrong.any():
         raise SolariError(f"instance: {InstanceFlags(int(flags[wrong][0]))!r} can't be{where(wrong)}")
@@ -54,7 +59,7 @@ def _check(transforms: NDArray[Any], custom_data: NDArray[Any], mask: NDArray[An
 
 def _affine(given: Any) -> NDArray[np.float64]:
     """(N, 3, 4) of 3x4 matrices or affine 4x4 ones."""
-    matrices = np.asarray(given, np.float64)
+    matrices = numbers(given, "instance: the transform's elements").astype(np.float64)
     if matrices.shape[-2:] == (4, 4) and (matrices[..., 3, :] == (0, 0, 0, 1)).all():
         matrices = matrices[..., :3, :]
     if matrices.shape[-2:] != (3, 4):
@@ -78,6 +83,7 @@ class TlasInstance:
 
     def record(self) -> NDArray[Any]:
         """Its INSTANCE_DTYPE record, of shape (1,), without the address."""
+        check_kind(self.blas, Blas, "instance: the Blas", _MAKE_BLAS)
         transform = np.eye(4)[:3] if self.transform is None else self.transform
         return make_records(transform, self.custom_data, self.mask, self.flags, 1)
 
@@ -85,7 +91,8 @@ class TlasInstance:
 class TlasInstances:
     """Many instances in arrays, for tops of 100,000: each argument is one for all, or a sequence of `count`.
 
-    blases: a Blas, or a sequence of them with None for places that no ray meets. Others as of `TlasInstance`.
+    blases: a Blas, or a sequence of them with None for places that no ray meets. Others as of `TlasInstance`. All is
+    checked and copied once; for other instances make another one.
     """
 
     def __init__(
@@ -97,12 +104,24 @@ class TlasInstances:
         flags: Any = InstanceFlags.NONE,
     ) -> None:
         matrices = _affine(transforms)
-        count = len(matrices) if isinstance(blases, Blas) else len(blases)
-        self.blases: Sequence[Blas | None] = [blases] * count if isinstance(blases, Blas) else list(blases)
-        self.records = make_records(matrices, custom_data, mask, flags, count)
+        if isinstance(blases, Blas):
+            blases = [blases] * len(matrices)
+        self._blases = tuple(check_items(blases, (Blas, type(None)), "instances: the Blases", _MAKE_BLAS))
+        self._records = make_records(matrices, custom_data, mask, flags, len(self._blases))
+        self._records.setflags(write=False)  # what was checked can't change before the build
+
+    @property
+    def blases(self) -> Sequence[Blas | None]:
+        """The Blas of each instance."""
+        return self._blases
+
+    @property
+    def records(self) -> NDArray[Any]:
+        """Their INSTANCE_DTYPE records, addresses 0; not to be written to."""
+        return self._records.view()
 
     def __len__(self) -> int:
-        return len(self.records)
+        return len(self._records)
 
 
 def make_records(transforms: Any, custom_data: Any, mask: Any, flags: Any, count: int) -> NDArray[Any]:
@@ -111,9 +130,9 @@ def make_records(transforms: Any, custom_data: Any, mask: Any, flags: Any, count
     try:
         matrices = np.broadcast_to(matrices, (count, 3, 4))
         custom, masks, bits = (
-            np.broadcast_to(np.asarray(v), (count,)) for v in (custom_data, mask, np.asarray(flags, np.int64))
+            np.broadcast_to(np.asarray(value), (count,)) for value in (custom_data, mask, flags)
         )
-    except (ValueError, TypeError) as error:
+    except ValueError as error:
         raise SolariError(f"instances: every value is one for all, or {count} in a sequence ({error})") from error
     _check(matrices, custom, masks, bits)
     records = np.zeros(count, INSTANCE_DTYPE)
@@ -128,6 +147,9 @@ def gather(instances: Iterable[TlasInstance | None] | TlasInstances) -> tuple[Se
     if isinstance(instances, TlasInstances):
         return instances.blases, instances.records.copy()
     items = list(instances)
+    for i, item in enumerate(items):
+        if item is not None and not isinstance(item, TlasInstance):
+            raise SolariError(f"instances: number {i} is {show(item)}: give rt.TlasInstance objects, or None")
     records = np.zeros(len(items), INSTANCE_DTYPE)
     for i, item in enumerate(items):
         if item is not None:

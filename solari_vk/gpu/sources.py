@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
+from solari_vk.gpu.checks import check_kind, check_switch, numbers, whole_number
 from solari_vk.gpu.device import Device
-from solari_vk.gpu.geometry import AABB_DTYPE, AabbGeometry, Geometry, TriangleGeometry
+from solari_vk.gpu.geometry import AABB_DTYPE, AabbGeometry, Geometry, TriangleGeometry, check_index_type
 from solari_vk.gpu.memory import Buffer
 
 _PRESENT = 16  # stands for an address while a structure is only made, not built: aligned for everything
@@ -29,6 +30,11 @@ class BufferSlice:
     count: int
     offset: int = 0
     stride: int = 0
+
+    def __post_init__(self) -> None:
+        check_kind(self.buffer, Buffer, "slice: the buffer", "give what Device.buffer makes")
+        for field in ("count", "offset", "stride"):
+            whole_number(getattr(self, field), f"slice of buffer {self.buffer.name}: {field}")
 
     def locate(self, what: str, size: int, device: Device | None = None) -> tuple[int, int]:
         """Address and stride of records of `size` bytes; raises SolariError unless all lie in the buffer."""
@@ -58,6 +64,13 @@ class TriangleSize:
     opaque: bool = True
     no_duplicate_any_hit: bool = False
 
+    def __post_init__(self) -> None:
+        whole_number(self.vertex_count, "triangles: vertex_count", 0)
+        whole_number(self.index_count, "triangles: index_count", 0)
+        check_index_type(self.index_dtype, "triangles")
+        check_switch(self.has_transform, "triangles: has_transform")
+        _check_switches(self, "triangles")
+
     def geometry(self) -> TriangleGeometry:
         """As a geometry whose addresses only say what will be there."""
         return TriangleGeometry(
@@ -79,6 +92,10 @@ class AabbSize:
     count: int
     opaque: bool = True
     no_duplicate_any_hit: bool = False
+
+    def __post_init__(self) -> None:
+        whole_number(self.count, "boxes: count", 0)
+        _check_switches(self, "boxes")
 
     def geometry(self) -> AabbGeometry:
         """As a geometry whose address only says what will be there."""
@@ -104,6 +121,8 @@ class Triangles:
 
     def __post_init__(self) -> None:
         put: Callable[[str, Any], None] = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
+        check_index_type(self.index_dtype, "triangles")
+        _check_switches(self, "triangles")
         if not isinstance(self.positions, BufferSlice):
             put("positions", _floats("positions", self.positions, (-1, 3)))
         if self.indices is not None and not isinstance(self.indices, BufferSlice):
@@ -161,8 +180,10 @@ class Aabbs:
     no_duplicate_any_hit: bool = False
 
     def __post_init__(self) -> None:
+        _check_switches(self, "boxes")
         if not isinstance(self.boxes, BufferSlice):
-            boxes = _floats("boxes", np.reshape(self.boxes, (-1, 6)), (-1, 6))
+            given = numbers(self.boxes, "boxes")
+            boxes = _floats("boxes", given.reshape(-1, 6) if given.size % 6 == 0 else given, (-1, 6))
             inverted = (boxes[:, :3] > boxes[:, 3:]).any(axis=1)
             if inverted.any():
                 raise SolariError(f"boxes: number {int(inverted.argmax())} has its least corner beyond its greatest")
@@ -213,13 +234,19 @@ def place_all(uploader: Uploader, sources: tuple[Source, ...]) -> list[Geometry]
     return [source.place(uploader) for source in sources]
 
 
+def _check_switches(geometry: Any, what: str) -> None:
+    check_switch(geometry.opaque, f"{what}: opaque")
+    check_switch(geometry.no_duplicate_any_hit, f"{what}: no_duplicate_any_hit")
+
+
 def _count(data: Any) -> int:
     return data.count if isinstance(data, BufferSlice) else data.size if data.dtype.kind == "u" else len(data)
 
 
 def _floats(what: str, given: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    source = numbers(given, what)
     with np.errstate(over="ignore"):  # becomes infinity, which is refused below
-        array = np.array(given, np.float32, order="C")  # a copy: what was checked can't change before the build
+        array = np.array(source, np.float32, order="C")  # a copy: what was checked can't change before the build
     fits = array.ndim == len(shape) and all(n in (-1, m) for n, m in zip(shape, array.shape, strict=True))
     if not fits:
         wanted = ", ".join("N" if n < 0 else str(n) for n in shape)
@@ -231,7 +258,7 @@ def _floats(what: str, given: Any, shape: tuple[int, ...]) -> NDArray[np.float32
 
 
 def _indices(given: Any, positions: Any) -> NDArray[Any]:
-    array = np.array(given, order="C")
+    array = np.array(numbers(given, "indices"), order="C")
     if array.dtype not in (np.uint16, np.uint32):
         if array.dtype.kind not in "iu" or (array.size and (array.min() < 0 or array.max() >= 2**32)):
             raise SolariError(f"indices: they are whole numbers from 0 to 2^32 - 1, not {array.dtype}")

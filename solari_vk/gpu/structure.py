@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from solari_vk.errors import SolariError
 from solari_vk.gpu import raw
+from solari_vk.gpu.checks import check_kind, check_switch
 from solari_vk.gpu.memory import Buffer
 
 if TYPE_CHECKING:
@@ -55,6 +56,7 @@ class Structure:
     def __init__(
         self, device: Device, kind: int, flags: int, geometries: Sequence[raw.CData], counts: list[int], name: str
     ) -> None:
+        check_kind(name, str, "acceleration structure: the name", "give a string")
         self.device = device
         self.name = name
         self.flags = flags
@@ -183,6 +185,9 @@ def make_scratch(device: Device, size: int, name: str) -> tuple[Buffer, int]:
 
 def build_flags(device: Device, fast_trace: bool, low_memory: bool, allow_update: bool) -> int:
     """Vulkan's flags for both kinds of structure. Vertices can be read back wherever the device is able to."""
+    switches = {"prefer_fast_trace": fast_trace, "low_memory": low_memory, "allow_update": allow_update}
+    for what, value in switches.items():
+        check_switch(value, f"acceleration structure: {what}")
     flags = (
         raw.VK_BUILD_ACCELERATION_STRUCTURE_PREFER_FAST_TRACE_BIT_KHR
         if fast_trace
