@@ -1,0 +1,26 @@
+// Fills the light tiles, anew in every frame: each sample is any triangle of any light, uniformly, and a point of it.
+// Wyman and Panteleev, "Rearchitecting Spatiotemporal Resampling for Production" (2021), section 5.
+#version 460
+#extension GL_EXT_ray_query : require
+#include "common/random.glsl"
+#include "passes/bindings.glsl"
+#include "passes/light_tiles/light_tiles.glsl"
+
+layout(local_size_x = 256) in;
+
+layout(constant_id = 4) const uint samples_each = 1024u;
+
+const uint PASS_SALT = 0x85EBCA6Bu;
+
+void main() {
+    uint index = gl_GlobalInvocationID.x;
+    if (index == 0u) { light_tiles.samples_each = samples_each; }
+    if (index >= light_tiles.at.length() || uniforms.light_sampling == LIGHTS_RESOLVED) { return; }
+    // Differs from Solari: hashed from frame, tile and place, where sums made the tiles of successive frames overlap
+    uint rng = seed_rng(
+        uvec2(index / samples_each, index % samples_each), uniforms.frame_index, uniforms.seed ^ PASS_SALT
+    );
+    LightCandidate candidate = draw_light_candidate(rng);
+    light_tile_samples.at[index] = candidate.light_sample;
+    light_tiles.at[index] = pack_light_sample(candidate.resolved);
+}

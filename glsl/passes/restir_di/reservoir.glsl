@@ -1,0 +1,56 @@
+// A reservoir of direct light and how two merge: Bitterli et al., "Spatiotemporal Reservoir Resampling for Real-Time Ray Tracing
+// with Dynamic Direct Lighting" (2020), with the weights of Lin et al., "Generalized Resampled Importance Sampling" (2022).
+//
+// Differs from Solari: densities are over lights and the random numbers of a sample, not over area, so that a light which
+// grows, shrinks or turns doesn't make the samples of earlier frames wrong.
+#ifndef PASSES_RESTIR_DI_RESERVOIR_GLSL
+#define PASSES_RESTIR_DI_RESERVOIR_GLSL
+
+#include "common/math.glsl"
+#include "common/random.glsl"
+#include "scene/sampling.glsl"
+#include "passes/bindings.glsl"
+
+struct DiReservoir {
+    LightSample light_sample;          // light_index NO_INDEX: empty
+    float confidence;                  // in frames; an empty reservoir has it too, since finding nothing is knowledge
+    float unbiased_contribution_weight;  // stands for 1 / pdf: the number of lights when nothing is known of them
+};
+
+const DiReservoir EMPTY_DI_RESERVOIR = DiReservoir(LightSample(NO_INDEX, 0u, 0u), 0.0, 0.0);
+
+// Whether a stream of weights, whose sum so far this brings up to date, goes on with its newest sample.
+bool choose_weighted(inout float weight_sum, float weight, inout uint rng) {
+    weight_sum += weight;
+    return rand_f(rng) * weight_sum < weight;
+}
+
+// The share of a sample that goes to the first of two ways to find it; `targets` are the two ways' own of this sample.
+float merge_share(vec2 confidences, vec2 targets) {
+    vec2 weights = uniforms.di_merge == MERGE_CONSTANT ? confidences : confidences * targets;
+    return weights.x > 0.0 ? weights.x / (weights.x + weights.y) : 0.0;
+}
+
+// Merges a pixel's reservoir with another's. `here` are both samples' targets at the pixel, `there` at the other one.
+// Unbiased as long as the first could have found whatever has a target here.
+DiReservoir merge_di_reservoirs(DiReservoir first, DiReservoir second, vec2 here, vec2 there, inout uint rng) {
+    vec2 confidences = vec2(first.confidence, second.confidence);
+    float first_share = merge_share(confidences, vec2(here.x, there.x));
+    float second_share = merge_share(confidences.yx, vec2(there.y, here.y));
+
+    DiReservoir merged = EMPTY_DI_RESERVOIR;
+    float weight_sum = 0.0, target = 0.0;
+    if (choose_weighted(weight_sum, first_share * here.x * first.unbiased_contribution_weight, rng)) {
+        merged.light_sample = first.light_sample;
+        target = here.x;
+    }
+    if (choose_weighted(weight_sum, second_share * here.y * second.unbiased_contribution_weight, rng)) {
+        merged.light_sample = second.light_sample;
+        target = here.y;
+    }
+    merged.confidence = first.confidence + second.confidence;
+    merged.unbiased_contribution_weight = target > 0.0 ? weight_sum / target : 0.0;
+    return merged;
+}
+
+#endif

@@ -1,0 +1,76 @@
+// ReSTIR DI, second half: merges a pixel's reservoir with a neighbour's, keeps the result for the next frame, and only then
+// finds out whether its light is seen, and shades. Bitterli et al., "Spatiotemporal Reservoir Resampling for Real-Time Ray
+// Tracing with Dynamic Direct Lighting" (2020).
+#version 460
+#extension GL_EXT_ray_query : require
+#include "passes/bindings.glsl"
+#include "passes/gbuffer/gbuffer.glsl"
+#include "passes/ray_count.glsl"
+#include "passes/restir_di/bindings.glsl"
+#include "passes/restir_di/target.glsl"
+#include "passes/reuse.glsl"
+#include "scene/brdf.glsl"
+#include "scene/trace.glsl"
+
+layout(local_size_x = 8, local_size_y = 8) in;
+
+const uint PASS_SALT = 0xB5297A4Du;
+
+bool is_seen(GBufferSurface surface, ResolvedLightSample resolved) {
+    count_ray(RAYS_OF_DI);
+    return trace_light_visibility(surface.world_position + surface.geometric_world_normal * surface.ray_offset, resolved);
+}
+
+// Returns the neighbour's index, NO_INDEX when none is similar.
+uint merge_with_neighbor(uvec2 pixel, GBufferSurface surface, inout DiReservoir reservoir) {
+    uint rng = seed_rng(pixel, uniforms.frame_index, uniforms.seed ^ PASS_SALT);
+    uvec2 neighbor;
+    GBufferSurface neighbor_surface;
+    if (!find_spatial_neighbor(pixel, surface, uniforms.di_spatial_radius, rng, neighbor, neighbor_surface)) {
+        return NO_INDEX;
+    }
+    uint neighbor_index = neighbor.y * uniforms.size.x + neighbor.x;
+    DiReservoir other = di_temporal_reservoirs.at[neighbor_index];
+    vec2 here = vec2(di_target(surface, reservoir), di_target(surface, other));
+    vec2 there = vec2(di_target(neighbor_surface, reservoir), di_target(neighbor_surface, other));
+    if (uniforms.di_order == ORDER_0_17 && here.y > 0.0) {
+        bool seen = is_seen(surface, resolve_light_sample(other.light_sample));
+        other.unbiased_contribution_weight *= seen ? 1.0 : 0.0;
+    }
+    reservoir = merge_di_reservoirs(reservoir, other, here, there, rng);
+    return neighbor_index;
+}
+
+void main() {
+    uvec2 pixel = INVOCATION_INDEX;
+    if (any(greaterThanEqual(pixel, uniforms.size))) { return; }
+    uint index = pixel.y * uniforms.size.x + pixel.x;
+    GBufferSurface surface = load_gbuffer(pixel);
+    DiReservoir reservoir = di_temporal_reservoirs.at[index];
+    uvec2 outcome = uvec2(NO_INDEX, 0u);
+    if (surface.exists && uniforms.di != 0u && uniforms.di_spatial != 0u) {
+        outcome.x = merge_with_neighbor(pixel, surface, reservoir);
+    }
+    di_reservoirs.at[index] = reservoir;
+
+    vec3 diffuse = vec3(0.0), specular = vec3(0.0);
+    if (reservoir.unbiased_contribution_weight > 0.0) {
+        ResolvedLightSample resolved = resolve_light_sample(reservoir.light_sample);
+        if (uniforms.di_order == ORDER_0_17 || is_seen(surface, resolved)) {
+            LightContribution light = calculate_resolved_light_contribution(resolved, surface.world_position);
+            mat3 frame = orthonormalize(surface.world_normal);
+            vec3 wo = surface.wo * frame, wi = light.wi * frame;
+            Brdf brdf = prepare_brdf(surface.material, wo);
+            vec3 received = light.received_radiance
+                * (light.inverse_pdf / float(scene_info.light_count) * reservoir.unbiased_contribution_weight);
+            diffuse = received * evaluate_diffuse_brdf(brdf, wo, wi);
+            if (surface.material.roughness > uniforms.specular_di_roughness) {
+                specular = received * evaluate_specular_brdf(brdf, wo, wi);
+            }
+            outcome.y = 1u;
+        }
+    }
+    di_diffuse.at[index] = diffuse;
+    di_specular.at[index] = specular;
+    di_outcomes.at[index] = outcome;
+}

@@ -1,0 +1,17 @@
+"""Light tiles: samples of lights, drawn ahead for all passes that choose among them; glsl/passes/light_tiles/."""
+
+from __future__ import annotations
+
+from solari_vk.gpu.frame import Pass, Stage
+from solari_vk.settings import Settings
+
+
+def stage(size: tuple[int, int], settings: Settings) -> Stage:
+    """The tiles, one after the other: the samples, and what they resolve to in 24 bytes each. `size` plays no part."""
+    count = settings.light_tile_count * settings.light_tile_samples
+    constants = {"samples_each": settings.light_tile_samples}
+    return Stage(
+        "light_tiles",
+        buffers={"light_tile_samples": count, "light_tiles": count},
+        passes=[Pass("light_tiles/generate", threads=count, constants=constants)],
+    )

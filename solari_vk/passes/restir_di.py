@@ -1,0 +1,27 @@
+"""ReSTIR DI: light that comes straight from lights; glsl/passes/restir_di/."""
+
+from __future__ import annotations
+
+from solari_vk.gpu.frame import History, Pass, Stage
+from solari_vk.passes.pathtracer import LAYERINGS
+from solari_vk.settings import Settings
+
+
+def stage(size: tuple[int, int], settings: Settings) -> Stage:
+    """Reservoirs with their history, and radiance towards the camera, diffuse and specular apart."""
+    pixels = size[0] * size[1]
+    brdf = {"brdf_layering": LAYERINGS.index(settings.layering), "brdf_lambert": settings.lambert}
+    return Stage(
+        "restir_di",
+        buffers={
+            "di_reservoirs": History(pixels),
+            "di_temporal_reservoirs": pixels,
+            "di_outcomes": pixels,
+            "di_diffuse": pixels,
+            "di_specular": pixels,
+        },
+        passes=[
+            Pass("restir_di/initial_and_temporal", threads=size),
+            Pass("restir_di/spatial_and_shade", threads=size, constants=brdf),
+        ],
+    )
