@@ -38,6 +38,7 @@ struct BrdfSample {
     vec3 wi;      // below the surface when the sample is invalid
     vec3 weight;  // BRDF / pdf, the cosine in it; 0 when invalid
     float pdf;    // infinite for a mirror's direction
+    bool diffuse;  // which lobe proposed wi; weight and pdf are of both, but for a mirror
 };
 
 // Directional albedo of GGX with that F0 and multiple scattering, from E = F0 A + B with F0 = 1 giving all: Fdez-Aguero, "A
@@ -122,11 +123,12 @@ BrdfSample sample_brdf(Brdf brdf, vec3 wo, inout uint rng) {
     float choice = rand_f(rng);
     vec2 u = rand_vec2f(rng);
     if (brdf.mirror && choice < brdf.specular_probability) {
-        return BrdfSample(vec3(-wo.xy, wo.z), specular_fresnel(brdf, wo.z) / brdf.specular_probability, INFINITY);
+        return BrdfSample(vec3(-wo.xy, wo.z), specular_fresnel(brdf, wo.z) / brdf.specular_probability, INFINITY, false);
     }
-    vec3 wi = choice < brdf.specular_probability ? sample_ggx_vndf(wo, brdf.roughness, u) : sample_cosine_hemisphere(u);
+    bool diffuse = choice >= brdf.specular_probability;
+    vec3 wi = diffuse ? sample_cosine_hemisphere(u) : sample_ggx_vndf(wo, brdf.roughness, u);
     float pdf = brdf_pdf(brdf, wo, wi);
-    return BrdfSample(wi, pdf > 0.0 ? evaluate_brdf(brdf, wo, wi) / pdf : vec3(0.0), pdf);
+    return BrdfSample(wi, pdf > 0.0 ? evaluate_brdf(brdf, wo, wi) / pdf : vec3(0.0), pdf, diffuse);
 }
 
 #endif

@@ -6,6 +6,7 @@
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/guides/bindings.glsl"
 #include "passes/guides/mirrors.glsl"
+#include "passes/ray_count.glsl"
 #include "scene/brdf.glsl"
 #include "scene/surface.glsl"
 #include "scene/trace.glsl"
@@ -63,6 +64,7 @@ Guides describe_reflection(GBufferSurface seen, uvec2 pixel) {
         previous_chain = append_mirror(previous_chain, previous_mirror(instance, mirror));
         direction = normalize(reflect(direction, surface.world_normal));
         vec3 origin = surface.world_position + surface.geometric_world_normal * surface.ray_offset;
+        count_ray(RAYS_OF_GUIDES);
         Hit hit = trace_closest_hit(origin, 0.0, direction, INFINITY, TRACE_BOTH_FACES);
         instance = hit.instance;
         if (instance == NO_INDEX) {

@@ -1,0 +1,159 @@
+// Specular GI: what reaches the camera over the specular lobe of what a pixel shows. Rough surfaces take the sample of ReSTIR
+// GI, others trace a short path with light and BRDF samples weighted by the power heuristic (Veach 1997), which ends in
+// the world cache once it has spread wider than the cache's cells.
+#version 460
+#extension GL_EXT_ray_query : require
+#include "passes/bindings.glsl"
+#include "passes/gbuffer/gbuffer.glsl"
+#include "passes/ray_count.glsl"
+#include "passes/specular_gi/lobe.glsl"
+#include "passes/world_cache/query.glsl"
+#include "scene/brdf.glsl"
+#include "scene/sampling.glsl"
+#include "scene/surface.glsl"
+#include "scene/trace.glsl"
+
+layout(local_size_x = 8, local_size_y = 8) in;
+
+const uint SPECULAR_GI_SALT = 0x5BEC9141u;
+const uint FIRST_ROULETTE_SURFACE = 3u;
+const uint MOST_MIRRORS = 64u;
+const float ROUGHNESS_OF_0_18 = 0.03;  // where its paths ended, whatever came before
+
+// ---- lights -----------------------------------------------------------------------------------------
+
+// bounce_pdf: of the direction; infinite where nothing else finds these lights, 0 where DI has them.
+vec3 directional_light_radiance(vec3 direction, float bounce_pdf) {
+    vec3 met = vec3(0.0);
+    for (uint i = 0u; i < scene_info.directional_light_count; i++) {
+        DirectionalLight light = directional_lights.at[i];
+        if (directional_light_covers(light, direction)) {
+            met += light.radiance * power_heuristic(bounce_pdf, directional_hit_pdf(light));
+        }
+    }
+    return met;
+}
+
+// What a random light gives over the whole BRDF, weighted against meeting it by the next ray.
+vec3 sample_light(ResolvedRayHitFull surface, Brdf brdf, mat3 frame, vec3 wo, vec3 origin, inout uint rng) {
+    if (scene_info.light_count == 0u) { return vec3(0.0); }
+    ResolvedLightSample light_sample = resolve_light_sample(generate_random_light_sample(rng));
+    LightContribution light = calculate_resolved_light_contribution(light_sample, surface.world_position);
+    if (!(dot(light.wi, surface.geometric_world_normal) > 0.0)) { return vec3(0.0); }
+    vec3 wi = light.wi * frame;
+    vec3 value = light.received_radiance * light.inverse_pdf * evaluate_brdf(brdf, wo, wi)
+        * power_heuristic(light.solid_angle_pdf, brdf_pdf(brdf, wo, wi));
+    if (!(max_component(value) > 0.0)) { return vec3(0.0); }
+    count_ray(RAYS_OF_SPECULAR_GI);
+    return trace_light_visibility(origin, light_sample) ? value : vec3(0.0);
+}
+
+// ---- the path ---------------------------------------------------------------------------------------
+
+// What a path carries from surface to surface.
+struct Path {
+    vec3 origin;
+    vec3 direction;
+    vec3 throughput;
+    float bounce_pdf;    // of the direction, as lights see it
+    float spread;        // sum of lobe_spread
+    float spread_width;
+};
+
+// Goes on from a surface in a sampled direction; false when that leads nowhere.
+bool leave_surface(
+    inout Path path, BrdfSample next, Brdf brdf, mat3 frame, vec3 wo, vec3 geometric_world_normal
+) {
+    vec3 world_wo = -path.direction;
+    path.direction = normalize(frame * next.wi);
+    path.throughput *= next.weight;
+    path.bounce_pdf = next.pdf;
+    path.spread += next.diffuse ? lobe_spread(1.0) : next.pdf == INFINITY ? 0.0 : lobe_spread(brdf.roughness);
+    if (next.pdf == INFINITY && uniforms.specular_mirror == MIRROR_CLAMPED_GGX) {
+        path.throughput *= clamped_ggx_factor(brdf, wo, frame[2], world_wo, path.direction);
+    }
+    return next.wi.z > 0.0 && dot(path.direction, geometric_world_normal) > 0.0 && max_component(path.throughput) > 0.0;
+}
+
+// Whether the cache serves as well as going on would.
+bool may_end(ResolvedRayHitFull surface, float spread_width, float ray_t, inout uint rng) {
+    if (uniforms.specular_termination == TERMINATION_ROUGHNESS) { return surface.material.roughness > ROUGHNESS_OF_0_18; }
+    float cell_size = get_cell_size(surface.world_position, rng);
+    return spread_width > cell_size && ray_t > cell_size;
+}
+
+// Light from along the path's first ray. `distance` is what lies between camera and its origin.
+vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
+    vec3 radiance = vec3(0.0);
+    uint visited = 0u, mirrors = 0u;
+    while (true) {
+        count_ray(RAYS_OF_SPECULAR_GI);
+        Hit hit = trace_closest_hit(path.origin, 0.0, path.direction, INFINITY, TRACE_BOTH_FACES);
+        if (hit.instance == NO_INDEX) {
+            return radiance + path.throughput * directional_light_radiance(path.direction, path.bounce_pdf);
+        }
+        distance += hit.t;
+        path.spread_width += sqrt(path.spread) * hit.t;
+        ResolvedRayHitFull surface = resolve_ray_hit_full(hit, path.direction, cone_spread * distance);
+        if (surface.emits) {
+            float light_pdf = emissive_hit_pdf(surface, path.direction, hit.t);
+            radiance += path.throughput * surface.material.emissive * power_heuristic(path.bounce_pdf, light_pdf);
+        }
+        path.origin = surface.world_position + surface.geometric_world_normal * surface.ray_offset;
+        mat3 frame = orthonormalize(surface.world_normal);
+        vec3 wo = -path.direction * frame;
+        Brdf brdf = prepare_brdf(surface.material, wo);
+
+        // Mirrors of metal don't count: the cache, whose cells are diffuse, would show them as white walls.
+        bool mirror = brdf.mirror && brdf.specular_probability == 1.0;
+        mirrors += mirror ? 1u : 0u;
+        visited += mirror ? 0u : 1u;
+        bool last = mirror ? mirrors > MOST_MIRRORS : visited >= uniforms.specular_bounces;
+        WorldCacheResult cached = WorldCacheResult(false, vec3(0.0));
+        if (last || (!mirror && may_end(surface, path.spread_width, hit.t, rng))) {
+            cached = query_world_cache(
+                surface.world_position, surface.geometric_world_normal, hit.t, uniforms.world_cache_lifetime, rng
+            );
+        }
+        if (last && !cached.found) {
+            cached.irradiance =
+                sample_irradiance(surface.world_position, surface.geometric_world_normal, surface.ray_offset, rng);
+        }
+        if (last || cached.found) {
+            return radiance + path.throughput * surface_albedo(surface.material, wo.z) * (INVERSE_PI * cached.irradiance);
+        }
+
+        if (!mirror) { radiance += path.throughput * sample_light(surface, brdf, frame, wo, path.origin, rng); }
+        BrdfSample next = sample_brdf(brdf, wo, rng);
+        if (!leave_surface(path, next, brdf, frame, wo, surface.geometric_world_normal)) { return radiance; }
+        if (visited + mirrors >= FIRST_ROULETTE_SURFACE) {
+            float survival = min(max_component(path.throughput), 1.0);
+            if (rand_f(rng) >= survival) { return radiance; }
+            path.throughput /= survival;
+        }
+    }
+}
+
+void main() {
+    uvec2 pixel = INVOCATION_INDEX;
+    if (any(greaterThanEqual(pixel, uniforms.size))) { return; }
+    uint index = pixel.y * uniforms.size.x + pixel.x;
+    specular_gi.at[index] = vec3(0.0);
+    GBufferSurface surface = load_gbuffer(pixel);
+    if (uniforms.specular == 0u || !surface.exists) { return; }
+
+    mat3 frame = orthonormalize(surface.world_normal);
+    vec3 wo = surface.wo * frame;
+    Brdf brdf = prepare_brdf(surface.material, wo);
+    if (brdf.specular_probability == 0.0) { return; }
+
+    uint rng = seed_rng(pixel, uniforms.frame_index, uniforms.seed ^ SPECULAR_GI_SALT);
+    BrdfSample next = sample_specular_brdf(brdf, wo, rng);
+    Path path = Path(
+        surface.world_position + surface.geometric_world_normal * surface.ray_offset, -surface.wo, vec3(1.0), 0.0, 0.0, 0.0
+    );
+    if (!leave_surface(path, next, brdf, frame, wo, surface.geometric_world_normal)) { return; }
+    path.bounce_pdf = surface.material.roughness <= uniforms.specular_di_roughness ? INFINITY : 0.0;
+    float distance = length(surface.world_position - uniforms.world_from_view[3]);
+    specular_gi.at[index] = trace_path(path, distance, make_camera_ray(vec2(pixel) + 0.5).cone_spread, rng);
+}
