@@ -217,6 +217,14 @@ def test_wrong_rays_meet_nothing_and_never_reach_vulkan(device: Device, mixed: r
     assert given[1:].tolist() == [[0, 0, 0, 0, 0, 0, 1]] * 11
 
 
+def test_the_guide_says_which_rays_are_checked() -> None:
+    """The renderer's own rays go to Vulkan as they are, and whoever debugs a shader must know."""
+    assert "ray_query.glsl" not in (glsl_root() / "scene/trace.glsl").read_text()
+    guide = (Path(__file__).parents[2] / "docs/ray_tracing.md").read_text(encoding="utf-8")
+    assert "`RAY_QUERY_DEBUG` does not see rays traced through `scene/trace.glsl`" in guide
+    assert "There is no `scene.trace(rays)`, since a scene knows no device" in guide
+
+
 def test_skipping_primitives_is_declared() -> None:
     """SPIR-V has the flags only with RayTraversalPrimitiveCullingKHR, which every device with ray queries takes."""
     words = np.frombuffer(compile_shader("passes/probe.comp", root=GLSL), np.uint32)
