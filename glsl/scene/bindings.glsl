@@ -31,6 +31,8 @@ struct Mesh {
     Triangles triangles;
     uint triangle_count;
     uint flags;
+    vec3 least;  // corner of the bounds in object space
+    vec3 most;   // the other
 };
 
 struct Instance {

@@ -193,9 +193,8 @@ vec3 bend_shading_normal(vec3 normal, vec3 geometric_normal, vec3 wo) {
 
 // `cone_width` is the ray cone's at the hit (Akenine-Moeller et al., "Texture Level of Detail Strategies for Real-Time Ray
 // Tracing", Ray Tracing Gems, 2019; and "Improved Shader and Texture Level of Detail Using Ray Cones", JCGT 2021).
-ResolvedRayHitFull resolve_ray_hit_full(Hit hit, vec3 ray_direction, float cone_width) {
+ResolvedRayHitFull resolve_hit_full(Hit hit, Mesh mesh, vec3 ray_direction, float cone_width) {
     Instance instance = instances.at[hit.instance];
-    Mesh mesh = meshes.at[instance.ray_mesh];
     Material material = materials.at[instance.material];
     TrianglePoint point = resolve_triangle(instance, mesh, hit.triangle, hit.barycentrics);
     // by the normal, not by the query's answer: what is shaded is what is seen, edge-on too
@@ -225,6 +224,10 @@ ResolvedRayHitFull resolve_ray_hit_full(Hit hit, vec3 ray_direction, float cone_
         front_face ? normal : -normal, surface.geometric_world_normal, -ray_direction
     );
     return surface;
+}
+
+ResolvedRayHitFull resolve_ray_hit_full(Hit hit, vec3 ray_direction, float cone_width) {
+    return resolve_hit_full(hit, meshes.at[instances.at[hit.instance].ray_mesh], ray_direction, cone_width);
 }
 
 #endif

@@ -135,12 +135,11 @@ class DescriptorSets:
         info.imageView = image.level_view(0) if binding.kind == "storage_image" else image.view
         info.imageLayout = image.layout
 
-    def bind(self, command_buffer: raw.CData) -> None:
-        """Record the binding of both sets for compute."""
+    def bind(self, command_buffer: raw.CData, point: int = raw.VK_PIPELINE_BIND_POINT_COMPUTE) -> None:
+        """Record the binding of both sets for compute, or for another bind point."""
         self._interface.device.vk.vkCmdBindDescriptorSets(
-            command_buffer, raw.VK_PIPELINE_BIND_POINT_COMPUTE, self._interface.pipeline_layout, 0, SET_COUNT,
-            self.handles, 0, raw.NULL,
-        )  # fmt: skip
+            command_buffer, point, self._interface.pipeline_layout, 0, SET_COUNT, self.handles, 0, raw.NULL
+        )
 
     def destroy(self) -> None:
         """Destroy the sets when the work submitted so far is done. Safe to call twice."""

@@ -25,10 +25,10 @@ from solari_vk.gpu.program import Program, ProgramBuilder
 from solari_vk.gpu.resources import Resources
 from solari_vk.gpu.slot import Slot
 from solari_vk.gpu.spirv import Binding
-from solari_vk.gpu.stages import History, Pass, Stage, Step
+from solari_vk.gpu.stages import Draw, DrawList, History, Pass, Stage, Step
 from solari_vk.gpu.uniforms import Uniforms
 
-__all__ = ["Frame", "History", "Pass", "Row", "Stage", "Step"]
+__all__ = ["Draw", "DrawList", "Frame", "History", "Pass", "Row", "Stage", "Step"]
 
 SLOTS = 2
 

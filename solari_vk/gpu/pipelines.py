@@ -1,9 +1,10 @@
-"""Compute pipelines of a frame's passes, kept by what they are made of so that only what changed is made again."""
+"""Pipelines of a frame's passes, kept by what they are made of so that only what changed is made again."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
@@ -12,10 +13,17 @@ from solari_vk.errors import SolariError
 from solari_vk.gpu import raw
 from solari_vk.gpu.device import Device
 from solari_vk.gpu.interface import Interface
+from solari_vk.gpu.raster import graphics_create_info
 from solari_vk.gpu.spirv import Module
 
 Constants = Mapping[str, "int | float | bool"]
-PipelineKey = tuple[bytes, tuple[tuple[str, Any], ...], int]
+PipelineKey = tuple[Any, ...]
+
+_STAGES = {
+    "comp": raw.VK_SHADER_STAGE_COMPUTE_BIT,
+    "vert": raw.VK_SHADER_STAGE_VERTEX_BIT,
+    "frag": raw.VK_SHADER_STAGE_FRAGMENT_BIT,
+}
 
 
 class Pipelines:
@@ -24,9 +32,7 @@ class Pipelines:
     def __init__(self, device: Device) -> None:
         self._device = device
         self._cache = device.create("VkPipelineCache", raw.struct("VkPipelineCacheCreateInfo"), "pipeline cache")
-        self._cache_token = device.own(
-            lambda: device.vk.vkDestroyPipelineCache(device.handle, self._cache, raw.NULL)
-        )
+        self._cache_token = device.own(lambda: device.vk.vkDestroyPipelineCache(device.handle, self._cache, raw.NULL))
         self._made: dict[PipelineKey, tuple[raw.CData, int]] = {}
 
     def compute(
@@ -36,36 +42,59 @@ class Pipelines:
 
         Raises SolariError for a constant that the module hasn't got.
         """
-        specialization, values = _specialization(name, module, constants)
-        digest = hashlib.sha256(module.spirv).digest()
-        key = (digest, tuple(sorted(values.items())), int(raw.ffi.cast("uintptr_t", interface.pipeline_layout)))
+        layout = interface.pipeline_layout
+
+        def create(stages: list[raw.CData]) -> tuple[str, raw.CData]:
+            return "Compute", raw.struct("VkComputePipelineCreateInfo", stage=stages[0], layout=layout)
+
+        return self._pipeline(name, [module], constants, layout, (), create)
+
+    def graphics(
+        self, name: str, modules: Sequence[Module], constants: Constants, interface: Interface, formats: Sequence[str]
+    ) -> tuple[PipelineKey, raw.CData]:
+        """The same of a Draw's modules; `formats` are those of its colors."""
+        layout = interface.pipeline_layout
+
+        def create(stages: list[raw.CData]) -> tuple[str, raw.CData]:
+            return "Graphics", graphics_create_info(stages, formats, layout)
+
+        return self._pipeline(name, modules, constants, layout, formats, create)
+
+    def _pipeline(
+        self, name: str, modules: Sequence[Module], constants: Constants, layout: raw.CData, formats: Sequence[str],
+        create: Callable[[list[raw.CData]], tuple[str, raw.CData]],
+    ) -> tuple[PipelineKey, raw.CData]:  # fmt: skip
+        specializations, values = _specializations(name, modules, constants)
+        digests = tuple(hashlib.sha256(module.spirv).digest() for module in modules)
+        key = (*digests, *formats, tuple(sorted(values.items())), int(raw.ffi.cast("uintptr_t", layout)))
         if key not in self._made:
-            self._made[key] = self._make(name, module, specialization, interface)
+            device = self._device
+            out = raw.ffi.new("VkPipeline*")
+            with ExitStack() as shaders:
+                stages = [self._stage(shaders, name, *pair) for pair in zip(modules, specializations, strict=True)]
+                kind, info = create(stages)
+                make = getattr(device.vk, f"vkCreate{kind}Pipelines")
+                make(device.handle, self._cache, 1, info, raw.NULL, out)
+            pipeline = out[0]
+            device.name_object("pipeline", pipeline, name)
+            token = device.own(lambda: device.vk.vkDestroyPipeline(device.handle, pipeline, raw.NULL))
+            self._made[key] = pipeline, token
         return key, self._made[key][0]
 
-    def _make(
-        self, name: str, module: Module, specialization: raw.CData | None, interface: Interface
-    ) -> tuple[raw.CData, int]:
+    def _stage(self, shaders: ExitStack, name: str, module: Module, specialization: raw.CData | None) -> raw.CData:
+        """A VkPipelineShaderStageCreateInfo, good until `shaders` closes."""
         device = self._device
         code = np.frombuffer(module.spirv, np.uint32)
-        create_module = raw.struct("VkShaderModuleCreateInfo", codeSize=code.nbytes, pCode=code)
-        shader = device.create("VkShaderModule", create_module, name)
-        try:
-            stage = raw.struct(
-                "VkPipelineShaderStageCreateInfo",
-                stage=raw.VK_SHADER_STAGE_COMPUTE_BIT,
-                module=shader,
-                pName="main",
-                pSpecializationInfo=specialization,
-            )
-            create = raw.struct("VkComputePipelineCreateInfo", stage=stage, layout=interface.pipeline_layout)
-            out = raw.ffi.new("VkPipeline*")
-            device.vk.vkCreateComputePipelines(device.handle, self._cache, 1, create, raw.NULL, out)
-        finally:
-            device.vk.vkDestroyShaderModule(device.handle, shader, raw.NULL)
-        pipeline = out[0]
-        device.name_object("pipeline", pipeline, name)
-        return pipeline, device.own(lambda: device.vk.vkDestroyPipeline(device.handle, pipeline, raw.NULL))
+        create = raw.struct("VkShaderModuleCreateInfo", codeSize=code.nbytes, pCode=code)
+        shader = device.create("VkShaderModule", create, name)
+        shaders.callback(device.vk.vkDestroyShaderModule, device.handle, shader, raw.NULL)
+        return raw.struct(
+            "VkPipelineShaderStageCreateInfo",
+            stage=_STAGES[module.main.stage],
+            module=shader,
+            pName="main",
+            pSpecializationInfo=specialization,
+        )
 
     def retain(self, used: set[PipelineKey]) -> None:
         """Destroy all other pipelines when the work submitted so far is done."""
@@ -78,29 +107,33 @@ class Pipelines:
         self._device.release(self._cache_token)
 
 
-def _specialization(
-    name: str, module: Module, constants: Constants
-) -> tuple[raw.CData | None, dict[str, int | float | bool]]:
-    """VkSpecializationInfo for constants by name, and their values."""
-    if not constants:
-        return None, {}
-    entries, data, values = [], b"", {}
-    for constant, value in constants.items():
-        known = module.constants.get(constant)
-        if known is None:
+def _specializations(
+    name: str, modules: Sequence[Module], constants: Constants
+) -> tuple[list[raw.CData | None], dict[str, int | float | bool]]:
+    """For each module VkSpecializationInfo of the constants that it has, and all values by name."""
+    known = {constant: where.dtype for module in modules for constant, where in module.constants.items()}
+    for constant in constants:
+        if constant not in known:
             raise SolariError(
                 f"pass {name}: it has no specialization constant {constant}; those it uses are "
-                f"{', '.join(sorted(module.constants)) or 'none'}"
+                f"{', '.join(sorted(known)) or 'none'}"
             )
-        stored = np.array(value, known.dtype)
-        values[constant] = stored.item()
+    values = {constant: np.array(value, known[constant]).item() for constant, value in constants.items()}
+    return [_specialization(module, constants) for module in modules], values
+
+
+def _specialization(module: Module, constants: Constants) -> raw.CData | None:
+    entries, data = [], b""
+    for constant in constants.keys() & module.constants.keys():
+        known = module.constants[constant]
         entries.append({"constantID": known.id, "offset": len(data), "size": known.dtype.itemsize})
-        data += stored.tobytes()
-    info = raw.struct(
+        data += np.array(constants[constant], known.dtype).tobytes()
+    if not entries:
+        return None
+    return raw.struct(
         "VkSpecializationInfo",
         mapEntryCount=len(entries),
         pMapEntries=entries,
         dataSize=len(data),
         pData=np.frombuffer(data, np.uint8),
     )
-    return info, values

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,20 +11,21 @@ from solari_vk.errors import SolariError
 from solari_vk.gpu import hazards, raw
 from solari_vk.gpu.compiler import Roots, compile_shader
 from solari_vk.gpu.device import Device
-from solari_vk.gpu.hazards import Accesses
+from solari_vk.gpu.hazards import Accesses, Masks
 from solari_vk.gpu.interface import Interface, merge_bindings
 from solari_vk.gpu.pipelines import PipelineKey, Pipelines
+from solari_vk.gpu.raster import check_draw
 from solari_vk.gpu.spirv import Module, reflect
-from solari_vk.gpu.stages import Pass, Stage, Step
+from solari_vk.gpu.stages import Draw, Pass, Stage, Step
 
 
 @dataclass(frozen=True)
 class BuiltStep:
-    """A pass with its module, pipeline and group counts, or a step of other commands. Names are unique."""
+    """A pass or a draw with its modules, pipeline and group counts, or a step of other commands. Names are unique."""
 
     name: str
-    item: Pass | Step
-    module: Module | None = None
+    item: Pass | Draw | Step
+    modules: tuple[Module, ...] = ()
     pipeline: raw.CData = None
     groups: tuple[int, int, int] = (0, 0, 0)
 
@@ -43,7 +44,7 @@ class Program:
         for name, binding in self.interface.bindings.items():
             if name in bound or (name == uniform_name and binding.kind == "uniform_buffer"):
                 continue
-            users = [step.name for step in self.steps if step.module is not None and name in step.module.main.uses]
+            users = [step.name for step in self.steps if any(name in module.main.uses for module in step.modules)]
             if not users:
                 continue  # declared, but no pass touches it
             raise SolariError(
@@ -65,19 +66,37 @@ class Program:
         found = []
         for step in self.steps:
             item = step.item
+            reads: dict[str, Masks] = {}
+            writes: dict[str, Masks] = {}
+
+            def add(target: dict[str, Masks], names: Iterable[str], how: Masks, step: str = step.name) -> None:
+                for name in names:
+                    resource = canonical(step, name)
+                    target[resource] = target.get(resource, hazards.NOTHING) | how
+
+            shader = (hazards.SHADER_READ, hazards.SHADER_WRITE)
             if isinstance(item, Step):
-                reads = {canonical(step.name, name): hazards.ANY_READ for name in item.reads}
-                writes = {canonical(step.name, name): hazards.ANY_WRITE for name in item.writes}
-            else:
-                assert step.module is not None
-                main = step.module.main
-                reads = {first[id(bound[n])]: hazards.SHADER_READ for n in sorted(main.reads) if n in bound}
-                writes = {first[id(bound[n])]: hazards.SHADER_WRITE for n in sorted(main.writes) if n in bound}
-                if item.indirect is not None:
-                    arguments = canonical(step.name, item.indirect)
-                    reads[arguments] = reads.get(arguments, hazards.NOTHING) | hazards.INDIRECT_READ
+                add(reads, item.reads, hazards.ANY_READ)
+                add(writes, item.writes, hazards.ANY_WRITE)
+            elif isinstance(item, Draw):
+                shader = (hazards.DRAW_READ, hazards.DRAW_WRITE)
+                for draws in item.draws:
+                    add(reads, (draws.commands, draws.count), hazards.INDIRECT_READ)
+                add(writes, item.colors, hazards.COLOR_WRITE)
+                add(writes, (item.depth,), hazards.DEPTH_WRITE)
+            elif item.indirect is not None:
+                add(reads, (item.indirect,), hazards.INDIRECT_READ)
+            for module in step.modules:
+                add(reads, sorted(module.main.reads & bound.keys()), shader[0])
+                add(writes, sorted(module.main.writes & bound.keys()), shader[1])
             found.append(Accesses(step.name, reads, writes))
         return found
+
+
+def _shaders(item: Pass | Draw | Step) -> list[tuple[str, str]]:
+    """Path and header of each module of a pass: where `Program.modules` has it."""
+    suffixes = {Pass: ("comp",), Draw: ("vert", "frag")}.get(type(item), ())
+    return [] if isinstance(item, Step) else [(f"passes/{item.name}.{suffix}", item.header) for suffix in suffixes]
 
 
 class ProgramBuilder:
@@ -93,7 +112,7 @@ class ProgramBuilder:
         items = [item for stage in stages for item in stage.passes]
         if not items:
             raise SolariError("a frame needs at least one pass")
-        modules = self._modules([item for item in items if isinstance(item, Pass)], old)
+        modules = self._modules([key for item in items for key in _shaders(item)], old)
         merged = merge_bindings(modules.values())
         if old is not None and old.interface.fits(merged, modules.values()):
             interface = old.interface
@@ -112,23 +131,27 @@ class ProgramBuilder:
             raise
         return program
 
-    def _modules(self, passes: Sequence[Pass], old: Program | None) -> dict[tuple[str, str], Module]:
+    def _modules(self, keys: Sequence[tuple[str, str]], old: Program | None) -> dict[tuple[str, str], Module]:
         modules: dict[tuple[str, str], Module] = {}
-        for item in passes:
-            key = (item.name, item.header)
-            if key not in modules:
-                spirv = compile_shader(f"passes/{item.name}.comp", header=item.header, root=self._root)
-                known = old.modules.get(key) if old else None
-                modules[key] = known if known and known.spirv == spirv else reflect(spirv, f"passes/{item.name}.comp")
+        for path, header in dict.fromkeys(keys):
+            spirv = compile_shader(path, header=header, root=self._root)
+            known = old.modules.get((path, header)) if old else None
+            modules[path, header] = known if known and known.spirv == spirv else reflect(spirv, path)
         return modules
 
-    def _step(self, name: str, item: Pass | Step, program: Program) -> BuiltStep:
+    def _step(self, name: str, item: Pass | Draw | Step, program: Program) -> BuiltStep:
         if isinstance(item, Step):
             return BuiltStep(name, item)
-        module = program.modules[item.name, item.header]
-        key, pipeline = self._pipelines.compute(name, module, item.constants, program.interface)
+        modules = tuple(program.modules[key] for key in _shaders(item))
+        if isinstance(item, Draw):
+            check_draw(self._device, name, item, program.interface)
+            formats = [program.interface[image].image_format for image in item.colors]
+            key, pipeline = self._pipelines.graphics(name, modules, item.constants, program.interface, formats)
+        else:
+            key, pipeline = self._pipelines.compute(name, modules[0], item.constants, program.interface)
         program.pipeline_keys.add(key)
-        return BuiltStep(name, item, module, pipeline, self._groups(name, item, module))
+        groups = self._groups(name, item, modules[0]) if isinstance(item, Pass) else (0, 0, 0)
+        return BuiltStep(name, item, modules, pipeline, groups)
 
     def _groups(self, name: str, item: Pass, module: Module) -> tuple[int, int, int]:
         if item.threads is None:

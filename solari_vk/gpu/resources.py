@@ -13,9 +13,10 @@ from solari_vk.gpu.device import Device
 from solari_vk.gpu.interface import Interface
 from solari_vk.gpu.memory import Buffer, Image
 from solari_vk.gpu.spirv import Binding
-from solari_vk.gpu.stages import History, Stage
+from solari_vk.gpu.stages import Draw, History, Stage
 
 PREVIOUS = "previous_"
+DEPTH_FORMAT = "D32_SFLOAT"  # of what a Draw tests depth in
 
 
 @dataclass(frozen=True)
@@ -48,13 +49,14 @@ class Resources:
         Raises SolariError for a name declared twice, that no shader has, or whose size makes no sense.
         """
         made: dict[str, _Made] = {}
+        attachments = _attachments(stages)
         result = Resources(self._device, made)
         try:
             for stage in stages:
                 for name, size in (*stage.buffers.items(), *stage.images.items()):
                     if name in made:
                         raise SolariError(f"stage {stage.name}: {name} is declared by another stage as well")
-                    spec = _specification(stage, name, size, interface)
+                    spec = _specification(stage, name, size, interface, attachments.get(name, ""))
                     known = self._made.get(name)
                     made[name] = known if known and known.spec == spec else self._make(name, spec)
         except BaseException:
@@ -72,9 +74,9 @@ class Resources:
                 buffer.fill(0)
                 items.append(buffer)
             else:
-                width, height, format_name = rest
-                usage = raw.VK_IMAGE_USAGE_STORAGE_BIT | raw.VK_IMAGE_USAGE_SAMPLED_BIT
-                image = self._device.image(width, height, getattr(raw, "VK_FORMAT_" + format_name), label, usage=usage)
+                width, height, format_name, attachment = rest
+                format = getattr(raw, "VK_FORMAT_" + format_name)
+                image = self._device.image(width, height, format, label, usage=_USAGES[attachment])
                 _clear(image)
                 items.append(image)
         return _Made(spec, tuple(items))
@@ -88,11 +90,27 @@ class Resources:
                     item.destroy()
 
 
-def _specification(stage: Stage, name: str, size: Any, interface: Interface) -> tuple[Any, ...]:
+_STORED = raw.VK_IMAGE_USAGE_STORAGE_BIT | raw.VK_IMAGE_USAGE_SAMPLED_BIT
+_USAGES = {
+    "": _STORED,
+    "color": _STORED | raw.VK_IMAGE_USAGE_COLOR_ATTACHMENT_BIT,
+    "depth": raw.VK_IMAGE_USAGE_DEPTH_STENCIL_ATTACHMENT_BIT,
+}
+
+
+def _attachments(stages: Sequence[Stage]) -> dict[str, str]:
+    """Which images the stages draw into, and whether as "color" or "depth"."""
+    draws = [item for stage in stages for item in stage.passes if isinstance(item, Draw)]
+    return {name: "color" for draw in draws for name in draw.colors} | {draw.depth: "depth" for draw in draws}
+
+
+def _specification(stage: Stage, name: str, size: Any, interface: Interface, attachment: str) -> tuple[Any, ...]:
     """All that decides whether an existing resource can be kept."""
     copies = 1
     if isinstance(size, History):
         copies, size = 2, size.size
+    if attachment == "depth":
+        return ("image", copies, *_image_size(stage, name, size), DEPTH_FORMAT, attachment)
     binding = interface.bindings.get(name) or (interface.bindings.get(PREVIOUS + name) if copies == 2 else None)
     if binding is None:
         raise SolariError(f"stage {stage.name} declares {name}, which none of the frame's shaders uses")
@@ -100,9 +118,13 @@ def _specification(stage: Stage, name: str, size: Any, interface: Interface) -> 
         return ("buffer", copies, _buffer_bytes(stage, binding, size), str(binding.dtype), str(binding.element))
     if binding.kind != "storage_image" or not binding.image_format:
         raise SolariError(f"stage {stage.name}: {name} must be a storage image with a format in the shaders")
+    return ("image", copies, *_image_size(stage, name, size), binding.image_format, attachment)
+
+
+def _image_size(stage: Stage, name: str, size: Any) -> tuple[int, int]:
     if not (isinstance(size, tuple) and len(size) == 2 and min(size) >= 1):
         raise SolariError(f"stage {stage.name}: the size of {name} is (width, height), not {size!r}")
-    return ("image", copies, *size, binding.image_format)
+    return size
 
 
 def _buffer_bytes(stage: Stage, binding: Binding, count: Any) -> int:
@@ -120,10 +142,13 @@ def _clear(image: Image) -> None:
 
     def record(cmd: raw.CData) -> None:
         if image.handle is not None:
-            zero, part = raw.struct("VkClearColorValue"), raw.struct("VkImageSubresourceRange", **image.all_levels)
+            kind, part = "Color", raw.struct("VkImageSubresourceRange", **image.all_levels)
             vk = image.device.vk
             vk.vkCmdPipelineBarrier2(cmd, full_barrier())
-            vk.vkCmdClearColorImage(cmd, image.handle, image.layout, zero, 1, part)
+            if image.aspect == raw.VK_IMAGE_ASPECT_DEPTH_BIT:
+                kind = "DepthStencil"
+            clear, zero = getattr(vk, f"vkCmdClear{kind}Image"), raw.struct(f"VkClear{kind}Value")
+            clear(cmd, image.handle, image.layout, zero, 1, part)
             vk.vkCmdPipelineBarrier2(cmd, full_barrier())
 
     image.device.before_next_submit(record)

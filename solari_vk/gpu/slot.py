@@ -14,7 +14,8 @@ from solari_vk.gpu.device import Device
 from solari_vk.gpu.hazards import Barrier
 from solari_vk.gpu.memory import Buffer
 from solari_vk.gpu.program import Program
-from solari_vk.gpu.stages import Pass
+from solari_vk.gpu.raster import record_draw
+from solari_vk.gpu.stages import Draw, Pass
 
 
 class Slot:
@@ -36,9 +37,7 @@ class Slot:
         self._query_count = 0
         self._query_token = 0
 
-    def renew(
-        self, program: Program, bound: Mapping[str, Any], uniform_record: np.ndarray, uniform_name: str
-    ) -> None:
+    def renew(self, program: Program, bound: Mapping[str, Any], uniform_record: np.ndarray, uniform_name: str) -> None:
         """Use other pipelines and resources from the next recording on."""
         if self._program is None or self._program.interface is not program.interface:
             if self._sets is not None:
@@ -78,7 +77,7 @@ class Slot:
         if self._query_count:
             vk.vkCmdResetQueryPool(commands, self._queries, 0, self._query_count)
         self._timestamp(0)
-        bound = False
+        bound: set[int] = set()
         for at, (step, barrier) in enumerate(zip(self._program.steps, barriers, strict=True), 1):
             with self._device.label(commands, step.name):
                 if barrier is not None:
@@ -90,13 +89,14 @@ class Slot:
                         ),
                     )  # fmt: skip
                 if isinstance(step.item, Pass):
-                    if not bound:
-                        assert self._sets is not None
-                        self._sets.bind(commands)
-                    self._dispatch(step.item, step.groups, step.pipeline)
+                    self._bind(bound, raw.VK_PIPELINE_BIND_POINT_COMPUTE, step.pipeline)
+                    self._dispatch(step.item, step.groups)
+                elif isinstance(step.item, Draw):
+                    self._bind(bound, raw.VK_PIPELINE_BIND_POINT_GRAPHICS, step.pipeline)
+                    record_draw(self._device, commands, step.item, self._bound)
                 else:
                     step.item.record(commands)
-                bound = isinstance(step.item, Pass)  # a step may bind what it likes
+                    bound.clear()  # a step may bind what it likes
             self._timestamp(at)
         vk.vkEndCommandBuffer(commands)
         self.stale = False
@@ -109,9 +109,16 @@ class Slot:
             self._sets = program.interface.new_sets(counts)
         self._sets.write(self._bound)
 
-    def _dispatch(self, item: Pass, groups: tuple[int, int, int], pipeline: raw.CData) -> None:
+    def _bind(self, bound: set[int], point: int, pipeline: raw.CData) -> None:
+        """Bind a pipeline, and the sets where they aren't `bound` yet."""
+        if point not in bound:
+            assert self._sets is not None
+            self._sets.bind(self.commands, point)
+            bound.add(point)
+        self._device.vk.vkCmdBindPipeline(self.commands, point, pipeline)
+
+    def _dispatch(self, item: Pass, groups: tuple[int, int, int]) -> None:
         vk = self._device.vk
-        vk.vkCmdBindPipeline(self.commands, raw.VK_PIPELINE_BIND_POINT_COMPUTE, pipeline)
         if item.indirect is None:
             vk.vkCmdDispatch(self.commands, *groups)
         else:

@@ -43,6 +43,38 @@ class Pass:
 
 
 @dataclass(frozen=True)
+class DrawList:
+    """Up to `most` VkDrawIndirectCommand from the start of buffer `commands`; how many of them count is the uint at
+    `count_offset` bytes of buffer `count`. Those after it draw nothing either (instanceCount 0), since not every device
+    reads counts from buffers. `culls_backs`: clockwise triangles are left out.
+    """
+
+    commands: str
+    count: str
+    most: int
+    count_offset: int = 0
+    culls_backs: bool = True
+
+
+@dataclass(frozen=True)
+class Draw:
+    """Triangles drawn by glsl/passes/NAME.vert and NAME.frag, which fetch their vertices from buffers by themselves.
+
+    `colors` are the images that outputs 0, 1, ... of the fragment shader go to: storage images of the frame's shaders,
+    which give their formats. `depth` is an image of 32-bit depths that a stage declares; what is larger is nearer.
+    `clears`: the images start from zeros, else from what they hold.
+    """
+
+    name: str
+    draws: Sequence[DrawList]
+    colors: Sequence[str]
+    depth: str
+    clears: bool = True
+    constants: Mapping[str, int | float | bool] = field(default_factory=dict)
+    header: str = ""
+
+
+@dataclass(frozen=True)
 class Step:
     """Commands of any kind inside a frame: `record(command_buffer)` is called when a slot is recorded.
 
@@ -60,10 +92,10 @@ class Stage:
     """A part of the frame: element counts of its buffers, sizes of its images, and what runs, in order.
 
     A buffer's count is the length of its block's runtime array, 1 for a block without one. Element types and image
-    formats are the shaders'. All start as zeros.
+    formats are the shaders', but for a Draw's depth. All start as zeros.
     """
 
     name: str
     buffers: Mapping[str, int | History] = field(default_factory=dict)
     images: Mapping[str, Size | History] = field(default_factory=dict)
-    passes: Sequence[Pass | Step] = ()
+    passes: Sequence[Pass | Draw | Step] = ()

@@ -2,23 +2,78 @@
 
 from __future__ import annotations
 
-from solari_vk.gpu.frame import History, Pass, Stage
+from solari_vk.gpu.frame import Draw, DrawList, History, Pass, Stage
 from solari_vk.settings import Settings
+
+COUNTERS = ("drawn_first", "drawn_second", "frustum_culled", "occlusion_culled")
+"""Fields of `gbuffer_counters`, in instances: drawn since they were visible in the last frame, drawn since those hide
+them not, out of view, and hidden."""
+
+_DRAW_COUNT_BYTES = 4
 
 
 def stage(size: tuple[int, int], settings: Settings, instance_capacity: int) -> Stage:
     """The images of the packed layout with their history. instance_capacity: rows of the scene's `instances`."""
-    return Stage(
-        "gbuffer",
-        buffers={"previous_instances": instance_capacity},
-        images={
-            "gbuffer": History(size),
-            "gbuffer_surface": History(size),
-            "depth": History(size),
-            "motion_vectors": size,
-        },
-        passes=[
-            Pass("gbuffer/trace", threads=size),
-            Pass("gbuffer/remember_instances", threads=instance_capacity),
-        ],
-    )
+    buffers: dict[str, int | History] = {"previous_instances": instance_capacity}
+    images: dict[str, tuple[int, int] | History] = {
+        "gbuffer": History(size),
+        "gbuffer_surface": History(size),
+        "depth": History(size),
+        "motion_vectors": size,
+    }
+    passes: list[Pass | Draw] = [Pass("gbuffer/trace", threads=size)]
+    if settings.gbuffer == "raster":
+        levels = _pyramid_sizes(size)
+        buffers |= {
+            "gbuffer_counters": 1,
+            "draw_counts": 1,
+            "single_sided_draws": instance_capacity,
+            "double_sided_draws": instance_capacity,
+            "visible_instances": instance_capacity,
+            "depth_pyramid": sum(width * height for width, height in levels),
+        }
+        images["raster_depth"] = size
+        passes = _raster_passes(size, settings, instance_capacity, levels)
+    passes.append(Pass("gbuffer/remember_instances", threads=instance_capacity))
+    return Stage("gbuffer", buffers=buffers, images=images, passes=passes)
+
+
+def _raster_passes(
+    size: tuple[int, int], settings: Settings, rows: int, levels: list[tuple[int, int]]
+) -> list[Pass | Draw]:
+    """What was visible last frame; then, when hidden instances are culled, those that it doesn't hide."""
+
+    def draw(number: int) -> list[Pass | Draw]:
+        constants = {
+            "draw_pass": number,
+            "frustum_culling": settings.frustum_culling,
+            "occlusion_culling": settings.occlusion_culling,
+        }
+        at = 2 * number * _DRAW_COUNT_BYTES
+        lists = [
+            DrawList("single_sided_draws", "draw_counts", rows, at),
+            DrawList("double_sided_draws", "draw_counts", rows, at + _DRAW_COUNT_BYTES, culls_backs=False),
+        ]
+        targets = ("gbuffer", "gbuffer_surface", "depth", "motion_vectors")
+        return [
+            Pass("gbuffer/cull", threads=rows, constants=constants),
+            Draw("gbuffer/raster", lists, targets, "raster_depth", clears=number == 0),
+        ]
+
+    passes = [Pass("gbuffer/begin", threads=1), *draw(0)]
+    if settings.occlusion_culling:
+        passes += [
+            Pass("gbuffer/depth_pyramid", threads=level, constants={"level": number})
+            for number, level in enumerate(levels, 1)
+        ]
+        passes += draw(1)
+    return [*passes, Pass("gbuffer/background", threads=size)]
+
+
+def _pyramid_sizes(size: tuple[int, int]) -> list[tuple[int, int]]:
+    """Of the depth pyramid's levels from 1 on, each a quarter of the one below, up to a single texel."""
+    sizes: list[tuple[int, int]] = []
+    while not sizes or size != (1, 1):
+        size = (-(-size[0] // 4), -(-size[1] // 4))
+        sizes.append(size)
+    return sizes

@@ -96,7 +96,8 @@ class Geometry:
         corners = mesh.positions[triangles]
         order = self._orders[mesh] = spatial_order(corners.mean(axis=1))
         triangles = triangles[order]
-        self._centers[mesh] = (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1))) / 2
+        least, most = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+        self._centers[mesh] = (least + most) / 2
         parts = [mesh.positions, triangles]
         flags = 0
         if any(part is not None for part in (mesh.normals, mesh.uvs, mesh.tangents)):
@@ -126,6 +127,7 @@ class Geometry:
         record["attributes"] = offsets[2] if flags else 0
         record["triangle_count"] = len(triangles)
         record["flags"] = flags
+        record["least"], record["most"] = least, most
         self.table.mark([self.rows[mesh]])
         return TriangleGeometry(
             positions=offsets[0],

@@ -1,0 +1,43 @@
+// What the G-buffer holds of a pixel: of the surface that raster or a ray found there, or of nothing.
+#ifndef PASSES_GBUFFER_PIXEL_GLSL
+#define PASSES_GBUFFER_PIXEL_GLSL
+
+#include "passes/gbuffer/gbuffer.glsl"
+
+struct GBufferPixel {
+    uvec4 gbuffer;
+    uvec2 surface;
+    float depth;
+    vec2 motion;
+};
+
+GBufferPixel resolve_pixel(CameraRay ray, Hit hit, Mesh mesh) {
+    ResolvedRayHitFull surface = resolve_hit_full(hit, mesh, ray.direction, ray.cone_spread * hit.t);
+    vec3 emissive = surface.emits ? surface.material.emissive : vec3(0.0);
+    uvec3 corners = mesh.triangles.at[hit.triangle];
+    vec3 object_position = (1.0 - hit.barycentrics.x - hit.barycentrics.y) * mesh.positions.at[corners.x]
+        + hit.barycentrics.x * mesh.positions.at[corners.y] + hit.barycentrics.y * mesh.positions.at[corners.z];
+    vec3 before = previous_world_position(hit.instance, object_position, surface.world_position);
+    return GBufferPixel(
+        pack_gbuffer(surface.material, emissive, surface.world_normal),
+        uvec2(pack_octahedral_2x16(surface.geometric_world_normal), hit.instance),
+        uniforms.near / (hit.t * ray.depth_per_t),
+        motion_vector(surface.world_position, before)
+    );
+}
+
+// What is infinitely far moves with the camera's turn alone.
+GBufferPixel resolve_empty_pixel(CameraRay ray) {
+    vec3 far = uniforms.world_from_view[3] + ray.direction * 1e6;
+    vec3 previous_far = uniforms.previous_world_from_view[3] + ray.direction * 1e6;
+    return GBufferPixel(uvec4(0u), uvec2(0u, NO_INDEX), 0.0, motion_vector(far, previous_far));
+}
+
+void store_pixel(ivec2 at, GBufferPixel pixel) {
+    imageStore(gbuffer, at, pixel.gbuffer);
+    imageStore(gbuffer_surface, at, uvec4(pixel.surface, 0u, 0u));
+    imageStore(depth, at, vec4(pixel.depth));
+    imageStore(motion_vectors, at, vec4(pixel.motion, 0.0, 0.0));
+}
+
+#endif

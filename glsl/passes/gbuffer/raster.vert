@@ -1,0 +1,22 @@
+// Fetches a vertex of an instance's raster mesh and projects it, with reversed depth that is 0 infinitely far.
+#version 460
+#include "passes/bindings.glsl"
+#include "scene/bindings.glsl"
+
+layout(location = 0) flat out uint row;
+layout(location = 1) flat out uint triangle;
+
+void main() {
+    Instance instance = instances.at[gl_InstanceIndex];
+    Mesh mesh = meshes.at[instance.mesh];
+    row = gl_InstanceIndex;
+    triangle = gl_VertexIndex / 3;
+    uint corner = gl_VertexIndex % 3;
+    // mirrored instances turn over here, so that fronts run counter-clockwise for everyone
+    bool mirrored = determinant(mat3(instance.world_from_object)) < 0.0;
+    if (mirrored && corner != 0u) { corner = 3u - corner; }
+    vec3 world_position = instance.world_from_object * vec4(mesh.positions.at[mesh.triangles.at[triangle][corner]], 1.0);
+    vec3 view = mat3(uniforms.view_from_world) * (world_position - uniforms.world_from_view[3]);
+    vec2 jitter = 2.0 * uniforms.jitter / vec2(uniforms.size);
+    gl_Position = vec4(view.xy * vec2(1.0, -1.0) / uniforms.tan_half_fov + jitter * view.z, uniforms.near, -view.z);
+}
