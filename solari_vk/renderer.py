@@ -76,6 +76,7 @@ class Renderer:
             elif name in left:
                 stages.append(Stage(name, buffers=dict.fromkeys(left[name], pixels)))
         stages.append(display.stage(size, settings))
+        stages.append(gbuffer.last_stage(self.binder.instance_capacity))
         return stages
 
     def render(self, camera: Camera) -> RenderedFrame:

@@ -34,8 +34,12 @@ def stage(size: tuple[int, int], settings: Settings, instance_capacity: int) -> 
         }
         images["raster_depth"] = size
         passes = _raster_passes(size, settings, instance_capacity, levels)
-    passes.append(Pass("gbuffer/remember_instances", threads=instance_capacity))
     return Stage("gbuffer", buffers=buffers, images=images, passes=passes)
+
+
+def last_stage(instance_capacity: int) -> Stage:
+    """What the next frame's motion vectors need; the last of all stages, since others ask for motion too."""
+    return Stage("remember", passes=[Pass("gbuffer/remember_instances", threads=instance_capacity)])
 
 
 def _raster_passes(

@@ -22,7 +22,12 @@ layout(set = 1, binding = 46, scalar) buffer WorldCacheDeltasBlock { float at[];
 // Of blocks of the map: how many cells are active, then in how many before the block.
 layout(set = 1, binding = 47, scalar) buffer WorldCacheBlocksBlock { uint at[]; } world_cache_blocks;
 layout(set = 1, binding = 48, scalar) buffer WorldCacheActiveCellsBlock { uint at[]; } world_cache_active_cells;
-layout(set = 1, binding = 49, scalar) buffer WorldCacheNewIrradianceBlock { vec3 at[]; } world_cache_new_irradiance;
+// What an active cell got in this frame, and its life before others raised it.
+struct WorldCacheSample {
+    vec3 irradiance;
+    uint life;
+};
+layout(set = 1, binding = 49, scalar) buffer WorldCacheSamplesBlock { WorldCacheSample at[]; } world_cache_samples;
 layout(set = 1, binding = 50, scalar) buffer WorldCacheDispatchBlock { uvec3 group_count; } world_cache_dispatch;
 
 // Of this frame.

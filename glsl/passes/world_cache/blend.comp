@@ -1,0 +1,23 @@
+// World cache, step 7: new irradiance into the mean over frames, fewer of them where light changes (Guillaume Boisse's blend).
+#version 460
+#include "passes/world_cache/update.glsl"
+
+layout(local_size_x = GROUP_SIZE) in;
+
+void main() {
+    uint thread = thread_index(gl_GlobalInvocationID.xy);
+    uint cell = find_cell_to_update(thread);
+    if (cell == NO_INDEX) { return; }
+    vec4 old = world_cache_irradiance.at[cell];
+    float delta = world_cache_luminance_deltas.at[cell];
+
+    float most = float(uniforms.world_cache_max_samples);
+    float sample_count = min(old.w + 1.0, most);
+    if (uniforms.world_cache_blend == BLEND_ADAPTIVE) {
+        float change = abs(delta) / max(luminance(old.rgb), 1e-30);
+        most = mix(most, 1.0, pow(saturate(change), 1.0 / 8.0));
+    }
+    vec3 blended = mix(old.rgb, world_cache_samples.at[thread].irradiance, 1.0 / min(sample_count, most));
+    world_cache_irradiance.at[cell] = vec4(blended, sample_count);
+    world_cache_luminance_deltas.at[cell] = mix(delta, luminance(blended) - luminance(old.rgb), 1.0 / 8.0);
+}

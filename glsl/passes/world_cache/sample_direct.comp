@@ -1,0 +1,49 @@
+// World cache, step 5: direct light of active cells, by resampled importance sampling (Talbot et al., "Importance Resampling
+// for Global Illumination", 2005) over light samples, and one ray to the chosen one.
+#version 460
+#extension GL_EXT_ray_query : require
+#include "passes/light_tiles/light_tiles.glsl"
+#include "passes/ray_count.glsl"
+#include "passes/world_cache/update.glsl"
+#include "scene/sampling.glsl"
+
+layout(local_size_x = 64) in;
+
+vec3 sample_direct_irradiance(WorldCacheSurface surface, inout uint rng) {
+    uint tile = choose_light_tile(rng);
+    float weight_sum = 0.0;
+    float chosen_target = 0.0;
+    LightSample chosen;
+    for (uint i = 0u; i < uniforms.world_cache_candidates; i++) {
+        LightCandidate candidate = sample_light_candidate(tile, rng);
+        LightContribution light = calculate_resolved_light_contribution(candidate.resolved, surface.world_position);
+        float target = luminance(light.received_radiance) * max(dot(light.wi, surface.geometric_world_normal), 0.0);
+        float weight = target * light.inverse_pdf;
+        weight_sum += weight;
+        if (rand_f(rng) * weight_sum < weight) {
+            chosen = candidate.light_sample;
+            chosen_target = target;
+        }
+    }
+    if (!(chosen_target > 0.0)) { return vec3(0.0); }
+
+    ResolvedLightSample light_sample = resolve_light_sample(chosen);
+    LightContribution light = calculate_resolved_light_contribution(light_sample, surface.world_position);
+    vec3 origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
+    count_ray(RAYS_OF_WORLD_CACHE);
+    if (!trace_light_visibility(origin, light_sample)) { return vec3(0.0); }
+    float cosine = max(dot(light.wi, surface.geometric_world_normal), 0.0);
+    float inverse_pdf = weight_sum / (float(uniforms.world_cache_candidates) * chosen_target);
+    return light.received_radiance * (cosine * inverse_pdf);
+}
+
+void main() {
+    uint thread = thread_index(INVOCATION_INDEX);
+    uint cell = find_cell_to_update(thread);
+    if (cell == NO_INDEX) { return; }
+    atomicAdd(world_cache_counters.updates, 1u);
+    uint rng = seed_cell_rng(cell, DIRECT_SALT);
+    vec3 irradiance = sample_direct_irradiance(load_world_cache_surface(cell), rng);
+    // the life is kept as it is now, since the next pass raises it while it reads it
+    world_cache_samples.at[thread] = WorldCacheSample(irradiance, world_cache_life.at[cell]);
+}

@@ -1,0 +1,29 @@
+// World cache, step 6: what other surfaces reflect to active cells, by one ray, at whose end the cache is asked for what it
+// knew in the last frame: so that light goes one bounce further with every frame.
+#version 460
+#extension GL_EXT_ray_query : require
+#include "passes/ray_count.glsl"
+#include "passes/world_cache/query.glsl"
+#include "passes/world_cache/update.glsl"
+
+layout(local_size_x = 64) in;
+
+void main() {
+    uint thread = thread_index(INVOCATION_INDEX);
+    uint cell = find_cell_to_update(thread);
+    if (cell == NO_INDEX) { return; }
+    uint rng = seed_cell_rng(cell, INDIRECT_SALT);
+    WorldCacheSurface surface = load_world_cache_surface(cell);
+    vec3 origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
+    vec3 direction = orthonormalize(surface.geometric_world_normal) * sample_cosine_hemisphere(rand_vec2f(rng));
+    count_ray(RAYS_OF_WORLD_CACHE);
+    Hit hit = trace_closest_hit(origin, 0.0, direction, uniforms.world_cache_ray_length, TRACE_BOTH_FACES);
+    if (hit.instance == NO_INDEX) { return; }
+
+    // textures are blurred as far as the cell is wide, which its points even out anyway
+    ResolvedRayHitFull hit_surface = resolve_ray_hit_full(hit, direction, world_cache_bounds.at[cell].w);
+    bool max_rule = uniforms.world_cache_lifetime_rule == LIFETIME_MAX;
+    uint lifetime = max_rule ? world_cache_samples.at[thread].life : uniforms.world_cache_lifetime;
+    vec3 radiance = reflected_radiance(hit_surface, -direction, INFINITY, lifetime, rng);
+    world_cache_samples.at[thread].irradiance += PI * radiance;  // cosine and pdf leave pi
+}

@@ -1,0 +1,56 @@
+"""The world cache: irradiance of surfaces in a hash map of cells, sampled and averaged over frames; glsl/passes/world_cache/."""
+
+from __future__ import annotations
+
+from solari_vk.gpu.frame import Pass, Stage
+from solari_vk.passes.pathtracer import LAYERINGS
+from solari_vk.settings import Settings
+
+ROW = 65536  # threads in a row of a dispatch, of passes/world_cache/threads.glsl
+BLOCK = 1024  # cells that a workgroup of the compaction looks after, 16 a thread
+FRAME_BUFFERS = ("world_cache_dispatch", "world_cache_counters")
+CELL_BUFFERS = (
+    "world_cache_checksums",
+    "world_cache_life",
+    "world_cache_irradiance",
+    "world_cache_bounds",
+    "world_cache_votes",
+    "world_cache_points",
+    "world_cache_luminance_deltas",
+    "world_cache_active_cells",
+    "world_cache_samples",
+)
+
+
+def stage(size: tuple[int, int], settings: Settings) -> Stage:
+    """A map of settings.world_cache_cells, whatever the picture's size: 80 bytes a cell.
+
+    The buffer world_cache_counters tells of each frame how many cells are active, how many of them were updated, and how
+    many queries found no place in the map. One seed gives one picture as long as there are no such failures: who
+    comes first is who gets the last place.
+    """
+    cells = settings.world_cache_cells
+    brdf = {"brdf_layering": LAYERINGS.index(settings.layering), "brdf_lambert": settings.lambert}
+    indirect = "world_cache_dispatch"
+    return Stage(
+        "world_cache",
+        buffers={
+            **dict.fromkeys(CELL_BUFFERS, cells),
+            **dict.fromkeys(FRAME_BUFFERS, 1),
+            "world_cache_blocks": cells // BLOCK,
+        },
+        passes=[
+            Pass("world_cache/decay", threads=_rows(cells)),
+            Pass("world_cache/count", threads=_rows(cells // 16)),
+            Pass("world_cache/scan", threads=1),
+            Pass("world_cache/scatter", threads=_rows(cells // 16)),
+            Pass("world_cache/sample_direct", indirect=indirect),
+            Pass("world_cache/sample_indirect", indirect=indirect, constants=brdf),
+            Pass("world_cache/blend", indirect=indirect),
+        ],
+    )
+
+
+def _rows(threads: int) -> tuple[int, int]:
+    """Both are powers of two, so that no thread is left over."""
+    return min(threads, ROW), max(threads // ROW, 1)
