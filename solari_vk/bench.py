@@ -25,11 +25,20 @@ SECONDS = 3.0  # each measurement runs about so long
 BOUNCES = 4
 
 
+_LEGEND = (
+    "The bare ray-query kernel (`glsl/passes/bench/rays.comp`) follows paths as the path tracer does, unshaded.",
+    "The kernel that only traces (`glsl/passes/bench/plain.comp`) reads rays and writes distances. `RayTracer.trace`",
+    "takes the same rays from numpy arrays, and returns triangles, positions and normals besides; its own kernel is",
+    "the part of it that runs on the device.",
+)
+
+
 class Figures:
     """Takes figures one by one, prints each at once, and writes them all as a page."""
 
     def __init__(self) -> None:
         self._rows: list[tuple[str, str, str]] = []
+        self._load = f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"
 
     def __call__(self, what: str, value: float, unit: str, note: str = "") -> None:
         """One figure."""
@@ -45,7 +54,8 @@ class Figures:
             "Written by `solari-vk bench --markdown FILE`. Times are wall-clock; ratios are of runs in turns.", "",
             f"- device: {device.name} ({device.properties.kind}), {os.cpu_count()} cores",
             f"- driver: {device.properties.driver}, Vulkan {version}",
-            f"- solari_vk {__version__}", "", "| what | measured | remark |", "| --- | ---: | --- |",
+            f"- solari_vk {__version__}", f"- load of the machine before the run: {self._load}", "", *_LEGEND, "",
+            "| what | measured | remark |", "| --- | ---: | --- |",
         ]  # fmt: skip
         return "\n".join([*head, *(f"| {' | '.join(row)} |" for row in self._rows)]) + "\n"
 
