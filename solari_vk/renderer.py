@@ -60,6 +60,7 @@ class Renderer:
         self._bound_version = self.binder.version
         self._views: tuple[View | None, View | None] = None, None  # in the uniforms, this frame's and the last one's
         self._previous: tuple[View, Any] | None = None  # view and jitter of the last frame, None: no history
+        self.view, self.tonemap = "picture", "agx"
 
     # ---- the frame ----------------------------------------------------------------------------------
 
@@ -137,6 +138,24 @@ class Renderer:
         return np.array([_halton(index, 2), _halton(index, 3)], np.float32) - np.float32(0.5)
 
     # ---- control ------------------------------------------------------------------------------------
+
+    @property
+    def view(self) -> str:
+        """What `display` shows: "picture", or a debug view of passes.display.VIEWS; from the next frame on."""
+        return list(display.VIEWS)[self._frame.uniforms["view"]]
+
+    @view.setter
+    def view(self, name: str) -> None:
+        self._frame.uniforms["view"] = _index_of(name, tuple(display.VIEWS), "view")
+
+    @property
+    def tonemap(self) -> str:
+        """The curve of `display`: "none", "reinhard", "aces" or "agx"; from the next frame on."""
+        return display.TONEMAPS[self._frame.uniforms["tonemap"]]
+
+    @tonemap.setter
+    def tonemap(self, name: str) -> None:
+        self._frame.uniforms["tonemap"] = _index_of(name, display.TONEMAPS, "tone mapping")
 
     def reset(self) -> None:
         """Forget all earlier frames, as after a cut."""
@@ -216,6 +235,12 @@ class RenderedFrame:
 
 OUTPUTS: dict[str, Callable[[Frame], NDArray[Any]]] = {}
 """Results that aren't simply what a buffer or image holds: the OUTPUTS of the passes."""
+
+
+def _index_of(name: str, names: tuple[str, ...], what: str) -> int:
+    if name not in names:
+        raise SolariError(f"Renderer: there is no {what} {name!r}; there are {', '.join(names)}")
+    return names.index(name)
 
 
 def _halton(index: int, base: int) -> float:
