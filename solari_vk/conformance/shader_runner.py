@@ -53,6 +53,7 @@ class ShaderRunner:
         external: Mapping[str, Any] | None = None,
         header: str = "",
         constants: Mapping[str, Any] | None = None,
+        uniforms: Mapping[str, Any] | None = None,
     ) -> dict[str, np.ndarray]:
         """One dispatch of passes/NAME.comp; returns the outputs, given by their element counts, as arrays."""
         bound = dict(external or {})
@@ -65,6 +66,8 @@ class ShaderRunner:
             single = Pass(name, threads=threads, header=header, constants=constants or {})
             stage = Stage("one pass", buffers=dict(outputs), passes=[single])
             frame = stack.enter_context(Frame(self.device, [stage], external=bound, glsl_root=self.root))
+            for key, value in (uniforms or {}).items():
+                frame.uniforms[key] = value
             frame.submit()
             result = {key: frame[key] for key in outputs}
             self.device.wait_idle()

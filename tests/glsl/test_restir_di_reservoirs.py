@@ -1,0 +1,189 @@
+"""Reservoirs of direct light by enumeration: over everything that may be found, a merge's mean is exactly the sum."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from oracles.packing import pcg_hash, pcg_step
+from scipy import stats
+
+NEITHER = 0xFFFFFFFF
+BALANCE, CONSTANT = 0, 1
+SIZE = (13, 9)  # neither side divides by 4
+MERGE = np.dtype(
+    [("confidences", "<f4", 2), ("weights", "<f4", 2), ("here", "<f4", 2), ("there", "<f4", 2), ("rng", "<u4")]
+)
+STREAM = np.dtype([("weights", "<f4", 4), ("rng", "<u4")])
+
+
+def run(shaders, merges=(), streams=(), merge_rule=BALANCE):
+    merges = np.asarray(merges, MERGE) if len(merges) else np.zeros(1, MERGE)
+    streams = np.asarray(streams, STREAM) if len(streams) else np.zeros(1, STREAM)
+    pixels = 16 * SIZE[0] * SIZE[1]
+    return shaders.run(
+        "reservoirs",
+        max(len(merges), len(streams), pixels),
+        {"merges": merges, "streams": streams},
+        {"merged": len(merges), "chosen": len(streams), "permuted": pixels},
+        uniforms={"di_merge": merge_rule, "size": SIZE},
+    )
+
+
+def initial_outcomes(targets, candidates):
+    """All that RIS over equally likely lights may end with: {light: [(probability, contribution weight), ...]}."""
+    count = len(targets)
+    outcomes = []
+    for drawn in itertools.product(range(count), repeat=candidates):
+        weights = targets[list(drawn)]
+        total = weights.sum()
+        if total == 0:
+            outcomes.append((None, count**-candidates, 0.0))
+        for light in set(drawn) if total > 0 else ():
+            chance = sum(w for d, w in zip(drawn, weights, strict=True) if d == light) / total
+            if chance > 0:
+                outcomes.append((light, chance * count**-candidates, total * count / candidates / targets[light]))
+    return outcomes
+
+
+# Targets of each light at the pixel, and at the other one. The last light of "gone" is there no more, the first of "new"
+# is there only now; "apart" have no light in common; "dark" finds nothing.
+CASES = {
+    "alike": ([1.0, 2.0, 3.0], [1.0, 2.0, 3.0]),
+    "unlike": ([1.0, 0.2, 3.0], [5.0, 2.0, 0.1]),
+    "zeros": ([1.0, 0.0, 3.0], [0.0, 2.0, 0.5]),
+    "apart": ([1.0, 2.0, 0.0], [0.0, 0.0, 4.0]),
+    "gone": ([1.0, 2.0, 0.0], [1.0, 2.0, 8.0]),
+    "new": ([4.0, 1.0, 2.0], [0.0, 1.0, 2.0]),
+    "dark there": ([1.0, 2.0, 3.0], [0.0, 0.0, 0.0]),
+    "dark here": ([0.0, 0.0, 0.0], [1.0, 2.0, 3.0]),
+}
+CONFIDENCES = [(1.0, 20.0), (1.0, 1.0), (1.0, 0.0), (21.0, 3.0)]
+
+
+def check_expectation(shaders, names=tuple(CASES), merge_rule=BALANCE):
+    """The mean of target times weight over all outcomes is the sum of targets: what reuse must not change."""
+    for name, confidences in itertools.product(names, CONFIDENCES):
+        here, there = (np.array(targets) for targets in CASES[name])
+        cases, chances = [], []
+        for (a, chance_a, weight_a), (b, chance_b, weight_b) in itertools.product(
+            initial_outcomes(here, 2), initial_outcomes(there, 3)
+        ):
+            at = lambda targets, light: 0.0 if light is None else targets[light]  # noqa: E731
+            cases.append(
+                (confidences, (weight_a, weight_b), (at(here, a), at(here, b)), (at(there, a), at(there, b)), len(cases))
+            )
+            chances.append(chance_a * chance_b)
+        cases = np.array(cases, MERGE)
+        out = run(shaders, cases, merge_rule=merge_rule)["merged"]
+        assert np.isfinite(out["weight"]).all()
+        assert (out["confidence"] == sum(confidences)).all(), "finding nothing counts as well"
+        assert abs(sum(chances) - 1) < 1e-9
+        target = np.select([out["choice"] == 1, out["choice"] == 2], [cases["here"][:, 0], cases["here"][:, 1]], 0.0)
+        assert (out["weight"][target == 0] == 0).all()
+        mean = (np.array(chances) * target * out["weight"]).sum()
+        assert abs(mean - here.sum()) <= 1e-5 * here.sum() + 1e-7, (name, confidences)
+
+
+def check_choices(shaders):
+    """How often each of the two is chosen, over many random numbers, and the weight that goes with it."""
+    count = 40_000
+    case = ((3.0, 5.0), (2.0, 0.7), (1.5, 2.5), (0.4, 3.0))
+    cases = np.array([(*case, seed) for seed in range(count)], MERGE)
+    out = run(shaders, cases)["merged"]
+    (c1, c2), (w1, w2), (h1, h2), (t1, t2) = case
+    first = c1 * h1 / (c1 * h1 + c2 * t1) * h1 * w1
+    second = c2 * t2 / (c1 * h2 + c2 * t2) * h2 * w2
+    picked = out["choice"] == 2
+    assert stats.binomtest(int(picked.sum()), count, second / (first + second)).pvalue > 1e-4
+    assert set(out["choice"]) == {1, 2}
+    np.testing.assert_allclose(out["weight"], (first + second) / np.where(picked, h2, h1), rtol=1e-5)
+
+
+def check_streams(shaders):
+    """Number by number what the generator's stream chooses; zeros are never chosen."""
+    random = np.random.default_rng(4)
+    streams = np.zeros(5000, STREAM)
+    streams["weights"] = random.random((5000, 4)) * (random.random((5000, 4)) < 0.6)
+    streams["rng"] = random.integers(0, 2**32, 5000, np.uint64)
+    out = run(shaders, streams=streams)["chosen"]
+    np.testing.assert_allclose(out["sum"], streams["weights"].sum(axis=1), rtol=1e-6)
+    certain = 0
+    for stream, got in zip(streams[:1000], out, strict=False):
+        state, total, expected, margin = int(stream["rng"]), 0.0, NEITHER, 1.0
+        for k, weight in enumerate(stream["weights"].astype(np.float64)):
+            u, state = (pcg_hash(state) >> 8) * 2.0**-24, pcg_step(state)
+            total += weight
+            if weight > 0:
+                margin = min(margin, abs(u * total - weight))
+            if u * total < weight:
+                expected = k
+        if margin > 1e-6:
+            certain += 1
+            assert got["index"] == expected
+    assert certain > 950
+    nothing = streams["weights"].sum(axis=1) == 0
+    assert nothing.any() and (out["index"][nothing] == NEITHER).all()
+
+
+def check_permutation(shaders):
+    """Its own inverse for each of the 16 shifts, and nothing leaves the picture or enters it from the other side."""
+    width, height = SIZE
+    y, x = np.mgrid[:height, :width]
+    pixels = np.stack([x, y], axis=-1)
+    moved = run(shaders)["permuted"].reshape(16, height, width, 2)
+    assert (moved >= 0).all() and (moved < SIZE).all()
+    for to in moved:
+        assert (to[to[..., 1], to[..., 0]] == pixels).all()
+        apart = np.abs(to - pixels).max(axis=-1)
+        assert apart.max() == 3
+        inside = (x >= 3) & (x < width - 3) & (y >= 3) & (y < height - 3)
+        assert (apart[inside] > 0).all()
+    assert len(np.unique(moved, axis=0)) == 16, "the blocks lie elsewhere in other frames"
+
+
+def test_a_merge_is_unbiased_over_all_outcomes(shaders):
+    check_expectation(shaders)
+
+
+def test_constant_weights_are_biased_where_supports_differ(shaders):
+    check_expectation(shaders, ["alike", "unlike"], CONSTANT)
+    with pytest.raises(AssertionError):
+        check_expectation(shaders, ["zeros"], CONSTANT)
+
+
+def test_choices_are_as_likely_as_their_weights(shaders):
+    check_choices(shaders)
+
+
+def test_streams_of_weights(shaders):
+    check_streams(shaders)
+
+
+def test_the_permutation_is_its_own_inverse(shaders):
+    check_permutation(shaders)
+
+
+RESERVOIR, REUSE = "passes/restir_di/reservoir.glsl", "passes/reuse.glsl"
+MUTANTS = {
+    "confidence ignored": (check_choices, RESERVOIR, "confidences * targets;", "targets;"),
+    "targets swapped": (check_expectation, RESERVOIR, "vec2(there.y, here.y)", "vec2(here.y, there.y)"),
+    "sum not divided": (check_expectation, RESERVOIR, "target > 0.0 ? weight_sum / target", "target > 0.0 ? weight_sum"),
+    "confidence not added": (check_expectation, RESERVOIR, "= first.confidence + second.confidence", "= first.confidence"),
+    "zeros are chosen": (check_streams, RESERVOIR, "* weight_sum < weight", "* weight_sum <= weight"),
+    "latest preferred": (check_streams, RESERVOIR, "rand_f(rng) * weight_sum <", "rand_f(rng) * rand_f(rng) * weight_sum <"),
+    "wraps at the edge": (check_permutation, REUSE, "return inside ? partner : pixel;", "return abs(partner) % ivec2(uniforms.size);"),
+    "no shift back": (check_permutation, REUSE, "((pixel + shift) ^ 3) - shift", "(pixel + shift) ^ 3"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MUTANTS)
+def test_a_seeded_bug_is_noticed(shaders, name):
+    check, *patch = MUTANTS[name]
+    mutant = shaders.patched(tuple(patch))
+    try:
+        with pytest.raises(AssertionError):
+            check(mutant)
+    finally:
+        mutant.close()
