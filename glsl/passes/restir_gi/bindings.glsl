@@ -1,0 +1,20 @@
+// What ReSTIR GI keeps for every pixel.
+#ifndef PASSES_RESTIR_GI_BINDINGS_GLSL
+#define PASSES_RESTIR_GI_BINDINGS_GLSL
+
+#extension GL_EXT_scalar_block_layout : require
+
+// A point of another surface and the light that it reflects to a pixel.
+struct GiReservoir {
+    vec3 sample_point_world_position;  // moved off its surface, so that rays may end there
+    vec3 sample_point_world_normal;    // geometric, on the side that is seen
+    vec3 radiance;                     // towards the pixel, emission not counted
+    float confidence_weight;           // frames that it stands for; 0: the pixel takes no part in GI
+    float unbiased_contribution_weight;  // in solid angle at the pixel that holds it; 0: nothing was found
+};
+
+layout(set = 1, binding = 65, scalar) buffer GiTemporalReservoirsBlock { GiReservoir at[]; } gi_temporal_reservoirs;
+layout(set = 1, binding = 66, scalar) buffer GiReservoirsBlock { GiReservoir at[]; } gi_reservoirs;
+layout(set = 1, binding = 67, scalar) buffer PreviousGiReservoirsBlock { GiReservoir at[]; } previous_gi_reservoirs;
+
+#endif

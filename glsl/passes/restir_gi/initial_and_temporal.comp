@@ -1,0 +1,52 @@
+// ReSTIR GI (Ouyang et al., HPG 2021), first half: what one ray of this frame finds, merged with what a pixel of the last frame had.
+#version 460
+#extension GL_EXT_ray_query : require
+#include "passes/bindings.glsl"
+#include "passes/gbuffer/gbuffer.glsl"
+#include "passes/restir_gi/reservoir.glsl"
+#include "passes/reuse.glsl"
+#include "passes/world_cache/query.glsl"
+#include "scene/surface.glsl"
+#include "scene/trace.glsl"
+
+layout(local_size_x = 8, local_size_y = 8) in;
+
+const uint PASS_SALT = 0x6A09E667u;
+
+GiReservoir generate_initial_reservoir(GBufferSurface surface, inout uint rng) {
+    GiReservoir reservoir = empty_gi_reservoir(1.0);
+    vec3 direction = orthonormalize(surface.world_normal) * sample_uniform_hemisphere(rand_vec2f(rng));
+    if (!(dot(direction, surface.geometric_world_normal) > 0.0)) { return reservoir; }
+    vec3 origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
+    Hit hit = trace_closest_hit(origin, 0.0, direction, INFINITY, TRACE_BOTH_FACES);
+    if (hit.instance == NO_INDEX) { return reservoir; }
+
+    ResolvedRayHitFull point = resolve_ray_hit_full(hit, direction, 0.0);
+    reservoir.sample_point_world_position = point.world_position + point.ray_offset * point.geometric_world_normal;
+    reservoir.sample_point_world_normal = point.geometric_world_normal;
+    reservoir.radiance = reflected_radiance(point, -direction, hit.t, uniforms.world_cache_lifetime, rng);
+    reservoir.unbiased_contribution_weight = gi_target(surface, reservoir) > 0.0 ? 2.0 * PI : 0.0;
+    return reservoir;
+}
+
+void main() {
+    uvec2 pixel = INVOCATION_INDEX;
+    if (any(greaterThanEqual(pixel, uniforms.size))) { return; }
+    uint index = pixel.y * uniforms.size.x + pixel.x;
+    GBufferSurface surface = load_gbuffer(pixel);
+    if (takes_no_gi(surface)) {
+        gi_temporal_reservoirs.at[index] = empty_gi_reservoir(0.0);
+        return;
+    }
+
+    uint rng = seed_rng(pixel, uniforms.frame_index, uniforms.seed ^ PASS_SALT);
+    GiReservoir reservoir = generate_initial_reservoir(surface, rng);
+    uvec2 at;
+    GBufferSurface before;
+    if (uniforms.gi_temporal != 0u && find_temporal_neighbor(pixel, surface, at, before)) {
+        GiReservoir previous = previous_gi_reservoirs.at[at.y * uniforms.size.x + at.x];
+        previous.confidence_weight = min(previous.confidence_weight, uniforms.gi_confidence_cap);
+        reservoir = merge_gi_reservoirs(surface, reservoir, before, previous, true, rand_f(rng));
+    }
+    gi_temporal_reservoirs.at[index] = reservoir;
+}

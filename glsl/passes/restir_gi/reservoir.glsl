@@ -1,0 +1,100 @@
+// Reuse of indirect light between pixels by reconnection to the same point: Ouyang et al., "ReSTIR GI: Path Resampling for
+// Real-Time Path Tracing" (HPG 2021), weighted as in Lin et al., "Generalized Resampled Importance Sampling" (SIGGRAPH 2022).
+#ifndef PASSES_RESTIR_GI_RESERVOIR_GLSL
+#define PASSES_RESTIR_GI_RESERVOIR_GLSL
+
+#include "common/math.glsl"
+#include "passes/bindings.glsl"
+#include "passes/gbuffer/gbuffer.glsl"
+#include "passes/restir_gi/bindings.glsl"
+#include "scene/trace.glsl"
+
+GiReservoir empty_gi_reservoir(float confidence_weight) {
+    return GiReservoir(vec3(0.0), vec3(0.0, 0.0, 1.0), vec3(0.0), confidence_weight, 0.0);
+}
+
+// What this frame's shading uses; the sample is visible from the pixel.
+GiReservoir load_gi_reservoir(uvec2 pixel) { return gi_reservoirs.at[pixel.y * uniforms.size.x + pixel.x]; }
+
+// Whether nothing diffuse is there, nor anything rough enough to reuse the reservoir.
+bool takes_no_gi(GBufferSurface surface) {
+    return !surface.exists || uniforms.gi == 0u || (uniforms.gi_skip_smooth_metals != 0u
+        && surface.material.metallic > 0.9999 && surface.material.roughness <= uniforms.specular_reuse_roughness);
+}
+
+// Of the direction to a point; 0 below the surface.
+float gi_cosine(GBufferSurface surface, vec3 point) {
+    vec3 wi = safe_normalize(point - surface.world_position, vec3(0.0));
+    return dot(wi, surface.geometric_world_normal) > 0.0 ? max(dot(wi, surface.world_normal), 0.0) : 0.0;
+}
+
+// Differs from Solari: without albedo, so that a sample serves whatever lies on the surface.
+float gi_target(GBufferSurface surface, GiReservoir reservoir) {
+    return luminance(reservoir.radiance) * gi_cosine(surface, reservoir.sample_point_world_position);
+}
+
+// Solid angle at `to` for that at `from` of the same piece of the sample's surface. 0: no shift, the surface turns away or
+// the ratio is extreme; the way back has the inverse ratio, or is none either.
+float reconnection_jacobian(GBufferSurface from, GBufferSurface to, GiReservoir reservoir) {
+    vec3 to_from = from.world_position - reservoir.sample_point_world_position;
+    vec3 to_to = to.world_position - reservoir.sample_point_world_position;
+    float from_cosine = dot(normalize(to_from), reservoir.sample_point_world_normal);
+    float to_cosine = dot(normalize(to_to), reservoir.sample_point_world_normal);
+    if (!(from_cosine > 0.0 && to_cosine > 0.0)) { return 0.0; }
+    float jacobian = to_cosine / from_cosine * (dot(to_from, to_from) / dot(to_to, to_to));
+    return max(jacobian, 1.0 / jacobian) <= uniforms.gi_jacobian_limit ? jacobian : 0.0;
+}
+
+// The generalised balance heuristic: the share in the merged estimate of a sample that `own` found, when `other` could
+// have found it too. The radiance is the same on both sides.
+float gi_mis_weight(GBufferSurface own, GiReservoir reservoir, GBufferSurface other, float other_confidence_weight) {
+    vec3 point = reservoir.sample_point_world_position;
+    return balance_heuristic(
+        reservoir.confidence_weight * gi_cosine(own, point),
+        other_confidence_weight * gi_cosine(other, point) * reconnection_jacobian(own, other, reservoir)
+    );
+}
+
+bool trace_sample_visibility(GBufferSurface surface, GiReservoir reservoir) {
+    vec3 origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
+    vec3 segment = reservoir.sample_point_world_position - origin;
+    // ends short by what rounding makes of a ray this long
+    vec3 end = segment + reservoir.sample_point_world_normal * (16.0 * ROUNDING_UNIT * max_component(abs(segment)));
+    return trace_visibility(origin, end, 1.0);
+}
+
+// Adds what another pixel found to what this one did; `choice` is a random number in [0, 1). With `retest`, what comes out is
+// visible from this pixel.
+// Differs from Solari: there a sample keeps its share where the other pixel can't see it, which loses light at the edges of
+// indirect shadows. Shares and choice go by unshadowed targets, but a sample of this pixel's own that is chosen and that the other
+// pixel could not have found stands for all, so it is raised by its share.
+GiReservoir merge_gi_reservoirs(
+    GBufferSurface surface, GiReservoir own, GBufferSurface other_surface, GiReservoir other, bool retest, float choice
+) {
+    if (other.confidence_weight == 0.0) { return own; }
+    float own_share = 1.0, own_weight = 0.0, other_weight = 0.0;
+    if (own.unbiased_contribution_weight > 0.0) {
+        own_share = gi_mis_weight(surface, own, other_surface, other.confidence_weight);
+        own_weight = own_share * gi_target(surface, own) * own.unbiased_contribution_weight;
+    }
+    if (other.unbiased_contribution_weight > 0.0) {
+        float jacobian = reconnection_jacobian(other_surface, surface, other);
+        other_weight = gi_mis_weight(other_surface, other, surface, own.confidence_weight)
+            * gi_target(surface, other) * jacobian * other.unbiased_contribution_weight;
+        if (other_weight > 0.0 && retest && !trace_sample_visibility(surface, other)) { other_weight = 0.0; }
+    }
+
+    float weight_sum = own_weight + other_weight;
+    float confidence_weight = own.confidence_weight + other.confidence_weight;
+    if (!(weight_sum > 0.0)) { return empty_gi_reservoir(confidence_weight); }
+    bool other_chosen = choice * weight_sum < other_weight;
+    GiReservoir merged = other_chosen ? other : own;
+    merged.confidence_weight = confidence_weight;
+    merged.unbiased_contribution_weight = weight_sum / gi_target(surface, merged);
+    if (!other_chosen && own_share < 1.0 && !trace_sample_visibility(other_surface, own)) {
+        merged.unbiased_contribution_weight /= own_share;
+    }
+    return merged;
+}
+
+#endif

@@ -1,0 +1,40 @@
+// ReSTIR GI (Ouyang et al., HPG 2021), second half: merged with what a neighbor has, kept for the next frame, and shaded.
+#version 460
+#extension GL_EXT_ray_query : require
+#include "passes/bindings.glsl"
+#include "passes/gbuffer/gbuffer.glsl"
+#include "passes/restir_gi/reservoir.glsl"
+#include "passes/reuse.glsl"
+#include "scene/brdf.glsl"
+
+layout(local_size_x = 8, local_size_y = 8) in;
+
+const uint PASS_SALT = 0xBB67AE85u;
+
+vec3 shade_diffuse(GBufferSurface surface, GiReservoir reservoir) {
+    if (!(reservoir.unbiased_contribution_weight > 0.0)) { return vec3(0.0); }
+    mat3 frame = orthonormalize(surface.world_normal);
+    vec3 wo = surface.wo * frame;
+    vec3 wi = normalize(reservoir.sample_point_world_position - surface.world_position) * frame;
+    return reservoir.radiance * reservoir.unbiased_contribution_weight
+        * evaluate_diffuse_brdf(prepare_brdf(surface.material, wo), wo, wi);
+}
+
+void main() {
+    uvec2 pixel = INVOCATION_INDEX;
+    if (any(greaterThanEqual(pixel, uniforms.size))) { return; }
+    uint index = pixel.y * uniforms.size.x + pixel.x;
+    GBufferSurface surface = load_gbuffer(pixel);
+    GiReservoir reservoir = gi_temporal_reservoirs.at[index];
+    if (reservoir.confidence_weight > 0.0 && uniforms.gi_spatial != 0u) {
+        uint rng = seed_rng(pixel, uniforms.frame_index, uniforms.seed ^ PASS_SALT);
+        uvec2 at;
+        GBufferSurface neighbor;
+        if (find_spatial_neighbor(pixel, surface, uniforms.gi_spatial_radius, rng, at, neighbor)) {
+            GiReservoir other = gi_temporal_reservoirs.at[at.y * uniforms.size.x + at.x];
+            reservoir = merge_gi_reservoirs(surface, reservoir, neighbor, other, true, rand_f(rng));
+        }
+    }
+    gi_reservoirs.at[index] = reservoir;
+    gi_diffuse.at[index] = shade_diffuse(surface, reservoir);
+}

@@ -1,0 +1,43 @@
+// Merges what two pixels found, for every pair of their samples and a grid of choices.
+#version 460
+#extension GL_EXT_ray_query : require
+#include "passes/restir_gi/reservoir.glsl"
+
+layout(local_size_x = 64) in;
+
+struct Pixel {
+    vec3 position;
+    vec3 normal;
+    vec3 geometric_normal;
+};
+
+struct MergeCase {
+    uint own;     // into pixels
+    uint other;
+    GiReservoir found;
+    GiReservoir other_found;
+};
+
+layout(set = 1, binding = 20, scalar) readonly buffer PixelsBlock { Pixel at[]; } pixels;
+layout(set = 1, binding = 21, scalar) readonly buffer CasesBlock { MergeCase at[]; } cases;
+layout(set = 1, binding = 22, scalar) buffer MergedBlock { GiReservoir at[]; } merged;
+
+GBufferSurface surface_at(Pixel pixel) {
+    GBufferSurface surface;
+    surface.exists = true;
+    surface.world_position = pixel.position;
+    surface.world_normal = pixel.normal;
+    surface.geometric_world_normal = pixel.geometric_normal;
+    surface.ray_offset = 1e-5;
+    return surface;
+}
+
+void main() {
+    uint i = gl_GlobalInvocationID.x;
+    if (i >= merged.at.length()) { return; }
+    MergeCase c = cases.at[i / CHOICES];
+    float choice = (float(i % CHOICES) + 0.5) / float(CHOICES);
+    merged.at[i] = merge_gi_reservoirs(
+        surface_at(pixels.at[c.own]), c.found, surface_at(pixels.at[c.other]), c.other_found, true, choice
+    );
+}

@@ -1,0 +1,155 @@
+"""ReSTIR GI's merge is unbiased: summed over everything that two pixels can find and choose, each sample point counts just as
+much as it is seen, whatever the geometry, the confidences and what stands between."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from solari_vk.gpu.frame import Frame, Pass, Stage
+from solari_vk.scene.binder import SceneBinder
+from solari_vk.scene.builtin import matte
+from solari_vk.scene.model import Instance, Scene
+from solari_vk.scene.shapes import quad
+
+POINTS = 5  # sample points of a scene
+CHOICES = 512  # of the random number
+SCENES = 8
+JACOBIAN_LIMIT = 10.0
+BLOCKER = {"center": (0.3, 0.0, 0.5), "half_u": (0.35, 0.0, 0.1), "half_v": (0.0, 3.0, 0.0)}
+
+
+def unit(v):
+    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+
+
+class World:
+    """Two pixels on the floor, points above that face down, and a blocker that hides some of them from either."""
+
+    def __init__(self, seed):
+        rng = np.random.default_rng(seed)
+        self.positions = np.float32(np.c_[rng.uniform(-1, 1, (2, 2)), np.zeros(2)])
+        self.geometric = np.float32([[0, 0, 1], [0, 0, 1]])
+        self.normals = np.float32(unit(self.geometric + 0.3 * rng.normal(size=(2, 3))))
+        self.points = np.float32(np.c_[rng.uniform(-1.5, 1.5, (POINTS, 2)), 10 ** rng.uniform(-0.5, 0.3, POINTS)])
+        near = self.positions + np.float32([0.05, 0.05, 0.2])
+        self.points[:2] = near  # so near to one pixel that shifts stretch them beyond the limit
+        self.point_normals = np.float32(unit(np.float32([0, 0, -1]) + 0.5 * rng.normal(size=(POINTS, 3))))
+        self.radiance = np.float32(rng.uniform(0.1, 2, (POINTS, 3)))
+        self.radiance[-1] = 0  # found, but dark
+        self.confidence = np.float32(rng.uniform(0.5, 8, 2))
+        to_pixel = self.positions[:, None] - self.points[None]  # pixel, point
+        distance = np.linalg.norm(to_pixel, axis=-1)
+        self.cosine = np.einsum("pkc,pc->pk", -to_pixel, self.normals) / distance
+        self.solid_angle = np.maximum(np.einsum("pkc,kc->pk", to_pixel, self.point_normals), 0) / distance**3
+        self.visible = (self.cosine > 0) & (self.solid_angle > 0) & ~self._blocked(to_pixel)
+        self.lit = self.radiance.sum(axis=1) > 0
+
+    def _blocked(self, to_pixel):
+        center, u, v = (np.asarray(BLOCKER[k]) for k in ("center", "half_u", "half_v"))
+        normal = np.cross(u, v)
+        t = ((center - self.points) @ normal) / (to_pixel @ normal)
+        at = self.points + t[..., None] * to_pixel - center
+        inside = (np.abs(at @ u) < u @ u) & (np.abs(at @ v) < v @ v)
+        return (t > 0) & (t < 1) & inside
+
+
+def reservoirs(world, pixel, dtype):
+    """What one pixel may find, all equally likely: nothing, or any point that it sees."""
+    points = np.flatnonzero(world.visible[pixel])
+    found = np.zeros(1 + len(points), dtype)
+    found["confidence_weight"] = world.confidence[pixel]
+    some = found[1:]
+    some["sample_point_world_position"] = world.points[points]
+    some["sample_point_world_normal"] = world.point_normals[points]
+    some["radiance"] = world.radiance[points]
+    some["unbiased_contribution_weight"] = len(found) * world.solid_angle[pixel, points] * world.lit[points]
+    return found
+
+
+def merge_all(shaders, worlds):
+    """For every world, the mean contribution weight that each of its points gets at the first pixel."""
+    binder = SceneBinder(shaders.device, Scene(Instance(mesh=quad(**BLOCKER), material=matte(0.5))))
+    buffers = {"pixels": 2 * len(worlds), "cases": 1, "merged": 1}
+    header = f"const uint CHOICES = {CHOICES}u;"
+
+    def frame(counts):
+        only = Pass("test/gi_merge", threads=counts["merged"], header=header)
+        binder.update()
+        return Frame(shaders.device, [Stage("merge", buffers=counts, passes=[only])], external=binder.resources,
+                     glsl_root=shaders.root)  # fmt: skip
+
+    try:
+        with frame(buffers) as probe:
+            case_type, pixel_type = probe["cases"].dtype, probe["pixels"].dtype
+        cases, owners = [], []
+        for index, world in enumerate(worlds):
+            own, other = (reservoirs(world, pixel, case_type["found"]) for pixel in (0, 1))
+            some = np.zeros((len(own), len(other)), case_type)
+            some["own"], some["other"] = 2 * index, 2 * index + 1
+            some["found"], some["other_found"] = own[:, None], other[None]
+            cases.append(some.ravel())
+            owners += [index] * some.size
+        pixels = np.zeros(2 * len(worlds), pixel_type)
+        for field, values in (("position", "positions"), ("normal", "normals"), ("geometric_normal", "geometric")):
+            pixels[field] = np.concatenate([getattr(world, values) for world in worlds])
+        cases = np.concatenate(cases)
+        with frame({"pixels": len(pixels), "cases": len(cases), "merged": len(cases) * CHOICES}) as run:
+            run.uniforms["gi_jacobian_limit"] = JACOBIAN_LIMIT
+            run.resource("pixels").upload(pixels)
+            run.resource("cases").upload(cases)
+            run.submit()
+            merged = run["merged"].reshape(len(cases), CHOICES)
+    finally:
+        shaders.device.wait_idle()
+        binder.destroy()
+    return cases, np.array(owners), merged
+
+
+def check_unbiased(shaders):
+    worlds = [World(seed) for seed in range(SCENES)]
+    cases, owners, merged = merge_all(shaders, worlds)
+    assert np.isfinite(merged["unbiased_contribution_weight"]).all()
+    total = cases["found"]["confidence_weight"] + cases["other_found"]["confidence_weight"]
+    assert np.allclose(merged["confidence_weight"], total[:, None])
+    seen_by_one = 0
+    for index, world in enumerate(worlds):
+        own = merged[owners == index]
+        for point in range(POINTS):
+            chosen = (own["sample_point_world_position"] == world.points[point]).all(axis=-1)
+            weights = own["unbiased_contribution_weight"] * chosen
+            grid_error = weights.max(axis=1).mean() / CHOICES  # twice what a threshold between two choices makes
+            expected = world.solid_angle[0, point] * world.visible[0, point] * world.lit[point]
+            what = f"world {index}, point {point}: {weights.mean()}, not {expected}"
+            assert abs(weights.mean() - expected) <= grid_error + 1e-3 * expected, what
+        seen_by_one += (world.visible[0] & ~world.visible[1]).sum()
+    assert seen_by_one > 3, "the worlds hold what the test is about"
+
+
+def test_merge_is_unbiased(shaders):
+    check_unbiased(shaders)
+
+
+MUTANTS = {
+    "no Jacobian in the contribution": ("* gi_target(surface, other) * jacobian *", "* gi_target(surface, other) *"),
+    "Jacobian turned over": ("float jacobian = to_cosine / from_cosine", "float jacobian = from_cosine / to_cosine"),
+    "Jacobian without cosines": ("to_cosine / from_cosine * (dot", "(dot"),
+    "no Jacobian in the weights": ("gi_cosine(other, point) * reconnection_jacobian(own, other, reservoir)",
+                                   "gi_cosine(other, point)"),
+    "no cosine in the weights of one": ("reservoir.confidence_weight * gi_cosine(own, point)",
+                                        "reservoir.confidence_weight"),
+    "extreme shifts dropped one way only": ("return max(jacobian, 1.0 / jacobian) <=", "return jacobian <="),
+    "confidence of the wrong one": ("own, other_surface, other.confidence_weight)",
+                                    "own, other_surface, own.confidence_weight)"),
+    "what is hidden is kept": ("retest && !trace_sample_visibility(surface, other)", "false"),
+    "what the other can't see is shared": ("!other_chosen && own_share < 1.0 &&", "false &&"),
+    "the choice's odds turned over": ("choice * weight_sum < other_weight", "choice * weight_sum < own_weight"),
+    "confidences not added": ("merged.confidence_weight = confidence_weight", "merged.confidence_weight += 0.0"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MUTANTS)
+def test_seeded_bug_in_the_merge_is_noticed(shaders, name):
+    mutant = shaders.patched(("passes/restir_gi/reservoir.glsl", *MUTANTS[name]))
+    with pytest.raises(AssertionError):
+        check_unbiased(mutant)
