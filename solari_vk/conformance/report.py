@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import html
+import os
+import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
@@ -36,11 +38,12 @@ class Report:
             "limits": f"{limits.maxInstanceCount:,} instances, {limits.maxPrimitiveCount:,} primitives, "
             f"{limits.maxGeometryCount:,} geometries",
             "suite": f"solari_vk {__version__}, {'full' if full else 'fast'} profile, {seconds:.0f} s"
+            f" ({time.process_time():.0f} s of processor time{_load()})"
             + (", under the validation layer" if device.validation else ""),
             "result": self.verdict(),
         }
         if spent:
-            self.header["seconds"] = ", ".join(f"{group} {time:.0f}" for group, time in spent.items())
+            self.header["seconds"] = ", ".join(f"{group} {taken:.0f}" for group, taken in spent.items())
         if left_out:
             self.header["left out"] = ", ".join(left_out)
 
@@ -109,6 +112,12 @@ class Report:
                 parts.append(f"<tr class='{colors.get(row.status, 'bad')}'>{cells}")
             parts.append("</table>")
         return "\n".join(parts) + "\n"
+
+
+def _load() -> str:
+    if not hasattr(os, "getloadavg"):
+        return ""
+    return f", load of the machine {os.getloadavg()[1]:.1f} on {os.cpu_count()} cores"
 
 
 def _markdown_row(cells: Sequence[str]) -> str:
