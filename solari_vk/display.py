@@ -7,7 +7,7 @@ then makes them what an 8-bit picture holds.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -108,11 +108,11 @@ def auto_exposure(radiance: ArrayLike) -> float:
 # ---- files ------------------------------------------------------------------------------------------
 
 
-def check_output(path: str | os.PathLike[str]) -> None:
-    """Raise SolariError when `save_image` could not write there: an unknown suffix or no such folder."""
+def check_output(path: str | os.PathLike[str], suffixes: Sequence[str] = SUFFIXES) -> None:
+    """Raise SolariError when nothing could be written there: none of the suffixes, or no such folder."""
     target = Path(path)
-    if target.suffix.lower() not in SUFFIXES:
-        raise SolariError(f"{target}: pictures are written as {', '.join(SUFFIXES)}, not '{target.suffix}'")
+    if target.suffix.lower() not in suffixes:
+        raise SolariError(f"{target}: pictures are written as {', '.join(suffixes)}, not '{target.suffix}'")
     if not target.parent.is_dir():
         raise SolariError(f"{target}: there is no folder {target.parent}: make it first")
     if target.is_dir():
@@ -150,21 +150,22 @@ def save_image(
     if suffix == ".npy":
         _write_npy(target, picture)
     else:
-        _write_png(target, globals()["tonemap"](picture, exposure=exposure, curve=tonemap))
+        linear = globals()["tonemap"](picture, exposure=exposure, curve=tonemap)
+        write_png(target, np.round(encode_srgb(linear) * 255).astype(np.uint8))
     for name, layer in layers.items():
         _write_npy(target.with_name(f"{target.stem}.{name}.npy"), layer)
 
 
 def _write_npy(path: Path, array: NDArray[Any]) -> None:
-    with _whole(path) as temporary, open(temporary, "wb") as file:
+    with whole_file(path) as temporary, open(temporary, "wb") as file:
         np.save(file, array)
 
 
-def _write_png(path: Path, linear: Colors) -> None:
+def write_png(path: Path, codes: NDArray[np.uint8]) -> None:
+    """Write what a screen shows, (height, width, 3 or 4), such as a frame's "display"."""
     from PIL import Image
 
-    codes = np.round(encode_srgb(linear) * 255).astype(np.uint8)
-    with _whole(path) as temporary:
+    with whole_file(path) as temporary:
         Image.fromarray(codes).save(temporary, format="PNG")
 
 
@@ -187,12 +188,12 @@ def _write_exr(path: Path, picture: Colors, layers: dict[str, NDArray[Any]], met
         "software": "solari_vk",
         **metadata,
     }
-    with _whole(path) as temporary:
+    with whole_file(path) as temporary:
         OpenEXR.File(header, {name: np.ascontiguousarray(c) for name, c in channels.items()}).write(str(temporary))
 
 
 @contextmanager
-def _whole(path: Path) -> Iterator[Path]:
+def whole_file(path: Path) -> Iterator[Path]:
     """A temporary path in the same folder that takes the path's place once it is written."""
     temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     try:

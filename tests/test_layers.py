@@ -19,6 +19,8 @@ MAY_IMPORT = {
     "errors": set(),
     "settings": {"errors"},
     "display": {"errors"},
+    "movie": {"errors", "display"},
+    "animation": {"errors", "scene"},
     "gpu": {"errors"},
     "scene": {"errors", "gpu"},
     "view": {"gpu", "scene"},

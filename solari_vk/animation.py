@@ -1,0 +1,126 @@
+"""Camera paths: an orbit around a point, and poses that a JSON file lists. Pure numpy."""
+
+from __future__ import annotations
+
+import json
+import math
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from solari_vk.errors import SolariError
+from solari_vk.scene.model import Camera
+
+MOST_CAMERAS = 100_000
+LARGEST_TURN = 170.0  # degrees from one pose to the next: which way to turn by 180 nobody could tell
+
+
+def orbit(camera: Camera, center: ArrayLike, count: int, sweep_degrees: float | None = None) -> list[Camera]:
+    """`count` cameras that go once around the vertical axis through `center`, or swing through an angle and back.
+
+    The last one is a step before the first, so that the path repeats without a halt.
+    """
+    turns = 2 * math.pi * np.arange(count) / count
+    if sweep_degrees is not None:
+        turns = math.radians(sweep_degrees) / 2 * np.sin(turns)
+    pivot = np.asarray(center, np.float64)
+    cameras = []
+    for turn in turns:
+        rotation = np.array([
+            [math.cos(turn), 0, math.sin(turn)],
+            [0, 1, 0],
+            [-math.sin(turn), 0, math.cos(turn)],
+        ])  # fmt: skip
+        transform = camera.transform.copy()
+        transform[:3, :3] = rotation @ camera.transform[:3, :3]
+        transform[:3, 3] = pivot + rotation @ (camera.transform[:3, 3] - pivot)
+        cameras.append(_camera(camera, transform, camera.vertical_fov, camera.ev100))
+    return cameras
+
+
+def load_path(path: str | Path, camera: Camera, *, fps: float, count: int | None = None) -> list[Camera]:
+    """Cameras along the poses of a JSON file, `fps` a second, or `count` from the first pose to the last.
+
+    The file is a list of poses as Camera.from_pose takes them, each with its "time" in seconds, or all without: then
+    they are a second apart. What a pose doesn't say is as `camera` has it. Position, orientation and field of view run
+    smoothly through the poses (cubic Hermite curves). Raises SolariError for what is no such file.
+    """
+    times, poses = _read(Path(path), camera)
+    if count is None:
+        count = round((times[-1] - times[0]) * fps) + 1
+    if count > MOST_CAMERAS:
+        raise SolariError(f"{path}: {count:,} pictures are more than {MOST_CAMERAS:,}: give --frames or nearer times")
+    places = np.linspace(times[0], times[-1], count)
+    channels = {
+        "transform": np.array([pose.transform for pose in poses]),
+        "fov": np.array([math.log(math.tan(pose.vertical_fov / 2)) for pose in poses]),
+        "ev100": np.array([pose.ev100 for pose in poses]),
+    }
+    curves = {name: _interpolate(times, values, places) for name, values in channels.items()}
+    cameras = []
+    for transform, fov, ev100 in zip(curves["transform"], curves["fov"], curves["ev100"], strict=True):
+        left, _, right = np.linalg.svd(transform[:3, :3])
+        transform[:3, :3] = left @ right  # the nearest rotation
+        cameras.append(_camera(camera, transform, 2 * math.atan(math.exp(fov)), float(ev100)))
+    return cameras
+
+
+def _read(path: Path, camera: Camera) -> tuple[NDArray[np.float64], list[Camera]]:
+    try:
+        items = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise SolariError(f"{path}: can't be read as a camera path in JSON: {error}") from None
+    if not isinstance(items, list) or len(items) < 2 or not all(isinstance(item, dict) for item in items):
+        raise SolariError(f"{path}: a camera path is a JSON list of at least two poses")
+    timed = sum("time" in item for item in items)
+    if timed not in (0, len(items)):
+        raise SolariError(f"{path}: {timed} of {len(items)} poses have a 'time': give it to all or to none")
+    try:
+        times = np.array([float(item.get("time", index)) for index, item in enumerate(items)])
+    except (TypeError, ValueError):
+        raise SolariError(f"{path}: a pose's 'time' must be a number of seconds") from None
+    if not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
+        raise SolariError(f"{path}: the times of poses must be finite and grow from each to the next")
+    poses = [_pose(path, index, item, camera) for index, item in enumerate(items)]
+    for index, (a, b) in enumerate(pairwise(poses)):
+        cosine = (np.sum(_axes(a) * _axes(b)) - 1) / 2
+        if cosine < math.cos(math.radians(LARGEST_TURN)):
+            raise SolariError(f"{path}: poses {index} and {index + 1} face opposite ways: put another one between")
+    return times, poses
+
+
+def _pose(path: Path, index: int, item: dict[str, Any], camera: Camera) -> Camera:
+    known = {"vertical_fov_degrees": math.degrees(camera.vertical_fov), "ev100": camera.ev100}
+    try:
+        return Camera.from_pose(known | {key: value for key, value in item.items() if key != "time"})
+    except SolariError as error:
+        raise SolariError(f"{path}: pose {index}: {error}") from None
+
+
+def _axes(camera: Camera) -> NDArray[np.float64]:
+    axes = camera.transform[:3, :3]
+    return np.asarray(axes / np.linalg.norm(axes, axis=0))
+
+
+def _interpolate(
+    times: NDArray[np.float64], values: NDArray[np.float64], places: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Through values (n, ...) at times (n,), whose slopes are those of the parabolas through neighbours."""
+    slopes = np.gradient(values, times, axis=0)
+    first = np.clip(np.searchsorted(times, places, side="right") - 1, 0, len(times) - 2)
+    shape = (-1, *[1] * (values.ndim - 1))
+    step = np.diff(times)[first].reshape(shape)
+    t = (places - times[first]).reshape(shape) / step
+    start, end = values[first], values[first + 1]
+    return np.asarray(
+        start
+        + (3 * t**2 - 2 * t**3) * (end - start)
+        + step * (t * (1 - t) ** 2 * slopes[first] + t**2 * (t - 1) * slopes[first + 1])
+    )
+
+
+def _camera(like: Camera, transform: NDArray[np.float64], vertical_fov: float, ev100: float) -> Camera:
+    return Camera(transform=transform, vertical_fov=vertical_fov, near=like.near, ev100=ev100, name=like.name)

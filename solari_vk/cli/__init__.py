@@ -1,0 +1,143 @@
+"""The command line: solari-vk render | settings | views | info | bench | conformance.
+
+Exit codes: 0 done, 1 an internal error or a conformance rule that doesn't hold, 2 bad input or usage, 3 no device.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import traceback
+from pathlib import Path
+
+from solari_vk.cli import render
+from solari_vk.errors import DeviceError, SolariError
+
+_CONFORMANCE_EXIT = (
+    "Exit code 0: every rule holds, but for those that the device has no feature for, that only --full measures, and "
+    "known faults of its driver no worse than listed; all of these are named. 1: a rule doesn't hold, a listed fault "
+    "is gone or grew, or something needed to measure is missing, such as embreex. 2: wrong usage. 3: no device."
+)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one command; returns the exit code."""
+    options = _parser().parse_args(arguments)
+    try:
+        code: int = options.run(options) or 0
+    except DeviceError as error:
+        print(f"solari-vk: {error}", file=sys.stderr)
+        return 3
+    except SolariError as error:
+        print(f"solari-vk: {error}", file=sys.stderr)
+        return 2
+    except BrokenPipeError:  # whoever read our output had enough
+        sys.stdout = None
+        return 0
+    except KeyboardInterrupt:
+        print("solari-vk: interrupted, nothing was written", file=sys.stderr)
+        return 1
+    except Exception:
+        traceback.print_exc()
+        print("solari-vk: an internal error; please report it with the lines above", file=sys.stderr)
+        return 1
+    return code
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="solari-vk", description="Raytraced lighting on any Vulkan ray-query device.")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    render.add_parser(commands)
+
+    for name, run, what in (
+        ("settings", _settings, "what --settings and --quality of render take, with meaning, range and default"),
+        ("views", _views, "what --view of render takes, with meaning"),
+    ):
+        commands.add_parser(name, help=what).set_defaults(run=run)
+
+    info = commands.add_parser("info", help="devices with what each misses, compiler, cache")
+    info.set_defaults(run=_info)
+
+    bench = commands.add_parser("bench", help="measure rays, samples, host time and loading; ratios of one run")
+    bench.set_defaults(run=_bench)
+    bench.add_argument("files", nargs="*", type=Path, help="glTF files whose loading is measured too")
+    bench.add_argument("--device", help="part of a device's name, its index or its UUID")
+    bench.add_argument("--markdown", type=Path, metavar="FILE", help="write the figures as Markdown")
+
+    conformance = commands.add_parser(
+        "conformance", help="measure whether a device keeps the documents' rules",
+        description="Measure whether a device keeps the documents' rules. " + _CONFORMANCE_EXIT,
+    )  # fmt: skip
+    conformance.set_defaults(run=_conformance)
+    conformance.add_argument("--device", help="part of a device's name, its index or its UUID")
+    conformance.add_argument("--only", action="append", default=[], metavar="GROUP", help="a group (all; repeatable)")
+    conformance.add_argument("--full", action="store_true", help="ten times the rays and instances: takes much longer")
+    for kind, what in (("junit", "JUnit XML"), ("markdown", "Markdown"), ("html", "HTML")):
+        conformance.add_argument(f"--{kind}", type=Path, metavar="FILE", help=f"write the report as {what}")
+    return parser
+
+
+# ---- lists ------------------------------------------------------------------------------------------
+
+
+def _settings(options: argparse.Namespace) -> None:
+    from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES, allowed
+
+    section = ""
+    for name, field in FIELDS.items():
+        if field.section != section:
+            section = field.section
+            print(f"{section}:")
+        print(f"  {name}={DEFAULTS[name]}  {allowed(name)}\n      {field.meaning}")
+    print("qualities, and what they set:")
+    for name, values in QUALITIES.items():
+        print(f"  {name}: {' '.join(f'{key}={value}' for key, value in values.items()) or 'the defaults'}")
+
+
+def _views(options: argparse.Namespace) -> None:
+    from solari_vk.passes.display import VIEWS
+
+    for name, meaning in VIEWS.items():
+        print(f"{name:{max(map(len, VIEWS))}}  {meaning}")
+
+
+# ---- devices ----------------------------------------------------------------------------------------
+
+
+def _info(options: argparse.Namespace) -> None:
+    from solari_vk import __version__
+    from solari_vk.gpu import shader_cache, shaderc
+    from solari_vk.gpu.device import list_devices
+
+    print(f"solari_vk {__version__}")
+    try:
+        print(f"compiler: {shaderc.version().split(' ')[0]}")
+    except SolariError as error:
+        print(f"compiler: {error}")
+    folder = shader_cache.cache_folder()
+    modules = list(folder.glob("*.spv")) if folder and folder.is_dir() else []
+    size = sum(module.stat().st_size for module in modules)
+    print(f"cache: {folder}, {len(modules)} shaders, {size / 1e6:.1f} MB" if folder else "cache: off")
+    reports = list_devices()
+    for report in reports:
+        version = ".".join(map(str, report.api_version))
+        print(f"device {report.index}: {report.name} ({report.kind}), {report.driver}, Vulkan {version}, {report.uuid}")
+        print("  usable" if not report.missing else f"  misses: {', '.join(report.missing)}")
+    if all(report.missing for report in reports):
+        raise DeviceError("no device can be used: install a driver with VK_KHR_ray_query (Mesa lavapipe 24.1 or newer)")
+
+
+def _bench(options: argparse.Namespace) -> None:
+    from solari_vk.bench import run
+
+    run(options.device, options.files, options.markdown)
+
+
+def _conformance(options: argparse.Namespace) -> int:
+    from solari_vk.conformance.run import run
+
+    return run(
+        options.device, only=options.only, full=options.full,
+        junit=options.junit, markdown=options.markdown, html=options.html,
+    )  # fmt: skip

@@ -1,0 +1,93 @@
+"""What `solari-vk render` is to do in realtime mode, from its options."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from solari_vk.errors import SolariError
+
+if TYPE_CHECKING:
+    from solari_vk.scene.model import Camera
+    from solari_vk.settings import Settings
+
+STILL_FRAMES, ANIMATION_AVERAGE = 64, 4
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A picture for each camera, in the file of the same row."""
+
+    cameras: Sequence[Camera]
+    targets: Sequence[Path]
+    warm_up: int
+    frames: int
+    """Of each picture."""
+    average: int
+    """The last ones of these, whose mean the picture is."""
+
+    @property
+    def frame_count(self) -> int:
+        """In all."""
+        return self.warm_up + self.frames * len(self.cameras)
+
+
+def check_output(options: argparse.Namespace) -> bool:
+    """Whether the output is a movie. Raises SolariError when it can't be written."""
+    from solari_vk import display, movie
+
+    output: Path = options.output
+    if output.suffix.lower() not in movie.SUFFIXES:
+        display.check_output(output)
+        return False
+    if options.animate is None:
+        raise SolariError(f"{output}: {output.suffix} is for animations: give --animate, or write a .png")
+    if options.aov:
+        raise SolariError(f"--aov: a movie holds pictures alone: write numbered files, such as {output.stem}.exr")
+    display.check_output(output, movie.SUFFIXES)
+    movie.check_encoder(output)
+    return True
+
+
+def check_view(options: argparse.Namespace) -> None:
+    """A debug view is of one frame, in 8 bits. Raises SolariError for options that ask for more."""
+    from solari_vk.passes.display import VIEWS
+
+    if options.view not in VIEWS:
+        raise SolariError(f"--view {options.view}: there is no such view; there are {', '.join(VIEWS)}")
+    if options.view == "picture":
+        return
+    if options.output.suffix.lower() in (".exr", ".npy"):
+        raise SolariError(f"--view {options.view}: is colours for the eye: write a .png, or take numbers by --aov")
+    for name in ("average", "aov"):
+        if getattr(options, name):
+            raise SolariError(f"--{name}: a debug view shows one frame alone, as it is")
+
+
+def make_settings(options: argparse.Namespace) -> Settings:
+    """The quality's, and what else is set."""
+    from solari_vk.settings import Settings
+
+    settings = Settings.preset(options.quality)
+    for text in options.settings:
+        settings.update(text)
+    return settings
+
+
+def make_plan(options: argparse.Namespace, cameras: Sequence[Camera], folder: Path | None) -> Plan:
+    """`folder`: where the pictures of a movie go, None when there is none."""
+    output: Path = options.output
+    viewing = options.view != "picture"
+    if options.animate is not None:
+        names = [f"{output.stem}.{index:04}" for index in range(len(cameras))]
+        targets = [folder / f"{n}.png" if folder else output.with_name(f"{n}{output.suffix}") for n in names]
+        frames = 1 if viewing else options.average or ANIMATION_AVERAGE
+        return Plan(cameras, targets, options.warm_up, frames, frames)
+    frames = options.frames or STILL_FRAMES
+    average = 1 if viewing else options.average or frames
+    if average > frames:
+        raise SolariError(f"--average {average}: there are only {frames} frames after the warm-up: see --frames")
+    return Plan(cameras, [output], options.warm_up, frames, average)

@@ -1,0 +1,150 @@
+"""`solari-vk render`: pictures and animations of the realtime renderer."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from solari_vk.cli.plan import Plan, check_output, check_view, make_plan, make_settings
+from solari_vk.cli.progress import Progress, Stopped
+from solari_vk.cli.render import load, names_of_aovs
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from solari_vk.renderer import Renderer
+    from solari_vk.scene.model import Camera
+
+RADIANCE_AOVS = (
+    "emission", "diffuse_radiance", "specular_radiance", "di_diffuse", "di_specular", "gi_diffuse", "specular_gi",
+)  # fmt: skip
+AOVS = (
+    *RADIANCE_AOVS, "guides_diffuse_albedo", "guides_specular_albedo", "guides_normal_roughness", "guides_depth",
+    "guides_motion", "guides_specular_motion",
+)  # fmt: skip
+METERING_FRAMES = 4
+
+
+def run(options: argparse.Namespace) -> None:
+    """Render what the options ask for and write it."""
+    import solari_vk as sv
+    from solari_vk.movie import write_movie
+
+    is_movie = check_output(options)
+    check_view(options)
+    names = names_of_aovs(options, AOVS)
+    settings = make_settings(options)
+    subject = load(options)
+    device = sv.Device(options.device, validation=options.validation or None)
+    with device, tempfile.TemporaryDirectory() as folder:
+        plan = make_plan(options, subject.cameras, Path(folder) if is_movie else None)
+        print(f"rendering {options.source} with {device.name}", file=sys.stderr)
+        renderer = sv.Renderer(device, subject.scene, options.size, settings, seed=options.seed)
+        renderer.view, renderer.tonemap = options.view, options.tonemap
+        if subject.auto_exposure:
+            _meter(renderer, plan.cameras)
+        total = renderer.frame_count + plan.frame_count
+        with Progress("frames", total, options.time_limit) as progress:
+            written = _shoot(renderer, plan, options, names, subject.auto_exposure, progress)
+        if is_movie:
+            write_movie(options.output, written, options.fps)
+    target = options.output if is_movie else written[-1]
+    print(
+        f"wrote {target}: {options.size[0]}x{options.size[1]}, picture {len(written)} of {len(plan.targets)}, "
+        f"{renderer.frame_count} frames in {progress.seconds:.1f} s, EV100 {plan.cameras[0].ev100:.2f}",
+        file=sys.stderr,
+    )
+
+
+def _meter(renderer: Renderer, cameras: Sequence[Camera]) -> None:
+    """Expose all cameras roughly by what the first one sees: passes pack light by its exposure."""
+    for _ in range(METERING_FRAMES):
+        renderer.render(cameras[0])
+        _expose(cameras, renderer["radiance"])
+
+
+def _expose(cameras: Sequence[Camera], radiance: NDArray[Any]) -> None:
+    from solari_vk.display import auto_exposure
+
+    ev100 = auto_exposure(radiance)
+    for camera in cameras:
+        camera.ev100 = ev100
+
+
+class _Mean:
+    """Of frames' light, in float64. Of what isn't light it has the last frame's."""
+
+    def __init__(self, renderer: Renderer, names: Sequence[str]) -> None:
+        self._renderer = renderer
+        self._sums: dict[str, Any] = dict.fromkeys(("radiance", *(n for n in names if n in RADIANCE_AOVS)), 0.0)
+        self.count = 0
+
+    def add(self) -> None:
+        """Add the renderer's latest frame."""
+        for name in self._sums:
+            self._sums[name] = self._sums[name] + self._renderer[name].astype("float64")
+        self.count += 1
+
+    def __getitem__(self, name: str) -> Any:
+        if name in self._sums:
+            return (self._sums[name] / self.count).astype("float32")
+        values = self._renderer[name]
+        return values / 255.0 if values.dtype == "uint8" else values
+
+
+def _shoot(
+    renderer: Renderer, plan: Plan, options: argparse.Namespace, names: Sequence[str], meters: bool, progress: Progress
+) -> list[Path]:
+    """Render and write the pictures; returns the files. `meters`: the first one decides the exposure of all.
+
+    Ctrl-C or the time limit end it with the pictures there are; the first one then counts as far as it has come.
+    """
+    written: list[Path] = []
+    mean = _Mean(renderer, names)
+
+    def write(camera: Camera, target: Path) -> None:
+        if meters and not written:
+            _expose(plan.cameras, mean["radiance"])
+        _write(target, renderer, camera, options, mean, names)
+        written.append(target)
+
+    try:
+        for _ in _frames(renderer, plan.cameras[0], plan.warm_up, progress):
+            pass
+        for camera, target in zip(plan.cameras, plan.targets, strict=True):
+            mean = _Mean(renderer, names)
+            for index in _frames(renderer, camera, plan.frames, progress):
+                if index >= plan.frames - plan.average:
+                    mean.add()
+            write(camera, target)
+    except Stopped as stopped:
+        print(stopped, file=sys.stderr)
+        if not written:
+            if not mean.count:
+                mean.add()
+            write(plan.cameras[0], plan.targets[0])
+    return written
+
+
+def _frames(renderer: Renderer, camera: Camera, count: int, progress: Progress) -> Iterator[int]:
+    """Render so many frames, and give the index of each."""
+    for index in range(count):
+        renderer.render(camera)
+        yield index
+        progress(renderer.frame_count)
+
+
+def _write(
+    target: Path, renderer: Renderer, camera: Camera, options: argparse.Namespace, mean: _Mean, names: Sequence[str]
+) -> None:
+    from solari_vk.display import save_image, write_png
+
+    if options.view != "picture":
+        write_png(target, renderer["display"][..., :3])
+        return
+    layers = {name: mean[name] for name in names}
+    save_image(target, mean["radiance"], exposure=camera.exposure, tonemap=options.tonemap, layers=layers)

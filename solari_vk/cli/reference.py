@@ -1,0 +1,40 @@
+"""`solari-vk render --mode reference`: pictures of the path tracer."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from solari_vk.cli.progress import Progress, Stopped
+from solari_vk.cli.render import load, names_of_aovs
+
+
+def run(options: argparse.Namespace) -> None:
+    """Render a picture and write it."""
+    import solari_vk as sv
+
+    sv.check_output(options.output)
+    names = names_of_aovs(options, sv.AOVS)
+    subject = load(options)
+    camera = subject.cameras[0]
+    with sv.Device(options.device, validation=options.validation or None) as device:
+        print(f"rendering {options.source} with {device.name}", file=sys.stderr)
+        renderer = sv.PathTracer(
+            device, subject.scene, options.size, seed=options.seed, max_bounces=options.max_bounces
+        )
+        with Progress("samples a pixel", options.samples, options.time_limit) as progress:
+            try:
+                renderer.render(camera, samples=options.samples, progress=progress)
+            except Stopped as stopped:
+                print(stopped, file=sys.stderr)
+        radiance = renderer["radiance"]
+        seconds = progress.seconds
+        if subject.auto_exposure:
+            camera.ev100 = sv.auto_exposure(radiance)
+        layers = {name: renderer[name] for name in names}
+        sv.save_image(options.output, radiance, exposure=camera.exposure, tonemap=options.tonemap, layers=layers)
+    print(
+        f"wrote {options.output}: {options.size[0]}x{options.size[1]}, {renderer.samples} samples a pixel "
+        f"in {seconds:.1f} s, EV100 {camera.ev100:.2f}",
+        file=sys.stderr,
+    )
