@@ -6,6 +6,7 @@
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/ray_count.glsl"
+#include "passes/restir_gi/reservoir.glsl"
 #include "passes/specular_gi/lobe.glsl"
 #include "passes/world_cache/query.glsl"
 #include "scene/brdf.glsl"
@@ -134,6 +135,20 @@ vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
     }
 }
 
+// ---- rough surfaces ---------------------------------------------------------------------------------
+
+// ReSTIR GI holds no light that comes straight from emitters, so DI has to have that of the specular lobe.
+bool reuses_gi(GBufferSurface surface) {
+    return surface.material.roughness > max(uniforms.specular_reuse_roughness, uniforms.specular_di_roughness)
+        && !takes_no_gi(surface);
+}
+
+vec3 shade_gi_sample(GBufferSurface surface, GiReservoir reservoir, Brdf brdf, mat3 frame, vec3 wo) {
+    if (!(reservoir.unbiased_contribution_weight > 0.0)) { return vec3(0.0); }
+    vec3 wi = normalize(reservoir.sample_point_world_position - surface.world_position) * frame;
+    return reservoir.radiance * reservoir.unbiased_contribution_weight * evaluate_specular_brdf(brdf, wo, wi);
+}
+
 void main() {
     uvec2 pixel = INVOCATION_INDEX;
     if (any(greaterThanEqual(pixel, uniforms.size))) { return; }
@@ -146,6 +161,10 @@ void main() {
     vec3 wo = surface.wo * frame;
     Brdf brdf = prepare_brdf(surface.material, wo);
     if (brdf.specular_probability == 0.0) { return; }
+    if (reuses_gi(surface)) {
+        specular_gi.at[index] = shade_gi_sample(surface, load_gi_reservoir(pixel), brdf, frame, wo);
+        return;
+    }
 
     uint rng = seed_rng(pixel, uniforms.frame_index, uniforms.seed ^ SPECULAR_GI_SALT);
     BrdfSample next = sample_specular_brdf(brdf, wo, rng);
