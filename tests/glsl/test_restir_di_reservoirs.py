@@ -47,8 +47,8 @@ def initial_outcomes(targets, candidates):
     return outcomes
 
 
-# Targets of each light at the pixel, and at the other one. The last light of "gone" is there no more, the first of "new"
-# is there only now; "apart" have no light in common; "dark" finds nothing.
+# Targets of each light at the pixel, and at the other one. The last light of "gone" is there no more, the first of
+# "new" is there only now; "apart" have no light in common.
 CASES = {
     "alike": ([1.0, 2.0, 3.0], [1.0, 2.0, 3.0]),
     "unlike": ([1.0, 0.2, 3.0], [5.0, 2.0, 0.1]),
@@ -70,10 +70,10 @@ def check_expectation(shaders, names=tuple(CASES), merge_rule=BALANCE):
         for (a, chance_a, weight_a), (b, chance_b, weight_b) in itertools.product(
             initial_outcomes(here, 2), initial_outcomes(there, 3)
         ):
-            at = lambda targets, light: 0.0 if light is None else targets[light]  # noqa: E731
-            cases.append(
-                (confidences, (weight_a, weight_b), (at(here, a), at(here, b)), (at(there, a), at(there, b)), len(cases))
+            at_here, at_there = (
+                tuple(0.0 if light is None else targets[light] for light in (a, b)) for targets in (here, there)
             )
+            cases.append((confidences, (weight_a, weight_b), at_here, at_there, len(cases)))
             chances.append(chance_a * chance_b)
         cases = np.array(cases, MERGE)
         out = run(shaders, cases, merge_rule=merge_rule)["merged"]
@@ -124,7 +124,8 @@ def check_streams(shaders):
             assert got["index"] == expected
     assert certain > 950
     nothing = streams["weights"].sum(axis=1) == 0
-    assert nothing.any() and (out["index"][nothing] == NEITHER).all()
+    assert nothing.any()
+    assert (out["index"][nothing] == NEITHER).all()
 
 
 def check_permutation(shaders):
@@ -133,7 +134,8 @@ def check_permutation(shaders):
     y, x = np.mgrid[:height, :width]
     pixels = np.stack([x, y], axis=-1)
     moved = run(shaders)["permuted"].reshape(16, height, width, 2)
-    assert (moved >= 0).all() and (moved < SIZE).all()
+    assert (moved >= 0).all()
+    assert (moved < SIZE).all()
     for to in moved:
         assert (to[to[..., 1], to[..., 0]] == pixels).all()
         apart = np.abs(to - pixels).max(axis=-1)
@@ -169,13 +171,33 @@ RESERVOIR, REUSE = "passes/restir_di/reservoir.glsl", "passes/reuse.glsl"
 MUTANTS = {
     "confidence ignored": (check_choices, RESERVOIR, "confidences * targets;", "targets;"),
     "targets swapped": (check_expectation, RESERVOIR, "vec2(there.y, here.y)", "vec2(here.y, there.y)"),
-    "sum not divided": (check_expectation, RESERVOIR, "target > 0.0 ? weight_sum / target", "target > 0.0 ? weight_sum"),
-    "confidence not added": (check_expectation, RESERVOIR, "= first.confidence + second.confidence", "= first.confidence"),
+    "sum not divided": (
+        check_expectation,
+        RESERVOIR,
+        "target > 0.0 ? weight_sum / target",
+        "target > 0.0 ? weight_sum",
+    ),
+    "confidence not added": (
+        check_expectation,
+        RESERVOIR,
+        "= first.confidence + second.confidence",
+        "= first.confidence",
+    ),
     "zeros are chosen": (check_streams, RESERVOIR, "* weight_sum < weight", "* weight_sum <= weight"),
-    "latest preferred": (check_streams, RESERVOIR, "rand_f(rng) * weight_sum <", "rand_f(rng) * rand_f(rng) * weight_sum <"),
-    "wraps at the edge": (check_permutation, REUSE, "return inside ? partner : pixel;", "return abs(partner) % ivec2(uniforms.size);"),
+    "latest preferred": (
+        check_streams,
+        RESERVOIR,
+        "rand_f(rng) * weight_sum <",
+        "rand_f(rng) * rand_f(rng) * weight_sum <",
+    ),
+    "wraps at the edge": (
+        check_permutation,
+        REUSE,
+        "return inside ? partner : pixel;",
+        "return abs(partner) % ivec2(uniforms.size);",
+    ),
     "no shift back": (check_permutation, REUSE, "((pixel + shift) ^ 3) - shift", "(pixel + shift) ^ 3"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", MUTANTS)
