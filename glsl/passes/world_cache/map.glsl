@@ -22,11 +22,10 @@ struct WorldCacheKey {
 const float GRID_MARGIN = 0.0001;
 
 WorldCacheKey make_world_cache_key(vec3 world_position, vec3 world_normal, float cell_size) {
-    vec3 position = floor(world_position / cell_size + GRID_MARGIN);
+    vec3 position = clamp(floor(world_position / cell_size + GRID_MARGIN), -1e9, 1e9);
     ivec3 normal = ivec3(floor(world_normal + GRID_MARGIN));
-    // sizes differ in their exponent
-    uint kind = floatBitsToUint(cell_size) + uint(normal.x + 3 * normal.y + 9 * normal.z);
-    uvec4 hash = pcg4d(uvec4(floatBitsToUint(position), kind));
+    uint kind = pcg(floatBitsToUint(cell_size)) + uint(normal.x + 3 * normal.y + 9 * normal.z);
+    uvec4 hash = pcg4d(uvec4(ivec3(position), kind));
     return WorldCacheKey(vec4(position * cell_size, cell_size), hash.x, max(hash.y, EMPTY_CELL + 1u));
 }
 

@@ -74,13 +74,16 @@ vec3 sample_irradiance(vec3 world_position, vec3 geometric_world_normal, float r
     return trace_light_visibility(origin, light_sample) ? irradiance : vec3(0.0);
 }
 
-// What a hit reflects towards `wo`, without what it emits: a path's end. ray_t and lifetime as in query_world_cache.
-vec3 reflected_radiance(ResolvedRayHitFull hit, vec3 wo, float ray_t, uint lifetime, inout uint rng) {
+// What arrives at a hit. ray_t and lifetime as in query_world_cache.
+vec3 find_irradiance(ResolvedRayHitFull hit, float ray_t, uint lifetime, inout uint rng) {
     WorldCacheResult cached = query_world_cache(hit.world_position, hit.geometric_world_normal, ray_t, lifetime, rng);
-    vec3 irradiance = cached.irradiance;
-    if (!cached.found) {
-        irradiance = sample_irradiance(hit.world_position, hit.geometric_world_normal, hit.ray_offset, rng);
-    }
+    if (cached.found) { return cached.irradiance; }
+    return sample_irradiance(hit.world_position, hit.geometric_world_normal, hit.ray_offset, rng);
+}
+
+// What a hit reflects towards `wo`, without what it emits: a path's end.
+vec3 reflected_radiance(ResolvedRayHitFull hit, vec3 wo, float ray_t, uint lifetime, inout uint rng) {
+    vec3 irradiance = find_irradiance(hit, ray_t, lifetime, rng);
     return surface_albedo(hit.material, dot(hit.world_normal, wo)) * (INVERSE_PI * irradiance);
 }
 

@@ -5,7 +5,7 @@
 layout(local_size_x = GROUP_SIZE) in;
 
 void main() {
-    uint block_count = world_cache_blocks.at.length();
+    uint block_count = world_cache_checksums.at.length() / (GROUP_SIZE * CELLS_PER_THREAD);
     uint blocks_per_thread = (block_count + GROUP_SIZE - 1u) / GROUP_SIZE;
     uint first = min(gl_LocalInvocationIndex * blocks_per_thread, block_count);
     uint end = min(first + blocks_per_thread, block_count);

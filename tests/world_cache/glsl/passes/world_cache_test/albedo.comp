@@ -1,0 +1,35 @@
+// What a surface reflects under uniform light, and the same summed over directions.
+#version 460
+#extension GL_EXT_ray_query : require
+#include "passes/world_cache/query.glsl"
+
+struct Case {
+    vec3 base_color;
+    float reflectance;
+    float perceptual_roughness;
+    float metallic;
+    float cosine;
+};
+layout(set = 1, binding = 128, scalar) readonly buffer CasesBlock { Case at[]; } cases;
+layout(set = 1, binding = 129, scalar) buffer AlbedosBlock { vec3 at[]; } albedos;  // ours, then summed
+
+layout(local_size_x = 8) in;
+
+void main() {
+    uint index = gl_GlobalInvocationID.x;
+    if (index >= cases.at.length()) { return; }
+    Case c = cases.at[index];
+    ResolvedMaterial material = ResolvedMaterial(c.base_color, vec3(0.0), vec3(c.reflectance), c.perceptual_roughness,
+        square(c.perceptual_roughness), c.metallic);
+    vec3 wo = vec3(sqrt(1.0 - square(c.cosine)), 0.0, c.cosine);
+    Brdf brdf = prepare_brdf(material, wo);
+    const uint COUNT = 256u;
+    vec3 sum = vec3(0.0);
+    uint rng = 1u;
+    for (uint i = 0u; i < COUNT * COUNT; i++) {
+        BrdfSample next = sample_brdf(brdf, wo, rng);
+        sum += next.weight;
+    }
+    albedos.at[2u * index] = surface_albedo(material, c.cosine);
+    albedos.at[2u * index + 1u] = sum / float(COUNT * COUNT);
+}

@@ -1,0 +1,32 @@
+// Asks the world cache as pixels do: where rays end that leave, evenly spread, what the camera's position sees.
+#version 460
+#extension GL_EXT_ray_query : require
+#include "passes/world_cache/query.glsl"
+
+layout(set = 1, binding = 128, scalar) buffer AnswersBlock { vec3 at[]; } answers;
+
+layout(local_size_x = 64) in;
+
+// 0: at the end of the second ray; 1: of the first.
+layout(constant_id = 10) const uint first_ray = 0u;
+
+void main() {
+    uint index = INVOCATION_INDEX.x;
+    if (index >= answers.at.length() || uniforms.gi == 0u) { return; }
+    uint rng = seed_rng(uvec2(index, 1u), uniforms.frame_index, uniforms.seed);
+    vec3 radiance = vec3(0.0);
+    float z = 2.0 * rand_f(rng) - 1.0, angle = 2.0 * PI * rand_f(rng);
+    vec3 direction = vec3(sqrt(1.0 - z * z) * vec2(cos(angle), sin(angle)), z);
+    vec3 origin = uniforms.world_from_view[3];
+    for (uint ray = first_ray; ray < 2u; ray++) {
+        Hit hit = trace_closest_hit(origin, 0.0, direction, INFINITY, TRACE_BOTH_FACES);
+        if (hit.instance == NO_INDEX) { break; }
+        ResolvedRayHitFull surface = resolve_ray_hit_full(hit, direction, 0.0);
+        if (ray == 1u) {
+            radiance = reflected_radiance(surface, -direction, hit.t, uniforms.world_cache_lifetime, rng);
+        }
+        origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
+        direction = orthonormalize(surface.geometric_world_normal) * sample_cosine_hemisphere(rand_vec2f(rng));
+    }
+    answers.at[index] = radiance;
+}

@@ -1,0 +1,43 @@
+// Inserts a key a thread and votes for its point.
+#version 460
+#extension GL_EXT_ray_query : require
+#include "passes/world_cache/map.glsl"
+
+struct Asker {
+    vec3 position;
+    vec3 normal;
+    float cell_size;
+    uint rng;  // 0: does not ask
+    uint life;
+};
+struct Answer {
+    uint cell;
+    uint first;
+    uint checksum;
+    vec3 position;  // of last frame's surface
+    vec3 normal;
+    float offset;
+};
+layout(set = 1, binding = 128, scalar) readonly buffer AskersBlock { Asker at[]; } askers;
+layout(set = 1, binding = 129, scalar) buffer AnswersBlock { Answer at[]; } answers;
+
+layout(local_size_x = 64) in;
+
+void main() {
+    uint index = gl_GlobalInvocationID.x;
+    if (index >= askers.at.length()) { return; }
+    Asker asker = askers.at[index];
+    if (asker.rng == 0u) { return; }
+    WorldCacheKey key = make_world_cache_key(asker.position, asker.normal, asker.cell_size);
+    uint cell = insert_world_cache_cell(key);
+    Answer answer = Answer(cell, key.first, key.checksum, vec3(0.0), vec3(0.0), 0.0);
+    if (cell != NO_INDEX) {
+        WorldCacheSurface surface = load_world_cache_surface(cell);
+        answer.position = surface.world_position;
+        answer.normal = surface.geometric_world_normal;
+        answer.offset = surface.ray_offset;
+        atomicMax(world_cache_life.at[cell], asker.life);
+        vote_for_point(cell, key.bounds, asker.position, asker.normal, asker.rng);
+    }
+    answers.at[index] = answer;
+}

@@ -1,0 +1,52 @@
+"""The world cache's passes that trace no rays, and one that inserts keys, over arrays that a test uploads."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from world_cache_frame import SHADERS
+
+import solari_vk as sv
+from solari_vk.gpu.frame import Frame, Pass
+from solari_vk.passes import world_cache
+
+ASKER = np.dtype([("position", "f4", 3), ("normal", "f4", 3), ("cell_size", "f4"), ("rng", "u4"), ("life", "u4")])
+
+
+class MapFrame:
+    """A context manager. `askers`: an array of ASKER for each frame's end, where those with rng 0 stay silent."""
+
+    def __init__(self, device, cells, askers=None, glsl_root=None, **settings):
+        self.askers = np.zeros(1, ASKER) if askers is None else askers
+        self._buffer = device.buffer(self.askers.nbytes, "askers")
+        self.ask(self.askers)
+        full = world_cache.stage((1, 1), sv.Settings(world_cache_cells=cells))
+        passes = [step for step in full.passes if "sample" not in step.name]
+        passes.append(Pass("world_cache_test/insert", threads=len(self.askers)))
+        stage = dataclasses.replace(full, passes=passes, buffers={**full.buffers, "answers": len(self.askers)})
+        roots = [*([glsl_root] if glsl_root else []), SHADERS]
+        self.frame = Frame(device, [stage], external={"askers": self._buffer}, glsl_root=roots)
+        for name, value in {**sv.Settings().uniforms(), "has_history": 1, **settings}.items():
+            self.frame.uniforms[name] = value
+
+    def ask(self, askers):
+        self._buffer.upload(askers)
+
+    def upload(self, **arrays):
+        for name, values in arrays.items():
+            self.frame.resource(f"world_cache_{name}").upload(np.ascontiguousarray(values))
+
+    def run(self):
+        self.frame.submit()
+        return self
+
+    def __getitem__(self, name):
+        return self.frame[name if name == "answers" else f"world_cache_{name}"]
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.frame.close()
+        self._buffer.destroy()

@@ -1,0 +1,290 @@
+"""The world cache's hash map against a dict, its compaction at the edges, its blend against numpy; and seeded bugs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from map_frame import ASKER, MapFrame
+
+NO_INDEX = 0xFFFFFFFF
+NORMALS = np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, 0, -1), (0.6, 0.64, 0.48), (-0.6, 0.64, -0.48)], np.float32)
+SIZES = np.array((0.25, 0.5), np.float32)
+
+
+def make_askers(key_count, asker_count, seed=0):
+    """Askers of so many cells, each asked for about as often, in random order; and the number of each one's cell."""
+    random = np.random.default_rng(seed)
+    side = 11
+    cell = np.concatenate([np.arange(key_count), random.integers(0, key_count, asker_count - key_count)])
+    random.shuffle(cell)
+    normal, size, place = cell % 6, cell // 6 % 2, cell // 12
+    corner = np.stack([place % side, place // side % side, place // side**2], axis=1) - side // 2
+    askers = np.zeros(asker_count, ASKER)
+    askers["cell_size"] = SIZES[size]
+    askers["normal"] = NORMALS[normal]
+    askers["position"] = (corner + random.uniform(0.01, 0.99, (asker_count, 3))) * askers["cell_size"][:, None]
+    askers["rng"] = random.integers(1, 2**32, asker_count)
+    askers["life"] = random.integers(1, 10, asker_count)
+    return askers, cell
+
+
+def pcg4d(v):
+    """Of rows of four words; Jarzynski and Olano (2020)."""
+    x, y, z, w = (v.astype(np.uint32) * np.uint32(1664525) + np.uint32(1013904223)).T
+    for turn in range(2):
+        x = x + y * w
+        y = y + z * x
+        z = z + x * y
+        w = w + y * z
+        if turn == 0:
+            x, y, z, w = (n ^ n >> np.uint32(16) for n in (x, y, z, w))
+    return np.stack([x, y, z, w], axis=1)
+
+
+def pcg(v):
+    state = v * np.uint32(747796405) + np.uint32(2891336453)
+    word = (state >> ((state >> np.uint32(28)) + np.uint32(4)) ^ state) * np.uint32(277803737)
+    return word >> np.uint32(22) ^ word
+
+
+def expected_keys(askers):
+    """Where the search begins, and the checksum."""
+    position = np.floor(askers["position"] / askers["cell_size"][:, None]).astype(np.int32)
+    normal = np.floor(askers["normal"] + 1e-4).astype(np.int32) @ np.array((1, 3, 9), np.int32)
+    kind = pcg(askers["cell_size"].view(np.uint32)) + normal.view(np.uint32)
+    hashed = pcg4d(np.concatenate([position.view(np.uint32), kind[:, None]], axis=1))
+    return hashed[:, 0], np.maximum(hashed[:, 1], 1)
+
+
+# ---- the map ----------------------------------------------------------------------------------------
+
+
+def check_map(device, root=None):
+    """Many threads for few cells, in a map that is nearly full: every cell is there once, where its search finds it."""
+    cells, keys = 1024, 800
+    askers, cell = make_askers(keys, 20_000)
+    with MapFrame(device, cells, askers, root, world_cache_search_steps=64) as frame:
+        answers = frame.run()["answers"]
+        checksums, bounds, life = frame["checksums"], frame["bounds"], frame["life"]
+    first, checksum = expected_keys(askers)
+    np.testing.assert_array_equal(answers["first"], first)
+    np.testing.assert_array_equal(answers["checksum"], checksum)
+    assert (answers["cell"] != NO_INDEX).all()
+    place = {}
+    for number, at in zip(cell, answers["cell"], strict=True):
+        assert place.setdefault(number, at) == at, "one cell in two places"
+    assert len(set(place.values())) == keys == np.count_nonzero(checksums), "two cells in one place"
+    np.testing.assert_array_equal(checksums[answers["cell"]], checksum)
+    away = (answers["cell"] - first) % cells
+    assert away.max() < 64
+    assert (answers["cell"] < first % cells).any(), "no search came to the end of the map"
+    corner = np.floor(askers["position"] / askers["cell_size"][:, None]) * askers["cell_size"][:, None]
+    np.testing.assert_array_equal(bounds[answers["cell"]], np.concatenate([corner, askers["cell_size"][:, None]], axis=1))
+    longest = np.zeros(cells, int)
+    np.maximum.at(longest, answers["cell"], askers["life"])
+    np.testing.assert_array_equal(life, longest)
+
+
+def check_full_map(device, root=None):
+    """Four times as many keys as places: who finds none is told so, and all places tried are taken by others."""
+    cells, steps = 1024, 3
+    askers, cell = make_askers(4 * cells, 20_000)
+    with MapFrame(device, cells, askers, root, world_cache_search_steps=steps) as frame:
+        answers, checksums = frame.run()["answers"], frame["checksums"]
+    lost = answers["cell"] == NO_INDEX
+    assert np.count_nonzero(checksums) <= cells
+    np.testing.assert_array_equal(checksums[answers["cell"][~lost]], answers["checksum"][~lost])
+    tried = checksums[(answers["first"][lost, None] + np.arange(steps)) % cells]
+    assert lost.any()
+    assert (tried != 0).all()
+    assert (tried != answers["checksum"][lost, None]).all()
+    for number in np.unique(cell):
+        assert len(set(answers["cell"][cell == number])) == 1, "some found a cell that others did not"
+
+
+def check_holes(device, root=None):
+    """A cell is found again after a cell that stood before it in its search died."""
+    askers, _ = make_askers(800, 800)
+    with MapFrame(device, 1024, askers, root, world_cache_search_steps=64) as frame:
+        before = frame.run()["answers"]["cell"]
+        away = (before - expected_keys(askers)[0]) % 1024 > 0
+        assert away.any()
+        life = np.zeros(1024, np.uint32)
+        life[before[away]] = 5
+        frame.upload(life=life)  # all others die
+        again = frame.run()["answers"]["cell"]
+    np.testing.assert_array_equal(again[away], before[away])
+
+
+def check_points(device, root=None):
+    """Each cell's point is that of one asker, any of them, and the same one in whatever order they come."""
+    askers, cell = make_askers(300, 20_000)
+    surfaces = []
+    for order in (np.arange(len(askers)), np.random.default_rng(3).permutation(len(askers))):
+        with MapFrame(device, 1024, askers[order], root, world_cache_search_steps=64) as frame:
+            answers = frame.run().run()["answers"]
+        surfaces.append(answers[np.argsort(order)])
+    for name in ("position", "normal", "offset"):
+        np.testing.assert_array_equal(surfaces[0][name], surfaces[1][name])
+    apart = np.abs(surfaces[0]["position"] - askers["position"])
+    step = 2 * askers["cell_size"] / 255
+    is_mine = (apart <= 0.505 * step[:, None]).all(axis=1)
+    chosen = np.unique(cell[is_mine])
+    assert len(chosen) == 300, "a cell's point is none of its askers'"
+    np.testing.assert_allclose(surfaces[0]["normal"], askers["normal"], atol=1e-3)
+    height = np.sum((surfaces[0]["position"] - askers["position"]) * askers["normal"], axis=1)[is_mine]
+    assert (np.abs(height) <= surfaces[0]["offset"][is_mine]).all(), "the offset does not cover the rounding"
+    within = (surfaces[0]["position"] / askers["cell_size"][:, None] % 1)[np.unique(cell, return_index=True)[1]]
+    np.testing.assert_allclose(within.mean(axis=0), 0.5, atol=4 * np.sqrt(1 / 12 / 300))
+
+
+# ---- compaction -------------------------------------------------------------------------------------
+
+
+def check_compaction(device, root=None):
+    random = np.random.default_rng(1)
+    for cells in (1024, 2048, 1 << 17):
+        patterns = [[], [0], [cells - 1], [15, 16], [1023], range(1023, min(1026, cells)), range(cells)]
+        patterns += [range(count) for count in (63, 64, 65)]
+        patterns += [np.flatnonzero(random.random(cells) < density) for density in (0.01, 0.5)]
+        with MapFrame(device, cells, None, root) as frame:
+            for active in patterns:
+                active = np.array(active, np.uint32)
+                checksums, life = np.zeros(cells, np.uint32), np.zeros(cells, np.uint32)
+                checksums[active] = random.integers(1, 2**32, len(active))
+                life[active] = 7
+                frame.upload(checksums=checksums, life=life)
+                frame.run()
+                assert frame["counters"]["active_cells"] == len(active)
+                np.testing.assert_array_equal(frame["active_cells"][: len(active)], active)
+                groups = -(-len(active) // 64)
+                x, y, z = frame["dispatch"]["group_count"]
+                assert (x, y, z) == (min(groups, 1024), -(-groups // 1024), 1)
+                np.testing.assert_array_equal(frame["life"], life - (life > 0))
+
+
+def check_reset(device, root=None):
+    """Without history the map is empty; a cell is there for as many frames as it was given, after the one it was asked in."""
+    askers, _ = make_askers(100, 400)
+    askers["life"] = 3
+    with MapFrame(device, 1024, askers, root, world_cache_search_steps=64) as frame:
+        active = lambda: int(frame.run()["counters"]["active_cells"])  # noqa: E731
+        assert active() == 0
+        askers["rng"] = 0
+        frame.ask(askers)
+        assert [active() for _ in range(5)] == [100, 100, 100, 0, 0]
+        frame.upload(checksums=np.ones(1024, np.uint32), life=np.full(1024, 9, np.uint32))
+        assert active() == 1024
+        frame.frame.uniforms["has_history"] = 0
+        assert active() == 0
+        for name in ("checksums", "life", "irradiance", "luminance_deltas"):
+            assert not frame[name].any()
+
+
+# ---- blend ------------------------------------------------------------------------------------------
+
+
+def check_blend(device, root=None, adaptive=True, cap=1 << 20):
+    cells, random = 2048, np.random.default_rng(2)
+    irradiance = random.lognormal(0, 2, (cells, 4)).astype(np.float32)
+    irradiance[:, 3] = random.integers(0, 40, cells)
+    irradiance[irradiance[:, 3] == 0] = 0
+    deltas = (irradiance[:, 0] * random.normal(0, 0.3, cells)).astype(np.float32)
+    samples = np.zeros(cells, [("irradiance", "f4", 3), ("life", "u4")])
+    samples["irradiance"] = random.lognormal(0, 2, (cells, 3))
+    with MapFrame(device, cells, None, root, world_cache_blend=0 if adaptive else 1, world_cache_update_cap=cap) as frame:
+        frame.upload(
+            checksums=random.integers(1, 2**32, cells, dtype=np.uint32), life=np.full(cells, 9, np.uint32),
+            irradiance=irradiance, luminance_deltas=deltas, samples=samples,
+        )  # fmt: skip
+        frame.run()
+        found, found_deltas = frame["irradiance"], frame["luminance_deltas"]
+    weights = np.array((0.2126, 0.7152, 0.0722))
+    old, new = irradiance[:, :3].astype(float), samples["irradiance"].astype(float)
+    count = np.minimum(irradiance[:, 3] + 1.0, 32)
+    change = np.clip(np.abs(deltas) / np.maximum(old @ weights, 1e-30), 0, 1)
+    most = 32 - 31 * change ** (1 / 8) if adaptive else 32
+    blended = old + (new - old) / np.minimum(count, most)[:, None]
+    untouched = (found == irradiance).all(axis=1)
+    updated = ~untouched
+    np.testing.assert_array_equal(found[updated, 3], count[updated])
+    np.testing.assert_allclose(found[updated, :3], blended[updated], rtol=2e-4)  # pow's precision
+    moved = deltas + ((blended - old) @ weights - deltas) / 8
+    np.testing.assert_allclose(found_deltas[updated], moved[updated], rtol=1e-3, atol=1e-4)
+    share = updated.mean()
+    expected = min(cap / cells, 1)
+    assert abs(share - expected) <= 4 * np.sqrt(expected * (1 - expected) / cells), share
+
+
+def test_map_under_contention(device):
+    check_map(device)
+
+
+def test_full_map(device):
+    check_full_map(device)
+
+
+def test_holes_that_the_dead_leave(device):
+    check_holes(device)
+
+
+def test_points_of_cells(device):
+    check_points(device)
+
+
+def test_compaction(device):
+    check_compaction(device)
+
+
+def test_lives_and_reset(device):
+    check_reset(device)
+
+
+@pytest.mark.parametrize("adaptive", [True, False])
+def test_blend(device, adaptive):
+    check_blend(device, adaptive=adaptive)
+
+
+def test_updates_above_the_cap(device):
+    check_blend(device, cap=700)
+
+
+MUTANTS = {
+    "search doesn't wrap": (check_map, "map.glsl", "(key.first + search_step) & uint(world_cache_checksums.at.length() - 1)",
+                            "min(key.first & uint(world_cache_checksums.at.length() - 1) + search_step, 1023u)"),
+    "insert without comparing": (check_map, "map.glsl",
+                                 "if (existing == EMPTY_CELL || existing == key.checksum) { cell = place; }",
+                                 "cell = place;"),
+    "insert isn't atomic": (check_map, "map.glsl",
+                            "atomicCompSwap(world_cache_checksums.at[place], EMPTY_CELL, key.checksum);",
+                            "world_cache_checksums.at[place]; world_cache_checksums.at[place] = key.checksum;"),
+    "size isn't in the key": (check_map, "map.glsl", "pcg(floatBitsToUint(cell_size)) + ", ""),
+    "normal isn't in the key": (check_map, "map.glsl", "uint(normal.x + 3 * normal.y + 9 * normal.z)", "0u"),
+    "a step too many": (check_full_map, "map.glsl",
+                        "cell == NO_INDEX && search_step < uniforms.world_cache_search_steps;",
+                        "cell == NO_INDEX && search_step < uniforms.world_cache_search_steps + 1u;"),
+    "search ends at a hole": (check_holes, "map.glsl", "empty_step = min(empty_step, i); }",
+                              "empty_step = min(empty_step, i); return NO_INDEX; }"),
+    "point: last writer": (check_points, "map.glsl", "atomicMax(world_cache_votes.at[cell].position, ",
+                           "world_cache_votes.at[cell].position = ("),
+    "point: not shuffled": (check_points, "map.glsl", "payload * 0x3779B1u & 0xFFFFFFu", "payload"),
+    "point: offset halved": (check_points, "map.glsl", "(0.5 / 255.0)", "(0.25 / 255.0)"),
+    "scan: off by one": (check_compaction, "compaction.glsl", "thread >= reach ?", "thread > reach ?"),
+    "scan: inclusive": (check_compaction, "compaction.glsl", "return sums[thread] - value;", "return sums[thread];"),
+    "scan: a block too few": (check_compaction, "scan.comp", "(block_count + GROUP_SIZE - 1u) / GROUP_SIZE",
+                              "max(block_count / GROUP_SIZE, 1u) - block_count / 128u"),
+    "dispatch: rounded down": (check_compaction, "scan.comp", "(total + GROUP_SIZE - 1u) / GROUP_SIZE", "total / GROUP_SIZE"),
+    "a frame too many": (check_reset, "decay.comp", "if (life == 0u)", "if (life == 0u && cell > 1024u)"),
+    "blend: a sample too many": (check_blend, "blend.comp", "old.w + 1.0", "old.w + 2.0"),
+    "blend: change not relative": (check_blend, "blend.comp", "abs(delta) / max(luminance(old.rgb), 1e-30)", "abs(delta)"),
+    "cap: by half": (lambda device, root: check_blend(device, root, cap=700), "update.glsl",
+                     "rand_f(rng) * float(", "0.5 * rand_f(rng) * float("),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MUTANTS)
+def test_seeded_bug_is_noticed(device, patched, name):
+    check, *patch = MUTANTS[name]
+    root = patched(*patch)
+    with pytest.raises(AssertionError):
+        check(device, root)

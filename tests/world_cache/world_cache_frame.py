@@ -1,0 +1,88 @@
+"""Frames of nothing but light tiles, the world cache and a pass that asks it, over a scene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import solari_vk as sv
+from solari_vk.gpu.frame import Frame, Pass, Stage
+from solari_vk.passes import brdf_table, light_tiles, world_cache
+from solari_vk.scene.binder import SceneBinder
+from solari_vk.view import View
+
+SHADERS = Path(__file__).parent / "glsl"
+CELL_ARRAYS = ("checksums", "life", "irradiance", "bounds", "points", "votes", "luminance_deltas")
+
+
+class CacheFrame:
+    """A context manager. `glsl_root`: a patched library; `asks`: how many questions a frame."""
+
+    def __init__(self, device, scene, settings=None, *, asks=4096, seed=0, first_ray=0, glsl_root=None, barriers=False):
+        self.settings = settings or sv.Settings(lambert=True, world_cache_cells=1 << 14)
+        self.scene = scene
+        self.seed = seed
+        self.frame_count, self._fresh = 0, True
+        self.binder = SceneBinder(device, scene)
+        self.binder.update()
+        self._table, tables = brdf_table.compute(device)
+        size = (8, 8)
+        constants = {"brdf_lambert": self.settings.lambert, "first_ray": first_ray}
+        stages = [
+            light_tiles.stage(size, self.settings),
+            world_cache.stage(size, self.settings),
+            Stage("ask", buffers={"answers": asks, "ray_counts": 6},
+                  passes=[Pass("world_cache_test/ask", threads=asks, constants=constants)]),
+        ]  # fmt: skip
+        roots = [SHADERS, *([glsl_root] if glsl_root else [])]
+        external = {**self.binder.resources, **tables}
+        self.frame = Frame(device, stages, external=external, glsl_root=roots, barrier_every_pass=barriers)
+
+    def reset(self, seed):
+        self.seed, self._fresh = seed, True
+
+    def run(self, frames=1, camera=None):
+        """So many frames more; with the setting `gi` off nobody asks but cells."""
+        uniforms = self.frame.uniforms
+        for name, value in self.settings.uniforms().items():
+            uniforms[name] = value
+        camera = camera or self.scene.camera
+        View.of(camera, (8, 8)).write(uniforms)
+        uniforms["exposure"] = camera.exposure
+        uniforms["seed"] = self.seed
+        self.binder.update()
+        for _ in range(frames):
+            uniforms["has_history"] = not self._fresh
+            uniforms["frame_index"] = self.frame_count
+            self.frame.submit()
+            self.frame_count += 1
+            self._fresh = False
+        return self
+
+    def __getitem__(self, name) -> Any:
+        """answers, or an array of the cells."""
+        return self.frame[name if name in ("answers", "ray_counts") else f"world_cache_{name}"]
+
+    @property
+    def counters(self):
+        values = self["counters"]
+        return {name: int(values[name]) for name in values.dtype.names}
+
+    def cells(self) -> dict[str, np.ndarray]:
+        """Arrays of the occupied cells, sorted by checksum."""
+        occupied = np.flatnonzero(self["checksums"])
+        order = occupied[np.argsort(self["checksums"][occupied], kind="stable")]
+        return {name: self[name][order] for name in CELL_ARRAYS}
+
+    def close(self):
+        self.frame.close()
+        self._table.close()
+        self.binder.destroy()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
