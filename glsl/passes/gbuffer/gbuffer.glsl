@@ -14,7 +14,7 @@ struct GBufferSurface {
     float view_depth;  // metres along the view axis
     vec3 world_normal;            // shading normal, bent to face the camera
     vec3 geometric_world_normal;  // faces the camera
-    float ray_offset;  // rays leave from world_position + ray_offset * geometric_world_normal
+    float ray_offset;  // rays leave from world_position + ray_offset * geometric_world_normal; 0 in the last frame's
     vec3 wo;           // to the camera
     ResolvedMaterial material;
 };
@@ -64,11 +64,18 @@ ResolvedMaterial unpack_material(uvec4 texel) {
 
 // ---- loading ----------------------------------------------------------------------------------------
 
-// A raster's vertices are snapped to 1/256 of a pixel or finer, so that its depth is off by what the surface falls away in
-// that; besides, a position rebuilt from depth is off by rounding.
-float gbuffer_ray_offset(vec3 world_position, float view_depth, float pixel_footprint, float cosine) {
-    float rounding = 32.0 * ROUNDING_UNIT * (max_component(abs(world_position)) + view_depth);
-    return rounding + pixel_footprint / 128.0 * safe_sqrt(1.0 - square(cosine));
+// How far coordinates and edges of a mesh's triangles reach.
+vec3 mesh_reach(Mesh mesh) { return max(abs(mesh.least), abs(mesh.most)) + max_component(mesh.most - mesh.least); }
+
+// As world_ray_offset, which the whole mesh stands in for the triangle for, and what rebuilding from depth rounds.
+float gbuffer_ray_offset(GBufferSurface surface) {
+    Instance instance = instances.at[surface.instance];
+    mat4x3 m = instance.world_from_object;
+    vec3 reach = max(mesh_reach(meshes.at[instance.mesh]), mesh_reach(meshes.at[instance.ray_mesh]));
+    vec3 object_normal = normalize(surface.geometric_world_normal * mat3(m));
+    mat3 cofactors = mat3(cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1]));
+    float rounding = 32.0 * ROUNDING_UNIT * (max_component(abs(surface.world_position)) + surface.view_depth);
+    return rounding + world_ray_offset(reach, m, cofactors, object_normal);
 }
 
 GBufferSurface unpack_gbuffer(
@@ -87,19 +94,18 @@ GBufferSurface unpack_gbuffer(
     surface.world_normal =
         bend_shading_normal(unpack_octahedral_24(texel.w), surface.geometric_world_normal, surface.wo);
     surface.material = unpack_material(texel);
-    float footprint = 2.0 * tan_half_fov.y / float(uniforms.size.y) * surface.view_depth;
-    surface.ray_offset = gbuffer_ray_offset(
-        surface.world_position, surface.view_depth, footprint, dot(surface.wo, surface.geometric_world_normal)
-    );
+    surface.ray_offset = 0.0;
     return surface;
 }
 
 GBufferSurface load_gbuffer(uvec2 pixel) {
     ivec2 at = ivec2(pixel);
-    return unpack_gbuffer(
+    GBufferSurface surface = unpack_gbuffer(
         imageLoad(gbuffer, at), imageLoad(gbuffer_surface, at).xy, imageLoad(depth, at).x,
         vec2(pixel) + 0.5 + uniforms.jitter, uniforms.world_from_view, uniforms.tan_half_fov, uniforms.near
     );
+    if (surface.exists) { surface.ray_offset = gbuffer_ray_offset(surface); }
+    return surface;
 }
 
 // What a pixel showed in the last frame, where it was then.

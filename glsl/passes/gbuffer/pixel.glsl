@@ -17,12 +17,19 @@ GBufferPixel resolve_pixel(CameraRay ray, Hit hit, Mesh mesh) {
     uvec3 corners = mesh.triangles.at[hit.triangle];
     vec3 object_position = (1.0 - hit.barycentrics.x - hit.barycentrics.y) * mesh.positions.at[corners.x]
         + hit.barycentrics.x * mesh.positions.at[corners.y] + hit.barycentrics.y * mesh.positions.at[corners.z];
-    vec3 before = previous_world_position(hit.instance, object_position, surface.world_position);
+    // again from the object's position, so that what stands still has no motion by rounding
+    vec3 now = instances.at[hit.instance].world_from_object * vec4(object_position, 1.0);
+    vec3 before = previous_world_position(hit.instance, object_position, now);
+    // Positions are rebuilt from depth along the pixel's own ray, so it is the plane's: how far the point found lies off that
+    // ray, as rounding and raster's snapped vertices have it, no longer lifts or sinks it.
+    float cosine = dot(ray.direction, surface.geometric_world_normal);
+    float t = dot(surface.world_position - ray.origin, surface.geometric_world_normal) / cosine;
+    float view_depth = (cosine < -1e-3 ? t : hit.t) * ray.depth_per_t;
     return GBufferPixel(
         pack_gbuffer(surface.material, emissive, surface.world_normal),
         uvec2(pack_octahedral_2x16(surface.geometric_world_normal), hit.instance),
-        uniforms.near / (hit.t * ray.depth_per_t),
-        motion_vector(surface.world_position, before)
+        uniforms.near / view_depth,
+        motion_vector(now, before)
     );
 }
 
