@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
 import operator
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,13 +12,24 @@ from solari_vk.errors import SolariError
 from solari_vk.gpu.device import Device
 from solari_vk.gpu.frame import Frame, Stage
 from solari_vk.light_translation import LightTranslation
-from solari_vk.passes import brdf_table, display, gbuffer
+from solari_vk.passes import (
+    brdf_table,
+    display,
+    gbuffer,
+    guides,
+    light_tiles,
+    restir_di,
+    restir_gi,
+    specular_gi,
+    world_cache,
+)
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import Settings
 from solari_vk.view import View
 
 JITTER_LENGTH = 32  # samples until the pattern within a pixel begins anew
+COUNTING = ("gbuffer", "world_cache")  # stages that count something, in NAME_counters
 LARGEST_PIXEL_BYTES = 64  # of a pixel in any one buffer
 
 
@@ -66,19 +75,18 @@ class Renderer:
 
     def _stages(self) -> list[Stage]:
         """What happens in a frame, in this order."""
-        size, settings = self.size, self.settings
-        stages = [gbuffer.stage(size, settings, self.binder.instance_capacity)]
-        # SCAFFOLD: passes that aren't there yet leave zeros
-        pixels = size[0] * size[1]
-        left = {"restir_di": ["di_diffuse", "di_specular"], "restir_gi": ["gi_diffuse"], "specular_gi": ["specular_gi"]}
-        for name in ("light_tiles", "world_cache", "restir_di", "restir_gi", "specular_gi", "guides"):
-            if importlib.util.find_spec(f"solari_vk.passes.{name}"):
-                stages.append(importlib.import_module(f"solari_vk.passes.{name}").stage(size, settings))
-            elif name in left:
-                stages.append(Stage(name, buffers=dict.fromkeys(left[name], pixels)))
-        stages.append(display.stage(size, settings))
-        stages.append(gbuffer.last_stage(self.binder.instance_capacity))
-        return stages
+        size, settings, instances = self.size, self.settings, self.binder.instance_capacity
+        return [
+            gbuffer.stage(size, settings, instances),
+            light_tiles.stage(size, settings),
+            world_cache.stage(size, settings),
+            restir_di.stage(size, settings),
+            restir_gi.stage(size, settings),
+            specular_gi.stage(size, settings),
+            guides.stage(size, settings),
+            display.stage(size, settings),
+            gbuffer.last_stage(instances),
+        ]
 
     def render(self, camera: Camera) -> RenderedFrame:
         """Submit the next frame and return it, without waiting for it; its results are read by name.
@@ -142,7 +150,8 @@ class Renderer:
     @property
     def view(self) -> str:
         """What `display` shows: "picture", or a debug view of passes.display.VIEWS; from the next frame on."""
-        return list(display.VIEWS)[self._frame.uniforms["view"]]
+        names: tuple[str, ...] = tuple(display.VIEWS)
+        return names[int(self._frame.uniforms["view"])]
 
     @view.setter
     def view(self, name: str) -> None:
@@ -151,7 +160,8 @@ class Renderer:
     @property
     def tonemap(self) -> str:
         """The curve of `display`: "none", "reinhard", "aces" or "agx"; from the next frame on."""
-        return display.TONEMAPS[self._frame.uniforms["tonemap"]]
+        names: tuple[str, ...] = display.TONEMAPS
+        return names[int(self._frame.uniforms["tonemap"])]
 
     @tonemap.setter
     def tonemap(self, name: str) -> None:
@@ -201,13 +211,15 @@ class Renderer:
     def __getitem__(self, name: str) -> NDArray[Any]:
         """A copy of a result of the latest frame; waits for it.
 
-        Buffers with an element a pixel and images come as (height, width[, channels]), others as they are. Besides the
-        names in the shaders there are those of OUTPUTS; a "/" stands for "_".
+        Buffers with an element a pixel and images come as (height, width[, channels]), others as they are.
+        "stage/counter" is a field of the counters of one of COUNTING, such as "world_cache/active_cells"; else a "/"
+        stands for "_".
         """
         if self.frame_count == 0:
             raise SolariError(f"Renderer: render before asking for '{name}'")
-        if name in OUTPUTS:
-            return OUTPUTS[name](self._frame)
+        stage, _, counter = name.partition("/")
+        if stage in COUNTING and counter in (counters := self._frame[f"{stage}_counters"]).dtype.names:
+            return np.asarray(counters[counter])
         values = self._frame[name.replace("/", "_")]
         width, height = self.size
         if len(values.shape) and values.shape[0] == width * height:
@@ -231,10 +243,6 @@ class RenderedFrame:
         if self._renderer.frame_count != self.index:
             raise SolariError(f"frame {self.index} is gone, since a later one was rendered: read '{name}' before that")
         return self._renderer[name]
-
-
-OUTPUTS: dict[str, Callable[[Frame], NDArray[Any]]] = {}
-"""Results that aren't simply what a buffer or image holds: the OUTPUTS of the passes."""
 
 
 def _index_of(name: str, names: tuple[str, ...], what: str) -> int:
