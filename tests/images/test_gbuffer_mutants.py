@@ -64,7 +64,10 @@ MUTANTS = {
     "all is drawn twice": (counts, "cull.comp", "draws = visible && !was_visible", "draws = visible"),
     "motion the wrong way": (moves, "pixel.glsl", "motion_vector(now, before)", "motion_vector(before, now)"),
     "motion of cameras only": (moves, "pixel.glsl", "motion_vector(now, before)", "motion_vector(now, now)"),
-    "the sky moves along": (moves, "pixel.glsl", "uniforms.previous_world_from_view[3] + ray", "vec3(0.0) + ray"),
+    "the sky is near": (
+        moves, "pixel.glsl", "uniforms.previous_world_from_view[3] + ray.direction * 1e6",
+        "uniforms.world_from_view[3] + ray.direction",
+    ),
     "rows remembered, not instances": (
         rows, "gbuffer.glsl", "previous.id == instances.at[instance_index].id", "previous.id != 0u",
     ),
