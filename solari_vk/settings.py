@@ -154,6 +154,11 @@ class Settings:
         10.0, "restir_gi", "A shift that stretches more than so is no merge.", low=1, high=1e6
     )
     gi_skip_smooth_metals: bool = _field(True, "restir_gi", "Nothing is sampled where nothing diffuse is (0.19).")
+    gi_visibility: str = _field("both", "restir_gi", "Which pixels of a merge must see a sample: either one for its share, or "
+                                "(Solari, since 0.17) this one a neighbor's, which loses light where shadows end.",
+                                choices=("both", "0.17"))  # fmt: skip
+    gi_refresh: bool = _field(True, "restir_gi", "Ask the world cache anew what samples of the last frame reflect: light that "
+                              "is switched off goes at the cache's pace. Solari doesn't.")  # fmt: skip
 
     # ---- specular GI
     specular_bounces: int = _field(
@@ -213,28 +218,13 @@ class Settings:
             raise SolariError(f"Settings: {text!r} is no name=value")
         if name not in FIELDS:
             raise SolariError(_unknown(name))
-        default = DEFAULTS[name]
-        if isinstance(default, bool):
-            words = {
-                "1": True,
-                "true": True,
-                "on": True,
-                "yes": True,
-                "0": False,
-                "false": False,
-                "off": False,
-                "no": False,
-            }
-            if value.strip().lower() not in words:
-                raise SolariError(f"Settings: {name} is on or off, not {value!r}")
-            setattr(self, name, words[value.strip().lower()])
-        elif isinstance(default, str):
-            setattr(self, name, value.strip())
+        text = value.strip()
+        if isinstance(DEFAULTS[name], bool):
+            if text.lower() not in _SWITCH:
+                raise SolariError(f"Settings: {name} must be on or off, not {text!r}")
+            setattr(self, name, _SWITCH[text.lower()])
         else:
-            try:
-                setattr(self, name, type(default)(value))
-            except ValueError:
-                raise SolariError(f"Settings: {name} must be a number, not {value!r}") from None
+            setattr(self, name, text)
 
     @property
     def built_in(self) -> tuple[Any, ...]:
@@ -251,6 +241,7 @@ class Settings:
         return values
 
 
+_SWITCH = dict.fromkeys(("1", "true", "on", "yes"), True) | dict.fromkeys(("0", "false", "off", "no"), False)
 FIELDS: dict[str, Field] = {field.name: field.metadata["field"] for field in dataclasses.fields(Settings)}
 DEFAULTS: dict[str, Any] = {field.name: field.default for field in dataclasses.fields(Settings)}
 QUALITIES: dict[str, dict[str, Any]] = {
@@ -278,27 +269,35 @@ def _unknown(name: str) -> str:
     return f"Settings: there is no setting '{name}'; there are {', '.join(FIELDS)}"
 
 
+def allowed(name: str) -> str:
+    """What a field may be, in words."""
+    field, default = FIELDS[name], DEFAULTS[name]
+    if field.choices:
+        return f"one of {', '.join(field.choices)}"
+    if isinstance(default, bool):
+        return "True or False"
+    kind = "a whole number" if isinstance(default, int) else "a number"
+    power = ", a power of two" if name == "world_cache_cells" else ""
+    return f"{kind} from {field.low:.10g} to {field.high:.10g}{power}"
+
+
 def _check(name: str, value: Any) -> Any:
     """The value as its field keeps it."""
     if name not in FIELDS:
         raise SolariError(_unknown(name))
     field, default = FIELDS[name], DEFAULTS[name]
-    if field.choices:
-        if value not in field.choices:
-            raise SolariError(f"Settings: {name} must be one of {', '.join(field.choices)}, not {value!r}")
-        return value
-    if isinstance(default, bool):
-        if value not in (True, False):
-            raise SolariError(f"Settings: {name} must be True or False, not {value!r}")
-        return bool(value)
+    wrong = SolariError(f"Settings: {name} must be {allowed(name)}, not {value!r}")
+    if field.choices or isinstance(default, bool):
+        if value not in (field.choices or (True, False)):
+            raise wrong
+        return value if field.choices else bool(value)
     try:
         number = float(value)
     except (TypeError, ValueError, OverflowError):
-        raise SolariError(f"Settings: {name} must be a number, not {value!r}") from None
+        raise wrong from None
     whole = isinstance(default, int)
-    if not math.isfinite(number) or (whole and number != int(number)) or not field.low <= number <= field.high:
-        kind = "a whole number" if whole else "a number"
-        raise SolariError(f"Settings: {name} must be {kind} from {field.low:g} to {field.high:g}, not {value!r}")
+    if not (field.low <= number <= field.high) or (whole and number != int(number)):
+        raise wrong
     if name == "world_cache_cells" and int(number) & (int(number) - 1):
-        raise SolariError(f"Settings: {name} must be a power of two, not {value!r}")
+        raise wrong
     return int(number) if whole else number

@@ -82,6 +82,8 @@ layout(set = 1, binding = 0, scalar) uniform UniformsBlock {
     float gi_spatial_radius;
     float gi_jacobian_limit;
     uint gi_skip_smooth_metals;
+    uint gi_visibility;
+    uint gi_refresh;
 
     uint specular_bounces;
     float specular_reuse_roughness;
@@ -105,6 +107,8 @@ const uint ORDER_0_18 = 0u;
 const uint ORDER_0_17 = 1u;             // visibility of the spatial sample, fed forward
 const uint MERGE_BALANCE = 0u;
 const uint MERGE_CONSTANT = 1u;         // Solari 0.17
+const uint GI_VISIBILITY_BOTH = 0u;
+const uint GI_VISIBILITY_0_17 = 1u;     // of the spatial sample alone, and weights as if it were seen from everywhere
 const uint TERMINATION_SPREAD = 0u;
 const uint TERMINATION_ROUGHNESS = 1u;  // Solari 0.18
 const uint MIRROR_BRDF = 0u;

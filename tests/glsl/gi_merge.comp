@@ -36,7 +36,7 @@ void main() {
     uint i = gl_GlobalInvocationID.x;
     if (i >= merged.at.length()) { return; }
     MergeCase c = cases.at[i / CHOICES];
-    float choice = (float(i % CHOICES) + 0.5) / float(CHOICES);
+    float choice = smoothstep(0.0, 1.0, (float(i % CHOICES) + 0.5) / float(CHOICES));
     merged.at[i] = merge_gi_reservoirs(
         surface_at(pixels.at[c.own]), c.found, surface_at(pixels.at[c.other]), c.other_found, true, choice
     );

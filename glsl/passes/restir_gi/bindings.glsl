@@ -8,7 +8,8 @@
 struct GiReservoir {
     vec3 sample_point_world_position;  // moved off its surface, so that rays may end there
     vec3 sample_point_world_normal;    // geometric, on the side that is seen
-    vec3 radiance;                     // towards the pixel, emission not counted
+    vec3 radiance;                     // from there, emission not counted
+    vec3 reflectance;                  // of which that is the irradiance's product
     float confidence_weight;           // frames that it stands for; 0: the pixel takes no part in GI
     float unbiased_contribution_weight;  // in solid angle at the pixel that holds it; 0: nothing was found
 };

@@ -18,15 +18,28 @@ GiReservoir generate_initial_reservoir(GBufferSurface surface, inout uint rng) {
     vec3 direction = orthonormalize(surface.world_normal) * sample_uniform_hemisphere(rand_vec2f(rng));
     if (!(dot(direction, surface.geometric_world_normal) > 0.0)) { return reservoir; }
     vec3 origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
+    count_ray(RAYS_OF_GI);
     Hit hit = trace_closest_hit(origin, 0.0, direction, INFINITY, TRACE_BOTH_FACES);
     if (hit.instance == NO_INDEX) { return reservoir; }
 
     ResolvedRayHitFull point = resolve_ray_hit_full(hit, direction, 0.0);
     reservoir.sample_point_world_position = point.world_position + point.ray_offset * point.geometric_world_normal;
     reservoir.sample_point_world_normal = point.geometric_world_normal;
-    reservoir.radiance = reflected_radiance(point, -direction, hit.t, uniforms.world_cache_lifetime, rng);
+    reservoir.reflectance = INVERSE_PI * surface_albedo(point.material, dot(point.world_normal, -direction));
+    reservoir.radiance = reservoir.reflectance * find_irradiance(point, hit.t, uniforms.world_cache_lifetime, rng);
     reservoir.unbiased_contribution_weight = gi_target(surface, reservoir) > 0.0 ? 2.0 * PI : 0.0;
     return reservoir;
+}
+
+// Differs from Solari, where what was found once stays until it is replaced: light that has gone would linger for as long as
+// confidence lasts. A contribution weight serves any function of its point, so also a later frame's light.
+void refresh_radiance(inout GiReservoir reservoir, GBufferSurface surface, inout uint rng) {
+    if (uniforms.gi_refresh == 0u || !(reservoir.unbiased_contribution_weight > 0.0)) { return; }
+    float ray_t = distance(surface.world_position, reservoir.sample_point_world_position);
+    WorldCacheResult cached = query_world_cache(
+        reservoir.sample_point_world_position, reservoir.sample_point_world_normal, ray_t, uniforms.world_cache_lifetime, rng
+    );
+    if (cached.found) { reservoir.radiance = reservoir.reflectance * cached.irradiance; }
 }
 
 void main() {
@@ -46,7 +59,10 @@ void main() {
     if (uniforms.gi_temporal != 0u && find_temporal_neighbor(pixel, surface, at, before)) {
         GiReservoir previous = previous_gi_reservoirs.at[at.y * uniforms.size.x + at.x];
         previous.confidence_weight = min(previous.confidence_weight, uniforms.gi_confidence_cap);
-        reservoir = merge_gi_reservoirs(surface, reservoir, before, previous, true, rand_f(rng));
+        refresh_radiance(previous, surface, rng);
+        before.ray_offset = surface.ray_offset;  // not kept of the last frame
+        bool retest = uniforms.gi_visibility == GI_VISIBILITY_BOTH;
+        reservoir = merge_gi_reservoirs(surface, reservoir, before, previous, retest, rand_f(rng));
     }
     gi_temporal_reservoirs.at[index] = reservoir;
 }

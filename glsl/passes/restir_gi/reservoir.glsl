@@ -6,11 +6,12 @@
 #include "common/math.glsl"
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
+#include "passes/ray_count.glsl"
 #include "passes/restir_gi/bindings.glsl"
 #include "scene/trace.glsl"
 
 GiReservoir empty_gi_reservoir(float confidence_weight) {
-    return GiReservoir(vec3(0.0), vec3(0.0, 0.0, 1.0), vec3(0.0), confidence_weight, 0.0);
+    return GiReservoir(vec3(0.0), vec3(0.0, 0.0, 1.0), vec3(0.0), vec3(0.0), confidence_weight, 0.0);
 }
 
 // What this frame's shading uses; the sample is visible from the pixel.
@@ -60,6 +61,7 @@ bool trace_sample_visibility(GBufferSurface surface, GiReservoir reservoir) {
     vec3 segment = reservoir.sample_point_world_position - origin;
     // ends short by what rounding makes of a ray this long
     vec3 end = segment + reservoir.sample_point_world_normal * (16.0 * ROUNDING_UNIT * max_component(abs(segment)));
+    count_ray(RAYS_OF_GI);
     return trace_visibility(origin, end, 1.0);
 }
 
@@ -91,7 +93,8 @@ GiReservoir merge_gi_reservoirs(
     GiReservoir merged = other_chosen ? other : own;
     merged.confidence_weight = confidence_weight;
     merged.unbiased_contribution_weight = weight_sum / gi_target(surface, merged);
-    if (!other_chosen && own_share < 1.0 && !trace_sample_visibility(other_surface, own)) {
+    if (!other_chosen && own_share < 1.0 && uniforms.gi_visibility == GI_VISIBILITY_BOTH
+        && !trace_sample_visibility(other_surface, own)) {
         merged.unbiased_contribution_weight /= own_share;
     }
     return merged;
