@@ -7,7 +7,7 @@ from solari_vk.passes.pathtracer import LAYERINGS
 from solari_vk.settings import Settings
 
 ROW = 65536  # threads in a row of a dispatch, of passes/world_cache/threads.glsl
-BLOCK = 1024  # cells that a workgroup of the compaction looks after, 16 a thread
+BLOCK = 16  # cells that a thread of a pass over the whole map looks after
 FRAME_BUFFERS = ("world_cache_dispatch", "world_cache_counters")
 CELL_BUFFERS = (
     "world_cache_checksums",
@@ -40,10 +40,9 @@ def stage(size: tuple[int, int], settings: Settings) -> Stage:
             "world_cache_blocks": cells // BLOCK,
         },
         passes=[
-            Pass("world_cache/decay", threads=_rows(cells)),
-            Pass("world_cache/count", threads=_rows(cells // 16)),
+            Pass("world_cache/decay", threads=_rows(cells // BLOCK)),
             Pass("world_cache/scan", threads=1),
-            Pass("world_cache/scatter", threads=_rows(cells // 16)),
+            Pass("world_cache/scatter", threads=_rows(cells // BLOCK)),
             Pass("world_cache/sample_direct", indirect=indirect),
             Pass("world_cache/sample_indirect", indirect=indirect, constants=brdf),
             Pass("world_cache/blend", indirect=indirect),
@@ -52,5 +51,5 @@ def stage(size: tuple[int, int], settings: Settings) -> Stage:
 
 
 def _rows(threads: int) -> tuple[int, int]:
-    """Both are powers of two, so that no thread is left over."""
+    """For a power of two, so that no thread is left over."""
     return min(threads, ROW), max(threads // ROW, 1)

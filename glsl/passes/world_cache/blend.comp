@@ -1,4 +1,4 @@
-// World cache, step 7: new irradiance into the mean over frames, fewer of them where light changes (Guillaume Boisse's blend).
+// World cache, step 6: new irradiance into the mean over frames, fewer of them where light changes (Guillaume Boisse's blend).
 #version 460
 #include "passes/world_cache/update.glsl"
 

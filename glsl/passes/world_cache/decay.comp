@@ -1,5 +1,5 @@
 // World cache, step 1: cells that nobody asked for in their lifetime die; for the others, one of the last frame's askers is
-// chosen to stand for the cell.
+// chosen to stand for the cell. Counts the active cells of every block.
 #version 460
 #include "passes/world_cache/threads.glsl"
 
@@ -14,25 +14,26 @@ void clear_cell(uint cell) {
 }
 
 void main() {
-    uint cell = thread_index(gl_GlobalInvocationID.xy);
-    if (cell == 0u) {
+    uint block = thread_index(gl_GlobalInvocationID.xy);
+    uint active_count = 0u;
+    for (uint cell = block * BLOCK_SIZE; cell < (block + 1u) * BLOCK_SIZE; cell++) {
+        if (world_cache_checksums.at[cell] == EMPTY_CELL) { continue; }
+        uint life = world_cache_life.at[cell];
+        if (life == 0u || uniforms.has_history == 0u) {
+            clear_cell(cell);
+            continue;
+        }
+        active_count += 1u;
+        world_cache_life.at[cell] = life - 1u;
+        WorldCachePoint votes = world_cache_votes.at[cell];
+        if (votes.position != 0u) {
+            world_cache_points.at[cell] = votes;
+            world_cache_votes.at[cell] = WorldCachePoint(0u, 0u);
+        }
+    }
+    world_cache_blocks.at[block] = active_count;
+    if (block == 0u) {
         world_cache_counters.updates = 0u;
         world_cache_counters.insert_failures = 0u;
-    }
-    if (uniforms.has_history == 0u) {
-        clear_cell(cell);
-        return;
-    }
-    if (world_cache_checksums.at[cell] == EMPTY_CELL) { return; }
-    uint life = world_cache_life.at[cell];
-    if (life == 0u) {
-        clear_cell(cell);
-        return;
-    }
-    world_cache_life.at[cell] = life - 1u;
-    WorldCachePoint votes = world_cache_votes.at[cell];
-    if (votes.position != 0u) {
-        world_cache_points.at[cell] = votes;
-        world_cache_votes.at[cell] = WorldCachePoint(0u, 0u);
     }
 }

@@ -1,4 +1,4 @@
-// World cache, step 5: direct light of active cells, by resampled importance sampling (Talbot et al., "Importance Resampling
+// World cache, step 4: direct light of active cells, by resampled importance sampling (Talbot et al., "Importance Resampling
 // for Global Illumination", 2005) over light samples, and one ray to the chosen one.
 #version 460
 #extension GL_EXT_ray_query : require

@@ -1,4 +1,4 @@
-// World cache, step 6: what other surfaces reflect to active cells, by one ray, at whose end the cache is asked for what it
+// World cache, step 5: what other surfaces reflect to active cells, by one ray, at whose end the cache is asked for what it
 // knew in the last frame: so that light goes one bounce further with every frame.
 #version 460
 #extension GL_EXT_ray_query : require

@@ -1,25 +1,38 @@
-// World cache, step 3: how many cells are active before every block, and in all; one workgroup does it.
+// World cache, step 2: how many cells are active before every block, and in all; one workgroup does it, whose own sums are
+// those of Hillis and Steele, "Data Parallel Algorithms" (1986).
 #version 460
-#include "passes/world_cache/compaction.glsl"
+#include "passes/world_cache/threads.glsl"
 
-layout(local_size_x = GROUP_SIZE) in;
+const uint SCAN_SIZE = 256u;
+layout(local_size_x = SCAN_SIZE) in;
+
+shared uint sums[SCAN_SIZE];
 
 void main() {
-    uint block_count = world_cache_checksums.at.length() / (GROUP_SIZE * CELLS_PER_THREAD);
-    uint blocks_per_thread = (block_count + GROUP_SIZE - 1u) / GROUP_SIZE;
-    uint first = min(gl_LocalInvocationIndex * blocks_per_thread, block_count);
-    uint end = min(first + blocks_per_thread, block_count);
+    uint thread = gl_LocalInvocationIndex;
+    uint block_count = world_cache_checksums.at.length() / BLOCK_SIZE;
+    uint blocks_each = (block_count + SCAN_SIZE - 1u) / SCAN_SIZE;
+    uint first = min(thread * blocks_each, block_count);
+    uint end = min(first + blocks_each, block_count);
 
-    uint sum = 0u, total;
+    uint sum = 0u;
     for (uint i = first; i < end; i++) { sum += world_cache_blocks.at[i]; }
-    uint before = sum_before(sum, total);
+    sums[thread] = sum;
+    for (uint reach = 1u; reach < SCAN_SIZE; reach *= 2u) {
+        barrier();
+        uint before = thread >= reach ? sums[thread - reach] : 0u;
+        barrier();
+        sums[thread] += before;
+    }
+    uint before = sums[thread] - sum;
     for (uint i = first; i < end; i++) {
         uint count = world_cache_blocks.at[i];
         world_cache_blocks.at[i] = before;
         before += count;
     }
 
-    if (gl_LocalInvocationIndex == 0u) {
+    if (thread == SCAN_SIZE - 1u) {
+        uint total = sums[thread];
         world_cache_counters.active_cells = total;
         uint groups = (total + GROUP_SIZE - 1u) / GROUP_SIZE;
         world_cache_dispatch.group_count = uvec3(min(groups, ROW_GROUPS), (groups + ROW_GROUPS - 1u) / ROW_GROUPS, 1u);
