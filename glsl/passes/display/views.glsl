@@ -9,6 +9,7 @@
 #include "passes/guides/bindings.glsl"
 #include "passes/light_tiles/light_tiles.glsl"
 #include "passes/restir_di/bindings.glsl"
+#include "passes/restir_gi/bindings.glsl"
 #include "passes/world_cache/query.glsl"
 
 // Rows of VIEWS in solari_vk/passes/display.py, which says what each shows.
@@ -40,12 +41,15 @@ const uint VIEW_DI_CONFIDENCE = 24u;
 const uint VIEW_DI_WEIGHT = 25u;
 const uint VIEW_DI_VISIBILITY = 26u;
 const uint VIEW_DI_NEIGHBOR = 27u;
-const uint VIEW_GUIDE_DIFFUSE_ALBEDO = 28u;
-const uint VIEW_GUIDE_SPECULAR_ALBEDO = 29u;
-const uint VIEW_GUIDE_NORMAL = 30u;
-const uint VIEW_GUIDE_ROUGHNESS = 31u;
-const uint VIEW_GUIDE_DEPTH = 32u;
-const uint VIEW_GUIDE_SPECULAR_MOTION = 33u;
+const uint VIEW_GI_RADIANCE = 28u;
+const uint VIEW_GI_CONFIDENCE = 29u;
+const uint VIEW_GI_WEIGHT = 30u;
+const uint VIEW_GUIDE_DIFFUSE_ALBEDO = 31u;
+const uint VIEW_GUIDE_SPECULAR_ALBEDO = 32u;
+const uint VIEW_GUIDE_NORMAL = 33u;
+const uint VIEW_GUIDE_ROUGHNESS = 34u;
+const uint VIEW_GUIDE_DEPTH = 35u;
+const uint VIEW_GUIDE_SPECULAR_MOTION = 36u;
 
 const vec3 NOTHING = vec3(0.0);
 const vec3 ALARM = vec3(0.9, 0.1, 0.1);
@@ -115,6 +119,15 @@ vec3 show_di(uint index) {
     }
 }
 
+vec3 show_gi(uint index) {
+    GiReservoir reservoir = gi_reservoirs.at[index];
+    switch (uniforms.view) {
+        case VIEW_GI_CONFIDENCE: return show_share(reservoir.confidence_weight / (2.0 * uniforms.gi_confidence_cap));
+        case VIEW_GI_WEIGHT: return show_share(reservoir.unbiased_contribution_weight / (4.0 * PI));
+        default: return show_radiance(reservoir.radiance);
+    }
+}
+
 // ---- the chosen one ---------------------------------------------------------------------------------
 
 // As an 8-bit picture holds it.
@@ -154,6 +167,10 @@ vec3 show_view(uvec2 pixel) {
         case VIEW_DI_WEIGHT:
         case VIEW_DI_VISIBILITY:
         case VIEW_DI_NEIGHBOR: return surface.exists ? show_di(index) : NOTHING;
+
+        case VIEW_GI_RADIANCE:
+        case VIEW_GI_CONFIDENCE:
+        case VIEW_GI_WEIGHT: return surface.exists ? show_gi(index) : NOTHING;
 
         case VIEW_GUIDE_DIFFUSE_ALBEDO: return encode_srgb(imageLoad(guides_diffuse_albedo, at).rgb);
         case VIEW_GUIDE_SPECULAR_ALBEDO: return encode_srgb(imageLoad(guides_specular_albedo, at).rgb);
