@@ -108,6 +108,17 @@ class PathTracer:
         self._shown = None
         self._next_look += self._frame.frame_count
 
+    def reload(self) -> None:
+        """Take up changed shaders; the picture starts anew. When one can't be compiled, the old ones go on and the
+        CompilationError is raised."""
+        self._frame.rebuild()
+        self._drop_aovs()
+        self._shown = None
+
+    def resource(self, name: str) -> Any:
+        """What a name of the shaders stands for on the device, as of the latest frame: a Buffer or an Image."""
+        return self._frame.resource(name)
+
     def _drop_aovs(self) -> None:
         if self._aovs is not None:
             self._aovs.close()

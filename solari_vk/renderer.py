@@ -171,6 +171,10 @@ class Renderer:
         """Forget all earlier frames, as after a cut."""
         self._previous = None
 
+    def reload(self) -> None:
+        """Take up changed shaders. When one can't be compiled, the old ones go on and the CompilationError is raised."""
+        self._frame.rebuild()
+
     def resize(self, size: tuple[int, int]) -> None:
         """Another picture size (width, height), without history."""
         self.size = self._checked(size)
@@ -225,6 +229,10 @@ class Renderer:
         if len(values.shape) and values.shape[0] == width * height:
             return values.reshape(height, width, *values.shape[1:])
         return values
+
+    def resource(self, name: str) -> Any:
+        """What a name of the shaders stands for on the device, as of the latest frame: a Buffer or an Image."""
+        return self._frame.resource(name)
 
     @property
     def timings(self) -> dict[str, float]:
