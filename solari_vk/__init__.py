@@ -40,6 +40,7 @@ _HOMES = {
     "renderer": ("Renderer",),
     "settings": ("Settings",),
     "tracer": ("RayTracer", "SceneFrame"),
+    "viewer": ("Viewer",),
 }
 _MODULES = ("rt",)
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
@@ -67,6 +68,7 @@ __all__ = [
     "Texture",
     "TextureImage",
     "ValidationError",
+    "Viewer",
     "__version__",
     "auto_exposure",
     "builtin",
@@ -103,6 +105,7 @@ if TYPE_CHECKING:
     from solari_vk.scene.studio import frame_camera, studio_lights
     from solari_vk.settings import Settings
     from solari_vk.tracer import RayTracer, SceneFrame
+    from solari_vk.viewer import Viewer
 
 
 def __getattr__(name: str) -> Any:

@@ -1,4 +1,4 @@
-"""The command line: solari-vk render | settings | views | info | bench | conformance.
+"""The command line: solari-vk render | view | settings | views | info | bench | conformance.
 
 Exit codes: 0 done, 1 an internal error or a conformance rule that doesn't hold, 2 bad input or usage, 3 no device.
 """
@@ -10,7 +10,7 @@ import sys
 import traceback
 from pathlib import Path
 
-from solari_vk.cli import render
+from solari_vk.cli import render, view
 from solari_vk.errors import DeviceError, SolariError
 
 _CONFORMANCE_EXIT = (
@@ -49,6 +49,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
     render.add_parser(commands)
+    view.add_parser(commands)
 
     for name, run, what in (
         ("settings", _settings, "what --settings and --quality of render take, with meaning, range and default"),

@@ -1,0 +1,144 @@
+"""How hands move a camera: flying, orbiting around a point, focusing on it. Pure logic, no window."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from solari_vk.errors import SolariError
+from solari_vk.scene.model import Camera
+
+UP = np.array((0.0, 1.0, 0.0))
+TURN = 0.005  # radians for a unit of the cursor's way
+STEEPEST = math.radians(89)  # of the view, so that up stays up
+FASTER = 4.0  # with shift
+WHEEL = 1.25  # of the speed, for each notch of the wheel
+# Directions in camera space, but for up and down, which are the world's.
+DIRECTIONS = {
+    "forward": (0, 0, -1),
+    "back": (0, 0, 1),
+    "left": (-1, 0, 0),
+    "right": (1, 0, 0),
+    "up": (0, 1, 0),
+    "down": (0, -1, 0),
+}
+
+
+class CameraControl:
+    """Moves `camera`, a copy of the one it was given. speed: metres a second, by default by the scene's extent."""
+
+    def __init__(self, camera: Camera, extent: float = 1.0) -> None:
+        self.home = copy_of(camera)
+        self.camera = copy_of(camera)
+        self.home_speed = self.speed = max(extent, 1e-6) / 4
+        self.held: set[str] = set()
+        """The DIRECTIONS whose keys are down."""
+        self.fast = False
+
+    def advance(self, seconds: float) -> None:
+        """Fly for so long in the directions that are held."""
+        if not self.held:
+            return
+        camera = np.zeros(3)
+        world = np.zeros(3)
+        for name in self.held:
+            (world if name in ("up", "down") else camera)[:] += DIRECTIONS[name]
+        way = self.camera.transform[:3, :3] @ camera + world
+        length = float(np.linalg.norm(way))
+        if length > 1e-9:
+            self._move(way * (self.speed * (FASTER if self.fast else 1.0) * seconds / length))
+
+    def change_speed(self, notches: float) -> None:
+        """Fly faster, or slower with less than 0."""
+        factor = WHEEL ** min(max(notches, -20.0), 20.0)
+        self.speed = min(max(self.speed * factor, 1e-3 * self.home_speed), 1e3 * self.home_speed)
+
+    def look(self, right: float, down: float) -> None:
+        """Turn by a way of the cursor, where the camera stands."""
+        self._turn(right, down, self.camera.transform[:3, 3])
+
+    def orbit(self, right: float, down: float, center: ArrayLike) -> None:
+        """Turn by a way of the cursor around a point of the world, as if that were held."""
+        self._turn(right, down, np.asarray(center, np.float64))
+
+    def focus(self, point: ArrayLike, radius: float) -> None:
+        """Look at a point in the direction of now, from where a sphere of that radius around it is seen whole."""
+        distance = max(radius, 1e-6) / math.sin(self.camera.vertical_fov / 2)
+        transform = self.camera.transform.copy()
+        transform[:3, 3] = np.asarray(point, np.float64) + distance * transform[:3, 2]
+        self._assign(transform)
+
+    def expose(self, stops: float) -> None:
+        """Brighter by so many stops."""
+        self.camera.ev100 = min(max(self.camera.ev100 - stops, -100.0), 100.0)
+
+    def take(self, camera: Camera) -> None:
+        """Go where another camera stands, with its field of view; the exposure stays."""
+        self.camera.update(transform=camera.transform, vertical_fov=camera.vertical_fov, near=camera.near)
+
+    def reset(self) -> None:
+        """Back to where it began."""
+        self.camera = copy_of(self.home)
+        self.speed = self.home_speed
+
+    def copy_pose(self) -> str:
+        """The camera as JSON that `paste_pose` and `solari-vk render --camera` take."""
+        return json.dumps(self.camera.pose())
+
+    def paste_pose(self, text: str) -> None:
+        """Go where a text from `copy_pose` says. Raises SolariError when it is none."""
+        try:
+            pose: Any = json.loads(text)
+        except ValueError:
+            raise SolariError(f"the clipboard holds no camera pose, but {text[:40]!r}") from None
+        pasted = Camera.from_pose(pose)
+        self.camera.update(transform=pasted.transform, vertical_fov=pasted.vertical_fov)
+        if "ev100" in pose:
+            self.camera.ev100 = pasted.ev100
+
+    def _turn(self, right: float, down: float, center: NDArray[np.float64]) -> None:
+        transform = self.camera.transform.copy()
+        height = math.asin(float(np.clip(-transform[1, 2], -1, 1)))  # of the view above the horizon
+        steepest = max(STEEPEST, abs(height))
+        raised = min(max(height - TURN * down, -steepest), steepest) - height
+        turn = _rotation(UP, -TURN * right) @ _rotation(transform[:3, 0], raised)
+        transform[:3, :3] = _orthonormal(turn @ transform[:3, :3])
+        transform[:3, 3] = center + turn @ (transform[:3, 3] - center)
+        self._assign(transform)
+
+    def _move(self, way: NDArray[np.float64]) -> None:
+        transform = self.camera.transform.copy()
+        transform[:3, 3] += way
+        self._assign(transform)
+
+    def _assign(self, transform: NDArray[np.float64]) -> None:
+        # flying on for hours must not end in an error: there is nothing to see that far away
+        limit = 1e6 * max(self.home_speed, 1.0)
+        transform[:3, 3] = np.clip(transform[:3, 3], -limit, limit)
+        self.camera.transform = transform
+
+
+def copy_of(camera: Camera) -> Camera:
+    """Another camera that stands in the same place."""
+    fields = ("transform", "vertical_fov", "near", "ev100", "jitter", "name")
+    return Camera(**{name: getattr(camera, name) for name in fields})
+
+
+def _rotation(axis: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
+    """Rodrigues' formula; the axis need not have length 1."""
+    x, y, z = axis / np.linalg.norm(axis)
+    cross = np.array(((0, -z, y), (z, 0, -x), (-y, x, 0)))
+    rotation: NDArray[np.float64] = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * (cross @ cross)
+    return rotation
+
+
+def _orthonormal(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The rotation next to a matrix that has drifted from one; scaled axes keep their lengths."""
+    lengths = np.linalg.norm(matrix, axis=0)
+    left, _, right = np.linalg.svd(matrix / lengths)
+    rotation: NDArray[np.float64] = (left @ right) * lengths
+    return rotation

@@ -1,0 +1,175 @@
+"""Brings pictures to the window: a small command buffer for each image of the swapchain, recorded when it changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.gpu import raw
+from solari_vk.gpu.barriers import ALL_COMMANDS, READ, WRITE
+from solari_vk.gpu.device import Device
+from solari_vk.gpu.memory import Buffer, Image
+from solari_vk.gpu.swapchain import Swapchain
+
+_WHOLE = {"aspectMask": raw.VK_IMAGE_ASPECT_COLOR_BIT, "levelCount": 1, "layerCount": 1}
+_LAYER = {"aspectMask": raw.VK_IMAGE_ASPECT_COLOR_BIT, "layerCount": 1}
+_UNDEFINED, _PRESENT = raw.VK_IMAGE_LAYOUT_UNDEFINED, raw.VK_IMAGE_LAYOUT_PRESENT_SRC_KHR
+_TARGET, _SOURCE = raw.VK_IMAGE_LAYOUT_TRANSFER_DST_OPTIMAL, raw.VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL
+
+
+@dataclass(frozen=True)
+class Part:
+    """The columns of an image from `begin` to `end`, parts of its width, shown in the same columns of the window."""
+
+    image: Image
+    begin: float = 0.0
+    end: float = 1.0
+
+
+class Presenter:
+    """Shows images of any size in a window, filtered linearly. Use it with the device's one queue, after the work
+    that makes the images. `close` frees what it made."""
+
+    def __init__(self, device: Device, swapchain: Swapchain) -> None:
+        self.device = device
+        self.swapchain = swapchain
+        self._generation = -1
+        self._commands: list[raw.CData] = []
+        self._read_commands: raw.CData = None
+        self._shown: list[list[Part] | None] = []
+        self._values: list[int] = []
+        pool = raw.struct(
+            "VkCommandPoolCreateInfo",
+            flags=raw.VK_COMMAND_POOL_CREATE_RESET_COMMAND_BUFFER_BIT,
+            queueFamilyIndex=device.queue_family,
+        )
+        self._pool = device.create("VkCommandPool", pool, "window")
+        self._token = device.own(lambda: device.vk.vkDestroyCommandPool(device.handle, self._pool, raw.NULL))
+
+    def show(self, parts: Sequence[Part], draw: Callable[[int], raw.CData] | None = None) -> bool:
+        """Show the parts, which cover the window, or black without any; False when the window shows nothing now.
+
+        draw: gives commands that draw over image `index` of the swapchain, in the layout PRESENT_SRC.
+        """
+        return self._show(parts, draw, lambda _: [])
+
+    def capture(
+        self, parts: Sequence[Part], draw: Callable[[int], raw.CData] | None = None
+    ) -> NDArray[np.uint8] | None:
+        """As `show`; returns what the window then shows, (height, width, 3), or None when that can't be read."""
+        targets: list[Buffer] = []
+
+        def read(index: int) -> list[raw.CData]:
+            if not self.swapchain.readable:
+                return []
+            width, height = self.swapchain.extent
+            targets.append(self.device.buffer(4 * width * height, "window pixels", host=True))
+            return [self._record_read(self.swapchain.images[index], targets[0])]
+
+        self._show(parts, draw, read)
+        if not targets:
+            return None
+        width, height = self.swapchain.extent
+        pixels = targets[0].read().reshape(height, width, 4)[..., :3]
+        targets[0].destroy()
+        return pixels[..., ::-1].copy() if self.swapchain.format == raw.VK_FORMAT_B8G8R8A8_UNORM else pixels
+
+    def _show(
+        self, parts: Sequence[Part], draw: Callable[[int], raw.CData] | None, after: Callable[[int], list[raw.CData]]
+    ) -> bool:
+        index = self.swapchain.acquire()
+        if index is None:
+            return False
+        try:
+            if self._generation != self.swapchain.generation:
+                self._allocate()
+            if self._shown[index] != list(parts):
+                self.device.await_value(self._values[index])
+                self._record(self._commands[index], self.swapchain.images[index], parts)
+                self._shown[index] = list(parts)
+            commands = [self._commands[index], *([] if draw is None else [draw(index)]), *after(index)]
+            self._values[index] = self.swapchain.present(index, commands)
+        except BaseException:
+            self.swapchain.stale = True  # the image was acquired and not presented: others take its place
+            raise
+        return True
+
+    def _record_read(self, image: raw.CData, target: Buffer) -> raw.CData:
+        """Commands that copy an image of the window to a buffer."""
+        if self._read_commands is None:
+            self._read_commands = self._new_commands(1)[0]
+        vk, commands = self.device.vk, self._read_commands
+        width, height = self.swapchain.extent
+        extent = {"width": width, "height": height, "depth": 1}
+        region = raw.struct("VkBufferImageCopy", imageSubresource=_LAYER, imageExtent=extent)
+        vk.vkBeginCommandBuffer(commands, raw.struct("VkCommandBufferBeginInfo"))
+        vk.vkCmdPipelineBarrier2(commands, layout_barrier(image, _PRESENT, _SOURCE))
+        vk.vkCmdCopyImageToBuffer(commands, image, _SOURCE, target.handle, 1, region)
+        vk.vkCmdPipelineBarrier2(commands, layout_barrier(image, _SOURCE, _PRESENT))
+        vk.vkEndCommandBuffer(commands)
+        return commands
+
+    def _new_commands(self, count: int) -> Any:
+        allocate = raw.struct("VkCommandBufferAllocateInfo", commandPool=self._pool, commandBufferCount=count)
+        commands = raw.ffi.new("VkCommandBuffer[]", count)
+        self.device.vk.vkAllocateCommandBuffers(self.device.handle, allocate, commands)
+        return commands
+
+    def _allocate(self) -> None:
+        """Command buffers for another swapchain; those of the old one aren't running any more."""
+        vk, handle = self.device.vk, self.device.handle
+        vk.vkResetCommandPool(handle, self._pool, 0)
+        missing = len(self.swapchain.images) - len(self._commands)
+        if missing > 0:
+            new = self._new_commands(missing)
+            self._commands += [new[i] for i in range(missing)]
+        self._shown = [None] * len(self._commands)
+        self._values = [0] * len(self._commands)
+        self._generation = self.swapchain.generation
+
+    def _record(self, commands: raw.CData, target: raw.CData, parts: Sequence[Part]) -> None:
+        vk = self.device.vk
+        vk.vkBeginCommandBuffer(commands, raw.struct("VkCommandBufferBeginInfo"))
+        vk.vkCmdPipelineBarrier2(commands, layout_barrier(target, _UNDEFINED, _TARGET))
+        if not parts:
+            black, whole = raw.ffi.new("VkClearColorValue*"), raw.struct("VkImageSubresourceRange", **_WHOLE)
+            vk.vkCmdClearColorImage(commands, target, _TARGET, black, 1, whole)
+        for part in parts:
+            image = part.image
+            blit = raw.struct("VkImageBlit", srcSubresource=_LAYER, dstSubresource=_LAYER)
+            for offsets, (width, height) in (
+                (blit.srcOffsets, (image.width, image.height)),
+                (blit.dstOffsets, self.swapchain.extent),
+            ):
+                offsets[0].x, offsets[1].x = round(part.begin * width), round(part.end * width)
+                offsets[1].y, offsets[1].z = height, 1
+            if blit.srcOffsets[0].x < blit.srcOffsets[1].x and blit.dstOffsets[0].x < blit.dstOffsets[1].x:
+                vk.vkCmdBlitImage(commands, image.handle, image.layout, target, _TARGET, 1, blit, raw.VK_FILTER_LINEAR)
+        vk.vkCmdPipelineBarrier2(commands, layout_barrier(target, _TARGET, _PRESENT))
+        vk.vkEndCommandBuffer(commands)
+
+    def close(self) -> None:
+        """Free the command buffers when the work submitted so far is done. Safe to call twice."""
+        self.device.release(self._token)
+
+
+def layout_barrier(image: raw.CData, old: int, new: int) -> raw.CData:
+    """An image of the window from one layout to another, after everything before and before everything after."""
+    barrier = raw.struct(
+        "VkImageMemoryBarrier2",
+        srcStageMask=ALL_COMMANDS,
+        srcAccessMask=WRITE,
+        dstStageMask=ALL_COMMANDS,
+        dstAccessMask=READ | WRITE,
+        oldLayout=old,
+        newLayout=new,
+        srcQueueFamilyIndex=raw.VK_QUEUE_FAMILY_IGNORED,
+        dstQueueFamilyIndex=raw.VK_QUEUE_FAMILY_IGNORED,
+        image=image,
+        subresourceRange=_WHOLE,
+    )
+    return raw.struct("VkDependencyInfo", imageMemoryBarrierCount=1, pImageMemoryBarriers=barrier)

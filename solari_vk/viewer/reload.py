@@ -1,0 +1,82 @@
+"""Files that are watched while the viewer runs: the shaders, and what the scene was loaded from."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+from solari_vk.gpu.compiler import glsl_root
+from solari_vk.scene.model import Scene
+
+INTERVAL = 0.5  # seconds between looks
+SHADERS = {".glsl", ".comp", ".vert", ".frag"}
+
+Stamps = dict[Path, tuple[int, int]]
+
+
+class Sources:
+    """The shaders and a glTF file with what it names. load: gives the file's scene as it is now."""
+
+    def __init__(self, scene: Scene, file: Path | None, load: Callable[[], Scene] | None) -> None:
+        self.scene, self.load = scene, load
+        self._file = file
+        self._shaders = self._shader_stamps()
+        self._files = self._file_stamps()
+        self._next_look = time.monotonic() + INTERVAL
+
+    def changed(self) -> tuple[bool, bool]:
+        """Whether shaders, and whether the file or what it names, changed since this was last said."""
+        if time.monotonic() < self._next_look:
+            return False, False
+        self._next_look = time.monotonic() + INTERVAL
+        before = self._shaders, self._files
+        self._shaders, self._files = self._shader_stamps(), self._file_stamps()
+        return self._shaders != before[0], self._files != before[1]
+
+    def load_again(self) -> bool:
+        """Put what the file holds now into the scene, in place of all that was there; False for scenes of no file.
+
+        When the file is broken a SolariError is raised and the scene stays as it was.
+        """
+        if self.load is None:
+            return False
+        loaded = self.load()
+        for scene, put in ((self.scene, False), (loaded, True)):
+            items: list[Any] = [*scene.instances, *scene.directional_lights, *scene.cameras]
+            for item in items:
+                scene.remove(item)
+                if put:
+                    self.scene.add(item)
+        self.scene.warnings = loaded.warnings
+        return True
+
+    def _shader_stamps(self) -> Stamps:
+        return _stamps(path for path in glsl_root().rglob("*") if path.suffix in SHADERS)
+
+    def _file_stamps(self) -> Stamps:
+        return {} if self._file is None or self.load is None else _stamps([self._file, *_named_by(self._file)])
+
+
+def _stamps(paths: Iterable[Path]) -> Stamps:
+    found = {}
+    for path in paths:
+        try:
+            status = path.stat()
+        except OSError:  # gone, or being replaced
+            continue
+        found[path] = status.st_mtime_ns, status.st_size
+    return found
+
+
+def _named_by(file: Path) -> list[Path]:
+    """The files that a .gltf names; none for others, and while it can't be read."""
+    try:
+        document = json.loads(file.read_text(encoding="utf-8")) if file.suffix.lower() == ".gltf" else {}
+        uris = [item["uri"] for kind in ("buffers", "images") for item in document.get(kind, []) if "uri" in item]
+        return [file.parent / unquote(uri) for uri in uris if not uri.startswith("data:")]
+    except (OSError, ValueError, TypeError, AttributeError):
+        return []

@@ -1,0 +1,171 @@
+"""A GLFW window: its events in the order in which they came, its surface, the clipboard and fullscreen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import glfw
+
+from solari_vk.errors import DeviceError, SolariError
+from solari_vk.gpu import raw
+
+_windows = 0  # GLFW is one for the process: the last window to close ends it
+
+
+@dataclass(frozen=True)
+class Event:
+    """kind: "key" and "button" (code, pressed, modifiers; a key that repeats has repeats set), "cursor" (x, y in
+    window coordinates), "scroll" (x, y), "text" (code: a character) or "focus" (pressed: whether it came)."""
+
+    kind: str
+    code: int = 0
+    pressed: bool = False
+    modifiers: int = 0
+    x: float = 0.0
+    y: float = 0.0
+    repeats: bool = False
+
+
+class Window:
+    """A window of a size in window coordinates, which on some systems are not pixels. `close` destroys it.
+
+    Raises SolariError where windows can't be opened.
+    """
+
+    def __init__(self, size: tuple[int, int], title: str) -> None:
+        global _windows
+        self.events: list[Event] = []
+        self.handle: Any = None
+        self._error: str = ""
+        self._before_fullscreen: tuple[int, int, int, int] | None = None
+        glfw.set_error_callback(self._note_error)
+        if not glfw.init():
+            raise SolariError(f"no window can be opened: {self._error or 'GLFW does not start'}")
+        _windows += 1
+        glfw.default_window_hints()
+        glfw.window_hint(glfw.CLIENT_API, glfw.NO_API)
+        glfw.window_hint(glfw.SCALE_TO_MONITOR, False)
+        self.handle = glfw.create_window(*size, title, None, None)
+        if not self.handle:
+            error = self._error
+            self._release()
+            raise SolariError(f"no window can be opened: {error}")
+        self._listen()
+
+    def _note_error(self, _: int, description: Any) -> None:
+        self._error = _text(description)
+
+    def _listen(self) -> None:
+        def key(_: Any, code: int, __: int, action: int, modifiers: int) -> None:
+            self.events.append(Event("key", code, action != glfw.RELEASE, modifiers, repeats=action == glfw.REPEAT))
+
+        def button(_: Any, code: int, action: int, modifiers: int) -> None:
+            self.events.append(Event("button", code, action == glfw.PRESS, modifiers))
+
+        glfw.set_key_callback(self.handle, key)
+        glfw.set_mouse_button_callback(self.handle, button)
+        glfw.set_cursor_pos_callback(self.handle, lambda _, x, y: self.events.append(Event("cursor", x=x, y=y)))
+        glfw.set_scroll_callback(self.handle, lambda _, x, y: self.events.append(Event("scroll", x=x, y=y)))
+        glfw.set_char_callback(self.handle, lambda _, code: self.events.append(Event("text", code)))
+        glfw.set_window_focus_callback(self.handle, lambda _, on: self.events.append(Event("focus", pressed=bool(on))))
+
+    def create_surface(self, instance: raw.CData) -> raw.CData:
+        """A new VkSurfaceKHR. Raises DeviceError when the instance or the platform has none for windows."""
+        out = raw.ffi.new("VkSurfaceKHR*")
+        result = glfw.create_window_surface(instance, self.handle, None, out)
+        if result < 0:
+            raise DeviceError(f"this window can't be drawn by Vulkan: {self._error or f'VkResult {result}'}")
+        return out[0]
+
+    # ---- state --------------------------------------------------------------------------------------
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in window coordinates, as those of the cursor."""
+        width, height = glfw.get_window_size(self.handle)
+        return width, height
+
+    @property
+    def pixels(self) -> tuple[int, int]:
+        """Width and height in pixels; (0, 0) while the window is minimised."""
+        if glfw.get_window_attrib(self.handle, glfw.ICONIFIED):
+            return (0, 0)
+        width, height = glfw.get_framebuffer_size(self.handle)
+        return width, height
+
+    @property
+    def wants_to_close(self) -> bool:
+        """Whether the user closed the window; assign to ask for it, or to refuse."""
+        return bool(glfw.window_should_close(self.handle))
+
+    @wants_to_close.setter
+    def wants_to_close(self, value: bool) -> None:
+        glfw.set_window_should_close(self.handle, value)
+
+    @property
+    def clipboard(self) -> str:
+        """The text in the clipboard, "" when there is none."""
+        return _text(glfw.get_clipboard_string(self.handle) or "")
+
+    @clipboard.setter
+    def clipboard(self, text: str) -> None:
+        glfw.set_clipboard_string(self.handle, text)
+
+    def set_title(self, title: str) -> None:
+        """Show a title."""
+        glfw.set_window_title(self.handle, title)
+
+    def take_events(self, wait: float = 0.0) -> list[Event]:
+        """The events since the last call; waits so many seconds for the first."""
+        if wait:
+            glfw.wait_events_timeout(wait)
+        else:
+            glfw.poll_events()
+        events, self.events = self.events, []
+        return events
+
+    def toggle_fullscreen(self) -> None:
+        """To the whole of the monitor that shows most of the window, and back."""
+        if self._before_fullscreen is not None:
+            x, y, width, height = self._before_fullscreen
+            self._before_fullscreen = None
+            no_monitor: Any = None
+            glfw.set_window_monitor(self.handle, no_monitor, x, y, width, height, glfw.DONT_CARE)
+            return
+        x, y = glfw.get_window_pos(self.handle)
+        width, height = self.size
+
+        def shared(monitor: Any) -> int:
+            left, top = glfw.get_monitor_pos(monitor)
+            mode = glfw.get_video_mode(monitor).size
+            across = min(x + width, left + mode.width) - max(x, left)
+            down = min(y + height, top + mode.height) - max(y, top)
+            return max(across, 0) * max(down, 0)
+
+        monitors = glfw.get_monitors()
+        if monitors:
+            monitor = max(monitors, key=shared)
+            mode = glfw.get_video_mode(monitor)
+            self._before_fullscreen = (x, y, width, height)
+            glfw.set_window_monitor(self.handle, monitor, 0, 0, mode.size.width, mode.size.height, mode.refresh_rate)
+
+    # ---- lifetime -----------------------------------------------------------------------------------
+
+    def _release(self) -> None:
+        global _windows
+        _windows -= 1
+        if _windows == 0:
+            glfw.terminate()
+
+    def close(self) -> None:
+        """Destroy the window. Safe to call twice."""
+        if self.handle:
+            glfw.destroy_window(self.handle)
+            self.handle = None
+            self._release()
+
+
+def _text(given: Any) -> str:
+    """GLFW gives bytes, whatever its type hints say."""
+    return given.decode(errors="replace") if isinstance(given, bytes) else str(given)
