@@ -2,6 +2,7 @@
 #ifndef PASSES_WORLD_CACHE_QUERY_GLSL
 #define PASSES_WORLD_CACHE_QUERY_GLSL
 
+#include "passes/ray_count.glsl"
 #include "passes/world_cache/map.glsl"
 #include "scene/brdf.glsl"
 #include "scene/sampling.glsl"
@@ -11,11 +12,26 @@ struct WorldCacheResult {
     vec3 irradiance;
 };
 
+const float JITTER_HEIGHT = 0.05;  // in cells: over what surfaces rise themselves
+
 // Doubles with distance. Rounded up by chance, so that levels fade into each other.
 float get_cell_size(vec3 world_position, inout uint rng) {
     float level = log2(1.0 + distance(world_position, uniforms.world_from_view[3]) / uniforms.world_cache_lod_distance);
     float part = fract(level);
     return uniforms.world_cache_cell_size * power_of_two(int(level) + (rand_f(rng) < part * part * part ? 1 : 0));
+}
+
+// Of the cell where a point lies that is moved by chance within the tangent plane, which hides the grid. Differs from Solari: not
+// into a cell that lies behind a wall, which the short ray on the way there finds.
+WorldCacheKey choose_key(vec3 world_position, vec3 normal, float cell_size, inout uint rng) {
+    vec2 jitter = uniforms.world_cache_jitter * cell_size * sample_disk(rand_vec2f(rng));
+    vec3 way = orthonormalize(normal) * vec3(jitter, 0.0);
+    WorldCacheKey key = make_world_cache_key(world_position + way, normal, cell_size);
+    if (uniforms.world_cache_leak_prevention == 0u) { return key; }
+    WorldCacheKey own_key = make_world_cache_key(world_position, normal, cell_size);
+    if (key.checksum == own_key.checksum) { return key; }
+    count_ray(RAYS_OF_WORLD_CACHE);
+    return trace_visibility(world_position + JITTER_HEIGHT * cell_size * normal, way, 1.0) ? key : own_key;
 }
 
 // Keeps the cell alive for `lifetime` more frames. `ray_t`: length of the ray that came here; where it is shorter than a cell, the
@@ -28,10 +44,7 @@ WorldCacheResult query_world_cache(
     float cell_size = get_cell_size(world_position, rng);
     if (uniforms.world_cache_leak_prevention != 0u && ray_t < cell_size) { cell_size = uniforms.world_cache_cell_size; }
 
-    // moved within the tangent plane by chance, which hides the grid
-    vec2 jitter = uniforms.world_cache_jitter * cell_size * sample_disk(rand_vec2f(rng));
-    vec3 jittered = world_position + orthonormalize(geometric_world_normal) * vec3(jitter, 0.0);
-    WorldCacheKey key = make_world_cache_key(jittered, geometric_world_normal, cell_size);
+    WorldCacheKey key = choose_key(world_position, geometric_world_normal, cell_size, rng);
     uint cell = insert_world_cache_cell(key);
     if (cell == NO_INDEX) {
         atomicAdd(world_cache_counters.insert_failures, 1u);
@@ -71,6 +84,7 @@ vec3 sample_irradiance(vec3 world_position, vec3 geometric_world_normal, float r
     vec3 irradiance = light.received_radiance * (light.inverse_pdf * cosine);
     if (!(cosine > 0.0 && max_component(irradiance) > 0.0)) { return vec3(0.0); }
     vec3 origin = world_position + ray_offset * geometric_world_normal;
+    count_ray(RAYS_OF_WORLD_CACHE);
     return trace_light_visibility(origin, light_sample) ? irradiance : vec3(0.0);
 }
 
