@@ -16,7 +16,8 @@ from PIL import Image
 
 from solari_vk.cli import main
 
-SMALL = ["--size", "24x16", "--samples", "2"]
+REFERENCE = ["--mode", "reference"]
+SMALL = [*REFERENCE, "--size", "24x16", "--samples", "2"]
 
 
 @pytest.fixture
@@ -89,7 +90,7 @@ def test_camera_by_pose_and_exposure(render, tmp_path):
 
 
 def test_a_time_limit_ends_early(render):
-    code, said, path = render("builtin:cornell_box", "--size", "16x16", "--samples", 10_000_000, "--time-limit", 0.5)
+    code, said, path = render("builtin:cornell_box", *SMALL, "--samples", 10_000_000, "--time-limit", 0.5)
     assert code == 0, said
     assert path.exists()
 
@@ -122,7 +123,7 @@ def test_bad_input_is_one_line_and_exit_code_2(render, arguments, words):
 @pytest.mark.parametrize(("output", "word"), [("picture.bmp", ".bmp"), ("no/such/folder/picture.png", "folder")])
 def test_a_bad_output_is_refused_before_rendering(render, output, word):
     started = time.monotonic()
-    code, said, path = render("builtin:cornell_box", "--samples", 100_000, output=output)
+    code, said, path = render("builtin:cornell_box", *REFERENCE, "--samples", 100_000, output=output)
     assert code == 2
     assert word in said
     assert not path.exists()
@@ -177,7 +178,7 @@ def test_info_names_devices_compiler_and_cache(any_device, capsys):
 def test_ctrl_c_keeps_what_there_is(any_device, tmp_path):
     path: Path = tmp_path / "picture.npy"
     command = [sys.executable, "-u", "-m", "solari_vk", "render", "builtin:cornell_box", "-o", str(path),
-               "--size", "64x64", "--samples", "100000000"]  # fmt: skip
+               *REFERENCE, "--size", "64x64", "--samples", "100000000"]  # fmt: skip
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     assert process.stderr is not None
     for line in process.stderr:  # "N of M samples" is said every few seconds

@@ -39,17 +39,17 @@ def run(options: argparse.Namespace) -> None:
     names = names_of_aovs(options, AOVS)
     settings = make_settings(options)
     subject = load(options)
-    device = sv.Device(options.device, validation=options.validation or None)
-    with device, tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder:
         plan = make_plan(options, subject.cameras, Path(folder) if is_movie else None)
-        print(f"rendering {options.source} with {device.name}", file=sys.stderr)
-        renderer = sv.Renderer(device, subject.scene, options.size, settings, seed=options.seed)
-        renderer.view, renderer.tonemap = options.view, options.tonemap
-        if subject.auto_exposure:
-            _meter(renderer, plan.cameras)
-        total = renderer.frame_count + plan.frame_count
-        with Progress("frames", total, options.time_limit) as progress:
-            written = _shoot(renderer, plan, options, names, subject.auto_exposure, progress)
+        with sv.Device(options.device, validation=options.validation or None) as device:
+            print(f"rendering {options.source} with {device.name}", file=sys.stderr)
+            renderer = sv.Renderer(device, subject.scene, options.size, settings, seed=options.seed)
+            renderer.view, renderer.tonemap = options.view, options.tonemap
+            if subject.auto_exposure:
+                _meter(renderer, plan.cameras)
+            total = renderer.frame_count + plan.frame_count
+            with Progress("frames", total, options.time_limit) as progress:
+                written = _shoot(renderer, plan, options, names, subject.auto_exposure, progress)
         if is_movie:
             write_movie(options.output, written, options.fps)
     target = options.output if is_movie else written[-1]

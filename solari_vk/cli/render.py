@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -160,7 +161,9 @@ def _path(options: argparse.Namespace, scene: Scene, camera: Camera) -> list[Cam
     try:
         degrees = float(sweep) if colon else None
     except ValueError:
-        raise SolariError(f"--animate {options.animate}: give an angle such as orbit:30") from None
+        degrees = math.nan
+    if degrees is not None and not math.isfinite(degrees):
+        raise SolariError(f"--animate {options.animate}: give an angle such as orbit:30")
     return orbit(camera, scene.bounds().mean(axis=0), options.frames or ORBIT_PICTURES, degrees)
 
 

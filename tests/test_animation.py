@@ -1,0 +1,190 @@
+"""Camera paths and the movies that are made of them."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+import stat
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import solari_vk as sv
+from solari_vk.animation import load_path, orbit
+from solari_vk.movie import write_movie
+
+CAMERA = sv.Camera.look_at((1, 2, 5), (1, 1, 0), vertical_fov=0.7, near=0.02, ev100=3.0)
+
+
+def position(camera):
+    return camera.transform[:3, 3]
+
+
+def angle_between(a, b):
+    cosine = (np.trace(a.transform[:3, :3].T @ b.transform[:3, :3]) - 1) / 2
+    return math.degrees(math.acos(np.clip(cosine, -1, 1)))
+
+
+# ---- orbits -----------------------------------------------------------------------------------------
+
+
+def test_an_orbit_goes_around_its_centre():
+    center = np.array((1.0, 1.0, 0.0))
+    cameras = orbit(CAMERA, center, 12)
+    np.testing.assert_allclose(cameras[0].transform, CAMERA.transform, atol=1e-12)
+    for before, after in zip(cameras, [*cameras[1:], cameras[0]], strict=True):
+        assert angle_between(before, after) == pytest.approx(30)
+        assert np.linalg.norm(position(after) - center) == pytest.approx(np.linalg.norm(position(CAMERA) - center))
+        assert position(after)[1] == pytest.approx(2)
+        # the centre stays where it is in the picture
+        np.testing.assert_allclose((center - position(after)) @ after.transform[:3, :3],
+                                   (center - position(CAMERA)) @ CAMERA.transform[:3, :3], atol=1e-12)  # fmt: skip
+        assert (after.vertical_fov, after.near, after.ev100) == (CAMERA.vertical_fov, CAMERA.near, CAMERA.ev100)
+
+
+def test_a_swing_comes_back_and_stays_within_its_angle():
+    cameras = orbit(CAMERA, (1, 1, 0), 8, 30)
+    angles = [angle_between(CAMERA, camera) for camera in cameras]
+    assert max(angles) == pytest.approx(15)
+    np.testing.assert_allclose([angles[0], angles[4]], 0, atol=1e-4)
+    assert angle_between(cameras[2], cameras[6]) == pytest.approx(30)
+
+
+# ---- paths ------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def path(tmp_path):
+    """path(poses, fps=.., count=..) -> the cameras of a file of these poses."""
+
+    def load(poses, **options):
+        file = tmp_path / "path.json"
+        file.write_text(poses if isinstance(poses, str) else json.dumps(poses))
+        return load_path(file, CAMERA, **{"fps": 10, **options})
+
+    return load
+
+
+POSES = [
+    {"position": [0, 0, 5], "target": [0, 0, 0], "time": 0},
+    {"position": [4, 1, 3], "target": [0, 0, 0], "time": 2, "vertical_fov_degrees": 60, "ev100": 5},
+    {"position": [5, 0, 0], "target": [0, 1, 0], "time": 3},
+]
+
+
+def test_a_path_runs_through_its_poses(path):
+    cameras = path(POSES)
+    assert len(cameras) == 31
+    for pose, index in zip(POSES, (0, 20, 30), strict=True):
+        known = {key: value for key, value in pose.items() if key != "time"}
+        expected = sv.Camera.from_pose({"vertical_fov_degrees": math.degrees(0.7), "ev100": 3.0} | known)
+        np.testing.assert_allclose(cameras[index].transform, expected.transform, atol=1e-9)
+        assert cameras[index].vertical_fov == pytest.approx(expected.vertical_fov)
+        assert cameras[index].ev100 == pytest.approx(expected.ev100)
+        assert cameras[index].near == CAMERA.near
+
+
+def test_a_path_is_smooth(path):
+    """Speeds have no jumps, at poses neither, and orientations stay rotations."""
+    cameras = path(POSES, fps=200)
+    positions = np.array([position(camera) for camera in cameras])
+    steps = np.diff(positions, axis=0)
+    assert np.abs(np.diff(steps, axis=0)).max() < 0.03 * np.abs(steps).max()
+    axes = np.array([camera.transform[:3, :3] for camera in cameras])
+    np.testing.assert_allclose(axes @ axes.transpose(0, 2, 1), np.broadcast_to(np.eye(3), axes.shape), atol=1e-12)
+    turns = [angle_between(a, b) for a, b in zip(cameras[::20], cameras[20::20], strict=False)]
+    assert max(turns) < 8
+
+
+def test_poses_without_times_are_a_second_apart_and_count_spreads_pictures_over_them(path):
+    poses = [{key: value for key, value in pose.items() if key != "time"} for pose in POSES]
+    assert len(path(poses)) == 21
+    few = path(poses, count=3)
+    np.testing.assert_allclose([position(camera) for camera in few], [pose["position"] for pose in poses], atol=1e-9)
+    assert len(path(poses, count=1)) == 1
+
+
+@pytest.mark.parametrize(
+    ("poses", "words"),
+    [
+        ("{broken", "JSON"),
+        ({"position": [0, 0, 1]}, "list"),
+        ([POSES[0]], "two poses"),
+        ([POSES[0], 3], "two poses"),
+        ([POSES[0], {"position": [0, 0, 1], "target": [0, 0, 0]}], "1 of 2"),
+        ([POSES[0], POSES[2] | {"time": "late"}], "number"),
+        ([POSES[0], POSES[2] | {"time": 0}], "grow"),
+        ([POSES[0], POSES[2] | {"time": float("nan")}], "finite"),
+        ([POSES[0], POSES[2] | {"time": 1e9}], "100,000"),
+        ([POSES[0], POSES[2] | {"zoom": 3}], "pose 1.*zoom"),
+        ([POSES[0], {"position": [0, 0, 1], "time": 1}], "pose 1.*target"),
+        ([POSES[0], {"position": [0, 0, 5], "target": [0, 0, 9], "time": 1}], "0 and 1"),
+    ],
+)
+def test_paths_it_refuses(path, poses, words):
+    with pytest.raises(sv.SolariError, match=rf"path\.json.*{words}"):
+        path(poses)
+
+
+def test_a_missing_path(tmp_path):
+    with pytest.raises(sv.SolariError, match=r"none\.json"):
+        load_path(tmp_path / "none.json", CAMERA, fps=24)
+
+
+# ---- movies -----------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def pictures(tmp_path):
+    files = [tmp_path / f"{index}.png" for index in range(3)]
+    for index, file in enumerate(files):
+        Image.new("RGB", (7, 5), (80 * index, 10, 200 - 60 * index)).save(file)
+    return files
+
+
+def test_a_gif_holds_the_pictures(pictures, tmp_path):
+    write_movie(tmp_path / "a.gif", pictures, 20)
+    with Image.open(tmp_path / "a.gif") as movie:
+        assert (movie.n_frames, movie.info["duration"], movie.info["loop"]) == (3, 50, 0)
+        for index in range(3):
+            movie.seek(index)
+            np.testing.assert_allclose(
+                np.asarray(movie.convert("RGB")), np.asarray(Image.open(pictures[index])), atol=2
+            )
+
+
+@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="ffmpeg isn't installed")
+def test_an_mp4_is_written(pictures, tmp_path):
+    write_movie(tmp_path / "a.mp4", pictures, 20)
+    assert b"ftyp" in (tmp_path / "a.mp4").read_bytes()[:16]
+
+
+@pytest.fixture
+def encoder(tmp_path, monkeypatch):
+    """encoder(script): an ffmpeg that does so."""
+
+    def install(script):
+        folder = tmp_path / "bin"
+        folder.mkdir()
+        (folder / "ffmpeg").write_text(f"#!/bin/sh\n{script}\n")
+        (folder / "ffmpeg").chmod(stat.S_IRWXU)
+        monkeypatch.setenv("PATH", str(folder), prepend=":")
+
+    return install
+
+
+def test_what_ffmpeg_is_given(encoder, pictures, tmp_path):
+    encoder('echo "$@" > "$(dirname "$0")/arguments"; for last; do :; done; cat > "$last"')
+    write_movie(tmp_path / "a.mp4", pictures, 30)
+    assert (tmp_path / "a.mp4").read_bytes() == b"".join(picture.read_bytes() for picture in pictures)
+    assert "-framerate 30 " in (tmp_path / "bin" / "arguments").read_text()
+
+
+def test_an_ffmpeg_that_fails(encoder, pictures, tmp_path):
+    encoder("echo no such encoder >&2; exit 1")
+    with pytest.raises(sv.SolariError, match="no such encoder"):
+        write_movie(tmp_path / "a.mp4", pictures, 30)
+    assert not (tmp_path / "a.mp4").exists()
+    assert sorted(file.suffix for file in tmp_path.iterdir()) == ["", ".png", ".png", ".png"]

@@ -1,0 +1,131 @@
+"""Settings as a user meets them: ranges, text, presets, and that the shaders have every one."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+import solari_vk as sv
+from solari_vk.gpu.compiler import compile_shader
+from solari_vk.gpu.spirv import reflect
+from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES, allowed
+
+CHOICES = [name for name, field in FIELDS.items() if field.choices]
+SWITCHES = [name for name, default in DEFAULTS.items() if isinstance(default, bool)]
+NUMBERS = [name for name in FIELDS if name not in CHOICES and name not in SWITCHES]
+
+
+def test_defaults_are_allowed_and_have_a_meaning():
+    settings = sv.Settings()
+    for name, field in FIELDS.items():
+        setattr(settings, name, getattr(settings, name))
+        assert field.meaning.endswith((".", "!")), name
+        assert allowed(name)
+        if field.choices:
+            assert DEFAULTS[name] == field.choices[0], f"{name}: the first choice is the default"
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_ranges(name):
+    settings, field = sv.Settings(), FIELDS[name]
+    for value in (field.low, field.high):
+        setattr(settings, name, value)
+        assert getattr(settings, name) == value
+        assert type(getattr(settings, name)) is type(DEFAULTS[name])
+    below, above = field.low - 1, field.high * 2
+    for value in (below, above, math.nan, math.inf, "much", None, [1]):
+        with pytest.raises(sv.SolariError, match=name):
+            setattr(settings, name, value)
+    assert getattr(settings, name) == field.high, "what is refused changes nothing"
+    if isinstance(DEFAULTS[name], int):
+        with pytest.raises(sv.SolariError, match="whole"):
+            setattr(settings, name, field.low + 0.5)
+
+
+@pytest.mark.parametrize("name", CHOICES)
+def test_choices(name):
+    settings = sv.Settings()
+    for choice in FIELDS[name].choices:
+        settings.update(f"{name}={choice}")
+        assert getattr(settings, name) == choice
+    with pytest.raises(sv.SolariError, match=FIELDS[name].choices[0]):
+        setattr(settings, name, "smell")
+
+
+@pytest.mark.parametrize("name", SWITCHES)
+def test_switches(name):
+    settings = sv.Settings()
+    for text, value in (("off", False), ("ON", True), (" no ", False), ("1", True), ("false", False)):
+        settings.update(f"{name}={text}")
+        assert getattr(settings, name) is value
+    for value in ("on", 2, None):
+        with pytest.raises(sv.SolariError, match=name):
+            setattr(settings, name, value)
+    with pytest.raises(sv.SolariError, match="on or off"):
+        settings.update(f"{name}=maybe")
+
+
+def test_powers_of_two():
+    with pytest.raises(sv.SolariError, match="power of two"):
+        sv.Settings(world_cache_cells=1025)
+
+
+def test_text():
+    settings = sv.Settings()
+    settings.update("di-candidates = 12")
+    settings.update("gi_confidence_cap=2.5e1")
+    assert (settings.di_candidates, settings.gi_confidence_cap) == (12, 25.0)
+    for text, words in (
+        ("di_candidates", "name=value"), ("fog=1", "fog.*di_candidates"), ("di_candidates=few", "whole number"),
+        ("di_candidates=", "di_candidates"), ("=3", "no setting ''"),
+    ):  # fmt: skip
+        with pytest.raises(sv.SolariError, match=words):
+            settings.update(text)
+
+
+def test_unknown_names():
+    with pytest.raises(sv.SolariError, match=r"fog.*di_candidates"):
+        sv.Settings().fog = 1  # type: ignore[attr-defined]
+    with pytest.raises(sv.SolariError, match="fog"):
+        sv.Settings().reset("fog")
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+def test_presets(quality):
+    settings = sv.Settings.preset(quality)
+    for name, default in DEFAULTS.items():
+        assert getattr(settings, name) == QUALITIES[quality].get(name, default)
+    settings.reset()
+    assert settings == sv.Settings()
+
+
+def test_there_is_no_other_preset():
+    with pytest.raises(sv.SolariError, match="low, medium, high, ultra, not 'best'"):
+        sv.Settings.preset("best")
+
+
+def test_the_revision_grows_with_every_change():
+    settings = sv.Settings()
+    before = settings.revision
+    settings.di_candidates = 5
+    assert settings.revision > before
+    before = settings.revision
+    with pytest.raises(sv.SolariError):
+        settings.di_candidates = 0
+    assert settings.revision == before
+    settings.reset("di_candidates")
+    assert settings.revision > before
+    assert settings.di_candidates == DEFAULTS["di_candidates"]
+
+
+def test_shaders_have_every_live_setting():
+    """By name, as numbers; what rebuilds the frame is no uniform, and jitter moves the camera."""
+    block = reflect(compile_shader("passes/display/show.comp"), "show").bindings["uniforms"]
+    live = sv.Settings().uniforms()
+    assert set(live) <= set(block.dtype.names)
+    assert set(FIELDS) - set(live) == {name for name, field in FIELDS.items() if field.rebuilds} | {"jitter"}
+    for name in CHOICES:
+        if name in live:
+            for index, choice in enumerate(FIELDS[name].choices):
+                assert sv.Settings(**{name: choice}).uniforms()[name] == index
