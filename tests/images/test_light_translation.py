@@ -1,0 +1,237 @@
+"""Lights that come, go and change places between frames: what reservoirs hold of them keeps its meaning."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from direct_light import direct_light, direct_renderer, patch_shaders
+from oracles.statistics import replicates
+
+import solari_vk as sv
+from solari_vk.light_translation import GONE, LightTranslation, translate
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import lamp, matte, place
+
+# of one luminance, so that each is chosen as often
+RED, GREEN, BLUE = (9.0 * np.eye(3) / np.array((0.2126, 0.7152, 0.0722))).tolist()
+SIZE, RUNS = (48, 48), 16
+# at this size a radius of 30 pixels would make all pixels share a few samples
+SETTINGS = {"di_spatial_radius": 4.0}
+QUAD = shapes.quad((0, 0, 0), (0.3, 0, 0), (0, 0, 0.3))
+
+
+def hang(color, x, scale=1.0):
+    """A lamp that shines down on the floor."""
+    return sv.Instance(mesh=QUAD, material=lamp(color), transform=place((scale, 1, scale), (x, 2, 0)))
+
+
+@pytest.fixture
+def floor():
+    ground = sv.Instance(mesh=shapes.quad((0, 0, 0), (0, 0, 3), (3, 0, 0)), material=matte(0.5))
+    camera = sv.Camera.look_at((0, 1.9, 0), (0, 0, 0), up=(0, 0, 1), vertical_fov=1.4)
+    return sv.Scene(ground, camera)
+
+
+def means(renderer, scene, frames):
+    """Mean light (3,) of each of so many frames."""
+    return np.stack([direct_light(renderer.render(scene.camera)).mean(axis=(0, 1)) for _ in range(frames)])
+
+
+def settled(device, scene):
+    """What frames that know of no other make of the scene, (3,)."""
+    with direct_renderer(device, scene, SIZE, di_temporal=False, di_spatial=False) as renderer:
+        return means(renderer, scene, 128).mean(axis=0)
+
+
+def replicate(renderer, run):
+    """What `run()` returns after a reset with each of RUNS seeds."""
+    observations = []
+    for seed in range(RUNS):
+        renderer.seed = seed
+        renderer.reset()
+        observations.append(run())
+    return np.stack(observations)
+
+
+def assert_agree(observations, expected, bar):
+    rejected, within = replicates(observations / expected, np.ones(len(expected)), bar)
+    assert rejected == 0, (observations.mean(axis=0), expected)
+    assert within, (observations.mean(axis=0), expected)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_translations_name_the_same_light(seed):
+    random = np.random.default_rng(seed)
+    before, after = (random.permutation(40)[: random.integers(0, 30)].astype(np.uint32) for _ in range(2))
+    there = translate(before, after)
+    for light, place_now in zip(before, there, strict=True):
+        assert after[place_now] == light if place_now != GONE else light not in after
+    assert len(there) == len(before)
+
+
+def test_buffers_tell_of_the_last_change_only(device):
+    translation = LightTranslation(device)
+    try:
+        first, second = np.array([1, 2, 3], np.uint32), np.array([3, 4], np.uint32)
+        for ids, there, back in (
+            (first, [], [GONE] * 3),
+            (first, [0, 1, 2], [0, 1, 2]),
+            (second, [GONE, GONE, 0], [2, GONE]),
+            (second, [0, 1], [0, 1]),
+        ):
+            translation.update(ids)
+            read = {name: buffer.read(np.uint32) for name, buffer in translation.buffers.items()}
+            assert list(read["light_translation"][: len(there)]) == there
+            assert list(read["previous_light"][: len(back)]) == back
+    finally:
+        translation.destroy()
+
+
+def check_removal(device, scene):
+    """The first of three lights goes, and the last takes its place in the list: none of its light is left in the very
+    next frame, none of the others' is missing or doubled."""
+    lamps = [scene.add(hang(color, x)) for color, x in ((RED, -1), (GREEN, 0), (BLUE, 1))]
+    with direct_renderer(device, scene, SIZE, **SETTINGS) as renderer:
+
+        def run():
+            if lamps[0] not in scene.instances:
+                scene.add(lamps[0])
+            assert (means(renderer, scene, 12)[-1] > 0).all()
+            scene.remove(lamps[0])
+            after = means(renderer, scene, 6)
+            assert (after[:, 0] == 0).all(), "a light that is gone shines on"
+            return after.mean(axis=0)[1:]
+
+        observations = replicate(renderer, run)
+    assert_agree(observations, settled(device, scene)[1:], 0.04)
+
+
+def check_addition(device, scene):
+    """A light that wasn't there is as bright in its first frames as ever after, and the old one stays as it is."""
+    scene.add(hang(RED, -1))
+    new = hang(GREEN, 1)
+    with direct_renderer(device, scene, SIZE, **SETTINGS) as renderer:
+
+        def run():
+            means(renderer, scene, 12)
+            scene.add(new)
+            after = means(renderer, scene, 2).mean(axis=0)[:2]
+            scene.remove(new)
+            return after
+
+        observations = replicate(renderer, run)
+    scene.add(new)
+    assert_agree(observations, settled(device, scene)[:2], 0.04)
+
+
+def check_changing_places(device, scene):
+    """In every frame one of nine lights goes and another comes: all are always as bright as they should be."""
+    lamps = [scene.add(hang(color, 0.5 * i - 2)) for i, color in enumerate((RED, GREEN, BLUE) * 3)]
+    with direct_renderer(device, scene, SIZE, **SETTINGS) as renderer:
+
+        def run():
+            means(renderer, scene, 9)
+            observed = []
+            for gone in lamps:
+                scene.remove(gone)
+                scene.add(gone)  # at the end of the list, with a number of its own
+                observed.append(means(renderer, scene, 1)[0])
+            return np.mean(observed, axis=0)
+
+        observations = replicate(renderer, run)
+    assert_agree(observations, settled(device, scene), 0.04)
+
+
+def check_growth(device, scene):
+    """Samples of the last frames stay right when the area that they stand for changes."""
+    only = scene.add(hang(GREEN, 0.3))
+    with direct_renderer(device, scene, SIZE, **SETTINGS) as renderer:
+
+        def run():
+            only.transform = place((0.25, 1, 0.25), (0.3, 2, 0))
+            means(renderer, scene, 8)
+            only.transform = place(1.0, (0.3, 2, 0))
+            return means(renderer, scene, 1)[0][1:2]
+
+        observations = replicate(renderer, run)
+    assert_agree(observations, settled(device, scene)[1:2], 0.02)
+
+
+def test_removed_lights_are_gone_at_once(device, floor):
+    check_removal(device, floor)
+
+
+def test_added_lights_are_seen_at_once(device, floor):
+    check_addition(device, floor)
+
+
+def test_lights_that_change_places_keep_their_samples(device, floor):
+    check_changing_places(device, floor)
+
+
+def test_a_light_that_grows_is_right_at_once(device, floor):
+    check_growth(device, floor)
+
+
+def test_all_lights_go_and_come_back(device, floor):
+    sun = sv.DirectionalLight(direction=(0.1, -1, 0), illuminance=3.0, angular_diameter=0.3)
+    light = floor.add(hang(GREEN, 0))
+    with direct_renderer(device, floor, SIZE) as renderer:
+        means(renderer, floor, 8)
+        floor.remove(light)
+        assert (means(renderer, floor, 3) == 0).all()
+        floor.add(sun)
+        shining = means(renderer, floor, 12)
+        assert (shining > 0).all()
+        floor.remove(sun)
+        assert (means(renderer, floor, 2) == 0).all()
+        floor.add(sun)
+        np.testing.assert_allclose(means(renderer, floor, 12).mean(axis=0), shining.mean(axis=0), rtol=0.02)
+
+
+def test_many_lights_shrink_to_one(device, floor):
+    """What was sampled on lights far down the list is let go, and no other light is taken for it."""
+    lamps = [floor.add(hang(RED, 0.01 * i - 1.5, scale=0.1)) for i in range(299)]
+    last = floor.add(hang(BLUE, 0))
+    with direct_renderer(device, floor, SIZE) as renderer:
+        assert (means(renderer, floor, 4)[:, 0] > 0).all()
+        for gone in lamps:
+            floor.remove(gone)
+        after = means(renderer, floor, 12)
+        held = renderer["di_reservoirs"]["light_sample"]["light_index"]
+    assert last in floor.instances
+    assert set(np.unique(held)) <= {0, GONE}
+    assert (after[:, :2] == 0).all()
+    assert (after[:, 2] > 0).all()
+
+
+INITIAL = "passes/restir_di/initial_and_temporal.comp"
+RESERVOIR, TARGET = "passes/restir_di/reservoir.glsl", "passes/restir_di/target.glsl"
+MUTANTS = {
+    "not translated": (
+        check_removal,
+        INITIAL,
+        "= light_translation.at[reservoir.light_sample.light_index];",
+        "= reservoir.light_sample.light_index;",
+    ),
+    "confidence of what is gone dropped": (
+        check_removal,
+        RESERVOIR,
+        "vec2 confidences = vec2(first.confidence, second.confidence);",
+        "vec2 confidences = vec2(first.confidence, here.y > 0.0 ? second.confidence : 0.0);",
+    ),
+    "new lights taken for old": (
+        check_addition,
+        TARGET,
+        "light_index == NO_INDEX || previous_light.at[light_index] == NO_INDEX",
+        "light_index == NO_INDEX",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MUTANTS)
+def test_a_seeded_bug_is_noticed(device, floor, tmp_path, monkeypatch, name):
+    check, *patch = MUTANTS[name]
+    patch_shaders(tmp_path, monkeypatch, *patch)
+    with pytest.raises(AssertionError):
+        check(device, floor)
