@@ -32,7 +32,7 @@ def stage(size: tuple[int, int], settings: Settings, instance_capacity: int) -> 
             "visible_instances": instance_capacity,
             "depth_pyramid": sum(width * height for width, height in levels),
         }
-        images["raster_depth"] = size
+        images |= {"raster_triangles": size, "raster_depth": size}
         passes = _raster_passes(size, settings, instance_capacity, levels)
     return Stage("gbuffer", buffers=buffers, images=images, passes=passes)
 
@@ -58,10 +58,9 @@ def _raster_passes(
             DrawList("single_sided_draws", "draw_counts", rows, at),
             DrawList("double_sided_draws", "draw_counts", rows, at + _DRAW_COUNT_BYTES, culls_backs=False),
         ]
-        targets = ("gbuffer", "gbuffer_surface", "depth", "motion_vectors")
         return [
             Pass("gbuffer/cull", threads=rows, constants=constants),
-            Draw("gbuffer/raster", lists, targets, "raster_depth", clears=number == 0),
+            Draw("gbuffer/raster", lists, ("raster_triangles", "depth"), "raster_depth", clears=number == 0),
         ]
 
     passes = [Pass("gbuffer/begin", threads=1), *draw(0)]
@@ -71,7 +70,7 @@ def _raster_passes(
             for number, level in enumerate(levels, 1)
         ]
         passes += draw(1)
-    return [*passes, Pass("gbuffer/background", threads=size)]
+    return [*passes, Pass("gbuffer/resolve", threads=size)]
 
 
 def _pyramid_sizes(size: tuple[int, int]) -> list[tuple[int, int]]:

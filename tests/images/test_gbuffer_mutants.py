@@ -41,7 +41,7 @@ MUTANTS = {
     "mirrored instances inside out": (surfaces, "raster.vert", "if (mirrored &&", "if (false &&"),
     "snapped points not put back": (surfaces, "pixel.glsl", "cosine < -1e-3 ? t : hit.t", "0.999 * hit.t"),
     "barycentrics swapped": (
-        surfaces, "raster.frag", "Hit(dot(point, ray.direction), row, triangle, barycentrics,",
+        surfaces, "resolve.comp", "Hit(dot(point, ray.direction), row, triangle, barycentrics,",
         "Hit(dot(point, ray.direction), row, triangle, barycentrics.yx,",
     ),
     "double-sided like single-sided": (surfaces, "cull.comp", "& MATERIAL_DOUBLE_SIDED) != 0u", "& 0u) != 0u"),

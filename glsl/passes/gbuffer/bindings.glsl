@@ -12,6 +12,9 @@ layout(set = 1, binding = 28, scalar) buffer GBufferCountersBlock {
     uint occlusion_culled;
 } gbuffer_counters;
 
+// Nearest triangle of each pixel: row of instances, triangle of the instance's mesh. Nothing where depth is 0.
+layout(set = 1, binding = 29, rg32ui) uniform uimage2D raster_triangles;
+
 // Vulkan's VkDrawIndirectCommand.
 struct DrawCommand {
     uint vertex_count;
