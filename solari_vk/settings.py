@@ -154,11 +154,11 @@ class Settings:
         10.0, "restir_gi", "A shift that stretches more than so is no merge.", low=1, high=1e6
     )
     gi_skip_smooth_metals: bool = _field(True, "restir_gi", "Nothing is sampled where nothing diffuse is (0.19).")
-    gi_visibility: str = _field("both", "restir_gi", "Which pixels of a merge must see a sample: either one for its share, or "
-                                "(Solari, since 0.17) this one a neighbor's, which loses light where shadows end.",
+    gi_visibility: str = _field("both", "restir_gi", "Who must see a sample for its share in a merge: both pixels; or, "
+                                "as in Solari since 0.17, this one a neighbor's, which loses light where shadows end.",
                                 choices=("both", "0.17"))  # fmt: skip
-    gi_refresh: bool = _field(True, "restir_gi", "Ask the world cache anew what samples of the last frame reflect: light that "
-                              "is switched off goes at the cache's pace. Solari doesn't.")  # fmt: skip
+    gi_refresh: bool = _field(True, "restir_gi", "Ask the world cache anew what the last frame's samples reflect: "
+                              "light that is switched off goes at the cache's pace. Solari doesn't.")  # fmt: skip
 
     # ---- specular GI
     specular_bounces: int = _field(

@@ -1,5 +1,5 @@
-"""ReSTIR GI's merge is unbiased: summed over all that two pixels can find and choose, each sample point counts just as much
-as it is seen, whatever the geometry, the confidences and what stands between."""
+"""ReSTIR GI's merge is unbiased: summed over all that two pixels can find and choose, each sample point counts just as
+much as it is seen, whatever the geometry, the confidences and what stands between."""
 
 from __future__ import annotations
 
