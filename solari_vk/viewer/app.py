@@ -74,6 +74,8 @@ class Viewer:
         self.frame_count = 0
         self.fps = 0.0
         """Frames a second, averaged over some."""
+        self.timings: dict[str, float] = {}
+        """GPU milliseconds of the passes in the last finished frame."""
         self._message_ends = 0.0
         self._failed: str | None = None
         self._last = time.perf_counter()
@@ -140,6 +142,8 @@ class Viewer:
         pixels = self.window.pixels
         if 0 in pixels or self.window.wants_to_close:
             return False
+        if self.overlay is not None:
+            self.overlay.lay_out(seconds)
         if not self.pictures.ready:
             self._show_wait()
         self._render(self.scale.size(pixels))
@@ -185,13 +189,17 @@ class Viewer:
 
     def _show_wait(self) -> None:
         """A driver may compile for long before the first picture: say so."""
-        self.window.set_title(f"{self._name}: preparing the {self.pictures.mode} renderer ...")
+        text = f"preparing the {self.pictures.mode} renderer ..."
+        self.window.set_title(f"{self._name} - {text}")
+        if self.overlay is not None:
+            self.message = self.message or text
+            self.overlay.lay_out(0.0)
         self._show()
 
     def _take_time(self, seconds: float) -> None:
         self.fps = 1 / seconds if not self.fps else 0.9 * self.fps + 0.1 / max(seconds, 1e-6)
-        if self.scale.auto:
-            self.scale.note(sum(self.pictures.timings.values()) / 1000 or seconds)
+        self.timings = self.pictures.timings
+        self.scale.note(sum(self.timings.values()) / 1000 or seconds)
         if self.message and time.perf_counter() > self._message_ends:
             self.message = ""
         width, height = self.pictures.size
@@ -216,6 +224,13 @@ class Viewer:
         """Tell of something wrong, until something else is told."""
         self.say(text)
         self._message_ends = float("inf")
+
+    def attempt(self, change: Callable[[], object]) -> None:
+        """Change something; what is refused is told."""
+        try:
+            change()
+        except SolariError as error:
+            self.warn(str(error))
 
     def act(self, name: str, argument: Any = None) -> Any:
         """Do what a key stands for: one of controls.ACTIONS, "camera", "pick" or "grab". Mistakes are told."""

@@ -105,7 +105,7 @@ class CameraControl:
         height = math.asin(float(np.clip(-transform[1, 2], -1, 1)))  # of the view above the horizon
         steepest = max(STEEPEST, abs(height))
         raised = min(max(height - TURN * down, -steepest), steepest) - height
-        turn = _rotation(UP, -TURN * right) @ _rotation(transform[:3, 0], raised)
+        turn = rotation(UP, -TURN * right) @ rotation(transform[:3, 0], raised)
         transform[:3, :3] = _orthonormal(turn @ transform[:3, :3])
         transform[:3, 3] = center + turn @ (transform[:3, 3] - center)
         self._assign(transform)
@@ -128,12 +128,12 @@ def copy_of(camera: Camera) -> Camera:
     return Camera(**{name: getattr(camera, name) for name in fields})
 
 
-def _rotation(axis: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
+def rotation(axis: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
     """Rodrigues' formula; the axis need not have length 1."""
     x, y, z = axis / np.linalg.norm(axis)
     cross = np.array(((0, -z, y), (z, 0, -x), (-y, x, 0)))
-    rotation: NDArray[np.float64] = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * (cross @ cross)
-    return rotation
+    matrix: NDArray[np.float64] = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * (cross @ cross)
+    return matrix
 
 
 def _orthonormal(matrix: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -152,6 +152,15 @@ class Pictures:
             return None
         return float(np.sqrt(((found - truth) ** 2).mean()) / truth.mean()), float(found.mean() / truth.mean() - 1)
 
+    def ray_count(self) -> int:
+        """Rays traced so far by what the mode shows, of those that are counted; it may begin anew."""
+        count = 0
+        if self.realtime is not None and self.mode != "reference":
+            count += int(self.realtime["ray_counts"].sum(dtype=np.uint64))
+        if self.reference is not None and self.mode != "realtime":
+            count += self.reference.rays
+        return count
+
     def pick(self, x: float, y: float) -> Pick | None:
         """What is seen at a place of the picture, both from 0 to 1; None where nothing is."""
         camera = self._camera

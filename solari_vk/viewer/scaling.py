@@ -27,8 +27,6 @@ class ScaleControl:
             raise SolariError(f"the scale is auto or a number from {LEAST:g} to 1, not {scale!r}")
         if not target > 0:
             raise SolariError(f"the time of a frame must be more than 0 seconds, not {target:g}")
-        if self.auto:
-            self.scale = min(STEPS, key=lambda step: abs(step - self.scale))
         self._times: list[float] = []
         self._settling = SETTLE
 
@@ -36,6 +34,10 @@ class ScaleControl:
         """The next frames' times say nothing: something was built anew."""
         self._times.clear()
         self._settling = SETTLE
+
+    def fix(self, scale: float) -> None:
+        """Stay at a scale."""
+        self.auto, self.scale = False, min(max(scale, LEAST), 1.0)
 
     def note(self, seconds: float) -> bool:
         """Take up how long a frame took; whether the scale changed by it."""
@@ -49,7 +51,7 @@ class ScaleControl:
             return False
         time = median(self._times)
         self._times.clear()
-        at = STEPS.index(self.scale)
+        at = min(range(len(STEPS)), key=lambda i: abs(STEPS[i] - self.scale))  # it may have been fixed in between
         # Time is taken to be a fixed part and one that grows with the pixels; nothing is known of the fixed part but
         # that it makes steps do less than they should, so that steps down may take several looks.
         if time > self.target:

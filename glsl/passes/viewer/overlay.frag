@@ -1,0 +1,10 @@
+// The colour of the viewer's panels: a vertex's times a texture's, both in sRGB, as Dear ImGui blends them.
+#version 460
+
+layout(set = 0, binding = 0) uniform sampler2D image;
+
+layout(location = 0) in vec2 uv;
+layout(location = 1) in vec4 color;
+layout(location = 0) out vec4 blended;
+
+void main() { blended = color * texture(image, uv); }

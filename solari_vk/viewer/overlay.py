@@ -1,0 +1,171 @@
+"""The panels over the picture: Dear ImGui's context, its input, and what is laid out in a frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+import glfw
+from imgui_bundle import imgui
+
+from solari_vk.gpu import raw
+from solari_vk.gpu.swapchain import Swapchain
+from solari_vk.viewer.controls import KEYS_HELP
+from solari_vk.viewer.overlay_renderer import OverlayRenderer
+from solari_vk.viewer.panels import Panels
+from solari_vk.viewer.window import Event
+
+if TYPE_CHECKING:
+    from solari_vk.viewer.app import Viewer
+
+MARGIN, WIDTH = 8, 360  # of the panels, in window coordinates
+DIVIDER_WIDTH = 9
+_BARE = imgui.WindowFlags_.no_decoration | imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_move
+_NAMED = {
+    glfw.KEY_TAB: "tab", glfw.KEY_LEFT: "left_arrow", glfw.KEY_RIGHT: "right_arrow", glfw.KEY_UP: "up_arrow",
+    glfw.KEY_DOWN: "down_arrow", glfw.KEY_PAGE_UP: "page_up", glfw.KEY_PAGE_DOWN: "page_down", glfw.KEY_HOME: "home",
+    glfw.KEY_END: "end", glfw.KEY_INSERT: "insert", glfw.KEY_DELETE: "delete", glfw.KEY_BACKSPACE: "backspace",
+    glfw.KEY_SPACE: "space", glfw.KEY_ENTER: "enter", glfw.KEY_ESCAPE: "escape", glfw.KEY_KP_ENTER: "keypad_enter",
+    glfw.KEY_A: "a", glfw.KEY_C: "c", glfw.KEY_V: "v", glfw.KEY_X: "x", glfw.KEY_Y: "y", glfw.KEY_Z: "z",
+}  # fmt: skip
+_KEYS = {code: getattr(imgui.Key, name) for code, name in _NAMED.items()}  # what its text fields know
+_MODIFIERS = {
+    glfw.MOD_CONTROL: imgui.Key.mod_ctrl,
+    glfw.MOD_SHIFT: imgui.Key.mod_shift,
+    glfw.MOD_ALT: imgui.Key.mod_alt,
+}
+
+
+class Overlay:
+    """The panels of a viewer. A frame is `take_events`, `lay_out`, and any number of `draw`."""
+
+    def __init__(self, viewer: Viewer) -> None:
+        self._viewer = viewer
+        self._context: Any = imgui.create_context()
+        imgui.set_current_context(self._context)
+        io = imgui.get_io()
+        io.set_ini_filename("")
+        imgui.style_colors_dark()
+        self._renderer = OverlayRenderer(viewer.device)
+        self._panels = Panels(viewer)
+        self._laid_out = False
+        platform = imgui.get_platform_io()
+        platform.platform_get_clipboard_text_fn = lambda _: viewer.window.clipboard
+        platform.platform_set_clipboard_text_fn = lambda _, text: setattr(viewer.window, "clipboard", text)
+
+    # ---- input --------------------------------------------------------------------------------------
+
+    def take_events(self, events: Iterable[Event]) -> tuple[bool, bool]:
+        """Feed events to the panels; whether keys and mouse are left to the viewer, as of the last frame."""
+        imgui.set_current_context(self._context)
+        io = imgui.get_io()
+        for event in events:
+            if event.kind == "cursor":
+                io.add_mouse_pos_event(event.x, event.y)
+            elif event.kind == "button" and event.code < 5:
+                io.add_mouse_button_event(event.code, event.pressed)
+            elif event.kind == "scroll":
+                io.add_mouse_wheel_event(event.x, event.y)
+            elif event.kind == "text":
+                io.add_input_character(event.code)
+            elif event.kind == "focus":
+                io.add_focus_event(event.pressed)
+            elif event.kind == "key":
+                for bit, key in _MODIFIERS.items():
+                    io.add_key_event(key, bool(event.modifiers & bit))
+                if event.code in _KEYS:
+                    io.add_key_event(_KEYS[event.code], event.pressed)
+        return not io.want_capture_keyboard, not io.want_capture_mouse
+
+    # ---- a frame ------------------------------------------------------------------------------------
+
+    def lay_out(self, seconds: float) -> None:
+        """Lay the panels out for the window as it is, and do what is done in them."""
+        imgui.set_current_context(self._context)
+        viewer, io = self._viewer, imgui.get_io()
+        size, pixels = viewer.window.size, viewer.window.pixels
+        io.display_size = imgui.ImVec2(*size)
+        io.display_framebuffer_scale = imgui.ImVec2(pixels[0] / max(size[0], 1), pixels[1] / max(size[1], 1))
+        io.delta_time = max(seconds, 1e-4)
+        imgui.new_frame()
+        try:
+            if viewer.pictures.mode == "split":
+                self._divider(size)
+            if viewer.shows_overlay:
+                imgui.set_next_window_pos(imgui.ImVec2(MARGIN, MARGIN), imgui.Cond_.first_use_ever)
+                height = max(size[1] - 2 * MARGIN, 1)
+                width = min(WIDTH, max(size[0] - 2 * MARGIN, 1))
+                imgui.set_next_window_size(imgui.ImVec2(width, height), imgui.Cond_.appearing)
+                imgui.set_next_window_bg_alpha(0.8)
+                if imgui.begin("solari_vk", None, imgui.WindowFlags_.no_saved_settings)[0]:
+                    self._panels.lay_out()
+                imgui.end()
+            if viewer.shows_help:
+                self._help(size)
+            if viewer.message:
+                self._message(size)
+        finally:
+            imgui.end_frame()
+        imgui.render()
+        self._laid_out = True
+
+    def draw(self, swapchain: Swapchain, index: int) -> raw.CData:
+        """Commands that draw the panels over an image of the window."""
+        imgui.set_current_context(self._context)
+        if not self._laid_out:
+            self.lay_out(0.0)
+        return self._renderer.draw(imgui.get_draw_data(), swapchain, index)
+
+    # ---- parts --------------------------------------------------------------------------------------
+
+    def _divider(self, size: tuple[int, int]) -> None:
+        """The line between both halves of a split view, to be dragged."""
+        pictures = self._viewer.pictures
+        x = pictures.divider * size[0]
+        lines = imgui.get_background_draw_list()
+        lines.add_line(imgui.ImVec2(x, 0), imgui.ImVec2(x, size[1]), 0xC0FFFFFF)
+        for name, at in (("realtime", x - 8 - imgui.calc_text_size("realtime").x), ("reference", x + 8)):
+            lines.add_text(imgui.ImVec2(at + 1, size[1] - 23), 0xFF000000, name)
+            lines.add_text(imgui.ImVec2(at, size[1] - 24), 0xFFFFFFFF, name)
+        imgui.set_next_window_pos(imgui.ImVec2(x - DIVIDER_WIDTH // 2, 0))
+        imgui.set_next_window_size(imgui.ImVec2(DIVIDER_WIDTH, size[1]))
+        imgui.push_style_var(imgui.StyleVar_.window_padding, imgui.ImVec2(0, 0))
+        imgui.push_style_var(imgui.StyleVar_.window_min_size, imgui.ImVec2(1, 1))
+        flags = _BARE | imgui.WindowFlags_.no_background | imgui.WindowFlags_.no_bring_to_front_on_focus
+        imgui.begin("divider", None, flags)
+        imgui.invisible_button("drag", imgui.ImVec2(DIVIDER_WIDTH, max(size[1], 1)))
+        if imgui.is_item_active():
+            pictures.divider = min(max(imgui.get_io().mouse_pos.x / max(size[0], 1), 0.0), 1.0)
+        imgui.end()
+        imgui.pop_style_var(2)
+
+    def _help(self, size: tuple[int, int]) -> None:
+        imgui.set_next_window_pos(imgui.ImVec2(size[0] / 2, size[1] / 2), 0, imgui.ImVec2(0.5, 0.5))
+        imgui.begin("keys", None, _BARE | imgui.WindowFlags_.always_auto_resize)
+        if imgui.begin_table("keys", 2):
+            for keys, meaning in KEYS_HELP:
+                imgui.table_next_row()
+                imgui.table_next_column()
+                imgui.text_unformatted(keys)
+                imgui.table_next_column()
+                imgui.text_unformatted(meaning)
+            imgui.end_table()
+        imgui.end()
+
+    def _message(self, size: tuple[int, int]) -> None:
+        imgui.set_next_window_pos(imgui.ImVec2(size[0] / 2, size[1] - MARGIN), 0, imgui.ImVec2(0.5, 1))
+        imgui.set_next_window_size_constraints(imgui.ImVec2(0, 0), imgui.ImVec2(0.9 * size[0], 0.6 * size[1]))
+        flags = _BARE | imgui.WindowFlags_.always_auto_resize | imgui.WindowFlags_.no_inputs
+        imgui.begin("message", None, flags | imgui.WindowFlags_.no_focus_on_appearing)
+        imgui.push_text_wrap_pos(0.85 * size[0])
+        imgui.text_unformatted(self._viewer.message)
+        imgui.pop_text_wrap_pos()
+        imgui.end()
+
+    def close(self) -> None:
+        """Free what the panels hold. Safe to call twice."""
+        if self._context is not None:
+            imgui.set_current_context(self._context)
+            self._renderer.close()
+            imgui.destroy_context(self._context)
+            self._context = None

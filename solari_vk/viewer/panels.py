@@ -1,0 +1,210 @@
+"""What the panels hold: the picture's modes, times, every setting, the world cache, and the scene."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from imgui_bundle import imgui
+
+from solari_vk.passes.display import TONEMAPS, VIEWS
+from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES
+from solari_vk.viewer.pictures import MODES
+from solari_vk.viewer.scaling import LEAST
+from solari_vk.viewer.scene_panel import ScenePanel
+
+if TYPE_CHECKING:
+    from solari_vk.viewer.app import Viewer
+
+HISTORY = 120  # frames in a plot
+SLOW_INTERVAL = 0.5  # seconds between figures that are read back from the device
+OPEN = imgui.TreeNodeFlags_.default_open
+
+
+class Panels:
+    """Lays out the window of panels, which is open."""
+
+    def __init__(self, viewer: Viewer) -> None:
+        self._viewer = viewer
+        self._scene = ScenePanel(viewer)
+        self._times: dict[str, Any] = {}
+        self._slow: dict[str, str] = {}
+        self._slow_at = 0.0
+        self._rays = (0.0, 0)
+
+    def lay_out(self) -> None:
+        """Everything, from top to bottom."""
+        if imgui.collapsing_header("Picture", OPEN):
+            self._picture()
+        self._note_times()
+        if imgui.collapsing_header("Time"):
+            self._time()
+        if imgui.collapsing_header("Settings"):
+            self._settings()
+        if imgui.collapsing_header("Scene"):
+            self._scene.lay_out()
+
+    # ---- picture ------------------------------------------------------------------------------------
+
+    def _picture(self) -> None:
+        viewer, pictures = self._viewer, self._viewer.pictures
+        pictures.mode = choose("mode", pictures.mode, MODES)
+        pictures.view = choose("view", pictures.view, tuple(VIEWS))
+        hint(VIEWS[pictures.view])
+        pictures.tonemap = choose("tone mapping", pictures.tonemap, TONEMAPS)
+        camera = viewer.camera
+        changed, value = imgui.slider_float("EV100", camera.ev100, -10, 20)
+        if changed:
+            camera.ev100 = min(max(value, -100.0), 100.0)
+        changed, degrees = imgui.slider_float("field of view", math.degrees(camera.vertical_fov), 5, 120, "%.0f deg")
+        if changed and 0.1 < degrees < 179:
+            camera.vertical_fov = math.radians(degrees)
+        scale = viewer.scale
+        _, scale.auto = imgui.checkbox("auto", scale.auto)
+        hint("The scale follows the time of a frame.")
+        imgui.same_line()
+        changed, value = imgui.slider_float("scale", scale.scale, LEAST, 1.0)
+        if changed:
+            scale.fix(value)
+        width, height = pictures.size
+        imgui.text(f"{width} x {height}, {viewer.fps:.1f} frames/s, speed {viewer.camera_control.speed:.3g} m/s")
+        if viewer.pick is not None:
+            instance, point = viewer.pick.instance, viewer.pick.point
+            imgui.text_wrapped(f"picked: {instance.describe()}, {instance.material.describe()}")
+            imgui.text(f"at {point[0]:.4g}, {point[1]:.4g}, {point[2]:.4g}")
+        self._update_slow()
+        for text in self._slow.values():
+            imgui.text(text)
+        for label, action in (("screenshot", "screenshot"), ("reset camera", "reset"), ("help", "help")):
+            if imgui.button(label):
+                viewer.act(action)
+            imgui.same_line()
+        imgui.new_line()
+
+    def _update_slow(self) -> None:
+        """Figures that cost a wait for the device, now and then."""
+        now = time.perf_counter()
+        if now - self._slow_at < SLOW_INTERVAL:
+            return
+        self._slow_at, self._slow = now, {}
+        pictures = self._viewer.pictures
+        if not pictures.ready:
+            return
+        error = pictures.error()
+        if error is not None:
+            self._slow["error"] = f"error {100 * error[0]:.1f} % RMS, {100 * error[1]:+.2f} % in the mean"
+        if pictures.reference is not None and pictures.mode != "realtime":
+            self._slow["samples"] = f"reference: {pictures.reference.samples} samples a pixel"
+        count = pictures.ray_count()
+        before, self._rays = self._rays, (now, count)
+        if count > before[1] and before[0]:
+            self._slow["rays"] = f"{(count - before[1]) / (now - before[0]) / 1e6:.2f} million rays/s"
+        if pictures.realtime is not None and pictures.mode != "reference":
+            cells = int(pictures.realtime["world_cache/active_cells"])
+            most = self._viewer.settings.world_cache_cells
+            failures = int(pictures.realtime["world_cache/insert_failures"])
+            self._slow["cache"] = f"world cache: {cells:,} cells, {100 * cells / most:.1f} %; {failures} found no place"
+
+    # ---- time ---------------------------------------------------------------------------------------
+
+    def _note_times(self) -> None:
+        timings = self._viewer.timings
+        for name, milliseconds in {"all passes": sum(timings.values()), **timings}.items():
+            history = self._times.setdefault(name, np.zeros(HISTORY, np.float32))
+            history[:-1] = history[1:]
+            history[-1] = milliseconds
+        for name in self._times.keys() - timings.keys() - {"all passes"}:
+            del self._times[name]
+
+    def _time(self) -> None:
+        if not self._viewer.timings:
+            imgui.text("this device has no timestamps")
+            return
+        if imgui.begin_table("times", 3, imgui.TableFlags_.row_bg):
+            imgui.table_setup_column("pass", imgui.TableColumnFlags_.width_stretch, 2)
+            imgui.table_setup_column("ms", imgui.TableColumnFlags_.width_stretch, 0.7)
+            imgui.table_setup_column("history", imgui.TableColumnFlags_.width_stretch, 1.3)
+            imgui.table_headers_row()
+            for name, history in self._times.items():
+                imgui.table_next_row()
+                imgui.table_next_column()
+                imgui.text_unformatted(name)
+                imgui.table_next_column()
+                imgui.text(f"{history[-1]:.2f}")
+                imgui.table_next_column()
+                size = imgui.ImVec2(-1, imgui.get_text_line_height())
+                imgui.plot_lines(f"##{name}", history, scale_min=0.0, graph_size=size)
+            imgui.end_table()
+
+    # ---- settings -----------------------------------------------------------------------------------
+
+    def _settings(self) -> None:
+        settings = self._viewer.settings
+        for quality in QUALITIES:
+            if imgui.button(quality):
+                settings.reset()
+                for name, value in QUALITIES[quality].items():
+                    setattr(settings, name, value)
+            hint("Set everything to this quality.")
+            imgui.same_line()
+        imgui.new_line()
+        section, is_open = "", False
+        for name, field in FIELDS.items():
+            if field.section != section:
+                if is_open:
+                    imgui.tree_pop()
+                section = field.section
+                is_open = imgui.tree_node(section)
+            if is_open:
+                self._setting(name)
+        if is_open:
+            imgui.tree_pop()
+
+    def _setting(self, name: str) -> None:
+        settings, field = self._viewer.settings, FIELDS[name]
+        value, default = getattr(settings, name), DEFAULTS[name]
+        label = f"{name} *" if field.rebuilds else name
+        edited: Any = value
+        imgui.set_next_item_width(110)
+        if field.choices:
+            edited = choose(label, value, field.choices)
+        elif isinstance(default, bool):
+            edited = imgui.checkbox(label, value)[1]
+        elif isinstance(default, int):
+            edited = edit_on_enter(label, value, imgui.input_int)
+        else:
+            edited = edit_on_enter(label, value, imgui.input_float)
+        meaning = field.meaning + (" Takes a moment: the frame is built anew." if field.rebuilds else "")
+        hint(f"{meaning}\nDefault: {default}")
+        if value != default:
+            imgui.same_line()
+            if imgui.small_button(f"reset##{name}"):
+                edited = default
+        if edited != value:
+            self._viewer.attempt(lambda: setattr(settings, name, edited))
+
+
+def choose(label: str, current: str, choices: tuple[str, ...]) -> str:
+    """A drop-down list; returns what is chosen."""
+    return choices[imgui.combo(label, choices.index(current), list(choices))[1]]
+
+
+def hint(text: str) -> None:
+    """What is shown when the mouse rests on the item before."""
+    if imgui.is_item_hovered(imgui.HoveredFlags_.delay_short):
+        imgui.begin_tooltip()
+        imgui.push_text_wrap_pos(360)
+        imgui.text_unformatted(text)
+        imgui.pop_text_wrap_pos()
+        imgui.end_tooltip()
+
+
+def edit_on_enter(label: str, value: Any, field: Callable[..., tuple[bool, Any]]) -> Any:
+    """A number's text field, whose value counts when it is left: half-typed numbers are no settings."""
+    flags = imgui.InputTextFlags_.enter_returns_true
+    more = {"format": "%g"} if field is imgui.input_float else {"step": 0, "step_fast": 0}
+    changed, edited = field(label, value, flags=flags, **more)
+    return edited if changed else value

@@ -1,0 +1,144 @@
+"""The panel of the scene: instances with their places and materials, lights, cameras; all may be edited."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from imgui_bundle import imgui
+
+from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material
+from solari_vk.viewer.camera_control import copy_of, rotation
+
+if TYPE_CHECKING:
+    from solari_vk.viewer.app import Viewer
+
+MOST_ROWS = 500  # of a list; picking finds the others
+AXES = np.eye(3)
+
+
+class ScenePanel:
+    """Lays out the scene as a tree. An object is edited by assigning to its fields; what is refused is told."""
+
+    def __init__(self, viewer: Viewer) -> None:
+        self._viewer = viewer
+
+    def lay_out(self) -> None:
+        """What was picked, then all there is."""
+        scene = self._viewer.scene
+        pick = self._viewer.pick
+        if pick is not None and pick.instance in scene.instances:
+            imgui.separator_text("picked")
+            self._instance(pick.instance)
+            imgui.separator()
+        if scene.warnings and imgui.tree_node(f"warnings ({len(scene.warnings)})"):
+            for warning in scene.warnings:
+                imgui.text_wrapped(warning)
+            imgui.tree_pop()
+        materials = dict.fromkeys(instance.material for instance in scene.instances)
+        lights = [i for i in scene.instances if i.material.emits]
+        self._list("instances", list(scene.instances), self._instance)
+        self._list("materials", list(materials), self._material)
+        self._list("emissive instances", lights, lambda instance: self._material(instance.material))
+        self._list("directional lights", list(scene.directional_lights), self._light)
+        self._list("cameras", list(scene.cameras), self._camera)
+
+    def _list(self, title: str, items: list[Any], edit: Callable[[Any], None]) -> None:
+        if not items or not imgui.tree_node(f"{title} ({len(items)})###{title}"):
+            return
+        for number, item in enumerate(items[:MOST_ROWS]):
+            if imgui.tree_node(f"{item.name or f'{title} {number}'}###{title} {number}"):
+                edit(item)
+                imgui.tree_pop()
+        if len(items) > MOST_ROWS:
+            imgui.text(f"... and {len(items) - MOST_ROWS} more: click on them to edit them")
+        imgui.tree_pop()
+
+    # ---- editors ------------------------------------------------------------------------------------
+
+    def _instance(self, instance: Instance) -> None:
+        imgui.push_id(id(instance) & 0x7FFFFFFF)
+        triangles = len(instance.mesh.triangles)
+        imgui.text(f"{instance.mesh.describe()}: {triangles:,} triangles")
+        self._switch("visible", instance, "visible")
+        self._transform(instance)
+        if imgui.tree_node(f"material: {instance.material.name or 'unnamed'}###material"):
+            self._material(instance.material)
+            imgui.tree_pop()
+        imgui.pop_id()
+
+    def _transform(self, instance: Instance) -> None:
+        """Where it is, and by what it is turned and scaled while a slider is dragged."""
+        transform = instance.transform.copy()
+        step = max(1e-3 * float(np.linalg.norm(transform[:3, 3])), 5e-3)
+        moved, place = imgui.drag_float3("position", transform[:3, 3].tolist(), step, format="%.4g")
+        turned, degrees = imgui.drag_float3("turn by", [0.0] * 3, 0.5, format="%.1f deg")
+        scaled, factor = imgui.drag_float("scale by", 1.0, 0.005, 0.1, 10.0, "%.3f")
+        if moved:
+            transform[:3, 3] = place
+        if turned:
+            for axis, angle in zip(AXES, degrees, strict=True):
+                transform[:3, :3] = rotation(axis, math.radians(angle)) @ transform[:3, :3]
+        if scaled and factor > 0:
+            transform[:3, :3] *= factor
+        if moved or turned or scaled:
+            self._set(instance, "transform", transform)
+
+    def _material(self, material: Material) -> None:
+        imgui.push_id(id(material) & 0x7FFFFFFF)
+        self._color("base colour", material, "base_color")
+        self._slider("metallic", material, "metallic")
+        self._slider("roughness", material, "perceptual_roughness")
+        reflectance = float(material.reflectance.mean())
+        changed, value = imgui.slider_float("reflectance", reflectance, 0, 1)
+        if changed:
+            self._set(material, "reflectance", [min(max(value, 0.0), 1.0)] * 3)
+        strength = float(material.emissive.max())
+        tint = (material.emissive / strength if strength > 0 else np.ones(3)).tolist()
+        tinted, tint = imgui.color_edit3("emission", tint)
+        speed = max(0.01 * strength, 0.05)
+        changed, strength = imgui.drag_float("cd/m2", strength, speed, 0.0, 1e9, "%.4g")
+        if tinted or changed:
+            self._set(material, "emissive", np.maximum(tint, 0) * max(strength, 0.0))
+        self._switch("double-sided", material, "double_sided")
+        imgui.pop_id()
+
+    def _light(self, light: DirectionalLight) -> None:
+        changed, direction = imgui.drag_float3("direction", light.direction.tolist(), 0.01, -1, 1)
+        if changed and np.linalg.norm(direction) > 1e-3:
+            self._set(light, "direction", direction)
+        changed, lux = imgui.drag_float("lux", light.illuminance, max(0.01 * light.illuminance, 1.0), 0.0, 1e9, "%.4g")
+        if changed:
+            self._set(light, "illuminance", max(lux, 0.0))
+        self._color("colour", light, "color")
+        degrees = math.degrees(light.angular_diameter)
+        changed, degrees = imgui.slider_float("degrees wide", degrees, 0.01, 90.0, "%.2f")
+        if changed:
+            self._set(light, "angular_diameter", math.radians(degrees))
+
+    def _camera(self, camera: Camera) -> None:
+        if imgui.button("go there"):
+            self._viewer.camera_control.take(copy_of(camera))
+
+    # ---- fields -------------------------------------------------------------------------------------
+
+    def _set(self, item: Any, field: str, value: Any) -> None:
+        self._viewer.attempt(lambda: setattr(item, field, value))
+
+    def _switch(self, label: str, item: Any, field: str) -> None:
+        changed, value = imgui.checkbox(label, getattr(item, field))
+        if changed:
+            self._set(item, field, value)
+
+    def _slider(self, label: str, item: Any, field: str) -> None:
+        changed, value = imgui.slider_float(label, getattr(item, field), 0, 1)
+        if changed:
+            self._set(item, field, min(max(value, 0.0), 1.0))
+
+    def _color(self, label: str, item: Any, field: str) -> None:
+        """Colours are linear here and sRGB on the screen, so that the field's numbers are the scene's."""
+        changed, value = imgui.color_edit3(label, getattr(item, field).tolist(), imgui.ColorEditFlags_.float)
+        if changed:
+            self._set(item, field, np.clip(value, 0, 1))
