@@ -28,8 +28,8 @@ float clamped_ggx_factor(Brdf brdf, vec3 wo, vec3 world_normal, vec3 world_wo, v
         * square(spread / world_spread);
 }
 
-// Square of how much wider a cone grows per distance after a lobe: Boksansky and others' measure for ending paths in a cache
-// (NVIDIA, SHARC integration guide), of the GGX lobe's normals.
+// Square of how much wider per distance a lobe makes a path's cone, as NVIDIA's RTXGI measures it to end paths in its radiance
+// cache (SHARC). Differs from there: squares add up over a path, and the cone goes on widening after a mirror.
 float lobe_spread(float roughness) {
     float a2 = square(min(roughness, 0.99));
     return 0.5 * a2 / (1.0 - a2);
