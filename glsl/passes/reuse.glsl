@@ -25,8 +25,12 @@ bool find_temporal_neighbor(uvec2 pixel, GBufferSurface surface, out uvec2 neigh
     if (uniforms.has_history == 0u || !surface.exists || !inside) { return false; }
     if (uniforms.permutation_sampling != 0u) {
         uint random = seed_rng(uvec2(0u), uniforms.frame_index, uniforms.seed ^ PERMUTATION_SALT);
-        previous_pixel = permute_pixel(previous_pixel, random);
+        neighbor = uvec2(permute_pixel(previous_pixel, random));
+        neighbor_surface = load_previous_gbuffer(neighbor);
+        if (are_similar(surface, neighbor_surface)) { return true; }
     }
+    // Differs from Solari: where the partner shows another surface, the pixel itself still serves. Without, histories end
+    // at edges, and the permutation carries their ends far into surfaces.
     neighbor = uvec2(previous_pixel);
     neighbor_surface = load_previous_gbuffer(neighbor);
     return are_similar(surface, neighbor_surface);
