@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from solari_vk.scene.model import Camera
     from solari_vk.settings import Settings
 
-STILL_FRAMES, ANIMATION_AVERAGE = 64, 4
+STILL_FRAMES, ANIMATION_AVERAGE = 48, 4
 
 
 @dataclass(frozen=True)

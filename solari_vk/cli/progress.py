@@ -15,14 +15,14 @@ class Stopped(Exception):
 class Progress:
     """Called with what is done: a bar on a terminal, a line every few seconds elsewhere. A context manager.
 
-    Raises Stopped from a call when Ctrl-C was pressed or `time_limit` seconds are over. A second Ctrl-C ends the
-    program at once.
+    Raises Stopped from a call when Ctrl-C was pressed or `time_limit` seconds are over, of which the first call is the
+    start: a driver compiles in the first frame, once for all. A second Ctrl-C ends the program at once.
     """
 
     def __init__(self, unit: str, total: int, time_limit: float | None = None) -> None:
         self._unit, self._total, self._time_limit = unit, total, time_limit
         self._started = self._said = time.monotonic()
-        self._interrupted = False
+        self._called = self._interrupted = False
         self._bar: Any = None
 
     def __enter__(self) -> Progress:
@@ -45,10 +45,12 @@ class Progress:
 
     @property
     def seconds(self) -> float:
-        """Since it was made."""
+        """Since the first call."""
         return time.monotonic() - self._started
 
     def __call__(self, done: int) -> None:
+        if not self._called:
+            self._called, self._started = True, time.monotonic()
         if self._interrupted:
             raise Stopped(f"interrupted: keeping {done} {self._unit}")
         if self._time_limit is not None and self.seconds > self._time_limit:

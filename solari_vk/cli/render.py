@@ -21,7 +21,7 @@ ORBIT_PICTURES = 48
 # Options of one mode only, with the default that they have there.
 REFERENCE_OPTIONS: dict[str, Any] = {"samples": 256, "max_bounces": 16}
 REALTIME_OPTIONS: dict[str, Any] = {
-    "frames": None, "warm_up": 24, "average": None, "view": "picture", "quality": "medium", "settings": [],
+    "frames": None, "warm_up": 16, "average": None, "view": "picture", "quality": "medium", "settings": (),
     "animate": None, "fps": 24,
 }  # fmt: skip
 
@@ -56,8 +56,8 @@ def add_parser(commands: Any) -> None:
 
     realtime = render.add_argument_group("realtime")
     realtime.add_argument("--frames", type=positive, metavar="N",
-                          help="frames after the warm-up (64); of an animation: its pictures (48, or the path's)")
-    realtime.add_argument("--warm-up", type=count, metavar="N", help="frames before, in which light gathers (24)")
+                          help="frames after the warm-up (48); of an animation: its pictures (48, or the path's)")
+    realtime.add_argument("--warm-up", type=count, metavar="N", help="frames before, in which light gathers (16)")
     realtime.add_argument("--average", type=positive, metavar="N",
                           help="a picture is the mean of the last N frames (all); of an animation: of N each (4)")
     realtime.add_argument("--view", metavar="NAME", help="a debug view, as a .png: `solari-vk views` lists them")
