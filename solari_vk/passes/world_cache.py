@@ -1,4 +1,4 @@
-"""The world cache: irradiance of surfaces in a hash map of cells, sampled and averaged over frames; glsl/passes/world_cache/."""
+"""The world cache: irradiance of surfaces in a hash map, averaged over frames; glsl/passes/world_cache/."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ CELL_BUFFERS = (
 def stage(size: tuple[int, int], settings: Settings) -> Stage:
     """A map of settings.world_cache_cells, whatever the picture's size: 80 bytes a cell.
 
-    The buffer world_cache_counters tells of each frame how many cells are active, how many of them were updated, and how
-    many queries found no place in the map. One seed gives one picture as long as there are no such failures: who
-    comes first is who gets the last place.
+    The buffer world_cache_counters tells of each frame how many cells are active, how many of them were updated, and
+    how many queries found no place in the map. One seed gives one picture as long as there are no such failures:
+    who comes first is who gets the last place.
     """
     cells = settings.world_cache_cells
     brdf = {"brdf_layering": LAYERINGS.index(settings.layering), "brdf_lambert": settings.lambert}

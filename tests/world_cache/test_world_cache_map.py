@@ -79,7 +79,8 @@ def check_map(device, root=None):
     assert away.max() < 64
     assert (answers["cell"] < first % cells).any(), "no search came to the end of the map"
     corner = np.floor(askers["position"] / askers["cell_size"][:, None]) * askers["cell_size"][:, None]
-    np.testing.assert_array_equal(bounds[answers["cell"]], np.concatenate([corner, askers["cell_size"][:, None]], axis=1))
+    np.testing.assert_array_equal(bounds[answers["cell"], :3], corner)
+    np.testing.assert_array_equal(bounds[answers["cell"], 3], askers["cell_size"])
     longest = np.zeros(cells, int)
     np.maximum.at(longest, answers["cell"], askers["life"])
     np.testing.assert_array_equal(life, longest)
@@ -167,7 +168,7 @@ def check_compaction(device, root=None):
 
 
 def check_reset(device, root=None):
-    """Without history the map is empty; a cell is there for as many frames as it was given, after the one it was asked in."""
+    """Without history the map is empty; a cell is there for as many frames as it was given."""
     askers, _ = make_askers(100, 400)
     askers["life"] = 3
     with MapFrame(device, 1024, askers, root, world_cache_search_steps=64) as frame:
@@ -195,7 +196,8 @@ def check_blend(device, root=None, adaptive=True, cap=1 << 20):
     deltas = (irradiance[:, 0] * random.normal(0, 0.3, cells)).astype(np.float32)
     samples = np.zeros(cells, [("irradiance", "f4", 3), ("life", "u4")])
     samples["irradiance"] = random.lognormal(0, 2, (cells, 3))
-    with MapFrame(device, cells, None, root, world_cache_blend=0 if adaptive else 1, world_cache_update_cap=cap) as frame:
+    changed = {"world_cache_blend": 0 if adaptive else 1, "world_cache_update_cap": cap}
+    with MapFrame(device, cells, None, root, **changed) as frame:
         frame.upload(
             checksums=random.integers(1, 2**32, cells, dtype=np.uint32), life=np.full(cells, 9, np.uint32),
             irradiance=irradiance, luminance_deltas=deltas, samples=samples,
@@ -204,7 +206,7 @@ def check_blend(device, root=None, adaptive=True, cap=1 << 20):
         found, found_deltas = frame["irradiance"], frame["luminance_deltas"]
     weights = np.array((0.2126, 0.7152, 0.0722))
     old, new = irradiance[:, :3].astype(float), samples["irradiance"].astype(float)
-    count = np.minimum(irradiance[:, 3] + 1.0, 32)
+    count = np.minimum(np.where(irradiance[:, 3] > 0, irradiance[:, 3] + 0.25, 1), 32)
     change = np.clip(np.abs(deltas) / np.maximum(old @ weights, 1e-30), 0, 1)
     most = 32 - 31 * change ** (1 / 8) if adaptive else 32
     blended = old + (new - old) / np.minimum(count, most)[:, None]
@@ -253,8 +255,8 @@ def test_updates_above_the_cap(device):
 
 
 MUTANTS = {
-    "search doesn't wrap": (check_map, "map.glsl", "(key.first + search_step) & uint(world_cache_checksums.at.length() - 1)",
-                            "min(key.first & uint(world_cache_checksums.at.length() - 1) + search_step, 1023u)"),
+    "search doesn't wrap": (check_map, "map.glsl", "(key.first + search_step) & uint(",
+                            "key.first % 1024u + search_step & uint(1023 + "),
     "insert without comparing": (check_map, "map.glsl",
                                  "if (existing == EMPTY_CELL || existing == key.checksum) { cell = place; }",
                                  "cell = place;"),
@@ -273,13 +275,13 @@ MUTANTS = {
     "point: not shuffled": (check_points, "map.glsl", "payload * 0x3779B1u & 0xFFFFFFu", "payload"),
     "point: offset halved": (check_points, "map.glsl", "(0.5 / 255.0)", "(0.25 / 255.0)"),
     "scan: off by one": (check_compaction, "scan.comp", "thread >= reach ?", "thread > reach ?"),
-    "scan: inclusive": (check_compaction, "scan.comp", "uint before = sums[thread] - sum;", "uint before = sums[thread];"),
+    "scan: inclusive": (check_compaction, "scan.comp", "sums[thread] - sum;", "sums[thread];"),
     "scan: a block too few": (check_compaction, "scan.comp", "min(first + blocks_each, block_count)",
                               "min(first + blocks_each, block_count - 1u)"),
-    "dispatch: rounded down": (check_compaction, "scan.comp", "(total + GROUP_SIZE - 1u) / GROUP_SIZE", "total / GROUP_SIZE"),
+    "dispatch: rounded down": (check_compaction, "scan.comp", "(total + GROUP_SIZE - 1u) /", "total /"),
     "a frame too many": (check_reset, "decay.comp", "life == 0u ||", "cell > 1024u && life == 0u ||"),
-    "blend: a sample too many": (check_blend, "blend.comp", "old.w + 1.0", "old.w + 2.0"),
-    "blend: change not relative": (check_blend, "blend.comp", "abs(delta) / max(luminance(old.rgb), 1e-30)", "abs(delta)"),
+    "blend: a sample too many": (check_blend, "blend.comp", "old.w + YOUNG_GROWTH", "old.w + 1.0"),
+    "blend: change not relative": (check_blend, "blend.comp", " / max(luminance(old.rgb), 1e-30)", ""),
     "cap: by half": (lambda device, root: check_blend(device, root, cap=700), "update.glsl",
                      "rand_f(rng) * float(", "0.5 * rand_f(rng) * float("),
 }  # fmt: skip

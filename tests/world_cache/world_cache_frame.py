@@ -36,7 +36,7 @@ class CacheFrame:
             Stage("ask", buffers={"answers": asks, "ray_counts": 6},
                   passes=[Pass("world_cache_test/ask", threads=asks, constants=constants)]),
         ]  # fmt: skip
-        roots = [SHADERS, *([glsl_root] if glsl_root else [])]
+        roots = [*([glsl_root] if glsl_root else []), SHADERS]
         external = {**self.binder.resources, **tables}
         self.frame = Frame(device, stages, external=external, glsl_root=roots, barrier_every_pass=barriers)
 

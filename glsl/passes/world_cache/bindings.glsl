@@ -13,7 +13,7 @@ struct WorldCachePoint {
 
 layout(set = 1, binding = 40, scalar) buffer WorldCacheChecksumsBlock { uint at[]; } world_cache_checksums;  // 0: empty
 layout(set = 1, binding = 41, scalar) buffer WorldCacheLifeBlock { uint at[]; } world_cache_life;  // frames left
-layout(set = 1, binding = 42, scalar) buffer WorldCacheIrradianceBlock { vec4 at[]; } world_cache_irradiance;  // w: samples
+layout(set = 1, binding = 42, scalar) buffer WorldCacheIrradianceBlock { vec4 at[]; } world_cache_irradiance;  // w: samples in it
 layout(set = 1, binding = 43, scalar) buffer WorldCacheBoundsBlock { vec4 at[]; } world_cache_bounds;  // least corner, size
 layout(set = 1, binding = 44, scalar) buffer WorldCacheVotesBlock { WorldCachePoint at[]; } world_cache_votes;
 layout(set = 1, binding = 45, scalar) buffer WorldCachePointsBlock { WorldCachePoint at[]; } world_cache_points;

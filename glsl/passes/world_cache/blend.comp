@@ -4,6 +4,10 @@
 
 layout(local_size_x = GROUP_SIZE) in;
 
+// Differs from Solari, where it is 1: what a young cell saw came from young cells, which miss the later bounces; so its first
+// samples count less, as the cube of their age, and light arrives several times as fast.
+const float YOUNG_GROWTH = 0.25;
+
 void main() {
     uint thread = thread_index(gl_GlobalInvocationID.xy);
     uint cell = find_cell_to_update(thread);
@@ -12,7 +16,7 @@ void main() {
     float delta = world_cache_luminance_deltas.at[cell];
 
     float most = float(uniforms.world_cache_max_samples);
-    float sample_count = min(old.w + 1.0, most);
+    float sample_count = min(old.w > 0.0 ? old.w + YOUNG_GROWTH : 1.0, most);
     if (uniforms.world_cache_blend == BLEND_ADAPTIVE) {
         float change = abs(delta) / max(luminance(old.rgb), 1e-30);
         most = mix(most, 1.0, pow(saturate(change), 1.0 / 8.0));
