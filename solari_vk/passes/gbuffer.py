@@ -6,8 +6,8 @@ from solari_vk.gpu.frame import Draw, DrawList, History, Pass, Stage
 from solari_vk.settings import Settings
 
 COUNTERS = ("drawn_first", "drawn_second", "frustum_culled", "occlusion_culled")
-"""Fields of `gbuffer_counters`, in instances: drawn since they were visible in the last frame, drawn since those hide
-them not, out of view, and hidden."""
+"""Fields of `gbuffer_counters`, numbers of instances: drawn because they were visible in the last frame, drawn because
+those don't hide them, out of view, and hidden. Together these are all that the scene shows."""
 
 _DRAW_COUNT_BYTES = 4
 
@@ -45,7 +45,7 @@ def last_stage(instance_capacity: int) -> Stage:
 def _raster_passes(
     size: tuple[int, int], settings: Settings, rows: int, levels: list[tuple[int, int]]
 ) -> list[Pass | Draw]:
-    """What was visible last frame; then, when hidden instances are culled, those that it doesn't hide."""
+    """What was visible in the last frame is drawn, then what that doesn't hide; each pixel's surface is found once."""
 
     def draw(number: int) -> list[Pass | Draw]:
         constants = {

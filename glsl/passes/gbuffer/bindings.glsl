@@ -4,7 +4,7 @@
 
 #extension GL_EXT_scalar_block_layout : require
 
-// How instances fared in this frame. Those of one renderer add up to the instances that are visible in the scene.
+// How instances fared in this frame; together these are all that the scene shows.
 layout(set = 1, binding = 28, scalar) buffer GBufferCountersBlock {
     uint drawn_first;       // visible in the last frame
     uint drawn_second;      // the others that the first ones don't hide
