@@ -1,4 +1,4 @@
-// ReSTIR GI (Ouyang et al., HPG 2021), first half: what one ray of this frame finds, merged with what a pixel of the last frame had.
+// ReSTIR GI (Ouyang et al., HPG 2021), first half: what one ray finds, merged with what a pixel of the last frame had.
 #version 460
 #extension GL_EXT_ray_query : require
 #include "passes/bindings.glsl"
@@ -31,13 +31,14 @@ GiReservoir generate_initial_reservoir(GBufferSurface surface, inout uint rng) {
     return reservoir;
 }
 
-// Differs from Solari, where what was found once stays until it is replaced: light that has gone would linger for as long as
-// confidence lasts. A contribution weight serves any function of its point, so also a later frame's light.
+// Differs from Solari, where what was found once stays until it is replaced: light that has gone would linger for as long
+// as confidence lasts. A contribution weight serves any function of its point, so also a later frame's light.
 void refresh_radiance(inout GiReservoir reservoir, GBufferSurface surface, inout uint rng) {
     if (uniforms.gi_refresh == 0u || !(reservoir.unbiased_contribution_weight > 0.0)) { return; }
     float ray_t = distance(surface.world_position, reservoir.sample_point_world_position);
     WorldCacheResult cached = query_world_cache(
-        reservoir.sample_point_world_position, reservoir.sample_point_world_normal, ray_t, uniforms.world_cache_lifetime, rng
+        reservoir.sample_point_world_position, reservoir.sample_point_world_normal, ray_t,
+        uniforms.world_cache_lifetime, rng
     );
     if (cached.found) { reservoir.radiance = reservoir.reflectance * cached.irradiance; }
 }

@@ -1,5 +1,5 @@
-// Reuse of indirect light between pixels by reconnection to the same point: Ouyang et al., "ReSTIR GI: Path Resampling for
-// Real-Time Path Tracing" (HPG 2021), weighted as in Lin et al., "Generalized Resampled Importance Sampling" (SIGGRAPH 2022).
+// Reuse of indirect light between pixels by reconnection to the same point: Ouyang et al., "ReSTIR GI: Path Resampling
+// for Real-Time Path Tracing" (HPG 2021), weighted as in Lin et al., "Generalized Resampled Importance Sampling" (2022).
 #ifndef PASSES_RESTIR_GI_RESERVOIR_GLSL
 #define PASSES_RESTIR_GI_RESERVOIR_GLSL
 
@@ -34,8 +34,8 @@ float gi_target(GBufferSurface surface, GiReservoir reservoir) {
     return luminance(reservoir.radiance) * gi_cosine(surface, reservoir.sample_point_world_position);
 }
 
-// Solid angle at `to` for that at `from` of the same piece of the sample's surface. 0: no shift, the surface turns away or
-// the ratio is extreme; the way back has the inverse ratio, or is none either.
+// Solid angle at `to` for that at `from` of the same piece of the sample's surface. 0: no shift, as the surface turns away
+// or the ratio is extreme; the way back has the inverse ratio, or is none either.
 float reconnection_jacobian(GBufferSurface from, GBufferSurface to, GiReservoir reservoir) {
     vec3 to_from = from.world_position - reservoir.sample_point_world_position;
     vec3 to_to = to.world_position - reservoir.sample_point_world_position;
@@ -65,11 +65,11 @@ bool trace_sample_visibility(GBufferSurface surface, GiReservoir reservoir) {
     return trace_visibility(origin, end, 1.0);
 }
 
-// Adds what another pixel found to what this one did; `choice` is a random number in [0, 1). With `retest`, what comes out is
-// visible from this pixel.
+// Adds what another pixel found to what this one did; `choice` is a random number in [0, 1). With `retest`, what comes out
+// is visible from this pixel.
 // Differs from Solari: there a sample keeps its share where the other pixel can't see it, which loses light at the edges of
-// indirect shadows. Shares and choice go by unshadowed targets, but a sample of this pixel's own that is chosen and that the other
-// pixel could not have found stands for all, so it is raised by its share.
+// indirect shadows. Shares and choice go by unshadowed targets, but a sample of this pixel's own that is chosen and that
+// the other pixel could not have found stands for all, so it is raised by its share.
 GiReservoir merge_gi_reservoirs(
     GBufferSurface surface, GiReservoir own, GBufferSurface other_surface, GiReservoir other, bool retest, float choice
 ) {
