@@ -224,7 +224,10 @@ MUTANTS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", MUTANTS)
+QUICK = "chain in the wrong order"
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] if n != QUICK else []) for n in MUTANTS])
 def test_a_seeded_bug_is_noticed(guides, name, tmp_path, monkeypatch):
     file, old, new, proof = MUTANTS[name]
     root = mutated_glsl(tmp_path, f"passes/guides/{file}", old, new)
