@@ -1,0 +1,214 @@
+"""ReSTIR DI against the path tracer: lit, in penumbra and in shadow; options that are biased, by how much."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from direct_light import direct_light, direct_renderer, lit_share, patch_shaders, reference
+from oracles.replication import relative_interval, runs, tiles
+from oracles.statistics import replicates
+
+import solari_vk as sv
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import cornell_box, lamp, many_lights, matte
+
+NO_INDEX = 0xFFFFFFFF
+SIZE = (48, 48)
+LAMBERT = {"lambert": True}
+
+
+def make_cornell(device, size):
+    """The scene, what its direct light is, and how much of the lamp each pixel sees."""
+    scene = cornell_box()
+    return scene, reference(device, scene, size, 1024, **LAMBERT), lit_share(device, scene, size, frames=256, **LAMBERT)
+
+
+@pytest.fixture(scope="module")
+def cornell(device):
+    return make_cornell(device, SIZE)
+
+
+def replicate(device, scene, size=SIZE, observed=16, **settings):
+    """Means of the last frames of independent runs, (16, height, width, 3)."""
+    with direct_renderer(device, scene, size, **(LAMBERT | settings)) as renderer:
+        return runs(renderer, scene.camera, direct_light, observed=observed)
+
+
+def assert_within(observations, truth, bar, what=""):
+    error, half_width = relative_interval(observations, truth)
+    assert abs(error) + half_width <= bar, f"{what}: {100 * error:+.2f} % +- {100 * half_width:.2f} %"
+
+
+def check_cornell(device, cornell, penumbra_bar=0.02, observed=16, **settings):
+    scene, truth, share = cornell
+    observations = replicate(device, scene, truth.shape[1::-1], observed, **settings)
+    assert replicates(tiles(observations), tiles(truth), 0.005) == (0, True)
+    assert_within(observations[:, share == 1], truth[share == 1], 0.01, "lit")
+    penumbra = (share > 0) & (share < 1)
+    assert_within(observations[:, penumbra], truth[penumbra], penumbra_bar, "penumbra")
+    assert observations[:, share == 0].mean() < 0.005 * truth.mean()
+
+
+# less reuse than by default, so that few frames tell: frames are less alike, and what is biased is no less so
+LITTLE_REUSE = {"di_confidence_cap": 4.0, "di_spatial_radius": 12.0}
+
+
+def test_cornell_box(device, cornell):
+    check_cornell(device, cornell, **LITTLE_REUSE)
+
+
+@pytest.mark.slow
+def test_cornell_box_by_default(device):
+    check_cornell(device, make_cornell(device, (96, 96)), penumbra_bar=0.01, observed=96)
+
+
+# What each option does to the light of the Cornell box, all and in penumbra: bounds of the relative error.
+BIASED = {
+    "initial visibility": ({"di_initial_visibility": True}, (-0.10, -0.03), (-0.35, -0.12)),
+    "order of 0.17": ({"di_order": "0.17"}, (-0.35, -0.05), (-0.80, -0.25)),
+    "constant weights": ({"di_merge": "constant"}, (-0.10, -0.005), (-0.15, 0.02)),
+}
+
+
+@pytest.mark.parametrize("name", BIASED)
+def test_older_behaviours_are_biased(device, cornell, name):
+    """What was known or found of them: 0.17's shadows grow halos, as do candidates tested before they are reused."""
+    settings, everywhere, in_penumbra = BIASED[name]
+    scene, truth, share = cornell
+    observations = replicate(device, scene, observed=8, **settings)
+    penumbra = (share > 0) & (share < 1)
+    for pixels, (low, high) in ((share >= 0, everywhere), (penumbra, in_penumbra)):
+        error, half_width = relative_interval(observations[:, pixels], truth[pixels])
+        assert low < error - half_width
+        assert error + half_width < high
+
+
+@pytest.mark.parametrize("settings", [
+    {"di_temporal": False}, {"di_spatial": False}, {"permutation_sampling": False}, {"light_sampling": "resolve"},
+    {"light_tile_encoding": "linear"}, {"spatial_radius_halving": False}, {"jitter": True},
+], ids=lambda settings: next(iter(settings)))  # fmt: skip
+def test_no_option_but_those_changes_the_mean(device, cornell, settings):
+    scene, truth, _ = cornell
+    bar = 0.02 if "jitter" in settings else 0.01  # the reference's samples lie at the pixels' centres
+    assert_within(replicate(device, scene, observed=8, **(LITTLE_REUSE | settings)), truth, bar)
+
+
+def mixed_scene():
+    """A gloss floor under a wide sun of one colour and lamps of others, one of them seen from behind."""
+    glossy = sv.Material(base_color=(0.5, 0.3, 0.7), perceptual_roughness=0.6, metallic=0.4)
+    scene = sv.Scene(
+        sv.Instance(mesh=shapes.quad((0, 0, 0), (0, 0, 3), (3, 0, 0)), material=glossy),
+        sv.Instance(mesh=shapes.box((-1, 0.4, -0.2), (-0.6, 0.9, 0.5)), material=matte((0.2, 0.6, 0.9))),
+        sv.DirectionalLight(direction=(0.5, -1, 0.1), illuminance=2.0, color=(1.0, 0.8, 0.2), angular_diameter=0.7),
+    )
+    for x, color in ((-0.8, (0.0, 4.0, 9.0)), (0.5, (6.0, 0.0, 0.5))):
+        scene.add(sv.Instance(mesh=shapes.quad((x, 1.3, 0), (0.2, 0, 0), (0, 0, 0.4)), material=lamp(color)))
+    double = lamp((0.5, 2.0, 0.5), double_sided=True)
+    scene.add(sv.Instance(mesh=shapes.quad((0.9, 0.6, 0.4), (0, 0.2, 0), (0.2, 0, 0.2)), material=double))
+    scene.add(sv.Camera.look_at((0, 1.8, 2.6), (0, 0.2, 0), vertical_fov=math.radians(50)))
+    return scene
+
+
+def test_suns_and_lamps_on_a_glossy_floor(device):
+    """Each channel for itself, with both lobes."""
+    scene = mixed_scene()
+    truth = reference(device, scene, SIZE, 4096)
+    observations = replicate(device, scene, observed=40, lambert=False, **LITTLE_REUSE)
+    assert replicates(tiles(observations), tiles(truth), 0.01)[0] == 0
+    for channel in range(3):
+        assert_within(observations[..., channel], truth[..., channel], 0.02, f"channel {channel}")
+
+
+@pytest.mark.slow
+def test_many_lights(device):
+    scene = many_lights(sphere_count=64, box_count=400, extent=16.0, sphere_segments=6)
+    truth = reference(device, scene, SIZE, 2048, **LAMBERT)
+    assert_within(replicate(device, scene, observed=24, **LITTLE_REUSE), truth, 0.02)
+
+
+def test_smooth_surfaces_leave_their_specular_light_to_rays(device):
+    scene = mixed_scene()
+    with direct_renderer(device, scene, SIZE, specular_di_roughness=0.5) as renderer:
+        frame = renderer.render(scene.camera)
+        floor = frame["gbuffer_surface"][..., 1] == 0
+        smooth = frame["di_specular"][floor].sum()
+        assert (frame["di_diffuse"] > 0).any()
+        renderer.settings.specular_di_roughness = 0.3
+        rough = renderer.render(scene.camera)["di_specular"][floor].sum()
+    assert smooth == 0, "the floor's roughness is 0.36"
+    assert rough > 0
+
+
+def test_switched_off_it_leaves_nothing(device):
+    scene = cornell_box()
+    with direct_renderer(device, scene, SIZE) as renderer:
+        renderer.render(scene.camera)
+        renderer.settings.di = False
+        frame = renderer.render(scene.camera)
+        for name in ("di_diffuse", "di_specular"):
+            assert (frame[name] == 0).all()
+        assert (frame["di_reservoirs"]["confidence"] == 0).all()
+        assert (frame["di_outcomes"] == (NO_INDEX, 0)).all()
+
+
+def test_confidence_is_capped_and_begins_anew(device):
+    scene = cornell_box()
+    with direct_renderer(device, scene, SIZE, di_confidence_cap=6.0, di_spatial=False) as renderer:
+        for _ in range(10):
+            frame = renderer.render(scene.camera)
+        confidence, exists = frame["di_reservoirs"]["confidence"], frame["depth"][..., 0] > 0
+        assert confidence.max() == 7
+        assert np.median(confidence[exists]) == 7
+        assert (confidence[~exists] == 0).all()
+        renderer.reset()
+        assert (renderer.render(scene.camera)["di_reservoirs"]["confidence"][exists] == 1).all()
+
+
+def test_halving_the_radius_finds_more_neighbours(device):
+    scene = many_lights(sphere_count=16, box_count=400, extent=12.0, sphere_segments=6)
+    missing = {}
+    for halving in (True, False):
+        with direct_renderer(device, scene, (96, 96), spatial_radius_halving=halving) as renderer:
+            frame = renderer.render(scene.camera)
+            neighbors = frame["di_outcomes"][..., 0][frame["depth"][..., 0] > 0]
+            missing[halving] = (neighbors == NO_INDEX).mean()
+    assert missing[True] < 0.9 * missing[False]
+
+
+def test_one_seed_is_one_picture(device):
+    scene = cornell_box()
+    pictures = []
+    for seed in (5, 5, 6):
+        with direct_renderer(device, scene, SIZE) as renderer:
+            renderer.seed = seed
+            for _ in range(3):
+                frame = renderer.render(scene.camera)
+            pictures.append(direct_light(frame))
+    assert (pictures[0] == pictures[1]).all()
+    assert (pictures[0] != pictures[2]).any()
+
+
+INITIAL, SPATIAL = "passes/restir_di/initial_and_temporal.comp", "passes/restir_di/spatial_and_shade.comp"
+MUTANTS = {
+    "1/M dropped": (INITIAL, " / float(uniforms.di_candidates)", ""),
+    "pdf of the light's point dropped": (SPATIAL, "light.inverse_pdf / float(scene_info.light_count) *", "1.0 *"),
+    "no shadows": (SPATIAL, "uniforms.di_order == ORDER_0_17 || is_seen(surface, resolved)", "true"),
+    "visibility kept for the next frame": (
+        SPATIAL,
+        "    di_reservoirs.at[index] = reservoir;",
+        "    if (reservoir.unbiased_contribution_weight > 0.0 && !is_seen(surface, resolve_light_sample("
+        "reservoir.light_sample))) { reservoir.unbiased_contribution_weight = 0.0; }\n"
+        "    di_reservoirs.at[index] = reservoir;",
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.slow] if n != "1/M dropped" else []) for n in MUTANTS]
+)
+def test_a_seeded_bug_is_noticed(device, cornell, tmp_path, monkeypatch, name):
+    patch_shaders(tmp_path, monkeypatch, *MUTANTS[name])
+    with pytest.raises(AssertionError):
+        check_cornell(device, cornell, **LITTLE_REUSE)
