@@ -28,7 +28,7 @@ VIEWS = {
     "depth": "G-buffer: distance; the colours begin anew wherever it doubles.",
     "instance": "G-buffer: a colour for each instance.",
     "motion": "G-buffer: grey stands still, red moves to the right, green down, by up to 8 pixels.",
-    "light_tiles": "The light tiles, one below the other, with the radiance of their samples from left to right.",
+    "light_tiles": "The light tiles, one below the other, with the colours of their samples from left to right.",
     "cache_cells": "World cache: a colour for each cell of the surface, dark where the cache has none.",
     "cache_irradiance": "World cache: what white paint would reflect by the cell's irradiance.",
     "cache_samples": "World cache: how many frames the cell has averaged, of those that it may.",

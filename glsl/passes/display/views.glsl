@@ -86,7 +86,8 @@ vec3 show_depth(float depth_value) {
 vec3 show_light_tiles(uvec2 pixel) {
     uint samples_each = max(light_tiles.samples_each, 1u);
     uvec2 place = pixel * uvec2(samples_each, uint(light_tiles.at.length()) / samples_each) / uniforms.size;
-    return show_radiance(unpack_light_sample(light_tiles.at[place.y * samples_each + place.x]).radiance);
+    vec3 radiance = unpack_light_sample(light_tiles.at[place.y * samples_each + place.x]).radiance;
+    return encode_srgb(radiance / max(max_component(radiance), 1e-30));  // lights themselves would all be white
 }
 
 vec3 show_cache(uvec2 pixel, GBufferSurface surface) {
