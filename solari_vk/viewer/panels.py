@@ -95,7 +95,7 @@ class Panels:
             return
         error = pictures.error()
         if error is not None:
-            self._slow["error"] = f"error {100 * error[0]:.1f} % RMS, {100 * error[1]:+.2f} % in the mean"
+            self._slow["error"] = f"error: {100 * error[0]:.1f} % of white, {100 * error[1]:+.1f} % of the mean"
         if pictures.reference is not None and pictures.mode != "realtime":
             self._slow["samples"] = f"reference: {pictures.reference.samples} samples a pixel"
         count = pictures.ray_count()

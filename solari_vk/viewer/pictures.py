@@ -141,16 +141,18 @@ class Pictures:
         return found
 
     def error(self) -> tuple[float, float] | None:
-        """How far the realtime picture is from the path tracer's, as shares of its mean: the root of the mean squared
-        difference of pixels, and the difference of the means. None where there aren't both."""
+        """How far the realtime picture is from the path tracer's: the root of the mean squared difference of what is
+        shown, as a share of white, and the difference of the mean radiance, as a share of it. None without both."""
         if self.mode != "split" or not self.ready:
             return None
         assert self.realtime is not None
         assert self.reference is not None
-        found, truth = self.realtime["radiance"].astype(np.float64), self.reference["radiance"].astype(np.float64)
-        if found.shape != truth.shape or not truth.mean() > 0:
+        assert self._reference_frame is not None
+        shown = [item["display"][..., :3] / 255.0 for item in (self.realtime, self._reference_frame)]
+        found, truth = (float(item["radiance"].mean(dtype=np.float64)) for item in (self.realtime, self.reference))
+        if shown[0].shape != shown[1].shape or not truth > 0:
             return None
-        return float(np.sqrt(((found - truth) ** 2).mean()) / truth.mean()), float(found.mean() / truth.mean() - 1)
+        return float(np.sqrt(((shown[0] - shown[1]) ** 2).mean())), found / truth - 1
 
     def ray_count(self) -> int:
         """Rays traced so far by what the mode shows, of those that are counted; it may begin anew."""

@@ -10,7 +10,8 @@ LEAST = 0.1
 STEPS = tuple(round(0.1 * 1.12202**i, 3) for i in range(21))  # 0.1 to 1, each with a quarter more pixels than the last
 SETTLE = 3  # frames after a change whose times say nothing: buffers are made, drivers compile
 LOOK = 5  # frames from which a time is taken
-ROOM = 0.7  # of the target that the next larger size should take at most, or sizes would swing
+ROOM = 0.7  # of the time allowed that the next larger size should take at most, or sizes would swing
+WORTH = 0.5  # a smaller picture that saves less than this share of what doesn't depend on it isn't worth it
 
 
 class ScaleControl:
@@ -20,7 +21,7 @@ class ScaleControl:
         self.auto = scale == "auto"
         self.target = target
         try:
-            self.scale = 0.5 if self.auto else float(scale)
+            self.scale = STEPS[len(STEPS) * 2 // 3] if self.auto else float(scale)
         except (TypeError, ValueError):
             raise SolariError(f"the scale is auto or a number from {LEAST:g} to 1, not {scale!r}") from None
         if not LEAST <= self.scale <= 1:
@@ -28,10 +29,15 @@ class ScaleControl:
         if not target > 0:
             raise SolariError(f"the time of a frame must be more than 0 seconds, not {target:g}")
         self._times: list[float] = []
+        self._known: dict[float, float] = {}  # the latest times at scales
         self._settling = SETTLE
 
     def unsettle(self) -> None:
-        """The next frames' times say nothing: something was built anew."""
+        """Something was built anew or changed: what is known of times doesn't count any more."""
+        self._known.clear()
+        self._settle()
+
+    def _settle(self) -> None:
         self._times.clear()
         self._settling = SETTLE
 
@@ -51,19 +57,30 @@ class ScaleControl:
             return False
         time = median(self._times)
         self._times.clear()
+        self._known[self.scale] = time
+        wanted = self._largest(time)
         at = min(range(len(STEPS)), key=lambda i: abs(STEPS[i] - self.scale))  # it may have been fixed in between
-        # Time is taken to be a fixed part and one that grows with the pixels; nothing is known of the fixed part but
-        # that it makes steps do less than they should, so that steps down may take several looks.
-        if time > self.target:
-            wanted = self.scale * (self.target / time) ** 0.5
-            at = max((i for i, step in enumerate(STEPS[:at]) if step <= wanted), default=0)
-        elif at + 1 < len(STEPS) and time * (STEPS[at + 1] / self.scale) ** 2 < ROOM * self.target:
-            at += 1
-        if STEPS[at] == self.scale:
+        if wanted < self.scale:
+            scale = max((step for step in STEPS if step <= wanted), default=LEAST)
+        elif at + 1 < len(STEPS) and STEPS[at + 1] <= wanted * ROOM**0.5:
+            scale = STEPS[at + 1]
+        else:
             return False
-        self.scale = STEPS[at]
-        self.unsettle()
+        if scale == self.scale:
+            return False
+        self.scale = scale
+        self._settle()
         return True
+
+    def _largest(self, time: float) -> float:
+        """The scale that the time of a frame allows: a part of the time is fixed, and one grows with the pixels."""
+        low, high = min(self._known), max(self._known)
+        growth = time / self.scale**2
+        if low < high:
+            growth = max(self._known[high] - self._known[low], 0.0) / (high**2 - low**2)
+        growth = max(growth, 1e-9)
+        fixed = max(time - growth * self.scale**2, 0.0)
+        return (max(self.target - fixed, WORTH * fixed) / growth) ** 0.5
 
     def size(self, pixels: tuple[int, int]) -> tuple[int, int]:
         """The picture's size for a window of so many pixels."""

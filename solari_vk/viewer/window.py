@@ -10,6 +10,7 @@ import glfw
 from solari_vk.errors import DeviceError, SolariError
 from solari_vk.gpu import raw
 
+_NONE: Any = None  # no window, no monitor: the type hints don't know of it
 _windows = 0  # GLFW is one for the process: the last window to close ends it
 
 
@@ -106,11 +107,11 @@ class Window:
     @property
     def clipboard(self) -> str:
         """The text in the clipboard, "" when there is none."""
-        return _text(glfw.get_clipboard_string(self.handle) or "")
+        return _text(glfw.get_clipboard_string(_NONE) or "")
 
     @clipboard.setter
     def clipboard(self, text: str) -> None:
-        glfw.set_clipboard_string(self.handle, text)
+        glfw.set_clipboard_string(_NONE, text)
 
     def set_title(self, title: str) -> None:
         """Show a title."""
@@ -130,8 +131,7 @@ class Window:
         if self._before_fullscreen is not None:
             x, y, width, height = self._before_fullscreen
             self._before_fullscreen = None
-            no_monitor: Any = None
-            glfw.set_window_monitor(self.handle, no_monitor, x, y, width, height, glfw.DONT_CARE)
+            glfw.set_window_monitor(self.handle, _NONE, x, y, width, height, glfw.DONT_CARE)
             return
         x, y = glfw.get_window_pos(self.handle)
         width, height = self.size

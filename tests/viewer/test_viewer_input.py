@@ -1,0 +1,293 @@
+"""What keys and mouse do: pure logic on events, and events of a window on GLFW's null platform."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import glfw
+import numpy as np
+import pytest
+
+import solari_vk as sv
+from solari_vk.viewer.camera_control import STEEPEST, CameraControl
+from solari_vk.viewer.controls import ACTIONS, FLY_KEYS, KEYS_HELP, Controls
+from solari_vk.viewer.window import Event, Window
+
+
+@pytest.fixture
+def control():
+    return CameraControl(sv.Camera.look_at((0, 1, 4), (0, 1, 0)), extent=8.0)
+
+
+@pytest.fixture
+def hands(control):
+    """Controls, and the actions that they called."""
+    called = []
+
+    def act(name, argument):
+        called.append((name, argument))
+        return np.array((0.0, 1.0, 0.0)) if name == "grab" else None
+
+    return Controls(control, act), called
+
+
+def press(code, modifiers=0, repeats=False):
+    return Event("key", code, True, modifiers, repeats=repeats)
+
+
+def release(code):
+    return Event("key", code, False)
+
+
+def place(control):
+    return control.camera.transform[:3, 3]
+
+
+# ---- flying -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("key", "way"),
+    [("W", (0, 0, -1)), ("S", (0, 0, 1)), ("A", (-1, 0, 0)), ("D", (1, 0, 0)), ("E", (0, 1, 0)), ("Q", (0, -1, 0))],
+)
+def test_keys_fly(hands, control, key, way):
+    controls, _ = hands
+    code = getattr(glfw, f"KEY_{key}")
+    before = place(control).copy()
+    controls.handle([press(code)])
+    control.advance(0.5)
+    assert place(control) - before == pytest.approx(np.array(way) * control.speed * 0.5)
+    controls.handle([release(code)])
+    control.advance(0.5)
+    assert place(control) - before == pytest.approx(np.array(way) * control.speed * 0.5)
+
+
+def test_shift_flies_faster_and_two_keys_no_faster_than_one(hands, control):
+    controls, _ = hands
+    before = place(control).copy()
+    controls.handle([press(glfw.KEY_W), press(glfw.KEY_D), press(glfw.KEY_LEFT_SHIFT)])
+    control.advance(0.25)
+    assert np.linalg.norm(place(control) - before) == pytest.approx(4 * control.speed * 0.25)
+    controls.handle([release(glfw.KEY_LEFT_SHIFT), press(glfw.KEY_A), press(glfw.KEY_S)])
+    before = place(control).copy()
+    control.advance(1)
+    assert place(control) == pytest.approx(before), "opposite keys cancel"
+
+
+def test_wheel_changes_speed_within_bounds(hands, control):
+    controls, _ = hands
+    speed = control.speed
+    controls.handle([Event("scroll", y=2.0)])
+    assert control.speed == pytest.approx(speed * 1.25**2)
+    controls.handle([Event("scroll", y=-1e9), Event("scroll", y=-1e9), Event("scroll", y=-1e9)])
+    assert 0 < control.speed < speed
+    controls.handle([Event("scroll", y=1e9)] * 9)
+    assert math.isfinite(control.speed)
+
+
+def test_losing_the_focus_releases_all_keys(hands, control):
+    controls, _ = hands
+    controls.handle([press(glfw.KEY_W), press(glfw.KEY_LEFT_SHIFT), Event("focus", pressed=False)])
+    assert not control.held
+    assert not control.fast
+
+
+def test_releases_count_even_when_keys_are_not_ours(hands, control):
+    controls, _ = hands
+    controls.handle([press(glfw.KEY_W)])
+    controls.handle([release(glfw.KEY_W), press(glfw.KEY_S)], takes_keys=False)
+    assert not control.held
+
+
+def test_flying_on_and_on_stays_finite(control):
+    control.held = {"forward"}
+    for _ in range(100):
+        control.change_speed(20)
+        control.advance(1e6)
+    assert np.isfinite(control.camera.transform).all()
+
+
+# ---- mouse ------------------------------------------------------------------------------------------
+
+
+def drag(button, *ways):
+    x = y = 50.0
+    events = [Event("cursor", x=x, y=y), Event("button", button, True)]
+    for right, down in ways:
+        x, y = x + right, y + down
+        events.append(Event("cursor", x=x, y=y))
+    return [*events, Event("button", button, False)]
+
+
+def test_right_drag_looks_around(hands, control):
+    controls, called = hands
+    before = control.camera.transform.copy()
+    controls.handle(drag(glfw.MOUSE_BUTTON_RIGHT, (20, 0), (20, 0)))
+    after = control.camera.transform
+    assert after[:3, 3] == pytest.approx(before[:3, 3])
+    assert -after[0, 2] == pytest.approx(math.sin(40 * 0.005)), "to the right of -z"
+    assert not called
+
+
+def test_left_drag_orbits_around_what_was_grabbed(hands, control):
+    controls, called = hands
+    controls.handle(drag(glfw.MOUSE_BUTTON_LEFT, (100, 0), (100, 0), (0, 50)))
+    assert [name for name, _ in called] == ["grab"]
+    center = np.array((0, 1, 0))
+    assert np.linalg.norm(place(control) - center) == pytest.approx(4)
+    view = -control.camera.transform[:3, 2]
+    assert view == pytest.approx((center - place(control)) / 4), "what was in the middle stays there"
+
+
+def test_a_click_picks_and_does_not_move(hands, control):
+    controls, called = hands
+    before = control.camera.transform.copy()
+    controls.handle(drag(glfw.MOUSE_BUTTON_LEFT, (1, 1), (1, -1)))
+    assert called == [("pick", (52.0, 50.0))]
+    assert (control.camera.transform == before).all()
+
+
+def test_a_drag_over_the_sky_looks_around(control):
+    controls = Controls(control, lambda name, argument: None)
+    before = place(control).copy()
+    controls.handle(drag(glfw.MOUSE_BUTTON_LEFT, (100, 30)))
+    assert place(control) == pytest.approx(before)
+
+
+def test_looking_up_stops_before_the_pole(hands, control):
+    controls, _ = hands
+    controls.handle(drag(glfw.MOUSE_BUTTON_RIGHT, *[(3, -400)] * 30))
+    transform = control.camera.transform
+    assert math.asin(-transform[1, 2]) == pytest.approx(STEEPEST)
+    assert transform[:3, :3].T @ transform[:3, :3] == pytest.approx(np.eye(3), abs=1e-12)
+    assert np.linalg.det(transform[:3, :3]) == pytest.approx(1)
+    assert transform[1, 0] == pytest.approx(0), "the horizon stays level"
+
+
+def test_mouse_of_the_panels_is_not_ours(hands, control):
+    controls, called = hands
+    controls.handle(drag(glfw.MOUSE_BUTTON_LEFT, (100, 0)), takes_mouse=False)
+    assert not called
+
+
+# ---- keys that act ----------------------------------------------------------------------------------
+
+
+def test_every_action_has_its_key(hands):
+    controls, called = hands
+    for code, with_control in ACTIONS:
+        controls.handle([press(code, glfw.MOD_CONTROL if with_control else 0), release(code)])
+    assert [name for name, _ in called] == list(ACTIONS.values())
+    assert len(KEYS_HELP) >= 15
+
+
+def test_numbers_choose_cameras(hands):
+    controls, called = hands
+    controls.handle([press(glfw.KEY_1), press(glfw.KEY_9), press(glfw.KEY_1, repeats=True)])
+    assert called == [("camera", 0), ("camera", 8)]
+
+
+def test_held_keys_repeat_only_where_that_helps(hands):
+    controls, called = hands
+    controls.handle([press(glfw.KEY_F2, repeats=True), press(glfw.KEY_PERIOD, repeats=True)])
+    assert called == [("move_divider_right", None)]
+
+
+def test_control_does_not_fly(hands, control):
+    controls, called = hands
+    controls.handle([press(glfw.KEY_V, glfw.MOD_SHIFT), press(glfw.KEY_S, glfw.MOD_CONTROL)])
+    assert called == [("previous_view", None)]
+    assert not control.held
+    assert set(FLY_KEYS) & {code for code, with_control in ACTIONS if not with_control} == set()
+
+
+# ---- camera -----------------------------------------------------------------------------------------
+
+
+def test_focus_shows_a_sphere_whole(control):
+    control.focus((5, 2, 1), 0.5)
+    assert np.linalg.norm(place(control) - (5, 2, 1)) == pytest.approx(0.5 / math.sin(control.camera.vertical_fov / 2))
+
+
+def test_pose_is_what_the_command_line_takes(control):
+    control.look(33, -12)
+    text = control.copy_pose()
+    assert sv.Camera.from_pose(json.loads(text)).transform == pytest.approx(control.camera.transform)
+    other = CameraControl(sv.Camera())
+    other.paste_pose(text)
+    assert other.camera.transform == pytest.approx(control.camera.transform)
+    assert other.camera.ev100 == control.camera.ev100
+
+
+@pytest.mark.parametrize("text", ["", "hello", "[1, 2]", '{"position": 3}', '{"transform": [[1]]}', "{"])
+def test_pasting_something_else_is_refused(control, text):
+    before = control.camera.transform.copy()
+    with pytest.raises(sv.SolariError):
+        control.paste_pose(text)
+    assert (control.camera.transform == before).all()
+
+
+def test_reset_and_other_cameras(control):
+    control.look(10, 10)
+    control.take(sv.Camera.look_at((9, 9, 9), (0, 0, 0), ev100=5, vertical_fov=0.5))
+    assert control.camera.vertical_fov == 0.5
+    assert control.camera.ev100 == 0, "the exposure is the user's"
+    control.reset()
+    assert (control.camera.transform == control.home.transform).all()
+
+
+def test_the_given_camera_is_not_moved():
+    given = sv.Camera.look_at((0, 1, 4), (0, 1, 0))
+    before = given.transform.copy()
+    CameraControl(given).look(50, 50)
+    assert (given.transform == before).all()
+
+
+# ---- a window without a screen ----------------------------------------------------------------------
+
+
+@pytest.fixture
+def null_window():
+    glfw.init_hint(glfw.PLATFORM, glfw.PLATFORM_NULL)
+    try:
+        window = Window((200, 100), "test")
+        yield window
+        window.close()
+    finally:
+        glfw.init_hint(glfw.PLATFORM, glfw.ANY_PLATFORM)
+
+
+def test_null_window_resizes_and_minimises(null_window):
+    assert null_window.pixels == (200, 100)
+    glfw.set_window_size(null_window.handle, 320, 90)
+    assert null_window.size == null_window.pixels == (320, 90)
+    glfw.iconify_window(null_window.handle)
+    assert null_window.pixels == (0, 0)
+    glfw.restore_window(null_window.handle)
+    assert null_window.pixels == (320, 90)
+
+
+def test_null_window_fullscreen_and_back(null_window):
+    null_window.toggle_fullscreen()
+    mode = glfw.get_video_mode(glfw.get_primary_monitor())
+    assert null_window.size == (mode.size.width, mode.size.height)
+    null_window.toggle_fullscreen()
+    assert null_window.size == (200, 100)
+
+
+def test_null_window_clipboard_and_events(null_window):
+    null_window.clipboard = "pose"
+    assert null_window.clipboard == "pose"
+    glfw.focus_window(null_window.handle)
+    assert all(event.kind in ("focus", "cursor") for event in null_window.take_events())
+    assert null_window.take_events() == []
+    null_window.wants_to_close = True
+    assert null_window.wants_to_close
+
+
+def test_closing_twice_and_two_windows(null_window):
+    other = Window((64, 64), "other")
+    other.close()
+    other.close()
+    assert null_window.pixels == (200, 100), "GLFW goes on for the other window"

@@ -1,0 +1,75 @@
+"""The resolution follows the time of a frame: against models of what a frame takes."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+import solari_vk as sv
+from solari_vk.viewer.scaling import LEAST, STEPS, ScaleControl
+
+
+def settle(control, fixed, growth, frames=300, noise=0.0):
+    """Run frames that take fixed + growth * scale^2 seconds; returns how often the scale changed in the last half."""
+    generator = random.Random(5)
+    changes = 0
+    for frame in range(frames):
+        time = (fixed + growth * control.scale**2) * (1 + noise * generator.uniform(-1, 1))
+        changes += control.note(time) and frame > frames // 2
+    return changes
+
+
+@pytest.mark.parametrize(("fixed", "growth"), [(0.0, 1.0), (0.01, 0.5), (0.03, 0.2), (0.0, 0.11)])
+def test_time_of_a_frame_is_kept(fixed, growth):
+    control = ScaleControl("auto", 0.1)
+    assert settle(control, fixed, growth) == 0, "the scale settles"
+    assert fixed + growth * control.scale**2 <= 0.1
+    larger = STEPS[min(STEPS.index(control.scale) + 2, len(STEPS) - 1)]
+    assert control.scale == 1 or fixed + growth * larger**2 > 0.1 * 0.7, "no smaller than it must be"
+
+
+def test_fast_devices_render_every_pixel():
+    control = ScaleControl("auto", 1 / 30)
+    settle(control, 1e-4, 1e-3)
+    assert control.scale == 1
+
+
+def test_a_target_out_of_reach_does_not_ruin_the_picture():
+    control = ScaleControl("auto", 0.02)
+    settle(control, 0.1, 0.1)
+    assert 0.5 <= control.scale < 1, "a smaller picture would be hardly faster"
+    hopeless = ScaleControl("auto", 0.001)
+    settle(hopeless, 0.0, 100.0)
+    assert hopeless.scale == LEAST
+
+
+def test_noise_does_not_make_it_swing():
+    control = ScaleControl("auto", 0.1)
+    assert settle(control, 0.01, 0.5, frames=1000, noise=0.1) <= 6
+
+
+def test_another_load_is_followed():
+    control = ScaleControl("auto", 0.1)
+    settle(control, 0.0, 2.0)
+    small = control.scale
+    control.unsettle()
+    settle(control, 0.0, 0.2)
+    assert control.scale > small
+
+
+def test_a_fixed_scale_stays():
+    control = ScaleControl(0.37)
+    assert settle(control, 1.0, 1.0) == 0
+    assert control.size((1000, 10)) == (370, 4)
+    assert control.size((1, 1)) == (1, 1)
+    control.fix(7)
+    assert control.scale == 1
+
+
+@pytest.mark.parametrize("scale", ["fast", 0, 2, "nan", None])
+def test_other_scales_are_refused(scale):
+    with pytest.raises(sv.SolariError, match="scale"):
+        ScaleControl(scale)
+    with pytest.raises(sv.SolariError, match="seconds"):
+        ScaleControl("auto", 0)
