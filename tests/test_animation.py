@@ -87,11 +87,13 @@ def test_a_path_runs_through_its_poses(path):
 
 
 def test_a_path_is_smooth(path):
-    """Speeds have no jumps, at poses neither, and orientations stay rotations."""
+    """Speeds have no jumps and no halts, at poses neither, and orientations stay rotations."""
     cameras = path(POSES, fps=200)
     positions = np.array([position(camera) for camera in cameras])
     steps = np.diff(positions, axis=0)
     assert np.abs(np.diff(steps, axis=0)).max() < 0.03 * np.abs(steps).max()
+    speeds = np.linalg.norm(steps, axis=1)
+    assert speeds.min() > 0.3 * speeds.max(), "it halts nowhere"
     axes = np.array([camera.transform[:3, :3] for camera in cameras])
     np.testing.assert_allclose(axes @ axes.transpose(0, 2, 1), np.broadcast_to(np.eye(3), axes.shape), atol=1e-12)
     turns = [angle_between(a, b) for a, b in zip(cameras[::20], cameras[20::20], strict=False)]
