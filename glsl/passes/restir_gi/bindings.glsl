@@ -4,6 +4,9 @@
 
 #extension GL_EXT_scalar_block_layout : require
 
+// The normal of a point that is a mirror's: what it shows to one pixel it shows to no other, so nothing is reconnected to it.
+const vec3 SEEN_IN_MIRROR = vec3(0.0);
+
 // A point of another surface and the light that it reflects to a pixel.
 struct GiReservoir {
     vec3 sample_point_world_position;  // moved off its surface, so that rays may end there

@@ -3,6 +3,7 @@
 #extension GL_EXT_ray_query : require
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
+#include "passes/past_mirrors.glsl"
 #include "passes/restir_gi/reservoir.glsl"
 #include "passes/reuse.glsl"
 #include "passes/world_cache/query.glsl"
@@ -18,15 +19,16 @@ GiReservoir generate_initial_reservoir(GBufferSurface surface, inout uint rng) {
     vec3 direction = orthonormalize(surface.world_normal) * sample_uniform_hemisphere(rand_vec2f(rng));
     if (!(dot(direction, surface.geometric_world_normal) > 0.0)) { return reservoir; }
     vec3 origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
-    count_ray(RAYS_OF_GI);
-    Hit hit = trace_closest_hit(origin, 0.0, direction, INFINITY, TRACE_BOTH_FACES);
-    if (hit.instance == NO_INDEX) { return reservoir; }
-
-    ResolvedRayHitFull point = resolve_ray_hit_full(hit, direction, 0.0);
-    reservoir.sample_point_world_position = point.world_position + point.ray_offset * point.geometric_world_normal;
-    reservoir.sample_point_world_normal = point.geometric_world_normal;
-    reservoir.reflectance = INVERSE_PI * surface_albedo(point.material, dot(point.world_normal, -direction));
-    reservoir.radiance = reservoir.reflectance * find_irradiance(point, hit.t, uniforms.world_cache_lifetime, rng);
+    SightPastMirrors sight = trace_past_mirrors(origin, direction, INFINITY, 0.0, RAYS_OF_GI);
+    reservoir.sample_point_world_position = sight.first_position;
+    reservoir.radiance = sight.emitted;
+    if (sight.found) {
+        ResolvedRayHitFull point = sight.surface;
+        reservoir.sample_point_world_normal = sight.mirrors == 0u ? point.geometric_world_normal : SEEN_IN_MIRROR;
+        reservoir.reflectance = INVERSE_PI * surface_albedo(point.material, dot(point.world_normal, -sight.direction));
+        reservoir.radiance += sight.throughput * reservoir.reflectance
+            * find_irradiance(point, sight.ray_t, uniforms.world_cache_lifetime, rng);
+    }
     reservoir.unbiased_contribution_weight = gi_target(surface, reservoir) > 0.0 ? 2.0 * PI : 0.0;
     return reservoir;
 }
@@ -34,7 +36,8 @@ GiReservoir generate_initial_reservoir(GBufferSurface surface, inout uint rng) {
 // Differs from Solari, where what was found once stays until it is replaced: light that has gone would linger for as long
 // as confidence lasts. A contribution weight serves any function of its point, so also a later frame's light.
 void refresh_radiance(inout GiReservoir reservoir, GBufferSurface surface, inout uint rng) {
-    if (uniforms.gi_refresh == 0u || !(reservoir.unbiased_contribution_weight > 0.0)) { return; }
+    bool mirrored = reservoir.sample_point_world_normal == SEEN_IN_MIRROR;
+    if (uniforms.gi_refresh == 0u || mirrored || !(reservoir.unbiased_contribution_weight > 0.0)) { return; }
     float ray_t = distance(surface.world_position, reservoir.sample_point_world_position);
     WorldCacheResult cached = query_world_cache(
         reservoir.sample_point_world_position, reservoir.sample_point_world_normal, ray_t,

@@ -11,7 +11,7 @@
 #include "scene/trace.glsl"
 
 GiReservoir empty_gi_reservoir(float confidence_weight) {
-    return GiReservoir(vec3(0.0), vec3(0.0, 0.0, 1.0), vec3(0.0), vec3(0.0), confidence_weight, 0.0);
+    return GiReservoir(vec3(0.0), SEEN_IN_MIRROR, vec3(0.0), vec3(0.0), confidence_weight, 0.0);
 }
 
 // What this frame's shading uses; the sample is visible from the pixel.
