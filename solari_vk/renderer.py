@@ -65,7 +65,11 @@ class Renderer:
         external = {**self.binder.resources, **table_buffers, **self._lights.buffers}
         self._built = self.size, self.binder.instance_capacity, self.settings.built_in
         self._seen: tuple[Any, ...] = ()
-        self._frame = Frame(device, self._stages(), external=external)
+        try:
+            self._frame = Frame(device, self._stages(), external=external)
+        except BaseException:
+            self._free()
+            raise
         self._bound_version = self.binder.version
         self._views: tuple[View | None, View | None] = None, None  # in the uniforms, this frame's and the last one's
         self._previous: tuple[View, Any] | None = None  # view and jitter of the last frame, None: no history
@@ -148,6 +152,17 @@ class Renderer:
     # ---- control ------------------------------------------------------------------------------------
 
     @property
+    def seed(self) -> int:
+        """What the noise follows, from the next frame on: a whole number from 0 to 2^32 - 1."""
+        return self._seed
+
+    @seed.setter
+    def seed(self, seed: int) -> None:
+        if not isinstance(seed, int) or not 0 <= seed < 2**32:
+            raise SolariError(f"Renderer: seed must be a whole number from 0 to 2^32 - 1, not {seed!r}")
+        self._seed = seed
+
+    @property
     def view(self) -> str:
         """What `display` shows: "picture", or a debug view of passes.display.VIEWS; from the next frame on."""
         names: tuple[str, ...] = tuple(display.VIEWS)
@@ -172,7 +187,7 @@ class Renderer:
         self._previous = None
 
     def reload(self) -> None:
-        """Take up changed shaders. When one can't be compiled, the old ones go on and the CompilationError is raised."""
+        """Take up changed shaders. When one can't be compiled, the old ones go on; raises CompilationError."""
         self._frame.rebuild()
 
     def resize(self, size: tuple[int, int]) -> None:
@@ -198,6 +213,10 @@ class Renderer:
     def close(self) -> None:
         """Free everything on the device. Safe to call twice."""
         self._frame.close()
+        self._free()
+
+    def _free(self) -> None:
+        """Free what the frame uses."""
         self._table.close()
         self._lights.destroy()
         if self._owns_binder:
@@ -222,8 +241,10 @@ class Renderer:
         if self.frame_count == 0:
             raise SolariError(f"Renderer: render before asking for '{name}'")
         stage, _, counter = name.partition("/")
-        if stage in COUNTING and counter in (counters := self._frame[f"{stage}_counters"]).dtype.names:
-            return np.asarray(counters[counter])
+        if stage in COUNTING:
+            counters = self._frame[f"{stage}_counters"]
+            if counter in (counters.dtype.names or ()):
+                return np.asarray(counters[counter])
         values = self._frame[name.replace("/", "_")]
         width, height = self.size
         if len(values.shape) and values.shape[0] == width * height:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 from solari_vk.gpu.compiler import compile_shader
 from solari_vk.gpu.device import Device
 from solari_vk.gpu.frame import Frame, Pass, Stage
@@ -9,6 +11,21 @@ from solari_vk.gpu.memory import Buffer
 from solari_vk.gpu.spirv import reflect
 
 NAMES = ("brdf_table", "brdf_averages")
+LAYERINGS = ("conserving", "sum", "fresnel_product")  # LAYERING_* of scene/brdf.glsl
+
+
+class Surfaces(Protocol):
+    """The settings that surfaces follow."""
+
+    @property
+    def layering(self) -> str: ...
+    @property
+    def lambert(self) -> bool: ...
+
+
+def constants(settings: Surfaces) -> dict[str, int | bool]:
+    """The specialization constants of every pass that evaluates the BRDF."""
+    return {"brdf_layering": LAYERINGS.index(settings.layering), "brdf_lambert": settings.lambert}
 
 
 def stage() -> Stage:

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from solari_vk.errors import SolariError
 from solari_vk.gpu.frame import Frame, Pass, Stage
 from solari_vk.gpu.uniforms import Uniforms
+from solari_vk.passes import brdf_table
+from solari_vk.passes.brdf_table import LAYERINGS
 
 LIGHT_STRATEGIES = ("mis", "nee", "brdf")  # LIGHTS_BY_* of passes/bindings.glsl
-LAYERINGS = ("conserving", "sum", "fresnel_product")  # LAYERING_* of scene/brdf.glsl
 PIXEL_FILTERS = {"box": 0.5, "gaussian": 2.0, "blackman_harris": 1.5}  # PIXEL_FILTER_*, and their radii in pixels
 LARGEST_PIXEL_BYTES = 12  # of a pixel in any one buffer: three floats
 FIRST_HIT_AOVS = (
@@ -63,7 +64,7 @@ class Settings:
 def trace_stage(size: tuple[int, int], rows: int, settings: Settings) -> Stage:
     """Means over all pixels, and a dispatch over some rows: the uniform first_row says which."""
     pixels = size[0] * size[1]
-    brdf = {"brdf_layering": LAYERINGS.index(settings.layering), "brdf_lambert": settings.lambert}
+    brdf = brdf_table.constants(settings)
     return Stage(
         "pathtracer",
         buffers={"radiance_mean": pixels, "luminance_deviations": pixels, "ray_count": pixels},

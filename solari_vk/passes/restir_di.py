@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from solari_vk.gpu.frame import History, Pass, Stage
-from solari_vk.passes.pathtracer import LAYERINGS
+from solari_vk.passes import brdf_table
 from solari_vk.settings import Settings
 
 
 def stage(size: tuple[int, int], settings: Settings) -> Stage:
     """Reservoirs with their history, and radiance towards the camera, diffuse and specular apart."""
     pixels = size[0] * size[1]
-    brdf = {"brdf_layering": LAYERINGS.index(settings.layering), "brdf_lambert": settings.lambert}
+    brdf = brdf_table.constants(settings)
     return Stage(
         "restir_di",
         buffers={

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from solari_vk.gpu.frame import History, Pass, Stage
-from solari_vk.passes.pathtracer import LAYERINGS
+from solari_vk.passes import brdf_table
 from solari_vk.settings import Settings
 
 
 def stage(size: tuple[int, int], settings: Settings) -> Stage:
     """A reservoir a pixel after either half, the last one with its history, and gi_diffuse."""
     pixels = size[0] * size[1]
-    brdf = {"brdf_layering": LAYERINGS.index(settings.layering), "brdf_lambert": settings.lambert}
+    brdf = brdf_table.constants(settings)
     return Stage(
         "restir_gi",
         buffers={"gi_temporal_reservoirs": pixels, "gi_reservoirs": History(pixels), "gi_diffuse": pixels},

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from solari_vk.gpu.frame import Pass, Stage
-from solari_vk.passes.pathtracer import LAYERINGS
+from solari_vk.passes import brdf_table
 from solari_vk.settings import Settings
 
 
 def stage(size: tuple[int, int], settings: Settings) -> Stage:
     """`specular_gi`: radiance over the specular lobe that DI hasn't found."""
-    brdf = {"brdf_layering": LAYERINGS.index(settings.layering), "brdf_lambert": settings.lambert}
+    brdf = brdf_table.constants(settings)
     return Stage(
         "specular_gi",
         buffers={"specular_gi": size[0] * size[1]},

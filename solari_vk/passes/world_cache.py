@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from solari_vk.gpu.frame import Pass, Stage
-from solari_vk.passes.pathtracer import LAYERINGS
+from solari_vk.passes import brdf_table
 from solari_vk.settings import Settings
 
 ROW = 65536  # threads in a row of a dispatch, of passes/world_cache/threads.glsl
@@ -30,7 +30,7 @@ def stage(size: tuple[int, int], settings: Settings) -> Stage:
     who comes first is who gets the last place.
     """
     cells = settings.world_cache_cells
-    brdf = {"brdf_layering": LAYERINGS.index(settings.layering), "brdf_lambert": settings.lambert}
+    brdf = brdf_table.constants(settings)
     indirect = "world_cache_dispatch"
     return Stage(
         "world_cache",

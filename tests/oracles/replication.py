@@ -35,7 +35,7 @@ def tiles(images, count=4):
     """Means over count x count tiles of pictures (..., height, width, channels): (..., count, count, channels)."""
     images = np.asarray(images, np.float64)
     *front, height, width, channels = images.shape
-    assert height % count == 0 and width % count == 0
+    assert height % count == width % count == 0
     split = images.reshape(*front, count, height // count, count, width // count, channels)
     return split.mean(axis=(-4, -2))
 
