@@ -187,8 +187,9 @@ class OverlayRenderer:
         for frame in self._frames:
             for buffer in frame.buffers.values():
                 buffer.destroy()
-        for number in list(self._textures):
-            self._destroy(number)
+        for image, _ in self._textures.values():
+            image.destroy()
+        self._textures.clear()
         if self._pipeline is not None:
             self._pipeline.close()
         self.device.release(self._token)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from statistics import median
 
 from solari_vk.errors import SolariError
@@ -80,7 +81,7 @@ class ScaleControl:
             growth = max(self._known[high] - self._known[low], 0.0) / (high**2 - low**2)
         growth = max(growth, 1e-9)
         fixed = max(time - growth * self.scale**2, 0.0)
-        return (max(self.target - fixed, WORTH * fixed) / growth) ** 0.5
+        return math.sqrt(max(self.target - fixed, WORTH * fixed) / growth)
 
     def size(self, pixels: tuple[int, int]) -> tuple[int, int]:
         """The picture's size for a window of so many pixels."""

@@ -1,0 +1,276 @@
+"""What the viewer does: keys, picking, screenshots that can be rendered again, reloading, telling what is wrong."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import shutil
+
+import glfw
+import numpy as np
+import pytest
+from PIL import Image
+
+import solari_vk as sv
+from solari_vk.cli import main
+from solari_vk.gpu import compiler
+from solari_vk.passes.display import TONEMAPS, VIEWS
+from solari_vk.viewer import reload
+from solari_vk.viewer.window import Event
+
+FLAT = {"overlay": False, "size": (64, 64)}
+
+
+def type_keys(viewer, *codes, modifiers=0):
+    for code in codes:
+        viewer.window.events += [Event("key", code, True, modifiers), Event("key", code, False, modifiers)]
+    viewer.step()
+
+
+def click(viewer, x, y):
+    viewer.window.events += [Event("cursor", x=x, y=y), Event("button", 0, True), Event("button", 0, False)]
+    viewer.step()
+
+
+# ---- keys -------------------------------------------------------------------------------------------
+
+
+def test_views_and_tone_mappings_go_round(open_viewer):
+    viewer = open_viewer(**FLAT)
+    type_keys(viewer, *[glfw.KEY_V] * len(VIEWS), *[glfw.KEY_T] * (len(TONEMAPS) + 1))
+    assert viewer.pictures.view == "picture"
+    assert viewer.pictures.tonemap == TONEMAPS[(TONEMAPS.index("agx") + 1) % len(TONEMAPS)]
+    type_keys(viewer, glfw.KEY_V, modifiers=glfw.MOD_SHIFT)
+    assert viewer.pictures.view == list(VIEWS)[-1]
+
+
+def test_brighter_is_brighter(open_viewer):
+    viewer = open_viewer(**FLAT)
+    viewer.run(frames=1)
+    before = viewer.pictures.pixels().mean()
+    type_keys(viewer, *[glfw.KEY_EQUAL] * 3)
+    assert viewer.camera.ev100 == pytest.approx(viewer.camera_control.home.ev100 - 1)
+    assert viewer.pictures.pixels().mean() > before + 5
+    type_keys(viewer, glfw.KEY_R)
+    assert viewer.camera.ev100 == viewer.camera_control.home.ev100
+
+
+def test_flying_moves_the_picture(open_viewer):
+    viewer = open_viewer(**FLAT)
+    viewer.run(frames=2)
+    assert viewer.pictures.reference.samples >= 2
+    viewer.window.events.append(Event("key", glfw.KEY_W, True))
+    viewer.run(frames=3)
+    home = viewer.camera_control.home.transform
+    way = viewer.camera.transform[:3, 3] - home[:3, 3]
+    assert way @ -home[:3, 2] == pytest.approx(np.linalg.norm(way))
+    assert way.any()
+    viewer.window.events.append(Event("key", glfw.KEY_ESCAPE, True))
+    viewer.run()
+
+
+def test_pose_goes_through_the_clipboard(open_viewer):
+    viewer = open_viewer(**FLAT)
+    viewer.camera_control.look(40, 10)
+    moved = viewer.camera.transform
+    type_keys(viewer, glfw.KEY_C, modifiers=glfw.MOD_CONTROL)
+    assert json.loads(viewer.window.clipboard)["transform"] == moved.tolist()
+    type_keys(viewer, glfw.KEY_R)
+    type_keys(viewer, glfw.KEY_V, modifiers=glfw.MOD_CONTROL)
+    assert (viewer.camera.transform == moved).all()
+    viewer.window.clipboard = "not a pose"
+    type_keys(viewer, glfw.KEY_V, modifiers=glfw.MOD_CONTROL)
+    assert "no camera pose" in viewer.message
+
+
+def test_help_without_panels_is_printed(open_viewer, capfd):
+    viewer = open_viewer(**FLAT)
+    type_keys(viewer, glfw.KEY_H)
+    assert "fly" in capfd.readouterr().err
+
+
+def test_scene_cameras_by_number(open_viewer):
+    viewer = open_viewer(**FLAT)
+    viewer.scene.add(sv.Camera.look_at((1, 1, 3), (1, 1, 0)))
+    type_keys(viewer, glfw.KEY_2)
+    assert viewer.camera.transform[:3, 3] == pytest.approx((1, 1, 3))
+    type_keys(viewer, glfw.KEY_9)
+    assert "no camera 9" in viewer.message
+
+
+# ---- picking ----------------------------------------------------------------------------------------
+
+
+def seen_from_the_front(**material):
+    mesh = sv.Mesh(positions=[(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], indices=[(0, 1, 2), (0, 2, 3)])
+    wall = sv.Instance(mesh=mesh, material=sv.Material(name="paint", **material), name="wall")
+    wall.transform = np.diag((0.5, 0.5, 1, 1))
+    camera = sv.Camera.look_at((0, 0, 2), (0, 0, 0))
+    return sv.Scene(wall, camera), wall
+
+
+def test_a_click_finds_instance_and_point(open_viewer):
+    scene, wall = seen_from_the_front(emissive=(1, 1, 1))
+    viewer = open_viewer(scene, overlay=False, size=(100, 100))
+    viewer.run(frames=1)
+    click(viewer, 60, 45)
+    assert viewer.pick.instance is wall
+    slope = 2 * np.tan(viewer.camera.vertical_fov / 2)
+    assert viewer.pick.point == pytest.approx((slope * 0.21, slope * 0.09, 0), abs=1e-4)
+    assert "'wall'" in viewer.message
+    assert "'paint'" in viewer.message
+    type_keys(viewer, glfw.KEY_F)
+    distance = np.linalg.norm(viewer.camera.transform[:3, 3] - viewer.pick.point)
+    assert distance == pytest.approx(np.sqrt(0.5) / np.sin(viewer.camera.vertical_fov / 2))
+    type_keys(viewer, glfw.KEY_R)
+    click(viewer, 2, 2)
+    assert viewer.pick is None
+    type_keys(viewer, glfw.KEY_F)
+    assert "nothing is picked" in viewer.message
+
+
+# ---- editing ----------------------------------------------------------------------------------------
+
+
+def test_a_callback_may_edit_the_scene(open_viewer):
+    scene, wall = seen_from_the_front(emissive=(0.2, 0.2, 0.2))
+    viewer = open_viewer(scene, **FLAT)
+    viewer.run(frames=1)
+    before = viewer.pictures.pixels()[32, 32]
+
+    def on_frame(viewer, seconds):
+        wall.material.emissive = (0.8, 0.0, 0.0)
+
+    viewer.run(on_frame, frames=2)
+    after = viewer.pictures.pixels()[32, 32]
+    assert after[0] > before[0]
+    assert after[1] < before[1]
+
+
+def test_what_cannot_be_rendered_is_told_and_the_picture_stays(open_viewer, monkeypatch):
+    viewer = open_viewer(**FLAT)
+    viewer.run(frames=2)
+    before = viewer.capture()
+
+    def refuse(*_):
+        raise sv.SolariError("the scene is too large")
+
+    monkeypatch.setattr(viewer.pictures, "render", refuse)
+    viewer.run(frames=3)
+    assert viewer.message == "the scene is too large"
+    assert (viewer.capture() == before).all()
+    monkeypatch.undo()
+    viewer.run(frames=1)
+
+
+# ---- screenshots ------------------------------------------------------------------------------------
+
+
+def test_screenshot_is_rendered_again_by_its_command_line(open_viewer, tmp_path):
+    viewer = open_viewer(**FLAT, source="builtin:cornell_box", folder=tmp_path / "shots", seed=7)
+    viewer.camera_control.orbit(20, 5, (1, 1, 1))
+    viewer.run(frames=3)
+    type_keys(viewer, glfw.KEY_F2, glfw.KEY_F2)
+    assert sorted(path.name for path in (tmp_path / "shots").iterdir()) == [
+        f"solari-00{number}.{suffix}" for number in (1, 2) for suffix in ("exr", "png", "txt")
+    ]
+    first = tmp_path / "shots" / "solari-001"
+    words = shlex.split(first.with_suffix(".txt").read_text())
+    assert words[0] == "solari-vk"
+    words[words.index("-o") + 1] = str(tmp_path / "again.exr")
+    assert main(words[1:]) == 0
+    again, shown = (read_exr(path) for path in (tmp_path / "again.exr", first.with_suffix(".exr")))
+    assert (again == shown).all()
+    assert np.asarray(Image.open(first.with_suffix(".png"))).shape == (64, 64, 3)
+
+
+def read_exr(path):
+    import OpenEXR
+
+    with OpenEXR.File(str(path)) as file:
+        return file.channels()["RGB"].pixels.copy()
+
+
+def test_screenshots_without_a_folder_to_write_to_are_told(open_viewer, tmp_path):
+    (tmp_path / "file").write_text("")
+    viewer = open_viewer(**FLAT, folder=tmp_path / "file" / "shots")
+    viewer.run(frames=1)
+    type_keys(viewer, glfw.KEY_F2)
+    assert "file" in viewer.message
+
+
+# ---- reloading --------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def shaders(tmp_path, monkeypatch):
+    """A copy of the shaders that is used instead of the package's, and looked at in every frame."""
+    copied = shutil.copytree(compiler.glsl_root(), tmp_path / "glsl")
+    monkeypatch.setattr(compiler, "glsl_root", lambda: copied)
+    monkeypatch.setattr(reload, "glsl_root", lambda: copied)
+    monkeypatch.setattr(reload, "INTERVAL", 0.0)
+    return copied
+
+
+def test_shaders_are_reloaded_and_errors_shown(open_viewer, shaders):
+    viewer = open_viewer(**FLAT)
+    viewer.run(frames=2)
+    shader = shaders / "passes" / "viewer" / "show.comp"
+    right = shader.read_text()
+    good = viewer.pictures.pixels()
+    assert good.max() > 100
+
+    shader.write_text(right.replace("show_radiance(radiance)", "show_radians(radiance)"))
+    viewer.run(frames=2)
+    line = next(n for n, text in enumerate(right.splitlines(), 1) if "show_radiance" in text)
+    assert f"show.comp:{line}:" in viewer.message
+    assert viewer.pictures.pixels().max() > 100, "the last good pipelines go on"
+
+    shader.write_text(right.replace("show_radiance(radiance)", "vec3(0.0, 1.0, 0.0)"))
+    viewer.run(frames=2)
+    assert "reloaded" in viewer.message
+    assert (viewer.pictures.pixels() == (0, 255, 0)).all()
+
+
+def write_triangle(path, color):
+    """A glTF of a triangle that shines, with its positions in a file of their own."""
+    positions = np.array([(-1, -1, 0), (1, -1, 0), (0, 1, 0)], "<f4")
+    path.with_suffix(".bin").write_bytes(positions.tobytes())
+    primitive = {"attributes": {"POSITION": 0}, "material": 0}
+    document = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [primitive]}],
+        "materials": [{"emissiveFactor": color, "pbrMetallicRoughness": {"baseColorFactor": [0, 0, 0, 1]}}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [-1, -1, 0], "max": [1, 1, 0]}
+        ],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+        "buffers": [{"uri": path.with_suffix(".bin").name, "byteLength": 36}],
+    }
+    path.write_text(json.dumps(document))
+
+
+def test_files_are_reloaded_and_broken_ones_told(open_viewer, tmp_path, monkeypatch):
+    monkeypatch.setattr(reload, "INTERVAL", 0.0)
+    path = tmp_path / "model.gltf"
+    write_triangle(path, [1, 0, 0])
+    camera = sv.Camera.look_at((0, 0, 4), (0, 0, 0))
+    viewer = open_viewer(
+        sv.load_gltf(path), **FLAT, camera=camera, source=str(path), load=lambda: sv.load_gltf(path)
+    )
+    viewer.run(frames=2)
+    assert tuple(viewer.pictures.radiance()[32, 32]) == pytest.approx((1, 0, 0))
+    whole = path.read_text()
+    path.write_text(whole[: len(whole) // 2])
+    viewer.run(frames=2)
+    assert "model.gltf" in viewer.message
+    assert tuple(viewer.pictures.radiance()[32, 32]) == pytest.approx((1, 0, 0))
+    write_triangle(path, [0, 0, 1])
+    viewer.run(frames=2)
+    assert "reloaded" in viewer.message
+    assert tuple(viewer.pictures.radiance()[32, 32]) == pytest.approx((0, 0, 1))
+    path.with_suffix(".bin").write_bytes(bytes(36))
+    viewer.run(frames=2)
+    assert not viewer.pictures.radiance().any(), "files that it names are watched too"

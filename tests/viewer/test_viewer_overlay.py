@@ -1,0 +1,247 @@
+"""The panels: drawn where they should be, fed with the window's events, and editing what they say."""
+
+from __future__ import annotations
+
+import sys
+
+import glfw
+import numpy as np
+import pytest
+
+import solari_vk as sv
+from solari_vk.passes.display import VIEWS
+from solari_vk.settings import DEFAULTS, FIELDS
+from solari_vk.viewer import panels, scene_panel
+from solari_vk.viewer.overlay import MARGIN
+from solari_vk.viewer.pictures import MODES
+from solari_vk.viewer.window import Event
+
+SIZE = (200, 160)
+
+
+class Proxy:
+    """Dear ImGui with every header open, and with some of its functions replaced."""
+
+    def __init__(self, imgui, **replaced):
+        self._imgui = imgui
+        self.__dict__.update(replaced)
+
+    def __getattr__(self, name):
+        found = getattr(self._imgui, name)
+        if name not in ("collapsing_header", "tree_node"):
+            return found
+
+        def opened(*arguments):
+            self._imgui.set_next_item_open(True)
+            return found(*arguments)
+
+        return opened
+
+
+@pytest.fixture
+def replace(monkeypatch):
+    """Replaces functions of imgui for the panels; all headers are open."""
+    imgui = panels.imgui
+
+    def put(**replaced):
+        proxy = Proxy(imgui, **replaced)
+        monkeypatch.setattr(panels, "imgui", proxy)
+        monkeypatch.setattr(scene_panel, "imgui", proxy)
+
+    return put
+
+
+def mouse(viewer, x, y, *presses):
+    viewer.window.events.append(Event("cursor", x=x, y=y))
+    viewer.step()
+    for pressed in presses:
+        viewer.window.events.append(Event("button", 0, pressed))
+        viewer.step()
+
+
+# ---- drawing ----------------------------------------------------------------------------------------
+
+
+def test_panels_lie_over_the_picture(open_viewer):
+    viewer = open_viewer(size=SIZE)
+    viewer.say("a message")
+    viewer.run(frames=3)
+    shown, picture = viewer.capture(), viewer.pictures.pixels()
+    row = MARGIN + 4, slice(MARGIN + 4, -MARGIN - 4)
+    assert (shown[row] != picture[row]).any(axis=1).all()
+    assert (shown[: MARGIN - 1] == picture[: MARGIN - 1]).all(), "nothing beside them"
+    assert (shown[MARGIN : MARGIN + 20] > 240).all(axis=2).any(), "white letters in the title"
+    viewer.act("overlay")
+    viewer.message = ""
+    viewer.run(frames=2)
+    assert (viewer.capture() == viewer.pictures.pixels()).all()
+
+
+def test_all_panels_can_be_laid_out(open_viewer, replace):
+    replace()
+    viewer = open_viewer(size=(400, 340), scale=0.2)
+    viewer.scene.add(sv.DirectionalLight(direction=(0, -1, 0)))
+    viewer.scene.warnings.append("something was left out")
+    viewer.run(frames=1)
+    viewer.act("pick", (200, 170))
+    assert viewer.pick is not None
+    viewer.act("help")
+    viewer.run(frames=3)
+
+
+def test_windows_of_other_sizes(open_viewer, replace):
+    replace()
+    viewer = open_viewer(scale=0.5)
+    for size in ((40, 30), (1, 1), (300, 50), SIZE):
+        glfw.set_window_size(viewer.window.handle, *size)
+        viewer.run(frames=2)
+        assert viewer.capture().shape == (size[1], size[0], 3)
+
+
+def test_split_view_has_its_divider(open_viewer, monkeypatch):
+    viewer = open_viewer(size=SIZE, scale=0.25)
+    viewer.shows_overlay = False
+    viewer.run(frames=1)
+    monkeypatch.setattr(type(viewer.pictures), "mode", "split")
+    monkeypatch.setattr(viewer.pictures, "_render_realtime", lambda camera: None)
+    viewer.step()
+    mouse(viewer, 100, 80)
+    mouse(viewer, 100, 80, True)
+    mouse(viewer, 150, 80, False)
+    assert viewer.pictures.divider == pytest.approx(0.75)
+    assert viewer.pick is None, "the divider's clicks are not the viewer's"
+
+
+# ---- input ------------------------------------------------------------------------------------------
+
+
+def test_clicks_on_panels_do_not_pick(open_viewer):
+    viewer = open_viewer(size=SIZE)
+    viewer.run(frames=2)
+    mouse(viewer, 100, 100)
+    mouse(viewer, 100, 100, True, False)
+    assert viewer.pick is None
+    viewer.act("overlay")
+    viewer.run(frames=2)
+    mouse(viewer, 100, 100, True, False)
+    assert viewer.pick is not None
+
+
+def test_typing_into_a_field_does_not_fly(open_viewer, replace):
+    viewer = open_viewer(size=SIZE)
+    viewer.run(frames=1)
+    imgui = panels.imgui
+    focused = []
+
+    def input_int(label, value, **options):
+        if not focused:
+            imgui.set_keyboard_focus_here()
+            focused.append(label)
+        return imgui.input_int(label, value, **options)
+
+    replace(input_int=input_int)
+    viewer.run(frames=3)
+    viewer.window.events += [Event("key", glfw.KEY_W, True), Event("text", ord("9"))]
+    viewer.step()
+    assert not viewer.camera_control.held
+    viewer.window.events += [Event("key", glfw.KEY_ENTER, True)]
+    viewer.run(frames=2)
+    assert getattr(viewer.settings, focused[0].split()[0]) == 9
+
+
+# ---- editing ----------------------------------------------------------------------------------------
+
+
+def test_every_setting_can_be_changed_and_reset(open_viewer, replace):
+    viewer = open_viewer(size=SIZE, scale=0.2)
+    viewer.run(frames=1)
+
+    def combo(label, at, names):
+        return True, at if label in ("mode", "view", "tone mapping") else (at + 1) % len(names)
+
+    replace(
+        checkbox=lambda label, value: (True, not value),
+        combo=combo,
+        input_int=lambda label, value, **_: (True, value // 2),
+        input_float=lambda label, value, **_: (True, value / 2),
+    )
+    viewer.step()
+    unchanged = [name for name in FIELDS if getattr(viewer.settings, name) == DEFAULTS[name]]
+    assert not unchanged
+    replace(
+        checkbox=lambda label, value: (False, value),
+        small_button=lambda label: label.startswith("reset##"),
+    )
+    viewer.step()
+    assert [name for name in FIELDS if getattr(viewer.settings, name) != DEFAULTS[name]] == []
+
+
+def test_refused_values_are_told(open_viewer, replace):
+    viewer = open_viewer(size=SIZE, scale=0.2)
+    replace(input_int=lambda label, value, **_: (True, -5))
+    viewer.step()
+    assert "must be a whole number" in viewer.message
+    assert viewer.settings.di_candidates == DEFAULTS["di_candidates"]
+
+
+def test_modes_views_and_meanings(open_viewer, replace):
+    viewer = open_viewer(size=SIZE, scale=0.2)
+    offered = {}
+
+    def combo(label, at, names):
+        offered.setdefault(label, names)
+        return False, at
+
+    replace(combo=combo)
+    viewer.step()
+    assert offered["mode"] == list(MODES)
+    assert offered["view"] == list(VIEWS)
+    assert all(field.meaning for field in FIELDS.values())
+
+
+def test_the_scene_can_be_edited(open_viewer, replace):
+    viewer = open_viewer(size=SIZE, scale=0.2)
+    sun = viewer.scene.add(sv.DirectionalLight(direction=(0, -1, 0), illuminance=5))
+    viewer.run(frames=1)
+    before = {instance: instance.transform.copy() for instance in viewer.scene.instances}
+    replace(
+        drag_float3=lambda label, value, *_, **__: (label == "position", [x + 0.01 for x in value]),
+        drag_float=lambda label, value, *_, **__: (label in ("lux", "cd/m2"), value + 1),
+        slider_float=lambda label, value, *_, **__: (label == "roughness", 0.75),
+        color_edit3=lambda label, value, *_, **__: (label == "base colour", [0.1, 0.2, 0.3]),
+    )
+    viewer.step()
+    assert sun.illuminance > 5
+    for instance, transform in before.items():
+        assert instance.transform[:3, 3] == pytest.approx(transform[:3, 3] + 0.01)
+        assert instance.material.perceptual_roughness == 0.75
+        assert instance.material.base_color == pytest.approx((0.1, 0.2, 0.3))
+        assert instance.material.emits
+    viewer.run(frames=2)
+
+
+def test_turning_and_scaling_keep_the_place(open_viewer, replace):
+    viewer = open_viewer(size=SIZE, scale=0.2)
+    viewer.run(frames=1)
+    instance = next(iter(viewer.scene.instances))
+    instance.transform = np.array([(2, 0, 0, 5), (0, 2, 0, 6), (0, 0, 2, 7), (0, 0, 0, 1)])
+    replace(
+        drag_float3=lambda label, value, *_, **__: (label == "turn by", [0, 90, 0] if label == "turn by" else value),
+        drag_float=lambda label, value, *_, **__: (label == "scale by", 0.5 if label == "scale by" else value),
+    )
+    viewer.step()
+    assert instance.transform == pytest.approx(np.array([(0, 0, 1, 5), (0, 1, 0, 6), (-1, 0, 0, 7), (0, 0, 0, 1)]))
+
+
+# ---- without it -------------------------------------------------------------------------------------
+
+
+def test_without_imgui_there_are_keys(open_viewer, monkeypatch):
+    monkeypatch.setitem(sys.modules, "imgui_bundle", None)
+    for name in ("overlay", "overlay_renderer", "panels", "scene_panel"):
+        monkeypatch.delitem(sys.modules, f"solari_vk.viewer.{name}", raising=False)
+    viewer = open_viewer(size=(64, 64))
+    assert viewer.overlay is None
+    assert "imgui-bundle" in viewer.message
+    viewer.run(frames=2)
+    assert (viewer.capture() == viewer.pictures.pixels()).all()

@@ -1,0 +1,202 @@
+"""The viewer in windows of an Xvfb: what is shown is what was rendered, whatever happens to the window."""
+
+from __future__ import annotations
+
+import time
+
+import glfw
+import numpy as np
+import pytest
+from PIL import ImageGrab
+
+import solari_vk as sv
+from solari_vk.gpu import raw
+from solari_vk.gpu.swapchain import Swapchain
+from solari_vk.viewer import Window
+
+
+def grab(viewer, screen):
+    """What the X server shows where the window is."""
+    viewer.device.wait_idle()
+    time.sleep(0.3)  # the server draws on its own time
+    x, y = glfw.get_window_pos(viewer.window.handle)
+    width, height = viewer.window.size
+    return np.asarray(ImageGrab.grab(bbox=(x, y, x + width, y + height), xdisplay=screen))
+
+
+def stretched(pixels, size):
+    """Bilinear filtering with texels' centres at + 0.5 and edges that go on, as Vulkan's linear blits do."""
+    values = pixels.astype(np.float64)
+    for axis, count in ((0, size[1]), (1, size[0])):
+        at = np.clip((np.arange(count) + 0.5) * values.shape[axis] / count - 0.5, 0, values.shape[axis] - 1)
+        low = np.floor(at).astype(int)
+        share = (at - low).reshape([-1 if i == axis else 1 for i in range(3)])
+        high = np.minimum(low + 1, values.shape[axis] - 1)
+        values = values.take(low, axis) * (1 - share) + values.take(high, axis) * share
+    return values
+
+
+def test_the_screen_shows_the_rendered_picture(open_viewer, screen):
+    viewer = open_viewer(overlay=False)
+    viewer.run(frames=3)
+    shown = grab(viewer, screen)
+    assert shown.shape == (64, 96, 3)
+    assert shown.max() > 100
+    assert (shown == viewer.pictures.pixels()).all()
+    assert (viewer.capture() == shown).all()
+
+
+def test_small_pictures_are_stretched(open_viewer, screen):
+    viewer = open_viewer(overlay=False, scale=0.25)
+    viewer.run(frames=2)
+    pixels = viewer.pictures.pixels()
+    assert pixels.shape == (16, 24, 3)
+    assert grab(viewer, screen) == pytest.approx(stretched(pixels, (96, 64)), abs=1.0)
+
+
+def test_windows_are_resized(open_viewer, screen):
+    viewer = open_viewer(overlay=False)
+    for size in ((150, 40), (33, 71), (1, 1), (200, 150)):
+        glfw.set_window_size(viewer.window.handle, *size)
+        viewer.run(frames=3)
+        assert viewer.pictures.size == size
+        assert viewer.capture().shape == (size[1], size[0], 3)
+    assert (grab(viewer, screen) == viewer.pictures.pixels()).all()
+
+
+def test_hidden_windows_wait(open_viewer, monkeypatch):
+    viewer = open_viewer(overlay=False)
+    viewer.run(frames=1)
+    monkeypatch.setattr(Window, "pixels", (0, 0))
+    assert not viewer.step()
+    assert viewer.frame_count == 1
+    with pytest.raises(sv.SolariError, match="nothing"):
+        viewer.capture()
+    monkeypatch.undo()
+    viewer.run(frames=2)
+    assert (viewer.capture() == viewer.pictures.pixels()).all()
+
+
+@pytest.mark.parametrize("function", ["vkAcquireNextImageKHR", "vkQueuePresentKHR", "vkCreateSwapchainKHR"])
+@pytest.mark.parametrize("failure", ["VK_ERROR_SURFACE_LOST_KHR", "VK_ERROR_OUT_OF_DATE_KHR", "VK_SUBOPTIMAL_KHR"])
+def test_what_happens_to_windows_is_no_error(open_viewer, monkeypatch, function, failure):
+    """The call is made, and reported to have failed: for an acquired image that is the harder case."""
+    viewer = open_viewer(overlay=False)
+    viewer.run(frames=2)
+    before = viewer._swapchain.generation
+    look_up = raw.lib.vkGetInstanceProcAddr
+    left = [function]
+
+    class Lib:
+        def __getattr__(self, name):
+            return getattr(raw_lib, name)
+
+        @staticmethod
+        def vkGetInstanceProcAddr(instance, name):
+            pointer = look_up(instance, name)
+            if left and name.decode() == function:
+                left.clear()
+                call = raw.ffi.cast("PFN_" + function, pointer)
+                fakes.append(raw.ffi.callback(raw.ffi.typeof(call), lambda *arguments: fail(call, arguments)))
+                return raw.ffi.cast("PFN_vkVoidFunction", fakes[-1])
+            return pointer
+
+    def fail(call, arguments):
+        if function != "vkCreateSwapchainKHR":
+            call(*arguments)
+        return getattr(raw, failure)
+
+    fakes, raw_lib = [], raw.lib
+    if function == "vkCreateSwapchainKHR":
+        viewer._swapchain.stale = True
+    monkeypatch.setattr(raw, "lib", Lib())
+    viewer.run(frames=1)
+    monkeypatch.undo()
+    assert not left, "the failure was met"
+    viewer.run(frames=3)
+    assert viewer._swapchain.generation > before
+    assert (viewer.capture() == viewer.pictures.pixels()).all()
+
+
+def test_other_failures_are_errors(open_viewer, monkeypatch):
+    viewer = open_viewer(overlay=False)
+    viewer.run(frames=1)
+    failure = raw.VK_ERROR_OUT_OF_DEVICE_MEMORY
+    monkeypatch.setattr(Swapchain, "_call", lambda *_: raw.check(failure, "vkQueuePresentKHR"))
+    with pytest.raises(sv.DeviceError, match="out of memory"):
+        viewer.step()
+    monkeypatch.undo()
+    viewer.run(frames=2)
+    assert (viewer.capture() == viewer.pictures.pixels()).all()
+
+
+@pytest.mark.parametrize("frames", [0, 1, 2])
+def test_closing_at_any_moment(open_viewer, frames):
+    viewer = open_viewer()
+    viewer.run(frames=frames)
+    viewer.close()
+    viewer.close()
+
+
+def test_closing_in_the_middle_of_a_frame(open_viewer):
+    viewer = open_viewer()
+
+    def on_frame(viewer, seconds):
+        assert seconds >= 0
+        if viewer.frame_count == 2:
+            viewer.window.wants_to_close = True
+
+    viewer.run(on_frame)
+    assert viewer.frame_count == 2
+
+    def fail(viewer, seconds):
+        raise RuntimeError("the caller's own")
+
+    viewer.window.wants_to_close = False
+    with pytest.raises(RuntimeError, match="own"):
+        viewer.run(fail)
+
+
+def test_the_device_may_close_first(screen):
+    device = sv.Device(validation=True)
+    viewer = sv.Viewer(device, sv.builtin("cornell_box"), size=(64, 48), mode="reference", scale=0.5)
+    viewer.run(frames=2)
+    device.close()
+    viewer.close()
+
+
+def test_two_viewers_at_a_time(open_viewer):
+    first, second = open_viewer(overlay=False), open_viewer(size=(64, 64))
+    for _ in range(3):
+        first.step()
+        second.step()
+    assert (first.capture() == first.pictures.pixels()).all()
+    second.close()
+    first.run(frames=1)
+
+
+def test_fullscreen(open_viewer, screen):
+    viewer = open_viewer(overlay=False, scale=0.1)
+    for size in ((480, 360), (96, 64)):
+        viewer.act("fullscreen")
+        viewer.run(frames=4)
+        assert viewer.window.pixels == size
+        assert viewer.capture().shape == (size[1], size[0], 3)
+
+
+def test_nonsense_is_refused(device, screen):
+    scene = sv.builtin("cornell_box")
+    for options, words in (
+        ({"mode": "fast"}, "mode"),
+        ({"scale": 3}, "scale"),
+        ({"fps": 0}, "fps"),
+    ):
+        with pytest.raises(sv.SolariError, match=words):
+            sv.Viewer(device, scene, size=(64, 64), **options)
+
+
+def test_no_screen_is_a_plain_error(device, monkeypatch):
+    monkeypatch.setenv("DISPLAY", ":9999")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(sv.SolariError, match="no window can be opened"):
+        sv.Viewer(device, sv.builtin("cornell_box"))
