@@ -159,14 +159,14 @@ def test_thin_wall(device):
 
 MUTANTS = {
     "no 1 / pi": (check_fixed_point, "query.glsl", "(INVERSE_PI * irradiance)", "irradiance"),
-    "indirect without pi": (check_fixed_point, "sample_indirect.comp", "PI * radiance", "radiance"),
+    "indirect without pi": (check_fixed_point, "sample_indirect.comp", "PI * sight.throughput", "sight.throughput"),
     "direct: 1 / M dropped": (check_fixed_point, "sample_direct.comp",
                               "(float(uniforms.world_cache_candidates) * chosen_target)", "chosen_target"),
     "direct: no cosine": (check_fixed_point, "sample_direct.comp", "light.received_radiance * (cosine * inverse_pdf)",
                           "light.received_radiance * inverse_pdf"),
     "direct: measure swapped": (check_fixed_point, "sample_direct.comp", "float weight = target * light.inverse_pdf;",
                                 "float weight = target / max(light.solid_angle_pdf, 1e-6);"),
-    "indirect forgotten": (check_fixed_point, "sample_indirect.comp", "irradiance += PI", "irradiance += 0.0"),
+    "indirect forgotten": (check_fixed_point, "sample_indirect.comp", "PI * sight.throughput", "1e-9 * radiance"),
     "albedo: metals black": (check_albedo, "query.glsl", "specular_albedo(material.base_color, ab), ", "vec3(0.0), "),
     "albedo: nothing under the layer": (check_albedo, "query.glsl", "dielectric + through * material.base_color",
                                         "dielectric"),
