@@ -55,6 +55,8 @@ def missing(job):
             yield "spirv-val"
         if shutil.which("Xvfb") is None:
             yield "Xvfb"
+        if shutil.which("xdotool") is None:
+            yield "xdotool"
         # Mitsuba, a reference of some tests, needs these two.
         if library(LLVM) is None:
             yield "LLVM 19"

@@ -5,7 +5,7 @@
 log=$root/out/setup.log
 # glslc too, because the libshaderc1 of Debian 12 lacks a symbol and can't be loaded.
 archive_packages='python3 python3-venv libvulkan1 libshaderc1 glslc'
-archive_packages_test='vulkan-validationlayers spirv-tools xvfb xauth libllvm19 libatomic1'
+archive_packages_test='vulkan-validationlayers spirv-tools xvfb xauth xdotool libllvm19 libatomic1'
 # The first Mesa whose software device traces rays.
 mesa_with_rays=24.1
 
@@ -82,10 +82,10 @@ how_to_install() {
         echo "    sudo apt-get install $*"
     elif command -v dnf >/dev/null; then
         echo '    sudo dnf install python3 vulkan-loader libshaderc glslc mesa-vulkan-drivers'
-        [ "$job" = demo ] || echo '    sudo dnf install vulkan-validation-layers spirv-tools xorg-x11-server-Xvfb llvm19-libs libatomic'
+        [ "$job" = demo ] || echo '    sudo dnf install vulkan-validation-layers spirv-tools xorg-x11-server-Xvfb xdotool llvm19-libs libatomic'
     elif command -v pacman >/dev/null; then
         echo '    sudo pacman -S python vulkan-icd-loader shaderc vulkan-swrast'
-        [ "$job" = demo ] || echo '    sudo pacman -S vulkan-validation-layers spirv-tools xorg-server-xvfb llvm19-libs'
+        [ "$job" = demo ] || echo '    sudo pacman -S vulkan-validation-layers spirv-tools xorg-server-xvfb xdotool llvm19-libs'
     elif [ "$(uname)" = Darwin ]; then
         echo '    brew install python vulkan-loader shaderc'
         echo 'But no picture will come of it: MoltenVK, the Vulkan driver of macOS, has no ray queries.'

@@ -42,17 +42,22 @@ def screen() -> Iterator[str]:
     server.wait()
 
 
-def held(device) -> int:
-    """How many objects there are on the device, but for those that it keeps for the next one who needs some."""
-    device.wait_idle()
-    return device.live_objects - len(device.staging_pool._chunks) - len(device._samplers)
+@pytest.fixture
+def held(device):
+    """Tells how many objects there are on the device, but for those that it keeps for the next one who needs some."""
+
+    def count() -> int:
+        device.wait_idle()
+        return device.live_objects - len(device.staging_pool._chunks) - len(device._samplers)
+
+    return count
 
 
 @pytest.fixture
-def open_viewer(screen, device):
+def open_viewer(screen, device, held):
     """Opens viewers, closes them, and looks whether they left anything on the device."""
     opened: list[Viewer] = []
-    before = held(device)
+    before = held()
 
     def open_one(scene=None, **options) -> Viewer:
         options = {"size": (96, 64), "mode": "reference", "scale": 1.0, **options}
@@ -63,4 +68,4 @@ def open_viewer(screen, device):
     yield open_one
     for viewer in opened:
         viewer.close()
-    assert held(device) == before, "the viewer left something on the device"
+    assert held() == before, "the viewer left something on the device"

@@ -1,0 +1,193 @@
+"""Long use: hundreds of frames of random input and resizes, real input through the X server, the command line."""
+
+from __future__ import annotations
+
+import random
+import shutil
+import subprocess
+import time
+
+import glfw
+import numpy as np
+import pytest
+from PIL import Image
+
+import solari_vk as sv
+from solari_vk.cli import main
+from solari_vk.passes.display import TONEMAPS, VIEWS
+from solari_vk.settings import FIELDS
+from solari_vk.viewer.controls import ACTIONS, FLY_KEYS
+from solari_vk.viewer.window import Event
+
+KEYS = [
+    *FLY_KEYS, glfw.KEY_LEFT_SHIFT, glfw.KEY_1, glfw.KEY_5,
+    *(code for (code, _), name in ACTIONS.items() if name not in ("close", "screenshot", "reload", "fullscreen")),
+]  # fmt: skip
+SIZES = [(160, 120), (120, 160), (64, 64), (201, 77), (1, 1), (300, 200)]
+
+
+def random_events(generator, size):
+    """Keys, drags, clicks and the wheel, somewhere in the window or a little outside."""
+    kind = generator.choice(["key", "key", "cursor", "cursor", "button", "scroll", "focus", "text"])
+    if kind == "key":
+        modifiers = generator.choice([0, 0, glfw.MOD_CONTROL, glfw.MOD_SHIFT])
+        yield Event("key", generator.choice(KEYS), generator.random() < 0.6, modifiers)
+    elif kind == "button":
+        yield Event("button", generator.choice([0, 0, 1, 2]), generator.random() < 0.5)
+    else:
+        x, y = (generator.uniform(-5, side + 5) for side in size)
+        code = generator.choice([0x30, 0x41, 0x1F600]) if kind == "text" else 0
+        yield Event(kind, code, generator.random() < 0.9, x=x, y=y)
+
+
+def use_at_random(viewer, frames, seed, modes):
+    generator = random.Random(seed)
+    seen = set()
+    for _ in range(frames):
+        for _ in range(generator.randrange(4)):
+            viewer.window.events += random_events(generator, viewer.window.size)
+        if generator.random() < 0.04:
+            glfw.set_window_size(viewer.window.handle, *generator.choice(SIZES))
+        if generator.random() < 0.02:
+            viewer.scale.auto = not viewer.scale.auto
+        if viewer.pictures.mode not in modes:
+            viewer.pictures.mode = generator.choice(modes)
+        viewer.step()
+        assert np.isfinite(viewer.camera.transform).all()
+        seen.add(viewer.pictures.size)
+    assert len(seen) > 3
+    viewer.controls.release()
+
+
+def calm_down(viewer):
+    """The picture alone, without panels, in every pixel of a window of 160x120, which has been picked in."""
+    viewer.pictures.mode = "reference"
+    viewer.act("reset")
+    viewer.shows_overlay = viewer.shows_help = False
+    viewer.scale.fix(1.0)
+    glfw.set_window_size(viewer.window.handle, 160, 120)
+    viewer.run(frames=4)
+    viewer.act("pick", (80, 60))
+    assert viewer.pick is not None
+    viewer.message = ""
+    viewer.run(frames=1)
+
+
+def test_five_hundred_frames_of_random_use(open_viewer, held, monkeypatch):
+    viewer = open_viewer(size=(160, 120), scale=0.2, seed=3)
+    # drivers may compile the realtime passes for a minute: it has its turn in the slow test below
+    monkeypatch.setattr(viewer.pictures, "_render_realtime", lambda camera: None)
+    viewer.scene.add(sv.Camera.look_at((1, 1, -2), (1, 1, 1)))
+    use_at_random(viewer, 250, seed=11, modes=["reference"])
+    calm_down(viewer)
+    objects, size = held(), viewer.device.memory.bytes_used
+    viewer.shows_overlay = True
+    use_at_random(viewer, 250, seed=12, modes=["reference"])
+    calm_down(viewer)
+    assert held() == objects, "more objects"
+    assert viewer.device.memory.bytes_used < 1.3 * size, "more memory"
+    assert viewer.pictures.size == (160, 120)
+    assert (viewer.capture() == viewer.pictures.pixels()).all()
+
+
+@pytest.mark.slow
+def test_random_use_of_all_modes_views_and_settings(open_viewer, tmp_path):
+    viewer = open_viewer(size=(96, 64), scale=0.5, mode="split", folder=tmp_path, source="builtin:cornell_box")
+    viewer.run(frames=2)
+    for view in VIEWS:
+        viewer.pictures.view = view
+        viewer.run(frames=1)
+        assert viewer.message == "", view
+    viewer.pictures.view = "picture"
+    for tonemap in TONEMAPS:
+        viewer.pictures.tonemap = tonemap
+        viewer.run(frames=1)
+    for name, field in FIELDS.items():
+        value = getattr(viewer.settings, name)
+        if field.choices:
+            setattr(viewer.settings, name, field.choices[-1])
+        elif isinstance(value, bool):
+            setattr(viewer.settings, name, not value)
+        viewer.run(frames=1)
+        viewer.settings.reset(name)
+        assert viewer.message == "", name
+    viewer.act("pick", (48, 40))
+    assert viewer.pick is not None
+    assert viewer.pictures.error() is not None
+    viewer.act("screenshot")
+    use_at_random(viewer, 150, seed=12, modes=["realtime", "split"])
+
+
+# ---- real input -------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def xdotool(screen):
+    if shutil.which("xdotool") is None:
+        pytest.fail("xdotool is missing (Debian: apt-get install xdotool)")
+    return lambda *words: subprocess.run(["xdotool", *map(str, words)], check=True, timeout=20)
+
+
+def until(viewer, holds):
+    """Run frames until something holds; events take their way through the server."""
+    end = time.monotonic() + 20
+    while not holds():
+        assert time.monotonic() < end
+        viewer.step()
+
+
+def test_real_keys_and_mouse(open_viewer, xdotool):
+    viewer = open_viewer(size=(160, 120), scale=0.25, overlay=False)
+    viewer.run(frames=2)
+    glfw.focus_window(viewer.window.handle)
+    home = viewer.camera_control.home.transform
+    xdotool("mousemove", 80, 60, "keydown", "w")
+    until(viewer, lambda: (viewer.camera.transform[:3, 3] != home[:3, 3]).any())
+    xdotool("keyup", "w")
+    until(viewer, lambda: not viewer.camera_control.held)
+    xdotool("key", "r")
+    until(viewer, lambda: (viewer.camera.transform == home).all())
+    xdotool("click", 1)
+    until(viewer, lambda: viewer.pick is not None)
+    xdotool("mousedown", 1, "mousemove", 110, 60)
+    until(viewer, lambda: (viewer.camera.transform[:3, :3] != home[:3, :3]).any())
+    xdotool("mouseup", 1, "click", 4)
+    until(viewer, lambda: viewer.camera_control.speed > viewer.camera_control.home_speed)
+    xdotool("key", "Escape")
+    until(viewer, lambda: viewer.window.wants_to_close)
+
+
+# ---- the command line -------------------------------------------------------------------------------
+
+
+def test_headless_run_shows_the_renderers_own_picture(screen, tmp_path, capfd):
+    shown, rendered = tmp_path / "shown.png", tmp_path / "rendered.exr"
+    common = ["builtin:cornell_box", "--mode", "reference", "--size", "64x48", "--seed", "4", "--validation"]
+    view = ["view", *common, "--scale", "1", "--no-overlay", "--frames", "3", "--screenshot", str(shown)]
+    assert main(view) == 0, capfd.readouterr().err
+    pixels = np.asarray(Image.open(shown)).astype(int)
+    assert pixels.shape == (48, 64, 3)
+    assert main(["render", *common, "--samples", "64", "-o", str(rendered.with_suffix(".png"))]) == 0
+    picture = np.asarray(Image.open(rendered.with_suffix(".png"))).astype(int)[..., :3]
+    assert abs(pixels.mean(axis=(0, 1)) - picture.mean(axis=(0, 1))).max() < 12
+    assert np.corrcoef(pixels.ravel(), picture.ravel())[0, 1] > 0.8
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["builtin:nothing"], "nothing"),
+        (["missing.gltf"], "missing.gltf"),
+        (["builtin:cornell_box", "--view", "nonsense"], "--view nonsense"),
+        (["builtin:cornell_box", "--scale", "7"], "scale"),
+        (["builtin:cornell_box", "--settings", "di_candidates=x"], "di_candidates"),
+        (["builtin:cornell_box", "--screenshot", "x.exr", "--frames", "1"], "--screenshot"),
+        (["builtin:cornell_box", "--screenshot", "x.png"], "--frames"),
+    ],
+)
+def test_wrong_usage_is_one_line(screen, capfd, monkeypatch, tmp_path, options, words):
+    monkeypatch.chdir(tmp_path)
+    assert main(["view", *options]) == 2
+    lines = capfd.readouterr().err.strip().splitlines()
+    assert words in lines[-1]
+    assert len(lines) == 1
