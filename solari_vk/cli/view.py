@@ -59,14 +59,16 @@ def run(options: argparse.Namespace) -> None:
             raise SolariError(f"--screenshot {options.screenshot}: give --frames, and the name of a .png")
     settings = make_settings(options)
     subject = load(options)
+    words = ["--lights", options.lights] + (["--scene", options.scene] if options.scene else [])
     is_file = not options.source.startswith("builtin:")
     with sv.Device(options.device, validation=options.validation or None) as device:
         if subject.auto_exposure:
             _meter(device, subject)
         with sv.Viewer(
             device, subject.scene, size=options.size, camera=subject.cameras[0], mode=options.mode,
-            scale=options.scale, fps=options.fps, settings=settings, seed=options.seed, overlay=not options.no_overlay,
-            source=options.source, load=(lambda: load(options).scene) if is_file else None, folder=options.folder,
+            scale=options.scale, fps=options.fps, settings=settings, seed=options.seed,
+            overlay=not options.no_overlay, source=options.source, source_options=words,
+            load=(lambda: load(options).scene) if is_file else None, folder=options.folder,
         ) as viewer:  # fmt: skip
             viewer.pictures.view, viewer.pictures.tonemap = options.view, options.tonemap
             viewer.run(frames=options.frames)

@@ -58,13 +58,13 @@ class Camera(Checked):
     def from_pose(cls, pose: Any) -> Camera:
         """A camera from what `pose` gave, or from {"position": [x, y, z], "target": [x, y, z]}.
 
-        Also takes "up", "vertical_fov_degrees" and "ev100", or a whole "transform" for position and target.
+        Also takes "up", "vertical_fov_degrees", "near" and "ev100", or a whole "transform" for position and target.
         """
-        known = {"position", "target", "up", "transform", "vertical_fov_degrees", "ev100"}
+        known = {"position", "target", "up", "transform", "vertical_fov_degrees", "near", "ev100"}
         if not isinstance(pose, dict) or not known.issuperset(pose):
             raise SolariError(f"a camera pose is a JSON object of {', '.join(sorted(known))}, not {pose!r}")
         try:
-            fields: dict[str, Any] = {"ev100": float(pose["ev100"])} if "ev100" in pose else {}
+            fields: dict[str, Any] = {name: float(pose[name]) for name in ("near", "ev100") if name in pose}
             if "vertical_fov_degrees" in pose:
                 fields["vertical_fov"] = math.radians(pose["vertical_fov_degrees"])
             if "transform" in pose:
@@ -78,6 +78,7 @@ class Camera(Checked):
         return {
             "transform": self.transform.tolist(),
             "vertical_fov_degrees": math.degrees(self.vertical_fov),
+            "near": self.near,
             "ev100": self.ev100,
         }
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import sys
 import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,8 +40,8 @@ class Viewer:
     size: of the window. camera: where to begin (default: the scene's first, else one that sees all of it); `camera` is
     a copy that the user moves. mode: "realtime", "reference" or "split". scale: the share of the window's width
     and height that is rendered, or "auto" to aim at `fps` frames a second (default: 60, on a CPU 7). overlay: panels
-    over the picture, where imgui-bundle is installed. source: what the scene was loaded from, as on the command
-    line, and load: how to load it once more when the file changes. folder: where screenshots go.
+    over the picture, where imgui-bundle is installed. source and source_options: what the scene was loaded from, as
+    the words of a command line, and load: how to load it once more when the file changes. folder: where screenshots go.
 
     `run(on_frame)` calls on_frame(viewer, seconds since the last frame) before each frame, which may edit the scene,
     `settings` and everything else. Raises SolariError where no window can be opened, DeviceError when the device can't
@@ -61,10 +62,12 @@ class Viewer:
         seed: int = 0,
         overlay: bool = True,
         source: str | None = None,
+        source_options: Sequence[str] = (),
         load: Callable[[], Scene] | None = None,
         folder: str | Path = ".",
     ) -> None:
-        self.device, self.scene, self.source, self.folder = device, scene, source, Path(folder)
+        self.device, self.scene, self.folder = device, scene, Path(folder)
+        self.source, self.source_options = source, source_options
         self.settings = Settings() if settings is None else settings
         self.pick: Pick | None = None
         """What was picked last."""
@@ -72,8 +75,7 @@ class Viewer:
         """What is told in the window; `say` and `warn` set it."""
         self.shows_help = self.shows_overlay = False
         self.frame_count = 0
-        self.fps = 0.0
-        """Frames a second, averaged over some."""
+        self._spans: deque[float] = deque(maxlen=20)  # seconds between the latest frames
         self.timings: dict[str, float] = {}
         """GPU milliseconds of the passes in the last finished frame."""
         self._message_ends = 0.0
@@ -149,7 +151,7 @@ class Viewer:
         self._render(self.scale.size(pixels))
         shown = self._show()
         self.frame_count += 1
-        self._take_time(time.perf_counter() - now)
+        self._take_time(seconds, time.perf_counter() - now)
         return shown
 
     def capture(self) -> NDArray[np.uint8]:
@@ -196,8 +198,9 @@ class Viewer:
             self.overlay.lay_out(0.0)
         self._show()
 
-    def _take_time(self, seconds: float) -> None:
-        self.fps = 1 / seconds if not self.fps else 0.9 * self.fps + 0.1 / max(seconds, 1e-6)
+    def _take_time(self, since_last: float, seconds: float) -> None:
+        if self.frame_count > 1:
+            self._spans.append(since_last)
         self.timings = self.pictures.timings
         self.scale.note(sum(self.timings.values()) / 1000 or seconds)
         if self.message and time.perf_counter() > self._message_ends:
@@ -211,6 +214,11 @@ class Viewer:
     def _name(self) -> str:
         name = Path(self.source).name if self.source else self.scene.name
         return f"{name} - solari_vk" if name else "solari_vk"
+
+    @property
+    def fps(self) -> float:
+        """Frames a second, of the latest ones; 0 before there are some."""
+        return len(self._spans) / sum(self._spans) if self._spans else 0.0
 
     # ---- messages -----------------------------------------------------------------------------------
 

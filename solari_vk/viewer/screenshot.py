@@ -40,7 +40,8 @@ def command_line(viewer: Viewer, output: Path) -> str:
     """
     pictures, camera = viewer.pictures, viewer.camera
     width, height = pictures.size
-    words = ["solari-vk", "render", viewer.source or "FILE", "-o", str(output), "--size", f"{width}x{height}"]
+    words = ["solari-vk", "render", viewer.source or "FILE", *viewer.source_options]
+    words += ["-o", str(output), "--size", f"{width}x{height}"]
     words += ["--camera", json.dumps(camera.pose()), "--exposure", repr(camera.ev100), "--seed", str(pictures.seed)]
     words += ["--tonemap", pictures.tonemap]
     if pictures.mode == "reference":

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import random
+import shlex
 import shutil
 import subprocess
 import time
 
 import glfw
 import numpy as np
+import OpenEXR
 import pytest
 from PIL import Image
 
@@ -116,6 +118,24 @@ def test_random_use_of_all_modes_views_and_settings(open_viewer, tmp_path):
     assert viewer.pictures.error() is not None
     viewer.act("screenshot")
     use_at_random(viewer, 150, seed=12, modes=["realtime", "split"])
+
+
+@pytest.mark.slow
+def test_realtime_screenshot_is_rendered_again_in_every_bit(open_viewer, tmp_path):
+    viewer = open_viewer(size=(64, 48), mode="realtime", folder=tmp_path, source="builtin:cornell_box", seed=5)
+    viewer.settings.di_candidates = 4
+    viewer.run(frames=5)
+    viewer.act("screenshot")
+    words = shlex.split((tmp_path / "solari-001.txt").read_text())
+    words[words.index("-o") + 1] = str(tmp_path / "again.exr")
+    assert main(words[1:]) == 0
+    shown, again = (read_exr(tmp_path / f"{name}.exr") for name in ("solari-001", "again"))
+    assert (shown == again).all()
+
+
+def read_exr(path):
+    with OpenEXR.File(str(path)) as file:
+        return file.channels()["RGB"].pixels.copy()
 
 
 # ---- real input -------------------------------------------------------------------------------------
