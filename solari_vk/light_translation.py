@@ -1,4 +1,7 @@
-"""Which light of this frame each light of the last frame is, so that what was sampled then still means the same."""
+"""Which light of this frame each light of the last frame is, so that what was sampled then still means the same.
+
+And how much light came or went in between.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +12,12 @@ from solari_vk.gpu.device import Device
 from solari_vk.gpu.memory import Buffer
 
 GONE = 0xFFFFFFFF  # NO_INDEX of scene/bindings.glsl
+KEPT = 0.9  # of a change that light is still settling from, after a frame
+SETTLED = 1 / 64
 NAMES = ("light_translation", "previous_light")
 
 Ids = NDArray[np.uint32]
+Powers = NDArray[np.float64]
 
 
 def translate(of: Ids, to: Ids) -> Ids:
@@ -23,21 +29,41 @@ def translate(of: Ids, to: Ids) -> Ids:
     return np.where(to[places] == of, places, GONE).astype(np.uint32)
 
 
+def share_changed(of: Ids, powers: Powers, to: Ids, new_powers: Powers) -> float:
+    """How much of the lights' power came or went from one list to the other, from 0 to 1."""
+    most = max(powers.sum(), new_powers.sum())
+    if not most > 0:
+        return 0.0
+    places = translate(of, to)
+    stayed = places != GONE
+    before = np.zeros(len(to))
+    before[places[stayed]] = powers[stayed]
+    return float(min((np.abs(new_powers - before).sum() + powers[~stayed].sum()) / most, 1.0))
+
+
 class LightTranslation:
     """The buffers `light_translation` (last frame's light to this one's) and `previous_light` (the other way round)."""
 
     def __init__(self, device: Device) -> None:
         self._device = device
         self._ids: Ids = np.zeros(0, np.uint32)
+        self._powers: Powers | None = None
+        self.change = 0.0
+        """Share of the scene's light that came or went of late, fading from frame to frame."""
         self._settled = False  # whether the buffers say that every light is itself
         self.buffers: dict[str, Buffer] = {}
         self._reserve(1)
 
-    def update(self, ids: Ids) -> bool:
+    def update(self, ids: Ids, powers: Powers) -> bool:
         """Bring the buffers up to date for a frame with these lights; True when they were replaced.
 
-        ids: of the lights in the order of `light_sources`; the same array as long as the list is the same.
+        ids and powers: of the lights in the order of `light_sources`; the same arrays as long as they are the same.
         """
+        self.change = KEPT * self.change if KEPT * self.change > SETTLED else 0.0
+        if powers is not self._powers:
+            if self._powers is not None:
+                self.change = max(self.change, share_changed(self._ids, self._powers, ids, powers))
+            self._powers = powers
         if ids is self._ids and self._settled:
             return False
         replaced = self._reserve(max(len(ids), len(self._ids)))

@@ -100,7 +100,7 @@ class Renderer:
         if not isinstance(camera, Camera):
             raise SolariError(f"Renderer.render: a Camera is needed, not {camera!r}")
         self.binder.update()
-        if self._lights.update(self.binder.light_ids):
+        if self._lights.update(self.binder.light_ids, self.binder.light_powers):
             self._frame.bind(self._lights.buffers)
         if self.binder.version != self._bound_version:
             self._bound_version = self.binder.version
@@ -128,6 +128,8 @@ class Renderer:
         uniforms = self._frame.uniforms
         view = View.of(camera, self.size, self._views[0])
         jitter = camera.jitter + self._jitter()
+        if self._previous is None:
+            self._lights.change = 0.0
         previous_view, previous_jitter = self._previous or (view, jitter)
         if self._views != (view, previous_view):
             self._views = view, previous_view
@@ -138,6 +140,7 @@ class Renderer:
         uniforms["jitter"] = jitter
         uniforms["size"] = self.size
         uniforms["exposure"] = camera.exposure
+        uniforms["lighting_change"] = self._lights.change
         uniforms["seed"] = self.seed
         uniforms["frame_index"] = self.frame_count & 0xFFFFFFFF
         self._previous = view, jitter

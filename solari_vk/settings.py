@@ -103,7 +103,7 @@ class Settings:
         "How cells that see cells keep them alive; store is Solari 0.17's, by which they never die.",
         choices=("max", "store"),
     )
-    world_cache_search_steps: int = _field(3, "world_cache", "Places tried for a cell.", low=1, high=64)
+    world_cache_search_steps: int = _field(8, "world_cache", "Places tried for a cell (Solari: 3).", low=1, high=64)
     world_cache_max_samples: int = _field(
         32, "world_cache", "Frames averaged. More: less noise, more lag.", low=1, high=4096
     )
@@ -112,6 +112,9 @@ class Settings:
         "world_cache",
         "Fewer frames are averaged where light changes; fixed is Solari 0.17's.",
         choices=("adaptive", "fixed"),
+    )
+    world_cache_relight: bool = _field(
+        True, "world_cache", "Forget as large a share of the past as came or went of the lights' power. Not in Solari."
     )
     world_cache_candidates: int = _field(32, "world_cache", "Light samples a cell chooses from.", low=1, high=1024)
     world_cache_ray_length: float = _field(50.0, "world_cache", "Metres that a cell's ray sees.", low=1e-3, high=1e9)

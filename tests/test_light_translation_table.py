@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from solari_vk.light_translation import GONE, NAMES, LightTranslation, translate
+from solari_vk.light_translation import GONE, KEPT, NAMES, LightTranslation, share_changed, translate
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import DirectionalLight, Instance, Material, Mesh, Scene
+
+POWERS = np.ones(199)
 
 
 def slow_translate(of, to):
@@ -26,17 +28,71 @@ def test_buffers_follow_the_list_and_settle(device):
         return [lights.buffers[name].read(np.uint32, count).tolist() for name in NAMES]
 
     first = np.array([1, 2, 3], np.uint32)
-    lights.update(first)
+    lights.update(first, POWERS[:3])
     assert read(3)[1] == [GONE] * 3  # all are new
-    lights.update(first)
+    lights.update(first, POWERS[:3])
     assert read(3) == [[0, 1, 2], [0, 1, 2]]
     second = np.array([3, 4, 1], np.uint32)
-    assert not lights.update(second)
+    assert not lights.update(second, POWERS[:3])
     assert read(3) == [[2, GONE, 0], [2, GONE, 0]]
     many = np.arange(1, 200, dtype=np.uint32)
-    assert lights.update(many), "larger buffers are other buffers"
+    assert lights.update(many, POWERS), "larger buffers are other buffers"
     assert read(3)[0] == [2, 3, 0]
     lights.destroy()
+
+
+def test_share_of_power_that_came_or_went():
+    ids, powers = np.array([1, 2, 3], np.uint32), np.array([1.0, 2.0, 5.0])
+    empty, dark = np.zeros(0, np.uint32), np.zeros(0)
+    assert share_changed(ids, powers, ids, powers) == 0
+    assert share_changed(ids, powers, ids[::-1], powers[::-1]) == 0, "another order is no other light"
+    assert share_changed(ids, powers, empty, dark) == share_changed(empty, dark, ids, powers) == 1
+    assert share_changed(empty, dark, empty, dark) == share_changed(ids, 0 * powers, ids, 0 * powers) == 0
+    assert share_changed(ids, powers, ids[:2], powers[:2]) == 5 / 8
+    assert share_changed(ids, powers, ids, np.array([1.0, 2.0, 6.0])) == 1 / 9
+    assert share_changed(ids, powers, ids + 10, powers) == 1, "at most all"
+
+
+def test_change_fades(device):
+    lights = LightTranslation(device)
+    ids, powers = np.array([1, 2], np.uint32), np.array([3.0, 1.0])
+    lights.update(ids, powers)
+    assert lights.change == 0, "the first frame's lights are no news"
+    lights.update(ids[:1], powers[:1])
+    assert lights.change == 1 / 4
+    dimmed = powers[:1]
+    for frame in range(1, 40):
+        lights.update(ids[:1], dimmed)
+        assert lights.change in (0, pytest.approx(KEPT**frame / 4))
+    assert lights.change == 0
+    lights.destroy()
+
+
+def test_powers_follow_emission_area_and_suns(device):
+    mesh = Mesh(positions=[[0, 0, 0], [2, 0, 0], [0, 1, 0]])
+    lamp = Instance(mesh=mesh, material=Material(emissive=[3, 3, 3]), transform=np.diag([2, 2, 2, 1]))
+    sun = DirectionalLight(direction=[0, -1, 0], illuminance=7.0)
+    scene = Scene(lamp, sun)
+    binder = SceneBinder(device, scene)
+
+    def powers():
+        binder.update()
+        return binder.light_powers
+
+    np.testing.assert_allclose(powers(), [np.pi * 3 * 4, 7.0])
+    known = powers()
+    turn = np.eye(4)
+    turn[:3, :3] = 2 * np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    lamp.transform = turn
+    assert powers() is known, "turning a lamp changes nothing"
+    lamp.material.emissive = [6, 6, 6]
+    sun.illuminance = 1.0
+    np.testing.assert_allclose(powers(), [np.pi * 6 * 4, 1.0])
+    mesh.positions = [[0, 0, 0], [4, 0, 0], [0, 1, 0]]
+    np.testing.assert_allclose(powers(), [np.pi * 6 * 8, 1.0])
+    lamp.visible = False
+    np.testing.assert_allclose(powers(), [1.0])
+    binder.destroy()
 
 
 def test_ids_stay_with_their_light(device):

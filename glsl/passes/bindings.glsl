@@ -38,6 +38,7 @@ layout(set = 1, binding = 0, scalar) uniform UniformsBlock {
     uint frame_index;         // since the renderer was made; never starts anew
     uint has_history;         // 0 in the first frame and after a reset
     float exposure;
+    float lighting_change;    // share of the lights' power that came or went of late
     uint view;                // what `display` shows: a row of VIEWS in passes/display.py
     uint tonemap;
 
@@ -61,6 +62,7 @@ layout(set = 1, binding = 0, scalar) uniform UniformsBlock {
     uint world_cache_search_steps;
     uint world_cache_max_samples;
     uint world_cache_blend;
+    uint world_cache_relight;
     uint world_cache_candidates;
     float world_cache_ray_length;
     uint world_cache_update_cap;

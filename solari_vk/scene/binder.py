@@ -102,6 +102,12 @@ class SceneBinder:
         return self._lights.ids
 
     @property
+    def light_powers(self) -> NDArray[np.float64]:
+        """About how much light each row of `light_sources` gives, in lumens, as of the last `update`; the same array
+        until one of them changes."""
+        return self._lights.powers
+
+    @property
     def triangle_orders(self) -> dict[int, NDArray[np.int64]]:
         """For each row of `meshes` in use: which of the mesh's triangles each of the uploaded ones is."""
         return self._geometry.triangle_orders()
@@ -121,7 +127,7 @@ class SceneBinder:
                 self.version += 1
             self._update_materials()
             self._update_instances()
-            self._lights.update()
+            self._lights.update(self._traced.lit_area)
             self._upload()
         except BaseException:
             self._changed = changed | self._changed  # the next update tries again, knowing nothing of what arrived
@@ -227,7 +233,11 @@ class SceneBinder:
         self._write_materials.clear()
 
     def _set_emissive(self, instance: Instance, row: int, emits: bool) -> None:
-        moved = self._lights.set_emissive(instance, row, emits)
+        area = 0.0
+        if emits:
+            scale = abs(np.linalg.det(instance.transform[:3, :3])) ** (2 / 3)
+            area = scale * self._geometry.area(instance.ray_mesh or instance.mesh)
+        moved = self._lights.set_emissive(instance, row, emits, area)
         if moved is not None:
             self._write_rows[moved] = None
 

@@ -30,6 +30,7 @@ class Geometry:
         self._watcher = watcher
         self._buffers: dict[Mesh, Buffer] = {}
         self._centers: dict[Mesh, NDArray[np.float32]] = {}
+        self._areas: dict[Mesh, float] = {}  # of those that were asked for
         self._orders: dict[Mesh, NDArray[np.int64]] = {}
         self._blases: dict[Mesh, Blas] = {}
         self._to_upload: dict[Mesh, None] = {}
@@ -52,6 +53,7 @@ class Geometry:
             if mesh in self._buffers:
                 self._buffers.pop(mesh).destroy()
                 del self._centers[mesh], self._orders[mesh]
+                self._areas.pop(mesh, None)
 
     def change(self, mesh: Mesh) -> list[Any]:
         """The mesh was edited: upload it again. Returns the instances that use it."""
@@ -67,6 +69,13 @@ class Geometry:
     def center(self, mesh: Mesh) -> NDArray[np.float32]:
         """The middle (3,) of an uploaded mesh's bounds, in object space."""
         return self._centers[mesh]
+
+    def area(self, mesh: Mesh) -> float:
+        """Of an uploaded mesh's surface, in object space."""
+        if mesh not in self._areas:
+            a, b, c = mesh.positions[mesh.triangles].astype(np.float64).swapaxes(0, 1)
+            self._areas[mesh] = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+        return self._areas[mesh]
 
     def triangle_orders(self) -> dict[int, NDArray[np.int64]]:
         """For each row of `table` in use: which of the mesh's triangles each of the uploaded ones is."""
@@ -98,6 +107,7 @@ class Geometry:
         triangles = triangles[order]
         least, most = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
         self._centers[mesh] = (least + most) / 2
+        self._areas.pop(mesh, None)
         parts = [mesh.positions, triangles]
         flags = 0
         if any(part is not None for part in (mesh.normals, mesh.uvs, mesh.tangents)):

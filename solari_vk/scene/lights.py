@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,10 @@ class Lights:
         self.ids: NDArray[np.uint32] = np.zeros(0, np.uint32)
         """For each row of `sources` a number that stays with the light and is never used again; another array after
         each change of the list."""
+        self._power_of: dict[Instance | DirectionalLight, float] = {}
+        self._powers_changed = True
+        self.powers: NDArray[np.float64] = np.zeros(0)
+        """About how much light each gives, in lumens; another array after each change."""
 
     @property
     def tables(self) -> tuple[Table, Table, Table]:
@@ -45,9 +50,13 @@ class Lights:
         """An instance's place in the list, None when it is no light."""
         return self._index.get(instance)
 
-    def set_emissive(self, instance: Instance, row: int, emits: bool) -> Instance | None:
-        """List an instance of that row or take it off; returns the instance whose index changed thereby."""
+    def set_emissive(self, instance: Instance, row: int, emits: bool, area: float = 0.0) -> Instance | None:
+        """List an instance of that row or take it off; returns the instance whose index changed thereby.
+
+        area: of its surface in the world, in square metres.
+        """
         index = self._index.get(instance)
+        self._set_power(instance, math.pi * area * _luminance(instance.material.emissive) if emits else 0.0)
         if emits:
             if index is None:
                 index = self._index[instance] = len(self._emissive)
@@ -60,7 +69,7 @@ class Lights:
         if index is None:
             return None
         self._changed = True
-        del self._index[instance], self._id_of[instance]
+        del self._index[instance], self._id_of[instance], self._power_of[instance]
         last = self._emissive.pop()
         if last is instance:
             return None
@@ -79,19 +88,33 @@ class Lights:
     def set_directional(self, light: DirectionalLight, present: bool) -> None:
         """List a directional light, take up its changes, or take it off."""
         if not present:
-            self._directional.pop(light, None)
-            self._id_of.pop(light, None)
+            for known in (self._directional, self._id_of, self._power_of):
+                known.pop(light, None)
         elif light not in self._directional:
             self._directional[light] = None
             self.renew(light)
         self._changed = True
 
-    def update(self) -> None:
-        """Write what follows from the changes."""
+    def _set_power(self, light: Instance | DirectionalLight, power: float) -> None:
+        known = self._power_of.get(light, 0.0)
+        if not math.isclose(power, known, rel_tol=1e-5):  # turning a light rounds its area
+            self._powers_changed = True
+        self._power_of[light] = power
+
+    def update(self, lit_area: Callable[[], float]) -> None:
+        """Write what follows from the changes. lit_area(): of the scene as a sun sees it, about, in square metres."""
+        if not (self._changed or self._powers_changed):
+            return
+        listed: list[Instance | DirectionalLight] = [*self._emissive, *self._directional]
+        if self._changed and self._directional:
+            area = lit_area()
+            for light in self._directional:
+                self._set_power(light, area * light.illuminance * _luminance(light.color))
+        self.powers = np.fromiter((self._power_of[light] for light in listed), np.float64, len(listed))
+        self._powers_changed = False
         if not self._changed:
             return
         self._changed = False
-        listed: list[Instance | DirectionalLight] = [*self._emissive, *self._directional]
         self.ids = np.fromiter((self._id_of[light] for light in listed), np.uint32, len(listed))
         first, count = len(self._emissive), len(self._directional)
         self.sources.reserve(first + count)
@@ -120,3 +143,7 @@ class Lights:
         """Free the tables."""
         for table in self.tables:
             table.destroy()
+
+
+def _luminance(color: NDArray[np.float32]) -> float:
+    return float(color @ (0.2126, 0.7152, 0.0722))

@@ -74,6 +74,13 @@ class TracedInstances:
             self._active = np.concatenate([self._active, np.zeros(more, bool)])
             self._places = np.concatenate([self._places, np.zeros(more, np.int64)])
 
+    def lit_area(self) -> float:
+        """Of a disk around the instances' centres, square metres; at least 1."""
+        if not self._active.any():
+            return 1.0
+        centers = self._centers[self._active].astype(np.float64)
+        return max(float(np.square(np.ptp(centers, axis=0)).sum()) * np.pi / 4, 1.0)
+
     def update(self) -> bool:
         """Bring `table.records` up to date; True when the TLAS is another one than before."""
         if self._sorted and self._moved <= max(self.count // 2, FEW):

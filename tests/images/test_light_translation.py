@@ -8,7 +8,7 @@ from direct_light import direct_light, direct_renderer, patch_shaders
 from oracles.statistics import replicates
 
 import solari_vk as sv
-from solari_vk.light_translation import GONE, LightTranslation, translate
+from solari_vk.light_translation import GONE
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place
 
@@ -57,34 +57,6 @@ def assert_agree(observations, expected, bar):
     rejected, within = replicates(observations / expected, np.ones(len(expected)), bar)
     assert rejected == 0, (observations.mean(axis=0), expected)
     assert within, (observations.mean(axis=0), expected)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_translations_name_the_same_light(seed):
-    random = np.random.default_rng(seed)
-    before, after = (random.permutation(40)[: random.integers(0, 30)].astype(np.uint32) for _ in range(2))
-    there = translate(before, after)
-    for light, place_now in zip(before, there, strict=True):
-        assert after[place_now] == light if place_now != GONE else light not in after
-    assert len(there) == len(before)
-
-
-def test_buffers_tell_of_the_last_change_only(device):
-    translation = LightTranslation(device)
-    try:
-        first, second = np.array([1, 2, 3], np.uint32), np.array([3, 4], np.uint32)
-        for ids, there, back in (
-            (first, [], [GONE] * 3),
-            (first, [0, 1, 2], [0, 1, 2]),
-            (second, [GONE, GONE, 0], [2, GONE]),
-            (second, [0, 1], [0, 1]),
-        ):
-            translation.update(ids)
-            read = {name: buffer.read(np.uint32) for name, buffer in translation.buffers.items()}
-            assert list(read["light_translation"][: len(there)]) == there
-            assert list(read["previous_light"][: len(back)]) == back
-    finally:
-        translation.destroy()
 
 
 def check_removal(device, scene):
