@@ -46,7 +46,7 @@ def test_commands_parse():
 
 
 def test_options_and_outputs_are_there(capsys):
-    for command in ("render", "conformance"):
+    for command in ("render", "view", "conformance"):
         with pytest.raises(SystemExit):
             cli._parser().parse_args([command, "--help"])
     text = capsys.readouterr().out

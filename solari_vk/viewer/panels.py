@@ -77,7 +77,7 @@ class Panels:
             imgui.text(f"at {point[0]:.4g}, {point[1]:.4g}, {point[2]:.4g}")
         self._update_slow()
         for text in self._slow.values():
-            imgui.text(text)
+            imgui.text_wrapped(text)
         for label, action in (("screenshot", "screenshot"), ("reset camera", "reset"), ("help", "help")):
             if imgui.button(label):
                 viewer.act(action)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 
 import glfw
 import numpy as np
@@ -179,7 +180,12 @@ def test_every_action_has_its_key(hands):
     for code, with_control in ACTIONS:
         controls.handle([press(code, glfw.MOD_CONTROL if with_control else 0), release(code)])
     assert [name for name, _ in called] == list(ACTIONS.values())
-    assert len(KEYS_HELP) >= 15
+
+
+def test_the_readme_lists_the_keys():
+    readme = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
+    for keys, meaning in KEYS_HELP:
+        assert f"| {keys} | {meaning} |\n" in readme
 
 
 def test_numbers_choose_cameras(hands):
