@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from solari_vk.errors import DeviceError, SolariError, ValidationError
 from solari_vk.passes.display import TONEMAPS, VIEWS
-from solari_vk.viewer.camera_control import copy_of
 from solari_vk.viewer.controls import KEYS_HELP
 from solari_vk.viewer.pictures import MODES, Pick
 from solari_vk.viewer.screenshot import take_screenshot
@@ -45,6 +44,7 @@ class Actions:
 
     def _act_reset(self) -> None:
         self._viewer.camera_control.reset()
+        self._viewer.pictures.cut()
 
     def _act_copy_pose(self) -> None:
         self._viewer.window.clipboard = self._viewer.camera_control.copy_pose()
@@ -52,17 +52,18 @@ class Actions:
 
     def _act_paste_pose(self) -> None:
         self._viewer.camera_control.paste_pose(self._viewer.window.clipboard)
+        self._viewer.pictures.cut()
 
     def _act_camera(self, number: int) -> None:
         cameras = list(self._viewer.scene.cameras)
         if number < len(cameras):
-            self._viewer.camera_control.take(copy_of(cameras[number]))
+            self._viewer.camera_control.take(cameras[number])
+            self._viewer.pictures.cut()
         else:
             self._viewer.say(f"there is no camera {number + 1}: the scene has {len(cameras)}")
 
     def _act_next_mode(self) -> None:
         self._viewer.pictures.mode = MODES[(MODES.index(self._viewer.pictures.mode) + 1) % len(MODES)]
-        self._viewer.scale.unsettle()
 
     def _act_next_view(self, step: int = 1) -> None:
         names = tuple(VIEWS)

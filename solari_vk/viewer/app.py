@@ -80,6 +80,7 @@ class Viewer:
         """GPU milliseconds of the passes in the last finished frame."""
         self._message_ends = 0.0
         self._failed: str | None = None
+        self._timed_mode = mode
         self._last = time.perf_counter()
         if fps is None:
             fps = CPU_FPS if device.properties.kind == "cpu" else GPU_FPS
@@ -202,7 +203,11 @@ class Viewer:
         if self.frame_count > 1:
             self._spans.append(since_last)
         self.timings = self.pictures.timings
-        self.scale.note(sum(self.timings.values()) / 1000 or seconds)
+        if self._timed_mode != self.pictures.mode:
+            self._timed_mode = self.pictures.mode
+            self.scale.unsettle()
+        if self.pictures.is_short:
+            self.scale.note(sum(self.timings.values()) / 1000 or seconds)
         if self.message and time.perf_counter() > self._message_ends:
             self.message = ""
         width, height = self.pictures.size
@@ -256,8 +261,8 @@ class Viewer:
         try:
             if shaders:
                 self.pictures.reload()
-            if file:
-                self._sources.load_again()
+            if file and self._sources.load_again():
+                self.pick = None
             self.scale.unsettle()
             self.say("shaders are reloaded" if shaders and not file else "reloaded")
         except (DeviceError, ValidationError):

@@ -13,7 +13,7 @@ from solari_vk.errors import SolariError
 from solari_vk.gpu.device import Device
 from solari_vk.gpu.frame import Frame, Pass, Stage
 from solari_vk.passes.display import TONEMAPS, VIEWS
-from solari_vk.reference import PathTracer
+from solari_vk.reference import MOST_SAMPLES, PathTracer
 from solari_vk.renderer import Renderer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera, Instance, Scene
@@ -46,6 +46,8 @@ class Pictures:
         self.reference: PathTracer | None = None
         self._reference_frame: Frame | None = None
         self._camera: Camera | None = None  # as of the latest frame
+        self.is_short = True
+        """Whether the latest frame was as short as it can be at its size."""
         self.mode = mode
 
     @property
@@ -59,10 +61,16 @@ class Pictures:
         self._mode = mode
 
     def render(self, camera: Camera, size: tuple[int, int]) -> None:
-        """Submit the next frame of what the mode shows."""
+        """Submit the next frame of what the mode shows.
+
+        While the camera moves, and beside the realtime picture, the reference gets a sample a pixel and frame, so that
+        frames are short; else as many as make a dispatch worth its overhead.
+        """
         if self.view not in VIEWS or self.tonemap not in TONEMAPS:
             raise SolariError(f"the viewer has no view {self.view!r} or no tone mapping {self.tonemap!r}")
+        moved = self._camera is None or (self._camera.transform != camera.transform).any()
         self.size = size
+        self.is_short = moved or self.mode != "reference"
         if self.mode != "reference":
             self._render_realtime(camera)
         if self.mode != "realtime":
@@ -82,7 +90,7 @@ class Pictures:
             self.reference = PathTracer(self.device, self.binder, self.size, seed=self.seed)
         elif self.reference.size != self.size:
             self.reference.resize(self.size)
-        self.reference.advance(camera)
+        self.reference.advance(camera, 1 if self.is_short else MOST_SAMPLES)
         pixels = {"radiance_mean": self.reference.resource("radiance_mean")}
         stages = [Stage("viewer", images={"display": self.size}, passes=[Pass("viewer/show", threads=self.size)])]
         frame = self._reference_frame
@@ -103,6 +111,11 @@ class Pictures:
             return [Part(realtime, 0, self.divider), Part(reference, self.divider, 1)]
         shown = reference if self.mode == "reference" else realtime
         return [] if shown is None else [Part(shown)]
+
+    def cut(self) -> None:
+        """What comes next has nothing to do with what was seen last."""
+        if self.realtime is not None:
+            self.realtime.reset()
 
     def reload(self) -> None:
         """Take up changed shaders; raises CompilationError when one can't be compiled, and the old ones go on."""

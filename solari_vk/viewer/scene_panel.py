@@ -10,7 +10,7 @@ import numpy as np
 from imgui_bundle import imgui
 
 from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material
-from solari_vk.viewer.camera_control import copy_of, rotation
+from solari_vk.viewer.camera_control import rotation
 
 if TYPE_CHECKING:
     from solari_vk.viewer.app import Viewer
@@ -120,7 +120,8 @@ class ScenePanel:
 
     def _camera(self, camera: Camera) -> None:
         if imgui.button("go there"):
-            self._viewer.camera_control.take(copy_of(camera))
+            self._viewer.camera_control.take(camera)
+            self._viewer.pictures.cut()
 
     # ---- fields -------------------------------------------------------------------------------------
 

@@ -16,7 +16,7 @@ from solari_vk.viewer.overlay import MARGIN
 from solari_vk.viewer.pictures import MODES
 from solari_vk.viewer.window import Event
 
-SIZE = (200, 160)
+SIZE = (160, 100)
 
 
 class Proxy:
@@ -105,9 +105,9 @@ def test_split_view_has_its_divider(open_viewer, monkeypatch):
     monkeypatch.setattr(type(viewer.pictures), "mode", "split")
     monkeypatch.setattr(viewer.pictures, "_render_realtime", lambda camera: None)
     viewer.step()
-    mouse(viewer, 100, 80)
-    mouse(viewer, 100, 80, True)
-    mouse(viewer, 150, 80, False)
+    mouse(viewer, 80, 60)
+    mouse(viewer, 80, 60, True)
+    mouse(viewer, 120, 60, False)
     assert viewer.pictures.divider == pytest.approx(0.75)
     assert viewer.pick is None, "the divider's clicks are not the viewer's"
 
@@ -118,12 +118,12 @@ def test_split_view_has_its_divider(open_viewer, monkeypatch):
 def test_clicks_on_panels_do_not_pick(open_viewer):
     viewer = open_viewer(size=SIZE)
     viewer.run(frames=2)
-    mouse(viewer, 100, 100)
-    mouse(viewer, 100, 100, True, False)
+    mouse(viewer, 80, 60)
+    mouse(viewer, 80, 60, True, False)
     assert viewer.pick is None
     viewer.act("overlay")
     viewer.run(frames=2)
-    mouse(viewer, 100, 100, True, False)
+    mouse(viewer, 80, 60, True, False)
     assert viewer.pick is not None
 
 

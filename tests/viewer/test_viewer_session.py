@@ -124,7 +124,9 @@ def test_random_use_of_all_modes_views_and_settings(open_viewer, tmp_path):
 def test_realtime_screenshot_is_rendered_again_in_every_bit(open_viewer, tmp_path):
     viewer = open_viewer(size=(64, 48), mode="realtime", folder=tmp_path, source="builtin:cornell_box", seed=5)
     viewer.settings.di_candidates = 4
+    viewer.shows_overlay = False
     viewer.run(frames=5)
+    assert (viewer.capture() == viewer.pictures.realtime["display"][..., :3]).all()
     viewer.act("screenshot")
     words = shlex.split((tmp_path / "solari-001.txt").read_text())
     words[words.index("-o") + 1] = str(tmp_path / "again.exr")
