@@ -147,7 +147,7 @@ class Viewer:
             return False
         if self.overlay is not None:
             self.overlay.lay_out(seconds)
-        if not self.pictures.ready:
+        if not self.pictures.ready and self._failed is None:
             self._show_wait()
         self._render(self.scale.size(pixels))
         shown = self._show()
@@ -174,7 +174,8 @@ class Viewer:
         """Render; what is wrong with the scene or the shaders is told, and the last picture stays."""
         try:
             self.pictures.render(self.camera, size)
-            self._failed = None
+            if self._failed is not None and self.pictures.refused_size is None:
+                self.message, self._failed = "", None
         except ValidationError:
             raise
         except SolariError as error:

@@ -41,6 +41,7 @@ class Pictures:
         self.view, self.tonemap = "picture", "agx"
         self.divider = 0.5
         self.size = (0, 0)
+        self.refused_size: tuple[int, int] | None = None
         self.binder = SceneBinder(device, scene)
         self.realtime: Renderer | None = None
         self.reference: PathTracer | None = None
@@ -63,18 +64,28 @@ class Pictures:
     def render(self, camera: Camera, size: tuple[int, int]) -> None:
         """Submit the next frame of what the mode shows.
 
+        A size that is refused, such as one whose frame can't be built since a shader is broken, is told once by a
+        SolariError; from then on pictures have the last good size, until there is another size or a `reload`.
+
         While the camera moves, and beside the realtime picture, the reference gets a sample a pixel and frame, so that
         frames are short; else as many as make a dispatch worth its overhead.
         """
         if self.view not in VIEWS or self.tonemap not in TONEMAPS:
             raise SolariError(f"the viewer has no view {self.view!r} or no tone mapping {self.tonemap!r}")
         moved = self._camera is None or (self._camera.transform != camera.transform).any()
-        self.size = size
         self.is_short = moved or self.mode != "reference"
-        if self.mode != "reference":
-            self._render_realtime(camera)
-        if self.mode != "realtime":
-            self._render_reference(camera)
+        self._camera = None
+        good = self.size
+        self.size = good if size == self.refused_size else size
+        try:
+            if self.mode != "reference":
+                self._render_realtime(camera)
+            if self.mode != "realtime":
+                self._render_reference(camera)
+        except SolariError:
+            if good not in (self.size, (0, 0)):
+                self.refused_size, self.size = self.size, good
+            raise
         self._camera = copy.copy(camera)
 
     def _render_realtime(self, camera: Camera) -> None:
@@ -119,6 +130,7 @@ class Pictures:
 
     def reload(self) -> None:
         """Take up changed shaders; raises CompilationError when one can't be compiled, and the old ones go on."""
+        self.refused_size = None
         for item in (self.realtime, self.reference):
             if item is not None:
                 item.reload()

@@ -232,6 +232,29 @@ def test_shaders_are_reloaded_and_errors_shown(open_viewer, shaders):
     assert (viewer.pictures.pixels() == (0, 255, 0)).all()
 
 
+def test_a_window_is_resized_while_a_shader_is_broken(open_viewer, shaders):
+    viewer = open_viewer(**FLAT)
+    viewer.run(frames=2)
+    shader = shaders / "passes" / "pathtracer" / "trace.comp"
+    right = shader.read_text()
+    shader.write_text(right + "broken")
+    viewer.run(frames=2)
+    assert "trace.comp" in viewer.message
+    glfw.set_window_size(viewer.window.handle, 100, 50)
+    viewer.run(frames=2)
+    samples = viewer.pictures.reference.samples
+    viewer.run(frames=2)
+    assert viewer.pictures.reference.samples > samples, "the last good pipelines go on, at the last good size"
+    assert viewer.pictures.size == (64, 64)
+    assert viewer.capture().shape == (50, 100, 3)
+    assert "trace.comp" in viewer.message
+    viewer.act("pick", (50, 25))
+    shader.write_text(right)
+    viewer.run(frames=2)
+    assert viewer.pictures.size == (100, 50)
+    assert "trace.comp" not in viewer.message
+
+
 def write_triangle(path, color):
     """A glTF of a triangle that shines, with its positions in a file of their own."""
     positions = np.array([(-1, -1, 0), (1, -1, 0), (0, 1, 0)], "<f4")
