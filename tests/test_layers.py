@@ -31,7 +31,7 @@ MAY_IMPORT = {
     "reference": {"errors", "gpu", "scene", "passes", "view"},
     "renderer": {"errors", "settings", "gpu", "scene", "passes", "view", "light_translation"},
 }
-ON_TOP = {"__init__", "__main__", "bench", "bench_rt", "cli", "conformance", "viewer"}
+ON_TOP = {"__init__", "__main__", "bench", "bench_frame", "bench_rt", "claims", "cli", "conformance", "viewer"}
 # Of passes, the scene's GLSL may only read what they leave in set 1, such as the BRDF's table.
 GLSL_MAY_INCLUDE = {
     "common": r"common/",

@@ -10,7 +10,7 @@ import sys
 import traceback
 from pathlib import Path
 
-from solari_vk.cli import render, view
+from solari_vk.cli import bench, render, view
 from solari_vk.errors import DeviceError, SolariError
 
 _CONFORMANCE_EXIT = (
@@ -60,11 +60,7 @@ def _parser() -> argparse.ArgumentParser:
     info = commands.add_parser("info", help="devices with what each misses, compiler, cache")
     info.set_defaults(run=_info)
 
-    bench = commands.add_parser("bench", help="measure rays, samples, host time and loading; ratios of one run")
-    bench.set_defaults(run=_bench)
-    bench.add_argument("files", nargs="*", type=Path, help="glTF files whose loading is measured too")
-    bench.add_argument("--device", help="part of a device's name, its index or its UUID")
-    bench.add_argument("--markdown", type=Path, metavar="FILE", help="write the figures as Markdown")
+    bench.add_parser(commands)
 
     conformance = commands.add_parser(
         "conformance", help="measure whether a device keeps the documents' rules",
@@ -127,12 +123,6 @@ def _info(options: argparse.Namespace) -> None:
         print("  usable" if not report.missing else f"  misses: {', '.join(report.missing)}")
     if all(report.missing for report in reports):
         raise DeviceError("no device can be used: install a driver with VK_KHR_ray_query (Mesa lavapipe 24.1 or newer)")
-
-
-def _bench(options: argparse.Namespace) -> None:
-    from solari_vk.bench import run
-
-    run(options.device, options.files, options.markdown)
 
 
 def _conformance(options: argparse.Namespace) -> int:

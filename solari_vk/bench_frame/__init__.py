@@ -1,0 +1,1 @@
+"""Figures of the realtime frame: `solari-vk bench frame`."""

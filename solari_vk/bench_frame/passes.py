@@ -1,0 +1,116 @@
+"""Time and rays of a frame by pass, and how much of it bare ray queries would take."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from solari_vk.gpu.compiler import compile_shader
+from solari_vk.gpu.device import Device
+from solari_vk.gpu.frame import Frame, Pass, Stage
+from solari_vk.gpu.spirv import reflect
+from solari_vk.renderer import Renderer
+from solari_vk.scene.model import Camera
+from solari_vk.settings import Settings
+from solari_vk.view import write_view
+
+COUNTED = ("gbuffer", "world_cache", "restir_di", "restir_gi", "specular_gi", "guides")  # RAYS_OF_* of ray_count.glsl
+BOUNCES = 4  # of the bare kernel's paths
+
+
+class CountingRenderer(Renderer):
+    """The renderer with pipelines that count their rays."""
+
+    def _stages(self) -> list[Stage]:
+        return [dataclasses.replace(stage, passes=[_counting(item) for item in stage.passes])
+                for stage in super()._stages()]  # fmt: skip
+
+
+def _counting(item: Any) -> Any:
+    if not isinstance(item, Pass):
+        return item
+    path = f"passes/{item.name}.comp"
+    if "count_rays" not in reflect(compile_shader(path, header=item.header), path).constants:
+        return item
+    return dataclasses.replace(item, constants={**item.constants, "count_rays": True})
+
+
+def timed(device: Device, work: Callable[[], object]) -> float:
+    """Milliseconds until the device is done."""
+    device.wait_idle()
+    started = time.perf_counter()
+    work()
+    device.wait_idle()
+    return (time.perf_counter() - started) * 1e3
+
+
+def frame_times(renderer: Renderer, camera: Camera, warm_up: int, frames: int) -> dict[str, float]:
+    """Milliseconds of each pass, medians of frames after some that warm up; "frame" is from call to done."""
+    spent: dict[str, list[float]] = defaultdict(list)
+    for index in range(warm_up + frames):
+        whole = timed(renderer.device, lambda: renderer.render(camera))
+        if index >= warm_up:
+            spent["frame"].append(whole)
+            # a pass may run several times in a frame, such as a level of a pyramid: its name then has one entry
+            for name, value in renderer.timings.items():
+                spent[name].append(value)
+    return {name: float(np.median(values)) for name, values in spent.items()}
+
+
+def count_rays(device: Device, subject: Any, size: tuple[int, int], warm_up: int, frames: int) -> dict[str, float]:
+    """Rays per pixel of a frame by pass, once cells and reservoirs are filled."""
+    with CountingRenderer(device, subject.scene, size, Settings()) as renderer:
+        for _ in range(warm_up):
+            renderer.render(subject.camera)
+        before = renderer["ray_counts"].astype(np.int64)
+        for _ in range(frames):
+            renderer.render(subject.camera)
+        counts = (renderer["ray_counts"].astype(np.int64) - before) % (1 << 32)
+    per_pixel = counts / (frames * size[0] * size[1])
+    found = {name: float(per_pixel[i]) for i, name in enumerate(COUNTED)}
+    if Settings().gbuffer == "traced":
+        found["gbuffer"] = 1.0
+    return found
+
+
+class BareKernel:
+    """Rays and nothing else, over a renderer's scene: paths from the camera on, unshaded. A context manager."""
+
+    def __init__(self, renderer: Renderer, camera: Camera) -> None:
+        size = renderer.size
+        self._device = renderer.device
+        stage = Stage("bench", buffers={"ray_count": size[0] * size[1]}, passes=[Pass("bench/rays", threads=size)])
+        self._frame = Frame(renderer.device, [stage], external=renderer.binder.resources)
+        write_view(self._frame.uniforms, camera, size, size[1])
+        self._frame.uniforms["max_bounces"] = BOUNCES
+
+    def run(self, index: int) -> tuple[float, int]:
+        """Milliseconds and rays of one dispatch."""
+        self._frame.uniforms["sample_index"] = index
+        spent = timed(self._device, self._frame.submit)
+        return spent, int(self._frame["ray_count"].sum(dtype=np.uint64))
+
+    def __enter__(self) -> BareKernel:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._frame.close()
+
+
+def against_bare_rays(renderer: Renderer, camera: Camera, rays: float, rounds: int) -> tuple[float, float]:
+    """The frame's time over what bare ray queries take for so many rays, and these in millions a second; in turns, so
+    that what else the machine does slows both."""
+    ratios, speeds = [], []
+    with BareKernel(renderer, camera) as bare:
+        bare.run(0)
+        for index in range(1, rounds + 1):
+            spent, traced = bare.run(index)
+            whole = timed(renderer.device, lambda: renderer.render(camera))
+            ratios.append(whole / (rays * spent / traced))
+            speeds.append(traced / spent / 1e3)
+    return float(np.median(ratios)), float(np.median(speeds))

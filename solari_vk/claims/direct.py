@@ -1,0 +1,246 @@
+"""Claims about direct light: light tiles, their encoding, and how ReSTIR DI resamples."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.claims.scenes import sunlit_yard
+from solari_vk.claims.verdict import Claim, EndsBelow, Falls, Measure, Outcome, Rises
+from solari_vk.claims.workbench import (
+    LightRenderer,
+    Picture,
+    Workbench,
+    join,
+    mean_of,
+    pass_times,
+    relative_mse,
+    run,
+    side_by_side,
+)  # fmt: skip
+from solari_vk.display import LUMINANCE
+from solari_vk.scene.builtin import builtin
+from solari_vk.scene.model import Camera, Scene
+
+DIRECT_ONLY = {"gi": False, "specular": False, "world_cache": False}
+DIRECT = ("di_diffuse", "di_specular")
+INITIAL = "restir_di/initial_and_temporal"
+WARM_UP = 24
+NO_INDEX = 0xFFFFFFFF
+
+
+def _light_tiles(bench: Workbench) -> Outcome:
+    scene = builtin("many_lights")
+    frames, candidates = bench.count(6), 32
+    parts = ((INITIAL,), ("light_tiles/generate",))
+    with bench.renderer(scene, bench.size(640, 360), di_candidates=candidates, **DIRECT_ONLY) as renderer:
+
+        def measure(_: int) -> list[float]:
+            run(renderer, scene.camera, 2)
+            return [pass_times(renderer, scene.camera, frames, names) for names in parts]
+
+        found = bench.pairs(renderer, {"light_sampling": "resolve"}, {"light_sampling": "tiles"}, measure)
+    before, after = (np.array(values) for values in found)
+    reason = (
+        "resolving a sample is a few loads from flat arrays here, and a software device, which runs "
+        f"{candidates} candidates of a pixel in turn, has no divergence to save"
+    )
+    return Outcome([
+        Measure("DI's first pass", "ms", before[:, 0], after[:, 0], Falls(1.5), reason),
+        Measure("with the making of the tiles", "ms", before.sum(axis=1), after.sum(axis=1)),
+    ])  # fmt: skip
+
+
+# ---- encoding ---------------------------------------------------------------------------------------
+
+
+def unpack_rgb9e5(codes: NDArray[np.uint32]) -> Picture:
+    """What glsl/common/packing.glsl's unpack_rgb9e5 makes of codes (N,): (N, 3)."""
+    bits = np.asarray(codes, np.uint32)[:, None] >> np.array([0, 9, 18], np.uint32) & np.uint32(0x1FF)
+    scales = np.exp2((np.asarray(codes, np.uint32) >> 27).astype(np.float64) - 24)
+    return bits.astype(np.float64) * scales[:, None]
+
+
+def tile_errors(renderer: LightRenderer, scene: Scene, encoding: str) -> list[float]:
+    """Relative error of the luminance that tiles hold, over all samples of the sun, and of the other lights."""
+    tiles = renderer["light_tiles"]
+    values = unpack_rgb9e5(tiles["radiance"])
+    exposure = scene.camera.exposure
+    held = (np.expm1(values * np.log(2)) if encoding == "log2" else values) / exposure
+    is_sun = np.signbit(tiles["inverse_pdf"])
+    sun = next(iter(scene.directional_lights))
+    disk = 2 * np.pi * (1 - np.cos(sun.angular_diameter / 2))
+    lamps = [instance.material.emissive for instance in scene if instance.material.emits]
+    luminances = (sun.illuminance / disk * sun.color @ LUMINANCE, float(np.mean([c @ LUMINANCE for c in lamps])))
+    return [
+        float((held[chosen] @ LUMINANCE.astype(np.float64)).mean() / true - 1)
+        for chosen, true in zip((is_sun, ~is_sun), luminances, strict=True)
+    ]
+
+
+def _encoding(bench: Workbench) -> Outcome:
+    scene = sunlit_yard()
+    size, frames = bench.size(96, 96), bench.count(40, 4)
+    truth = bench.direct_reference(scene, size, 512)
+    with bench.renderer(scene, size, **DIRECT_ONLY) as renderer:
+
+        def measure(_: int) -> list[float]:
+            run(renderer, scene.camera, bench.count(WARM_UP))
+            picture = mean_of(renderer, scene.camera, frames, DIRECT)
+            errors = tile_errors(renderer, scene, renderer.settings.light_tile_encoding)
+            return [*errors, picture.mean() / truth.mean() - 1, relative_mse(picture, truth)]
+
+        found = bench.pairs(renderer, {"light_tile_encoding": "linear"}, {"light_tile_encoding": "log2"}, measure)
+    before, after = (np.array(values) for values in found)
+    names = ("error of the sun in the tiles", "error of the lamp in the tiles")
+    criteria = (Falls(2.0), None)
+    measures = [
+        Measure(name, "", before[:, i], after[:, i], criterion, "what is packed was not lost to begin with")
+        for i, (name, criterion) in enumerate(zip(names, criteria, strict=True))
+    ]
+    measures.append(Measure("error of the picture's energy", "", before[:, 2], after[:, 2]))
+    measures.append(Measure("relMSE of the picture", "", before[:, 3], after[:, 3]))
+    note = (
+        "What is lost is what exceeds the largest number of the format, 65,408: a sun's disk under Bevy's exposure. "
+        "Here packed radiance only decides which sample is chosen, and the chosen one is resolved anew, so that the "
+        "picture's energy is right under either encoding; Solari 0.17 shaded by what the tiles hold."
+    )
+    return Outcome(measures, note=note)
+
+
+# ---- order and weights ------------------------------------------------------------------------------
+
+
+def lit_share(bench: Workbench, scene: Scene, size: tuple[int, int]) -> Picture:
+    """How much of the light that each pixel faces isn't hidden, (height, width); NaN where there is none."""
+    alone = {"di_candidates": 1, "di_temporal": False, "di_spatial": False, "light_sampling": "resolve"}
+    seen = tried = np.zeros(size[::-1])
+    with bench.renderer(scene, size, **DIRECT_ONLY, **alone) as renderer:
+        for _ in range(bench.count(128, 8)):
+            frame = renderer.render(scene.camera)
+            tried = tried + (frame["di_reservoirs"]["unbiased_contribution_weight"] > 0)
+            seen = seen + frame["di_outcomes"][..., 1]
+    with np.errstate(invalid="ignore"):
+        return np.where(tried > 0, seen / np.maximum(tried, 1), np.nan)
+
+
+def grow(mask: NDArray[np.bool_], steps: int) -> NDArray[np.bool_]:
+    """The mask and all pixels so many steps around it."""
+    for _ in range(steps):
+        padded = np.pad(mask, 1)
+        mask = mask | padded[:-2, 1:-1] | padded[2:, 1:-1] | padded[1:-1, :-2] | padded[1:-1, 2:]
+    return mask
+
+
+def _direct_errors(
+    bench: Workbench, before: dict[str, Any], after: dict[str, Any]
+) -> tuple[list[NDArray[np.float64]], NDArray[np.uint8]]:
+    """Errors before and after, (runs, 3): in penumbras, in what is lit next to them, and of all; and a picture."""
+    scene = builtin("cornell_box")
+    size, frames = bench.size(128, 128), bench.count(64, 4)
+    truth = bench.direct_reference(scene, size, 1024)
+    share = lit_share(bench, scene, size)
+    penumbra = (share > 0) & (share < 1)
+    regions = (penumbra, (share == 1) & grow(penumbra, 6), np.isfinite(share))
+    shown: list[Picture] = [truth]
+    with bench.renderer(scene, size, **DIRECT_ONLY) as renderer:
+
+        def measure(_: int) -> list[float]:
+            run(renderer, scene.camera, bench.count(WARM_UP))
+            picture = mean_of(renderer, scene.camera, frames, DIRECT)
+            shown.append(picture)
+            return [float(picture[r].sum() / max(truth[r].sum(), 1e-30)) - 1 if r.any() else 0.0 for r in regions]
+
+        found = bench.pairs(renderer, before, after, measure)
+    camera: Camera = scene.camera
+    return [np.array(values) for values in found], side_by_side([truth, *shown[1:3]], camera)
+
+
+def _order(bench: Workbench) -> Outcome:
+    of_post = {"di_initial_visibility": True, "di_order": "0.18"}
+    (before, after), picture = _direct_errors(bench, of_post | {"di_order": "0.17"}, of_post)
+    reason = "the order alone takes away less than that, since candidates that were tested are still fed forward"
+    return Outcome(
+        [
+            Measure("error in penumbras", "", before[:, 0], after[:, 0], Falls(1.5), reason),
+            Measure("error next to them, the halo", "", before[:, 1], after[:, 1], Falls(1.5), reason),
+            Measure("error of all direct light", "", before[:, 2], after[:, 2]),
+        ],
+        [("di_order", "Direct light: the path tracer, the order of 0.17, the order of 0.18.", picture)],
+    )
+
+
+def _unbiased(bench: Workbench) -> Outcome:
+    fed, kept = {"di_initial_visibility": True, "di_order": "0.17"}, {"di_initial_visibility": True}
+    (before, after), _ = _direct_errors(bench, fed, kept | {"di_order": "0.18"})
+    (_, ours), picture = _direct_errors(bench, kept | {"di_order": "0.18"},
+                                        {"di_initial_visibility": False, "di_order": "0.18"})  # fmt: skip
+    reason = (
+        f"there it is {100 * after[:, 0].mean():+.0f} %. Step 2 of its order, the visibility of the initial sample, is "
+        "fed forward too: a pixel in the shadow that found nothing speaks for a neighbour that would. Without that "
+        f"test, which is our default, {100 * ours[:, 0].mean():+.1f} % remain"
+    )
+    return Outcome(
+        [
+            Measure("error in penumbras", "", before[:, 0], after[:, 0], EndsBelow(0.02), reason),
+            Measure("error in penumbras, initial test on and off", "", after[:, 0], ours[:, 0], EndsBelow(0.02)),
+            Measure("error of all direct light, initial test on and off", "", after[:, 2], ours[:, 2]),
+        ],
+        [("di_unbiased", "Direct light: the path tracer, 0.18 as its post has it, our default.", picture)],
+    )
+
+
+def _balance(bench: Workbench) -> Outcome:
+    (before, after), _ = _direct_errors(bench, {"di_merge": "constant"}, {"di_merge": "balance"})
+    reason = "constant weights lose no light here that could come back"
+    return Outcome([
+        Measure("error of all direct light", "", before[:, 2], after[:, 2], Falls(2.0), reason),
+        Measure("direct light over the reference's", "", 1 + before[:, 2], 1 + after[:, 2], Rises(), reason),
+    ])  # fmt: skip
+
+
+# ---- spatial search ---------------------------------------------------------------------------------
+
+
+def _without_neighbor(bench: Workbench) -> Outcome:
+    measures, pictures = [], []
+    for name in ("many_lights", "sphere_grid"):
+        scene = builtin(name)
+        masks: list[NDArray[np.uint8]] = []
+        with bench.renderer(scene, bench.size(640, 360), **DIRECT_ONLY) as renderer:
+
+            def measure(_: int, renderer: LightRenderer = renderer, scene: Scene = scene,
+                        masks: list[NDArray[np.uint8]] = masks) -> float:  # fmt: skip
+                run(renderer, scene.camera, 2)
+                exists = renderer["depth"][..., 0] > 0
+                missing = (renderer["di_outcomes"][..., 0] == NO_INDEX) & exists
+                pink = np.where(missing[..., None], (255, 60, 180), (90, 90, 90)) * exists[..., None]
+                masks.append(pink.astype(np.uint8))
+                return float(missing.sum() / max(exists.sum(), 1))
+
+            off, on = {"spatial_radius_halving": False}, {"spatial_radius_halving": True}
+            before, after = bench.pairs(renderer, off, on, measure)
+        reason = "most of these pixels find no similar neighbour at a smaller radius either"
+        measures.append(Measure(f"pixels without neighbour, {name}", "", before, after, Falls(1.5), reason))
+        caption = f"Pink: no valid neighbour in {name}, with a fixed radius and with halving."
+        pictures.append((f"neighbors_{name}", caption, join(masks[:2], 1)))
+    return Outcome(measures, pictures)
+
+
+CORNELL = "cornell_box 128x128, 64 frames a run"
+CLAIMS = (
+    Claim("light_tiles", "light tiles", "0.17", "Presampled light tiles greatly speed up passes that sample lights.",
+          "many_lights 640x360, 32 candidates", "each candidate resolved in the pass", "light tiles", _light_tiles),
+    Claim("light_tile_encoding", "energy loss", "0.18", "Light tiles in linear rgb9e5 lose energy, in log2 none.",
+          "a sun of 100,000 lux and a lamp, 96x96, EV100 9.7", "linear rgb9e5", "log2 rgb9e5", _encoding),
+    Claim("di_order", "DI order", "0.18", "Visibility tested last and not fed forward takes away halos of shadows.",
+          CORNELL, "0.17's order", "0.18's order", _order),
+    Claim("di_unbiased", "DI order", "0.18", "Not feeding visibility forward keeps direct lighting unbiased.",
+          CORNELL, "0.17's order", "0.18's order", _unbiased),
+    Claim("di_merge", "balance heuristic", "0.18", "The balance heuristic is slightly brighter, as the reference is.",
+          CORNELL, "constant weights", "balance heuristic", _balance),
+    Claim("spatial_radius", "radius halving", "0.19", "Halving the radius leaves far fewer pixels without a neighbour.",
+          "many_lights and sphere_grid 640x360", "fixed radius", "halved after each failure", _without_neighbor),
+)  # fmt: skip

@@ -1,0 +1,101 @@
+"""Scenes that claims need beside the built-in ones."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import lamp, matte, place, rgb
+from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material, Scene
+
+BEVY_EV100 = 9.7  # Bevy's default exposure, under which a sun's disk is far brighter than any packed number
+
+
+def sunlit_yard() -> Scene:
+    """A sun of 100,000 lux and a lamp over a floor with a block, exposed as Bevy does by default."""
+    scene = Scene(name="sunlit_yard")
+    floor = shapes.quad((0, 0, 0), (0, 0, 4), (4, 0, 0))
+    scene.add(Instance(mesh=floor, material=matte(0.5, "floor"), name="floor"))
+    scene.add(Instance(mesh=shapes.box((-0.5, 0, -0.5), (0.5, 1, 0.5)), material=matte(0.5, "block"), name="block"))
+    light = shapes.quad((1.5, 2.5, 0), (0.4, 0, 0), (0, 0, 0.4))
+    scene.add(Instance(mesh=light, material=lamp(20_000.0), name="lamp"))
+    scene.add(DirectionalLight(direction=rgb((0.5, -1.0, -0.3)), illuminance=100_000.0, name="sun"))
+    scene.add(Camera.look_at((0, 4, 5), (0, 0.3, 0), vertical_fov=math.radians(50), ev100=BEVY_EV100))
+    return scene
+
+
+def two_rooms(distance: float = 40.0) -> tuple[Scene, Camera, Camera]:
+    """Two closed rooms with a lamp each, and a camera in either."""
+    scene, cameras = Scene(name="two_rooms"), []
+    for x in (0.0, distance):
+        room = shapes.box((x - 2, 0, -2), (x + 2, 3, 2), inward=True)
+        scene.add(Instance(mesh=room, material=matte(0.6, "plaster"), name="room"))
+        light = shapes.quad((x, 2.98, 0), (0.5, 0, 0), (0, 0, 0.5))
+        scene.add(Instance(mesh=light, material=lamp(8.0), name="lamp"))
+        cameras.append(Camera.look_at((x + 1.5, 1.5, 1.7), (x - 0.5, 1.2, -1), vertical_fov=math.radians(70)))
+    scene.add(cameras[0])
+    return scene, cameras[0], cameras[1]
+
+
+def street(length: float = 240.0, seed: int = 3) -> Scene:
+    """A long street between two rows of houses, lit by the sun and by lamps; the camera looks along it."""
+    random, scene = np.random.default_rng(seed), Scene(name="street")
+    half = length / 2
+    scene.add(Instance(mesh=shapes.quad((0, 0, 0), (0, 0, half + 20), (30, 0, 0)), material=matte(0.4, "ground")))
+    cube, ball = shapes.box(), shapes.sphere(0.3, 8)
+    paints = [matte(0.3 + 0.5 * random.random(3), f"paint {i}") for i in range(8)]
+    for z in np.arange(-half, half, 6.0):
+        for side in (-1.0, 1.0):
+            height = random.uniform(6, 14)
+            at = (side * (9 + random.uniform(0, 2)), height / 2, z)
+            paint = paints[int(random.integers(len(paints)))]
+            scene.add(Instance(mesh=cube, material=paint, transform=place((6, height, 5), at)))
+            at = (side * random.uniform(3, 5.5), 0.5, z + random.uniform(-2, 2))
+            scene.add(Instance(mesh=cube, material=paint, transform=place((1, 1, 1.4), at, random.uniform(0, 3))))
+        if int(z) % 4 == 0:
+            scene.add(Instance(mesh=ball, material=lamp((60, 45, 25)), transform=place(at=(0, 4.5, z))))
+    scene.add(DirectionalLight(direction=rgb((0.7, -1.0, 0.35)), illuminance=20.0, angular_diameter=0.05))
+    scene.add(Camera.look_at((0, 2, half), (0, 2, -half), vertical_fov=math.radians(60), ev100=2.0))
+    return scene
+
+
+def mirror_wall() -> Scene:
+    """A mirror, slanted so that its normal is no axis, in a lit room with a striped wall behind the camera."""
+    scene = Scene(name="mirror_wall")
+    room = shapes.box((-3, 0, -2), (3, 3, 4), inward=True)
+    scene.add(Instance(mesh=room, material=matte((0.7, 0.6, 0.5), "plaster"), name="room"))
+    for i, x in enumerate(np.arange(-2.5, 3.0, 1.0)):
+        color = ((0.8, 0.2, 0.1), (0.1, 0.3, 0.8))[i % 2]
+        stripe = shapes.quad((x, 1.5, 3.98), (-0.25, 0, 0), (0, 1.5, 0))
+        scene.add(Instance(mesh=stripe, material=matte(color, "stripe"), name="stripe"))
+    light = shapes.quad((0.2, 2.98, 1.5), (0.8, 0, 0), (0, 0, 0.8))
+    scene.add(Instance(mesh=light, material=lamp((9.0, 8.0, 7.0)), name="lamp"))
+    mirror = Material(base_color=rgb(0.95), metallic=1.0, perceptual_roughness=0.0, name="mirror")
+    turned = place(at=(0.1, 1.4, -1.2), turn=0.2)
+    turned[:3, :3] = turned[:3, :3] @ _tilt(0.11)
+    panel = shapes.quad((0, 0, 0), (1.9, 0, 0), (0, 1.2, 0))
+    scene.add(Instance(mesh=panel, material=mirror, transform=turned, name="mirror"))
+    scene.add(Camera.look_at((0.4, 1.5, 2.6), (0.1, 1.4, -1.2), vertical_fov=math.radians(48), ev100=0.0))
+    return scene
+
+
+def _tilt(angle: float) -> np.ndarray:
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return np.array([[1, 0, 0], [0, cosine, -sine], [0, sine, cosine]])
+
+
+def ball_in_white(perceptual_roughness: float, radiance: float = 1.0) -> Scene:
+    """A white dielectric ball in a black box that glows evenly: what is convex must be as bright as the box."""
+    box = Instance(mesh=shapes.box((-9, -9, -9), (9, 9, 9), inward=True), material=lamp(radiance), name="white")
+    white = Material(base_color=rgb(1), perceptual_roughness=perceptual_roughness, name="ball")
+    ball = Instance(mesh=shapes.sphere(1.0, 96), material=white, name="ball")
+    return Scene(box, ball, Camera.look_at((0, 0, 6), (0, 0, 0), vertical_fov=2 * math.asin(1.02 / 6)))
+
+
+def white_room(perceptual_roughness: float = 0.5) -> Scene:
+    """The inside of a box that glows everywhere and absorbs nothing: k bounces make it k + 1 times as bright."""
+    walls = Material(base_color=rgb(1), emissive=rgb(1), perceptual_roughness=perceptual_roughness, name="wall")
+    camera = Camera.look_at((0.2, 0.1, 0.4), (-0.8, -0.6, -1.0), vertical_fov=math.radians(80))
+    return Scene(Instance(mesh=shapes.box((-1, -1, -1), (1, 1, 1), inward=True), material=walls), camera)

@@ -1,0 +1,156 @@
+"""What all claims are measured with: renderers of nothing but light, runs over seeds in turns, references, pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.display import encode_srgb, tonemap
+from solari_vk.gpu.device import Device
+from solari_vk.gpu.frame import Pass, Stage
+from solari_vk.passes import display, gbuffer, light_tiles, restir_di, restir_gi, specular_gi, world_cache
+from solari_vk.reference import PathTracer
+from solari_vk.renderer import Renderer
+from solari_vk.scene.model import Camera, Scene
+from solari_vk.settings import Settings
+
+Picture = NDArray[np.float64]
+CACHE_UPDATE = ("world_cache/sample_direct", "world_cache/sample_indirect", "world_cache/blend")
+
+
+class LightRenderer(Renderer):
+    """The frame without guides and display, whose shaders would have to be compiled for nothing."""
+
+    def _stages(self) -> list[Stage]:
+        size, settings, instances = self.size, self.settings, self.binder.instance_capacity
+        pixels = size[0] * size[1]
+        return [
+            gbuffer.stage(size, settings, instances),
+            light_tiles.stage(size, settings),
+            world_cache.stage(size, settings),
+            restir_di.stage(size, settings),
+            restir_gi.stage(size, settings),
+            specular_gi.stage(size, settings),
+            Stage(
+                "sum",
+                buffers=dict.fromkeys(display.PARTS, pixels) | {"ray_counts": display.RAY_COUNTERS},
+                passes=[Pass("display/compose", threads=size)],
+            ),
+            gbuffer.last_stage(instances),
+        ]
+
+
+class Workbench:
+    """A device, how much to measure, and where progress goes. `quick`: tiny pictures and two seeds, to try it out."""
+
+    def __init__(self, device: Device, *, quick: bool = False, seeds: int | None = None,
+                 say: Callable[[str], None] = print) -> None:  # fmt: skip
+        self.device = device
+        self.quick = quick
+        self.seeds = range(seeds or (2 if quick else 5))
+        self.say = say
+
+    def size(self, width: int, height: int) -> tuple[int, int]:
+        """A picture's size, or a tiny one."""
+        return (16, 16 * height // width) if self.quick else (width, height)
+
+    def count(self, many: int, few: int = 2) -> int:
+        """Of frames or samples."""
+        return few if self.quick else many
+
+    @contextmanager
+    def renderer(self, scene: Scene, size: tuple[int, int], **settings: Any) -> Iterator[LightRenderer]:
+        """A renderer that is closed in the end. Few light tiles where all is tiny."""
+        few = {"light_tile_count": 8, "world_cache_cells": 1 << 16} if self.quick else {}
+        chosen: dict[str, Any] = {"gbuffer": "traced", **few, **settings}
+        renderer = LightRenderer(self.device, scene, size, Settings(**chosen))
+        try:
+            yield renderer
+        finally:
+            renderer.close()
+
+    def reference(self, scene: Scene, size: tuple[int, int], samples: int, **options: Any) -> Picture:
+        """What the path tracer makes of it, (height, width, 3)."""
+        tracer = PathTracer(self.device, scene, size, **options)
+        try:
+            return tracer.render(scene.camera, samples=self.count(samples, 16)).astype(np.float64)
+        finally:
+            tracer.close()
+
+    def direct_reference(self, scene: Scene, size: tuple[int, int], samples: int) -> Picture:
+        """Light that comes straight from lights, without what is seen of these themselves."""
+        with_lights = self.reference(scene, size, samples, max_bounces=1)
+        return with_lights - self.reference(scene, size, samples, max_bounces=0)
+
+    def pairs(
+        self, renderer: Renderer, before: dict[str, Any], after: dict[str, Any], measure: Callable[[int], Any]
+    ) -> tuple[list[Any], list[Any]]:
+        """What `measure` (given the seed) finds with either settings; in turns, so that what else the machine does
+        slows both."""
+        found: tuple[list[Any], list[Any]] = ([], [])
+        for seed in self.seeds:
+            for settings, values in zip((before, after), found, strict=True):
+                set_all(renderer, settings)
+                renderer.seed = seed
+                renderer.reset()
+                values.append(measure(seed))
+            self.say(f"    seed {seed + 1} of {len(self.seeds)}")
+        return found
+
+
+def set_all(renderer: Renderer, settings: dict[str, Any]) -> None:
+    """Assign settings by name."""
+    for name, value in settings.items():
+        setattr(renderer.settings, name, value)
+
+
+def run(renderer: Renderer, camera: Camera, frames: int) -> None:
+    """Render frames and wait for them."""
+    for _ in range(frames):
+        renderer.render(camera)
+    renderer.device.wait_idle()
+
+
+def mean_of(renderer: Renderer, camera: Camera, frames: int, names: Sequence[str] = ("radiance",)) -> Picture:
+    """The mean of the next frames' light of these names, (height, width, 3)."""
+    total = np.zeros((renderer.size[1], renderer.size[0], 3))
+    for _ in range(frames):
+        frame = renderer.render(camera)
+        for name in names:
+            total += frame[name]
+    return total / frames
+
+
+def pass_times(renderer: Renderer, camera: Camera, frames: int, names: Sequence[str]) -> float:
+    """Milliseconds of these passes together, the median of the next frames."""
+    spent = []
+    for _ in range(frames):
+        renderer.render(camera)
+        renderer.device.wait_idle()
+        timings = renderer.timings
+        spent.append(sum(timings.get(name, 0.0) for name in names))
+    return float(np.median(spent))
+
+
+def relative_mse(image: Picture, reference: Picture) -> float:
+    """Of pictures (..., 3): squared error over the square of what should be there."""
+    return float(((image - reference) ** 2 / (reference**2 + 1e-2 * float(np.mean(reference)) ** 2 + 1e-12)).mean())
+
+
+def side_by_side(pictures: Sequence[Picture], camera: Camera, scale: int = 2) -> NDArray[np.uint8]:
+    """Pictures of radiance as one of 8 bits, each pixel `scale` wide, with a gap between them."""
+    shown = [encode_srgb(tonemap(picture, exposure=camera.exposure)) for picture in pictures]
+    return join([np.round(255 * np.asarray(picture)).astype(np.uint8) for picture in shown], scale)
+
+
+def join(pictures: Sequence[NDArray[np.uint8]], scale: int = 2) -> NDArray[np.uint8]:
+    """8-bit pictures of one height next to each other, on white."""
+    gap = np.full((pictures[0].shape[0] * scale, 4, 3), 255, np.uint8)
+    parts: list[NDArray[np.uint8]] = []
+    for picture in pictures:
+        parts += [picture.repeat(scale, axis=0).repeat(scale, axis=1), gap]
+    return np.concatenate(parts[:-1], axis=1)
