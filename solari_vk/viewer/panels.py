@@ -207,4 +207,6 @@ def edit_on_enter(label: str, value: Any, field: Callable[..., tuple[bool, Any]]
     flags = imgui.InputTextFlags_.enter_returns_true
     more = {"format": "%g"} if field is imgui.input_float else {"step": 0, "step_fast": 0}
     changed, edited = field(label, value, flags=flags, **more)
+    if changed and isinstance(edited, float):
+        edited = float(f"{edited:.7g}")  # as it was typed: the field's own numbers have 32 bits
     return edited if changed else value

@@ -15,6 +15,7 @@ from solari_vk.viewer.camera_control import rotation
 if TYPE_CHECKING:
     from solari_vk.viewer.app import Viewer
 
+LABELS = 100  # width of the words behind the fields
 MOST_ROWS = 500  # of a list; picking finds the others
 AXES = np.eye(3)
 
@@ -29,6 +30,7 @@ class ScenePanel:
         """What was picked, then all there is."""
         scene = self._viewer.scene
         pick = self._viewer.pick
+        imgui.push_item_width(-LABELS)
         if pick is not None and pick.instance in scene.instances:
             imgui.separator_text("picked")
             self._instance(pick.instance)
@@ -44,6 +46,7 @@ class ScenePanel:
         self._list("emissive instances", lights, lambda instance: self._material(instance.material))
         self._list("directional lights", list(scene.directional_lights), self._light)
         self._list("cameras", list(scene.cameras), self._camera)
+        imgui.pop_item_width()
 
     def _list(self, title: str, items: list[Any], edit: Callable[[Any], None]) -> None:
         if not items or not imgui.tree_node(f"{title} ({len(items)})###{title}"):
@@ -97,7 +100,7 @@ class ScenePanel:
             self._set(material, "reflectance", [min(max(value, 0.0), 1.0)] * 3)
         strength = float(material.emissive.max())
         tint = (material.emissive / strength if strength > 0 else np.ones(3)).tolist()
-        tinted, tint = imgui.color_edit3("emission", tint)
+        tinted, tint = imgui.color_edit3("emission", tint, imgui.ColorEditFlags_.float)
         speed = max(0.01 * strength, 0.05)
         changed, strength = imgui.drag_float("cd/m2", strength, speed, 0.0, 1e9, "%.4g")
         if tinted or changed:
@@ -139,7 +142,7 @@ class ScenePanel:
             self._set(item, field, min(max(value, 0.0), 1.0))
 
     def _color(self, label: str, item: Any, field: str) -> None:
-        """Colours are linear here and sRGB on the screen, so that the field's numbers are the scene's."""
+        """The numbers are linear, as in the scene; the swatch beside them therefore looks darker."""
         changed, value = imgui.color_edit3(label, getattr(item, field).tolist(), imgui.ColorEditFlags_.float)
         if changed:
             self._set(item, field, np.clip(value, 0, 1))
