@@ -120,6 +120,9 @@ class Panels:
             del self._times[name]
 
     def _time(self) -> None:
+        pictures = self._viewer.pictures
+        _, pictures.counts_rays = imgui.checkbox("count rays", pictures.counts_rays)
+        hint("How many rays the realtime renderer traces in a second; it is built anew for it, and a little slower.")
         if not self._viewer.timings:
             imgui.text("this device has no timestamps")
             return

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.bench_frame.passes import CountingRenderer
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device import Device
 from solari_vk.gpu.frame import Frame, Pass, Stage
@@ -40,6 +41,8 @@ class Pictures:
         self.device, self.scene, self.settings, self.seed = device, scene, settings, seed
         self.view, self.tonemap = "picture", "agx"
         self.divider = 0.5
+        self.counts_rays = False
+        """Whether the realtime renderer counts its rays, which takes some time in each pass."""
         self.size = (0, 0)
         self.refused_size: tuple[int, int] | None = None
         self.binder = SceneBinder(device, scene)
@@ -89,8 +92,12 @@ class Pictures:
         self._camera = copy.copy(camera)
 
     def _render_realtime(self, camera: Camera) -> None:
+        kind = CountingRenderer if self.counts_rays else Renderer
+        if self.realtime is not None and type(self.realtime) is not kind:
+            self.realtime.close()
+            self.realtime = None
         if self.realtime is None:
-            self.realtime = Renderer(self.device, self.binder, self.size, self.settings, seed=self.seed)
+            self.realtime = kind(self.device, self.binder, self.size, self.settings, seed=self.seed)
         elif self.realtime.size != self.size:
             self.realtime.resize(self.size)
         self.realtime.view, self.realtime.tonemap = self.view, self.tonemap

@@ -117,6 +117,9 @@ def test_random_use_of_all_modes_views_and_settings(open_viewer, tmp_path):
     assert viewer.pick is not None
     assert viewer.pictures.error() is not None
     viewer.act("screenshot")
+    viewer.pictures.mode, viewer.pictures.counts_rays = "realtime", True
+    viewer.run(frames=2)
+    assert viewer.pictures.ray_count() > 0
     use_at_random(viewer, 60, seed=12, modes=["realtime", "split"])
 
 
