@@ -86,7 +86,7 @@ def make_plan(options: argparse.Namespace, cameras: Sequence[Camera], folder: Pa
         targets = [folder / f"{n}.png" if folder else output.with_name(f"{n}{output.suffix}") for n in names]
         frames = 1 if viewing else options.average or ANIMATION_AVERAGE
         return Plan(cameras, targets, options.warm_up, frames, frames)
-    frames = options.frames or STILL_FRAMES
+    frames = options.frames or (None if viewing else options.average) or STILL_FRAMES
     average = 1 if viewing else options.average or frames
     if average > frames:
         raise SolariError(f"--average {average}: there are only {frames} frames after the warm-up: see --frames")
