@@ -56,7 +56,8 @@ def add_parser(commands: Any) -> None:
 
     realtime = render.add_argument_group("realtime")
     realtime.add_argument("--frames", type=positive, metavar="N",
-                          help="frames after the warm-up (48, or --average); of an animation: its pictures (48, or the path's)")
+                          help="frames after the warm-up (48, or --average); of an animation: its pictures (48, or the "
+                          "path's)")
     realtime.add_argument("--warm-up", type=count, metavar="N", help="frames before, in which light gathers (16)")
     realtime.add_argument("--average", type=positive, metavar="N",
                           help="a picture is the mean of the last N frames (all); of an animation: of N each (4)")
