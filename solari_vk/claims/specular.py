@@ -127,7 +127,7 @@ def _skip_metals(bench: Workbench) -> Outcome:
 
         def measure(_: int) -> list[float]:
             run(renderer, scene.camera, bench.count(16))
-            spent = pass_times(renderer, scene.camera, frames, GI_PASSES)
+            (spent,) = pass_times(renderer, scene.camera, frames, [GI_PASSES])
             return [spent, float(mean_of(renderer, scene.camera, frames).mean())]
 
         found = bench.pairs(renderer, {"gi_skip_smooth_metals": False}, {"gi_skip_smooth_metals": True}, measure)
@@ -156,7 +156,7 @@ def _termination(bench: Workbench) -> Outcome:
             run(renderer, scene.camera, bench.count(24))
             picture = mean_of(renderer, scene.camera, frames)
             shown.append(picture)
-            spent = pass_times(renderer, scene.camera, bench.count(8), SPECULAR_PASS)
+            (spent,) = pass_times(renderer, scene.camera, bench.count(8), [SPECULAR_PASS])
             light = float(picture[glossy].mean() / truth[glossy].mean()) - 1
             return [spent, structural_error(picture, truth, glossy), light]
 

@@ -53,6 +53,13 @@ class Workbench:
         self.quick = quick
         self.seeds = range(seeds or (2 if quick else 5))
         self.say = say
+        self._known: dict[str, Any] = {}
+
+    def once(self, name: str, make: Callable[[], Any]) -> Any:
+        """What several claims need: made when it is first asked for."""
+        if name not in self._known:
+            self._known[name] = make()
+        return self._known[name]
 
     def size(self, width: int, height: int) -> tuple[int, int]:
         """A picture's size, or a tiny one."""
@@ -91,9 +98,16 @@ class Workbench:
     ) -> tuple[list[Any], list[Any]]:
         """What `measure` (given the seed) finds with either settings; in turns, so that what else the machine does
         slows both."""
-        found: tuple[list[Any], list[Any]] = ([], [])
+        first, second = self.runs(renderer, [before, after], measure)
+        return first, second
+
+    def runs(
+        self, renderer: Renderer, variants: Sequence[dict[str, Any]], measure: Callable[[int], Any]
+    ) -> list[list[Any]]:
+        """As `pairs`, for any number of settings."""
+        found: list[list[Any]] = [[] for _ in variants]
         for seed in self.seeds:
-            for settings, values in zip((before, after), found, strict=True):
+            for settings, values in zip(variants, found, strict=True):
                 set_all(renderer, settings)
                 renderer.seed = seed
                 renderer.reset()
@@ -125,15 +139,16 @@ def mean_of(renderer: Renderer, camera: Camera, frames: int, names: Sequence[str
     return total / frames
 
 
-def pass_times(renderer: Renderer, camera: Camera, frames: int, names: Sequence[str]) -> float:
-    """Milliseconds of these passes together, the median of the next frames."""
+def pass_times(
+    renderer: Renderer, camera: Camera, frames: int, groups: Sequence[Sequence[str]]
+) -> list[float]:
+    """Milliseconds of each group of passes together, medians of the next frames."""
     spent = []
     for _ in range(frames):
-        renderer.render(camera)
-        renderer.device.wait_idle()
+        run(renderer, camera, 1)
         timings = renderer.timings
-        spent.append(sum(timings.get(name, 0.0) for name in names))
-    return float(np.median(spent))
+        spent.append([sum(timings.get(name, 0.0) for name in names) for names in groups])
+    return [float(value) for value in np.median(spent, axis=0)]
 
 
 def relative_mse(image: Picture, reference: Picture) -> float:

@@ -1,0 +1,236 @@
+"""The claims table: every row runs at a tiny size, verdicts follow from numbers, and every claim has its row."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from solari_vk.bench_frame import error
+from solari_vk.bench_frame.subjects import from_file, glowing
+from solari_vk.claims.direct import grow, unpack_rgb9e5
+from solari_vk.claims.report import line, number, page
+from solari_vk.claims.run import CLAIMS
+from solari_vk.claims.specular import structural_error
+from solari_vk.claims.verdict import (
+    Claim,
+    EndsBelow,
+    Falls,
+    GrowsAtMost,
+    Keeps,
+    Measure,
+    Outcome,
+    Rises,
+    interval,
+    select,
+)
+from solari_vk.claims.workbench import Workbench
+from solari_vk.cli import main
+from solari_vk.errors import SolariError
+
+# What the posts claim, a row each, and how many pairs are measured for it.
+ROWS = {
+    "light tiles": 1,
+    "energy loss": 1,
+    "DI order": 2,
+    "balance heuristic": 1,
+    "cache lag": 1,
+    "cache lifetime": 1,
+    "cache update": 2,
+    "mirror BRDF": 1,
+    "layering": 1,
+    "light leaks": 1,
+    "radius halving": 1,
+    "smooth metals": 1,
+    "path termination": 1,
+}
+
+# ---- the table --------------------------------------------------------------------------------------
+
+
+def test_every_claim_has_its_row():
+    rows = [claim.row for claim in CLAIMS]
+    assert {row: rows.count(row) for row in rows} == ROWS
+    names = [claim.name for claim in CLAIMS]
+    assert len(set(names)) == len(names)
+    assert {claim.post for claim in CLAIMS} == {"0.17", "0.18", "0.19"}
+
+
+@pytest.fixture(scope="module")
+def bench(device):
+    return Workbench(device, quick=True, say=lambda text: None)
+
+
+@pytest.mark.parametrize("claim", CLAIMS, ids=lambda claim: claim.name)
+def test_row_runs(bench, claim):
+    """Numbers are finite, or `Measure` refuses them; at this size they decide nothing."""
+    outcome = claim.measure(bench)
+    assert any(measure.criterion is not None for measure in outcome.measures)
+    for measure in outcome.measures:
+        assert len(measure.runs_before) == len(bench.seeds)
+        assert line(measure)
+    for _, caption, pixels in outcome.pictures:
+        assert caption
+        assert pixels.dtype == np.uint8
+        assert pixels.ndim == 3
+    assert outcome.verdict.startswith("reproduces" if outcome.reproduces else "does not reproduce, because ")
+
+
+def test_select():
+    assert select(CLAIMS, []) == list(CLAIMS)
+    assert [claim.name for claim in select(CLAIMS, ["layering", "di_order"])] == ["di_order", "layering"]
+    with pytest.raises(SolariError, match="there is no claim 'tiles'; there are light_tiles"):
+        select(CLAIMS, ["tiles"])
+
+
+# ---- verdicts ---------------------------------------------------------------------------------------
+
+
+def test_interval_is_students():
+    values = np.array([1.0, 2.0, 4.0, 5.0])
+    mean, half_width = interval(values)
+    assert mean == 3
+    assert half_width == pytest.approx(3.182 * values.std(ddof=1) / 2)
+    assert interval([7.0]) == (7.0, math.inf)
+    assert interval([2.0] * 40) == (2.0, 0.0)
+
+
+@pytest.mark.parametrize(("criterion", "before", "after", "holds"), [
+    (Falls(2.0), [10, 11, 10], [4, 4, 4.2], True),
+    (Falls(2.0), [10, 11, 10], [6, 6, 6.2], False),
+    (Falls(2.0), [-0.5, -0.51, -0.5], [0.01, -0.02, 0.01], True),  # errors: signs don't count
+    (Falls(20.0), [300, 310, 305], [0, 0, 0], True),
+    (Falls(1.0), [1, 1, 1], [1, 1, 1], True),  # nothing scatters: what is not worse holds
+    (Falls(1.0), [1, 1, 1.1], [1.5, 1.4, 1.6], False),
+    (Rises(), [0.95, 0.96, 0.95], [0.99, 1.0, 1.0], True),
+    (Rises(), [1.0, 1.0, 1.01], [0.9, 0.91, 0.9], False),
+    (Keeps(0.02), [1, 1.001, 0.999], [1.004, 1.003, 1.005], True),
+    (Keeps(0.02), [1, 1.001, 0.999], [0.95, 0.951, 0.952], False),
+    (GrowsAtMost(2.0), [0.1, 0.11, 0.1], [0.15, 0.15, 0.16], True),
+    (GrowsAtMost(2.0), [0.1, 0.11, 0.1], [0.35, 0.35, 0.36], False),
+    (EndsBelow(0.02), [0.3, 0.3, 0.31], [-0.005, 0.004, 0.0], True),
+    (EndsBelow(0.02), [0.3, 0.3, 0.31], [-0.2, -0.21, -0.2], False),
+], ids=str)  # fmt: skip
+def test_criteria(criterion, before, after, holds):
+    measure = Measure("it", "", before, after, criterion, "of a reason")
+    assert (measure.failure() == "") == holds
+    assert measure.failure() in ("", "it: of a reason")
+    assert criterion.text
+
+
+def test_noise_decides_nothing():
+    """What the mean says but the interval doesn't is no reproduction, and the reason isn't the one for failing."""
+    measure = Measure("time", "ms", [10, 30, 20], [9, 10, 11], Falls(1.5), "rays cost as much")
+    assert measure.failure() == "time: the spread of 3 runs is too wide to tell"
+    single = Measure("time", "ms", [30], [1], Falls(1.5), "rays cost as much")
+    assert "too wide" in single.failure()
+
+
+def test_verdict_names_what_failed():
+    good = Measure("error", "", [1, 1.1], [0.1, 0.1], Falls(1.5))
+    bad = Measure("time", "ms", [1, 1], [3, 3], Falls(1.5), "it traces more rays")
+    told = Measure("cells", "", [1, 1], [9, 9])
+    assert Outcome([good, told]).verdict == "reproduces"
+    outcome = Outcome([good, bad, told])
+    assert not outcome.reproduces
+    assert outcome.verdict == "does not reproduce, because time: it traces more rays"
+
+
+@pytest.mark.parametrize(
+    ("before", "after"), [([1, math.nan], [1, 1]), ([1, 1], [1, math.inf]), ([1], [1, 2]), ([], [])]
+)
+def test_measure_refuses(before, after):
+    with pytest.raises(ValueError, match="x: "):
+        Measure("x", "", before, after)
+
+
+def test_ratio():
+    assert Measure("x", "", [6, 6], [-2, -2]).ratio == 3
+    assert Measure("x", "", [6, 6], [0, 0]).ratio == math.inf
+    assert Measure("x", "", [0, 0], [0, 0]).ratio == 1
+
+
+# ---- what measures are made with --------------------------------------------------------------------
+
+
+def test_unpack_rgb9e5():
+    codes = np.array([511 | 511 << 9 | 511 << 18 | 31 << 27, 256 | 128 << 9 | 16 << 27, 0], np.uint32)
+    np.testing.assert_array_equal(unpack_rgb9e5(codes), [[65408] * 3, [1, 0.5, 0], [0, 0, 0]])
+
+
+def test_grow():
+    mask = np.zeros((5, 5), bool)
+    mask[2, 2] = True
+    assert grow(mask, 1).sum() == 5
+    assert grow(mask, 2).sum() == 13
+
+
+def test_structural_error_sees_through_noise():
+    rng = np.random.default_rng(1)
+    truth, mask = np.ones((64, 64, 3)), np.ones((64, 64), bool)
+    noisy = truth + rng.normal(0, 0.2, truth.shape)
+    assert structural_error(noisy, truth, mask) < 0.05
+    assert structural_error(1.2 * truth, truth, mask) == pytest.approx(0.2)
+
+
+def test_page(device):
+    claim = CLAIMS[0]
+    outcome = Outcome(
+        [Measure("time", "ms", [2.0, 2.2], [1.0, 1.0], Falls(1.5), "why")],
+        [("picture", "What it shows.", np.zeros((2, 2, 3), np.uint8))],
+        note="A note.",
+    )
+    text = page([(claim, outcome)], device, "0.5", 2, "claims")
+    assert f"| [{claim.name}](#{claim.name}) |" in text
+    assert "| 2.10 ± 1.27 ms | 1.00 ± 0 ms | 2.10 |" in text
+    assert "![What it shows.](claims/picture.png)" in text
+    assert device.name in text
+    assert claim.says in text
+    assert "A note." in text
+
+
+def test_number():
+    assert [number(x) for x in (0, 1234.5, 12.345, 0.012345, -0.5, math.inf)] == [
+        "0", "1,234", "12.3", "0.0123", "-0.500", "∞",
+    ]  # fmt: skip
+
+
+# ---- the command line and the frame's figures -------------------------------------------------------
+
+
+def test_wrong_usage(any_device, tmp_path, capsys):
+    assert main(["bench", "claims", "--only", "nothing"]) == 2
+    assert "there is no claim 'nothing'" in capsys.readouterr().err
+    assert main(["bench", "claims", "--markdown", str(tmp_path / "none" / "page.md")]) == 2
+    assert main(["bench", "frame", str(tmp_path / "none.gltf")]) == 2
+    assert main(["bench", "frame", str(tmp_path / "none.py:folder")]) == 2
+
+
+def test_scene_of_a_script(tmp_path):
+    (tmp_path / "made.py").write_text(
+        "import solari_vk as sv\ndef made(path):\n    return sv.builtin('cornell_box', size=float(path.name))\n"
+    )
+    subject = from_file(tmp_path / "made.py:3.0")
+    assert subject.name == "made"
+    assert subject.scene.bounds()[1, 1] == pytest.approx(3.0)
+
+
+def test_glowing_keeps_its_geometry():
+    totals = set()
+    for count in (8, 500, 5000):
+        counts = {item.material.name: len(item.mesh.triangles) for item in glowing(count, 1000)}
+        totals.add(counts.pop("lamp") + counts.get("dark", 0))
+    assert len(totals) == 1
+    assert len(next(item.mesh.triangles for item in glowing(8, 1000) if item.material.name == "lamp")) == 8
+
+
+def test_when_the_path_tracer_is_there():
+    curve = [(1, 1.0, 1.0), (2, 2.0, 0.5), (4, 4.0, 0.25)]
+    assert error.seconds_to_reach(curve, 0.5) == pytest.approx(2.0)
+    assert error.seconds_to_reach(curve, 0.35) == pytest.approx(math.sqrt(8) * (0.5 / 0.35) / math.sqrt(2), rel=0.02)
+    assert error.seconds_to_reach(curve, 0.025) == pytest.approx(40.0)
+
+
+def test_claim_is_data():
+    assert all(isinstance(claim, Claim) and claim.says and claim.scene for claim in CLAIMS)
