@@ -94,25 +94,28 @@ class Workbench:
         return with_lights - self.reference(scene, size, samples, max_bounces=0)
 
     def pairs(
-        self, renderer: Renderer, before: dict[str, Any], after: dict[str, Any], measure: Callable[[int], Any]
-    ) -> tuple[list[Any], list[Any]]:
+        self, renderer: Renderer, before: dict[str, Any], after: dict[str, Any], measure: Callable[[int], Any],
+        most: int | None = None,
+    ) -> tuple[list[Any], list[Any]]:  # fmt: skip
         """What `measure` (given the seed) finds with either settings; in turns, so that what else the machine does
-        slows both."""
-        first, second = self.runs(renderer, [before, after], measure)
+        slows both. most: of seeds, where each takes long."""
+        first, second = self.runs(renderer, [before, after], measure, most)
         return first, second
 
     def runs(
-        self, renderer: Renderer, variants: Sequence[dict[str, Any]], measure: Callable[[int], Any]
-    ) -> list[list[Any]]:
+        self, renderer: Renderer, variants: Sequence[dict[str, Any]], measure: Callable[[int], Any],
+        most: int | None = None,
+    ) -> list[list[Any]]:  # fmt: skip
         """As `pairs`, for any number of settings."""
         found: list[list[Any]] = [[] for _ in variants]
-        for seed in self.seeds:
+        seeds = self.seeds[:most]
+        for seed in seeds:
             for settings, values in zip(variants, found, strict=True):
                 set_all(renderer, settings)
                 renderer.seed = seed
                 renderer.reset()
                 values.append(measure(seed))
-            self.say(f"    seed {seed + 1} of {len(self.seeds)}")
+            self.say(f"    seed {seed + 1} of {len(seeds)}")
         return found
 
 
