@@ -1,6 +1,6 @@
 """Which light of this frame each light of the last frame is, so that what was sampled then still means the same.
 
-And how much light came or went in between.
+And how much light came, went or moved in between.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ NAMES = ("light_translation", "previous_light")
 
 Ids = NDArray[np.uint32]
 Powers = NDArray[np.float64]
+Places = NDArray[np.float64]
 
 
 def translate(of: Ids, to: Ids) -> Ids:
@@ -41,6 +42,20 @@ def share_changed(of: Ids, powers: Powers, to: Ids, new_powers: Powers) -> float
     return float(min((np.abs(new_powers - before).sum() + powers[~stayed].sum()) / most, 1.0))
 
 
+def share_moved(of: Ids, places: Places, to: Ids, new_places: Places, new_powers: Powers, cell_size: float) -> float:
+    """The share, from 0 to 1, of the lights' power that moved, where a light that moves by a cell moves wholly.
+
+    A cache that forgets by such a share a frame lags behind by a cell, however fast lights move.
+    """
+    total = new_powers.sum()
+    rows = translate(to, of)
+    stayed = rows != GONE
+    if not (total > 0 and stayed.any()):
+        return 0.0
+    distances = np.linalg.norm(new_places[stayed] - places[rows[stayed]], axis=1)
+    return float((new_powers[stayed] * np.minimum(distances / cell_size, 1.0)).sum() / total)
+
+
 class LightTranslation:
     """The buffers `light_translation` (last frame's light to this one's) and `previous_light` (the other way round)."""
 
@@ -48,22 +63,29 @@ class LightTranslation:
         self._device = device
         self._ids: Ids = np.zeros(0, np.uint32)
         self._powers: Powers | None = None
+        self._places: Places | None = None
         self.change = 0.0
-        """Share of the scene's light that came or went of late, fading from frame to frame."""
+        """Share of the scene's light that came, went or moved of late, fading from frame to frame."""
         self._settled = False  # whether the buffers say that every light is itself
         self.buffers: dict[str, Buffer] = {}
         self._reserve(1)
 
-    def update(self, ids: Ids, powers: Powers) -> bool:
+    def update(self, ids: Ids, powers: Powers, places: Places | None = None, cell_size: float = 1.0) -> bool:
         """Bring the buffers up to date for a frame with these lights; True when they were replaced.
 
-        ids and powers: of the lights in the order of `light_sources`; the same arrays as long as they are the same.
+        ids, powers and places: of the lights in the order of `light_sources`; the same arrays as long as they are the
+        same. cell_size: of the world cache, in metres.
         """
         self.change = KEPT * self.change if KEPT * self.change > SETTLED else 0.0
         if powers is not self._powers:
             if self._powers is not None:
                 self.change = max(self.change, share_changed(self._ids, self._powers, ids, powers))
             self._powers = powers
+        if places is not self._places:
+            if self._places is not None and places is not None:
+                moved = share_moved(self._ids, self._places, ids, places, powers, cell_size)
+                self.change = max(self.change, moved)
+            self._places = places
         if ids is self._ids and self._settled:
             return False
         replaced = self._reserve(max(len(ids), len(self._ids)))

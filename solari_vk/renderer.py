@@ -100,7 +100,8 @@ class Renderer:
         if not isinstance(camera, Camera):
             raise SolariError(f"Renderer.render: a Camera is needed, not {camera!r}")
         self.binder.update()
-        if self._lights.update(self.binder.light_ids, self.binder.light_powers):
+        lights = self.binder.light_ids, self.binder.light_powers, self.binder.light_places
+        if self._lights.update(*lights, self.settings.world_cache_cell_size):
             self._frame.bind(self._lights.buffers)
         if self.binder.version != self._bound_version:
             self._bound_version = self.binder.version

@@ -114,7 +114,7 @@ class Settings:
         choices=("adaptive", "fixed"),
     )
     world_cache_relight: bool = _field(
-        True, "world_cache", "Forget as large a share of the past as came or went of the lights' power. Not in Solari."
+        True, "world_cache", "Forget as much of the past as came, went or moved of the lights' power. Not in Solari."
     )
     world_cache_candidates: int = _field(32, "world_cache", "Light samples a cell chooses from.", low=1, high=1024)
     world_cache_ray_length: float = _field(50.0, "world_cache", "Metres that a cell's ray sees.", low=1e-3, high=1e9)

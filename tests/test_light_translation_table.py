@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from solari_vk.light_translation import GONE, KEPT, NAMES, LightTranslation, share_changed, translate
+from solari_vk.light_translation import GONE, KEPT, NAMES, LightTranslation, share_changed, share_moved, translate
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import DirectionalLight, Instance, Material, Mesh, Scene
 
@@ -66,6 +66,42 @@ def test_change_fades(device):
         assert lights.change in (0, pytest.approx(KEPT**frame / 4))
     assert lights.change == 0
     lights.destroy()
+
+
+def test_share_that_moved():
+    """Wholly by a cell or more, else as much of it, by power; lights that came or went don't count."""
+    ids, powers = np.array([7, 5, 9], np.uint32), np.array([1.0, 2.0, 5.0])
+    places = np.arange(9.0).reshape(3, 3)
+    assert share_moved(ids, places, ids, places, powers, 0.5) == 0
+    assert share_moved(ids, places, ids[::-1], places[::-1], powers[::-1], 0.5) == 0, "another order is no motion"
+    moved = places + np.array([(0, 0, 0), (0, 0.25, 0), (100, 0, 0)])
+    assert share_moved(ids, places, ids, moved, powers, 0.5) == pytest.approx((2 * 0.5 + 5) / 8)
+    assert share_moved(ids + 10, places, ids, moved, powers, 0.5) == 0
+    assert share_moved(ids[1:], places[1:], ids[:2], places[:2] + 1.0, powers[:2], 0.5) == pytest.approx(2 / 3)
+
+
+def test_places_follow_lamps_and_suns(device):
+    mesh = Mesh(positions=[[0, 0, 0], [2, 0, 0], [0, 4, 0]])
+    lamps = [Instance(mesh=mesh, material=Material(emissive=[1, 1, 1])) for _ in range(20)]
+    scene = Scene(*lamps, sun := DirectionalLight(direction=[0, -1, 0]))
+    binder = SceneBinder(device, scene)
+
+    def places():
+        binder.update()
+        return binder.light_places
+
+    np.testing.assert_allclose(places(), [(1, 2, 0)] * 20 + [(0, 10, 0)])
+    known = places()
+    lamps[3].material.base_color = [1, 0, 0]
+    assert places() is known, "nothing moved"
+    moved = np.eye(4)
+    moved[:3, 3] = 5, 0, 0
+    lamps[19].transform = moved
+    sun.direction = [1, 0, 0]
+    np.testing.assert_allclose(places()[-2:], [(6, 2, 0), (-10, 0, 0)])
+    scene.remove(lamps[0])  # the last one takes its place
+    np.testing.assert_allclose(places()[0], (6, 2, 0))
+    binder.destroy()
 
 
 def test_powers_follow_emission_area_and_suns(device):

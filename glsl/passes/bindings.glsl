@@ -38,7 +38,7 @@ layout(set = 1, binding = 0, scalar) uniform UniformsBlock {
     uint frame_index;         // since the renderer was made; never starts anew
     uint has_history;         // 0 in the first frame and after a reset
     float exposure;
-    float lighting_change;    // share of the lights' power that came or went of late
+    float lighting_change;    // share of the lights' power that came, went or moved of late
     uint view;                // what `display` shows: a row of VIEWS in passes/display.py
     uint tonemap;
 

@@ -108,6 +108,11 @@ class SceneBinder:
         return self._lights.powers
 
     @property
+    def light_places(self) -> NDArray[np.float64]:
+        """Where each row of `light_sources` is, (N, 3) in metres, like `light_powers`."""
+        return self._lights.places
+
+    @property
     def triangle_orders(self) -> dict[int, NDArray[np.int64]]:
         """For each row of `meshes` in use: which of the mesh's triangles each of the uploaded ones is."""
         return self._geometry.triangle_orders()
@@ -233,18 +238,19 @@ class SceneBinder:
         self._write_materials.clear()
 
     def _set_emissive(self, instance: Instance, row: int, emits: bool) -> None:
-        area = 0.0
+        area, place = 0.0, np.zeros(3)
         if emits:
+            mesh = instance.ray_mesh or instance.mesh
+            place = instance.transform[:3] @ (*self._geometry.center(mesh), 1.0)
             scale = abs(np.linalg.det(instance.transform[:3, :3])) ** (2 / 3)
-            area = scale * self._geometry.area(instance.ray_mesh or instance.mesh)
-        moved = self._lights.set_emissive(instance, row, emits, area)
+            area = scale * self._geometry.area(mesh)
+        moved = self._lights.set_emissive(instance, row, emits, area, place)
         if moved is not None:
             self._write_rows[moved] = None
 
     def _update_instances(self) -> None:
         for instance in list(self._write_rows):
-            emits = instance.visible and instance.material.emits
-            self._set_emissive(instance, self._instance_rows[instance], emits)
+            self._set_emissive(instance, self._instance_rows[instance], instance.visible and instance.material.emits)
         written = list(self._write_rows)
         self._write_rows.clear()
         if not written:

@@ -7,13 +7,15 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.gpu.device import Device
 from solari_vk.scene.model import DirectionalLight, Instance
 from solari_vk.scene.table import Table
 
 EMISSIVE_MESH, DIRECTIONAL = 0, 1  # LIGHT_* of scene/bindings.glsl
+SUN_DISTANCE = 10.0  # metres to what casts its shadows, about: how far they go when it turns
+NOWHERE = (0.0, 0.0, 0.0)
 
 
 class Lights:
@@ -40,6 +42,10 @@ class Lights:
         self._powers_changed = True
         self.powers: NDArray[np.float64] = np.zeros(0)
         """About how much light each gives, in lumens; another array after each change."""
+        self._emissive_places = np.zeros((16, 3))
+        self._places_changed = True
+        self.places: NDArray[np.float64] = np.zeros((0, 3))
+        """Where each is, (N, 3) in metres, to tell how far it moved; another array after each change."""
 
     @property
     def tables(self) -> tuple[Table, Table, Table]:
@@ -50,10 +56,12 @@ class Lights:
         """An instance's place in the list, None when it is no light."""
         return self._index.get(instance)
 
-    def set_emissive(self, instance: Instance, row: int, emits: bool, area: float = 0.0) -> Instance | None:
+    def set_emissive(
+        self, instance: Instance, row: int, emits: bool, area: float = 0.0, place: ArrayLike = NOWHERE
+    ) -> Instance | None:
         """List an instance of that row or take it off; returns the instance whose index changed thereby.
 
-        area: of its surface in the world, in square metres.
+        area: of its surface in the world, in square metres. place: its middle.
         """
         index = self._index.get(instance)
         self._set_power(instance, math.pi * area * _luminance(instance.material.emissive) if emits else 0.0)
@@ -65,15 +73,17 @@ class Lights:
             self.sources.reserve(index + 1)
             self.sources.records[index] = (EMISSIVE_MESH, row)
             self.sources.mark([index])
+            self._set_place(index, place)
             return None
         if index is None:
             return None
-        self._changed = True
+        self._changed = self._places_changed = True
         del self._index[instance], self._id_of[instance], self._power_of[instance]
         last = self._emissive.pop()
         if last is instance:
             return None
         self._emissive[index] = last
+        self._emissive_places[index] = self._emissive_places[len(self._emissive)]
         self._index[last] = index
         self.sources.records[index] = self.sources.records[len(self._emissive)]
         self.sources.mark([index])
@@ -95,6 +105,13 @@ class Lights:
             self.renew(light)
         self._changed = True
 
+    def _set_place(self, index: int, place: ArrayLike) -> None:
+        if index >= len(self._emissive_places):
+            self._emissive_places = np.concatenate([self._emissive_places, np.zeros((index + 1, 3))])
+        if not np.array_equal(self._emissive_places[index], place):
+            self._emissive_places[index] = place
+            self._places_changed = True
+
     def _set_power(self, light: Instance | DirectionalLight, power: float) -> None:
         known = self._power_of.get(light, 0.0)
         if not math.isclose(power, known, rel_tol=1e-5):  # turning a light rounds its area
@@ -103,6 +120,11 @@ class Lights:
 
     def update(self, lit_area: Callable[[], float]) -> None:
         """Write what follows from the changes. lit_area(): of the scene as a sun sees it, about, in square metres."""
+        if self._changed or self._places_changed:
+            suns = [-SUN_DISTANCE * light.direction for light in self._directional]
+            emissive = self._emissive_places[: len(self._emissive)]
+            self.places = np.concatenate([emissive, np.reshape(suns, (-1, 3))])
+            self._places_changed = False
         if not (self._changed or self._powers_changed):
             return
         listed: list[Instance | DirectionalLight] = [*self._emissive, *self._directional]
