@@ -1,0 +1,230 @@
+"""Scenes that change: how soon frames follow lights that go out, things that move, cameras that jump, and edits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from oracles.replication import tiles
+from whole_frames import SIZE, find, left_of, make_renderer, reflected, reflected_truth, same_bits, snapshot
+
+import solari_vk as sv
+from solari_vk.scene import shapes
+from solari_vk.scene.binder import SceneBinder
+from solari_vk.scene.builtin import cornell_box, lamp, matte, place
+
+SEEDS = 6
+STOPPED = 8  # frames after which nothing of a motion may be seen
+
+
+def settle(renderer, camera, frames=30):
+    for _ in range(frames):
+        frame = renderer.render(camera)
+    return frame
+
+
+# ---- lights that go out -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["cornell_box", "sphere_grid"])
+def test_lights_off(device, name):
+    """Ten frames after its lights are out, the scene has under 5 % of its light, and in the end none."""
+    scene = sv.builtin(name)
+    with make_renderer(device, scene) as renderer:
+        lit = reflected(settle(renderer, scene.camera, 24)).mean()
+        for instance in scene:
+            instance.material.emissive = (0, 0, 0)
+        left = [reflected(renderer.render(scene.camera)).mean() / lit for _ in range(20)]
+    assert left[9] < 0.05, np.round(left, 3)
+    assert left[-1] <= left[9]
+
+
+# ---- motion -----------------------------------------------------------------------------------------
+
+
+def swing_lamp(scene, step):
+    """The lamp of a Cornell box goes along under the ceiling."""
+    find(scene, "lamp").transform = place(at=(-0.6 + 0.08 * step, -0.05, 0.0))
+
+
+def slide_block(scene, step):
+    """The short block goes to and fro before the tall one."""
+    find(scene, "short block").transform = place(at=(0.06 * step, 0.15, 0.0))
+
+
+@pytest.mark.parametrize("move", [swing_lamp, slide_block], ids=["emitter", "occluder"])
+def test_what_moves_leaves_no_trail(device, move):
+    """During the motion a frame shows the present; eight frames after it stopped nothing of the past is left.
+
+    What is left is measured along the difference of the pictures then and now, over independent runs.
+    """
+    scene = cornell_box()
+    moving, stopped = [], []
+    steps = 14
+    move(scene, 0)
+    with make_renderer(device, scene) as renderer:
+        for seed in range(SEEDS):
+            renderer.seed = seed
+            renderer.reset()
+            move(scene, 0)
+            settle(renderer, scene.camera, 16)
+            for step in range(1, steps + 1):
+                move(scene, step)
+                frame = renderer.render(scene.camera)
+            moving.append(reflected(frame))
+            after = [reflected(renderer.render(scene.camera)) for _ in range(STOPPED + 4)]
+            stopped.append(np.mean(after[STOPPED:], axis=0))
+    now = reflected_truth(device, scene, 256)
+    move(scene, steps - STOPPED)
+    lately = reflected_truth(device, scene, 256)
+    move(scene, 0)
+    first = reflected_truth(device, scene, 256)
+    seen = now > 0
+    for name, earlier in (("eight frames ago", lately), ("the start", first)):
+        mask = seen & (earlier > 0)
+        lag = left_of(earlier[mask], now[mask], np.mean(moving, axis=0)[mask])
+        trail = left_of(earlier[mask], now[mask], np.mean(stopped, axis=0)[mask])
+        print(f"{name}: {lag:.3f} in motion, {trail:.3f} after it")
+        assert lag < 0.35, f"{name} in motion: {lag:.3f}"
+        assert abs(trail) < 0.05, f"{name} after the motion: {trail:.3f}"
+
+
+# ---- cameras that jump ------------------------------------------------------------------------------
+
+ELSEWHERE = sv.Camera.look_at((0.3, 1.6, 0.4), (1.3, 0.3, 1.6), vertical_fov=1.2, ev100=-1.0)
+
+
+def test_a_cut_with_reset_is_a_new_renderers_frame(device):
+    """Bit by bit: nothing is left of the frames before, neither in pixels nor in the world cache."""
+    scene = cornell_box()
+    with make_renderer(device, scene) as renderer, make_renderer(device, scene) as new:
+        settle(renderer, scene.camera, 12)
+        renderer.reset()
+        new.frame_count = renderer.frame_count  # it numbers random sequences
+        for frame in range(6):
+            assert not same_bits(renderer.render(ELSEWHERE), new.render(ELSEWHERE)), frame
+
+
+def test_a_jump_without_reset_recovers(device):
+    """Within 30 frames the picture is that of a renderer that has been there all along."""
+    scene = cornell_box()
+    jumped = []
+    with make_renderer(device, scene) as renderer:
+        for seed in range(SEEDS):
+            renderer.seed = seed
+            renderer.reset()
+            before = reflected(settle(renderer, scene.camera, 16))
+            settle(renderer, ELSEWHERE, 28)
+            jumped.append(np.mean([reflected(renderer.render(ELSEWHERE)) for _ in range(4)], axis=0))
+    expected = reflected_truth(device, scene, 256, ELSEWHERE)
+    jumped = np.mean(jumped, axis=0)
+    mask = expected > 0
+    left = left_of(before[mask], expected[mask], jumped[mask])
+    error = np.abs(tiles(jumped) / tiles(expected) - 1).max()
+    print(f"left {left:.3f}, worst tile {error:.3f}")
+    assert abs(left) < 0.02
+    assert abs(jumped[mask].mean() / expected[mask].mean() - 1) < 0.03
+
+
+# ---- edits ------------------------------------------------------------------------------------------
+
+
+def small_lamp(index):
+    mesh = shapes.quad((0, 0, 0), (0.1, 0, 0), (0, 0, 0.1))
+    color = 6.0 * np.roll((3.0, 1.0, 0.5), index)
+    return sv.Instance(mesh=mesh, material=lamp(color), transform=place(at=(0.4 + 0.3 * index, 1.9, 1.0)))
+
+
+def edit(scene, extra, step):
+    """Lights and things come, go and change places in the lists, so that rows and ids are given anew."""
+    if step % 3 == 0:
+        scene.add(extra[step // 3 % 3])
+    if step % 5 == 1:
+        block = find(scene, "short block")
+        scene.remove(block)
+        scene.add(block)
+    if step % 7 == 3:
+        light = find(scene, "lamp")
+        scene.remove(light)
+        scene.add(light)
+    if step % 3 == 2 and step < 9:
+        scene.remove(extra[step // 3 % 3])
+    find(scene, "tall block").transform = place(at=(0.02 * (step % 6), 0, 0))
+    find(scene, "left wall").material.base_color = (0.6, 0.02 * step % 1, 0.1)
+
+
+def test_edits_end_in_the_truth(device):
+    """After many edits between frames, the picture is the path tracer's of what the scene has become."""
+    found = []
+    scene = cornell_box()
+    extra = [small_lamp(index) for index in range(3)]
+    with make_renderer(device, scene) as renderer:
+        for seed in range(SEEDS):
+            renderer.seed = seed
+            renderer.reset()
+            for item in extra:
+                if item in scene.instances:
+                    scene.remove(item)
+            for step in range(16):
+                edit(scene, extra, step)
+                assert np.isfinite(renderer.render(scene.camera)["radiance"]).all()
+            settle(renderer, scene.camera, 16)
+            found.append(np.mean([reflected(renderer.render(scene.camera)) for _ in range(6)], axis=0))
+    expected = reflected_truth(device, scene, 512)
+    mask = expected > 0
+    means = np.array([picture[mask].mean() for picture in found]) / expected[mask].mean() - 1
+    print(f"{means.mean():+.3f} +- {means.std() / np.sqrt(SEEDS):.3f}")
+    assert abs(means.mean()) < 0.02 + 2.6 * means.std(ddof=1) / np.sqrt(SEEDS)
+
+
+def test_renderers_that_share_a_scene_do_not_disturb_each_other(device):
+    """Two cameras of two sizes over one binder, edited in between: each frame has the bits that it has alone."""
+    sizes, views = (SIZE, (24, 16)), (cornell_box().camera, ELSEWHERE)
+    alone = []
+    for size, camera in zip(sizes, views, strict=True):
+        scene, extra = cornell_box(), [small_lamp(index) for index in range(3)]
+        with make_renderer(device, scene, size) as renderer:
+            alone.append([])
+            for step in range(8):
+                edit(scene, extra, step)
+                alone[-1].append(snapshot(renderer.render(camera)))
+    scene, extra = cornell_box(), [small_lamp(index) for index in range(3)]
+    binder = SceneBinder(device, scene)
+    renderers = [make_renderer(device, binder, size) for size in sizes]
+    for step in range(8):
+        edit(scene, extra, step)
+        for renderer, camera, expected in zip(renderers, views, alone, strict=True):
+            assert not same_bits(renderer.render(camera), expected[step]), step
+    for renderer in renderers:
+        renderer.close()
+    binder.destroy()
+
+
+def test_resize_is_a_new_renderers_frame(device):
+    """Smaller, larger and back, each bit by bit; the world cache begins anew as well."""
+    scene = cornell_box()
+    with make_renderer(device, scene) as renderer:
+        settle(renderer, scene.camera, 4)
+        for size in ((20, 12), (40, 28), SIZE):
+            renderer.resize(size)
+            with make_renderer(device, scene, size) as new:
+                new.frame_count = renderer.frame_count
+                for frame in range(3):
+                    differing = same_bits(renderer.render(scene.camera), new.render(scene.camera))
+                    assert not differing, (size, frame, differing)
+
+
+def test_an_empty_scene_that_is_filled_and_emptied(device):
+    """From nothing to a lit ball, and back to nothing at all."""
+    scene = sv.Scene()
+    camera = sv.Camera.look_at((0, 0, 3), (0, 0, 0))
+    ball = sv.Instance(mesh=shapes.sphere(0.5, 12), material=matte(0.5))
+    glow = sv.Instance(mesh=shapes.sphere(0.2, 8), material=lamp(5.0), transform=place(at=(0.8, 0.5, 0.5)))
+    with make_renderer(device, scene) as renderer:
+        assert not settle(renderer, camera, 3)["radiance"].any()
+        scene.add(ball)
+        assert not settle(renderer, camera, 3)["radiance"].any(), "there is no light yet"
+        scene.add(glow)
+        assert reflected(settle(renderer, camera, 6)).mean() > 0.002
+        scene.remove(ball)
+        scene.remove(glow)
+        assert not renderer.render(camera)["radiance"].any(), "nothing is seen where nothing is"

@@ -1,0 +1,63 @@
+"""Whatever the scene and the settings: every frame is finite, and no light is negative."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from random_scenes import random_items, random_settings
+from whole_frames import LIGHT, make_renderer
+
+import solari_vk as sv
+
+RESULTS = ("radiance", *LIGHT, "emission", "diffuse_radiance", "specular_radiance")
+OTHERS = ("depth", "motion_vectors", "guides_normal_roughness", "guides_diffuse_albedo", "guides_specular_albedo",
+          "guides_depth", "guides_motion", "guides_specular_motion")  # fmt: skip
+FEW = {"light_tile_count": 4, "light_tile_samples": 64, "world_cache_cells": 1 << 12}
+PART, PARTS = 150, 1000
+
+
+def check(renderer, frame, what):
+    for name in (*RESULTS, *OTHERS):
+        values = np.asarray(frame[name], np.float64)
+        assert np.isfinite(values).all(), f"{what}: {name} is not finite in {np.argwhere(~np.isfinite(values))[:3]}"
+        assert name not in RESULTS or (values >= 0).all(), f"{what}: {name} is negative, {values.min()}"
+
+
+def run(device, numbers, **built_in):
+    """Combinations of these numbers, in one renderer: after some of them history goes on, and after others it's cut."""
+    scene = sv.Scene()
+    with make_renderer(device, scene, (8, 8), **FEW, **built_in) as renderer:
+        for number in numbers:
+            random = np.random.default_rng(number)
+            if number % 12 == 0:
+                renderer.resize(tuple(int(n) for n in random.integers(8, 17, 2)))
+            if number % 3:
+                renderer.reset()
+            *items, camera = random_items(random)
+            for item in (*scene.instances, *scene.directional_lights):
+                scene.remove(item)
+            for item in items:
+                scene.add(item)
+            random_settings(random, renderer.settings)
+            for _ in range(3):
+                renderer.render(camera)
+            for item in list(scene.instances)[:1]:
+                item.transform = item.transform @ np.diag((1.01, 1, 1, 1))
+            check(renderer, renderer.render(camera), f"combination {number}")
+
+
+def test_frames_are_finite(device):
+    run(device, range(PART))
+
+
+@pytest.mark.slow  # minutes: builds the pipelines of every way to make them
+@pytest.mark.parametrize("built_in", [{"gbuffer": "traced"}, {"layering": "sum", "occlusion_culling": False},
+                                      {"layering": "fresnel_product", "frustum_culling": False},
+                                      {"lambert": True, "gbuffer": "traced"}], ids=str)  # fmt: skip
+def test_frames_are_finite_however_they_are_built(device, built_in):
+    run(device, range(PARTS, PARTS + 50), **built_in)
+
+
+@pytest.mark.slow  # minutes: the rest of a thousand combinations
+def test_a_thousand_combinations_are_finite(device):
+    run(device, range(PART, PARTS))

@@ -1,0 +1,77 @@
+"""The whole frame against the path tracer: no light lost, none made, none that leaks; replicated runs (P-REPL)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from oracles.replication import relative_interval, runs, tiles
+from whole_frames import SIZE, make_renderer, reflected, truth
+
+import solari_vk as sv
+from solari_vk.scene.builtin import closed_box, cornell_box, rgb
+
+JITTER_PERIOD = 32  # frames after which samples have been all over the pixel: lamps' edges then add no noise
+
+
+def check(device, scene, expected, bar, tile_bar=1.0, size=SIZE, seeds=16, observed=JITTER_PERIOD, **settings):
+    """The 95 % interval of the global mean's relative error lies within the bar, and each of 16 tiles' error within
+    its own; returns the global error."""
+    with make_renderer(device, scene, size, **settings) as renderer:
+        observations = runs(renderer, scene.camera, seeds=seeds, observed=observed)
+    error, half_width = relative_interval(observations, expected)
+    worst = tiles(observations).mean(axis=(0, -1)) / tiles(expected).mean(axis=-1) - 1
+    what = f"{100 * error:+.2f} % +- {100 * half_width:.2f} %, worst tile {100 * np.abs(worst).max():.2f} %"
+    print(what)
+    assert abs(error) + half_width <= bar, what
+    assert np.abs(worst).max() <= tile_bar, f"{what}\n{np.round(100 * worst, 1)}"
+    return error
+
+
+def test_cornell_box(device):
+    scene = cornell_box()
+    check(device, scene, truth(device, scene, 1024), bar=0.02, tile_bar=0.05)
+
+
+# perceptual roughness and metallic of walls that emit 1 and reflect about half
+WALLS = {"matte": (1.0, 0.0), "plastic": (0.3, 0.0), "rough metal": (0.7, 1.0), "glossy metal": (0.3, 1.0),
+         "mirror": (0.0, 1.0)}  # fmt: skip
+
+
+@pytest.mark.parametrize("walls", WALLS)
+def test_energy_is_never_created_in_a_closed_box(device, walls):
+    scene = closed_box()
+    roughness, metallic = WALLS[walls]
+    material = next(iter(scene)).material
+    material.update(perceptual_roughness=roughness, metallic=metallic)
+    if walls != "matte":
+        material.reflectance = rgb(0.5)
+    size = (16, 16)
+    expected = truth(device, scene, 256, size=size, max_bounces=64)
+    check(device, scene, expected, bar=0.03, size=size, seeds=8, observed=16)
+
+
+@pytest.mark.slow  # over a minute of processor time: tens of thousands of cells and three million paths
+@pytest.mark.parametrize("name", ["sphere_grid", "mirror_hall"])
+def test_glossy_scenes(device, name):
+    scene = sv.builtin(name)
+    expected = truth(device, scene, 512, max_bounces=64)
+    check(device, scene, expected, bar=0.05, tile_bar=0.12, observed=12)
+
+
+def leak(device, **settings):
+    """Light in the dark half of a room over that in the lit one, behind a wall of 2 cm."""
+    scene = sv.builtin("thin_wall")
+    with make_renderer(device, scene, **settings) as renderer:
+        for _ in range(24):
+            renderer.render(scene.camera)
+        picture = np.mean([reflected(renderer.render(scene.camera)) for _ in range(16)], axis=0)
+    return picture[:, 18:].mean() / picture[:, :14].mean()
+
+
+def test_nothing_leaks_through_a_thin_wall(device):
+    assert leak(device) < 0.01
+
+
+def test_without_prevention_light_leaks(device):
+    """The bar above is one that can be missed."""
+    assert leak(device, world_cache_leak_prevention=False) > 2 * leak(device)
