@@ -17,6 +17,7 @@ from solari_vk.claims.verdict import (
     Claim,
     EndsBelow,
     Falls,
+    Faster,
     GrowsAtMost,
     Keeps,
     Measure,
@@ -103,6 +104,8 @@ def test_interval_is_students():
     (Falls(20.0), [300, 310, 305], [0, 0, 0], True),
     (Falls(1.0), [1, 1, 1], [1, 1, 1], True),  # nothing scatters: what is not worse holds
     (Falls(1.0), [1, 1, 1.1], [1.5, 1.4, 1.6], False),
+    (Faster(2.0), [10, 30, 20], [4, 11, 7.5], True),  # both of a pair slowed by what else runs
+    (Faster(2.0), [10, 30, 20], [6, 18, 12], False),
     (Rises(), [0.95, 0.96, 0.95], [0.99, 1.0, 1.0], True),
     (Rises(), [1.0, 1.0, 1.01], [0.9, 0.91, 0.9], False),
     (Keeps(0.02), [1, 1.001, 0.999], [1.004, 1.003, 1.005], True),

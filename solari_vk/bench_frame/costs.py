@@ -18,10 +18,10 @@ from solari_vk.settings import Settings
 # ---- growth -----------------------------------------------------------------------------------------
 
 
-def frame_time(device: Device, scene: Scene, size: tuple[int, int], frames: int) -> dict[str, float]:
-    """As `frame_times`, of a fresh renderer."""
+def frame_time(device: Device, scene: Scene, size: tuple[int, int], frames: int) -> float:
+    """Milliseconds of a frame of a fresh renderer, once its cells and reservoirs are filled."""
     with Renderer(device, scene, size, Settings()) as renderer:
-        return frame_times(renderer, scene.camera, max(frames, 12) if frames > 2 else 1, frames)
+        return frame_times(renderer, scene.camera, 10 if frames > 2 else 1, frames)["frame"]
 
 
 # ---- memory -----------------------------------------------------------------------------------------

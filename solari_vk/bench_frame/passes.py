@@ -15,6 +15,7 @@ from solari_vk.gpu.device import Device
 from solari_vk.gpu.frame import Frame, Pass, Stage
 from solari_vk.gpu.spirv import reflect
 from solari_vk.renderer import Renderer
+from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera
 from solari_vk.settings import Settings
 from solari_vk.view import write_view
@@ -62,14 +63,16 @@ def frame_times(renderer: Renderer, camera: Camera, warm_up: int, frames: int) -
     return {name: float(np.median(values)) for name, values in spent.items()}
 
 
-def count_rays(device: Device, subject: Any, size: tuple[int, int], warm_up: int, frames: int) -> dict[str, float]:
+def count_rays(
+    device: Device, binder: SceneBinder, camera: Camera, size: tuple[int, int], warm_up: int, frames: int
+) -> dict[str, float]:
     """Rays per pixel of a frame by pass, once cells and reservoirs are filled."""
-    with CountingRenderer(device, subject.scene, size, Settings()) as renderer:
+    with CountingRenderer(device, binder, size, Settings()) as renderer:
         for _ in range(warm_up):
-            renderer.render(subject.camera)
+            renderer.render(camera)
         before = renderer["ray_counts"].astype(np.int64)
         for _ in range(frames):
-            renderer.render(subject.camera)
+            renderer.render(camera)
         counts = (renderer["ray_counts"].astype(np.int64) - before) % (1 << 32)
     per_pixel = counts / (frames * size[0] * size[1])
     found = {name: float(per_pixel[i]) for i, name in enumerate(COUNTED)}

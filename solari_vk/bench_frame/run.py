@@ -11,6 +11,7 @@ from solari_vk.bench_frame.subjects import Subject, glowing, hilly, subjects
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device import Device
 from solari_vk.renderer import Renderer
+from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import builtin
 from solari_vk.settings import Settings
 
@@ -29,8 +30,8 @@ def run(select: str | None, files: list[Path], *, markdown: Path | None = None, 
         report = Report(device, markdown)
         sizes = ((16, 16), (32, 18)) if quick else SIZES
         for size in sizes:
-            _passes(device, report, chosen, size, 2 if quick else 8)
-        _host(device, report, 10 if quick else 300)
+            _passes(device, report, chosen, size, 2 if quick else 6)
+        _host(device, report, 10 if quick else 150)
         _growth(device, report, quick)
         _memory(device, report)
         _error(device, report, quick)
@@ -44,14 +45,17 @@ def _passes(device: Device, report: Report, chosen: list[Subject], size: Size, f
     rays: dict[str, dict[str, float]] = {}
     ratios: dict[str, tuple[float, float]] = {}
     named = f"{size[0]}x{size[1]}"
-    warm_up = 1 if frames <= 2 else 16
+    warm_up = 1 if frames <= 2 else 10
     for subject in chosen:
         report.progress(f"{subject.name} {named}: passes, rays")
-        rays[subject.name] = passes.count_rays(device, subject, size, warm_up, max(frames // 2, 1))
-        with Renderer(device, subject.scene, size, Settings()) as renderer:
+        binder = SceneBinder(device, subject.scene)
+        found = passes.count_rays(device, binder, subject.camera, size, warm_up, 2)
+        with Renderer(device, binder, size, Settings()) as renderer:
             times[subject.name] = passes.frame_times(renderer, subject.camera, warm_up, frames)
-            whole = sum(rays[subject.name].values()) * size[0] * size[1]
-            ratios[subject.name] = passes.against_bare_rays(renderer, subject.camera, whole, frames)
+            whole = sum(found.values()) * size[0] * size[1]
+            ratios[subject.name] = passes.against_bare_rays(renderer, subject.camera, whole, max(frames // 2, 1))
+        rays[subject.name] = found
+        binder.destroy()
     names = [subject.name for subject in chosen]
     rows: dict[str, None] = {name: None for spent in times.values() for name in spent if name != "frame"}
     table = [[row, *(ms(times[name].get(row, 0.0)) for name in names)] for row in rows]
@@ -101,7 +105,7 @@ def _host(device: Device, report: Report, frames: int) -> None:
 
 
 def _growth(device: Device, report: Report, quick: bool) -> None:
-    frames, size = (2, (16, 16)) if quick else (8, (128, 128))
+    frames, size = (2, (16, 16)) if quick else (5, (128, 128))
 
     def measure(title: str, what: str, cases: list[tuple[str, float, float]], note: str) -> None:
         _, least, shortest = cases[0]
@@ -111,19 +115,19 @@ def _growth(device: Device, report: Report, quick: bool) -> None:
     cases = []
     for side in (16, 32) if quick else (128, 256, 512):
         report.progress(f"growth: {side}x{side} pixels")
-        spent = costs.frame_time(device, builtin("cornell_box"), (side, side), frames)["frame"]
+        spent = costs.frame_time(device, builtin("cornell_box"), (side, side), frames)
         cases.append((f"{side}x{side}", float(side * side), spent))
     measure("Growth with pixels, cornell_box", "pixels", cases, "Light tiles and the cache's map are fixed costs.")
     cases = []
     for count in (100, 1000) if quick else (1_000, 10_000, 100_000, 1_000_000):
         report.progress(f"growth: {count:,} triangles")
-        cases.append((f"{count:,}", float(count), costs.frame_time(device, hilly(count), size, frames)["frame"]))
+        cases.append((f"{count:,}", float(count), costs.frame_time(device, hilly(count), size, frames)))
     measure(f"Growth with triangles, {size[0]}x{size[1]}", "triangles", cases, "A height field under one lamp.")
     cases, whole = [], 1_000 if quick else 100_000
     for count in (8, whole) if quick else (8, 100, 1_000, 10_000, whole):
         report.progress(f"growth: {count:,} emissive triangles")
         scene = glowing(count, whole)
-        cases.append((f"{count:,}", float(count), costs.frame_time(device, scene, size, frames)["frame"]))
+        cases.append((f"{count:,}", float(count), costs.frame_time(device, scene, size, frames)))
     measure(f"Growth with lights, {size[0]}x{size[1]}", "emissive triangles", cases,
             f"Of {whole:,} triangles over a floor so many emit, evenly spread, together always as much.")  # fmt: skip
 
@@ -161,7 +165,7 @@ def _error(device: Device, report: Report, quick: bool) -> None:
     scene = builtin("cornell_box")
     size, frames, warm_up = ((16, 16), 4, 1) if quick else ((64, 64), 256, 16)
     report.progress("error: the reference")
-    truth, samples = error.reference(device, scene, size, 16 if quick else 4096, 90.0)
+    truth, samples = error.reference(device, scene, size, 16 if quick else 4096, 60.0)
     report.progress("error: realtime")
     realtime = error.realtime_curve(device, scene, size, truth, frames, warm_up)
     report.progress("error: path tracer")

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.claims.direct import grow
 from solari_vk.claims.scenes import ball_in_white, mirror_wall, white_room
-from solari_vk.claims.verdict import Claim, EndsBelow, Falls, GrowsAtMost, Keeps, Measure, Outcome
+from solari_vk.claims.verdict import Claim, EndsBelow, Falls, Faster, GrowsAtMost, Keeps, Measure, Outcome
 from solari_vk.claims.workbench import (
     Picture,
     Workbench,
     mean_of,
     pass_times,
-    relative_mse,
     run,
     side_by_side,
 )  # fmt: skip
@@ -22,7 +22,7 @@ from solari_vk.scene.model import Scene
 
 GI_PASSES = ("restir_gi/initial_and_temporal", "restir_gi/spatial_and_shade")
 SPECULAR_PASS = ("specular_gi/trace",)
-DARK = 0.8  # of what it should be: a pixel of a black line, or of its rim
+OFF = 0.05  # from what it should be: a pixel that is seen as a speck or part of a line
 
 
 def _materials(bench: Workbench, scene: Scene, size: tuple[int, int]) -> NDArray[np.float32]:
@@ -40,33 +40,48 @@ def _materials(bench: Workbench, scene: Scene, size: tuple[int, int]) -> NDArray
 
 def _mirror(bench: Workbench) -> Outcome:
     scene = mirror_wall()
-    size, frames = bench.size(128, 96), bench.count(48, 3)
-    truth = bench.reference(scene, size, 512)
+    size = bench.size(192, 144)
+    truth = bench.reference(scene, size, 64)
     roughness, metallic = np.moveaxis(_materials(bench, scene, size), -1, 0)
-    mirror = (roughness == 0) & (metallic == 1)
+    # away from edges, where pixels differ by where within them samples lie
+    levels = np.where((roughness == 0) & (metallic == 1), truth.mean(axis=-1), np.nan)
+    inside = ~grow(~np.isfinite(levels), 2) & (_spread_around(levels) < 1e-3)
     shown: list[Picture] = []
-    with bench.renderer(scene, size) as renderer:
+    with bench.renderer(scene, size, di=False, gi=False, world_cache=False) as renderer:
 
         def measure(_: int) -> list[float]:
-            run(renderer, scene.camera, bench.count(24))
-            picture = mean_of(renderer, scene.camera, frames)
+            picture = mean_of(renderer, scene.camera, 1)
             shown.append(picture)
-            ratio = picture[mirror].mean(axis=-1) / np.maximum(truth[mirror].mean(axis=-1), 1e-6)
-            dark = float((ratio < DARK).mean())
-            return [float(np.abs(ratio - 1).mean()), dark, relative_mse(picture[mirror], truth[mirror])]
+            ratio = picture[inside].mean(axis=-1) / truth[inside].mean(axis=-1)
+            if not ratio.size:
+                return [0.0, 0.0, 0.0]
+            return [float(np.abs(ratio - 1).mean()), float((ratio < 1 - OFF).mean()), float((ratio > 1 + OFF).mean())]
 
         found = bench.pairs(renderer, {"specular_mirror": "clamped_ggx"}, {"specular_mirror": "mirror"}, measure)
     before, after = (np.array(values) for values in found)
-    reason = "what rounding does to GGX at roughness 0.001 is smaller than the noise of the picture"
+    reason = "rounding of GGX's peak at roughness 0.001 is too small to be seen"
     return Outcome(
         [
-            Measure("error in the mirror, mean of pixels", "", before[:, 0], after[:, 0], Falls(2.0), reason),
-            Measure(f"pixels below {DARK:.0%} of the reference", "", before[:, 1], after[:, 1], Falls(2.0), reason),
-            Measure("relMSE in the mirror", "", before[:, 2], after[:, 2]),
+            Measure("error of a frame's pixels in the mirror", "", before[:, 0], after[:, 0], Falls(2.0), reason),
+            Measure(f"pixels off by more than {OFF:.0%}", "", before[:, 1:].sum(axis=1), after[:, 1:].sum(axis=1),
+                    Falls(2.0), reason),
+            Measure("of these too dark", "", before[:, 1], after[:, 1]),
+            Measure("of these too bright", "", before[:, 2], after[:, 2]),
         ],
-        [("mirror", "A mirror: the path tracer, clamped GGX, mirror BRDF.",
-          side_by_side([truth, *shown[:2]], scene.camera))],
+        [("mirror", "A mirror in one frame: the path tracer, clamped GGX, mirror BRDF.",
+          side_by_side([truth, *shown[:2]], scene.camera, 1))],
+        note="Whether the faults are lines or specks, dark or bright, hangs on how a device rounds: "
+        f"{before[:, 1].mean():.2%} of the pixels are too dark here, and {before[:, 2].mean():.2%} too bright.",
     )  # fmt: skip
+
+
+def _spread_around(levels: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How far values differ within two pixels, relative to the value; infinite next to nothing."""
+    padded = np.pad(levels, 2, constant_values=np.nan)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (5, 5))
+    with np.errstate(invalid="ignore"):
+        spread = (windows.max(axis=(-2, -1)) - windows.min(axis=(-2, -1))) / levels
+    return np.where(np.isfinite(spread), spread, np.inf)
 
 
 # ---- layering ---------------------------------------------------------------------------------------
@@ -74,10 +89,10 @@ def _mirror(bench: Workbench) -> Outcome:
 
 def _furnace(bench: Workbench, layering: str, seed: int) -> float:
     """What a white ball in white light comes to where it is farthest off: over roughnesses, and rings of its disk."""
-    size, worst = bench.size(48, 48), 0.0
-    for roughness in (0.1, 0.5, 1.0) if not bench.quick else (0.5,):
+    size, worst = bench.size(32, 32), 0.0
+    for roughness in (0.1, 0.6, 1.0) if not bench.quick else (0.5,):
         scene = ball_in_white(roughness)
-        picture = bench.reference(scene, size, 512, max_bounces=1, layering=layering, seed=seed)
+        picture = bench.reference(scene, size, 128, max_bounces=1, layering=layering, seed=seed)
         y, x = np.mgrid[0 : size[1], 0 : size[0]]
         radius = np.hypot((x + 0.5) / size[0] * 2 - 1, (y + 0.5) / size[1] * 2 - 1) * 1.02
         for low, high in ((0.0, 0.5), (0.5, 0.8), (0.8, 0.97)):
@@ -91,7 +106,7 @@ def _furnace(bench: Workbench, layering: str, seed: int) -> float:
 def _closed_box(bench: Workbench, layering: str, seed: int) -> float:
     """Relative error of a white room after four bounces, which must be five times as bright as its walls glow."""
     bounces = 4
-    picture = bench.reference(white_room(), bench.size(32, 32), 128, max_bounces=bounces, layering=layering, seed=seed)
+    picture = bench.reference(white_room(), bench.size(24, 24), 64, max_bounces=bounces, layering=layering, seed=seed)
     return float(picture.mean() / (bounces + 1) - 1)
 
 
@@ -120,7 +135,7 @@ def _layering(bench: Workbench) -> Outcome:
 
 def _skip_metals(bench: Workbench) -> Outcome:
     scene = builtin("mirror_hall")
-    size, frames = bench.size(160, 90), bench.count(8)
+    size, frames = bench.size(96, 54), bench.count(8)
     roughness, metallic = np.moveaxis(_materials(bench, scene, size), -1, 0)
     share = float(((metallic == 1) & (roughness**2 <= 0.4)).mean())
     with bench.renderer(scene, size) as renderer:
@@ -135,7 +150,7 @@ def _skip_metals(bench: Workbench) -> Outcome:
     reason = f"only {share:.0%} of the pixels are smooth metal"
     return Outcome(
         [
-            Measure("GI passes", "ms", before[:, 0], after[:, 0], Falls(1.0), reason),
+            Measure("GI passes", "ms", before[:, 0], after[:, 0], Faster(1.0), reason),
             Measure("mean of the picture", "", before[:, 1], after[:, 1], Keeps(0.02),
                     "the cache has fewer cells where nobody asks for them"),
         ],
@@ -145,17 +160,15 @@ def _skip_metals(bench: Workbench) -> Outcome:
 
 def _termination(bench: Workbench) -> Outcome:
     scene = builtin("sphere_grid")
-    size, frames = bench.size(192, 96), bench.count(32, 3)
-    truth = bench.reference(scene, size, 512)
+    size, frames = bench.size(96, 48), bench.count(16, 3)
+    truth = bench.reference(scene, size, 192)
     roughness = _materials(bench, scene, size)[..., 0]
     glossy = roughness**2 <= 0.4
-    shown: list[Picture] = []
     with bench.renderer(scene, size) as renderer:
 
         def measure(_: int) -> list[float]:
-            run(renderer, scene.camera, bench.count(24))
+            run(renderer, scene.camera, bench.count(12))
             picture = mean_of(renderer, scene.camera, frames)
-            shown.append(picture)
             (spent,) = pass_times(renderer, scene.camera, bench.count(8), [SPECULAR_PASS])
             light = float(picture[glossy].mean() / truth[glossy].mean()) - 1
             return [spent, structural_error(picture, truth, glossy), light]
@@ -168,8 +181,8 @@ def _termination(bench: Workbench) -> Outcome:
         "smooth surface must first grow wider than a cell, and until then its path goes on"
     )
     return Outcome([
-        Measure("specular pass", "ms", before[:, 0], after[:, 0], Falls(1.0), slower),
-        Measure("error of glossy surfaces, 4x4 pixels", "", before[:, 1], after[:, 1], GrowsAtMost(1.1),
+        Measure("specular pass", "ms", before[:, 0], after[:, 0], Faster(1.0), slower),
+        Measure("error of glossy surfaces, 4x4 pixels", "", before[:, 1], after[:, 1], GrowsAtMost(1.25),
                 "paths that end in the cache show its cells"),
         Measure("error of their energy", "", before[:, 2], after[:, 2]),
     ])  # fmt: skip
@@ -191,12 +204,13 @@ def structural_error(picture: Picture, truth: Picture, mask: NDArray[np.bool_], 
 
 
 CLAIMS = (
-    Claim("mirror_brdf", "mirror BRDF", "0.19", "A BRDF of its own for mirrors removes black lines from them.",
-          "a slanted mirror in a room, 128x96", "GGX clamped to roughness 0.001", "mirror BRDF", _mirror),
+    Claim("mirror_brdf", "mirror BRDF", "0.19", "A BRDF of its own for mirrors removes their faults, black lines.",
+          "a slanted mirror in a glowing room, one frame of 192x144", "GGX clamped to roughness 0.001",
+          "mirror BRDF", _mirror),
     Claim("layering", "layering", "0.19", "Adding both lobes makes energy; Fresnel factors in and out are closer.",
-          "a white ball in white light 48x48; a white room 32x32", "the first named", "the last named", _layering),
+          "a white ball in white light 32x32; a white room 24x24", "the first named", "the last named", _layering),
     Claim("skip_metals", "smooth metals", "0.19", "Skipping GI on smooth metals saves time and changes nothing.",
-          "mirror_hall 160x90", "off", "on", _skip_metals),
+          "mirror_hall 96x54", "off", "on", _skip_metals),
     Claim("termination", "path termination", "0.19", "Ending paths by their cumulative spread is faster, and no worse.",
-          "sphere_grid 192x96", "by the surface's roughness", "by the path's spread", _termination),
+          "sphere_grid 96x48", "by the surface's roughness", "by the path's spread", _termination),
 )  # fmt: skip

@@ -60,6 +60,21 @@ class Falls:
 
 
 @dataclass(frozen=True)
+class Faster:
+    """A time falls at least so many times, by the logarithm of the ratio: what slows both of a pair slows no ratio."""
+
+    by: float
+
+    def margin(self, before: Values, after: Values) -> Values:
+        """Of runs in pairs."""
+        return np.log(np.maximum(before, 1e-9)) - np.log(np.maximum(self.by * after, 1e-9))
+
+    @property
+    def text(self) -> str:
+        return f"is at least {self.by:g} times faster" if self.by > 1 else "is faster"
+
+
+@dataclass(frozen=True)
 class Rises:
     """The signed number rises by more than so much."""
 
