@@ -12,7 +12,7 @@ from solari_vk.scene import shapes
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import cornell_box, lamp, matte, place
 
-SEEDS = 6
+SEEDS = 4
 STOPPED = 8  # frames after which nothing of a motion may be seen
 
 
@@ -25,7 +25,7 @@ def settle(renderer, camera, frames=30):
 # ---- lights that go out -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["cornell_box", "sphere_grid"])
+@pytest.mark.parametrize("name", ["cornell_box", pytest.param("sphere_grid", marks=pytest.mark.slow)])  # many cells
 def test_lights_off(device, name):
     """Ten frames after its lights are out, the scene has under 5 % of its light, and in the end none."""
     scene = sv.builtin(name)
@@ -84,7 +84,7 @@ def test_what_moves_leaves_no_trail(device, move):
         lag = left_of(earlier[mask], now[mask], np.mean(moving, axis=0)[mask])
         trail = left_of(earlier[mask], now[mask], np.mean(stopped, axis=0)[mask])
         print(f"{name}: {lag:.3f} in motion, {trail:.3f} after it")
-        assert lag < 0.35, f"{name} in motion: {lag:.3f}"
+        assert lag < 0.15, f"{name} in motion: {lag:.3f}"
         assert abs(trail) < 0.05, f"{name} after the motion: {trail:.3f}"
 
 

@@ -37,7 +37,10 @@ WALLS = {"matte": (1.0, 0.0), "plastic": (0.3, 0.0), "rough metal": (0.7, 1.0), 
          "mirror": (0.0, 1.0)}  # fmt: skip
 
 
-@pytest.mark.parametrize("walls", WALLS)
+# Slow: those between the extremes, seconds each.
+@pytest.mark.parametrize(
+    "walls", [pytest.param(name, marks=[] if name in ("matte", "mirror") else [pytest.mark.slow]) for name in WALLS]
+)
 def test_energy_is_never_created_in_a_closed_box(device, walls):
     scene = closed_box()
     roughness, metallic = WALLS[walls]
@@ -72,6 +75,7 @@ def test_nothing_leaks_through_a_thin_wall(device):
     assert leak(device) < 0.01
 
 
+@pytest.mark.slow  # shows what the test above can miss
 def test_without_prevention_light_leaks(device):
     """The bar above is one that can be missed."""
     assert leak(device, world_cache_leak_prevention=False) > 2 * leak(device)

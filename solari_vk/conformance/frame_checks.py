@@ -1,0 +1,98 @@
+"""The realtime frame as a whole: one seed gives one picture, all is finite, no light is made or kept."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+import solari_vk as sv
+from solari_vk.conformance.realtime import PARTS, add_up, make_renderer, relative_error, run_means, trace
+from solari_vk.conformance.rules import SUITE, Measurement, Rule
+from solari_vk.gpu.device import Device
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import closed_box, cornell_box, lamp, place, rgb
+
+_FRAME = (SUITE, "Renderer")
+SEED = Rule("a seed gives the same bits of every frame", *_FRAME)
+OTHER_SEED = Rule("another seed gives other noise", *_FRAME)
+FINITE = Rule("odd scenes give finite frames", *_FRAME)
+WHOLE = Rule("a Cornell box is as bright as the path tracer's", *_FRAME)
+OFF = Rule("light that is switched off is gone after ten frames", *_FRAME)
+# Perceptual roughness and metallic. Glossy metal so near to lights has a tail too heavy for a run this short.
+BOXES = {"matte": (1.0, 0.0), "mirror": (0.0, 1.0)}
+
+
+def _take(device: Device, seed: int) -> list[bytes]:
+    scene, results = sv.builtin("sphere_grid", columns=3, rows=2), ("radiance", *PARTS, "gbuffer", "depth", "display")
+    with make_renderer(device, scene, seed=seed) as renderer:
+        found = []
+        for _ in range(6):
+            frame = renderer.render(scene.camera)
+            found += [frame[name].tobytes() for name in results]
+    return found
+
+
+def measure_determinism(device: Device) -> Iterator[Measurement]:
+    """Two renderers of a seed, and one of another."""
+    first, again, other = (_take(device, seed) for seed in (5, 5, 6))
+    differ = sum(a != b for a, b in zip(first, again, strict=True))
+    yield Measurement(SEED, float(differ), 0.0, f"of {len(first)} results differ")
+    yield Measurement(OTHER_SEED, float(first[0] == other[0]), 0.0, "the same")
+
+
+def odd_scene() -> sv.Scene:
+    """Slivers, points, a light without area, normals of no length, huge and tiny things, a mirror, blinding light."""
+    points = np.array([(0, 0, 0), (1, 0, 0), (0.5, 1e-7, 0), (0.3, 0.3, 0.3), (0.3, 0.3, 0.3), (0.3, 0.3, 0.3)])
+    spoiled = sv.Mesh(positions=points, normals=np.zeros((6, 3), np.float32))
+    scene = cornell_box(radiance=(1e8, 1e-3, 0))
+    mirror = sv.Material(metallic=1.0, perceptual_roughness=0.0, base_color=rgb(1.0))
+    for mesh, material, scale in (
+        (spoiled, lamp(5.0), 1.0), (spoiled, mirror, 1.0), (shapes.sphere(0.3, 8), mirror, 1.0),
+        (shapes.sphere(0.3, 8), lamp(1e6), 1e-5), (shapes.box(inward=True), mirror, 1e4),
+    ):  # fmt: skip
+        scene.add(sv.Instance(mesh=mesh, material=material, transform=place(scale, (0.8, 1.2, 0.5))))
+    return scene
+
+
+def measure_finite(device: Device) -> Iterator[Measurement]:
+    """A scene of all that is odd, one without light, and none."""
+    scenes = {"odd": odd_scene(), "dark": cornell_box(radiance=0.0), "empty": sv.Scene(sv.Camera())}
+    wrong = 0
+    for scene in scenes.values():
+        with make_renderer(device, scene, (24, 24)) as renderer:
+            for _ in range(4):
+                frame = renderer.render(scene.camera)
+                for values in (frame[name] for name in ("radiance", *PARTS)):
+                    wrong += int((~np.isfinite(values) | (values < 0)).sum())
+    yield Measurement(FINITE, float(wrong), 0.0, "values are not finite, or negative")
+
+
+def measure_closed_box(device: Device, walls: str) -> Iterator[Measurement]:
+    """Walls that emit 1 and reflect half: no energy is made, and none is lost."""
+    scene, size = closed_box(), (16, 16)
+    roughness, metallic = BOXES[walls]
+    next(iter(scene)).material.update(perceptual_roughness=roughness, metallic=metallic)
+    expected = trace(device, scene, 128, size, max_bounces=64)
+    with make_renderer(device, scene, size) as renderer:
+        means = run_means(renderer, scene.camera, lambda f: np.asarray(f["radiance"]), 20, 12)
+    error, half_width = relative_error(means, float(expected.mean()))
+    rule = Rule(f"a closed box of {walls} walls keeps its energy", *_FRAME)
+    yield Measurement(rule, abs(error) + half_width, 0.05, "relative error", f"{error:+.2%} +- {half_width:.2%}")
+
+
+def measure_light(device: Device) -> Iterator[Measurement]:
+    """The Cornell box's light, and what is left of it after the lamp is out."""
+    scene = cornell_box()
+    expected = trace(device, scene, 512) - trace(device, scene, 512, max_bounces=0)
+    with make_renderer(device, scene) as renderer:
+        means = run_means(renderer, scene.camera, add_up, 24, 12)
+        lit = float(np.mean(means))
+        for instance in scene:
+            instance.material.emissive = rgb(0.0)
+        for _ in range(10):
+            frame = renderer.render(scene.camera)
+        left = float(add_up(frame).mean())
+    error, half_width = relative_error(means, float(expected.mean()))
+    yield Measurement(WHOLE, abs(error) + half_width, 0.05, "relative error", f"{error:+.2%} +- {half_width:.2%}")
+    yield Measurement(OFF, left / lit, 0.05, "of the light is left")

@@ -1,0 +1,61 @@
+"""The groups of the realtime passes can fail: a seeded bug for each rule."""
+
+from __future__ import annotations
+
+import pytest
+from seeded_bugs import expect_red, patched_root
+
+from solari_vk.conformance import frame_checks, realtime_checks
+from solari_vk.gpu import compiler
+
+DI, GI = "passes/restir_di/spatial_and_shade.comp", "passes/restir_gi/initial_and_temporal.comp"
+BUGS = {
+    "raster with gaps": (realtime_checks.measure_gbuffer, ["raster finds"], "passes/gbuffer/resolve.comp",
+                         "imageLoad(depth, ivec2(at)).x == 0.0", "(at.x & 7u) == 0u"),
+    "motion without the camera's": (realtime_checks.measure_gbuffer, ["motion vectors"], "passes/gbuffer/gbuffer.glsl",
+                                    "project_to_uv(previous_world_position, uniforms.previous_view_from_world",
+                                    "project_to_uv(previous_world_position, uniforms.view_from_world"),
+    "lights counted once too often": (realtime_checks.measure_direct, ["direct light"],
+                                      DI, "float(scene_info.light_count) *", "float(scene_info.light_count + 1u) *"),
+    "sums that begin a block late": (realtime_checks.measure_world_cache, ["list of active cells"],
+                                     "passes/world_cache/scan.comp", "uint before = sums[thread] - sum;",
+                                     "uint before = sums[thread];"),
+    "searches end at a hole": (realtime_checks.measure_world_cache, ["every key"], "passes/world_cache/map.glsl",
+                               "if (checksum == key.checksum) { return cell; }",
+                               "if (checksum == key.checksum && i == 0u) { return cell; }"),
+    "cells live forever": (realtime_checks.measure_world_cache, ["cells die"], "passes/world_cache/decay.comp",
+                           "= life - 1u;", "= life;"),
+    "a hemisphere too few": (realtime_checks.measure_indirect, ["one bounce"], GI, "? 2.0 * PI :", "? PI :"),
+    "no Fresnel in mirrors": (realtime_checks.measure_mirror, ["a mirror"], "passes/specular_gi/lobe.glsl",
+                              "specular_fresnel(brdf, wo.z), INFINITY", "vec3(1.0), INFINITY"),
+    "light for nothing": (lambda device: frame_checks.measure_closed_box(device, "matte"), ["matte walls"],
+                          "passes/display/compose.comp", "emitted + diffuse", "emitted + 1.3 * diffuse"),
+    "light that stays": (frame_checks.measure_light, ["as bright", "switched off"], "passes/display/compose.comp",
+                         "vec3 diffuse = di_diffuse", "di_diffuse.at[index] = max(di_diffuse.at[index], vec3(0.03));\n"
+                         "    vec3 diffuse = di_diffuse"),
+    "divided by nothing": (frame_checks.measure_finite, ["finite"], "passes/display/compose.comp",
+                           "radiance.at[index] = emitted",
+                           "radiance.at[index] = uintBitsToFloat(0x7FC00000u) + emitted"),
+}  # fmt: skip
+
+
+QUICK = ("sums that begin a block late", "cells live forever", "light for nothing", "divided by nothing")
+
+
+# Slow: those that need many frames, or pipelines with rays made anew.
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in QUICK else [pytest.mark.slow]) for n in BUGS])
+def test_bug_is_noticed(device, name, tmp_path, monkeypatch):
+    measure, parts, *bug = BUGS[name]
+    root = patched_root(tmp_path, bug)
+    monkeypatch.setattr(compiler, "glsl_root", lambda: root)
+    expect_red(measure(device), *parts)
+
+
+@pytest.mark.slow  # six renderers
+def test_seeds_without_effect_are_noticed(device, monkeypatch):
+    take = frame_checks._take
+    monkeypatch.setattr(frame_checks, "_take", lambda device, seed: take(device, 0))
+    expect_red(frame_checks.measure_determinism(device), "another seed")
+    seeds = iter(range(3))
+    monkeypatch.setattr(frame_checks, "_take", lambda device, seed: take(device, next(seeds)))
+    expect_red(frame_checks.measure_determinism(device), "same bits")
