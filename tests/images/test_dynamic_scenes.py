@@ -51,7 +51,8 @@ def slide_block(scene, step):
     find(scene, "short block").transform = place(at=(0.06 * step, 0.15, 0.0))
 
 
-@pytest.mark.parametrize("move", [swing_lamp, slide_block], ids=["emitter", "occluder"])
+# Slow: as long as the other one.
+@pytest.mark.parametrize("move", [swing_lamp, pytest.param(slide_block, marks=pytest.mark.slow)])
 def test_what_moves_leaves_no_trail(device, move):
     """During the motion a frame shows the present; eight frames after it stopped nothing of the past is left.
 
