@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import sys
 import time
 from collections import deque
@@ -26,7 +27,7 @@ from solari_vk.viewer.pictures import Pick, Pictures
 from solari_vk.viewer.presenter import Presenter
 from solari_vk.viewer.reload import Sources
 from solari_vk.viewer.scaling import ScaleControl
-from solari_vk.viewer.window import Window
+from solari_vk.viewer.window import Window, checked_size
 
 MESSAGE_SECONDS = 6.0
 LONGEST_STEP = 0.25  # seconds that a camera flies in a frame at most, however long the frame took
@@ -66,6 +67,7 @@ class Viewer:
         load: Callable[[], Scene] | None = None,
         folder: str | Path = ".",
     ) -> None:
+        size = checked_size(size)
         self.device, self.scene, self.folder = device, scene, Path(folder)
         self.source, self.source_options = source, source_options
         self.settings = Settings() if settings is None else settings
@@ -127,9 +129,10 @@ class Viewer:
         return self.camera_control.camera
 
     def run(self, on_frame: Callable[[Viewer, float], None] | None = None, frames: int | None = None) -> None:
-        """Show frames until the window is closed, or so many."""
-        begun = self.frame_count
-        while not self.window.wants_to_close and (frames is None or self.frame_count - begun < frames):
+        """Show frames until the window is closed, or so many; those of a window that shows nothing count too."""
+        for _ in itertools.count() if frames is None else range(frames):
+            if self.window.wants_to_close:
+                break
             self.step(on_frame)
 
     def step(self, on_frame: Callable[[Viewer, float], None] | None = None) -> bool:
@@ -156,7 +159,9 @@ class Viewer:
         return shown
 
     def capture(self) -> NDArray[np.uint8]:
-        """What the window shows, (height, width, 3), the panels too."""
+        """What the window shows, (height, width, 3), the panels too. SolariError when that can't be read."""
+        if self.window.closed:
+            raise SolariError("the window is closed")
         draw = None if self.overlay is None else self._draw
         pixels = self._presenter.capture(self.pictures.parts(), draw)
         if pixels is None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.gpu import raw
-from solari_vk.gpu.barriers import ALL_COMMANDS, READ, WRITE
+from solari_vk.gpu.barriers import ALL_COMMANDS, READ, WRITE, full_barrier
 from solari_vk.gpu.device import Device
 from solari_vk.gpu.memory import Buffer, Image
 from solari_vk.gpu.swapchain import Swapchain
@@ -134,6 +134,7 @@ class Presenter:
     def _record(self, commands: raw.CData, target: raw.CData, parts: Sequence[Part]) -> None:
         vk = self.device.vk
         vk.vkBeginCommandBuffer(commands, raw.struct("VkCommandBufferBeginInfo"))
+        vk.vkCmdPipelineBarrier2(commands, full_barrier())  # the parts were written by the renderers
         vk.vkCmdPipelineBarrier2(commands, layout_barrier(target, _UNDEFINED, _TARGET))
         if not parts:
             black, whole = raw.ffi.new("VkClearColorValue*"), raw.struct("VkImageSubresourceRange", **_WHOLE)

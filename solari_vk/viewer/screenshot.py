@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from solari_vk.display import save_image, write_png
+from solari_vk.errors import SolariError
 from solari_vk.settings import DEFAULTS
 
 if TYPE_CHECKING:
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
 
 def take_screenshot(viewer: Viewer) -> Path:
     """Write the next free solari-NNN.png, .exr and .txt into the viewer's folder; returns the path of the PNG."""
+    if not viewer.pictures.ready:
+        raise SolariError("there is no picture yet")
     viewer.folder.mkdir(parents=True, exist_ok=True)
     number = 1
     while (target := viewer.folder / f"solari-{number:03}.png").exists():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,13 +32,15 @@ class Event:
 class Window:
     """A window of a size in window coordinates, which on some systems are not pixels. `close` destroys it.
 
-    Raises SolariError where windows can't be opened.
+    Raises SolariError where windows can't be opened. A closed window has no pixels and wants to close; all else of it
+    raises SolariError.
     """
 
     def __init__(self, size: tuple[int, int], title: str) -> None:
         global _windows
         self.events: list[Event] = []
-        self.handle: Any = None
+        self._handle: Any = None
+        size = checked_size(size)
         self._error: str = ""
         self._before_fullscreen: tuple[int, int, int, int] | None = None
         glfw.set_error_callback(self._note_error)
@@ -47,8 +50,8 @@ class Window:
         glfw.default_window_hints()
         glfw.window_hint(glfw.CLIENT_API, glfw.NO_API)
         glfw.window_hint(glfw.SCALE_TO_MONITOR, False)
-        self.handle = glfw.create_window(*size, title, None, None)
-        if not self.handle:
+        self._handle = glfw.create_window(*size, title, None, None)
+        if not self._handle:
             error = self._error
             self._release()
             raise SolariError(f"no window can be opened: {error}")
@@ -82,6 +85,18 @@ class Window:
     # ---- state --------------------------------------------------------------------------------------
 
     @property
+    def closed(self) -> bool:
+        """Whether `close` was called."""
+        return not self._handle
+
+    @property
+    def handle(self) -> Any:
+        """GLFW's window. GLFW ends the process when it is given none."""
+        if self.closed:
+            raise SolariError("the window is closed")
+        return self._handle
+
+    @property
     def size(self) -> tuple[int, int]:
         """Width and height in window coordinates, as those of the cursor."""
         width, height = glfw.get_window_size(self.handle)
@@ -90,7 +105,7 @@ class Window:
     @property
     def pixels(self) -> tuple[int, int]:
         """Width and height in pixels; (0, 0) while the window is minimised."""
-        if glfw.get_window_attrib(self.handle, glfw.ICONIFIED):
+        if self.closed or glfw.get_window_attrib(self.handle, glfw.ICONIFIED):
             return (0, 0)
         width, height = glfw.get_framebuffer_size(self.handle)
         return width, height
@@ -98,7 +113,7 @@ class Window:
     @property
     def wants_to_close(self) -> bool:
         """Whether the user closed the window; assign to ask for it, or to refuse."""
-        return bool(glfw.window_should_close(self.handle))
+        return self.closed or bool(glfw.window_should_close(self.handle))
 
     @wants_to_close.setter
     def wants_to_close(self, value: bool) -> None:
@@ -107,11 +122,11 @@ class Window:
     @property
     def clipboard(self) -> str:
         """The text in the clipboard, "" when there is none."""
-        return _text(glfw.get_clipboard_string(_NONE) or "")
+        return _text(glfw.get_clipboard_string(self.handle) or "")
 
     @clipboard.setter
     def clipboard(self, text: str) -> None:
-        glfw.set_clipboard_string(_NONE, text)
+        glfw.set_clipboard_string(self.handle, text)
 
     def set_title(self, title: str) -> None:
         """Show a title."""
@@ -119,6 +134,8 @@ class Window:
 
     def take_events(self, wait: float = 0.0) -> list[Event]:
         """The events since the last call; waits so many seconds for the first."""
+        if self.closed:
+            raise SolariError("the window is closed")
         if wait:
             glfw.wait_events_timeout(wait)
         else:
@@ -160,10 +177,21 @@ class Window:
 
     def close(self) -> None:
         """Destroy the window. Safe to call twice."""
-        if self.handle:
+        if not self.closed:
             glfw.destroy_window(self.handle)
-            self.handle = None
+            self._handle = None
             self._release()
+
+
+def checked_size(size: tuple[int, int]) -> tuple[int, int]:
+    """The size of a window as whole numbers; raises SolariError for what is none."""
+    try:
+        width, height = (operator.index(side) for side in size)
+    except (TypeError, ValueError):
+        width = height = 0
+    if not (1 <= width < 2**15 and 1 <= height < 2**15):
+        raise SolariError(f"a window's size is two whole numbers from 1 to {2**15 - 1}, not {size!r}")
+    return width, height
 
 
 def _text(given: Any) -> str:

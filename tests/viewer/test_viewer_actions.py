@@ -191,6 +191,13 @@ def read_exr(path):
         return file.channels()["RGB"].pixels.copy()
 
 
+def test_screenshots_before_there_is_a_picture_are_told(open_viewer, tmp_path):
+    viewer = open_viewer(**FLAT, mode="realtime", folder=tmp_path / "shots")
+    viewer.act("screenshot")
+    assert "no picture yet" in viewer.message
+    assert not (tmp_path / "shots").exists()
+
+
 def test_screenshots_without_a_folder_to_write_to_are_told(open_viewer, tmp_path):
     (tmp_path / "file").write_text("")
     viewer = open_viewer(**FLAT, folder=tmp_path / "file" / "shots")

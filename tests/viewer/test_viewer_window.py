@@ -69,6 +69,7 @@ def test_hidden_windows_wait(open_viewer, monkeypatch):
     viewer.run(frames=1)
     monkeypatch.setattr(Window, "pixels", (0, 0))
     assert not viewer.step()
+    viewer.run(frames=2)
     assert viewer.frame_count == 1
     with pytest.raises(sv.SolariError, match="nothing"):
         viewer.capture()
@@ -155,6 +156,22 @@ def test_closing_in_the_middle_of_a_frame(open_viewer):
     viewer.window.wants_to_close = False
     with pytest.raises(RuntimeError, match="own"):
         viewer.run(fail)
+
+
+def test_closed_viewers_answer(open_viewer):
+    viewer = open_viewer()
+    viewer.run(lambda viewer, seconds: viewer.close(), frames=3)
+    assert (viewer.frame_count, viewer.window.pixels, viewer.window.wants_to_close) == (0, (0, 0), True)
+    viewer.run()
+    for call in (viewer.step, viewer.capture, lambda: viewer.window.size, lambda: viewer.window.clipboard):
+        with pytest.raises(sv.SolariError, match="closed"):
+            call()
+
+
+@pytest.mark.parametrize("size", [(-1, 5), (0, 0), (64.5, 3), (64,), 5, (2**31, 2), None])
+def test_sizes_that_no_window_has(device, screen, size):
+    with pytest.raises(sv.SolariError, match="whole numbers"):
+        sv.Viewer(device, sv.builtin("cornell_box"), size=size)
 
 
 def test_the_device_may_close_first(screen):
