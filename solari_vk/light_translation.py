@@ -99,11 +99,11 @@ class LightTranslation:
     def _reserve(self, count: int) -> bool:
         if self.buffers and 4 * count <= self.buffers[NAMES[0]].size:
             return False
-        self.destroy()
+        self.close()
         self.buffers = {name: self._device.buffer(4 * max(2 * count, 16), name) for name in NAMES}
         return True
 
-    def destroy(self) -> None:
+    def close(self) -> None:
         """Free the buffers."""
         for buffer in self.buffers.values():
             buffer.destroy()

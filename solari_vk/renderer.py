@@ -60,16 +60,20 @@ class Renderer:
         self._owns_binder = isinstance(scene, Scene)
         self.binder = SceneBinder(device, scene) if isinstance(scene, Scene) else scene
         self.binder.update()
-        self._table, table_buffers = brdf_table.compute(device)
-        self._lights = LightTranslation(device)
-        external = {**self.binder.resources, **table_buffers, **self._lights.buffers}
+        self._owned: list[Any] = []
+        try:
+            table, table_buffers = brdf_table.compute(device)
+            self._owned.append(table)
+            self._lights = LightTranslation(device)
+            self._owned.append(self._lights)
+            external = {**self.binder.resources, **table_buffers, **self._lights.buffers}
+            self._frame = Frame(device, self._stages(), external=external)
+            self._owned.append(self._frame)
+        except BaseException:
+            self.close()
+            raise
         self._built = self.size, self.binder.instance_capacity, self.settings.built_in
         self._seen: tuple[Any, ...] = ()
-        try:
-            self._frame = Frame(device, self._stages(), external=external)
-        except BaseException:
-            self._free()
-            raise
         self._bound_version = self.binder.version
         self._views: tuple[View | None, View | None] = None, None  # in the uniforms, this frame's and the last one's
         self._previous: tuple[View, Any] | None = None  # view and jitter of the last frame, None: no history
@@ -100,21 +104,25 @@ class Renderer:
         if not isinstance(camera, Camera):
             raise SolariError(f"Renderer.render: a Camera is needed, not {camera!r}")
         self.binder.update()
+        self._take_up_settings()
         lights = self.binder.light_ids, self.binder.light_powers, self.binder.light_places
         if self._lights.update(*lights, self.settings.world_cache_cell_size):
             self._frame.bind(self._lights.buffers)
         if self.binder.version != self._bound_version:
             self._bound_version = self.binder.version
             self._frame.bind(self.binder.resources)
-        self._take_up_settings()
         self._write_uniforms(camera)
-        self._frame.submit()
+        try:
+            self._frame.submit()
+        except BaseException:
+            self.reset()  # what the passes know is older than what was noted of cameras and lights
+            raise
         self.frame_count += 1
         return RenderedFrame(self)
 
     def _take_up_settings(self) -> None:
         """Build the frame anew where sizes or pipelines changed, and write the other settings where they did."""
-        seen = self.size, self.binder.instance_capacity, self.settings.revision
+        seen = self.size, self.binder.instance_capacity, self.settings, self.settings.revision
         if seen == self._seen:
             return
         built = self.size, self.binder.instance_capacity, self.settings.built_in
@@ -162,9 +170,12 @@ class Renderer:
 
     @seed.setter
     def seed(self, seed: int) -> None:
-        if not isinstance(seed, int) or not 0 <= seed < 2**32:
+        try:
+            self._seed = operator.index(seed)
+        except TypeError:
+            self._seed = -1
+        if not 0 <= self._seed < 2**32:
             raise SolariError(f"Renderer: seed must be a whole number from 0 to 2^32 - 1, not {seed!r}")
-        self._seed = seed
 
     @property
     def view(self) -> str:
@@ -216,13 +227,8 @@ class Renderer:
 
     def close(self) -> None:
         """Free everything on the device. Safe to call twice."""
-        self._frame.close()
-        self._free()
-
-    def _free(self) -> None:
-        """Free what the frame uses."""
-        self._table.close()
-        self._lights.destroy()
+        while self._owned:
+            self._owned.pop().close()
         if self._owns_binder:
             self._owns_binder = False
             self.binder.destroy()
@@ -250,7 +256,7 @@ class Renderer:
             if counter in (counters.dtype.names or ()):
                 return np.asarray(counters[counter])
         values = self._frame[name.replace("/", "_")]
-        width, height = self.size
+        width, height = self._built[0]
         if len(values.shape) and values.shape[0] == width * height:
             return values.reshape(height, width, *values.shape[1:])
         return values

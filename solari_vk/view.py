@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.gpu.uniforms import Uniforms
-from solari_vk.scene.model import Camera
+from solari_vk.scene.camera import Camera, upright
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,10 +30,12 @@ class View:
         if known is not None and known.key == key:
             return known
         tan_half_fov = math.tan(camera.vertical_fov / 2)
+        placed = upright(camera.transform)  # a camera's scale means nothing, but depths would be in its units
+        assert placed is not None, "Camera takes invertible transforms only"
         return cls(
             key,
-            camera.transform[:3].T.astype(np.float32),
-            np.linalg.inv(camera.transform)[:3].T.astype(np.float32),
+            placed[:3].T.astype(np.float32),
+            np.linalg.inv(placed)[:3].T.astype(np.float32),
             (tan_half_fov * size[0] / size[1], tan_half_fov),
             camera.near,
         )

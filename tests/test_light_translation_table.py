@@ -38,7 +38,7 @@ def test_buffers_follow_the_list_and_settle(device):
     many = np.arange(1, 200, dtype=np.uint32)
     assert lights.update(many, POWERS), "larger buffers are other buffers"
     assert read(3)[0] == [2, 3, 0]
-    lights.destroy()
+    lights.close()
 
 
 def test_share_of_power_that_came_or_went():
@@ -65,7 +65,7 @@ def test_change_fades(device):
         lights.update(ids[:1], dimmed)
         assert lights.change in (0, pytest.approx(KEPT**frame / 4))
     assert lights.change == 0
-    lights.destroy()
+    lights.close()
 
 
 def test_share_that_moved():

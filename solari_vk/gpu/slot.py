@@ -161,3 +161,4 @@ class Slot:
         if self._uniforms is not None:
             self._uniforms.destroy()
         self._device.release(self._query_token)
+        self._query_count = 0

@@ -22,5 +22,5 @@ def stage(size: tuple[int, int], settings: Settings) -> Stage:
     return Stage(
         "guides",
         images={f"guides_{name}": size for name in IMAGES},
-        passes=[Pass("guides/write", threads=size)],
+        passes=[Pass("guides/write", threads=size, constants={"brdf_lambert": settings.lambert})],
     )

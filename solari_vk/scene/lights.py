@@ -64,8 +64,8 @@ class Lights:
         area: of its surface in the world, in square metres. place: its middle.
         """
         index = self._index.get(instance)
-        self._set_power(instance, math.pi * area * _luminance(instance.material.emissive) if emits else 0.0)
         if emits:
+            self._set_power(instance, math.pi * area * _luminance(instance.material.emissive))
             if index is None:
                 index = self._index[instance] = len(self._emissive)
                 self._emissive.append(instance)
@@ -78,6 +78,7 @@ class Lights:
         if index is None:
             return None
         self._changed = self._places_changed = True
+        self._powers_changed = True
         del self._index[instance], self._id_of[instance], self._power_of[instance]
         last = self._emissive.pop()
         if last is instance:

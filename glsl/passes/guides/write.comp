@@ -6,6 +6,7 @@
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/guides/bindings.glsl"
 #include "passes/guides/mirrors.glsl"
+#include "passes/past_mirrors.glsl"
 #include "passes/ray_count.glsl"
 #include "scene/brdf.glsl"
 #include "scene/surface.glsl"
@@ -13,7 +14,6 @@
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
-const uint MOST_MIRRORS = 16u;
 const float FAR_AWAY = 1e6;  // of directions, that have no distance
 
 struct Guides {
@@ -39,10 +39,6 @@ void describe(inout Guides guides, ResolvedMaterial material, float NdotV) {
     guides.perceptual_roughness = material.perceptual_roughness;
 }
 
-bool is_mirror(ResolvedMaterial material) {
-    return material.metallic > 0.9999 && material.roughness <= MIRROR_ROUGHNESS;
-}
-
 // Follows the mirrors from the pixel's surface on, and describes what they show last.
 Guides describe_reflection(GBufferSurface seen, uvec2 pixel) {
     CameraRay camera_ray = make_camera_ray(vec2(pixel) + 0.5);
@@ -58,7 +54,7 @@ Guides describe_reflection(GBufferSurface seen, uvec2 pixel) {
     mat4x3 chain = mat4x3(1.0), previous_chain = mat4x3(1.0);
     vec3 previous_position;
 
-    for (uint i = 0u; i < MOST_MIRRORS && instance != NO_INDEX && is_mirror(surface.material); i++) {
+    for (uint i = 0u; i < MOST_MIRRORS && instance != NO_INDEX && is_metal_mirror(surface.material); i++) {
         MirrorPlane mirror = MirrorPlane(surface.world_position, surface.world_normal);
         chain = append_mirror(chain, mirror);
         previous_chain = append_mirror(previous_chain, previous_mirror(instance, mirror));
@@ -101,7 +97,7 @@ void main() {
     vec2 motion = imageLoad(motion_vectors, at).xy;
     GBufferSurface surface = load_gbuffer(pixel);
     Guides guides = Guides(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, imageLoad(depth, at).x, motion);
-    if (surface.exists && uniforms.primary_surface_replacement != 0u && is_mirror(surface.material)) {
+    if (surface.exists && uniforms.primary_surface_replacement != 0u && is_metal_mirror(surface.material)) {
         guides = describe_reflection(surface, pixel);
     } else if (surface.exists) {
         describe(guides, surface.material, dot(surface.world_normal, surface.wo));

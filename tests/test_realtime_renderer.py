@@ -1,0 +1,100 @@
+"""The realtime renderer as an object: what its calls promise whatever the picture."""
+
+import gc
+import weakref
+
+import numpy as np
+import pytest
+
+import solari_vk as sv
+
+SIZE = (16, 12)
+
+
+@pytest.fixture
+def scene():
+    return sv.builtin("cornell_box")
+
+
+@pytest.fixture
+def renderer(device, scene):
+    with sv.Renderer(device, scene, SIZE) as made:
+        yield made
+
+
+def test_a_cameras_scale_means_nothing(renderer, scene):
+    pictures = []
+    renderer.settings.jitter = False
+    for scale in (1.0, 0.5, 3.0):
+        camera = sv.Camera(transform=scene.camera.transform @ np.diag([scale, scale, scale, 1]))
+        renderer.reset()
+        for _ in range(4):
+            frame = renderer.render(camera)
+        pictures.append((frame["depth"], frame["radiance"]))
+    for depth, _ in pictures[1:]:
+        np.testing.assert_allclose(depth, pictures[0][0], rtol=1e-5)
+    np.testing.assert_allclose(pictures[2][1].mean(), pictures[0][1].mean(), rtol=0.3)
+
+
+def test_other_settings_are_taken_up(renderer, scene):
+    assert renderer.render(scene.camera)["di_diffuse"].any()
+    renderer.settings = sv.Settings(di=False)
+    assert not renderer.render(scene.camera)["di_diffuse"].any()
+    renderer.settings.di = True
+    assert renderer.render(scene.camera)["di_diffuse"].any()
+
+
+def test_results_keep_their_shape_until_the_next_frame(renderer, scene):
+    before = renderer.render(scene.camera)["radiance"]
+    renderer.resize((8, 20))
+    np.testing.assert_array_equal(renderer["radiance"], before)
+    assert renderer.render(scene.camera)["radiance"].shape == (20, 8, 3)
+
+
+def test_a_later_frame_replaces_an_earlier_one(renderer, scene):
+    first = renderer.render(scene.camera)
+    renderer.render(scene.camera)
+    with pytest.raises(sv.SolariError, match="frame 1 is gone"):
+        first["radiance"]
+
+
+def test_wrong_seeds_and_sizes_are_refused(renderer):
+    for seed in (-1, 2**32, 0.5, "x"):
+        with pytest.raises(sv.SolariError, match="seed must be a whole number"):
+            renderer.seed = seed
+    for size in ((0, 4), (4, -1), (4.5, 4), (1 << 20, 1 << 20), 4, None):
+        with pytest.raises(sv.SolariError, match="Renderer: "):
+            renderer.resize(size)
+
+
+def test_a_closed_renderer_says_nothing_new(device, scene):
+    made = sv.Renderer(device, scene, SIZE)
+    made.render(scene.camera)
+    device.wait_idle()
+    made.close()
+    made.close()
+    assert made.timings == {}
+
+
+def test_a_renderer_that_fails_leaves_nothing(device, scene, monkeypatch):
+    monkeypatch.setattr("solari_vk.renderer.display.stage", lambda *_: 1 / 0)
+    objects = device.live_objects
+    with pytest.raises(ZeroDivisionError):
+        sv.Renderer(device, scene, SIZE)
+    device.wait_idle()
+    assert device.live_objects == objects
+
+
+def test_removed_instances_are_let_go(renderer, scene):
+    model = next(iter(scene))
+    for emissive in (0.0, 5.0):
+        instance = sv.Instance(mesh=sv.Mesh(positions=model.mesh.positions, indices=model.mesh.indices),
+                               material=sv.Material(emissive=emissive))  # fmt: skip
+        scene.add(instance)
+        renderer.render(scene.camera)
+        scene.remove(instance)
+        renderer.render(scene.camera)
+        gone = weakref.ref(instance)
+        del instance
+        gc.collect()
+        assert gone() is None
