@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import time
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -39,6 +41,20 @@ def _counting(item: Any) -> Any:
     if "count_rays" not in reflect(compile_shader(path, header=item.header), path).constants:
         return item
     return dataclasses.replace(item, constants={**item.constants, "count_rays": True})
+
+
+@contextmanager
+def every_barrier() -> Iterator[None]:
+    """Frames that are made meanwhile wait between all passes: without, those that need not wait for each other
+    overlap, and one is charged with the other's time."""
+    before = os.environ.get("SOLARI_VK_BARRIERS")
+    os.environ["SOLARI_VK_BARRIERS"] = "all"
+    try:
+        yield
+    finally:
+        del os.environ["SOLARI_VK_BARRIERS"]
+        if before is not None:
+            os.environ["SOLARI_VK_BARRIERS"] = before
 
 
 def timed(device: Device, work: Callable[[], object]) -> float:

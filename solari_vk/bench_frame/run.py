@@ -50,8 +50,12 @@ def _passes(device: Device, report: Report, chosen: list[Subject], size: Size, f
         report.progress(f"{subject.name} {named}: passes, rays")
         binder = SceneBinder(device, subject.scene)
         found = passes.count_rays(device, binder, subject.camera, size, warm_up, 2)
+        with passes.every_barrier():
+            apart = Renderer(device, binder, size, Settings())
+        with apart:
+            times[subject.name] = passes.frame_times(apart, subject.camera, warm_up, frames)
         with Renderer(device, binder, size, Settings()) as renderer:
-            times[subject.name] = passes.frame_times(renderer, subject.camera, warm_up, frames)
+            passes.frame_times(renderer, subject.camera, 0, warm_up)
             whole = sum(found.values()) * size[0] * size[1]
             ratios[subject.name] = passes.against_bare_rays(renderer, subject.camera, whole, max(frames // 2, 1))
         rays[subject.name] = found
@@ -61,7 +65,8 @@ def _passes(device: Device, report: Report, chosen: list[Subject], size: Size, f
     table = [[row, *(ms(times[name].get(row, 0.0)) for name in names)] for row in rows]
     table.append(["all passes", *(ms(sum(v for k, v in times[n].items() if k != "frame")) for n in names)])
     table.append(["frame, from call to done", *(ms(times[name]["frame"]) for name in names)])
-    report.table(f"Passes at {named}, milliseconds", ["pass", *names], table)
+    report.table(f"Passes at {named}, milliseconds", ["pass", *names], table,
+                 "With a barrier between all passes, so that none is charged with another's time.")  # fmt: skip
 
     table = [[row, *(f"{rays[name][row]:.2f}" for name in names)] for row in passes.COUNTED]
     table.append(["all", *(f"{sum(rays[name].values()):.2f}" for name in names)])

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.bench_frame.passes import every_barrier
 from solari_vk.display import encode_srgb, tonemap
 from solari_vk.gpu.device import Device
 from solari_vk.gpu.frame import Pass, Stage
@@ -74,7 +75,8 @@ class Workbench:
         """A renderer that is closed in the end. Few light tiles where all is tiny."""
         few = {"light_tile_count": 8, "world_cache_cells": 1 << 16} if self.quick else {}
         chosen: dict[str, Any] = {"gbuffer": "traced", **few, **settings}
-        renderer = LightRenderer(self.device, scene, size, Settings(**chosen))
+        with every_barrier():  # so that no pass is charged with the time of another
+            renderer = LightRenderer(self.device, scene, size, Settings(**chosen))
         try:
             yield renderer
         finally:
