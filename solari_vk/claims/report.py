@@ -26,6 +26,7 @@ def number(value: float) -> str:
 def with_spread(values: Sequence[float], unit: str) -> str:
     """Mean, half width of the 95 % interval, unit."""
     mean, half_width = interval(values)
+    half_width = half_width if half_width > 1e-9 * abs(mean) else 0.0  # rounding is no spread
     spread = f" ± {number(half_width)}" if math.isfinite(half_width) else ""
     return f"{number(mean)}{spread} {unit}".rstrip()
 
