@@ -137,6 +137,7 @@ class Swapchain:
     def _make(self) -> None:
         """The images for the window as it is now; none while it has no size."""
         device = self.device
+        self.stale = True  # until all is made: whatever fails on the way is tried again
         capabilities = raw.ffi.new("VkSurfaceCapabilitiesKHR*")
         query = "vkGetPhysicalDeviceSurfaceCapabilitiesKHR"
         if self._call(query, device.physical_device, self._surface, capabilities) != raw.VK_SUCCESS:
@@ -155,8 +156,9 @@ class Swapchain:
             self._destroy_images(old)
         if self._handle != raw.NULL:
             self._take_images()
-            self.extent, self.stale = extent, False
+            self.extent = extent
             self.generation += 1
+            self.stale = False
 
     def _create(self, capabilities: raw.CData, extent: tuple[int, int], old: raw.CData) -> None:
         device = self.device
@@ -245,7 +247,9 @@ class Swapchain:
 
     def close(self) -> None:
         """Wait for the device and destroy all, the surface too. Safe to call twice."""
-        if not self.device.closed and not self.device.lost:
+        if self.device.lost:
+            self._destroy()  # such a device keeps what is released until it is closed, when the window is gone
+        elif not self.device.closed:
             self.device.vk.vkQueueWaitIdle(self.device.queue)
         self.device.release(self._token)
 

@@ -174,8 +174,9 @@ class Pictures:
 
     def error(self) -> tuple[float, float] | None:
         """How far the realtime picture is from the path tracer's: the root of the mean squared difference of what is
-        shown, as a share of white, and the difference of the mean radiance, as a share of it. None without both."""
-        if self.mode != "split" or not self.ready:
+        shown, as a share of white, and the difference of the mean radiance, as a share of it. None without both, and
+        for debug views, which the path tracer has none of."""
+        if self.mode != "split" or self.view != "picture" or not self.ready:
             return None
         assert self.realtime is not None
         assert self.reference is not None

@@ -19,11 +19,14 @@ _WHOLE = {"aspectMask": raw.VK_IMAGE_ASPECT_COLOR_BIT, "levelCount": 1, "layerCo
 _LAYER = {"aspectMask": raw.VK_IMAGE_ASPECT_COLOR_BIT, "layerCount": 1}
 _UNDEFINED, _PRESENT = raw.VK_IMAGE_LAYOUT_UNDEFINED, raw.VK_IMAGE_LAYOUT_PRESENT_SRC_KHR
 _TARGET, _SOURCE = raw.VK_IMAGE_LAYOUT_TRANSFER_DST_OPTIMAL, raw.VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL
+TRIES = 3  # a window that was resized just now gives no image at first
 
 
 @dataclass(frozen=True)
 class Part:
-    """The columns of an image from `begin` to `end`, parts of its width, shown in the same columns of the window."""
+    """The columns of an image from `begin` to `end`, parts of its width, shown in the same columns of the window.
+
+    Parts meet between two texels of the first one's image."""
 
     image: Image
     begin: float = 0.0
@@ -40,6 +43,7 @@ class Presenter:
         self._generation = -1
         self._commands: list[raw.CData] = []
         self._read_commands: raw.CData = None
+        self._composed: Image | None = None  # several parts side by side
         self._shown: list[list[Part] | None] = []
         self._values: list[int] = []
         pool = raw.struct(
@@ -61,7 +65,7 @@ class Presenter:
         self, parts: Sequence[Part], draw: Callable[[int], raw.CData] | None = None
     ) -> NDArray[np.uint8] | None:
         """As `show`; returns what the window then shows, (height, width, 3), or None when that can't be read."""
-        targets: list[Buffer] = []
+        targets: list[Buffer] = []  # one at most: a frame that is shown ends the tries
 
         def read(index: int) -> list[raw.CData]:
             if not self.swapchain.readable:
@@ -70,12 +74,14 @@ class Presenter:
             targets.append(self.device.buffer(4 * width * height, "window pixels", host=True))
             return [self._record_read(self.swapchain.images[index], targets[0])]
 
-        self._show(parts, draw, read)
-        if not targets:
-            return None
-        width, height = self.swapchain.extent
-        pixels = targets[0].read().reshape(height, width, 4)[..., :3]
-        targets[0].destroy()
+        try:
+            if not any(self._show(parts, draw, read) for _ in range(TRIES)) or not targets:
+                return None
+            width, height = self.swapchain.extent
+            pixels = targets[0].read().reshape(height, width, 4)[..., :3].copy()
+        finally:
+            for target in targets:
+                target.destroy()
         return pixels[..., ::-1].copy() if self.swapchain.format == raw.VK_FORMAT_B8G8R8A8_UNORM else pixels
 
     def _show(
@@ -139,23 +145,60 @@ class Presenter:
         if not parts:
             black, whole = raw.ffi.new("VkClearColorValue*"), raw.struct("VkImageSubresourceRange", **_WHOLE)
             vk.vkCmdClearColorImage(commands, target, _TARGET, black, 1, whole)
-        for part in parts:
-            image = part.image
-            blit = raw.struct("VkImageBlit", srcSubresource=_LAYER, dstSubresource=_LAYER)
-            for offsets, (width, height) in (
-                (blit.srcOffsets, (image.width, image.height)),
-                (blit.dstOffsets, self.swapchain.extent),
-            ):
-                offsets[0].x, offsets[1].x = round(part.begin * width), round(part.end * width)
-                offsets[1].y, offsets[1].z = height, 1
-            if blit.srcOffsets[0].x < blit.srcOffsets[1].x and blit.dstOffsets[0].x < blit.dstOffsets[1].x:
-                vk.vkCmdBlitImage(commands, image.handle, image.layout, target, _TARGET, 1, blit, raw.VK_FILTER_LINEAR)
+        else:
+            image = parts[0].image if len(parts) == 1 else self._compose(commands, parts)
+            blit = _blit((0, image.width), image.height, (0, self.swapchain.extent[0]), self.swapchain.extent[1])
+            vk.vkCmdBlitImage(commands, image.handle, image.layout, target, _TARGET, 1, blit, raw.VK_FILTER_LINEAR)
         vk.vkCmdPipelineBarrier2(commands, layout_barrier(target, _TARGET, _PRESENT))
         vk.vkEndCommandBuffer(commands)
 
+    def _compose(self, commands: raw.CData, parts: Sequence[Part]) -> Image:
+        """Put parts side by side in an image of the first one's size: stretched each by itself, they would be shifted
+        against the whole, since a blit's regions begin and end at whole pixels of the window."""
+        first = parts[0].image
+        composed = self._composed
+        if composed is None or (composed.width, composed.height) != (first.width, first.height):
+            if composed is not None:
+                composed.destroy()
+                self._composed = None
+            usage = raw.VK_IMAGE_USAGE_STORAGE_BIT  # which keeps it in a layout that copies write and read
+            composed = self.device.image(first.width, first.height, first.format, "window parts", usage=usage)
+            self._composed = composed
+        for part in parts:
+            image, target = part.image, _columns(part, first.width)
+            if target[0] < target[1]:
+                blit = _blit(_columns(part, image.width, least=1), image.height, target, first.height)
+                self.device.vk.vkCmdBlitImage(
+                    commands, image.handle, image.layout, composed.handle, composed.layout, 1, blit,
+                    raw.VK_FILTER_LINEAR,
+                )  # fmt: skip
+        self.device.vk.vkCmdPipelineBarrier2(commands, full_barrier())
+        return composed
+
     def close(self) -> None:
         """Free the command buffers when the work submitted so far is done. Safe to call twice."""
+        if self._composed is not None:
+            self._composed.destroy()
+            self._composed = None
         self.device.release(self._token)
+
+
+def _columns(part: Part, width: int, least: int = 0) -> tuple[int, int]:
+    """The columns of a part in an image of a width, at least so many."""
+    begin, end = min(round(part.begin * width), width - least), round(part.end * width)
+    return begin, max(end, begin + least)
+
+
+def _blit(source: tuple[int, int], source_height: int, target: tuple[int, int], target_height: int) -> raw.CData:
+    """VkImageBlit from columns to columns, from top to bottom."""
+    blit = raw.struct("VkImageBlit", srcSubresource=_LAYER, dstSubresource=_LAYER)
+    for offsets, columns, height in (
+        (blit.srcOffsets, source, source_height),
+        (blit.dstOffsets, target, target_height),
+    ):
+        offsets[0].x, offsets[1].x = columns
+        offsets[1].y, offsets[1].z = height, 1
+    return blit
 
 
 def layout_barrier(image: raw.CData, old: int, new: int) -> raw.CData:

@@ -13,6 +13,7 @@ import solari_vk as sv
 from solari_vk.gpu import raw
 from solari_vk.gpu.swapchain import Swapchain
 from solari_vk.viewer import Window
+from solari_vk.viewer.presenter import Part
 
 
 def grab(viewer, screen):
@@ -52,6 +53,17 @@ def test_small_pictures_are_stretched(open_viewer, screen):
     pixels = viewer.pictures.pixels()
     assert pixels.shape == (16, 24, 3)
     assert grab(viewer, screen) == pytest.approx(stretched(pixels, (96, 64)), abs=1.0)
+
+
+def test_parts_side_by_side_are_where_they_are_in_the_whole(open_viewer):
+    viewer = open_viewer(overlay=False, scale=0.37)
+    viewer.run(frames=2)
+    [whole] = viewer.pictures.parts()
+    assert whole.image.width == 36
+    shown = viewer._presenter.capture([whole])
+    for divider in (0.0, 0.01, 0.02, 0.4, 0.5, 0.99, 1.0):
+        parts = [Part(whole.image, 0, divider), Part(whole.image, divider, 1)]
+        assert (viewer._presenter.capture(parts) == shown).all(), divider
 
 
 def test_windows_are_resized(open_viewer, screen):
@@ -129,6 +141,54 @@ def test_other_failures_are_errors(open_viewer, monkeypatch):
     monkeypatch.undo()
     viewer.run(frames=2)
     assert (viewer.capture() == viewer.pictures.pixels()).all()
+
+
+def test_a_swapchain_that_could_not_be_made_is_made_later(open_viewer, monkeypatch):
+    viewer = open_viewer(overlay=False)
+    viewer.run(frames=2)
+
+    def fail(*_):
+        raise sv.DeviceError("no more memory")
+
+    for name in ("_create", "_take_images"):
+        size = (70, 40) if name == "_create" else (50, 60)
+        monkeypatch.setattr(Swapchain, name, fail)
+        glfw.set_window_size(viewer.window.handle, *size)
+        with pytest.raises(sv.DeviceError, match="memory"):
+            viewer.run(frames=20)
+        monkeypatch.undo()
+        viewer.run(frames=2)
+        assert viewer.capture().shape == (size[1], size[0], 3)
+
+
+def test_what_the_window_shows_is_read_in_a_few_tries(open_viewer, monkeypatch):
+    viewer = open_viewer(overlay=False)
+    viewer.run(frames=2)
+    acquire, refused = viewer._swapchain.acquire, [None, None]
+    monkeypatch.setattr(viewer._swapchain, "acquire", lambda: refused.pop() if refused else acquire())
+    assert (viewer.capture() == viewer.pictures.pixels()).all()
+
+    def fail(*_):
+        raise sv.DeviceError("no more memory")
+
+    monkeypatch.setattr(viewer._swapchain, "present", fail)
+    with pytest.raises(sv.DeviceError, match="memory"):  # the fixture looks for what this leaves behind
+        viewer.capture()
+
+
+def test_windows_of_lost_devices_close(screen, monkeypatch):
+    device = sv.Device(validation=True)
+    viewer = sv.Viewer(device, sv.builtin("cornell_box"), size=(64, 48), mode="reference", scale=0.5)
+    viewer.run(frames=2)
+    device.wait_idle()
+    device.lost = True
+    order = []
+    window, destroy = glfw.destroy_window, viewer._swapchain._destroy
+    monkeypatch.setattr(glfw, "destroy_window", lambda handle: (order.append("window"), window(handle)))
+    monkeypatch.setattr(viewer._swapchain, "_destroy", lambda: (order.append("surface"), destroy()))
+    viewer.close()
+    assert order == ["surface", "window"]
+    device.close()
 
 
 @pytest.mark.parametrize("frames", [0, 1, 2])
