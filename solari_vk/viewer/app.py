@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import sys
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -23,19 +22,19 @@ from solari_vk.settings import Settings
 from solari_vk.viewer.actions import Actions
 from solari_vk.viewer.camera_control import CameraControl
 from solari_vk.viewer.controls import Controls
+from solari_vk.viewer.messages import Messages
 from solari_vk.viewer.pictures import Pick, Pictures
 from solari_vk.viewer.presenter import Presenter
 from solari_vk.viewer.reload import Sources
 from solari_vk.viewer.scaling import ScaleControl
 from solari_vk.viewer.window import Window, checked_size
 
-MESSAGE_SECONDS = 6.0
 LONGEST_STEP = 0.25  # seconds that a camera flies in a frame at most, however long the frame took
 HIDDEN_WAIT = 0.1  # seconds between looks at a window that shows nothing
 CPU_FPS, GPU_FPS = 7.0, 60.0  # what scale "auto" aims at by default
 
 
-class Viewer:
+class Viewer(Messages):
     """A window that shows a scene, until it is closed. A context manager.
 
     size: of the window. camera: where to begin (default: the scene's first, else one that sees all of it); `camera` is
@@ -68,20 +67,17 @@ class Viewer:
         folder: str | Path = ".",
     ) -> None:
         size = checked_size(size)
+        super().__init__()
         self.device, self.scene, self.folder = device, scene, Path(folder)
         self.source, self.source_options = source, source_options
         self.settings = Settings() if settings is None else settings
         self.pick: Pick | None = None
         """What was picked last."""
-        self.message = ""
-        """What is told in the window; `say` and `warn` set it."""
         self.shows_help = self.shows_overlay = False
         self.frame_count = 0
         self._spans: deque[float] = deque(maxlen=20)  # seconds between the latest frames
         self.timings: dict[str, float] = {}
         """GPU milliseconds of the passes in the last finished frame."""
-        self._message_ends = 0.0
-        self._failed: str | None = None
         self._timed_mode = mode
         self._last = time.perf_counter()
         if fps is None:
@@ -150,7 +146,7 @@ class Viewer:
             return False
         if self.overlay is not None:
             self.overlay.lay_out(seconds)
-        if not self.pictures.ready and self._failed is None:
+        if not self.pictures.ready and "picture" not in self._faults:
             self._show_wait()
         self._render(self.scale.size(pixels))
         shown = self._show()
@@ -179,30 +175,35 @@ class Viewer:
         """Render; what is wrong with the scene or the shaders is told, and the last picture stays."""
         try:
             self.pictures.render(self.camera, size)
-            if self._failed is not None and self.pictures.refused_size is None:
-                self.message, self._failed = "", None
+            if not self.pictures.refuses:
+                self._mended("picture")
         except ValidationError:
             raise
         except SolariError as error:
             if self.device.lost:
                 raise
-            if self._failed != str(error):
-                self._failed = str(error)
-                self.warn(str(error))
+            self._faulty("picture", error)
 
     def _show(self) -> bool:
         return self._presenter.show(self.pictures.parts(), None if self.overlay is None else self._draw)
 
     def _draw(self, index: int) -> Any:
-        return self.overlay.draw(self._swapchain, index)
+        try:
+            return self.overlay.draw(self._swapchain, index)
+        except (DeviceError, ValidationError):
+            raise
+        except (SolariError, OSError) as error:
+            self._faulty("panels", error)
+            return None
 
     def _show_wait(self) -> None:
         """A driver may compile for long before the first picture: say so."""
         text = f"preparing the {self.pictures.mode} renderer ..."
         self.window.set_title(f"{self._name} - {text}")
         if self.overlay is not None:
-            self.message = self.message or text
+            told, self.message = self.message, self.message or text
             self.overlay.lay_out(0.0)
+            self.message = told
         self._show()
 
     def _take_time(self, since_last: float, seconds: float) -> None:
@@ -214,8 +215,7 @@ class Viewer:
             self.scale.unsettle()
         if self.pictures.is_short:
             self.scale.note(sum(self.timings.values()) / 1000 or seconds)
-        if self.message and time.perf_counter() > self._message_ends:
-            self.message = ""
+        self._end_message()
         width, height = self.pictures.size
         state = f"{self.pictures.mode} - {self.pictures.view} - {width}x{height} - {self.fps:.1f} fps"
         first_line = self.message.partition("\n")[0]
@@ -231,25 +231,7 @@ class Viewer:
         """Frames a second, of the latest ones; 0 before there are some."""
         return len(self._spans) / sum(self._spans) if self._spans else 0.0
 
-    # ---- messages -----------------------------------------------------------------------------------
-
-    def say(self, text: str) -> None:
-        """Tell something in the window for a while."""
-        self.message = text
-        self._message_ends = time.perf_counter() + MESSAGE_SECONDS
-        print(f"solari-vk: {text}", file=sys.stderr)
-
-    def warn(self, text: str) -> None:
-        """Tell of something wrong, until something else is told."""
-        self.say(text)
-        self._message_ends = float("inf")
-
-    def attempt(self, change: Callable[[], object]) -> None:
-        """Change something; what is refused is told."""
-        try:
-            change()
-        except SolariError as error:
-            self.warn(str(error))
+    # ---- actions ----------------------------------------------------------------------------------------
 
     def act(self, name: str, argument: Any = None) -> Any:
         """Do what a key stands for: one of controls.ACTIONS, "camera", "pick" or "grab". Mistakes are told."""
@@ -264,17 +246,34 @@ class Viewer:
 
     def reload(self, *, shaders: bool, file: bool) -> None:
         """Take up what changed on disk; what is wrong with it is told, and what there was goes on."""
-        try:
-            if shaders:
-                self.pictures.reload()
-            if file and self._sources.load_again():
-                self.pick = None
-            self.scale.unsettle()
+        done = [
+            self._try(where, take_up)
+            for wanted, where, take_up in (
+                (shaders, "shaders", self.pictures.reload),
+                (shaders and self.overlay is not None, "panels", lambda: self.overlay.reload()),
+                (file, "file", self._load_again),
+            )
+            if wanted
+        ]
+        self.scale.unsettle()
+        if all(done):
             self.say("shaders are reloaded" if shaders and not file else "reloaded")
+
+    def _try(self, where: str, take_up: Callable[[], object]) -> bool:
+        """Take up what changed; False when something is wrong with it, which is told."""
+        self._faults.pop(where, None)  # the same mistake is told again
+        try:
+            take_up()
         except (DeviceError, ValidationError):
             raise
-        except SolariError as error:
-            self.warn(str(error))
+        except (SolariError, OSError) as error:
+            self._faulty(where, error)
+            return False
+        return True
+
+    def _load_again(self) -> None:
+        if self._sources.load_again():
+            self.pick = None
 
     # ---- lifetime -----------------------------------------------------------------------------------
 

@@ -44,6 +44,7 @@ class OverlayRenderer:
     def __init__(self, device: Device) -> None:
         self.device = device
         self._pipeline: OverlayPipeline | None = None
+        self._broken = False  # no pipeline could be made, and another try would take as long
         self._textures: dict[int, tuple[Image, raw.CData]] = {}
         pool = raw.struct(
             "VkCommandPoolCreateInfo",
@@ -61,9 +62,13 @@ class OverlayRenderer:
         io.backend_flags |= imgui.BackendFlags_.renderer_has_textures | imgui.BackendFlags_.renderer_has_vtx_offset
 
     def draw(self, data: Any, swapchain: Swapchain, index: int) -> raw.CData:
-        """Commands that draw `data` over an image of the window, which is and stays in PRESENT_SRC."""
+        """Commands that draw `data` over an image of the window, which is and stays in PRESENT_SRC.
+
+        Raises CompilationError when a shader can't be compiled; then there are none, None, until a `reload`.
+        """
         device, vk = self.device, self.device.vk
-        self._use_format(swapchain.format)
+        if not self._use_format(swapchain.format):
+            return None
         self._update_textures(data)
         self._frames[self._frame].value = device.submitted  # the frame that was drawn before is among these
         self._frame = (self._frame + 1) % FRAMES
@@ -93,14 +98,29 @@ class OverlayRenderer:
         vk.vkEndCommandBuffer(frame.commands)
         return frame.commands
 
-    def _use_format(self, format: int) -> None:
-        """Another pipeline where another surface has another format; its sets go with it."""
+    def _use_format(self, format: int) -> bool:
+        """Another pipeline where another surface has another format; whether there is one."""
         if self._pipeline is not None and self._pipeline.format == format:
-            return
+            return True
+        if not self._broken:
+            self._broken = True
+            self._make_pipeline(format)
+            self._broken = False
+        return not self._broken
+
+    def _make_pipeline(self, format: int) -> None:
+        """A pipeline in place of the one there was, whose sets go with it; it stays when there is an error."""
+        pipeline = OverlayPipeline(self.device, format)
         if self._pipeline is not None:
             self._pipeline.close()
-        self._pipeline = OverlayPipeline(self.device, format)
-        self._textures = {i: (image, self._pipeline.new_set(image)) for i, (image, _) in self._textures.items()}
+        self._pipeline = pipeline
+        self._textures = {i: (image, pipeline.new_set(image)) for i, (image, _) in self._textures.items()}
+
+    def reload(self) -> None:
+        """Take up changed shaders, for the first time at the next `draw`."""
+        self._broken = False
+        if self._pipeline is not None:
+            self._make_pipeline(self._pipeline.format)
 
     # ---- triangles ----------------------------------------------------------------------------------
 

@@ -45,6 +45,8 @@ class Pictures:
         """Whether the realtime renderer counts its rays, which takes some time in each pass."""
         self.size = (0, 0)
         self.refused_size: tuple[int, int] | None = None
+        self.refused_count: bool | None = None
+        """What of `size` and `counts_rays` couldn't be built: what there was goes on."""
         self.binder = SceneBinder(device, scene)
         self.realtime: Renderer | None = None
         self.reference: PathTracer | None = None
@@ -75,6 +77,7 @@ class Pictures:
         """
         if self.view not in VIEWS or self.tonemap not in TONEMAPS:
             raise SolariError(f"the viewer has no view {self.view!r} or no tone mapping {self.tonemap!r}")
+        self.binder.update()  # what is wrong with the scene is no reason to refuse a size
         moved = self._camera is None or (self._camera.transform != camera.transform).any()
         self.is_short = moved or self.mode != "reference"
         self._camera = None
@@ -82,22 +85,37 @@ class Pictures:
         self.size = good if size == self.refused_size else size
         try:
             if self.mode != "reference":
+                current = "realtime"
                 self._render_realtime(camera)
             if self.mode != "realtime":
+                current = "reference"
                 self._render_reference(camera)
         except SolariError:
-            if good not in (self.size, (0, 0)):
+            built = _size(self.realtime if current == "realtime" else self._reference_frame)
+            if built != self.size and good not in (self.size, (0, 0)):
                 self.refused_size, self.size = self.size, good
             raise
         self._camera = copy.copy(camera)
 
+    @property
+    def refuses(self) -> bool:
+        """Whether something else is shown than was asked for."""
+        return self.refused_size is not None or self.refused_count == self.counts_rays
+
     def _render_realtime(self, camera: Camera) -> None:
         kind = CountingRenderer if self.counts_rays else Renderer
-        if self.realtime is not None and type(self.realtime) is not kind:
-            self.realtime.close()
-            self.realtime = None
+        if self.refused_count not in (None, self.counts_rays):
+            self.refused_count = None
         if self.realtime is None:
             self.realtime = kind(self.device, self.binder, self.size, self.settings, seed=self.seed)
+        elif type(self.realtime) is not kind and self.refused_count is None:
+            try:
+                other = kind(self.device, self.binder, self.size, self.settings, seed=self.seed)
+            except SolariError:
+                self.refused_count = self.counts_rays
+                raise
+            self.realtime.close()
+            self.realtime = other
         elif self.realtime.size != self.size:
             self.realtime.resize(self.size)
         self.realtime.view, self.realtime.tonemap = self.view, self.tonemap
@@ -108,14 +126,14 @@ class Pictures:
             self.reference = PathTracer(self.device, self.binder, self.size, seed=self.seed)
         elif self.reference.size != self.size:
             self.reference.resize(self.size)
-        self.reference.advance(camera, 1 if self.is_short else MOST_SAMPLES)
         pixels = {"radiance_mean": self.reference.resource("radiance_mean")}
         stages = [Stage("viewer", images={"display": self.size}, passes=[Pass("viewer/show", threads=self.size)])]
         frame = self._reference_frame
         if frame is None:
             frame = self._reference_frame = Frame(self.device, stages, external=pixels)
-        elif frame.resource("radiance_mean") is not pixels["radiance_mean"]:
+        elif frame.resource("radiance_mean") is not pixels["radiance_mean"] or _size(frame) != self.size:
             frame.rebuild(stages, pixels)
+        self.reference.advance(camera, 1 if self.is_short else MOST_SAMPLES)
         frame.uniforms["size"] = self.size
         frame.uniforms["exposure"] = camera.exposure
         frame.uniforms["tonemap"] = TONEMAPS.index(self.tonemap)
@@ -137,7 +155,7 @@ class Pictures:
 
     def reload(self) -> None:
         """Take up changed shaders; raises CompilationError when one can't be compiled, and the old ones go on."""
-        self.refused_size = None
+        self.refused_size = self.refused_count = None
         for item in (self.realtime, self.reference):
             if item is not None:
                 item.reload()
@@ -229,6 +247,12 @@ class Pictures:
             if item is not None:
                 item.close()
         self.binder.destroy()
+
+
+def _size(source: Renderer | Frame | None) -> tuple[int, int]:
+    """The size of the picture that a renderer was last built for."""
+    image = None if source is None else source.resource("display")
+    return (0, 0) if image is None else (image.width, image.height)
 
 
 def point_at(

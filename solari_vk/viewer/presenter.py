@@ -57,7 +57,7 @@ class Presenter:
     def show(self, parts: Sequence[Part], draw: Callable[[int], raw.CData] | None = None) -> bool:
         """Show the parts, which cover the window, or black without any; False when the window shows nothing now.
 
-        draw: gives commands that draw over image `index` of the swapchain, in the layout PRESENT_SRC.
+        draw: gives commands that draw over image `index` of the swapchain, in the layout PRESENT_SRC, or None.
         """
         return self._show(parts, draw, lambda _: [])
 
@@ -97,7 +97,8 @@ class Presenter:
                 self.device.await_value(self._values[index])
                 self._record(self._commands[index], self.swapchain.images[index], parts)
                 self._shown[index] = list(parts)
-            commands = [self._commands[index], *([] if draw is None else [draw(index)]), *after(index)]
+            drawn = None if draw is None else draw(index)
+            commands = [self._commands[index], *([] if drawn is None else [drawn]), *after(index)]
             self._values[index] = self.swapchain.present(index, commands)
         except BaseException:
             self.swapchain.stale = True  # the image was acquired and not presented: others take its place

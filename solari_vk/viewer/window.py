@@ -92,9 +92,12 @@ class Window:
     @property
     def handle(self) -> Any:
         """GLFW's window. GLFW ends the process when it is given none."""
+        self._check_open()
+        return self._handle
+
+    def _check_open(self) -> None:
         if self.closed:
             raise SolariError("the window is closed")
-        return self._handle
 
     @property
     def size(self) -> tuple[int, int]:
@@ -122,11 +125,13 @@ class Window:
     @property
     def clipboard(self) -> str:
         """The text in the clipboard, "" when there is none."""
-        return _text(glfw.get_clipboard_string(self.handle) or "")
+        self._check_open()
+        return _text(glfw.get_clipboard_string(_NONE) or "")
 
     @clipboard.setter
     def clipboard(self, text: str) -> None:
-        glfw.set_clipboard_string(self.handle, text)
+        self._check_open()
+        glfw.set_clipboard_string(_NONE, text)
 
     def set_title(self, title: str) -> None:
         """Show a title."""
@@ -134,8 +139,7 @@ class Window:
 
     def take_events(self, wait: float = 0.0) -> list[Event]:
         """The events since the last call; waits so many seconds for the first."""
-        if self.closed:
-            raise SolariError("the window is closed")
+        self._check_open()
         if wait:
             glfw.wait_events_timeout(wait)
         else:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 import shutil
+from types import SimpleNamespace
 
 import glfw
 import numpy as np
@@ -15,7 +16,7 @@ import solari_vk as sv
 from solari_vk.cli import main
 from solari_vk.gpu import compiler
 from solari_vk.passes.display import TONEMAPS, VIEWS
-from solari_vk.viewer import reload
+from solari_vk.viewer import messages, pictures, reload
 from solari_vk.viewer.window import Event
 
 FLAT = {"overlay": False, "size": (64, 64)}
@@ -159,8 +160,72 @@ def test_what_cannot_be_rendered_is_told_and_the_picture_stays(open_viewer, monk
     viewer.run(frames=3)
     assert viewer.message == "the scene is too large"
     assert (viewer.capture() == before).all()
+    monkeypatch.setattr(messages, "MESSAGE_SECONDS", 0.0)
+    for tell in (viewer.say, viewer.warn):
+        tell("something else")
+        viewer.run(frames=1)
+        assert viewer.message == "the scene is too large", "what is wrong still is told again"
     monkeypatch.undo()
     viewer.run(frames=1)
+    assert viewer.message == ""
+
+
+def test_what_is_wrong_with_the_scene_refuses_no_size(open_viewer, monkeypatch):
+    viewer = open_viewer(**FLAT)
+    viewer.run(frames=2)
+
+    def refuse(*_):
+        raise sv.SolariError("a light of no size")
+
+    monkeypatch.setattr(viewer.pictures.binder, "update", refuse)
+    glfw.set_window_size(viewer.window.handle, 70, 50)
+    viewer.run(frames=3)
+    assert viewer.message == "a light of no size"
+    monkeypatch.undo()
+    viewer.run(frames=2)
+    assert viewer.message == ""
+    assert viewer.pictures.size == (70, 50)
+
+
+def test_rays_that_cannot_be_counted_leave_the_renderer(device, monkeypatch):
+    class Good:
+        def __init__(self, device, binder, size, settings, seed):
+            self.size, self.frame_count, self.closed = size, 0, False
+
+        def render(self, camera):
+            self.frame_count += 1
+
+        def close(self):
+            self.closed = True
+
+        def resource(self, name):
+            return SimpleNamespace(width=self.size[0], height=self.size[1])
+
+    def broken(*_, **__):
+        raise sv.SolariError("no such shader")
+
+    monkeypatch.setattr(pictures, "Renderer", Good)
+    monkeypatch.setattr(pictures, "CountingRenderer", broken)
+    shown = pictures.Pictures(device, sv.builtin("cornell_box"), sv.Settings())
+    camera = sv.Camera()
+    shown.render(camera, (8, 8))
+    shown.counts_rays = True
+    with pytest.raises(sv.SolariError, match="no such shader"):
+        shown.render(camera, (8, 8))
+    shown.render(camera, (8, 8))
+    assert (shown.realtime.frame_count, shown.realtime.closed, shown.refuses) == (2, False, True)
+    shown.counts_rays = False
+    shown.render(camera, (8, 8))
+    assert not shown.refuses
+    shown.close()
+
+
+def test_debug_views_have_no_error(device, monkeypatch):
+    shown = pictures.Pictures(device, sv.builtin("cornell_box"), sv.Settings(), mode="split")
+    monkeypatch.setattr(pictures.Pictures, "ready", True)
+    shown.view = "albedo" if "albedo" in VIEWS else list(VIEWS)[1]
+    assert shown.error() is None
+    shown.close()
 
 
 # ---- screenshots ------------------------------------------------------------------------------------
@@ -237,6 +302,34 @@ def test_shaders_are_reloaded_and_errors_shown(open_viewer, shaders):
     viewer.run(frames=2)
     assert "reloaded" in viewer.message
     assert (viewer.pictures.pixels() == (0, 255, 0)).all()
+
+
+def test_panels_of_broken_shaders_come_later(open_viewer, shaders):
+    shader = shaders / "passes" / "viewer" / "overlay.frag"
+    right = shader.read_text()
+    shader.write_text(right + "broken")
+    viewer = open_viewer(size=(96, 64))
+    viewer.run(frames=3)
+    assert "overlay.frag" in viewer.message
+    assert (viewer.capture() == viewer.pictures.pixels()).all(), "without panels, but it runs"
+    for text in (right, right + "broken", right.replace("image, uv)", "image, uv.yx)")):
+        shader.write_text(text)
+        viewer.run(frames=3)
+        assert ("overlay.frag" if "broken" in text else "reloaded") in viewer.message
+        assert (viewer.capture() != viewer.pictures.pixels()).any()
+
+
+def test_shaders_and_file_are_reloaded_each_by_itself(open_viewer, shaders, capfd):
+    def load():
+        raise FileNotFoundError("the file is gone")
+
+    viewer = open_viewer(**FLAT, source="model.gltf", load=load)
+    viewer.run(frames=2)
+    (shaders / "passes" / "viewer" / "show.comp").write_text("broken")
+    viewer.act("reload")
+    told = capfd.readouterr().err
+    assert "show.comp" in told
+    assert "the file is gone" in told
 
 
 def test_a_window_is_resized_while_a_shader_is_broken(open_viewer, shaders):
