@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from oracles.replication import relative_interval, runs, tiles
-from whole_frames import SIZE, make_renderer, reflected, truth
+from whole_frames import SIZE, make_renderer, reflected, reflected_truth, truth
 
 import solari_vk as sv
 from solari_vk.scene.builtin import closed_box, cornell_box, rgb
@@ -79,3 +79,24 @@ def test_nothing_leaks_through_a_thin_wall(device):
 def test_without_prevention_light_leaks(device):
     """The bar above is one that can be missed."""
     assert leak(device, world_cache_leak_prevention=False) > 2 * leak(device)
+
+
+@pytest.mark.slow  # a million cells, each with two rays a frame
+def test_an_overfull_cache_shows_no_patches(device):
+    """More cells than the largest map of the defaults has: no tile is black, and no light is made."""
+    scene, size = cornell_box(), (64, 64)
+    expected = reflected_truth(device, scene, 256, size=size)
+    cells = sv.Settings().world_cache_cells
+    with make_renderer(device, scene, size, world_cache_cells=cells, world_cache_cell_size=0.001,
+                       world_cache_update_cap=cells, world_cache_lifetime=100) as renderer:  # fmt: skip
+        for _ in range(16):
+            renderer.render(scene.camera)
+        assert renderer["world_cache/active_cells"] > 0.9 * cells
+        assert renderer["world_cache/insert_failures"] > 1000
+        picture = np.mean([reflected(renderer.render(scene.camera)) for _ in range(4)], axis=0)
+    picture[(expected == 0).all(axis=-1)] = 0
+    there = tiles(expected).mean(axis=-1) > 0
+    ratio = tiles(picture).mean(axis=-1)[there] / tiles(expected).mean(axis=-1)[there]
+    assert np.isfinite(picture).all()
+    assert ratio.min() > 0.3, "a patch of the picture lost its light"
+    assert 0.6 < picture.mean() / expected.mean() < 1.05

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from direct_light import direct_renderer
+from direct_light import direct_renderer, patch_shaders
 from oracles.statistics import chi_squared_p, sidak
 from scipy import stats
 
@@ -218,3 +218,26 @@ def test_log2_keeps_bright_and_saturated_light(tiled, brightness):
         assert (kept["linear"][:2] < 0.2).all()
     else:
         np.testing.assert_allclose(kept["linear"], (1, 1, 0), atol=0.002)
+
+
+LIGHT_TILES = "passes/light_tiles/light_tiles.glsl"
+GENERATE = "passes/light_tiles/generate.comp"
+MUTANTS = {
+    "one side only": (LIGHT_TILES, "(resolved.double_sided ? 1u : 0u)", "0u"),
+    "directions are positions": (LIGHT_TILES, "resolved.world_position.w == 0.0 ? 1u << 31u : 0u", "0u"),
+    "exposure forgotten": (LIGHT_TILES, "(resolved.radiance, uniforms.exposure)", "(resolved.radiance, 1.0)"),
+    "every tile alike": (GENERATE, "uvec2(index / samples_each,", "uvec2(0u,"),
+    "every frame alike": (GENERATE, "uniforms.frame_index, uniforms.seed", "0u, uniforms.seed"),
+}
+
+
+@pytest.mark.parametrize("name", MUTANTS)
+def test_seeded_bug_is_noticed(world, tiled, monkeypatch, tmp_path, name):
+    patch_shaders(tmp_path, monkeypatch, *MUTANTS[name])
+    check, *rest = (
+        (test_tiles_and_frames_are_independent,)
+        if name in ("every tile alike", "every frame alike")
+        else (test_samples_are_packed_as_they_resolve, "log2")
+    )
+    with pytest.raises(AssertionError):
+        check(world, tiled, *rest)

@@ -33,10 +33,10 @@ def truth(device, scene, samples, camera=None, size=SIZE, max_bounces=16, seed=0
         tracer.close()
 
 
-def reflected_truth(device, scene, samples, camera=None, seed=0):
+def reflected_truth(device, scene, samples, camera=None, size=SIZE, seed=0):
     """The path tracer's picture without emission."""
-    emitted = truth(device, scene, 256, camera, max_bounces=0, seed=seed)
-    picture = truth(device, scene, samples, camera, seed=seed)
+    emitted = truth(device, scene, 256, camera, size, max_bounces=0, seed=seed)
+    picture = truth(device, scene, samples, camera, size, seed=seed)
     return np.where(emitted > 0, 0.0, picture)  # pixels that show a lamp, even in part, are left out
 
 
