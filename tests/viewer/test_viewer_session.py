@@ -42,13 +42,13 @@ def random_events(generator, size):
         yield Event(kind, code, generator.random() < 0.9, x=x, y=y)
 
 
-def use_at_random(viewer, frames, seed, modes):
+def use_at_random(viewer, frames, seed, modes, resizes=0.04):
     generator = random.Random(seed)
     seen = set()
     for _ in range(frames):
         for _ in range(generator.randrange(4)):
             viewer.window.events += random_events(generator, viewer.window.size)
-        if generator.random() < 0.04:
+        if generator.random() < resizes:
             glfw.set_window_size(viewer.window.handle, *generator.choice(SIZES))
         if generator.random() < 0.02:
             viewer.scale.auto = not viewer.scale.auto
@@ -77,7 +77,7 @@ def calm_down(viewer):
 
 def test_five_hundred_frames_of_random_use(open_viewer, held, monkeypatch):
     viewer = open_viewer(size=(160, 120), scale=0.2, seed=3)
-    # drivers may compile the realtime passes for a minute: it has its turn in the slow test below
+    # the realtime renderer takes longer: it has fewer frames in the next test
     monkeypatch.setattr(viewer.pictures, "_render_realtime", lambda camera: None)
     viewer.scene.add(sv.Camera.look_at((1, 1, -2), (1, 1, 1)))
     use_at_random(viewer, 250, seed=11, modes=["reference"])
@@ -90,6 +90,25 @@ def test_five_hundred_frames_of_random_use(open_viewer, held, monkeypatch):
     assert viewer.device.memory.bytes_used < 1.3 * size, "more memory"
     assert viewer.pictures.size == (160, 120)
     assert (viewer.capture() == viewer.pictures.pixels()).all()
+
+
+@pytest.mark.parametrize("frames", [40, pytest.param(500, marks=pytest.mark.slow)])
+def test_random_use_of_the_realtime_picture_and_the_split_view(open_viewer, held, frames):
+    viewer = open_viewer(size=(64, 48), scale=0.5, seed=3)
+    counts = []
+    for seed in (21, 22):
+        for mode in ("realtime", "split"):
+            use_at_random(viewer, frames // 2, seed, modes=[mode], resizes=0.2)
+            assert "picture" not in viewer._faults
+        calm_down(viewer)
+        viewer.pictures.counts_rays = False
+        for viewer.pictures.mode in ("split", "realtime"):
+            viewer.run(frames=3)
+        counts.append(held())
+        assert (viewer.capture() == viewer.pictures.realtime["display"][..., :3]).all()
+        viewer.shows_overlay = True
+    assert counts[0] == counts[1], "more objects"
+    assert viewer.pictures.size == (160, 120)
 
 
 @pytest.mark.slow
