@@ -100,7 +100,8 @@ class Pictures:
     @property
     def refuses(self) -> bool:
         """Whether something else is shown than was asked for."""
-        return self.refused_size is not None or self.refused_count == self.counts_rays
+        counts = self.mode != "reference" and self.refused_count == self.counts_rays
+        return counts or self.refused_size is not None
 
     def _render_realtime(self, camera: Camera) -> None:
         kind = CountingRenderer if self.counts_rays else Renderer

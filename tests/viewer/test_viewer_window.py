@@ -12,7 +12,7 @@ from PIL import ImageGrab
 import solari_vk as sv
 from solari_vk.gpu import raw
 from solari_vk.gpu.swapchain import Swapchain
-from solari_vk.viewer import Window
+from solari_vk.viewer import Window, presenter
 from solari_vk.viewer.presenter import Part
 
 
@@ -64,6 +64,16 @@ def test_parts_side_by_side_are_where_they_are_in_the_whole(open_viewer):
     for divider in (0.0, 0.01, 0.02, 0.4, 0.5, 0.99, 1.0):
         parts = [Part(whole.image, 0, divider), Part(whole.image, divider, 1)]
         assert (viewer._presenter.capture(parts) == shown).all(), divider
+
+
+def test_the_window_waits_for_the_picture(open_viewer, monkeypatch):
+    viewer = open_viewer(overlay=False)
+    barriers = []
+    for name in ("full_barrier", "layout_barrier"):
+        make = getattr(presenter, name)
+        monkeypatch.setattr(presenter, name, lambda *given, n=name, f=make: (barriers.append(n), f(*given))[1])
+    viewer.run(frames=1)
+    assert barriers[:2] == ["full_barrier", "layout_barrier"], "one of the window's image orders no other memory"
 
 
 def test_windows_are_resized(open_viewer, screen):
