@@ -4,8 +4,10 @@
 
     scene = sv.builtin("cornell_box")
     with sv.Device() as device:
-        renderer = sv.PathTracer(device, scene, (640, 360))
-        radiance = renderer.render(scene.camera, samples=256)
+        renderer = sv.Renderer(device, scene, (640, 360))
+        for _ in range(24):
+            frame = renderer.render(scene.camera)
+        radiance = frame["radiance"]
     sv.save_image("cornell_box.png", radiance, exposure=scene.camera.exposure, tonemap="agx")
 
 Names are loaded when first used, so that importing the package is quick and needs no Vulkan.
