@@ -127,8 +127,12 @@ class Renderer:
             return
         built = self.size, self.binder.instance_capacity, self.settings.built_in
         if built != self._built:
+            grown = self.frame_count > 0 and built[1] > self._built[1]
+            instances = self._frame.resource(gbuffer.LASTING).read() if grown else None
             self._frame.rebuild(self._stages())
             self._built = built
+            if instances is not None:  # what moves goes on moving
+                self._frame.resource(gbuffer.LASTING).upload(instances)
         for name, value in self.settings.uniforms().items():
             self._frame.uniforms[name] = value
         self._seen = seen

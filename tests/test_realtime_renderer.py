@@ -85,6 +85,29 @@ def test_a_renderer_that_fails_leaves_nothing(device, scene, monkeypatch):
     assert device.live_objects == objects
 
 
+def test_motion_outlasts_more_instances(renderer, scene):
+    """The table of instances grows in the very frame in which one of them moves."""
+    renderer.settings.jitter = False
+    moving = list(scene)[-1]
+    renderer.render(scene.camera)
+    capacity = renderer.binder.instance_capacity
+    shift = np.eye(4)
+    shift[0, 3] = 0.1
+    moving.transform = shift @ moving.transform
+    for n in range(capacity):
+        far = np.eye(4)
+        far[2, 3] = 100 + n
+        scene.add(sv.Instance(mesh=moving.mesh, material=moving.material, transform=far))
+    frame = renderer.render(scene.camera)
+    assert renderer.binder.instance_capacity > capacity
+    rows = {instance: row for row, instance in renderer.binder.instances.items()}
+    there = frame["gbuffer_surface"][..., 1] == rows[moving]
+    motion = frame["motion_vectors"].astype(float)
+    assert there.any()
+    assert (np.abs(motion[there][:, 0]) > 0.01).all()
+    assert np.abs(motion[~there]).max() < 1e-3
+
+
 def test_removed_instances_are_let_go(renderer, scene):
     model = next(iter(scene))
     for emissive in (0.0, 5.0):
