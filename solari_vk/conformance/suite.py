@@ -136,6 +136,10 @@ class Suite:
     @property
     def device(self) -> Device:
         """The one device of the run, opened when first asked for. Raises DeviceError when none fits."""
+        return self.open()
+
+    def open(self) -> Device:
+        """Open the device, unless it is; raises DeviceError when none fits."""
         if self._device is None:
             self._device = Device(self.select)
             self.faults = known_faults(f"{self._device.properties.driver} {self._device.name}")
@@ -144,7 +148,7 @@ class Suite:
     def recorder(self, item: Any) -> Recorder:
         """The recorder of a test item."""
         call = getattr(item, "callspec", None)
-        assert self.device is not None
+        self.open()  # whose known faults these are
         made = Recorder(_group(item.path), call.id if call else "", self.faults)
         return item.stash.setdefault(_RECORDER, made)  # type: ignore[no-any-return]
 
