@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.gpu.uniforms import Uniforms
-from solari_vk.scene.camera import Camera, upright
+from solari_vk.scene.model import Camera
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +30,8 @@ class View:
         if known is not None and known.key == key:
             return known
         tan_half_fov = math.tan(camera.vertical_fov / 2)
-        placed = upright(camera.transform)  # a camera's scale means nothing, but depths would be in its units
-        assert placed is not None, "Camera takes invertible transforms only"
+        placed = camera.transform.copy()
+        placed[:3, :3] /= np.linalg.norm(placed[:3, :3], axis=0)  # or depths would be in the camera's own units
         return cls(
             key,
             placed[:3].T.astype(np.float32),

@@ -36,6 +36,19 @@ def test_a_cameras_scale_means_nothing(renderer, scene):
     np.testing.assert_allclose(pictures[2][1].mean(), pictures[0][1].mean(), rtol=0.3)
 
 
+@pytest.mark.parametrize("gbuffer", ["raster", "traced"])
+def test_a_mirrored_camera_shows_the_mirrored_picture(device, scene, gbuffer):
+    settings = sv.Settings(jitter=False, gbuffer=gbuffer)
+    with sv.Renderer(device, scene, SIZE, settings) as renderer:
+        expected = renderer.render(scene.camera)["depth"]
+        mirrored = sv.Camera(transform=scene.camera.transform @ np.diag([-1.0, 1, 1, 1]),
+                             vertical_fov=scene.camera.vertical_fov)  # fmt: skip
+        renderer.reset()
+        found = renderer.render(mirrored)["depth"]
+    assert (expected > 0).any()
+    np.testing.assert_allclose(found, expected[:, ::-1], rtol=1e-4)
+
+
 def test_other_settings_are_taken_up(renderer, scene):
     assert renderer.render(scene.camera)["di_diffuse"].any()
     renderer.settings = sv.Settings(di=False)

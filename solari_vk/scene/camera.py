@@ -86,17 +86,3 @@ class Camera(Checked):
     def exposure(self) -> float:
         """The factor from radiance to the picture's values."""
         return float(1.0 / (1.2 * 2.0**self.ev100))
-
-
-def upright(world: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """The matrix without scale and shear, keeping where -z looks and what is above; None without a direction."""
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        back, up = world[:3, 2].copy(), world[:3, 1].copy()
-        back /= np.linalg.norm(back)
-        right = np.cross(up, back)
-        right /= np.linalg.norm(right)
-    result = np.eye(4)
-    result[:3, :3] = np.stack([right, np.cross(back, right), back], axis=1)
-    result[:3, 3] = world[:3, 3]
-    return result if np.isfinite(result).all() else None
-

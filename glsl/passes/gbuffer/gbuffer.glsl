@@ -120,9 +120,10 @@ GBufferSurface load_previous_gbuffer(uvec2 pixel) {
 
 // ---- from frame to frame ----------------------------------------------------------------------------
 
-// Where a world position lies in a camera's picture, in uv, without jitter.
+// Where a world position lies in a camera's picture, in uv, without jitter; far outside for what lies behind the camera.
 vec2 project_to_uv(vec3 world_position, mat4x3 view_from_world, vec2 tan_half_fov) {
     vec3 view = view_from_world * vec4(world_position, 1.0);
+    if (!(view.z < 0.0)) { return vec2(-1000.0); }
     return 0.5 + vec2(0.5, -0.5) * view.xy / (tan_half_fov * -view.z);
 }
 

@@ -12,8 +12,8 @@ void main() {
     row = gl_InstanceIndex;
     triangle = gl_VertexIndex / 3;
     uint corner = gl_VertexIndex % 3;
-    // mirrored instances turn over here, so that fronts run counter-clockwise for everyone
-    bool mirrored = determinant(mat3(instance.world_from_object)) < 0.0;
+    // what is mirrored, by instance or camera, turns over here, so that fronts run counter-clockwise for everyone
+    bool mirrored = determinant(mat3(uniforms.view_from_world) * mat3(instance.world_from_object)) < 0.0;
     if (mirrored && corner != 0u) { corner = 3u - corner; }
     vec3 world_position = instance.world_from_object * vec4(mesh.positions.at[mesh.triangles.at[triangle][corner]], 1.0);
     vec3 view = mat3(uniforms.view_from_world) * (world_position - uniforms.world_from_view[3]);

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 
 from solari_vk.scene import checks
-from solari_vk.scene.camera import upright
 from solari_vk.scene.gltf.deform import Pose
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.materials import Materials
-from solari_vk.scene.gltf.nodes import PlacedNode, joint_matrices, repeat_count, repeated, roots, walk
+from solari_vk.scene.gltf.nodes import PlacedNode, joint_matrices, repeat_count, repeated, roots, upright, walk
 from solari_vk.scene.gltf.primitives import Primitives
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry, shown

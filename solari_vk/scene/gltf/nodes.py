@@ -189,3 +189,16 @@ def joint_matrices(
         raise skin.error(f"has {len(bind)} inverse bind matrices for {len(joints)} joints; export the file again")
     with np.errstate(over="ignore", invalid="ignore"):
         return matrices @ bind[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1)
+
+
+def upright(world: Matrix) -> Matrix | None:
+    """The matrix without scale and shear, keeping where -z looks and what is above; None without a direction."""
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        back, up = world[:3, 2].copy(), world[:3, 1].copy()
+        back /= np.linalg.norm(back)
+        right = np.cross(up, back)
+        right /= np.linalg.norm(right)
+    result = np.eye(4)
+    result[:3, :3] = np.stack([right, np.cross(back, right), back], axis=1)
+    result[:3, 3] = world[:3, 3]
+    return result if np.isfinite(result).all() else None
