@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -12,8 +13,7 @@ from numpy.typing import NDArray
 from solari_vk.bench_frame.passes import every_barrier
 from solari_vk.display import encode_srgb, tonemap
 from solari_vk.gpu.device import Device
-from solari_vk.gpu.frame import Pass, Stage
-from solari_vk.passes import display, gbuffer, light_tiles, restir_di, restir_gi, specular_gi, world_cache
+from solari_vk.gpu.frame import Stage
 from solari_vk.reference import PathTracer
 from solari_vk.renderer import Renderer
 from solari_vk.scene.model import Camera, Scene
@@ -27,22 +27,10 @@ class LightRenderer(Renderer):
     """The frame without guides and display, whose shaders would have to be compiled for nothing."""
 
     def _stages(self) -> list[Stage]:
-        size, settings, instances = self.size, self.settings, self.binder.instance_capacity
-        pixels = size[0] * size[1]
-        return [
-            gbuffer.stage(size, settings, instances),
-            light_tiles.stage(size, settings),
-            world_cache.stage(size, settings),
-            restir_di.stage(size, settings),
-            restir_gi.stage(size, settings),
-            specular_gi.stage(size, settings),
-            Stage(
-                "sum",
-                buffers=dict.fromkeys(display.PARTS, pixels) | {"ray_counts": display.RAY_COUNTERS},
-                passes=[Pass("display/compose", threads=size)],
-            ),
-            gbuffer.last_stage(instances),
-        ]
+        stages = {stage.name: stage for stage in super()._stages() if stage.name != "guides"}
+        compose = [item for item in stages["display"].passes if item.name == "display/compose"]
+        stages["display"] = dataclasses.replace(stages["display"], images={}, passes=compose)
+        return list(stages.values())
 
 
 class Workbench:

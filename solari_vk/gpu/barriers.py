@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -37,6 +38,11 @@ def host_read_barrier() -> raw.CData:
 
 def image_barrier(image: Image, old: int, new: int) -> raw.CData:
     """All of an image from one layout to another, after everything before and before everything after."""
+    return layout_barrier(image.handle, image.all_levels, old, new)
+
+
+def layout_barrier(image: raw.CData, levels: Mapping[str, int], old: int, new: int) -> raw.CData:
+    """As `image_barrier`, for a VkImage and its subresource range: also of images that a window owns."""
     barrier = raw.struct(
         "VkImageMemoryBarrier2",
         srcStageMask=ALL_COMMANDS,
@@ -47,7 +53,7 @@ def image_barrier(image: Image, old: int, new: int) -> raw.CData:
         newLayout=new,
         srcQueueFamilyIndex=raw.VK_QUEUE_FAMILY_IGNORED,
         dstQueueFamilyIndex=raw.VK_QUEUE_FAMILY_IGNORED,
-        image=image.handle,
-        subresourceRange=image.all_levels,
+        image=image,
+        subresourceRange=levels,
     )
     return raw.struct("VkDependencyInfo", imageMemoryBarrierCount=1, pImageMemoryBarriers=barrier)

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.gpu import raw
-from solari_vk.gpu.barriers import ALL_COMMANDS, READ, WRITE, full_barrier
+from solari_vk.gpu import barriers, raw
+from solari_vk.gpu.barriers import full_barrier
 from solari_vk.gpu.device import Device
 from solari_vk.gpu.memory import Buffer, Image
 from solari_vk.gpu.swapchain import Swapchain
@@ -204,17 +204,4 @@ def _blit(source: tuple[int, int], source_height: int, target: tuple[int, int], 
 
 def layout_barrier(image: raw.CData, old: int, new: int) -> raw.CData:
     """An image of the window from one layout to another, after everything before and before everything after."""
-    barrier = raw.struct(
-        "VkImageMemoryBarrier2",
-        srcStageMask=ALL_COMMANDS,
-        srcAccessMask=WRITE,
-        dstStageMask=ALL_COMMANDS,
-        dstAccessMask=READ | WRITE,
-        oldLayout=old,
-        newLayout=new,
-        srcQueueFamilyIndex=raw.VK_QUEUE_FAMILY_IGNORED,
-        dstQueueFamilyIndex=raw.VK_QUEUE_FAMILY_IGNORED,
-        image=image,
-        subresourceRange=_WHOLE,
-    )
-    return raw.struct("VkDependencyInfo", imageMemoryBarrierCount=1, pImageMemoryBarriers=barrier)
+    return barriers.layout_barrier(image, _WHOLE, old, new)

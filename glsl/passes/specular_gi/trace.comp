@@ -5,6 +5,7 @@
 #extension GL_EXT_ray_query : require
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
+#include "passes/past_mirrors.glsl"
 #include "passes/ray_count.glsl"
 #include "passes/restir_gi/reservoir.glsl"
 #include "passes/specular_gi/lobe.glsl"
@@ -18,7 +19,6 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 const uint SPECULAR_GI_SALT = 0x5BEC9141u;
 const uint FIRST_ROULETTE_SURFACE = 3u;
-const uint MOST_MIRRORS = 64u;
 const float ROUGHNESS_OF_0_18 = 0.03;  // where its paths ended, whatever came before
 
 // ---- lights -----------------------------------------------------------------------------------------
