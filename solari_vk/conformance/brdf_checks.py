@@ -102,7 +102,7 @@ def drawn_cells(
     return observed, expected
 
 
-def _chi_squared(observed: Floats, expected: Floats) -> float:
+def chi_squared(observed: Floats, expected: Floats) -> float:
     """Pearson's statistic as standard deviations of a normal (Wilson and Hilferty 1931); cells below 5 are pooled."""
     if observed[expected <= 0].any():
         return float("inf")
@@ -130,7 +130,7 @@ def measure_draws(
         off = np.abs(weight[valid] * pdf[valid, None] / np.maximum(value[valid], 1e-20) - 1).max()
         yield Measurement(Rule("weight = f cos / pdf", *_SOURCE), float(off), 2e-3, "relative error", name)
         scale = max(roughness**2, 0.3 if metallic < 1 else 0.0)
-        z = _chi_squared(*drawn_cells(shaders, material, wo, wi[valid], scale, count))
+        z = chi_squared(*drawn_cells(shaders, material, wo, wi[valid], scale, count))
         yield Measurement(Rule(f"draws follow their density, {name}", *_SOURCE), z, most, "standard deviations")
 
 

@@ -5,10 +5,19 @@ from __future__ import annotations
 import pytest
 from seeded_bugs import expect_red, patched_root
 
-from solari_vk.conformance import frame_checks, realtime_checks
+from solari_vk.conformance import frame_checks, light_tile_checks, realtime_checks
+from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.gpu import compiler
 
 DI, GI = "passes/restir_di/spatial_and_shade.comp", "passes/restir_gi/initial_and_temporal.comp"
+GENERATE, TILES = "passes/light_tiles/generate.comp", "passes/light_tiles/light_tiles.glsl"
+
+
+def measure_contribution(device):
+    with ShaderRunner(device) as shaders:
+        yield from light_tile_checks.measure_contribution(device, shaders)
+
+
 BUGS = {
     "raster with gaps": (realtime_checks.measure_gbuffer, ["raster finds"], "passes/gbuffer/resolve.comp",
                          "imageLoad(depth, ivec2(at)).x == 0.0", "(at.x & 7u) == 0u"),
@@ -36,10 +45,26 @@ BUGS = {
     "divided by nothing": (frame_checks.measure_finite, ["finite"], "passes/display/compose.comp",
                            "radiance.at[index] = emitted",
                            "radiance.at[index] = uintBitsToFloat(0x7FC00000u) + emitted"),
+    "tiles packed without exposure": (light_tile_checks.measure_tiles, ["within half a step", "a sun of 100,000 lux"],
+                                      TILES, "(resolved.radiance, uniforms.exposure)", "(resolved.radiance, 1.0)"),
+    "directions packed as places": (light_tile_checks.measure_tiles, ["inverse densities"], TILES,
+                                    "resolved.world_position.w == 0.0 ? 1u << 31u : 0u", "0u"),
+    "every tile alike": (light_tile_checks.measure_tiles, ["all lights", "no sample is twice", "nor scroll"], GENERATE,
+                         "uvec2(index / samples_each,", "uvec2(0u,"),
+    "seeds summed": (light_tile_checks.measure_tiles, ["no sample is twice"], GENERATE, "uint rng = seed_rng(",
+                     "uint rng = index + 1024u * uniforms.frame_index; seed_rng("),
+    "light bled into black": (light_tile_checks.measure_tiles, ["without light"], TILES,
+                              "pack_radiance_log2_rgb9e5(resolved.radiance,",
+                              "pack_radiance_log2_rgb9e5(resolved.radiance + 0.02 * max_component(resolved.radiance),"),
+    "twice the light packed": (measure_contribution, ["lights a floor"], "common/packing.glsl",
+                               "log2(radiance * exposure + 1.0)", "log2(2.0 * radiance * exposure + 1.0)"),
+    "logarithms taken for light": (light_tile_checks.measure_noise, ["no noisier"], "common/packing.glsl",
+                                   "(exp2(unpack_rgb9e5(bits)) - 1.0)", "unpack_rgb9e5(bits)"),
 }  # fmt: skip
 
 
-QUICK = ("sums that begin a block late", "cells live forever", "light for nothing", "divided by nothing")
+QUICK = ("sums that begin a block late", "cells live forever", "light for nothing", "divided by nothing",
+         "tiles packed without exposure", "every tile alike")  # fmt: skip
 
 
 # Slow: those that need many frames, or pipelines with rays made anew.

@@ -1,0 +1,149 @@
+"""Light tiles: who is in them, what 24 bytes keep of a light, and that choosing by them is choosing by the lights."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import solari_vk as sv
+from solari_vk.conformance import brdf_runs
+from solari_vk.conformance.brdf_checks import chi_squared
+from solari_vk.conformance.light_checks import floor_scene
+from solari_vk.conformance.oracles import closed_forms, packed_lights
+from solari_vk.conformance.realtime import make_renderer
+from solari_vk.conformance.rules import SUITE, Measurement, Rule
+from solari_vk.conformance.shader_runner import ShaderRunner
+from solari_vk.gpu.device import Device
+from solari_vk.renderer import Renderer
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import lamp, matte, place, rgb
+
+_0_17, _0_18 = ("Solari in Bevy 0.17", "Presampling Lights"), ("Solari in Bevy 0.18", "Energy Loss Bug")
+ENCODED = Rule("log2 rgb9e5 keeps 1e-4 to 1e9 of white within half a step", *_0_18)
+SUN = Rule("a sun of 100,000 lux keeps its light at EV100 9.7", *_0_18)
+BLACK = Rule("a channel without light stays without", *_0_18)
+DENSITY = Rule("inverse densities are count times area, a sun's minus its solid angle", *_0_17)
+CHOICE = Rule("all lights are as likely, and all triangles of a light", *_0_17)
+UNIQUE = Rule("no sample is twice in the tiles of four frames", *_0_17)
+SCROLL = Rule("tiles and frames don't repeat each other, nor scroll", *_0_17)
+CONTRIBUTION = Rule("a packed sample lights a floor as the light itself does", *_0_17)
+NOISE = Rule("choosing by tiles is no noisier than resolving each candidate", SUITE, "Light tiles")
+Floats = NDArray[np.floating[Any]]
+Samples = NDArray[Any]
+_EACH = sv.Settings().light_tile_samples
+_MOST = NormalDist().inv_cdf(0.9999)
+COLOR = np.array((1.0, 0.3, 0.0))
+EXPOSED = np.geomspace(1e-4, 1e9, 16)[:, None] * COLOR  # of the lamps (16, 3), in units of white
+HALF_SIDE = 0.1
+BALL = 10.0
+EV100, LUX, SUN_ANGLE = 9.7, 100_000.0, 0.0093
+OFF = {"di": False, "gi": False, "specular": False, "world_cache": False, "jitter": False}
+ALONE = {**OFF, "di": True, "di_temporal": False, "di_spatial": False}
+
+
+def lamps_above(exposed: Floats, lux: float = LUX) -> sv.Scene:
+    """A white floor under a grid of lamps (N, 3), a glowing ball and the sun: lights 0 to N - 1, N and N + 1."""
+    scene = floor_scene(matte(1.0))
+    scene.camera.ev100 = EV100
+    scene.add(sv.DirectionalLight(direction=rgb((0.3, -1, 0.2)), illuminance=lux, angular_diameter=SUN_ANGLE))
+    for index, color in enumerate(exposed / scene.camera.exposure):
+        at = (0.8 * (index % 4) - 1.2, 4.0, 0.8 * (index // 4) - 1.2)
+        scene.add(sv.Instance(mesh=shapes.quad(at, (HALF_SIDE, 0, 0), (0, 0, HALF_SIDE)), material=lamp(color)))
+    ball = lamp(BALL / scene.camera.exposure)
+    scene.add(sv.Instance(mesh=shapes.sphere(0.2, 8), material=ball, transform=place(1.0, (0, 5, 0))))
+    return scene
+
+
+def _take_tiles(renderer: Renderer, frames: int) -> tuple[Samples, Samples]:
+    """What samples name, and what is packed of them, (frames, tiles, samples a tile) each."""
+    taken = []
+    for _ in range(frames):
+        frame = renderer.render(renderer.binder.scene.camera)
+        taken.append([frame["light_tile_samples"], frame["light_tiles"]])
+    named, packed = (np.stack(of).reshape(frames, -1, _EACH) for of in zip(*taken, strict=True))
+    return named, packed
+
+
+def measure_tiles(device: Device) -> Iterator[Measurement]:
+    """The tiles of four frames."""
+    scene = lamps_above(EXPOSED)
+    with make_renderer(device, scene, (8, 8), **OFF) as renderer:
+        named, packed = _take_tiles(renderer, 4)
+    yield from _measure_packing(named.ravel(), packed.ravel(), scene.camera.exposure)
+    yield from _measure_choice(named, len(shapes.sphere(0.2, 8).triangles))
+
+
+def _measure_packing(named: Samples, packed: Samples, exposure: float) -> Iterator[Measurement]:
+    """Against what lights are."""
+    light, count = named["light_index"], len(EXPOSED) + 2
+    sun = closed_forms.sun_radiance(LUX, SUN_ANGLE) * exposure
+    exposed = np.concatenate([EXPOSED, [(BALL,) * 3, (sun,) * 3]])[light]
+    stored, expected = packed_lights.decode_rgb9e5(packed["radiance"]), np.log2(1 + exposed)
+    error = (np.abs(stored - expected) / packed_lights.step_and_rounding(expected)).max()
+    yield Measurement(ENCODED, float(error), 1.0, "of half a step")
+    samples = packed_lights.decode(packed)
+    error = np.abs(samples.exposed[light == count - 1] / sun - 1).max()
+    half_step = float(packed_lights.half_step(np.log2([[1 + sun]])).item())
+    yield Measurement(SUN, float(error), 2**half_step - 1, "relative error", f"{sun:.3g} times white")
+    yield Measurement(BLACK, float((samples.exposed[exposed == 0] != 0).sum()), 0.0, "lit")
+    solid_angle = 2 * math.pi * (1 - math.cos(SUN_ANGLE / 2))
+    densities = {"a lamp": (light < len(EXPOSED), (2 * HALF_SIDE) ** 2), "the sun": (light == count - 1, -solid_angle)}
+    for name, (mine, area) in densities.items():
+        error = np.abs(packed["inverse_pdf"][mine].astype(np.float64) / (count * area) - 1).max()
+        yield Measurement(DENSITY, float(error), 1e-5, "relative error", name)
+
+
+def _measure_choice(named: Samples, ball_triangles: int) -> Iterator[Measurement]:
+    """Against chance."""
+    triangles = np.array([2] * len(EXPOSED) + [ball_triangles, 1])
+    first = np.cumsum(triangles) - triangles
+    observed = np.bincount((first[named["light_index"]] + named["triangle_index"]).ravel(), minlength=triangles.sum())
+    expected = np.repeat(named.size / (len(triangles) * triangles), triangles)
+    yield Measurement(CHOICE, chi_squared(observed.astype(float), expected), _MOST, "standard deviations")
+    yield Measurement(UNIQUE, float(named.size - len(np.unique(named))), 0.0, f"of {named.size:,} again")
+    seeds = named["seed"] / 2.0**32 - 0.5
+    pairs = {
+        "places": (seeds[..., :-1], seeds[..., 1:]), "tiles": (seeds[:, :-1], seeds[:, 1:]),
+        "frames": (seeds[:-1], seeds[1:]), "scrolled": (seeds[:-1, :, 1:], seeds[1:, :, :-1]),
+    }  # fmt: skip
+    for name, (a, b) in pairs.items():
+        z = abs(float((a * b).sum())) / math.sqrt(float((a**2).sum() * (b**2).sum()) / a.size)
+        yield Measurement(SCROLL, z, _MOST, "standard deviations", name)
+
+
+def measure_contribution(device: Device, shaders: ShaderRunner) -> Iterator[Measurement]:
+    """ReSTIR DI of one candidate shades by the light that a sample names: against what is packed of the same sample."""
+    scene, size = lamps_above(EXPOSED), (32, 32)
+    with make_renderer(device, scene, size, **ALONE, di_candidates=1) as renderer:
+        named, packed = (taken.ravel() for taken in _take_tiles(renderer, 1))
+        reservoirs, lit = renderer["di_reservoirs"].ravel(), renderer["di_diffuse"].reshape(-1, 3).astype(np.float64)
+    there = lit.max(axis=-1) > 0
+    place_of = {sample.tobytes(): index for index, sample in enumerate(named)}
+    chosen = packed_lights.decode(packed[[place_of[r.tobytes()] for r in reservoirs["light_sample"][there]]])
+    origins, directions = (rays.reshape(-1, 3)[there] for rays in closed_forms.camera_rays(scene.camera, *size))
+    points = origins - directions * (origins[:, 1:2] / directions[:, 1:2])
+    wi, share = packed_lights.receive(chosen, points)
+    z_up = [0, 2, 1]  # as brdf.comp has normals
+    material = brdf_runs.materials(1.0, 0.0, 0.0, 1.0)
+    brdf = brdf_runs.run(shaders, "evaluate", len(wi), material, -directions[:, z_up], wi[:, z_up])[:, 1]
+    logarithms = np.log2(1 + lit[there] * scene.camera.exposure / (share * brdf))
+    error = np.abs(logarithms - np.log2(1 + chosen.exposed)) / packed_lights.step_and_rounding(logarithms)
+    yield Measurement(CONTRIBUTION, float(error.max()), 1.0, "of half a step", f"{there.sum()} pixels")
+
+
+def measure_noise(device: Device) -> Iterator[Measurement]:
+    """Candidates as they are unpacked decide as well as the lights themselves: the same variance of direct light."""
+    scene = lamps_above(np.geomspace(3.0, 300.0, 12)[:, None] * COLOR, lux=1000.0)
+    variance = {}
+    with make_renderer(device, scene, (32, 32), **ALONE, di_candidates=32) as renderer:
+        for sampling in ("tiles", "resolve"):
+            renderer.settings.light_sampling = sampling
+            frames = [renderer.render(scene.camera)["di_diffuse"].sum(axis=-1, dtype=np.float64) for _ in range(16)]
+            variance[sampling] = float(np.var(frames, axis=0, ddof=1).mean())
+    excess = variance["tiles"] / variance["resolve"] - 1
+    yield Measurement(NOISE, excess, 0.2, "more variance")
