@@ -15,7 +15,7 @@ from solari_vk.conformance import brdf_runs
 from solari_vk.conformance.brdf_checks import chi_squared
 from solari_vk.conformance.light_checks import floor_scene
 from solari_vk.conformance.oracles import closed_forms, packed_lights
-from solari_vk.conformance.realtime import make_renderer
+from solari_vk.conformance.realtime import OFF, make_renderer
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.gpu.device import Device
@@ -42,7 +42,6 @@ EXPOSED = np.geomspace(1e-4, 1e9, 16)[:, None] * COLOR  # of the lamps (16, 3), 
 HALF_SIDE = 0.1
 BALL = 10.0
 EV100, LUX, SUN_ANGLE = 9.7, 100_000.0, 0.0093
-OFF = {"di": False, "gi": False, "specular": False, "world_cache": False, "jitter": False}
 ALONE = {**OFF, "di": True, "di_temporal": False, "di_spatial": False}
 
 

@@ -19,6 +19,8 @@ Image = NDArray[Any]
 # Fewer tiles and cells than in use, for speed: no mean hangs on them.
 SMALL = {"light_tile_count": 16, "world_cache_cells": 1 << 18}
 PARTS = ("di_diffuse", "di_specular", "gi_diffuse", "specular_gi")
+# Nothing but surfaces and what is seen of lights, each pixel at its middle.
+OFF = {"di": False, "gi": False, "specular": False, "world_cache": False, "jitter": False}
 _STUDENT_95 = 2.365  # two-sided, 7 degrees of freedom
 RUNS = 8
 

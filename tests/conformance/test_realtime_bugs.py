@@ -5,12 +5,22 @@ from __future__ import annotations
 import pytest
 from seeded_bugs import expect_red, patched_root
 
-from solari_vk.conformance import frame_checks, light_tile_checks, realtime_checks
+from solari_vk.conformance import display_checks, frame_checks, guide_checks, light_tile_checks, realtime_checks
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.gpu import compiler
 
 DI, GI = "passes/restir_di/spatial_and_shade.comp", "passes/restir_gi/initial_and_temporal.comp"
 GENERATE, TILES = "passes/light_tiles/generate.comp", "passes/light_tiles/light_tiles.glsl"
+TONEMAP, VIEWS = "passes/display/tonemap.glsl", "passes/display/views.glsl"
+MIRRORS, WRITE = "passes/guides/mirrors.glsl", "passes/guides/write.comp"
+
+
+def measure_one_mirror(device):
+    return guide_checks.measure_mirrors(device, "one mirror")
+
+
+def measure_two_mirrors(device):
+    return guide_checks.measure_mirrors(device, "two mirrors")
 
 
 def measure_contribution(device):
@@ -60,11 +70,53 @@ BUGS = {
                                "log2(radiance * exposure + 1.0)", "log2(2.0 * radiance * exposure + 1.0)"),
     "logarithms taken for light": (light_tile_checks.measure_noise, ["no noisier"], "common/packing.glsl",
                                    "(exp2(unpack_rgb9e5(bits)) - 1.0)", "unpack_rgb9e5(bits)"),
+    "mirrors describe themselves": (measure_one_mirror, ["diffuse albedos", "virtual normals", "virtual depths"], WRITE,
+                                    "uniforms.primary_surface_replacement != 0u",
+                                    "uniforms.primary_surface_replacement > 1u"),
+    "normals as they are": (measure_one_mirror, ["virtual normals"], WRITE, "mat3(chain) * surface.world_normal",
+                            "surface.world_normal"),
+    "lengths as depths": (measure_one_mirror, ["virtual depths"], WRITE, "path_length * camera_ray.depth_per_t",
+                          "path_length"),
+    "mirrors that stand still": (measure_one_mirror, ["motion"], MIRRORS, "previous.id != instance.id", "true"),
+    "reflections in wrong order": (measure_two_mirrors, ["two mirrors: virtual normals", "specular motion"], MIRRORS,
+                                   "mat3(chain) * householder", "householder * mat3(chain)"),
+    "metal that is painted": (measure_one_mirror, ["metals have"], WRITE, "base_color * (1.0 - material.metallic)",
+                              "base_color"),
+    "albedos squared": (measure_one_mirror, ["diffuse albedo is the paint"], WRITE, "guides.diffuse_albedo =",
+                        "guides.diffuse_albedo = material.base_color *"),
+    "metal without second bounces": (measure_one_mirror, ["white metal"], WRITE,
+                                     "specular_albedo(material.base_color, ab)", "material.base_color * ab.x + ab.y"),
+    "normals of any length": (guide_checks.measure_range, ["odd scenes give finite guides"], WRITE,
+                              "vec4(guides.world_normal, guides", "vec4(1.1 * guides.world_normal, guides"),
+    "light counted twice": (guide_checks.measure_parts, ["add up"], "passes/display/compose.comp",
+                            "emitted + diffuse", "emitted + 2.0 * diffuse"),
+    "emission after exposure": (guide_checks.measure_parts, ["emission is"], "passes/display/compose.comp",
+                                "emission.at[index] = emitted;", "emission.at[index] = emitted * uniforms.exposure;"),
+    "a stop too bright": (display_checks.measure_picture, ["white is", "sRGB", "Reinhard", "ACES", "AgX"], TONEMAP,
+                          "tonemap(radiance * uniforms.exposure)", "tonemap(2.0 * radiance * uniforms.exposure)"),
+    "gamma for sRGB": (display_checks.measure_picture, ["sRGB"], TONEMAP, "12.92 * linear, lessThanEqual",
+                       "pow(linear, vec3(1.0 / 2.2)), lessThanEqual"),
+    "Reinhard by channel": (display_checks.measure_picture, ["Reinhard"], TONEMAP, "1.0 + luminance(color)",
+                            "1.0 + color"),
+    "ACES without its exposure": (display_checks.measure_picture, ["ACES"], TONEMAP, "0.6 * color", "color"),
+    "AgX without its outset": (display_checks.measure_picture, ["AgX"], TONEMAP, "shaped * inverse(AGX_INSET)",
+                              "shaped"),
+    "a view of one colour": (display_checks.measure_views, ["more than one thing"], VIEWS,
+                             "vec3(surface.material.metallic)", "vec3(0.5)"),
+    "another light shown": (display_checks.measure_views, ["views of light"], VIEWS,
+                            "show_radiance(gi_diffuse.at[index])", "show_radiance(di_diffuse.at[index])"),
+    "motion shown twice": (display_checks.measure_views, ["views of surfaces"], VIEWS, "/ 16.0, 0.5)", "/ 8.0, 0.5)"),
+    "another yellow": (display_checks.measure_views, ["Viridis"], VIEWS, "vec3(0.993, 0.906, 0.144)",
+                       "vec3(1.0, 1.0, 0.0)"),
+    "a view of NaN": (display_checks.measure_views, ["more than one thing"], VIEWS,
+                      "show_share(fract(log2(uniforms.near",
+                      "show_share(fract(uintBitsToFloat(0x7FC00000u) + log2(uniforms.near"),
 }  # fmt: skip
 
 
 QUICK = ("sums that begin a block late", "cells live forever", "light for nothing", "divided by nothing",
-         "tiles packed without exposure", "every tile alike")  # fmt: skip
+         "tiles packed without exposure", "every tile alike", "lengths as depths", "light counted twice",
+         "a stop too bright", "motion shown twice")  # fmt: skip
 
 
 # Slow: those that need many frames, or pipelines with rays made anew.

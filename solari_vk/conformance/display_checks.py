@@ -1,0 +1,157 @@
+"""The shown picture: exposure, sRGB and tone curves over sixteen stops, and debug views that show what they say."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import solari_vk as sv
+from solari_vk import display
+from solari_vk.conformance.realtime import OFF, add_up, make_renderer
+from solari_vk.conformance.rules import SUITE, Measurement, Rule, count_wrong
+from solari_vk.gpu.device import Device
+from solari_vk.passes.display import VIEWS
+from solari_vk.renderer import RenderedFrame
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import cornell_box, lamp, rgb
+
+Image = NDArray[Any]
+_VIEWS = (SUITE, "Debug views")
+EXPOSURE = Rule("white is 1.2 * 2^EV100 cd/m^2, and light shown in proportion", "ISO 12232", "saturation-based speed")
+SRGB = Rule("without a tone curve, the sRGB transfer function", "IEC 61966-2-1", "8 bits")
+CURVES = {
+    "reinhard": Rule("Reinhard's curve, of luminance", "Reinhard et al. 2002", "equation 3"),
+    "aces": Rule("the ACES filmic curve", "Narkowicz 2015", "ACES Filmic Tone Mapping Curve"),
+    "agx": Rule("the AgX curve", "Wrensch 2023", "Minimal AgX Implementation"),
+}
+SHOWN = Rule("every debug view shows more than one thing", *_VIEWS)
+LIGHT = Rule("views of light are its parts", *_VIEWS)
+SURFACE = Rule("views of surfaces and guides are their buffers", *_VIEWS)
+NUMBERS = Rule("numbers are shown in Viridis's colours, wherever there are any", *_VIEWS)
+COLUMNS, ROWS = 16, 12
+EV100, EXPOSURES = 6.0, (3.0, 6.0, 9.0)
+SIZE = (32, 24)
+
+# ---- the picture ------------------------------------------------------------------------------------
+
+
+def patches() -> tuple[sv.Scene, Image]:
+    """Squares of light that fill a picture, one a pixel, over sixteen stops around white, and their radiance."""
+    rng, scene, half = np.random.default_rng(3), sv.Scene(), 0.5 / ROWS
+    stops = rng.permutation(np.linspace(-10, 6, ROWS * COLUMNS))[:, None]
+    radiance = 1.2 * 2 ** (EV100 + stops) * rng.uniform(0, 1, (ROWS * COLUMNS, 3))
+    for index, color in enumerate(radiance):
+        at = (2 * half * (index % COLUMNS - COLUMNS / 2 + 0.5), 2 * half * (ROWS / 2 - 0.5 - index // COLUMNS), -1)
+        scene.add(sv.Instance(mesh=shapes.quad(at, (half, 0, 0), (0, half, 0)), material=lamp(color)))
+    scene.add(sv.Camera(vertical_fov=2 * np.arctan(0.5)))
+    return scene, radiance.reshape(ROWS, COLUMNS, 3)
+
+
+def encode_srgb(linear: Image) -> Image:
+    """Codes from 0 to 255, unrounded, of light from 0 to 1."""
+    linear = np.clip(linear, 0, 1)
+    encoded: Image = 255 * np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return encoded
+
+
+def decode_srgb(codes: Image) -> Image:
+    """The inverse."""
+    encoded = codes / 255
+    linear: Image = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    return linear
+
+
+def measure_picture(device: Device) -> Iterator[Measurement]:
+    """Exposures, and what curves make of radiance as the frame left it."""
+    scene, radiance = patches()
+    with make_renderer(device, scene, (COLUMNS, ROWS), **OFF) as renderer:
+        for ev100, tonemap in (*((ev100, "none") for ev100 in EXPOSURES), *((EV100, curve) for curve in CURVES)):
+            scene.camera.ev100, renderer.tonemap = ev100, tonemap
+            frame = renderer.render(scene.camera)
+            codes, exposure = frame["display"][..., :3].astype(np.float64), 1 / (1.2 * 2**ev100)
+            if tonemap == "none":
+                unclipped = (codes > 20) & (codes < 250)
+                slope = decode_srgb(codes)[unclipped].sum() / radiance[unclipped].sum()
+                note = f"EV100 {ev100:g}"
+                yield Measurement(EXPOSURE, abs(slope / exposure - 1), 0.005, "relative error", note)
+            exposed = frame["radiance"] * np.float32(exposure)
+            expected = encode_srgb(display.CURVES[tonemap](exposed))
+            error = np.abs(codes - expected).max() if len(np.unique(codes)) > 50 else np.inf
+            # Vulkan lets a conversion to 8 bits end at either neighbour.
+            yield Measurement(CURVES.get(tonemap, SRGB), float(error), 1.0, "codes", f"EV100 {ev100:g}")
+
+
+# ---- debug views ------------------------------------------------------------------------------------
+
+_LIGHT = {
+    "di": ("di_diffuse", "di_specular"), "gi": ("gi_diffuse",), "specular": ("specular_gi",), "emission": ("emission",),
+    "diffuse_radiance": ("di_diffuse", "gi_diffuse"), "specular_radiance": ("di_specular", "specular_gi"),
+}  # fmt: skip
+_SURFACE: dict[str, Callable[[RenderedFrame], Image]] = {
+    "roughness": lambda frame: 255 * frame["guides_normal_roughness"][..., 3:],
+    "shading_normal": lambda frame: 127.5 + 127.5 * frame["guides_normal_roughness"][..., :3],
+    "motion": lambda frame: 127.5 - 255 / 16 * frame["motion_vectors"] * SIZE,
+    "guide_roughness": lambda frame: 255 * frame["guides_normal_roughness"][..., 3:],
+    "guide_normal": lambda frame: 127.5 + 127.5 * frame["guides_normal_roughness"][..., :3],
+    "guide_diffuse_albedo": lambda frame: encode_srgb(frame["guides_diffuse_albedo"][..., :3] / 255),
+    "guide_specular_albedo": lambda frame: encode_srgb(frame["guides_specular_albedo"][..., :3] / 255),
+    "guide_specular_motion": lambda frame: 127.5 - 255 / 16 * frame["guides_specular_motion"] * SIZE,
+}
+# Views of numbers, and whether black says that there is none.
+_NUMBERS = {
+    "depth": False, "guide_depth": False, "cache_lod": False, "cache_samples": True, "cache_life": True,
+    "di_confidence": False, "di_weight": True, "gi_confidence": False, "gi_weight": False,
+}  # fmt: skip
+# Five of the colours of Viridis (van der Walt and Smith 2015).
+_VIRIDIS = np.array([(68, 1, 84), (58, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37)])
+
+
+def _is_viridis(codes: Image) -> NDArray[np.bool_]:
+    """Whether codes (N, 3) lie between neighbours of the colours."""
+    share = np.linspace(0, 4, 1025)
+    ramp = np.stack([np.interp(share, np.arange(5), channel) for channel in _VIRIDIS.T], axis=-1)
+    found: NDArray[np.bool_] = np.abs(codes[:, None] - ramp).max(axis=-1).min(axis=-1) <= 2
+    return found
+
+
+def room() -> sv.Scene:
+    """A Cornell box of several materials and lights, so that no view has a reason to be of one colour."""
+    scene = cornell_box()
+    blocks = {instance.name: instance for instance in scene.instances}
+    gold = sv.Material(base_color=rgb((0.9, 0.7, 0.4)), metallic=1.0, perceptual_roughness=0.2)
+    blocks["short block"].material = gold
+    blocks["tall block"].material = sv.Material(base_color=rgb((0.2, 0.3, 0.9)), emissive=rgb((0.1, 0.3, 0.2)))
+    return scene
+
+
+def measure_views(device: Device) -> Iterator[Measurement]:
+    """Every view, one a frame, of a camera that sways."""
+    scene, constant = room(), []
+    errors: dict[Rule, list[float]] = {LIGHT: [], SURFACE: [], NUMBERS: []}
+    camera = scene.camera
+    with make_renderer(device, scene, SIZE, world_cache_lod_distance=0.5, jitter=False) as renderer:
+        for index, view in enumerate(["picture"] * 4 + list(VIEWS)):
+            renderer.view = view
+            moved = camera.transform.copy()
+            moved[:3, 3] += (0.2 * np.sin(index), 0, 0.5)
+            frame = renderer.render(sv.Camera(transform=moved, vertical_fov=camera.vertical_fov, ev100=camera.ev100))
+            there = frame["depth"][..., 0] > 0
+            codes = frame["display"][..., :3][there].astype(np.float64)
+            if len(np.unique(codes, axis=0)) < 2:
+                constant.append(view)
+            if view in _LIGHT:
+                exposed = (add_up(frame, *_LIGHT[view]) * camera.exposure)[there].astype(np.float32)
+                errors[LIGHT].append(np.abs(codes - encode_srgb(display.CURVES["agx"](exposed))).max())
+            if view in _SURFACE:
+                expected = np.clip(_SURFACE[view](frame)[there], 0, 255)
+                errors[SURFACE].append(np.abs(codes[:, : expected.shape[-1]] - expected).max())
+            if view in _NUMBERS:
+                none = _NUMBERS[view] & (codes == 0).all(axis=-1)
+                errors[NUMBERS].append(float((~_is_viridis(codes) & ~none).sum()))
+    yield count_wrong(SHOWN, constant)
+    yield Measurement(LIGHT, float(np.max(errors[LIGHT])), 1.0, "codes")
+    yield Measurement(SURFACE, float(np.max(errors[SURFACE])), 1.0, "codes")
+    yield Measurement(NUMBERS, float(np.sum(errors[NUMBERS])), 0.0, "pixels are others")

@@ -1,0 +1,194 @@
+"""Guide buffers: what mirrors show against a camera behind them, albedos, ranges, and the parts of the light."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+import solari_vk as sv
+from solari_vk.conformance.frame_checks import odd_scene
+from solari_vk.conformance.realtime import OFF, PARTS, add_up, make_renderer
+from solari_vk.conformance.rules import SUITE, Measurement, Rule
+from solari_vk.gpu.device import Device
+from solari_vk.passes.guides import IMAGES
+from solari_vk.renderer import RenderedFrame
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import cornell_box, place, rgb
+
+Image = NDArray[Any]
+_PSR, _GUIDES = ("Solari in Bevy 0.19", "primary surface replacement"), (SUITE, "Guides")
+METAL = Rule("metals have no diffuse albedo", *_GUIDES)
+DIFFUSE = Rule("diffuse albedo is the paint's colour", *_GUIDES)
+SPECULAR = Rule("a white metal's specular albedo is 1", *_GUIDES)
+RANGE = Rule("odd scenes give finite guides, unit normals or none, roughness from 0 to 1", *_GUIDES)
+SUM = Rule("diffuse, specular and emission add up to the radiance", *_GUIDES)
+BEFORE = Rule("emission is the lamp's radiance at any exposure", *_GUIDES)
+SIZE = (48, 48)
+PAINT, GOLD, WHITE_METAL, PLASTIC = (0.25, 0.5, 0.75), 0.35, 0.55, 0.7  # a colour; roughnesses that tell pixels apart
+# Mirrors in the order in which they are seen: where, facing which way, and half a side. The G-buffer's normals hold
+# directions of whole numbers that add up to 2047 exactly.
+MIRRORS = {
+    "one mirror": [((0, 0, 0), (300, 150, 1597), 2.0)],
+    "two mirrors": [((0, 0, 0), (-1023, 0, 1024), 1.5), ((-3, 0, 0), (1024, 20, -1003), 3.0)],
+}
+
+
+class Setup(NamedTuple):
+    """A moment: world from camera, and world from each mirror, whose normal is its z axis."""
+
+    camera: Image
+    mirrors: list[Image]
+
+    @classmethod
+    def of(cls, name: str, moved: float) -> Setup:
+        """The mirrors of a name, and a camera before the first, all of them moved by some centimetres."""
+        aside = moved * np.array((0.04, -0.03, 0.02))
+        mirrors = [
+            _look(np.subtract(at, aside), np.asarray(facing) / 2047 - aside, half) for at, facing, half in MIRRORS[name]
+        ]
+        return cls(_look((0, 0, 3) + 2 * aside, (0, 0, 1) + 0.2 * aside), mirrors)
+
+    @property
+    def reflection(self) -> Image:
+        """Where things seem to be, from where they are: the mirrors' Householder reflections, the first one last."""
+        chain = np.eye(4)
+        for mirror in self.mirrors:
+            normal = mirror[:3, 2] / np.linalg.norm(mirror[:3, 2])
+            householder = np.eye(4)
+            householder[:3, :3] -= 2 * np.outer(normal, normal)
+            householder[:3, 3] = 2 * normal * (normal @ mirror[:3, 3])
+            chain = chain @ householder
+        return chain
+
+    def camera_behind(self) -> sv.Camera:
+        """The camera that sees without mirrors what the camera sees in them."""
+        return _camera(np.linalg.inv(self.reflection) @ self.camera)
+
+
+def _look(at: Image, z_axis: Image, scale: float = 1.0) -> Image:
+    """World from an object (4, 4) with this z axis."""
+    return sv.Camera.look_at(at, at - z_axis).transform @ np.diag((scale, scale, 1, 1))
+
+
+def _camera(transform: Image) -> sv.Camera:
+    return sv.Camera(transform=transform, vertical_fov=0.4)
+
+
+def things() -> list[sv.Instance]:
+    """What a camera at the origin sees: a wall, two balls of metal and a box; the box is last."""
+    metals = (rgb((0.9, 0.6, 0.2)), GOLD, -0.9), (rgb(1.0), WHITE_METAL, 0.9)
+    return [
+        sv.Instance(mesh=shapes.quad((0, 0, -12), (6, 0, 0), (0, 6, 0)), material=sv.Material(base_color=rgb(0.3))),
+        *(
+            sv.Instance(
+                mesh=shapes.sphere(0.8, 32),
+                material=sv.Material(base_color=color, metallic=1.0, perceptual_roughness=roughness),
+                transform=place(1.0, (x, 0.6, -9)),
+            )
+            for color, roughness, x in metals
+        ),
+        sv.Instance(
+            mesh=shapes.box(), material=sv.Material(base_color=rgb(PAINT), perceptual_roughness=PLASTIC),
+            transform=place(1.0, (0, -0.8, -8.5), 0.5),
+        ),
+    ]  # fmt: skip
+
+
+def _read(frame: RenderedFrame) -> dict[str, Image]:
+    """The guides, albedos in codes of 8 bits."""
+    found = {name: np.squeeze(frame[f"guides_{name}"]).astype(np.float64) for name in IMAGES}
+    return {name: values[..., :3] if "albedo" in name else values for name, values in found.items()}
+
+
+def _take(device: Device, before: Setup, now: Setup) -> tuple[dict[str, Image], dict[str, Image]]:
+    """The guides of the second of two moments: in mirrors, and from behind without them."""
+    seen_from, scene = now.camera_behind().transform, sv.Scene()
+    for thing in (seen := things()):
+        scene.add(thing).update(transform=seen_from @ thing.transform)
+    mirror = sv.Material(metallic=1.0, perceptual_roughness=0.0)
+    pane = shapes.quad((0, 0, 0), (1, 0, 0), (0, 1, 0))
+    panes = [scene.add(sv.Instance(mesh=pane, material=mirror, transform=at)) for at in before.mirrors]
+    placed, moved = seen[-1].transform.copy(), seen_from @ place((1.1, 1, 1), (0.1, -0.75, -8.4), 0.6)
+    with make_renderer(device, scene, SIZE, **OFF) as renderer:
+        renderer.render(_camera(before.camera))
+        seen[-1].update(transform=moved)
+        for thing, at in zip(panes, now.mirrors, strict=True):
+            thing.update(transform=at)
+        shown = _read(renderer.render(_camera(now.camera)))
+        for thing in panes:
+            scene.remove(thing)
+        seen[-1].update(transform=placed)
+        renderer.render(before.camera_behind())
+        seen[-1].update(transform=moved)
+        return shown, _read(renderer.render(now.camera_behind()))
+
+
+def measure_mirrors(device: Device, name: str) -> Iterator[Measurement]:
+    """What mirrors show is what a camera behind them sees, while all move; and materials, seen both ways."""
+    before, now = Setup.of(name, 1.0), Setup.of(name, 0.0)
+    shown, seen = _take(device, before, now)
+    shown_normal, seen_normal = (guides["normal_roughness"][..., :3] for guides in (shown, seen))
+    seen_normal = seen_normal @ now.reflection[:3, :3].T
+    errors = {
+        "diffuse albedos": (shown["diffuse_albedo"] - seen["diffuse_albedo"], 1.0, "codes"),
+        "specular albedos": (shown["specular_albedo"] - seen["specular_albedo"], 1.0, "codes"),
+        "virtual normals": (shown_normal - seen_normal, 2e-3, "of 1"),
+        "virtual depths": (shown["depth"] / seen["depth"] - 1, 1e-4, "relative error"),
+        "specular motion": ((shown["specular_motion"] - seen["motion"]) * SIZE, 1 / 16, "of a pixel"),
+    }
+    for what, (error, bar, unit) in errors.items():
+        # Edges may lie a pixel beside: rays and raster.
+        worst = np.quantile(np.abs(error).reshape(*SIZE, -1).max(axis=-1), 0.98)
+        yield Measurement(Rule(f"{name}: {what} as of a camera behind", *_PSR), float(worst), bar, unit)
+    for guides in (shown, seen):
+        yield from _measure_materials(guides, name)
+
+
+def _measure_materials(guides: dict[str, Image], name: str) -> Iterator[Measurement]:
+    """What balls and box are made of, wherever they are seen."""
+
+    def of(image: str, roughness: float) -> Image:
+        pixels = guides[image][np.abs(guides["normal_roughness"][..., 3] - roughness) < 0.004]
+        return pixels if len(pixels) >= 30 else np.full((1, 3), np.inf)
+
+    metals = np.concatenate([of("diffuse_albedo", GOLD), of("diffuse_albedo", WHITE_METAL)])
+    yield Measurement(METAL, float(metals.max()), 0.0, "codes", name)
+    painted, white = of("diffuse_albedo", PLASTIC) - 255 * np.array(PAINT), of("specular_albedo", WHITE_METAL) - 255
+    yield Measurement(DIFFUSE, float(np.abs(painted).max()), 1.0, "codes", name)
+    yield Measurement(SPECULAR, float(np.abs(white).max()), 2.0, "codes", name)
+
+
+def measure_range(device: Device) -> Iterator[Measurement]:
+    """Whatever denoisers divide by or look up."""
+    scene, wrong = odd_scene(), 0
+    with make_renderer(device, scene, (24, 24), **{**OFF, "jitter": True}) as renderer:
+        for _ in range(4):
+            frame = renderer.render(scene.camera)
+            images = {name: frame[f"guides_{name}"].astype(np.float64) for name in IMAGES}
+            wrong += sum(int((~np.isfinite(image)).sum()) for image in images.values())
+            length = np.linalg.norm(images["normal_roughness"][..., :3], axis=-1)
+            roughness = images["normal_roughness"][..., 3]
+            wrong += int(((np.abs(length - 1) > 2e-3) & (length > 0)).sum())
+            wrong += int(((roughness < 0) | (roughness > 1)).sum()) + int((images["depth"] < 0).sum())
+    yield Measurement(RANGE, float(wrong), 0.0, "values")
+
+
+def measure_parts(device: Device) -> Iterator[Measurement]:
+    """A Cornell box: parts are of the radiance, and so before exposure."""
+    scene, color = cornell_box(), np.array((17.0, 12.0, 4.0))
+    apart, off = [], []
+    with make_renderer(device, scene, jitter=False) as renderer:
+        for ev100 in (-6.0, 0.0, 7.3):
+            scene.camera.ev100 = ev100
+            frame = renderer.render(scene.camera)
+            whole = frame["radiance"].astype(np.float64)
+            for parts in (("diffuse_radiance", "specular_radiance"), PARTS):
+                apart.append(np.abs(add_up(frame, "emission", *parts) - whole).max() / whole.max())
+            emitted = frame["emission"].astype(np.float64)
+            lamp = emitted[emitted.max(axis=-1) > 0]
+            off.append(np.abs(lamp - color).max() / color.max() if len(lamp) else np.inf)
+    yield Measurement(SUM, float(max(apart)), 1e-6, "of the brightest")
+    yield Measurement(BEFORE, float(np.max(off)), 2.0**-9, "of its largest channel")
