@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device import Device
 from solari_vk.gpu.frame import Frame, Stage
+from solari_vk.gpu.packing import writer
+from solari_vk.gpu.uniforms import Uniforms
 from solari_vk.light_translation import LightTranslation
 from solari_vk.passes import (
     brdf_table,
@@ -28,9 +30,28 @@ from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import Settings
 from solari_vk.view import View
 
-JITTER_LENGTH = 32  # samples until the pattern within a pixel begins anew
+# Uniforms that are written together: those of two views, and what differs in every frame.
+VIEW = ("world_from_view", "tan_half_fov", "near")
+VIEWS = ("view_from_world", "previous_world_from_view", "previous_view_from_world", "previous_tan_half_fov",
+         "previous_near")  # fmt: skip
+JITTER = ("jitter",)
+MOMENT = ("previous_jitter", "frame_index", "has_history", "exposure", "lighting_change")
 COUNTING = ("gbuffer", "world_cache")  # stages that count something, in NAME_counters
 LARGEST_PIXEL_BYTES = 64  # of a pixel in any one buffer
+
+
+def _halton(index: int, base: int) -> float:
+    """The radical inverse of a number: Halton (1964)."""
+    result, part = 0.0, 1.0
+    while index:
+        part /= base
+        result += part * (index % base)
+        index //= base
+    return result
+
+
+# Where samples lie in a pixel, from its centre, in pixels; then the pattern begins anew.
+JITTERS = [(_halton(index, 2) - 0.5, _halton(index, 3) - 0.5) for index in range(1, 33)]
 
 
 class Renderer:
@@ -74,9 +95,10 @@ class Renderer:
             raise
         self._built = self.size, self.binder.instance_capacity, self.settings.built_in
         self._seen: tuple[Any, ...] = ()
+        self._written: Uniforms | None = None  # that `_write_...` write to
         self._bound_version = self.binder.version
-        self._views: tuple[View | None, View | None] = None, None  # in the uniforms, this frame's and the last one's
-        self._previous: tuple[View, Any] | None = None  # view and jitter of the last frame, None: no history
+        self._previous: tuple[View, tuple[float, float]] | None = None  # view and jitter of the last frame: the history
+        self._views: tuple[View, View] | None = None  # in the uniforms: this frame's and the last one's
         self.view, self.tonemap = "picture", "agx"
 
     # ---- the frame ----------------------------------------------------------------------------------
@@ -104,13 +126,13 @@ class Renderer:
         if not isinstance(camera, Camera):
             raise SolariError(f"Renderer.render: a Camera is needed, not {camera!r}")
         self.binder.update()
-        self._take_up_settings()
-        lights = self.binder.light_ids, self.binder.light_powers, self.binder.light_places
-        if self._lights.update(*lights, self.settings.world_cache_cell_size):
+        seen = self.size, self.seed, self.settings, self.settings.revision, self.binder.version
+        if seen != self._seen:
+            self._take_up_settings()
+            self._seen = seen
+        lights = self.binder.lights
+        if self._lights.update(lights.ids, lights.powers, lights.places, self.settings.world_cache_cell_size):
             self._frame.bind(self._lights.buffers)
-        if self.binder.version != self._bound_version:
-            self._bound_version = self.binder.version
-            self._frame.bind(self.binder.resources)
         self._write_uniforms(camera)
         try:
             self._frame.submit()
@@ -121,10 +143,7 @@ class Renderer:
         return RenderedFrame(self)
 
     def _take_up_settings(self) -> None:
-        """Build the frame anew where sizes or pipelines changed, and write the other settings where they did."""
-        seen = self.size, self.binder.instance_capacity, self.settings, self.settings.revision
-        if seen == self._seen:
-            return
+        """Build the frame anew where sizes or pipelines changed; take up the scene's resources and all settings."""
         built = self.size, self.binder.instance_capacity, self.settings.built_in
         if built != self._built:
             grown = self.frame_count > 0 and built[1] > self._built[1]
@@ -133,37 +152,44 @@ class Renderer:
             self._built = built
             if instances is not None:  # what moves goes on moving
                 self._frame.resource(gbuffer.LASTING).upload(instances)
+        if self.binder.version != self._bound_version:
+            self._bound_version = self.binder.version
+            self._frame.bind(self.binder.resources)
+        uniforms = self._frame.uniforms
         for name, value in self.settings.uniforms().items():
-            self._frame.uniforms[name] = value
-        self._seen = seen
+            uniforms[name] = value
+        uniforms["seed"], uniforms["size"] = self.seed, self.size
 
     def _write_uniforms(self, camera: Camera) -> None:
-        uniforms = self._frame.uniforms
-        view = View.of(camera, self.size, self._views[0])
-        jitter = camera.jitter + self._jitter()
-        if self._previous is None:
+        if self._written is not self._frame.uniforms:  # the shaders' block is another one
+            self._written, self._views = self._frame.uniforms, None
+            self._write_view, self._write_views, self._write_jitter, self._write_moment = (
+                writer(self._written.record, names) for names in (VIEW, VIEWS, JITTER, MOMENT)
+            )
+        previous = self._previous
+        view = View.of(camera, self.size, previous and previous[0])
+        jitter = self._jitter(view)
+        if previous is None:
             self._lights.change = 0.0
-        previous_view, previous_jitter = self._previous or (view, jitter)
-        if self._views != (view, previous_view):
-            self._views = view, previous_view
-            view.write(uniforms)
-            previous_view.write(uniforms, "previous_")
-        uniforms["has_history"] = self._previous is not None
-        uniforms["previous_jitter"] = previous_jitter
-        uniforms["jitter"] = jitter
-        uniforms["size"] = self.size
-        uniforms["exposure"] = camera.exposure
-        uniforms["lighting_change"] = self._lights.change
-        uniforms["seed"] = self.seed
-        uniforms["frame_index"] = self.frame_count & 0xFFFFFFFF
+        old, old_jitter = previous or (view, jitter)
+        if self._views is None or self._views[0] is not view or self._views[1] is not old:
+            self._views = view, old
+            self._write_view(*view.world_from_view, *view.tan_half_fov, view.near)
+            self._write_views(
+                *view.view_from_world, *old.world_from_view, *old.view_from_world, *old.tan_half_fov, old.near
+            )
+        self._write_jitter(*jitter)
+        self._write_moment(
+            *old_jitter, self.frame_count & 0xFFFFFFFF, previous is not None, view.exposure, self._lights.change
+        )
         self._previous = view, jitter
 
-    def _jitter(self) -> NDArray[np.float32]:
+    def _jitter(self, view: View) -> tuple[float, float]:
         """Where in the pixel this frame's samples lie, from its centre, in pixels."""
         if not self.settings.jitter:
-            return np.zeros(2, np.float32)
-        index = (self.frame_count + 7 * self.seed) % JITTER_LENGTH + 1
-        return np.array([_halton(index, 2), _halton(index, 3)], np.float32) - np.float32(0.5)
+            return view.jitter
+        (x, y), (dx, dy) = view.jitter, JITTERS[(self.frame_count + 7 * self.seed) % len(JITTERS)]
+        return x + dx, y + dy
 
     # ---- control ------------------------------------------------------------------------------------
 
@@ -292,13 +318,3 @@ def _index_of(name: str, names: tuple[str, ...], what: str) -> int:
     if name not in names:
         raise SolariError(f"Renderer: there is no {what} {name!r}; there are {', '.join(names)}")
     return names.index(name)
-
-
-def _halton(index: int, base: int) -> float:
-    """The radical inverse of a number: Halton (1964)."""
-    result, part = 0.0, 1.0
-    while index:
-        part /= base
-        result += part * (index % base)
-        index //= base
-    return result

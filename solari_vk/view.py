@@ -3,47 +3,62 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from operator import is_
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solari_vk.gpu.uniforms import Uniforms
 from solari_vk.scene.model import Camera
 
+Numbers = tuple[float, ...]
 
-@dataclass(frozen=True, eq=False)
-class View:
-    """A camera over a picture of a size in pixels."""
 
-    key: tuple[Any, ...]
-    world_from_view: NDArray[np.float32]  # (4, 3), by columns
-    view_from_world: NDArray[np.float32]
+class View(NamedTuple):
+    """A camera over a picture, in plain numbers: each field as the uniform of its name."""
+
+    source: tuple[Any, ...]  # what it was made from
+    world_from_view: Numbers  # 12, four columns of a matrix that maps points
     tan_half_fov: tuple[float, float]
     near: float
+    view_from_world: Numbers
+    jitter: tuple[float, float]  # the camera's own
+    exposure: float
 
     @classmethod
     def of(cls, camera: Camera, size: tuple[int, int], known: View | None = None) -> View:
-        """The camera as it is now; `known` itself if nothing differs from it."""
-        key = camera.transform.tobytes(), camera.vertical_fov, camera.near, size
-        if known is not None and known.key == key:
+        """The camera as it is now, over a picture of that size in pixels; `known` itself if nothing was assigned."""
+        source = camera.transform, camera.jitter, camera.vertical_fov, camera.near, camera.ev100, size
+        if known is not None and all(map(is_, source, known.source)):
             return known
+        (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = camera.transform.tolist()
+        # Axes of length 1, or depths would be in the camera's own units.
+        p, q, r = math.hypot(a, d, g), math.hypot(b, e, h), math.hypot(c, f, i)
+        a, d, g, b, e, h, c, f, i = a / p, d / p, g / p, b / q, e / q, h / q, c / r, f / r, i / r
+        # Rows of the inverse: each axis's is the other two's cross product, over the volume of all.
+        volume = a * (e * i - h * f) + d * (h * c - b * i) + g * (b * f - e * c)
+        j, k, m = (e * i - h * f) / volume, (h * c - b * i) / volume, (b * f - e * c) / volume
+        n, o, p = (f * g - i * d) / volume, (i * a - c * g) / volume, (c * d - f * a) / volume
+        q, r, s = (d * h - g * e) / volume, (g * b - a * h) / volume, (a * e - d * b) / volume
         tan_half_fov = math.tan(camera.vertical_fov / 2)
-        placed = camera.transform.copy()
-        placed[:3, :3] /= np.linalg.norm(placed[:3, :3], axis=0)  # or depths would be in the camera's own units
+        jitter_x, jitter_y = camera.jitter.tolist()
         return cls(
-            key,
-            placed[:3].T.astype(np.float32),
-            np.linalg.inv(placed)[:3].T.astype(np.float32),
+            source,
+            (a, d, g, b, e, h, c, f, i, x, y, z),
             (tan_half_fov * size[0] / size[1], tan_half_fov),
             camera.near,
-        )
+            (j, n, q, k, o, r, m, p, s,
+             -j * x - k * y - m * z, -n * x - o * y - p * z, -q * x - r * y - s * z),
+            (jitter_x, jitter_y),
+            camera.exposure,
+        )  # fmt: skip
 
     def write(self, uniforms: Uniforms, prefix: str = "") -> None:
         """Set the uniforms of that prefix."""
-        for name in ("world_from_view", "view_from_world", "tan_half_fov", "near"):
-            uniforms[prefix + name] = getattr(self, name)
+        uniforms[prefix + "world_from_view"] = np.reshape(self.world_from_view, (4, 3))
+        uniforms[prefix + "view_from_world"] = np.reshape(self.view_from_world, (4, 3))
+        uniforms[prefix + "tan_half_fov"] = self.tan_half_fov
+        uniforms[prefix + "near"] = self.near
 
 
 def write_view(uniforms: Uniforms, camera: Camera, size: tuple[int, int], rows: int) -> None:

@@ -88,7 +88,7 @@ def test_places_follow_lamps_and_suns(device):
 
     def places():
         binder.update()
-        return binder.light_places
+        return binder.lights.places
 
     np.testing.assert_allclose(places(), [(1, 2, 0)] * 20 + [(0, 10, 0)])
     known = places()
@@ -113,7 +113,7 @@ def test_powers_follow_emission_area_and_suns(device):
 
     def powers():
         binder.update()
-        return binder.light_powers
+        return binder.lights.powers
 
     np.testing.assert_allclose(powers(), [np.pi * 3 * 4, 7.0])
     known = powers()
@@ -140,8 +140,8 @@ def test_ids_stay_with_their_light(device):
 
     def ids():
         binder.update()
-        found = {lamp: int(binder.light_ids[binder._lights.index(lamp)]) for lamp in lamps if lamp in scene.instances}
-        return found | {sun: int(binder.light_ids[-1])}
+        found = {lamp: int(binder.lights.ids[binder.lights.index(lamp)]) for lamp in lamps if lamp in scene.instances}
+        return found | {sun: int(binder.lights.ids[-1])}
 
     before = ids()
     scene.remove(lamps[0])

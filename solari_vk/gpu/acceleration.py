@@ -18,6 +18,7 @@ from solari_vk.gpu.geometry import AABB_DTYPE as AABB_DTYPE
 from solari_vk.gpu.geometry import AabbGeometry as AabbGeometry
 from solari_vk.gpu.geometry import Geometry as Geometry
 from solari_vk.gpu.geometry import TriangleGeometry as TriangleGeometry
+from solari_vk.gpu.recorded import Recorded
 from solari_vk.gpu.structure import Structure, build_flags, clock, make_scratch
 
 if TYPE_CHECKING:
@@ -127,11 +128,11 @@ class Tlas(Structure):
         It must have been built, after everything that it was built over was last built, and none of that is gone.
         Costs nothing while nothing is built or destroyed.
         """
+        if self._checked_at == clock.now:
+            return
         self.check_alive("use")
         if not self.built:
             raise SolariError(f"use of {self.describe()}, which was never built")
-        if self._checked_at == clock.now:
-            return
         for blas in self.blases:
             if blas.destroyed:
                 raise SolariError(f"use of {self.describe()}, built over {blas.describe()}, which was destroyed")
@@ -146,3 +147,25 @@ class Tlas(Structure):
         """Destroy it when the work submitted so far is done. Safe to call twice."""
         super().destroy()
         self._scratch.destroy()
+
+
+class TlasBuild:
+    """A build of a Tlas over the records at an address, recorded once and submitted whenever they have changed.
+
+    Arguments and errors as of `Tlas.record_build`.
+    """
+
+    def __init__(self, tlas: Tlas, instances: int, count: int) -> None:
+        self.made_for = tlas, instances, count
+        self._tlas = tlas
+        self._commands = Recorded(tlas.device, lambda cmd: tlas.record_build(cmd, instances, count), "build tlas")
+
+    def submit(self) -> None:
+        """Submit the build, behind all work submitted so far. Raises SolariError when the Tlas was destroyed."""
+        self._tlas.check_alive("build")
+        self._commands.submit()
+        self._tlas.built_at = clock.tick()
+
+    def destroy(self) -> None:
+        """Free the commands when the work submitted so far is done. Safe to call twice."""
+        self._commands.destroy()

@@ -51,13 +51,17 @@ class SceneBinder:
         layout: dict[str, Any] = {name: b.dtype if b.element is None else b.element for name, b in bindings.items()}
         self._geometry = Geometry(device, layout["meshes"], layout["vertex_attributes"], self)
         self._textures = Textures(device, layout["textures"], self)
-        self._lights = Lights(device, layout["light_sources"], layout["directional_lights"], layout["scene_info"])
+        self.lights = Lights(device, layout["light_sources"], layout["directional_lights"], layout["scene_info"])
+        """The list of light sources, as of the last `update`."""
         self._materials = Table(device, "materials", layout["materials"])
         self._material_rows: Rows[Material] = Rows()
         self._material_textures: dict[Material, dict[str, Texture]] = {}
+        self._emitting: set[Material] = set()
         self._instances = Table(device, "instances", layout["instances"])
         self._instance_rows: Rows[Instance] = Rows()
         self._traced = TracedInstances(device)
+        self._tables = (self._geometry.table, self._textures.table, self._materials, self._instances,
+                        *self.lights.tables, self._traced.table)  # fmt: skip
         self._uses: dict[Instance, tuple[Mesh, Mesh, Material]] = {}
         self._ids: dict[Instance, int] = {}
         self._last_id = 0
@@ -74,13 +78,9 @@ class SceneBinder:
         self._changed[changed] = None
 
     @property
-    def _tables(self) -> tuple[Table, ...]:
-        return self._geometry.table, self._textures.table, self._materials, self._instances, *self._lights.tables
-
-    @property
     def resources(self) -> dict[str, Any]:
         """What set 0's bindings hold, by their names in GLSL."""
-        return {table.name: table.buffer for table in self._tables} | {
+        return {table.name: table.buffer for table in self._tables if table is not self._traced.table} | {
             "tlas": self._traced.tlas,
             "texture_images": self._textures.bound,
         }
@@ -94,23 +94,6 @@ class SceneBinder:
     def instance_capacity(self) -> int:
         """How many rows `instances` has room for."""
         return len(self._instances.records)
-
-    @property
-    def light_ids(self) -> NDArray[np.uint32]:
-        """For each row of `light_sources` a number that stays with the light and is never used again, as of the last
-        `update`; the same array until the list changes."""
-        return self._lights.ids
-
-    @property
-    def light_powers(self) -> NDArray[np.float64]:
-        """About how much light each row of `light_sources` gives, in lumens, as of the last `update`; the same array
-        until one of them changes."""
-        return self._lights.powers
-
-    @property
-    def light_places(self) -> NDArray[np.float64]:
-        """Where each row of `light_sources` is, (N, 3) in metres, like `light_powers`."""
-        return self._lights.places
 
     @property
     def triangle_orders(self) -> dict[int, NDArray[np.int64]]:
@@ -132,7 +115,7 @@ class SceneBinder:
                 self.version += 1
             self._update_materials()
             self._update_instances()
-            self._lights.update(self._traced.lit_area)
+            self.lights.update(self._traced.lit_area)
             self._upload()
         except BaseException:
             self._changed = changed | self._changed  # the next update tries again, knowing nothing of what arrived
@@ -148,7 +131,7 @@ class SceneBinder:
             self._take_up_instance(item)
         elif isinstance(item, DirectionalLight):
             present = item in self.scene.directional_lights
-            self._lights.set_directional(item, present)
+            self.lights.set_directional(item, present)
             (item.watch if present else item.unwatch)(self)
         elif isinstance(item, Material):
             if item in self._material_rows:
@@ -158,8 +141,8 @@ class SceneBinder:
             users = self._geometry.change(item)
             self._write_rows.update(dict.fromkeys(users))
             for instance in users:
-                if self._lights.index(instance) is not None:
-                    self._lights.renew(instance)
+                if self.lights.index(instance) is not None:
+                    self.lights.renew(instance)
         elif isinstance(item, (Texture, TextureImage)):
             self._textures.change(item)
 
@@ -175,8 +158,8 @@ class SceneBinder:
                     raise SolariError(f"{self.scene.describe()} has more than {MAX_INSTANCES} instances")
             self._write_rows[instance] = None
             if before != after:
-                if before is not None and before[1] is not after[1] and self._lights.index(instance) is not None:
-                    self._lights.renew(instance)
+                if before is not None and before[1] is not after[1] and self.lights.index(instance) is not None:
+                    self.lights.renew(instance)
                 self._acquire(instance, after)
                 self._uses[instance] = after
         elif before is not None:
@@ -207,6 +190,7 @@ class SceneBinder:
         if self._material_rows.release(material, instance):
             material.unwatch(self)
             self._write_materials.pop(material, None)
+            self._emitting.discard(material)
             for slot, texture in self._material_textures.pop(material).items():
                 self._textures.release(texture, TEXTURE_SLOTS[slot], material)
 
@@ -233,6 +217,7 @@ class SceneBinder:
             textures = self._material_textures[material]
             for slot, srgb in TEXTURE_SLOTS.items():
                 record[slot] = self._textures.rows[textures[slot], srgb] if slot in textures else NO_INDEX
+            (self._emitting.add if material.emits else self._emitting.discard)(material)
             record["flags"] = DOUBLE_SIDED if material.double_sided else 0
             self._materials.mark([row])
         self._write_materials.clear()
@@ -244,53 +229,51 @@ class SceneBinder:
             place = instance.transform[:3] @ (*self._geometry.center(mesh), 1.0)
             scale = abs(np.linalg.det(instance.transform[:3, :3])) ** (2 / 3)
             area = scale * self._geometry.area(mesh)
-        moved = self._lights.set_emissive(instance, row, emits, area, place)
+        moved = self.lights.set_emissive(instance, row, emits, area, place)
         if moved is not None:
             self._write_rows[moved] = None
 
     def _update_instances(self) -> None:
-        for instance in list(self._write_rows):
-            self._set_emissive(instance, self._instance_rows[instance], instance.visible and instance.material.emits)
-        written = list(self._write_rows)
-        self._write_rows.clear()
-        if not written:
-            return
         self._instances.reserve(self._instance_rows.limit)
-        rows = np.array([self._instance_rows[i] for i in written])
-        transforms = np.array([i.transform for i in written])[:, :3].astype(np.float32)
-        meshes = self._geometry.rows
-        records = np.zeros(len(written), self._instances.records.dtype)
-        records["world_from_object"] = transforms.transpose(0, 2, 1)
-        records["id"] = [self._ids[i] for i in written]
-        records["mesh"] = [meshes[i.mesh] if i.visible else NO_INDEX for i in written]
-        records["ray_mesh"] = [meshes[i.ray_mesh or i.mesh] for i in written]
-        records["material"] = [self._material_rows[i.material] for i in written]
-        records["light_index"] = [NO_INDEX if (n := self._lights.index(i)) is None else n for i in written]
-        self._instances.records[rows] = records
-        self._instances.mark(rows.tolist())
+        for instance in list(self._write_rows):
+            emits = instance.visible and instance.material in self._emitting
+            if emits or self.lights.index(instance) is not None:
+                self._set_emissive(instance, self._instance_rows[instance], emits)
+        for instance in self._write_rows:
+            self._write_instance(instance)
+        self._write_rows.clear()
 
-        ray_meshes = [i.ray_mesh or i.mesh for i in written]
-        centers = np.array([self._geometry.center(mesh) for mesh in ray_meshes])
+    def _write_instance(self, instance: Instance) -> None:
+        """Its records, number by number: most frames move few instances."""
+        row, visible, material = self._instance_rows[instance], instance.visible, instance.material
+        mesh, ray_mesh = instance.mesh, instance.ray_mesh or instance.mesh
+        rows, light = self._geometry.rows, self.lights.index(instance)
+        (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = instance.transform.tolist()
+        self._instances.set(
+            row, a, d, g, b, e, h, c, f, i, x, y, z, rows[mesh] if visible else NO_INDEX, rows[ray_mesh],
+            self._material_rows[material], NO_INDEX if light is None else light, self._ids[instance],
+        )  # fmt: skip
         self._traced.write(
-            rows,
-            transforms,
-            np.einsum("nij,nj->ni", transforms[:, :, :3], centers) + transforms[:, :, 3],
-            np.array([i.visible for i in written]),
-            np.array([i.material.double_sided for i in written]),
-            np.array([self._geometry.blas(mesh).address for mesh in ray_meshes], np.uint64),
-        )
+            row, (a, b, c, x, d, e, f, y, g, h, i, z), self._geometry.center(ray_mesh), visible, material.double_sided,
+            self._geometry.blas(ray_mesh).address,
+        )  # fmt: skip
 
     # ---- from records to the device -----------------------------------------------------------------
 
     def _upload(self) -> None:
-        """Have the tables' changes copied and the TLAS rebuilt just before the next submission."""
+        """Have the tables' changes copied and the TLAS built from them, before whatever is submitted next."""
         if self._traced.update():
             self.version += 1
-        with self._device.uploads() as uploads:
-            for table in self._tables:
-                if table.flush(uploads):
-                    self.version += 1
-            self._traced.table.flush(uploads)
+        changed = [table for table in self._tables if table.dirty]
+        for table in changed:
+            if table.replace():
+                self.version += 1
+        if self._device.idle:  # nothing reads the tables
+            changed = [table for table in changed if not table.write()]
+        if changed:
+            with self._device.uploads() as uploads:
+                for table in changed:
+                    table.upload(uploads)
         self._traced.rebuild()
 
     def destroy(self) -> None:
@@ -301,7 +284,7 @@ class SceneBinder:
         for owner in (
             self._geometry,
             self._textures,
-            self._lights,
+            self.lights,
             self._materials,
             self._instances,
             self._traced,

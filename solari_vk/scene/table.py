@@ -10,25 +10,30 @@ from numpy.typing import NDArray
 
 from solari_vk.gpu.device import Device
 from solari_vk.gpu.memory import Buffer, Uploads
+from solari_vk.gpu.packing import packing
 
 Key = TypeVar("Key", bound=Hashable)
 
 
 class Table:
-    """Records of one dtype, on the host in `records` and in `buffer` once flushed.
-
-    The buffer is replaced when it has to grow; `flush` says so.
-    """
+    """Records of one dtype, on the host in `records` and, once written or uploaded, in `buffer`."""
 
     def __init__(self, device: Device, name: str, dtype: np.dtype[Any]) -> None:
         self.name = name
-        self.records: NDArray[Any] = np.zeros(16, dtype)
         self._device = device
+        self._packing, _ = packing(dtype, dtype.names or ())
+        self._keep(np.zeros(16, dtype))
         self.buffer = self._make_buffer()
         self._dirty: set[int] = set(range(len(self.records)))
 
+    def _keep(self, records: NDArray[Any]) -> None:
+        self.records = records
+        self._bytes = records.view(np.uint8).data
+
     def _make_buffer(self) -> Buffer:
-        return self._device.buffer(self.records.nbytes, self.name)
+        buffer = self._device.buffer(self.records.nbytes, self.name)
+        self._mapped = buffer.view().data if buffer.mapped else None
+        return buffer
 
     def reserve(self, rows: int) -> None:
         """Have room for rows 0 to rows - 1."""
@@ -37,7 +42,13 @@ class Table:
             most = self._device.properties.limits.maxStorageBufferRange // self.records.itemsize
             grown = np.zeros(max(rows, min(2 * len(self.records), most)), self.records.dtype)
             grown[: len(self.records)] = self.records
-            self.records = grown
+            self._keep(grown)
+            self.mark_all()
+
+    def set(self, row: int, *numbers: float) -> None:
+        """Write a row: the numbers of all its fields, in their order, those of several numbers one by one."""
+        self._packing.pack_into(self._bytes, row * self._packing.size, *numbers)
+        self._dirty.add(row)
 
     def mark(self, rows: Iterable[int]) -> None:
         """Say which rows of `records` were written."""
@@ -49,31 +60,41 @@ class Table:
 
     @property
     def dirty(self) -> bool:
-        """Whether `flush` has something to do."""
+        """Whether rows are marked."""
         return bool(self._dirty)
 
-    def flush(self, uploads: Uploads) -> bool:
-        """Upload the marked rows; True when the buffer is another one than before."""
-        replaced = self.records.nbytes > self.buffer.size
-        if replaced:
-            self.buffer.destroy()
-            self.buffer = self._make_buffer()
-            uploads.buffer(self.buffer, self.records)
-        elif self._dirty:
-            for first, last in self._runs():
-                uploads.buffer(self.buffer, self.records[first : last + 1], first * self.records.itemsize)
+    def replace(self) -> bool:
+        """Make a larger buffer if the records have outgrown it; True then."""
+        if self.records.nbytes <= self.buffer.size:
+            return False
+        self.buffer.destroy()
+        self.buffer = self._make_buffer()
+        return True
+
+    def write(self) -> bool:
+        """Write the marked rows at once, on an idle device; False when its memory isn't mapped."""
+        if self._mapped is None:
+            return False
+        for begin, end in self._runs():
+            self._mapped[begin:end] = self._bytes[begin:end]
         self._dirty.clear()
-        return replaced
+        return True
+
+    def upload(self, uploads: Uploads) -> None:
+        """Upload the marked rows, behind all work submitted so far."""
+        for begin, end in self._runs():
+            uploads.buffer(self.buffer, self._bytes[begin:end], begin)
+        self._dirty.clear()
 
     def _runs(self) -> list[tuple[int, int]]:
-        """The first and last of marked rows that follow each other."""
-        first, last = min(self._dirty), max(self._dirty)
+        """Where marked rows that follow each other begin and end, in bytes."""
+        size, first, last = self._packing.size, min(self._dirty), max(self._dirty)
         if last - first + 1 == len(self._dirty):  # one run, as of a single row: most frames
-            return [(first, last)]
+            return [(first * size, (last + 1) * size)]
         rows = np.fromiter(self._dirty, np.int64, len(self._dirty))
         rows.sort()
         runs = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
-        return [(int(run[0]), int(run[-1])) for run in runs]
+        return [(int(run[0]) * size, (int(run[-1]) + 1) * size) for run in runs]
 
     def destroy(self) -> None:
         """Free the device buffer."""

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.gpu import raw
-from solari_vk.gpu.acceleration import INSTANCE_DTYPE, Tlas
+from solari_vk.gpu.acceleration import INSTANCE_DTYPE, Tlas, TlasBuild
 from solari_vk.gpu.device import Device
 from solari_vk.scene.spatial import spatial_order
 from solari_vk.scene.table import Table
 
-ALWAYS = 0xFF  # mask of visible instances
+VISIBLE = 0xFF << 24  # the mask of instances that all rays meet
+NO_CULLING = raw.VK_GEOMETRY_INSTANCE_TRIANGLE_FACING_CULL_DISABLE_BIT_KHR << 24
 FEW = 64  # instances whose order matters little
 
 
 class TracedInstances:
-    """Records by instance row. The row is the custom index; the place in the TLAS follows space.
+    """Records by place in the TLAS, which follows space; the instance's row is the custom index.
 
     Places are chosen anew when instances come or go, and when half of them, and more than a few, have
     moved since.
@@ -27,78 +30,55 @@ class TracedInstances:
         self.table = Table(device, "tlas_instances", INSTANCE_DTYPE)
         self.count = 0
         self._device = device
-        self._records = np.zeros(0, INSTANCE_DTYPE)
-        self._centers = np.zeros((0, 3), np.float32)
-        self._active = np.zeros(0, bool)
-        self._places = np.zeros(0, np.int64)
+        self._places: dict[int, int] = {}  # of each row
+        self._middles: dict[int, NDArray[np.float32]] = {}  # of each row, in object space
+        self._end = 0  # of the places given, those of removed rows among them
         self._sorted = True
         self._moved = 0
-        self._changed: list[NDArray[np.int64]] = []
         self._rebuild = True
+        self._build: TlasBuild | None = None
 
     def write(
-        self,
-        rows: NDArray[np.int64],
-        transforms: NDArray[np.float32],
-        centers: NDArray[np.float32],
-        visible: NDArray[np.bool_],
-        double_sided: NDArray[np.bool_],
-        addresses: NDArray[np.uint64],
-    ) -> None:
-        """Set rows: world from object (N, 3, 4), world-space centres (N, 3), and the BLAS's addresses."""
-        self._reserve(int(rows.max()) + 1)
-        self._sorted &= bool(self._active[rows].all())
-        self._active[rows] = True
-        self._centers[rows] = centers
-        records = np.zeros(len(rows), INSTANCE_DTYPE)
-        records["transform"] = transforms
-        records["custom_index_and_mask"] = rows.astype(np.uint32) | np.where(visible, ALWAYS << 24, 0).astype(np.uint32)
+        self, row: int, transform: Sequence[float], middle: NDArray[np.float32], visible: bool, double_sided: bool,
+        address: int,
+    ) -> None:  # fmt: skip
+        """Set a row: world from object (12 numbers, row by row), the mesh's middle (3,), and its BLAS's address."""
+        place = self._places.get(row)
+        if place is None:
+            place = self._places[row] = self._end
+            self._end += 1
+            self.table.reserve(self._end)
+            self._sorted = False
+        self._middles[row] = middle
+        self._moved += 1
         # Vulkan's default front is glTF's, counter-clockwise in object space, however instances are mirrored.
-        cull_disable = raw.VK_GEOMETRY_INSTANCE_TRIANGLE_FACING_CULL_DISABLE_BIT_KHR
-        records["sbt_offset_and_flags"] = np.where(double_sided, cull_disable << 24, 0)
-        records["blas_address"] = addresses
-        self._records[rows] = records
-        self._changed.append(rows)
-        self._moved += len(rows)
+        self.table.set(place, *transform, row | VISIBLE if visible else row, NO_CULLING if double_sided else 0, address)
 
     def remove(self, row: int) -> None:
         """Forget a row."""
-        self._active[row] = False
+        del self._places[row], self._middles[row]
         self._sorted = False
 
-    def _reserve(self, rows: int) -> None:
-        if rows > len(self._records):
-            more = max(rows, 2 * len(self._records)) - len(self._records)
-            self._records = np.concatenate([self._records, np.zeros(more, INSTANCE_DTYPE)])
-            self._centers = np.concatenate([self._centers, np.zeros((more, 3), np.float32)])
-            self._active = np.concatenate([self._active, np.zeros(more, bool)])
-            self._places = np.concatenate([self._places, np.zeros(more, np.int64)])
+    def _centers(self, rows: NDArray[np.int64]) -> NDArray[np.float64]:
+        """In the world (N, 3)."""
+        transforms = self.table.records["transform"][[self._places[row] for row in rows.tolist()]].astype(np.float64)
+        middles = np.array([self._middles[row] for row in rows.tolist()])
+        centers: NDArray[np.float64] = np.einsum("nij,nj->ni", transforms[:, :, :3], middles) + transforms[:, :, 3]
+        return centers
+
+    def _rows(self) -> NDArray[np.int64]:
+        return np.fromiter(self._places, np.int64, len(self._places))
 
     def lit_area(self) -> float:
         """Of a disk around the instances' centres, square metres; at least 1."""
-        if not self._active.any():
+        if not self._places:
             return 1.0
-        centers = self._centers[self._active].astype(np.float64)
-        return max(float(np.square(np.ptp(centers, axis=0)).sum()) * np.pi / 4, 1.0)
+        return max(float(np.square(np.ptp(self._centers(self._rows()), axis=0)).sum()) * np.pi / 4, 1.0)
 
     def update(self) -> bool:
-        """Bring `table.records` up to date; True when the TLAS is another one than before."""
-        if self._sorted and self._moved <= max(self.count // 2, FEW):
-            for rows in self._changed:
-                rows = rows[self._active[rows]]
-                self.table.records[self._places[rows]] = self._records[rows]
-                self.table.mark(self._places[rows].tolist())
-        else:
-            rows = np.flatnonzero(self._active)
-            rows = rows[spatial_order(self._centers[rows])]
-            self.count = len(rows)
-            self._places[rows] = np.arange(self.count)
-            self.table.reserve(self.count)
-            self.table.records[: self.count] = self._records[rows]
-            self.table.mark(range(self.count))
-            self._sorted, self._moved = True, 0
-            self._rebuild = True
-        self._changed.clear()
+        """Put everything in its place; True when the TLAS is another one than before."""
+        if not self._sorted or self._moved > max(self.count // 2, FEW):
+            self._sort()
         self._rebuild |= self.table.dirty
         if self.count <= self.tlas.max_instances:
             return False
@@ -106,22 +86,37 @@ class TracedInstances:
         self.tlas = Tlas(self._device, max(self.count, 2 * self.tlas.max_instances), name="scene")
         return True
 
+    def _sort(self) -> None:
+        rows = np.sort(self._rows())
+        if len(rows):
+            rows = rows[spatial_order(self._centers(rows))]
+        self.count = self._end = len(rows)
+        self.table.records[: self.count] = self.table.records[[self._places[row] for row in rows.tolist()]]
+        self.table.mark(range(self.count))
+        self._places = {row: place for place, row in enumerate(rows.tolist())}
+        self._sorted, self._moved = True, 0
+        self._rebuild = True
+
     def mark_all(self) -> None:
         """Have everything uploaded and built again."""
         self.table.mark_all()
         self._rebuild = True
 
     def rebuild(self) -> None:
-        """If records changed, have the TLAS rebuilt just before the next submission, behind their upload."""
-        if self._rebuild:
-            self._rebuild = False
-            self._device.before_next_submit(self._build)
-
-    def _build(self, commands: raw.CData) -> None:
-        if not self.tlas.destroyed:  # the binder may have gone before anything was submitted
-            self.tlas.record_build(commands, self.table.buffer.address, self.count)
+        """If records changed, have the TLAS built anew, behind their upload."""
+        if not self._rebuild:
+            return
+        needed = self.tlas, self.table.buffer.address, self.count
+        if self._build is None or self._build.made_for != needed:
+            if self._build is not None:
+                self._build.destroy()
+            self._build = TlasBuild(*needed)
+        self._build.submit()
+        self._rebuild = False
 
     def destroy(self) -> None:
         """Free everything."""
+        if self._build is not None:
+            self._build.destroy()
         self.table.destroy()
         self.tlas.destroy()

@@ -15,6 +15,7 @@ from solari_vk.scene.binder import NO_INDEX, SceneBinder
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.lights import DIRECTIONAL, EMISSIVE_MESH
 from solari_vk.scene.model import DirectionalLight, Instance, Material, Mesh, Scene, Texture, TextureImage
+from solari_vk.scene.table import Table
 
 
 def make_mesh(rng, triangles=1):
@@ -41,7 +42,7 @@ def make_transform(rng):
 
 def table(binder, name):
     """What the device holds, read back."""
-    host = {t.name: t for t in (*binder._tables, binder._traced.table)}[name]
+    host = {t.name: t for t in binder._tables}[name]
     return host.buffer.read(host.records.dtype)
 
 
@@ -95,7 +96,7 @@ def assert_mirrors(binder, scene):
     ever = instances["id"] > 0
     assert (instances["mesh"][ever & ~used] == NO_INDEX).all()  # nothing is drawn of what was removed
     assert len(set(instances["id"][used])) == len(rows)
-    assert len(binder.light_ids) == info["light_count"] == len(set(binder.light_ids))
+    assert len(binder.lights.ids) == info["light_count"] == len(set(binder.lights.ids))
     assert all(image.handle is not None for image, _ in binder.resources["texture_images"])
     assert sorted(traced["custom_index_and_mask"] & 0xFFFFFF) == sorted(rows)
 
@@ -166,13 +167,14 @@ def test_a_small_change_uploads_little(device, monkeypatch):
     binder = SceneBinder(device, scene)
     binder.update()
     sizes = []
-    upload = Uploads.buffer
+    find_runs = Table._runs
 
-    def note(self, buffer, data, offset=0):
-        sizes.append(data.nbytes)
-        upload(self, buffer, data, offset)
+    def note(self):
+        runs = find_runs(self)
+        sizes.extend(end - begin for begin, end in runs)
+        return runs
 
-    monkeypatch.setattr(Uploads, "buffer", note)
+    monkeypatch.setattr(Table, "_runs", note)
     next(iter(scene)).transform = make_transform(rng)
     binder.update()
     assert 0 < sum(sizes) < 500
@@ -199,20 +201,24 @@ def test_a_failed_update_is_tried_again(device, monkeypatch):
     scene = Scene(Instance(mesh=make_mesh(rng), material=Material()))
     binder = SceneBinder(device, scene)
 
-    upload = Uploads.buffer
+    upload, find_runs = Uploads.buffer, Table._runs
     for calls in range(1, 30):
         for _ in range(17):
             scene.add(Instance(mesh=make_mesh(rng), material=Material(emissive=1)))
         left = [calls]
 
-        def fail(*arguments, left=left):
-            left[0] -= 1
-            if left[0] == 0:
-                raise SolariError("out of memory")
-            upload(*arguments)
+        def failing(function, left=left):
+            def call(*arguments):
+                left[0] -= 1
+                if left[0] == 0:
+                    raise SolariError("out of memory")
+                return function(*arguments)
+
+            return call
 
         with monkeypatch.context() as patch:
-            patch.setattr(Uploads, "buffer", fail)
+            patch.setattr(Uploads, "buffer", failing(upload))
+            patch.setattr(Table, "_runs", failing(find_runs))
             with pytest.raises(SolariError, match="out of memory") if calls < 17 else contextlib.suppress(SolariError):
                 binder.update()
         assert_mirrors(binder, scene)
