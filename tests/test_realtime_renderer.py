@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
+from solari_vk.gpu.uniforms import Uniforms
 
 SIZE = (16, 12)
 
@@ -134,3 +135,72 @@ def test_removed_instances_are_let_go(renderer, scene):
         del instance
         gc.collect()
         assert gone() is None
+
+
+CAMERA_CHANGES = {
+    "transform": lambda camera: camera.transform @ np.diag([1, 2, -3, 1]) + 0.1 * np.eye(4, k=3),
+    "vertical_fov": lambda camera: camera.vertical_fov / 2,
+    "near": lambda camera: camera.near * 2,
+    "ev100": lambda camera: camera.ev100 + 1,
+    "jitter": lambda camera: camera.jitter + np.float32(0.25),
+}
+
+
+def of_camera(camera, size):
+    """What the uniforms have to hold, by numpy."""
+    placed = camera.transform.copy()
+    placed[:3, :3] /= np.linalg.norm(placed[:3, :3], axis=0)
+    tangent = np.tan(camera.vertical_fov / 2)
+    return {"world_from_view": placed[:3].T, "view_from_world": np.linalg.inv(placed)[:3].T, "near": camera.near,
+            "tan_half_fov": (tangent * size[0] / size[1], tangent), "jitter": camera.jitter}  # fmt: skip
+
+
+@pytest.mark.parametrize("field", CAMERA_CHANGES)
+def test_uniforms_follow_the_camera(renderer, scene, field):
+    """Whatever is assigned, in the next frame, and as the one before in the one after it."""
+    renderer.settings.jitter = False
+    camera = sv.Camera(transform=scene.camera.transform)
+
+    def check(previous):
+        renderer.render(camera)
+        uniforms, now = renderer._frame.uniforms, of_camera(camera, renderer.size)
+        for name, value in now.items():
+            np.testing.assert_allclose(uniforms[name], value, rtol=1e-6, atol=1e-6)
+            np.testing.assert_allclose(uniforms[f"previous_{name}"], previous[name], rtol=1e-6, atol=1e-6)
+        assert uniforms["exposure"] == np.float32(camera.exposure)
+        return now
+
+    known = of_camera(camera, renderer.size)
+    for _ in range(2):
+        known = check(known)
+    setattr(camera, field, CAMERA_CHANGES[field](camera))
+    for _ in range(3):
+        known = check(known)
+    renderer.resize((20, 30))
+    check(of_camera(camera, (20, 30)))
+    assert renderer._frame.uniforms["size"].tolist() == [20, 30]
+
+
+def test_uniforms_follow_seed_history_and_frames(renderer, scene):
+    def found():
+        renderer.render(scene.camera)
+        return tuple(int(renderer._frame.uniforms[name]) for name in ("seed", "frame_index", "has_history"))
+
+    assert [found(), found()] == [(0, 0, 0), (0, 1, 1)]
+    renderer.seed = 7
+    assert found() == (7, 2, 1)
+    renderer.reset()
+    assert [found(), found()] == [(7, 3, 0), (7, 4, 1)]
+    renderer.settings.gbuffer = "traced"
+    assert found() == (7, 5, 1)
+
+
+def test_uniforms_outlast_another_block(renderer, scene, monkeypatch):
+    """Shaders that are taken up may declare the block anew: everything has to be written to that one."""
+    renderer.render(scene.camera)
+    frame = renderer._frame
+    other = Uniforms(frame.uniforms.record.dtype, "uniforms")
+    monkeypatch.setattr(frame, "uniforms", other)
+    renderer.render(scene.camera)
+    np.testing.assert_allclose(other["world_from_view"], of_camera(scene.camera, SIZE)["world_from_view"], rtol=1e-6)
+    assert other["frame_index"] == 1

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 
@@ -61,8 +63,33 @@ def memory(device: Device, small: tuple[int, int], large: tuple[int, int]) -> tu
 # ---- host -------------------------------------------------------------------------------------------
 
 
-def host_times(device: Device, frames: int) -> dict[str, float]:
-    """Milliseconds of Python's own for a frame, the device idle meanwhile: medians."""
+@contextmanager
+def _vulkan_timed(device: Device) -> Iterator[list[float]]:
+    """Seconds of each Vulkan call meanwhile, of functions that were called before."""
+    spent: list[float] = []
+
+    def timed(function: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any) -> Any:
+            started = time.perf_counter()
+            result = function(*arguments)
+            spent.append(time.perf_counter() - started)
+            return result
+
+        return call
+
+    functions = {name: item for name, item in vars(device.vk).items() if name.startswith("vk")}
+    try:
+        vars(device.vk).update({name: timed(item) for name, item in functions.items()})
+        yield spent
+    finally:
+        vars(device.vk).update(functions)
+
+
+def host_times(device: Device, frames: int) -> dict[str, tuple[float, float]]:
+    """Milliseconds of a call of `render`, and how many of them Vulkan calls take; the device is idle when it begins.
+
+    Medians, of frames of their own each.
+    """
     scene = builtin("cornell_box")
     camera = scene.camera
     instance = list(scene.instances)[-2]  # a block
@@ -80,18 +107,24 @@ def host_times(device: Device, frames: int) -> dict[str, float]:
         moved[0, 3] += 1e-3 * (frame % 7)
         instance.transform = moved
 
-    found: dict[str, float] = {}
+    found = {}
     cases: dict[str, Callable[[int], None]] = {
         "still": nothing, "camera moving": move_camera, "one instance moving": move_instance,
     }  # fmt: skip
     with Renderer(device, scene, (32, 32), Settings()) as renderer:
         for name, change in cases.items():
-            spent = []
+            whole, inside = [], []
             for frame in range(frames + 5):
                 change(frame)
                 started = time.perf_counter()
                 renderer.render(camera)
-                spent.append(time.perf_counter() - started)
+                whole.append(time.perf_counter() - started)
                 device.wait_idle()
-            found[name] = float(np.median(spent[5:])) * 1e3
+            for frame in range(frames):
+                change(frame)
+                with _vulkan_timed(device) as calls:
+                    renderer.render(camera)
+                inside.append(sum(calls))
+                device.wait_idle()
+            found[name] = float(np.median(whole[5:])) * 1e3, float(np.median(inside)) * 1e3
     return found

@@ -31,7 +31,7 @@ def run(select: str | None, files: list[Path], *, markdown: Path | None = None, 
         sizes = ((16, 16), (32, 18)) if quick else SIZES
         for size in sizes:
             _passes(device, report, chosen, size, 2 if quick else 6)
-        _host(device, report, 10 if quick else 150)
+        _host(device, report, 10 if quick else 200)
         _growth(device, report, quick)
         _memory(device, report)
         _error(device, report, quick)
@@ -104,8 +104,10 @@ def _why_slow(
 def _host(device: Device, report: Report, frames: int) -> None:
     report.progress("host time")
     found = costs.host_times(device, frames)
-    rows = [[name, f"{value:.3f}", "yes" if value < HOST_AIM else "no"] for name, value in found.items()]
-    report.table("Python's time for a frame", ["cornell_box 32x32", "ms", f"under {HOST_AIM} ms"], rows,
+    rows = [[name, f"{whole:.3f}", f"{inside:.3f}", "yes" if whole < HOST_AIM else "no"]
+            for name, (whole, inside) in found.items()]  # fmt: skip
+    report.table("Python's time for a frame",
+                 ["cornell_box 32x32", "ms", "of it in Vulkan calls", f"under {HOST_AIM} ms"], rows,
                  "Medians of `render` alone, with the device idle before and after.")  # fmt: skip
 
 

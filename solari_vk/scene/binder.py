@@ -264,7 +264,7 @@ class SceneBinder:
         """Have the tables' changes copied and the TLAS built from them, before whatever is submitted next."""
         if self._traced.update():
             self.version += 1
-        changed = [table for table in self._tables if table.dirty]
+        changed = [table for table in self._tables if table.marked]
         for table in changed:
             if table.replace():
                 self.version += 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,8 @@ class Table:
         self._packing, _ = packing(dtype, dtype.names or ())
         self._keep(np.zeros(16, dtype))
         self.buffer = self._make_buffer()
-        self._dirty: set[int] = set(range(len(self.records)))
+        self.marked: set[int] = set(range(len(self.records)))
+        """Rows that `buffer` doesn't hold yet."""
 
     def _keep(self, records: NDArray[Any]) -> None:
         self.records = records
@@ -48,20 +49,15 @@ class Table:
     def set(self, row: int, *numbers: float) -> None:
         """Write a row: the numbers of all its fields, in their order, those of several numbers one by one."""
         self._packing.pack_into(self._bytes, row * self._packing.size, *numbers)
-        self._dirty.add(row)
+        self.marked.add(row)
 
     def mark(self, rows: Iterable[int]) -> None:
         """Say which rows of `records` were written."""
-        self._dirty.update(rows)
+        self.marked.update(rows)
 
     def mark_all(self) -> None:
         """Have everything uploaded again."""
-        self._dirty.update(range(len(self.records)))
-
-    @property
-    def dirty(self) -> bool:
-        """Whether rows are marked."""
-        return bool(self._dirty)
+        self.marked.update(range(len(self.records)))
 
     def replace(self) -> bool:
         """Make a larger buffer if the records have outgrown it; True then."""
@@ -77,21 +73,21 @@ class Table:
             return False
         for begin, end in self._runs():
             self._mapped[begin:end] = self._bytes[begin:end]
-        self._dirty.clear()
+        self.marked.clear()
         return True
 
     def upload(self, uploads: Uploads) -> None:
         """Upload the marked rows, behind all work submitted so far."""
         for begin, end in self._runs():
             uploads.buffer(self.buffer, self._bytes[begin:end], begin)
-        self._dirty.clear()
+        self.marked.clear()
 
     def _runs(self) -> list[tuple[int, int]]:
         """Where marked rows that follow each other begin and end, in bytes."""
-        size, first, last = self._packing.size, min(self._dirty), max(self._dirty)
-        if last - first + 1 == len(self._dirty):  # one run, as of a single row: most frames
+        size, first, last = self._packing.size, min(self.marked), max(self.marked)
+        if last - first + 1 == len(self.marked):  # one run, as of a single row: most frames
             return [(first * size, (last + 1) * size)]
-        rows = np.fromiter(self._dirty, np.int64, len(self._dirty))
+        rows = np.fromiter(self.marked, np.int64, len(self.marked))
         rows.sort()
         runs = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
         return [(int(run[0]) * size, (int(run[-1]) + 1) * size) for run in runs]
@@ -101,27 +97,15 @@ class Table:
         self.buffer.destroy()
 
 
-class Rows(Generic[Key]):
+class Rows(dict[Key, int]):
     """A row number for each object that somebody uses: taken with its first user, freed with its last."""
 
     def __init__(self) -> None:
-        self._rows: dict[Key, int] = {}
+        super().__init__()
         self._users: dict[Key, dict[Hashable, int]] = {}
         self._free: list[int] = []
         self.limit = 0
         """One past the highest row ever used."""
-
-    def __contains__(self, key: Key) -> bool:
-        return key in self._rows
-
-    def __getitem__(self, key: Key) -> int:
-        return self._rows[key]
-
-    def __iter__(self) -> Any:
-        return iter(self._rows)
-
-    def __len__(self) -> int:
-        return len(self._rows)
 
     def users(self, key: Key) -> list[Any]:
         """Who uses the object."""
@@ -131,12 +115,12 @@ class Rows(Generic[Key]):
         """Count one more use; True when the object is new here."""
         users = self._users.setdefault(key, {})
         users[user] = users.get(user, 0) + 1
-        if key in self._rows:
+        if key in self:
             return False
         if self._free:
-            self._rows[key] = self._free.pop()
+            self[key] = self._free.pop()
         else:
-            self._rows[key] = self.limit
+            self[key] = self.limit
             self.limit += 1
         return True
 
@@ -149,5 +133,5 @@ class Rows(Generic[Key]):
         if users:
             return False
         del self._users[key]
-        self._free.append(self._rows.pop(key))
+        self._free.append(self.pop(key))
         return True

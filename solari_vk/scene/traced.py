@@ -79,7 +79,7 @@ class TracedInstances:
         """Put everything in its place; True when the TLAS is another one than before."""
         if not self._sorted or self._moved > max(self.count // 2, FEW):
             self._sort()
-        self._rebuild |= self.table.dirty
+        self._rebuild |= bool(self.table.marked)
         if self.count <= self.tlas.max_instances:
             return False
         self.tlas.destroy()
