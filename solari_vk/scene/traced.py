@@ -56,7 +56,8 @@ class TracedInstances:
 
     def remove(self, row: int) -> None:
         """Forget a row."""
-        del self._places[row], self._middles[row]
+        self._places.pop(row, None)
+        self._middles.pop(row, None)
         self._sorted = False
 
     def _centers(self, rows: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -225,6 +225,22 @@ def test_a_failed_update_is_tried_again(device, monkeypatch):
     binder.destroy()
 
 
+def test_what_never_arrived_can_be_removed(device, monkeypatch):
+    rng = np.random.default_rng(0)
+    scene = Scene(Instance(mesh=make_mesh(rng), material=Material()))
+    binder = SceneBinder(device, scene)
+    assert_mirrors(binder, scene)
+    instance = Instance(mesh=make_mesh(rng), material=Material(emissive=1))
+    scene.add(instance)
+    with monkeypatch.context() as patch:
+        patch.setattr(Uploads, "buffer", lambda *_: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            binder.update()
+    scene.remove(instance)
+    assert_mirrors(binder, scene)
+    binder.destroy()
+
+
 @pytest.mark.parametrize("staging", [False, True])
 def test_rays_meet_what_was_uploaded(any_device, staging):
     """The TLAS is built from the records behind their upload, also when that has to be staged."""
