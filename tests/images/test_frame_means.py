@@ -5,31 +5,35 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from oracles.replication import relative_interval, runs, tiles
-from whole_frames import SIZE, make_renderer, reflected, reflected_truth, truth
+from whole_frames import SIZE, find, make_renderer, reflected, reflected_truth, truth
 
 import solari_vk as sv
-from solari_vk.scene.builtin import closed_box, cornell_box, rgb
+from solari_vk.scene.builtin import closed_box, cornell_box, place, rgb
 
 JITTER_PERIOD = 32  # frames after which samples have been all over the pixel: lamps' edges then add no noise
 
 
-def check(device, scene, expected, bar, tile_bar=1.0, size=SIZE, seeds=16, observed=JITTER_PERIOD, **settings):
+def check(device, scene, expected, bar, tile_bar=1.0, size=SIZE, seeds=16, observed=JITTER_PERIOD, read="radiance",
+          **settings):  # fmt: skip
     """The 95 % interval of the global mean's relative error lies within the bar, and each of 16 tiles' error within
-    its own; returns the global error."""
+    its own."""
     with make_renderer(device, scene, size, **settings) as renderer:
-        observations = runs(renderer, scene.camera, seeds=seeds, observed=observed)
+        observations = runs(renderer, scene.camera, read, seeds=seeds, observed=observed)
     error, half_width = relative_interval(observations, expected)
     worst = tiles(observations).mean(axis=(0, -1)) / tiles(expected).mean(axis=-1) - 1
     what = f"{100 * error:+.2f} % +- {100 * half_width:.2f} %, worst tile {100 * np.abs(worst).max():.2f} %"
     print(what)
     assert abs(error) + half_width <= bar, what
     assert np.abs(worst).max() <= tile_bar, f"{what}\n{np.round(100 * worst, 1)}"
-    return error
 
 
 def test_cornell_box(device):
+    """Where no lamp is seen: half of the picture's light is that of the lamp's own pixels, which would hide errors of the
+    rest, and how 32 samples cover its edges is 1 % off by itself."""
     scene = cornell_box()
-    check(device, scene, truth(device, scene, 1024), bar=0.02, tile_bar=0.05)
+    expected = reflected_truth(device, scene, 4096)
+    without_lamp = (expected > 0).any(axis=-1, keepdims=True)
+    check(device, scene, expected, bar=0.02, tile_bar=0.05, read=lambda frame: reflected(frame) * without_lamp)
 
 
 # perceptual roughness and metallic of walls that emit 1 and reflect about half
@@ -61,24 +65,27 @@ def test_glossy_scenes(device, name):
     check(device, scene, expected, bar=0.05, tile_bar=0.12, observed=12)
 
 
-def leak(device, **settings):
-    """Light in the dark half of a room over that in the lit one, behind a wall of 2 cm."""
+def leak(device, x=0.0, **settings):
+    """Light in the dark half of a room over that in the lit one, behind a wall of 2 cm at x."""
     scene = sv.builtin("thin_wall")
+    find(scene, "wall").transform = place(1.0, at=(x, 0, 0))
     with make_renderer(device, scene, **settings) as renderer:
         for _ in range(24):
             renderer.render(scene.camera)
         picture = np.mean([reflected(renderer.render(scene.camera)) for _ in range(16)], axis=0)
-    return picture[:, 18:].mean() / picture[:, :14].mean()
+    return picture[:, 19:].mean() / picture[:, :14].mean()
 
 
-def test_nothing_leaks_through_a_thin_wall(device):
-    assert leak(device) < 0.01
+@pytest.mark.parametrize("x", [0.0, 0.03, 0.075, 0.1])
+def test_nothing_leaks_through_a_thin_wall(device, x):
+    """On the cells' grid, within a cell, right through its middle."""
+    assert leak(device, x) < 0.003
 
 
 @pytest.mark.slow  # shows what the test above can miss
 def test_without_prevention_light_leaks(device):
     """The bar above is one that can be missed."""
-    assert leak(device, world_cache_leak_prevention=False) > 2 * leak(device)
+    assert leak(device, x=0.075, world_cache_leak_prevention=False) > 0.01
 
 
 @pytest.mark.slow  # a million cells, each with two rays a frame
@@ -98,5 +105,5 @@ def test_an_overfull_cache_shows_no_patches(device):
     there = tiles(expected).mean(axis=-1) > 0
     ratio = tiles(picture).mean(axis=-1)[there] / tiles(expected).mean(axis=-1)[there]
     assert np.isfinite(picture).all()
-    assert ratio.min() > 0.3, "a patch of the picture lost its light"
-    assert 0.6 < picture.mean() / expected.mean() < 1.05
+    assert ratio.min() > 0.8, "a patch of the picture lost its light"
+    assert 0.9 < picture.mean() / expected.mean() < 1.05

@@ -3,7 +3,6 @@
 #extension GL_EXT_ray_query : require
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
-#include "passes/past_mirrors.glsl"
 #include "passes/restir_gi/reservoir.glsl"
 #include "passes/reuse.glsl"
 #include "passes/world_cache/query.glsl"
@@ -19,15 +18,14 @@ GiReservoir generate_initial_reservoir(GBufferSurface surface, inout uint rng) {
     vec3 direction = orthonormalize(surface.world_normal) * sample_uniform_hemisphere(rand_vec2f(rng));
     if (!(dot(direction, surface.geometric_world_normal) > 0.0)) { return reservoir; }
     vec3 origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
-    SightPastMirrors sight = trace_past_mirrors(origin, direction, INFINITY, 0.0, RAYS_OF_GI);
-    reservoir.sample_point_world_position = sight.first_position;
-    reservoir.radiance = sight.emitted;
-    if (sight.found) {
-        ResolvedRayHitFull point = sight.surface;
-        reservoir.sample_point_world_normal = sight.mirrors == 0u ? point.geometric_world_normal : SEEN_IN_MIRROR;
-        reservoir.reflectance = INVERSE_PI * surface_albedo(point.material, dot(point.world_normal, -sight.direction));
-        reservoir.radiance += sight.throughput * reservoir.reflectance
-            * find_irradiance(point, sight.ray_t, uniforms.world_cache_lifetime, rng);
+    Gathered light =
+        gather_light(origin, direction, INFINITY, 0.0, true, RAYS_OF_GI, uniforms.world_cache_lifetime, rng);
+    reservoir.sample_point_world_position = light.sight.first_position;
+    reservoir.radiance = light.sight.emitted;
+    if (light.sight.found) {
+        if (light.sight.mirrors == 0u) { reservoir.sample_point_world_normal = light.sight.surface.geometric_world_normal; }
+        reservoir.reflectance = light.reflectance;
+        reservoir.radiance = gathered_radiance(light);
     }
     reservoir.unbiased_contribution_weight = gi_target(surface, reservoir) > 0.0 ? 2.0 * PI : 0.0;
     return reservoir;

@@ -2,6 +2,7 @@
 #ifndef PASSES_WORLD_CACHE_QUERY_GLSL
 #define PASSES_WORLD_CACHE_QUERY_GLSL
 
+#include "passes/past_mirrors.glsl"
 #include "passes/ray_count.glsl"
 #include "passes/world_cache/map.glsl"
 #include "scene/brdf.glsl"
@@ -22,16 +23,21 @@ float get_cell_size(vec3 world_position, inout uint rng) {
 }
 
 // Of the cell where a point lies that is moved by chance within the tangent plane, which hides the grid. Differs from Solari: not
-// into a cell that lies behind a wall, which the short ray on the way there finds.
+// into a cell that lies behind a wall; and where a wall goes through a point's own cell, each of its sides has one.
 WorldCacheKey choose_key(vec3 world_position, vec3 normal, float cell_size, inout uint rng) {
     vec2 jitter = uniforms.world_cache_jitter * cell_size * sample_disk(rand_vec2f(rng));
-    vec3 way = orthonormalize(normal) * vec3(jitter, 0.0);
-    WorldCacheKey key = make_world_cache_key(world_position + way, normal, cell_size);
+    vec3 place = world_position + orthonormalize(normal) * vec3(jitter, 0.0);
+    WorldCacheKey key = make_world_cache_key(place, normal, cell_size);
     if (uniforms.world_cache_leak_prevention == 0u) { return key; }
-    WorldCacheKey own_key = make_world_cache_key(world_position, normal, cell_size);
-    if (key.checksum == own_key.checksum) { return key; }
-    count_ray(RAYS_OF_WORLD_CACHE);
-    return trace_visibility(world_position + JITTER_HEIGHT * cell_size * normal, way, 1.0) ? key : own_key;
+    vec3 way;  // to the cell's centre, along the surface
+    for (uint i = 0u; i < 2u; i++) {
+        way = key.bounds.xyz + 0.5 * cell_size - world_position;
+        way -= dot(way, normal) * normal;
+        count_ray(RAYS_OF_WORLD_CACHE);
+        if (trace_visibility(world_position + JITTER_HEIGHT * cell_size * normal, way, 1.0)) { return key; }
+        key = make_world_cache_key(world_position, normal, cell_size);
+    }
+    return behind_wall(key, way);
 }
 
 // Keeps the cell alive for `lifetime` more frames. `ray_t`: length of the ray that came here; where it is shorter than a cell, the
@@ -74,31 +80,65 @@ vec3 surface_albedo(ResolvedMaterial material, float cosine) {
     return mix(dielectric + through * material.base_color, specular_albedo(material.base_color, ab), material.metallic);
 }
 
-// From one light sample, seen or not: for where the cache knows nothing. Differs from Solari, which takes 0 there: so no light is
-// lost while cells come and go.
-vec3 sample_irradiance(vec3 world_position, vec3 geometric_world_normal, float ray_offset, inout uint rng) {
+// From one light sample, seen or not.
+vec3 sample_irradiance(ResolvedRayHitFull hit, inout uint rng) {
     if (scene_info.light_count == 0u) { return vec3(0.0); }
     ResolvedLightSample light_sample = resolve_light_sample(generate_random_light_sample(rng));
-    LightContribution light = calculate_resolved_light_contribution(light_sample, world_position);
-    float cosine = dot(light.wi, geometric_world_normal);
+    LightContribution light = calculate_resolved_light_contribution(light_sample, hit.world_position);
+    float cosine = dot(light.wi, hit.geometric_world_normal);
     vec3 irradiance = light.received_radiance * (light.inverse_pdf * cosine);
     if (!(cosine > 0.0 && max_component(irradiance) > 0.0)) { return vec3(0.0); }
-    vec3 origin = world_position + ray_offset * geometric_world_normal;
+    vec3 origin = hit.world_position + hit.ray_offset * hit.geometric_world_normal;
     count_ray(RAYS_OF_WORLD_CACHE);
     return trace_light_visibility(origin, light_sample) ? irradiance : vec3(0.0);
 }
 
-// What arrives at a hit. ray_t and lifetime as in query_world_cache.
-vec3 find_irradiance(ResolvedRayHitFull hit, float ray_t, uint lifetime, inout uint rng) {
-    WorldCacheResult cached = query_world_cache(hit.world_position, hit.geometric_world_normal, ray_t, lifetime, rng);
-    if (cached.found) { return cached.irradiance; }
-    return sample_irradiance(hit.world_position, hit.geometric_world_normal, hit.ray_offset, rng);
+const uint MOST_UNKNOWN_HITS = 4u;  // on a path, one after the other
+
+struct Gathered {
+    SightPastMirrors sight;
+    vec3 reflectance;  // of the surface there, towards the ray: radiance over irradiance
+    vec3 irradiance;   // what arrives there
+};
+
+vec3 gathered_radiance(Gathered light) {
+    return light.sight.emitted + light.sight.throughput * light.reflectance * light.irradiance;
 }
 
-// What a hit reflects towards `wo`, without what it emits: a path's end.
-vec3 reflected_radiance(ResolvedRayHitFull hit, vec3 wo, float ray_t, uint lifetime, inout uint rng) {
-    vec3 irradiance = find_irradiance(hit, ray_t, lifetime, rng);
-    return surface_albedo(hit.material, dot(hit.world_normal, wo)) * (INVERSE_PI * irradiance);
+// What a ray finds; what emitters give that are met directly is left to others. `short_rays`: whether one shorter than a cell takes
+// the finest. Differs from Solari, which takes 0 where the cache knows nothing: there a path goes on until it comes to where
+// it does, so that no light is lost while cells come and go.
+Gathered gather_light(
+    vec3 origin, vec3 direction, float t_max, float cone_width, bool short_rays, uint counted_pass, uint lifetime, inout uint rng
+) {
+    Gathered light;
+    light.reflectance = vec3(0.0);
+    light.irradiance = vec3(0.0);
+    vec3 throughput = vec3(1.0);
+    for (uint i = 0u; i <= MOST_UNKNOWN_HITS; i++) {
+        SightPastMirrors sight = trace_past_mirrors(origin, direction, t_max, cone_width, counted_pass);
+        if (i == 0u) {
+            light.sight = sight;
+        } else {
+            throughput *= PI;  // cosine and pdf of the ray leave pi
+            light.irradiance += throughput * sight.emitted;
+        }
+        if (!sight.found) { break; }
+        ResolvedRayHitFull hit = sight.surface;
+        vec3 reflectance = INVERSE_PI * surface_albedo(hit.material, dot(hit.world_normal, -sight.direction));
+        if (i == 0u) {
+            light.reflectance = reflectance;
+        } else {
+            throughput *= sight.throughput * reflectance;
+        }
+        float ray_t = short_rays ? sight.ray_t : INFINITY;
+        WorldCacheResult cached = query_world_cache(hit.world_position, hit.geometric_world_normal, ray_t, lifetime, rng);
+        light.irradiance += throughput * (cached.found ? cached.irradiance : sample_irradiance(hit, rng));
+        if (cached.found || uniforms.world_cache == 0u) { break; }
+        origin = hit.world_position + hit.ray_offset * hit.geometric_world_normal;
+        direction = orthonormalize(hit.geometric_world_normal) * sample_cosine_hemisphere(rand_vec2f(rng));
+    }
+    return light;
 }
 
 #endif

@@ -2,7 +2,6 @@
 // knew in the last frame: so that light goes one bounce further with every frame.
 #version 460
 #extension GL_EXT_ray_query : require
-#include "passes/past_mirrors.glsl"
 #include "passes/ray_count.glsl"
 #include "passes/world_cache/query.glsl"
 #include "passes/world_cache/update.glsl"
@@ -19,12 +18,10 @@ void main() {
     vec3 direction = orthonormalize(surface.geometric_world_normal) * sample_cosine_hemisphere(rand_vec2f(rng));
     // textures are blurred as far as the cell is wide, which its points even out anyway
     float cell_size = world_cache_bounds.at[cell].w;
-    SightPastMirrors sight =
-        trace_past_mirrors(origin, direction, uniforms.world_cache_ray_length, cell_size, RAYS_OF_WORLD_CACHE);
-    world_cache_samples.at[thread].irradiance += PI * sight.emitted;  // cosine and pdf leave pi
-    if (!sight.found) { return; }
     bool max_rule = uniforms.world_cache_lifetime_rule == LIFETIME_MAX;
     uint lifetime = max_rule ? world_cache_samples.at[thread].life : uniforms.world_cache_lifetime;
-    vec3 radiance = reflected_radiance(sight.surface, -sight.direction, INFINITY, lifetime, rng);
-    world_cache_samples.at[thread].irradiance += PI * sight.throughput * radiance;
+    Gathered light = gather_light(
+        origin, direction, uniforms.world_cache_ray_length, cell_size, false, RAYS_OF_WORLD_CACHE, lifetime, rng
+    );
+    world_cache_samples.at[thread].irradiance += PI * gathered_radiance(light);  // cosine and pdf leave pi
 }

@@ -14,19 +14,17 @@ void main() {
     uint index = INVOCATION_INDEX.x;
     if (index >= answers.at.length() || uniforms.gi == 0u) { return; }
     uint rng = seed_rng(uvec2(index, 1u), uniforms.frame_index, uniforms.seed);
-    vec3 radiance = vec3(0.0);
     float z = 2.0 * rand_f(rng) - 1.0, angle = 2.0 * PI * rand_f(rng);
     vec3 direction = vec3(sqrt(1.0 - z * z) * vec2(cos(angle), sin(angle)), z);
     vec3 origin = uniforms.world_from_view[3];
-    for (uint ray = first_ray; ray < 2u; ray++) {
+    answers.at[index] = vec3(0.0);
+    if (first_ray == 0u) {
         Hit hit = trace_closest_hit(origin, 0.0, direction, INFINITY, TRACE_BOTH_FACES);
-        if (hit.instance == NO_INDEX) { break; }
+        if (hit.instance == NO_INDEX) { return; }
         ResolvedRayHitFull surface = resolve_ray_hit_full(hit, direction, 0.0);
-        if (ray == 1u) {
-            radiance = reflected_radiance(surface, -direction, hit.t, uniforms.world_cache_lifetime, rng);
-        }
         origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
         direction = orthonormalize(surface.geometric_world_normal) * sample_cosine_hemisphere(rand_vec2f(rng));
     }
-    answers.at[index] = radiance;
+    uint lifetime = uniforms.world_cache_lifetime;
+    answers.at[index] = gathered_radiance(gather_light(origin, direction, INFINITY, 0.0, true, RAYS_OF_GI, lifetime, rng));
 }
