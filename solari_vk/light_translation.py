@@ -48,12 +48,14 @@ def share_moved(of: Ids, places: Places, to: Ids, new_places: Places, new_powers
     A cache that forgets by such a share a frame lags behind by a cell, however fast lights move.
     """
     total = new_powers.sum()
-    rows = translate(to, of)
-    stayed = rows != GONE
-    if not (total > 0 and stayed.any()):
+    if not total > 0:
         return 0.0
-    distances = np.linalg.norm(new_places[stayed] - places[rows[stayed]], axis=1)
-    return float((new_powers[stayed] * np.minimum(distances / cell_size, 1.0)).sum() / total)
+    if of is not to:
+        rows = translate(to, of)
+        stayed = rows != GONE
+        places, new_places, new_powers = places[rows[stayed]], new_places[stayed], new_powers[stayed]
+    distances = np.linalg.norm(new_places - places, axis=1)
+    return float(new_powers @ np.minimum(distances / cell_size, 1.0) / total)
 
 
 class LightTranslation:

@@ -17,7 +17,7 @@ from solari_vk.gpu import spirv
 from solari_vk.gpu.compiler import compile_shader
 from solari_vk.gpu.device import Device
 from solari_vk.scene.geometry import Geometry
-from solari_vk.scene.lights import Lights
+from solari_vk.scene.lights import NOWHERE, Lights
 from solari_vk.scene.model import DirectionalLight, Instance, Material, Mesh, Scene, Texture, TextureImage
 from solari_vk.scene.observed import Observable
 from solari_vk.scene.table import Rows, Table
@@ -223,12 +223,14 @@ class SceneBinder:
         self._write_materials.clear()
 
     def _set_emissive(self, instance: Instance, row: int, emits: bool) -> None:
-        area, place = 0.0, np.zeros(3)
+        area, place = 0.0, NOWHERE
         if emits:
             mesh = instance.ray_mesh or instance.mesh
-            place = instance.transform[:3] @ (*self._geometry.center(mesh), 1.0)
-            scale = abs(np.linalg.det(instance.transform[:3, :3])) ** (2 / 3)
-            area = scale * self._geometry.area(mesh)
+            (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = instance.transform.tolist()
+            p, q, r = self._geometry.center(mesh).tolist()
+            place = a * p + b * q + c * r + x, d * p + e * q + f * r + y, g * p + h * q + i * r + z
+            volume = abs(a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g))
+            area = volume ** (2 / 3) * self._geometry.area(mesh)
         moved = self.lights.set_emissive(instance, row, emits, area, place)
         if moved is not None:
             self._write_rows[moved] = None

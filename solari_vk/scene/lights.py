@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from solari_vk.gpu.device import Device
 from solari_vk.scene.model import DirectionalLight, Instance
@@ -15,6 +15,7 @@ from solari_vk.scene.table import Table
 
 EMISSIVE_MESH, DIRECTIONAL = 0, 1  # LIGHT_* of scene/bindings.glsl
 SUN_DISTANCE = 10.0  # metres to what casts its shadows, about: how far they go when it turns
+Place = tuple[float, float, float]
 NOWHERE = (0.0, 0.0, 0.0)
 
 
@@ -57,7 +58,7 @@ class Lights:
         return self._index.get(instance)
 
     def set_emissive(
-        self, instance: Instance, row: int, emits: bool, area: float = 0.0, place: ArrayLike = NOWHERE
+        self, instance: Instance, row: int, emits: bool, area: float = 0.0, place: Place = NOWHERE
     ) -> Instance | None:
         """List an instance of that row or take it off; returns the instance whose index changed thereby.
 
@@ -106,10 +107,10 @@ class Lights:
             self.renew(light)
         self._changed = True
 
-    def _set_place(self, index: int, place: ArrayLike) -> None:
+    def _set_place(self, index: int, place: Place) -> None:
         if index >= len(self._emissive_places):
             self._emissive_places = np.concatenate([self._emissive_places, np.zeros((index + 1, 3))])
-        if not np.array_equal(self._emissive_places[index], place):
+        if tuple(self._emissive_places[index].tolist()) != place:
             self._emissive_places[index] = place
             self._places_changed = True
 
@@ -169,4 +170,5 @@ class Lights:
 
 
 def _luminance(color: NDArray[np.float32]) -> float:
-    return float(color @ (0.2126, 0.7152, 0.0722))
+    red, green, blue = color.tolist()
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue  # type: ignore[no-any-return]
