@@ -150,7 +150,7 @@ class Tlas(Structure):
 
 
 class TlasBuild:
-    """A build of a Tlas over the records at an address, recorded once and submitted whenever they have changed.
+    """A build of a Tlas over the records at an address, recorded once and made whenever they have changed.
 
     Arguments and errors as of `Tlas.record_build`.
     """
@@ -161,9 +161,9 @@ class TlasBuild:
         self._commands = Recorded(tlas.device, lambda cmd: tlas.record_build(cmd, instances, count), "build tlas")
 
     def submit(self) -> None:
-        """Submit the build, behind all work submitted so far. Raises SolariError when the Tlas was destroyed."""
+        """Have the build made just before what is submitted next. Raises SolariError when the Tlas was destroyed."""
         self._tlas.check_alive("build")
-        self._commands.submit()
+        self._commands.submit_with_next()
         self._tlas.built_at = clock.tick()
 
     def destroy(self) -> None:

@@ -114,7 +114,7 @@ class Allocator:
             if self._device.lost:
                 raise
             # What is retired may be what is missing: finish the work that holds it and try once more.
-            self._device.await_value(self._device.submitted)
+            self._device.await_idle()
             self._trim()
             allocation = self._allocate(pool, size, alignment, name)
         self.bytes_used += size

@@ -14,8 +14,8 @@ from solari_vk.gpu.barriers import memory_barrier as memory_barrier
 from solari_vk.gpu.instance import Instance
 from solari_vk.gpu.physical import OPTIONAL_EXTENSIONS, REQUIRED_EXTENSIONS, DeviceReport, choose, feature_chain
 from solari_vk.gpu.submission import Submission as Submission
-from solari_vk.gpu.submission import WorkQueue
 from solari_vk.gpu.uploads import StagingPool, Uploads
+from solari_vk.gpu.work_queue import WorkQueue
 
 
 class Device(WorkQueue):

@@ -37,8 +37,11 @@ class Recorded:
         except BaseException:
             self.destroy()
             raise
-        self.submit = device.submission([buffers[0]]).submit
-        """Submit; returns the value that the device's timeline reaches when the commands are done."""
+        self._buffers = buffers
+
+    def submit_with_next(self) -> None:
+        """Submit at the head of the device's next submission."""
+        self._device.submit_with_next(self._buffers[0])
 
     def destroy(self) -> None:
         """Free it when the work submitted so far is done. Safe to call twice."""

@@ -32,7 +32,7 @@ class Slot:
         self._sets: DescriptorSets | None = None
         self._bound: dict[str, Any] = {}
         self._uniforms: Buffer | None = None
-        self._uniform_source = self._uniform_target = np.empty(0, np.uint8)
+        self._uniform_source = self._uniform_target = memoryview(b"")
         self._queries: raw.CData = None
         self._query_count = 0
         self._query_token = 0
@@ -50,10 +50,10 @@ class Slot:
         self._bound = dict(bound)
         if self._uniforms is None and uniform_name in program.interface.bindings:
             self._uniforms = self._device.buffer(uniform_record.nbytes, f"{uniform_name} {self.index}", host=True)
-            self._uniform_target = self._uniforms.view(np.uint8)
+            self._uniform_target = self._uniforms.view(np.uint8).data
         if self._uniforms is not None:
             self._bound[uniform_name] = self._uniforms
-            self._uniform_source = uniform_record.view(np.uint8)
+            self._uniform_source = uniform_record.view(np.uint8).data
         self.stale = True
 
     def bind(self, resources: Mapping[str, Any]) -> None:

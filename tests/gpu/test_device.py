@@ -16,6 +16,7 @@ from solari_vk.gpu.barriers import full_barrier
 from solari_vk.gpu.device import Device, list_devices
 from solari_vk.gpu.instance import Instance
 from solari_vk.gpu.memory import Buffer
+from solari_vk.gpu.recorded import Recorded
 
 
 @pytest.fixture
@@ -162,6 +163,65 @@ def test_what_is_due_before_the_next_submission_runs_first_and_once(own_device: 
     own_device.run(lambda cmd: order.append("d"))
     assert order == ["a", "b", "c", "d"]
     assert own_device.submitted == 3
+
+
+def value_writer(device: Device, target: Buffer, value: int) -> Recorded:
+    """Commands that fill a buffer when they are submitted."""
+
+    def record(cmd: raw.CData) -> None:
+        device.vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+        device.vk.vkCmdFillBuffer(cmd, target.handle, 0, raw.VK_WHOLE_SIZE, value)
+        device.vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+
+    return Recorded(device, record, "write")
+
+
+def test_what_is_submitted_with_the_next_runs_ahead_of_it_and_once(own_device: Device) -> None:
+    target = own_device.buffer(4, "target")
+    one, two = (value_writer(own_device, target, value) for value in (1, 2))
+    target.fill(9)  # due earlier: stays ahead
+    for writer in (one, two, one, two):
+        writer.submit_with_next()
+    assert own_device.submitted == 1
+    assert not own_device.idle
+    destroyed: list[str] = []
+    own_device.retire(lambda: destroyed.append("used by it"))
+    own_device.await_value(own_device.submitted)
+    assert destroyed == []
+    assert target.read(np.uint32).tolist() == [2]
+    assert destroyed == ["used by it"]
+    before = own_device.submitted
+    one.submit_with_next()
+    target.fill(3)  # recorded later: stays behind
+    assert target.read(np.uint32).tolist() == [3]
+    assert own_device.submitted == before + 2  # writer and fill, read
+    two.submit_with_next()
+    one.destroy()
+    two.destroy()
+    target.destroy()
+    own_device.wait_idle()
+    assert own_device.idle
+    assert own_device.submitted == before + 3
+    assert own_device.live_objects == len(own_device.staging_pool._chunks)
+
+
+def test_a_submission_that_fails_leaves_what_goes_with_it_due(own_device: Device) -> None:
+    target = own_device.buffer(4, "target")
+    writer = value_writer(own_device, target, 5)
+    target.upload(np.zeros(1, np.uint32))
+    writer.submit_with_next()
+    before = own_device.submitted
+    submit = own_device.vk.vkQueueSubmit2
+    inject(own_device, "vkQueueSubmit2", raw.VK_ERROR_OUT_OF_HOST_MEMORY)
+    with pytest.raises(DeviceError, match="OUT_OF_HOST_MEMORY"):
+        own_device.submit([])
+    assert own_device.submitted == before
+    own_device.vk.vkQueueSubmit2 = submit
+    own_device.wait(own_device.submit([]))
+    assert own_device.submitted == before + 1
+    assert target.read(np.uint32).tolist() == [5]
+    writer.destroy()
+    target.destroy()
 
 
 def test_what_fails_before_a_submission_leaves_the_rest_due(own_device: Device) -> None:
