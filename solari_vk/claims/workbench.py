@@ -132,9 +132,7 @@ def mean_of(renderer: Renderer, camera: Camera, frames: int, names: Sequence[str
     return total / frames
 
 
-def pass_times(
-    renderer: Renderer, camera: Camera, frames: int, groups: Sequence[Sequence[str]]
-) -> list[float]:
+def pass_times(renderer: Renderer, camera: Camera, frames: int, groups: Sequence[Sequence[str]]) -> list[float]:
     """Milliseconds of each group of passes together, medians of the next frames."""
     spent = []
     for _ in range(frames):

@@ -28,8 +28,8 @@ def check(device, scene, expected, bar, tile_bar=1.0, size=SIZE, seeds=16, obser
 
 
 def test_cornell_box(device):
-    """Where no lamp is seen: half of the picture's light is that of the lamp's own pixels, which would hide errors of the
-    rest, and how 32 samples cover its edges is 1 % off by itself."""
+    """Where no lamp is seen: half of the picture's light is that of the lamp's own pixels, which would hide errors of
+    the rest, and how 32 samples cover its edges is 1 % off by itself."""
     scene = cornell_box()
     expected = reflected_truth(device, scene, 4096)
     without_lamp = (expected > 0).any(axis=-1, keepdims=True)

@@ -122,11 +122,13 @@ def test_suns_and_lamps_on_a_glossy_floor(device):
         assert_within(observations[..., channel], truth[..., channel], 0.02, f"channel {channel}")
 
 
-@pytest.mark.slow
+@pytest.mark.slow  # 441 lamps: what is close to one is found so seldom that thousands of frames tell 1 %
 def test_many_lights(device):
-    scene = many_lights(sphere_count=64, box_count=400, extent=16.0, sphere_segments=6)
-    truth = reference(device, scene, SIZE, 2048, **LAMBERT)
-    assert_within(replicate(device, scene, observed=24, **LITTLE_REUSE), truth, 0.02)
+    scene = many_lights()
+    truth = reference(device, scene, SIZE, 4096, **LAMBERT)
+    tiles_as_shipped = {"light_tile_count": 128, "light_tile_samples": 1024}
+    observations = replicate(device, scene, observed=400, di_candidates=32, **tiles_as_shipped, **LITTLE_REUSE)
+    assert_within(observations, truth, 0.01)
 
 
 def test_smooth_surfaces_leave_their_specular_light_to_rays(device):

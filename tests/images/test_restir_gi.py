@@ -84,10 +84,10 @@ def test_each_reuse_alone_is_the_path_tracers(device, cornell, temporal, spatial
 
 
 @pytest.mark.slow
-def test_one_bounce_within_half_a_percent(device):
+def test_one_bounce_within_less_than_a_percent(device):
     scene = cornell_box()
     reference = second_bounce(device, scene, 4096)
-    assert_same_means(observe(device, scene, 600), reference, 0.0075)
+    assert_same_means(observe(device, scene, 400), reference, 0.0075)
 
 
 def test_skipping_smooth_metals_leaves_no_trace(device):

@@ -162,7 +162,8 @@ def test_thin_wall(device):
 
 
 MUTANTS = {
-    "no 1 / pi": (check_fixed_point, "query.glsl", "vec3 reflectance = INVERSE_PI * ", "vec3 reflectance = "),
+    "no 1 / pi": (check_fixed_point, "query.glsl", "vec3 reflectance = INVERSE_PI * ",
+                  "vec3 reflectance = "),
     "indirect without pi": (check_fixed_point, "sample_indirect.comp", "PI * gathered", "gathered"),
     "direct: 1 / M dropped": (check_fixed_point, "sample_direct.comp",
                               "(float(uniforms.world_cache_candidates) * chosen_target)", "chosen_target"),
@@ -171,7 +172,8 @@ MUTANTS = {
     "direct: measure swapped": (check_fixed_point, "sample_direct.comp", "float weight = target * light.inverse_pdf;",
                                 "float weight = target / max(light.solid_angle_pdf, 1e-6);"),
     "indirect forgotten": (check_fixed_point, "sample_indirect.comp", "PI * gathered", "1e-9 * gathered"),
-    "unknown: the path ends": (check_overfull, "query.glsl", "if (cached.found || uniforms.world_cache == 0u)", "if (true)"),
+    "unknown: the path ends": (check_overfull, "query.glsl", "if (cached.found || uniforms.world_cache == 0u)",
+                               "if (true)"),
     "unknown: the next ray without pi": (check_overfull, "query.glsl", "throughput *= PI;", ""),
     "albedo: metals black": (check_albedo, "query.glsl", "specular_albedo(material.base_color, ab), ", "vec3(0.0), "),
     "albedo: nothing under the layer": (check_albedo, "query.glsl", "dielectric + through * material.base_color",
