@@ -54,7 +54,8 @@ def test_energy_is_never_created_in_a_closed_box(device, walls):
         material.reflectance = rgb(0.5)
     size = (16, 16)
     expected = truth(device, scene, 256, size=size, max_bounces=64)
-    check(device, scene, expected, bar=0.03, size=size, seeds=8, observed=16)
+    seeds, observed = (8, 16) if walls in ("matte", "mirror") else (16, 96)  # the others' paths are noisier
+    check(device, scene, expected, bar=0.03, size=size, seeds=seeds, observed=observed)
 
 
 @pytest.mark.slow  # over a minute of processor time: tens of thousands of cells and three million paths
