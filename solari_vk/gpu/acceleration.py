@@ -89,6 +89,10 @@ class Tlas(Structure):
         transforms changed, with the same count. `blases`: what the records refer to, for `check_usable`; `at`: the
         time of the build call. Raises SolariError for what Vulkan would not survive.
         """
+        self._record(cmd, instances, count, update=update)
+        self._note(count, clock.tick() if at is None else at, update=update, blases=blases)
+
+    def _record(self, cmd: raw.CData, instances: int, count: int, *, update: bool = False) -> None:
         self.check_alive("build")
         if not 0 <= count <= self.max_instances:
             raise SolariError(f"build of Tlas {self.name}: {count:,} instances, made for {self.max_instances:,}")
@@ -112,10 +116,13 @@ class Tlas(Structure):
             cmd, 1, self.build_info(self._scratch_address, update=update), ranges
         )
         vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+
+    def _note(self, count: int, at: int, *, update: bool = False, blases: Iterable[Blas] = ()) -> None:
+        """Remember that it is built over `count` records, at that time."""
         self.instance_count = count
         self.blases = tuple(blases)
         self.built_records = self.built_records[:0]
-        self.note_build(clock.tick() if at is None else at, update=update)
+        self.note_build(at, update=update)
 
     def refits(self, records: NDArray[Any]) -> bool:
         """Whether a build call would refit it to these records: as many, over the same structures, as in its last."""
@@ -157,14 +164,14 @@ class TlasBuild:
 
     def __init__(self, tlas: Tlas, instances: int, count: int) -> None:
         self.made_for = tlas, instances, count
-        self._tlas = tlas
-        self._commands = Recorded(tlas.device, lambda cmd: tlas.record_build(cmd, instances, count), "build tlas")
+        self._tlas, self._count = tlas, count
+        self._commands = Recorded(tlas.device, lambda cmd: tlas._record(cmd, instances, count), "build tlas")
 
     def submit(self) -> None:
         """Have the build made just before what is submitted next. Raises SolariError when the Tlas was destroyed."""
         self._tlas.check_alive("build")
         self._commands.submit_with_next()
-        self._tlas.built_at = clock.tick()
+        self._tlas._note(self._count, clock.tick())
 
     def destroy(self) -> None:
         """Free the commands when the work submitted so far is done. Safe to call twice."""

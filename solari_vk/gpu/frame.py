@@ -159,11 +159,9 @@ class Frame:
 
     def _check_structures(self) -> None:
         """Raise SolariError when a top-level structure that the shaders see isn't built, or no longer true."""
-        if self._structures:
-            self.device.flush()  # builds that wait for the next submission count
-            for name in self._structures:
-                if name in self._external:
-                    self._external[name].check_usable()
+        for name in self._structures:
+            if name in self._external:
+                self._external[name].check_usable()
 
     def _record_order(self) -> None:
         """A command buffer that only orders what comes after it behind what came before."""

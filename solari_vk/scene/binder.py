@@ -165,13 +165,14 @@ class SceneBinder:
         elif before is not None:
             instance.unwatch(self)
             row = self._instance_rows[instance]
-            self._instance_rows.release(instance, None)
+            self._instances.reserve(row + 1)  # the update that took it up may have failed before there was room
             self._write_rows.pop(instance, None)
             self._set_emissive(instance, row, False)
             self._traced.remove(row)
             self._instances.records[row]["mesh"] = NO_INDEX
             self._instances.mark([row])
             del self._uses[instance], self._ids[instance]
+            self._instance_rows.release(instance, None)
         if before is not None and before != self._uses.get(instance):
             self._release(instance, before)
 

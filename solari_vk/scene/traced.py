@@ -109,9 +109,9 @@ class TracedInstances:
             return
         needed = self.tlas, self.table.buffer.address, self.count
         if self._build is None or self._build.made_for != needed:
-            if self._build is not None:
-                self._build.destroy()
-            self._build = TlasBuild(*needed)
+            old, self._build = self._build, TlasBuild(*needed)
+            if old is not None:
+                old.destroy()
         self._build.submit()
         self._rebuild = False
 

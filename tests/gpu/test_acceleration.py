@@ -16,6 +16,7 @@ from solari_vk.gpu.acceleration import (
     AabbGeometry,
     Blas,
     Tlas,
+    TlasBuild,
     TriangleGeometry,
     build_blases,
 )
@@ -389,6 +390,18 @@ def test_refit_equals_rebuild(
     moved = tracer.trace(tlas, origins + np.array([5, 0, 1]), DOWN)
     assert np.array_equal(moved["primitive"], hits[1]["primitive"])
     assert (tracer.trace(tlas, origins, DOWN)["kind"] == NONE).all()
+
+
+def test_a_build_made_again_counts_when_it_is_submitted(acceleration_device: Device, made: Any) -> None:
+    tlas = made(Tlas(acceleration_device, 1))
+    build = made(TlasBuild(tlas, 0, 0))
+    with pytest.raises(SolariError, match="never built"):
+        tlas.check_usable()
+    for count in (1, 2):
+        build.submit()
+        tlas.check_usable()
+        assert tlas.build_count == count
+    acceleration_device.wait_idle()
 
 
 def test_repeated_builds_leave_nothing_behind(acceleration_device: Device, made: Any) -> None:

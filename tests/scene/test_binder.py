@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from solari_vk.errors import SolariError
+from solari_vk.gpu.acceleration import Tlas
 from solari_vk.gpu.device import Device
 from solari_vk.gpu.uploads import Uploads
 from solari_vk.reference import PathTracer
@@ -225,9 +226,10 @@ def test_a_failed_update_is_tried_again(device, monkeypatch):
     binder.destroy()
 
 
-def test_what_never_arrived_can_be_removed(device, monkeypatch):
+@pytest.mark.parametrize("count", [1, 16])  # tables begin with 16 rows
+def test_what_never_arrived_can_be_removed(device, monkeypatch, count):
     rng = np.random.default_rng(0)
-    scene = Scene(Instance(mesh=make_mesh(rng), material=Material()))
+    scene = Scene(*(Instance(mesh=make_mesh(rng), material=Material()) for _ in range(count)))
     binder = SceneBinder(device, scene)
     assert_mirrors(binder, scene)
     instance = Instance(mesh=make_mesh(rng), material=Material(emissive=1))
@@ -238,6 +240,25 @@ def test_what_never_arrived_can_be_removed(device, monkeypatch):
             binder.update()
     scene.remove(instance)
     assert_mirrors(binder, scene)
+    binder.destroy()
+
+
+def test_a_tlas_build_that_fails_leaves_the_one_before(device, monkeypatch):
+    rng = np.random.default_rng(0)
+    scene = Scene(Instance(mesh=make_mesh(rng), material=Material()))
+    binder = SceneBinder(device, scene)
+    assert_mirrors(binder, scene)
+    instance = Instance(mesh=make_mesh(rng), material=Material())
+    scene.add(instance)
+    with monkeypatch.context() as patch:
+        patch.setattr(Tlas, "_record", lambda *_, **__: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            binder.update()
+    scene.remove(instance)
+    before = binder._traced._build
+    assert before._commands._token in device._owned
+    assert_mirrors(binder, scene)  # as many instances as before, so that the old commands fit
+    assert binder._traced._build is before
     binder.destroy()
 
 
