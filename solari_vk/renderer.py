@@ -126,15 +126,16 @@ class Renderer:
         if not isinstance(camera, Camera):
             raise SolariError(f"Renderer.render: a Camera is needed, not {camera!r}")
         self.binder.update()
-        seen = self.size, self.seed, self.settings, self.settings.revision, self.binder.version
+        seen = (self.size, self.seed, self.settings, self.settings.revision, self.binder.version, self._view,
+                self._tonemap, self._frame.uniforms)  # fmt: skip
         if seen != self._seen:
             self._take_up_settings()
             self._seen = seen
         lights = self.binder.lights
         if self._lights.update(lights.ids, lights.powers, lights.places, self.settings.world_cache_cell_size):
             self._frame.bind(self._lights.buffers)
-        self._write_uniforms(camera)
         try:
+            self._write_uniforms(camera)
             self._frame.submit()
         except BaseException:
             self.reset()  # what the passes know is older than what was noted of cameras and lights
@@ -159,13 +160,14 @@ class Renderer:
         for name, value in self.settings.uniforms().items():
             uniforms[name] = value
         uniforms["seed"], uniforms["size"] = self.seed, self.size
+        uniforms["view"], uniforms["tonemap"] = self._view, self._tonemap
 
     def _write_uniforms(self, camera: Camera) -> None:
-        if self._written is not self._frame.uniforms:  # the shaders' block is another one
-            self._written, self._views = self._frame.uniforms, None
-            self._write_view, self._write_views, self._write_jitter, self._write_moment = (
-                writer(self._written.record, names) for names in (VIEW, VIEWS, JITTER, MOMENT)
-            )
+        uniforms = self._frame.uniforms
+        if self._written is not uniforms:  # the shaders' block is another one
+            writers = [writer(uniforms.record, names) for names in (VIEW, VIEWS, JITTER, MOMENT)]
+            self._write_view, self._write_views, self._write_jitter, self._write_moment = writers
+            self._written, self._views = uniforms, None
         previous = self._previous
         view = View.of(camera, self.size, previous and previous[0])
         jitter = self._jitter(view)
@@ -173,11 +175,11 @@ class Renderer:
             self._lights.change = 0.0
         old, old_jitter = previous or (view, jitter)
         if self._views is None or self._views[0] is not view or self._views[1] is not old:
-            self._views = view, old
             self._write_view(*view.world_from_view, *view.tan_half_fov, view.near)
             self._write_views(
                 *view.view_from_world, *old.world_from_view, *old.view_from_world, *old.tan_half_fov, old.near
             )
+            self._views = view, old
         self._write_jitter(*jitter)
         self._write_moment(
             *old_jitter, self.frame_count & 0xFFFFFFFF, previous is not None, view.exposure, self._lights.change
@@ -211,21 +213,21 @@ class Renderer:
     def view(self) -> str:
         """What `display` shows: "picture", or a debug view of passes.display.VIEWS; from the next frame on."""
         names: tuple[str, ...] = tuple(display.VIEWS)
-        return names[int(self._frame.uniforms["view"])]
+        return names[self._view]
 
     @view.setter
     def view(self, name: str) -> None:
-        self._frame.uniforms["view"] = _index_of(name, tuple(display.VIEWS), "view")
+        self._view = _index_of(name, tuple(display.VIEWS), "view")
 
     @property
     def tonemap(self) -> str:
         """The curve of `display`: "none", "reinhard", "aces" or "agx"; from the next frame on."""
         names: tuple[str, ...] = display.TONEMAPS
-        return names[int(self._frame.uniforms["tonemap"])]
+        return names[self._tonemap]
 
     @tonemap.setter
     def tonemap(self, name: str) -> None:
-        self._frame.uniforms["tonemap"] = _index_of(name, display.TONEMAPS, "tone mapping")
+        self._tonemap = _index_of(name, display.TONEMAPS, "tone mapping")
 
     def reset(self) -> None:
         """Forget all earlier frames, as after a cut."""

@@ -15,7 +15,7 @@ Numbers = tuple[float, ...]
 
 
 class View(NamedTuple):
-    """A camera over a picture, in plain numbers: each field as the uniform of its name."""
+    """A camera over a picture, in plain numbers: the fields after `source` as the uniforms of their names."""
 
     source: tuple[Any, ...]  # what it was made from
     world_from_view: Numbers  # 12, four columns of a matrix that maps points

@@ -197,10 +197,29 @@ def test_uniforms_follow_seed_history_and_frames(renderer, scene):
 
 def test_uniforms_outlast_another_block(renderer, scene, monkeypatch):
     """Shaders that are taken up may declare the block anew: everything has to be written to that one."""
+    renderer.settings.jitter, renderer.seed, renderer.view = False, 7, "depth"
+    for _ in range(2):
+        renderer.render(scene.camera)
+    frame = renderer._frame
+    expected = frame.uniforms.record.copy()
+    expected["frame_index"] += 1
+    other = Uniforms(expected.dtype, "uniforms")
+    monkeypatch.setattr(frame, "uniforms", other)
+    renderer.render(scene.camera)
+    for name in expected.dtype.names:
+        np.testing.assert_array_equal(other[name], expected[name][0], err_msg=name)
+
+
+def test_uniforms_are_written_after_an_error(renderer, scene, monkeypatch):
     renderer.render(scene.camera)
     frame = renderer._frame
     other = Uniforms(frame.uniforms.record.dtype, "uniforms")
     monkeypatch.setattr(frame, "uniforms", other)
+    with monkeypatch.context() as patch:
+        patch.setattr("solari_vk.renderer.writer", lambda *_: 1 / 0)
+        for _ in range(2):
+            with pytest.raises(ZeroDivisionError):
+                renderer.render(scene.camera)
     renderer.render(scene.camera)
     np.testing.assert_allclose(other["world_from_view"], of_camera(scene.camera, SIZE)["world_from_view"], rtol=1e-6)
-    assert other["frame_index"] == 1
+    assert not other["has_history"]
