@@ -12,6 +12,7 @@ import solari_vk as sv
 from solari_vk import display
 from solari_vk.conformance.realtime import OFF, add_up, make_renderer
 from solari_vk.conformance.rules import SUITE, Measurement, Rule, count_wrong
+from solari_vk.errors import SolariError
 from solari_vk.gpu.device import Device
 from solari_vk.passes.display import VIEWS
 from solari_vk.renderer import RenderedFrame
@@ -130,6 +131,8 @@ def room() -> sv.Scene:
 def measure_views(device: Device) -> Iterator[Measurement]:
     """Every view, one a frame, of a camera that sways."""
     scene, constant = room(), []
+    if unknown := {*_LIGHT, *_SURFACE, *_NUMBERS} - set(VIEWS):
+        raise SolariError(f"there are no views {', '.join(sorted(unknown))}: what these rules check was renamed")
     errors: dict[Rule, list[float]] = {LIGHT: [], SURFACE: [], NUMBERS: []}
     camera = scene.camera
     with make_renderer(device, scene, SIZE, world_cache_lod_distance=0.5, jitter=False) as renderer:

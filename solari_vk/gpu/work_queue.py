@@ -201,7 +201,8 @@ class WorkQueue:
         self.callbacks.call()
 
     def wait_idle(self) -> None:
-        """Wait for everything submitted so far, or with the next submission; then do as `poll` does."""
+        """Wait for everything submitted so far, or before or with the next submission; then do as `poll` does."""
+        self.flush()
         self.await_idle()
         self.callbacks.call()
 
@@ -228,7 +229,7 @@ class WorkQueue:
         self.check_messages()
 
     def await_idle(self) -> None:
-        """As `wait_idle`, but no callback is called."""
+        """As `wait_idle`, but no callback is called, and `before_next_submit` goes on waiting: for lack of memory."""
         if self._with_next:
             self._submit(Submission(self, []), internal=True)
         self.await_value(self.submitted)

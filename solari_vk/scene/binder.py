@@ -27,6 +27,8 @@ from solari_vk.scene.traced import TracedInstances
 NO_INDEX = 0xFFFFFFFF
 DOUBLE_SIDED = 1  # MATERIAL_DOUBLE_SIDED of scene/bindings.glsl
 MAX_INSTANCES = 1 << 24
+# What `_write_instance` writes, in this order.
+INSTANCE = ("world_from_object", "mesh", "ray_mesh", "material", "light_index", "id")
 # A material's textures: the field of the model and of the record, and whether its colours are sRGB.
 TEXTURE_SLOTS = {
     "base_color_texture": True,
@@ -57,7 +59,7 @@ class SceneBinder:
         self._material_rows: Rows[Material] = Rows()
         self._material_textures: dict[Material, dict[str, Texture]] = {}
         self._emitting: set[Material] = set()
-        self._instances = Table(device, "instances", layout["instances"])
+        self._instances = Table(device, "instances", layout["instances"], INSTANCE)
         self._instance_rows: Rows[Instance] = Rows()
         self._traced = TracedInstances(device)
         self._tables = (self._geometry.table, self._textures.table, self._materials, self._instances,

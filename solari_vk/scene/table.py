@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable
+from collections.abc import Hashable, Iterable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.errors import SolariError
 from solari_vk.gpu.device import Device
 from solari_vk.gpu.memory import Buffer, Uploads
 from solari_vk.gpu.packing import packing
@@ -16,12 +17,19 @@ Key = TypeVar("Key", bound=Hashable)
 
 
 class Table:
-    """Records of one dtype, on the host in `records` and, once written or uploaded, in `buffer`."""
+    """Records of one dtype, on the host in `records` and, once written or uploaded, in `buffer`.
 
-    def __init__(self, device: Device, name: str, dtype: np.dtype[Any]) -> None:
+    fields: all fields in the order in which `set` is given their numbers. Raises SolariError unless it is the dtype's.
+    """
+
+    def __init__(self, device: Device, name: str, dtype: np.dtype[Any], fields: Sequence[str] | None = None) -> None:
         self.name = name
         self._device = device
-        self._packing, _ = packing(dtype, dtype.names or ())
+        names = dtype.names or ()
+        if fields is not None and tuple(fields) != names:
+            raise SolariError(f"the shaders' {name} have the fields {', '.join(names)}, not {', '.join(fields)}")
+        self._packing, _ = packing(dtype, names)
+        self._size = dtype.itemsize
         self._keep(np.zeros(16, dtype))
         self.buffer = self._make_buffer()
         self.marked: set[int] = set(range(len(self.records)))
@@ -48,7 +56,7 @@ class Table:
 
     def set(self, row: int, *numbers: float) -> None:
         """Write a row: the numbers of all its fields, in their order, those of several numbers one by one."""
-        self._packing.pack_into(self._bytes, row * self._packing.size, *numbers)
+        self._packing.pack_into(self._bytes, row * self._size, *numbers)
         self.marked.add(row)
 
     def mark(self, rows: Iterable[int]) -> None:
@@ -84,7 +92,7 @@ class Table:
 
     def _runs(self) -> list[tuple[int, int]]:
         """Where marked rows that follow each other begin and end, in bytes."""
-        size, first, last = self._packing.size, min(self.marked), max(self.marked)
+        size, first, last = self._size, min(self.marked), max(self.marked)
         if last - first + 1 == len(self.marked):  # one run, as of a single row: most frames
             return [(first * size, (last + 1) * size)]
         rows = np.fromiter(self.marked, np.int64, len(self.marked))

@@ -15,6 +15,8 @@ from solari_vk.scene.table import Table
 
 VISIBLE = 0xFF << 24  # the mask of instances that all rays meet
 NO_CULLING = raw.VK_GEOMETRY_INSTANCE_TRIANGLE_FACING_CULL_DISABLE_BIT_KHR << 24
+# What `write` writes, in this order.
+RECORD = ("transform", "custom_index_and_mask", "sbt_offset_and_flags", "blas_address")
 FEW = 64  # instances whose order matters little
 
 
@@ -27,7 +29,7 @@ class TracedInstances:
 
     def __init__(self, device: Device) -> None:
         self.tlas = Tlas(device, 16, name="scene")
-        self.table = Table(device, "tlas_instances", INSTANCE_DTYPE)
+        self.table = Table(device, "tlas_instances", INSTANCE_DTYPE, RECORD)
         self.count = 0
         self._device = device
         self._places: dict[int, int] = {}  # of each row

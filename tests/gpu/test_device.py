@@ -163,6 +163,10 @@ def test_what_is_due_before_the_next_submission_runs_first_and_once(own_device: 
     own_device.run(lambda cmd: order.append("d"))
     assert order == ["a", "b", "c", "d"]
     assert own_device.submitted == 3
+    own_device.before_next_submit(lambda cmd: order.append("e"))
+    own_device.wait_idle()
+    assert order[-1] == "e"
+    assert own_device.idle
 
 
 def value_writer(device: Device, target: Buffer, value: int) -> Recorded:

@@ -278,6 +278,12 @@ def test_rays_meet_what_was_uploaded(any_device, staging):
         assert set(renderer["instance_id"].ravel().tolist()) <= {1, NO_INDEX}
 
 
+def test_fields_in_another_order_are_refused(device):
+    record = np.dtype([("mesh", "<u4"), ("material", "<u4")])
+    with pytest.raises(SolariError, match="instances have the fields mesh, material, not material, mesh"):
+        Table(device, "instances", record, ("material", "mesh"))
+
+
 def test_edits_reach_frames_in_flight(device):
     """A picture shows an edit made while earlier frames still run."""
     square = Mesh(positions=[[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], indices=[[0, 1, 2], [0, 2, 3]])

@@ -87,6 +87,7 @@ REFUSED: list[tuple[type, dict[str, Any], str]] = [
     (DirectionalLight, {"direction": [0, 1, 0], "illuminance": -1}, "illuminance"),
     (Camera, {"vertical_fov": 4}, "vertical_fov"),
     (Camera, {"near": 0}, "near"),
+    (Camera, {"near": 1e39}, r"near must be a finite number between 1e-09 and 1e\+18"),
     (Camera, {"jitter": [0, 0, 0]}, "jitter"),
 ]
 
