@@ -28,7 +28,7 @@ from solari_vk.passes import (
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import Settings
-from solari_vk.view import View
+from solari_vk.view import JITTERS, View
 
 # Uniforms that are written together: those of two views, and what differs in every frame.
 VIEW = ("world_from_view", "tan_half_fov", "near")
@@ -38,20 +38,6 @@ JITTER = ("jitter",)
 MOMENT = ("previous_jitter", "frame_index", "has_history", "exposure", "lighting_change")
 COUNTING = ("gbuffer", "world_cache")  # stages that count something, in NAME_counters
 LARGEST_PIXEL_BYTES = 64  # of a pixel in any one buffer
-
-
-def _halton(index: int, base: int) -> float:
-    """The radical inverse of a number: Halton (1964)."""
-    result, part = 0.0, 1.0
-    while index:
-        part /= base
-        result += part * (index % base)
-        index //= base
-    return result
-
-
-# Where samples lie in a pixel, from its centre, in pixels; then the pattern begins anew.
-JITTERS = [(_halton(index, 2) - 0.5, _halton(index, 3) - 0.5) for index in range(1, 33)]
 
 
 class Renderer:
@@ -212,8 +198,7 @@ class Renderer:
     @property
     def view(self) -> str:
         """What `display` shows: "picture", or a debug view of passes.display.VIEWS; from the next frame on."""
-        names: tuple[str, ...] = tuple(display.VIEWS)
-        return names[self._view]
+        return tuple(display.VIEWS)[self._view]
 
     @view.setter
     def view(self, name: str) -> None:
@@ -222,8 +207,7 @@ class Renderer:
     @property
     def tonemap(self) -> str:
         """The curve of `display`: "none", "reinhard", "aces" or "agx"; from the next frame on."""
-        names: tuple[str, ...] = display.TONEMAPS
-        return names[self._tonemap]
+        return display.TONEMAPS[self._tonemap]
 
     @tonemap.setter
     def tonemap(self, name: str) -> None:

@@ -14,6 +14,20 @@ from solari_vk.scene.model import Camera
 Numbers = tuple[float, ...]
 
 
+def _halton(index: int, base: int) -> float:
+    """The radical inverse of a number: Halton (1964)."""
+    result, part = 0.0, 1.0
+    while index:
+        part /= base
+        result += part * (index % base)
+        index //= base
+    return result
+
+
+# Where samples lie in a pixel, from its centre, in pixels; then the pattern begins anew.
+JITTERS = [(_halton(index, 2) - 0.5, _halton(index, 3) - 0.5) for index in range(1, 33)]
+
+
 class View(NamedTuple):
     """A camera over a picture, in plain numbers: the fields after `source` as the uniforms of their names."""
 
