@@ -229,7 +229,7 @@ def _leaks(bench: Workbench) -> Outcome:
         before, after = bench.pairs(renderer, off, on, measure)
     reason = "cells of the wanted size lie on one side of the wall with or without it"
     brighter = dataclasses.replace(scene.camera, ev100=scene.camera.ev100 - 3)
-    remains = "the finest cells, 15 cm, still reach through a wall of 2 cm"
+    remains = "some cells, 15 cm, still lie on both sides of a wall of 2 cm"
     return Outcome(
         [
             Measure("light behind the wall over light before it", "", before, after, Falls(2.0), reason),

@@ -60,7 +60,7 @@ def test_cornell_box(device, cornell):
     check_cornell(device, cornell, **LITTLE_REUSE)
 
 
-@pytest.mark.slow  # frames of half a million pixels for each of 16 seeds
+@pytest.mark.slow  # two thousand frames
 def test_cornell_box_by_default(device):
     check_cornell(device, make_cornell(device, (96, 96)), bar=0.005, penumbra_bar=0.01, observed=96)
 

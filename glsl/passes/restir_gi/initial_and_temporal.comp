@@ -14,7 +14,7 @@ layout(local_size_x = 8, local_size_y = 8) in;
 const uint PASS_SALT = 0x6A09E667u;
 
 GiReservoir generate_initial_reservoir(GBufferSurface surface, inout uint rng) {
-    GiReservoir reservoir = empty_gi_reservoir(1.0);
+    GiReservoir reservoir = empty_gi_reservoir(1.0);  // its normal says SEEN_IN_MIRROR
     vec3 direction = orthonormalize(surface.world_normal) * sample_uniform_hemisphere(rand_vec2f(rng));
     if (!(dot(direction, surface.geometric_world_normal) > 0.0)) { return reservoir; }
     vec3 origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;

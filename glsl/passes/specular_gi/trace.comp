@@ -119,7 +119,8 @@ vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
         }
         // where the cache knows nothing, the path goes on
         uint most = uniforms.specular_bounces + (uniforms.world_cache != 0u ? MOST_UNKNOWN_HITS : 0u);
-        if (visited >= most || mirrors > MOST_MIRRORS) {
+        if (mirrors > MOST_MIRRORS) { return radiance; }
+        if (visited >= most) {
             return radiance + path.throughput * reflectance * sample_irradiance(surface, rng);
         }
 

@@ -29,12 +29,9 @@ WorldCacheKey make_world_cache_key(vec3 world_position, vec3 world_normal, float
     return WorldCacheKey(vec4(position * cell_size, cell_size), hash.x, max(hash.y, EMPTY_CELL + 1u));
 }
 
-// Of another cell in the same bounds, for points that don't see its centre: by the octant where the centre lies from there, so
-// that points on two sides of a wall never share one.
-WorldCacheKey behind_wall(WorldCacheKey key, vec3 way_to_centre) {
-    uvec3 far = uvec3(lessThan(way_to_centre, vec3(-GRID_MARGIN * key.bounds.w)));
-    uint octant = far.x + 2u * far.y + 4u * far.z;
-    return WorldCacheKey(key.bounds, pcg(key.first + octant), max(pcg(key.checksum + octant), EMPTY_CELL + 1u));
+// Of another cell in the same bounds.
+WorldCacheKey part_of_cell(WorldCacheKey key, uint part) {
+    return WorldCacheKey(key.bounds, pcg(key.first + part), max(pcg(key.checksum + part), EMPTY_CELL + 1u));
 }
 
 // ---- the map ----------------------------------------------------------------------------------------

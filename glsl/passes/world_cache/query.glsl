@@ -1,4 +1,4 @@
-// What others ask of the world cache: irradiance anywhere on surfaces, and with it what a path's last hit reflects.
+// What others ask of the world cache: irradiance anywhere on surfaces, and with it what a ray finds.
 #ifndef PASSES_WORLD_CACHE_QUERY_GLSL
 #define PASSES_WORLD_CACHE_QUERY_GLSL
 
@@ -13,7 +13,7 @@ struct WorldCacheResult {
     vec3 irradiance;
 };
 
-const float JITTER_HEIGHT = 0.05;  // in cells: over what surfaces rise themselves
+const float EYE_HEIGHT = 0.05;  // in cells: over what surfaces rise themselves
 
 // Doubles with distance. Rounded up by chance, so that levels fade into each other.
 float get_cell_size(vec3 world_position, inout uint rng) {
@@ -22,22 +22,26 @@ float get_cell_size(vec3 world_position, inout uint rng) {
     return uniforms.world_cache_cell_size * power_of_two(int(level) + (rand_f(rng) < part * part * part ? 1 : 0));
 }
 
-// Of the cell where a point lies that is moved by chance within the tangent plane, which hides the grid. Differs from Solari: not
-// into a cell that lies behind a wall; and where a wall goes through a point's own cell, each of its sides has one.
+// Of the cell where a point lies that is moved by chance within the tangent plane, which hides the grid. Differs from Solari: what
+// can't see a cell's middle has no share in it, nor in what lies behind a wall; where a wall goes through a point's own cell,
+// that has parts, one for each landmark that is the first to be seen.
 WorldCacheKey choose_key(vec3 world_position, vec3 normal, float cell_size, inout uint rng) {
     vec2 jitter = uniforms.world_cache_jitter * cell_size * sample_disk(rand_vec2f(rng));
     vec3 place = world_position + orthonormalize(normal) * vec3(jitter, 0.0);
     WorldCacheKey key = make_world_cache_key(place, normal, cell_size);
     if (uniforms.world_cache_leak_prevention == 0u) { return key; }
-    vec3 way;  // to the cell's centre, along the surface
-    for (uint i = 0u; i < 2u; i++) {
-        way = key.bounds.xyz + 0.5 * cell_size - world_position;
-        way -= dot(way, normal) * normal;
+    vec3 eye = world_position + EYE_HEIGHT * cell_size * normal;
+    uint landmark = 0u;  // the middle of the cell that chance chose, of the own one, then four around that
+    for (; landmark < 6u; landmark++) {
+        if (landmark == 1u) { key = make_world_cache_key(world_position, normal, cell_size); }
+        vec2 side = vec2((landmark & 1u) == 0u ? 0.25 : -0.25, (landmark & 2u) == 0u ? 0.25 : -0.25);
+        // a tetrahedron, which is a square along any axis
+        vec3 from_middle = landmark < 2u ? vec3(0.0) : vec3(side, 4.0 * side.x * side.y);
+        vec3 way = key.bounds.xyz + cell_size * (0.5 + from_middle) - world_position;
         count_ray(RAYS_OF_WORLD_CACHE);
-        if (trace_visibility(world_position + JITTER_HEIGHT * cell_size * normal, way, 1.0)) { return key; }
-        key = make_world_cache_key(world_position, normal, cell_size);
+        if (trace_visibility(eye, way - dot(way, normal) * normal, 1.0)) { break; }
     }
-    return behind_wall(key, way);
+    return landmark < 2u ? key : part_of_cell(key, landmark);
 }
 
 // Keeps the cell alive for `lifetime` more frames. `ray_t`: length of the ray that came here; where it is shorter than a cell, the
