@@ -124,8 +124,8 @@ class Settings:
     world_cache_jitter: float = _field(
         0.5, "world_cache", "Cells by which a query is moved at random: hides the grid.", low=0, high=2
     )
-    world_cache_leak_prevention: bool = _field(True, "world_cache", "Rays shorter than a cell use the finest (0.19); and, "
-                                               "not in Solari, walls divide cells.")  # fmt: skip
+    world_cache_leak_prevention: bool = _field(True, "world_cache", "Rays shorter than a cell use the finest (0.19); "
+                                               "and, not in Solari, walls divide cells.")  # fmt: skip
 
     # ---- ReSTIR DI
     di_candidates: int = _field(8, "restir_di", "Light samples a pixel chooses from (0.17: 32).", low=1, high=1024)
