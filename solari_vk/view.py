@@ -67,17 +67,13 @@ class View(NamedTuple):
             camera.exposure,
         )  # fmt: skip
 
-    def write(self, uniforms: Uniforms, prefix: str = "") -> None:
-        """Set the uniforms of that prefix."""
-        uniforms[prefix + "world_from_view"] = np.reshape(self.world_from_view, (4, 3))
-        uniforms[prefix + "view_from_world"] = np.reshape(self.view_from_world, (4, 3))
-        uniforms[prefix + "tan_half_fov"] = self.tan_half_fov
-        uniforms[prefix + "near"] = self.near
-
 
 def write_view(uniforms: Uniforms, camera: Camera, size: tuple[int, int], rows: int) -> None:
     """What every pass that starts at pixels needs: the camera, the picture's size, and the rows of a dispatch."""
-    View.of(camera, size).write(uniforms)
+    view = View.of(camera, size)
+    uniforms["world_from_view"] = np.reshape(view.world_from_view, (4, 3))
+    uniforms["view_from_world"] = np.reshape(view.view_from_world, (4, 3))
+    uniforms["tan_half_fov"], uniforms["near"] = view.tan_half_fov, view.near
     uniforms["size"] = size
     uniforms["jitter"] = camera.jitter
     uniforms["row_count"] = rows

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
 import time
 from collections import defaultdict
@@ -98,7 +99,9 @@ def count_rays(
 
 
 class BareKernel:
-    """Rays and nothing else, over a renderer's scene: paths from the camera on, unshaded. A context manager."""
+    """Rays and nothing else, over a renderer's scene: paths from the camera on, unshaded. Only rays that leave surfaces
+    count, as do a frame's; the camera's, which are faster, above all where they meet nothing, are measured alone and
+    taken off. A context manager."""
 
     def __init__(self, renderer: Renderer, camera: Camera) -> None:
         size = renderer.size
@@ -106,11 +109,16 @@ class BareKernel:
         stage = Stage("bench", buffers={"ray_count": size[0] * size[1]}, passes=[Pass("bench/rays", threads=size)])
         self._frame = Frame(renderer.device, [stage], external=renderer.binder.resources)
         write_view(self._frame.uniforms, camera, size, size[1])
-        self._frame.uniforms["max_bounces"] = BOUNCES
 
     def run(self, index: int) -> tuple[float, int]:
-        """Milliseconds and rays of one dispatch."""
+        """Milliseconds and rays."""
+        spent, rays = self._paths(index, BOUNCES)
+        camera_spent, camera_rays = self._paths(index, 0)
+        return spent - camera_spent, rays - camera_rays
+
+    def _paths(self, index: int, bounces: int) -> tuple[float, int]:
         self._frame.uniforms["sample_index"] = index
+        self._frame.uniforms["max_bounces"] = bounces
         spent = timed(self._device, self._frame.submit)
         return spent, int(self._frame["ray_count"].sum(dtype=np.uint64))
 
@@ -129,6 +137,8 @@ def against_bare_rays(renderer: Renderer, camera: Camera, rays: float, rounds: i
         bare.run(0)
         for index in range(1, rounds + 1):
             spent, traced = bare.run(index)
+            if traced == 0:  # the camera sees nothing
+                return math.nan, math.nan
             whole = timed(renderer.device, lambda: renderer.render(camera))
             ratios.append(whole / (rays * spent / traced))
             speeds.append(traced / spent / 1e3)

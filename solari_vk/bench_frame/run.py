@@ -85,7 +85,8 @@ def _why_slow(
     ratios: dict[str, tuple[float, float]],
 ) -> str:  # fmt: skip
     """Where the time goes that isn't rays, for scenes that miss the aim."""
-    lines = [f"Aim: {BARE_AIM:g} or less. The bare kernel (`glsl/passes/bench/rays.comp`) follows paths, unshaded."]
+    lines = [f"Aim: {BARE_AIM:g} or less. The bare kernel (`glsl/passes/bench/rays.comp`) follows paths, unshaded; of "
+             "its rays those count that leave surfaces, as all of a frame's do."]  # fmt: skip
     for name in names:
         if ratios[name][0] <= BARE_AIM:
             continue

@@ -12,9 +12,10 @@ from solari_vk.gpu.frame import Frame
 from solari_vk.passes import gbuffer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.settings import Settings
-from solari_vk.view import View
+from solari_vk.view import write_view
 
 NOTHING = 0xFFFFFFFF
+VIEW = ("world_from_view", "view_from_world", "tan_half_fov", "near", "jitter")
 IMAGES = ("gbuffer", "gbuffer_surface", "depth", "motion_vectors")
 
 
@@ -44,14 +45,14 @@ class GBufferFrames:
         if self._facts != self._built:
             self._built = self._facts
             self._frame.rebuild(self._stages())
-        now = View.of(camera, self.size), np.array(jitter, np.float32)
-        before = self._previous or now
-        self._previous = now
         uniforms = self._frame.uniforms
-        for prefix, (view, offset) in (("", now), ("previous_", before)):
-            view.write(uniforms, prefix)
-            uniforms[prefix + "jitter"] = offset
-        uniforms["size"], uniforms["exposure"] = self.size, camera.exposure
+        write_view(uniforms, camera, self.size, self.size[1])
+        uniforms["jitter"] = jitter
+        now = {name: np.copy(uniforms[name]) for name in VIEW}
+        for name, value in (self._previous or now).items():
+            uniforms["previous_" + name] = value
+        self._previous = now
+        uniforms["exposure"] = camera.exposure
         self._frame.submit()
         found = {name: self._frame[name] for name in IMAGES}
         if self.settings.gbuffer == "raster":

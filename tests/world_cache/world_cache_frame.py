@@ -11,7 +11,7 @@ import solari_vk as sv
 from solari_vk.gpu.frame import Frame, Pass, Stage
 from solari_vk.passes import brdf_table, light_tiles, world_cache
 from solari_vk.scene.binder import SceneBinder
-from solari_vk.view import View
+from solari_vk.view import write_view
 
 SHADERS = Path(__file__).parent / "glsl"
 CELL_ARRAYS = ("checksums", "life", "irradiance", "bounds", "points", "votes", "luminance_deltas")
@@ -49,7 +49,7 @@ class CacheFrame:
         for name, value in self.settings.uniforms().items():
             uniforms[name] = value
         camera = camera or self.scene.camera
-        View.of(camera, (8, 8)).write(uniforms)
+        write_view(uniforms, camera, (8, 8), 8)
         uniforms["exposure"] = camera.exposure
         uniforms["seed"] = self.seed
         self.binder.update()

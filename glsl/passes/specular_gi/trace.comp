@@ -109,19 +109,18 @@ vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
         bool mirror = brdf.mirror && brdf.specular_probability == 1.0;
         mirrors += mirror ? 1u : 0u;
         visited += mirror ? 0u : 1u;
-        bool last = visited >= uniforms.specular_bounces;
-        vec3 reflectance = INVERSE_PI * surface_albedo(surface.material, wo.z);
-        if (!mirror && (last || may_end(surface, path.spread_width, hit.t, rng))) {
-            WorldCacheResult cached = query_world_cache(
+        WorldCacheResult end = WorldCacheResult(false, vec3(0.0));
+        if (!mirror && (visited >= uniforms.specular_bounces || may_end(surface, path.spread_width, hit.t, rng))) {
+            end = query_world_cache(
                 surface.world_position, surface.geometric_world_normal, hit.t, uniforms.world_cache_lifetime, rng
             );
-            if (cached.found) { return radiance + path.throughput * reflectance * cached.irradiance; }
         }
         // where the cache knows nothing, the path goes on
         uint most = uniforms.specular_bounces + (uniforms.world_cache != 0u ? MOST_UNKNOWN_HITS : 0u);
         if (mirrors > MOST_MIRRORS) { return radiance; }
-        if (visited >= most) {
-            return radiance + path.throughput * reflectance * sample_irradiance(surface, rng);
+        if (!end.found && visited >= most) { end = WorldCacheResult(true, sample_irradiance(surface, rng)); }
+        if (end.found) {
+            return radiance + path.throughput * INVERSE_PI * surface_albedo(surface.material, wo.z) * end.irradiance;
         }
 
         if (!mirror) { radiance += path.throughput * sample_light(surface, brdf, frame, wo, path.origin, rng); }

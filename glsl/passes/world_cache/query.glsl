@@ -33,7 +33,11 @@ WorldCacheKey choose_key(vec3 world_position, vec3 normal, float cell_size, inou
     vec3 eye = world_position + EYE_HEIGHT * cell_size * normal;
     uint landmark = 0u;  // the middle of the cell that chance chose, of the own one, then four around that
     for (; landmark < 6u; landmark++) {
-        if (landmark == 1u) { key = make_world_cache_key(world_position, normal, cell_size); }
+        if (landmark == 1u) {
+            vec4 tried = key.bounds;
+            key = make_world_cache_key(world_position, normal, cell_size);
+            if (key.bounds == tried) { continue; }
+        }
         vec2 side = vec2((landmark & 1u) == 0u ? 0.25 : -0.25, (landmark & 2u) == 0u ? 0.25 : -0.25);
         // a tetrahedron, which is a square along any axis
         vec3 from_middle = landmark < 2u ? vec3(0.0) : vec3(side, 4.0 * side.x * side.y);
