@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from solari_vk.errors import SolariError
+from solari_vk.quality import QUALITIES as QUALITIES
 
 
 @dataclass(frozen=True)
@@ -29,8 +30,9 @@ def _field(default: Any, section: str, meaning: str, **more: Any) -> Any:
 
 @dataclass
 class Settings:
-    """Every constant of the realtime passes; assigning checks the value and takes effect with the next frame.
+    """The constants of the realtime passes; assigning checks the value and takes effect with the next frame.
 
+    What a material is, such as the roughness of a mirror or a pure metal, is none: the path tracer shares it.
     Defaults are Solari 0.19's unless said otherwise. Choices other than the first of a field are older or other
     behaviours, kept for comparison. Raises SolariError for values out of range.
     """
@@ -49,25 +51,24 @@ class Settings:
         True, "frame", "Raster draws only what isn't behind what was visible last frame.", rebuilds=True
     )
     layering: str = _field(
-        "conserving",
-        "frame",
-        "How diffuse sits under specular: Solari 0.18 adds both, 0.19 takes a product of Fresnel terms.",
-        choices=("conserving", "sum", "fresnel_product"),
-        rebuilds=True,
-    )
+        "conserving", "frame", "How diffuse sits under specular: Solari 0.18 adds both, 0.19 takes a product of "
+        "Fresnel terms.", choices=("conserving", "sum", "fresnel_product"), rebuilds=True
+    )  # fmt: skip
     lambert: bool = _field(False, "frame", "Every surface is plain Lambert, for closed forms.", rebuilds=True)
 
     # ---- reuse, of DI and GI
     similarity_plane_distance: float = _field(
-        0.003,
-        "reuse",
-        "Share of the view depth that two pixels' planes may lie apart to share samples. More: less noise "
-        "at small features, more blur of contact shadows.",
-        low=1e-6,
-        high=1.0,
-    )
+        0.003, "reuse", "Share of the view depth that two pixels' planes may lie apart to share samples. More: less "
+        "noise at small features, more blur of contact shadows.", low=1e-6, high=1.0
+    )  # fmt: skip
+    similarity_normal_cosine: float = _field(
+        0.0, "reuse", "Cosine of the widest angle between two pixels' normals. More: less blur, more noise on what is "
+        "curved.", low=-1, high=1
+    )  # fmt: skip
     permutation_sampling: bool = _field(True, "reuse", "Shuffle pixels among neighbours over time: less correlation.")
-    spatial_tries: int = _field(5, "reuse", "Attempts to find a similar neighbour.", low=1, high=32)
+    spatial_tries: int = _field(
+        5, "reuse", "Attempts to find a similar neighbour. More: less noise, slower.", low=1, high=32
+    )
     spatial_radius_halving: bool = _field(True, "reuse", "Halve the radius after each failed attempt (0.19).")
 
     # ---- light tiles
@@ -86,56 +87,74 @@ class Settings:
 
     # ---- world cache
     world_cache_cells: int = _field(
-        1 << 20, "world_cache", "Cells of the hash map, a power of two.", low=1 << 10, high=1 << 26, rebuilds=True
-    )
+        1 << 20, "world_cache", "Cells of the hash map, a power of two. Less: less memory; light is lost when full.",
+        low=1 << 10, high=1 << 26, rebuilds=True
+    )  # fmt: skip
     world_cache_cell_size: float = _field(
         0.15, "world_cache", "Metres of the finest cell. Less: sharper, slower, noisier.", low=1e-6, high=1e6
     )
     world_cache_lod_distance: float = _field(
         15.0, "world_cache", "Metres at which cells have doubled. More: finer cells.", low=1e-6, high=1e9
     )
+    world_cache_lod_sharpness: float = _field(
+        3.0, "world_cache", "How late in a level chance takes the next. More: finer cells, harder edges of levels.",
+        low=0.01, high=100
+    )  # fmt: skip
     world_cache_lifetime: int = _field(
-        10, "world_cache", "Frames a cell lives after it was last seen.", low=1, high=1000
+        10, "world_cache", "Frames a cell lives unseen. More: steadier, more cells.", low=1, high=1000
     )
     world_cache_lifetime_rule: str = _field(
-        "max",
-        "world_cache",
-        "How cells that see cells keep them alive; store is Solari 0.17's, by which they never die.",
-        choices=("max", "store"),
+        "max", "world_cache", "How cells that see cells keep them alive; store is Solari 0.17's, by which they never "
+        "die.", choices=("max", "store")
+    )  # fmt: skip
+    world_cache_search_steps: int = _field(
+        8, "world_cache", "Places tried for a cell (Solari: 3). Less: faster, fuller sooner.", low=1, high=64
     )
-    world_cache_search_steps: int = _field(8, "world_cache", "Places tried for a cell (Solari: 3).", low=1, high=64)
     world_cache_max_samples: int = _field(
         32, "world_cache", "Frames averaged. More: less noise, more lag.", low=1, high=4096
     )
     world_cache_blend: str = _field(
-        "adaptive",
-        "world_cache",
-        "Fewer frames are averaged where light changes; fixed is Solari 0.17's.",
-        choices=("adaptive", "fixed"),
-    )
+        "adaptive", "world_cache", "Fewer frames are averaged where light changes; fixed is Solari 0.17's.",
+        choices=("adaptive", "fixed")
+    )  # fmt: skip
+    world_cache_change_exponent: float = _field(
+        0.125, "world_cache", "Of a cell's relative change, in the adaptive blend. Less: forgets at smaller changes.",
+        low=0.01, high=10
+    )  # fmt: skip
+    world_cache_change_smoothing: float = _field(
+        0.125, "world_cache", "Share of the newest frame in a cell's change. More: quicker, but takes noise for "
+        "change.", low=0.001, high=1
+    )  # fmt: skip
     world_cache_relight: bool = _field(
         True, "world_cache", "Forget as much of the past as came, went or moved of the lights' power. Not in Solari."
     )
-    world_cache_candidates: int = _field(32, "world_cache", "Light samples a cell chooses from.", low=1, high=1024)
-    world_cache_ray_length: float = _field(50.0, "world_cache", "Metres that a cell's ray sees.", low=1e-3, high=1e9)
+    world_cache_candidates: int = _field(
+        32, "world_cache", "Light samples a cell chooses from. More: less noise, slower.", low=1, high=1024
+    )
+    world_cache_ray_length: float = _field(
+        50.0, "world_cache", "Metres that a cell's ray sees. Less: faster, darker.", low=1e-3, high=1e9
+    )
     world_cache_update_cap: int = _field(
-        40_000, "world_cache", "Cells updated a frame, about; the others wait by chance.", low=1, high=1 << 26
-    )
+        40_000, "world_cache", "Cells updated a frame, about; others wait by chance. Less: faster, more lag.", low=1,
+        high=1 << 26
+    )  # fmt: skip
     world_cache_jitter: float = _field(
-        0.5, "world_cache", "Cells by which a query is moved at random: hides the grid.", low=0, high=2
+        0.5, "world_cache", "Cells by which a query is moved at random. More: hides the grid, blurs.", low=0, high=2
     )
-    world_cache_leak_prevention: bool = _field(True, "world_cache", "Rays shorter than a cell use the finest (0.19); "
-                                               "and, not in Solari, walls divide cells.")  # fmt: skip
+    world_cache_leak_prevention: bool = _field(
+        True, "world_cache", "Rays shorter than a cell use the finest (0.19); and, not in Solari, walls divide cells."
+    )
 
     # ---- ReSTIR DI
-    di_candidates: int = _field(8, "restir_di", "Light samples a pixel chooses from (0.17: 32).", low=1, high=1024)
+    di_candidates: int = _field(
+        8, "restir_di", "Light samples a pixel chooses from (0.17: 32). More: less noise.", low=1, high=1024
+    )
     di_temporal: bool = _field(True, "restir_di", "Reuse the last frame's samples.")
     di_spatial: bool = _field(True, "restir_di", "Reuse a neighbour's sample.")
     di_initial_visibility: bool = _field(
-        False,
-        "restir_di",
-        "Drop occluded candidates before they are reused. Solari does: less noise in shadow, but shadows grow halos.",
-    )
+        False, "restir_di", "Drop occluded candidates before they are reused. Solari does: less noise in shadow, but "
+        "shadows grow halos."
+    )  # fmt: skip
     di_order: str = _field(
         "0.18", "restir_di", "When visibility is tested; 0.17 feeds it forward.", choices=("0.18", "0.17")
     )
@@ -145,7 +164,9 @@ class Settings:
     di_confidence_cap: float = _field(
         20.0, "restir_di", "Frames of history that count. More: less noise, more lag.", low=1, high=1e4
     )
-    di_spatial_radius: float = _field(30.0, "restir_di", "Pixels in which a neighbour is looked for.", low=1, high=1e4)
+    di_spatial_radius: float = _field(
+        30.0, "restir_di", "Pixels in which a neighbour is looked for. More: fewer blotches.", low=1, high=1e4
+    )
 
     # ---- ReSTIR GI
     gi_temporal: bool = _field(True, "restir_gi", "Reuse the last frame's samples.")
@@ -153,43 +174,42 @@ class Settings:
     gi_confidence_cap: float = _field(
         8.0, "restir_gi", "Frames of history that count. More: less noise, more lag.", low=1, high=1e4
     )
-    gi_spatial_radius: float = _field(30.0, "restir_gi", "Pixels in which a neighbour is looked for.", low=1, high=1e4)
+    gi_spatial_radius: float = _field(
+        30.0, "restir_gi", "Pixels in which a neighbour is looked for. More: fewer blotches.", low=1, high=1e4
+    )
     gi_jacobian_limit: float = _field(
-        10.0, "restir_gi", "A shift that stretches more than so is no merge.", low=1, high=1e6
+        10.0, "restir_gi", "A shift that stretches more than so is no merge. Less: more noise.", low=1, high=1e6
     )
     gi_skip_smooth_metals: bool = _field(True, "restir_gi", "Nothing is sampled where nothing diffuse is (0.19).")
-    gi_visibility: str = _field("both", "restir_gi", "Who must see a sample for its share in a merge: both pixels; or, "
-                                "as in Solari since 0.17, this one a neighbor's, which loses light where shadows end.",
-                                choices=("both", "0.17"))  # fmt: skip
-    gi_refresh: bool = _field(True, "restir_gi", "Ask the world cache anew what the last frame's samples reflect: "
-                              "light that is switched off goes at the cache's pace. Solari doesn't.")  # fmt: skip
+    gi_visibility: str = _field(
+        "both", "restir_gi", "Who must see a sample for its share in a merge: both pixels; or, as in Solari since "
+        "0.17, this one a neighbor's, which loses light where shadows end.", choices=("both", "0.17")
+    )  # fmt: skip
+    gi_refresh: bool = _field(
+        True, "restir_gi", "Ask the world cache anew what the last frame's samples reflect: light that is switched "
+        "off goes at the cache's pace. Solari doesn't."
+    )  # fmt: skip
 
     # ---- specular GI
     specular_bounces: int = _field(
-        3, "specular_gi", "Surfaces a path visits before it ends in the cache.", low=1, high=64
+        3, "specular_gi", "Surfaces a path visits before it ends in the cache. More: truer, slower.", low=1, high=64
     )
     specular_reuse_roughness: float = _field(
-        0.4, "specular_gi", "Above this roughness the GI reservoir serves.", low=0, high=1
-    )
+        0.4, "specular_gi", "Above this roughness the GI reservoir serves; smooth metals that GI skips are up to it. "
+        "More: sharper reflections, slower.", low=0, high=1
+    )  # fmt: skip
     specular_di_roughness: float = _field(
-        0.0225,
-        "specular_gi",
-        "Up to this roughness lights are met by specular rays, above it DI shades them.",
-        low=0,
-        high=1,
-    )
+        0.0225, "specular_gi", "Up to this roughness lights are met by specular rays, above it DI shades them. More: "
+        "noisier where lights are small.", low=0, high=1
+    )  # fmt: skip
     specular_termination: str = _field(
-        "spread",
-        "specular_gi",
-        "A path ends in the cache when its cone is wider than a cell, or (0.18) at a rough surface.",
-        choices=("spread", "roughness"),
-    )
+        "spread", "specular_gi", "A path ends in the cache when its cone is wider than a cell, or (0.18) at a rough "
+        "surface.", choices=("spread", "roughness")
+    )  # fmt: skip
     specular_mirror: str = _field(
-        "mirror",
-        "specular_gi",
-        "How the smoothest surfaces reflect; clamped_ggx is 0.18's.",
-        choices=("mirror", "clamped_ggx"),
-    )
+        "mirror", "specular_gi", "How the smoothest surfaces reflect; clamped_ggx is 0.18's.",
+        choices=("mirror", "clamped_ggx")
+    )  # fmt: skip
     primary_surface_replacement: bool = _field(True, "specular_gi", "Guides describe what mirrors show.")
 
     revision = 0
@@ -248,25 +268,6 @@ class Settings:
 _SWITCH = dict.fromkeys(("1", "true", "on", "yes"), True) | dict.fromkeys(("0", "false", "off", "no"), False)
 FIELDS: dict[str, Field] = {field.name: field.metadata["field"] for field in dataclasses.fields(Settings)}
 DEFAULTS: dict[str, Any] = {field.name: field.default for field in dataclasses.fields(Settings)}
-QUALITIES: dict[str, dict[str, Any]] = {
-    "low": {
-        "di_candidates": 4,
-        "world_cache_cell_size": 0.3,
-        "world_cache_candidates": 8,
-        "world_cache_update_cap": 10_000,
-        "specular_bounces": 2,
-    },
-    "medium": {},
-    "high": {"di_candidates": 16, "world_cache_cell_size": 0.1, "world_cache_max_samples": 64, "specular_bounces": 4},
-    "ultra": {
-        "di_candidates": 32,
-        "world_cache_cell_size": 0.05,
-        "world_cache_max_samples": 128,
-        "world_cache_update_cap": 200_000,
-        "specular_bounces": 8,
-        "gi_confidence_cap": 16.0,
-    },
-}
 
 
 def _unknown(name: str) -> str:

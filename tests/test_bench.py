@@ -5,9 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from solari_vk.bench import Figures
+from solari_vk.bench_frame.passes import against_bare_rays, count_rays
 from solari_vk.cli import main
 from solari_vk.gpu.frame import Pass, Stage
+from solari_vk.renderer import Renderer
+from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import builtin
+from solari_vk.scene.model import Camera
 from solari_vk.tracer import RayTracer, SceneFrame
 
 
@@ -43,3 +47,24 @@ def test_plain_kernel_finds_what_the_tracer_does(device):
         for buffer in buffers.values():
             buffer.destroy()
     assert 0.5 < np.isfinite(hits["t"]).mean() < 1
+
+
+def test_rays_are_counted_by_pass(device):
+    """What sees a surface traces one ray to its light at most, and there is no mirror for guides to look past."""
+    scene, size = builtin("cornell_box"), (24, 24)
+    binder = SceneBinder(device, scene)
+    rays = count_rays(device, binder, scene.camera, size, warm_up=8, frames=2)
+    assert 0.3 < rays["restir_di/spatial_and_shade"] <= 1
+    assert rays["restir_di/initial_and_temporal"] == rays["guides/write"] == 0
+    assert rays["restir_gi/initial_and_temporal"] > 0.9
+    assert min(rays["world_cache/sample_direct"], rays["world_cache/sample_indirect"]) > 0
+    stages = {name.partition("/")[0] for name in rays}
+    assert stages == {"world_cache", "restir_di", "restir_gi", "specular_gi", "guides"}
+    binder.destroy()
+
+
+def test_nothing_to_trace_is_no_ratio(device):
+    scene = builtin("cornell_box")
+    away = Camera.look_at((0, 0, 9), (0, 0, 99))
+    with Renderer(device, scene, (8, 8)) as renderer:
+        assert all(np.isnan(against_bare_rays(renderer, away, 1.0, 1)))

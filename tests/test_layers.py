@@ -17,7 +17,8 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 # Each part of the package with the parts it may import. `scene` and `passes` meet in GLSL only.
 MAY_IMPORT = {
     "errors": set(),
-    "settings": {"errors"},
+    "quality": set(),
+    "settings": {"errors", "quality"},
     "display": {"errors"},
     "movie": {"errors", "display"},
     "animation": {"errors", "scene"},

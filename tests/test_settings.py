@@ -22,6 +22,8 @@ def test_defaults_are_allowed_and_have_a_meaning():
         setattr(settings, name, getattr(settings, name))
         assert field.meaning.endswith((".", "!")), name
         assert allowed(name)
+        if name in NUMBERS:
+            assert any(word in field.meaning for word in ("More: ", "Less: ")), f"{name}: what does more of it do?"
         if field.choices:
             assert DEFAULTS[name] == field.choices[0], f"{name}: the first choice is the default"
 

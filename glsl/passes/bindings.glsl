@@ -48,6 +48,7 @@ layout(set = 1, binding = 0, scalar) uniform UniformsBlock {
     uint specular;
     uint world_cache;
     float similarity_plane_distance;
+    float similarity_normal_cosine;
     uint permutation_sampling;
     uint spatial_tries;
     uint spatial_radius_halving;
@@ -57,11 +58,14 @@ layout(set = 1, binding = 0, scalar) uniform UniformsBlock {
 
     float world_cache_cell_size;
     float world_cache_lod_distance;
+    float world_cache_lod_sharpness;
     uint world_cache_lifetime;
     uint world_cache_lifetime_rule;
     uint world_cache_search_steps;
     uint world_cache_max_samples;
     uint world_cache_blend;
+    float world_cache_change_exponent;
+    float world_cache_change_smoothing;
     uint world_cache_relight;
     uint world_cache_candidates;
     float world_cache_ray_length;
@@ -175,7 +179,7 @@ layout(set = 1, binding = 96, scalar) buffer SpecularRadianceBlock { vec3 at[]; 
 layout(set = 1, binding = 97, scalar) buffer RadianceBlock { vec3 at[]; } radiance;                   // all of it
 layout(set = 1, binding = 98, rgba8) uniform image2D display;
 
-// Rays of each pass, counted when the specialization constant count_rays is set: passes/ray_count.glsl.
+// Rays of passes that have the specialization constant ray_counter, which is their row: passes/ray_count.glsl.
 layout(set = 1, binding = 99, scalar) buffer RayCountsBlock { uint at[]; } ray_counts;
 
 #endif

@@ -26,13 +26,13 @@ bool is_metal_mirror(ResolvedMaterial material) {
     return !brdf_lambert && material.metallic > 0.9999 && material.roughness <= MIRROR_ROUGHNESS;
 }
 
-SightPastMirrors trace_past_mirrors(vec3 origin, vec3 direction, float t_max, float cone_width, uint counted_pass) {
+SightPastMirrors trace_past_mirrors(vec3 origin, vec3 direction, float t_max, float cone_width) {
     SightPastMirrors sight;
     sight.throughput = vec3(1.0);
     sight.emitted = vec3(0.0);
     sight.first_position = origin;
     for (sight.mirrors = 0u; sight.mirrors < MOST_MIRRORS; sight.mirrors++) {
-        count_ray(counted_pass);
+        count_ray();
         Hit hit = trace_closest_hit(origin, 0.0, direction, t_max, TRACE_BOTH_FACES);
         sight.found = hit.instance != NO_INDEX;
         if (!sight.found) {

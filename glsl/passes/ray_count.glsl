@@ -4,18 +4,11 @@
 
 #include "passes/bindings.glsl"
 
-layout(constant_id = 3) const bool count_rays = false;
+const uint NOT_COUNTED = 0xFFFFFFFFu;
+layout(constant_id = 3) const uint ray_counter = NOT_COUNTED;  // row of ray_counts, which grows (modulo 2^32)
 
-// Rows of ray_counts, which grow from frame to frame (modulo 2^32).
-const uint RAYS_OF_GBUFFER = 0u;
-const uint RAYS_OF_WORLD_CACHE = 1u;
-const uint RAYS_OF_DI = 2u;
-const uint RAYS_OF_GI = 3u;
-const uint RAYS_OF_SPECULAR_GI = 4u;
-const uint RAYS_OF_GUIDES = 5u;
-
-void count_ray(uint pass_index) {
-    if (count_rays) { atomicAdd(ray_counts.at[pass_index], 1u); }
+void count_ray() {
+    if (ray_counter != NOT_COUNTED) { atomicAdd(ray_counts.at[ray_counter], 1u); }
 }
 
 #endif

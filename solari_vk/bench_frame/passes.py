@@ -23,25 +23,25 @@ from solari_vk.scene.model import Camera
 from solari_vk.settings import Settings
 from solari_vk.view import write_view
 
-COUNTED = ("gbuffer", "world_cache", "restir_di", "restir_gi", "specular_gi", "guides")  # RAYS_OF_* of ray_count.glsl
 BOUNCES = 4  # of the bare kernel's paths
 
 
 class CountingRenderer(Renderer):
-    """The renderer with pipelines that count their rays."""
+    """The renderer with pipelines that count their rays: `counted` names those passes, in the order of ray_counts."""
 
     def _stages(self) -> list[Stage]:
-        return [dataclasses.replace(stage, passes=[_counting(item) for item in stage.passes])
+        self.counted: list[str] = []
+        return [dataclasses.replace(stage, passes=[self._counting(item) for item in stage.passes])
                 for stage in super()._stages()]  # fmt: skip
 
-
-def _counting(item: Any) -> Any:
-    if not isinstance(item, Pass):
-        return item
-    path = f"passes/{item.name}.comp"
-    if "count_rays" not in reflect(compile_shader(path, header=item.header), path).constants:
-        return item
-    return dataclasses.replace(item, constants={**item.constants, "count_rays": True})
+    def _counting(self, item: Any) -> Any:
+        path = f"passes/{item.name}.comp"
+        if not isinstance(item, Pass) or (
+            "ray_counter" not in reflect(compile_shader(path, header=item.header), path).constants
+        ):
+            return item
+        self.counted.append(item.name)
+        return dataclasses.replace(item, constants={**item.constants, "ray_counter": len(self.counted) - 1})
 
 
 @contextmanager
@@ -84,24 +84,20 @@ def count_rays(
     device: Device, binder: SceneBinder, camera: Camera, size: tuple[int, int], warm_up: int, frames: int
 ) -> dict[str, float]:
     """Rays per pixel of a frame by pass, once cells and reservoirs are filled."""
-    with CountingRenderer(device, binder, size, Settings()) as renderer:
+    renderer = CountingRenderer(device, binder, size, Settings())
+    with renderer:
         for _ in range(warm_up):
             renderer.render(camera)
         before = renderer["ray_counts"].astype(np.int64)
         for _ in range(frames):
             renderer.render(camera)
         counts = (renderer["ray_counts"].astype(np.int64) - before) % (1 << 32)
-    per_pixel = counts / (frames * size[0] * size[1])
-    found = {name: float(per_pixel[i]) for i, name in enumerate(COUNTED)}
-    if Settings().gbuffer == "traced":
-        found["gbuffer"] = 1.0
-    return found
+        per_pixel = counts / (frames * size[0] * size[1])
+        return dict(zip(renderer.counted, per_pixel.tolist(), strict=False))
 
 
 class BareKernel:
-    """Rays and nothing else, over a renderer's scene: paths from the camera on, unshaded. Only rays that leave surfaces
-    count, as do a frame's; the camera's, which are faster, above all where they meet nothing, are measured alone and
-    taken off. A context manager."""
+    """Rays and nothing else, over a renderer's scene: paths from the camera on, unshaded. A context manager."""
 
     def __init__(self, renderer: Renderer, camera: Camera) -> None:
         size = renderer.size
@@ -110,13 +106,8 @@ class BareKernel:
         self._frame = Frame(renderer.device, [stage], external=renderer.binder.resources)
         write_view(self._frame.uniforms, camera, size, size[1])
 
-    def run(self, index: int) -> tuple[float, int]:
-        """Milliseconds and rays."""
-        spent, rays = self._paths(index, BOUNCES)
-        camera_spent, camera_rays = self._paths(index, 0)
-        return spent - camera_spent, rays - camera_rays
-
-    def _paths(self, index: int, bounces: int) -> tuple[float, int]:
+    def run(self, index: int, bounces: int) -> tuple[float, int]:
+        """Milliseconds and rays of paths that bounce so often."""
         self._frame.uniforms["sample_index"] = index
         self._frame.uniforms["max_bounces"] = bounces
         spent = timed(self._device, self._frame.submit)
@@ -131,15 +122,19 @@ class BareKernel:
 
 def against_bare_rays(renderer: Renderer, camera: Camera, rays: float, rounds: int) -> tuple[float, float]:
     """The frame's time over what bare ray queries take for so many rays, and these in millions a second; in turns, so
-    that what else the machine does slows both."""
-    ratios, speeds = [], []
+    that what else the machine does slows both. NaN where the camera sees too little to tell.
+
+    Only rays that leave surfaces count, as all of a rasterised frame's do: the camera's, which are faster, above all
+    where they meet nothing, are measured alone and taken off.
+    """
+    paths, first_rays, frames = [], [], []
     with BareKernel(renderer, camera) as bare:
-        bare.run(0)
+        bare.run(0, BOUNCES)
         for index in range(1, rounds + 1):
-            spent, traced = bare.run(index)
-            if traced == 0:  # the camera sees nothing
-                return math.nan, math.nan
-            whole = timed(renderer.device, lambda: renderer.render(camera))
-            ratios.append(whole / (rays * spent / traced))
-            speeds.append(traced / spent / 1e3)
-    return float(np.median(ratios)), float(np.median(speeds))
+            paths.append(bare.run(index, BOUNCES))
+            first_rays.append(bare.run(index, 0))
+            frames.append(timed(renderer.device, lambda: renderer.render(camera)))
+    spent, traced = (np.median(paths, axis=0) - np.median(first_rays, axis=0)).tolist()
+    if not (spent > 0 and traced > 0):
+        return math.nan, math.nan
+    return float(np.median(frames)) * traced / spent / rays, traced / spent / 1e3

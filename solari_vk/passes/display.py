@@ -5,7 +5,7 @@ from __future__ import annotations
 from solari_vk.gpu.frame import Pass, Stage
 from solari_vk.settings import Settings
 
-RAY_COUNTERS = 8  # RAYS_OF_* of passes/ray_count.glsl
+RAY_COUNTERS = 16  # rows for passes that count their rays: passes/ray_count.glsl
 PARTS = ("emission", "diffuse_radiance", "specular_radiance", "radiance")
 TONEMAPS = ("none", "reinhard", "aces", "agx")
 

@@ -147,7 +147,7 @@ vec2 reproject(uvec2 pixel) {
 bool are_similar(GBufferSurface a, GBufferSurface b) {
     float plane_distance = abs(dot(b.world_position - a.world_position, a.world_normal));
     return a.exists && b.exists && plane_distance <= uniforms.similarity_plane_distance * a.view_depth
-        && dot(a.world_normal, b.world_normal) >= 0.0;
+        && dot(a.world_normal, b.world_normal) >= uniforms.similarity_normal_cosine;
 }
 
 #endif

@@ -60,7 +60,7 @@ Guides describe_reflection(GBufferSurface seen, uvec2 pixel) {
         previous_chain = append_mirror(previous_chain, previous_mirror(instance, mirror));
         direction = normalize(reflect(direction, surface.world_normal));
         vec3 origin = surface.world_position + surface.geometric_world_normal * surface.ray_offset;
-        count_ray(RAYS_OF_GUIDES);
+        count_ray();
         Hit hit = trace_closest_hit(origin, 0.0, direction, INFINITY, TRACE_BOTH_FACES);
         instance = hit.instance;
         if (instance == NO_INDEX) {

@@ -40,7 +40,7 @@ DiReservoir generate_initial_reservoir(uvec2 pixel, GBufferSurface surface, inou
 
 void test_visibility(GBufferSurface surface, inout DiReservoir reservoir) {
     if (reservoir.light_sample.light_index == NO_INDEX) { return; }
-    count_ray(RAYS_OF_DI);
+    count_ray();
     vec3 origin = surface.world_position + surface.geometric_world_normal * surface.ray_offset;
     bool seen = trace_light_visibility(origin, resolve_light_sample(reservoir.light_sample));
     reservoir.unbiased_contribution_weight *= seen ? 1.0 : 0.0;

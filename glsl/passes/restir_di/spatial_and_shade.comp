@@ -17,7 +17,7 @@ layout(local_size_x = 8, local_size_y = 8) in;
 const uint PASS_SALT = 0xB5297A4Du;
 
 bool is_seen(GBufferSurface surface, ResolvedLightSample resolved) {
-    count_ray(RAYS_OF_DI);
+    count_ray();
     return trace_light_visibility(surface.world_position + surface.geometric_world_normal * surface.ray_offset, resolved);
 }
 

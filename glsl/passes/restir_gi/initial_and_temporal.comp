@@ -19,7 +19,7 @@ GiReservoir generate_initial_reservoir(GBufferSurface surface, inout uint rng) {
     if (!(dot(direction, surface.geometric_world_normal) > 0.0)) { return reservoir; }
     vec3 origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
     Gathered light =
-        gather_light(origin, direction, INFINITY, 0.0, true, RAYS_OF_GI, uniforms.world_cache_lifetime, rng);
+        gather_light(origin, direction, INFINITY, 0.0, true, uniforms.world_cache_lifetime, rng);
     reservoir.sample_point_world_position = light.sight.first_position;
     reservoir.radiance = light.sight.emitted;
     if (light.sight.found) {

@@ -61,7 +61,7 @@ bool trace_sample_visibility(GBufferSurface surface, GiReservoir reservoir) {
     vec3 segment = reservoir.sample_point_world_position - origin;
     // ends short by what rounding makes of a ray this long
     vec3 end = segment + reservoir.sample_point_world_normal * (16.0 * ROUNDING_UNIT * max_component(abs(segment)));
-    count_ray(RAYS_OF_GI);
+    count_ray();
     return trace_visibility(origin, end, 1.0);
 }
 

@@ -45,7 +45,7 @@ vec3 sample_light(ResolvedRayHitFull surface, Brdf brdf, mat3 frame, vec3 wo, ve
     vec3 value = light.received_radiance * light.inverse_pdf * evaluate_brdf(brdf, wo, wi)
         * power_heuristic(light.solid_angle_pdf, brdf_pdf(brdf, wo, wi));
     if (!(max_component(value) > 0.0)) { return vec3(0.0); }
-    count_ray(RAYS_OF_SPECULAR_GI);
+    count_ray();
     return trace_light_visibility(origin, light_sample) ? value : vec3(0.0);
 }
 
@@ -88,7 +88,7 @@ vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
     vec3 radiance = vec3(0.0);
     uint visited = 0u, mirrors = 0u;
     while (true) {
-        count_ray(RAYS_OF_SPECULAR_GI);
+        count_ray();
         Hit hit = trace_closest_hit(path.origin, 0.0, path.direction, INFINITY, TRACE_BOTH_FACES);
         if (hit.instance == NO_INDEX) {
             return radiance + path.throughput * directional_light_radiance(path.direction, path.bounce_pdf);

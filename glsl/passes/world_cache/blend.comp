@@ -19,12 +19,13 @@ void main() {
     float sample_count = min(old.w > 0.0 ? old.w + YOUNG_GROWTH : 1.0, most);
     if (uniforms.world_cache_blend == BLEND_ADAPTIVE) {
         float change = abs(delta) / max(luminance(old.rgb), 1e-30);
-        most = mix(most, 1.0, pow(saturate(change), 1.0 / 8.0));
+        most = mix(most, 1.0, pow(saturate(change), uniforms.world_cache_change_exponent));
     }
     float share = 1.0 / min(sample_count, most);
     // Differs from Solari: lights that are switched needn't be guessed from noise
     if (uniforms.world_cache_relight != 0u) { share = max(share, uniforms.lighting_change); }
     vec3 blended = mix(old.rgb, world_cache_samples.at[thread].irradiance, share);
     world_cache_irradiance.at[cell] = vec4(blended, sample_count);
-    world_cache_luminance_deltas.at[cell] = mix(delta, luminance(blended) - luminance(old.rgb), 1.0 / 8.0);
+    float newest = luminance(blended) - luminance(old.rgb);
+    world_cache_luminance_deltas.at[cell] = mix(delta, newest, uniforms.world_cache_change_smoothing);
 }

@@ -19,7 +19,7 @@ const float EYE_HEIGHT = 0.05;  // in cells: over what surfaces rise themselves
 float get_cell_size(vec3 world_position, inout uint rng) {
     float level = log2(1.0 + distance(world_position, uniforms.world_from_view[3]) / uniforms.world_cache_lod_distance);
     float part = fract(level);
-    return uniforms.world_cache_cell_size * power_of_two(int(level) + (rand_f(rng) < part * part * part ? 1 : 0));
+    return uniforms.world_cache_cell_size * power_of_two(int(level) + (rand_f(rng) < pow(part, uniforms.world_cache_lod_sharpness) ? 1 : 0));
 }
 
 // Of the cell where a point lies that is moved by chance within the tangent plane, which hides the grid. Differs from Solari: what
@@ -42,7 +42,7 @@ WorldCacheKey choose_key(vec3 world_position, vec3 normal, float cell_size, inou
         // a tetrahedron, which is a square along any axis
         vec3 from_middle = landmark < 2u ? vec3(0.0) : vec3(side, 4.0 * side.x * side.y);
         vec3 way = key.bounds.xyz + cell_size * (0.5 + from_middle) - world_position;
-        count_ray(RAYS_OF_WORLD_CACHE);
+        count_ray();
         if (trace_visibility(eye, way - dot(way, normal) * normal, 1.0)) { break; }
     }
     return landmark < 2u ? key : part_of_cell(key, landmark);
@@ -97,7 +97,7 @@ vec3 sample_irradiance(ResolvedRayHitFull hit, inout uint rng) {
     vec3 irradiance = light.received_radiance * (light.inverse_pdf * cosine);
     if (!(cosine > 0.0 && max_component(irradiance) > 0.0)) { return vec3(0.0); }
     vec3 origin = hit.world_position + hit.ray_offset * hit.geometric_world_normal;
-    count_ray(RAYS_OF_WORLD_CACHE);
+    count_ray();
     return trace_light_visibility(origin, light_sample) ? irradiance : vec3(0.0);
 }
 
@@ -117,14 +117,14 @@ vec3 gathered_radiance(Gathered light) {
 // the finest. Differs from Solari, which takes 0 where the cache knows nothing: there a path goes on until it comes to where
 // it does, so that no light is lost while cells come and go.
 Gathered gather_light(
-    vec3 origin, vec3 direction, float t_max, float cone_width, bool short_rays, uint counted_pass, uint lifetime, inout uint rng
+    vec3 origin, vec3 direction, float t_max, float cone_width, bool short_rays, uint lifetime, inout uint rng
 ) {
     Gathered light;
     light.reflectance = vec3(0.0);
     light.irradiance = vec3(0.0);
     vec3 throughput = vec3(1.0);
     for (uint i = 0u; i <= MOST_UNKNOWN_HITS; i++) {
-        SightPastMirrors sight = trace_past_mirrors(origin, direction, t_max, cone_width, counted_pass);
+        SightPastMirrors sight = trace_past_mirrors(origin, direction, t_max, cone_width);
         if (i == 0u) {
             light.sight = sight;
         } else {

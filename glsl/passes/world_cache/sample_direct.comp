@@ -30,7 +30,7 @@ vec3 sample_direct_irradiance(WorldCacheSurface surface, inout uint rng) {
     ResolvedLightSample light_sample = resolve_light_sample(chosen);
     LightContribution light = calculate_resolved_light_contribution(light_sample, surface.world_position);
     vec3 origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
-    count_ray(RAYS_OF_WORLD_CACHE);
+    count_ray();
     if (!trace_light_visibility(origin, light_sample)) { return vec3(0.0); }
     float cosine = max(dot(light.wi, surface.geometric_world_normal), 0.0);
     float inverse_pdf = weight_sum / (float(uniforms.world_cache_candidates) * chosen_target);

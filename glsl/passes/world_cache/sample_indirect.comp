@@ -21,7 +21,7 @@ void main() {
     bool max_rule = uniforms.world_cache_lifetime_rule == LIFETIME_MAX;
     uint lifetime = max_rule ? world_cache_samples.at[thread].life : uniforms.world_cache_lifetime;
     Gathered light = gather_light(
-        origin, direction, uniforms.world_cache_ray_length, cell_size, false, RAYS_OF_WORLD_CACHE, lifetime, rng
+        origin, direction, uniforms.world_cache_ray_length, cell_size, false, lifetime, rng
     );
     world_cache_samples.at[thread].irradiance += PI * gathered_radiance(light);  // cosine and pdf leave pi
 }
