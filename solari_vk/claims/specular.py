@@ -143,7 +143,7 @@ def _skip_metals(bench: Workbench) -> Outcome:
         def measure(_: int) -> list[float]:
             run(renderer, scene.camera, bench.count(16))
             (spent,) = pass_times(renderer, scene.camera, frames, [GI_PASSES])
-            return [spent, float(mean_of(renderer, scene.camera, frames).mean())]
+            return [spent, float(mean_of(renderer, scene.camera, bench.count(48)).mean())]
 
         found = bench.pairs(renderer, {"gi_skip_smooth_metals": False}, {"gi_skip_smooth_metals": True}, measure)
     before, after = (np.array(values) for values in found)
