@@ -85,12 +85,12 @@ def _tilt(angle: float) -> np.ndarray:
     return np.array([[1, 0, 0], [0, cosine, -sine], [0, sine, cosine]])
 
 
-def ball_in_white(perceptual_roughness: float, radiance: float = 1.0) -> Scene:
-    """A white dielectric ball in a black box that glows evenly: what is convex must be as bright as the box."""
-    box = Instance(mesh=shapes.box((-9, -9, -9), (9, 9, 9), inward=True), material=lamp(radiance), name="white")
-    white = Material(base_color=rgb(1), perceptual_roughness=perceptual_roughness, name="ball")
+def ball_in_white(perceptual_roughness: float, metallic: float = 0.0) -> Scene:
+    """A white ball in a black sphere that glows with radiance 1: nothing of the picture may differ from 1."""
+    sky = Instance(mesh=shapes.sphere(8.0, 24), material=lamp(1.0, double_sided=True), name="white")
+    white = Material(base_color=rgb(1), perceptual_roughness=perceptual_roughness, metallic=metallic, name="ball")
     ball = Instance(mesh=shapes.sphere(1.0, 96), material=white, name="ball")
-    return Scene(box, ball, Camera.look_at((0, 0, 6), (0, 0, 0), vertical_fov=2 * math.asin(1.02 / 6)))
+    return Scene(sky, ball, Camera.look_at((0, 0, 6), (0, 0, 0), vertical_fov=2 * math.asin(1.02 / 6)))
 
 
 def white_room(perceptual_roughness: float = 0.5) -> Scene:

@@ -160,8 +160,8 @@ def _skip_metals(bench: Workbench) -> Outcome:
 
 def _termination(bench: Workbench) -> Outcome:
     scene = builtin("sphere_grid")
-    size, frames = bench.size(96, 48), bench.count(16, 3)
-    truth = bench.reference(scene, size, 192)
+    size, frames = bench.size(96, 48), bench.count(64, 3)
+    truth = bench.reference(scene, size, 768)
     roughness = _materials(bench, scene, size)[..., 0]
     glossy = roughness**2 <= 0.4
     with bench.renderer(scene, size) as renderer:

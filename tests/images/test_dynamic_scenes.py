@@ -54,7 +54,8 @@ def slide_block(scene, step):
 # Slow: as long as the other one.
 @pytest.mark.parametrize("move", [swing_lamp, pytest.param(slide_block, marks=pytest.mark.slow)])
 def test_what_moves_leaves_no_trail(device, move):
-    """During the motion a frame shows the present; eight frames after it stopped nothing of the past is left.
+    """During the motion a frame shows the present, as bright as the path tracer's of that moment; eight frames after it
+    stopped nothing of the past is left.
 
     What is left is measured along the difference of the pictures then and now, over independent runs.
     """
@@ -80,6 +81,10 @@ def test_what_moves_leaves_no_trail(device, move):
     move(scene, 0)
     first = reflected_truth(device, scene, 256)
     seen = now > 0
+    for name, pictures in (("in motion", moving), ("after it", stopped)):
+        error = np.mean(pictures, axis=0)[seen].mean() / now[seen].mean() - 1
+        print(f"mean {name}: {error:+.3f}")
+        assert abs(error) < 0.03, f"{name}: {error:+.3f}"
     for name, earlier in (("eight frames ago", lately), ("the start", first)):
         mask = seen & (earlier > 0)
         lag = left_of(earlier[mask], now[mask], np.mean(moving, axis=0)[mask])

@@ -12,6 +12,8 @@ from world_cache_frame import SHADERS, CacheFrame
 import solari_vk as sv
 from solari_vk.gpu.frame import Frame, Pass, Stage
 from solari_vk.passes import brdf_table
+from solari_vk.scene.builtin import place
+from solari_vk.view import write_view
 
 ALBEDO = 0.5  # of closed_box, whose walls emit 1: so 2 arrives everywhere, and of it 1 is reflected
 CASE = np.dtype([("base_color", "f4", 3), ("reflectance", "f4"), ("perceptual_roughness", "f4"), ("metallic", "f4"),
@@ -58,7 +60,12 @@ def test_without_the_cache_there_is_one_bounce(device):
 @pytest.mark.parametrize("rule", ["max", "store"])
 def test_cells_die_when_nobody_asks(device, rule):
     """Under the rule `max` after their lifetime, although they go on asking each other; under `store` never."""
-    with CacheFrame(device, sv.builtin("closed_box"), settings(world_cache_lifetime_rule=rule)) as frame:
+    check_death(device, rule=rule)
+
+
+def check_death(device, root=None, rule="max"):
+    chosen = settings(world_cache_lifetime_rule=rule)
+    with CacheFrame(device, sv.builtin("closed_box"), chosen, glsl_root=root) as frame:
         frame.run(12)
         assert frame.counters["active_cells"] > 1000
         frame.settings.gi = False
@@ -129,41 +136,60 @@ def check_albedo(device, root=None, layering="conserving"):
 
 
 def test_cells_double_with_distance(device):
-    """Sizes of a far camera's cells: two levels, the coarser as often as the fraction of the level says, cubed."""
-    scene = sv.builtin("closed_box")
-    camera = sv.Camera.look_at((0.9, 0.9, 0.9), (0, 0, 0))
-    chosen = settings(world_cache_lod_distance=0.6, world_cache_jitter=0.0, world_cache_leak_prevention=False)
-    with CacheFrame(device, scene, chosen) as frame:
-        frame.run(8, camera)
-        bounds = frame.cells()["bounds"]
-    level = np.log2(1 + np.linalg.norm(bounds[:, :3] + bounds[:, 3:] / 2 - 0.9, axis=1) / 0.6)
-    size = np.log2(bounds[:, 3] / 0.15)
-    np.testing.assert_allclose(size, np.round(size), atol=1e-5)
-    assert size.max() == 3
-    slack = 0.5  # a cell's far corner may be farther than its middle by its own size
-    assert (size >= np.floor(level - slack)).all()
-    assert (size <= np.ceil(level + slack)).all()
+    """Two levels, the coarser as often as the fraction of the level to the power of the sharpness says."""
+    check_sizes(device)
+    check_sizes(device, sharpness=1.0)
 
 
-def light_behind_a_wall(device, prevention, root=None):
+def check_sizes(device, root=None, sharpness=3.0):
+    count, eye = 4096, np.array((1.0, 2.0, 3.0))
+    distances = np.array([0.0, 2.0, 6.0, 15.0, 23.0, 40.0, 160.0, 1000.0])
+    directions = np.random.default_rng(1).normal(size=(len(distances), count, 3))
+    directions *= distances[:, None, None] / np.linalg.norm(directions, axis=-1, keepdims=True)
+    places = (eye + directions).reshape(-1, 3).astype(np.float32)
+    buffer = device.buffer(places.nbytes, "places")
+    buffer.upload(places)
+    stage = Stage("sizes", buffers={"sizes": len(places)}, passes=[Pass("world_cache_test/sizes", threads=len(places))])
+    roots = [*([root] if root else []), SHADERS]
+    with Frame(device, [stage], external={"places": buffer}, glsl_root=roots) as frame:
+        for name, value in settings(world_cache_lod_sharpness=sharpness).uniforms().items():
+            frame.uniforms[name] = value
+        write_view(frame.uniforms, sv.Camera.look_at(eye, (0, 2, 3)), (8, 8), 8)
+        frame.submit()
+        sizes = frame["sizes"].reshape(len(distances), count)
+    buffer.destroy()
+    level, coarser = np.log2(1 + distances / 15), np.log2(sizes / 0.15)
+    np.testing.assert_allclose(coarser, np.round(coarser), atol=1e-5)
+    coarser -= np.floor(level + 1e-5)[:, None]
+    share = np.clip(level - np.floor(level + 1e-5), 0, 1) ** sharpness
+    assert np.isin(np.round(coarser), (0, 1)).all()
+    error = np.abs(coarser.mean(axis=1) - share)
+    assert (error <= 4 * np.sqrt(share * (1 - share) / count) + 1e-3).all(), np.round(error, 4)
+
+
+def light_behind_a_wall(device, prevention, root=None, x=0.0):
+    """What is found behind the wall at x, where all the light is before it."""
     scene = sv.builtin("thin_wall")
-    cameras = [sv.Camera.look_at((x, 1.0, 0.0), (2 * x, 1, 0)) for x in (-0.7, 0.7)]
+    wall = next(item for item in scene if item.name == "wall")
+    wall.transform = place(at=(x, 0, 0))
+    before, behind = (sv.Camera.look_at((eye, 1.0, 0.0), (2 * eye, 1, 0)) for eye in (-0.7, 0.7))
     with CacheFrame(device, scene, settings(world_cache_leak_prevention=prevention), glsl_root=root) as frame:
-        for turn in range(30):
-            frame.run(1, cameras[turn % 2])
-        cells = frame.cells()
-    right = cells["bounds"][:, 0] >= 0
-    return cells["irradiance"][right, 0].mean()
+        for _ in range(15):
+            frame.run(1, before)
+            frame.run(1, behind)
+        return np.mean([frame.run(1, behind)["answers"].mean() for _ in range(4)])
 
 
 def check_thin_wall(device, root=None):
-    assert light_behind_a_wall(device, True, root) < 1e-3
+    """On the cells' grid, and within cells."""
+    for x in (0.0, 0.075):
+        assert light_behind_a_wall(device, True, root, x) < 1e-3, x
 
 
 def test_thin_wall(device):
     """Where all the light is on the wall's other side, nothing is found in the cache unless leaks are allowed."""
     check_thin_wall(device)
-    assert light_behind_a_wall(device, prevention=False) > 1e-3
+    assert light_behind_a_wall(device, prevention=False, x=0.075) > 5e-3
 
 
 MUTANTS = {
@@ -182,6 +208,16 @@ MUTANTS = {
     "unknown: the next ray without pi": (check_overfull, "query.glsl", "throughput *= PI;", ""),
     "walls that hide nothing": (check_thin_wall, "query.glsl", "dot(way, normal) * normal, 1.0)) { break; }",
                                 "dot(way, normal) * normal, 1e-3)) { break; }"),
+    "parts of a cell are one": (check_thin_wall, "query.glsl", "landmark < 2u ? key : part_of_cell(key, landmark)",
+                                "key"),
+    "cells never grow": (check_sizes, "query.glsl", "int(level) + (", "0 * int(level) + ("),
+    "levels turn at once": (check_sizes, "query.glsl", "pow(part, uniforms.world_cache_lod_sharpness)",
+                            "pow(part, 1e-9 * uniforms.world_cache_lod_sharpness)"),
+    "lives are halved": (check_death, "query.glsl", "atomicMax(world_cache_life.at[cell], lifetime)",
+                         "atomicMax(world_cache_life.at[cell], lifetime / 2u)"),
+    "cells keep each other alive": (check_death, "sample_indirect.comp",
+                                    "max_rule ? world_cache_samples.at[thread].life : ",
+                                    "max_rule && false ? world_cache_samples.at[thread].life : "),
     "albedo: metals black": (check_albedo, "query.glsl", "specular_albedo(material.base_color, ab), ", "vec3(0.0), "),
     "albedo: nothing under the layer": (check_albedo, "query.glsl", "dielectric + through * material.base_color",
                                         "dielectric"),

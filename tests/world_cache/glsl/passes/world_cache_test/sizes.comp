@@ -1,0 +1,16 @@
+// The sizes of the cells that places ask for.
+#version 460
+#extension GL_EXT_ray_query : require
+#include "passes/world_cache/query.glsl"
+
+layout(set = 1, binding = 128, scalar) readonly buffer PlacesBlock { vec3 at[]; } places;
+layout(set = 1, binding = 129, scalar) buffer SizesBlock { float at[]; } sizes;
+
+layout(local_size_x = 64) in;
+
+void main() {
+    uint index = gl_GlobalInvocationID.x;
+    if (index >= places.at.length()) { return; }
+    uint rng = seed_rng(uvec2(index, 1u), uniforms.frame_index, uniforms.seed);
+    sizes.at[index] = get_cell_size(places.at[index], rng);
+}
