@@ -267,11 +267,14 @@ class Renderer:
         if self.frame_count == 0:
             raise SolariError(f"Renderer: render before asking for '{name}'")
         stage, _, counter = name.partition("/")
-        if stage in COUNTING:
-            counters = self._frame[f"{stage}_counters"]
+        block, plain = f"{stage}_counters", name.replace("/", "_")
+        if stage in COUNTING and block in self._frame:
+            counters = self._frame[block]
             if counter in (counters.dtype.names or ()):
                 return np.asarray(counters[counter])
-        values = self._frame[name.replace("/", "_")]
+        elif stage in COUNTING and plain not in self._frame:
+            raise SolariError(f"Renderer: no '{name}': only gbuffer=raster counts what is drawn and culled")
+        values = self._frame[plain]
         width, height = self._built[0]
         if len(values.shape) and values.shape[0] == width * height:
             return values.reshape(height, width, *values.shape[1:])

@@ -32,7 +32,7 @@ def _field(default: Any, section: str, meaning: str, **more: Any) -> Any:
 class Settings:
     """The constants of the realtime passes; assigning checks the value and takes effect with the next frame.
 
-    What a material is, such as the roughness of a mirror or a pure metal, is none: the path tracer shares it.
+    What a material is, such as the roughness of a mirror, is none: the path tracer shares it.
     Defaults are Solari 0.19's unless said otherwise. Choices other than the first of a field are older or other
     behaviours, kept for comparison. Raises SolariError for values out of range.
     """
@@ -40,7 +40,7 @@ class Settings:
     # ---- what is computed
     di: bool = _field(True, "frame", "Direct light (ReSTIR DI).")
     gi: bool = _field(True, "frame", "Indirect light of diffuse surfaces (ReSTIR GI).")
-    specular: bool = _field(True, "frame", "Indirect light of specular surfaces, mirrors among them.")
+    specular: bool = _field(True, "frame", "What specular lobes reflect: indirect light, and in smooth ones lights.")
     world_cache: bool = _field(True, "frame", "The radiance cache; without it indirect light is one bounce of direct.")
     jitter: bool = _field(True, "frame", "Move samples within the pixel from frame to frame, for antialiasing.")
     gbuffer: str = _field(
@@ -51,20 +51,22 @@ class Settings:
         True, "frame", "Raster draws only what isn't behind what was visible last frame.", rebuilds=True
     )
     layering: str = _field(
-        "conserving", "frame", "How diffuse sits under specular: Solari 0.18 adds both, 0.19 takes a product of "
-        "Fresnel terms.", choices=("conserving", "sum", "fresnel_product"), rebuilds=True
+        "conserving", "frame", "How diffuse sits under specular: Solari 0.18 takes the sum, 0.19 a Fresnel product.",
+        choices=("conserving", "sum", "fresnel_product"), rebuilds=True
     )  # fmt: skip
+    pure_metal: float = _field(
+        0.9999, "frame", "Metallic above which nothing counts as diffuse. Less: faster, darker.", low=0, high=1
+    )
     lambert: bool = _field(False, "frame", "Every surface is plain Lambert, for closed forms.", rebuilds=True)
 
     # ---- reuse, of DI and GI
     similarity_plane_distance: float = _field(
-        0.003, "reuse", "Share of the view depth that two pixels' planes may lie apart to share samples. More: less "
-        "noise at small features, more blur of contact shadows.", low=1e-6, high=1.0
+        0.003, "reuse", "Share of the view depth that two pixels' planes may lie apart. More: less noise, more blur.",
+        low=1e-6, high=1.0
     )  # fmt: skip
     similarity_normal_cosine: float = _field(
-        0.0, "reuse", "Cosine of the widest angle between two pixels' normals. More: less blur, more noise on what is "
-        "curved.", low=-1, high=1
-    )  # fmt: skip
+        0.0, "reuse", "Cosine of the widest angle between two normals. More: less blur, more noise.", low=-1, high=1
+    )
     permutation_sampling: bool = _field(True, "reuse", "Shuffle pixels among neighbours over time: less correlation.")
     spatial_tries: int = _field(
         5, "reuse", "Attempts to find a similar neighbour. More: less noise, slower.", low=1, high=32
@@ -122,9 +124,8 @@ class Settings:
         low=0.01, high=10
     )  # fmt: skip
     world_cache_change_smoothing: float = _field(
-        0.125, "world_cache", "Share of the newest frame in a cell's change. More: quicker, but takes noise for "
-        "change.", low=0.001, high=1
-    )  # fmt: skip
+        0.125, "world_cache", "Share of the newest frame in a cell's change. More: quicker, noisier.", low=0.001, high=1
+    )
     world_cache_relight: bool = _field(
         True, "world_cache", "Forget as much of the past as came, went or moved of the lights' power. Not in Solari."
     )
@@ -141,9 +142,10 @@ class Settings:
     world_cache_jitter: float = _field(
         0.5, "world_cache", "Cells by which a query is moved at random. More: hides the grid, blurs.", low=0, high=2
     )
-    world_cache_leak_prevention: bool = _field(
-        True, "world_cache", "Rays shorter than a cell use the finest (0.19); and, not in Solari, walls divide cells."
-    )
+    world_cache_leak_prevention: str = _field(
+        "landmarks", "world_cache", "Short rays use the finest cells (0.19); by landmarks, walls divide cells as well.",
+        choices=("landmarks", "finest", "off")
+    )  # fmt: skip
 
     # ---- ReSTIR DI
     di_candidates: int = _field(
@@ -152,9 +154,8 @@ class Settings:
     di_temporal: bool = _field(True, "restir_di", "Reuse the last frame's samples.")
     di_spatial: bool = _field(True, "restir_di", "Reuse a neighbour's sample.")
     di_initial_visibility: bool = _field(
-        False, "restir_di", "Drop occluded candidates before they are reused. Solari does: less noise in shadow, but "
-        "shadows grow halos."
-    )  # fmt: skip
+        False, "restir_di", "Drop occluded candidates before reuse, as Solari: less noise, but shadows grow halos."
+    )
     di_order: str = _field(
         "0.18", "restir_di", "When visibility is tested; 0.17 feeds it forward.", choices=("0.18", "0.17")
     )
@@ -182,25 +183,24 @@ class Settings:
     )
     gi_skip_smooth_metals: bool = _field(True, "restir_gi", "Nothing is sampled where nothing diffuse is (0.19).")
     gi_visibility: str = _field(
-        "both", "restir_gi", "Who must see a sample for its share in a merge: both pixels; or, as in Solari since "
-        "0.17, this one a neighbor's, which loses light where shadows end.", choices=("both", "0.17")
+        "both", "restir_gi", "Who must see a sample to merge it: both pixels; in Solari this one, which loses light.",
+        choices=("both", "0.17")
     )  # fmt: skip
     gi_refresh: bool = _field(
-        True, "restir_gi", "Ask the world cache anew what the last frame's samples reflect: light that is switched "
-        "off goes at the cache's pace. Solari doesn't."
-    )  # fmt: skip
+        True, "restir_gi", "Ask the cache anew what the last frame's samples reflect, for its pace. Not in Solari."
+    )
 
     # ---- specular GI
     specular_bounces: int = _field(
         3, "specular_gi", "Surfaces a path visits before it ends in the cache. More: truer, slower.", low=1, high=64
     )
     specular_reuse_roughness: float = _field(
-        0.4, "specular_gi", "Above this roughness the GI reservoir serves; smooth metals that GI skips are up to it. "
-        "More: sharper reflections, slower.", low=0, high=1
+        0.4, "specular_gi", "Above it GI's reservoir serves; metals that GI skips are up to it. More: sharper, slower.",
+        low=0, high=1
     )  # fmt: skip
     specular_di_roughness: float = _field(
-        0.0225, "specular_gi", "Up to this roughness lights are met by specular rays, above it DI shades them. More: "
-        "noisier where lights are small.", low=0, high=1
+        0.0225, "specular_gi", "Up to this roughness specular rays meet lights, above it DI has them. More: noisier.",
+        low=0, high=1
     )  # fmt: skip
     specular_termination: str = _field(
         "spread", "specular_gi", "A path ends in the cache when its cone is wider than a cell, or (0.18) at a rough "

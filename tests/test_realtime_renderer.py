@@ -50,6 +50,24 @@ def test_a_mirrored_camera_shows_the_mirrored_picture(device, scene, gbuffer):
     np.testing.assert_allclose(found, expected[:, ::-1], rtol=1e-4)
 
 
+def test_counters_by_name(device, scene):
+    """Of what raster draws and culls, and of the cache; names that merely begin like them are buffers' as ever."""
+    with sv.Renderer(device, scene, SIZE) as renderer:
+        frame = renderer.render(scene.camera)
+        names = ("drawn_first", "drawn_second", "frustum_culled", "occlusion_culled")
+        assert sum(int(frame[f"gbuffer/{name}"]) for name in names) == len(scene.instances)
+        assert frame["gbuffer/surface"].shape == (SIZE[1], SIZE[0], 2)
+        frame = renderer.render(scene.camera)
+        assert frame["world_cache/active_cells"] > 100
+        assert frame["world_cache/updates"] > 100
+        assert frame["world_cache/insert_failures"] == 0
+        renderer.settings.gbuffer = "traced"
+        frame = renderer.render(scene.camera)
+        assert frame["gbuffer/surface"].shape == (SIZE[1], SIZE[0], 2)
+        with pytest.raises(sv.SolariError, match="drawn_first': only gbuffer=raster counts"):
+            frame["gbuffer/drawn_first"]
+
+
 def test_other_settings_are_taken_up(renderer, scene):
     assert renderer.render(scene.camera)["di_diffuse"].any()
     renderer.settings = sv.Settings(di=False)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+import re
 
 import pytest
 
 import solari_vk as sv
-from solari_vk.gpu.compiler import compile_shader
+from solari_vk.gpu.compiler import compile_shader, glsl_root
 from solari_vk.gpu.spirv import reflect
 from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES, allowed
 
@@ -122,10 +123,12 @@ def test_the_revision_grows_with_every_change():
 
 
 def test_shaders_have_every_live_setting():
-    """By name, as numbers; what rebuilds the frame is no uniform, and jitter moves the camera."""
+    """By name, as numbers, and make use of each; what rebuilds the frame is no uniform, and jitter moves the camera."""
+    texts = "".join(path.read_text() for path in glsl_root().rglob("*") if path.suffix in (".glsl", ".comp"))
     block = reflect(compile_shader("passes/display/show.comp"), "show").bindings["uniforms"]
     live = sv.Settings().uniforms()
     assert set(live) <= set(block.dtype.names)
+    assert all(re.search(rf"uniforms\.{name}\b", texts) for name in live)
     assert set(FIELDS) - set(live) == {name for name, field in FIELDS.items() if field.rebuilds} | {"jitter"}
     for name in CHOICES:
         if name in live:

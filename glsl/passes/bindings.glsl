@@ -47,6 +47,7 @@ layout(set = 1, binding = 0, scalar) uniform UniformsBlock {
     uint gi;
     uint specular;
     uint world_cache;
+    float pure_metal;
     float similarity_plane_distance;
     float similarity_normal_cosine;
     uint permutation_sampling;
@@ -109,6 +110,9 @@ const uint LIFETIME_MAX = 0u;
 const uint LIFETIME_STORE = 1u;         // Solari 0.17: cells keep each other alive
 const uint BLEND_ADAPTIVE = 0u;
 const uint BLEND_FIXED = 1u;            // Solari 0.17
+const uint LEAKS_PARTED = 0u;           // by what is seen of a cell
+const uint LEAKS_FINEST = 1u;           // Solari 0.19: the smallest cells for short rays
+const uint LEAKS_ALLOWED = 2u;
 const uint ORDER_0_18 = 0u;
 const uint ORDER_0_17 = 1u;             // visibility of the spatial sample, fed forward
 const uint MERGE_BALANCE = 0u;

@@ -3,6 +3,7 @@
 #ifndef PASSES_PAST_MIRRORS_GLSL
 #define PASSES_PAST_MIRRORS_GLSL
 
+#include "passes/bindings.glsl"
 #include "passes/ray_count.glsl"
 #include "scene/brdf.glsl"
 #include "scene/sampling.glsl"
@@ -23,7 +24,7 @@ struct SightPastMirrors {
 };
 
 bool is_metal_mirror(ResolvedMaterial material) {
-    return !brdf_lambert && material.metallic > 0.9999 && material.roughness <= MIRROR_ROUGHNESS;
+    return !brdf_lambert && material.metallic > uniforms.pure_metal && material.roughness <= MIRROR_ROUGHNESS;
 }
 
 SightPastMirrors trace_past_mirrors(vec3 origin, vec3 direction, float t_max, float cone_width) {

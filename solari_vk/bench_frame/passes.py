@@ -74,7 +74,6 @@ def frame_times(renderer: Renderer, camera: Camera, warm_up: int, frames: int) -
         whole = timed(renderer.device, lambda: renderer.render(camera))
         if index >= warm_up:
             spent["frame"].append(whole)
-            # a pass may run several times in a frame, such as a level of a pyramid: its name then has one entry
             for name, value in renderer.timings.items():
                 spent[name].append(value)
     return {name: float(np.median(values)) for name, values in spent.items()}

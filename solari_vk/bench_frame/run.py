@@ -184,16 +184,20 @@ def _error(device: Device, report: Report, quick: bool) -> None:
     traced = error.path_tracer_curve(device, scene, size, truth, realtime[-1][1], 16 if quick else 1024)
     rows = []
     for index, seconds, single, mean in realtime:
-        reached = error.seconds_to_reach(traced, single)
-        mean_text = f"{mean:.2e}" if mean == mean else ""
-        rows.append([f"{index}", f"{seconds:.2f}", f"{single:.2e}", mean_text, f"{reached:.2f}"])
+        rows.append([f"{index}", f"{seconds:.2f}"])
+        for value in (single, mean):
+            known = value == value
+            reached = f"{error.seconds_to_reach(traced, value):.2f}" if known else ""
+            rows[-1] += [f"{value:.2e}" if known else "", reached]
     named = f"cornell_box {size[0]}x{size[1]}"
     report.table(
         f"relMSE over frames, {named}",
-        ["frame", "seconds so far", "of this frame", f"of the mean since frame {warm_up}", "path tracer there at, s"],
+        ["frame", "seconds so far", "of this frame", "path tracer there at, s", f"of the mean since frame {warm_up}",
+         "path tracer there at, s"],
         rows,
         f"Against {samples} samples of the path tracer. A frame alone doesn't get better once its history is full; the "
-        "mean of frames does until it comes to what is biased.",
+        "mean of frames does until it comes to what is biased. Frames share samples, so that who averages many is "
+        "better served by the path tracer.",
     )
     rows = [[f"{count}", f"{seconds:.2f}", f"{value:.2e}"] for count, seconds, value in traced]
     report.table(f"relMSE of the path tracer, {named}", ["samples a pixel", "seconds so far", "relMSE"], rows)

@@ -43,8 +43,9 @@ def page(results: Results, device: Device, load: str, runs: int, folder: str | N
     lines = [
         "# Claims of the posts about Solari, measured", "",
         "Written by `solari-vk bench claims --markdown FILE --pictures FOLDER`. Each claim is a pair of settings of "
-        "one renderer, measured in turns over the same seeds. A verdict follows from the numbers: each criterion must "
-        "hold for the mean, and the 95 % interval of the mean over runs (Student's t) must lie on the same side.", "",
+        "one renderer with `gbuffer=traced`, measured in turns over the same seeds. A verdict follows from the "
+        "numbers: each criterion must hold for the mean, and the 95 % interval of the mean over runs (Student's t) "
+        "must lie on the same side.", "",
         f"- device: {device.name} ({device.properties.kind}), {os.cpu_count()} cores",
         f"- driver: {device.properties.driver}, Vulkan {version}",
         f"- solari_vk {__version__}; {runs} runs, each with a seed of its own, where nothing else is said",

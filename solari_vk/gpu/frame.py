@@ -185,6 +185,10 @@ class Frame:
             raise SolariError(f"the frame has no resource {name}; there are {', '.join(sorted(bound))}")
         return bound[name]
 
+    def __contains__(self, name: str) -> bool:
+        """Whether there is a resource of this name."""
+        return name in self._resources.named(0) or name in self._external
+
     def binding(self, name: str) -> Binding:
         """How the shaders declare a resource: its kind and numpy types. Raises SolariError for an unknown name."""
         assert self._program is not None

@@ -5,8 +5,9 @@ Of what each pixel shows: `guides_diffuse_albedo` and `guides_specular_albedo` (
 view axis, 0: nothing), `guides_motion` and `guides_specular_motion` (uv of the last frame minus uv, without jitter).
 
 With primary surface replacement a pixel of a smooth metal describes the first surface in its chain of mirrors that is
-none, as if it stood where it seems to: normal, depth and specular motion are the virtual ones, while `guides_motion`
-stays the mirror's own. Exact for flat mirrors; curved ones count as their tangent plane.
+none, as if it stood where it seems to: normal, depth and specular motion are the virtual ones. `guides_motion` stays
+the mirror's own; a denoiser with one motion takes `guides_specular_motion`, which goes with the depth in every pixel.
+Exact for flat mirrors; curved ones count as their tangent plane.
 """
 
 from __future__ import annotations

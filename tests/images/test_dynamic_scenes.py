@@ -27,7 +27,7 @@ def settle(renderer, camera, frames=30):
 
 @pytest.mark.parametrize("name", ["cornell_box", pytest.param("sphere_grid", marks=pytest.mark.slow)])  # many cells
 def test_lights_off(device, name):
-    """Ten frames after its lights are out, the scene has under 5 % of its light, and in the end none."""
+    """Ten frames after its lights are out, the scene has under 5 % of its light, and ten later under a hundredth."""
     scene = sv.builtin(name)
     with make_renderer(device, scene) as renderer:
         lit = reflected(settle(renderer, scene.camera, 24)).mean()
@@ -35,7 +35,7 @@ def test_lights_off(device, name):
             instance.material.emissive = (0, 0, 0)
         left = [reflected(renderer.render(scene.camera)).mean() / lit for _ in range(20)]
     assert left[9] < 0.05, np.round(left, 3)
-    assert left[-1] <= left[9]
+    assert left[-1] < 0.01, np.round(left, 3)
 
 
 # ---- motion -----------------------------------------------------------------------------------------
@@ -128,6 +128,7 @@ def test_a_jump_without_reset_recovers(device):
     error = np.abs(tiles(jumped) / tiles(expected) - 1).max()
     print(f"left {left:.3f}, worst tile {error:.3f}")
     assert abs(left) < 0.02
+    assert error < 0.25
     assert abs(jumped[mask].mean() / expected[mask].mean() - 1) < 0.03
 
 
@@ -179,7 +180,7 @@ def test_edits_end_in_the_truth(device):
     mask = expected > 0
     means = np.array([picture[mask].mean() for picture in found]) / expected[mask].mean() - 1
     print(f"{means.mean():+.3f} +- {means.std() / np.sqrt(SEEDS):.3f}")
-    assert abs(means.mean()) < 0.02 + 2.6 * means.std(ddof=1) / np.sqrt(SEEDS)
+    assert abs(means.mean()) < 0.03
 
 
 def test_renderers_that_share_a_scene_do_not_disturb_each_other(device):

@@ -122,7 +122,7 @@ def test_nothing_leaks_through_a_thin_wall(device, x, turn, bar):
 @pytest.mark.slow  # shows what the test above can miss
 def test_without_prevention_light_leaks(device):
     """The bar above is one that can be missed."""
-    assert leak(device, x=0.075, world_cache_leak_prevention=False) > 0.01
+    assert leak(device, x=0.075, world_cache_leak_prevention="off") > 0.01
 
 
 @pytest.mark.slow  # a million cells, each with two rays a frame

@@ -167,7 +167,7 @@ def check_sizes(device, root=None, sharpness=3.0):
     assert (error <= 4 * np.sqrt(share * (1 - share) / count) + 1e-3).all(), np.round(error, 4)
 
 
-def light_behind_a_wall(device, prevention, root=None, x=0.0):
+def light_behind_a_wall(device, prevention="landmarks", root=None, x=0.0):
     """What is found behind the wall at x, where all the light is before it."""
     scene = sv.builtin("thin_wall")
     wall = next(item for item in scene if item.name == "wall")
@@ -183,13 +183,13 @@ def light_behind_a_wall(device, prevention, root=None, x=0.0):
 def check_thin_wall(device, root=None):
     """On the cells' grid, and within cells."""
     for x in (0.0, 0.075):
-        assert light_behind_a_wall(device, True, root, x) < 1e-3, x
+        assert light_behind_a_wall(device, root=root, x=x) < 1e-3, x
 
 
 def test_thin_wall(device):
     """Where all the light is on the wall's other side, nothing is found in the cache unless leaks are allowed."""
     check_thin_wall(device)
-    assert light_behind_a_wall(device, prevention=False, x=0.075) > 5e-3
+    assert light_behind_a_wall(device, "off", x=0.075) > 5e-3
 
 
 MUTANTS = {

@@ -94,9 +94,13 @@ vec3 show_cache(uvec2 pixel, GBufferSurface surface) {
     if (!surface.exists) { return NOTHING; }
     uint rng = seed_rng(pixel, 0u, 0u);
     float cell_size = get_cell_size(surface.world_position, rng);
-    WorldCacheKey key = make_world_cache_key(surface.world_position, surface.geometric_world_normal, cell_size);
+    WorldCacheKey whole = make_world_cache_key(surface.world_position, surface.geometric_world_normal, cell_size), key = whole;
     uint empty_step;
     uint cell = find_world_cache_cell(key, empty_step);
+    for (uint part = 2u; cell == NO_INDEX && part < LANDMARKS; part++) {
+        key = part_of_cell(whole, part);
+        cell = find_world_cache_cell(key, empty_step);
+    }
     if (uniforms.view == VIEW_CACHE_LOD) { return show_share(log2(cell_size / uniforms.world_cache_cell_size) / 8.0); }
     if (uniforms.view == VIEW_CACHE_CELLS) { return show_number(key.checksum) * (cell == NO_INDEX ? 0.2 : 1.0); }
     if (cell == NO_INDEX) { return NOTHING; }
@@ -108,13 +112,18 @@ vec3 show_cache(uvec2 pixel, GBufferSurface surface) {
     }
 }
 
+// As the view of instances shows what glows, so that a light keeps its colour when others go.
+vec3 show_light(LightSource light) {
+    return show_number(light.kind == LIGHT_EMISSIVE_MESH ? instances.at[light.index].id : ~light.index);
+}
+
 vec3 show_di(uint index) {
     DiReservoir reservoir = di_reservoirs.at[index];
     if (uniforms.view == VIEW_DI_CONFIDENCE) { return show_share(reservoir.confidence / (2.0 * uniforms.di_confidence_cap)); }
     if (uniforms.view == VIEW_DI_NEIGHBOR) { return di_outcomes.at[index].x == NO_INDEX ? ALARM : vec3(0.5); }
     if (reservoir.light_sample.light_index == NO_INDEX) { return NOTHING; }
     switch (uniforms.view) {
-        case VIEW_DI_LIGHT: return show_number(reservoir.light_sample.light_index);
+        case VIEW_DI_LIGHT: return show_light(light_sources.at[reservoir.light_sample.light_index]);
         case VIEW_DI_WEIGHT: return show_share(log2(1.0 + reservoir.unbiased_contribution_weight) / 12.0);
         default: return di_outcomes.at[index].y != 0u ? vec3(1.0) : vec3(0.25);
     }

@@ -52,7 +52,7 @@ LightCandidate draw_light_candidate(inout uint rng) {
     return LightCandidate(light_sample, resolve_light_sample(light_sample));
 }
 
-// A tile serves a group of neighbouring invocations, so that they read the same memory: seed `rng` by the group.
+// For pixels `rng` is seeded by the group of invocations, so that these read the same memory.
 uint choose_light_tile(inout uint rng) {
     return rand_range_u(light_tiles.at.length() / light_tiles.samples_each, rng);
 }

@@ -6,7 +6,8 @@
 #include "passes/restir_di/reservoir.glsl"
 #include "scene/sampling.glsl"
 
-// Luminance of what a matte surface that reflects as much would send on. Positive wherever the BRDF is.
+// Luminance of what a matte surface that reflects as much would send on. Differs from Solari, which takes the diffuse lobe alone:
+// positive wherever the BRDF is, so that metals have direct light too.
 float di_target(GBufferSurface surface, ResolvedLightSample resolved) {
     LightContribution light = calculate_resolved_light_contribution(resolved, surface.world_position);
     if (!(dot(light.wi, surface.geometric_world_normal) > 0.0)) { return 0.0; }

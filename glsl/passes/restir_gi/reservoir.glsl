@@ -20,7 +20,7 @@ GiReservoir load_gi_reservoir(uvec2 pixel) { return gi_reservoirs.at[pixel.y * u
 // Whether nothing diffuse is there, nor anything rough enough to reuse the reservoir.
 bool takes_no_gi(GBufferSurface surface) {
     return !surface.exists || uniforms.gi == 0u || (uniforms.gi_skip_smooth_metals != 0u
-        && surface.material.metallic > 0.9999 && surface.material.roughness <= uniforms.specular_reuse_roughness);
+        && surface.material.metallic > uniforms.pure_metal && surface.material.roughness <= uniforms.specular_reuse_roughness);
 }
 
 // Of the direction to a point; 0 below the surface.

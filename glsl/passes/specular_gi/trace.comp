@@ -105,8 +105,8 @@ vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
         vec3 wo = -path.direction * frame;
         Brdf brdf = prepare_brdf(surface.material, wo);
 
-        // Mirrors of metal don't count: the cache, whose cells are diffuse, would show them as white walls.
-        bool mirror = brdf.mirror && brdf.specular_probability == 1.0;
+        // Differs from Solari: mirrors of metal don't count, for the cache, whose cells are diffuse, would show them as white walls.
+        bool mirror = is_metal_mirror(surface.material);
         mirrors += mirror ? 1u : 0u;
         visited += mirror ? 0u : 1u;
         WorldCacheResult end = WorldCacheResult(false, vec3(0.0));
@@ -115,7 +115,7 @@ vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
                 surface.world_position, surface.geometric_world_normal, hit.t, uniforms.world_cache_lifetime, rng
             );
         }
-        // where the cache knows nothing, the path goes on
+        // Differs from Solari: where the cache knows nothing, the path goes on.
         uint most = uniforms.specular_bounces + (uniforms.world_cache != 0u ? MOST_UNKNOWN_HITS : 0u);
         if (mirrors > MOST_MIRRORS) { return radiance; }
         if (!end.found && visited >= most) { end = WorldCacheResult(true, sample_irradiance(surface, rng)); }

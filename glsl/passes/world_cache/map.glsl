@@ -40,8 +40,8 @@ uint world_cache_place(WorldCacheKey key, uint search_step) {
     return (key.first + search_step) & uint(world_cache_checksums.at.length() - 1);
 }
 
-// NO_INDEX where there is none. `empty_step`: the first step of the search that comes to an empty cell, if any does. The search
-// goes on past empty cells: what filled them when a key was inserted may have died since.
+// NO_INDEX where there is none. `empty_step`: the first step of the search that comes to an empty cell, if any does. Differs
+// from Solari in that the search goes on past empty cells: what filled them when a key was inserted may have died since.
 uint find_world_cache_cell(WorldCacheKey key, out uint empty_step) {
     empty_step = uniforms.world_cache_search_steps;
     for (uint i = 0u; i < uniforms.world_cache_search_steps; i++) {

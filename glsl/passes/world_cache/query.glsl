@@ -22,6 +22,8 @@ float get_cell_size(vec3 world_position, inout uint rng) {
     return uniforms.world_cache_cell_size * power_of_two(int(level) + (rand_f(rng) < pow(part, uniforms.world_cache_lod_sharpness) ? 1 : 0));
 }
 
+const uint LANDMARKS = 6u;  // the middle of the cell that chance chose, of the own one, then four around that
+
 // Of the cell where a point lies that is moved by chance within the tangent plane, which hides the grid. Differs from Solari: what
 // can't see a cell's middle has no share in it, nor in what lies behind a wall; where a wall goes through a point's own cell,
 // that has parts, one for each landmark that is the first to be seen.
@@ -29,10 +31,10 @@ WorldCacheKey choose_key(vec3 world_position, vec3 normal, float cell_size, inou
     vec2 jitter = uniforms.world_cache_jitter * cell_size * sample_disk(rand_vec2f(rng));
     vec3 place = world_position + orthonormalize(normal) * vec3(jitter, 0.0);
     WorldCacheKey key = make_world_cache_key(place, normal, cell_size);
-    if (uniforms.world_cache_leak_prevention == 0u) { return key; }
+    if (uniforms.world_cache_leak_prevention != LEAKS_PARTED) { return key; }
     vec3 eye = world_position + EYE_HEIGHT * cell_size * normal;
-    uint landmark = 0u;  // the middle of the cell that chance chose, of the own one, then four around that
-    for (; landmark < 6u; landmark++) {
+    uint landmark = 0u;
+    for (; landmark < LANDMARKS; landmark++) {
         if (landmark == 1u) {
             vec4 tried = key.bounds;
             key = make_world_cache_key(world_position, normal, cell_size);
@@ -56,7 +58,7 @@ WorldCacheResult query_world_cache(
     WorldCacheResult nothing = WorldCacheResult(false, vec3(0.0));
     if (uniforms.world_cache == 0u) { return nothing; }
     float cell_size = get_cell_size(world_position, rng);
-    if (uniforms.world_cache_leak_prevention != 0u && ray_t < cell_size) { cell_size = uniforms.world_cache_cell_size; }
+    if (uniforms.world_cache_leak_prevention != LEAKS_ALLOWED && ray_t < cell_size) { cell_size = uniforms.world_cache_cell_size; }
 
     WorldCacheKey key = choose_key(world_position, geometric_world_normal, cell_size, rng);
     uint cell = insert_world_cache_cell(key);

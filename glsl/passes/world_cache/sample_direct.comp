@@ -1,5 +1,6 @@
 // World cache, step 4: direct light of active cells, by resampled importance sampling (Talbot et al., "Importance Resampling
-// for Global Illumination", 2005) over light samples, and one ray to the chosen one.
+// for Global Illumination", 2005) over light samples, and one ray to the chosen one. Differs from Solari in that each cell
+// has a tile of its own: which cells are neighbours in the list is chance, and their errors would go together.
 #version 460
 #extension GL_EXT_ray_query : require
 #include "passes/light_tiles/light_tiles.glsl"
