@@ -45,19 +45,22 @@ def gallery_truth(device):
     return scene, *reference(device, scene, SIZE, 4096)
 
 
-def check_gallery(device, gallery_truth, frames, bar):
+def gallery_errors(device, gallery_truth, frames):
+    """The relative error of each panel and of all, with the half width of its 95 % interval."""
     scene, truth, truth_variance = gallery_truth
     made, variance = take_frames(device, scene, SIZE, frames)
-    for name, panel in {**PANELS, "all": np.s_[:, :]}.items():
-        error, width = relative_error(made[panel], variance[panel], truth[panel], truth_variance[panel])
-        print(f"{name}: {error:+.2%} +- {width:.2%}")
-        assert abs(error) < bar + width, f"{name}: {error:+.2%} +- {width:.2%}"
-    return width
+    found = {
+        name: relative_error(made[panel], variance[panel], truth[panel], truth_variance[panel])
+        for name, panel in {**PANELS, "all": np.s_[:, :]}.items()
+    }
+    print({name: f"{error:+.2%} +- {width:.2%}" for name, (error, width) in found.items()})
+    return found
 
 
 def test_paths_of_the_specular_lobe_are_unbiased(device, gallery_truth):
     """Mirror, smooth, glossy and rough metals; a lamp, a sun, diffuse, glossy and mirror surfaces in what they show."""
-    assert check_gallery(device, gallery_truth, 2500, 0.005) < 0.005
+    for name, (error, width) in gallery_errors(device, gallery_truth, 2500).items():
+        assert abs(error) + width < (0.01 if name == "all" else 0.025), name
 
 
 TRACE, LOBE = "trace.comp", "lobe.glsl"
@@ -71,17 +74,18 @@ MUTANTS = {
     "no first lights": (TRACE, "specular_di_roughness ? INFINITY : 0.0", "specular_di_roughness ? 0.0 : 0.0"),
     "pdf of another lobe": (LOBE, "brdf.pdf_per_d * D_GGX", "1.1 * brdf.pdf_per_d * D_GGX"),
 }
+QUICK = "no light samples"
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[pytest.mark.slow] if n != "no light samples" else []) for n in MUTANTS]
+    "name", [pytest.param(n, marks=[pytest.mark.slow] if n != QUICK else []) for n in MUTANTS]
 )
 def test_a_seeded_bug_is_noticed(device, gallery_truth, name, tmp_path, monkeypatch):
     file, old, new = MUTANTS[name]
     root = mutated_glsl(tmp_path, f"passes/specular_gi/{file}", old, new)
     monkeypatch.setattr(compiler, "glsl_root", lambda: root)
-    with pytest.raises(AssertionError):
-        check_gallery(device, gallery_truth, 800, 0.005)
+    errors = gallery_errors(device, gallery_truth, 100 if name == QUICK else 800)
+    assert any(abs(error) > 0.005 + width for error, width in errors.values())
 
 
 # ---- mirrors ----------------------------------------------------------------------------------------
@@ -199,7 +203,8 @@ def test_a_glowing_box_of_metal(device, perceptual_roughness):
     made, variance = take_frames(device, scene, (16, 16), 100)
     truth, truth_variance = reference(device, scene, (16, 16), 400)
     error, width = relative_error(made + 1.0, variance, truth, truth_variance)
-    assert abs(error) < 0.003 + width, f"{error:+.2%} +- {width:.2%}"
+    print(f"{error:+.2%} +- {width:.2%}")
+    assert abs(error) + width < 0.01, f"{error:+.2%} +- {width:.2%}"
 
 
 @pytest.mark.parametrize("termination", ["spread", "roughness"])
