@@ -3,29 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from dataclasses import dataclass
 from typing import Any
 
 from solari_vk.errors import SolariError
 from solari_vk.quality import QUALITIES as QUALITIES
-
-
-@dataclass(frozen=True)
-class Field:
-    """What a setting means and may be. `section` groups fields for people; `rebuilds`: it is built into pipelines or
-    sizes a buffer, so that the frame is built anew (history of what keeps its size stays), all others are live."""
-
-    section: str
-    meaning: str
-    choices: tuple[str, ...] = ()
-    low: float = 0
-    high: float = math.inf
-    rebuilds: bool = False
-
-
-def _field(default: Any, section: str, meaning: str, **more: Any) -> Any:
-    return dataclasses.field(default=default, metadata={"field": Field(section, meaning, **more)})
+from solari_vk.setting import Field as Field
+from solari_vk.setting import setting
 
 
 @dataclass
@@ -38,179 +22,183 @@ class Settings:
     """
 
     # ---- what is computed
-    di: bool = _field(True, "frame", "Direct light (ReSTIR DI).")
-    gi: bool = _field(True, "frame", "Indirect light of diffuse surfaces (ReSTIR GI).")
-    specular: bool = _field(True, "frame", "What specular lobes reflect: indirect light, and in smooth ones lights.")
-    world_cache: bool = _field(True, "frame", "The radiance cache; without it indirect light is one bounce of direct.")
-    jitter: bool = _field(True, "frame", "Move samples within the pixel from frame to frame, for antialiasing.")
-    gbuffer: str = _field(
+    di: bool = setting(True, "frame", "Direct light (ReSTIR DI).")
+    gi: bool = setting(True, "frame", "Indirect light of diffuse surfaces (ReSTIR GI).")
+    specular: bool = setting(True, "frame", "What specular lobes reflect: indirect light, and in smooth ones lights.")
+    world_cache: bool = setting(True, "frame", "The radiance cache; without it indirect light is one bounce of direct.")
+    jitter: bool = setting(True, "frame", "Move samples within the pixel from frame to frame, for antialiasing.")
+    gbuffer: str = setting(
         "raster", "frame", "How pixels find their surface.", choices=("raster", "traced"), rebuilds=True
     )
-    frustum_culling: bool = _field(True, "frame", "Raster draws only what may be in view.", rebuilds=True)
-    occlusion_culling: bool = _field(
+    frustum_culling: bool = setting(True, "frame", "Raster draws only what may be in view.", rebuilds=True)
+    occlusion_culling: bool = setting(
         True, "frame", "Raster draws only what isn't behind what was visible last frame.", rebuilds=True
     )
-    layering: str = _field(
+    layering: str = setting(
         "conserving", "frame", "How diffuse sits under specular: Solari 0.18 takes the sum, 0.19 a Fresnel product.",
         choices=("conserving", "sum", "fresnel_product"), rebuilds=True
     )  # fmt: skip
-    pure_metal: float = _field(
+    pure_metal: float = setting(
         0.9999, "frame", "Metallic above which nothing counts as diffuse. Less: faster, darker.", low=0, high=1
     )
-    lambert: bool = _field(False, "frame", "Every surface is plain Lambert, for closed forms.", rebuilds=True)
+    lambert: bool = setting(False, "frame", "Every surface is plain Lambert, for closed forms.", rebuilds=True)
 
     # ---- reuse, of DI and GI
-    similarity_plane_distance: float = _field(
+    similarity_plane_distance: float = setting(
         0.003, "reuse", "Share of the view depth that two pixels' planes may lie apart. More: less noise, more blur.",
         low=1e-6, high=1.0
     )  # fmt: skip
-    similarity_normal_cosine: float = _field(
+    similarity_normal_cosine: float = setting(
         0.0, "reuse", "Cosine of the widest angle between two normals. More: less blur, more noise.", low=-1, high=1
     )
-    permutation_sampling: bool = _field(True, "reuse", "Shuffle pixels among neighbours over time: less correlation.")
-    spatial_tries: int = _field(
+    permutation_sampling: bool = setting(True, "reuse", "Shuffle pixels among neighbours over time: less correlation.")
+    spatial_tries: int = setting(
         5, "reuse", "Attempts to find a similar neighbour. More: less noise, slower.", low=1, high=32
     )
-    spatial_radius_halving: bool = _field(True, "reuse", "Halve the radius after each failed attempt (0.19).")
+    spatial_radius_halving: bool = setting(True, "reuse", "Halve the radius after each failed attempt (0.19).")
 
     # ---- light tiles
-    light_tile_count: int = _field(
+    light_tile_count: int = setting(
         128, "light_tiles", "Tiles a frame. More: less correlation.", low=1, high=4096, rebuilds=True
     )
-    light_tile_samples: int = _field(
+    light_tile_samples: int = setting(
         1024, "light_tiles", "Light samples a tile. More: less correlation.", low=1, high=65536, rebuilds=True
     )
-    light_tile_encoding: str = _field(
+    light_tile_encoding: str = setting(
         "log2", "light_tiles", "How radiance is packed; linear is Solari 0.17's.", choices=("log2", "linear")
     )
-    light_sampling: str = _field(
+    light_sampling: str = setting(
         "tiles", "light_tiles", "Candidates come from tiles, or are resolved one by one.", choices=("tiles", "resolve")
     )
 
     # ---- world cache
-    world_cache_cells: int = _field(
+    world_cache_cells: int = setting(
         1 << 20, "world_cache", "Cells of the hash map, a power of two. Less: less memory; light is lost when full.",
         low=1 << 10, high=1 << 26, rebuilds=True
     )  # fmt: skip
-    world_cache_cell_size: float = _field(
+    world_cache_cell_size: float = setting(
         0.15, "world_cache", "Metres of the finest cell. Less: sharper, slower, noisier.", low=1e-6, high=1e6
     )
-    world_cache_lod_distance: float = _field(
+    world_cache_lod_distance: float = setting(
         15.0, "world_cache", "Metres at which cells have doubled. More: finer cells.", low=1e-6, high=1e9
     )
-    world_cache_lod_sharpness: float = _field(
+    world_cache_lod_sharpness: float = setting(
         3.0, "world_cache", "How late in a level chance takes the next. More: finer cells, harder edges of levels.",
         low=0.01, high=100
     )  # fmt: skip
-    world_cache_lifetime: int = _field(
+    world_cache_lifetime: int = setting(
         10, "world_cache", "Frames a cell lives unseen. More: steadier, more cells.", low=1, high=1000
     )
-    world_cache_lifetime_rule: str = _field(
+    world_cache_lifetime_rule: str = setting(
         "max", "world_cache", "How cells that see cells keep them alive; store is Solari 0.17's, by which they never "
         "die.", choices=("max", "store")
     )  # fmt: skip
-    world_cache_search_steps: int = _field(
+    world_cache_search_steps: int = setting(
         8, "world_cache", "Places tried for a cell (Solari: 3). Less: faster, fuller sooner.", low=1, high=64
     )
-    world_cache_max_samples: int = _field(
+    world_cache_max_samples: int = setting(
         32, "world_cache", "Frames averaged. More: less noise, more lag.", low=1, high=4096
     )
-    world_cache_blend: str = _field(
+    world_cache_blend: str = setting(
         "adaptive", "world_cache", "Fewer frames are averaged where light changes; fixed is Solari 0.17's.",
         choices=("adaptive", "fixed")
     )  # fmt: skip
-    world_cache_change_exponent: float = _field(
+    world_cache_change_exponent: float = setting(
         0.125, "world_cache", "Of a cell's relative change, in the adaptive blend. Less: forgets at smaller changes.",
         low=0.01, high=10
     )  # fmt: skip
-    world_cache_change_smoothing: float = _field(
+    world_cache_change_smoothing: float = setting(
         0.125, "world_cache", "Share of the newest frame in a cell's change. More: quicker, noisier.", low=0.001, high=1
     )
-    world_cache_relight: bool = _field(
+    world_cache_relight: bool = setting(
         True, "world_cache", "Forget as much of the past as came, went or moved of the lights' power. Not in Solari."
     )
-    world_cache_candidates: int = _field(
+    world_cache_candidates: int = setting(
         32, "world_cache", "Light samples a cell chooses from. More: less noise, slower.", low=1, high=1024
     )
-    world_cache_ray_length: float = _field(
+    world_cache_ray_length: float = setting(
         50.0, "world_cache", "Metres that a cell's ray sees. Less: faster, darker.", low=1e-3, high=1e9
     )
-    world_cache_update_cap: int = _field(
+    world_cache_update_cap: int = setting(
         40_000, "world_cache", "Cells updated a frame, about; others wait by chance. Less: faster, more lag.", low=1,
         high=1 << 26
     )  # fmt: skip
-    world_cache_jitter: float = _field(
+    world_cache_jitter: float = setting(
         0.5, "world_cache", "Cells by which a query is moved at random. More: hides the grid, blurs.", low=0, high=2
     )
-    world_cache_leak_prevention: str = _field(
+    world_cache_leak_prevention: str = setting(
         "landmarks", "world_cache", "Short rays use the finest cells (0.19); by landmarks, walls divide cells as well.",
         choices=("landmarks", "finest", "off")
     )  # fmt: skip
 
     # ---- ReSTIR DI
-    di_candidates: int = _field(
+    di_candidates: int = setting(
         8, "restir_di", "Light samples a pixel chooses from (0.17: 32). More: less noise.", low=1, high=1024
     )
-    di_temporal: bool = _field(True, "restir_di", "Reuse the last frame's samples.")
-    di_spatial: bool = _field(True, "restir_di", "Reuse a neighbour's sample.")
-    di_initial_visibility: bool = _field(
+    di_temporal: bool = setting(True, "restir_di", "Reuse the last frame's samples.")
+    di_spatial: bool = setting(True, "restir_di", "Reuse a neighbour's sample.")
+    di_initial_visibility: bool = setting(
         False, "restir_di", "Drop occluded candidates before reuse, as Solari: less noise, but shadows grow halos."
     )
-    di_order: str = _field(
+    di_target: str = setting(
+        "brdf", "restir_di", "What lights are chosen by: all that a surface reflects, or as if it were matte (Solari).",
+        choices=("brdf", "matte")
+    )  # fmt: skip
+    di_order: str = setting(
         "0.18", "restir_di", "When visibility is tested; 0.17 feeds it forward.", choices=("0.18", "0.17")
     )
-    di_merge: str = _field(
+    di_merge: str = setting(
         "balance", "restir_di", "Weights of a merge; constant is Solari 0.17's.", choices=("balance", "constant")
     )
-    di_confidence_cap: float = _field(
+    di_confidence_cap: float = setting(
         20.0, "restir_di", "Frames of history that count. More: less noise, more lag.", low=1, high=1e4
     )
-    di_spatial_radius: float = _field(
+    di_spatial_radius: float = setting(
         30.0, "restir_di", "Pixels in which a neighbour is looked for. More: fewer blotches.", low=1, high=1e4
     )
 
     # ---- ReSTIR GI
-    gi_temporal: bool = _field(True, "restir_gi", "Reuse the last frame's samples.")
-    gi_spatial: bool = _field(True, "restir_gi", "Reuse a neighbour's sample.")
-    gi_confidence_cap: float = _field(
+    gi_temporal: bool = setting(True, "restir_gi", "Reuse the last frame's samples.")
+    gi_spatial: bool = setting(True, "restir_gi", "Reuse a neighbour's sample.")
+    gi_confidence_cap: float = setting(
         8.0, "restir_gi", "Frames of history that count. More: less noise, more lag.", low=1, high=1e4
     )
-    gi_spatial_radius: float = _field(
+    gi_spatial_radius: float = setting(
         30.0, "restir_gi", "Pixels in which a neighbour is looked for. More: fewer blotches.", low=1, high=1e4
     )
-    gi_jacobian_limit: float = _field(
+    gi_jacobian_limit: float = setting(
         10.0, "restir_gi", "A shift that stretches more than so is no merge. Less: more noise.", low=1, high=1e6
     )
-    gi_skip_smooth_metals: bool = _field(True, "restir_gi", "Nothing is sampled where nothing diffuse is (0.19).")
-    gi_visibility: str = _field(
+    gi_skip_smooth_metals: bool = setting(True, "restir_gi", "Nothing is sampled where nothing diffuse is (0.19).")
+    gi_visibility: str = setting(
         "both", "restir_gi", "Who must see a sample to merge it: both pixels; in Solari this one, which loses light.",
         choices=("both", "0.17")
     )  # fmt: skip
-    gi_refresh: bool = _field(
+    gi_refresh: bool = setting(
         True, "restir_gi", "Ask the cache anew what the last frame's samples reflect, for its pace. Not in Solari."
     )
 
     # ---- specular GI
-    specular_bounces: int = _field(
+    specular_bounces: int = setting(
         3, "specular_gi", "Surfaces a path visits before it ends in the cache. More: truer, slower.", low=1, high=64
     )
-    specular_reuse_roughness: float = _field(
+    specular_reuse_roughness: float = setting(
         0.4, "specular_gi", "Above it GI's reservoir serves; metals that GI skips are up to it. More: sharper, slower.",
         low=0, high=1
     )  # fmt: skip
-    specular_di_roughness: float = _field(
+    specular_di_roughness: float = setting(
         0.0225, "specular_gi", "Up to this roughness specular rays meet lights, above it DI has them. More: noisier.",
         low=0, high=1
     )  # fmt: skip
-    specular_termination: str = _field(
+    specular_termination: str = setting(
         "spread", "specular_gi", "A path ends in the cache when its cone is wider than a cell, or (0.18) at a rough "
         "surface.", choices=("spread", "roughness")
     )  # fmt: skip
-    specular_mirror: str = _field(
+    specular_mirror: str = setting(
         "mirror", "specular_gi", "How the smoothest surfaces reflect; clamped_ggx is 0.18's.",
         choices=("mirror", "clamped_ggx")
     )  # fmt: skip
-    primary_surface_replacement: bool = _field(True, "specular_gi", "Guides describe what mirrors show.")
+    primary_surface_replacement: bool = setting(True, "specular_gi", "Guides describe what mirrors show.")
 
     revision = 0
     """Grows with every change."""

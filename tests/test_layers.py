@@ -18,7 +18,8 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 MAY_IMPORT = {
     "errors": set(),
     "quality": set(),
-    "settings": {"errors", "quality"},
+    "setting": set(),
+    "settings": {"errors", "quality", "setting"},
     "display": {"errors"},
     "movie": {"errors", "display"},
     "animation": {"errors", "scene"},

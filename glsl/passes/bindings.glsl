@@ -78,6 +78,7 @@ layout(set = 1, binding = 0, scalar) uniform UniformsBlock {
     uint di_temporal;
     uint di_spatial;
     uint di_initial_visibility;
+    uint di_target;
     uint di_order;
     uint di_merge;
     float di_confidence_cap;
@@ -113,6 +114,8 @@ const uint BLEND_FIXED = 1u;            // Solari 0.17
 const uint LEAKS_PARTED = 0u;           // by what is seen of a cell
 const uint LEAKS_FINEST = 1u;           // Solari 0.19: the smallest cells for short rays
 const uint LEAKS_ALLOWED = 2u;
+const uint TARGET_BRDF = 0u;
+const uint TARGET_MATTE = 1u;           // Solari: of nothing but the diffuse lobe
 const uint ORDER_0_18 = 0u;
 const uint ORDER_0_17 = 1u;             // visibility of the spatial sample, fed forward
 const uint MERGE_BALANCE = 0u;

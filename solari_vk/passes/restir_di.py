@@ -21,7 +21,7 @@ def stage(size: tuple[int, int], settings: Settings) -> Stage:
             "di_specular": pixels,
         },
         passes=[
-            Pass("restir_di/initial_and_temporal", threads=size),
+            Pass("restir_di/initial_and_temporal", threads=size, constants={"brdf_lambert": settings.lambert}),
             Pass("restir_di/spatial_and_shade", threads=size, constants=brdf),
         ],
     )

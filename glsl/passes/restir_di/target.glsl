@@ -4,10 +4,25 @@
 
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/restir_di/reservoir.glsl"
+#include "scene/brdf.glsl"
 #include "scene/sampling.glsl"
 
-// Luminance of what a matte surface that reflects as much would send on. Differs from Solari, which takes the diffuse lobe alone:
-// positive wherever the BRDF is, so that metals have direct light too.
+// Of the specular lobe, as far as DI shades it, without what only costs time: colours and further bounces between microfacets.
+float specular_target(GBufferSurface surface, vec3 dielectric_f0, vec3 world_wi) {
+    ResolvedMaterial material = surface.material;
+    if (brdf_lambert || uniforms.di_target == TARGET_MATTE) { return 0.0; }
+    if (material.roughness <= max(uniforms.specular_di_roughness, MIRROR_ROUGHNESS)) { return 0.0; }
+    mat3 frame = orthonormalize(surface.world_normal);
+    vec3 wo = surface.wo * frame, wi = world_wi * frame;
+    if (!(wo.z > 0.0 && wi.z > 0.0)) { return 0.0; }
+    vec3 half_vector = normalize(wo + wi);
+    float f0 = luminance(mix(dielectric_f0, material.base_color, material.metallic));
+    float fresnel_factor = f0 + (1.0 - f0) * pow(1.0 - saturate(dot(wi, half_vector)), 5.0);
+    return fresnel_factor * D_GGX(material.roughness, half_vector) * V_SmithGGXCorrelated(material.roughness, wo.z, wi.z);
+}
+
+// Luminance of what the surface sends on. Differs from Solari, which takes the diffuse lobe alone: that misses the lights which
+// highlights are of, and all lights where metals are. The floor keeps it positive wherever the BRDF is.
 float di_target(GBufferSurface surface, ResolvedLightSample resolved) {
     LightContribution light = calculate_resolved_light_contribution(resolved, surface.world_position);
     if (!(dot(light.wi, surface.geometric_world_normal) > 0.0)) { return 0.0; }
@@ -15,7 +30,8 @@ float di_target(GBufferSurface surface, ResolvedLightSample resolved) {
     vec3 color = max(surface.material.base_color + (1.0 - surface.material.metallic) * dielectric_f0, 0.01);
     float cosine = max(dot(light.wi, surface.world_normal), 0.0);
     float inverse_pdf = light.inverse_pdf / float(max(scene_info.light_count, 1u));  // over a light's random numbers
-    float target = luminance(color * light.received_radiance) * (INVERSE_PI * cosine * inverse_pdf);
+    vec3 brdf = INVERSE_PI * color + specular_target(surface, dielectric_f0, light.wi);
+    float target = luminance(brdf * light.received_radiance) * (cosine * inverse_pdf);
     return target > 1e-30 ? min(target, 1e30) : 0.0;  // so that neither it nor its inverse is infinite
 }
 
