@@ -13,6 +13,7 @@ from pathlib import Path
 from solari_vk.cli import bench, render, view
 from solari_vk.errors import DeviceError, SolariError
 
+_CONFORMANCE_FULL = "ten times the rays and instances, many times the frames with narrower bars: takes much longer"
 _CONFORMANCE_EXIT = (
     "Exit code 0: every rule holds, but for those that the device has no feature for, that only --full measures, and "
     "known faults of its driver no worse than listed; all of these are named. 1: a rule doesn't hold, a listed fault "
@@ -69,7 +70,7 @@ def _parser() -> argparse.ArgumentParser:
     conformance.set_defaults(run=_conformance)
     conformance.add_argument("--device", help="part of a device's name, its index or its UUID")
     conformance.add_argument("--only", action="append", default=[], metavar="GROUP", help="a group (all; repeatable)")
-    conformance.add_argument("--full", action="store_true", help="ten times the rays and instances: takes much longer")
+    conformance.add_argument("--full", action="store_true", help=_CONFORMANCE_FULL)
     for kind, what in (("junit", "JUnit XML"), ("markdown", "Markdown"), ("html", "HTML")):
         conformance.add_argument(f"--{kind}", type=Path, metavar="FILE", help=f"write the report as {what}")
     return parser

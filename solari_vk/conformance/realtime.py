@@ -1,14 +1,17 @@
-"""Realtime frames for the suite: small renderers, replicated runs, and their mean against the path tracer's."""
+"""Realtime frames for the suite: small renderers, and replicated runs against the path tracer."""
 
 from __future__ import annotations
 
 import statistics
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.conformance.pictures import tile_means
+from solari_vk.conformance.rules import Measurement, Rule
 from solari_vk.gpu.device import Device
 from solari_vk.reference import PathTracer
 from solari_vk.renderer import RenderedFrame, Renderer
@@ -21,8 +24,24 @@ SMALL = {"light_tile_count": 16, "world_cache_cells": 1 << 18}
 PARTS = ("di_diffuse", "di_specular", "gi_diffuse", "specular_gi")
 # Nothing but surfaces and what is seen of lights, each pixel at its middle.
 OFF = {"di": False, "gi": False, "specular": False, "world_cache": False, "jitter": False}
-_STUDENT_95 = 2.365  # two-sided, 7 degrees of freedom
-RUNS = 8
+_STUDENT_95 = {8: 2.365, 16: 2.131}  # two-sided, by runs: one degree of freedom fewer
+JITTER_PERIOD = 32  # frames after which samples have been all over the pixel: edges then add no noise
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is measured: independent runs, frames before and those observed in each, and the path tracer's samples.
+
+    Frames of a run are much alike, so that runs tell more than frames.
+    """
+
+    runs: int = 8
+    warm_up: int = 24
+    observed: int = JITTER_PERIOD
+    samples: int = 512
+
+    def __str__(self) -> str:
+        return f"{self.runs} runs of {self.observed} frames"
 
 
 def make_renderer(
@@ -49,21 +68,49 @@ def trace(device: Device, scene: Scene, samples: int, size: tuple[int, int] = (3
         tracer.close()
 
 
-def run_means(
-    renderer: Renderer, camera: Camera, read: Callable[[RenderedFrame], Image], warm_up: int, observed: int
-) -> list[float]:
-    """The means of what `read` finds, of independent runs."""
-    means = []
-    for seed in range(RUNS):
+def replicate(renderer: Renderer, runs: int, observe: Callable[[], Image]) -> Image:
+    """What `observe` finds after a reset with each of so many seeds, (runs, ...)."""
+    found = []
+    for seed in range(runs):
         renderer.seed = seed
         renderer.reset()
-        for _ in range(warm_up):
+        found.append(observe())
+    return np.stack(found)
+
+
+def run_pictures(renderer: Renderer, camera: Camera, effort: Effort, read: Callable[[RenderedFrame], Image]) -> Image:
+    """What `read` finds in independent runs, the mean over each one's observed frames: (runs, ...)."""
+
+    def observe() -> Image:
+        for _ in range(effort.warm_up):
             renderer.render(camera)
-        means.append(float(np.mean([read(renderer.render(camera)).mean() for _ in range(observed)])))
-    return means
+        total: Image = np.zeros(())
+        for _ in range(effort.observed):
+            total = total + read(renderer.render(camera))
+        return np.asarray(total / effort.observed)
+
+    return replicate(renderer, effort.runs, observe)
 
 
-def relative_error(means: list[float], expected: float) -> tuple[float, float]:
-    """The error of the runs' mean, and the half width of its 95 % interval, relative to what's expected."""
-    half_width = _STUDENT_95 * statistics.stdev(means) / RUNS**0.5
-    return statistics.fmean(means) / expected - 1, half_width / expected
+def relative_error(observations: Image, expected: Image | float) -> tuple[float, float]:
+    """The relative error of the mean over runs (runs, ...), and the half width of its 95 % interval."""
+    means = [float(run.mean()) for run in observations]
+    total = float(np.mean(expected))
+    half_width = _STUDENT_95[len(means)] * statistics.stdev(means) / len(means) ** 0.5
+    return statistics.fmean(means) / total - 1, half_width / total
+
+
+def measure_mean(rule: Rule, observations: Image, expected: Image | float, bar: float, effort: Effort) -> Measurement:
+    """The 95 % interval of the mean's relative error: how far from 0 it reaches."""
+    error, half_width = relative_error(observations, expected)
+    note = f"{error:+.2%} +- {half_width:.2%}"
+    return Measurement(rule, abs(error) + half_width, bar, f"relative error, {effort}", note)
+
+
+def measure_tiles(rule: Rule, observations: Image, expected: Image, bar: float, effort: Effort) -> Measurement:
+    """The largest relative error of a sixteenth of the picture, pictures being square."""
+    side = expected.shape[0] // 4
+    found, right = (tile_means(image, side).mean(axis=-1) for image in (observations.mean(axis=0), expected))
+    errors = found / right - 1
+    note = f"tiles {np.round(100 * errors, 1).tolist()} %"
+    return Measurement(rule, float(np.abs(errors).max()), bar, f"relative error, {effort}", note)

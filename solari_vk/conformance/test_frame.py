@@ -20,11 +20,11 @@ def test_finite(rule: Recorder, device: Device) -> None:
 
 
 @pytest.mark.parametrize("walls", checks.BOXES)
-def test_closed_box(rule: Recorder, device: Device, walls: str) -> None:
+def test_closed_box(rule: Recorder, device: Device, full: bool, walls: str) -> None:
     """Energy."""
-    rule(checks.measure_closed_box(device, walls))
+    rule(checks.measure_closed_box(device, walls, full))
 
 
-def test_light(rule: Recorder, device: Device) -> None:
+def test_light(rule: Recorder, device: Device, full: bool) -> None:
     """A Cornell box, lit and dark."""
-    rule(checks.measure_light(device))
+    rule(checks.measure_light(device, full))

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from solari_vk.conformance import realtime_checks as checks
+from solari_vk.conformance import direct_checks as checks
 from solari_vk.conformance.suite import Recorder
 from solari_vk.gpu.device import Device
 
 
-def test_direct(rule: Recorder, device: Device) -> None:
-    """The mean."""
-    rule(checks.measure_direct(device))
+def test_direct(rule: Recorder, device: Device, full: bool) -> None:
+    """Means: of all, in light, in penumbra and in shadow."""
+    rule(checks.measure_direct(device, full))
+
+
+def test_changes(rule: Recorder, device: Device, full: bool) -> None:
+    """Lights that come and go."""
+    rule(checks.measure_changes(device, full))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from solari_vk.conformance import realtime_checks as checks
+from solari_vk.conformance import indirect_checks as checks
 from solari_vk.conformance.suite import Recorder
 from solari_vk.gpu.device import Device
 

@@ -1,0 +1,141 @@
+"""Direct light by ReSTIR DI: a Cornell box in light, penumbra and shadow, and lights that come and go."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+import solari_vk as sv
+from solari_vk.conformance.realtime import (
+    JITTER_PERIOD,
+    Effort,
+    Image,
+    add_up,
+    make_renderer,
+    measure_mean,
+    replicate,
+    run_pictures,
+    trace,
+)
+from solari_vk.conformance.rules import SUITE, Measurement, Rule
+from solari_vk.gpu.device import Device
+from solari_vk.renderer import RenderedFrame
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import cornell_box, lamp, matte, place
+
+_DI = (SUITE, "ReSTIR DI")
+DIRECT = Rule("direct light of a Cornell box", *_DI)
+LIT = Rule("direct light where all of the lamp is seen", *_DI)
+PENUMBRA = Rule("direct light where part of the lamp is seen", *_DI)
+SHADOW = Rule("no direct light where nothing of the lamp is seen", *_DI)
+CHANGES = Rule("lights that come and go leave the others' light as it was", *_DI)
+# In frames that see nothing but what lights send straight to surfaces.
+_ALONE = {"gi": False, "specular": False, "world_cache": False}
+_SHARE_RAYS = 64  # pairs of a point in the pixel and one on the lamp
+
+# Pixels a side, how much is measured, and the bars.
+FAST = (32, Effort(), {DIRECT: 0.02, LIT: 0.02, PENUMBRA: 0.04, SHADOW: 0.01})
+FULL = (96, Effort(16, 24, 4 * JITTER_PERIOD, 1024), {DIRECT: 0.005, LIT: 0.01, PENUMBRA: 0.01, SHADOW: 0.01})
+
+
+def _direct(frame: RenderedFrame) -> Image:
+    return add_up(frame, "di_diffuse", "di_specular")
+
+
+def find_lit_share(device: Device, scene: sv.Scene, side: int) -> Image:
+    """How much of the lamp a pixel's surface sees (side, side), by rays; NaN where it faces away from it."""
+    light = next(instance for instance in scene if instance.name == "lamp").mesh.positions.astype(np.float64)
+    low, high = light.min(axis=0), light.max(axis=0)
+    random = np.random.default_rng(0)
+    camera = scene.camera
+    slope = math.tan(camera.vertical_fov / 2) * np.array((1.0, -1.0))
+    pixels = np.stack(np.meshgrid(np.arange(side), np.arange(side)), axis=-1)[:, :, None]
+    ndc = 2 * (pixels + random.random((side, side, _SHARE_RAYS, 2))) / side - 1
+    along = np.concatenate([ndc * slope, np.full((*ndc.shape[:3], 1), -1.0)], axis=-1) @ camera.transform[:3, :3].T
+    with sv.RayTracer(device, scene) as rays:
+        hits = rays.trace(camera.transform[:3, 3], along)
+        origins = hits["position"] + 1e-4 * hits["normal"]
+        to_light = random.uniform(low, high, (*ndc.shape[:3], 3)) - origins
+        facing = np.isfinite(hits["t"]) & ((to_light * hits["normal"]).sum(axis=-1) > 1e-2)
+        seen = np.isinf(rays.trace(origins, to_light, t_max=1 - 1e-4, any_hit=True)["t"])
+    with np.errstate(invalid="ignore"):
+        return np.asarray((facing & seen).sum(axis=-1) / facing.sum(axis=-1))
+
+
+def measure_direct(device: Device, full: bool = False) -> Iterator[Measurement]:
+    """What arrives straight from the lamp, against one bounce of the path tracer: in all, and by how much is seen."""
+    side, effort, bars = FULL if full else FAST
+    scene, size = cornell_box(), (side, side)
+    one, none = (trace(device, scene, effort.samples, size, max_bounces=count) for count in (1, 0))
+    expected = one - none
+    with make_renderer(device, scene, size, **_ALONE) as renderer:
+        found = run_pictures(renderer, scene.camera, effort, _direct)
+    yield measure_mean(DIRECT, found, expected, bars[DIRECT], effort)
+    share = find_lit_share(device, scene, side)
+    for rule, pixels in ((LIT, share == 1), (PENUMBRA, (share > 0) & (share < 1))):
+        yield measure_mean(rule, found[:, pixels], expected[pixels], bars[rule], effort)
+    dark = share == 0
+    left = float(found[:, dark].mean() / expected.mean()) if dark.sum() > 16 else math.inf
+    yield Measurement(SHADOW, left, bars[SHADOW], f"of the picture's light, {effort}")
+
+
+# ---- lights that come and go ------------------------------------------------------------------------
+
+
+_LAMPS, _BESIDE = 3, 3.0  # how many, and metres between them
+_AFTER = 3  # frames that are looked at after a change
+# At this size a radius of 30 pixels would make all pixels share a few samples.
+_STEADY: dict[str, Any] = {"di_spatial_radius": 4.0, "di_candidates": 32, "di_confidence_cap": 4.0}
+
+
+def _row_of_lamps() -> sv.Scene:
+    """Lamps in a row over a floor, too far apart to light each other's third of the picture."""
+    ground = sv.Instance(mesh=shapes.quad((0, 0, 0), (0, 0, 9), (9, 0, 0)), material=matte(0.5), name="floor")
+    half_height = math.atan(_BESIDE / 2 / 6)
+    camera = sv.Camera.look_at((0, 6, 0), (0, 0, 0), up=(0, 0, -1), vertical_fov=2 * half_height)
+    scene, shape = sv.Scene(ground, camera), shapes.quad((0, 0, 0), (0.2, 0, 0), (0, 0, 0.2))
+    for i in range(_LAMPS):
+        at = (_BESIDE * (i - (_LAMPS - 1) / 2), 1.0, 0)
+        scene.add(sv.Instance(mesh=shape, material=lamp(9.0), transform=place(at=at), name=f"lamp {i}"))
+    return scene
+
+
+def _thirds(picture: Image) -> Image:
+    """The mean light beneath each lamp, (3,)."""
+    return np.array([part.mean() for part in np.split(picture, _LAMPS, axis=1)])
+
+
+def measure_changes(device: Device, full: bool = False) -> Iterator[Measurement]:
+    """The first of three lamps goes, so that the list closes up, and comes back as its last: the frames right after
+    are as bright as the path tracer's beneath each lamp, and nothing is left of what the first one gave."""
+    side, runs, bar = (48, 16, 0.02) if full else (24, 8, 0.04)
+    scene, size = _row_of_lamps(), (_LAMPS * side, side)
+    first = next(instance for instance in scene if instance.name == "lamp 0")
+    all_on = _thirds(trace(device, scene, 1024, size, max_bounces=1))
+    scene.remove(first)
+    one_gone = _thirds(trace(device, scene, 1024, size, max_bounces=1))
+    scene.add(first)
+    with make_renderer(device, scene, size, **_STEADY, **_ALONE) as renderer:
+
+        def look(frames: int) -> Image:
+            seen = [_thirds(_direct(renderer.render(scene.camera))) for _ in range(frames)]
+            return np.asarray(np.mean(seen, axis=0))
+
+        def observe() -> Image:
+            look(12)
+            scene.remove(first)
+            gone = look(_AFTER)
+            scene.add(first)
+            return np.stack([gone - one_gone, look(_AFTER) - all_on]) / all_on
+
+        found = replicate(renderer, runs, observe)
+    made = {}
+    for case, third in np.ndindex(2, _LAMPS):
+        where = f"beneath lamp {third}, the first one {('gone', 'back')[case]}"
+        made[where] = measure_mean(CHANGES, 1 + found[:, case, third, None], 1.0, bar, Effort(runs, 12, _AFTER))
+    where, worst = max(made.items(), key=lambda item: item[1].measured)
+    yield dataclasses.replace(worst, note=f"{where}: {worst.note}")

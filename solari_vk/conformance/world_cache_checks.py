@@ -1,0 +1,100 @@
+"""The world cache: its hash map's laws, what its cells hold in a closed box, and walls that keep their light."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from solari_vk.conformance.oracles import closed_forms
+from solari_vk.conformance.realtime import Effort, Image, add_up, make_renderer, measure_mean, replicate, trace
+from solari_vk.conformance.rules import SUITE, Measurement, Rule
+from solari_vk.gpu.device import Device
+from solari_vk.renderer import Renderer
+from solari_vk.scene.builtin import closed_box, cornell_box, place, thin_wall
+
+_CACHE = (SUITE, "World cache")
+LIST = Rule("the list of active cells is the map's living cells, in its order", *_CACHE)
+ONCE = Rule("every key is in one place", *_CACHE)
+DEATH = Rule("cells die when nobody asks", *_CACHE)
+FIXED_POINT = Rule("a closed box's cells reach the series' fixed point", *_CACHE)
+LEAK = Rule("nothing leaks through a thin wall", *_CACHE)
+
+
+def measure_world_cache(device: Device) -> Iterator[Measurement]:
+    """The hash map's laws, of the map as a frame leaves it."""
+    scene = cornell_box()
+    with make_renderer(device, scene) as renderer:
+        for _ in range(6):
+            renderer.render(scene.camera)
+        before = renderer["world_cache_checksums"].copy(), renderer["world_cache_life"].copy()
+        renderer.render(scene.camera)
+        count = int(renderer["world_cache/active_cells"])
+        listed = renderer["world_cache_active_cells"][:count]
+        living = np.flatnonzero((before[0] != 0) & (before[1] > 0))
+        wrong = len(living) if len(living) != count else int((listed != living).sum())
+        yield Measurement(LIST, float(wrong if count > 100 else math.inf), 0.0, f"of {count} wrong")
+        keys = renderer["world_cache_checksums"]
+        keys = keys[keys != 0]
+        yield Measurement(ONCE, float(len(keys) - len(np.unique(keys))), 0.0, "twice")
+        renderer.settings.gi = renderer.settings.specular = False
+        for _ in range(renderer.settings.world_cache_lifetime + 2):
+            renderer.render(scene.camera)
+        yield Measurement(DEATH, float(renderer["world_cache/active_cells"]), 0.0, "left")
+
+
+def _read_cells(renderer: Renderer) -> tuple[float, int]:
+    """The mean irradiance of cells that have been updated a dozen times, and how many they are."""
+    irradiance = renderer["world_cache_irradiance"].astype(np.float64)
+    # A cell's count begins at 1 and grows by a quarter with each update.
+    settled = irradiance[(renderer["world_cache_checksums"] != 0) & (irradiance[:, 3] >= 4.0)]
+    return float(settled[:, :3].mean()) if len(settled) else math.inf, len(settled)
+
+
+def measure_fixed_point(device: Device, full: bool = False) -> Iterator[Measurement]:
+    """Walls that emit 1 and reflect half: all that is seen from them has the radiance 2, and so they get 2 pi."""
+    effort, bar = (Effort(16, 100, 8), 0.02) if full else (Effort(8, 40, 4), 0.05)
+    scene = closed_box()
+    expected = math.pi * float(closed_forms.closed_box_radiance(np.ones(1), np.full(1, 0.5), 64)[0])
+    counts = []
+    alone = {"di": False, "specular": False, "world_cache_cells": 1 << 14}
+    with make_renderer(device, scene, (16, 16), **alone) as renderer:
+
+        def observe() -> Image:
+            for _ in range(effort.warm_up):
+                renderer.render(scene.camera)
+            total = 0.0
+            for _ in range(effort.observed):
+                renderer.render(scene.camera)
+                mean, count = _read_cells(renderer)
+                total += mean
+                counts.append(count)
+            return np.array([total / effort.observed])
+
+        found = replicate(renderer, effort.runs, observe)
+    measured = measure_mean(FIXED_POINT, found, expected, bar, effort)
+    yield measured if min(counts) > 500 else Measurement(FIXED_POINT, math.inf, bar, note=f"{min(counts)} cells only")
+
+
+# Metres by which the wall is off the cells' grid, and degrees by which it is turned.
+_WALLS = ((0.0, 0), (0.075, 0))
+_MORE_WALLS = ((0.03, 0), (0.1, 0), (0.0, 45), (0.05, 20))
+
+
+def measure_leak(device: Device, full: bool = False) -> Iterator[Measurement]:
+    """A lamp on one side of a wall of 2 cm: what the picture's other half gets, on the cells' grid and within them."""
+    for x, turn in (*_WALLS, *(_MORE_WALLS if full else ())):
+        scene, size = thin_wall(), (32, 32)
+        wall = next(instance for instance in scene if instance.name == "wall")
+        wall.transform = place((1.0, 1.0, 4.0 if turn else 1.0), (x, 0, 0), math.radians(turn))
+        dark = trace(device, scene, 64, size).max(axis=-1) == 0
+        dark[:, : size[0] // 2] = False  # what lies outside the room
+        with make_renderer(device, scene, size) as renderer:
+            for _ in range(24):
+                renderer.render(scene.camera)
+            picture = np.mean([add_up(renderer.render(scene.camera)) for _ in range(16)], axis=0)
+        lit = picture[(picture.max(axis=-1) > 0) & ~dark].mean()
+        left = float(picture[dark].mean() / lit) if dark.any() and lit > 0 else math.inf
+        note = f"wall at {x:g} m, turned by {turn} degrees"
+        yield Measurement(LEAK, left, 0.01 if turn else 0.002, "of the lit half's light", note)
