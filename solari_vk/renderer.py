@@ -268,11 +268,11 @@ class Renderer:
             raise SolariError(f"Renderer: render before asking for '{name}'")
         stage, _, counter = name.partition("/")
         block, plain = f"{stage}_counters", name.replace("/", "_")
-        if stage in COUNTING and block in self._frame:
+        if counter and stage in COUNTING and block in self._frame:
             counters = self._frame[block]
             if counter in (counters.dtype.names or ()):
                 return np.asarray(counters[counter])
-        elif stage in COUNTING and plain not in self._frame:
+        elif counter in gbuffer.COUNTERS and stage == "gbuffer":
             raise SolariError(f"Renderer: no '{name}': only gbuffer=raster counts what is drawn and culled")
         values = self._frame[plain]
         width, height = self._built[0]

@@ -39,8 +39,9 @@ class Settings:
         choices=("conserving", "sum", "fresnel_product"), rebuilds=True
     )  # fmt: skip
     pure_metal: float = setting(
-        0.9999, "frame", "Metallic above which nothing counts as diffuse. Less: faster, darker.", low=0, high=1
-    )
+        0.9999, "frame", "Metallic above which smooth surfaces take no GI, or are mirrors alone. Less: faster, untrue.",
+        low=0, high=1
+    )  # fmt: skip
     lambert: bool = setting(False, "frame", "Every surface is plain Lambert, for closed forms.", rebuilds=True)
 
     # ---- reuse, of DI and GI
@@ -141,7 +142,7 @@ class Settings:
         False, "restir_di", "Drop occluded candidates before reuse, as Solari: less noise, but shadows grow halos."
     )
     di_target: str = setting(
-        "brdf", "restir_di", "What lights are chosen by: all that a surface reflects, or as if it were matte (Solari).",
+        "brdf", "restir_di", "Chooses lights by highlights too, or as if all were diffuse (Solari: diffuse only).",
         choices=("brdf", "matte")
     )  # fmt: skip
     di_order: str = setting(

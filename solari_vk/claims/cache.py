@@ -29,7 +29,7 @@ from solari_vk.scene.model import Camera, Scene
 
 INDIRECT_ONLY = {"di": False, "specular": False}
 NO_CAP = 1 << 26
-CELLS_PER_UPDATE = 5.6  # by which a frame's updates fell in the post: 2.65 ms over 0.47 ms
+CELLS_PER_UPDATE = 5.6  # by which a frame's time fell in the post: 2.65 ms over 0.47 ms
 LEFT = 0.05  # of the light: what counts as gone
 NOISE_FRAMES = 16
 SLOW = 4  # seeds, where each takes long
@@ -248,9 +248,9 @@ def _leaks(bench: Workbench) -> Outcome:
         ],
         [("leaks", "Indirect light of the room cut by a thin wall, 3 EV brighter: Solari 0.18's cells, 0.19's, and "
           "ours.", side_by_side([shown[0], shown[2], shown[3]], brighter))],
-        "With the rule came finer cells, 0.15 m instead of 0.25, and a later change of levels. They grow here as if "
-        "the room were seen from tens of metres (`world_cache_lod_distance=2`), and the wall lies within cells. Ours "
-        "(`world_cache_leak_prevention=landmarks`) divides a cell by what is seen of it.",
+        "With the rule came finer cells, 0.15 m instead of 0.25, and a later change of levels: here all is theirs. "
+        "They grow as if the room were seen from tens of metres (`world_cache_lod_distance=2`), and the wall lies "
+        "within cells. Ours (`world_cache_leak_prevention=landmarks`) divides a cell by what is seen of it.",
     )  # fmt: skip
 
 
@@ -264,6 +264,7 @@ CLAIMS = (
           "max, rays of 50 m, cells double at 15 m", _update_cost),
     Claim("cache_update_cap", "cache update", "0.19", "Updating 40,000 of all cells by chance: 2.65 to 0.47 ms (5.6x).",
           "the street at rest, 128x72", "all cells", "one in 5.6, by chance", _update_cap),
-    Claim("light_leaks", "light leaks", "0.19", "The finest cells for rays shorter than a cell greatly reduce leaks.",
+    Claim("light_leaks", "light leaks", "0.19",
+          "Finer cells, and the finest for rays shorter than a cell, greatly reduce leaks.",
           "thin_wall 96x64, seen as from afar", "0.18's cells", "0.19's", _leaks),
 )  # fmt: skip

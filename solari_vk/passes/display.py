@@ -29,7 +29,7 @@ VIEWS = {
     "instance": "G-buffer: a colour for each instance.",
     "motion": "G-buffer: grey stands still, red moves to the right, green down, by up to 8 pixels.",
     "light_tiles": "The light tiles, one below the other, with the colours of their samples from left to right.",
-    "cache_cells": "World cache: a colour for each cell of the surface or a part of it, dark where there is none.",
+    "cache_cells": "World cache: a colour for each surface's cell, or the first part of it; dark where is none.",
     "cache_irradiance": "World cache: what white paint would reflect by the cell's irradiance.",
     "cache_samples": "World cache: how many frames the cell has averaged, of those that it may.",
     "cache_life": "World cache: how many frames the cell has left to live, yellow for all.",

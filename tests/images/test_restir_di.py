@@ -122,6 +122,21 @@ def test_suns_and_lamps_on_a_glossy_floor(device):
         assert_within(observations[..., channel], truth[..., channel], 0.02, f"channel {channel}")
 
 
+def test_highlights_choose_their_lights(device):
+    """With the BRDF in the target, polished metal under small lamps is far less noisy than as if it were matte."""
+    scene = mixed_scene()
+    next(iter(scene)).material.update(perceptual_roughness=0.3, metallic=1.0)
+    noise = {}
+    with direct_renderer(device, scene, SIZE, lambert=False, **LITTLE_REUSE) as renderer:
+        for target in ("brdf", "matte"):
+            renderer.settings.di_target = target
+            renderer.reset()
+            frames = np.stack([renderer.render(scene.camera)["di_specular"].copy() for _ in range(48)])
+            noise[target] = frames.astype(np.float64).var(axis=0).mean()
+    print(noise)
+    assert noise["brdf"] < 0.5 * noise["matte"]
+
+
 @pytest.mark.slow  # 441 lamps: what is close to one is found so seldom that thousands of frames tell 1 %
 def test_many_lights(device):
     scene = many_lights()

@@ -90,6 +90,7 @@ vec3 show_light_tiles(uvec2 pixel) {
     return encode_srgb(radiance / max(max_component(radiance), 1e-30));  // lights themselves would all be white
 }
 
+// Of the surface's cell and its parts the first that there is, which need not be the one that this pixel asks.
 vec3 show_cache(uvec2 pixel, GBufferSurface surface) {
     if (!surface.exists) { return NOTHING; }
     uint rng = seed_rng(pixel, 0u, 0u);
@@ -97,7 +98,7 @@ vec3 show_cache(uvec2 pixel, GBufferSurface surface) {
     WorldCacheKey whole = make_world_cache_key(surface.world_position, surface.geometric_world_normal, cell_size), key = whole;
     uint empty_step;
     uint cell = find_world_cache_cell(key, empty_step);
-    for (uint part = 2u; cell == NO_INDEX && part < LANDMARKS; part++) {
+    for (uint part = 2u; cell == NO_INDEX && part <= LANDMARKS; part++) {
         key = part_of_cell(whole, part);
         cell = find_world_cache_cell(key, empty_step);
     }

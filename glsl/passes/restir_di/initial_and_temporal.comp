@@ -1,6 +1,6 @@
 // ReSTIR DI, first half: chooses a light sample among candidates by their unshadowed light, then merges it with a reservoir
-// of the last frame. Differs from Solari, which drops what is hidden before it merges: an option here. Bitterli et al., "Spatiotemporal Reservoir Resampling for Real-Time Ray Tracing with Dynamic Direct
-// Lighting" (2020).
+// of the last frame. Bitterli et al., "Spatiotemporal Reservoir Resampling for Real-Time Ray Tracing with Dynamic Direct
+// Lighting" (2020). Differs from Solari, which drops what is hidden before it merges: an option here.
 #version 460
 #extension GL_EXT_ray_query : require
 #include "passes/bindings.glsl"

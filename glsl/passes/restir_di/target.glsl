@@ -21,8 +21,9 @@ float specular_target(GBufferSurface surface, vec3 dielectric_f0, vec3 world_wi)
     return fresnel_factor * D_GGX(material.roughness, half_vector) * V_SmithGGXCorrelated(material.roughness, wo.z, wi.z);
 }
 
-// Luminance of what the surface sends on. Differs from Solari, which takes the diffuse lobe alone: that misses the lights which
-// highlights are of, and all lights where metals are. The floor keeps it positive wherever the BRDF is.
+// Luminance of about what the surface sends on. Differs from Solari, which takes the diffuse lobe alone: that misses the lights
+// which highlights are of, and all lights where metals are. What is specular counts as diffuse as well, and the floor keeps the
+// target positive, so that no light which the BRDF reflects is chosen too seldom.
 float di_target(GBufferSurface surface, ResolvedLightSample resolved) {
     LightContribution light = calculate_resolved_light_contribution(resolved, surface.world_position);
     if (!(dot(light.wi, surface.geometric_world_normal) > 0.0)) { return 0.0; }

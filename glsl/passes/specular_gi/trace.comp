@@ -123,7 +123,9 @@ vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
             return radiance + path.throughput * INVERSE_PI * surface_albedo(surface.material, wo.z) * end.irradiance;
         }
 
-        if (!mirror) { radiance += path.throughput * sample_light(surface, brdf, frame, wo, path.origin, rng); }
+        if (!brdf.mirror || brdf.specular_probability < 1.0) {
+            radiance += path.throughput * sample_light(surface, brdf, frame, wo, path.origin, rng);
+        }
         BrdfSample next = sample_brdf(brdf, wo, rng);
         if (!leave_surface(path, next, brdf, frame, wo, surface.geometric_world_normal)) { return radiance; }
         if (visited + mirrors >= FIRST_ROULETTE_SURFACE) {

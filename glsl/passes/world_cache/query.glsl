@@ -22,7 +22,8 @@ float get_cell_size(vec3 world_position, inout uint rng) {
     return uniforms.world_cache_cell_size * power_of_two(int(level) + (rand_f(rng) < pow(part, uniforms.world_cache_lod_sharpness) ? 1 : 0));
 }
 
-const uint LANDMARKS = 6u;  // the middle of the cell that chance chose, of the own one, then four around that
+// The middle of the cell that chance chose, of the own one, then four around that; their number stands for none.
+const uint LANDMARKS = 6u;
 
 // Of the cell where a point lies that is moved by chance within the tangent plane, which hides the grid. Differs from Solari: what
 // can't see a cell's middle has no share in it, nor in what lies behind a wall; where a wall goes through a point's own cell,
