@@ -267,14 +267,14 @@ class Renderer:
         if self.frame_count == 0:
             raise SolariError(f"Renderer: render before asking for '{name}'")
         stage, _, counter = name.partition("/")
-        block, plain = f"{stage}_counters", name.replace("/", "_")
+        block = f"{stage}_counters"
         if counter and stage in COUNTING and block in self._frame:
             counters = self._frame[block]
             if counter in (counters.dtype.names or ()):
                 return np.asarray(counters[counter])
         elif counter in gbuffer.COUNTERS and stage == "gbuffer":
             raise SolariError(f"Renderer: no '{name}': only gbuffer=raster counts what is drawn and culled")
-        values = self._frame[plain]
+        values = self._frame[name.replace("/", "_")]
         width, height = self._built[0]
         if len(values.shape) and values.shape[0] == width * height:
             return values.reshape(height, width, *values.shape[1:])

@@ -8,8 +8,7 @@ from typing import Any
 
 from solari_vk.errors import SolariError
 from solari_vk.quality import QUALITIES as QUALITIES
-from solari_vk.setting import Field as Field
-from solari_vk.setting import setting
+from solari_vk.setting import Field, setting
 
 
 @dataclass
@@ -46,8 +45,8 @@ class Settings:
 
     # ---- reuse, of DI and GI
     similarity_plane_distance: float = setting(
-        0.003, "reuse", "Share of the view depth that two pixels' planes may lie apart. More: less noise, more blur.",
-        low=1e-6, high=1.0
+        0.003, "reuse", "Share of the view depth that two pixels' planes may lie apart to share samples. More: less "
+        "noise at small features, more blur of contact shadows.", low=1e-6, high=1.0
     )  # fmt: skip
     similarity_normal_cosine: float = setting(
         0.0, "reuse", "Cosine of the widest angle between two normals. More: less blur, more noise.", low=-1, high=1
@@ -172,24 +171,25 @@ class Settings:
     )
     gi_skip_smooth_metals: bool = setting(True, "restir_gi", "Nothing is sampled where nothing diffuse is (0.19).")
     gi_visibility: str = setting(
-        "both", "restir_gi", "Who must see a sample to merge it: both pixels; in Solari this one, which loses light.",
-        choices=("both", "0.17")
+        "both", "restir_gi", "Who must see a sample for its share in a merge: both pixels; or, as in Solari since "
+        "0.17, this one a neighbor's, which loses light where shadows end.", choices=("both", "0.17")
     )  # fmt: skip
     gi_refresh: bool = setting(
-        True, "restir_gi", "Ask the cache anew what the last frame's samples reflect, for its pace. Not in Solari."
-    )
+        True, "restir_gi", "Ask the world cache anew what the last frame's samples reflect: light that is switched "
+        "off goes at the cache's pace. Solari doesn't."
+    )  # fmt: skip
 
     # ---- specular GI
     specular_bounces: int = setting(
         3, "specular_gi", "Surfaces a path visits before it ends in the cache. More: truer, slower.", low=1, high=64
     )
     specular_reuse_roughness: float = setting(
-        0.4, "specular_gi", "Above it GI's reservoir serves; metals that GI skips are up to it. More: sharper, slower.",
-        low=0, high=1
+        0.4, "specular_gi", "Above this roughness the GI reservoir serves; smooth metals that GI skips are up to it. "
+        "More: sharper reflections, slower.", low=0, high=1
     )  # fmt: skip
     specular_di_roughness: float = setting(
-        0.0225, "specular_gi", "Up to this roughness specular rays meet lights, above it DI has them. More: noisier.",
-        low=0, high=1
+        0.0225, "specular_gi", "Up to this roughness lights are met by specular rays, above it DI shades them. More: "
+        "noisier where lights are small.", low=0, high=1
     )  # fmt: skip
     specular_termination: str = setting(
         "spread", "specular_gi", "A path ends in the cache when its cone is wider than a cell, or (0.18) at a rough "

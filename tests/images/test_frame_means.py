@@ -63,7 +63,8 @@ def test_energy_is_never_created_in_a_closed_box(device, walls):
     size = (16, 16)
     expected = truth(device, scene, 256, size=size, max_bounces=64)
     seeds, observed = (8, 16) if walls in ("matte", "mirror") else (16, 96)  # the others' paths are noisier
-    check(device, scene, expected, bar=0.03, size=size, seeds=seeds, observed=observed)
+    found = check(device, scene, expected, bar=0.03, size=size, seeds=seeds, observed=observed)
+    check_tiles(found, expected, bar=1.0)
 
 
 def of_ball(frame):

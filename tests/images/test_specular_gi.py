@@ -52,6 +52,7 @@ def check_gallery(device, gallery_truth):
     for name, panel in {**PANELS, "all": np.s_[:, :]}.items():
         error, width = relative_error(made[panel], variance[panel], truth[panel], truth_variance[panel])
         print(f"{name}: {error:+.2%} +- {width:.2%}")
+        assert abs(error) < 0.005 + width, name
         assert abs(error) + width < (0.01 if name == "all" else 0.025), name
 
 

@@ -17,8 +17,8 @@ float specular_target(GBufferSurface surface, vec3 dielectric_f0, vec3 world_wi)
     if (!(wo.z > 0.0 && wi.z > 0.0)) { return 0.0; }
     vec3 half_vector = normalize(wo + wi);
     float f0 = luminance(mix(dielectric_f0, material.base_color, material.metallic));
-    float fresnel_factor = f0 + (1.0 - f0) * pow(1.0 - saturate(dot(wi, half_vector)), 5.0);
-    return fresnel_factor * D_GGX(material.roughness, half_vector) * V_SmithGGXCorrelated(material.roughness, wo.z, wi.z);
+    return fresnel(vec3(f0), dot(wi, half_vector)).x * D_GGX(material.roughness, half_vector)
+        * V_SmithGGXCorrelated(material.roughness, wo.z, wi.z);
 }
 
 // Luminance of about what the surface sends on. Differs from Solari, which takes the diffuse lobe alone: that misses the lights
