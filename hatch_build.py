@@ -18,7 +18,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 
 class ShaderBuildHook(BuildHookInterface):  # type: ignore[type-arg]
-    """Runs `solari_vk.gpu.compiler.build_all` on glsl/ before files are collected."""
+    """Runs `solari_vk.gpu.shaders.compiler.build_all` on glsl/ before files are collected."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Compile all entry points into glsl/; an editable install compiles on use instead."""

@@ -22,8 +22,8 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "errors": ("CallbackError", "DeviceError", "SolariError", "ValidationError"),
-    "gpu.device": ("Device", "list_devices"),
-    "gpu.frame": ("Frame", "Pass", "Stage"),
+    "gpu.device.device": ("Device", "list_devices"),
+    "gpu.frame.frame": ("Frame", "Pass", "Stage"),
     "scene.model": (
         "Camera",
         "DirectionalLight",
@@ -37,7 +37,7 @@ _HOMES = {
     "scene.gltf": ("load_gltf",),
     "scene.builtin": ("builtin",),
     "scene.studio": ("frame_camera", "studio_lights"),
-    "display": ("auto_exposure", "check_output", "save_image", "tonemap"),
+    "output.picture": ("auto_exposure", "check_output", "save_image", "tonemap"),
     "reference": ("AOVS", "PathTracer"),
     "renderer": ("Renderer",),
     "settings": ("Settings",),
@@ -86,10 +86,10 @@ __all__ = [
 
 if TYPE_CHECKING:
     from solari_vk import rt
-    from solari_vk.display import auto_exposure, check_output, save_image, tonemap
     from solari_vk.errors import CallbackError, DeviceError, SolariError, ValidationError
-    from solari_vk.gpu.device import Device, list_devices
-    from solari_vk.gpu.frame import Frame, Pass, Stage
+    from solari_vk.gpu.device.device import Device, list_devices
+    from solari_vk.gpu.frame.frame import Frame, Pass, Stage
+    from solari_vk.output.picture import auto_exposure, check_output, save_image, tonemap
     from solari_vk.reference import AOVS, PathTracer
     from solari_vk.renderer import Renderer
     from solari_vk.scene.builtin import builtin

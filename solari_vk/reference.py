@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
-from solari_vk.gpu.device import Device
-from solari_vk.gpu.frame import Frame, Stage
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame.frame import Frame, Stage
 from solari_vk.passes import brdf_table, pathtracer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera, Scene
-from solari_vk.view import write_view
+from solari_vk.scene.view import write_view
 
 AOVS = pathtracer.AOVS
 DISPATCH_MS = 100.0  # what a dispatch should take: far below any driver's watchdog, far above its overhead

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
-from solari_vk.gpu.device import Device
-from solari_vk.gpu.frame import Frame, Stage
-from solari_vk.gpu.packing import writer
-from solari_vk.gpu.uniforms import Uniforms
-from solari_vk.light_translation import LightTranslation
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame.frame import Frame, Stage
+from solari_vk.gpu.frame.packing import writer
+from solari_vk.gpu.frame.uniforms import Uniforms
 from solari_vk.passes import (
     brdf_table,
     display,
@@ -26,9 +25,10 @@ from solari_vk.passes import (
     world_cache,
 )
 from solari_vk.scene.binder import SceneBinder
+from solari_vk.scene.light_translation import LightTranslation
 from solari_vk.scene.model import Camera, Scene
+from solari_vk.scene.view import JITTERS, View
 from solari_vk.settings import Settings
-from solari_vk.view import JITTERS, View
 
 # Uniforms that are written together: those of two views, and what differs in every frame.
 VIEW = ("world_from_view", "tan_half_fov", "near")

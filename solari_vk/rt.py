@@ -17,12 +17,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from solari_vk.gpu.acceleration import Blas, Tlas
-from solari_vk.gpu.build_call import BlasBuildEntry, BuildCall, TlasPackage
-from solari_vk.gpu.checks import check_items, check_kind, whole_number
-from solari_vk.gpu.device import Device
-from solari_vk.gpu.instances import InstanceFlags, TlasInstance, TlasInstances
-from solari_vk.gpu.ray_query_faults import (
+from solari_vk.gpu.acceleration.build_call import BlasBuildEntry, BuildCall, TlasPackage
+from solari_vk.gpu.acceleration.checks import check_items, check_kind, whole_number
+from solari_vk.gpu.acceleration.instances import InstanceFlags, TlasInstance, TlasInstances
+from solari_vk.gpu.acceleration.ray_query_faults import (
     FAULT_BUFFERS,
     RAY_QUERY_DEBUG,
     RULES,
@@ -30,8 +28,10 @@ from solari_vk.gpu.ray_query_faults import (
     check_ray_queries,
     ray_query_faults,
 )
-from solari_vk.gpu.sources import Aabbs, AabbSize, BufferSlice, Triangles, TriangleSize
-from solari_vk.gpu.structure import UpdateMode
+from solari_vk.gpu.acceleration.sources import Aabbs, AabbSize, BufferSlice, Triangles, TriangleSize
+from solari_vk.gpu.acceleration.structure import UpdateMode
+from solari_vk.gpu.acceleration.tlas import Blas, Tlas
+from solari_vk.gpu.device.device import Device
 
 __all__ = [
     "FAULT_BUFFERS",

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.errors import SolariError
-from solari_vk.gpu import raw
-from solari_vk.gpu.barriers import host_read_barrier
-from solari_vk.gpu.checks import check_kind, check_switch, numbers
-from solari_vk.gpu.compiler import compile_shader
-from solari_vk.gpu.device import Device
-from solari_vk.gpu.frame import Frame, Pass, Stage, Step
-from solari_vk.gpu.memory import Buffer
-from solari_vk.gpu.spirv import reflect
+from solari_vk.gpu.acceleration.checks import check_kind, check_switch, numbers
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.barriers import host_read_barrier
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.memory import Buffer
+from solari_vk.gpu.frame.frame import Frame, Pass, Stage, Step
+from solari_vk.gpu.shaders.compiler import compile_shader
+from solari_vk.gpu.shaders.spirv import reflect
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Instance, Scene
 

@@ -11,8 +11,8 @@ import pytest
 os.environ.setdefault("SOLARI_VK_VALIDATION", "1")
 
 from solari_vk.errors import DeviceError
-from solari_vk.gpu import instance as instance_module
-from solari_vk.gpu.device import Device, list_devices
+from solari_vk.gpu.device import instance as instance_module
+from solari_vk.gpu.device.device import Device, list_devices
 
 _messages: list[str] = []
 _devices: list[Device] = []

@@ -12,8 +12,8 @@ import pytest
 from PIL import Image
 
 import solari_vk as sv
-from solari_vk.animation import load_path, orbit
-from solari_vk.movie import write_movie
+from solari_vk.output.animation import load_path, orbit
+from solari_vk.output.movie import write_movie
 
 CAMERA = sv.Camera.look_at((1, 2, 5), (1, 1, 0), vertical_fov=0.7, near=0.02, ev100=3.0)
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from solari_vk.bench import Figures
-from solari_vk.bench_frame.passes import against_bare_rays, count_rays
 from solari_vk.cli import main
-from solari_vk.gpu.frame import Pass, Stage
+from solari_vk.gpu.frame.frame import Pass, Stage
+from solari_vk.measure.frame.passes import against_bare_rays, count_rays
+from solari_vk.measure.speed import Figures
 from solari_vk.renderer import Renderer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import builtin

@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from solari_vk.bench_frame import error
-from solari_vk.bench_frame.subjects import from_file, glowing
-from solari_vk.claims.direct import grow, unpack_rgb9e5
-from solari_vk.claims.report import line, number, page
-from solari_vk.claims.run import CLAIMS
-from solari_vk.claims.specular import structural_error
-from solari_vk.claims.verdict import (
+from solari_vk.cli import main
+from solari_vk.errors import SolariError
+from solari_vk.measure.claims.direct import grow, unpack_rgb9e5
+from solari_vk.measure.claims.report import line, number, page
+from solari_vk.measure.claims.run import CLAIMS
+from solari_vk.measure.claims.specular import structural_error
+from solari_vk.measure.claims.verdict import (
     Claim,
     EndsBelow,
     Falls,
@@ -26,9 +26,9 @@ from solari_vk.claims.verdict import (
     interval,
     select,
 )
-from solari_vk.claims.workbench import Workbench
-from solari_vk.cli import main
-from solari_vk.errors import SolariError
+from solari_vk.measure.claims.workbench import Workbench
+from solari_vk.measure.frame import error
+from solari_vk.measure.frame.subjects import from_file, glowing
 
 # What the posts claim, a row each, and how many pairs are measured for it.
 ROWS = {

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solari_vk import display
 from solari_vk.errors import SolariError
+from solari_vk.output import picture as display
 
 RADIANCE = np.exp(np.random.default_rng(1).normal(0, 2, (6, 9, 3))).astype(np.float32)
 

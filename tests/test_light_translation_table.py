@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from solari_vk.light_translation import GONE, KEPT, NAMES, LightTranslation, share_changed, share_moved, translate
 from solari_vk.scene.binder import SceneBinder
+from solari_vk.scene.light_translation import GONE, KEPT, NAMES, LightTranslation, share_changed, share_moved, translate
 from solari_vk.scene.model import DirectionalLight, Instance, Material, Mesh, Scene
 
 POWERS = np.ones(199)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
-from solari_vk.gpu.uniforms import Uniforms
+from solari_vk.gpu.frame.uniforms import Uniforms
 
 SIZE = (16, 12)
 

@@ -8,8 +8,8 @@ import re
 import pytest
 
 import solari_vk as sv
-from solari_vk.gpu.compiler import compile_shader, glsl_root
-from solari_vk.gpu.spirv import reflect
+from solari_vk.gpu.shaders.compiler import compile_shader, glsl_root
+from solari_vk.gpu.shaders.spirv import reflect
 from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES, allowed
 
 CHOICES = [name for name, field in FIELDS.items() if field.choices]

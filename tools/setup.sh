@@ -118,7 +118,7 @@ make_environment() {
 has_device() {
     "$python" -c '
 import sys
-from solari_vk.gpu.device import list_devices
+from solari_vk.gpu.device.device import list_devices
 sys.exit(all(device.missing for device in list_devices()))' 2>/dev/null
 }
 

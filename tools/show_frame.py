@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from solari_vk.gpu.frame import Row
+    from solari_vk.gpu.frame.frame import Row
 
 
 def format_rows(rows: Sequence[Row]) -> str:
@@ -37,7 +37,7 @@ def format_rows(rows: Sequence[Row]) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Render a few frames and print them; returns the exit code."""
     import solari_vk as sv
-    from solari_vk.gpu.frame import Frame
+    from solari_vk.gpu.frame.frame import Frame
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scene", nargs="?", default="builtin:cornell_box")

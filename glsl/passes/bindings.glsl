@@ -42,7 +42,7 @@ layout(set = 1, binding = 0, scalar) uniform UniformsBlock {
     uint view;                // what `display` shows: a row of VIEWS in passes/display.py
     uint tonemap;
 
-    // ---- and settings.py's fields, by the same names and in the same units
+    // ---- and the fields of solari_vk/settings, by the same names and in the same units
     uint di;
     uint gi;
     uint specular;
@@ -101,7 +101,7 @@ layout(set = 1, binding = 0, scalar) uniform UniformsBlock {
     uint primary_surface_replacement;
 } uniforms;
 
-// ---- choices of settings.py -------------------------------------------------------------------------
+// ---- choices of the settings -----------------------------------------------------------------------
 
 const uint ENCODING_LOG2 = 0u;
 const uint ENCODING_LINEAR = 1u;        // Solari 0.17

@@ -2,7 +2,7 @@
 #ifndef SCENE_RAY_QUERY_DEBUG_GLSL
 #define SCENE_RAY_QUERY_DEBUG_GLSL
 
-// Rows of ray_query_faults; solari_vk/gpu/ray_query_faults.py has their names, in this order.
+// Rows of ray_query_faults; solari_vk/gpu/acceleration/ray_query_faults.py has their names, in this order.
 const uint FAULT_GET_BEFORE_PROCEED = 0u;
 const uint FAULT_COMMITTED_WHILE_CANDIDATE = 1u;
 const uint FAULT_CANDIDATE_WHILE_COMMITTED = 2u;

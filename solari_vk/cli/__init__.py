@@ -105,8 +105,8 @@ def _views(options: argparse.Namespace) -> None:
 
 def _info(options: argparse.Namespace) -> None:
     from solari_vk import __version__
-    from solari_vk.gpu import shader_cache, shaderc
-    from solari_vk.gpu.device import list_devices
+    from solari_vk.gpu.device.device import list_devices
+    from solari_vk.gpu.shaders import shader_cache, shaderc
 
     print(f"solari_vk {__version__}")
     try:

@@ -45,19 +45,19 @@ def _add_common(parser: argparse.ArgumentParser, default: Any) -> None:
 
 
 def _speed(options: argparse.Namespace) -> None:
-    from solari_vk.bench import run
+    from solari_vk.measure.speed import run
 
     run(options.device, options.files, options.markdown)
 
 
 def _claims(options: argparse.Namespace) -> None:
-    from solari_vk.claims.run import run
+    from solari_vk.measure.claims.run import run
 
     run(options.device, markdown=options.markdown, pictures=options.pictures, only=options.only,
         quick=options.quick, seeds=options.seeds)  # fmt: skip
 
 
 def _frame(options: argparse.Namespace) -> None:
-    from solari_vk.bench_frame.run import run
+    from solari_vk.measure.frame.run import run
 
     run(options.device, options.files, markdown=options.markdown, quick=options.quick)

@@ -37,7 +37,8 @@ class Plan:
 
 def check_output(options: argparse.Namespace) -> bool:
     """Whether the output is a movie. Raises SolariError when it can't be written."""
-    from solari_vk import display, movie
+    from solari_vk.output import movie
+    from solari_vk.output import picture as display
 
     output: Path = options.output
     if output.suffix.lower() not in movie.SUFFIXES:

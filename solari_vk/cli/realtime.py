@@ -32,7 +32,7 @@ METERING_FRAMES = 4
 def run(options: argparse.Namespace) -> None:
     """Render what the options ask for and write it."""
     import solari_vk as sv
-    from solari_vk.movie import write_movie
+    from solari_vk.output.movie import write_movie
 
     is_movie = check_output(options)
     check_view(options)
@@ -68,7 +68,7 @@ def _meter(renderer: Renderer, cameras: Sequence[Camera]) -> None:
 
 
 def _expose(cameras: Sequence[Camera], radiance: NDArray[Any]) -> None:
-    from solari_vk.display import auto_exposure
+    from solari_vk.output.picture import auto_exposure
 
     ev100 = auto_exposure(radiance)
     for camera in cameras:
@@ -141,7 +141,7 @@ def _frames(renderer: Renderer, camera: Camera, count: int, progress: Progress) 
 def _write(
     target: Path, renderer: Renderer, camera: Camera, options: argparse.Namespace, mean: _Mean, names: Sequence[str]
 ) -> None:
-    from solari_vk.display import save_image, write_png
+    from solari_vk.output.picture import save_image, write_png
 
     if options.view != "picture":
         write_png(target, renderer["display"][..., :3])

@@ -154,7 +154,7 @@ def load(options: argparse.Namespace) -> Subject:
 
 def _path(options: argparse.Namespace, scene: Scene, camera: Camera) -> list[Camera]:
     """The cameras of an animation, from where the still camera is, before lights widen the scene's bounds."""
-    from solari_vk.animation import load_path, orbit
+    from solari_vk.output.animation import load_path, orbit
 
     kind, colon, sweep = options.animate.partition(":")
     if kind != "orbit":

@@ -13,7 +13,7 @@ from solari_vk.errors import SolariError
 
 if TYPE_CHECKING:
     from solari_vk.cli.render import Subject
-    from solari_vk.gpu.device import Device
+    from solari_vk.gpu.device.device import Device
 
 
 def add_parser(commands: Any) -> None:
@@ -48,7 +48,7 @@ def add_parser(commands: Any) -> None:
 def run(options: argparse.Namespace) -> None:
     """Show the window until it is closed."""
     import solari_vk as sv
-    from solari_vk.display import write_png
+    from solari_vk.output.picture import write_png
     from solari_vk.passes.display import VIEWS
 
     if options.view not in VIEWS:

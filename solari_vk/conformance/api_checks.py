@@ -13,7 +13,7 @@ from solari_vk.conformance.bulk_checks import trace
 from solari_vk.conformance.kernels import Kernels
 from solari_vk.conformance.rules import WGPU, Measurement, Rule, count_wrong
 from solari_vk.errors import SolariError
-from solari_vk.gpu.device import Device
+from solari_vk.gpu.device.device import Device
 
 _API, _COMPACTION = "wgpu's raytracing API", "Blas compaction"
 _FLAT = np.array([(0, 0, 0), (2, 0, 0), (0, 2, 0)], np.float32)

@@ -12,7 +12,7 @@ from solari_vk import rt
 from solari_vk.conformance.kernels import Kernels
 from solari_vk.conformance.rules import SUITE, VULKAN, WGPU, Measurement, Rule, count_wrong
 from solari_vk.conformance.worlds import IDENTITY, Boxes, Placed, Shapes, Triangles, World
-from solari_vk.gpu.acceleration import Tlas
+from solari_vk.gpu.acceleration.tlas import Tlas
 from solari_vk.scene.spatial import spatial_order
 
 Floats = NDArray[np.floating]

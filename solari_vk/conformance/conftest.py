@@ -10,7 +10,7 @@ import pytest
 from solari_vk.conformance.kernels import Kernels
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.conformance.suite import Recorder, Suite
-from solari_vk.gpu.device import Device
+from solari_vk.gpu.device.device import Device
 
 
 def pytest_configure(config: pytest.Config) -> None:

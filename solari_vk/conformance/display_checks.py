@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import solari_vk as sv
-from solari_vk import display
 from solari_vk.conformance.realtime import OFF, add_up, make_renderer
 from solari_vk.conformance.rules import SUITE, Measurement, Rule, count_wrong
 from solari_vk.errors import SolariError
-from solari_vk.gpu.device import Device
+from solari_vk.gpu.device.device import Device
+from solari_vk.output import picture as display
 from solari_vk.passes.display import VIEWS
 from solari_vk.renderer import RenderedFrame
 from solari_vk.scene import shapes

@@ -19,7 +19,7 @@ from solari_vk.conformance.realtime import (
     trace,
 )
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
-from solari_vk.gpu.device import Device
+from solari_vk.gpu.device.device import Device
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import closed_box, cornell_box, lamp, place, rgb
 

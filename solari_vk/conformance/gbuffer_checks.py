@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 import solari_vk as sv
 from solari_vk.conformance.realtime import OFF, make_renderer
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
-from solari_vk.gpu.device import Device
+from solari_vk.gpu.device.device import Device
 from solari_vk.renderer import RenderedFrame, Renderer
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import matte, place

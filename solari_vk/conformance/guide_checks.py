@@ -12,7 +12,7 @@ import solari_vk as sv
 from solari_vk.conformance.frame_checks import odd_scene
 from solari_vk.conformance.realtime import OFF, PARTS, add_up, make_renderer
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
-from solari_vk.gpu.device import Device
+from solari_vk.gpu.device.device import Device
 from solari_vk.passes.guides import IMAGES
 from solari_vk.renderer import RenderedFrame
 from solari_vk.scene import shapes

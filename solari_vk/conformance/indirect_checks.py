@@ -10,7 +10,7 @@ import numpy as np
 import solari_vk as sv
 from solari_vk.conformance.realtime import Effort, add_up, make_renderer, measure_mean, run_pictures, trace
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
-from solari_vk.gpu.device import Device
+from solari_vk.gpu.device.device import Device
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, lamp, rgb
 

@@ -11,14 +11,14 @@ import numpy as np
 
 from solari_vk.conformance.raster import Raster
 from solari_vk.errors import SolariError
-from solari_vk.gpu import raw
-from solari_vk.gpu.acceleration import Tlas
-from solari_vk.gpu.compiler import compile_shader
-from solari_vk.gpu.device import Device
-from solari_vk.gpu.interface import Interface
-from solari_vk.gpu.memory import Buffer
-from solari_vk.gpu.pipelines import Pipelines
-from solari_vk.gpu.spirv import Module, reflect
+from solari_vk.gpu.acceleration.tlas import Tlas
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.memory import Buffer
+from solari_vk.gpu.frame.interface import Interface
+from solari_vk.gpu.frame.pipelines import Pipelines
+from solari_vk.gpu.shaders.compiler import compile_shader
+from solari_vk.gpu.shaders.spirv import Module, reflect
 
 
 class Kernels:

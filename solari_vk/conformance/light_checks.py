@@ -13,7 +13,7 @@ import solari_vk as sv
 from solari_vk.conformance.oracles import closed_forms
 from solari_vk.conformance.pictures import Picture, compare_picture, take_picture
 from solari_vk.conformance.rules import Measurement, Rule
-from solari_vk.gpu.device import Device
+from solari_vk.gpu.device.device import Device
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import rgb
 

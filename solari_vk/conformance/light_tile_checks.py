@@ -18,7 +18,7 @@ from solari_vk.conformance.oracles import closed_forms, packed_lights
 from solari_vk.conformance.realtime import OFF, make_renderer
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.conformance.shader_runner import ShaderRunner
-from solari_vk.gpu.device import Device
+from solari_vk.gpu.device.device import Device
 from solari_vk.renderer import Renderer
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place, rgb

@@ -12,7 +12,7 @@ from solari_vk.conformance.bulk_checks import bumpy_ball
 from solari_vk.conformance.oracles import closed_forms
 from solari_vk.conformance.pictures import take_picture
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
-from solari_vk.gpu.device import Device
+from solari_vk.gpu.device.device import Device
 from solari_vk.scene.builtin import closed_box, matte, rgb
 
 BAR = 0.005

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.conformance.rules import Measurement, Rule
-from solari_vk.gpu.device import Device
+from solari_vk.gpu.device.device import Device
 from solari_vk.reference import PathTracer
 from solari_vk.scene.model import Camera, Scene
 

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.gpu import raw
-from solari_vk.gpu.barriers import full_barrier
-from solari_vk.gpu.device import Device
-from solari_vk.gpu.interface import Interface
-from solari_vk.gpu.spirv import Module
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.barriers import full_barrier
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame.interface import Interface
+from solari_vk.gpu.shaders.spirv import Module
 
 _FORMAT = raw.VK_FORMAT_R32_UINT
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from solari_vk.conformance.pictures import tile_means
 from solari_vk.conformance.rules import Measurement, Rule
-from solari_vk.gpu.device import Device
+from solari_vk.gpu.device.device import Device
 from solari_vk.reference import PathTracer
 from solari_vk.renderer import RenderedFrame, Renderer
 from solari_vk.scene.model import Camera, Scene

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from solari_vk.conformance.rules import FAULT, NOT_RUN, RED, STATUSES, UNSUPPORTED, Row
-from solari_vk.gpu.device import Device
+from solari_vk.gpu.device.device import Device
 
 _LEGEND = (
     "Written by `solari-vk conformance --markdown FILE`. A rule holds when what was measured is at most the bar;\n"

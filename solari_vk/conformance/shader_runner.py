@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.gpu.device import Device
-from solari_vk.gpu.frame import Frame, Pass, Stage
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame.frame import Frame, Pass, Stage
 
 
 class ShaderRunner:

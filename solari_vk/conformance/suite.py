@@ -29,7 +29,7 @@ from solari_vk.conformance.rules import (
     rows,
 )
 from solari_vk.errors import SolariError
-from solari_vk.gpu.device import Device
+from solari_vk.gpu.device.device import Device
 
 FOLDER = Path(__file__).resolve().parent
 _RECORDER = pytest.StashKey["Recorder"]()

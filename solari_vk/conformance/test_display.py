@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from solari_vk.conformance import display_checks as checks
 from solari_vk.conformance.suite import Recorder
-from solari_vk.gpu.device import Device
+from solari_vk.gpu.device.device import Device
 
 
 def test_picture(rule: Recorder, device: Device) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from solari_vk.conformance import light_tile_checks as checks
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.conformance.suite import Recorder
-from solari_vk.gpu.device import Device
+from solari_vk.gpu.device.device import Device
 
 
 def test_tiles(rule: Recorder, device: Device) -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from solari_vk.conformance import light_checks as checks
 from solari_vk.conformance.suite import Recorder
-from solari_vk.gpu.device import Device
+from solari_vk.gpu.device.device import Device
 
 
 @pytest.mark.parametrize("strategy", ["mis", "nee", "brdf"])

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.gpu.acceleration import (
+from solari_vk.gpu.acceleration.tlas import (
     INSTANCE_DTYPE,
     AabbGeometry,
     Blas,
@@ -19,8 +19,8 @@ from solari_vk.gpu.acceleration import (
     TriangleGeometry,
     build_blases,
 )
-from solari_vk.gpu.device import Device
-from solari_vk.gpu.memory import Buffer
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.memory import Buffer
 
 FRESH, REBUILT, REFITTED, COMPACTED = "fresh", "rebuilt", "refitted", "compacted"
 WAYS = (FRESH, REBUILT, REFITTED, COMPACTED)

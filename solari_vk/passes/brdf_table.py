@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from solari_vk.gpu.compiler import compile_shader
-from solari_vk.gpu.device import Device
-from solari_vk.gpu.frame import Frame, Pass, Stage
-from solari_vk.gpu.memory import Buffer
-from solari_vk.gpu.spirv import reflect
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.memory import Buffer
+from solari_vk.gpu.frame.frame import Frame, Pass, Stage
+from solari_vk.gpu.shaders.compiler import compile_shader
+from solari_vk.gpu.shaders.spirv import reflect
 
 NAMES = ("brdf_table", "brdf_averages")
 LAYERINGS = ("conserving", "sum", "fresnel_product")  # LAYERING_* of scene/brdf.glsl

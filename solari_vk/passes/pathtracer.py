@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
-from solari_vk.gpu.frame import Frame, Pass, Stage
-from solari_vk.gpu.uniforms import Uniforms
+from solari_vk.gpu.frame.frame import Frame, Pass, Stage
+from solari_vk.gpu.frame.uniforms import Uniforms
 from solari_vk.passes import brdf_table
 from solari_vk.passes.brdf_table import LAYERINGS
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from solari_vk.gpu.frame import History, Pass, Stage
+from solari_vk.gpu.frame.frame import History, Pass, Stage
 from solari_vk.passes import brdf_table
 from solari_vk.settings import Settings
 

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
-from solari_vk.gpu import spirv
-from solari_vk.gpu.compiler import compile_shader
-from solari_vk.gpu.device import Device
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.shaders import spirv
+from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.scene.geometry import Geometry
 from solari_vk.scene.lights import NOWHERE, Lights
 from solari_vk.scene.model import DirectionalLight, Instance, Material, Mesh, Scene, Texture, TextureImage

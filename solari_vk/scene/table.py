@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
-from solari_vk.gpu.device import Device
-from solari_vk.gpu.memory import Buffer, Uploads
-from solari_vk.gpu.packing import packing
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.memory import Buffer, Uploads
+from solari_vk.gpu.frame.packing import packing
 
 Key = TypeVar("Key", bound=Hashable)
 

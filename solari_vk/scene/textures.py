@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.gpu import raw
-from solari_vk.gpu.device import Device
-from solari_vk.gpu.memory import Image, Sampler, Uploads
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.memory import Image, Sampler, Uploads
 from solari_vk.scene.images import mip_chain
 from solari_vk.scene.model import Material, Texture, TextureImage
 from solari_vk.scene.table import Rows, Table

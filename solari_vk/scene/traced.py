@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.gpu import raw
-from solari_vk.gpu.acceleration import INSTANCE_DTYPE, Tlas, TlasBuild
-from solari_vk.gpu.device import Device
+from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE, Tlas, TlasBuild
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.device import Device
 from solari_vk.scene.spatial import spatial_order
 from solari_vk.scene.table import Table
 

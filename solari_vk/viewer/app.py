@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import DeviceError, SolariError, ValidationError
-from solari_vk.gpu.device import Device
-from solari_vk.gpu.swapchain import Swapchain
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.swapchain import Swapchain
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.scene.studio import frame_camera
 from solari_vk.settings import Settings

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import glfw
 from imgui_bundle import imgui
 
-from solari_vk.gpu import raw
-from solari_vk.gpu.swapchain import Swapchain
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.swapchain import Swapchain
 from solari_vk.viewer.controls import KEYS_HELP
 from solari_vk.viewer.overlay_renderer import OverlayRenderer
 from solari_vk.viewer.panels import Panels

@@ -6,10 +6,10 @@ from contextlib import ExitStack
 
 import numpy as np
 
-from solari_vk.gpu import raw
-from solari_vk.gpu.compiler import compile_shader
-from solari_vk.gpu.device import Device
-from solari_vk.gpu.memory import Image
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.memory import Image
+from solari_vk.gpu.shaders.compiler import compile_shader
 
 PUSHED_BYTES = 24  # of overlay.vert's Placement
 MOST_TEXTURES = 16

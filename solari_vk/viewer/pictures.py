@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.bench_frame.passes import CountingRenderer
 from solari_vk.errors import SolariError
-from solari_vk.gpu.device import Device
-from solari_vk.gpu.frame import Frame, Pass, Stage
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame.frame import Frame, Pass, Stage
+from solari_vk.measure.frame.passes import CountingRenderer
 from solari_vk.passes.display import TONEMAPS, VIEWS
 from solari_vk.reference import MOST_SAMPLES, PathTracer
 from solari_vk.renderer import Renderer

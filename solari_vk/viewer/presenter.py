@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.gpu import barriers, raw
-from solari_vk.gpu.barriers import full_barrier
-from solari_vk.gpu.device import Device
-from solari_vk.gpu.memory import Buffer, Image
-from solari_vk.gpu.swapchain import Swapchain
+from solari_vk.gpu.device import barriers, raw
+from solari_vk.gpu.device.barriers import full_barrier
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.memory import Buffer, Image
+from solari_vk.gpu.device.swapchain import Swapchain
 
 _WHOLE = {"aspectMask": raw.VK_IMAGE_ASPECT_COLOR_BIT, "levelCount": 1, "layerCount": 1}
 _LAYER = {"aspectMask": raw.VK_IMAGE_ASPECT_COLOR_BIT, "layerCount": 1}

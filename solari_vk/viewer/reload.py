@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
-from solari_vk.gpu.compiler import glsl_root
+from solari_vk.gpu.shaders.compiler import glsl_root
 from solari_vk.scene.model import Scene
 
 INTERVAL = 0.5  # seconds between looks

@@ -7,8 +7,8 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from solari_vk.display import save_image, write_png
 from solari_vk.errors import SolariError
+from solari_vk.output.picture import save_image, write_png
 from solari_vk.settings import DEFAULTS
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import Any
 import glfw
 
 from solari_vk.errors import DeviceError, SolariError
-from solari_vk.gpu import raw
+from solari_vk.gpu.device import raw
 
 _NONE: Any = None  # no window, no monitor: the type hints don't know of it
 _windows = 0  # GLFW is one for the process: the last window to close ends it

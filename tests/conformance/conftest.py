@@ -8,7 +8,7 @@ import pytest
 from seeded_bugs import patched_root
 
 from solari_vk.conformance.kernels import Kernels
-from solari_vk.gpu.device import Device
+from solari_vk.gpu.device.device import Device
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,7 @@ import shutil
 
 import numpy as np
 
-from solari_vk.gpu import compiler
+from solari_vk.gpu.shaders import compiler
 
 
 def patched_root(tmp_path, *patches):

@@ -6,7 +6,7 @@ from seeded_bugs import expect_red, patched_root
 
 from solari_vk.conformance import brdf_checks, light_checks, path_checks
 from solari_vk.conformance.shader_runner import ShaderRunner
-from solari_vk.gpu import compiler
+from solari_vk.gpu.shaders import compiler
 
 
 def test_bugs_in_the_brdf_are_noticed(device, tmp_path):

@@ -17,7 +17,7 @@ from solari_vk.conformance import (
 )
 from solari_vk.conformance.rules import Rule
 from solari_vk.conformance.shader_runner import ShaderRunner
-from solari_vk.gpu import compiler
+from solari_vk.gpu.shaders import compiler
 
 DI, GI = "passes/restir_di/spatial_and_shade.comp", "passes/restir_gi/initial_and_temporal.comp"
 CULL, GATHER = "passes/gbuffer/cull.comp", "passes/world_cache/sample_indirect.comp"

@@ -13,7 +13,7 @@ from solari_vk.conformance import api_checks, bulk_checks, embree_checks, positi
 from solari_vk.conformance.kernels import Kernels
 from solari_vk.conformance.rules import FAIL
 from solari_vk.conformance.suite import Recorder, known_faults
-from solari_vk.gpu import instances
+from solari_vk.gpu.acceleration import instances
 
 
 def test_bugs_in_tracing_are_noticed(patched, monkeypatch):

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 from shader_runner import ShaderRunner
 
-from solari_vk.gpu.device import Device
+from solari_vk.gpu.device.device import Device
 
 
 @pytest.fixture(scope="session")

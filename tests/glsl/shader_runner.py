@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from solari_vk.conformance.shader_runner import ShaderRunner as PackageRunner
-from solari_vk.gpu.compiler import glsl_root
-from solari_vk.gpu.device import Device
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.shaders.compiler import glsl_root
 
 Patch = tuple[str, str, str]  # file below the GLSL root, text that it holds once, text put in its place
 

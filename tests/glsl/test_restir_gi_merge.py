@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solari_vk.gpu.frame import Frame, Pass, Stage
+from solari_vk.gpu.frame.frame import Frame, Pass, Stage
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import matte
 from solari_vk.scene.model import Instance, Scene

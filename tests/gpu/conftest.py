@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from shader_folder import ShaderFolder, check_spirv
 
-from solari_vk.gpu import shaderc
+from solari_vk.gpu.shaders import shaderc
 
 
 @pytest.fixture

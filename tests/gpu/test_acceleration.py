@@ -10,8 +10,8 @@ import pytest
 from tracing import GENERATED, NONE, TRIANGLE, Tracer
 
 from solari_vk.errors import SolariError
-from solari_vk.gpu import blas_builds, raw, structure
-from solari_vk.gpu.acceleration import (
+from solari_vk.gpu.acceleration import blas_builds, structure
+from solari_vk.gpu.acceleration.tlas import (
     INSTANCE_DTYPE,
     AabbGeometry,
     Blas,
@@ -20,8 +20,9 @@ from solari_vk.gpu.acceleration import (
     TriangleGeometry,
     build_blases,
 )
-from solari_vk.gpu.device import Device
-from solari_vk.gpu.memory import Buffer
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.memory import Buffer
 
 DOWN = np.array([0.0, 0.0, -1.0])
 

@@ -13,9 +13,9 @@ import pytest
 from shader_folder import check_spirv
 
 from solari_vk.errors import SolariError
-from solari_vk.gpu import compiler, shader_cache, shaderc
-from solari_vk.gpu.compiler import CompilationError, compile_shader
-from solari_vk.gpu.spirv import reflect
+from solari_vk.gpu.shaders import compiler, shader_cache, shaderc
+from solari_vk.gpu.shaders.compiler import CompilationError, compile_shader
+from solari_vk.gpu.shaders.spirv import reflect
 
 PLAIN = "layout(local_size_x = 1) in;\nlayout(set = 1, binding = 0, scalar) buffer B { uint at[]; } values;\n"
 LIBRARY = "#ifndef L\n#define L\nuint answer() { return 42u; }\n#endif\n"
@@ -216,7 +216,8 @@ def test_damaged_shipped_module_is_compiled_instead(shaders, compilations):
 
 def test_build_from_the_command_line(shaders, tmp_path):
     shaders.write("user", PLAIN + "void main() { values.at[0] = 1u; }\n")
-    command = [sys.executable, "-m", "solari_vk.gpu.compiler", "--build", str(shaders.root), str(tmp_path / "out")]
+    compiler = "solari_vk.gpu.shaders.compiler"
+    command = [sys.executable, "-m", compiler, "--build", str(shaders.root), str(tmp_path / "out")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == ["passes/user.comp"]

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from solari_vk.errors import DeviceError, SolariError, ValidationError
-from solari_vk.gpu import physical, raw
-from solari_vk.gpu.barriers import full_barrier
-from solari_vk.gpu.device import Device, list_devices
-from solari_vk.gpu.instance import Instance
-from solari_vk.gpu.memory import Buffer
-from solari_vk.gpu.recorded import Recorded
+from solari_vk.gpu.device import physical, raw
+from solari_vk.gpu.device.barriers import full_barrier
+from solari_vk.gpu.device.device import Device, list_devices
+from solari_vk.gpu.device.instance import Instance
+from solari_vk.gpu.device.memory import Buffer
+from solari_vk.gpu.device.recorded import Recorded
 
 
 @pytest.fixture

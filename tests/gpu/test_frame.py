@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from solari_vk.errors import SolariError, ValidationError
-from solari_vk.gpu import raw
-from solari_vk.gpu.compiler import CompilationError
-from solari_vk.gpu.frame import Frame, History, Pass, Stage, Step
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.frame.frame import Frame, History, Pass, Stage, Step
+from solari_vk.gpu.shaders.compiler import CompilationError
 
 BINDINGS = """#ifndef BINDINGS
 #define BINDINGS

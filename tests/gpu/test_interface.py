@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from solari_vk.errors import SolariError
-from solari_vk.gpu import raw
-from solari_vk.gpu.compiler import compile_shader
-from solari_vk.gpu.frame import Frame, Pass, Stage
-from solari_vk.gpu.interface import Interface, merge_bindings
-from solari_vk.gpu.spirv import Module, reflect
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.frame.frame import Frame, Pass, Stage
+from solari_vk.gpu.frame.interface import Interface, merge_bindings
+from solari_vk.gpu.shaders.compiler import compile_shader
+from solari_vk.gpu.shaders.spirv import Module, reflect
 
 SIZE = "layout(local_size_x = 1) in;\n"
 VALUES = "layout(set = 1, binding = 0, scalar) buffer V { uint at[]; } values;\n"

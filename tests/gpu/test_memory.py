@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from solari_vk.errors import DeviceError, SolariError
-from solari_vk.gpu import allocator as allocator_module
-from solari_vk.gpu import raw, uploads
-from solari_vk.gpu.allocator import BLOCK_SIZE, Allocation, Block
-from solari_vk.gpu.device import Device
-from solari_vk.gpu.image import texel_layout
-from solari_vk.gpu.memory import Buffer
+from solari_vk.gpu.device import allocator as allocator_module
+from solari_vk.gpu.device import raw, uploads
+from solari_vk.gpu.device.allocator import BLOCK_SIZE, Allocation, Block
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.image import texel_layout
+from solari_vk.gpu.device.memory import Buffer
 
 MIB = 1 << 20
 

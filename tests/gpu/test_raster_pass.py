@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from solari_vk.errors import SolariError, ValidationError
-from solari_vk.gpu.compiler import CompilationError
-from solari_vk.gpu.frame import Draw, DrawList, Frame, History, Pass, Stage
+from solari_vk.gpu.frame.frame import Draw, DrawList, Frame, History, Pass, Stage
+from solari_vk.gpu.shaders.compiler import CompilationError
 
 SIZE = (8, 8)
 BINDINGS = """#ifndef BINDINGS

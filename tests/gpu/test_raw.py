@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from solari_vk.errors import DeviceError
-from solari_vk.gpu import raw
+from solari_vk.gpu.device import raw
 
 
 def churn_memory() -> None:

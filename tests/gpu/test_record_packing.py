@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from solari_vk.errors import SolariError
-from solari_vk.gpu.packing import packing, writer
+from solari_vk.gpu.frame.packing import packing, writer
 
 RECORD = np.dtype({
     "names": ["matrix", "count", "place", "far", "address"],

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from solari_vk.errors import SolariError
-from solari_vk.gpu.compiler import compile_into_spirv, compile_shader
-from solari_vk.gpu.spirv import Module, reflect
+from solari_vk.gpu.shaders.compiler import compile_into_spirv, compile_shader
+from solari_vk.gpu.shaders.spirv import Module, reflect
 
 EXTENSIONS = """#extension GL_EXT_buffer_reference2 : require
 #extension GL_EXT_shader_explicit_arithmetic_types : require

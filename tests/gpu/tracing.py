@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from solari_vk.gpu import raw
-from solari_vk.gpu.acceleration import Tlas
-from solari_vk.gpu.compiler import compile_into_spirv
-from solari_vk.gpu.device import Device
+from solari_vk.gpu.acceleration.tlas import Tlas
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.shaders.compiler import compile_into_spirv
 
 SHADER = """
 #version 460

@@ -8,8 +8,8 @@ from unittest import mock
 import numpy as np
 
 import solari_vk as sv
-from solari_vk.gpu import compiler
-from solari_vk.gpu.frame import Stage
+from solari_vk.gpu.frame.frame import Stage
+from solari_vk.gpu.shaders import compiler
 from solari_vk.passes import gbuffer, light_tiles, pathtracer, restir_di
 from solari_vk.renderer import Renderer
 from solari_vk.settings import Settings

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from solari_vk.gpu.compiler import glsl_root
-from solari_vk.gpu.frame import Frame
+from solari_vk.gpu.frame.frame import Frame
+from solari_vk.gpu.shaders.compiler import glsl_root
 from solari_vk.passes import gbuffer
 from solari_vk.scene.binder import SceneBinder
+from solari_vk.scene.view import write_view
 from solari_vk.settings import Settings
-from solari_vk.view import write_view
 
 NOTHING = 0xFFFFFFFF
 VIEW = ("world_from_view", "view_from_world", "tan_half_fov", "near", "jitter")

@@ -8,8 +8,8 @@ import shutil
 import numpy as np
 
 import solari_vk as sv
-from solari_vk.gpu import compiler
-from solari_vk.gpu.stages import Stage
+from solari_vk.gpu.frame.stages import Stage
+from solari_vk.gpu.shaders import compiler
 from solari_vk.passes import gbuffer, guides, specular_gi
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, place, rgb

@@ -10,7 +10,7 @@ from oracles.replication import relative_interval, runs, tiles
 from whole_frames import SIZE, find, make_renderer, reflected, reflected_truth, truth
 
 import solari_vk as sv
-from solari_vk.claims.scenes import ball_in_white
+from solari_vk.measure.claims.scenes import ball_in_white
 from solari_vk.scene.builtin import closed_box, cornell_box, place, rgb
 
 JITTER_PERIOD = 32  # frames after which samples have been all over the pixel: edges then add no noise

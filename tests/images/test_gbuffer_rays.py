@@ -9,7 +9,7 @@ import pytest
 from gbuffer_frames import GBufferFrames
 
 import solari_vk as sv
-from solari_vk.gpu.frame import Pass, Stage
+from solari_vk.gpu.frame.frame import Pass, Stage
 from solari_vk.scene import shapes
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import matte, place

@@ -7,7 +7,7 @@ import pytest
 from specular_frames import GuideRenderer, mutated_glsl
 
 import solari_vk as sv
-from solari_vk.gpu import compiler
+from solari_vk.gpu.shaders import compiler
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import builtin, matte, place, rgb
 from solari_vk.scene.model import Camera, Instance, Material, Scene

@@ -8,9 +8,9 @@ from direct_light import direct_light, direct_renderer, patch_shaders
 from oracles.statistics import replicates
 
 import solari_vk as sv
-from solari_vk.light_translation import GONE
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place
+from solari_vk.scene.light_translation import GONE
 
 # of one luminance, so that each is chosen as often
 RED, GREEN, BLUE = (9.0 * np.eye(3) / np.array((0.2126, 0.7152, 0.0722))).tolist()

@@ -10,7 +10,7 @@ import test_closed_forms as closed_forms
 import test_estimators as estimators
 import test_rays as rays
 
-from solari_vk.gpu import compiler
+from solari_vk.gpu.shaders import compiler
 
 
 @dataclass

@@ -10,7 +10,7 @@ from oracles.replication import relative_interval, runs, tiles
 from oracles.statistics import holm
 from scipy import stats
 
-from solari_vk.gpu import compiler
+from solari_vk.gpu.shaders import compiler
 from solari_vk.reference import PathTracer
 from solari_vk.renderer import Renderer
 from solari_vk.scene.builtin import closed_box, cornell_box, place

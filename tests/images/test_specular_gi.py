@@ -7,7 +7,7 @@ import pytest
 from specular_frames import metal_gallery, mutated_glsl, take_frames
 
 import solari_vk as sv
-from solari_vk.gpu import compiler
+from solari_vk.gpu.shaders import compiler
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import closed_box, lamp, place, rgb
 from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material, Scene

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
-import solari_vk.display
+import solari_vk.output.picture
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import matte
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
-from solari_vk import display
+from solari_vk.output import picture as display
 from solari_vk.passes.display import TONEMAPS, VIEWS
 
 GLSL = Path(__file__).resolve().parents[2] / "glsl" / "passes" / "display"

@@ -10,7 +10,7 @@ import pytest
 from probes import quad
 
 from solari_vk import rt
-from solari_vk.gpu.device import Device
+from solari_vk.gpu.device.device import Device
 
 
 class World:

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from solari_vk import rt
-from solari_vk.gpu.device import Device
-from solari_vk.gpu.frame import Frame, Pass, Stage
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame.frame import Frame, Pass, Stage
 
 GLSL = Path(__file__).parent / "glsl"
 NONE, TRIANGLE, GENERATED, AABB = range(4)

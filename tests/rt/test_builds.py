@@ -9,8 +9,8 @@ import pytest
 from probes import CONFIRM, GENERATE, GENERATED, NONE, TRIANGLE, quad, shifted, trace
 
 from solari_vk import rt
-from solari_vk.gpu import raw
-from solari_vk.gpu.structure import UpdateMode
+from solari_vk.gpu.acceleration.structure import UpdateMode
+from solari_vk.gpu.device import raw
 
 CENTER = np.array([0.6, 0.3, 5.0])
 EYE = np.eye(4)[:3]

@@ -11,8 +11,8 @@ from probes import TRIANGLE, quad, trace
 import solari_vk as sv
 from solari_vk import rt
 from solari_vk.errors import CallbackError, DeviceError, SolariError
-from solari_vk.gpu import uploads
-from solari_vk.gpu.acceleration import Blas, TriangleGeometry, build_blases
+from solari_vk.gpu.acceleration.tlas import Blas, TriangleGeometry, build_blases
+from solari_vk.gpu.device import uploads
 
 CENTER = np.array([0.6, 0.3, 5.0])
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
-from solari_vk.gpu.device import Device
+from solari_vk.gpu.device.device import Device
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs/examples"
 EXAMPLES = sorted(path.stem for path in FOLDER.glob("*.py"))

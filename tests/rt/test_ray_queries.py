@@ -12,9 +12,9 @@ from probes import AABB, CONFIRM, GENERATE, GENERATED, GLSL, NONE, TERMINATE, TR
 
 from solari_vk import rt
 from solari_vk.errors import SolariError
-from solari_vk.gpu.compiler import compile_shader, glsl_root
-from solari_vk.gpu.device import Device
-from solari_vk.gpu.frame import Frame, Pass, Stage
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame.frame import Frame, Pass, Stage
+from solari_vk.gpu.shaders.compiler import compile_shader, glsl_root
 
 CENTER = np.array([0.6, 0.2, 5.0])
 # The document's values, written out once more.

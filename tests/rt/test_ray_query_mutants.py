@@ -12,8 +12,8 @@ import test_ray_queries as queries
 
 from solari_vk import rt
 from solari_vk.errors import SolariError
-from solari_vk.gpu import compiler
-from solari_vk.gpu.compiler import glsl_root
+from solari_vk.gpu.shaders import compiler
+from solari_vk.gpu.shaders.compiler import glsl_root
 
 QUERY, DEBUG = "scene/ray_query.glsl", "scene/ray_query_debug.glsl"
 VULKAN = queries.test_wrong_rays_meet_nothing_and_never_reach_vulkan

@@ -10,8 +10,8 @@ from probes import CONFIRM, GLSL, TRIANGLE, quad, shifted, trace
 
 from solari_vk import rt
 from solari_vk.errors import SolariError
-from solari_vk.gpu.device import Device
-from solari_vk.gpu.frame import Frame, Pass, Stage
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame.frame import Frame, Pass, Stage
 
 CENTER = np.array([0.6, 0.3, 5.0])
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
-from solari_vk.gpu.compiler import CompilationError
-from solari_vk.gpu.device import Device
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.shaders.compiler import CompilationError
 from solari_vk.scene.binder import SceneBinder
 
 SHADER = """#version 460

@@ -10,7 +10,7 @@ from oracles.rays import World, closest_by_brute_force, intersect
 
 import solari_vk as sv
 from solari_vk import tracer as tracer_module
-from solari_vk.gpu.device import Device
+from solari_vk.gpu.device.device import Device
 from solari_vk.scene.binder import SceneBinder
 
 SOME = sv.Material()

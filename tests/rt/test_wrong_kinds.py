@@ -12,7 +12,7 @@ from probes import quad, shifted
 import solari_vk as sv
 from solari_vk import rt
 from solari_vk import tracer as tracer_module
-from solari_vk.gpu.acceleration import AabbGeometry, Blas, Tlas, TriangleGeometry
+from solari_vk.gpu.acceleration.tlas import AabbGeometry, Blas, Tlas, TriangleGeometry
 
 HUGE = 1 << 70
 

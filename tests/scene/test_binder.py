@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from solari_vk.errors import SolariError
-from solari_vk.gpu.acceleration import Tlas
-from solari_vk.gpu.device import Device
-from solari_vk.gpu.uploads import Uploads
+from solari_vk.gpu.acceleration.tlas import Tlas
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.uploads import Uploads
 from solari_vk.reference import PathTracer
 from solari_vk.scene.binder import NO_INDEX, SceneBinder
 from solari_vk.scene.camera import Camera

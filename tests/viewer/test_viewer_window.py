@@ -10,8 +10,8 @@ import pytest
 from PIL import ImageGrab
 
 import solari_vk as sv
-from solari_vk.gpu import raw
-from solari_vk.gpu.swapchain import Swapchain
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.swapchain import Swapchain
 from solari_vk.viewer import Window, presenter
 from solari_vk.viewer.presenter import Part
 

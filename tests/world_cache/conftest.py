@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from solari_vk.gpu.compiler import glsl_root
+from solari_vk.gpu.shaders.compiler import glsl_root
 
 
 @pytest.fixture

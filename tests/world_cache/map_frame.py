@@ -8,7 +8,7 @@ import numpy as np
 from world_cache_frame import SHADERS
 
 import solari_vk as sv
-from solari_vk.gpu.frame import Frame, Pass
+from solari_vk.gpu.frame.frame import Frame, Pass
 from solari_vk.passes import world_cache
 
 ASKER = np.dtype([("position", "f4", 3), ("normal", "f4", 3), ("cell_size", "f4"), ("rng", "u4"), ("life", "u4")])

@@ -10,10 +10,10 @@ from oracles.replication import relative_interval
 from world_cache_frame import SHADERS, CacheFrame
 
 import solari_vk as sv
-from solari_vk.gpu.frame import Frame, Pass, Stage
+from solari_vk.gpu.frame.frame import Frame, Pass, Stage
 from solari_vk.passes import brdf_table
 from solari_vk.scene.builtin import place
-from solari_vk.view import write_view
+from solari_vk.scene.view import write_view
 
 ALBEDO = 0.5  # of closed_box, whose walls emit 1: so 2 arrives everywhere, and of it 1 is reflected
 CASE = np.dtype([("base_color", "f4", 3), ("reflectance", "f4"), ("perceptual_roughness", "f4"), ("metallic", "f4"),

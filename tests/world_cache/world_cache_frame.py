@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 import solari_vk as sv
-from solari_vk.gpu.frame import Frame, Pass, Stage
+from solari_vk.gpu.frame.frame import Frame, Pass, Stage
 from solari_vk.passes import brdf_table, light_tiles, world_cache
 from solari_vk.scene.binder import SceneBinder
-from solari_vk.view import write_view
+from solari_vk.scene.view import write_view
 
 SHADERS = Path(__file__).parent / "glsl"
 CELL_ARRAYS = ("checksums", "life", "irradiance", "bounds", "points", "votes", "luminance_deltas")

@@ -1,4 +1,4 @@
-// From radiance to what an 8-bit picture holds: exposure, the curves of solari_vk/display.py, which names their sources, and sRGB.
+// From radiance to what an 8-bit picture holds: exposure, the curves of solari_vk/output/picture.py, which names their sources, and sRGB.
 #ifndef PASSES_DISPLAY_TONEMAP_GLSL
 #define PASSES_DISPLAY_TONEMAP_GLSL
 

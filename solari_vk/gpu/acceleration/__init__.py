@@ -1,0 +1,1 @@
+"""Acceleration structures: bottom and top level, builds, refits, compaction."""

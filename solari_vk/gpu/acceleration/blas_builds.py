@@ -1,0 +1,110 @@
+"""Builds of many bottom-level structures: batched by a scratch budget, compacted, or refitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from solari_vk.errors import SolariError
+from solari_vk.gpu.acceleration.compaction import compact_in_place
+from solari_vk.gpu.acceleration.structure import clock, make_scratch, scratch_size
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.barriers import full_barrier
+
+if TYPE_CHECKING:
+    from solari_vk.gpu.acceleration.blas import Blas
+    from solari_vk.gpu.device.device import Device
+
+SCRATCH_BUDGET = 256 << 20
+
+
+@dataclass(frozen=True)
+class BlasBuild:
+    """A structure to be built from its geometries, or refitted to them."""
+
+    blas: Blas
+    update: bool = False
+
+    @property
+    def scratch(self) -> int:
+        """Bytes it needs while it is built."""
+        return scratch_size(self.blas.device, self.blas, self.update)
+
+
+def build_blases(
+    device: Device,
+    blases: Sequence[Blas],
+    *,
+    compact: bool = True,
+    update: bool = False,
+    scratch_budget: int = SCRATCH_BUDGET,
+) -> None:
+    """Build structures in as few batches as the scratch budget (bytes) allows, and compact them.
+
+    Batches overlap nothing else that is submitted. With `compact`, waits for each batch, so that at most
+    one batch is held uncompacted; their addresses are final when this returns. `update` refits structures
+    that were built with allow_update. Raises SolariError for one that was destroyed, or compacted before.
+    """
+    builds = [BlasBuild(blas, update) for blas in blases]
+    check_builds(device, builds)
+    at = clock.tick()
+    for batch in batches(builds, scratch_budget):
+        submit_batch(device, batch, at)
+        shrinking = [build.blas for build in batch if compact and build.blas.allow_compaction and not update]
+        if shrinking:
+            compact_in_place(device, shrinking)
+
+
+def check_builds(device: Device, builds: Sequence[BlasBuild]) -> None:
+    """Raise SolariError for structures that can't be built, or not in this way, or not together."""
+    for build in builds:
+        blas = build.blas
+        blas.check_alive("build", device)
+        if blas.compacted:
+            raise SolariError(f"build of Blas {blas.name}, which was compacted: make a new one")
+        if build.update:
+            blas.check_update()
+    seen: set[int] = set()
+    for build in builds:
+        if id(build.blas) in seen:
+            raise SolariError(f"the same Blas twice in one build: {build.blas.name}")
+        seen.add(id(build.blas))
+
+
+def batches(builds: Sequence[BlasBuild], budget: int = SCRATCH_BUDGET) -> list[list[BlasBuild]]:
+    """Consecutive structures whose scratch fits the budget together; one that doesn't is alone."""
+    found: list[list[BlasBuild]] = []
+    scratch = storage = 0
+    for build in builds:
+        # Storage before compaction is bounded too: it is several times the scratch.
+        if not found or scratch + build.scratch > budget or storage + build.blas.size > 4 * budget:
+            found.append([])
+            scratch = storage = 0
+        found[-1].append(build)
+        scratch += build.scratch
+        storage += build.blas.size
+    return found
+
+
+def submit_batch(device: Device, batch: Sequence[BlasBuild], at: int) -> None:
+    """Build one batch for the build call of a time, after and before everything else that is submitted."""
+    scratch, address = make_scratch(device, sum(build.scratch for build in batch), "blas scratch")
+    infos = []
+    for build in batch:
+        build.blas.ensure_storage()
+        infos.append(build.blas.build_info(address, update=build.update))
+        address += build.scratch
+    infos_array = raw.array("VkAccelerationStructureBuildGeometryInfoKHR", infos)
+    ranges = raw.array("VkAccelerationStructureBuildRangeInfoKHR*", [build.blas.ranges for build in batch])
+
+    def record(cmd: raw.CData) -> None:
+        vk = device.vk
+        vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+        vk.vkCmdBuildAccelerationStructuresKHR(cmd, len(batch), infos_array, ranges)
+        vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+
+    device.start(record, "build blases")
+    for build in batch:
+        build.blas.note_build(at, update=build.update)
+    scratch.destroy()

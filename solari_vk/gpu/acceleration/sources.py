@@ -1,0 +1,272 @@
+"""What users give to builds: triangles and boxes in numpy arrays or in device buffers, checked and uploaded."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.errors import SolariError
+from solari_vk.gpu.acceleration.checks import check_kind, check_switch, numbers, whole_number
+from solari_vk.gpu.acceleration.geometry import AABB_DTYPE, AabbGeometry, Geometry, TriangleGeometry, check_index_type
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.memory import Buffer
+
+_PRESENT = 16  # stands for an address while a structure is only made, not built: aligned for everything
+
+
+@dataclass(frozen=True)
+class BufferSlice:
+    """`count` records in a device buffer from a byte offset on, `stride` bytes apart (0: without gaps).
+
+    What it holds is not looked at: NaN, indices out of range and boxes inside out are the caller's to avoid.
+    """
+
+    buffer: Buffer
+    count: int
+    offset: int = 0
+    stride: int = 0
+
+    def __post_init__(self) -> None:
+        check_kind(self.buffer, Buffer, "slice: the buffer", "give what Device.buffer makes")
+        for field in ("count", "offset", "stride"):
+            whole_number(getattr(self, field), f"slice of buffer {self.buffer.name}: {field}")
+
+    def locate(self, what: str, size: int, device: Device | None = None) -> tuple[int, int]:
+        """Address and stride of records of `size` bytes; raises SolariError unless all lie in the buffer."""
+        stride = self.stride or size
+        name = self.buffer.name
+        if self.buffer.handle is None:
+            raise SolariError(f"{what}: buffer {name} was destroyed")
+        if device is not None and self.buffer.device is not device:
+            raise SolariError(f"{what}: buffer {name} belongs to another device")
+        if self.count < 0 or self.offset < 0 or stride < size:
+            layout = f"count {self.count}, offset {self.offset}, stride {stride} of {size}-byte records"
+            raise SolariError(f"{what} in buffer {name}: {layout}")
+        end = self.offset + (self.count - 1) * stride + size if self.count else self.offset
+        if end > self.buffer.size:
+            raise SolariError(f"{what}: ends at byte {end:,} of buffer {name}, which has {self.buffer.size:,}")
+        return self.buffer.address + self.offset, stride
+
+
+@dataclass(frozen=True)
+class TriangleSize:
+    """What a Blas is made for, without data: at most so many vertices and indices (0: none are given)."""
+
+    vertex_count: int
+    index_count: int = 0
+    index_dtype: Any = np.uint32
+    has_transform: bool = False
+    opaque: bool = True
+    no_duplicate_any_hit: bool = False
+
+    def __post_init__(self) -> None:
+        whole_number(self.vertex_count, "triangles: vertex_count", 0)
+        whole_number(self.index_count, "triangles: index_count", 0)
+        check_index_type(self.index_dtype, "triangles")
+        check_switch(self.has_transform, "triangles: has_transform")
+        _check_switches(self, "triangles")
+
+    def geometry(self) -> TriangleGeometry:
+        """As a geometry whose addresses only say what will be there."""
+        return TriangleGeometry(
+            positions=0,
+            position_count=self.vertex_count,
+            triangle_count=(self.index_count or self.vertex_count) // 3,
+            indices=_PRESENT if self.index_count else 0,
+            index_dtype=self.index_dtype,
+            transform=_PRESENT if self.has_transform else 0,
+            opaque=self.opaque,
+            no_duplicate_any_hit=self.no_duplicate_any_hit,
+        )
+
+
+@dataclass(frozen=True)
+class AabbSize:
+    """What a Blas is made for, without data: at most so many boxes."""
+
+    count: int
+    opaque: bool = True
+    no_duplicate_any_hit: bool = False
+
+    def __post_init__(self) -> None:
+        whole_number(self.count, "boxes: count", 0)
+        _check_switches(self, "boxes")
+
+    def geometry(self) -> AabbGeometry:
+        """As a geometry whose address only says what will be there."""
+        return AabbGeometry(0, self.count, opaque=self.opaque, no_duplicate_any_hit=self.no_duplicate_any_hit)
+
+
+@dataclass(frozen=True, eq=False)
+class Triangles:
+    """A triangle geometry. Arrays are checked and uploaded by the build; buffers are used where they are.
+
+    positions: (N, 3) float32, or a slice of such records. indices: (M, 3) uint16 or uint32, or a slice whose count is
+    that of the indices, 3 M, and whose type is index_dtype; by default every three positions are a triangle.
+    transform: (3, 4), or a slice of one such record, applied before the instance's. opaque: candidates of it are no
+    business of the shader's. no_duplicate_any_hit: every triangle is a candidate once at most.
+    """
+
+    positions: Any
+    indices: Any = None
+    transform: Any = None
+    index_dtype: Any = np.uint32
+    opaque: bool = True
+    no_duplicate_any_hit: bool = False
+
+    def __post_init__(self) -> None:
+        put: Callable[[str, Any], None] = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
+        check_index_type(self.index_dtype, "triangles")
+        _check_switches(self, "triangles")
+        if not isinstance(self.positions, BufferSlice):
+            put("positions", _floats("positions", self.positions, (-1, 3)))
+        if self.indices is not None and not isinstance(self.indices, BufferSlice):
+            put("indices", _indices(self.indices, self.positions))
+            put("index_dtype", self.indices.dtype.type)
+        if self.transform is not None and not isinstance(self.transform, BufferSlice):
+            put("transform", _floats("transform", self.transform, (3, 4)))
+        if self._corner_count % 3:
+            raise SolariError(f"triangles: {self._corner_count} corners make no whole triangles")
+
+    @property
+    def _corner_count(self) -> int:
+        return _count(self.positions if self.indices is None else self.indices)
+
+    def geometry(self) -> TriangleGeometry:
+        """What a Blas for it must be made for."""
+        return TriangleSize(
+            _count(self.positions),
+            0 if self.indices is None else self._corner_count,
+            self.index_dtype,
+            self.transform is not None,
+            self.opaque,
+            self.no_duplicate_any_hit,
+        ).geometry()
+
+    def place(self, uploader: Uploader) -> TriangleGeometry:
+        """Bring it to the device."""
+        positions, stride = uploader.place("positions", self.positions, 12)
+        size = np.dtype(self.index_dtype).itemsize
+        indices, index_stride = (0, size) if self.indices is None else uploader.place("indices", self.indices, size)
+        if index_stride != size:
+            raise SolariError(f"indices: they lie {index_stride} bytes apart; there may be no gaps between them")
+        transform, _ = (0, 0) if self.transform is None else uploader.place("transform", self.transform, 48)
+        known = isinstance(self.indices, np.ndarray)
+        return TriangleGeometry(
+            positions,
+            _count(self.positions),
+            self._corner_count // 3,
+            indices=indices,
+            index_dtype=self.index_dtype,
+            position_stride=stride,
+            transform=transform,
+            opaque=self.opaque,
+            no_duplicate_any_hit=self.no_duplicate_any_hit,
+            index_hash=zlib.crc32(self.indices) if known else 0,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Aabbs:
+    """A geometry of boxes, for intersections of the shader's own: (N, 6) of least and greatest corner, or a slice."""
+
+    boxes: Any
+    opaque: bool = True
+    no_duplicate_any_hit: bool = False
+
+    def __post_init__(self) -> None:
+        _check_switches(self, "boxes")
+        if not isinstance(self.boxes, BufferSlice):
+            given = numbers(self.boxes, "boxes")
+            boxes = _floats("boxes", given.reshape(-1, 6) if given.size % 6 == 0 else given, (-1, 6))
+            inverted = (boxes[:, :3] > boxes[:, 3:]).any(axis=1)
+            if inverted.any():
+                raise SolariError(f"boxes: number {int(inverted.argmax())} has its least corner beyond its greatest")
+            object.__setattr__(self, "boxes", boxes)
+
+    def geometry(self) -> AabbGeometry:
+        """What a Blas for it must be made for."""
+        count = self.boxes.count if isinstance(self.boxes, BufferSlice) else len(self.boxes)
+        return AabbSize(count, self.opaque, self.no_duplicate_any_hit).geometry()
+
+    def place(self, uploader: Uploader) -> AabbGeometry:
+        """Bring it to the device."""
+        address, stride = uploader.place("boxes", self.boxes, AABB_DTYPE.itemsize)
+        count = self.geometry().count
+        return AabbGeometry(
+            address, count, stride=stride, opaque=self.opaque, no_duplicate_any_hit=self.no_duplicate_any_hit
+        )
+
+
+Source = Triangles | Aabbs
+
+
+class Uploader:
+    """Brings arrays to the device for one build call; `free` gives their memory back when the call is done."""
+
+    def __init__(self, device: Device) -> None:
+        self.device = device
+        self.uploads = device.uploads()
+        self._buffers: list[Buffer] = []
+
+    def place(self, what: str, data: Any, size: int) -> tuple[int, int]:
+        """Address and stride of an array, or of a slice of a buffer, with records of `size` bytes."""
+        if isinstance(data, BufferSlice):
+            return data.locate(what, size, self.device)
+        buffer = self.device.buffer(data.nbytes, what)
+        self._buffers.append(buffer)
+        self.uploads.buffer(buffer, data)
+        return buffer.address, size
+
+    def free(self) -> None:
+        """Destroy the buffers when the work submitted so far is done."""
+        for buffer in self._buffers:
+            buffer.destroy()
+
+
+def place_all(uploader: Uploader, sources: tuple[Source, ...]) -> list[Geometry]:
+    """All geometries of one structure on the device."""
+    return [source.place(uploader) for source in sources]
+
+
+def _check_switches(geometry: Any, what: str) -> None:
+    check_switch(geometry.opaque, f"{what}: opaque")
+    check_switch(geometry.no_duplicate_any_hit, f"{what}: no_duplicate_any_hit")
+
+
+def _count(data: Any) -> int:
+    return data.count if isinstance(data, BufferSlice) else data.size if data.dtype.kind == "u" else len(data)
+
+
+def _floats(what: str, given: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    source = numbers(given, what)
+    with np.errstate(over="ignore"):  # becomes infinity, which is refused below
+        array = np.array(source, np.float32, order="C")  # a copy: what was checked can't change before the build
+    fits = array.ndim == len(shape) and all(n in (-1, m) for n, m in zip(shape, array.shape, strict=True))
+    if not fits:
+        wanted = ", ".join("N" if n < 0 else str(n) for n in shape)
+        raise SolariError(f"{what}: the shape is {array.shape}, not ({wanted})")
+    if not np.isfinite(array).all():
+        raise SolariError(f"{what}: element {tuple(np.argwhere(~np.isfinite(array))[0].tolist())} is not finite")
+    array.setflags(write=False)
+    return array
+
+
+def _indices(given: Any, positions: Any) -> NDArray[Any]:
+    array = np.array(numbers(given, "indices"), order="C")
+    if array.dtype not in (np.uint16, np.uint32):
+        if array.dtype.kind not in "iu" or (array.size and (array.min() < 0 or array.max() >= 2**32)):
+            raise SolariError(f"indices: they are whole numbers from 0 to 2^32 - 1, not {array.dtype}")
+        array = array.astype(np.uint32)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise SolariError(f"indices: the shape is {array.shape}, not (N, 3)")
+    count = _count(positions)
+    if array.size and int(array.max()) >= count:
+        raise SolariError(f"indices: {int(array.max())} is named, but there are {count} positions")
+    array.setflags(write=False)
+    return array

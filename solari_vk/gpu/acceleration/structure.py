@@ -1,0 +1,198 @@
+"""What bottom- and top-level acceleration structures share: sizes, storage, handle, build commands, and time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import Enum
+from typing import TYPE_CHECKING
+
+from solari_vk.errors import SolariError
+from solari_vk.gpu.acceleration.checks import check_kind, check_switch
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.memory import Buffer
+
+if TYPE_CHECKING:
+    from solari_vk.gpu.device.device import Device
+
+_STORAGE_USAGE = (
+    raw.VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_STORAGE_BIT_KHR | raw.VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT
+)
+_ALLOW_DATA_ACCESS = 0x800  # VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_DATA_ACCESS_KHR, newer than the package
+
+
+class UpdateMode(Enum):
+    """How a build call treats a structure that it has built before."""
+
+    BUILD = "build"
+    PREFER_UPDATE = "prefer update"
+
+
+class Clock:
+    """Counts what decides whether a top-level structure may be used: build calls and destructions, in order."""
+
+    def __init__(self) -> None:
+        self.now = 0
+
+    def tick(self) -> int:
+        """The time of a new event."""
+        self.now += 1
+        return self.now
+
+
+clock = Clock()
+
+
+class Structure:
+    """What Blas and Tlas share: sizes, storage, handle and build commands.
+
+    `built_at` is the time of the build call that last built it, 0 before the first. With `update_mode` PREFER_UPDATE
+    a build call refits where it can, but after `rebuild_after` refits in a row it builds anew: boxes around what
+    moves only grow in refits, and rays pay for it.
+    """
+
+    update_mode = UpdateMode.BUILD
+    rebuild_after = 32
+
+    def __init__(
+        self, device: Device, kind: int, flags: int, geometries: Sequence[raw.CData], counts: list[int], name: str
+    ) -> None:
+        check_kind(name, str, "acceleration structure: the name", "give a string")
+        self.device = device
+        self.name = name
+        self.flags = flags
+        self.handle: raw.CData | None = None
+        self.address = 0
+        self.build_count = 0
+        self.built_at = 0
+        self.refit_count = 0
+        self.destroyed = False
+        self._kind = kind
+        self._geometries = raw.array("VkAccelerationStructureGeometryKHR", geometries)
+        self._geometry_count = len(geometries)
+        sizes = raw.struct("VkAccelerationStructureBuildSizesInfoKHR")
+        device.vk.vkGetAccelerationStructureBuildSizesKHR(
+            device.handle,
+            raw.VK_ACCELERATION_STRUCTURE_BUILD_TYPE_DEVICE_KHR,
+            self.build_info(),
+            raw.ffi.new("uint32_t[]", counts),
+            sizes,
+        )
+        self.size = int(sizes.accelerationStructureSize)
+        self.build_scratch_size = int(sizes.buildScratchSize)
+        self.update_scratch_size = int(sizes.updateScratchSize)
+
+    def __repr__(self) -> str:
+        if self.destroyed:
+            return f"<{self.describe()}: destroyed>"
+        return f"<{self.describe()}: {self.size:,} bytes, built {self.build_count} times>"
+
+    @property
+    def built(self) -> bool:
+        """Whether a build was recorded or submitted."""
+        return self.build_count > 0
+
+    @property
+    def allow_update(self) -> bool:
+        """Whether it can be refitted."""
+        return bool(self.flags & raw.VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_UPDATE_BIT_KHR)
+
+    def create(self, size: int) -> None:
+        """Make storage, handle and address; the build comes later."""
+        device = self.device
+        self._storage = Buffer(device, size, f"{self.name} storage", usage=_STORAGE_USAGE)
+        create = raw.struct(
+            "VkAccelerationStructureCreateInfoKHR", buffer=self._storage.handle, size=size, type=self._kind
+        )
+        self.handle = handle = device.create("VkAccelerationStructureKHR", create, self.name)
+        self._token = device.own(lambda: device.vk.vkDestroyAccelerationStructureKHR(device.handle, handle, raw.NULL))
+        info = raw.struct("VkAccelerationStructureDeviceAddressInfoKHR", accelerationStructure=handle)
+        self.address = int(device.vk.vkGetAccelerationStructureDeviceAddressKHR(device.handle, info))
+        self.size = size
+
+    def build_info(self, scratch: int = 0, *, update: bool = False) -> raw.CData:
+        """The VkAccelerationStructureBuildGeometryInfoKHR of a build or a refit."""
+        build = raw.VK_BUILD_ACCELERATION_STRUCTURE_MODE_BUILD_KHR
+        refit = raw.VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR
+        return raw.struct(
+            "VkAccelerationStructureBuildGeometryInfoKHR",
+            type=self._kind,
+            flags=self.flags,
+            mode=refit if update else build,
+            srcAccelerationStructure=self.handle if update else None,
+            dstAccelerationStructure=self.handle,
+            geometryCount=self._geometry_count,
+            pGeometries=self._geometries,
+            scratchData={"deviceAddress": scratch},
+        )
+
+    def note_build(self, at: int, *, update: bool = False) -> None:
+        """Remember that a build call of that time builds or refits it."""
+        self.build_count += 1
+        self.built_at = at
+        self.refit_count = self.refit_count + 1 if update else 0
+
+    def check_alive(self, action: str, device: object = None) -> None:
+        """Raise SolariError when it was destroyed, or belongs to another device than this one."""
+        if self.destroyed:
+            raise SolariError(f"{action} of {self.describe()}, which was destroyed")
+        if device is not None and device is not self.device:
+            raise SolariError(f"{action} of {self.describe()}, which belongs to another device")
+
+    def describe(self) -> str:
+        """What messages call it."""
+        return f"{type(self).__name__} {self.name}"
+
+    @property
+    def prefers_update(self) -> bool:
+        """Whether its update mode and the refits so far speak for another refit."""
+        wanted = self.update_mode is UpdateMode.PREFER_UPDATE and self.refit_count < self.rebuild_after
+        return wanted and self.allow_update and self.built
+
+    def check_update(self) -> None:
+        """Raise SolariError when it can't be refitted."""
+        if not self.allow_update or not self.built:
+            why = "it was made without allow_update" if not self.allow_update else "it was never built"
+            raise SolariError(f"refit of {self.describe()}: {why}")
+
+    def destroy(self) -> None:
+        """Destroy it when the work submitted so far is done. Safe to call twice."""
+        if not self.destroyed:
+            clock.tick()
+        self.destroyed = True
+        if self.handle is not None:
+            self.device.release(self._token)
+            self._storage.destroy()
+            self.handle = None
+            self.address = 0
+
+
+def _alignment(device: Device) -> int:
+    return int(device.properties.acceleration.minAccelerationStructureScratchOffsetAlignment)
+
+
+def scratch_size(device: Device, structure: Structure, update: bool) -> int:
+    """Bytes of scratch, up to where another structure's may begin."""
+    size = structure.update_scratch_size if update else structure.build_scratch_size
+    return -(-size // _alignment(device)) * _alignment(device)
+
+
+def make_scratch(device: Device, size: int, name: str) -> tuple[Buffer, int]:
+    """A scratch buffer and its first aligned address."""
+    alignment = _alignment(device)
+    scratch = device.buffer(size + alignment, name)
+    return scratch, -(-scratch.address // alignment) * alignment
+
+
+def build_flags(device: Device, fast_trace: bool, low_memory: bool, allow_update: bool) -> int:
+    """Vulkan's flags for both kinds of structure. Vertices can be read back wherever the device is able to."""
+    switches = {"prefer_fast_trace": fast_trace, "low_memory": low_memory, "allow_update": allow_update}
+    for what, value in switches.items():
+        check_switch(value, f"acceleration structure: {what}")
+    flags = (
+        raw.VK_BUILD_ACCELERATION_STRUCTURE_PREFER_FAST_TRACE_BIT_KHR
+        if fast_trace
+        else raw.VK_BUILD_ACCELERATION_STRUCTURE_PREFER_FAST_BUILD_BIT_KHR
+    )
+    flags |= raw.VK_BUILD_ACCELERATION_STRUCTURE_LOW_MEMORY_BIT_KHR * low_memory
+    flags |= raw.VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_UPDATE_BIT_KHR * allow_update
+    return int(flags | _ALLOW_DATA_ACCESS * device.has_position_fetch)

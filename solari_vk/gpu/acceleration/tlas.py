@@ -1,0 +1,178 @@
+"""Acceleration structures: bottom level (Blas) over geometry, top level (Tlas) over instances of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.errors import SolariError
+from solari_vk.gpu.acceleration.blas import Blas as Blas
+from solari_vk.gpu.acceleration.blas_builds import build_blases as build_blases
+from solari_vk.gpu.acceleration.checks import whole_number
+from solari_vk.gpu.acceleration.geometry import AABB_DTYPE as AABB_DTYPE
+from solari_vk.gpu.acceleration.geometry import AabbGeometry as AabbGeometry
+from solari_vk.gpu.acceleration.geometry import Geometry as Geometry
+from solari_vk.gpu.acceleration.geometry import TriangleGeometry as TriangleGeometry
+from solari_vk.gpu.acceleration.structure import Structure, build_flags, clock, make_scratch
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.barriers import full_barrier
+from solari_vk.gpu.device.recorded import Recorded
+
+if TYPE_CHECKING:
+    from solari_vk.gpu.device.device import Device
+
+# VkAccelerationStructureInstanceKHR: a 24-bit number in the low bits and an 8-bit one above it, twice.
+INSTANCE_DTYPE = np.dtype(
+    [
+        ("transform", "<f4", (3, 4)),
+        ("custom_index_and_mask", "<u4"),
+        ("sbt_offset_and_flags", "<u4"),
+        ("blas_address", "<u8"),
+    ]
+)
+
+
+class Tlas(Structure):
+    """A top-level structure over up to `max_instances` INSTANCE_DTYPE records in device memory.
+
+    Storage and scratch are made at once, so `handle` can be bound before the first build. An instance whose
+    blas_address is 0 is never hit. `blases` are the structures below it that it answers for in `check_usable`.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        max_instances: int,
+        *,
+        prefer_fast_trace: bool = True,
+        low_memory: bool = False,
+        allow_update: bool = False,
+        name: str = "tlas",
+    ) -> None:
+        limit = int(device.properties.acceleration.maxInstanceCount)
+        max_instances = whole_number(max_instances, f"Tlas {name}: max_instances")
+        if not 0 <= max_instances <= limit:
+            raise SolariError(f"Tlas {name} of {max_instances:,} instances: this device takes 0 to {limit:,}")
+        self.max_instances = max_instances
+        self.instance_count = 0
+        self.blases: tuple[Blas, ...] = ()
+        self.built_records = np.zeros(0, INSTANCE_DTYPE)
+        self._checked_at = 0
+        instances = raw.struct(
+            "VkAccelerationStructureGeometryKHR",
+            geometryType=raw.VK_GEOMETRY_TYPE_INSTANCES_KHR,
+            geometry={"instances": raw.struct("VkAccelerationStructureGeometryInstancesDataKHR")},
+        )
+        flags = build_flags(device, prefer_fast_trace, low_memory, allow_update)
+        kind = raw.VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR
+        super().__init__(device, kind, flags, [instances], [max_instances], name)
+        self.create(self.size)
+        most = max(self.build_scratch_size, self.update_scratch_size)
+        self._scratch, self._scratch_address = make_scratch(device, most, f"{name} scratch")
+
+    def record_build(
+        self,
+        cmd: raw.CData,
+        instances: int,
+        count: int,
+        *,
+        update: bool = False,
+        blases: Iterable[Blas] = (),
+        at: int | None = None,
+    ) -> None:
+        """Record a build over `count` records at a device address (16-byte aligned), with its barriers.
+
+        It waits for everything before it, and everything after it waits for it. `update` refits after
+        transforms changed, with the same count. `blases`: what the records refer to, for `check_usable`; `at`: the
+        time of the build call. Raises SolariError for what Vulkan would not survive.
+        """
+        self._record(cmd, instances, count, update=update)
+        self._note(count, clock.tick() if at is None else at, update=update, blases=blases)
+
+    def _record(self, cmd: raw.CData, instances: int, count: int, *, update: bool = False) -> None:
+        self.check_alive("build")
+        if not 0 <= count <= self.max_instances:
+            raise SolariError(f"build of Tlas {self.name}: {count:,} instances, made for {self.max_instances:,}")
+        if update:
+            self.check_update()
+            if count != self.instance_count:
+                raise SolariError(
+                    f"refit of Tlas {self.name}: {count:,} instances, but it was built with {self.instance_count:,}"
+                )
+        if count and (instances <= 0 or instances % 16):
+            raise SolariError(f"build of Tlas {self.name}: instances at {instances:#x}, not a 16-byte aligned address")
+        # No instances need no buffer, but the address must still be one.
+        self._geometries[0].geometry.instances.data.deviceAddress = instances if count else self._scratch_address & ~15
+        vk = self.device.vk
+        ranges = raw.array(
+            "VkAccelerationStructureBuildRangeInfoKHR*",
+            [raw.struct("VkAccelerationStructureBuildRangeInfoKHR", primitiveCount=count)],
+        )
+        vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+        vk.vkCmdBuildAccelerationStructuresKHR(
+            cmd, 1, self.build_info(self._scratch_address, update=update), ranges
+        )
+        vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+
+    def _note(self, count: int, at: int, *, update: bool = False, blases: Iterable[Blas] = ()) -> None:
+        """Remember that it is built over `count` records, at that time."""
+        self.instance_count = count
+        self.blases = tuple(blases)
+        self.built_records = self.built_records[:0]
+        self.note_build(at, update=update)
+
+    def refits(self, records: NDArray[Any]) -> bool:
+        """Whether a build call would refit it to these records: as many, over the same structures, as in its last."""
+        before = self.built_records["blas_address"]
+        return self.prefers_update and np.array_equal(records["blas_address"], before)
+
+    def check_usable(self) -> None:
+        """Raise SolariError unless rays may be traced through it.
+
+        It must have been built, after everything that it was built over was last built, and none of that is gone.
+        Costs nothing while nothing is built or destroyed.
+        """
+        if self._checked_at == clock.now:
+            return
+        self.check_alive("use")
+        if not self.built:
+            raise SolariError(f"use of {self.describe()}, which was never built")
+        for blas in self.blases:
+            if blas.destroyed:
+                raise SolariError(f"use of {self.describe()}, built over {blas.describe()}, which was destroyed")
+            if blas.built_at > self.built_at:
+                raise SolariError(
+                    f"use of {self.describe()}, built over {blas.describe()}, which was built again since: "
+                    "build the Tlas again"
+                )
+        self._checked_at = clock.now
+
+    def destroy(self) -> None:
+        """Destroy it when the work submitted so far is done. Safe to call twice."""
+        super().destroy()
+        self._scratch.destroy()
+
+
+class TlasBuild:
+    """A build of a Tlas over the records at an address, recorded once and made whenever they have changed.
+
+    Arguments and errors as of `Tlas.record_build`.
+    """
+
+    def __init__(self, tlas: Tlas, instances: int, count: int) -> None:
+        self.made_for = tlas, instances, count
+        self._tlas, self._count = tlas, count
+        self._commands = Recorded(tlas.device, lambda cmd: tlas._record(cmd, instances, count), "build tlas")
+
+    def submit(self) -> None:
+        """Have the build made just before what is submitted next. Raises SolariError when the Tlas was destroyed."""
+        self._tlas.check_alive("build")
+        self._commands.submit_with_next()
+        self._tlas._note(self._count, clock.tick())
+
+    def destroy(self) -> None:
+        """Free the commands when the work submitted so far is done. Safe to call twice."""
+        self._commands.destroy()

@@ -1,0 +1,208 @@
+"""Device memory from few large blocks: the driver is asked rarely, and blocks that empty are given back."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, insort
+from typing import TYPE_CHECKING
+
+from solari_vk.errors import DeviceError
+from solari_vk.gpu.device import raw
+
+if TYPE_CHECKING:
+    from solari_vk.gpu.device.device import Device
+
+BLOCK_SIZE = 64 << 20
+_FIRST_BLOCK_SIZE = 8 << 20
+_MAPPABLE = raw.VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | raw.VK_MEMORY_PROPERTY_HOST_COHERENT_BIT
+_DEVICE_LOCAL = raw.VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT
+_CACHED = raw.VK_MEMORY_PROPERTY_HOST_CACHED_BIT
+
+
+class Allocation:
+    """A piece of a block: `memory` and `offset` to bind, `pointer` (bytes) when mapped, else None."""
+
+    def __init__(self, block: Block, offset: int, size: int) -> None:
+        self.block = block
+        self.offset = offset
+        self.size = size
+        self.memory = block.memory
+        self.pointer = None if block.pointer is None else block.pointer + offset
+        self.cached = block.pool.cached
+
+
+class Block:
+    """One vkAllocateMemory and the list of its free ranges, sorted by offset."""
+
+    def __init__(self, pool: Pool, memory: raw.CData, size: int, pointer: raw.CData | None) -> None:
+        self.pool = pool
+        self.memory = memory
+        self.size = size
+        self.pointer = pointer
+        self.free = [(0, size)]
+
+    def take(self, size: int, alignment: int) -> int | None:
+        """The offset of the smallest free range that holds `size`, or None."""
+        best: tuple[int, int, int] | None = None
+        for i, (start, length) in enumerate(self.free):
+            padding = -start % alignment
+            if length >= size + padding and (best is None or length < best[0]):
+                best = (length, i, start + padding)
+        if best is None:
+            return None
+        _, i, offset = best
+        start, length = self.free[i]
+        rest = [(start, offset - start), (offset + size, start + length - offset - size)]
+        self.free[i : i + 1] = [piece for piece in rest if piece[1]]
+        return offset
+
+    def give(self, offset: int, size: int) -> None:
+        """Return a range, joined with the free ranges that touch it."""
+        i = bisect_left(self.free, (offset, 0))
+        if i < len(self.free) and self.free[i][0] == offset + size:
+            size += self.free.pop(i)[1]
+        if i and sum(self.free[i - 1]) == offset:
+            offset, before = self.free.pop(i - 1)
+            size += before
+        insort(self.free, (offset, size))
+
+    @property
+    def empty(self) -> bool:
+        return self.free == [(0, self.size)]
+
+
+class Pool:
+    """The blocks of one memory type. Images have pools of their own, so bufferImageGranularity never matters."""
+
+    def __init__(self, memory_type: int, mapped: bool, cached: bool) -> None:
+        self.memory_type = memory_type
+        self.mapped = mapped
+        self.cached = cached
+        self.blocks: list[Block] = []
+
+
+class Allocator:
+    """Sub-allocates device memory. `allocation_count`, `bytes_used` and `bytes_reserved` say what is held.
+
+    "device" memory is local to the device, and mapped where it can be unless the device was opened with
+    staging; "host" memory is mapped, coherent and cached where the device has such a type.
+    """
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+        info = raw.ffi.new("VkPhysicalDeviceMemoryProperties*")
+        device.instance_vk.vkGetPhysicalDeviceMemoryProperties(device.physical_device, info)
+        self._type_flags = [int(info.memoryTypes[i].propertyFlags) for i in range(info.memoryTypeCount)]
+        self._type_heaps = [int(info.memoryTypes[i].heapIndex) for i in range(info.memoryTypeCount)]
+        self._heap_sizes = [int(info.memoryHeaps[i].size) for i in range(info.memoryHeapCount)]
+        self._heap_reserved = [0] * info.memoryHeapCount
+        self._pools: dict[tuple[int, bool, bool], Pool] = {}
+        self.allocation_count = 0
+        self.bytes_used = 0
+
+    @property
+    def bytes_reserved(self) -> int:
+        """Bytes taken from the driver, used or not."""
+        return sum(self._heap_reserved)
+
+    def allocate(self, requirements: raw.CData, name: str, *, host: bool, image: bool = False) -> Allocation:
+        """Memory for VkMemoryRequirements. Raises DeviceError naming the object when there is none."""
+        pool = self._pool(self._choose_type(requirements.memoryTypeBits, name, host), host, image)
+        size, alignment = int(requirements.size), int(requirements.alignment)
+        try:
+            allocation = self._allocate(pool, size, alignment, name)
+        except DeviceError:
+            if self._device.lost:
+                raise
+            # What is retired may be what is missing: finish the work that holds it and try once more.
+            self._device.await_idle()
+            self._trim()
+            allocation = self._allocate(pool, size, alignment, name)
+        self.bytes_used += size
+        return allocation
+
+    def free(self, allocation: Allocation) -> None:
+        """Give memory back; nothing on the device may use it any more."""
+        block = allocation.block
+        block.give(allocation.offset, allocation.size)
+        self.bytes_used -= allocation.size
+        # One empty block of ordinary size stays, so that create/destroy in turn costs no driver call.
+        if block.empty:
+            empty = [other for other in block.pool.blocks if other.empty and other.size <= BLOCK_SIZE]
+            if block.size > BLOCK_SIZE or len(empty) > 1:
+                self._free_block(block)
+
+    def close(self) -> None:
+        """Free every block."""
+        for pool in self._pools.values():
+            for block in list(pool.blocks):
+                self._free_block(block)
+
+    def _choose_type(self, allowed: int, name: str, host: bool) -> int:
+        """The first memory type, in the driver's order, that serves best."""
+        wishes = (_MAPPABLE | _CACHED, _MAPPABLE) if host else (_DEVICE_LOCAL, 0)
+        for wish in wishes:
+            for i, flags in enumerate(self._type_flags):
+                if allowed >> i & 1 and flags & wish == wish:
+                    return i
+        raise DeviceError(f"{name}: the device has no {'mappable' if host else 'device'} memory for it")
+
+    def _pool(self, memory_type: int, host: bool, image: bool) -> Pool:
+        key = (memory_type, host, image)
+        if key not in self._pools:
+            flags = self._type_flags[memory_type]
+            mapped = flags & _MAPPABLE == _MAPPABLE and not image and (host or not self._device.staging)
+            self._pools[key] = Pool(memory_type, mapped, bool(flags & _CACHED))
+        return self._pools[key]
+
+    def _allocate(self, pool: Pool, size: int, alignment: int, name: str) -> Allocation:
+        for block in pool.blocks:
+            if (offset := block.take(size, alignment)) is not None:
+                return Allocation(block, offset, size)
+        # Small programs reserve little; blocks double up to the usual size.
+        usual = min(_FIRST_BLOCK_SIZE << len(pool.blocks), BLOCK_SIZE)
+        block = self._new_block(pool, size if size > usual // 2 else usual, name)
+        pool.blocks.append(block)
+        taken = block.take(size, alignment)
+        assert taken == 0
+        return Allocation(block, 0, size)
+
+    def _new_block(self, pool: Pool, size: int, name: str) -> Block:
+        device = self._device
+        heap = self._type_heaps[pool.memory_type]
+        left = self._heap_sizes[heap] - self._heap_reserved[heap]
+        if size > left:
+            raise DeviceError(
+                f"{name}: {size:,} bytes of memory are needed, but the device has {left:,} of "
+                f"{self._heap_sizes[heap]:,} left: use a smaller scene or picture"
+            )
+        flags = raw.struct("VkMemoryAllocateFlagsInfo", flags=raw.VK_MEMORY_ALLOCATE_DEVICE_ADDRESS_BIT)
+        info = raw.struct(
+            "VkMemoryAllocateInfo", pNext=flags, allocationSize=size, memoryTypeIndex=pool.memory_type
+        )
+        out = raw.ffi.new("VkDeviceMemory*")
+        try:
+            device.vk.vkAllocateMemory(device.handle, info, raw.NULL, out)
+        except DeviceError as error:
+            raise DeviceError(f"{name}: {size:,} bytes of memory can't be had: {error}") from error
+        self.allocation_count += 1
+        self._heap_reserved[heap] += size
+        memory = out[0]
+        device.name_object("device_memory", memory, f"memory type {pool.memory_type}, {size >> 20} MiB")
+        pointer = None
+        if pool.mapped:
+            mapping = raw.ffi.new("void**")
+            device.vk.vkMapMemory(device.handle, memory, 0, size, 0, mapping)
+            pointer = raw.ffi.cast("char*", mapping[0])
+        return Block(pool, memory, size, pointer)
+
+    def _free_block(self, block: Block) -> None:
+        block.pool.blocks.remove(block)
+        self._device.vk.vkFreeMemory(self._device.handle, block.memory, raw.NULL)
+        self.allocation_count -= 1
+        self._heap_reserved[self._type_heaps[block.pool.memory_type]] -= block.size
+
+    def _trim(self) -> None:
+        """Free every empty block."""
+        for pool in self._pools.values():
+            for block in [block for block in pool.blocks if block.empty]:
+                self._free_block(block)

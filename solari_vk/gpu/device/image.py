@@ -1,0 +1,270 @@
+"""Images and samplers: 2D textures and render targets with their views, uploaded and read back as arrays."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from solari_vk.errors import DeviceError, SolariError
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.barriers import image_barrier
+from solari_vk.gpu.device.uploads import read_back
+
+if TYPE_CHECKING:
+    from solari_vk.gpu.device.device import Device
+
+_COPIES = raw.VK_IMAGE_USAGE_TRANSFER_SRC_BIT | raw.VK_IMAGE_USAGE_TRANSFER_DST_BIT
+# Images that shaders or attachments write stay in one layout, so that hazards need only memory barriers.
+_WRITTEN = (
+    raw.VK_IMAGE_USAGE_STORAGE_BIT
+    | raw.VK_IMAGE_USAGE_COLOR_ATTACHMENT_BIT
+    | raw.VK_IMAGE_USAGE_DEPTH_STENCIL_ATTACHMENT_BIT
+)
+
+
+class Image:
+    """A 2D image with its view. It lives in `layout`: GENERAL when shaders or attachments write it, else
+    SHADER_READ_ONLY_OPTIMAL. Contents start undefined. Raises DeviceError for what the device can't make.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        width: int,
+        height: int,
+        format: int,
+        name: str,
+        *,
+        usage: int = raw.VK_IMAGE_USAGE_SAMPLED_BIT,
+        mip_levels: int = 1,
+    ) -> None:
+        self.device = device
+        self.width, self.height, self.mip_levels = int(width), int(height), int(mip_levels)
+        self.format = format
+        self.name = name
+        self.usage = usage | _COPIES
+        self.layout: int = (
+            raw.VK_IMAGE_LAYOUT_GENERAL if usage & _WRITTEN else raw.VK_IMAGE_LAYOUT_SHADER_READ_ONLY_OPTIMAL
+        )
+        self.dtype, self.channels = texel_layout(format)
+        depth = format_name(format).startswith("VK_FORMAT_D")
+        self.aspect: int = raw.VK_IMAGE_ASPECT_DEPTH_BIT if depth else raw.VK_IMAGE_ASPECT_COLOR_BIT
+        self.all_levels = self._levels(0, self.mip_levels)
+        self._check_limits()
+        create = raw.struct(
+            "VkImageCreateInfo",
+            imageType=raw.VK_IMAGE_TYPE_2D,
+            format=format,
+            extent={"width": self.width, "height": self.height, "depth": 1},
+            mipLevels=self.mip_levels,
+            arrayLayers=1,
+            samples=raw.VK_SAMPLE_COUNT_1_BIT,
+            tiling=raw.VK_IMAGE_TILING_OPTIMAL,
+            usage=self.usage,
+        )
+        self.handle = handle = device.create("VkImage", create, name)
+        requirements = raw.ffi.new("VkMemoryRequirements*")
+        device.vk.vkGetImageMemoryRequirements(device.handle, handle, requirements)
+        try:
+            allocation = device.memory.allocate(requirements, f"image {name}", host=False, image=True)
+        except BaseException:
+            device.vk.vkDestroyImage(device.handle, handle, raw.NULL)
+            raise
+        device.vk.vkBindImageMemory(device.handle, handle, allocation.memory, allocation.offset)
+        self._views: dict[tuple[int, int], raw.CData] = {}
+        views = self._views
+
+        def destroy() -> None:
+            for view in views.values():
+                device.vk.vkDestroyImageView(device.handle, view, raw.NULL)
+            device.vk.vkDestroyImage(device.handle, handle, raw.NULL)
+            device.memory.free(allocation)
+
+        self._token = device.own(destroy)
+        self.view = self.level_view(0, self.mip_levels)
+        device.before_next_submit(self._enter_layout)
+
+    def __repr__(self) -> str:
+        return f"<Image {self.name}: {self.width} x {self.height} {format_name(self.format)[10:]}>"
+
+    def _levels(self, first: int, count: int) -> dict[str, int]:
+        return {"aspectMask": self.aspect, "baseMipLevel": first, "levelCount": count, "layerCount": 1}
+
+    def _check_limits(self) -> None:
+        what = f"image {self.name} of {self.width} x {self.height} in {format_name(self.format)}"
+        out = raw.ffi.new("VkImageFormatProperties*")
+        try:
+            self.device.instance_vk.vkGetPhysicalDeviceImageFormatProperties(
+                self.device.physical_device,
+                self.format,
+                raw.VK_IMAGE_TYPE_2D,
+                raw.VK_IMAGE_TILING_OPTIMAL,
+                self.usage,
+                0,
+                out,
+            )
+        except DeviceError as error:
+            raise DeviceError(f"{what}: the device can't use this format that way ({error})") from error
+        extent = out.maxExtent
+        if not (0 < self.width <= extent.width and 0 < self.height <= extent.height):
+            raise DeviceError(f"{what}: this device's images are 1 x 1 to {extent.width} x {extent.height}")
+        if not 0 < self.mip_levels <= min(max(self.width, self.height).bit_length(), out.maxMipLevels):
+            raise DeviceError(f"{what}: it can't have {self.mip_levels} mip levels")
+
+    def _enter_layout(self, cmd: raw.CData) -> None:
+        if self.handle is not None:
+            barrier = image_barrier(self, raw.VK_IMAGE_LAYOUT_UNDEFINED, self.layout)
+            self.device.vk.vkCmdPipelineBarrier2(cmd, barrier)
+
+    def level_view(self, first: int, count: int = 1) -> raw.CData:
+        """A VkImageView of some mip levels; it lives as long as the image."""
+        if (first, count) not in self._views:
+            create = raw.struct(
+                "VkImageViewCreateInfo",
+                image=self.handle,
+                viewType=raw.VK_IMAGE_VIEW_TYPE_2D,
+                format=self.format,
+                subresourceRange=self._levels(first, count),
+            )
+            self._views[first, count] = self.device.create("VkImageView", create, self.name)
+        return self._views[first, count]
+
+    def level_shape(self, level: int) -> tuple[int, int, int]:
+        """(height, width, channels) of a mip level."""
+        return max(self.height >> level, 1), max(self.width >> level, 1), self.channels
+
+    def check_levels(self, levels: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """The levels as arrays of this image's dtype and shapes; raises SolariError when they don't fit."""
+        if self.handle is None:
+            raise SolariError(f"upload of image {self.name}, which was destroyed")
+        if len(levels) != self.mip_levels:
+            raise SolariError(f"image {self.name} has {self.mip_levels} mip levels, not {len(levels)}")
+        arrays = [np.asarray(level) for level in levels]
+        for i, array in enumerate(arrays):
+            shape = self.level_shape(i)
+            if array.dtype != self.dtype or array.size != int(np.prod(shape)) or array.shape[:2] != shape[:2]:
+                raise SolariError(
+                    f"image {self.name}, level {i}: {array.shape} of {array.dtype}, expected {shape} of {self.dtype}"
+                )
+        return arrays
+
+    def copy_region(self, level: int, buffer_offset: int) -> dict[str, Any]:
+        """The VkBufferImageCopy of one whole level."""
+        height, width, _ = self.level_shape(level)
+        return {
+            "bufferOffset": buffer_offset,
+            "imageSubresource": {"aspectMask": self.aspect, "mipLevel": level, "layerCount": 1},
+            "imageExtent": {"width": width, "height": height, "depth": 1},
+        }
+
+    def upload(self, levels: Sequence[np.ndarray]) -> None:
+        """Replace all mip levels, after all work submitted so far and before all that follows."""
+        with self.device.uploads() as uploads:
+            uploads.image(self, levels)
+
+    def read(self, level: int = 0) -> np.ndarray:
+        """(height, width, channels) of the format's dtype after all work submitted so far; waits for it."""
+        if self.handle is None:
+            raise SolariError(f"read of image {self.name}, which was destroyed")
+        vk = self.device.vk
+        general = self.layout == raw.VK_IMAGE_LAYOUT_GENERAL
+        layout = self.layout if general else raw.VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL
+        region = raw.struct("VkBufferImageCopy", **self.copy_region(level, 0))
+
+        def copy(cmd: raw.CData, target: raw.CData) -> None:
+            if not general:
+                vk.vkCmdPipelineBarrier2(cmd, image_barrier(self, self.layout, layout))
+            vk.vkCmdCopyImageToBuffer(cmd, self.handle, layout, target, 1, region)
+            if not general:
+                vk.vkCmdPipelineBarrier2(cmd, image_barrier(self, layout, self.layout))
+
+        shape = self.level_shape(level)
+        return read_back(self.device, int(np.prod(shape)) * self.dtype.itemsize, copy).view(self.dtype).reshape(shape)
+
+    def destroy(self) -> None:
+        """Destroy the image when the work submitted so far is done. Safe to call twice."""
+        self.handle = None
+        self.device.release(self._token)
+
+
+class Sampler:
+    """How a texture is filtered and repeated: "linear" or "nearest"; "repeat", "clamp" or "mirror".
+
+    mipmap: how levels are blended, or "none" to use the largest one only.
+
+    anisotropy: the most samples of an anisotropic filter; 1 is off, and devices without it stay at 1.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        *,
+        magnify: str = "linear",
+        minify: str = "linear",
+        mipmap: str = "linear",
+        wrap_u: str = "repeat",
+        wrap_v: str = "repeat",
+        anisotropy: float = 1.0,
+    ) -> None:
+        filters = {"nearest": raw.VK_FILTER_NEAREST, "linear": raw.VK_FILTER_LINEAR}
+        modes = {
+            "nearest": raw.VK_SAMPLER_MIPMAP_MODE_NEAREST,
+            "linear": raw.VK_SAMPLER_MIPMAP_MODE_LINEAR,
+            "none": raw.VK_SAMPLER_MIPMAP_MODE_NEAREST,
+        }
+        wraps = {
+            "repeat": raw.VK_SAMPLER_ADDRESS_MODE_REPEAT,
+            "clamp": raw.VK_SAMPLER_ADDRESS_MODE_CLAMP_TO_EDGE,
+            "mirror": raw.VK_SAMPLER_ADDRESS_MODE_MIRRORED_REPEAT,
+        }
+        most = device.properties.limits.maxSamplerAnisotropy if "samplerAnisotropy" in device.features else 1.0
+        anisotropy = min(anisotropy, most)
+        try:
+            create = raw.struct(
+                "VkSamplerCreateInfo",
+                magFilter=filters[magnify],
+                minFilter=filters[minify],
+                mipmapMode=modes[mipmap],
+                addressModeU=wraps[wrap_u],
+                addressModeV=wraps[wrap_v],
+                anisotropyEnable=int(anisotropy > 1),
+                maxAnisotropy=max(anisotropy, 1.0),
+                # A limit just above 0 keeps the choice between magnify and minify, as Vulkan advises.
+                maxLod=0.25 if mipmap == "none" else raw.VK_LOD_CLAMP_NONE,
+            )
+        except KeyError as error:
+            raise SolariError(f"sampler: {error} is not one of {[*filters, *wraps]}") from error
+        self.handle = handle = device.create("VkSampler", create, f"sampler {minify} {wrap_u} {wrap_v}")
+        self.device = device
+        self._token = device.own(lambda: device.vk.vkDestroySampler(device.handle, handle, raw.NULL))
+
+    def destroy(self) -> None:
+        """Destroy the sampler when the work submitted so far is done. Safe to call twice."""
+        self.handle = None
+        self.device.release(self._token)
+
+
+def format_name(format: int) -> str:
+    """The name of a VkFormat."""
+    return str(raw.ffi.typeof("enum VkFormat").elements.get(format, f"format {format}"))
+
+
+def texel_layout(format: int) -> tuple[np.dtype[Any], int]:
+    """The numpy dtype and number of channels of a format's texel; packed texels are one uint32.
+
+    Raises SolariError for block-compressed and other formats that have none.
+    """
+    name = format_name(format)
+    found = re.fullmatch(r"VK_FORMAT_((?:[RGBADEX]\d+)+)_(UNORM|SNORM|UINT|SINT|SFLOAT|UFLOAT|SRGB)(_PACK32)?", name)
+    if not found:
+        raise SolariError(f"{name}: its texels can't be seen as numpy arrays")
+    if found[3]:
+        return np.dtype(np.uint32), 1
+    bits = [int(digits) for digits in re.findall(r"\d+", found[1])]
+    kind = {"SNORM": "i", "SINT": "i", "SFLOAT": "f"}.get(found[2], "u")
+    if len(set(bits)) != 1 or bits[0] not in (8, 16, 32, 64):
+        raise SolariError(f"{name}: its texels can't be seen as numpy arrays")
+    return np.dtype(f"{kind}{bits[0] // 8}"), len(bits)

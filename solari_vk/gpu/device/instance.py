@@ -1,0 +1,129 @@
+"""The Vulkan instance: extensions, validation layer, and the messages that the layer reports."""
+
+from __future__ import annotations
+
+from solari_vk.errors import DeviceError
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.physical import PhysicalDevice
+
+VALIDATION_LAYER = "VK_LAYER_KHRONOS_validation"
+# Enabled when present: a window may be opened later, and names and labels cost nothing without a listener.
+OPTIONAL_EXTENSIONS = (
+    "VK_EXT_debug_utils",
+    "VK_KHR_surface",
+    "VK_KHR_xcb_surface",
+    "VK_KHR_xlib_surface",
+    "VK_KHR_wayland_surface",
+    "VK_KHR_win32_surface",
+    "VK_EXT_metal_surface",
+    "VK_EXT_headless_surface",
+)
+# The header versions that brought in extensions newer than some validation layers in use.
+_EXTENSION_VERSIONS = {"VK_KHR_ray_tracing_position_fetch": raw.api_version(1, 3, 249)}
+
+
+class Instance:
+    """A VkInstance with its functions. `messages` collects what validation reports; `close` ends it."""
+
+    def __init__(self, validation: bool = False) -> None:
+        self.messages: list[str] = []
+        functions = raw.global_functions()
+        layers_present = _layer_versions(functions)
+        layers = [VALIDATION_LAYER] if validation else []
+        if validation and VALIDATION_LAYER not in layers_present:
+            raise DeviceError(
+                f"validation was asked for, but {VALIDATION_LAYER} is not installed "
+                "(Debian: apt-get install vulkan-validationlayers)"
+            )
+        # A layer reports structures newer than itself as errors, so they are left out while it is on.
+        self.unknown_to_layer = frozenset(
+            name
+            for name, version in _EXTENSION_VERSIONS.items()
+            if validation and layers_present[VALIDATION_LAYER] < version
+        )
+        present = _extension_names(functions, None)
+        extensions = [name for name in OPTIONAL_EXTENSIONS if name in present]
+        chain = None
+        if validation:
+            extensions.append("VK_EXT_validation_features")
+            self._messenger_info = self._listen()
+            chain = raw.struct(
+                "VkValidationFeaturesEXT",
+                pNext=self._messenger_info,
+                enabledValidationFeatureCount=1,
+                pEnabledValidationFeatures=[raw.VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT],
+            )
+        self.extensions = frozenset(extensions)
+        application = raw.struct(
+            "VkApplicationInfo",
+            pApplicationName="solari_vk",
+            pEngineName="solari_vk",
+            apiVersion=raw.api_version(1, 3),
+        )
+        create = raw.struct(
+            "VkInstanceCreateInfo",
+            pNext=chain,
+            pApplicationInfo=application,
+            enabledLayerCount=len(layers),
+            ppEnabledLayerNames=layers,
+            enabledExtensionCount=len(extensions),
+            ppEnabledExtensionNames=extensions,
+        )
+        out = raw.ffi.new("VkInstance*")
+        functions.vkCreateInstance(create, raw.NULL, out)
+        self.handle = out[0]
+        self.vk = raw.instance_functions(self.handle)
+        self._messenger = None
+        if validation:
+            messenger = raw.ffi.new("VkDebugUtilsMessengerEXT*")
+            self.vk.vkCreateDebugUtilsMessengerEXT(self.handle, self._messenger_info, raw.NULL, messenger)
+            self._messenger = messenger[0]
+
+    def _listen(self) -> raw.CData:
+        """The messenger's description. The callback lives as long as this object does."""
+        messages = self.messages
+
+        def receive(severity: int, kinds: int, data: raw.CData, user: raw.CData) -> int:
+            note_message(messages, raw.ffi.string(data.pMessage).decode(errors="replace"))
+            return 0
+
+        callback_type = raw.ffi.typeof("PFN_vkDebugUtilsMessengerCallbackEXT")
+        self._callback = raw.ffi.callback(callback_type, receive)
+        return raw.struct(
+            "VkDebugUtilsMessengerCreateInfoEXT",
+            messageSeverity=raw.VK_DEBUG_UTILS_MESSAGE_SEVERITY_WARNING_BIT_EXT
+            | raw.VK_DEBUG_UTILS_MESSAGE_SEVERITY_ERROR_BIT_EXT,
+            messageType=raw.VK_DEBUG_UTILS_MESSAGE_TYPE_VALIDATION_BIT_EXT,
+            pfnUserCallback=self._callback,
+        )
+
+    def devices(self) -> list[PhysicalDevice]:
+        """Every device of the instance, fitting or not."""
+        handles = raw.enumerate_items(self.vk.vkEnumeratePhysicalDevices, "VkPhysicalDevice", self.handle)
+        return [PhysicalDevice(self.vk, handle, i, self.unknown_to_layer) for i, handle in enumerate(handles)]
+
+    def close(self) -> None:
+        """Destroy the instance; messages of its end are still collected. Safe to call twice."""
+        if self.handle is None:
+            return
+        if self._messenger is not None:
+            self.vk.vkDestroyDebugUtilsMessengerEXT(self.handle, self._messenger, raw.NULL)
+        self.vk.vkDestroyInstance(self.handle, raw.NULL)
+        self.handle = None
+
+
+def note_message(messages: list[str], text: str) -> None:
+    """Take up a message of the validation layer; tests listen here too."""
+    messages.append(text)
+
+
+def _layer_versions(functions: raw.Functions) -> dict[str, int]:
+    """The installed layers and the version of the Vulkan header that each knows."""
+    layers = raw.enumerate_items(functions.vkEnumerateInstanceLayerProperties, "VkLayerProperties")
+    return {raw.ffi.string(layer.layerName).decode(): int(layer.specVersion) for layer in layers}
+
+
+def _extension_names(functions: raw.Functions, layer: str | None) -> set[str]:
+    name = raw.NULL if layer is None else raw.ffi.new("char[]", layer.encode())
+    items = raw.enumerate_items(functions.vkEnumerateInstanceExtensionProperties, "VkExtensionProperties", name)
+    return {raw.ffi.string(item.extensionName).decode() for item in items}

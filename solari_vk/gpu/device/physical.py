@@ -1,0 +1,279 @@
+"""Which devices there are, what each has or misses, and which one is taken."""
+
+from __future__ import annotations
+
+import uuid
+from dataclasses import dataclass
+from typing import Any
+
+from solari_vk.errors import DeviceError
+from solari_vk.gpu.device import raw
+
+REQUIRED_EXTENSIONS = ("VK_KHR_acceleration_structure", "VK_KHR_deferred_host_operations", "VK_KHR_ray_query")
+OPTIONAL_EXTENSIONS = ("VK_KHR_ray_tracing_position_fetch", "VK_KHR_swapchain", "VK_EXT_memory_budget")
+
+# The feature structures in the order of their pNext chain: the last two belong to extensions.
+_STRUCTURES = {
+    "core": "VkPhysicalDeviceFeatures",
+    "11": "VkPhysicalDeviceVulkan11Features",
+    "12": "VkPhysicalDeviceVulkan12Features",
+    "13": "VkPhysicalDeviceVulkan13Features",
+    "VK_KHR_acceleration_structure": "VkPhysicalDeviceAccelerationStructureFeaturesKHR",
+    "VK_KHR_ray_query": "VkPhysicalDeviceRayQueryFeaturesKHR",
+    "VK_KHR_ray_tracing_position_fetch": "VkPhysicalDeviceRayTracingPositionFetchFeaturesKHR",
+}
+REQUIRED_FEATURES: dict[str, tuple[str, ...]] = {
+    "12": (
+        "bufferDeviceAddress",
+        "descriptorIndexing",
+        "runtimeDescriptorArray",
+        "descriptorBindingPartiallyBound",
+        "descriptorBindingVariableDescriptorCount",
+        "descriptorBindingSampledImageUpdateAfterBind",
+        "descriptorBindingStorageBufferUpdateAfterBind",
+        "descriptorBindingUpdateUnusedWhilePending",
+        "shaderSampledImageArrayNonUniformIndexing",
+        "scalarBlockLayout",
+        "timelineSemaphore",
+        "hostQueryReset",
+    ),
+    "13": ("synchronization2", "maintenance4", "dynamicRendering"),
+    "VK_KHR_acceleration_structure": ("accelerationStructure",),
+    "VK_KHR_ray_query": ("rayQuery",),
+}
+OPTIONAL_FEATURES: dict[str, tuple[str, ...]] = {
+    "core": (
+        "multiDrawIndirect",
+        "drawIndirectFirstInstance",
+        "samplerAnisotropy",
+        "shaderInt64",
+        "shaderInt16",
+        "shaderStorageImageReadWithoutFormat",
+        "shaderStorageImageWriteWithoutFormat",
+        "shaderStorageImageExtendedFormats",
+        "shaderSampledImageArrayDynamicIndexing",
+        "shaderStorageImageArrayDynamicIndexing",
+        "shaderStorageBufferArrayDynamicIndexing",
+        "shaderUniformBufferArrayDynamicIndexing",
+        "fragmentStoresAndAtomics",
+        "vertexPipelineStoresAndAtomics",
+        "independentBlend",
+        "fillModeNonSolid",
+        "depthClamp",
+        "textureCompressionBC",
+    ),
+    "11": ("shaderDrawParameters", "storageBuffer16BitAccess"),
+    "12": (
+        "drawIndirectCount",
+        "shaderFloat16",
+        "shaderInt8",
+        "storageBuffer8BitAccess",
+        "shaderBufferInt64Atomics",
+        "samplerFilterMinmax",
+        "shaderStorageBufferArrayNonUniformIndexing",
+        "shaderStorageImageArrayNonUniformIndexing",
+        "descriptorBindingStorageImageUpdateAfterBind",
+        "vulkanMemoryModel",
+        "vulkanMemoryModelDeviceScope",
+        "shaderOutputLayer",
+        "shaderOutputViewportIndex",
+    ),
+    "13": (
+        "shaderDemoteToHelperInvocation",
+        "shaderTerminateInvocation",
+        "shaderZeroInitializeWorkgroupMemory",
+        "shaderIntegerDotProduct",
+        "subgroupSizeControl",
+        "computeFullSubgroups",
+    ),
+    "VK_KHR_acceleration_structure": ("descriptorBindingAccelerationStructureUpdateAfterBind",),
+    "VK_KHR_ray_tracing_position_fetch": ("rayTracingPositionFetch",),
+}
+
+
+@dataclass(frozen=True)
+class DeviceReport:
+    """A device as `solari-vk info` lists it; `missing` is empty when the package can use it."""
+
+    index: int
+    name: str
+    kind: str
+    uuid: str
+    driver: str
+    api_version: tuple[int, int, int]
+    missing: list[str]
+
+
+@dataclass(frozen=True)
+class DeviceProperties:
+    """What a device is and how much it can do; the structures are Vulkan's own, fields as attributes."""
+
+    name: str
+    kind: str
+    uuid: str
+    driver: str
+    api_version: tuple[int, int, int]
+    limits: Any
+    core11: Any
+    core12: Any
+    core13: Any
+    acceleration: Any
+    timestamp_period: float
+    """Nanoseconds a tick of a timestamp."""
+    max_buffer_size: int
+    max_allocation_size: int
+    _owners: tuple[Any, ...]
+
+
+class PhysicalDevice:
+    """One device of an instance before it is opened: properties, extensions, features, queue family."""
+
+    def __init__(
+        self, vk: raw.Functions, handle: raw.CData, index: int, hidden_extensions: frozenset[str] = frozenset()
+    ) -> None:
+        self.handle = handle
+        self.index = index
+        self.extensions = {
+            raw.ffi.string(item.extensionName).decode()
+            for item in raw.enumerate_items(
+                vk.vkEnumerateDeviceExtensionProperties, "VkExtensionProperties", handle, raw.NULL
+            )
+        } - hidden_extensions
+        self.properties = self._query_properties(vk)
+        self.queue_family, self.timestamp_bits = self._find_queue_family(vk)
+        self.features = self._query_features(vk)
+        self.missing = self._find_missing()
+
+    def _query_properties(self, vk: raw.Functions) -> DeviceProperties:
+        plain = raw.ffi.new("VkPhysicalDeviceProperties*")
+        vk.vkGetPhysicalDeviceProperties(self.handle, plain)
+        version = (plain.apiVersion >> 22, plain.apiVersion >> 12 & 0x3FF, plain.apiVersion & 0xFFF)
+        acceleration = raw.struct("VkPhysicalDeviceAccelerationStructurePropertiesKHR")
+        last = acceleration if "VK_KHR_acceleration_structure" in self.extensions else None
+        core13 = raw.struct("VkPhysicalDeviceVulkan13Properties", pNext=last)
+        # A structure newer than the device must not be chained.
+        core12 = raw.struct("VkPhysicalDeviceVulkan12Properties", pNext=core13 if version >= (1, 3) else last)
+        core11 = raw.struct("VkPhysicalDeviceVulkan11Properties", pNext=core12)
+        everything = raw.struct("VkPhysicalDeviceProperties2", pNext=core11 if version >= (1, 2) else None)
+        vk.vkGetPhysicalDeviceProperties2(self.handle, everything)
+        core = everything.properties
+        driver = f"{raw.ffi.string(core12.driverName).decode()} {raw.ffi.string(core12.driverInfo).decode()}".strip()
+        kind = raw.ffi.typeof("enum VkPhysicalDeviceType").elements.get(core.deviceType, "other")
+        return DeviceProperties(
+            name=raw.ffi.string(core.deviceName).decode(),
+            kind=kind.removeprefix("VK_PHYSICAL_DEVICE_TYPE_").lower().replace("_", " "),
+            uuid=str(uuid.UUID(bytes=bytes(core11.deviceUUID))),
+            driver=driver or f"version {core.driverVersion:#x}",
+            api_version=version,
+            limits=core.limits,
+            core11=core11,
+            core12=core12,
+            core13=core13,
+            acceleration=acceleration,
+            timestamp_period=core.limits.timestampPeriod,
+            max_buffer_size=core13.maxBufferSize,
+            max_allocation_size=core11.maxMemoryAllocationSize,
+            _owners=(everything, plain),
+        )
+
+    def _find_queue_family(self, vk: raw.Functions) -> tuple[int, int]:
+        """Index and timestamp bits of the first family for graphics and compute; -1 if there is none."""
+        wanted = raw.VK_QUEUE_GRAPHICS_BIT | raw.VK_QUEUE_COMPUTE_BIT
+        families = raw.enumerate_items(
+            vk.vkGetPhysicalDeviceQueueFamilyProperties, "VkQueueFamilyProperties", self.handle
+        )
+        for i, family in enumerate(families):
+            if family.queueFlags & wanted == wanted:
+                return i, family.timestampValidBits
+        return -1, 0
+
+    def _query_features(self, vk: raw.Functions) -> dict[str, set[str]]:
+        if self.properties.api_version < (1, 3):
+            return {}
+        chain, parts = feature_chain(dict.fromkeys(self._groups(), ()))
+        vk.vkGetPhysicalDeviceFeatures2(self.handle, chain)
+        return {
+            group: {name for name, _ in raw.ffi.typeof(_STRUCTURES[group]).fields if getattr(part, name) == 1}
+            - {"sType", "pNext"}
+            for group, part in parts.items()
+        }
+
+    def _groups(self) -> list[str]:
+        return [group for group in _STRUCTURES if not group.startswith("VK_") or group in self.extensions]
+
+    def _find_missing(self) -> list[str]:
+        """What the package needs and this device hasn't got, in words."""
+        missing = []
+        if (version := self.properties.api_version) < (1, 3):
+            missing.append(f"Vulkan 1.3 (it has {version[0]}.{version[1]}.{version[2]})")
+        missing += [name for name in REQUIRED_EXTENSIONS if name not in self.extensions]
+        if self.features:
+            missing += [
+                f"feature {name}"
+                for group, names in REQUIRED_FEATURES.items()
+                if group in self.features
+                for name in names
+                if name not in self.features[group]
+            ]
+        if self.queue_family < 0:
+            missing.append("a queue for graphics and compute")
+        return missing
+
+    def enabled_features(self) -> dict[str, tuple[str, ...]]:
+        """Per structure the required features and those optional ones that the device has."""
+        return {
+            group: REQUIRED_FEATURES.get(group, ())
+            + tuple(name for name in OPTIONAL_FEATURES.get(group, ()) if name in self.features[group])
+            for group in self._groups()
+        }
+
+    def report(self) -> DeviceReport:
+        """This device as a row of `list_devices`."""
+        p = self.properties
+        return DeviceReport(self.index, p.name, p.kind, p.uuid, p.driver, p.api_version, self.missing)
+
+
+def feature_chain(features: dict[str, tuple[str, ...]]) -> tuple[raw.CData, dict[str, raw.CData]]:
+    """VkPhysicalDeviceFeatures2 with the named features set, and each structure of the chain by its key."""
+    parts: dict[str, raw.CData] = {}
+    last = None
+    for group in reversed([key for key in _STRUCTURES if key != "core" and key in features]):
+        last = parts[group] = raw.struct(_STRUCTURES[group], pNext=last, **dict.fromkeys(features[group], 1))
+    core = dict.fromkeys(features.get("core", ()), 1)
+    chain = raw.struct("VkPhysicalDeviceFeatures2", pNext=last, features=core)
+    parts["core"] = chain.features
+    return chain, parts
+
+
+def choose(devices: list[PhysicalDevice], select: str | int | None) -> PhysicalDevice:
+    """The device that `select` names (substring of the name, index or UUID), or the best that fits.
+
+    Raises DeviceError listing every device and what it misses when none fits.
+    """
+    found = devices if select is None else _matching(devices, str(select).strip())
+    fitting = [device for device in found if not device.missing]
+    order = ["discrete gpu", "integrated gpu", "virtual gpu"]
+    fitting.sort(key=lambda device: order.index(device.properties.kind) if device.properties.kind in order else 9)
+    if fitting:
+        return fitting[0]
+    if not devices:
+        raise DeviceError("there is no Vulkan device: install a driver that has VK_KHR_ray_query")
+    wanted = "no Vulkan device fits" if select is None else f"no fitting Vulkan device is called {select!r}"
+    raise DeviceError(f"{wanted} (SOLARI_VK_DEVICE or select= takes a name, index or UUID):\n" + _describe(devices))
+
+
+def _matching(devices: list[PhysicalDevice], select: str) -> list[PhysicalDevice]:
+    wanted = select.lower()
+    by_uuid = [d for d in devices if d.properties.uuid.replace("-", "") == wanted.replace("-", "")]
+    if by_uuid or not select:
+        return by_uuid
+    by_index = [device for device in devices if select == str(device.index)]
+    return by_index or [d for d in devices if wanted in d.properties.name.lower()]
+
+
+def _describe(devices: list[PhysicalDevice]) -> str:
+    return "\n".join(
+        f"  {d.index}: {d.properties.name} ({d.properties.uuid}): "
+        + (f"misses {', '.join(d.missing)}" if d.missing else "fits")
+        for d in devices
+    )

@@ -1,0 +1,210 @@
+"""Uploads: many small copies into buffers and images gathered into one submission or one command buffer."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, insort
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.barriers import full_barrier, host_read_barrier, image_barrier
+
+if TYPE_CHECKING:
+    from solari_vk.gpu.device.device import Device
+    from solari_vk.gpu.device.memory import Buffer, Image
+
+CHUNK_SIZE = 4 << 20
+FLUSH_SIZE = 64 << 20  # a batch larger than this is submitted in parts, so that staging stays bounded
+_ALIGNMENT = 16  # of data in a chunk: no texel that is uploaded is larger
+_TRANSFER_LAYOUT = raw.VK_IMAGE_LAYOUT_TRANSFER_DST_OPTIMAL
+
+
+class StagingPool:
+    """Mapped chunks that uploads are copied through; a chunk comes back when the device has read it."""
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+        self._chunks: list[Buffer] = []
+
+    def take(self, size: int) -> Buffer:
+        """A mapped buffer of at least `size` bytes; give it back with `give` when the copy is done."""
+        if size <= CHUNK_SIZE and self._chunks:
+            return self._chunks.pop()
+        return self._device.buffer(max(size, CHUNK_SIZE), "staging", host=True)
+
+    def give(self, chunk: Buffer) -> None:
+        """Take a chunk back. A few ordinary ones are kept; the device must be done with it."""
+        if self._device.closed:
+            return
+        if chunk.size == CHUNK_SIZE and len(self._chunks) < 16:
+            self._chunks.append(chunk)
+        else:
+            chunk.destroy()
+
+
+class _Copies:
+    """Buffer copies that don't overlap, so that no barrier is needed between them."""
+
+    def __init__(self) -> None:
+        self.regions: dict[tuple[int, int], list[tuple[int, int, int]]] = {}
+        self.buffers: dict[tuple[int, int], tuple[Buffer, Buffer]] = {}
+        self._ranges: dict[int, list[tuple[int, int]]] = {}
+
+    def add(self, chunk: Buffer, start: int, buffer: Buffer, offset: int, size: int) -> bool:
+        """Add a copy; False when it overlaps one that is there already."""
+        ranges = self._ranges.setdefault(id(buffer), [])
+        i = bisect_left(ranges, (offset, 0))
+        if (i and ranges[i - 1][1] > offset) or (i < len(ranges) and ranges[i][0] < offset + size):
+            return False
+        insort(ranges, (offset, offset + size))
+        key = (id(chunk), id(buffer))
+        self.buffers[key] = (chunk, buffer)
+        self.regions.setdefault(key, []).append((start, offset, size))
+        return True
+
+
+class Uploads:
+    """A batch of uploads. As a context manager it submits once at its end, in order with other submissions.
+
+    `record` puts the copies into a command buffer of the caller instead. Data is copied when `buffer` or
+    `image` is called, so arrays may change afterwards. Work submitted later sees the new contents.
+    """
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+        self._submits = False
+        self._reset()
+
+    def _reset(self) -> None:
+        self._chunks: list[Buffer] = []
+        self._used = 0
+        self._staged = 0
+        self._copies: list[_Copies] = []
+        self._images: list[tuple[Buffer, Image, list[tuple[int, int]]]] = []
+
+    def __enter__(self) -> Uploads:
+        self._submits = True
+        return self
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        if kind is None:
+            self._submit()
+        else:
+            self._give_back()
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is nothing to record."""
+        return not self._copies and not self._images
+
+    def buffer(self, buffer: Buffer, data: Any, offset: int = 0) -> None:
+        """Have `data` (an array or bytes) written into a buffer at a byte offset. Raises SolariError outside it."""
+        source = as_bytes(data)
+        buffer.check_range(offset, source.size, "upload")
+        # Nothing reads a mapped buffer of an idle device, so no copy has to be ordered behind the readers.
+        if self._submits and self.empty and buffer.mapped and self._device.idle:
+            buffer.write(source, offset)
+            return
+        for position in range(0, source.size, CHUNK_SIZE):
+            piece = source[position : position + CHUNK_SIZE]
+            chunk, start = self._stage(piece)
+            copy = (chunk, start, buffer, offset + position, piece.size)
+            if not self._copies or not self._copies[-1].add(*copy):
+                self._copies.append(_Copies())
+                self._copies[-1].add(*copy)
+            self._flush_when_large()
+
+    def image(self, image: Image, levels: Sequence[np.ndarray]) -> None:
+        """Have all mip levels of an image replaced, largest first: (height, width, channels) of its dtype."""
+        sources = [as_bytes(level) for level in image.check_levels(levels)]
+        starts = [0]
+        for source in sources:
+            starts.append(-(-(starts[-1] + source.size) // _ALIGNMENT) * _ALIGNMENT)
+        packed = np.zeros(starts[-1], np.uint8)
+        for begin, source in zip(starts, sources, strict=False):
+            packed[begin : begin + source.size] = source
+        chunk, start = self._stage(packed)
+        self._images.append((chunk, image, [(start + begin, level) for level, begin in enumerate(starts[:-1])]))
+        self._flush_when_large()
+
+    def record(self, command_buffer: raw.CData) -> None:
+        """Record the copies with their barriers. The command buffer must be part of the next submission."""
+        self._record(command_buffer)
+        self._give_back(with_next=True)
+
+    def _stage(self, source: np.ndarray) -> tuple[Buffer, int]:
+        """Copy bytes into a chunk; returns it and the offset in it."""
+        start = -(-self._used // _ALIGNMENT) * _ALIGNMENT
+        if not self._chunks or start + source.size > self._chunks[-1].size:
+            self._chunks.append(self._device.staging_pool.take(source.size))
+            start = 0
+        self._chunks[-1].write(source, start)
+        self._used = start + source.size
+        self._staged += source.size
+        return self._chunks[-1], start
+
+    def _flush_when_large(self) -> None:
+        if self._submits and self._staged > FLUSH_SIZE:
+            # At most two parts are held: the one being copied and the one being filled.
+            self._device.await_value(max(self._submit() - 1, 0))
+
+    def _submit(self) -> int:
+        if self.empty:
+            return self._device.submitted
+        value = self._device.start(self._record, "uploads")
+        self._give_back()
+        return value
+
+    def _give_back(self, *, with_next: bool = False) -> None:
+        """Return the chunks when the submission that reads them is done."""
+        for chunk in self._chunks:
+            self._device.retire(_giver(self._device.staging_pool, chunk), with_next=with_next)
+        self._reset()
+
+    def _record(self, cmd: raw.CData) -> None:
+        vk = self._device.vk
+        for copies in self._copies:
+            vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+            for key, regions in copies.regions.items():
+                chunk, buffer = copies.buffers[key]
+                if buffer.handle is None:  # destroyed since: nobody sees its contents
+                    continue
+                table = np.array(regions, np.uint64)  # as VkBufferCopy: source offset, target offset, size
+                pointer = raw.ffi.cast("VkBufferCopy*", raw.ffi.from_buffer(table))
+                vk.vkCmdCopyBuffer(cmd, chunk.handle, buffer.handle, len(regions), pointer)
+        for chunk, image, levels in self._images:
+            if image.handle is None:
+                continue
+            vk.vkCmdPipelineBarrier2(cmd, image_barrier(image, raw.VK_IMAGE_LAYOUT_UNDEFINED, _TRANSFER_LAYOUT))
+            parts = raw.array("VkBufferImageCopy", [image.copy_region(level, start) for start, level in levels])
+            vk.vkCmdCopyBufferToImage(cmd, chunk.handle, image.handle, _TRANSFER_LAYOUT, len(levels), parts)
+            vk.vkCmdPipelineBarrier2(cmd, image_barrier(image, _TRANSFER_LAYOUT, image.layout))
+        vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+
+
+def read_back(device: Device, size: int, copy: Callable[[raw.CData, raw.CData], None]) -> np.ndarray:
+    """Bytes that `copy(command buffer, VkBuffer)` writes into a mapped buffer."""
+    chunk = device.staging_pool.take(size)
+
+    def record(cmd: raw.CData) -> None:
+        device.vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+        copy(cmd, chunk.handle)
+        device.vk.vkCmdPipelineBarrier2(cmd, host_read_barrier())
+
+    device.run(record, "read back")
+    found = chunk.view(np.uint8, size).copy()
+    device.staging_pool.give(chunk)
+    return found
+
+
+def _giver(pool: StagingPool, chunk: Buffer) -> Callable[[], None]:
+    return lambda: pool.give(chunk)
+
+
+def as_bytes(data: Any) -> np.ndarray:
+    """An array or a bytes-like object as a flat, contiguous array of bytes, copied only if it must be."""
+    if isinstance(data, (bytes, bytearray, memoryview)):
+        return np.frombuffer(data, np.uint8)
+    return np.ascontiguousarray(data).reshape(-1).view(np.uint8)

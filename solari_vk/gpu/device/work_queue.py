@@ -1,0 +1,302 @@
+"""The device's queue: submissions, the timeline that counts them, and destruction once they are done."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+
+from solari_vk.errors import DeviceError
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.barriers import host_read_barrier
+from solari_vk.gpu.device.callbacks import Callbacks
+from solari_vk.gpu.device.submission import Submission
+
+_WAIT_SLICE = 100_000_000  # nanoseconds: Python sees Ctrl-C between slices
+
+
+class WorkQueue:
+    """The one queue of a device: submissions counted by a timeline, one-time commands, deferred destruction.
+
+    The base of `Device`, which opens and closes what it uses.
+    """
+
+    handle: raw.CData
+    queue: raw.CData
+    vk: raw.Functions
+    name: str
+    queue_family: int
+    messages: list[str]
+    lost: bool
+    closed: bool
+
+    def __init__(self) -> None:
+        self.submitted = 0
+        self._completed = 0
+        self._host_synced = 0
+        self._owned: dict[int, Callable[[], None]] = {}
+        self._next_token = 0
+        self._retired: deque[tuple[int, Callable[[], None]]] = deque()
+        self._retired_with_next: list[Callable[[], None]] = []
+        self._collecting = False
+        self._before_next: list[Callable[[raw.CData], None]] = []
+        self._with_next: dict[raw.CData, None] = {}
+        self.callbacks = Callbacks()
+        self.timeline = self.create(
+            "VkSemaphore",
+            raw.struct(
+                "VkSemaphoreCreateInfo",
+                pNext=raw.struct("VkSemaphoreTypeCreateInfo", semaphoreType=raw.VK_SEMAPHORE_TYPE_TIMELINE),
+            ),
+            "device timeline",
+        )
+        self._pool = self.create(
+            "VkCommandPool",
+            raw.struct(
+                "VkCommandPoolCreateInfo",
+                flags=raw.VK_COMMAND_POOL_CREATE_TRANSIENT_BIT,
+                queueFamilyIndex=self.queue_family,
+            ),
+            "device one-time commands",
+        )
+        self._counter = raw.ffi.new("uint64_t*")
+        self._wait_value = raw.ffi.new("uint64_t*")
+        self._wait_info = raw.struct(
+            "VkSemaphoreWaitInfo", semaphoreCount=1, pSemaphores=[self.timeline], pValues=self._wait_value
+        )
+
+    def create(self, type_name: str, create_info: raw.CData, name: str) -> raw.CData:
+        """vkCreate of a handle type with its debug name, by `Device`."""
+        raise NotImplementedError
+
+    def name_object(self, kind: str, handle: raw.CData, name: str) -> None:
+        """A debug name, by `Device`."""
+        raise NotImplementedError
+
+    def label(self, command_buffer: raw.CData, name: str) -> AbstractContextManager[None]:
+        """A debug label, by `Device`."""
+        raise NotImplementedError
+
+    def check_messages(self) -> None:
+        """Raise validation messages, by `Device`."""
+        raise NotImplementedError
+
+    # ---- submissions --------------------------------------------------------------------------------
+
+    def submission(
+        self,
+        command_buffers: Sequence[raw.CData],
+        *,
+        waits: Sequence[tuple[raw.CData, int, int]] = (),
+        signals: Sequence[tuple[raw.CData, int, int]] = (),
+    ) -> Submission:
+        """A submission prepared once and made many times; waits and signals are (semaphore, value, stages)."""
+        return Submission(self, command_buffers, waits, signals)
+
+    def submit(self, command_buffers: Sequence[raw.CData]) -> int:
+        """Submit command buffers; returns the value that the timeline reaches when they are done."""
+        return Submission(self, command_buffers).submit()
+
+    def before_next_submit(self, record: Callable[[raw.CData], None]) -> None:
+        """Have commands recorded and submitted just before the next submission: all such in one batch."""
+        self._before_next.append(record)
+
+    def submit_with_next(self, commands: raw.CData) -> None:
+        """Have recorded commands submitted at the head of the next submission, once if asked for again before it.
+
+        What was recorded earlier for `before_next_submit` stays ahead of them.
+        """
+        self.flush()
+        self._with_next.pop(commands, None)
+        self._with_next[commands] = None
+
+    def _submit(self, submission: Submission, *, internal: bool = False) -> int:
+        if self.lost:
+            raise DeviceError(f"{self.name} was lost: make a new Device")
+        if self._before_next and not internal:
+            self.flush()
+        value = self.submitted + 1
+        submission.signal.value = value
+        info = submission.info_behind(tuple(self._with_next)) if self._with_next else submission.info
+        self.vk.vkQueueSubmit2(self.queue, 1, info, raw.NULL)
+        self.submitted = value
+        self._with_next.clear()
+        if self._retired_with_next and not internal:
+            self._retired.extend((value, destroy) for destroy in self._retired_with_next)
+            self._retired_with_next.clear()
+        if self._retired:
+            self.collect()
+        if self.messages:
+            self.check_messages()
+        return value
+
+    def flush(self) -> None:
+        """Submit now what `before_next_submit` has gathered."""
+        if records := self._before_next:
+            self._before_next = []
+
+            def record_all(cmd: raw.CData) -> None:
+                for i, record in enumerate(records):
+                    try:
+                        record(cmd)
+                    except BaseException:  # the others are still due
+                        self._before_next = records[:i] + records[i + 1 :] + self._before_next
+                        raise
+
+            self._start(record_all, "prepare resources")
+
+    def start(self, record: Callable[[raw.CData], None], name: str = "") -> int:
+        """Record one-time commands and submit them without waiting; returns the timeline's value."""
+        self.flush()
+        return self._start(record, name)
+
+    def run(self, record: Callable[[raw.CData], None], name: str = "") -> None:
+        """Record one-time commands, submit them and wait until they are done."""
+        self.await_value(self.start(record, name))
+
+    def _start(self, record: Callable[[raw.CData], None], name: str) -> int:
+        allocate = raw.struct(
+            "VkCommandBufferAllocateInfo",
+            commandPool=self._pool,
+            level=raw.VK_COMMAND_BUFFER_LEVEL_PRIMARY,
+            commandBufferCount=1,
+        )
+        buffers = raw.ffi.new("VkCommandBuffer[1]")
+        self.vk.vkAllocateCommandBuffers(self.handle, allocate, buffers)
+        commands = buffers[0]
+
+        def free() -> None:
+            self.vk.vkFreeCommandBuffers(self.handle, self._pool, 1, buffers)
+
+        try:
+            self.name_object("command_buffer", commands, name)
+            begin = raw.struct("VkCommandBufferBeginInfo", flags=raw.VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT)
+            self.vk.vkBeginCommandBuffer(commands, begin)
+            with self.label(commands, name or "one-time commands"):
+                record(commands)
+            self.vk.vkEndCommandBuffer(commands)
+        except BaseException:
+            free()
+            raise
+        value = self._submit(Submission(self, [commands]), internal=True)
+        self.retire(free)
+        return value
+
+    @property
+    def completed(self) -> int:
+        """The newest timeline value whose work is done."""
+        if self._completed < self.submitted:
+            self.vk.vkGetSemaphoreCounterValue(self.handle, self.timeline, self._counter)
+            self._completed = self._counter[0]
+        return self._completed
+
+    @property
+    def idle(self) -> bool:
+        """Whether no work is running or waiting to be submitted; never on a lost device."""
+        return not (self.lost or self._before_next or self._with_next) and self.completed == self.submitted
+
+    def wait(self, value: int) -> None:
+        """Wait until the timeline has reached a value that a submission returned; then do as `poll` does."""
+        self.await_value(value)
+        self.callbacks.call()
+
+    def wait_idle(self) -> None:
+        """Wait for everything submitted so far, or before or with the next submission; then do as `poll` does."""
+        self.flush()
+        self.await_idle()
+        self.callbacks.call()
+
+    def poll(self) -> None:
+        """Free what the device is done with, and call the callbacks (`Blas.prepare_compaction`) that are due.
+
+        Only this, `wait` and `wait_idle` call them. Raises CallbackError, when all were called, if any raised.
+        """
+        self.collect()
+        self.check_messages()
+        self.callbacks.call()
+
+    def await_value(self, value: int) -> None:
+        """As `wait`, but no callback is called: for waits in the middle of something."""
+        if self.lost:
+            raise DeviceError(f"{self.name} was lost: make a new Device")
+        if value > self.submitted:
+            raise DeviceError(f"waiting for submission {value}, but only {self.submitted} were made")
+        self._wait_value[0] = value
+        while self._completed < value:
+            if self.vk.vkWaitSemaphores(self.handle, self._wait_info, _WAIT_SLICE) == raw.VK_SUCCESS:
+                self._completed = max(self._completed, value)
+        self.collect()
+        self.check_messages()
+
+    def await_idle(self) -> None:
+        """As `wait_idle`, but no callback is called, and `before_next_submit` goes on waiting: for lack of memory."""
+        if self._with_next:
+            self._submit(Submission(self, []), internal=True)
+        self.await_value(self.submitted)
+
+    def sync_host(self) -> None:
+        """Wait for everything submitted and make what it wrote visible to the host (mapped memory)."""
+        if self.submitted == self._host_synced and not (self._before_next or self._with_next):
+            return
+        self.run(lambda cmd: self.vk.vkCmdPipelineBarrier2(cmd, host_read_barrier()), "host reads")
+        self._host_synced = self.submitted
+
+    # ---- lifetime -----------------------------------------------------------------------------------
+
+    def own(self, destroy: Callable[[], None]) -> int:
+        """Remember how an object is destroyed; returns a token for `release`. `close` destroys the rest."""
+        self._next_token += 1
+        self._owned[self._next_token] = destroy
+        return self._next_token
+
+    def release(self, token: int) -> None:
+        """Destroy an owned object once the work submitted so far is done; no effect the second time."""
+        destroy = self._owned.pop(token, None)
+        if destroy is not None:
+            self.retire(destroy)
+
+    @property
+    def live_objects(self) -> int:
+        """How many owned objects exist, those that wait for their destruction included."""
+        return len(self._owned) + len(self._retired) + len(self._retired_with_next)
+
+    def retire(self, destroy: Callable[[], None], *, with_next: bool = False) -> None:
+        """Call `destroy` when all work submitted so far is done; with_next: and the next submission too."""
+        if self.closed:
+            raise DeviceError(f"{self.name} was closed")
+        if with_next:
+            self._retired_with_next.append(destroy)
+        else:
+            self._retired.append((self.submitted + bool(self._with_next), destroy))
+            self.collect()
+
+    def collect(self) -> None:
+        """Destroy what was retired and is no longer used. Calls no callback."""
+        if not self._retired or self.lost or self._collecting:
+            return
+        completed = self.completed
+        self._collecting = True  # what destruction retires is for this loop: recursion has a depth, and no order
+        try:
+            while self._retired and self._retired[0][0] <= completed:
+                self._retired.popleft()[1]()
+        finally:
+            self._collecting = False
+
+    def _finish(self) -> None:
+        """Wait for all work and destroy all that is left. A lost device is waited for a second at most."""
+        wait = raw.ffi.cast("PFN_vkWaitSemaphores", raw.lib.vkGetDeviceProcAddr(self.handle, b"vkWaitSemaphores"))
+        self._wait_value[0] = self.submitted
+        waited = 0
+        while wait(self.handle, self._wait_info, _WAIT_SLICE) == raw.VK_TIMEOUT and not (self.lost and waited > 10):
+            waited += 1
+        retired = [destroy for _, destroy in self._retired]
+        for destroy in [*retired, *self._retired_with_next, *reversed(self._owned.values())]:
+            destroy()
+        self._retired.clear()
+        self._retired_with_next.clear()
+        self._owned.clear()
+        self.callbacks.clear()
+
+    def _destroy_queue(self) -> None:
+        self.vk.vkDestroyCommandPool(self.handle, self._pool, raw.NULL)
+        self.vk.vkDestroySemaphore(self.handle, self.timeline, raw.NULL)

@@ -1,0 +1,1 @@
+"""What a frame is: passes and stages, their resources, hazards, barriers, command buffers and GPU times."""

@@ -1,0 +1,154 @@
+"""Descriptor sets: the resources of one frame slot, put in their places by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from solari_vk.errors import SolariError
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.memory import Buffer, Image, Sampler
+from solari_vk.gpu.shaders.spirv import Binding
+
+if TYPE_CHECKING:
+    from solari_vk.gpu.frame.interface import Interface
+
+SET_COUNT = 2
+DESCRIPTOR_TYPES = {
+    "uniform_buffer": raw.VK_DESCRIPTOR_TYPE_UNIFORM_BUFFER,
+    "storage_buffer": raw.VK_DESCRIPTOR_TYPE_STORAGE_BUFFER,
+    "storage_image": raw.VK_DESCRIPTOR_TYPE_STORAGE_IMAGE,
+    "sampled_image": raw.VK_DESCRIPTOR_TYPE_SAMPLED_IMAGE,
+    "combined_image_sampler": raw.VK_DESCRIPTOR_TYPE_COMBINED_IMAGE_SAMPLER,
+    "sampler": raw.VK_DESCRIPTOR_TYPE_SAMPLER,
+    "acceleration_structure": raw.VK_DESCRIPTOR_TYPE_ACCELERATION_STRUCTURE_KHR,
+}
+
+
+class DescriptorSets:
+    """Sets 0 and 1 for one frame slot, with a pool of their own."""
+
+    def __init__(self, interface: Interface, counts: Sequence[int]) -> None:
+        self._interface = interface
+        self.counts = list(counts)
+        device = interface.device
+        sizes: dict[int, int] = {}
+        for binding in interface.bindings.values():
+            kind = DESCRIPTOR_TYPES[binding.kind]
+            sizes[kind] = sizes.get(kind, 0) + (binding.count or counts[binding.set])
+        create = raw.struct(
+            "VkDescriptorPoolCreateInfo",
+            flags=raw.VK_DESCRIPTOR_POOL_CREATE_UPDATE_AFTER_BIND_BIT,
+            maxSets=SET_COUNT,
+            poolSizeCount=len(sizes),
+            pPoolSizes=[{"type": kind, "descriptorCount": count} for kind, count in sizes.items()],
+        )
+        pool = device.create("VkDescriptorPool", create, "descriptor pool")
+        self._token = device.own(lambda: device.vk.vkDestroyDescriptorPool(device.handle, pool, raw.NULL))
+        self.handles = raw.ffi.new("VkDescriptorSet[]", SET_COUNT)
+        for index, layout in enumerate(interface.set_layouts):
+            variable = None
+            if counts[index]:
+                variable = raw.struct(
+                    "VkDescriptorSetVariableDescriptorCountAllocateInfo",
+                    descriptorSetCount=1,
+                    pDescriptorCounts=[counts[index]],
+                )
+            allocate = raw.struct(
+                "VkDescriptorSetAllocateInfo",
+                pNext=variable,
+                descriptorPool=pool,
+                descriptorSetCount=1,
+                pSetLayouts=[layout],
+            )
+            device.vk.vkAllocateDescriptorSets(device.handle, allocate, self.handles + index)
+
+    def write(self, resources: Mapping[str, Any]) -> None:
+        """Point bindings at resources by name: a Buffer, an Image, an object with the `handle` of an acceleration
+        structure, an (Image, Sampler), or a list of those for a bindless array. Names that no shader has are
+        passed over. The work that reads the sets must be done. Raises SolariError for what doesn't fit."""
+        writes, kept = [], []
+        for name, resource in resources.items():
+            binding = self._interface.bindings.get(name)
+            if binding is None or (binding.count == 0 and not resource):
+                continue
+            fields, owner = self._describe(binding, resource)
+            kept.append(owner)
+            writes.append(
+                raw.struct(
+                    "VkWriteDescriptorSet",
+                    dstSet=self.handles[binding.set],
+                    dstBinding=binding.binding,
+                    descriptorType=DESCRIPTOR_TYPES[binding.kind],
+                    **fields,
+                )
+            )
+        if writes:
+            device = self._interface.device
+            array = raw.array("VkWriteDescriptorSet", writes)
+            device.vk.vkUpdateDescriptorSets(device.handle, len(writes), array, 0, raw.NULL)
+
+    def _describe(self, binding: Binding, resource: Any) -> tuple[dict[str, Any], Any]:
+        """The fields of VkWriteDescriptorSet that say what is bound, and what must outlive the call."""
+        kind = binding.kind
+        if kind in ("uniform_buffer", "storage_buffer"):
+            info = self._buffer_info(binding, _expect(binding, resource, Buffer))
+            return {"descriptorCount": 1, "pBufferInfo": [info]}, info
+        if kind == "acceleration_structure":
+            handle = getattr(resource, "handle", None)
+            if handle is None or isinstance(resource, (Buffer, Image)):
+                raise SolariError(f"{binding.name} takes an acceleration structure, not {resource!r}")
+            chain = raw.struct(
+                "VkWriteDescriptorSetAccelerationStructureKHR",
+                accelerationStructureCount=1,
+                pAccelerationStructures=[handle],
+            )
+            return {"descriptorCount": 1, "pNext": chain}, chain
+        items = resource if isinstance(resource, list) else [resource]
+        if binding.count and len(items) != binding.count:
+            raise SolariError(f"{binding.name} takes {binding.count} resources, not {len(items)}")
+        infos = raw.ffi.new("VkDescriptorImageInfo[]", len(items))
+        for info, item in zip(infos, items, strict=True):
+            self._image_info(binding, item, info)
+        return {"descriptorCount": len(items), "pImageInfo": infos}, infos
+
+    def _buffer_info(self, binding: Binding, buffer: Buffer) -> raw.CData:
+        limits = self._interface.device.properties.limits
+        uniform = binding.kind == "uniform_buffer"
+        limit = limits.maxUniformBufferRange if uniform else limits.maxStorageBufferRange
+        if buffer.size > limit:
+            raise SolariError(
+                f"{binding.name} has {buffer.size:,} bytes, but this device's shaders see at most {limit:,} of a buffer"
+            )
+        return raw.struct("VkDescriptorBufferInfo", buffer=buffer.handle, range=raw.VK_WHOLE_SIZE)
+
+    def _image_info(self, binding: Binding, item: Any, info: raw.CData) -> None:
+        if binding.kind == "sampler":
+            info.sampler = _expect(binding, item, Sampler).handle
+            return
+        if binding.kind == "combined_image_sampler":
+            if not isinstance(item, tuple) or len(item) != 2:
+                raise SolariError(f"{binding.name} takes an (Image, Sampler), not {item!r}")
+            item, sampler = item
+            info.sampler = _expect(binding, sampler, Sampler).handle
+        image = _expect(binding, item, Image)
+        info.imageView = image.level_view(0) if binding.kind == "storage_image" else image.view
+        info.imageLayout = image.layout
+
+    def bind(self, command_buffer: raw.CData, point: int = raw.VK_PIPELINE_BIND_POINT_COMPUTE) -> None:
+        """Record the binding of both sets for compute, or for another bind point."""
+        self._interface.device.vk.vkCmdBindDescriptorSets(
+            command_buffer, point, self._interface.pipeline_layout, 0, SET_COUNT, self.handles, 0, raw.NULL
+        )
+
+    def destroy(self) -> None:
+        """Destroy the sets when the work submitted so far is done. Safe to call twice."""
+        self._interface.device.release(self._token)
+
+
+def _expect(binding: Binding, resource: Any, kind: type[Any]) -> Any:
+    if not isinstance(resource, kind):
+        raise SolariError(f"{binding.name} is a {binding.kind} and takes a {kind.__name__}, not {resource!r}")
+    if resource.handle is None:
+        raise SolariError(f"{binding.name}: {resource!r} was destroyed")
+    return resource

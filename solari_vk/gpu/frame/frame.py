@@ -1,0 +1,255 @@
+"""A frame: its stages' passes recorded once per slot, with derived barriers, and submitted with almost no Python.
+
+Two slots take turns, so that one can be prepared while the other runs. Each has its descriptor sets, command
+buffer, uniform block and timestamps. Frames follow each other in order: each opens with a full barrier, so a frame
+sees all that was submitted before it, uploads included; barriers inside come from `hazards`.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from solari_vk.errors import SolariError
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.barriers import full_barrier
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.memory import Image
+from solari_vk.gpu.frame.hazards import plan_barriers
+from solari_vk.gpu.frame.program import Program, ProgramBuilder
+from solari_vk.gpu.frame.resources import Resources
+from solari_vk.gpu.frame.slot import Slot
+from solari_vk.gpu.frame.stages import Draw, DrawList, History, Pass, Stage, Step
+from solari_vk.gpu.frame.uniforms import Uniforms
+from solari_vk.gpu.shaders.compiler import Roots
+from solari_vk.gpu.shaders.spirv import Binding
+
+__all__ = ["Draw", "DrawList", "Frame", "History", "Pass", "Row", "Stage", "Step"]
+
+SLOTS = 2
+
+
+@dataclass(frozen=True)
+class Row:
+    """A step of the frame as `describe` tells it: what it touches, the barrier before it and why, its GPU time."""
+
+    name: str
+    reads: tuple[str, ...]
+    writes: tuple[str, ...]
+    barrier: str
+    milliseconds: float | None
+
+
+class Frame:
+    """The stages on a device. A context manager; `close` frees all it made.
+
+    external: resources made elsewhere, by name, such as a scene's; names that no shader has are passed over.
+    uniforms: the name of the uniform block. barrier_every_pass: a barrier before every step, to find out whether one
+    is missing (default: SOLARI_VK_BARRIERS=all). glsl_root: the folder that holds passes/, or several; what isn't found
+    there is taken from the package's.
+    Raises SolariError when a shader's resource is neither declared by a stage nor external.
+    """
+
+    def __init__(
+        self, device: Device, stages: Sequence[Stage], *, external: Mapping[str, Any] | None = None,
+        uniforms: str = "uniforms", barrier_every_pass: bool | None = None, glsl_root: Roots | None = None,
+    ) -> None:  # fmt: skip
+        self.device = device
+        self.uniforms = Uniforms(None, uniforms)
+        self.frame_count = 0
+        self.timed_value = 0
+        self._uniform_name = uniforms
+        every = os.environ.get("SOLARI_VK_BARRIERS") == "all"
+        self._barrier_every_pass = every if barrier_every_pass is None else barrier_every_pass
+        self._stages: list[Stage] = list(stages)
+        self._external: dict[str, Any] = dict(external or {})
+        self._resources = Resources(device)
+        self._builder = ProgramBuilder(device, glsl_root)
+        self._program: Program | None = None
+        self._closed = False
+        pool = raw.struct(
+            "VkCommandPoolCreateInfo",
+            flags=raw.VK_COMMAND_POOL_CREATE_RESET_COMMAND_BUFFER_BIT,
+            queueFamilyIndex=device.queue_family,
+        )
+        self._pool = device.create("VkCommandPool", pool, "frame")
+        self._pool_token = device.own(lambda: device.vk.vkDestroyCommandPool(device.handle, self._pool, raw.NULL))
+        allocate = raw.struct("VkCommandBufferAllocateInfo", commandPool=self._pool, commandBufferCount=SLOTS + 1)
+        self._buffers = raw.ffi.new("VkCommandBuffer[]", SLOTS + 1)
+        device.vk.vkAllocateCommandBuffers(device.handle, allocate, self._buffers)
+        self._slots = [Slot(device, index, self._buffers[index]) for index in range(SLOTS)]
+        self._record_order()
+        try:
+            self.rebuild()
+        except BaseException:
+            self.close()
+            raise
+
+    def rebuild(self, stages: Sequence[Stage] | None = None, external: Mapping[str, Any] | None = None) -> None:
+        """Take up changed shaders, other stages (sizes, constants), or other external resources.
+
+        Only what changed is made again; resources that still fit keep their contents. When anything is wrong, such as
+        a CompilationError, the error is raised and the frame goes on as it was.
+        """
+        stages = self._stages if stages is None else list(stages)
+        external = self._external if external is None else dict(external)
+        program = self._builder.build(stages, self._program)
+        resources = self._resources
+        try:
+            resources = self._resources.changed_to(stages, program.interface)
+            bound = [resources.named(index) | external for index in range(SLOTS)]
+            program.check(bound[0], self._uniform_name)
+            accesses = program.accesses(bound[0])
+        except BaseException:
+            resources.destroy_all_but(self._resources)
+            self._builder.discard(program, self._program)
+            raise
+        old, self._program = self._program, program
+        self._barriers = plan_barriers(accesses, self._barrier_every_pass)
+        self._accesses = accesses
+        kinds = program.interface.bindings.values()
+        self._structures = [binding.name for binding in kinds if binding.kind == "acceleration_structure"]
+        self._resources.destroy_all_but(resources)
+        self._stages, self._external, self._resources = stages, external, resources
+        if old is None or old.interface is not program.interface:
+            block = program.interface.bindings.get(self._uniform_name)
+            uniforms = Uniforms(block.dtype if block else None, self._uniform_name)
+            uniforms.keep_from(self.uniforms)
+            self.uniforms = uniforms
+        if old is not None:
+            self._builder.discard(old, program)
+        for slot, named in zip(self._slots, bound, strict=True):
+            slot.renew(program, named, self.uniforms.record, self._uniform_name)
+
+    def bind(self, external: Mapping[str, Any]) -> None:
+        """Use these external resources from the next frame on; others stay. The old ones may be destroyed now."""
+        assert self._program is not None
+        self._external.update(external)
+        for slot in self._slots:
+            slot.bind(external)
+
+    # ---- running ------------------------------------------------------------------------------------
+
+    def submit(self, before: Sequence[raw.CData] = ()) -> int:
+        """Run the next frame with the uniforms as they are; returns the device's timeline value.
+
+        Waits only for the frame before the last. `before` are command buffers to run ahead of this frame and after all
+        earlier work; resources they write are safe to use without barriers of their own. Raises SolariError when a
+        shader's acceleration structure must not be used as it is (`Tlas.check_usable`).
+        """
+        slot = self._slots[self.frame_count % SLOTS]
+        self.device.await_value(slot.value)
+        if slot.stale:
+            slot.record(self._barriers)
+        self._check_structures()
+        slot.write_uniforms()
+        try:
+            if before:
+                self.device.submit([self._buffers[SLOTS], *before, slot.commands])
+            else:
+                slot.submission.submit()
+        finally:
+            slot.value = self.device.submitted  # right too when the submission raised what validation had to say
+        self.frame_count += 1
+        return slot.value
+
+    def _check_structures(self) -> None:
+        """Raise SolariError when a top-level structure that the shaders see isn't built, or no longer true."""
+        for name in self._structures:
+            if name in self._external:
+                self._external[name].check_usable()
+
+    def _record_order(self) -> None:
+        """A command buffer that only orders what comes after it behind what came before."""
+        vk, commands = self.device.vk, self._buffers[SLOTS]
+        flags = raw.VK_COMMAND_BUFFER_USAGE_SIMULTANEOUS_USE_BIT
+        vk.vkBeginCommandBuffer(commands, raw.struct("VkCommandBufferBeginInfo", flags=flags))
+        vk.vkCmdPipelineBarrier2(commands, full_barrier())
+        vk.vkEndCommandBuffer(commands)
+
+    # ---- results ------------------------------------------------------------------------------------
+
+    @property
+    def _latest(self) -> Slot:
+        return self._slots[(self.frame_count - 1) % SLOTS]
+
+    def resource(self, name: str) -> Any:
+        """The Buffer, Image or external object that a name meant in the latest frame (frame 0 before the first)."""
+        index = (self.frame_count - 1) % SLOTS if self.frame_count else 0
+        bound = self._resources.named(index) | self._external
+        if name not in bound:
+            raise SolariError(f"the frame has no resource {name}; there are {', '.join(sorted(bound))}")
+        return bound[name]
+
+    def __contains__(self, name: str) -> bool:
+        """Whether there is a resource of this name."""
+        return name in self._resources.named(0) or name in self._external
+
+    def binding(self, name: str) -> Binding:
+        """How the shaders declare a resource: its kind and numpy types. Raises SolariError for an unknown name."""
+        assert self._program is not None
+        return self._program.interface[name]
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """A copy of a resource after the latest frame; waits for it.
+
+        Of a buffer the elements of its runtime array, or without one its block as a record of shape (); of an image
+        (height, width, channels).
+        """
+        resource = self.resource(name)
+        if isinstance(resource, Image):
+            return resource.read()
+        binding = self.binding(name)
+        if binding.element is not None:
+            flat = resource.read(binding.element.base, offset=binding.element_offset)
+            return flat.reshape(-1, *binding.element.shape)  # type: ignore[no-any-return]
+        if binding.dtype is None:
+            raise SolariError(f"{name} is a {binding.kind} and can't be read")
+        return resource.read(binding.dtype, 1).reshape(())  # type: ignore[no-any-return]
+
+    @property
+    def timings(self) -> dict[str, float]:
+        """GPU milliseconds of each step in the latest frame that is done; empty before the first.
+
+        Waits when no frame has finished yet. Empty as well on a device without timestamps. `timed_value` then is the
+        timeline value that `submit` returned for that frame.
+        """
+        done = [slot for slot in self._slots if 0 < slot.value <= self.device.completed]
+        slot = max(done, key=lambda item: item.value) if done else self._latest
+        if not slot.value:
+            return {}
+        self.device.await_value(slot.value)
+        self.timed_value = slot.value
+        return slot.read_timings()
+
+    def describe(self) -> list[Row]:
+        """The frame's steps with what they read and write, the barriers before them and why, and GPU times."""
+        timings = self.timings if self.frame_count else {}
+        rows = []
+        for step, barrier in zip(self._accesses, self._barriers, strict=True):
+            why = ", ".join(str(hazard) for hazard in barrier.hazards) or "every pass" if barrier else ""
+            rows.append(Row(step.name, tuple(step.reads), tuple(step.writes), why, timings.get(step.name)))
+        return rows
+
+    # ---- lifetime -----------------------------------------------------------------------------------
+
+    def close(self) -> None:
+        """Free everything when the work submitted so far is done. Safe to call twice."""
+        if self._closed:
+            return
+        self._closed = True
+        for slot in self._slots:
+            slot.destroy()
+        self._resources.destroy_all_but(Resources(self.device))
+        self._builder.destroy(self._program)
+        self.device.release(self._pool_token)
+
+    def __enter__(self) -> Frame:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

@@ -1,0 +1,134 @@
+"""Barriers from hazards: which steps of a frame must wait for earlier ones, and why.
+
+One global memory barrier opens before a step that reads what an earlier step wrote, or writes what an earlier one
+read or wrote. It orders everything before it against everything after it, so later steps start afresh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from solari_vk.gpu.device import raw
+
+_COMPUTE = raw.VK_PIPELINE_STAGE_2_COMPUTE_SHADER_BIT
+_ALL = raw.VK_PIPELINE_STAGE_2_ALL_COMMANDS_BIT
+_DRAWING = raw.VK_PIPELINE_STAGE_2_VERTEX_SHADER_BIT | raw.VK_PIPELINE_STAGE_2_FRAGMENT_SHADER_BIT
+_DEPTH_TESTS = raw.VK_PIPELINE_STAGE_2_EARLY_FRAGMENT_TESTS_BIT | raw.VK_PIPELINE_STAGE_2_LATE_FRAGMENT_TESTS_BIT
+
+
+@dataclass(frozen=True)
+class Masks:
+    """Stages and access bits of a kind of access."""
+
+    stages: int
+    access: int
+
+    def __or__(self, other: Masks) -> Masks:
+        return Masks(self.stages | other.stages, self.access | other.access)
+
+
+NOTHING = Masks(0, 0)
+# uniform blocks aren't among these: the host writes them, and each submission makes its writes visible
+SHADER_READ = Masks(_COMPUTE, raw.VK_ACCESS_2_SHADER_READ_BIT | raw.VK_ACCESS_2_ACCELERATION_STRUCTURE_READ_BIT_KHR)
+SHADER_WRITE = Masks(_COMPUTE, raw.VK_ACCESS_2_SHADER_WRITE_BIT)
+DRAW_READ = Masks(_DRAWING, SHADER_READ.access)
+DRAW_WRITE = Masks(_DRAWING, SHADER_WRITE.access)
+# clearing and testing count as writes, and attachments may be read as well wherever they are written
+COLOR_WRITE = Masks(
+    raw.VK_PIPELINE_STAGE_2_COLOR_ATTACHMENT_OUTPUT_BIT,
+    raw.VK_ACCESS_2_COLOR_ATTACHMENT_READ_BIT | raw.VK_ACCESS_2_COLOR_ATTACHMENT_WRITE_BIT,
+)
+DEPTH_WRITE = Masks(
+    _DEPTH_TESTS,
+    raw.VK_ACCESS_2_DEPTH_STENCIL_ATTACHMENT_READ_BIT | raw.VK_ACCESS_2_DEPTH_STENCIL_ATTACHMENT_WRITE_BIT,
+)
+INDIRECT_READ = Masks(raw.VK_PIPELINE_STAGE_2_DRAW_INDIRECT_BIT, raw.VK_ACCESS_2_INDIRECT_COMMAND_READ_BIT)
+ANY_READ = Masks(_ALL, raw.VK_ACCESS_2_MEMORY_READ_BIT)
+ANY_WRITE = Masks(_ALL, raw.VK_ACCESS_2_MEMORY_WRITE_BIT)
+
+
+@dataclass(frozen=True)
+class Accesses:
+    """What a step of a frame touches: resource name -> how it reads or writes it."""
+
+    name: str
+    reads: Mapping[str, Masks]
+    writes: Mapping[str, Masks]
+
+
+@dataclass(frozen=True)
+class Hazard:
+    """Why a step waits: kind is RAW (it reads what `earlier` wrote), WAR (it writes what that read) or WAW."""
+
+    resource: str
+    kind: str
+    earlier: str
+
+    def __str__(self) -> str:
+        return f"{self.kind} {self.resource} ({self.earlier})"
+
+
+@dataclass(frozen=True)
+class Barrier:
+    """A global memory barrier before a step."""
+
+    hazards: tuple[Hazard, ...]
+    source: Masks
+    target: Masks
+
+
+def plan_barriers(steps: Sequence[Accesses], every_step: bool = False) -> list[Barrier | None]:
+    """The barrier before each step, or None. With `every_step` there is one before every step but the first.
+
+    The steps before the first are taken to be ordered already.
+    """
+    target = _union(masks for step in steps for part in (step.reads, step.writes) for masks in part.values())
+    barriers: list[Barrier | None] = []
+    pending = _Pending()
+    for at, step in enumerate(steps):
+        hazards = pending.hazards(step)
+        if hazards or (every_step and at > 0):
+            # An execution dependency needs the readers' stages too; only writes need their memory made available.
+            source = Masks(pending.stages or _ALL, pending.access)
+            barriers.append(Barrier(tuple(hazards), source, target if target != NOTHING else ANY_READ | ANY_WRITE))
+            pending = _Pending()
+        else:
+            barriers.append(None)
+        pending.add(step)
+    return barriers
+
+
+class _Pending:
+    """What happened since the last barrier."""
+
+    def __init__(self) -> None:
+        self._readers: dict[str, str] = {}
+        self._writers: dict[str, str] = {}
+        self.stages = 0
+        self.access = 0
+
+    def hazards(self, step: Accesses) -> list[Hazard]:
+        found = [Hazard(name, "RAW", self._writers[name]) for name in step.reads if name in self._writers]
+        for name in step.writes:
+            if name in self._writers and name not in step.reads:
+                found.append(Hazard(name, "WAW", self._writers[name]))
+            elif name in self._readers and name not in self._writers:
+                found.append(Hazard(name, "WAR", self._readers[name]))
+        return found
+
+    def add(self, step: Accesses) -> None:
+        for name, masks in step.reads.items():
+            self._readers[name] = step.name
+            self.stages |= masks.stages
+        for name, masks in step.writes.items():
+            self._writers[name] = step.name
+            self.stages |= masks.stages
+            self.access |= masks.access
+
+
+def _union(masks: Iterable[Masks]) -> Masks:
+    total = NOTHING
+    for item in masks:
+        total |= item
+    return total

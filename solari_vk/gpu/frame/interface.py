@@ -1,0 +1,172 @@
+"""What all shaders of a frame share: two descriptor set layouts, one pipeline layout, sets filled by name.
+
+Set 0 is the scene, set 1 what passes keep; the shaders' own bindings say what is where. An array of combined
+image samplers without a length is bindless: partially bound, updated after binding, as long as its contents need.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from solari_vk.errors import SolariError
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame.descriptors import DESCRIPTOR_TYPES, SET_COUNT, DescriptorSets
+from solari_vk.gpu.shaders.spirv import Binding, Module
+
+_BINDLESS_FLAGS = (
+    raw.VK_DESCRIPTOR_BINDING_PARTIALLY_BOUND_BIT
+    | raw.VK_DESCRIPTOR_BINDING_UPDATE_AFTER_BIND_BIT
+    | raw.VK_DESCRIPTOR_BINDING_VARIABLE_DESCRIPTOR_COUNT_BIT
+)
+_BINDLESS_LIMIT = 1 << 14  # lavapipe sets aside 256 bytes for each, in every set, used or not
+_BINDLESS_LEAST = 64
+
+
+def merge_bindings(modules: Iterable[Module]) -> dict[str, Binding]:
+    """The bindings of all modules by name. Raises SolariError naming both modules when two disagree."""
+    merged: dict[str, Binding] = {}
+    places: dict[tuple[int, int], str] = {}
+    origin: dict[str, str] = {}
+    for module in modules:
+        for name, binding in module.bindings.items():
+            place = (binding.set, binding.binding)
+            other = places.setdefault(place, name)
+            if other != name:
+                raise SolariError(
+                    f"set {place[0]}, binding {place[1]} is {name} in {module.name} but {other} in {origin[other]}: "
+                    "declare bindings only in the shared bindings.glsl"
+                )
+            known = merged.setdefault(name, binding)
+            origin.setdefault(name, module.name)
+            if _shape(known) != _shape(binding):
+                raise SolariError(
+                    f"{name} differs between {origin[name]} and {module.name}: {_difference(known, binding)}"
+                )
+            if binding.set >= SET_COUNT:
+                raise SolariError(f"{name} of {module.name} is in set {binding.set}; there are sets 0 and 1")
+    return merged
+
+
+def _shape(binding: Binding) -> dict[str, Any]:
+    """All that must be equal in every module; one may only read what another writes."""
+    return {key: value for key, value in vars(binding).items() if key not in ("readonly", "writeonly")}
+
+
+def _difference(one: Binding, other: Binding) -> str:
+    first, second = _shape(one), _shape(other)
+    return "; ".join(f"{key} is {first[key]} and {second[key]}" for key in first if first[key] != second[key])
+
+
+def _pushed_bytes(modules: Iterable[Module]) -> int:
+    return max((module.push_constants.itemsize for module in modules if module.push_constants), default=0)
+
+
+class Interface:
+    """Set layouts and the pipeline layout for a group of modules. `destroy` waits for running work."""
+
+    def __init__(self, device: Device, modules: Sequence[Module]) -> None:
+        self.device = device
+        self.bindings = merge_bindings(modules)
+        self._bindless: list[Binding | None] = [self._find_bindless(index) for index in range(SET_COUNT)]
+        self.bindless_limit = min(
+            device.properties.core12.maxPerStageDescriptorUpdateAfterBindSampledImages,
+            device.properties.core12.maxPerStageDescriptorUpdateAfterBindSamplers,
+            device.properties.core12.maxDescriptorSetUpdateAfterBindSampledImages,
+            device.properties.core12.maxDescriptorSetUpdateAfterBindSamplers,
+            device.properties.core12.maxPerStageUpdateAfterBindResources // 2,
+            _BINDLESS_LIMIT,
+        )
+        self._pushed = pushed = _pushed_bytes(modules)
+        handles: list[tuple[str, raw.CData]] = []
+        for index in range(SET_COUNT):
+            handles.append(("VkDescriptorSetLayout", self._make_layout(index)))
+        self.set_layouts = [handle for _, handle in handles]
+        ranges = [{"stageFlags": raw.VK_SHADER_STAGE_ALL, "size": pushed}] if pushed else []
+        create = raw.struct(
+            "VkPipelineLayoutCreateInfo",
+            setLayoutCount=SET_COUNT,
+            pSetLayouts=self.set_layouts,
+            pushConstantRangeCount=len(ranges),
+            pPushConstantRanges=ranges,
+        )
+        self.pipeline_layout = device.create("VkPipelineLayout", create, "pipeline layout")
+        handles.append(("VkPipelineLayout", self.pipeline_layout))
+
+        def destroy() -> None:
+            for kind, handle in handles:
+                getattr(device.vk, "vkDestroy" + kind[2:])(device.handle, handle, raw.NULL)
+
+        self._token = device.own(destroy)
+
+    def __getitem__(self, name: str) -> Binding:
+        """The binding of this name; raises SolariError naming those there are."""
+        try:
+            return self.bindings[name]
+        except KeyError:
+            raise SolariError(f"no shader has a resource {name}; there are {_listed(self.bindings)}") from None
+
+    def fits(self, bindings: Mapping[str, Binding], modules: Iterable[Module]) -> bool:
+        """Whether modules with these merged bindings can use this interface as it is."""
+        shapes = [{name: _shape(binding) for name, binding in part.items()} for part in (bindings, self.bindings)]
+        return shapes[0] == shapes[1] and _pushed_bytes(modules) == self._pushed
+
+    def _find_bindless(self, index: int) -> Binding | None:
+        members = sorted((b for b in self.bindings.values() if b.set == index), key=lambda binding: binding.binding)
+        for binding in members:
+            if binding.count == 0 and (binding.kind != "combined_image_sampler" or binding is not members[-1]):
+                raise SolariError(
+                    f"{binding.name}: an array without a length must be of combined image samplers and have the "
+                    "largest binding number of its set"
+                )
+        return members[-1] if members and members[-1].count == 0 else None
+
+    def _make_layout(self, index: int) -> raw.CData:
+        bindless = self._bindless[index]
+        members = [binding for binding in self.bindings.values() if binding.set == index]
+        flags = raw.struct(
+            "VkDescriptorSetLayoutBindingFlagsCreateInfo",
+            bindingCount=len(members),
+            pBindingFlags=[_BINDLESS_FLAGS if binding is bindless else 0 for binding in members],
+        )
+        create = raw.struct(
+            "VkDescriptorSetLayoutCreateInfo",
+            pNext=flags,
+            flags=raw.VK_DESCRIPTOR_SET_LAYOUT_CREATE_UPDATE_AFTER_BIND_POOL_BIT if bindless else 0,
+            bindingCount=len(members),
+            pBindings=[
+                raw.struct(
+                    "VkDescriptorSetLayoutBinding",
+                    binding=binding.binding,
+                    descriptorType=DESCRIPTOR_TYPES[binding.kind],
+                    descriptorCount=binding.count or self.bindless_limit,
+                    stageFlags=raw.VK_SHADER_STAGE_ALL,
+                )
+                for binding in members
+            ],
+        )
+        return self.device.create("VkDescriptorSetLayout", create, f"set {index}")
+
+    def bindless_counts(self, resources: Mapping[str, Any]) -> list[int]:
+        """How many descriptors each set's bindless array needs for these resources, with room to grow."""
+        counts = []
+        for binding in self._bindless:
+            needed = len(resources.get(binding.name, ())) if binding else 0
+            if needed > self.bindless_limit:
+                raise SolariError(f"{needed:,} textures, but this device takes at most {self.bindless_limit:,} at once")
+            room = max(_BINDLESS_LEAST, 1 << max(needed - 1, 0).bit_length()) if binding else 0
+            counts.append(min(room, self.bindless_limit))
+        return counts
+
+    def new_sets(self, counts: Sequence[int]) -> DescriptorSets:
+        """A pair of descriptor sets whose bindless arrays have `counts` places."""
+        return DescriptorSets(self, counts)
+
+    def destroy(self) -> None:
+        """Destroy the layouts when the work submitted so far is done. Safe to call twice."""
+        self.device.release(self._token)
+
+
+def _listed(names: Iterable[str]) -> str:
+    return ", ".join(sorted(names)) or "none"

@@ -1,0 +1,180 @@
+"""What a frame's shaders become: modules, their common interface, a pipeline a pass, and what each pass touches."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from solari_vk.errors import SolariError
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame import hazards
+from solari_vk.gpu.frame.hazards import Accesses, Masks
+from solari_vk.gpu.frame.interface import Interface, merge_bindings
+from solari_vk.gpu.frame.pipelines import PipelineKey, Pipelines
+from solari_vk.gpu.frame.raster import check_draw
+from solari_vk.gpu.frame.stages import Draw, Pass, Stage, Step
+from solari_vk.gpu.shaders.compiler import Roots, compile_shader
+from solari_vk.gpu.shaders.spirv import Module, reflect
+
+
+@dataclass(frozen=True)
+class BuiltStep:
+    """A pass or a draw with its modules, pipeline and group counts, or a step of other commands. Names are unique."""
+
+    name: str
+    item: Pass | Draw | Step
+    modules: tuple[Module, ...] = ()
+    pipeline: raw.CData = None
+    groups: tuple[int, int, int] = (0, 0, 0)
+
+
+@dataclass(frozen=True)
+class Program:
+    """All steps of a frame, ready to be recorded."""
+
+    interface: Interface
+    steps: list[BuiltStep]
+    modules: dict[tuple[str, str], Module]
+    pipeline_keys: set[PipelineKey]
+
+    def check(self, bound: Mapping[str, Any], uniform_name: str) -> None:
+        """Raise SolariError when a shader's resource is missing, naming the passes that need it."""
+        for name, binding in self.interface.bindings.items():
+            if name in bound or (name == uniform_name and binding.kind == "uniform_buffer"):
+                continue
+            users = [step.name for step in self.steps if any(name in module.main.uses for module in step.modules)]
+            if not users:
+                continue  # declared, but no pass touches it
+            raise SolariError(
+                f"{name} ({binding.kind}) is used by {', '.join(users)}, but no stage declares it and it isn't among "
+                "the external resources"
+            )
+
+    def accesses(self, bound: Mapping[str, Any]) -> list[Accesses]:
+        """What each step reads and writes. Two names of one resource count as the first of them."""
+        first: dict[int, str] = {}
+        for name, resource in bound.items():
+            first.setdefault(id(resource), name)
+
+        def canonical(step: str, name: str) -> str:
+            if name not in bound:
+                raise SolariError(f"{step}: there is no resource {name}; there are {', '.join(sorted(bound))}")
+            return first[id(bound[name])]
+
+        found = []
+        for step in self.steps:
+            item = step.item
+            reads: dict[str, Masks] = {}
+            writes: dict[str, Masks] = {}
+
+            def add(target: dict[str, Masks], names: Iterable[str], how: Masks, step: str = step.name) -> None:
+                for name in names:
+                    resource = canonical(step, name)
+                    target[resource] = target.get(resource, hazards.NOTHING) | how
+
+            shader = (hazards.SHADER_READ, hazards.SHADER_WRITE)
+            if isinstance(item, Step):
+                add(reads, item.reads, hazards.ANY_READ)
+                add(writes, item.writes, hazards.ANY_WRITE)
+            elif isinstance(item, Draw):
+                shader = (hazards.DRAW_READ, hazards.DRAW_WRITE)
+                for draws in item.draws:
+                    add(reads, (draws.commands, draws.count), hazards.INDIRECT_READ)
+                add(writes, item.colors, hazards.COLOR_WRITE)
+                add(writes, (item.depth,), hazards.DEPTH_WRITE)
+            elif item.indirect is not None:
+                add(reads, (item.indirect,), hazards.INDIRECT_READ)
+            for module in step.modules:
+                add(reads, sorted(module.main.reads & bound.keys()), shader[0])
+                add(writes, sorted(module.main.writes & bound.keys()), shader[1])
+            found.append(Accesses(step.name, reads, writes))
+        return found
+
+
+def _shaders(item: Pass | Draw | Step) -> list[tuple[str, str]]:
+    """Path and header of each module of a pass: where `Program.modules` has it."""
+    suffixes = {Pass: ("comp",), Draw: ("vert", "frag")}.get(type(item), ())
+    return [] if isinstance(item, Step) else [(f"passes/{item.name}.{suffix}", item.header) for suffix in suffixes]
+
+
+class ProgramBuilder:
+    """Builds programs, taking over from the one before what didn't change."""
+
+    def __init__(self, device: Device, glsl_root: Roots | None) -> None:
+        self._device = device
+        self._root = glsl_root
+        self._pipelines = Pipelines(device)
+
+    def build(self, stages: Sequence[Stage], old: Program | None) -> Program:
+        """The program of these stages from the shaders as they are now. Raises CompilationError or SolariError."""
+        items = [item for stage in stages for item in stage.passes]
+        if not items:
+            raise SolariError("a frame needs at least one pass")
+        modules = self._modules([key for item in items for key in _shaders(item)], old)
+        merged = merge_bindings(modules.values())
+        if old is not None and old.interface.fits(merged, modules.values()):
+            interface = old.interface
+        else:
+            interface = Interface(self._device, list(modules.values()))
+        program = Program(interface, [], modules, set())
+        seen: Counter[str] = Counter()
+        total = Counter(item.name for item in items)
+        try:
+            for item in items:
+                seen[item.name] += 1
+                name = item.name if total[item.name] == 1 else f"{item.name} #{seen[item.name]}"
+                program.steps.append(self._step(name, item, program))
+        except BaseException:
+            self.discard(program, old)
+            raise
+        return program
+
+    def _modules(self, keys: Sequence[tuple[str, str]], old: Program | None) -> dict[tuple[str, str], Module]:
+        modules: dict[tuple[str, str], Module] = {}
+        for path, header in dict.fromkeys(keys):
+            spirv = compile_shader(path, header=header, root=self._root)
+            known = old.modules.get((path, header)) if old else None
+            modules[path, header] = known if known and known.spirv == spirv else reflect(spirv, path)
+        return modules
+
+    def _step(self, name: str, item: Pass | Draw | Step, program: Program) -> BuiltStep:
+        if isinstance(item, Step):
+            return BuiltStep(name, item)
+        modules = tuple(program.modules[key] for key in _shaders(item))
+        if isinstance(item, Draw):
+            check_draw(self._device, name, item, program.interface)
+            formats = [program.interface[image].image_format for image in item.colors]
+            key, pipeline = self._pipelines.graphics(name, modules, item.constants, program.interface, formats)
+        else:
+            key, pipeline = self._pipelines.compute(name, modules[0], item.constants, program.interface)
+        program.pipeline_keys.add(key)
+        groups = self._groups(name, item, modules[0]) if isinstance(item, Pass) else (0, 0, 0)
+        return BuiltStep(name, item, modules, pipeline, groups)
+
+    def _groups(self, name: str, item: Pass, module: Module) -> tuple[int, int, int]:
+        if item.threads is None:
+            return (0, 0, 0)
+        threads = (item.threads,) if isinstance(item.threads, int) else tuple(item.threads)
+        if not 1 <= len(threads) <= 3 or min(threads) < 1:
+            raise SolariError(f"pass {name}: threads are one to three whole numbers above 0, not {item.threads!r}")
+        sizes = module.local_size(item.constants)
+        x, y, z = (-(-count // size) for count, size in zip((*threads, 1, 1)[:3], sizes, strict=True))
+        most = tuple(self._device.properties.limits.maxComputeWorkGroupCount)
+        if x > most[0] or y > most[1] or z > most[2]:
+            raise SolariError(f"pass {name}: {(x, y, z)} workgroups, but this device runs at most {most}")
+        return x, y, z
+
+    def discard(self, program: Program, kept: Program | None) -> None:
+        """Destroy what a program doesn't share with the one kept, when the work submitted so far is done."""
+        self._pipelines.retain(kept.pipeline_keys if kept else set())
+        if kept is None or program.interface is not kept.interface:
+            program.interface.destroy()
+
+    def destroy(self, program: Program | None) -> None:
+        """Destroy a program and all that was kept for the next one."""
+        if program is not None:
+            self.discard(program, None)
+        self._pipelines.destroy()

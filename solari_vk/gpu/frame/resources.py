@@ -1,0 +1,154 @@
+"""The buffers and images of a frame's stages: made from declared sizes and the shaders' types, kept while they fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from solari_vk.errors import SolariError
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.barriers import full_barrier
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.memory import Buffer, Image
+from solari_vk.gpu.frame.interface import Interface
+from solari_vk.gpu.frame.stages import Draw, History, Stage
+from solari_vk.gpu.shaders.spirv import Binding
+
+PREVIOUS = "previous_"
+DEPTH_FORMAT = "D32_SFLOAT"  # of what a Draw tests depth in
+
+
+@dataclass(frozen=True)
+class _Made:
+    """What a declared name stands for: one resource, or two of a history. Equal `spec` means it can be kept."""
+
+    spec: tuple[Any, ...]
+    items: tuple[Buffer | Image, ...]
+
+
+class Resources:
+    """The resources of a list of stages, by name."""
+
+    def __init__(self, device: Device, made: dict[str, _Made] | None = None) -> None:
+        self._device = device
+        self._made = {} if made is None else made
+
+    def named(self, slot: int) -> dict[str, Any]:
+        """What each name means in a slot: a history's two resources change places."""
+        found: dict[str, Any] = {}
+        for name, made in self._made.items():
+            found[name] = made.items[slot % len(made.items)]
+            if len(made.items) > 1:
+                found[PREVIOUS + name] = made.items[1 - slot]
+        return found
+
+    def changed_to(self, stages: Sequence[Stage], interface: Interface) -> Resources:
+        """The resources that these stages declare; those that fit are taken over. This object stays as it is.
+
+        Raises SolariError for a name declared twice, that no shader has, or whose size makes no sense.
+        """
+        made: dict[str, _Made] = {}
+        attachments = _attachments(stages)
+        result = Resources(self._device, made)
+        try:
+            for stage in stages:
+                for name, size in (*stage.buffers.items(), *stage.images.items()):
+                    if name in made:
+                        raise SolariError(f"stage {stage.name}: {name} is declared by another stage as well")
+                    spec = _specification(stage, name, size, interface, attachments.get(name, ""))
+                    known = self._made.get(name)
+                    made[name] = known if known and known.spec == spec else self._make(name, spec)
+        except BaseException:
+            result.destroy_all_but(self)
+            raise
+        return result
+
+    def _make(self, name: str, spec: tuple[Any, ...]) -> _Made:
+        kind, copies, *rest = spec
+        labels = [name] if copies == 1 else [f"{name} {slot}" for slot in range(copies)]
+        items: list[Buffer | Image] = []
+        for label in labels:
+            if kind == "buffer":
+                buffer = self._device.buffer(rest[0], label)
+                buffer.fill(0)
+                items.append(buffer)
+            else:
+                width, height, format_name, attachment = rest
+                format = getattr(raw, "VK_FORMAT_" + format_name)
+                image = self._device.image(width, height, format, label, usage=_USAGES[attachment])
+                _clear(image)
+                items.append(image)
+        return _Made(spec, tuple(items))
+
+    def destroy_all_but(self, kept: Resources) -> None:
+        """Destroy what isn't also in `kept`, when the work submitted so far is done."""
+        others = {id(item) for made in kept._made.values() for item in made.items}
+        for made in self._made.values():
+            for item in made.items:
+                if id(item) not in others:
+                    item.destroy()
+
+
+_STORED = raw.VK_IMAGE_USAGE_STORAGE_BIT | raw.VK_IMAGE_USAGE_SAMPLED_BIT
+_USAGES = {
+    "": _STORED,
+    "color": _STORED | raw.VK_IMAGE_USAGE_COLOR_ATTACHMENT_BIT,
+    "depth": raw.VK_IMAGE_USAGE_DEPTH_STENCIL_ATTACHMENT_BIT,
+}
+
+
+def _attachments(stages: Sequence[Stage]) -> dict[str, str]:
+    """Which images the stages draw into, and whether as "color" or "depth"."""
+    draws = [item for stage in stages for item in stage.passes if isinstance(item, Draw)]
+    return {name: "color" for draw in draws for name in draw.colors} | {draw.depth: "depth" for draw in draws}
+
+
+def _specification(stage: Stage, name: str, size: Any, interface: Interface, attachment: str) -> tuple[Any, ...]:
+    """All that decides whether an existing resource can be kept."""
+    copies = 1
+    if isinstance(size, History):
+        copies, size = 2, size.size
+    if attachment == "depth":
+        return ("image", copies, *_image_size(stage, name, size), DEPTH_FORMAT, attachment)
+    binding = interface.bindings.get(name) or (interface.bindings.get(PREVIOUS + name) if copies == 2 else None)
+    if binding is None:
+        raise SolariError(f"stage {stage.name} declares {name}, which none of the frame's shaders uses")
+    if name in stage.buffers:
+        return ("buffer", copies, _buffer_bytes(stage, binding, size), str(binding.dtype), str(binding.element))
+    if binding.kind != "storage_image" or not binding.image_format:
+        raise SolariError(f"stage {stage.name}: {name} must be a storage image with a format in the shaders")
+    return ("image", copies, *_image_size(stage, name, size), binding.image_format, attachment)
+
+
+def _image_size(stage: Stage, name: str, size: Any) -> tuple[int, int]:
+    if not (isinstance(size, tuple) and len(size) == 2 and min(size) >= 1):
+        raise SolariError(f"stage {stage.name}: the size of {name} is (width, height), not {size!r}")
+    return size
+
+
+def _buffer_bytes(stage: Stage, binding: Binding, count: Any) -> int:
+    if binding.kind != "storage_buffer":
+        raise SolariError(f"stage {stage.name}: {binding.name} is a {binding.kind} in the shaders, not a buffer")
+    if not isinstance(count, int) or count < 1:
+        raise SolariError(f"stage {stage.name}: {binding.name} needs a whole number of elements above 0, not {count!r}")
+    if binding.element is None and count != 1:
+        raise SolariError(f"stage {stage.name}: {binding.name} has no runtime array: its count is 1, not {count}")
+    return binding.size_bytes(count)
+
+
+def _clear(image: Image) -> None:
+    """Zero an image just before the next submission."""
+
+    def record(cmd: raw.CData) -> None:
+        if image.handle is not None:
+            kind, part = "Color", raw.struct("VkImageSubresourceRange", **image.all_levels)
+            vk = image.device.vk
+            vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+            if image.aspect == raw.VK_IMAGE_ASPECT_DEPTH_BIT:
+                kind = "DepthStencil"
+            clear, zero = getattr(vk, f"vkCmdClear{kind}Image"), raw.struct(f"VkClear{kind}Value")
+            clear(cmd, image.handle, image.layout, zero, 1, part)
+            vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+
+    image.device.before_next_submit(record)

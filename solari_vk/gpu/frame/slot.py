@@ -1,0 +1,164 @@
+"""One of the slots that frames take turns in: its descriptor sets, commands, uniform block and timestamps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.barriers import full_barrier, memory_barrier
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.memory import Buffer
+from solari_vk.gpu.frame.descriptors import DescriptorSets
+from solari_vk.gpu.frame.hazards import Barrier
+from solari_vk.gpu.frame.program import Program
+from solari_vk.gpu.frame.raster import record_draw
+from solari_vk.gpu.frame.stages import Draw, Pass
+
+
+class Slot:
+    """`stale` means that `record` must run before the next submission, once `value` has been reached."""
+
+    def __init__(self, device: Device, index: int, commands: raw.CData) -> None:
+        self.index = index
+        self.value = 0
+        self.stale = True
+        self.commands = commands
+        self.submission = device.submission([commands])
+        self._device = device
+        self._program: Program | None = None
+        self._sets: DescriptorSets | None = None
+        self._bound: dict[str, Any] = {}
+        self._uniforms: Buffer | None = None
+        self._uniform_source = self._uniform_target = memoryview(b"")
+        self._queries: raw.CData = None
+        self._query_count = 0
+        self._query_token = 0
+
+    def renew(self, program: Program, bound: Mapping[str, Any], uniform_record: np.ndarray, uniform_name: str) -> None:
+        """Use other pipelines and resources from the next recording on."""
+        if self._program is None or self._program.interface is not program.interface:
+            if self._sets is not None:
+                self._sets.destroy()
+                self._sets = None
+            if self._uniforms is not None:
+                self._uniforms.destroy()
+                self._uniforms = None
+        self._program = program
+        self._bound = dict(bound)
+        if self._uniforms is None and uniform_name in program.interface.bindings:
+            self._uniforms = self._device.buffer(uniform_record.nbytes, f"{uniform_name} {self.index}", host=True)
+            self._uniform_target = self._uniforms.view(np.uint8).data
+        if self._uniforms is not None:
+            self._bound[uniform_name] = self._uniforms
+            self._uniform_source = uniform_record.view(np.uint8).data
+        self.stale = True
+
+    def bind(self, resources: Mapping[str, Any]) -> None:
+        """Use other resources from the next recording on."""
+        self._bound.update(resources)
+        self.stale = True
+
+    def write_uniforms(self) -> None:
+        """Copy the uniforms to this slot's block; its last frame must be done."""
+        if self._uniforms is not None:
+            self._uniform_target[:] = self._uniform_source
+
+    def record(self, barriers: Sequence[Barrier | None]) -> None:
+        """Write the descriptor sets and record the commands; this slot's last frame must be done."""
+        assert self._program is not None
+        vk, commands = self._device.vk, self.commands
+        self._write_sets(self._program)
+        self._make_queries(len(self._program.steps) + 1)
+        vk.vkBeginCommandBuffer(commands, raw.struct("VkCommandBufferBeginInfo"))
+        vk.vkCmdPipelineBarrier2(commands, full_barrier())
+        if self._query_count:
+            vk.vkCmdResetQueryPool(commands, self._queries, 0, self._query_count)
+        self._timestamp(0)
+        bound: set[int] = set()
+        for at, (step, barrier) in enumerate(zip(self._program.steps, barriers, strict=True), 1):
+            with self._device.label(commands, step.name):
+                if barrier is not None:
+                    vk.vkCmdPipelineBarrier2(
+                        commands,
+                        memory_barrier(
+                            barrier.source.access, barrier.target.access,
+                            source=barrier.source.stages, target=barrier.target.stages,
+                        ),
+                    )  # fmt: skip
+                if isinstance(step.item, Pass):
+                    self._bind(bound, raw.VK_PIPELINE_BIND_POINT_COMPUTE, step.pipeline)
+                    self._dispatch(step.item, step.groups)
+                elif isinstance(step.item, Draw):
+                    self._bind(bound, raw.VK_PIPELINE_BIND_POINT_GRAPHICS, step.pipeline)
+                    record_draw(self._device, commands, step.item, self._bound)
+                else:
+                    step.item.record(commands)
+                    bound.clear()  # a step may bind what it likes
+            self._timestamp(at)
+        vk.vkEndCommandBuffer(commands)
+        self.stale = False
+
+    def _write_sets(self, program: Program) -> None:
+        counts = program.interface.bindless_counts(self._bound)
+        if self._sets is None or any(new > old for new, old in zip(counts, self._sets.counts, strict=True)):
+            if self._sets is not None:
+                self._sets.destroy()
+            self._sets = program.interface.new_sets(counts)
+        self._sets.write(self._bound)
+
+    def _bind(self, bound: set[int], point: int, pipeline: raw.CData) -> None:
+        """Bind a pipeline, and the sets where they aren't `bound` yet."""
+        if point not in bound:
+            assert self._sets is not None
+            self._sets.bind(self.commands, point)
+            bound.add(point)
+        self._device.vk.vkCmdBindPipeline(self.commands, point, pipeline)
+
+    def _dispatch(self, item: Pass, groups: tuple[int, int, int]) -> None:
+        vk = self._device.vk
+        if item.indirect is None:
+            vk.vkCmdDispatch(self.commands, *groups)
+        else:
+            vk.vkCmdDispatchIndirect(self.commands, self._bound[item.indirect].handle, item.indirect_offset)
+
+    # ---- timestamps
+
+    def _make_queries(self, count: int) -> None:
+        if self._device.timestamp_bits == 0 or self._query_count == count:
+            return
+        device = self._device
+        device.release(self._query_token)
+        create = raw.struct("VkQueryPoolCreateInfo", queryType=raw.VK_QUERY_TYPE_TIMESTAMP, queryCount=count)
+        queries = self._queries = device.create("VkQueryPool", create, f"timestamps {self.index}")
+        self._query_token = device.own(lambda: device.vk.vkDestroyQueryPool(device.handle, queries, raw.NULL))
+        self._query_count = count
+
+    def _timestamp(self, at: int) -> None:
+        if self._query_count:
+            stage = raw.VK_PIPELINE_STAGE_2_ALL_COMMANDS_BIT
+            self._device.vk.vkCmdWriteTimestamp2(self.commands, stage, self._queries, at)
+
+    def read_timings(self) -> dict[str, float]:
+        """Milliseconds of each step of this slot's last frame, which must be done."""
+        if not self._query_count or self._program is None or self.stale:
+            return {}
+        ticks = np.zeros(self._query_count, np.uint64)
+        self._device.vk.vkGetQueryPoolResults(
+            self._device.handle, self._queries, 0, self._query_count, ticks.nbytes, raw.ffi.from_buffer(ticks), 8,
+            raw.VK_QUERY_RESULT_64_BIT,
+        )  # fmt: skip
+        mask = np.uint64((1 << self._device.timestamp_bits) - 1)
+        spans = (np.diff(ticks) & mask).astype(np.float64) * self._device.properties.timestamp_period * 1e-6
+        return {step.name: float(span) for step, span in zip(self._program.steps, spans, strict=True)}
+
+    def destroy(self) -> None:
+        """Destroy all but the command buffer, when the work submitted so far is done."""
+        if self._sets is not None:
+            self._sets.destroy()
+        if self._uniforms is not None:
+            self._uniforms.destroy()
+        self._device.release(self._query_token)
+        self._query_count = 0

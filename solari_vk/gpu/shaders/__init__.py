@@ -1,0 +1,1 @@
+"""Shader sources to SPIR-V: compiler, cache, reflection."""

@@ -1,0 +1,209 @@
+"""GLSL to SPIR-V with pyshaderc's calls, exact error positions, a cache on disk, and modules shipped compiled.
+
+`set_include_paths`, `compile_into_spirv`, `compile_file_into_spirv` and `CompilationError` are those of
+pyshaderc 1.1. `compile_shader` is what passes use: SPIR-V that came with the package when the sources are
+unchanged, else the cache on disk, else the compiler. All modules target Vulkan 1.3 (SPIR-V 1.6).
+
+shaderc's optimizer strips names unless debug information is asked for, and reflection needs the names: so
+debug information is always on, and what else it adds (line numbers, source text) is removed afterwards.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from solari_vk.errors import SolariError
+from solari_vk.gpu.shaders import shader_cache, shaderc
+
+__all__ = [
+    "CompilationError", "build_all", "compile_file_into_spirv", "compile_into_spirv", "compile_shader", "glsl_root",
+    "set_include_paths",
+]  # fmt: skip
+
+_include_paths: list[str] = []
+
+
+class CompilationError(SolariError):
+    """A shader doesn't compile; the message has file:line of the file that holds the fault, and that line."""
+
+
+def glsl_root() -> Path:
+    """The folder of the package's GLSL: inside the installed package, or beside it in a working copy."""
+    installed = Path(__file__).resolve().parents[2] / "glsl"
+    return installed if installed.is_dir() else Path(__file__).resolve().parents[3] / "glsl"
+
+
+def set_include_paths(paths: Sequence[str | os.PathLike[str]]) -> None:
+    """Set the folders in which includes of `compile_into_spirv` and `compile_file_into_spirv` are looked up."""
+    _include_paths[:] = [os.fspath(path) for path in paths]
+
+
+def compile_file_into_spirv(
+    filepath: str | os.PathLike[str], stage: str, optimization: str = "size", warnings_as_errors: bool = False
+) -> bytes:
+    """SPIR-V of a GLSL file; arguments and errors as for `compile_into_spirv`."""
+    try:
+        raw = Path(filepath).read_bytes()
+    except OSError as error:
+        raise SolariError(f"the shader {os.fspath(filepath)} can't be read: {error.strerror}") from error
+    return compile_into_spirv(raw, stage, filepath, optimization=optimization, warnings_as_errors=warnings_as_errors)
+
+
+def compile_into_spirv(
+    raw: bytes | str,
+    stage: str,
+    filepath: str | os.PathLike[str],
+    language: str = "glsl",
+    optimization: str = "size",
+    suppress_warnings: bool = False,
+    warnings_as_errors: bool = False,
+) -> bytes:
+    """SPIR-V of source text, names kept.
+
+    `stage` is vert, tesc, tese, geom, frag, comp, or a ray tracing stage such as rgen; `filepath` is what
+    errors show and what `#include "..."` starts from before the include paths; `optimization` is zero, size or
+    performance. Raises CompilationError; SolariError for an unknown argument or when libshaderc is missing.
+    """
+    for value, known, what in (
+        (stage, shaderc.STAGES, "stage"),
+        (language, shaderc.LANGUAGES, "language"),
+        (optimization, shaderc.OPTIMIZATIONS, "optimization"),
+    ):
+        if value not in known:
+            raise SolariError(f"unknown {what} {value!r}: take one of {', '.join(known)}")
+    source = raw.encode() if isinstance(raw, str) else bytes(raw)
+    name = os.fspath(filepath)
+    try:
+        spirv = shaderc.compile_source(
+            source, stage, name, _include_paths, language=language, optimization=optimization,
+            suppress_warnings=suppress_warnings, warnings_as_errors=warnings_as_errors,
+        )  # fmt: skip
+    except shaderc.Failure as failure:
+        raise CompilationError(_with_source_lines(str(failure), name, source)) from None
+    return _without_lines(spirv)
+
+
+_POSITION = re.compile(r"^(?P<file>.+?):(?P<line>\d+): (?:error|warning): ")
+
+
+def _with_source_lines(log: str, filepath: str, source: bytes) -> str:
+    """shaderc's log with the line of source that each message is about below it."""
+    shown = []
+    for message in log.strip().splitlines():
+        shown.append(message)
+        found = _POSITION.match(message)
+        if found is None:
+            continue
+        try:
+            text = source if found["file"] == filepath else Path(found["file"]).read_bytes()
+        except OSError:
+            continue
+        lines = text.decode(errors="replace").splitlines()
+        # the text of a shader with a header has more lines than its file: the file's numbers count
+        if found["file"] == filepath and os.path.isfile(filepath):
+            lines = Path(filepath).read_text(errors="replace").splitlines()
+        if int(found["line"]) <= len(lines):
+            shown.append("    " + lines[int(found["line"]) - 1].strip())
+    return "\n".join(shown) or "the compiler failed without a message"
+
+
+_OP_STRING, _OP_SOURCE, _OP_LINE, _OP_NO_LINE, _OP_MODULE_PROCESSED, _OP_SOURCE_CONTINUED = 7, 3, 8, 317, 330, 2
+
+
+def _without_lines(spirv: bytes) -> bytes:
+    """The module without line numbers, source text and file names, so that paths don't get into what is shipped."""
+    words = np.frombuffer(spirv, np.uint32)
+    pieces, position = [words[:5]], 5
+    dropped = {_OP_STRING, _OP_SOURCE, _OP_LINE, _OP_NO_LINE, _OP_MODULE_PROCESSED, _OP_SOURCE_CONTINUED}
+    while position < len(words):
+        first = int(words[position])
+        if first & 0xFFFF not in dropped:
+            pieces.append(words[position : position + (first >> 16)])
+        position += first >> 16
+    return np.concatenate(pieces).tobytes()
+
+
+# ---- the package's own shaders ----------------------------------------------------------------------
+
+# A shader with an empty main exists for what it declares, of which the optimizer would leave nothing.
+_EMPTY_MAIN = re.compile(r"\bvoid\s+main\s*\(\s*\)\s*\{\s*\}")
+# What the optimizer says of capabilities that are newer than it; the device's compiler optimizes as well.
+_TOO_NEW = "failed to optimize: Invalid capability"
+_OPTIONS = f"performance {shaderc.VULKAN_1_3:x} {shaderc.SPIRV_1_6:x}"
+_DIRECTIVE = re.compile(r"^\s*#\s*(version|extension)\b")
+
+
+Roots = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
+
+
+def compile_shader(path: str, *, header: str = "", root: Roots | None = None) -> bytes:
+    """SPIR-V of the shader at `path` below a GLSL root, whose suffix names the stage ("passes/x/trace.comp").
+
+    `header` is put after the #version and #extension lines: what makes a variant. Shader and includes are looked up
+    in `root`, a folder or several in their order, and then in the package's. Raises CompilationError; SolariError
+    when there is no such file, or no compiler and no shipped module for exactly these sources.
+    """
+    roots = _roots(root)
+    file = next((found for base in roots if (found := base / path).is_file()), None)
+    if file is None:
+        raise SolariError(f"there is no shader {path} in {', '.join(map(str, roots))}")
+    source_key = shader_cache.source_key(roots, path, header, _OPTIONS)
+    for base in roots:
+        shipped = shader_cache.shipped(base, source_key)
+        if shipped is not None:
+            return shipped
+    return shader_cache.cached(source_key, shaderc.version(), lambda: _compile(roots, file, header))
+
+
+def _roots(given: Roots | None) -> list[Path]:
+    listed = [given] if isinstance(given, (str, os.PathLike)) else list(given or ())
+    return list(dict.fromkeys([*map(Path, listed), glsl_root()]))
+
+
+def _compile(roots: Sequence[Path], file: Path, header: str) -> bytes:
+    source = _with_header(file.read_text(encoding="utf-8"), header, file)
+    stage = file.suffix.lstrip(".")
+    before = list(_include_paths)
+    set_include_paths(roots)
+    try:
+        optimization = "zero" if _EMPTY_MAIN.search(source) else "performance"
+        return compile_into_spirv(source, stage, file, optimization=optimization)
+    except CompilationError as error:
+        if _TOO_NEW not in str(error):
+            raise
+        return compile_into_spirv(source, stage, file, optimization="zero")
+    finally:
+        set_include_paths(before)
+
+
+def _with_header(source: str, header: str, file: Path) -> str:
+    if not header:
+        return source
+    lines = source.splitlines(keepends=True)
+    at = max((number for number, line in enumerate(lines, 1) if _DIRECTIVE.match(line)), default=0)
+    name = file.as_posix()
+    return "".join((*lines[:at], f'#line 1 "{name} (header)"\n{header}\n#line {at + 1} "{name}"\n', *lines[at:]))
+
+
+def build_all(root: str | os.PathLike[str], out: str | os.PathLike[str]) -> list[str]:
+    """Compile every entry point below a GLSL root for shipping: `out` gets the modules and their index.
+
+    Returns the paths below `root`. `out` is the root itself (modules beside sources) or a copy of it made later.
+    """
+    base, made = Path(root), {}
+    for file in sorted(path for path in base.rglob("*") if path.suffix.lstrip(".") in shaderc.STAGES):
+        made[file.relative_to(base).as_posix()] = compile_shader(file.relative_to(base).as_posix(), root=base)
+    shader_cache.ship(base, Path(out), made, _OPTIONS)
+    return list(made)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 4 or sys.argv[1] != "--build":
+        sys.exit("usage: python -m solari_vk.gpu.shaders.compiler --build GLSL_ROOT OUT_DIR")
+    print("\n".join(build_all(sys.argv[2], sys.argv[3])))

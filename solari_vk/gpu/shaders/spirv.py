@@ -1,0 +1,249 @@
+"""Reflection of SPIR-V: bindings, numpy dtypes of blocks, workgroup size, specialization constants, accesses.
+
+Blocks must be `layout(scalar)`. A vector of n is a subarray (n,); a column-major GLSL matrix is a subarray
+(columns, rows), so a numpy matrix that multiplies column vectors is stored transposed; a buffer reference and
+a 64-bit integer are u8; bool doesn't occur in blocks (it becomes uint).
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from solari_vk.errors import SolariError
+from solari_vk.gpu.shaders import spirv_code as code
+from solari_vk.gpu.shaders.module import Binding, Entry, Module, SpecConstant
+from solari_vk.gpu.shaders.spirv_code import Accesses
+
+__all__ = ["Binding", "Entry", "Module", "SpecConstant", "reflect"]
+
+_DECORATION_SPEC_ID, _DECORATION_BLOCK, _DECORATION_ARRAY_STRIDE, _DECORATION_MATRIX_STRIDE = 1, 2, 6, 7
+_DECORATION_ROW_MAJOR, _DECORATION_NON_WRITABLE, _DECORATION_NON_READABLE = 4, 24, 25
+_DECORATION_BINDING, _DECORATION_SET, _DECORATION_OFFSET = 33, 34, 35
+_MODE_LOCAL_SIZE, _MODE_LOCAL_SIZE_ID = 17, 38
+_TYPE_BOOL, _TYPE_INT, _TYPE_FLOAT, _TYPE_VECTOR, _TYPE_MATRIX, _TYPE_IMAGE = 20, 21, 22, 23, 24, 25
+_TYPE_SAMPLER, _TYPE_SAMPLED_IMAGE, _TYPE_ARRAY, _TYPE_RUNTIME_ARRAY, _TYPE_STRUCT = 26, 27, 28, 29, 30
+_TYPE_POINTER, _TYPE_ACCELERATION_STRUCTURE = 32, 5341
+_TYPES = frozenset((*range(_TYPE_BOOL, _TYPE_POINTER + 1), _TYPE_ACCELERATION_STRUCTURE))
+_CONSTANTS = frozenset((41, 42, 43, 48, 49, 50))  # true, false, value; then the same for specialization
+_SPEC_TRUE, _SPEC_FALSE, _SPEC_VALUE = 48, 49, 50
+_TRUE = (41, 48)
+_MODELS = {0: "vert", 1: "tesc", 2: "tese", 3: "geom", 4: "frag", 5: "comp", 5313: "rgen", 5314: "rint",
+           5315: "rahit", 5316: "rchit", 5317: "rmiss"}  # fmt: skip
+# SPIR-V's image formats in the order of their numbers
+_IMAGE_FORMATS = (
+    "", "R32G32B32A32_SFLOAT", "R16G16B16A16_SFLOAT", "R32_SFLOAT", "R8G8B8A8_UNORM", "R8G8B8A8_SNORM", "R32G32_SFLOAT",
+    "R16G16_SFLOAT", "B10G11R11_UFLOAT_PACK32", "R16_SFLOAT", "R16G16B16A16_UNORM", "A2B10G10R10_UNORM_PACK32",
+    "R16G16_UNORM", "R8G8_UNORM", "R16_UNORM", "R8_UNORM", "R16G16B16A16_SNORM", "R16G16_SNORM", "R8G8_SNORM",
+    "R16_SNORM", "R8_SNORM", "R32G32B32A32_SINT", "R16G16B16A16_SINT", "R8G8B8A8_SINT", "R32_SINT", "R32G32_SINT",
+    "R16G16_SINT", "R8G8_SINT", "R16_SINT", "R8_SINT", "R32G32B32A32_UINT", "R16G16B16A16_UINT", "R8G8B8A8_UINT",
+    "R32_UINT", "A2B10G10R10_UINT_PACK32", "R32G32_UINT", "R16G16_UINT", "R8G8_UINT", "R16_UINT", "R8_UINT",
+    "R64_UINT", "R64_SINT",
+)  # fmt: skip
+
+
+@lru_cache(maxsize=128)  # modules never change, and reading one takes 50 ms
+def reflect(spirv: bytes, name: str = "shader") -> Module:
+    """Read a module. Raises SolariError with `name` for what is no SPIR-V, isn't scalar layout, or writes through
+    a buffer reference."""
+    try:
+        return _Reader(spirv, name).module()
+    except (KeyError, IndexError, ValueError, TypeError, OverflowError, RecursionError) as error:
+        raise SolariError(f"{name}: the SPIR-V module is damaged or not understood ({error!r})") from error
+
+
+class _Reader:
+    def __init__(self, spirv: bytes, name: str) -> None:
+        self.name, self.spirv = name, spirv
+        self.code = code.instructions(spirv, name)
+        self.names: dict[int, str] = {}
+        self.member_names: dict[tuple[int, int], str] = {}
+        self.decorations: dict[tuple[int, int], tuple[int, ...]] = {}
+        self.member_decorations: dict[tuple[int, int, int], tuple[int, ...]] = {}
+        self.types: dict[int, code.Instruction] = {}
+        self.constants: dict[int, code.Instruction] = {}
+        self.variables: list[tuple[int, int, int]] = []
+        self.entry_points: list[list[int]] = []
+        self.modes: list[code.Instruction] = []
+        for item in self.code:
+            self._collect(item)
+
+    def _collect(self, item: code.Instruction) -> None:
+        op, words = item
+        if op == code.OP_NAME:
+            self.names[words[0]] = code.text(words[1:])
+        elif op == code.OP_MEMBER_NAME:
+            self.member_names[words[0], words[1]] = code.text(words[2:])
+        elif op == code.OP_DECORATE:
+            self.decorations[words[0], words[1]] = tuple(words[2:])
+        elif op == code.OP_MEMBER_DECORATE:
+            self.member_decorations[words[0], words[1], words[2]] = tuple(words[3:])
+        elif op in _TYPES:
+            self.types[words[0]] = item
+        elif op in _CONSTANTS:
+            self.constants[words[1]] = item
+        elif op == code.OP_VARIABLE:
+            self.variables.append((words[1], words[0], words[2]))
+        elif op == code.OP_ENTRY_POINT:
+            self.entry_points.append(words)
+        elif op in (code.OP_EXECUTION_MODE, code.OP_EXECUTION_MODE_ID):
+            self.modes.append(item)
+
+    def module(self) -> Module:
+        bound = {variable: self._binding(variable, pointer, storage) for variable, pointer, storage in self.variables
+                 if storage in code.RESOURCE_STORAGE}  # fmt: skip
+        analysis = code.AccessAnalysis(self.code, self.name)
+        entries = {}
+        for words in self.entry_points:
+            entry, found = code.text(words[2:]), analysis.entry(words[1])
+            entries[entry] = Entry(entry, _MODELS.get(words[0], f"model {words[0]}"), *(
+                frozenset(bound[variable].name for variable in part) for part in _parts(found)))  # fmt: skip
+        pushed = [pointer for _, pointer, storage in self.variables if storage == code.STORAGE_PUSH_CONSTANT]
+        return Module(
+            self.name, self.spirv, {binding.name: binding for binding in bound.values()}, self._spec_constants(),
+            entries, self._dtype(self.types[pushed[0]].words[2]) if pushed else None, self._sizes(),
+        )  # fmt: skip
+
+    # ---- bindings
+
+    def _binding(self, variable: int, pointer: int, storage: int) -> Binding:
+        target = self.types[pointer].words[2]
+        count = 1
+        if self.types[target].op in (_TYPE_ARRAY, _TYPE_RUNTIME_ARRAY):
+            count = self._length(target) if self.types[target].op == _TYPE_ARRAY else 0
+            target = self.types[target].words[1]
+        op, words = self.types[target]
+        place = [self.decorations.get((variable, which), (0,))[0] for which in (_DECORATION_SET, _DECORATION_BINDING)]
+        name = self.names.get(variable) or self.names.get(target, "")
+        if not name:
+            raise SolariError(
+                f"{self.name}: the resource at set {place[0]}, binding {place[1]} has no name: the module was stripped"
+            )
+        flags: dict[str, Any] = {
+            "readonly": (variable, _DECORATION_NON_WRITABLE) in self.decorations,
+            "writeonly": (variable, _DECORATION_NON_READABLE) in self.decorations,
+        }
+        if op == _TYPE_STRUCT:
+            members = range(len(words) - 1)
+            for flag, which in (("readonly", _DECORATION_NON_WRITABLE), ("writeonly", _DECORATION_NON_READABLE)):
+                flags[flag] |= bool(members) and all((target, at, which) in self.member_decorations for at in members)
+            flags |= self._block(target, name)
+            kind = "uniform_buffer" if storage == code.STORAGE_UNIFORM else "storage_buffer"
+        elif op == _TYPE_IMAGE:
+            stored = words[6] == 2
+            kind = "storage_image" if stored else "sampled_image"
+            flags["image_format"] = _IMAGE_FORMATS[words[7]] if stored else ""
+        else:
+            kind = {_TYPE_SAMPLED_IMAGE: "combined_image_sampler", _TYPE_SAMPLER: "sampler",
+                    _TYPE_ACCELERATION_STRUCTURE: "acceleration_structure"}[op]  # fmt: skip
+        return Binding(name, place[0], place[1], kind, count, **flags)
+
+    def _block(self, struct: int, name: str) -> dict[str, Any]:
+        members = self.types[struct].words[1:]
+        last = self.types[members[-1]]
+        if last.op != _TYPE_RUNTIME_ARRAY:
+            return {"dtype": self._dtype(struct, name)}
+        offset = self.member_decorations[struct, len(members) - 1, _DECORATION_OFFSET][0]
+        fixed = self._struct(struct, len(members) - 1, offset, name) if len(members) > 1 else None
+        return {"dtype": fixed, "element": self._strided(members[-1], name), "element_offset": offset}
+
+    # ---- types
+
+    def _dtype(self, type_id: int, where: str = "") -> np.dtype[Any]:
+        """The numpy type of a type inside a block; `where` is the path to it for messages."""
+        op, words = self.types[type_id]
+        if op == _TYPE_INT:
+            return np.dtype(f"{'i' if words[2] else 'u'}{words[1] // 8}")
+        if op == _TYPE_FLOAT:
+            return np.dtype(f"f{words[1] // 8}")
+        if op in (_TYPE_VECTOR, _TYPE_MATRIX):
+            return _repeated(self._dtype(words[1], where), words[2])
+        if op == _TYPE_ARRAY:
+            return _repeated(self._strided(type_id, where), self._length(type_id))
+        if op == _TYPE_STRUCT:
+            return self._struct(type_id, len(words) - 1, None, where)
+        if op == _TYPE_POINTER:
+            return np.dtype("u8")
+        raise SolariError(f"{self.name}: {where} has a type that no numpy array can hold")
+
+    def _struct(self, struct: int, count: int, size: int | None, where: str) -> np.dtype[Any]:
+        names, formats, offsets = [], [], []
+        for at, member in enumerate(self.types[struct].words[1 : count + 1]):
+            names.append(self.member_names[struct, at])
+            formats.append(self._dtype(member, f"{where}.{names[-1]}"))
+            offsets.append(self.member_decorations[struct, at, _DECORATION_OFFSET][0])
+            stride = self.member_decorations.get((struct, at, _DECORATION_MATRIX_STRIDE))
+            row_major = (struct, at, _DECORATION_ROW_MAJOR) in self.member_decorations
+            if stride is not None and (row_major or stride[0] != self._column_bytes(member)):
+                raise SolariError(f"{self.name}: {where}.{names[-1]} must be column-major in a layout(scalar) block")
+        # a struct in scalar layout ends with its last member, padded to the largest scalar in it
+        end = max((offset + form.itemsize for offset, form in zip(offsets, formats, strict=True)), default=0)
+        align = max((_alignment(form) for form in formats), default=1)
+        return np.dtype({"names": names, "formats": formats, "offsets": offsets,
+                         "itemsize": size or -(-end // align) * align})  # fmt: skip
+
+    def _column_bytes(self, type_id: int) -> int:
+        while self.types[type_id].op == _TYPE_ARRAY:
+            type_id = self.types[type_id].words[1]
+        return self._dtype(self.types[type_id].words[1]).itemsize
+
+    def _strided(self, array: int, where: str) -> np.dtype[Any]:
+        """The element type of an array. Its stride must be the element's size, which scalar layout makes sure of."""
+        element = self._dtype(self.types[array].words[1], where)
+        stride = self.decorations.get((array, _DECORATION_ARRAY_STRIDE), (element.itemsize,))[0]
+        if stride != element.itemsize:
+            raise SolariError(
+                f"{self.name}: elements of {where} are {stride} bytes apart but {element.itemsize} long: "
+                "make it a layout(scalar) block"
+            )
+        return element
+
+    def _length(self, array: int) -> int:
+        return int(self._value(self.types[array].words[2]))
+
+    # ---- constants and sizes
+
+    def _value(self, constant: int) -> Any:
+        op, words = self.constants[constant]
+        if op not in (43, _SPEC_VALUE):
+            return op in _TRUE
+        value = np.array(words[2:], np.uint32).view(self._dtype(words[0]))[0]
+        return value.item()
+
+    def _spec_constants(self) -> dict[str, SpecConstant]:
+        found = {}
+        for constant, item in self.constants.items():
+            spec_id = self.decorations.get((constant, _DECORATION_SPEC_ID))
+            name = self.names.get(constant)
+            if spec_id is not None and name:
+                dtype = self._dtype(item.words[0]) if item.op == _SPEC_VALUE else np.dtype("u4")
+                found[name] = SpecConstant(spec_id[0], dtype, self._value(constant))
+        return found
+
+    def _sizes(self) -> tuple[tuple[int, int | None], ...]:
+        for item in self.modes:
+            mode, words = item.words[1], item.words[2:]
+            if mode == _MODE_LOCAL_SIZE:
+                return tuple((size, None) for size in words)
+            if mode == _MODE_LOCAL_SIZE_ID:
+                ids = [self.decorations.get((word, _DECORATION_SPEC_ID), (None,))[0] for word in words]
+                return tuple((self._value(word), spec_id) for word, spec_id in zip(words, ids, strict=True))
+        return ()
+
+
+def _parts(accesses: Accesses) -> tuple[frozenset[int], frozenset[int], frozenset[int]]:
+    return accesses.used, accesses.read, accesses.written
+
+
+def _repeated(dtype: np.dtype[Any], count: int) -> np.dtype[Any]:
+    """An array type; arrays of arrays become one with more dimensions."""
+    return np.dtype((dtype.base, (count, *dtype.shape)))
+
+
+def _alignment(dtype: np.dtype[Any]) -> int:
+    """The largest scalar inside."""
+    if dtype.subdtype is not None:
+        return _alignment(dtype.base)
+    return max(_alignment(form) for form, *_ in dtype.fields.values()) if dtype.fields else dtype.itemsize

@@ -1,0 +1,1 @@
+"""Benchmarks: speed, the realtime frame in figures, the claims of the posts."""

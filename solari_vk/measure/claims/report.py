@@ -1,0 +1,85 @@
+"""The page of all claims: a table, then what was measured for each, and pictures."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from solari_vk import __version__
+from solari_vk.gpu.device.device import Device
+from solari_vk.measure.claims.verdict import Claim, Measure, Outcome, interval
+
+Results = Sequence[tuple[Claim, Outcome]]
+
+
+def number(value: float) -> str:
+    """Three digits that matter."""
+    if value == 0 or not math.isfinite(value):
+        return "0" if value == 0 else "∞"
+    if abs(value) >= 1000:
+        return f"{value:,.0f}"
+    return f"{value:.{max(0, 2 - math.floor(math.log10(abs(value))))}f}"
+
+
+def with_spread(values: Sequence[float], unit: str) -> str:
+    """Mean, half width of the 95 % interval, unit."""
+    mean, half_width = interval(values)
+    half_width = half_width if half_width > 1e-9 * abs(mean) else 0.0  # rounding is no spread
+    spread = f" ± {number(half_width)}" if math.isfinite(half_width) else ""
+    return f"{number(mean)}{spread} {unit}".rstrip()
+
+
+def line(measure: Measure) -> str:
+    """A measure on a terminal."""
+    before, after = (with_spread(v, measure.unit) for v in (measure.runs_before.tolist(), measure.runs_after.tolist()))
+    return f"{measure.what}: {before} -> {after} (ratio {number(measure.ratio)})"
+
+
+def page(results: Results, device: Device, load: str, runs: int, folder: str | None) -> str:
+    """Markdown. folder: where pictures lie, as the page sees it; None: there are none."""
+    version = ".".join(map(str, device.properties.api_version))
+    lines = [
+        "# Claims of the posts about Solari, measured", "",
+        "Written by `solari-vk bench claims --markdown FILE --pictures FOLDER`. Each claim is a pair of settings of "
+        "one renderer with `gbuffer=traced`, measured in turns over the same seeds. A verdict follows from the "
+        "numbers: each criterion must hold for the mean, and the 95 % interval of the mean over runs (Student's t) "
+        "must lie on the same side.", "",
+        f"- device: {device.name} ({device.properties.kind}), {os.cpu_count()} cores",
+        f"- driver: {device.properties.driver}, Vulkan {version}",
+        f"- solari_vk {__version__}; {runs} runs, each with a seed of its own, where nothing else is said",
+        f"- load of the machine before the run: {load}", "",
+        "| claim | post | what is compared | before | after | ratio | verdict |",
+        "| --- | --- | --- | ---: | ---: | ---: | --- |",
+    ]  # fmt: skip
+    for claim, outcome in results:
+        first = outcome.measures[0]
+        before, after = (with_spread(v.tolist(), first.unit) for v in (first.runs_before, first.runs_after))
+        verdict = "reproduces" if outcome.reproduces else "**does not reproduce**"
+        cells = (f"[{claim.name}](#{claim.name})", claim.post, first.what, before, after, number(first.ratio), verdict)
+        lines.append(f"| {' | '.join(cells)} |")
+    for claim, outcome in results:
+        lines += ["", *_section(claim, outcome, folder)]
+    return "\n".join(lines) + "\n"
+
+
+def _section(claim: Claim, outcome: Outcome, folder: str | None) -> list[str]:
+    lines = [
+        f"## {claim.name}", "",
+        f"{claim.says} (Bevy {claim.post})", "",
+        f"Scene: {claim.scene}. Before: {claim.before}. After: {claim.after}.", "",
+        "| measure | before | after | ratio | criterion |", "| --- | ---: | ---: | ---: | --- |",
+    ]  # fmt: skip
+    for measure in outcome.measures:
+        before, after = (with_spread(v.tolist(), measure.unit) for v in (measure.runs_before, measure.runs_after))
+        met = "" if measure.criterion is None else measure.criterion.text + (": no" if measure.failure() else ": yes")
+        lines.append(f"| {measure.what} | {before} | {after} | {number(measure.ratio)} | {met} |")
+    verdict = outcome.verdict
+    lines += ["", f"**{verdict[0].upper()}{verdict[1:]}.**"]
+    if outcome.note:
+        lines += ["", outcome.note]
+    if folder is not None:
+        for name, caption, _ in outcome.pictures:
+            lines += ["", f"![{caption}]({(Path(folder) / f'{name}.png').as_posix()})", "", caption]
+    return lines

@@ -1,0 +1,87 @@
+"""How far pictures are from the reference after so many frames or seconds, and the path tracer's own way there."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.gpu.device.device import Device
+from solari_vk.reference import PathTracer
+from solari_vk.renderer import Renderer
+from solari_vk.scene.model import Scene
+from solari_vk.settings import Settings
+
+Picture = NDArray[np.float64]
+
+
+def relative_mse(image: Picture, reference: Picture) -> float:
+    """Squared error over the square of what should be there, floored at a hundredth of the mean's square."""
+    floor = 1e-2 * float(reference.mean()) ** 2
+    return float(((image - reference) ** 2 / (reference**2 + floor)).mean())
+
+
+def reference(device: Device, scene: Scene, size: tuple[int, int], samples: int, limit: float) -> tuple[Picture, int]:
+    """The path tracer's picture with another seed than those measured, and its samples; `limit`: seconds."""
+    tracer = PathTracer(device, scene, size, seed=1_000_003)
+    try:
+        picture = tracer.render(scene.camera, samples=samples, time_limit=limit).astype(np.float64)
+        return picture, tracer.samples
+    finally:
+        tracer.close()
+
+
+def realtime_curve(
+    device: Device, scene: Scene, size: tuple[int, int], truth: Picture, frames: int, warm_up: int
+) -> list[tuple[int, float, float, float]]:
+    """(frame, seconds so far, error of that frame, error of the mean of all frames since `warm_up`), at powers of 2."""
+    found = []
+    total, averaged, seconds = np.zeros_like(truth), 0, 0.0
+    with Renderer(device, scene, size, Settings()) as renderer:
+        renderer.render(scene.camera)  # a driver may compile in it
+        device.wait_idle()
+        renderer.reset()
+        for index in range(1, frames + 1):
+            started = time.perf_counter()
+            frame = renderer.render(scene.camera)
+            device.wait_idle()
+            seconds += time.perf_counter() - started
+            picture = frame["radiance"].astype(np.float64)
+            if index > warm_up:
+                total, averaged = total + picture, averaged + 1
+            if index & (index - 1) == 0 or index == frames:
+                mean = relative_mse(total / averaged, truth) if averaged else float("nan")
+                found.append((index, seconds, relative_mse(picture, truth), mean))
+    return found
+
+
+def path_tracer_curve(
+    device: Device, scene: Scene, size: tuple[int, int], truth: Picture, seconds: float, most: int
+) -> list[tuple[int, float, float]]:
+    """(samples a pixel, seconds so far, error), at powers of 2 until the time is over."""
+    found: list[tuple[int, float, float]] = []
+    tracer, spent, samples = PathTracer(device, scene, size), 0.0, 1
+    try:
+        tracer.render(scene.camera, samples=1)
+        tracer.resize(size)  # starts anew, with everything compiled
+        while samples <= most and (spent < seconds or not found):
+            started = time.perf_counter()
+            picture = tracer.render(scene.camera, samples=samples).astype(np.float64)
+            spent += time.perf_counter() - started
+            found.append((tracer.samples, spent, relative_mse(picture, truth)))
+            samples *= 2
+    finally:
+        tracer.close()
+    return found
+
+
+def seconds_to_reach(curve: list[tuple[int, float, float]], error: float) -> float:
+    """When the path tracer has come to this error, by its own curve in logarithms; beyond its end by Monte Carlo's
+    law, error over time constant."""
+    times = np.log([point[1] for point in curve])
+    errors = np.log([max(point[2], 1e-30) for point in curve])
+    wanted = float(np.log(max(error, 1e-30)))
+    if wanted < errors[-1]:
+        return float(np.exp(times[-1] + errors[-1] - wanted))
+    return float(np.exp(np.interp(-wanted, -np.minimum.accumulate(errors), times)))

@@ -1,0 +1,86 @@
+"""What is measured: built-in scenes, files, and scenes whose size is chosen."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from solari_vk.errors import SolariError
+from solari_vk.measure.rays import height_field
+from solari_vk.scene.builtin import builtin, lamp, matte
+from solari_vk.scene.gltf import load_gltf
+from solari_vk.scene.model import Camera, Instance, Mesh, Scene
+from solari_vk.scene.studio import frame_camera, studio_lights
+
+BUILTIN = ("cornell_box", "many_lights")
+
+
+@dataclass
+class Subject:
+    """A scene with its camera, and a name for tables."""
+
+    name: str
+    scene: Scene
+    camera: Camera
+
+
+def subjects(files: list[Path]) -> list[Subject]:
+    """The built-in scenes and those of files."""
+    found = [Subject(name, scene := builtin(name), scene.camera) for name in BUILTIN]
+    return found + [from_file(path) for path in files]
+
+
+def from_file(path: Path) -> Subject:
+    """Of a glTF file, or of SCRIPT.py:ARGUMENT, a Python file whose function of the file's own name makes a scene of a
+    path. What has no camera or light gets one. Raises SolariError for what can't be loaded."""
+    script, colon, argument = str(path).partition(".py:")
+    scene = _from_script(Path(f"{script}.py"), Path(argument)) if colon else load_gltf(path)
+    camera = next(iter(scene.cameras), None) or frame_camera(scene, aspect=16 / 9)
+    if not scene.directional_lights and not any(item.material.emits for item in scene):
+        studio_lights(scene, camera=camera)
+    return Subject(Path(script).stem if colon else path.stem, scene, camera)
+
+
+def _from_script(script: Path, argument: Path) -> Scene:
+    specification = importlib.util.spec_from_file_location(script.stem, script)
+    if not script.is_file() or specification is None or specification.loader is None:
+        raise SolariError(f"{script}: no Python file")
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    make = getattr(module, script.stem, None)
+    scene = make(argument) if callable(make) else None
+    if not isinstance(scene, Scene):
+        raise SolariError(f"{script} has no function {script.stem} that makes a scene of a path")
+    return scene
+
+
+def hilly(triangles: int) -> Scene:
+    """A lamp over a wavy square of about so many triangles, which fills the picture."""
+    positions, indices = height_field(triangles)
+    hills = Instance(mesh=Mesh(positions=positions, indices=indices), material=matte(0.6, "hills"))
+    light = Mesh(positions=np.array([(-0.5, 1.5, -0.5), (0.5, 1.5, -0.5), (0, 1.5, 0.5)], np.float32))
+    return Scene(hills, Instance(mesh=light, material=lamp(10.0, double_sided=True)), _above())
+
+
+def glowing(emissive: int, triangles: int = 100_000) -> Scene:
+    """A floor under a square of so many triangles, of which some, evenly spread, emit: the geometry stays the same."""
+    positions, indices = height_field(triangles)
+    chosen = np.zeros(len(indices), bool)
+    chosen[np.linspace(0, len(indices) - 1, min(emissive, len(indices))).round().astype(int)] = True
+    lifted = positions + np.array((0, 1.5, 0), np.float32)
+    floor = Mesh(positions=np.array([(-1, 0, -1), (-1, 0, 1), (1, 0, 1), (1, 0, -1)], np.float32),
+                 indices=np.array([(0, 1, 2), (0, 2, 3)]))  # fmt: skip
+    scene = Scene(Instance(mesh=floor, material=matte(0.6, "floor")), _above())
+    parts = ((chosen, lamp(2e5 / emissive, double_sided=True)), (~chosen, matte(0.5, "dark", double_sided=True)))
+    for use, material in parts:
+        if use.any():
+            scene.add(Instance(mesh=Mesh(positions=lifted, indices=indices[use]), material=material))
+    return scene
+
+
+def _above() -> Camera:
+    return Camera.look_at((0, 1.1, 0.9), (0, 0, 0), vertical_fov=math.radians(60))

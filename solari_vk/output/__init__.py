@@ -1,0 +1,1 @@
+"""Pictures and movies: tone mapping, files, camera animations."""
