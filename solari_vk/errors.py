@@ -12,6 +12,10 @@ class DeviceError(SolariError):
     """No device fits, the Vulkan loader is missing, or a device failed (lost, out of memory)."""
 
 
+class CompilationError(SolariError):
+    """A shader doesn't compile; the message has file:line of the file that holds the fault, and that line."""
+
+
 class ValidationError(SolariError):
     """The Vulkan validation layer reported messages; they are the text of the exception."""
 

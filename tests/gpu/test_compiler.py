@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import subprocess
 import sys
+import types
 import warnings
 from pathlib import Path
 
@@ -13,7 +15,7 @@ import pytest
 from shader_folder import check_spirv
 
 from solari_vk.errors import SolariError
-from solari_vk.gpu.shaders import compiler, shader_cache, shaderc
+from solari_vk.gpu.shaders import compiler, headers, shader_cache, shaderc
 from solari_vk.gpu.shaders.compiler import CompilationError, compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
 
@@ -122,6 +124,107 @@ def test_empty_main_keeps_its_declarations(shaders):
 def test_missing_shader(shaders):
     with pytest.raises(SolariError, match=r"no shader passes/none\.comp"):
         compile_shader("passes/none.comp", root=shaders.root)
+
+
+# ---- generated headers ------------------------------------------------------------------------------
+
+GENERATED = '#include "generated/made.glsl"\n' + PLAIN + "void main() { values.at[0] = MADE; }\n"
+
+
+@pytest.fixture
+def made(monkeypatch: pytest.MonkeyPatch) -> types.ModuleType:
+    """A module solari_vk.made whose header has one constant."""
+    module = types.ModuleType("solari_vk.made")
+    module.glsl_header = lambda: headers.constants(MADE=5)
+    monkeypatch.setitem(sys.modules, "solari_vk.made", module)
+    return module
+
+
+def test_a_generated_header_is_what_its_module_says_and_counts_for_the_cache(shaders, compilations, made):
+    shaders.write("user", GENERATED)
+    first = compile_shader("passes/user.comp", root=shaders.root)
+    assert compile_shader("passes/user.comp", root=shaders.root) == first
+    made.glsl_header = lambda: headers.constants(MADE=6)
+    assert compile_shader("passes/user.comp", root=shaders.root) != first
+    assert len(compilations) == 2
+    shaders.write("user", GENERATED.replace("MADE", "6u"))
+    assert reflect(compile_shader("passes/user.comp", root=shaders.root)).main.writes == {"values"}
+
+
+def test_generated_headers_reach_both_compilers_and_the_calls_of_pyshaderc(shaders, made):
+    """Two libraries may include one header, and a library may be found through another."""
+    shaders.write("lib/a.glsl", '#ifndef A\n#define A\n#include "generated/made.glsl"\n#endif\n')
+    path = shaders.write("user", '#include "lib/a.glsl"\n' + GENERATED)
+    compiler.set_include_paths([shaders.root])
+    try:
+        assert reflect(compiler.compile_file_into_spirv(path, "comp")).main.writes == {"values"}
+    finally:
+        compiler.set_include_paths([])
+
+
+def test_an_error_in_a_generated_header_names_it_and_shows_the_line(shaders, made):
+    made.glsl_header = lambda: "const uint OTHER = 4u;\nconst uint MADE = absent;"
+    shaders.write("user", GENERATED)
+    with pytest.raises(CompilationError) as caught:
+        compile_shader("passes/user.comp", root=shaders.root)
+    lines = str(caught.value).splitlines()
+    at = next(i for i, line in enumerate(lines) if "'absent'" in line)
+    assert lines[at].startswith("generated/made.glsl:4: error")
+    assert lines[at + 1].strip() == "const uint MADE = absent;"
+
+
+def test_a_header_that_no_module_makes_is_an_error_with_file_and_line(shaders, made):
+    for name, words in (("nothing/here", "no module solari_vk.nothing.here"), ("errors", "no function glsl_header")):
+        shaders.write("user", f'\n\n#include "generated/{name}.glsl"\nvoid main() {{}}\n')
+        with pytest.raises(CompilationError, match=rf"passes/user\.comp:5: error: .*{words}"):
+            compile_shader("passes/user.comp", root=shaders.root)
+
+
+def test_shipped_modules_follow_generated_headers(shaders, monkeypatch, made):
+    shaders.write("user", GENERATED)
+    compiler.build_all(shaders.root, shaders.root)
+
+    def no_compiler(*_: object, **__: object) -> bytes:
+        raise SolariError("no GLSL compiler")
+
+    monkeypatch.setattr(shaderc, "compile_source", no_compiler)
+    monkeypatch.setattr(shaderc, "version", no_compiler)
+    compile_shader("passes/user.comp", root=shaders.root)
+    made.glsl_header = lambda: headers.constants(MADE=6)
+    with pytest.raises(SolariError, match="no GLSL compiler"):
+        compile_shader("passes/user.comp", root=shaders.root)
+
+
+def test_enumerations_and_constants_are_exact():
+    assert headers.enumeration("order", ("0.18", "a-b")) == "const uint ORDER_0_18 = 0u;\nconst uint ORDER_A_B = 1u;"
+    assert headers.constants(A=True, B=-1, C=2**32 - 1, D=0.1, E=1e-12).splitlines() == [
+        "const bool A = true;", "const int B = -1;", "const uint C = 4294967295u;", "const float D = 0.1;",
+        "const float E = 1e-12;",
+    ]  # fmt: skip
+    for name, value in (("A B", 1), ("A", 2**32), ("A", float("nan")), ("A", float("inf"))):
+        with pytest.raises(ValueError, match="A"):
+            headers.constants(**{name: value})
+
+
+def test_modules_of_generated_headers_need_no_vulkan():
+    """Wheels are built where there is none; hatch_build.py imports the modules without the package's __init__."""
+    asked = set()
+    for path in compiler.glsl_root().rglob("*"):
+        if path.suffix.lstrip(".") in {*shaderc.STAGES, "glsl"}:
+            asked |= set(re.findall(r'#\s*include\s+"(generated/[^"]+)"', path.read_text()))
+    program = """
+import sys, types
+sys.modules["vulkan"] = sys.modules["PIL"] = sys.modules["OpenEXR"] = sys.modules["rich"] = None
+package = sys.modules["solari_vk"] = types.ModuleType("solari_vk")
+package.__path__ = [sys.argv[1]]
+from solari_vk.gpu.shaders.headers import header_text
+for name in sys.argv[2:]:
+    assert header_text(name, "here")
+"""
+    package = str(Path(compiler.__file__).parents[2])
+    command = [sys.executable, "-c", program, package, *sorted(asked)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
 
 
 # ---- cache ------------------------------------------------------------------------------------------

@@ -6,6 +6,9 @@ unchanged, else the cache on disk, else the compiler. All modules target Vulkan 
 
 shaderc's optimizer strips names unless debug information is asked for, and reflection needs the names: so
 debug information is always on, and what else it adds (line numbers, source text) is removed afterwards.
+
+`#include "generated/settings.glsl"` includes what the Python function `solari_vk.settings.glsl_header()` returns; the
+module `headers` documents it. These texts take part in the keys of the cache and of shipped modules like any file.
 """
 
 from __future__ import annotations
@@ -13,13 +16,13 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from solari_vk.errors import SolariError
-from solari_vk.gpu.shaders import shader_cache, shaderc
+from solari_vk.errors import CompilationError, SolariError
+from solari_vk.gpu.shaders import headers, shader_cache, shaderc
 
 __all__ = [
     "CompilationError", "build_all", "compile_file_into_spirv", "compile_into_spirv", "compile_shader", "glsl_root",
@@ -27,10 +30,6 @@ __all__ = [
 ]  # fmt: skip
 
 _include_paths: list[str] = []
-
-
-class CompilationError(SolariError):
-    """A shader doesn't compile; the message has file:line of the file that holds the fault, and that line."""
 
 
 def glsl_root() -> Path:
@@ -79,20 +78,23 @@ def compile_into_spirv(
             raise SolariError(f"unknown {what} {value!r}: take one of {', '.join(known)}")
     source = raw.encode() if isinstance(raw, str) else bytes(raw)
     name = os.fspath(filepath)
+    folders = [Path(name).parent, *map(Path, _include_paths)]
+    included = shader_cache.closure(folders, Path(name).name, source)
+    generated = {path: text for path, text in included.items() if headers.is_generated(path)}
     try:
         spirv = shaderc.compile_source(
-            source, stage, name, _include_paths, language=language, optimization=optimization,
+            source, stage, name, _include_paths, generated, language=language, optimization=optimization,
             suppress_warnings=suppress_warnings, warnings_as_errors=warnings_as_errors,
         )  # fmt: skip
     except shaderc.Failure as failure:
-        raise CompilationError(_with_source_lines(str(failure), name, source)) from None
+        raise CompilationError(_with_source_lines(str(failure), name, source, generated)) from None
     return _without_lines(spirv)
 
 
 _POSITION = re.compile(r"^(?P<file>.+?):(?P<line>\d+): (?:error|warning): ")
 
 
-def _with_source_lines(log: str, filepath: str, source: bytes) -> str:
+def _with_source_lines(log: str, filepath: str, source: bytes, generated: Mapping[str, bytes]) -> str:
     """shaderc's log with the line of source that each message is about below it."""
     shown = []
     for message in log.strip().splitlines():
@@ -101,7 +103,8 @@ def _with_source_lines(log: str, filepath: str, source: bytes) -> str:
         if found is None:
             continue
         try:
-            text = source if found["file"] == filepath else Path(found["file"]).read_bytes()
+            known = {filepath: source, **generated}.get(found["file"])
+            text = Path(found["file"]).read_bytes() if known is None else known
         except OSError:
             continue
         lines = text.decode(errors="replace").splitlines()

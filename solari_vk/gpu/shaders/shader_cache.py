@@ -13,38 +13,56 @@ import re
 import sys
 import tempfile
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
+
+from solari_vk.gpu.shaders import headers
 
 _INCLUDE = re.compile(rb'^[ \t]*#[ \t]*include[ \t]+["<]([^">\n]+)[">]', re.MULTILINE)
 _INDEX = "shipped.json"
 _OFF = ("", "0", "off", "no")
 
 
-def closure(roots: Sequence[Path], path: str) -> dict[str, bytes]:
-    """The files a shader may include, itself first, as {path: text}; includes in inactive #if branches count too.
+def closure(roots: Sequence[Path], path: str, source: bytes | None = None) -> dict[str, bytes]:
+    """The files and generated headers a shader may include, itself first, as {path: text}.
 
-    A path is looked up in the roots in their order.
+    A path is looked up in the roots in their order; `source` stands for the text of the first. Includes in inactive
+    #if branches count too. Raises CompilationError for a generated header that no module makes.
     """
     found: dict[str, bytes] = {}
     waiting = [path]
+    if source is not None:
+        found[path] = source
+        waiting = list(_includes(roots, path, source, found))
     while waiting:
         name = waiting.pop()
         if name in found:
             continue
+        file = _find(roots, name)
         try:
-            found[name] = next(file for root in roots if (file := root / name).is_file()).read_bytes()
-        except (StopIteration, OSError):
+            found[name] = file.read_bytes() if file else b"\0missing"
+        except OSError:
             found[name] = b"\0missing"
-            continue
-        folder = os.path.dirname(name)
-        for match in _INCLUDE.findall(found[name]):
-            requested = match.decode(errors="replace")
-            beside = os.path.normpath(os.path.join(folder, requested)).replace(os.sep, "/")
-            exists = any((root / beside).is_file() for root in roots)
-            waiting.append(beside if exists else os.path.normpath(requested).replace(os.sep, "/"))
+        waiting += _includes(roots, name, found[name], found)
     return found
+
+
+def _find(roots: Sequence[Path], name: str) -> Path | None:
+    return next((file for root in roots if (file := root / name).is_file()), None)
+
+
+def _includes(roots: Sequence[Path], name: str, text: bytes, found: dict[str, bytes]) -> Iterator[str]:
+    """The paths of the files that `text` includes; the generated headers among its includes are put into `found`."""
+    for match in _INCLUDE.finditer(text):
+        requested = match[1].decode(errors="replace")
+        if headers.is_generated(requested):
+            if requested not in found:
+                line = text.count(b"\n", 0, match.start(1)) + 1
+                found[requested] = headers.header_text(requested, f"{_find(roots, name) or name}:{line}")
+            continue
+        beside = os.path.normpath(os.path.join(os.path.dirname(name), requested)).replace(os.sep, "/")
+        yield beside if _find(roots, beside) else os.path.normpath(requested).replace(os.sep, "/")
 
 
 def source_key(roots: Sequence[Path], path: str, header: str, options: str) -> str:

@@ -11,7 +11,8 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -130,25 +131,33 @@ def _glslc() -> str:
 
 
 def compile_source(
-    source: bytes, stage: str, name: str, include_paths: Sequence[str], *, language: str = "glsl",
-    optimization: str = "performance", suppress_warnings: bool = False, warnings_as_errors: bool = False,
+    source: bytes, stage: str, name: str, include_paths: Sequence[str], generated: Mapping[str, bytes] | None = None, *,
+    language: str = "glsl", optimization: str = "performance", suppress_warnings: bool = False,
+    warnings_as_errors: bool = False,
 ) -> bytes:  # fmt: skip
-    """SPIR-V 1.6 for Vulkan 1.3 with debug information. Raises Failure, or SolariError without a compiler."""
+    """SPIR-V 1.6 for Vulkan 1.3 with debug information. Raises Failure, or SolariError without a compiler.
+
+    `generated` are texts of includes that aren't files, by the paths that the sources include them by.
+    """
+    texts = generated or {}
     loaded = library()
     if loaded is None:
         return _by_command(
-            source, stage, name, include_paths, language, optimization, suppress_warnings, warnings_as_errors
+            source, stage, name, include_paths, texts, language, optimization, suppress_warnings, warnings_as_errors
         )
     kept: dict[Any, Any] = {}
 
     @_ffi.callback("resolve")  # type: ignore[untyped-decorator]
     def resolve(_data: Any, requested: Any, kind: int, requesting: Any, _depth: int) -> Any:
-        found, content = _include(
-            os.fsdecode(_ffi.string(requested)), kind, os.fsdecode(_ffi.string(requesting)), include_paths
-        )
-        texts = _ffi.new("char[]", os.fsencode(found)), _ffi.new("char[]", content)
-        result = _ffi.new("shaderc_include_result*", (texts[0], len(texts[0]) - 1, texts[1], len(content), _ffi.NULL))
-        kept[result] = texts
+        wanted = os.fsdecode(_ffi.string(requested))
+        if wanted in texts:
+            found, content = wanted, texts[wanted]
+        else:
+            found, content = _include(wanted, kind, os.fsdecode(_ffi.string(requesting)), include_paths)
+        strings = _ffi.new("char[]", os.fsencode(found)), _ffi.new("char[]", content)
+        names = (strings[0], len(strings[0]) - 1, strings[1], len(content), _ffi.NULL)
+        result = _ffi.new("shaderc_include_result*", names)
+        kept[result] = strings
         return result
 
     @_ffi.callback("release")  # type: ignore[untyped-decorator]
@@ -196,17 +205,31 @@ def _include(requested: str, kind: int, requesting: str, include_paths: Sequence
 
 
 def _by_command(
+    source: bytes, stage: str, name: str, include_paths: Sequence[str], generated: Mapping[str, bytes], language: str,
+    optimization: str, suppress_warnings: bool, warnings_as_errors: bool,
+) -> bytes:  # fmt: skip
+    with tempfile.TemporaryDirectory() as folder:
+        for path, text in generated.items():
+            file = Path(folder, path)
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(text)
+        paths = [folder, *include_paths]
+        done = _run_glslc(source, stage, name, paths, language, optimization, suppress_warnings, warnings_as_errors)
+    if done.returncode != 0:
+        log = done.stderr.decode(errors="replace").replace("<stdin>:", f"{name}:").replace("glslc: error: ", "error: ")
+        log = log.replace(folder + os.sep, "")  # generated headers are called by the paths that include them
+        raise Failure(re.sub(r"(?m)^\d+ (error|warning)s?.* generated\.$", "", log))
+    return done.stdout
+
+
+def _run_glslc(
     source: bytes, stage: str, name: str, include_paths: Sequence[str], language: str, optimization: str,
     suppress_warnings: bool, warnings_as_errors: bool,
-) -> bytes:  # fmt: skip
+) -> subprocess.CompletedProcess[bytes]:  # fmt: skip
     command = [
         _glslc(), f"-fshader-stage={stage}", "-x", language, "--target-env=vulkan1.3", "--target-spv=spv1.6", "-g",
         {"zero": "-O0", "size": "-Os", "performance": "-O"}[optimization],
         *(("-w",) if suppress_warnings else ()), *(("-Werror",) if warnings_as_errors else ()),
         "-I", os.path.dirname(name) or ".", *(part for path in include_paths for part in ("-I", path)), "-o", "-", "-",
     ]  # fmt: skip
-    done = subprocess.run(command, input=source, capture_output=True, check=False)
-    if done.returncode != 0:
-        log = done.stderr.decode(errors="replace").replace("<stdin>:", f"{name}:").replace("glslc: error: ", "error: ")
-        raise Failure(re.sub(r"(?m)^\d+ (error|warning)s?.* generated\.$", "", log))
-    return done.stdout
+    return subprocess.run(command, input=source, capture_output=True, check=False)
