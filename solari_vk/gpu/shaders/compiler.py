@@ -29,13 +29,23 @@ __all__ = [
     "set_include_paths",
 ]  # fmt: skip
 
+Roots = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
+
 _include_paths: list[str] = []
+overlays: list[Path] = []
+"""GLSL roots that are looked up before the package's; patches.py puts patched shaders here."""
 
 
 def glsl_root() -> Path:
     """The folder of the package's GLSL: inside the installed package, or beside it in a working copy."""
     installed = Path(__file__).resolve().parents[2] / "glsl"
     return installed if installed.is_dir() else Path(__file__).resolve().parents[3] / "glsl"
+
+
+def roots(given: Roots | None = None) -> list[Path]:
+    """The folders in which a shader is looked up, in this order: the given ones, the overlays, the package's."""
+    listed = [given] if isinstance(given, (str, os.PathLike)) else list(given or ())
+    return list(dict.fromkeys([*map(Path, listed), *overlays, glsl_root()]))
 
 
 def set_include_paths(paths: Sequence[str | os.PathLike[str]]) -> None:
@@ -142,9 +152,6 @@ _OPTIONS = f"performance {shaderc.VULKAN_1_3:x} {shaderc.SPIRV_1_6:x}"
 _DIRECTIVE = re.compile(r"^\s*#\s*(version|extension)\b")
 
 
-Roots = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
-
-
 def compile_shader(path: str, *, header: str = "", root: Roots | None = None) -> bytes:
     """SPIR-V of the shader at `path` below a GLSL root, whose suffix names the stage ("passes/x/trace.comp").
 
@@ -152,28 +159,23 @@ def compile_shader(path: str, *, header: str = "", root: Roots | None = None) ->
     in `root`, a folder or several in their order, and then in the package's. Raises CompilationError; SolariError
     when there is no such file, or no compiler and no shipped module for exactly these sources.
     """
-    roots = _roots(root)
-    file = next((found for base in roots if (found := base / path).is_file()), None)
+    folders = roots(root)
+    file = next((found for base in folders if (found := base / path).is_file()), None)
     if file is None:
-        raise SolariError(f"there is no shader {path} in {', '.join(map(str, roots))}")
-    source_key = shader_cache.source_key(roots, path, header, _OPTIONS)
-    for base in roots:
+        raise SolariError(f"there is no shader {path} in {', '.join(map(str, folders))}")
+    source_key = shader_cache.source_key(folders, path, header, _OPTIONS)
+    for base in folders:
         shipped = shader_cache.shipped(base, source_key)
         if shipped is not None:
             return shipped
-    return shader_cache.cached(source_key, shaderc.version(), lambda: _compile(roots, file, header))
+    return shader_cache.cached(source_key, shaderc.version(), lambda: _compile(folders, file, header))
 
 
-def _roots(given: Roots | None) -> list[Path]:
-    listed = [given] if isinstance(given, (str, os.PathLike)) else list(given or ())
-    return list(dict.fromkeys([*map(Path, listed), glsl_root()]))
-
-
-def _compile(roots: Sequence[Path], file: Path, header: str) -> bytes:
+def _compile(folders: Sequence[Path], file: Path, header: str) -> bytes:
     source = _with_header(file.read_text(encoding="utf-8"), header, file)
     stage = file.suffix.lstrip(".")
     before = list(_include_paths)
-    set_include_paths(roots)
+    set_include_paths(folders)
     try:
         optimization = "zero" if _EMPTY_MAIN.search(source) else "performance"
         return compile_into_spirv(source, stage, file, optimization=optimization)
