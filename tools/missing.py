@@ -4,6 +4,7 @@ import ctypes
 import os
 import shutil
 import sys
+from pathlib import Path
 
 LOADER = ("libvulkan.so.1", "libvulkan.1.dylib")
 COMPILER = ("libshaderc.so.1", "libshaderc_shared.so.1", "libshaderc_shared.so", "libshaderc_shared.1.dylib")
@@ -53,6 +54,8 @@ def missing(job):
             yield "the Vulkan validation layer"
         if shutil.which("spirv-val") is None:
             yield "spirv-val"
+        if library(COMPILER) is None and not (shutil.which("ld") and any(Path("/usr/lib").rglob("libglslang.a"))):
+            yield "a libshaderc that can be loaded (or what makes one of Debian 12's: glslang-dev and binutils)"
         if shutil.which("Xvfb") is None:
             yield "Xvfb"
         if shutil.which("xdotool") is None:

@@ -3,9 +3,9 @@
 # its relatives what is missing comes from apt; elsewhere one message says what to install.
 
 log=$root/out/setup.log
-# glslc too, because the libshaderc1 of Debian 12 lacks a symbol and can't be loaded.
+# glslc, because the libshaderc1 of Debian 12 can't be loaded: it lacks symbols. A test links them from glslang-dev.
 archive_packages='python3 python3-venv libvulkan1 libshaderc1 glslc'
-archive_packages_test='vulkan-validationlayers spirv-tools xvfb xauth xdotool libllvm19 libatomic1'
+archive_packages_test='vulkan-validationlayers spirv-tools xvfb xauth xdotool libllvm19 libatomic1 glslang-dev binutils'
 # The first Mesa whose software device traces rays.
 mesa_with_rays=24.1
 

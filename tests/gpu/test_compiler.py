@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 import json
 import re
+import shutil
 import subprocess
 import sys
 import types
@@ -342,6 +344,7 @@ def fresh_lookup():
 
 def test_without_any_compiler_the_remedy_is_told(shaders, monkeypatch, fresh_lookup):
     shaders.write("user", PLAIN + "void main() {}\n")
+    monkeypatch.delenv("SOLARI_VK_SHADERC", raising=False)
     monkeypatch.setattr(shaderc, "_library_names", lambda: ["/nowhere/libshaderc.so"])
     monkeypatch.setenv("PATH", "/nowhere")
     with pytest.raises(SolariError, match=r"/nowhere/libshaderc\.so.*apt-get install glslc"):
@@ -355,15 +358,53 @@ def test_a_named_library_that_is_not_there_is_refused(shaders, monkeypatch, fres
         compile_shader("passes/user.comp", root=shaders.root)
 
 
-def test_library_and_command_agree(shaders, monkeypatch, fresh_lookup):
-    if shaderc.library() is None:
-        pytest.skip("libshaderc can't be loaded here; glslc is used instead")
+@pytest.fixture(scope="module")
+def libshaderc(tmp_path_factory):
+    """The path of a libshaderc that can be loaded.
+
+    Debian 12's can't: it leaves symbols of glslang and SPIRV-Tools undefined. A library that depends on it and contains
+    those symbols, linked from Debian's static libraries, can.
+    """
+    name = "libshaderc.so.1"
+    try:
+        ctypes.CDLL(name)
+        return name
+    except OSError as error:
+        if "undefined symbol" not in str(error):
+            pytest.fail(f"{name} isn't installed: {error}")
+    folder = next((path.parent for path in Path("/usr/lib").rglob("libglslang.a")), None)
+    if folder is None or shutil.which("ld") is None:
+        pytest.fail(f"{name} leaves symbols undefined, and what defines them is missing: glslang-dev or binutils")
+    parts = ("glslang", "MachineIndependent", "GenericCodeGen", "OSDependent", "OGLCompiler", "HLSL", "SPIRV",
+             "SPIRV-Tools-opt", "SPIRV-Tools")  # fmt: skip
+    whole = tmp_path_factory.mktemp("libshaderc") / "libshaderc_whole.so"
+    subprocess.run(
+        ["ld", "-shared", "-o", whole, "--defsym=__dso_handle=0", "-L", folder, "--no-as-needed", f"-l:{name}",
+         "--whole-archive", *(folder / f"lib{part}.a" for part in parts)],
+        check=True,
+    )  # fmt: skip
+    return str(whole)
+
+
+def test_library_and_command_agree(shaders, libshaderc, monkeypatch, fresh_lookup):
     shaders.write("lib/a.glsl", LIBRARY)
     path = shaders.write("user", USER)
     arguments = (path.read_bytes(), "comp", str(path), [str(shaders.root)])
-    by_library = compiler._without_lines(shaderc.compile_source(*arguments))
-    monkeypatch.setattr(shaderc, "library", lambda: None)
-    assert compiler._without_lines(shaderc.compile_source(*arguments)) == by_library
+    broken = (path.read_bytes() + b"void more() { absent(); }\n", *arguments[1:])
+    monkeypatch.setenv("SOLARI_VK_SHADERC", libshaderc)
+    modules, logs = [], []
+    for program in ("libshaderc", "glslc"):
+        with monkeypatch.context() as patch:
+            if program == "glslc":
+                patch.setattr(shaderc, "library", lambda: None)
+            assert program in shaderc.version()
+            modules.append(compiler._without_lines(shaderc.compile_source(*arguments)))
+            with pytest.raises(shaderc.Failure) as caught:
+                shaderc.compile_source(*broken)
+            logs.append([line for line in str(caught.value).splitlines() if "'absent'" in line])
+        shaderc.version.cache_clear()
+    assert modules[0] == modules[1]
+    assert logs[0] == logs[1] != []
 
 
 def test_glsl_root_is_found():

@@ -1,7 +1,7 @@
 """The two ways to shaderc: its library through cffi, and its command `glslc` where the library can't be loaded.
 
-Debian 12's libshaderc.so.1 can't be loaded by anything but glslc: it leaves symbols of glslang and SPIRV-Tools
-undefined that only that program provides. Both ways run the same compiler and give the same modules.
+Debian 12's libshaderc.so.1 can't be loaded: it leaves symbols of glslang and SPIRV-Tools undefined and names no
+library that defines them. Both ways run the same compiler and give the same modules.
 """
 
 from __future__ import annotations
@@ -80,9 +80,15 @@ def library() -> Any:
                 why = str(error).split(". ")[0]
                 raise SolariError(f"SOLARI_VK_SHADERC names {name}, which can't be loaded ({why})") from None
             continue
-        _ffi.cdef(_DECLARATIONS)  # parsed only when needed: it takes a tenth of a second
+        _declare()
         return found
     return None
+
+
+@cache
+def _declare() -> None:
+    """Parse the declarations, which takes a tenth of a second, so only when they are needed."""
+    _ffi.cdef(_DECLARATIONS)
 
 
 def _library_names() -> list[str]:

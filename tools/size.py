@@ -1,0 +1,105 @@
+#!/usr/bin/env python3
+"""Prints the size of a checkout: lines by folder, import circles, wide GLSL lines, the longest files, tests.
+
+Usage: python tools/size.py [ROOT]     ROOT is the folder of a checkout, by default the one of this file.
+"""
+
+from __future__ import annotations
+
+import ast
+import os
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+FOLDERS = ("solari_vk", "glsl", "tests", "tools", "docs")
+SUFFIXES = {".py", ".glsl", ".comp", ".vert", ".frag", ".sh", ".md", ""}
+WIDEST = 120  # columns of a GLSL line
+
+
+def import_graph(package: Path) -> dict[str, set[str]]:
+    """The modules of a package, each with those of the package that it imports, wherever in the file the import is."""
+    paths = {}
+    for path in package.rglob("*.py"):
+        parts = path.relative_to(package.parent).with_suffix("").parts
+        paths[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    graph = {}
+    for module, path in paths.items():
+        names: set[str] = set()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                names |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                inner = {alias.name: f"{node.module}.{alias.name}" for alias in node.names}
+                names |= {full if full in paths else node.module for full in inner.values()}
+        graph[module] = (names & paths.keys()) - {module}
+    return graph
+
+
+def import_circles(package: Path) -> list[list[str]]:
+    """The groups of modules that import each other, directly or by way of others; the largest group comes first."""
+    graph = import_graph(package)
+    reached = {}
+    for start in graph:
+        found, waiting = set[str](), [start]
+        while waiting:
+            for name in graph[waiting.pop()] - found:
+                found.add(name)
+                waiting.append(name)
+        reached[start] = found
+    circles = {frozenset(b for b in reached[a] if a in reached[b]) for a in graph if a in reached[a]}
+    return sorted((sorted(circle) for circle in circles), key=lambda circle: (-len(circle), circle))
+
+
+def line_counts(root: Path) -> dict[Path, int]:
+    """The lines of each text file in FOLDERS, by its path from the root."""
+    files = [path for name in FOLDERS for path in (root / name).rglob("*")]
+    return {path.relative_to(root): len(path.read_text(encoding="utf-8").splitlines()) for path in files
+            if path.is_file() and path.suffix in SUFFIXES and "__pycache__" not in path.parts}  # fmt: skip
+
+
+def wide_lines(root: Path) -> list[str]:
+    """FILE:LINE of the GLSL lines that have more than WIDEST columns."""
+    return [f"{path.relative_to(root)}:{number}"
+            for path in sorted((root / "glsl").rglob("*")) if path.suffix in SUFFIXES and path.is_file()
+            for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+            if len(line) > WIDEST]  # fmt: skip
+
+
+def collected_tests(root: Path) -> str:
+    """What pytest says of the number of tests, slow ones included."""
+    command = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-m", "", "-p", "no:cacheprovider"]
+    environment = os.environ | {"PYTHONPATH": str(root)}
+    done = subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, check=False)
+    lines = (done.stdout + done.stderr).strip().splitlines()
+    return lines[-1].strip("= ") if lines else "pytest says nothing"
+
+
+def main(root: Path) -> None:
+    """Print the report."""
+    counts = line_counts(root)
+    by_folder = Counter[str]()
+    for path, count in counts.items():
+        if path.suffix == ".md":
+            continue
+        by_folder[path.parts[0]] += count
+        if len(path.parts) > 2:
+            by_folder["/".join(path.parts[:2])] += count
+    for folder, count in sorted(by_folder.items()):
+        print(f"{count:7,}  {'  ' if '/' in folder else ''}{folder}")
+    print(f"{sum(by_folder[name] for name in ('solari_vk', 'glsl', 'tests')):7,}  solari_vk + glsl + tests")
+    circles = import_circles(root / "solari_vk")
+    print(f"import circles: {len(circles)}, of {', '.join(str(len(circle)) for circle in circles) or 'no'} modules")
+    for circle in circles:
+        print(f"  {' '.join(circle)}")
+    print(f"GLSL lines over {WIDEST} columns: {len(wide_lines(root))}")
+    print("longest files:")
+    code = {path: count for path, count in counts.items() if path.suffix != ".md"}
+    for path in sorted(code, key=code.__getitem__, reverse=True)[:8]:
+        print(f"  {code[path]:5}  {path}")
+    print(f"tests: {collected_tests(root)}")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]).resolve() if len(sys.argv) > 1 else Path(__file__).resolve().parents[1])
