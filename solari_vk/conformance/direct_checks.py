@@ -34,7 +34,7 @@ PENUMBRA = Rule("direct light where part of the lamp is seen", *_DI)
 SHADOW = Rule("no direct light where nothing of the lamp is seen", *_DI)
 CHANGES = Rule("lights that come and go leave the others' light as it was", *_DI)
 # In frames that see nothing but what lights send straight to surfaces.
-_ALONE = {"gi": False, "specular": False, "world_cache": False}
+_ALONE: dict[str, Any] = {"gi": False, "specular": False, "world_cache": False}
 _SHARE_RAYS = 64  # pairs of a point in the pixel and one on the lamp
 
 # Pixels a side, how much is measured, and the bars.

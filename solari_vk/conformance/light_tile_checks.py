@@ -42,7 +42,7 @@ EXPOSED = np.geomspace(1e-4, 1e9, 16)[:, None] * COLOR  # of the lamps (16, 3), 
 HALF_SIDE = 0.1
 BALL = 10.0
 EV100, LUX, SUN_ANGLE = 9.7, 100_000.0, 0.0093
-ALONE = {**OFF, "di": True, "di_temporal": False, "di_spatial": False}
+ALONE: dict[str, Any] = {**OFF, "di": True, "di_temporal": False, "di_spatial": False}
 
 
 def lamps_above(exposed: Floats, lux: float = LUX) -> sv.Scene:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,17 +13,25 @@ from numpy.typing import NDArray
 from solari_vk.conformance.pictures import tile_means
 from solari_vk.conformance.rules import Measurement, Rule
 from solari_vk.gpu.device.device import Device
+from solari_vk.measure.partial import PartialRenderer
 from solari_vk.reference import PathTracer
 from solari_vk.renderer import RenderedFrame, Renderer
+from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import Settings
 
 Image = NDArray[Any]
 # Fewer tiles and cells than in use, for speed: no mean hangs on them.
-SMALL = {"light_tile_count": 16, "world_cache_cells": 1 << 18}
+SMALL: dict[str, Any] = {"light_tile_count": 16, "world_cache_cells": 1 << 18}
 PARTS = ("di_diffuse", "di_specular", "gi_diffuse", "specular_gi")
 # Nothing but surfaces and what is seen of lights, each pixel at its middle.
-OFF = {"di": False, "gi": False, "specular": False, "world_cache": False, "jitter": False}
+OFF: dict[str, Any] = {"di": False, "gi": False, "specular": False, "world_cache": False, "jitter": False}
+# What a frame computes of one part of the light, and nothing else.
+GBUFFER = ("gbuffer/",)
+DIRECT = (*GBUFFER, "light_tiles/", "restir_di/")
+INDIRECT = (*GBUFFER, "light_tiles/", "world_cache/", "restir_gi/")
+SPECULAR = (*INDIRECT, "specular_gi/")
+GUIDES = (*GBUFFER, "guides/")
 _STUDENT_95 = {8: 2.365, 16: 2.131}  # two-sided, by runs: one degree of freedom fewer
 JITTER_PERIOD = 32  # frames after which samples have been all over the pixel: edges then add no noise
 
@@ -45,10 +53,14 @@ class Effort:
 
 
 def make_renderer(
-    device: Device, scene: Scene, size: tuple[int, int] = (32, 32), seed: int = 0, **settings: Any
-) -> Renderer:
-    """A renderer of the suite's settings and these."""
-    return Renderer(device, scene, size, Settings(**{**SMALL, **settings}), seed=seed)
+    device: Device, scene: Scene | SceneBinder, size: tuple[int, int] = (32, 32), seed: int = 0,
+    passes: Sequence[str] | None = None, **settings: Any,
+) -> Renderer:  # fmt: skip
+    """A renderer with SMALL and these settings; with `passes`, it runs only those (see PartialRenderer)."""
+    chosen = Settings(**{**SMALL, **settings})
+    if passes is None:
+        return Renderer(device, scene, size, chosen, seed=seed)
+    return PartialRenderer(device, scene, size, chosen, seed=seed, passes=passes)
 
 
 def add_up(frame: RenderedFrame, *names: str) -> Image:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -58,7 +59,7 @@ def measure_fixed_point(device: Device, full: bool = False) -> Iterator[Measurem
     scene = closed_box()
     expected = math.pi * float(closed_forms.closed_box_radiance(np.ones(1), np.full(1, 0.5), 64)[0])
     counts = []
-    alone = {"di": False, "specular": False, "world_cache_cells": 1 << 14}
+    alone: dict[str, Any] = {"di": False, "specular": False, "world_cache_cells": 1 << 14}
     with make_renderer(device, scene, (16, 16), **alone) as renderer:
 
         def observe() -> Image:

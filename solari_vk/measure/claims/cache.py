@@ -14,7 +14,6 @@ from solari_vk.measure.claims.scenes import street, two_rooms
 from solari_vk.measure.claims.verdict import Claim, EndsBelow, Falls, Faster, GrowsAtMost, Measure, Outcome
 from solari_vk.measure.claims.workbench import (
     CACHE_UPDATE,
-    LightRenderer,
     Picture,
     Workbench,
     mean_of,
@@ -24,6 +23,7 @@ from solari_vk.measure.claims.workbench import (
     side_by_side,
 )  # fmt: skip
 from solari_vk.output.picture import LUMINANCE
+from solari_vk.renderer import Renderer
 from solari_vk.scene.builtin import builtin, place
 from solari_vk.scene.model import Camera, Scene
 
@@ -62,7 +62,7 @@ def cell_noise(history: list[tuple[NDArray[np.uint32], NDArray[np.float32]]]) ->
     return float(np.median(luminances[:, lit].std(axis=0) / means[lit])) if lit.any() else 0.0
 
 
-def _fade(renderer: LightRenderer, scene: Scene, most: int) -> float:
+def _fade(renderer: Renderer, scene: Scene, most: int) -> float:
     """Frames until indirect light is gone once all lamps are off."""
     full = float(mean_of(renderer, scene.camera, 4, ("gi_diffuse",)).mean())
     with lamps_off(scene):
@@ -137,7 +137,7 @@ def _lifetime(bench: Workbench) -> Outcome:
     ])  # fmt: skip
 
 
-def _cells_left_of(renderer: LightRenderer, x: float) -> float:
+def _cells_left_of(renderer: Renderer, x: float) -> float:
     alive = renderer["world_cache_checksums"] != 0
     return float((renderer["world_cache_bounds"][alive, 0] < x).sum())
 
@@ -149,7 +149,7 @@ def _advanced(camera: Camera, metres: float) -> Camera:
     return dataclasses.replace(camera, transform=transform)
 
 
-def _fly(bench: Workbench, renderer: LightRenderer, camera: Camera) -> list[float]:
+def _fly(bench: Workbench, renderer: Renderer, camera: Camera) -> list[float]:
     """Milliseconds of the cache's update and active cells, medians of the end of a flight down the street."""
     frames, spent, cells = bench.count(24, 5), [], []
     for frame in range(frames):

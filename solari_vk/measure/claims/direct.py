@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from solari_vk.measure.claims.scenes import sunlit_yard
 from solari_vk.measure.claims.verdict import Claim, EndsBelow, Falls, Faster, Measure, Outcome, Rises
 from solari_vk.measure.claims.workbench import (
-    LightRenderer,
     Picture,
     Workbench,
     join,
@@ -22,6 +21,7 @@ from solari_vk.measure.claims.workbench import (
     side_by_side,
 )  # fmt: skip
 from solari_vk.output.picture import LUMINANCE
+from solari_vk.renderer import Renderer
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.model import Camera, Scene
 
@@ -64,7 +64,7 @@ def unpack_rgb9e5(codes: NDArray[np.uint32]) -> Picture:
     return bits.astype(np.float64) * scales[:, None]
 
 
-def tile_errors(renderer: LightRenderer, scene: Scene, encoding: str) -> list[float]:
+def tile_errors(renderer: Renderer, scene: Scene, encoding: str) -> list[float]:
     """Relative error of the luminance that tiles hold, over all samples of the sun, and of the other lights."""
     tiles = renderer["light_tiles"]
     values = unpack_rgb9e5(tiles["radiance"])
@@ -234,7 +234,7 @@ def _without_neighbor(bench: Workbench) -> Outcome:
         masks: list[NDArray[np.uint8]] = []
         with bench.renderer(scene, bench.size(640, 360), **DIRECT_ONLY) as renderer:
 
-            def measure(_: int, renderer: LightRenderer = renderer, scene: Scene = scene,
+            def measure(_: int, renderer: Renderer = renderer, scene: Scene = scene,
                         masks: list[NDArray[np.uint8]] = masks) -> float:  # fmt: skip
                 renderer.render(scene.camera)
                 exists = renderer["depth"][..., 0] > 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -11,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.frame.frame import Stage
 from solari_vk.measure.frame.passes import every_barrier
+from solari_vk.measure.partial import PartialRenderer
 from solari_vk.output.picture import encode_srgb, tonemap
 from solari_vk.reference import PathTracer
 from solari_vk.renderer import Renderer
@@ -20,17 +19,9 @@ from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import Settings
 
 Picture = NDArray[np.float64]
+# The frame without guides and display, whose shaders would have to be compiled for nothing.
+LIGHT = ("gbuffer/", "light_tiles/", "world_cache/", "restir_di/", "restir_gi/", "specular_gi/", "display/compose")
 CACHE_UPDATE = ("world_cache/sample_direct", "world_cache/sample_indirect", "world_cache/blend")
-
-
-class LightRenderer(Renderer):
-    """The frame without guides and display, whose shaders would have to be compiled for nothing."""
-
-    def _stages(self) -> list[Stage]:
-        stages = {stage.name: stage for stage in super()._stages() if stage.name != "guides"}
-        compose = [item for item in stages["display"].passes if item.name == "display/compose"]
-        stages["display"] = dataclasses.replace(stages["display"], images={}, passes=compose)
-        return list(stages.values())
 
 
 class Workbench:
@@ -59,12 +50,12 @@ class Workbench:
         return few if self.quick else many
 
     @contextmanager
-    def renderer(self, scene: Scene, size: tuple[int, int], **settings: Any) -> Iterator[LightRenderer]:
+    def renderer(self, scene: Scene, size: tuple[int, int], **settings: Any) -> Iterator[Renderer]:
         """A renderer that is closed in the end. Few light tiles where all is tiny."""
         few = {"light_tile_count": 8, "world_cache_cells": 1 << 16} if self.quick else {}
         chosen: dict[str, Any] = {"gbuffer": "traced", **few, **settings}
         with every_barrier():  # so that no pass is charged with the time of another
-            renderer = LightRenderer(self.device, scene, size, Settings(**chosen))
+            renderer = PartialRenderer(self.device, scene, size, Settings(**chosen), passes=LIGHT)
         try:
             yield renderer
         finally:
