@@ -37,7 +37,8 @@ _HOMES = {
     "scene.gltf": ("load_gltf",),
     "scene.builtin": ("builtin",),
     "scene.studio": ("frame_camera", "studio_lights"),
-    "output.picture": ("auto_exposure", "check_output", "save_image", "tonemap"),
+    "output.picture": ("check_output", "save_image"),
+    "output.tone_mapping": ("auto_exposure", "tonemap"),
     "reference": ("AOVS", "PathTracer"),
     "renderer": ("Renderer",),
     "settings": ("Settings",),
@@ -89,7 +90,8 @@ if TYPE_CHECKING:
     from solari_vk.errors import CallbackError, DeviceError, SolariError, ValidationError
     from solari_vk.gpu.device.device import Device, list_devices
     from solari_vk.gpu.frame.frame import Frame, Pass, Stage
-    from solari_vk.output.picture import auto_exposure, check_output, save_image, tonemap
+    from solari_vk.output.picture import check_output, save_image
+    from solari_vk.output.tone_mapping import auto_exposure, tonemap
     from solari_vk.reference import AOVS, PathTracer
     from solari_vk.renderer import Renderer
     from solari_vk.scene.builtin import builtin

@@ -13,6 +13,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Frame, Stage
 from solari_vk.gpu.frame.packing import writer
 from solari_vk.gpu.frame.uniforms import Uniforms
+from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes import (
     brdf_table,
     display,
@@ -207,11 +208,11 @@ class Renderer:
     @property
     def tonemap(self) -> str:
         """The curve of `display`: "none", "reinhard", "aces" or "agx"; from the next frame on."""
-        return display.TONEMAPS[self._tonemap]
+        return TONEMAPS[self._tonemap]
 
     @tonemap.setter
     def tonemap(self, name: str) -> None:
-        self._tonemap = _index_of(name, display.TONEMAPS, "tone mapping")
+        self._tonemap = _index_of(name, TONEMAPS, "tone mapping")
 
     def reset(self) -> None:
         """Forget all earlier frames, as after a cut."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-import shutil
 import stat
+import sys
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from PIL import Image
 
 import solari_vk as sv
 from solari_vk.output.animation import load_path, orbit
-from solari_vk.output.movie import write_movie
+from solari_vk.output.movie import check_encoder, write_movie
 
 CAMERA = sv.Camera.look_at((1, 2, 5), (1, 1, 0), vertical_fov=0.7, near=0.02, ev100=3.0)
 
@@ -157,15 +157,34 @@ def test_a_gif_holds_the_pictures(pictures, tmp_path):
             )
 
 
-@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="ffmpeg isn't installed")
-def test_an_mp4_is_written(pictures, tmp_path):
+def test_an_mp4_holds_the_pictures(pictures, tmp_path, monkeypatch):
+    """Written without an ffmpeg on the PATH and decoded again. Sides become even; the colors survive the codec."""
+    import imageio_ffmpeg
+
+    monkeypatch.setenv("PATH", "")
     write_movie(tmp_path / "a.mp4", pictures, 20)
-    assert b"ftyp" in (tmp_path / "a.mp4").read_bytes()[:16]
+    frames = imageio_ffmpeg.read_frames(str(tmp_path / "a.mp4"))
+    described = next(frames)
+    assert (described["size"], described["fps"]) == ((8, 6), 20)
+    decoded = [np.frombuffer(frame, np.uint8).reshape(6, 8, 3) for frame in frames]
+    assert len(decoded) == len(pictures)
+    for frame, picture in zip(decoded, pictures, strict=True):
+        np.testing.assert_allclose(frame[2, 3], np.asarray(Image.open(picture))[2, 3], atol=12)
+
+
+def test_an_mp4_without_ffmpeg_names_the_command_that_installs_it(pictures, tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    for attempt in (check_encoder, lambda path: write_movie(path, pictures, 20)):
+        with pytest.raises(sv.SolariError, match=r"a\.mp4: an \.mp4 needs ffmpeg.*pip install 'solari-vk\[video\]'"):
+            attempt(tmp_path / "a.mp4")
+    check_encoder(tmp_path / "a.gif")
+    assert not (tmp_path / "a.mp4").exists()
 
 
 @pytest.fixture
 def encoder(tmp_path, monkeypatch):
-    """encoder(script): an ffmpeg that does so."""
+    """encoder(script) puts an ffmpeg that runs the shell script on the PATH."""
 
     def install(script):
         folder = tmp_path / "bin"
@@ -186,7 +205,7 @@ def test_what_ffmpeg_is_given(encoder, pictures, tmp_path):
 
 def test_an_ffmpeg_that_fails(encoder, pictures, tmp_path):
     encoder("echo no such encoder >&2; exit 1")
-    with pytest.raises(sv.SolariError, match="no such encoder"):
+    with pytest.raises(sv.SolariError, match=r"a\.mp4: can't be written: ffmpeg: no such encoder"):
         write_movie(tmp_path / "a.mp4", pictures, 30)
     assert not (tmp_path / "a.mp4").exists()
     assert sorted(file.suffix for file in tmp_path.iterdir()) == ["", ".png", ".png", ".png"]

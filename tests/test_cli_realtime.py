@@ -14,6 +14,7 @@ from PIL import Image
 
 import solari_vk as sv
 from solari_vk.cli import main
+from solari_vk.output.tone_mapping import decode_srgb
 from solari_vk.passes.display import VIEWS
 from solari_vk.settings import FIELDS
 
@@ -67,7 +68,7 @@ def test_exposure_by_what_is_seen(render):
     code, said, path = render(*SMALL, "--frames", 8, "--exposure", "auto")
     assert code == 0, said
     assert "EV100" in said
-    linear = sv.display.decode_srgb(np.asarray(Image.open(path)) / 255)
+    linear = decode_srgb(np.asarray(Image.open(path)) / 255)
     assert 0.05 < np.median(linear) < 0.5
 
 
@@ -162,9 +163,10 @@ def test_outputs_that_do_not_fit(render, output, arguments, word):
 
 def test_an_mp4_without_ffmpeg_says_so(render, monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     code, said, path = render("--animate", "orbit", output="a.mp4")
     assert code == 2
-    assert "ffmpeg" in said
+    assert "pip install 'solari-vk[video]'" in said
     assert ".gif" in said
     assert not path.exists()
 

@@ -20,14 +20,14 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 MAY_IMPORT = {
     "errors": set(),
     "settings": {"errors", "gpu"},  # of gpu only the helpers for GLSL headers, which need no device
-    "output": {"errors", "scene"},
+    "output": {"errors", "gpu", "scene"},  # of gpu only the helpers for GLSL headers
     "gpu": {"errors"},
     "scene": {"errors", "gpu"},
     "passes": {"errors", "gpu", "settings"},
     "rt": {"errors", "gpu"},
     "tracer": {"errors", "gpu", "scene"},
     "reference": {"errors", "gpu", "scene", "passes"},
-    "renderer": {"errors", "settings", "gpu", "scene", "passes"},
+    "renderer": {"errors", "settings", "gpu", "scene", "passes", "output"},
 }
 ON_TOP = {"__init__", "__main__", "measure", "cli", "conformance", "viewer"}
 # Of passes, the scene's GLSL may only read what they leave in set 1, such as the BRDF's table.

@@ -37,18 +37,17 @@ class Plan:
 
 def check_output(options: argparse.Namespace) -> bool:
     """Whether the output is a movie. Raises SolariError when it can't be written."""
-    from solari_vk.output import movie
-    from solari_vk.output import picture as display
+    from solari_vk.output import movie, picture
 
     output: Path = options.output
     if output.suffix.lower() not in movie.SUFFIXES:
-        display.check_output(output)
+        picture.check_output(output)
         return False
     if options.animate is None:
         raise SolariError(f"{output}: {output.suffix} is for animations: give --animate, or write a .png")
     if options.aov:
         raise SolariError(f"--aov: a movie holds pictures alone: write numbered files, such as {output.stem}.exr")
-    display.check_output(output, movie.SUFFIXES)
+    picture.check_output(output, movie.SUFFIXES)
     movie.check_encoder(output)
     return True
 

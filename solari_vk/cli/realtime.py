@@ -68,7 +68,7 @@ def _meter(renderer: Renderer, cameras: Sequence[Camera]) -> None:
 
 
 def _expose(cameras: Sequence[Camera], radiance: NDArray[Any]) -> None:
-    from solari_vk.output.picture import auto_exposure
+    from solari_vk.output.tone_mapping import auto_exposure
 
     ev100 = auto_exposure(radiance)
     for camera in cameras:

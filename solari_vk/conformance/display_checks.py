@@ -13,7 +13,7 @@ from solari_vk.conformance.realtime import OFF, add_up, make_renderer
 from solari_vk.conformance.rules import SUITE, Measurement, Rule, count_wrong
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
-from solari_vk.output import picture as display
+from solari_vk.output import tone_mapping
 from solari_vk.passes.display import VIEWS
 from solari_vk.renderer import RenderedFrame
 from solari_vk.scene import shapes
@@ -79,7 +79,7 @@ def measure_picture(device: Device) -> Iterator[Measurement]:
                 note = f"EV100 {ev100:g}"
                 yield Measurement(EXPOSURE, abs(slope / exposure - 1), 0.005, "relative error", note)
             exposed = frame["radiance"] * np.float32(exposure)
-            expected = encode_srgb(display.CURVES[tonemap](exposed))
+            expected = encode_srgb(tone_mapping.CURVES[tonemap](exposed))
             error = np.abs(codes - expected).max() if len(np.unique(codes)) > 50 else np.inf
             # Vulkan lets a conversion to 8 bits end at either neighbour.
             yield Measurement(CURVES.get(tonemap, SRGB), float(error), 1.0, "codes", f"EV100 {ev100:g}")
@@ -147,7 +147,7 @@ def measure_views(device: Device) -> Iterator[Measurement]:
                 constant.append(view)
             if view in _LIGHT:
                 exposed = (add_up(frame, *_LIGHT[view]) * camera.exposure)[there].astype(np.float32)
-                errors[LIGHT].append(np.abs(codes - encode_srgb(display.CURVES["agx"](exposed))).max())
+                errors[LIGHT].append(np.abs(codes - encode_srgb(tone_mapping.CURVES["agx"](exposed))).max())
             if view in _SURFACE:
                 expected = np.clip(_SURFACE[view](frame)[there], 0, 255)
                 errors[SURFACE].append(np.abs(codes[:, : expected.shape[-1]] - expected).max())

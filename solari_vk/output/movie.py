@@ -1,4 +1,4 @@
-"""Moving pictures from still ones: .gif by Pillow, .mp4 by ffmpeg where it is installed."""
+"""Movies from pictures: .gif by Pillow, .mp4 by ffmpeg."""
 
 from __future__ import annotations
 
@@ -15,17 +15,36 @@ SUFFIXES = (".gif", ".mp4")
 
 def check_encoder(path: Path) -> None:
     """Raise SolariError when this machine can't write a movie of the path's suffix."""
-    if path.suffix.lower() == ".mp4" and shutil.which("ffmpeg") is None:
-        raise SolariError(f"{path}: an .mp4 needs ffmpeg on the PATH: install it, or write a .gif or .png files")
+    if path.suffix.lower() == ".mp4":
+        _find_ffmpeg(path)
 
 
 def write_movie(path: Path, pictures: Sequence[Path], fps: int) -> None:
-    """Write .png files of one size, at least one, as a .gif or .mp4 that shows `fps` of them a second."""
+    """Write .png files, at least one and all of one size, as a .gif or .mp4 that shows `fps` of them a second.
+
+    Raises SolariError when the file can't be written or, for an .mp4, when there is no ffmpeg.
+    """
+    ffmpeg = _find_ffmpeg(path) if path.suffix.lower() == ".mp4" else ""
     with whole_file(path) as temporary:
-        if path.suffix.lower() == ".gif":
-            _write_gif(temporary, pictures, fps)
+        if ffmpeg:
+            _write_mp4(ffmpeg, temporary, pictures, fps)
         else:
-            _write_mp4(temporary, pictures, fps)
+            _write_gif(temporary, pictures, fps)
+
+
+def _find_ffmpeg(path: Path) -> str:
+    """The ffmpeg on the PATH, else the one that the package imageio-ffmpeg ships."""
+    if found := shutil.which("ffmpeg"):
+        return found
+    try:
+        from imageio_ffmpeg import get_ffmpeg_exe
+
+        return str(get_ffmpeg_exe())
+    except (ImportError, RuntimeError):
+        raise SolariError(
+            f"{path}: an .mp4 needs ffmpeg: install it by \"pip install 'solari-vk[video]'\" or put one on the PATH, "
+            "or write a .gif or .png files"
+        ) from None
 
 
 def _write_gif(path: Path, pictures: Sequence[Path], fps: int) -> None:
@@ -36,14 +55,13 @@ def _write_gif(path: Path, pictures: Sequence[Path], fps: int) -> None:
         first.save(path, save_all=True, append_images=others, duration=1000 / fps, loop=0)
 
 
-def _write_mp4(path: Path, pictures: Sequence[Path], fps: int) -> None:
+def _write_mp4(ffmpeg: str, path: Path, pictures: Sequence[Path], fps: int) -> None:
     source = ["-f", "image2pipe", "-c:v", "png", "-framerate", str(fps), "-i", "-"]
-    # players want half as many colours as pixels, so even sides
+    # yuv420p, which all players know, stores color at half the resolution: width and height must be even
     target = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p", str(path)]
+    command = [ffmpeg, "-y", "-loglevel", "error", *source, *target]
     files = b"".join(picture.read_bytes() for picture in pictures)
-    ran = subprocess.run(
-        ["ffmpeg", "-y", "-loglevel", "error", *source, *target], input=files, capture_output=True, check=False
-    )
+    ran = subprocess.run(command, input=files, capture_output=True, check=False)
     if ran.returncode != 0:
-        said = ran.stderr.decode(errors="replace").strip().splitlines() or [f"exit code {ran.returncode}"]
-        raise SolariError(f"{path.name}: ffmpeg can't write it: {said[-1]}")
+        messages = ran.stderr.decode(errors="replace").strip().splitlines() or [f"exit code {ran.returncode}"]
+        raise RuntimeError(f"ffmpeg: {messages[-1]}")

@@ -7,7 +7,6 @@ from solari_vk.settings import Settings
 
 RAY_COUNTERS = 16  # rows for passes that count their rays: passes/ray_count.glsl
 PARTS = ("emission", "diffuse_radiance", "specular_radiance", "radiance")
-TONEMAPS = ("none", "reinhard", "aces", "agx")
 
 # The order is that of VIEW_* in glsl/passes/display/views.glsl.
 VIEWS = {

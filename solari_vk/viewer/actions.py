@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import DeviceError, SolariError, ValidationError
-from solari_vk.passes.display import TONEMAPS, VIEWS
+from solari_vk.output.tone_mapping import TONEMAPS
+from solari_vk.passes.display import VIEWS
 from solari_vk.viewer.controls import KEYS_HELP
 from solari_vk.viewer.pictures import MODES, Pick
 from solari_vk.viewer.screenshot import take_screenshot

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from imgui_bundle import imgui
 
-from solari_vk.passes.display import TONEMAPS, VIEWS
+from solari_vk.output.tone_mapping import TONEMAPS
+from solari_vk.passes.display import VIEWS
 from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES
 from solari_vk.viewer.pictures import MODES
 from solari_vk.viewer.scaling import LEAST

@@ -13,7 +13,8 @@ from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
 from solari_vk.measure.frame.passes import CountingRenderer
-from solari_vk.passes.display import TONEMAPS, VIEWS
+from solari_vk.output.tone_mapping import TONEMAPS
+from solari_vk.passes.display import VIEWS
 from solari_vk.reference import MOST_SAMPLES, PathTracer
 from solari_vk.renderer import Renderer
 from solari_vk.scene.binder import SceneBinder

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
-import solari_vk.output.picture
+from solari_vk.output.tone_mapping import encode_srgb
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import matte
 
@@ -150,7 +150,7 @@ def test_near_textures_use_the_finest_level(tracer):
 def test_level_of_detail(tracer, monkeypatch, degrees, distance):
     """Each level of a 256 x 256 image has a grey of its own: the level seen is that of a pixel's narrow axis."""
     levels = 9
-    greys = (sv.display.encode_srgb(np.arange(levels) / levels) * 255).round().astype(np.uint8)
+    greys = (encode_srgb(np.arange(levels) / levels) * 255).round().astype(np.uint8)
     made = lambda *_: [np.full((256 >> k, 256 >> k, 4), greys[k], np.uint8) for k in range(levels)]  # noqa: E731
     monkeypatch.setattr("solari_vk.scene.textures.mip_chain", made)
     texture = sv.Texture(image=sv.TextureImage(pixels=made()[0]))

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
-from solari_vk.output import picture as display
-from solari_vk.passes.display import TONEMAPS, VIEWS
+from solari_vk.output.tone_mapping import TONEMAPS, encode_picture
+from solari_vk.passes.display import VIEWS
 
 GLSL = Path(__file__).resolve().parents[2] / "glsl" / "passes" / "display"
 SIZE = 40, 24
@@ -65,12 +65,11 @@ def frames(device):
 
 def shown(radiance, curve="agx"):
     exposure = 1 / (1.2 * 2 ** make_scene().camera.ev100)
-    return np.round(display.encode_srgb(display.tonemap(radiance, exposure=exposure, curve=curve)) * 255)
+    return encode_picture(radiance, exposure=exposure, curve=curve).astype(float)
 
 
 def test_names_are_the_shaders():
     assert names_of("views.glsl", "VIEW") == list(VIEWS)
-    assert names_of("tonemap.glsl", "TONEMAP") == list(TONEMAPS) == list(display.CURVES)
 
 
 @pytest.mark.parametrize("curve", TONEMAPS)

@@ -15,7 +15,8 @@ from PIL import Image
 import solari_vk as sv
 from solari_vk.cli import main
 from solari_vk.gpu.shaders import compiler
-from solari_vk.passes.display import TONEMAPS, VIEWS
+from solari_vk.output.tone_mapping import TONEMAPS
+from solari_vk.passes.display import VIEWS
 from solari_vk.viewer import messages, pictures, reload
 from solari_vk.viewer.window import Event
 

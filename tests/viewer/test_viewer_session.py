@@ -16,7 +16,8 @@ from PIL import Image
 
 import solari_vk as sv
 from solari_vk.cli import main
-from solari_vk.passes.display import TONEMAPS, VIEWS
+from solari_vk.output.tone_mapping import TONEMAPS
+from solari_vk.passes.display import VIEWS
 from solari_vk.settings import FIELDS
 from solari_vk.viewer.controls import ACTIONS, FLY_KEYS
 from solari_vk.viewer.window import Event

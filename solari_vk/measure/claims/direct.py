@@ -20,7 +20,7 @@ from solari_vk.measure.claims.workbench import (
     run,
     side_by_side,
 )  # fmt: skip
-from solari_vk.output.picture import LUMINANCE
+from solari_vk.output.tone_mapping import LUMINANCE
 from solari_vk.renderer import Renderer
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.model import Camera, Scene

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.frame.passes import every_barrier
 from solari_vk.measure.partial import PartialRenderer
-from solari_vk.output.picture import encode_srgb, tonemap
+from solari_vk.output.tone_mapping import encode_picture
 from solari_vk.reference import PathTracer
 from solari_vk.renderer import Renderer
 from solari_vk.scene.model import Camera, Scene
@@ -140,8 +140,7 @@ def relative_mse(image: Picture, reference: Picture) -> float:
 
 def side_by_side(pictures: Sequence[Picture], camera: Camera, scale: int = 2) -> NDArray[np.uint8]:
     """Pictures of radiance as one of 8 bits, each pixel `scale` wide, with a gap between them."""
-    shown = [encode_srgb(tonemap(picture, exposure=camera.exposure)) for picture in pictures]
-    return join([np.round(255 * np.asarray(picture)).astype(np.uint8) for picture in shown], scale)
+    return join([encode_picture(picture, exposure=camera.exposure) for picture in pictures], scale)
 
 
 def join(pictures: Sequence[NDArray[np.uint8]], scale: int = 2) -> NDArray[np.uint8]:

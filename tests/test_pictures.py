@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from solari_vk.errors import SolariError
-from solari_vk.output import picture as display
+from solari_vk.output.picture import check_output, save_image
+from solari_vk.output.tone_mapping import CURVES, auto_exposure, decode_srgb, encode_srgb, tonemap
 
 RADIANCE = np.exp(np.random.default_rng(1).normal(0, 2, (6, 9, 3))).astype(np.float32)
 
@@ -18,10 +19,10 @@ RADIANCE = np.exp(np.random.default_rng(1).normal(0, 2, (6, 9, 3))).astype(np.fl
 # ---- curves -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", list(display.CURVES))
+@pytest.mark.parametrize("name", list(CURVES))
 def test_curves_rise_from_black_to_white(name: str) -> None:
     grey = np.geomspace(1e-6, 1e6, 400, dtype=np.float32)[:, None].repeat(3, axis=1)
-    mapped = display.tonemap(grey, curve=name)
+    mapped = tonemap(grey, curve=name)
     assert mapped.dtype == np.float32
     assert (np.diff(mapped, axis=0) >= -1e-6).all()
     assert mapped.min() >= 0
@@ -32,31 +33,31 @@ def test_curves_rise_from_black_to_white(name: str) -> None:
 
 
 def test_known_values() -> None:
-    def of(name: str, value: float) -> float:
-        return float(display.tonemap(np.full(3, value), curve=name)[1])
+    def mapped(name: str, value: float) -> float:
+        return float(tonemap(np.full(3, value), curve=name)[1])
 
-    assert of("none", 0.25) == 0.25
-    assert of("reinhard", 1) == pytest.approx(0.5)
-    assert of("aces", 1 / 0.6) == pytest.approx((2.51 + 0.03) / (2.43 + 0.59 + 0.14))
-    assert of("agx", 0.18) == pytest.approx(0.2145, abs=2e-3)
+    assert mapped("none", 0.25) == 0.25
+    assert mapped("reinhard", 1) == pytest.approx(0.5)
+    assert mapped("aces", 1 / 0.6) == pytest.approx((2.51 + 0.03) / (2.43 + 0.59 + 0.14))
+    assert mapped("agx", 0.18) == pytest.approx(0.2145, abs=2e-3)
 
 
-def test_values_that_are_no_colors() -> None:
-    for name in display.CURVES:
-        found = display.tonemap([[np.nan, np.inf, -np.inf], [-1, 0, 1e38]], exposure=1e3, curve=name)
+def test_nan_and_infinity_become_finite() -> None:
+    for name in CURVES:
+        found = tonemap([[np.nan, np.inf, -np.inf], [-1, 0, 1e38]], exposure=1e3, curve=name)
         assert np.isfinite(found).all()
 
 
 def test_unknown_curves_are_refused() -> None:
     with pytest.raises(SolariError, match="there is no tone mapping 'film'; there are none, reinhard, aces, agx"):
-        display.tonemap(RADIANCE, curve="film")
+        tonemap(RADIANCE, curve="film")
 
 
 def test_srgb_round_trip() -> None:
     codes = np.arange(256) / 255
-    np.testing.assert_allclose(display.encode_srgb(display.decode_srgb(codes)), codes, atol=1e-6)
-    assert display.encode_srgb(0.5) == pytest.approx(0.7353569)
-    assert display.encode_srgb([-1.0, 2.0]).tolist() == [0, pytest.approx(1)]
+    np.testing.assert_allclose(encode_srgb(decode_srgb(codes)), codes, atol=1e-6)
+    assert encode_srgb(0.5) == pytest.approx(0.7353569)
+    assert encode_srgb([-1.0, 2.0]).tolist() == [0, pytest.approx(1)]
 
 
 # ---- exposure ---------------------------------------------------------------------------------------
@@ -64,18 +65,18 @@ def test_srgb_round_trip() -> None:
 
 @pytest.mark.parametrize("luminance", [1e-6, 1.0, 5e8])
 def test_auto_exposure_shows_the_average_as_middle_grey(luminance: float) -> None:
-    ev100 = display.auto_exposure(np.full((4, 4, 3), luminance))
+    ev100 = auto_exposure(np.full((4, 4, 3), luminance))
     assert luminance / (1.2 * 2**ev100) == pytest.approx(0.18)
 
 
 def test_auto_exposure_leaves_black_and_broken_pixels_out() -> None:
     picture = np.zeros((10, 10, 3))
     picture[0] = 7
-    expected = display.auto_exposure(np.full((1, 1, 3), 7.0))
-    assert display.auto_exposure(picture) == pytest.approx(expected)
+    expected = auto_exposure(np.full((1, 1, 3), 7.0))
+    assert auto_exposure(picture) == pytest.approx(expected)
     picture[1, 0], picture[1, 1], picture[1, 2] = np.nan, np.inf, 1e-30
-    assert display.auto_exposure(picture) == pytest.approx(expected)
-    assert display.auto_exposure(np.zeros((4, 4, 3))) == 0
+    assert auto_exposure(picture) == pytest.approx(expected)
+    assert auto_exposure(np.zeros((4, 4, 3))) == 0
 
 
 # ---- files ------------------------------------------------------------------------------------------
@@ -84,17 +85,17 @@ def test_auto_exposure_leaves_black_and_broken_pixels_out() -> None:
 def test_png(tmp_path: Path) -> None:
     from PIL import Image
 
-    display.save_image(tmp_path / "a.png", RADIANCE, exposure=0.3, tonemap="aces")
-    expected = display.encode_srgb(display.tonemap(RADIANCE, exposure=0.3, curve="aces")) * 255
+    save_image(tmp_path / "a.png", RADIANCE, exposure=0.3, tonemap="aces")
+    expected = encode_srgb(tonemap(RADIANCE, exposure=0.3, curve="aces")) * 255
     np.testing.assert_allclose(np.asarray(Image.open(tmp_path / "a.png")), expected, atol=0.501)
 
 
 def test_npy_and_layers_beside_it(tmp_path: Path) -> None:
     layers: dict[str, Any] = {"depth": RADIANCE[..., 0], "normal": RADIANCE}
-    display.save_image(tmp_path / "a.npy", RADIANCE, layers=layers)
+    save_image(tmp_path / "a.npy", RADIANCE, layers=layers)
     np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), RADIANCE)
     np.testing.assert_array_equal(np.load(tmp_path / "a.depth.npy"), RADIANCE[..., 0])
-    display.save_image(tmp_path / "b.png", RADIANCE, layers=layers)
+    save_image(tmp_path / "b.png", RADIANCE, layers=layers)
     assert sorted(os.listdir(tmp_path)) == [
         "a.depth.npy", "a.normal.npy", "a.npy", "b.depth.npy", "b.normal.npy", "b.png",
     ]  # fmt: skip
@@ -109,7 +110,7 @@ def test_exr_holds_everything_exactly(tmp_path: Path) -> None:
         "roughness_metallic": RADIANCE[..., :2], "instance_id": ids, "variance": RADIANCE[..., :1],
         "hit": RADIANCE[..., 0] > 1,
     }  # fmt: skip
-    display.save_image(tmp_path / "a.exr", RADIANCE, exposure=0.25, layers=layers, metadata={"scene": "test"})
+    save_image(tmp_path / "a.exr", RADIANCE, exposure=0.25, layers=layers, metadata={"scene": "test"})
     file = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True)
     channels = {name: channel.pixels for name, channel in file.channels().items()}
     assert sorted(channels) == sorted(
@@ -130,10 +131,10 @@ def test_exr_holds_everything_exactly(tmp_path: Path) -> None:
 )  # fmt: skip
 def test_paths_that_can_not_be_written(tmp_path: Path, name: str, message: str) -> None:
     (tmp_path / "folder.png").mkdir()
-    for attempt in (display.check_output, lambda path: display.save_image(path, RADIANCE)):
+    for attempt in (check_output, lambda path: save_image(path, RADIANCE)):
         with pytest.raises(SolariError, match=message):
             attempt(tmp_path / name)
-    display.check_output(tmp_path / "A.PNG")
+    check_output(tmp_path / "A.PNG")
 
 
 def test_shapes_that_do_not_fit(tmp_path: Path) -> None:
@@ -142,7 +143,7 @@ def test_shapes_that_do_not_fit(tmp_path: Path) -> None:
         (RADIANCE, {"x": np.zeros((6, 9, 5))}),
     ):  # fmt: skip
         with pytest.raises(SolariError, match="shape"):
-            display.save_image(tmp_path / "a.exr", picture, layers=layers)
+            save_image(tmp_path / "a.exr", picture, layers=layers)
     assert not os.listdir(tmp_path)
 
 
@@ -156,6 +157,6 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.
 
     monkeypatch.setattr(os, "replace", fail)
     with pytest.raises(SolariError, match="can't be written: No space left on device"):
-        display.save_image(path, RADIANCE)
+        save_image(path, RADIANCE)
     assert os.listdir(tmp_path) == [path.name]
     assert path.read_text() == "old"

@@ -1,0 +1,138 @@
+"""From radiance to colors on a screen: exposure, tone-mapping curves and sRGB. Pure numpy.
+
+A curve takes exposed linear Rec. 709 colors (..., 3) and returns display-linear colors in [0, 1]; `encode_srgb` turns
+these into the values that an 8-bit picture holds. The shaders have the same curves (glsl/passes/display/tonemap.glsl)
+and take every number from here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from solari_vk.errors import SolariError
+from solari_vk.gpu.shaders import headers
+
+Colors = NDArray[np.float32]
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)  # of linear Rec. 709
+MIDDLE_GREY = 0.18
+MAX_EXPOSED = 1e6  # brighter colors are clipped to this first, so that no curve overflows
+
+ACES_EXPOSURE = 0.6
+ACES_NUMERATOR, ACES_DENOMINATOR = (2.51, 0.03), (2.43, 0.59, 0.14)  # polynomials, highest power first
+
+AGX_INSET = np.array([
+    [0.842479062253094, 0.0784335999999992, 0.0792237451477643],
+    [0.0423282422610123, 0.878468636469772, 0.0791661274605434],
+    [0.0423756549057051, 0.0784336, 0.879142973793104],
+])  # fmt: skip
+AGX_CURVE = (15.5, -40.14, 31.96, -6.868, 0.4298, 0.1191, -0.00232)  # highest power first
+AGX_MIN_STOPS, AGX_MAX_STOPS = -12.47393, 4.026069
+AGX_GAMMA = 2.2
+_AGX_OUTSET = np.linalg.inv(AGX_INSET).astype(np.float32)
+
+# IEC 61966-2-1: linear up to the knee, then SCALE x^(1 / GAMMA) - OFFSET.
+SRGB_KNEE, SRGB_SLOPE, SRGB_SCALE, SRGB_OFFSET, SRGB_GAMMA = 0.0031308, 12.92, 1.055, 0.055, 2.4
+SRGB_ENCODED_KNEE = 0.04045
+
+# ---- curves -----------------------------------------------------------------------------------------
+
+
+def clip(color: Colors) -> Colors:
+    """No curve: everything above 1 is white."""
+    return np.clip(color, 0, 1)
+
+
+def reinhard(color: Colors) -> Colors:
+    """L / (1 + L) on luminance, hue kept. Reinhard et al., "Photographic Tone Reproduction ...", SIGGRAPH 2002."""
+    luminance: Colors = np.maximum(color @ LUMINANCE, 0)[..., None]
+    mapped: Colors = np.clip(color / (1 + luminance), 0, 1)
+    return mapped
+
+
+def aces(color: Colors) -> Colors:
+    """Fit of the ACES filmic curve. Narkowicz, "ACES Filmic Tone Mapping Curve", 2015 (with its 0.6 pre-exposure)."""
+    x = np.clip(color, 0, MAX_EXPOSED) * np.float32(ACES_EXPOSURE)
+    (a, b), (c, d, e) = ACES_NUMERATOR, ACES_DENOMINATOR
+    return np.clip(x * (a * x + b) / (x * (c * x + d) + e), 0, 1)
+
+
+def agx(color: Colors) -> Colors:
+    """AgX base look (Sobotka), as the polynomial fit of Wrensch, "Minimal AgX Implementation", 2023."""
+    inset = np.maximum(color, 0) @ AGX_INSET.T.astype(np.float32)
+    stops = np.log2(np.maximum(inset, np.float32(1e-10)))
+    x = np.clip((stops - AGX_MIN_STOPS) / (AGX_MAX_STOPS - AGX_MIN_STOPS), 0, 1)
+    shaped = np.polyval(np.array(AGX_CURVE, np.float32), x)
+    return np.clip(shaped @ _AGX_OUTSET.T, 0, 1) ** np.float32(AGX_GAMMA)
+
+
+CURVES: dict[str, Callable[[Colors], Colors]] = {"none": clip, "reinhard": reinhard, "aces": aces, "agx": agx}
+TONEMAPS = tuple(CURVES)
+"""The names of the curves; the uniform `tonemap` is an index into them."""
+
+
+def glsl_header() -> str:
+    """`generated/output/tone_mapping.glsl`: TONEMAP_* and the numbers of the curves."""
+    inset = ", ".join(map(repr, AGX_INSET.ravel().tolist()))
+    scalars = {name: value for name, value in globals().items() if name.isupper() and isinstance(value, float)}
+    return "\n".join([
+        headers.enumeration("TONEMAP", TONEMAPS),
+        headers.constants(**scalars),
+        f"const vec2 ACES_NUMERATOR = vec2{ACES_NUMERATOR};",
+        f"const vec3 ACES_DENOMINATOR = vec3{ACES_DENOMINATOR};",
+        f"const mat3 AGX_INSET = mat3({inset});  // by rows",
+        f"const float AGX_CURVE[{len(AGX_CURVE)}] = float[]{AGX_CURVE};",
+    ])
+
+
+# ---- from radiance to a picture ---------------------------------------------------------------------
+
+
+def tonemap(radiance: ArrayLike, *, exposure: float = 1.0, curve: str = "agx") -> Colors:
+    """Display-linear colors (..., 3) in [0, 1] of radiance (..., 3) times exposure.
+
+    curve is a name of `CURVES`. NaN becomes black, infinity white. Raises SolariError for an unknown curve.
+    """
+    if curve not in CURVES:
+        raise SolariError(f"there is no tone mapping '{curve}'; there are {', '.join(CURVES)}")
+    with np.errstate(over="ignore"):  # becomes infinity, which is white
+        exposed = np.asarray(radiance, np.float32) * np.float32(exposure)
+    finite = np.nan_to_num(exposed, nan=0.0, posinf=MAX_EXPOSED, neginf=0.0)
+    return CURVES[curve](finite).astype(np.float32)
+
+
+def encode_srgb(linear: ArrayLike) -> Colors:
+    """The sRGB transfer function (IEC 61966-2-1): linear [0, 1] to encoded [0, 1]."""
+    x = np.clip(np.asarray(linear, np.float32), 0, 1)
+    curved = SRGB_SCALE * x ** np.float32(1 / SRGB_GAMMA) - SRGB_OFFSET
+    return np.where(x <= SRGB_KNEE, x * SRGB_SLOPE, curved).astype(np.float32)
+
+
+def decode_srgb(encoded: ArrayLike) -> Colors:
+    """The inverse of `encode_srgb`."""
+    x = np.clip(np.asarray(encoded, np.float32), 0, 1)
+    curved = ((x + SRGB_OFFSET) / SRGB_SCALE) ** SRGB_GAMMA
+    return np.where(x <= SRGB_ENCODED_KNEE, x / SRGB_SLOPE, curved).astype(np.float32)
+
+
+def encode_picture(radiance: ArrayLike, *, exposure: float = 1.0, curve: str = "agx") -> NDArray[np.uint8]:
+    """What a screen shows of radiance (..., 3) in cd/m^2: tone-mapped sRGB codes (..., 3) from 0 to 255."""
+    encoded = encode_srgb(tonemap(radiance, exposure=exposure, curve=curve))
+    return np.round(encoded * 255).astype(np.uint8)
+
+
+def auto_exposure(radiance: ArrayLike) -> float:
+    """The EV100 that shows the log-average luminance of radiance (..., 3), in cd/m^2, as middle grey, 0.18.
+
+    Pixels that are black, or a million times darker than the mean, are left out, so that a black background does not
+    brighten the picture. Returns 0 for a picture without light.
+    """
+    luminance = np.asarray(radiance, np.float64) @ LUMINANCE.astype(np.float64)
+    luminance = luminance[np.isfinite(luminance) & (luminance > 0)]
+    if not luminance.size:
+        return 0.0
+    luminance = luminance[luminance >= 1e-6 * luminance.mean()]
+    average = np.exp(np.log(luminance).mean())
+    return float(np.clip(np.log2(average / (1.2 * MIDDLE_GREY)), -100, 100))
