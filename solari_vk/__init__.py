@@ -42,7 +42,8 @@ _HOMES = {
     "reference": ("AOVS", "PathTracer"),
     "renderer": ("Renderer",),
     "settings": ("Settings",),
-    "tracer": ("RayTracer", "SceneFrame"),
+    "frame": ("SceneFrame",),
+    "tracer": ("RayTracer",),
     "viewer": ("Viewer",),
 }
 _MODULES = ("rt",)
@@ -88,6 +89,7 @@ __all__ = [
 if TYPE_CHECKING:
     from solari_vk import rt
     from solari_vk.errors import CallbackError, DeviceError, SolariError, ValidationError
+    from solari_vk.frame import SceneFrame
     from solari_vk.gpu.device.device import Device, list_devices
     from solari_vk.gpu.frame.frame import Frame, Pass, Stage
     from solari_vk.output.picture import check_output, save_image
@@ -108,7 +110,7 @@ if TYPE_CHECKING:
     )
     from solari_vk.scene.studio import frame_camera, studio_lights
     from solari_vk.settings import Settings
-    from solari_vk.tracer import RayTracer, SceneFrame
+    from solari_vk.tracer import RayTracer
     from solari_vk.viewer import Viewer
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import operator
 import time
 from collections import deque
 from collections.abc import Callable
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
+from solari_vk.frame import PictureRenderer, SceneFrame
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Frame, Stage
 from solari_vk.passes import brdf_table, pathtracer
@@ -22,11 +22,11 @@ from solari_vk.scene.view import write_view
 
 AOVS = pathtracer.AOVS
 DISPATCH_MS = 100.0  # what a dispatch should take: far below any driver's watchdog, far above its overhead
-MOST_PIXELS = 1 << 20  # of a first dispatch, before anything is measured
-MOST_SAMPLES = 64  # of a pixel in one dispatch
+MAX_FIRST_PIXELS = 1 << 20  # of a first dispatch, before anything is measured
+MAX_SAMPLES = 64  # of a pixel in one dispatch
 
 
-class PathTracer:
+class PathTracer(PictureRenderer):
     """The reference path tracer: progressive, unbiased, the ground truth of every realtime test.
 
     size: (width, height) in pixels. max_bounces: how many surfaces a path may leave, 0 shows emission
@@ -38,6 +38,9 @@ class PathTracer:
     The scene may be edited between calls of `render`. `close` frees what the device holds; closing the
     device does so too.
     """
+
+    LARGEST_PIXEL_BYTES = pathtracer.LARGEST_PIXEL_BYTES
+    IN_IMAGES = False
 
     def __init__(
         self,
@@ -52,85 +55,57 @@ class PathTracer:
         layering: str = "conserving",
         lambert: bool = False,
     ) -> None:
-        self.device = device
         self.settings = pathtracer.Settings(max_bounces, seed, light_strategy, pixel_filter, layering, lambert)
-        self.samples = 0
-        """Samples a pixel in the picture so far."""
-        self._set_size(size)
-        self._owns_binder = isinstance(scene, Scene)
-        self.binder = SceneBinder(device, scene) if isinstance(scene, Scene) else scene
-        self.binder.update()
-        self._bound_version = self.binder.version
-        self._table, self._table_buffers = brdf_table.compute(device)
-        self._shown: tuple[Any, ...] | None = None
-        self._camera: Camera | None = None
-        self._frame = Frame(device, self._stages(), external=self._external)
-        self._aovs: Frame | None = None  # made when first asked for
-        self._aovs_shown: tuple[Any, ...] | None = None
-        self._aovs_version = 0
-
-    @property
-    def _external(self) -> dict[str, Any]:
-        return {**self.binder.resources, **self._table_buffers}
-
-    def _set_size(self, size: tuple[int, int]) -> None:
+        super().__init__(device, scene, size)
         try:
-            width, height = (operator.index(n) for n in size)
-        except (TypeError, ValueError):
-            raise SolariError(f"PathTracer: size must be two whole numbers (width, height), not {size!r}") from None
-        most = self.device.properties.limits.maxStorageBufferRange // pathtracer.LARGEST_PIXEL_BYTES
-        if width < 1 or height < 1 or width * height > most:
-            raise SolariError(f"PathTracer: {width}x{height} is not between 1 pixel and the {most:,} this device holds")
-        self.size = (width, height)
-        self._band_rows = self._most_rows
-        self._batch = 1
-        self._next_look = 4  # the count of frames at which `_adapt` looks; a driver may compile in the first ones
-        # Rows times samples of the last dispatches, with the timeline value of each.
-        self._sizes: deque[tuple[int, int]] = deque(maxlen=4)
+            self.samples = 0
+            """Samples a pixel in the picture so far."""
+            self._shown: tuple[Any, ...] | None = None  # what the picture shows: scene, size and camera
+            self._camera: Camera | None = None
+            self._aovs: Frame | None = None  # made when first asked for
+            self._owned.callback(self._drop_aovs)
+            self._aovs_built: tuple[Any, ...] = ()  # what it was made for
+            self._aovs_shown: tuple[Any, ...] | None = None
+            self._begin_adapting(_max_rows(self.size), 0)
+            table, self._table_buffers = brdf_table.compute(device)
+            self._own(table)
+            stages, external = self._stages(self.size), self._table_buffers
+            self._frame = self._own(SceneFrame(device, self.binder, stages, external=external))
+        except BaseException:
+            self.close()
+            raise
 
-    @property
-    def _most_rows(self) -> int:
-        return min(self.size[1], max(MOST_PIXELS // self.size[0], 1))
-
-    def _stages(self) -> list[Stage]:
-        return [pathtracer.trace_stage(self.size, self._band_rows, self.settings)]
+    def _stages(self, size: tuple[int, int]) -> list[Stage]:
+        return [pathtracer.trace_stage(size, self._band_rows, self.settings)]
 
     def resize(self, size: tuple[int, int]) -> None:
-        """Another picture size (width, height); the picture starts anew."""
-        before = self.size, self._band_rows
-        self._set_size(size)
-        try:
-            self._frame.rebuild(self._stages())
-        except BaseException:
-            self.size, self._band_rows = before
-            raise
-        self._drop_aovs()
-        self._shown = None
-        self._next_look += self._frame.frame_count
+        size = self._checked_size(size)
+        rows = _max_rows(size)
+        self._frame.rebuild([pathtracer.trace_stage(size, rows, self.settings)])
+        self.size = size
+        self._begin_adapting(rows, self._frame.frame_count)
+        self.reset()
+
+    def _begin_adapting(self, rows: int, frame_count: int) -> None:
+        """Forget what dispatches have taken so far; they begin with so many rows and one sample."""
+        self._band_rows, self._batch = rows, 1
+        self._next_look = frame_count + 4  # when `_adapt` looks; a driver may compile in the first frames
+        # Rows times samples of the latest dispatches, with the timeline value of each.
+        self._sizes: deque[tuple[int, int]] = deque(maxlen=4)
 
     def reload(self) -> None:
-        """Take up changed shaders; the picture starts anew. When one can't be compiled, the old ones go on and the
-        CompilationError is raised."""
-        self._frame.rebuild()
+        super().reload()
         self._drop_aovs()
-        self._shown = None
+        self.reset()
 
-    def resource(self, name: str) -> Any:
-        """What a name of the shaders stands for on the device, as of the latest frame: a Buffer or an Image."""
-        return self._frame.resource(name)
+    def reset(self) -> None:
+        """Have the next call of `render` or `advance` start the picture anew."""
+        self._shown = None
 
     def _drop_aovs(self) -> None:
         if self._aovs is not None:
             self._aovs.close()
             self._aovs = None
-
-    def close(self) -> None:
-        """Free everything on the device. Safe to call twice."""
-        self._drop_aovs()
-        self._frame.close()
-        self._table.close()
-        if self._owns_binder:
-            self.binder.destroy()
 
     # ---- rendering ----------------------------------------------------------------------------------
 
@@ -159,21 +134,16 @@ class PathTracer:
                 break
         return self["radiance"]
 
-    def advance(self, camera: Camera, most: int = MOST_SAMPLES) -> None:
+    def advance(self, camera: Camera, max_samples: int = MAX_SAMPLES) -> None:
         """Submit the next samples for every pixel, as many as make a short dispatch, and don't wait for them."""
         self._prepare(camera)
-        self._add_samples(min(self._batch, most))
+        self._add_samples(min(self._batch, max_samples))
         self._adapt()
 
     def _prepare(self, camera: Camera) -> None:
         """Take up edits of the scene, and start anew if anything differs from what the picture shows."""
-        if not isinstance(camera, Camera):
-            raise SolariError(f"PathTracer: a Camera is needed, not {camera!r}")
+        self._checked_camera(camera)
         self.binder.update()
-        if self.binder.version != self._bound_version:
-            self._bound_version = self.binder.version
-            self._frame.bind(self.binder.resources)
-            self._drop_aovs()
         view = (camera.transform.tobytes(), camera.vertical_fov, camera.near, *camera.jitter.tolist())
         shown = (self.binder.revision, self.size, *view)
         if shown != self._shown:
@@ -211,10 +181,10 @@ class PathTracer:
         if not spent or not size:
             return
         wanted = DISPATCH_MS / spent * size
-        self._batch = max(1, min(int(wanted / self._band_rows), 4 * self._batch, MOST_SAMPLES))
+        self._batch = max(1, min(int(wanted / self._band_rows), 4 * self._batch, MAX_SAMPLES))
         if wanted < self._band_rows / 4 and self._band_rows > 8:
             self._band_rows = max(int(wanted), 8)
-            frame.rebuild(self._stages())
+            frame.rebuild(self._stages(self.size))
             frame.uniforms["row_count"] = self._band_rows
 
     # ---- results ------------------------------------------------------------------------------------
@@ -233,13 +203,13 @@ class PathTracer:
 
     def _first_hits(self) -> Frame:
         """The frame of the AOVs, run for what the picture shows."""
-        rows = self._most_rows
-        if self._aovs_version != self.binder.version:  # another renderer may have taken up an edit
+        rows = _max_rows(self.size)
+        built = self.binder.version, self.size
+        if self._aovs is None or self._aovs_built != built:
             self._drop_aovs()
-        if self._aovs is None:
-            self._aovs_version = self.binder.version
-            self._aovs = Frame(self.device, [pathtracer.aov_stage(self.size, rows)], external=self._external)
-            self._aovs_shown = None
+            external = {**self.binder.resources, **self._table_buffers}
+            self._aovs = Frame(self.device, [pathtracer.aov_stage(self.size, rows)], external=external)
+            self._aovs_built, self._aovs_shown = built, None
         if self._aovs_shown != self._shown:
             self._aovs_shown = self._shown
             assert self._camera is not None
@@ -254,7 +224,7 @@ class PathTracer:
         """How many rays the picture has taken so far."""
         return int(self._frame["ray_count"].sum(dtype=np.uint64))
 
-    @property
-    def timings(self) -> dict[str, float]:
-        """GPU milliseconds of each pass in the last finished frame."""
-        return self._frame.timings
+
+def _max_rows(size: tuple[int, int]) -> int:
+    """Rows of a picture in the first dispatch, before anything is measured."""
+    return min(size[1], max(MAX_FIRST_PIXELS // size[0], 1))

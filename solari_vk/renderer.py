@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
+from solari_vk.frame import PictureRenderer, SceneFrame
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.frame.frame import Frame, Stage
+from solari_vk.gpu.frame.frame import Stage
 from solari_vk.gpu.frame.packing import writer
 from solari_vk.gpu.frame.uniforms import Uniforms
 from solari_vk.output.tone_mapping import TONEMAPS
@@ -20,6 +21,7 @@ from solari_vk.passes import (
     gbuffer,
     guides,
     light_tiles,
+    ray_count,
     restir_di,
     restir_gi,
     specular_gi,
@@ -31,25 +33,29 @@ from solari_vk.scene.model import Camera, Scene
 from solari_vk.scene.view import JITTERS, View
 from solari_vk.settings import Settings
 
-# Uniforms that are written together: those of two views, and what differs in every frame.
-VIEW = ("world_from_view", "tan_half_fov", "near")
-VIEWS = ("view_from_world", "previous_world_from_view", "previous_view_from_world", "previous_tan_half_fov",
-         "previous_near")  # fmt: skip
+# Uniforms that are written together: those of this frame's and the previous camera, and what differs in every frame.
+CAMERA = ("world_from_view", "tan_half_fov", "near")
+PREVIOUS_CAMERA = ("view_from_world", "previous_world_from_view", "previous_view_from_world", "previous_tan_half_fov",
+                   "previous_near")  # fmt: skip
 JITTER = ("jitter",)
-MOMENT = ("previous_jitter", "frame_index", "has_history", "exposure", "lighting_change")
+EVERY_FRAME = ("previous_jitter", "frame_index", "has_history", "exposure", "lighting_change")
 COUNTING = ("gbuffer", "world_cache")  # stages that count something, in NAME_counters
-LARGEST_PIXEL_BYTES = 64  # of a pixel in any one buffer
 
 
-class Renderer:
+class Renderer(PictureRenderer):
     """Solari's realtime lighting: ReSTIR DI and GI, a world-space radiance cache, specular GI.
 
     size: (width, height) in pixels. settings: shared, not copied, so that assigning to its fields takes effect with the
-    next frame. seed: another one gives other noise; one seed gives one picture. Sources: seeds 000, 003 and 002.
+    next frame. seed: the random numbers' seed; the same seed gives the same pictures, another seed other noise.
+    count_rays: passes count their rays in `frame["ray_counts"]`, in the order of `counted_passes`, which takes some
+    time. Sources: "Solari" posts of Bevy 0.17, 0.18 and 0.19.
 
     The scene may be edited between calls of `render`, and several renderers may share it (as one SceneBinder, to
     hold it on the device once). `close` frees what the device holds; closing the device does so too.
     """
+
+    LARGEST_PIXEL_BYTES = 64
+    IN_IMAGES = True
 
     def __init__(
         self,
@@ -59,41 +65,36 @@ class Renderer:
         settings: Settings | None = None,
         *,
         seed: int = 0,
+        count_rays: bool = False,
     ) -> None:
-        self.device = device
         self.settings = Settings() if settings is None else settings
         self.seed = seed
-        self.size = self._checked(size)
-        self.frame_count = 0
-        self._owns_binder = isinstance(scene, Scene)
-        self.binder = SceneBinder(device, scene) if isinstance(scene, Scene) else scene
-        self.binder.update()
-        self._owned: list[Any] = []
+        self.count_rays = count_rays
+        self.counted_passes: list[str] = []
+        super().__init__(device, scene, size)
         try:
+            self.view, self.tonemap = "picture", "agx"
+            self.frame_count = 0
+            self._history: tuple[View, tuple[float, float]] | None = None  # the previous frame's view and jitter
+            self._settings_seen: tuple[Any, ...] = ()  # what the settings in the uniforms were written from
+            self._uniforms_seen: Uniforms | None = None  # what `_write_...` write to
+            self._views_seen: tuple[View, View] | None = None  # in the uniforms: this frame's and the previous one's
             table, table_buffers = brdf_table.compute(device)
-            self._owned.append(table)
-            self._lights = LightTranslation(device)
-            self._owned.append(self._lights)
-            external = {**self.binder.resources, **table_buffers, **self._lights.buffers}
-            self._frame = Frame(device, self._stages(), external=external)
-            self._owned.append(self._frame)
+            self._own(table)
+            self._lights = self._own(LightTranslation(device))
+            external = table_buffers | self._lights.buffers
+            self._frame = self._own(SceneFrame(device, self.binder, self._stages(self.size), external=external))
+            self._built = self._build_key()
         except BaseException:
             self.close()
             raise
-        self._built = self.size, self.binder.instance_capacity, self.settings.built_in
-        self._seen: tuple[Any, ...] = ()
-        self._written: Uniforms | None = None  # that `_write_...` write to
-        self._bound_version = self.binder.version
-        self._previous: tuple[View, tuple[float, float]] | None = None  # view and jitter of the last frame: the history
-        self._views: tuple[View, View] | None = None  # in the uniforms: this frame's and the last one's
-        self.view, self.tonemap = "picture", "agx"
 
     # ---- the frame ----------------------------------------------------------------------------------
 
-    def _stages(self) -> list[Stage]:
+    def _stages(self, size: tuple[int, int]) -> list[Stage]:
         """What happens in a frame, in this order."""
-        size, settings, instances = self.size, self.settings, self.binder.instance_capacity
-        return [
+        settings, instances = self.settings, self.binder.instance_capacity
+        stages = [
             gbuffer.stage(size, settings, instances),
             light_tiles.stage(size, settings),
             world_cache.stage(size, settings),
@@ -104,20 +105,24 @@ class Renderer:
             display.stage(size, settings),
             gbuffer.last_stage(instances),
         ]
+        if self.count_rays:
+            stages, self.counted_passes = ray_count.counting(stages)
+        return stages
 
     def render(self, camera: Camera) -> RenderedFrame:
         """Submit the next frame and return it, without waiting for it; its results are read by name.
 
         Light gathers over frames: after about 24 of them a still picture has settled. Call `reset` at a cut.
         """
-        if not isinstance(camera, Camera):
-            raise SolariError(f"Renderer.render: a Camera is needed, not {camera!r}")
+        self._checked_camera(camera)
         self.binder.update()
         seen = (self.size, self.seed, self.settings, self.settings.revision, self.binder.version, self._view,
                 self._tonemap, self._frame.uniforms)  # fmt: skip
-        if seen != self._seen:
-            self._take_up_settings()
-            self._seen = seen
+        if seen != self._settings_seen:
+            if self._built != self._build_key():
+                self._rebuild()
+            self._write_settings()
+            self._settings_seen = seen
         lights = self.binder.lights
         if self._lights.update(lights.ids, lights.powers, lights.places, self.settings.world_cache_cell_size):
             self._frame.bind(self._lights.buffers)
@@ -125,24 +130,26 @@ class Renderer:
             self._write_uniforms(camera)
             self._frame.submit()
         except BaseException:
-            self.reset()  # what the passes know is older than what was noted of cameras and lights
+            self.reset()  # the device's history is older than the cameras and lights noted here
             raise
         self.frame_count += 1
         return RenderedFrame(self)
 
-    def _take_up_settings(self) -> None:
-        """Build the frame anew where sizes or pipelines changed; take up the scene's resources and all settings."""
-        built = self.size, self.binder.instance_capacity, self.settings.built_in
-        if built != self._built:
-            grown = self.frame_count > 0 and built[1] > self._built[1]
-            instances = self._frame.resource(gbuffer.LASTING).read() if grown else None
-            self._frame.rebuild(self._stages())
-            self._built = built
-            if instances is not None:  # what moves goes on moving
-                self._frame.resource(gbuffer.LASTING).upload(instances)
-        if self.binder.version != self._bound_version:
-            self._bound_version = self.binder.version
-            self._frame.bind(self.binder.resources)
+    def _build_key(self) -> tuple[Any, ...]:
+        """What `_stages` depends on."""
+        return self.size, self.binder.instance_capacity, self.settings.built_in
+
+    def _rebuild(self) -> None:
+        """Build the frame anew; when the scene has outgrown the table of instances, their motion goes on."""
+        key = self._build_key()
+        grown = self.frame_count > 0 and key[1] > self._built[1]
+        instances = self._frame.resource(gbuffer.PREVIOUS_INSTANCES).read() if grown else None
+        self._frame.rebuild(self._stages(self.size))
+        self._built = key
+        if instances is not None:
+            self._frame.resource(gbuffer.PREVIOUS_INSTANCES).upload(instances)
+
+    def _write_settings(self) -> None:
         uniforms = self._frame.uniforms
         for name, value in self.settings.uniforms().items():
             uniforms[name] = value
@@ -151,30 +158,31 @@ class Renderer:
 
     def _write_uniforms(self, camera: Camera) -> None:
         uniforms = self._frame.uniforms
-        if self._written is not uniforms:  # the shaders' block is another one
-            writers = [writer(uniforms.record, names) for names in (VIEW, VIEWS, JITTER, MOMENT)]
-            self._write_view, self._write_views, self._write_jitter, self._write_moment = writers
-            self._written, self._views = uniforms, None
-        previous = self._previous
-        view = View.of(camera, self.size, previous and previous[0])
+        if self._uniforms_seen is not uniforms:  # the shaders' block was replaced
+            writers = [writer(uniforms.record, names) for names in (CAMERA, PREVIOUS_CAMERA, JITTER, EVERY_FRAME)]
+            self._write_camera, self._write_previous_camera, self._write_jitter, self._write_every_frame = writers
+            self._uniforms_seen, self._views_seen = uniforms, None
+        history = self._history
+        view = View.of(camera, self.size, history and history[0])
         jitter = self._jitter(view)
-        if previous is None:
+        if history is None:
             self._lights.change = 0.0
-        old, old_jitter = previous or (view, jitter)
-        if self._views is None or self._views[0] is not view or self._views[1] is not old:
-            self._write_view(*view.world_from_view, *view.tan_half_fov, view.near)
-            self._write_views(
-                *view.view_from_world, *old.world_from_view, *old.view_from_world, *old.tan_half_fov, old.near
-            )
-            self._views = view, old
+        previous, previous_jitter = history or (view, jitter)
+        if self._views_seen is None or self._views_seen[0] is not view or self._views_seen[1] is not previous:
+            self._write_camera(*view.world_from_view, *view.tan_half_fov, view.near)
+            self._write_previous_camera(
+                *view.view_from_world, *previous.world_from_view, *previous.view_from_world, *previous.tan_half_fov,
+                previous.near,
+            )  # fmt: skip
+            self._views_seen = view, previous
         self._write_jitter(*jitter)
-        self._write_moment(
-            *old_jitter, self.frame_count & 0xFFFFFFFF, previous is not None, view.exposure, self._lights.change
+        self._write_every_frame(
+            *previous_jitter, self.frame_count & 0xFFFFFFFF, history is not None, view.exposure, self._lights.change
         )
-        self._previous = view, jitter
+        self._history = view, jitter
 
     def _jitter(self, view: View) -> tuple[float, float]:
-        """Where in the pixel this frame's samples lie, from its centre, in pixels."""
+        """Where in the pixel this frame's samples lie, from the pixel's centre, in pixels."""
         if not self.settings.jitter:
             return view.jitter
         (x, y), (dx, dy) = view.jitter, JITTERS[(self.frame_count + 7 * self.seed) % len(JITTERS)]
@@ -184,7 +192,7 @@ class Renderer:
 
     @property
     def seed(self) -> int:
-        """What the noise follows, from the next frame on: a whole number from 0 to 2^32 - 1."""
+        """The seed of the noise, from the next frame on: a whole number from 0 to 2^32 - 1."""
         return self._seed
 
     @seed.setter
@@ -214,47 +222,17 @@ class Renderer:
     def tonemap(self, name: str) -> None:
         self._tonemap = _index_of(name, TONEMAPS, "tone mapping")
 
-    def reset(self) -> None:
-        """Forget all earlier frames, as after a cut."""
-        self._previous = None
-
-    def reload(self) -> None:
-        """Take up changed shaders. When one can't be compiled, the old ones go on; raises CompilationError."""
-        self._frame.rebuild()
-
     def resize(self, size: tuple[int, int]) -> None:
-        """Another picture size (width, height), without history."""
-        self.size = self._checked(size)
+        """Change the picture's size, (width, height) in pixels, from the next frame on, without history.
+
+        Raises SolariError for a size that the device can't hold; the size then stays as it was.
+        """
+        self.size = self._checked_size(size)
         self.reset()
 
-    def _checked(self, size: tuple[int, int]) -> tuple[int, int]:
-        try:
-            width, height = (operator.index(n) for n in size)
-        except (TypeError, ValueError):
-            raise SolariError(f"Renderer: size must be two whole numbers (width, height), not {size!r}") from None
-        limits = self.device.properties.limits
-        most = limits.maxStorageBufferRange // LARGEST_PIXEL_BYTES
-        side = limits.maxImageDimension2D
-        if not (0 < width <= side and 0 < height <= side and width * height <= most):
-            raise SolariError(
-                f"Renderer: {width}x{height} is not between 1 pixel and what this device holds, {side} pixels a side "
-                f"and {most:,} in all"
-            )
-        return width, height
-
-    def close(self) -> None:
-        """Free everything on the device. Safe to call twice."""
-        while self._owned:
-            self._owned.pop().close()
-        if self._owns_binder:
-            self._owns_binder = False
-            self.binder.destroy()
-
-    def __enter__(self) -> Renderer:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
+    def reset(self) -> None:
+        """Forget all earlier frames, as after a cut."""
+        self._history = None
 
     # ---- results ------------------------------------------------------------------------------------
 
@@ -280,15 +258,6 @@ class Renderer:
         if len(values.shape) and values.shape[0] == width * height:
             return values.reshape(height, width, *values.shape[1:])
         return values
-
-    def resource(self, name: str) -> Any:
-        """What a name of the shaders stands for on the device, as of the latest frame: a Buffer or an Image."""
-        return self._frame.resource(name)
-
-    @property
-    def timings(self) -> dict[str, float]:
-        """GPU milliseconds of each pass in the last finished frame."""
-        return self._frame.timings
 
 
 class RenderedFrame:

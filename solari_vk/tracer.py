@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.errors import SolariError
-from solari_vk.gpu.acceleration.checks import check_kind, check_switch, numbers
-from solari_vk.gpu.device import raw
+from solari_vk.frame import SceneFrame, SceneUser
+from solari_vk.gpu.acceleration.checks import check_switch, numbers
 from solari_vk.gpu.device.barriers import host_read_barrier
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.memory import Buffer
-from solari_vk.gpu.frame.frame import Frame, Pass, Stage, Step
+from solari_vk.gpu.frame.frame import Pass, Stage, Step
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
 from solari_vk.scene.binder import SceneBinder
@@ -25,58 +24,7 @@ ARRAYS = ("ray_origins", "ray_directions", "ray_starts", "ray_ends", "ray_hits")
 BATCH = 1 << 16  # rays in a dispatch: long enough to hide what it costs to start one, short for any watchdog
 
 
-class SceneFrame(Frame):
-    """Passes of one's own over a scene: shaders that include "scene/bindings.glsl" find it in descriptor set 0.
-
-    scene: a Scene, or a SceneBinder to share what another renderer of the scene has on the device. Each `submit` takes
-    up the scene's edits first. `external` and all other options are those of `Frame`; glsl_root is the folder (or
-    folders) of one's own shaders, which may include the package's by their paths.
-    """
-
-    def __init__(
-        self,
-        device: Device,
-        scene: Scene | SceneBinder,
-        stages: Sequence[Stage],
-        *,
-        external: Mapping[str, Any] | None = None,
-        **options: Any,
-    ) -> None:
-        _check_given(device, scene, "SceneFrame")
-        self._owns_binder = isinstance(scene, Scene)
-        self.binder = SceneBinder(device, scene) if isinstance(scene, Scene) else scene
-        try:
-            self.binder.update()
-            self._bound_version = self.binder.version
-            super().__init__(device, stages, external={**self.binder.resources, **(external or {})}, **options)
-        except BaseException:
-            self._free_binder()
-            raise
-
-    def rebuild(self, stages: Sequence[Stage] | None = None, external: Mapping[str, Any] | None = None) -> None:
-        """As of `Frame`; external resources come on top of the scene's."""
-        super().rebuild(stages, None if external is None else {**self.binder.resources, **external})
-
-    def submit(self, before: Sequence[raw.CData] = ()) -> int:
-        """Take up the scene's edits and run the next frame; returns the device's timeline value."""
-        self.binder.update()
-        if self.binder.version != self._bound_version:
-            self._bound_version = self.binder.version
-            self.bind(self.binder.resources)
-        return super().submit(before)
-
-    def close(self) -> None:
-        """Free everything. Safe to call twice."""
-        super().close()
-        self._free_binder()
-
-    def _free_binder(self) -> None:
-        if self._owns_binder:
-            self._owns_binder = False
-            self.binder.destroy()
-
-
-class RayTracer:
+class RayTracer(SceneUser):
     """Traces arrays of rays through a scene; a context manager.
 
     The scene may be edited between calls. `instances` are the Instance objects by the numbers in hits. Instances that
@@ -84,8 +32,7 @@ class RayTracer:
     """
 
     def __init__(self, device: Device, scene: Scene | SceneBinder) -> None:
-        _check_given(device, scene, "RayTracer")
-        self.device = device
+        super().__init__(device, scene)
         self._closed = False
         self._frames: dict[bool, SceneFrame] = {}
         self._orders: dict[int, NDArray[np.int64]] = {}
@@ -93,8 +40,6 @@ class RayTracer:
         self.instances: dict[int, Instance] = {}
         self._buffers: dict[str, Buffer] = {}
         self._views: dict[str, NDArray[Any]] = {}
-        self._owns_binder = isinstance(scene, Scene)
-        self.binder = SceneBinder(device, scene) if isinstance(scene, Scene) else scene
         try:
             bindings = reflect(compile_shader(SHADER), SHADER).bindings
             for name in ARRAYS:
@@ -200,20 +145,7 @@ class RayTracer:
         self._frames.clear()
         self._buffers.clear()
         self._views.clear()
-        if self._owns_binder:
-            self._owns_binder = False
-            self.binder.destroy()
-
-    def __enter__(self) -> RayTracer:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-
-def _check_given(device: Any, scene: Any, what: str) -> None:
-    check_kind(device, Device, f"{what}: the device", "give a solari_vk.Device")
-    check_kind(scene, (Scene, SceneBinder), f"{what}: the scene", "give a solari_vk.Scene, or a SceneBinder")
+        super().close()
 
 
 def _host_type(element: Any) -> np.dtype[Any]:

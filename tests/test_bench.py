@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from solari_vk.cli import main
+from solari_vk.frame import SceneFrame
 from solari_vk.gpu.frame.frame import Pass, Stage
 from solari_vk.measure.frame.passes import against_bare_rays, count_rays
 from solari_vk.measure.speed import Figures
@@ -12,7 +13,7 @@ from solari_vk.renderer import Renderer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.model import Camera
-from solari_vk.tracer import RayTracer, SceneFrame
+from solari_vk.tracer import RayTracer
 
 
 def test_page_has_all_figures(device, capsys):

@@ -25,9 +25,10 @@ MAY_IMPORT = {
     "scene": {"errors", "gpu"},
     "passes": {"errors", "gpu", "settings"},
     "rt": {"errors", "gpu"},
-    "tracer": {"errors", "gpu", "scene"},
-    "reference": {"errors", "gpu", "scene", "passes"},
-    "renderer": {"errors", "settings", "gpu", "scene", "passes", "output"},
+    "frame": {"errors", "gpu", "scene"},
+    "tracer": {"errors", "gpu", "scene", "frame"},
+    "reference": {"errors", "gpu", "scene", "passes", "frame", "output"},
+    "renderer": {"errors", "settings", "gpu", "scene", "passes", "frame", "output"},
 }
 ON_TOP = {"__init__", "__main__", "measure", "cli", "conformance", "viewer"}
 # Of passes, the scene's GLSL may only read what they leave in set 1, such as the BRDF's table.

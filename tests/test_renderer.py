@@ -63,7 +63,7 @@ def test_a_resize_that_fails_on_the_device_changes_nothing(device, monkeypatch):
     scene = sv.builtin("cornell_box")
     renderer = sv.PathTracer(device, scene, (8, 24), max_bounces=1)
     renderer._band_rows = 8
-    renderer._frame.rebuild(renderer._stages())
+    renderer._frame.rebuild(renderer._stages(renderer.size))
     renderer.render(scene.camera, samples=1)
 
     def fail(*_):
@@ -83,7 +83,7 @@ def test_a_resize_that_fails_on_the_device_changes_nothing(device, monkeypatch):
 @pytest.mark.parametrize("bands", [1, 3, 7])
 def test_dispatches_grow_towards_their_time(device, bands, monkeypatch):
     """Whatever the number of bands: pictures that are quick to trace take more samples a dispatch."""
-    monkeypatch.setattr("solari_vk.reference.MOST_PIXELS", 16 * 8)
+    monkeypatch.setattr("solari_vk.reference.MAX_FIRST_PIXELS", 16 * 8)
     scene = sv.builtin("cornell_box")
     renderer = sv.PathTracer(device, scene, (16, 8 * bands), max_bounces=0)
     renderer.render(scene.camera, samples=200)
@@ -98,7 +98,7 @@ def test_dispatch_sizes_leave_the_picture_alone(device):
     for batch, rows in ((1, 21), (7, 21), (3, 8)):
         renderer = sv.PathTracer(device, scene, (16, 21), seed=3)
         renderer._band_rows = rows
-        renderer._frame.rebuild(renderer._stages())
+        renderer._frame.rebuild(renderer._stages(renderer.size))
         renderer._next_look = 10**9
         renderer._batch = batch
         pictures.append(renderer.render(scene.camera, samples=14))

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from solari_vk import rt
 from solari_vk.errors import SolariError
+from solari_vk.frame import SceneFrame
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Pass, Stage
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.shapes import sphere
 from solari_vk.scene.spatial import spatial_order
-from solari_vk.tracer import BATCH, RayTracer, SceneFrame
+from solari_vk.tracer import BATCH, RayTracer
 
 Say = Callable[..., None]
 

@@ -10,12 +10,12 @@ COUNTERS = ("drawn_first", "drawn_second", "frustum_culled", "occlusion_culled")
 those don't hide them, out of view, and hidden. Together these are all that the scene shows."""
 
 _DRAW_COUNT_BYTES = 4
-LASTING = "previous_instances"  # keeps its meaning when there are more instances
+PREVIOUS_INSTANCES = "previous_instances"  # the rows stay valid when the table of instances grows
 
 
 def stage(size: tuple[int, int], settings: Settings, instance_capacity: int) -> Stage:
     """The images of the packed layout with their history. instance_capacity: rows of the scene's `instances`."""
-    buffers: dict[str, int | History] = {LASTING: instance_capacity}
+    buffers: dict[str, int | History] = {PREVIOUS_INSTANCES: instance_capacity}
     images: dict[str, tuple[int, int] | History] = {
         "gbuffer": History(size),
         "gbuffer_surface": History(size),

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
-from solari_vk.measure.frame.passes import CountingRenderer
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes.display import VIEWS
-from solari_vk.reference import MOST_SAMPLES, PathTracer
+from solari_vk.reference import MAX_SAMPLES, PathTracer
 from solari_vk.renderer import Renderer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera, Instance, Scene
@@ -105,14 +104,13 @@ class Pictures:
         return counts or self.refused_size is not None
 
     def _render_realtime(self, camera: Camera) -> None:
-        kind = CountingRenderer if self.counts_rays else Renderer
         if self.refused_count not in (None, self.counts_rays):
             self.refused_count = None
         if self.realtime is None:
-            self.realtime = kind(self.device, self.binder, self.size, self.settings, seed=self.seed)
-        elif type(self.realtime) is not kind and self.refused_count is None:
+            self.realtime = self._new_realtime()
+        elif self.realtime.count_rays != self.counts_rays and self.refused_count is None:
             try:
-                other = kind(self.device, self.binder, self.size, self.settings, seed=self.seed)
+                other = self._new_realtime()
             except SolariError:
                 self.refused_count = self.counts_rays
                 raise
@@ -122,6 +120,11 @@ class Pictures:
             self.realtime.resize(self.size)
         self.realtime.view, self.realtime.tonemap = self.view, self.tonemap
         self.realtime.render(camera)
+
+    def _new_realtime(self) -> Renderer:
+        return Renderer(
+            self.device, self.binder, self.size, self.settings, seed=self.seed, count_rays=self.counts_rays
+        )  # fmt: skip
 
     def _render_reference(self, camera: Camera) -> None:
         if self.reference is None:
@@ -135,7 +138,7 @@ class Pictures:
             frame = self._reference_frame = Frame(self.device, stages, external=pixels)
         elif frame.resource("radiance_mean") is not pixels["radiance_mean"] or _size(frame) != self.size:
             frame.rebuild(stages, pixels)
-        self.reference.advance(camera, 1 if self.is_short else MOST_SAMPLES)
+        self.reference.advance(camera, 1 if self.is_short else MAX_SAMPLES)
         frame.uniforms["size"] = self.size
         frame.uniforms["exposure"] = camera.exposure
         frame.uniforms["tonemap"] = TONEMAPS.index(self.tonemap)

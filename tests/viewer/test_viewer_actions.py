@@ -190,8 +190,10 @@ def test_what_is_wrong_with_the_scene_refuses_no_size(open_viewer, monkeypatch):
 
 def test_rays_that_cannot_be_counted_leave_the_renderer(device, monkeypatch):
     class Good:
-        def __init__(self, device, binder, size, settings, seed):
-            self.size, self.frame_count, self.closed = size, 0, False
+        def __init__(self, device, binder, size, settings, seed, count_rays):
+            if count_rays:
+                raise sv.SolariError("no such shader")
+            self.size, self.frame_count, self.closed, self.count_rays = size, 0, False, count_rays
 
         def render(self, camera):
             self.frame_count += 1
@@ -202,11 +204,7 @@ def test_rays_that_cannot_be_counted_leave_the_renderer(device, monkeypatch):
         def resource(self, name):
             return SimpleNamespace(width=self.size[0], height=self.size[1])
 
-    def broken(*_, **__):
-        raise sv.SolariError("no such shader")
-
     monkeypatch.setattr(pictures, "Renderer", Good)
-    monkeypatch.setattr(pictures, "CountingRenderer", broken)
     shown = pictures.Pictures(device, sv.builtin("cornell_box"), sv.Settings())
     camera = sv.Camera()
     shown.render(camera, (8, 8))

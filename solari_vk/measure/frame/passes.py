@@ -2,46 +2,23 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import os
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import numpy as np
 
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
-from solari_vk.gpu.shaders.compiler import compile_shader
-from solari_vk.gpu.shaders.spirv import reflect
 from solari_vk.renderer import Renderer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera
 from solari_vk.scene.view import write_view
-from solari_vk.settings import Settings
 
 BOUNCES = 4  # of the bare kernel's paths
-
-
-class CountingRenderer(Renderer):
-    """The renderer with pipelines that count their rays: `counted` names those passes, in the order of ray_counts."""
-
-    def _stages(self) -> list[Stage]:
-        self.counted: list[str] = []
-        return [dataclasses.replace(stage, passes=[self._counting(item) for item in stage.passes])
-                for stage in super()._stages()]  # fmt: skip
-
-    def _counting(self, item: Any) -> Any:
-        path = f"passes/{item.name}.comp"
-        if not isinstance(item, Pass) or (
-            "ray_counter" not in reflect(compile_shader(path, header=item.header), path).constants
-        ):
-            return item
-        self.counted.append(item.name)
-        return dataclasses.replace(item, constants={**item.constants, "ray_counter": len(self.counted) - 1})
 
 
 @contextmanager
@@ -83,7 +60,7 @@ def count_rays(
     device: Device, binder: SceneBinder, camera: Camera, size: tuple[int, int], warm_up: int, frames: int
 ) -> dict[str, float]:
     """Rays per pixel of a frame by pass, once cells and reservoirs are filled."""
-    renderer = CountingRenderer(device, binder, size, Settings())
+    renderer = Renderer(device, binder, size, count_rays=True)
     with renderer:
         for _ in range(warm_up):
             renderer.render(camera)
@@ -92,7 +69,7 @@ def count_rays(
             renderer.render(camera)
         counts = (renderer["ray_counts"].astype(np.int64) - before) % (1 << 32)
         per_pixel = counts / (frames * size[0] * size[1])
-        return dict(zip(renderer.counted, per_pixel.tolist(), strict=False))
+        return dict(zip(renderer.counted_passes, per_pixel.tolist(), strict=False))
 
 
 class BareKernel:
