@@ -28,8 +28,8 @@ class PartialRenderer(Renderer):
         self._passes = tuple(passes)
         super().__init__(device, scene, size, settings, seed=seed)
 
-    def _stages(self) -> list[Stage]:
-        every = super()._stages()
+    def _stages(self, size: tuple[int, int]) -> list[Stage]:
+        every = super()._stages(size)
         kept = [[step for step in stage.passes if step.name.startswith(self._passes)] for stage in every]
         known = {name.removeprefix("previous_") for steps in kept for step in steps for name in _resources(step)}
         return [
