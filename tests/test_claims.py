@@ -23,7 +23,6 @@ from solari_vk.measure.claims.verdict import (
     Measure,
     Outcome,
     Rises,
-    interval,
     select,
 )
 from solari_vk.measure.claims.workbench import Workbench
@@ -86,15 +85,6 @@ def test_select():
 
 
 # ---- verdicts ---------------------------------------------------------------------------------------
-
-
-def test_interval_is_students():
-    values = np.array([1.0, 2.0, 4.0, 5.0])
-    mean, half_width = interval(values)
-    assert mean == 3
-    assert half_width == pytest.approx(3.182 * values.std(ddof=1) / 2)
-    assert interval([7.0]) == (7.0, math.inf)
-    assert interval([2.0] * 40) == (2.0, 0.0)
 
 
 @pytest.mark.parametrize(("criterion", "before", "after", "holds"), [

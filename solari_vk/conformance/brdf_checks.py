@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from solari_vk.conformance import brdf_runs
 from solari_vk.conformance.rules import Measurement, Rule
 from solari_vk.conformance.shader_runner import ShaderRunner
+from solari_vk.measure.statistics import chi_squared_p, sidak, standard_deviations
 
 Floats = NDArray[np.floating[Any]]
 _SOURCE = ("energy and probability", "scene/brdf.glsl")
@@ -102,25 +102,11 @@ def drawn_cells(
     return observed, expected
 
 
-def chi_squared(observed: Floats, expected: Floats) -> float:
-    """Pearson's statistic as standard deviations of a normal (Wilson and Hilferty 1931); cells below 5 are pooled."""
-    if observed[expected <= 0].any():
-        return float("inf")
-    small = expected < 5
-    observed = np.append(observed[~small], observed[small].sum())
-    expected = np.append(expected[~small], expected[small].sum())
-    used = expected > (5 if expected[-1] < 5 else 0)
-    freedom = used.sum() - 1
-    statistic = ((observed[used] - expected[used]) ** 2 / expected[used]).sum()
-    spread = 2 / (9 * freedom)
-    return float((np.cbrt(statistic / freedom) - 1 + spread) / np.sqrt(spread))
-
-
 def measure_draws(
     shaders: ShaderRunner, cases: Sequence[tuple[float, float, float]], count: int
 ) -> Iterator[Measurement]:
     """Draws follow brdf_pdf, and weigh f cos / pdf."""
-    most = NormalDist().inv_cdf((1 - 0.01) ** (1 / len(cases)))
+    bar = standard_deviations(sidak(0.01, len(cases)))
     for roughness, metallic, degrees in cases:
         name = f"roughness {roughness:g}, metallic {metallic:g}, {degrees:g} degrees"
         material, wo = brdf_runs.materials(0.8, 0.5, metallic, roughness), brdf_runs.direction(degrees)
@@ -130,8 +116,8 @@ def measure_draws(
         off = np.abs(weight[valid] * pdf[valid, None] / np.maximum(value[valid], 1e-20) - 1).max()
         yield Measurement(Rule("weight = f cos / pdf", *_SOURCE), float(off), 2e-3, "relative error", name)
         scale = max(roughness**2, 0.3 if metallic < 1 else 0.0)
-        z = chi_squared(*drawn_cells(shaders, material, wo, wi[valid], scale, count))
-        yield Measurement(Rule(f"draws follow their density, {name}", *_SOURCE), z, most, "standard deviations")
+        z = standard_deviations(chi_squared_p(*drawn_cells(shaders, material, wo, wi[valid], scale, count)))
+        yield Measurement(Rule(f"draws follow their density, {name}", *_SOURCE), z, bar, "standard deviations")
 
 
 def random_directions(rng: np.random.Generator, count: int, edge_share: float = 0.2) -> NDArray[np.float32]:

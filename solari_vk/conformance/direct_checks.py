@@ -17,12 +17,12 @@ from solari_vk.conformance.realtime import (
     add_up,
     make_renderer,
     measure_mean,
-    replicate,
     run_pictures,
     trace,
 )
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.gpu.device.device import Device
+from solari_vk.measure.replication import replicate
 from solari_vk.renderer import RenderedFrame
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, lamp, matte, place

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 import solari_vk as sv
 from solari_vk.conformance import brdf_runs
-from solari_vk.conformance.brdf_checks import chi_squared
 from solari_vk.conformance.light_checks import floor_scene
 from solari_vk.conformance.oracles import closed_forms, packed_lights
 from solari_vk.conformance.realtime import OFF, make_renderer
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.gpu.device.device import Device
+from solari_vk.measure.statistics import chi_squared_p, standard_deviations
 from solari_vk.renderer import Renderer
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place, rgb
@@ -103,7 +103,8 @@ def _measure_choice(named: Samples, ball_triangles: int) -> Iterator[Measurement
     first = np.cumsum(triangles) - triangles
     observed = np.bincount((first[named["light_index"]] + named["triangle_index"]).ravel(), minlength=triangles.sum())
     expected = np.repeat(named.size / (len(triangles) * triangles), triangles)
-    yield Measurement(CHOICE, chi_squared(observed.astype(float), expected), _MOST, "standard deviations")
+    z = standard_deviations(chi_squared_p(observed, expected))
+    yield Measurement(CHOICE, z, _MOST, "standard deviations")
     yield Measurement(UNIQUE, float(named.size - len(np.unique(named))), 0.0, f"of {named.size:,} again")
     seeds = named["seed"] / 2.0**32 - 0.5
     pairs = {

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -11,10 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.conformance.rules import Measurement, Rule
 from solari_vk.gpu.device.device import Device
+from solari_vk.measure.statistics import compare
 from solari_vk.reference import PathTracer
 from solari_vk.scene.model import Camera, Scene
-
-_ALPHA = 0.005  # of all tiles of a picture together
 
 
 @dataclass
@@ -58,33 +56,14 @@ def take_picture(
         renderer.close()
 
 
-def tile_means(image: NDArray[Any], size: int) -> NDArray[Any]:
-    """Means (rows, columns, ...) of size x size tiles; the picture's edges that fill no tile are left out."""
-    rows, columns = image.shape[0] // size, image.shape[1] // size
-    cut = np.asarray(image, np.float64)[: rows * size, : columns * size]
-    means: NDArray[Any] = cut.reshape(rows, size, columns, size, *image.shape[2:]).mean(axis=(1, 3))
-    return means
-
-
 def compare_picture(
     name: str, source: tuple[str, str], made: Picture, expected: ArrayLike, bar: float,
     variance: ArrayLike = 0.0, tile: int = 8,
 ) -> list[Measurement]:  # fmt: skip
-    """A picture against (h, w, 3) of some variance: its mean within the bar at 95 % confidence, and no tile that
-    differs significantly."""
-    mean, spread = made.mean, made.variance + variance
-    truth = np.broadcast_to(np.asarray(expected, np.float64), mean.shape)
-    total = float(truth.mean())
-    # A pixel's channels come from the same paths: take them as fully correlated, the worst case.
-    deviation = np.sqrt((np.sqrt(spread).sum(axis=-1) ** 2).sum()) / spread.size
-    relative = abs(float(mean.mean()) - total) / total + 1.96 * float(deviation) / total
-    tiles, right = tile_means(mean, tile), tile_means(truth, tile)
-    # What rounding to float32 does is no evidence.
-    floor = (1e-6 * (np.abs(tiles) + np.abs(right))) ** 2 + 1e-30
-    z = np.abs(tiles - right) / np.sqrt(tile_means(spread, tile) / tile**2 + floor)
-    most = NormalDist().inv_cdf(1 - _ALPHA / (2 * z.size))
-    document, section = source
+    """Compare a picture with (h, w, 3) of some variance: the mean is within the bar, and no tile differs."""
+    found = compare(made.mean, made.variance, expected, variance, tile)
+    mean, tiles = (Rule(f"{name}: {part}", *source) for part in ("mean", "tiles"))
     return [
-        Measurement(Rule(f"{name}: mean", document, section), relative, bar, "relative error"),
-        Measurement(Rule(f"{name}: tiles", document, section), float(z.max()), most, "standard errors"),
+        Measurement(mean, found.reach, bar, "relative error"),
+        Measurement(tiles, found.max_z, found.z_bar, "standard errors"),
     ]

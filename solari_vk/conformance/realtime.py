@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.conformance.pictures import tile_means
 from solari_vk.conformance.rules import Measurement, Rule
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.partial import PartialRenderer
+from solari_vk.measure.replication import observe_runs
+from solari_vk.measure.statistics import relative_interval, sixteenths
 from solari_vk.reference import PathTracer
 from solari_vk.renderer import RenderedFrame, Renderer
 from solari_vk.scene.binder import SceneBinder
@@ -32,7 +32,6 @@ DIRECT = (*GBUFFER, "light_tiles/", "restir_di/")
 INDIRECT = (*GBUFFER, "light_tiles/", "world_cache/", "restir_gi/")
 SPECULAR = (*INDIRECT, "specular_gi/")
 GUIDES = (*GBUFFER, "guides/")
-_STUDENT_95 = {8: 2.365, 16: 2.131}  # two-sided, by runs: one degree of freedom fewer
 JITTER_PERIOD = 32  # frames after which samples have been all over the pixel: edges then add no noise
 
 
@@ -80,49 +79,21 @@ def trace(device: Device, scene: Scene, samples: int, size: tuple[int, int] = (3
         tracer.close()
 
 
-def replicate(renderer: Renderer, runs: int, observe: Callable[[], Image]) -> Image:
-    """What `observe` finds after a reset with each of so many seeds, (runs, ...)."""
-    found = []
-    for seed in range(runs):
-        renderer.seed = seed
-        renderer.reset()
-        found.append(observe())
-    return np.stack(found)
-
-
 def run_pictures(renderer: Renderer, camera: Camera, effort: Effort, read: Callable[[RenderedFrame], Image]) -> Image:
     """What `read` finds in independent runs, the mean over each one's observed frames: (runs, ...)."""
-
-    def observe() -> Image:
-        for _ in range(effort.warm_up):
-            renderer.render(camera)
-        total: Image = np.zeros(())
-        for _ in range(effort.observed):
-            total = total + read(renderer.render(camera))
-        return np.asarray(total / effort.observed)
-
-    return replicate(renderer, effort.runs, observe)
-
-
-def relative_error(observations: Image, expected: Image | float) -> tuple[float, float]:
-    """The relative error of the mean over runs (runs, ...), and the half width of its 95 % interval."""
-    means = [float(run.mean()) for run in observations]
-    total = float(np.mean(expected))
-    half_width = _STUDENT_95[len(means)] * statistics.stdev(means) / len(means) ** 0.5
-    return statistics.fmean(means) / total - 1, half_width / total
+    return observe_runs(renderer, camera, read, runs=effort.runs, warm_up=effort.warm_up, observed=effort.observed)
 
 
 def measure_mean(rule: Rule, observations: Image, expected: Image | float, bar: float, effort: Effort) -> Measurement:
     """The 95 % interval of the mean's relative error: how far from 0 it reaches."""
-    error, half_width = relative_error(observations, expected)
+    error, half_width = relative_interval(observations, expected)
     note = f"{error:+.2%} +- {half_width:.2%}"
     return Measurement(rule, abs(error) + half_width, bar, f"relative error, {effort}", note)
 
 
 def measure_tiles(rule: Rule, observations: Image, expected: Image, bar: float, effort: Effort) -> Measurement:
     """The largest relative error of a sixteenth of the picture, pictures being square."""
-    side = expected.shape[0] // 4
-    found, right = (tile_means(image, side).mean(axis=-1) for image in (observations.mean(axis=0), expected))
+    found, right = (sixteenths(image).mean(axis=-1) for image in (observations.mean(axis=0), expected))
     errors = found / right - 1
     note = f"tiles {np.round(100 * errors, 1).tolist()} %"
     return Measurement(rule, float(np.abs(errors).max()), bar, f"relative error, {effort}", note)

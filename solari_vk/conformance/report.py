@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import html
-import os
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from solari_vk.conformance.rules import FAULT, NOT_RUN, RED, STATUSES, UNSUPPORTED, Row
 from solari_vk.gpu.device.device import Device
+from solari_vk.measure.report import device_facts, markdown_facts, markdown_table, text_table
 
 _LEGEND = (
     "Written by `solari-vk conformance --markdown FILE`. A rule holds when what was measured is at most the bar;\n"
@@ -25,20 +25,16 @@ class Report:
 
     def __init__(
         self, device: Device, rows: Sequence[Row], full: bool, seconds: float,
-        spent: Mapping[str, float] | None = None, left_out: Sequence[str] = (),
+        spent: Mapping[str, float] | None = None, left_out: Sequence[str] = (), load: str = "unknown",
     ) -> None:  # fmt: skip
-        from solari_vk import __version__
-
         self.rows = list(rows)
-        made = device.properties
-        limits = made.acceleration
+        limits = device.properties.acceleration
         self.header = {
-            "device": f"{device.name} ({made.kind}), {made.uuid}",
-            "driver": f"{made.driver}, Vulkan {'.'.join(map(str, made.api_version))}",
+            **device_facts(device, load),
             "limits": f"{limits.maxInstanceCount:,} instances, {limits.maxPrimitiveCount:,} primitives, "
             f"{limits.maxGeometryCount:,} geometries",
-            "suite": f"solari_vk {__version__}, {'full' if full else 'fast'} profile, {seconds:.0f} s"
-            f" ({time.process_time():.0f} s of processor time{_load()})"
+            "suite": f"{'full' if full else 'fast'} profile, {seconds:.0f} s"
+            f" ({time.process_time():.0f} s of processor time)"
             + (", under the validation layer" if device.validation else ""),
             "result": self.verdict(),
         }
@@ -71,22 +67,14 @@ class Report:
         """Plain text, columns aligned."""
         lines = [f"{name + ':':10}{value}" for name, value in self.header.items()]
         for group, members in self._groups().items():
-            cells = [_COLUMNS, *map(self._cells, members)]
-            widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-            lines += ["", group]
-            lines += [
-                "  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-                for row in cells
-            ]
+            lines += ["", group, *text_table(_COLUMNS, [self._cells(row) for row in members])]
         return "\n".join(lines + (["", *self._remarks()] if self._remarks() else []))
 
     def markdown(self) -> str:
         """A page with a table a group."""
-        lines = ["# Conformance report", "", _LEGEND, ""]
-        lines += [f"- {name}: {value}" for name, value in self.header.items()]
+        lines = ["# Conformance report", "", _LEGEND, "", *markdown_facts(self.header)]
         for group, members in self._groups().items():
-            lines += ["", f"## {group}", "", _markdown_row(_COLUMNS), _markdown_row(["---"] * len(_COLUMNS))]
-            lines += [_markdown_row(self._cells(row)) for row in members]
+            lines += ["", f"## {group}", "", *markdown_table(_COLUMNS, [self._cells(row) for row in members])]
         remarks = {"Failures": RED, "Known faults": (FAULT,), "Unsupported": (UNSUPPORTED,), "Not run": (NOT_RUN,)}
         for title, statuses in remarks.items():
             found = [row for row in self.rows if row.note and row.status in statuses]
@@ -112,13 +100,3 @@ class Report:
                 parts.append(f"<tr class='{colors.get(row.status, 'bad')}'>{cells}")
             parts.append("</table>")
         return "\n".join(parts) + "\n"
-
-
-def _load() -> str:
-    if not hasattr(os, "getloadavg"):
-        return ""
-    return f", load of the machine {os.getloadavg()[1]:.1f} on {os.cpu_count()} cores"
-
-
-def _markdown_row(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"

@@ -30,6 +30,7 @@ from solari_vk.conformance.rules import (
 )
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
+from solari_vk.measure.report import host_load
 
 FOLDER = Path(__file__).resolve().parent
 _RECORDER = pytest.StashKey["Recorder"]()
@@ -127,6 +128,7 @@ class Suite:
     _deselected: Counter[str] = field(default_factory=Counter)
     _left_out: list[str] = field(default_factory=list)
     _device: Device | None = None
+    _load: str = field(default_factory=host_load)
 
     @classmethod
     def from_environment(cls) -> Suite:
@@ -216,7 +218,9 @@ class Suite:
         if self._device is None:
             return
         seconds = time.monotonic() - self.started
-        made = report.Report(self._device, rows(self.outcomes), self.full, seconds, self.spent, self._left_out)
+        made = report.Report(
+            self._device, rows(self.outcomes), self.full, seconds, self.spent, self._left_out, self._load
+        )
         terminalreporter.write_line("")
         for line in made.text().splitlines():
             terminalreporter.write_line(line)

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from solari_vk.conformance.oracles import closed_forms
-from solari_vk.conformance.realtime import Effort, Image, add_up, make_renderer, measure_mean, replicate, trace
+from solari_vk.conformance.realtime import Effort, Image, add_up, make_renderer, measure_mean, trace
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.gpu.device.device import Device
+from solari_vk.measure.replication import replicate
 from solari_vk.renderer import Renderer
 from solari_vk.scene.builtin import closed_box, cornell_box, place, thin_wall
 

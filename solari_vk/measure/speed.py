@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import time
@@ -11,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from solari_vk import __version__
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
 from solari_vk.measure import rays as bench_rt
+from solari_vk.measure.report import device_facts, host_load, markdown_facts, markdown_table
 from solari_vk.reference import PathTracer
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.gltf import load_gltf
@@ -39,7 +38,7 @@ class Figures:
 
     def __init__(self) -> None:
         self._rows: list[tuple[str, str, str]] = []
-        self._load = f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"
+        self._load = host_load()
 
     def __call__(self, what: str, value: float, unit: str, note: str = "") -> None:
         """One figure."""
@@ -49,16 +48,12 @@ class Figures:
 
     def markdown(self, device: Device) -> str:
         """The page."""
-        version = ".".join(map(str, device.properties.api_version))
         head = [
             "# Benchmarks", "",
             "Written by `solari-vk bench --markdown FILE`. Times are wall-clock; ratios are of runs in turns.", "",
-            f"- device: {device.name} ({device.properties.kind}), {os.cpu_count()} cores",
-            f"- driver: {device.properties.driver}, Vulkan {version}",
-            f"- solari_vk {__version__}", f"- load of the machine before the run: {self._load}", "", *_LEGEND, "",
-            "| what | measured | remark |", "| --- | ---: | --- |",
+            *markdown_facts(device_facts(device, self._load)), "", *_LEGEND, "",
         ]  # fmt: skip
-        return "\n".join([*head, *(f"| {' | '.join(row)} |" for row in self._rows)]) + "\n"
+        return "\n".join([*head, *markdown_table(("what", "measured", "remark"), self._rows, (1,))]) + "\n"
 
 
 def run(select: str | None, files: list[Path], markdown: Path | None = None) -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from chi_squared import level, p_value
 
 from solari_vk.conformance import brdf_runs
 from solari_vk.conformance.brdf_checks import CASES, drawn_cells, random_directions, random_materials
+from solari_vk.measure.statistics import chi_squared_p, sidak
 
 COUNT = 1_000_000
 
@@ -38,7 +38,7 @@ def check_density(shaders, roughness, metallic, degrees):
 
     scale = max(roughness**2, 0.3 if metallic < 1 else 0.0)
     observed, expected = drawn_cells(shaders, material, wo, wi[valid], scale, COUNT)
-    assert p_value(observed, expected) > level(len(CASES))
+    assert chi_squared_p(observed, expected) > sidak(0.01, len(CASES))
 
 
 @pytest.mark.parametrize(("roughness", "metallic", "degrees"), CASES)

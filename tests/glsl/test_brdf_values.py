@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from oracles.brdf import Surface, alpha_of, directional_albedo_terms
+from support.brdf import Surface, alpha_of, directional_albedo_terms
 
 from solari_vk.conformance import brdf_runs
 from solari_vk.conformance.brdf_checks import random_directions
@@ -49,4 +49,3 @@ def test_table_holds_the_albedo(shaders):
         for column in (12, 30, 63):
             a, b = directional_albedo_terms(alpha_of(row / 63), (column / 63) ** 2)
             np.testing.assert_allclose(table[row, column], (a, b), atol=1e-3)
-

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from chi_squared import level, uniform_p_value
+
+from solari_vk.measure.statistics import sidak, uniform_p
 
 COUNT = 1_000_000
 CONES = [2.0, 1.0, 0.01, 1.1e-5, 1.25e-11]  # 1 - cos: a sphere, a hemisphere, ..., the sun, the smallest light
@@ -25,7 +26,7 @@ def turns(x, y):
 
 def check_disk(shaders):
     d, _ = draw(shaders, 0)
-    assert uniform_p_value(d[:, 0] ** 2 + d[:, 1] ** 2, turns(d[:, 0], d[:, 1])) > level(8)
+    assert uniform_p(d[:, 0] ** 2 + d[:, 1] ** 2, turns(d[:, 0], d[:, 1])) > sidak(0.01, 8)
 
 
 def check_hemispheres(shaders):
@@ -33,14 +34,14 @@ def check_hemispheres(shaders):
         d, _ = draw(shaders, kind)
         assert np.abs(np.linalg.norm(d, axis=1) - 1).max() < 1e-6
         assert (d[:, 2] > 0).all() or kind == 2
-        assert uniform_p_value(d[:, 2] ** power, turns(d[:, 0], d[:, 1])) > level(8)
+        assert uniform_p(d[:, 2] ** power, turns(d[:, 0], d[:, 1])) > sidak(0.01, 8)
 
 
 def check_barycentrics(shaders):
     d, _ = draw(shaders, 4)
     rest = 1 - d[:, 0] - d[:, 1]
     assert rest.min() > -1e-6
-    assert uniform_p_value((1 - rest) ** 2, d[:, 0] / np.maximum(1 - rest, 1e-12)) > level(8)
+    assert uniform_p((1 - rest) ** 2, d[:, 0] / np.maximum(1 - rest, 1e-12)) > sidak(0.01, 8)
 
 
 def check_cone(shaders, cone, axis):
@@ -54,7 +55,7 @@ def check_cone(shaders, cone, axis):
     first /= np.linalg.norm(first)
     second = np.cross(axis, first)
     if cone > 1e-8:
-        assert uniform_p_value(np.minimum(share, 1), turns(apart @ first, apart @ second)) > level(20)
+        assert uniform_p(np.minimum(share, 1), turns(apart @ first, apart @ second)) > sidak(0.01, 20)
     else:
         assert abs(share.mean() - 0.5) < 0.02
 

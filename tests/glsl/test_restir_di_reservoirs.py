@@ -6,8 +6,8 @@ import itertools
 
 import numpy as np
 import pytest
-from oracles.packing import pcg_hash, pcg_step
 from scipy import stats
+from support.packing import pcg_hash, pcg_step
 
 NEITHER = 0xFFFFFFFF
 BALANCE, CONSTANT = 0, 1

@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 import pytest
-from oracles import brdf
-from oracles.statistics import compare, replicates, tile_means
+from support import brdf
 
 import solari_vk as sv
 from solari_vk.conformance.light_checks import LAMP_CORNERS, LAMP_RADIANCE, floor_scene, lamp_above, lamp_on_lambert
 from solari_vk.conformance.oracles import closed_forms
 from solari_vk.conformance.oracles.closed_forms import over_pixels
+from solari_vk.measure.statistics import compare, replicates, tile_means
 from solari_vk.scene.builtin import closed_box
 
 BAR = 0.005
@@ -150,9 +150,7 @@ def test_seeds_are_unbiased_and_independent(tracer):
     irradiance = over_pixels(
         scene.camera, 32, lambda points: closed_forms.polygon_irradiance(points, up, LAMP_CORNERS, 5.0)
     )
-    tiles, expected = (
-        np.stack([tile_means(x, 8) for x in group]) for group in (runs, irradiance[None, ..., 0] / math.pi)
-    )
+    tiles, expected = (tile_means(group[..., None], 8) for group in (runs, irradiance[None, ..., 0] / math.pi))
     assert replicates(tiles, expected[0], BAR) == (0, True)
     independent = math.sqrt(runs.var(axis=0, ddof=1).sum()) / 32**2
     assert runs.mean(axis=(1, 2)).std(ddof=1) / independent == pytest.approx(1, abs=0.45)

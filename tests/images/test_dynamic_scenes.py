@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from oracles.replication import tiles
 from whole_frames import SIZE, find, left_of, make_renderer, reflected, reflected_truth, same_bits, snapshot
 
 import solari_vk as sv
+from solari_vk.measure.statistics import sixteenths
 from solari_vk.scene import shapes
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import cornell_box, lamp, matte, place
@@ -125,7 +125,7 @@ def test_a_jump_without_reset_recovers(device):
     jumped = np.mean(jumped, axis=0)
     mask = expected > 0
     left = left_of(before[mask], expected[mask], jumped[mask])
-    error = np.abs(tiles(jumped) / tiles(expected) - 1).max()
+    error = np.abs(sixteenths(jumped) / sixteenths(expected) - 1).max()
     print(f"left {left:.3f}, worst tile {error:.3f}")
     assert abs(left) < 0.02
     assert error < 0.25

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from oracles.statistics import compare
 
 import solari_vk as sv
+from solari_vk.measure.statistics import compare
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, lamp, matte, place
 

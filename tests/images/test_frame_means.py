@@ -6,20 +6,21 @@ import math
 
 import numpy as np
 import pytest
-from oracles.replication import relative_interval, runs, tiles
 from whole_frames import SIZE, find, make_renderer, reflected, reflected_truth, truth
 
 import solari_vk as sv
 from solari_vk.measure.claims.scenes import ball_in_white
+from solari_vk.measure.replication import observe_runs
+from solari_vk.measure.statistics import relative_interval, sixteenths
 from solari_vk.scene.builtin import closed_box, cornell_box, place, rgb
 
 JITTER_PERIOD = 32  # frames after which samples have been all over the pixel: edges then add no noise
 
 
-def check(device, scene, expected, bar, size=SIZE, seeds=16, observed=JITTER_PERIOD, read="radiance", **settings):
+def check(device, scene, expected, bar, size=SIZE, runs=16, observed=JITTER_PERIOD, read="radiance", **settings):
     """The 95 % interval of the global mean's relative error lies within the bar. Returns what was observed."""
     with make_renderer(device, scene, size, **settings) as renderer:
-        observations = runs(renderer, scene.camera, read, seeds=seeds, observed=observed)
+        observations = observe_runs(renderer, scene.camera, read, runs=runs, observed=observed)
     error, half_width = relative_interval(observations, expected)
     what = f"{100 * error:+.2f} % +- {100 * half_width:.2f} %"
     print(what)
@@ -29,7 +30,7 @@ def check(device, scene, expected, bar, size=SIZE, seeds=16, observed=JITTER_PER
 
 def check_tiles(observations, expected, bar):
     """Each of 16 tiles' relative error lies within the bar."""
-    errors = tiles(observations).mean(axis=(0, -1)) / tiles(expected).mean(axis=-1) - 1
+    errors = sixteenths(observations).mean(axis=(0, -1)) / sixteenths(expected).mean(axis=-1) - 1
     print(f"worst tile {100 * np.abs(errors).max():.2f} %")
     assert np.abs(errors).max() <= bar, f"\n{np.round(100 * errors, 1)}"
 
@@ -63,7 +64,7 @@ def test_energy_is_never_created_in_a_closed_box(device, walls):
     size = (16, 16)
     expected = truth(device, scene, 256, size=size, max_bounces=64)
     seeds, observed = (8, 16) if walls in ("matte", "mirror") else (16, 96)  # the others' paths are noisier
-    found = check(device, scene, expected, bar=0.03, size=size, seeds=seeds, observed=observed)
+    found = check(device, scene, expected, bar=0.03, size=size, runs=seeds, observed=observed)
     check_tiles(found, expected, bar=1.0)
 
 
@@ -87,7 +88,7 @@ def test_white_furnace(device, ball):
     """A white ball under a white sky can't be told from it: the frame neither makes light nor loses any."""
     roughness, metallic, seeds, observed, bar = BALLS[ball]
     scene = ball_in_white(roughness, metallic)
-    check(device, scene, 1.0, bar, seeds=seeds, observed=observed, read=of_ball, world_cache_cell_size=4.0)
+    check(device, scene, 1.0, bar, runs=seeds, observed=observed, read=of_ball, world_cache_cell_size=4.0)
 
 
 @pytest.mark.slow  # over a minute of processor time: tens of thousands of cells and three million paths
@@ -140,8 +141,8 @@ def test_an_overfull_cache_shows_no_patches(device):
         assert renderer["world_cache/insert_failures"] > 1000
         picture = np.mean([reflected(renderer.render(scene.camera)) for _ in range(4)], axis=0)
     picture[(expected == 0).all(axis=-1)] = 0
-    there = tiles(expected).mean(axis=-1) > 0
-    ratio = tiles(picture).mean(axis=-1)[there] / tiles(expected).mean(axis=-1)[there]
+    there = sixteenths(expected).mean(axis=-1) > 0
+    ratio = sixteenths(picture).mean(axis=-1)[there] / sixteenths(expected).mean(axis=-1)[there]
     assert np.isfinite(picture).all()
     assert ratio.min() > 0.8, "a patch of the picture lost its light"
     assert 0.9 < picture.mean() / expected.mean() < 1.05

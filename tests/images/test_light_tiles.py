@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from direct_light import direct_renderer, patch_shaders
-from oracles.statistics import chi_squared_p, sidak
 from scipy import stats
 
 import solari_vk as sv
+from solari_vk.measure.statistics import chi_squared_p, sidak
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place
 from solari_vk.scene.spatial import spatial_order

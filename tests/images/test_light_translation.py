@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from direct_light import direct_light, direct_renderer, patch_shaders
-from oracles.statistics import replicates
 
 import solari_vk as sv
+from solari_vk.measure.statistics import replicates
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place
 from solari_vk.scene.light_translation import GONE

@@ -1,7 +1,7 @@
 """The Cornell box against Mitsuba 3, Lambert and with our BRDF written as a Mitsuba BSDF.
 
 The references are stored with their variances and a fingerprint of the scene they show
-(`python -m oracles.make_references` in tests/ renders them anew). A small live render checks that
+(`python -m support.make_references` in tests/ renders them anew). A small live render checks that
 the installed Mitsuba still makes them.
 """
 
@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from oracles import mitsuba_scene
-from oracles.references import BOUNCES, CASES, SIZE, fingerprint, load
-from oracles.statistics import compare
+from support import mitsuba_scene
+from support.references import BOUNCES, CASES, SIZE, fingerprint, load
+
+from solari_vk.measure.statistics import compare
 
 
 @pytest.mark.parametrize(
@@ -22,7 +23,7 @@ def test_cornell_box_is_mitsubas(picture, name, samples, bar):
     """Every 16x16 tile within statistical error, and the global mean's 95 % interval within the bar."""
     scene, lambert = CASES[name]()
     reference = load(name)
-    assert reference["fingerprint"] == fingerprint(scene), "the scene changed: python -m oracles.make_references"
+    assert reference["fingerprint"] == fingerprint(scene), "the scene changed: python -m support.make_references"
     made = picture(scene, (SIZE, SIZE), samples, max_bounces=BOUNCES, lambert=lambert)
     result = compare(made.mean, made.variance, reference["mean"], reference["variance"])
     print(name, result)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from oracles import rays
+from support import rays
 
 import solari_vk as sv
 from solari_vk.scene import shapes

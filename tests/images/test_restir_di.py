@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 from direct_light import direct_light, direct_renderer, lit_share, patch_shaders, reference
-from oracles.replication import relative_interval, runs, tiles
-from oracles.statistics import replicates
 
 import solari_vk as sv
+from solari_vk.measure.replication import observe_runs
+from solari_vk.measure.statistics import relative_interval, replicates, sixteenths
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, lamp, many_lights, matte
 
@@ -33,7 +33,7 @@ def cornell(device):
 def replicate(device, scene, size=SIZE, observed=16, **settings):
     """Means of the last frames of independent runs, (16, height, width, 3)."""
     with direct_renderer(device, scene, size, **(LAMBERT | settings)) as renderer:
-        return runs(renderer, scene.camera, direct_light, observed=observed)
+        return observe_runs(renderer, scene.camera, direct_light, observed=observed)
 
 
 def assert_within(observations, truth, bar, what=""):
@@ -45,7 +45,7 @@ def check_cornell(device, cornell, bar=0.01, penumbra_bar=0.02, observed=16, **s
     scene, truth, share = cornell
     observations = replicate(device, scene, truth.shape[1::-1], observed, **settings)
     assert_within(observations, truth, bar, "all")
-    assert replicates(tiles(observations), tiles(truth), 0.005) == (0, True)
+    assert replicates(sixteenths(observations), sixteenths(truth), 0.005) == (0, True)
     assert_within(observations[:, share == 1], truth[share == 1], 0.01, "lit")
     penumbra = (share > 0) & (share < 1)
     assert_within(observations[:, penumbra], truth[penumbra], penumbra_bar, "penumbra")
@@ -117,7 +117,7 @@ def test_suns_and_lamps_on_a_glossy_floor(device):
     scene = mixed_scene()
     truth = reference(device, scene, SIZE, 4096)
     observations = replicate(device, scene, observed=40, lambert=False, **LITTLE_REUSE)
-    assert replicates(tiles(observations), tiles(truth), 0.01)[0] == 0
+    assert replicates(sixteenths(observations), sixteenths(truth), 0.01)[0] == 0
     for channel in range(3):
         assert_within(observations[..., channel], truth[..., channel], 0.02, f"channel {channel}")
 

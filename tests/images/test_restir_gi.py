@@ -6,11 +6,11 @@ import shutil
 
 import numpy as np
 import pytest
-from oracles.replication import relative_interval, runs, tiles
-from oracles.statistics import holm
 from scipy import stats
 
 from solari_vk.gpu.shaders import compiler
+from solari_vk.measure.replication import observe_runs
+from solari_vk.measure.statistics import holm, relative_interval, sixteenths
 from solari_vk.reference import PathTracer
 from solari_vk.renderer import Renderer
 from solari_vk.scene.builtin import closed_box, cornell_box, place
@@ -46,7 +46,7 @@ def _picture(device, scene, samples, seed, bounces):
 def assert_same_means(observations, reference, bar):
     """P-REPL: no tile nor the whole differs at 0.005 by Holm, and the whole's 95 % interval lies within the bar."""
     error, half_width = relative_interval(observations, reference)
-    found, truth = (np.concatenate([tiles(x).mean(-1).reshape(len(x), -1), x.mean((1, 2, 3))[:, None]], axis=1)
+    found, truth = (np.concatenate([sixteenths(x).mean(-1).reshape(len(x), -1), x.mean((1, 2, 3))[:, None]], axis=1)
                     for x in (observations, reference))  # fmt: skip
     p_values = stats.ttest_ind(found, truth, equal_var=False).pvalue
     what = f"{100 * error:+.2f} % +- {100 * half_width:.2f} %, smallest p {p_values.min():.2g}"
@@ -62,7 +62,7 @@ def cornell(device):
 
 def observe(device, scene, observed=48, **settings):
     with make_renderer(device, scene, **settings) as renderer:
-        return runs(renderer, scene.camera, "gi_diffuse", observed=observed)
+        return observe_runs(renderer, scene.camera, "gi_diffuse", observed=observed)
 
 
 def test_one_bounce_is_the_path_tracers(device, cornell):

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from oracles.rays import World, closest_by_brute_force, intersect
+from support.rays import World, closest_by_brute_force, intersect
 
 import solari_vk as sv
 from solari_vk import tracer as tracer_module

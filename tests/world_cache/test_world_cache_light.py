@@ -6,11 +6,11 @@ import itertools
 
 import numpy as np
 import pytest
-from oracles.replication import relative_interval
 from world_cache_frame import SHADERS, CacheFrame
 
 import solari_vk as sv
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
+from solari_vk.measure.statistics import relative_interval
 from solari_vk.passes import brdf_table
 from solari_vk.scene.builtin import place
 from solari_vk.scene.view import write_view

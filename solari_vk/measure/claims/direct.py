@@ -16,10 +16,10 @@ from solari_vk.measure.claims.workbench import (
     join,
     mean_of,
     pass_times,
-    relative_mse,
     run,
     side_by_side,
 )  # fmt: skip
+from solari_vk.measure.statistics import relative_mse
 from solari_vk.output.tone_mapping import LUMINANCE
 from solari_vk.renderer import Renderer
 from solari_vk.scene.builtin import builtin

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from solari_vk import __version__
 from solari_vk.gpu.device.device import Device
-from solari_vk.measure.claims.verdict import Claim, Measure, Outcome, interval
+from solari_vk.measure.claims.verdict import Claim, Measure, Outcome
+from solari_vk.measure.report import device_facts, markdown_facts, markdown_table
+from solari_vk.measure.statistics import interval
 
 Results = Sequence[tuple[Claim, Outcome]]
 
@@ -39,26 +39,24 @@ def line(measure: Measure) -> str:
 
 def page(results: Results, device: Device, load: str, runs: int, folder: str | None) -> str:
     """Markdown. folder: where pictures lie, as the page sees it; None: there are none."""
-    version = ".".join(map(str, device.properties.api_version))
     lines = [
         "# Claims of the posts about Solari, measured", "",
         "Written by `solari-vk bench claims --markdown FILE --pictures FOLDER`. Each claim is a pair of settings of "
         "one renderer with `gbuffer=traced`, measured in turns over the same seeds. A verdict follows from the "
         "numbers: each criterion must hold for the mean, and the 95 % interval of the mean over runs (Student's t) "
         "must lie on the same side.", "",
-        f"- device: {device.name} ({device.properties.kind}), {os.cpu_count()} cores",
-        f"- driver: {device.properties.driver}, Vulkan {version}",
-        f"- solari_vk {__version__}; {runs} runs, each with a seed of its own, where nothing else is said",
-        f"- load of the machine before the run: {load}", "",
-        "| claim | post | what is compared | before | after | ratio | verdict |",
-        "| --- | --- | --- | ---: | ---: | ---: | --- |",
+        *markdown_facts(device_facts(device, load)),
+        f"- {runs} runs, each with a seed of its own, where nothing else is said", "",
     ]  # fmt: skip
+    rows = []
     for claim, outcome in results:
         first = outcome.measures[0]
         before, after = (with_spread(v.tolist(), first.unit) for v in (first.runs_before, first.runs_after))
         verdict = "reproduces" if outcome.reproduces else "**does not reproduce**"
         cells = (f"[{claim.name}](#{claim.name})", claim.post, first.what, before, after, number(first.ratio), verdict)
-        lines.append(f"| {' | '.join(cells)} |")
+        rows.append(cells)
+    head = ("claim", "post", "what is compared", "before", "after", "ratio", "verdict")
+    lines += markdown_table(head, rows, (3, 4, 5))
     for claim, outcome in results:
         lines += ["", *_section(claim, outcome, folder)]
     return "\n".join(lines) + "\n"
@@ -69,12 +67,13 @@ def _section(claim: Claim, outcome: Outcome, folder: str | None) -> list[str]:
         f"## {claim.name}", "",
         f"{claim.says} (Bevy {claim.post})", "",
         f"Scene: {claim.scene}. Before: {claim.before}. After: {claim.after}.", "",
-        "| measure | before | after | ratio | criterion |", "| --- | ---: | ---: | ---: | --- |",
     ]  # fmt: skip
+    rows = []
     for measure in outcome.measures:
         before, after = (with_spread(v.tolist(), measure.unit) for v in (measure.runs_before, measure.runs_after))
         met = "" if measure.criterion is None else measure.criterion.text + (": no" if measure.failure() else ": yes")
-        lines.append(f"| {measure.what} | {before} | {after} | {number(measure.ratio)} | {met} |")
+        rows.append((measure.what, before, after, number(measure.ratio), met))
+    lines += markdown_table(("measure", "before", "after", "ratio", "criterion"), rows, (1, 2, 3))
     verdict = outcome.verdict
     lines += ["", f"**{verdict[0].upper()}{verdict[1:]}.**"]
     if outcome.note:

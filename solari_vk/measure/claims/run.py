@@ -13,6 +13,7 @@ from solari_vk.measure.claims import cache, direct, specular
 from solari_vk.measure.claims.report import line, page
 from solari_vk.measure.claims.verdict import Claim, Outcome, select
 from solari_vk.measure.claims.workbench import Workbench
+from solari_vk.measure.report import host_load
 from solari_vk.output.picture import write_png
 
 CLAIMS: tuple[Claim, ...] = (*direct.CLAIMS, *cache.CLAIMS, *specular.CLAIMS)
@@ -27,7 +28,7 @@ def run(device_name: str | None, *, markdown: Path | None = None, pictures: Path
         raise SolariError(f"{markdown}: there is no folder {markdown.resolve().parent}")
     if pictures is not None:
         pictures.mkdir(parents=True, exist_ok=True)
-    load = f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"
+    load = host_load()
     results: list[tuple[Claim, Outcome]] = []
     with Device(device_name) as device:
         bench = Workbench(device, quick=quick, seeds=seeds, say=lambda text: print(text, flush=True))

@@ -11,24 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.errors import SolariError
+from solari_vk.measure.statistics import interval
 
 if TYPE_CHECKING:
     from solari_vk.measure.claims.workbench import Workbench
 
-# Student's t, two-sided 95 %, for 1, 2, ... degrees of freedom.
-_T_95 = (12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160, 2.145, 2.131)
-
 Values = NDArray[np.float64]
-
-
-def interval(values: ArrayLike) -> tuple[float, float]:
-    """Mean of independent runs and the half width of its 95 % interval; of a single run nothing bounds the latter."""
-    runs = np.asarray(values, np.float64).ravel()
-    if len(runs) < 2:
-        return float(runs.mean()), math.inf
-    t = _T_95[len(runs) - 2] if len(runs) - 2 < len(_T_95) else 2.0
-    return float(runs.mean()), t * float(runs.std(ddof=1)) / math.sqrt(len(runs))
-
 
 # ---- criteria ---------------------------------------------------------------------------------------
 

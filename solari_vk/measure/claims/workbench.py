@@ -133,11 +133,6 @@ def pass_times(renderer: Renderer, camera: Camera, frames: int, groups: Sequence
     return [float(value) for value in np.median(spent, axis=0)]
 
 
-def relative_mse(image: Picture, reference: Picture) -> float:
-    """Of pictures (..., 3): squared error over the square of what should be there."""
-    return float(((image - reference) ** 2 / (reference**2 + 1e-2 * float(np.mean(reference)) ** 2 + 1e-12)).mean())
-
-
 def side_by_side(pictures: Sequence[Picture], camera: Camera, scale: int = 2) -> NDArray[np.uint8]:
     """Pictures of radiance as one of 8 bits, each pixel `scale` wide, with a gap between them."""
     return join([encode_picture(picture, exposure=camera.exposure) for picture in pictures], scale)

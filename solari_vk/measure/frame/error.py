@@ -8,18 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.gpu.device.device import Device
+from solari_vk.measure.statistics import relative_mse
 from solari_vk.reference import PathTracer
 from solari_vk.renderer import Renderer
 from solari_vk.scene.model import Scene
 from solari_vk.settings import Settings
 
 Picture = NDArray[np.float64]
-
-
-def relative_mse(image: Picture, reference: Picture) -> float:
-    """Squared error over the square of what should be there, floored at a hundredth of the mean's square."""
-    floor = 1e-2 * float(reference.mean()) ** 2
-    return float(((image - reference) ** 2 / (reference**2 + floor)).mean())
 
 
 def reference(device: Device, scene: Scene, size: tuple[int, int], samples: int, limit: float) -> tuple[Picture, int]:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from solari_vk import __version__
 from solari_vk.gpu.device.device import Device
+from solari_vk.measure.report import device_facts, host_load, markdown_facts, markdown_table, text_table
 
 
 class Report:
@@ -17,15 +16,11 @@ class Report:
     def __init__(self, device: Device, path: Path | None) -> None:
         self._path = path
         self._started = time.perf_counter()
-        load = f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"
-        version = ".".join(map(str, device.properties.api_version))
         self._lines = [
             "# The realtime frame in figures", "",
             "Written by `solari-vk bench frame FILES --markdown FILE`. Times of passes are the device's own, medians "
             "of frames; the scene stands still where nothing else is said.", "",
-            f"- device: {device.name} ({device.properties.kind}), {os.cpu_count()} cores",
-            f"- driver: {device.properties.driver}, Vulkan {version}",
-            f"- solari_vk {__version__}", f"- load of the machine before the run: {load}",
+            *markdown_facts(device_facts(device, host_load())),
         ]  # fmt: skip
 
     def progress(self, text: str) -> None:
@@ -34,17 +29,9 @@ class Report:
 
     def table(self, title: str, head: Sequence[str], rows: Sequence[Sequence[str]], *notes: str) -> None:
         """A section: the first column names things, the others are numbers."""
-        print(f"\n{title}")
-        widths = [max(len(row[i]) for row in (head, *rows)) for i in range(len(head))]
-        for row in (head, *rows):
-            cells = [cell.rjust(width) for cell, width in zip(row, widths, strict=True)]
-            print("  " + "  ".join([row[0].ljust(widths[0]), *cells[1:]]))
-        for note in notes:
-            print(f"  {note}")
-        print(flush=True)
-        self._lines += ["", f"## {title}", "", f"| {' | '.join(head)} |"]
-        self._lines.append("| --- |" + " ---: |" * (len(head) - 1))
-        self._lines += [f"| {' | '.join(row)} |" for row in rows]
+        numbers = range(1, len(head))
+        print("\n".join(["", title, *text_table(head, rows, numbers), *(f"  {note}" for note in notes)]), flush=True)
+        self._lines += ["", f"## {title}", "", *markdown_table(head, rows, numbers)]
         for note in notes:
             self._lines += ["", note]
         if self._path is not None:

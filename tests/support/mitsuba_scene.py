@@ -1,6 +1,6 @@
 """A solari_vk Scene (no textures, no suns) as a Mitsuba 3 scene, with Lambert or our own BRDF.
 
-Our BRDF is the NumPy oracle's, written as a Mitsuba BSDF: evaluation as in oracles.brdf with its albedo
+Our BRDF is the NumPy oracle's, written as a Mitsuba BSDF: evaluation as in support.brdf with its albedo
 tables, sampling by Mitsuba's own visible-normal and cosine sampling. Its vectorised form needs the variant
 llvm_ad_rgb, and so LLVM 19 (Debian: libllvm19); scalar_rgb renders the Lambert scenes.
 """
@@ -13,7 +13,7 @@ from glob import glob
 
 import numpy as np
 
-from oracles.brdf import Surface
+from support.brdf import Surface
 
 
 def select_variant(vectorised):

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import stats
+from support import brdf, packing, rays
 
-from oracles import brdf, packing, rays, statistics
 from solari_vk.conformance.oracles import closed_forms
+from solari_vk.measure import statistics
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import place
 from solari_vk.scene.model import Camera, Instance, Material, Scene
@@ -116,7 +118,7 @@ def test_statistics_reject_what_is_wrong_and_only_that():
     for _ in range(100):
         noisy = truth + random.normal(scale=0.1, size=truth.shape)
         result = statistics.compare(noisy, np.full(truth.shape, 0.01), truth, np.zeros(truth.shape))
-        rejections += result.tiles_rejected > 0
+        rejections += result.max_z > result.z_bar
     assert rejections <= 4
     biased = statistics.compare(1.02 * truth, np.full(truth.shape, 0.01), truth, np.zeros(truth.shape))
     with pytest.raises(AssertionError):
@@ -124,3 +126,29 @@ def test_statistics_reject_what_is_wrong_and_only_that():
     runs = 1 + random.normal(scale=0.01, size=(16, 20))
     assert statistics.replicates(runs, np.ones(20), 0.005) == (0, True)
     assert statistics.replicates(runs * 1.02, np.ones(20), 0.005)[1] is False
+
+
+def test_distributions_are_scipys():
+    t = np.array([0.0, 0.1, 1.0, 2.5, 8.0])
+    for degrees in (1, 2, 3, 4, 7, 15, 40):
+        np.testing.assert_allclose(statistics.student_p(t, degrees), 2 * stats.t.sf(t, degrees), rtol=1e-6, atol=1e-14)
+        assert statistics.student_quantile(degrees) == pytest.approx(stats.t.ppf(0.975, degrees))
+    random = np.random.default_rng(1)
+    for cells in (2, 3, 50, 1601):
+        expected = random.uniform(6, 40, cells)
+        observed = random.poisson(1.02 * expected)
+        p_value = stats.chi2.sf(((observed - expected) ** 2 / expected).sum(), cells - 1)
+        assert statistics.chi_squared_p(observed, expected) == pytest.approx(p_value)
+        assert statistics.standard_deviations(p_value) == pytest.approx(stats.norm.isf(p_value))
+    assert statistics.chi_squared_p([2, 1, 9], [1, 3, 8]) == 1, "the small cells' sum is small: all are pooled"
+    pooled = stats.chi2.sf(4**2 / 8 + 4**2 / 40, 1)
+    assert statistics.chi_squared_p([4, 8, 36], [3, 5, 40]) == pytest.approx(pooled), "a small cell joins the next"
+
+
+def test_interval_is_students():
+    values = np.array([1.0, 2.0, 4.0, 5.0])
+    mean, half_width = statistics.interval(values)
+    assert mean == 3
+    assert half_width == pytest.approx(stats.t.ppf(0.975, 3) * values.std(ddof=1) / 2)
+    assert statistics.interval([7.0]) == (7.0, np.inf)
+    assert statistics.interval([2.0] * 40) == (2.0, 0.0)

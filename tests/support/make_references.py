@@ -1,4 +1,4 @@
-"""Render the stored Mitsuba references anew: `python -m oracles.make_references` in tests/ (needs LLVM 19)."""
+"""Render the stored Mitsuba references anew: `python -m support.make_references` in tests/ (needs LLVM 19)."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import sys
 
 import numpy as np
 
-from oracles import mitsuba_scene
-from oracles.references import BOUNCES, CASES, FOLDER, SIZE, fingerprint
+from support import mitsuba_scene
+from support.references import BOUNCES, CASES, FOLDER, SIZE, fingerprint
 
 
 def main():
