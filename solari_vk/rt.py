@@ -17,10 +17,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.build_call import BlasBuildEntry, BuildCall, TlasPackage
 from solari_vk.gpu.acceleration.checks import check_items, check_kind, whole_number
 from solari_vk.gpu.acceleration.instances import InstanceFlags, TlasInstance, TlasInstances
-from solari_vk.gpu.acceleration.ray_query_faults import (
+from solari_vk.gpu.acceleration.sources import Aabbs, AabbSize, BufferSlice, Triangles, TriangleSize
+from solari_vk.gpu.acceleration.structure import UpdateMode
+from solari_vk.gpu.acceleration.tlas import Tlas
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame.ray_query_faults import (
     FAULT_BUFFERS,
     RAY_QUERY_DEBUG,
     RULES,
@@ -28,10 +33,6 @@ from solari_vk.gpu.acceleration.ray_query_faults import (
     check_ray_queries,
     ray_query_faults,
 )
-from solari_vk.gpu.acceleration.sources import Aabbs, AabbSize, BufferSlice, Triangles, TriangleSize
-from solari_vk.gpu.acceleration.structure import UpdateMode
-from solari_vk.gpu.acceleration.tlas import Blas, Tlas
-from solari_vk.gpu.device.device import Device
 
 __all__ = [
     "FAULT_BUFFERS",

@@ -11,8 +11,8 @@ from solari_vk.errors import SolariError
 from solari_vk.frame import SceneFrame, SceneUser
 from solari_vk.gpu.acceleration.checks import check_switch, numbers
 from solari_vk.gpu.device.barriers import host_read_barrier
+from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.device.memory import Buffer
 from solari_vk.gpu.frame.frame import Pass, Stage, Step
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
@@ -44,7 +44,7 @@ class RayTracer(SceneUser):
             bindings = reflect(compile_shader(SHADER), SHADER).bindings
             for name in ARRAYS:
                 dtype = _host_type(bindings[name].element)
-                self._buffers[name] = Buffer(device, 2 * BATCH * dtype.itemsize, name, host=True)
+                self._buffers[name] = device.buffer(2 * BATCH * dtype.itemsize, name, host=True)
                 self._views[name] = self._buffers[name].view(dtype)
         except BaseException:
             self.close()

@@ -16,21 +16,38 @@ TEXT = {".py", ".glsl", ".comp", ".vert", ".frag", ".toml", ".md", ".sh", ""}
 SHADERS = sorted(path for path in GLSL.rglob("*") if path.suffix in TEXT and path.is_file())
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
-# Each part of the package with the parts it may import. `scene` and `passes` meet in GLSL only.
+# Each part of the package with the parts that it may import; gpu/ is given by folder, "" is the package itself.
+# `scene` and `passes` meet in GLSL only.
+GPU = {"gpu.device", "gpu.shaders", "gpu.frame", "gpu.acceleration"}
+LIBRARY = {
+    "errors", "settings", "output", "scene", "passes", "rt", "frame", "tracer", "reference", "renderer", *GPU,
+}  # fmt: skip
 MAY_IMPORT = {
     "errors": set(),
-    "settings": {"errors", "gpu"},  # of gpu only the helpers for GLSL headers, which need no device
-    "output": {"errors", "gpu", "scene"},  # of gpu only the helpers for GLSL headers
-    "gpu": {"errors"},
-    "scene": {"errors", "gpu"},
-    "passes": {"errors", "gpu", "settings"},
-    "rt": {"errors", "gpu"},
-    "frame": {"errors", "gpu", "scene"},
-    "tracer": {"errors", "gpu", "scene", "frame"},
-    "reference": {"errors", "gpu", "scene", "passes", "frame", "output"},
-    "renderer": {"errors", "settings", "gpu", "scene", "passes", "frame", "output"},
+    "settings": {"errors", "gpu.shaders"},
+    "output": {"errors", "gpu.shaders", "scene"},
+    "gpu.device": {"errors"},
+    "gpu.shaders": {"errors"},
+    "gpu.frame": {"errors", "gpu.device", "gpu.shaders"},
+    "gpu.acceleration": {"errors", "gpu.device"},
+    "scene": {"errors", *GPU},
+    "passes": {"errors", "settings", "gpu.device", "gpu.shaders", "gpu.frame"},
+    "rt": {"errors", *GPU},
+    "frame": {"errors", "scene", *GPU},
+    "tracer": {"errors", "scene", "frame", *GPU},
+    "reference": {"errors", "scene", "passes", "frame", "output", "gpu.device", "gpu.frame"},
+    "renderer": {"errors", "settings", "scene", "passes", "frame", "output", "gpu.device", "gpu.frame"},
+    "viewer": LIBRARY - {"rt", "tracer", "gpu.acceleration"},
+    "conformance": {"", "measure", *LIBRARY},
+    "measure": {"", *LIBRARY},
+    "cli": {"", "viewer", "conformance", "measure", *LIBRARY},
+    "__main__": {"cli"},
+    "": {"viewer", *LIBRARY},
 }
-ON_TOP = {"__init__", "__main__", "measure", "cli", "conformance", "viewer"}
+# The viewer counts rays with code of the benchmarks: to be removed.
+NOT_YET_MOVED = {("viewer", "measure")}
+# Folders whose modules import each other in longer circles: to be broken.
+NOT_YET_BROKEN = {"viewer", "cli"}
 # Of passes, the scene's GLSL may only read what they leave in set 1, such as the BRDF's table.
 GLSL_MAY_INCLUDE = {
     "common": r"common/",
@@ -48,12 +65,21 @@ OF_NO_MACHINE = re.compile(r"\bexample\.(?:org|com)$|^127\.0\.0\.1\b|^localhost\
 PUBLIC_HOSTS = {"github.com", "registry.khronos.org", "jms55.github.io", "doi.org", "jcgt.org", "arxiv.org"}
 
 
-def part_of(path: Path) -> str:
-    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+def name_of(path: Path) -> str:
+    return ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__")
 
 
-def imported_parts(path: Path) -> set[str]:
-    """The parts of the package that a module imports, wherever in it; "" is the package itself."""
+NAMES = {name_of(path): path for path in MODULES}
+
+
+def part_of(name: str) -> str:
+    """The part that a module belongs to, as MAY_IMPORT calls it."""
+    parts = name.split(".")[1:]
+    return ".".join(parts[:2] if parts[:1] == ["gpu"] else parts[:1])
+
+
+def imports_of(path: Path) -> set[str]:
+    """The package's modules that a module imports, also inside functions and for type checkers only."""
     names = []
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -61,10 +87,23 @@ def imported_parts(path: Path) -> set[str]:
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}:{node.lineno}: imports are absolute"
             assert node.module is not None
-            deeper = node.module == "solari_vk"
-            names += [f"solari_vk.{alias.name}" for alias in node.names] if deeper else [node.module]
-    split = [name.split(".") for name in names]
-    return {parts[1] if len(parts) > 1 else "" for parts in split if parts[0] == "solari_vk"}
+            deeper = [f"{node.module}.{alias.name}" for alias in node.names]
+            names += [name if name in NAMES else node.module for name in deeper]
+    return {name for name in names if name.split(".")[0] == "solari_vk"}
+
+
+def circles(imports: dict[str, set[str]]) -> list[list[str]]:
+    """Groups of modules each of which imports all others of its group, directly or through others."""
+    reached: dict[str, set[str]] = {}
+    for name in imports:
+        found, waiting = set(), [name]
+        while waiting:
+            for other in imports.get(waiting.pop(), set()) - found:
+                found.add(other)
+                waiting.append(other)
+        reached[name] = found
+    groups = {frozenset(other for other in reached[name] if name in reached[other]) for name in imports}
+    return [sorted(group) for group in groups if len(group) > 1]
 
 
 def committed_files() -> list[Path]:
@@ -75,17 +114,29 @@ def committed_files() -> list[Path]:
     return sorted(p for p in files if p.is_file() and p.suffix in TEXT and not made.search(p.as_posix()))
 
 
-def test_every_part_has_a_rule():
-    parts = {part_of(path) for path in MODULES}
-    assert parts <= set(MAY_IMPORT) | ON_TOP, "a new part needs a line in MAY_IMPORT"
-
-
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
 def test_imports_point_one_way(path):
-    part = part_of(path)
-    if part in MAY_IMPORT:
-        wrong = imported_parts(path) - MAY_IMPORT[part] - {part}
-        assert not wrong, f"{part} must not import {sorted(wrong)}"
+    part = part_of(name_of(path))
+    if part == "gpu":
+        assert not imports_of(path), "gpu/ itself holds folders only"
+        return
+    assert part in MAY_IMPORT, f"{part} is new: it needs a line in MAY_IMPORT"
+    wrong = {part_of(name) for name in imports_of(path)} - MAY_IMPORT[part] - {part}
+    assert not wrong - {other for one, other in NOT_YET_MOVED if one == part}, f"{part} must not import {sorted(wrong)}"
+
+
+def test_import_circles_are_found():
+    imports = {"a": {"b"}, "b": {"c", "x"}, "c": {"a"}, "d": {"a", "e"}, "e": {"d"}, "x": set()}
+    assert sorted(circles(imports)) == [["a", "b", "c"], ["d", "e"]]
+
+
+def test_no_import_circle_is_long_or_leaves_its_folder():
+    for circle in circles({name_of(path): imports_of(path) for path in MODULES}):
+        folders = {NAMES[name].parent for name in circle}
+        if {folder.name for folder in folders} <= NOT_YET_BROKEN:
+            continue
+        assert len(circle) <= 2, f"these modules import each other: {circle}"
+        assert len(folders) == 1, f"modules of different folders import each other: {circle}"
 
 
 def test_only_raw_imports_vulkan():

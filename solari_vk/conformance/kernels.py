@@ -13,8 +13,9 @@ from solari_vk.conformance.raster import Raster
 from solari_vk.errors import SolariError
 from solari_vk.gpu.acceleration.tlas import Tlas
 from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.device.memory import Buffer
+from solari_vk.gpu.frame.descriptors import DescriptorSets
 from solari_vk.gpu.frame.interface import Interface
 from solari_vk.gpu.frame.pipelines import Pipelines
 from solari_vk.gpu.shaders.compiler import compile_shader
@@ -100,7 +101,7 @@ class Kernels:
                 bound[key] = buffer = device.buffer(interface[key].size_bytes(count), key)
                 stack.callback(buffer.destroy)
                 buffer.fill(0xFFFFFFFF)
-            sets = interface.new_sets(interface.bindless_counts({}))
+            sets = DescriptorSets(interface, interface.bindless_counts({}))
             stack.callback(sets.destroy)
             sets.write(bound)
             device.run(lambda cmd: record(cmd, sets), "conformance")

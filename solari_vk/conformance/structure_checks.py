@@ -22,7 +22,7 @@ from solari_vk.conformance.worlds import (
     instance_records,
     translation,
 )
-from solari_vk.gpu.acceleration.tlas import build_blases
+from solari_vk.gpu.acceleration.blas_builds import build_blases
 from solari_vk.scene.spatial import spatial_order
 
 _API, _COMPACTION, _STRUCTURES = "wgpu's raytracing API", "Blas compaction", "Acceleration Structures"

@@ -10,17 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.gpu.acceleration.tlas import (
-    INSTANCE_DTYPE,
-    AabbGeometry,
-    Blas,
-    Geometry,
-    Tlas,
-    TriangleGeometry,
-    build_blases,
-)
+from solari_vk.gpu.acceleration.blas import Blas
+from solari_vk.gpu.acceleration.blas_builds import build_blases
+from solari_vk.gpu.acceleration.geometry import AabbGeometry, Geometry, TriangleGeometry
+from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE, Tlas
+from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.device.memory import Buffer
 
 FRESH, REBUILT, REFITTED, COMPACTED = "fresh", "rebuilt", "refitted", "compacted"
 WAYS = (FRESH, REBUILT, REFITTED, COMPACTED)

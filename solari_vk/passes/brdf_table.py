@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.device.memory import Buffer
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect

@@ -7,9 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.gpu.acceleration.tlas import Blas, TriangleGeometry, build_blases
+from solari_vk.gpu.acceleration.blas import Blas
+from solari_vk.gpu.acceleration.blas_builds import build_blases
+from solari_vk.gpu.acceleration.geometry import TriangleGeometry
+from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.device.memory import Buffer, Uploads
+from solari_vk.gpu.device.uploads import Uploads
 from solari_vk.scene.model import Mesh
 from solari_vk.scene.observed import Observable
 from solari_vk.scene.spatial import spatial_order

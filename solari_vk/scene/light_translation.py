@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.device.memory import Buffer
 
 GONE = 0xFFFFFFFF  # NO_INDEX of scene/bindings.glsl
 KEPT = 0.9  # of a change that light is still settling from, after a frame

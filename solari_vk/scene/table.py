@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
+from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.device.memory import Buffer, Uploads
+from solari_vk.gpu.device.uploads import Uploads
 from solari_vk.gpu.frame.packing import packing
 
 Key = TypeVar("Key", bound=Hashable)

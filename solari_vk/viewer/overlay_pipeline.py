@@ -8,7 +8,7 @@ import numpy as np
 
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.device.memory import Image
+from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.shaders.compiler import compile_shader
 
 PUSHED_BYTES = 24  # of overlay.vert's Placement

@@ -8,8 +8,9 @@ import numpy as np
 from imgui_bundle import imgui
 
 from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.device.memory import Buffer, Image
+from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.device.swapchain import FRAMES, Swapchain
 from solari_vk.viewer.overlay_pipeline import MOST_TEXTURES, OverlayPipeline
 from solari_vk.viewer.presenter import layout_barrier

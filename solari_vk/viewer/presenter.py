@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from solari_vk.gpu.device import barriers, raw
 from solari_vk.gpu.device.barriers import full_barrier
+from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.device.memory import Buffer, Image
+from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.device.swapchain import Swapchain
 
 _WHOLE = {"aspectMask": raw.VK_IMAGE_ASPECT_COLOR_BIT, "levelCount": 1, "layerCount": 1}

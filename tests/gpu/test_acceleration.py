@@ -11,18 +11,13 @@ from tracing import GENERATED, NONE, TRIANGLE, Tracer
 
 from solari_vk.errors import SolariError
 from solari_vk.gpu.acceleration import blas_builds, structure
-from solari_vk.gpu.acceleration.tlas import (
-    INSTANCE_DTYPE,
-    AabbGeometry,
-    Blas,
-    Tlas,
-    TlasBuild,
-    TriangleGeometry,
-    build_blases,
-)
+from solari_vk.gpu.acceleration.blas import Blas
+from solari_vk.gpu.acceleration.blas_builds import build_blases
+from solari_vk.gpu.acceleration.geometry import AabbGeometry, TriangleGeometry
+from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE, Tlas, TlasBuild
 from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.device.memory import Buffer
 
 DOWN = np.array([0.0, 0.0, -1.0])
 

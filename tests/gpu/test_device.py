@@ -13,9 +13,9 @@ import pytest
 from solari_vk.errors import DeviceError, SolariError, ValidationError
 from solari_vk.gpu.device import physical, raw
 from solari_vk.gpu.device.barriers import full_barrier
+from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device, list_devices
 from solari_vk.gpu.device.instance import Instance
-from solari_vk.gpu.device.memory import Buffer
 from solari_vk.gpu.device.recorded import Recorded
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device import raw
+from solari_vk.gpu.frame.descriptors import DescriptorSets
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
 from solari_vk.gpu.frame.interface import Interface, merge_bindings
 from solari_vk.gpu.shaders.compiler import compile_shader
@@ -113,7 +114,7 @@ void main() {
 """
     found = module(shaders, "all", "#extension GL_EXT_ray_query : require\n" + VALUES + declared)
     interface = Interface(device, [found])
-    sets = interface.new_sets(interface.bindless_counts({}))
+    sets = DescriptorSets(interface, interface.bindless_counts({}))
     image = device.image(4, 4, raw.VK_FORMAT_R32_SFLOAT, "picture", usage=raw.VK_IMAGE_USAGE_STORAGE_BIT)
     buffer = device.buffer(64, "values")
     gone = device.buffer(64, "gone")
@@ -140,7 +141,7 @@ def test_buffer_beyond_what_shaders_can_see(device, shaders):
     declared = VALUES + "layout(set = 1, binding = 1, scalar) uniform U { uint value; } u;\n"
     found = module(shaders, "u", declared + "void main() { values.at[0] = u.value; }\n")
     interface = Interface(device, [found])
-    sets = interface.new_sets([0, 0])
+    sets = DescriptorSets(interface, [0, 0])
     buffer = device.buffer(limit + 16, "large")
     with pytest.raises(SolariError, match=r"u has .* bytes, but this device's shaders see at most"):
         sets.write({"u": buffer})

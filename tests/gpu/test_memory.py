@@ -5,7 +5,6 @@ from __future__ import annotations
 import random
 from collections.abc import Iterator
 from itertools import pairwise
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,9 +14,9 @@ from solari_vk.errors import DeviceError, SolariError
 from solari_vk.gpu.device import allocator as allocator_module
 from solari_vk.gpu.device import raw, uploads
 from solari_vk.gpu.device.allocator import BLOCK_SIZE, Allocation, Block
+from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import texel_layout
-from solari_vk.gpu.device.memory import Buffer
 
 MIB = 1 << 20
 
@@ -150,7 +149,7 @@ def fake_allocator(flags: list[int]) -> Any:
     """The choice of memory types on a device with these property flags."""
     made = object.__new__(allocator_module.Allocator)
     made._type_flags = flags
-    made._device = SimpleNamespace(staging=False)
+    made._map_device_memory = True
     made._pools = {}
     return made
 

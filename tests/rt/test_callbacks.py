@@ -11,7 +11,9 @@ from probes import TRIANGLE, quad, trace
 import solari_vk as sv
 from solari_vk import rt
 from solari_vk.errors import CallbackError, DeviceError, SolariError
-from solari_vk.gpu.acceleration.tlas import Blas, TriangleGeometry, build_blases
+from solari_vk.gpu.acceleration.blas import Blas
+from solari_vk.gpu.acceleration.blas_builds import build_blases
+from solari_vk.gpu.acceleration.geometry import TriangleGeometry
 from solari_vk.gpu.device import uploads
 
 CENTER = np.array([0.6, 0.3, 5.0])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 from solari_vk.errors import SolariError
 from solari_vk.gpu.acceleration.checks import check_kind, check_switch, show
@@ -19,9 +18,7 @@ from solari_vk.gpu.acceleration.geometry import (
 )
 from solari_vk.gpu.acceleration.structure import Structure, build_flags
 from solari_vk.gpu.device import raw
-
-if TYPE_CHECKING:
-    from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.device import Device
 
 
 class Blas(Structure):
@@ -114,7 +111,7 @@ class Blas(Structure):
             why = "it was made without allow_compaction" if not self.allow_compaction else "it was never built"
             raise SolariError(f"compaction of {self.describe()}: {'it is compacted' if self.compacted else why}")
         self._drop_preparation()
-        self._preparation = Preparation(self, callback)
+        self._preparation = Preparation(self.device, self.handle, self.describe(), callback)
         self._preparation.start()
 
     @property

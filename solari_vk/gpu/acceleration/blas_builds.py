@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from solari_vk.errors import SolariError
-from solari_vk.gpu.acceleration.compaction import compact_in_place
+from solari_vk.gpu.acceleration.blas import Blas
+from solari_vk.gpu.acceleration.compaction import SizeQuery, copy_compacted
 from solari_vk.gpu.acceleration.structure import clock, make_scratch, scratch_size
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
-
-if TYPE_CHECKING:
-    from solari_vk.gpu.acceleration.blas import Blas
-    from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.device import Device
 
 SCRATCH_BUDGET = 256 << 20
 
@@ -108,3 +105,17 @@ def submit_batch(device: Device, batch: Sequence[BlasBuild], at: int) -> None:
     for build in batch:
         build.blas.note_build(at, update=build.update)
     scratch.destroy()
+
+
+def compact_in_place(device: Device, blases: Sequence[Blas]) -> None:
+    """Give structures just built, which nothing refers to yet, storage of the size that they turned out to need."""
+    sizes = SizeQuery(device, [blas.handle for blas in blases]).read()
+    copies, replaced = [], []
+    for blas, size in zip(blases, sizes, strict=True):
+        if 0 < size < blas.size:
+            source = blas.handle
+            replaced.append(blas.move_to(size))
+            copies.append((source, blas.handle))
+    copy_compacted(device, copies)
+    for free in replaced:
+        free()

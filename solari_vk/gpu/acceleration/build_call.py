@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
+from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.blas_builds import BlasBuild, batches, check_builds, submit_batch
 from solari_vk.gpu.acceleration.checks import check_items, check_kind
 from solari_vk.gpu.acceleration.geometry import check_fit
 from solari_vk.gpu.acceleration.instances import TlasInstance, TlasInstances, gather
 from solari_vk.gpu.acceleration.sources import Aabbs, Source, Triangles, Uploader, place_all
 from solari_vk.gpu.acceleration.structure import clock
-from solari_vk.gpu.acceleration.tlas import Blas, Tlas
+from solari_vk.gpu.acceleration.tlas import Tlas
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
 

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
-
-if TYPE_CHECKING:
-    from solari_vk.gpu.acceleration.blas import Blas
-    from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.device import Device
 
 
 class SizeQuery:
@@ -21,17 +17,17 @@ class SizeQuery:
     `value` is the timeline's when the answer is there. `read` it once, then or later; or `fetch` it when it is there.
     """
 
-    def __init__(self, device: Device, blases: Sequence[Blas]) -> None:
-        self._device, self._count = device, len(blases)
+    def __init__(self, device: Device, structures: Sequence[raw.CData]) -> None:
+        self._device, self._count = device, len(structures)
         kind = raw.VK_QUERY_TYPE_ACCELERATION_STRUCTURE_COMPACTED_SIZE_KHR
         vk = device.vk
-        create = raw.struct("VkQueryPoolCreateInfo", queryType=kind, queryCount=len(blases))
+        create = raw.struct("VkQueryPoolCreateInfo", queryType=kind, queryCount=self._count)
         self._pool = pool = device.create("VkQueryPool", create, "compacted sizes")
         self._token = device.own(lambda: vk.vkDestroyQueryPool(device.handle, pool, raw.NULL))
-        vk.vkResetQueryPool(device.handle, pool, 0, len(blases))
-        handles = raw.array("VkAccelerationStructureKHR", [blas.handle for blas in blases])
+        vk.vkResetQueryPool(device.handle, pool, 0, self._count)
+        handles = raw.array("VkAccelerationStructureKHR", structures)
         self.value = device.start(
-            lambda cmd: vk.vkCmdWriteAccelerationStructuresPropertiesKHR(cmd, len(blases), handles, kind, pool, 0),
+            lambda cmd: vk.vkCmdWriteAccelerationStructuresPropertiesKHR(cmd, self._count, handles, kind, pool, 0),
             "compacted sizes",
         )
 
@@ -75,29 +71,18 @@ def copy_compacted(device: Device, copies: Sequence[tuple[raw.CData, raw.CData]]
         device.start(record, "compact blases")
 
 
-def compact_in_place(device: Device, blases: Sequence[Blas]) -> None:
-    """Give structures just built, which nothing refers to yet, storage of the size that they turned out to need."""
-    copies, replaced = [], []
-    for blas, size in zip(blases, SizeQuery(device, blases).read(), strict=True):
-        if 0 < size < blas.size:
-            source = blas.handle
-            replaced.append(blas.move_to(size))
-            copies.append((source, blas.handle))
-    copy_compacted(device, copies)
-    for free in replaced:
-        free()
-
-
 class Preparation:
     """One `Blas.prepare_compaction`: answered once the device has come so far, unless a rebuild cancels it."""
 
-    def __init__(self, blas: Blas, callback: Callable[[], None] | None) -> None:
+    def __init__(
+        self, device: Device, structure: raw.CData, description: str, callback: Callable[[], None] | None
+    ) -> None:
         self.size = 0
-        self._blas = blas.describe()
+        self._device = device
+        self._description = description
         self._callback = callback
         self._cancelled = False
-        self._query = SizeQuery(blas.device, [blas])
-        self._device = blas.device
+        self._query = SizeQuery(device, [structure])
 
     def start(self) -> None:
         """Finish when the device has; that may be at once."""
@@ -126,7 +111,7 @@ class Preparation:
             return
         (self.size,) = self._query.fetch()
         if self._callback is not None:
-            self._device.callbacks.add(f"prepare_compaction of {self._blas}", self._tell)
+            self._device.callbacks.add(f"prepare_compaction of {self._description}", self._tell)
 
     def _tell(self) -> None:
         """Call back, unless it was cancelled since it was due."""

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from solari_vk.errors import SolariError
 from solari_vk.gpu.acceleration.checks import check_kind, check_switch, show, whole_number
 from solari_vk.gpu.device import raw
-
-if TYPE_CHECKING:
-    from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.device import Device
 
 AABB_DTYPE = np.dtype([("minimum", "<f4", 3), ("maximum", "<f4", 3)])
 _INDEX_TYPES = {

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
+from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.checks import check_items, check_kind, check_whole, numbers, show
-from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE, Blas
+from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE
 
 CUSTOM_DATA_BITS = 24
 _MAKE_BLAS = "give what rt.create_blas makes"

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from solari_vk.errors import SolariError
 from solari_vk.gpu.acceleration.checks import check_kind, check_switch, numbers, whole_number
 from solari_vk.gpu.acceleration.geometry import AABB_DTYPE, AabbGeometry, Geometry, TriangleGeometry, check_index_type
+from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.device.memory import Buffer
 
 _PRESENT = 16  # stands for an address while a structure is only made, not built: aligned for everything
 

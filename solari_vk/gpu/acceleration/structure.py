@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import Enum
-from typing import TYPE_CHECKING
 
 from solari_vk.errors import SolariError
 from solari_vk.gpu.acceleration.checks import check_kind, check_switch
 from solari_vk.gpu.device import raw
-from solari_vk.gpu.device.memory import Buffer
-
-if TYPE_CHECKING:
-    from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.storage import Storage
 
 _STORAGE_USAGE = (
     raw.VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_STORAGE_BIT_KHR | raw.VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT
@@ -99,7 +96,7 @@ class Structure:
     def create(self, size: int) -> None:
         """Make storage, handle and address; the build comes later."""
         device = self.device
-        self._storage = Buffer(device, size, f"{self.name} storage", usage=_STORAGE_USAGE)
+        self._storage = Storage(device.memory, size, f"{self.name} storage", usage=_STORAGE_USAGE)
         create = raw.struct(
             "VkAccelerationStructureCreateInfoKHR", buffer=self._storage.handle, size=size, type=self._kind
         )
@@ -176,7 +173,7 @@ def scratch_size(device: Device, structure: Structure, update: bool) -> int:
     return -(-size // _alignment(device)) * _alignment(device)
 
 
-def make_scratch(device: Device, size: int, name: str) -> tuple[Buffer, int]:
+def make_scratch(device: Device, size: int, name: str) -> tuple[Storage, int]:
     """A scratch buffer and its first aligned address."""
     alignment = _alignment(device)
     scratch = device.buffer(size + alignment, name)

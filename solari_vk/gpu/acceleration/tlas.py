@@ -1,28 +1,21 @@
-"""Acceleration structures: bottom level (Blas) over geometry, top level (Tlas) over instances of them."""
+"""Top-level acceleration structures, over instances of bottom-level ones."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
-from solari_vk.gpu.acceleration.blas import Blas as Blas
-from solari_vk.gpu.acceleration.blas_builds import build_blases as build_blases
+from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.checks import whole_number
-from solari_vk.gpu.acceleration.geometry import AABB_DTYPE as AABB_DTYPE
-from solari_vk.gpu.acceleration.geometry import AabbGeometry as AabbGeometry
-from solari_vk.gpu.acceleration.geometry import Geometry as Geometry
-from solari_vk.gpu.acceleration.geometry import TriangleGeometry as TriangleGeometry
 from solari_vk.gpu.acceleration.structure import Structure, build_flags, clock, make_scratch
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
+from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.recorded import Recorded
-
-if TYPE_CHECKING:
-    from solari_vk.gpu.device.device import Device
 
 # VkAccelerationStructureInstanceKHR: a 24-bit number in the low bits and an 8-bit one above it, twice.
 INSTANCE_DTYPE = np.dtype(

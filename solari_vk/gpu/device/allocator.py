@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from bisect import bisect_left, insort
-from typing import TYPE_CHECKING
 
 from solari_vk.errors import DeviceError
 from solari_vk.gpu.device import raw
-
-if TYPE_CHECKING:
-    from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.work_queue import WorkQueue
 
 BLOCK_SIZE = 64 << 20
 _FIRST_BLOCK_SIZE = 8 << 20
@@ -87,8 +84,9 @@ class Allocator:
     staging; "host" memory is mapped, coherent and cached where the device has such a type.
     """
 
-    def __init__(self, device: Device) -> None:
-        self._device = device
+    def __init__(self, device: WorkQueue, *, map_device_memory: bool) -> None:
+        self.device = device
+        self._map_device_memory = map_device_memory
         info = raw.ffi.new("VkPhysicalDeviceMemoryProperties*")
         device.instance_vk.vkGetPhysicalDeviceMemoryProperties(device.physical_device, info)
         self._type_flags = [int(info.memoryTypes[i].propertyFlags) for i in range(info.memoryTypeCount)]
@@ -111,10 +109,10 @@ class Allocator:
         try:
             allocation = self._allocate(pool, size, alignment, name)
         except DeviceError:
-            if self._device.lost:
+            if self.device.lost:
                 raise
             # What is retired may be what is missing: finish the work that holds it and try once more.
-            self._device.await_idle()
+            self.device.await_idle()
             self._trim()
             allocation = self._allocate(pool, size, alignment, name)
         self.bytes_used += size
@@ -150,7 +148,7 @@ class Allocator:
         key = (memory_type, host, image)
         if key not in self._pools:
             flags = self._type_flags[memory_type]
-            mapped = flags & _MAPPABLE == _MAPPABLE and not image and (host or not self._device.staging)
+            mapped = flags & _MAPPABLE == _MAPPABLE and not image and (host or self._map_device_memory)
             self._pools[key] = Pool(memory_type, mapped, bool(flags & _CACHED))
         return self._pools[key]
 
@@ -167,7 +165,7 @@ class Allocator:
         return Allocation(block, 0, size)
 
     def _new_block(self, pool: Pool, size: int, name: str) -> Block:
-        device = self._device
+        device = self.device
         heap = self._type_heaps[pool.memory_type]
         left = self._heap_sizes[heap] - self._heap_reserved[heap]
         if size > left:
@@ -197,7 +195,7 @@ class Allocator:
 
     def _free_block(self, block: Block) -> None:
         block.pool.blocks.remove(block)
-        self._device.vk.vkFreeMemory(self._device.handle, block.memory, raw.NULL)
+        self.device.vk.vkFreeMemory(self.device.handle, block.memory, raw.NULL)
         self.allocation_count -= 1
         self._heap_reserved[self._type_heaps[block.pool.memory_type]] -= block.size
 

@@ -1,15 +1,11 @@
-"""Barriers as structures: global ones, and layout changes of a whole image."""
+"""Barriers as structures: global memory barriers, and layout transitions of an image."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache
-from typing import TYPE_CHECKING
 
 from solari_vk.gpu.device import raw
-
-if TYPE_CHECKING:
-    from solari_vk.gpu.device.memory import Image
 
 ALL_COMMANDS = raw.VK_PIPELINE_STAGE_2_ALL_COMMANDS_BIT
 READ = raw.VK_ACCESS_2_MEMORY_READ_BIT
@@ -17,7 +13,7 @@ WRITE = raw.VK_ACCESS_2_MEMORY_WRITE_BIT
 
 
 def memory_barrier(written: int, read: int, *, source: int = ALL_COMMANDS, target: int = ALL_COMMANDS) -> raw.CData:
-    """A VkDependencyInfo with one global memory barrier: access masks, and stages where they matter."""
+    """A VkDependencyInfo with one global memory barrier: access masks and, optionally, stage masks."""
     barrier = raw.struct(
         "VkMemoryBarrier2", srcStageMask=source, srcAccessMask=written, dstStageMask=target, dstAccessMask=read
     )
@@ -26,23 +22,18 @@ def memory_barrier(written: int, read: int, *, source: int = ALL_COMMANDS, targe
 
 @cache
 def full_barrier() -> raw.CData:
-    """Everything before finishes, and its writes are seen, before anything after starts."""
+    """Orders all commands and memory accesses before it ahead of all after it."""
     return memory_barrier(WRITE, READ | WRITE)
 
 
 @cache
 def host_read_barrier() -> raw.CData:
-    """What the device wrote before becomes visible to the host."""
+    """Makes all device writes before it visible to the host."""
     return memory_barrier(WRITE, raw.VK_ACCESS_2_HOST_READ_BIT, target=raw.VK_PIPELINE_STAGE_2_HOST_BIT)
 
 
-def image_barrier(image: Image, old: int, new: int) -> raw.CData:
-    """All of an image from one layout to another, after everything before and before everything after."""
-    return layout_barrier(image.handle, image.all_levels, old, new)
-
-
 def layout_barrier(image: raw.CData, levels: Mapping[str, int], old: int, new: int) -> raw.CData:
-    """As `image_barrier`, for a VkImage and its subresource range: also of images that a window owns."""
+    """A layout transition of a VkImage's subresource range, with the ordering of a full barrier."""
     barrier = raw.struct(
         "VkImageMemoryBarrier2",
         srcStageMask=ALL_COMMANDS,

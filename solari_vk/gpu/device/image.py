@@ -1,20 +1,17 @@
-"""Images and samplers: 2D textures and render targets with their views, uploaded and read back as arrays."""
+"""Images: 2D textures and render targets with their views, uploaded and read back as arrays."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from solari_vk.errors import DeviceError, SolariError
 from solari_vk.gpu.device import raw
-from solari_vk.gpu.device.barriers import image_barrier
-from solari_vk.gpu.device.uploads import read_back
-
-if TYPE_CHECKING:
-    from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.barriers import layout_barrier
+from solari_vk.gpu.device.uploads import StagingPool, Uploads
 
 _COPIES = raw.VK_IMAGE_USAGE_TRANSFER_SRC_BIT | raw.VK_IMAGE_USAGE_TRANSFER_DST_BIT
 # Images that shaders or attachments write stay in one layout, so that hazards need only memory barriers.
@@ -32,7 +29,7 @@ class Image:
 
     def __init__(
         self,
-        device: Device,
+        staging: StagingPool,
         width: int,
         height: int,
         format: int,
@@ -41,7 +38,9 @@ class Image:
         usage: int = raw.VK_IMAGE_USAGE_SAMPLED_BIT,
         mip_levels: int = 1,
     ) -> None:
-        self.device = device
+        self.device = device = staging.device
+        memory = staging.memory
+        self._staging = staging
         self.width, self.height, self.mip_levels = int(width), int(height), int(mip_levels)
         self.format = format
         self.name = name
@@ -69,7 +68,7 @@ class Image:
         requirements = raw.ffi.new("VkMemoryRequirements*")
         device.vk.vkGetImageMemoryRequirements(device.handle, handle, requirements)
         try:
-            allocation = device.memory.allocate(requirements, f"image {name}", host=False, image=True)
+            allocation = memory.allocate(requirements, f"image {name}", host=False, image=True)
         except BaseException:
             device.vk.vkDestroyImage(device.handle, handle, raw.NULL)
             raise
@@ -81,7 +80,7 @@ class Image:
             for view in views.values():
                 device.vk.vkDestroyImageView(device.handle, view, raw.NULL)
             device.vk.vkDestroyImage(device.handle, handle, raw.NULL)
-            device.memory.free(allocation)
+            memory.free(allocation)
 
         self._token = device.own(destroy)
         self.view = self.level_view(0, self.mip_levels)
@@ -116,8 +115,11 @@ class Image:
 
     def _enter_layout(self, cmd: raw.CData) -> None:
         if self.handle is not None:
-            barrier = image_barrier(self, raw.VK_IMAGE_LAYOUT_UNDEFINED, self.layout)
-            self.device.vk.vkCmdPipelineBarrier2(cmd, barrier)
+            self.device.vk.vkCmdPipelineBarrier2(cmd, self.layout_change(raw.VK_IMAGE_LAYOUT_UNDEFINED, self.layout))
+
+    def layout_change(self, old: int, new: int) -> raw.CData:
+        """A barrier that moves all mip levels from one layout to another, ordered as a full barrier."""
+        return layout_barrier(self.handle, self.all_levels, old, new)
 
     def level_view(self, first: int, count: int = 1) -> raw.CData:
         """A VkImageView of some mip levels; it lives as long as the image."""
@@ -162,7 +164,7 @@ class Image:
 
     def upload(self, levels: Sequence[np.ndarray]) -> None:
         """Replace all mip levels, after all work submitted so far and before all that follows."""
-        with self.device.uploads() as uploads:
+        with Uploads(self._staging) as uploads:
             uploads.image(self, levels)
 
     def read(self, level: int = 0) -> np.ndarray:
@@ -176,73 +178,17 @@ class Image:
 
         def copy(cmd: raw.CData, target: raw.CData) -> None:
             if not general:
-                vk.vkCmdPipelineBarrier2(cmd, image_barrier(self, self.layout, layout))
+                vk.vkCmdPipelineBarrier2(cmd, self.layout_change(self.layout, layout))
             vk.vkCmdCopyImageToBuffer(cmd, self.handle, layout, target, 1, region)
             if not general:
-                vk.vkCmdPipelineBarrier2(cmd, image_barrier(self, layout, self.layout))
+                vk.vkCmdPipelineBarrier2(cmd, self.layout_change(layout, self.layout))
 
         shape = self.level_shape(level)
-        return read_back(self.device, int(np.prod(shape)) * self.dtype.itemsize, copy).view(self.dtype).reshape(shape)
+        size = int(np.prod(shape)) * self.dtype.itemsize
+        return self._staging.read_back(size, copy).view(self.dtype).reshape(shape)
 
     def destroy(self) -> None:
         """Destroy the image when the work submitted so far is done. Safe to call twice."""
-        self.handle = None
-        self.device.release(self._token)
-
-
-class Sampler:
-    """How a texture is filtered and repeated: "linear" or "nearest"; "repeat", "clamp" or "mirror".
-
-    mipmap: how levels are blended, or "none" to use the largest one only.
-
-    anisotropy: the most samples of an anisotropic filter; 1 is off, and devices without it stay at 1.
-    """
-
-    def __init__(
-        self,
-        device: Device,
-        *,
-        magnify: str = "linear",
-        minify: str = "linear",
-        mipmap: str = "linear",
-        wrap_u: str = "repeat",
-        wrap_v: str = "repeat",
-        anisotropy: float = 1.0,
-    ) -> None:
-        filters = {"nearest": raw.VK_FILTER_NEAREST, "linear": raw.VK_FILTER_LINEAR}
-        modes = {
-            "nearest": raw.VK_SAMPLER_MIPMAP_MODE_NEAREST,
-            "linear": raw.VK_SAMPLER_MIPMAP_MODE_LINEAR,
-            "none": raw.VK_SAMPLER_MIPMAP_MODE_NEAREST,
-        }
-        wraps = {
-            "repeat": raw.VK_SAMPLER_ADDRESS_MODE_REPEAT,
-            "clamp": raw.VK_SAMPLER_ADDRESS_MODE_CLAMP_TO_EDGE,
-            "mirror": raw.VK_SAMPLER_ADDRESS_MODE_MIRRORED_REPEAT,
-        }
-        most = device.properties.limits.maxSamplerAnisotropy if "samplerAnisotropy" in device.features else 1.0
-        anisotropy = min(anisotropy, most)
-        try:
-            create = raw.struct(
-                "VkSamplerCreateInfo",
-                magFilter=filters[magnify],
-                minFilter=filters[minify],
-                mipmapMode=modes[mipmap],
-                addressModeU=wraps[wrap_u],
-                addressModeV=wraps[wrap_v],
-                anisotropyEnable=int(anisotropy > 1),
-                maxAnisotropy=max(anisotropy, 1.0),
-                # A limit just above 0 keeps the choice between magnify and minify, as Vulkan advises.
-                maxLod=0.25 if mipmap == "none" else raw.VK_LOD_CLAMP_NONE,
-            )
-        except KeyError as error:
-            raise SolariError(f"sampler: {error} is not one of {[*filters, *wraps]}") from error
-        self.handle = handle = device.create("VkSampler", create, f"sampler {minify} {wrap_u} {wrap_v}")
-        self.device = device
-        self._token = device.own(lambda: device.vk.vkDestroySampler(device.handle, handle, raw.NULL))
-
-    def destroy(self) -> None:
-        """Destroy the sampler when the work submitted so far is done. Safe to call twice."""
         self.handle = None
         self.device.release(self._token)
 

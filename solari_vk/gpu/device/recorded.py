@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from solari_vk.gpu.device import raw
-
-if TYPE_CHECKING:
-    from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.work_queue import WorkQueue
 
 
 class Recorded:
@@ -18,7 +15,7 @@ class Recorded:
     live as long.
     """
 
-    def __init__(self, device: Device, record: Callable[[raw.CData], None], name: str) -> None:
+    def __init__(self, device: WorkQueue, record: Callable[[raw.CData], None], name: str) -> None:
         self._device = device
         vk = device.vk
         pool = device.create(

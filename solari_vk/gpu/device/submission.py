@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
 
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import ALL_COMMANDS
 
-if TYPE_CHECKING:
-    from solari_vk.gpu.device.work_queue import WorkQueue
+Semaphore = tuple[raw.CData, int, int]
+"""A semaphore with its timeline value (0 for a binary one) and the stages that wait for it or signal it."""
 
 
 class Submission:
@@ -17,17 +16,18 @@ class Submission:
 
     def __init__(
         self,
-        device: WorkQueue,
+        send: Callable[[Submission], int],
+        timeline: raw.CData,
         command_buffers: Sequence[raw.CData],
-        waits: Sequence[tuple[raw.CData, int, int]] = (),
-        signals: Sequence[tuple[raw.CData, int, int]] = (),
+        waits: Sequence[Semaphore] = (),
+        signals: Sequence[Semaphore] = (),
     ) -> None:
-        self._device = device
+        self._send = send
         self._commands = tuple(command_buffers)
         self.waits = raw.array("VkSemaphoreSubmitInfo", [_semaphore(*wait) for wait in waits])
         self.signals = raw.array(
             "VkSemaphoreSubmitInfo",
-            [_semaphore(device.timeline, 0, ALL_COMMANDS), *(_semaphore(*signal) for signal in signals)],
+            [_semaphore(timeline, 0, ALL_COMMANDS), *(_semaphore(*signal) for signal in signals)],
         )
         self.signal = self.signals[0]
         self._counts = len(waits), 1 + len(signals)
@@ -48,14 +48,14 @@ class Submission:
         )
 
     def info_behind(self, ahead: tuple[raw.CData, ...]) -> raw.CData:
-        """`info` with other command buffers ahead of its own; kept, as the same ones often come again."""
+        """`info` with other command buffers ahead of its own. The result is kept, since the same ones often recur."""
         if ahead != self._ahead:
             self._ahead, self._info_behind = ahead, self._info(ahead)
         return self._info_behind
 
     def submit(self) -> int:
         """Submit; returns the value that the device's timeline reaches when the commands are done."""
-        return self._device._submit(self)
+        return self._send(self)
 
 
 def _semaphore(semaphore: raw.CData, value: int, stages: int) -> raw.CData:

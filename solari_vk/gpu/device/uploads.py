@@ -4,44 +4,71 @@ from __future__ import annotations
 
 from bisect import bisect_left, insort
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import Any, Protocol
 
 import numpy as np
 
 from solari_vk.gpu.device import raw
-from solari_vk.gpu.device.barriers import full_barrier, host_read_barrier, image_barrier
-
-if TYPE_CHECKING:
-    from solari_vk.gpu.device.device import Device
-    from solari_vk.gpu.device.memory import Buffer, Image
+from solari_vk.gpu.device.allocator import Allocator
+from solari_vk.gpu.device.barriers import full_barrier, host_read_barrier
+from solari_vk.gpu.device.storage import Storage, as_bytes
 
 CHUNK_SIZE = 4 << 20
-FLUSH_SIZE = 64 << 20  # a batch larger than this is submitted in parts, so that staging stays bounded
-_ALIGNMENT = 16  # of data in a chunk: no texel that is uploaded is larger
+FLUSH_SIZE = 64 << 20  # a batch larger than this is submitted in parts, so that staging memory stays bounded
+_ALIGNMENT = 16  # bytes between pieces of data in a chunk: no texel that is uploaded is larger
 _TRANSFER_LAYOUT = raw.VK_IMAGE_LAYOUT_TRANSFER_DST_OPTIMAL
 
 
 class StagingPool:
-    """Mapped chunks that uploads are copied through; a chunk comes back when the device has read it."""
+    """Mapped chunks that uploads and reads are copied through, each used again when the device is done with it."""
 
-    def __init__(self, device: Device) -> None:
-        self._device = device
-        self._chunks: list[Buffer] = []
+    def __init__(self, memory: Allocator) -> None:
+        self.memory = memory
+        self.device = memory.device
+        self._chunks: list[Storage] = []
 
-    def take(self, size: int) -> Buffer:
-        """A mapped buffer of at least `size` bytes; give it back with `give` when the copy is done."""
+    def take(self, size: int) -> Storage:
+        """A mapped buffer of at least `size` bytes; return it with `give` when the copy is done."""
         if size <= CHUNK_SIZE and self._chunks:
             return self._chunks.pop()
-        return self._device.buffer(max(size, CHUNK_SIZE), "staging", host=True)
+        return Storage(self.memory, max(size, CHUNK_SIZE), "staging", host=True)
 
-    def give(self, chunk: Buffer) -> None:
-        """Take a chunk back. A few ordinary ones are kept; the device must be done with it."""
-        if self._device.closed:
+    def give(self, chunk: Storage) -> None:
+        """Take a chunk back that the device no longer uses. The pool keeps up to 16 chunks of ordinary size."""
+        if self.device.closed:
             return
         if chunk.size == CHUNK_SIZE and len(self._chunks) < 16:
             self._chunks.append(chunk)
         else:
             chunk.destroy()
+
+    def read_back(self, size: int, copy: Callable[[raw.CData, raw.CData], None]) -> np.ndarray:
+        """The bytes that `copy(command buffer, VkBuffer)` writes into a chunk; waits for the copy."""
+        device, chunk = self.device, self.take(size)
+
+        def record(cmd: raw.CData) -> None:
+            device.vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+            copy(cmd, chunk.handle)
+            device.vk.vkCmdPipelineBarrier2(cmd, host_read_barrier())
+
+        device.run(record, "read back")
+        found = chunk.view(np.uint8, size).copy()
+        self.give(chunk)
+        return found
+
+
+class ImageTarget(Protocol):
+    """What an upload needs to know of an `Image`."""
+
+    handle: raw.CData
+    layout: int
+
+    def check_levels(self, levels: Sequence[np.ndarray]) -> list[np.ndarray]: ...
+
+    def copy_region(self, level: int, buffer_offset: int) -> dict[str, Any]: ...
+
+    def layout_change(self, old: int, new: int) -> raw.CData: ...
 
 
 class _Copies:
@@ -49,10 +76,10 @@ class _Copies:
 
     def __init__(self) -> None:
         self.regions: dict[tuple[int, int], list[tuple[int, int, int]]] = {}
-        self.buffers: dict[tuple[int, int], tuple[Buffer, Buffer]] = {}
+        self.buffers: dict[tuple[int, int], tuple[Storage, Storage]] = {}
         self._ranges: dict[int, list[tuple[int, int]]] = {}
 
-    def add(self, chunk: Buffer, start: int, buffer: Buffer, offset: int, size: int) -> bool:
+    def add(self, chunk: Storage, start: int, buffer: Storage, offset: int, size: int) -> bool:
         """Add a copy; False when it overlaps one that is there already."""
         ranges = self._ranges.setdefault(id(buffer), [])
         i = bisect_left(ranges, (offset, 0))
@@ -72,17 +99,18 @@ class Uploads:
     `image` is called, so arrays may change afterwards. Work submitted later sees the new contents.
     """
 
-    def __init__(self, device: Device) -> None:
-        self._device = device
+    def __init__(self, staging: StagingPool) -> None:
+        self._staging = staging
+        self._device = staging.device
         self._submits = False
         self._reset()
 
     def _reset(self) -> None:
-        self._chunks: list[Buffer] = []
+        self._chunks: list[Storage] = []
         self._used = 0
         self._staged = 0
         self._copies: list[_Copies] = []
-        self._images: list[tuple[Buffer, Image, list[tuple[int, int]]]] = []
+        self._images: list[tuple[Storage, ImageTarget, list[tuple[int, int]]]] = []
 
     def __enter__(self) -> Uploads:
         self._submits = True
@@ -99,7 +127,7 @@ class Uploads:
         """Whether there is nothing to record."""
         return not self._copies and not self._images
 
-    def buffer(self, buffer: Buffer, data: Any, offset: int = 0) -> None:
+    def buffer(self, buffer: Storage, data: Any, offset: int = 0) -> None:
         """Have `data` (an array or bytes) written into a buffer at a byte offset. Raises SolariError outside it."""
         source = as_bytes(data)
         buffer.check_range(offset, source.size, "upload")
@@ -116,7 +144,7 @@ class Uploads:
                 self._copies[-1].add(*copy)
             self._flush_when_large()
 
-    def image(self, image: Image, levels: Sequence[np.ndarray]) -> None:
+    def image(self, image: ImageTarget, levels: Sequence[np.ndarray]) -> None:
         """Have all mip levels of an image replaced, largest first: (height, width, channels) of its dtype."""
         sources = [as_bytes(level) for level in image.check_levels(levels)]
         starts = [0]
@@ -134,11 +162,11 @@ class Uploads:
         self._record(command_buffer)
         self._give_back(with_next=True)
 
-    def _stage(self, source: np.ndarray) -> tuple[Buffer, int]:
+    def _stage(self, source: np.ndarray) -> tuple[Storage, int]:
         """Copy bytes into a chunk; returns it and the offset in it."""
         start = -(-self._used // _ALIGNMENT) * _ALIGNMENT
         if not self._chunks or start + source.size > self._chunks[-1].size:
-            self._chunks.append(self._device.staging_pool.take(source.size))
+            self._chunks.append(self._staging.take(source.size))
             start = 0
         self._chunks[-1].write(source, start)
         self._used = start + source.size
@@ -160,7 +188,7 @@ class Uploads:
     def _give_back(self, *, with_next: bool = False) -> None:
         """Return the chunks when the submission that reads them is done."""
         for chunk in self._chunks:
-            self._device.retire(_giver(self._device.staging_pool, chunk), with_next=with_next)
+            self._device.retire(partial(self._staging.give, chunk), with_next=with_next)
         self._reset()
 
     def _record(self, cmd: raw.CData) -> None:
@@ -177,34 +205,8 @@ class Uploads:
         for chunk, image, levels in self._images:
             if image.handle is None:
                 continue
-            vk.vkCmdPipelineBarrier2(cmd, image_barrier(image, raw.VK_IMAGE_LAYOUT_UNDEFINED, _TRANSFER_LAYOUT))
+            vk.vkCmdPipelineBarrier2(cmd, image.layout_change(raw.VK_IMAGE_LAYOUT_UNDEFINED, _TRANSFER_LAYOUT))
             parts = raw.array("VkBufferImageCopy", [image.copy_region(level, start) for start, level in levels])
             vk.vkCmdCopyBufferToImage(cmd, chunk.handle, image.handle, _TRANSFER_LAYOUT, len(levels), parts)
-            vk.vkCmdPipelineBarrier2(cmd, image_barrier(image, _TRANSFER_LAYOUT, image.layout))
+            vk.vkCmdPipelineBarrier2(cmd, image.layout_change(_TRANSFER_LAYOUT, image.layout))
         vk.vkCmdPipelineBarrier2(cmd, full_barrier())
-
-
-def read_back(device: Device, size: int, copy: Callable[[raw.CData, raw.CData], None]) -> np.ndarray:
-    """Bytes that `copy(command buffer, VkBuffer)` writes into a mapped buffer."""
-    chunk = device.staging_pool.take(size)
-
-    def record(cmd: raw.CData) -> None:
-        device.vk.vkCmdPipelineBarrier2(cmd, full_barrier())
-        copy(cmd, chunk.handle)
-        device.vk.vkCmdPipelineBarrier2(cmd, host_read_barrier())
-
-    device.run(record, "read back")
-    found = chunk.view(np.uint8, size).copy()
-    device.staging_pool.give(chunk)
-    return found
-
-
-def _giver(pool: StagingPool, chunk: Buffer) -> Callable[[], None]:
-    return lambda: pool.give(chunk)
-
-
-def as_bytes(data: Any) -> np.ndarray:
-    """An array or a bytes-like object as a flat, contiguous array of bytes, copied only if it must be."""
-    if isinstance(data, (bytes, bytearray, memoryview)):
-        return np.frombuffer(data, np.uint8)
-    return np.ascontiguousarray(data).reshape(-1).view(np.uint8)

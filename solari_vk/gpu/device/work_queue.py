@@ -4,33 +4,22 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
 
 from solari_vk.errors import DeviceError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import host_read_barrier
 from solari_vk.gpu.device.callbacks import Callbacks
-from solari_vk.gpu.device.submission import Submission
+from solari_vk.gpu.device.logical import LogicalDevice
+from solari_vk.gpu.device.submission import Semaphore, Submission
 
 _WAIT_SLICE = 100_000_000  # nanoseconds: Python sees Ctrl-C between slices
 
 
-class WorkQueue:
-    """The one queue of a device: submissions counted by a timeline, one-time commands, deferred destruction.
+class WorkQueue(LogicalDevice):
+    """A device with its queue: submissions counted by a timeline, one-time commands, deferred destruction."""
 
-    The base of `Device`, which opens and closes what it uses.
-    """
-
-    handle: raw.CData
-    queue: raw.CData
-    vk: raw.Functions
-    name: str
-    queue_family: int
-    messages: list[str]
-    lost: bool
-    closed: bool
-
-    def __init__(self) -> None:
+    def __init__(self, select: str | int | None, validation: bool) -> None:
+        super().__init__(select, validation)
         self.submitted = 0
         self._completed = 0
         self._host_synced = 0
@@ -42,44 +31,21 @@ class WorkQueue:
         self._before_next: list[Callable[[raw.CData], None]] = []
         self._with_next: dict[raw.CData, None] = {}
         self.callbacks = Callbacks()
+        timeline = raw.struct("VkSemaphoreTypeCreateInfo", semaphoreType=raw.VK_SEMAPHORE_TYPE_TIMELINE)
         self.timeline = self.create(
-            "VkSemaphore",
-            raw.struct(
-                "VkSemaphoreCreateInfo",
-                pNext=raw.struct("VkSemaphoreTypeCreateInfo", semaphoreType=raw.VK_SEMAPHORE_TYPE_TIMELINE),
-            ),
-            "device timeline",
+            "VkSemaphore", raw.struct("VkSemaphoreCreateInfo", pNext=timeline), "device timeline"
         )
-        self._pool = self.create(
-            "VkCommandPool",
-            raw.struct(
-                "VkCommandPoolCreateInfo",
-                flags=raw.VK_COMMAND_POOL_CREATE_TRANSIENT_BIT,
-                queueFamilyIndex=self.queue_family,
-            ),
-            "device one-time commands",
+        pool = raw.struct(
+            "VkCommandPoolCreateInfo",
+            flags=raw.VK_COMMAND_POOL_CREATE_TRANSIENT_BIT,
+            queueFamilyIndex=self.queue_family,
         )
+        self._pool = self.create("VkCommandPool", pool, "device one-time commands")
         self._counter = raw.ffi.new("uint64_t*")
         self._wait_value = raw.ffi.new("uint64_t*")
         self._wait_info = raw.struct(
             "VkSemaphoreWaitInfo", semaphoreCount=1, pSemaphores=[self.timeline], pValues=self._wait_value
         )
-
-    def create(self, type_name: str, create_info: raw.CData, name: str) -> raw.CData:
-        """vkCreate of a handle type with its debug name, by `Device`."""
-        raise NotImplementedError
-
-    def name_object(self, kind: str, handle: raw.CData, name: str) -> None:
-        """A debug name, by `Device`."""
-        raise NotImplementedError
-
-    def label(self, command_buffer: raw.CData, name: str) -> AbstractContextManager[None]:
-        """A debug label, by `Device`."""
-        raise NotImplementedError
-
-    def check_messages(self) -> None:
-        """Raise validation messages, by `Device`."""
-        raise NotImplementedError
 
     # ---- submissions --------------------------------------------------------------------------------
 
@@ -87,15 +53,15 @@ class WorkQueue:
         self,
         command_buffers: Sequence[raw.CData],
         *,
-        waits: Sequence[tuple[raw.CData, int, int]] = (),
-        signals: Sequence[tuple[raw.CData, int, int]] = (),
+        waits: Sequence[Semaphore] = (),
+        signals: Sequence[Semaphore] = (),
     ) -> Submission:
         """A submission prepared once and made many times; waits and signals are (semaphore, value, stages)."""
-        return Submission(self, command_buffers, waits, signals)
+        return Submission(self._submit, self.timeline, command_buffers, waits, signals)
 
     def submit(self, command_buffers: Sequence[raw.CData]) -> int:
-        """Submit command buffers; returns the value that the timeline reaches when they are done."""
-        return Submission(self, command_buffers).submit()
+        """Submit command buffers; returns the timeline value that marks their completion."""
+        return self._submit(self.submission(command_buffers))
 
     def before_next_submit(self, record: Callable[[raw.CData], None]) -> None:
         """Have commands recorded and submitted just before the next submission: all such in one batch."""
@@ -178,7 +144,7 @@ class WorkQueue:
         except BaseException:
             free()
             raise
-        value = self._submit(Submission(self, [commands]), internal=True)
+        value = self._submit(self.submission([commands]), internal=True)
         self.retire(free)
         return value
 
@@ -231,7 +197,7 @@ class WorkQueue:
     def await_idle(self) -> None:
         """As `wait_idle`, but no callback is called, and `before_next_submit` goes on waiting: for lack of memory."""
         if self._with_next:
-            self._submit(Submission(self, []), internal=True)
+            self._submit(self.submission([]), internal=True)
         self.await_value(self.submitted)
 
     def sync_host(self) -> None:

@@ -3,26 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device import raw
-from solari_vk.gpu.device.memory import Buffer, Image, Sampler
+from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.image import Image
+from solari_vk.gpu.device.sampler import Sampler
+from solari_vk.gpu.frame.interface import DESCRIPTOR_TYPES, SET_COUNT, Interface
 from solari_vk.gpu.shaders.spirv import Binding
-
-if TYPE_CHECKING:
-    from solari_vk.gpu.frame.interface import Interface
-
-SET_COUNT = 2
-DESCRIPTOR_TYPES = {
-    "uniform_buffer": raw.VK_DESCRIPTOR_TYPE_UNIFORM_BUFFER,
-    "storage_buffer": raw.VK_DESCRIPTOR_TYPE_STORAGE_BUFFER,
-    "storage_image": raw.VK_DESCRIPTOR_TYPE_STORAGE_IMAGE,
-    "sampled_image": raw.VK_DESCRIPTOR_TYPE_SAMPLED_IMAGE,
-    "combined_image_sampler": raw.VK_DESCRIPTOR_TYPE_COMBINED_IMAGE_SAMPLER,
-    "sampler": raw.VK_DESCRIPTOR_TYPE_SAMPLER,
-    "acceleration_structure": raw.VK_DESCRIPTOR_TYPE_ACCELERATION_STRUCTURE_KHR,
-}
 
 
 class DescriptorSets:

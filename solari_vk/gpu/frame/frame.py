@@ -18,7 +18,7 @@ from solari_vk.errors import SolariError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.device.memory import Image
+from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.frame.hazards import plan_barriers
 from solari_vk.gpu.frame.program import Program, ProgramBuilder
 from solari_vk.gpu.frame.resources import Resources

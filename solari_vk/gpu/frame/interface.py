@@ -12,9 +12,18 @@ from typing import Any
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.frame.descriptors import DESCRIPTOR_TYPES, SET_COUNT, DescriptorSets
 from solari_vk.gpu.shaders.spirv import Binding, Module
 
+SET_COUNT = 2
+DESCRIPTOR_TYPES = {
+    "uniform_buffer": raw.VK_DESCRIPTOR_TYPE_UNIFORM_BUFFER,
+    "storage_buffer": raw.VK_DESCRIPTOR_TYPE_STORAGE_BUFFER,
+    "storage_image": raw.VK_DESCRIPTOR_TYPE_STORAGE_IMAGE,
+    "sampled_image": raw.VK_DESCRIPTOR_TYPE_SAMPLED_IMAGE,
+    "combined_image_sampler": raw.VK_DESCRIPTOR_TYPE_COMBINED_IMAGE_SAMPLER,
+    "sampler": raw.VK_DESCRIPTOR_TYPE_SAMPLER,
+    "acceleration_structure": raw.VK_DESCRIPTOR_TYPE_ACCELERATION_STRUCTURE_KHR,
+}
 _BINDLESS_FLAGS = (
     raw.VK_DESCRIPTOR_BINDING_PARTIALLY_BOUND_BIT
     | raw.VK_DESCRIPTOR_BINDING_UPDATE_AFTER_BIND_BIT
@@ -158,10 +167,6 @@ class Interface:
             room = max(_BINDLESS_LEAST, 1 << max(needed - 1, 0).bit_length()) if binding else 0
             counts.append(min(room, self.bindless_limit))
         return counts
-
-    def new_sets(self, counts: Sequence[int]) -> DescriptorSets:
-        """A pair of descriptor sets whose bindless arrays have `counts` places."""
-        return DescriptorSets(self, counts)
 
     def destroy(self) -> None:
         """Destroy the layouts when the work submitted so far is done. Safe to call twice."""

@@ -9,8 +9,9 @@ from typing import Any
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
+from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.device.memory import Buffer, Image
+from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.frame.interface import Interface
 from solari_vk.gpu.frame.stages import Draw, History, Stage
 from solari_vk.gpu.shaders.spirv import Binding

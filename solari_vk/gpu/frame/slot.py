@@ -9,8 +9,8 @@ import numpy as np
 
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier, memory_barrier
+from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.device.memory import Buffer
 from solari_vk.gpu.frame.descriptors import DescriptorSets
 from solari_vk.gpu.frame.hazards import Barrier
 from solari_vk.gpu.frame.program import Program
@@ -106,7 +106,7 @@ class Slot:
         if self._sets is None or any(new > old for new, old in zip(counts, self._sets.counts, strict=True)):
             if self._sets is not None:
                 self._sets.destroy()
-            self._sets = program.interface.new_sets(counts)
+            self._sets = DescriptorSets(program.interface, counts)
         self._sets.write(self._bound)
 
     def _bind(self, bound: set[int], point: int, pipeline: raw.CData) -> None:

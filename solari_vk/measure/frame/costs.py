@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.device.memory import Buffer, Image
+from solari_vk.gpu.device.image import Image
 from solari_vk.measure.frame.passes import frame_times
 from solari_vk.renderer import Renderer
 from solari_vk.scene.builtin import builtin

@@ -1,21 +1,14 @@
-"""Buffers: made in sub-allocated memory, seen as numpy arrays, uploaded and read back."""
+"""A VkBuffer in sub-allocated memory, seen as numpy arrays where that memory is mapped."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from solari_vk.errors import DeviceError, SolariError
 from solari_vk.gpu.device import raw
-from solari_vk.gpu.device.barriers import full_barrier
-from solari_vk.gpu.device.image import Image as Image
-from solari_vk.gpu.device.image import Sampler as Sampler
-from solari_vk.gpu.device.uploads import Uploads as Uploads
-from solari_vk.gpu.device.uploads import as_bytes, read_back
-
-if TYPE_CHECKING:
-    from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.allocator import Allocator
 
 BUFFER_USAGE = (
     raw.VK_BUFFER_USAGE_TRANSFER_SRC_BIT
@@ -30,17 +23,17 @@ BUFFER_USAGE = (
 )
 
 
-class Buffer:
-    """Device memory of `size` bytes. `host=True` puts it where the host can always see it (`view`).
+class Storage:
+    """`size` bytes behind a VkBuffer. Staging uses it as it is; `Buffer` adds uploads and reads.
 
-    `address` is its device address (0 without that usage). Contents start undefined; `fill` sets them.
-    A size of 0 is allowed and holds nothing. Raises DeviceError beyond the device's limits.
+    host: put the bytes in memory that the host can always see. `address` is the device address, or 0 without that
+    usage. A size of 0 is allowed. Raises DeviceError beyond the device's limits.
     """
 
     def __init__(
-        self, device: Device, size_bytes: int, name: str, *, host: bool = False, usage: int = BUFFER_USAGE
+        self, memory: Allocator, size_bytes: int, name: str, *, host: bool = False, usage: int = BUFFER_USAGE
     ) -> None:
-        self.device = device
+        self.device = device = memory.device
         self.size = int(size_bytes)
         self.name = name
         self.usage = usage
@@ -55,7 +48,7 @@ class Buffer:
         requirements = raw.ffi.new("VkMemoryRequirements*")
         device.vk.vkGetBufferMemoryRequirements(device.handle, handle, requirements)
         try:
-            allocation = device.memory.allocate(requirements, f"buffer {name}", host=host)
+            allocation = memory.allocate(requirements, f"buffer {name}", host=host)
         except BaseException:
             device.vk.vkDestroyBuffer(device.handle, handle, raw.NULL)
             raise
@@ -63,7 +56,7 @@ class Buffer:
 
         def destroy() -> None:
             device.vk.vkDestroyBuffer(device.handle, handle, raw.NULL)
-            device.memory.free(allocation)
+            memory.free(allocation)
 
         self._token = device.own(destroy)
         self._pointer = allocation.pointer
@@ -75,10 +68,10 @@ class Buffer:
             self.address = int(device.vk.vkGetBufferDeviceAddress(device.handle, info))
 
     def __repr__(self) -> str:
-        return f"<Buffer {self.name}: {self.size:,} bytes>"
+        return f"<{type(self).__name__} {self.name}: {self.size:,} bytes>"
 
     def check_range(self, offset: int, size: int, action: str) -> None:
-        """Raise SolariError unless the bytes lie inside the buffer and the buffer still exists."""
+        """Raise SolariError unless the buffer exists and the bytes lie inside it."""
         if self.device.closed:
             raise DeviceError(f"{action} of buffer {self.name}, whose device was closed")
         if self.handle is None:
@@ -88,15 +81,20 @@ class Buffer:
                 f"{action} of buffer {self.name}: bytes {offset:,} to {offset + size:,} of {self.size:,}"
             )
 
-    def view(self, dtype: Any = np.uint8, count: int = -1, offset: int = 0) -> np.ndarray:
-        """A live array over mapped memory, valid until `destroy`; the device sees writes at the next submission.
-
-        The caller keeps clear of what running work uses. Raises SolariError for memory that isn't mapped.
-        """
+    def _typed_range(self, dtype: Any, count: int, offset: int, action: str) -> tuple[np.dtype[Any], int]:
+        """The dtype and the element count, checked; a negative count means all elements from the offset on."""
         dtype = np.dtype(dtype)
         if count < 0:
             count = (self.size - offset) // dtype.itemsize
-        self.check_range(offset, count * dtype.itemsize, "view")
+        self.check_range(offset, count * dtype.itemsize, action)
+        return dtype, count
+
+    def view(self, dtype: Any = np.uint8, count: int = -1, offset: int = 0) -> np.ndarray:
+        """A live array over mapped memory, valid until `destroy`; the device sees writes at the next submission.
+
+        The caller must not write what running work uses. Raises SolariError for memory that isn't mapped.
+        """
+        dtype, count = self._typed_range(dtype, count, offset, "view")
         if self._pointer is None:
             raise SolariError(f"buffer {self.name} is in device memory: make it with host=True, or use upload and read")
         if not count:
@@ -104,7 +102,7 @@ class Buffer:
         return np.frombuffer(raw.ffi.buffer(self._pointer + offset, count * dtype.itemsize), dtype)
 
     def write(self, data: Any, offset: int = 0) -> None:
-        """Write bytes through the mapping at once, whatever the device is doing."""
+        """Write bytes through the mapping at once, without waiting for running work."""
         source = as_bytes(data)
         self.check_range(offset, source.size, "write")
         if self._pointer is None:
@@ -112,47 +110,15 @@ class Buffer:
         if source.size:
             raw.ffi.memmove(self._pointer + offset, source, source.size)
 
-    def upload(self, data: Any, offset: int = 0) -> None:
-        """Replace bytes, after all work submitted so far and before all that follows."""
-        with self.device.uploads() as uploads:
-            uploads.buffer(self, data, offset)
-
-    def fill(self, value: int = 0) -> None:
-        """Set every 32-bit word, just before the next submission."""
-        self.check_range(0, 0, "fill")
-
-        def record(cmd: raw.CData) -> None:
-            if self.handle is not None:
-                vk = self.device.vk
-                vk.vkCmdPipelineBarrier2(cmd, full_barrier())
-                vk.vkCmdFillBuffer(cmd, self.handle, 0, raw.VK_WHOLE_SIZE, value)
-                vk.vkCmdPipelineBarrier2(cmd, full_barrier())
-
-        self.device.before_next_submit(record)
-
-    def read(self, dtype: Any = np.uint8, count: int = -1, offset: int = 0) -> np.ndarray:
-        """A copy of the contents after all work submitted so far; waits for it."""
-        dtype = np.dtype(dtype)
-        if count < 0:
-            count = (self.size - offset) // dtype.itemsize
-        size = count * dtype.itemsize
-        self.check_range(offset, size, "read")
-        if not size:
-            return np.empty(0, dtype)
-        if self.mapped and self._cached:
-            self.device.sync_host()
-            return self.view(dtype, count, offset).copy()
-        # Uncached memory is read through a copy as well: the host reads it at a crawl.
-        return read_back(
-            self.device,
-            size,
-            lambda cmd, target: self.device.vk.vkCmdCopyBuffer(
-                cmd, self.handle, target, 1, raw.struct("VkBufferCopy", srcOffset=offset, size=size)
-            ),
-        ).view(dtype)
-
     def destroy(self) -> None:
         """Destroy the buffer when the work submitted so far is done. Safe to call twice."""
         self.handle = None
         self._pointer = None
         self.device.release(self._token)
+
+
+def as_bytes(data: Any) -> np.ndarray:
+    """An array or a bytes-like object as a flat, contiguous array of bytes, copied only if it must be."""
+    if isinstance(data, (bytes, bytearray, memoryview)):
+        return np.frombuffer(data, np.uint8)
+    return np.ascontiguousarray(data).reshape(-1).view(np.uint8)

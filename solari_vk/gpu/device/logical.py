@@ -1,0 +1,133 @@
+"""The logical device: chosen, created with its features, with its functions, debug names and validation messages."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from solari_vk.errors import DeviceError, ValidationError
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.instance import Instance
+from solari_vk.gpu.device.physical import (
+    OPTIONAL_EXTENSIONS,
+    REQUIRED_EXTENSIONS,
+    DeviceProperties,
+    PhysicalDevice,
+    choose,
+    feature_chain,
+)
+
+
+class LogicalDevice:
+    """A VkDevice with one queue. `vk` has its functions, `properties`, `features` and `extensions` what it can do."""
+
+    def __init__(self, select: str | int | None, validation: bool) -> None:
+        self.validation = validation
+        self.lost = False
+        self.closed = False
+        self._instance = Instance(validation)
+        try:
+            wanted = os.environ.get("SOLARI_VK_DEVICE") or None if select is None else select
+            self._open(choose(self._instance.devices(), wanted))
+        except BaseException:
+            self._instance.close()
+            raise
+
+    def _open(self, chosen: PhysicalDevice) -> None:
+        self.instance = self._instance.handle
+        self.instance_vk = self._instance.vk
+        self.messages = self._instance.messages
+        self.physical_device = chosen.handle
+        self.properties: DeviceProperties = chosen.properties
+        self.name = chosen.properties.name
+        self.queue_family = chosen.queue_family
+        self.timestamp_bits = chosen.timestamp_bits
+        optional = [name for name in OPTIONAL_EXTENSIONS if name in chosen.extensions]
+        if "VK_KHR_surface" not in self._instance.extensions and "VK_KHR_swapchain" in optional:
+            optional.remove("VK_KHR_swapchain")
+        self.extensions = frozenset([*REQUIRED_EXTENSIONS, *optional])
+        enabled = chosen.enabled_features()
+        self.features = frozenset(name for names in enabled.values() for name in names)
+        self.has_position_fetch = "rayTracingPositionFetch" in self.features
+        queue = raw.struct(
+            "VkDeviceQueueCreateInfo", queueFamilyIndex=self.queue_family, queueCount=1, pQueuePriorities=[1.0]
+        )
+        chain, _ = feature_chain(enabled)
+        create = raw.struct(
+            "VkDeviceCreateInfo",
+            pNext=chain,
+            queueCreateInfoCount=1,
+            pQueueCreateInfos=queue,
+            enabledExtensionCount=len(self.extensions),
+            ppEnabledExtensionNames=sorted(self.extensions),
+        )
+        out = raw.ffi.new("VkDevice*")
+        self.instance_vk.vkCreateDevice(self.physical_device, create, raw.NULL, out)
+        self.handle: raw.CData = out[0]
+        self.vk = raw.device_functions(self.handle, self._on_error)
+        queues = raw.ffi.new("VkQueue*")
+        self.vk.vkGetDeviceQueue(self.handle, self.queue_family, 0, queues)
+        self.queue: raw.CData = queues[0]
+
+    def _on_error(self, result: int) -> None:
+        if result == raw.VK_ERROR_DEVICE_LOST:
+            self.lost = True
+
+    def _refuse(self, name: bytes) -> raw.CData:
+        raise DeviceError(f"{name.decode()} on {self.name}, which was closed")
+
+    def _destroy(self) -> None:
+        """Destroy the VkDevice and its instance; later calls of their functions raise DeviceError."""
+        self.vk.vkDestroyDevice(self.handle, raw.NULL)
+        self._instance.close()
+        self.vk = self.instance_vk = raw.Functions(self._refuse)
+
+    def create(self, type_name: str, create_info: raw.CData, name: str) -> raw.CData:
+        """A new handle of a type such as "VkSemaphore", with its debug name; the caller destroys it."""
+        out = raw.ffi.new(type_name + "*")
+        getattr(self.vk, "vkCreate" + type_name[2:])(self.handle, create_info, raw.NULL, out)
+        self.name_object(type_name[2:], out[0], name)
+        return out[0]
+
+    # ---- debugging ----------------------------------------------------------------------------------
+
+    @property
+    def _has_debug_utils(self) -> bool:
+        return "VK_EXT_debug_utils" in self._instance.extensions
+
+    def name_object(self, kind: str, handle: raw.CData, name: str) -> None:
+        """Name a handle for debuggers and validation messages; kind: "buffer", "image_view", "ImageView", ..."""
+        if not name or not self._has_debug_utils:
+            return
+        object_type = getattr(raw, "VK_OBJECT_TYPE_" + _upper_snake(kind))
+        info = raw.struct(
+            "VkDebugUtilsObjectNameInfoEXT",
+            objectType=object_type,
+            objectHandle=int(raw.ffi.cast("uintptr_t", handle)),
+            pObjectName=name,
+        )
+        self.vk.vkSetDebugUtilsObjectNameEXT(self.handle, info)
+
+    @contextmanager
+    def label(self, command_buffer: raw.CData, name: str) -> Iterator[None]:
+        """A debug label around the commands recorded inside the `with` block."""
+        if not self._has_debug_utils:
+            yield
+            return
+        self.vk.vkCmdBeginDebugUtilsLabelEXT(command_buffer, raw.struct("VkDebugUtilsLabelEXT", pLabelName=name))
+        yield
+        self.vk.vkCmdEndDebugUtilsLabelEXT(command_buffer)
+
+    def check_messages(self) -> None:
+        """Raise ValidationError with the messages that validation has reported since the last call."""
+        if self.messages:
+            text = "\n".join(self.messages)
+            self.messages.clear()
+            raise ValidationError(text)
+
+
+def _upper_snake(kind: str) -> str:
+    """"ImageView" and "image_view" as Vulkan's object types spell them: IMAGE_VIEW."""
+    spaced = "".join("_" + c if c.isupper() and i and kind[i - 1].islower() else c for i, c in enumerate(kind))
+    return spaced.upper().removesuffix("KHR").rstrip("_")

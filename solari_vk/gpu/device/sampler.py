@@ -1,0 +1,64 @@
+"""Samplers: how textures are filtered and repeated."""
+
+from __future__ import annotations
+
+from solari_vk.errors import SolariError
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.work_queue import WorkQueue
+
+
+class Sampler:
+    """How a texture is filtered and repeated: "linear" or "nearest"; "repeat", "clamp" or "mirror".
+
+    mipmap: how levels are blended, or "none" to use the largest one only.
+
+    anisotropy: the most samples of an anisotropic filter; 1 is off, and devices without it stay at 1.
+    """
+
+    def __init__(
+        self,
+        device: WorkQueue,
+        *,
+        magnify: str = "linear",
+        minify: str = "linear",
+        mipmap: str = "linear",
+        wrap_u: str = "repeat",
+        wrap_v: str = "repeat",
+        anisotropy: float = 1.0,
+    ) -> None:
+        filters = {"nearest": raw.VK_FILTER_NEAREST, "linear": raw.VK_FILTER_LINEAR}
+        modes = {
+            "nearest": raw.VK_SAMPLER_MIPMAP_MODE_NEAREST,
+            "linear": raw.VK_SAMPLER_MIPMAP_MODE_LINEAR,
+            "none": raw.VK_SAMPLER_MIPMAP_MODE_NEAREST,
+        }
+        wraps = {
+            "repeat": raw.VK_SAMPLER_ADDRESS_MODE_REPEAT,
+            "clamp": raw.VK_SAMPLER_ADDRESS_MODE_CLAMP_TO_EDGE,
+            "mirror": raw.VK_SAMPLER_ADDRESS_MODE_MIRRORED_REPEAT,
+        }
+        most = device.properties.limits.maxSamplerAnisotropy if "samplerAnisotropy" in device.features else 1.0
+        anisotropy = min(anisotropy, most)
+        try:
+            create = raw.struct(
+                "VkSamplerCreateInfo",
+                magFilter=filters[magnify],
+                minFilter=filters[minify],
+                mipmapMode=modes[mipmap],
+                addressModeU=wraps[wrap_u],
+                addressModeV=wraps[wrap_v],
+                anisotropyEnable=int(anisotropy > 1),
+                maxAnisotropy=max(anisotropy, 1.0),
+                # A limit just above 0 keeps the choice between magnify and minify, as Vulkan advises.
+                maxLod=0.25 if mipmap == "none" else raw.VK_LOD_CLAMP_NONE,
+            )
+        except KeyError as error:
+            raise SolariError(f"sampler: {error} is not one of {[*filters, *wraps]}") from error
+        self.handle = handle = device.create("VkSampler", create, f"sampler {minify} {wrap_u} {wrap_v}")
+        self.device = device
+        self._token = device.own(lambda: device.vk.vkDestroySampler(device.handle, handle, raw.NULL))
+
+    def destroy(self) -> None:
+        """Destroy the sampler when the work submitted so far is done. Safe to call twice."""
+        self.handle = None
+        self.device.release(self._token)
