@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
 from unittest import mock
 
 import numpy as np
 
 import solari_vk as sv
 from solari_vk.gpu.frame.frame import Stage
-from solari_vk.gpu.shaders import compiler
 from solari_vk.passes import gbuffer, light_tiles, pathtracer, restir_di
 from solari_vk.renderer import Renderer
 from solari_vk.settings import Settings
@@ -64,13 +62,3 @@ def lit_share(device, scene, size, frames=64, **settings):
             tried = tried + (frame["di_reservoirs"]["unbiased_contribution_weight"] > 0)
             seen = seen + frame["di_outcomes"][..., 1]
     return np.where(tried > 0, seen / np.maximum(tried, 1), np.nan)
-
-
-def patch_shaders(folder, monkeypatch, file, old, new):
-    """Have shaders come from a copy of the library in which `old`, found once in `file`, is `new`."""
-    root = folder / "glsl"
-    shutil.copytree(compiler.glsl_root(), root, ignore=shutil.ignore_patterns("*.spv", "*.json"))
-    text = (root / file).read_text()
-    assert text.count(old) == 1, f"{file} has changed: {old!r} must be found once"
-    (root / file).write_text(text.replace(old, new))
-    monkeypatch.setattr(compiler, "glsl_root", lambda: root)

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
-
 import numpy as np
 
 from solari_vk.gpu.frame.frame import Frame
-from solari_vk.gpu.shaders.compiler import glsl_root
 from solari_vk.passes import gbuffer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.view import write_view
@@ -65,19 +61,6 @@ class GBufferFrames:
 
     def __exit__(self, *_: object) -> None:
         self._frame.close()
-
-
-Patch = tuple[str, str, str]  # file below the GLSL root, text that it holds once, text put in its place
-
-
-def patched_root(folder: Path, patches: Sequence[Patch]) -> Path:
-    """A GLSL root that holds only what differs from the package's."""
-    for file, old, new in patches:
-        text = (glsl_root() / file).read_text()
-        assert text.count(old) == 1, f"{file} holds {old!r} {text.count(old)} times"
-        (folder / file).parent.mkdir(parents=True, exist_ok=True)
-        (folder / file).write_text(text.replace(old, new))
-    return folder
 
 
 # ---- what texels say --------------------------------------------------------------------------------

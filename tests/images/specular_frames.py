@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-import shutil
 
 import numpy as np
 
 import solari_vk as sv
 from solari_vk.gpu.frame.stages import Stage
-from solari_vk.gpu.shaders import compiler
 from solari_vk.passes import gbuffer, guides, specular_gi
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, place, rgb
@@ -96,14 +94,3 @@ def metal_gallery():
     scene.add(DirectionalLight(direction=(-0.6, -0.7, -0.15), illuminance=3.0, angular_diameter=0.6))
     scene.add(Camera.look_at((0, 2, 0.2), (0, 2, -2), vertical_fov=2 * math.atan(1.95 / 2.2)))
     return scene
-
-
-def mutated_glsl(folder, file, old, new):
-    """A copy of the shaders with a seeded bug."""
-    root = folder / "glsl"
-    shutil.copytree(compiler.glsl_root(), root, ignore=shutil.ignore_patterns("*.spv", "*.json"))
-    path = root / file
-    text = path.read_text()
-    assert text.count(old) == 1, f"{file} has changed: '{old}' must be found once"
-    path.write_text(text.replace(old, new))
-    return root

@@ -7,7 +7,8 @@ import test_gbuffer as still
 import test_gbuffer_culling as culling
 import test_gbuffer_motion as motion
 import test_gbuffer_rays as rays
-from gbuffer_frames import patched_root
+
+from solari_vk.gpu.shaders.patches import write_patched
 
 FOLDER = "passes/gbuffer/"
 
@@ -83,6 +84,6 @@ QUICK = {"mirrored instances inside out", "boxes' far side for their near one", 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in QUICK else [pytest.mark.slow]) for n in MUTANTS])
 def test_seeded_bug_is_noticed(device, tmp_path, name):
     check, file, old, new = MUTANTS[name]
-    root = patched_root(tmp_path, [(FOLDER + file, old, new)])
+    root = write_patched(tmp_path, (FOLDER + file, old, new))
     with pytest.raises(AssertionError):
         check(device, root)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from specular_frames import GuideRenderer, mutated_glsl
+from specular_frames import GuideRenderer
 
 import solari_vk as sv
-from solari_vk.gpu.shaders import compiler
+from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import builtin, matte, place, rgb
 from solari_vk.scene.model import Camera, Instance, Material, Scene
@@ -228,11 +228,9 @@ QUICK = "chain in the wrong order"
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] if n != QUICK else []) for n in MUTANTS])
-def test_a_seeded_bug_is_noticed(guides, name, tmp_path, monkeypatch):
+def test_a_seeded_bug_is_noticed(guides, name):
     file, old, new, proof = MUTANTS[name]
-    root = mutated_glsl(tmp_path, f"passes/guides/{file}", old, new)
-    monkeypatch.setattr(compiler, "glsl_root", lambda: root)
-    with pytest.raises(AssertionError):
+    with patched_shaders((f"passes/guides/{file}", old, new)), pytest.raises(AssertionError):
         check_motion_in_mirrors(guides, *MOTIONS[proof])
 
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from direct_light import direct_renderer, patch_shaders
+from direct_light import direct_renderer
 from scipy import stats
 
 import solari_vk as sv
+from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.measure.statistics import chi_squared_p, sidak
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place
@@ -232,12 +233,11 @@ MUTANTS = {
 
 
 @pytest.mark.parametrize("name", MUTANTS)
-def test_seeded_bug_is_noticed(world, tiled, monkeypatch, tmp_path, name):
-    patch_shaders(tmp_path, monkeypatch, *MUTANTS[name])
+def test_seeded_bug_is_noticed(world, tiled, name):
     check, *rest = (
         (test_tiles_and_frames_are_independent,)
         if name in ("every tile alike", "every frame alike")
         else (test_samples_are_packed_as_they_resolve, "log2")
     )
-    with pytest.raises(AssertionError):
+    with patched_shaders(MUTANTS[name]), pytest.raises(AssertionError):
         check(world, tiled, *rest)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from direct_light import direct_light, direct_renderer, patch_shaders
+from direct_light import direct_light, direct_renderer
 
 import solari_vk as sv
+from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.measure.statistics import replicates
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place
@@ -202,8 +203,7 @@ MUTANTS = {
 
 
 @pytest.mark.parametrize("name", MUTANTS)
-def test_a_seeded_bug_is_noticed(device, floor, tmp_path, monkeypatch, name):
+def test_a_seeded_bug_is_noticed(device, floor, name):
     check, *patch = MUTANTS[name]
-    patch_shaders(tmp_path, monkeypatch, *patch)
-    with pytest.raises(AssertionError):
+    with patched_shaders(tuple(patch)), pytest.raises(AssertionError):
         check(device, floor)

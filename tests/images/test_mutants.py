@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import dataclass
 
 import pytest
@@ -10,7 +9,7 @@ import test_closed_forms as closed_forms
 import test_estimators as estimators
 import test_rays as rays
 
-from solari_vk.gpu.shaders import compiler
+from solari_vk.gpu.shaders.patches import patched_shaders
 
 
 @dataclass
@@ -105,14 +104,7 @@ MUTANTS = {
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=[pytest.mark.slow] if not m.quick else []) for n, m in MUTANTS.items()]
 )
-def test_a_seeded_bug_is_noticed(name, picture, tracer, tmp_path, monkeypatch):
+def test_a_seeded_bug_is_noticed(name, picture, tracer):
     mutant = MUTANTS[name]
-    root = tmp_path / "glsl"
-    shutil.copytree(compiler.glsl_root(), root)
-    file = root / mutant.file
-    text = file.read_text()
-    assert text.count(mutant.old) == 1, f"{mutant.file} has changed: '{mutant.old}' must be found once"
-    file.write_text(text.replace(mutant.old, mutant.new))
-    monkeypatch.setattr(compiler, "glsl_root", lambda: root)
-    with pytest.raises(AssertionError):
+    with patched_shaders((mutant.file, mutant.old, mutant.new)), pytest.raises(AssertionError):
         mutant.proof(picture, tracer)

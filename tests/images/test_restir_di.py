@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 import pytest
-from direct_light import direct_light, direct_renderer, lit_share, patch_shaders, reference
+from direct_light import direct_light, direct_renderer, lit_share, reference
 
 import solari_vk as sv
+from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.measure.replication import observe_runs
 from solari_vk.measure.statistics import relative_interval, replicates, sixteenths
 from solari_vk.scene import shapes
@@ -226,7 +227,6 @@ MUTANTS = {
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=[pytest.mark.slow] if n != "1/M dropped" else []) for n in MUTANTS]
 )
-def test_a_seeded_bug_is_noticed(device, cornell, tmp_path, monkeypatch, name):
-    patch_shaders(tmp_path, monkeypatch, *MUTANTS[name])
-    with pytest.raises(AssertionError):
+def test_a_seeded_bug_is_noticed(device, cornell, name):
+    with patched_shaders(MUTANTS[name]), pytest.raises(AssertionError):
         check_cornell(device, cornell, **LITTLE_REUSE)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import shutil
-
 import numpy as np
 import pytest
 from scipy import stats
 
-from solari_vk.gpu.shaders import compiler
+from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.measure.replication import observe_runs
 from solari_vk.measure.statistics import holm, relative_interval, sixteenths
 from solari_vk.reference import PathTracer
@@ -154,15 +152,9 @@ MUTANTS = {
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=[pytest.mark.slow] if i else []) for i, n in enumerate(MUTANTS)]
 )
-def test_seeded_bug_is_noticed(device, cornell, name, tmp_path, monkeypatch):
-    file, old, new = MUTANTS[name]
-    root = tmp_path / "glsl"
-    shutil.copytree(compiler.glsl_root(), root)
-    text = (root / file).read_text()
-    assert text.count(old) == 1, f"{file} holds {old!r} {text.count(old)} times"
-    (root / file).write_text(text.replace(old, new))
-    monkeypatch.setattr(compiler, "glsl_root", lambda: root)
+def test_seeded_bug_is_noticed(device, cornell, name):
     scene, reference = cornell
-    observations = observe(device, scene, 16)
+    with patched_shaders(MUTANTS[name]):
+        observations = observe(device, scene, 16)
     with pytest.raises(AssertionError):
         assert_same_means(observations, reference, 0.05)

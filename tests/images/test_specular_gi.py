@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from specular_frames import metal_gallery, mutated_glsl, take_frames
+from specular_frames import metal_gallery, take_frames
 
 import solari_vk as sv
-from solari_vk.gpu.shaders import compiler
+from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import closed_box, lamp, place, rgb
 from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material, Scene
@@ -77,11 +77,9 @@ MUTANTS = {
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=[] if n == "no light samples" else [pytest.mark.slow]) for n in MUTANTS]
 )
-def test_a_seeded_bug_is_noticed(device, gallery_truth, name, tmp_path, monkeypatch):
+def test_a_seeded_bug_is_noticed(device, gallery_truth, name):
     file, old, new = MUTANTS[name]
-    root = mutated_glsl(tmp_path, f"passes/specular_gi/{file}", old, new)
-    monkeypatch.setattr(compiler, "glsl_root", lambda: root)
-    with pytest.raises(AssertionError):
+    with patched_shaders((f"passes/specular_gi/{file}", old, new)), pytest.raises(AssertionError):
         check_gallery(device, gallery_truth)
 
 

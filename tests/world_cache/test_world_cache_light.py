@@ -10,6 +10,7 @@ from world_cache_frame import SHADERS, CacheFrame
 
 import solari_vk as sv
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
+from solari_vk.gpu.shaders.patches import write_patched
 from solari_vk.measure.statistics import relative_interval
 from solari_vk.passes import brdf_table
 from solari_vk.scene.builtin import place
@@ -225,9 +226,9 @@ MUTANTS = {
 
 
 @pytest.mark.parametrize("name", MUTANTS)
-def test_seeded_bug_is_noticed(device, patched, name):
-    check, *patch = MUTANTS[name]
-    root = patched(*patch)
+def test_seeded_bug_is_noticed(device, tmp_path, name):
+    check, file, old, new = MUTANTS[name]
+    root = write_patched(tmp_path, (f"passes/world_cache/{file}", old, new))
     less = {"seeds": 2, "bar": 0.15, "warm_up": 20} if check is check_fixed_point else {}
     with pytest.raises(AssertionError):
         check(device, root, **less)

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from map_frame import ASKER, MapFrame
 
+from solari_vk.gpu.shaders.patches import write_patched
+
 NO_INDEX = 0xFFFFFFFF
 NORMALS = np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, 0, -1), (0.6, 0.64, 0.48), (-0.6, 0.64, -0.48)], np.float32)
 SIZES = np.array((0.25, 0.5), np.float32)
@@ -288,8 +290,8 @@ MUTANTS = {
 
 
 @pytest.mark.parametrize("name", MUTANTS)
-def test_seeded_bug_is_noticed(device, patched, name):
-    check, *patch = MUTANTS[name]
-    root = patched(*patch)
+def test_seeded_bug_is_noticed(device, tmp_path, name):
+    check, file, old, new = MUTANTS[name]
+    root = write_patched(tmp_path, (f"passes/world_cache/{file}", old, new))
     with pytest.raises(AssertionError):
         check(device, root)
