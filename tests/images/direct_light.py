@@ -18,8 +18,8 @@ QUICK = {"gbuffer": "traced", "jitter": False, "light_tile_count": 32, "light_ti
 class DirectRenderer(Renderer):
     """Without the passes that direct light doesn't need, whose shaders take a minute to compile."""
 
-    def _stages(self):
-        size, settings = self.size, self.settings
+    def _stages(self, size):
+        settings = self.settings
         return [
             gbuffer.stage(size, settings, self.binder.instance_capacity),
             light_tiles.stage(size, settings),

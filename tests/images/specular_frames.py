@@ -33,8 +33,8 @@ UNBIASED = {
 class SpecularRenderer(sv.Renderer):
     """Computes specular GI alone."""
 
-    def _stages(self):
-        size, settings, rows = self.size, self.settings, self.binder.instance_capacity
+    def _stages(self, size):
+        settings, rows = self.settings, self.binder.instance_capacity
         left_out = Stage("left_out", buffers=dict.fromkeys(LEFT_OUT, 1))
         return [gbuffer.stage(size, settings, rows), left_out, specular_gi.stage(size, settings)]
 
@@ -42,8 +42,8 @@ class SpecularRenderer(sv.Renderer):
 class GuideRenderer(sv.Renderer):
     """Computes guides alone."""
 
-    def _stages(self):
-        size, settings, rows = self.size, self.settings, self.binder.instance_capacity
+    def _stages(self, size):
+        settings, rows = self.settings, self.binder.instance_capacity
         left_out = Stage("left_out", buffers={"ray_counts": 1})
         first, last = gbuffer.stage(size, settings, rows), gbuffer.last_stage(rows)
         return [first, left_out, guides.stage(size, settings), last]
