@@ -1,9 +1,10 @@
-"""What keys do, by the names of controls.ACTIONS."""
+"""What keys and buttons do: `act` calls the function of an action's name."""
 
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,116 +13,145 @@ from solari_vk.errors import DeviceError, SolariError, ValidationError
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes.display import VIEWS
 from solari_vk.viewer.controls import KEYS_HELP
-from solari_vk.viewer.pictures import MODES, Pick
+from solari_vk.viewer.picking import Pick, pick_at
+from solari_vk.viewer.pictures import MODES
 from solari_vk.viewer.screenshot import take_screenshot
+from solari_vk.viewer.session import Session
 
-if TYPE_CHECKING:
-    from solari_vk.viewer.app import Viewer
+DIVIDER_STEP = 0.02  # of the window's width
+EXPOSURE_STEP = 1 / 3  # stops
+Cursor = tuple[float, float]
 
 
-class Actions:
-    """The actions on a viewer: a method `_act_NAME` each."""
+def act(session: Session, name: str, argument: Any = None) -> Any:
+    """Do one of controls.ACTIONS, or "camera", "pick" or "grab" with an argument; a mistake is shown in the window."""
+    try:
+        return _ACTIONS[name](session, *(() if argument is None else (argument,)))
+    except (DeviceError, ValidationError):
+        raise
+    except (SolariError, OSError) as error:
+        session.warn(str(error))
+        return None
 
-    def __init__(self, viewer: Viewer) -> None:
-        self._viewer = viewer
 
-    def act(self, name: str, argument: Any) -> Any:
-        """Do one; mistakes are told in the window."""
-        try:
-            return getattr(self, f"_act_{name}")(*(() if argument is None else (argument,)))
-        except (DeviceError, ValidationError):
-            raise
-        except (SolariError, OSError) as error:
-            self._viewer.warn(str(error))
-            return None
+def _focus(session: Session) -> None:
+    if session.pick is None:
+        session.say("nothing is picked: click on something first")
+        return
+    instance = session.pick.instance
+    corners = instance.mesh.positions @ instance.transform[:3, :3].T
+    session.camera_control.focus(session.pick.point, float(np.linalg.norm(np.ptp(corners, axis=0))) / 2)
 
-    def _act_focus(self) -> None:
-        if self._viewer.pick is None:
-            self._viewer.say("nothing is picked: click on something first")
-            return
-        instance = self._viewer.pick.instance
-        corners = instance.mesh.positions @ instance.transform[:3, :3].T
-        self._viewer.camera_control.focus(self._viewer.pick.point, float(np.linalg.norm(np.ptp(corners, axis=0))) / 2)
 
-    def _act_reset(self) -> None:
-        self._viewer.camera_control.reset()
-        self._viewer.pictures.cut()
+def _reset(session: Session) -> None:
+    session.camera_control.reset()
+    session.pictures.cut()
 
-    def _act_copy_pose(self) -> None:
-        self._viewer.window.clipboard = self._viewer.camera_control.copy_pose()
-        self._viewer.say("the camera's pose is in the clipboard")
 
-    def _act_paste_pose(self) -> None:
-        self._viewer.camera_control.paste_pose(self._viewer.window.clipboard)
-        self._viewer.pictures.cut()
+def _copy_pose(session: Session) -> None:
+    session.window.clipboard = session.camera_control.copy_pose()
+    session.say("the camera's pose is in the clipboard")
 
-    def _act_camera(self, number: int) -> None:
-        cameras = list(self._viewer.scene.cameras)
-        if number < len(cameras):
-            self._viewer.camera_control.take(cameras[number])
-            self._viewer.pictures.cut()
-        else:
-            self._viewer.say(f"there is no camera {number + 1}: the scene has {len(cameras)}")
 
-    def _act_next_mode(self) -> None:
-        self._viewer.pictures.mode = MODES[(MODES.index(self._viewer.pictures.mode) + 1) % len(MODES)]
+def _paste_pose(session: Session) -> None:
+    session.camera_control.paste_pose(session.window.clipboard)
+    session.pictures.cut()
 
-    def _act_next_view(self, step: int = 1) -> None:
-        names = tuple(VIEWS)
-        self._viewer.pictures.view = names[(names.index(self._viewer.pictures.view) + step) % len(names)]
-        self._viewer.say(f"{self._viewer.pictures.view}: {VIEWS[self._viewer.pictures.view]}")
 
-    def _act_previous_view(self) -> None:
-        self._act_next_view(-1)
+def _camera(session: Session, index: int) -> None:
+    cameras = list(session.scene.cameras)
+    if index < len(cameras):
+        session.camera_control.take(cameras[index])
+        session.pictures.cut()
+    else:
+        session.say(f"there is no camera {index + 1}: the scene has {len(cameras)}")
 
-    def _act_next_tonemap(self) -> None:
-        self._viewer.pictures.tonemap = TONEMAPS[(TONEMAPS.index(self._viewer.pictures.tonemap) + 1) % len(TONEMAPS)]
-        self._viewer.say(f"tone mapping: {self._viewer.pictures.tonemap}")
 
-    def _act_move_divider_left(self) -> None:
-        self._viewer.pictures.divider = max(self._viewer.pictures.divider - 0.02, 0.0)
+def _next_mode(session: Session) -> None:
+    session.pictures.mode = _next(MODES, session.pictures.mode)
 
-    def _act_move_divider_right(self) -> None:
-        self._viewer.pictures.divider = min(self._viewer.pictures.divider + 0.02, 1.0)
 
-    def _act_brighter(self) -> None:
-        self._viewer.camera_control.expose(1 / 3)
+def _show_view(step: int) -> Callable[[Session], None]:
+    def show(session: Session) -> None:
+        view = session.pictures.view = _next(tuple(VIEWS), session.pictures.view, step)
+        session.say(f"{view}: {VIEWS[view]}")
 
-    def _act_darker(self) -> None:
-        self._viewer.camera_control.expose(-1 / 3)
+    return show
 
-    def _act_help(self) -> None:
-        self._viewer.shows_help = not self._viewer.shows_help
-        if self._viewer.shows_help and self._viewer.overlay is None:
-            print("\n".join(f"{keys:>16}  {meaning}" for keys, meaning in KEYS_HELP), file=sys.stderr)
 
-    def _act_overlay(self) -> None:
-        self._viewer.shows_overlay = not self._viewer.shows_overlay
+def _next_tonemap(session: Session) -> None:
+    session.pictures.tonemap = _next(TONEMAPS, session.pictures.tonemap)
+    session.say(f"tone mapping: {session.pictures.tonemap}")
 
-    def _act_screenshot(self) -> None:
-        self._viewer.say(
-            f"wrote {take_screenshot(self._viewer)}, with an .exr and the command line that renders it in a .txt"
-        )
 
-    def _act_reload(self) -> None:
-        self._viewer.reload(shaders=True, file=True)
+def _next(names: tuple[str, ...], current: str, step: int = 1) -> str:
+    return names[(names.index(current) + step) % len(names)]
 
-    def _act_fullscreen(self) -> None:
-        self._viewer.window.toggle_fullscreen()
 
-    def _act_close(self) -> None:
-        self._viewer.window.wants_to_close = True
+def _move_divider(step: float) -> Callable[[Session], None]:
+    def move(session: Session) -> None:
+        session.pictures.divider = min(max(session.pictures.divider + step, 0.0), 1.0)
 
-    def _act_pick(self, cursor: tuple[float, float]) -> None:
-        self._viewer.pick = self._pick_at(cursor)
-        if self._viewer.pick is not None:
-            instance, point = self._viewer.pick.instance, ", ".join(f"{x:.4g}" for x in self._viewer.pick.point)
-            self._viewer.say(f"{instance.describe()} of {instance.material.describe()} at ({point})")
+    return move
 
-    def _act_grab(self, cursor: tuple[float, float]) -> NDArray[np.float64] | None:
-        pick = self._pick_at(cursor)
-        return None if pick is None else pick.point
 
-    def _pick_at(self, cursor: tuple[float, float]) -> Pick | None:
-        width, height = self._viewer.window.size
-        return self._viewer.pictures.pick(cursor[0] / max(width, 1), cursor[1] / max(height, 1))
+def _help(session: Session) -> None:
+    session.shows_help = not session.shows_help
+    if session.shows_help and not session.has_panels:
+        print("\n".join(f"{keys:>16}  {meaning}" for keys, meaning in KEYS_HELP), file=sys.stderr)
+
+
+def _panels(session: Session) -> None:
+    session.shows_panels = not session.shows_panels
+
+
+def _screenshot(session: Session) -> None:
+    path = take_screenshot(session)
+    session.say(f"wrote {path}, with an .exr and the command line that renders it in a .txt")
+
+
+def _close(session: Session) -> None:
+    session.window.wants_to_close = True
+
+
+def _pick(session: Session, cursor: Cursor) -> None:
+    session.pick = _pick_at(session, cursor)
+    if session.pick is not None:
+        instance, point = session.pick.instance, ", ".join(f"{x:.4g}" for x in session.pick.point)
+        session.say(f"{instance.describe()} of {instance.material.describe()} at ({point})")
+
+
+def _grab(session: Session, cursor: Cursor) -> NDArray[np.float64] | None:
+    """The point to orbit around."""
+    pick = _pick_at(session, cursor)
+    return None if pick is None else pick.point
+
+
+def _pick_at(session: Session, cursor: Cursor) -> Pick | None:
+    width, height = session.window.size
+    return pick_at(session.pictures, cursor[0] / max(width, 1), cursor[1] / max(height, 1))
+
+
+_ACTIONS: dict[str, Callable[..., Any]] = {
+    "focus": _focus,
+    "reset": _reset,
+    "copy_pose": _copy_pose,
+    "paste_pose": _paste_pose,
+    "camera": _camera,
+    "next_mode": _next_mode,
+    "next_view": _show_view(1),
+    "previous_view": _show_view(-1),
+    "next_tonemap": _next_tonemap,
+    "move_divider_left": _move_divider(-DIVIDER_STEP),
+    "move_divider_right": _move_divider(DIVIDER_STEP),
+    "brighter": lambda session: session.camera_control.expose(EXPOSURE_STEP),
+    "darker": lambda session: session.camera_control.expose(-EXPOSURE_STEP),
+    "help": _help,
+    "panels": _panels,
+    "screenshot": _screenshot,
+    "reload": lambda session: session.reload(shaders=True, file=True),
+    "fullscreen": lambda session: session.window.toggle_fullscreen(),
+    "close": _close,
+    "pick": _pick,
+    "grab": _grab,
+}

@@ -1,12 +1,11 @@
-"""The interactive viewer: a window, a camera in one's hands, and what the renderers show."""
+"""The interactive viewer: a window, a camera that the user moves, and the pictures of the renderers."""
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -19,33 +18,34 @@ from solari_vk.gpu.device.swapchain import Swapchain
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.scene.studio import frame_camera
 from solari_vk.settings import Settings
-from solari_vk.viewer.actions import Actions
+from solari_vk.viewer.actions import act
 from solari_vk.viewer.camera_control import CameraControl
 from solari_vk.viewer.controls import Controls
-from solari_vk.viewer.messages import Messages
-from solari_vk.viewer.pictures import Pick, Pictures
+from solari_vk.viewer.pictures import Pictures
 from solari_vk.viewer.presenter import Presenter
 from solari_vk.viewer.reload import Sources
 from solari_vk.viewer.scaling import ScaleControl
+from solari_vk.viewer.session import Session
 from solari_vk.viewer.window import Window, checked_size
 
-LONGEST_STEP = 0.25  # seconds that a camera flies in a frame at most, however long the frame took
-HIDDEN_WAIT = 0.1  # seconds between looks at a window that shows nothing
-CPU_FPS, GPU_FPS = 7.0, 60.0  # what scale "auto" aims at by default
+CPU_FPS, GPU_FPS = 7.0, 60.0  # the default frame rate that the scale "auto" aims at
+MAX_STEP = 0.25  # seconds that the camera flies in one frame at most, however long the frame took
+HIDDEN_WAIT = 0.1  # seconds between two looks at a window that shows nothing
 
 
-class Viewer(Messages):
-    """A window that shows a scene, until it is closed. A context manager.
+class Viewer(Session):
+    """A window that shows a scene until it is closed. A context manager.
 
-    size: of the window. camera: where to begin (default: the scene's first, else one that sees all of it); `camera` is
-    a copy that the user moves. mode: "realtime", "reference" or "split". scale: the share of the window's width
-    and height that is rendered, or "auto" to aim at `fps` frames a second (default: 60, on a CPU 7). overlay: panels
-    over the picture, where imgui-bundle is installed. source and source_options: what the scene was loaded from, as
-    the words of a command line, and load: how to load it once more when the file changes. folder: where screenshots go.
+    size: width and height of the window. camera: where to begin (default: the scene's first camera, else one that
+    sees the whole scene); `camera` is a copy of it, which the user moves. mode: "realtime", "reference" or "split".
+    scale: the share of the window's width and height that is rendered, or "auto" to aim at `fps` frames a second
+    (default: 60, on a CPU 7). overlay: show panels over the picture if imgui-bundle is installed. source and
+    source_options: the words of a command line that name the scene. load: loads the scene again when its file changes.
+    folder: where screenshots go.
 
-    `run(on_frame)` calls on_frame(viewer, seconds since the last frame) before each frame, which may edit the scene,
-    `settings` and everything else. Raises SolariError where no window can be opened, DeviceError when the device can't
-    draw in it; what goes wrong later, such as a shader that can't be compiled, is shown in the window.
+    `run(on_frame)` calls on_frame(viewer, seconds since the last frame) before each frame. It may edit the scene,
+    `settings` and everything else. Raises SolariError where no window can be opened, and DeviceError when the device
+    can't draw in it. Later faults, such as a broken shader, are shown in the window.
     """
 
     def __init__(
@@ -67,78 +67,67 @@ class Viewer(Messages):
         folder: str | Path = ".",
     ) -> None:
         size = checked_size(size)
-        super().__init__()
-        self.device, self.scene, self.folder = device, scene, Path(folder)
-        self.source, self.source_options = source, source_options
-        self.settings = Settings() if settings is None else settings
-        self.pick: Pick | None = None
-        """What was picked last."""
-        self.shows_help = self.shows_overlay = False
-        self.frame_count = 0
-        self._spans: deque[float] = deque(maxlen=20)  # seconds between the latest frames
-        self.timings: dict[str, float] = {}
-        """GPU milliseconds of the passes in the last finished frame."""
-        self._timed_mode = mode
-        self._last = time.perf_counter()
         if fps is None:
             fps = CPU_FPS if device.properties.kind == "cpu" else GPU_FPS
         if not fps > 0:
             raise SolariError(f"the viewer's fps must be more than 0, not {fps!r}")
-        self.scale = ScaleControl(scale, 1 / fps)
-        extent = _extent(scene)
-        self.camera_control = CameraControl(camera or _first_camera(scene, size[0] / size[1]), extent)
-        self._actions = Actions(self)
-        self.controls = Controls(self.camera_control, self.act)
-        self._sources = Sources(scene, Path(source) if source else None, load)
-        self._closers = contextlib.ExitStack()
-        try:
-            self.window = Window(size, "solari_vk")
-            self._closers.callback(self.window.close)
-            self._swapchain = Swapchain(device, self.window.create_surface, lambda: self.window.pixels)
-            self._closers.callback(self._swapchain.close)
+        scale_control = ScaleControl(scale, 1 / fps)
+        camera = camera or next(iter(scene.cameras), None) or frame_camera(scene, aspect=size[0] / size[1])
+        sources = Sources(scene, Path(source) if source else None, load)
+        with ExitStack() as undo:
+            window = Window(size, "solari_vk")
+            undo.callback(window.close)
+            self._swapchain = Swapchain(device, window.create_surface, lambda: window.pixels)
+            undo.callback(self._swapchain.close)
             self._presenter = Presenter(device, self._swapchain)
-            self._closers.callback(self._presenter.close)
-            self.pictures = Pictures(device, scene, self.settings, seed, mode)
-            self._closers.callback(self.pictures.close)
-            self.overlay: Any = None
-            if overlay:
-                self._open_overlay()
-        except BaseException:
-            self._closers.close()
-            raise
+            undo.callback(self._presenter.close)
+            pictures = Pictures(device, scene, Settings() if settings is None else settings, seed, mode)
+            undo.callback(pictures.close)
+            super().__init__(
+                window, pictures, CameraControl(camera, _extent(scene)), scale_control, sources,
+                source=source, source_options=source_options, folder=Path(folder),
+            )  # fmt: skip
+            self.controls = Controls(self.camera_control, self.act)
+            self.overlay = self._open_overlay() if overlay else None
+            if self.overlay is not None:
+                undo.callback(self.overlay.close)
+            self._closers = undo.pop_all()
+        self.frame_count = 0
+        self._last = time.perf_counter()
+        self._timed_mode = mode
 
-    def _open_overlay(self) -> None:
+    def _open_overlay(self) -> Any:
         try:
             from solari_vk.viewer.overlay import Overlay
         except ImportError:
             self.say("without imgui-bundle there are no panels: H lists the keys")
-            return
-        self.overlay = Overlay(self)
-        self.shows_overlay = True
-        self._closers.callback(self.overlay.close)
+            return None
+        overlay = Overlay(self)
+        self.has_panels = self.shows_panels = True
+        self.shader_users["panels"] = overlay.reload
+        return overlay
+
+    def act(self, name: str, argument: Any = None) -> Any:
+        """Do one of controls.ACTIONS, "camera", "pick" or "grab"; a mistake is shown in the window."""
+        return act(self, name, argument)
 
     # ---- running ------------------------------------------------------------------------------------
 
-    @property
-    def camera(self) -> Camera:
-        """The camera in the user's hands."""
-        return self.camera_control.camera
-
     def run(self, on_frame: Callable[[Viewer, float], None] | None = None, frames: int | None = None) -> None:
-        """Show frames until the window is closed, or so many; those of a window that shows nothing count too."""
+        """Show frames until the window is closed, or that many. Frames of a window that shows nothing count too."""
         for _ in itertools.count() if frames is None else range(frames):
             if self.window.wants_to_close:
                 break
             self.step(on_frame)
 
     def step(self, on_frame: Callable[[Viewer, float], None] | None = None) -> bool:
-        """Follow what the user did, render and show a frame; False when the window shows nothing just now."""
+        """Handle input, render a frame and show it. Returns False when the window shows nothing now."""
         visible = 0 not in self.window.pixels
         self._take_events(0.0 if visible else HIDDEN_WAIT)
         now = time.perf_counter()
         seconds, self._last = now - self._last, now
-        self.camera_control.advance(min(seconds, LONGEST_STEP))
-        self._reload_changed()
+        self.camera_control.advance(min(seconds, MAX_STEP))
+        self.reload_changed()
         if on_frame is not None:
             on_frame(self, seconds)
         pixels = self.window.pixels
@@ -146,139 +135,87 @@ class Viewer(Messages):
             return False
         if self.overlay is not None:
             self.overlay.lay_out(seconds)
-        if not self.pictures.ready and "picture" not in self._faults:
+        if not self.pictures.ready and "picture" not in self.faults:
             self._show_wait()
         self._render(self.scale.size(pixels))
-        shown = self._show()
+        shown = self._presenter.show(self.pictures.parts(), self._draw)
         self.frame_count += 1
-        self._take_time(seconds, time.perf_counter() - now)
+        self._note_time(seconds, time.perf_counter() - now)
+        self._show_title()
         return shown
 
     def capture(self) -> NDArray[np.uint8]:
-        """What the window shows, (height, width, 3), the panels too. SolariError when that can't be read."""
+        """The window's pixels with the panels, (height, width, 3). Raises SolariError when they can't be read."""
         if self.window.closed:
             raise SolariError("the window is closed")
-        draw = None if self.overlay is None else self._draw
-        pixels = self._presenter.capture(self.pictures.parts(), draw)
+        pixels = self._presenter.capture(self.pictures.parts(), self._draw)
         if pixels is None:
             raise SolariError("the window shows nothing that can be read")
         return pixels
 
     def _take_events(self, wait: float) -> None:
         events = self.window.take_events(wait)
-        keys, mouse = True, True
-        if self.overlay is not None:
-            keys, mouse = self.overlay.take_events(events)
+        keys, mouse = (True, True) if self.overlay is None else self.overlay.take_events(events)
         self.controls.handle(events, takes_keys=keys, takes_mouse=mouse)
 
     def _render(self, size: tuple[int, int]) -> None:
-        """Render; what is wrong with the scene or the shaders is told, and the last picture stays."""
+        """Render. A fault of the scene or of the shaders is shown, and the last picture stays."""
         try:
             self.pictures.render(self.camera, size)
             if not self.pictures.refuses:
-                self._mended("picture")
+                self.mend("picture")
         except ValidationError:
             raise
         except SolariError as error:
             if self.device.lost:
                 raise
-            self._faulty("picture", error)
-
-    def _show(self) -> bool:
-        return self._presenter.show(self.pictures.parts(), None if self.overlay is None else self._draw)
+            self.report("picture", error)
 
     def _draw(self, index: int) -> Any:
+        """Commands that draw the panels over an image of the swapchain, None without panels."""
+        if self.overlay is None:
+            return None
         try:
             return self.overlay.draw(self._swapchain, index)
         except (DeviceError, ValidationError):
             raise
         except (SolariError, OSError) as error:
-            self._faulty("panels", error)
+            self.report("panels", error)
             return None
 
     def _show_wait(self) -> None:
-        """A driver may compile for long before the first picture: say so."""
+        """Say that the first picture takes long, since a driver may compile for a minute."""
         text = f"preparing the {self.pictures.mode} renderer ..."
-        self.window.set_title(f"{self._name} - {text}")
+        self._set_title(text)
         if self.overlay is not None:
-            told, self.message = self.message, self.message or text
+            shown, self.message = self.message, self.message or text
             self.overlay.lay_out(0.0)
-            self.message = told
-        self._show()
+            self.message = shown
+        self._presenter.show(self.pictures.parts(), self._draw)
 
-    def _take_time(self, since_last: float, seconds: float) -> None:
+    def _note_time(self, since_last: float, seconds: float) -> None:
         if self.frame_count > 1:
-            self._spans.append(since_last)
+            self.spans.append(since_last)
         self.timings = self.pictures.timings
         if self._timed_mode != self.pictures.mode:
             self._timed_mode = self.pictures.mode
             self.scale.unsettle()
         if self.pictures.is_short:
             self.scale.note(sum(self.timings.values()) / 1000 or seconds)
-        self._end_message()
+
+    def _show_title(self) -> None:
+        self.end_message()
         width, height = self.pictures.size
         state = f"{self.pictures.mode} - {self.pictures.view} - {width}x{height} - {self.fps:.1f} fps"
-        first_line = self.message.partition("\n")[0]
-        self.window.set_title(f"{self._name} - {first_line or state}")
+        self._set_title(self.message.partition("\n")[0] or state)
 
-    @property
-    def _name(self) -> str:
-        name = Path(self.source).name if self.source else self.scene.name
-        return f"{name} - solari_vk" if name else "solari_vk"
-
-    @property
-    def fps(self) -> float:
-        """Frames a second, of the latest ones; 0 before there are some."""
-        return len(self._spans) / sum(self._spans) if self._spans else 0.0
-
-    # ---- actions ----------------------------------------------------------------------------------------
-
-    def act(self, name: str, argument: Any = None) -> Any:
-        """Do what a key stands for: one of controls.ACTIONS, "camera", "pick" or "grab". Mistakes are told."""
-        return self._actions.act(name, argument)
-
-    # ---- reloading ----------------------------------------------------------------------------------
-
-    def _reload_changed(self) -> None:
-        shaders, file = self._sources.changed()
-        if shaders or file:
-            self.reload(shaders=shaders, file=file)
-
-    def reload(self, *, shaders: bool, file: bool) -> None:
-        """Take up what changed on disk; what is wrong with it is told, and what there was goes on."""
-        done = [
-            self._try(where, take_up)
-            for wanted, where, take_up in (
-                (shaders, "shaders", self.pictures.reload),
-                (shaders and self.overlay is not None, "panels", lambda: self.overlay.reload()),
-                (file, "file", self._load_again),
-            )
-            if wanted
-        ]
-        self.scale.unsettle()
-        if all(done):
-            self.say("shaders are reloaded" if shaders and not file else "reloaded")
-
-    def _try(self, where: str, take_up: Callable[[], object]) -> bool:
-        """Take up what changed; False when something is wrong with it, which is told."""
-        self._faults.pop(where, None)  # the same mistake is told again
-        try:
-            take_up()
-        except (DeviceError, ValidationError):
-            raise
-        except (SolariError, OSError) as error:
-            self._faulty(where, error)
-            return False
-        return True
-
-    def _load_again(self) -> None:
-        if self._sources.load_again():
-            self.pick = None
+    def _set_title(self, text: str) -> None:
+        self.window.set_title(" - ".join(part for part in (self.name, "solari_vk", text) if part))
 
     # ---- lifetime -----------------------------------------------------------------------------------
 
     def close(self) -> None:
-        """Close the window and free all. Safe to call twice."""
+        """Close the window and free everything. Safe to call twice."""
         self._closers.close()
 
     def __enter__(self) -> Viewer:
@@ -289,12 +226,8 @@ class Viewer(Messages):
 
 
 def _extent(scene: Scene) -> float:
-    """The length of the scene's diagonal, 1 for one without a size."""
+    """The length of the diagonal of the scene's bounds, 1 for a scene without bounds."""
     try:
         return float(np.linalg.norm(np.ptp(scene.bounds(), axis=0))) or 1.0
     except SolariError:
         return 1.0
-
-
-def _first_camera(scene: Scene, aspect: float) -> Camera:
-    return next(iter(scene.cameras), None) or frame_camera(scene, aspect=aspect)

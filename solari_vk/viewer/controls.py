@@ -36,7 +36,7 @@ ACTIONS = {
     (glfw.KEY_MINUS, False): "darker",
     (glfw.KEY_KP_SUBTRACT, False): "darker",
     (glfw.KEY_H, False): "help",
-    (glfw.KEY_TAB, False): "overlay",
+    (glfw.KEY_TAB, False): "panels",
     (glfw.KEY_F2, False): "screenshot",
     (glfw.KEY_F5, False): "reload",
     (glfw.KEY_F11, False): "fullscreen",

@@ -1,4 +1,4 @@
-"""What a viewer tells: news for a while, and what is wrong for as long as it is."""
+"""Messages to the user of a viewer: news for a few seconds, faults until they are mended."""
 
 from __future__ import annotations
 
@@ -12,48 +12,45 @@ MESSAGE_SECONDS = 6.0
 
 
 class Messages:
-    """`message` is what is told just now."""
+    """`message` is the text that the window shows now, "" for none."""
 
     def __init__(self) -> None:
         self.message = ""
-        """What is told in the window; `say` and `warn` set it."""
+        self.faults: dict[str, str] = {}
+        """The text of each fault that lasts, by its place: "picture", "panels", "shaders" or "file"."""
         self._message_ends = 0.0
-        self._faults: dict[str, str] = {}  # what is wrong still, by where: "picture", "panels", "shaders", "file"
 
     def say(self, text: str) -> None:
-        """Tell something in the window for a while."""
+        """Show a text for a few seconds, and print it to stderr."""
         self.message = text
         self._message_ends = time.perf_counter() + MESSAGE_SECONDS
         print(f"solari-vk: {text}", file=sys.stderr)
 
     def warn(self, text: str) -> None:
-        """Tell of something wrong, until something else is told."""
+        """Show a text until another one is shown."""
         self.say(text)
-        if not self._faults or text in self._faults.values():  # else those come back after a while
+        if not self.faults or text in self.faults.values():  # else the faults are shown again after a while
             self._message_ends = float("inf")
 
-    @property
-    def _fault(self) -> str:
-        """What is wrong still, "" when nothing is."""
-        return next(iter(self._faults.values()), "")
-
-    def _faulty(self, where: str, error: Exception) -> None:
-        if self._faults.get(where) != str(error):
-            self._faults[where] = str(error)
+    def report(self, place: str, error: Exception) -> None:
+        """Show a fault until it is mended; the same fault is said once."""
+        if self.faults.get(place) != str(error):
+            self.faults[place] = str(error)
             self.warn(str(error))
 
-    def _mended(self, where: str) -> None:
-        if self._faults.pop(where, None) == self.message != "":
-            self.message = self._fault
+    def mend(self, place: str) -> None:
+        """The fault of a place, if there was one, is gone."""
+        if self.faults.pop(place, None) == self.message != "":
+            self.message = next(iter(self.faults.values()), "")
 
     def attempt(self, change: Callable[[], object]) -> None:
-        """Change something; what is refused is told."""
+        """Call `change`; a SolariError is shown."""
         try:
             change()
         except SolariError as error:
             self.warn(str(error))
 
-    def _end_message(self) -> None:
-        """After a while, what is wrong still is told again."""
+    def end_message(self) -> None:
+        """Once a message's time is over, show the fault that lasts, or nothing."""
         if self.message and time.perf_counter() > self._message_ends:
-            self.message, self._message_ends = self._fault, float("inf")
+            self.message, self._message_ends = next(iter(self.faults.values()), ""), float("inf")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import glfw
 from imgui_bundle import imgui
@@ -13,10 +13,8 @@ from solari_vk.gpu.device.swapchain import Swapchain
 from solari_vk.viewer.controls import KEYS_HELP
 from solari_vk.viewer.overlay_renderer import OverlayRenderer
 from solari_vk.viewer.panels import Panels
+from solari_vk.viewer.session import Session
 from solari_vk.viewer.window import Event
-
-if TYPE_CHECKING:
-    from solari_vk.viewer.app import Viewer
 
 MARGIN, WIDTH = 8, 360  # of the panels, in window coordinates
 DIVIDER_WIDTH = 9
@@ -39,24 +37,24 @@ _MODIFIERS = {
 class Overlay:
     """The panels of a viewer. A frame is `take_events`, `lay_out`, and any number of `draw`."""
 
-    def __init__(self, viewer: Viewer) -> None:
-        self._viewer = viewer
+    def __init__(self, session: Session) -> None:
+        self._session = session
         self._context: Any = imgui.create_context()
         imgui.set_current_context(self._context)
         io = imgui.get_io()
         io.set_ini_filename("")
         imgui.style_colors_dark()
-        self._renderer = OverlayRenderer(viewer.device)
-        self._panels = Panels(viewer)
+        self._renderer = OverlayRenderer(session.device)
+        self._panels = Panels(session)
         self._laid_out = False
         platform = imgui.get_platform_io()
-        platform.platform_get_clipboard_text_fn = lambda _: viewer.window.clipboard
-        platform.platform_set_clipboard_text_fn = lambda _, text: setattr(viewer.window, "clipboard", text)
+        platform.platform_get_clipboard_text_fn = lambda _: session.window.clipboard
+        platform.platform_set_clipboard_text_fn = lambda _, text: setattr(session.window, "clipboard", text)
 
     # ---- input --------------------------------------------------------------------------------------
 
     def take_events(self, events: Iterable[Event]) -> tuple[bool, bool]:
-        """Feed events to the panels; whether keys and mouse are left to the viewer, as of the last frame."""
+        """Feed events to the panels; whether keys and mouse are left to the session, as of the last frame."""
         imgui.set_current_context(self._context)
         io = imgui.get_io()
         for event in events:
@@ -82,16 +80,16 @@ class Overlay:
     def lay_out(self, seconds: float) -> None:
         """Lay the panels out for the window as it is, and do what is done in them."""
         imgui.set_current_context(self._context)
-        viewer, io = self._viewer, imgui.get_io()
-        size, pixels = viewer.window.size, viewer.window.pixels
+        session, io = self._session, imgui.get_io()
+        size, pixels = session.window.size, session.window.pixels
         io.display_size = imgui.ImVec2(*size)
         io.display_framebuffer_scale = imgui.ImVec2(pixels[0] / max(size[0], 1), pixels[1] / max(size[1], 1))
         io.delta_time = max(seconds, 1e-4)
         imgui.new_frame()
         try:
-            if viewer.pictures.mode == "split":
+            if session.pictures.mode == "split":
                 self._divider(size)
-            if viewer.shows_overlay:
+            if session.shows_panels:
                 imgui.set_next_window_pos(imgui.ImVec2(MARGIN, MARGIN), imgui.Cond_.first_use_ever)
                 height = max(size[1] - 2 * MARGIN, 1)
                 width = min(WIDTH, max(size[0] - 2 * MARGIN, 1))
@@ -100,9 +98,9 @@ class Overlay:
                 if imgui.begin("solari_vk", None, imgui.WindowFlags_.no_saved_settings)[0]:
                     self._panels.lay_out()
                 imgui.end()
-            if viewer.shows_help:
+            if session.shows_help:
                 self._help(size)
-            if viewer.message:
+            if session.message:
                 self._message(size)
         finally:
             imgui.end_frame()
@@ -124,7 +122,7 @@ class Overlay:
 
     def _divider(self, size: tuple[int, int]) -> None:
         """The line between both halves of a split view, to be dragged."""
-        pictures = self._viewer.pictures
+        pictures = self._session.pictures
         x = pictures.divider * size[0]
         lines = imgui.get_background_draw_list()
         lines.add_line(imgui.ImVec2(x, 0), imgui.ImVec2(x, size[1]), 0xC0FFFFFF)
@@ -162,7 +160,7 @@ class Overlay:
         flags = _BARE | imgui.WindowFlags_.always_auto_resize | imgui.WindowFlags_.no_inputs
         imgui.begin("message", None, flags | imgui.WindowFlags_.no_focus_on_appearing)
         imgui.push_text_wrap_pos(0.85 * size[0])
-        imgui.text_unformatted(self._viewer.message)
+        imgui.text_unformatted(self._session.message)
         imgui.pop_text_wrap_pos()
         imgui.end()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from imgui_bundle import imgui
@@ -13,12 +13,11 @@ from imgui_bundle import imgui
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes.display import VIEWS
 from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES
+from solari_vk.viewer.actions import act
 from solari_vk.viewer.pictures import MODES
 from solari_vk.viewer.scaling import LEAST
 from solari_vk.viewer.scene_panel import ScenePanel
-
-if TYPE_CHECKING:
-    from solari_vk.viewer.app import Viewer
+from solari_vk.viewer.session import Session
 
 HISTORY = 120  # frames in a plot
 SLOW_INTERVAL = 0.5  # seconds between figures that are read back from the device
@@ -28,9 +27,9 @@ OPEN = imgui.TreeNodeFlags_.default_open
 class Panels:
     """Lays out the window of panels, which is open."""
 
-    def __init__(self, viewer: Viewer) -> None:
-        self._viewer = viewer
-        self._scene = ScenePanel(viewer)
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._scene = ScenePanel(session)
         self._times: dict[str, Any] = {}
         self._slow: dict[str, str] = {}
         self._slow_at = 0.0
@@ -51,19 +50,19 @@ class Panels:
     # ---- picture ------------------------------------------------------------------------------------
 
     def _picture(self) -> None:
-        viewer, pictures = self._viewer, self._viewer.pictures
+        session, pictures = self._session, self._session.pictures
         pictures.mode = choose("mode", pictures.mode, MODES)
         pictures.view = choose("view", pictures.view, tuple(VIEWS))
         hint(VIEWS[pictures.view])
         pictures.tonemap = choose("tone mapping", pictures.tonemap, TONEMAPS)
-        camera = viewer.camera
+        camera = session.camera
         changed, value = imgui.slider_float("EV100", camera.ev100, -10, 20)
         if changed:
             camera.ev100 = min(max(value, -100.0), 100.0)
         changed, degrees = imgui.slider_float("field of view", math.degrees(camera.vertical_fov), 5, 120, "%.0f deg")
         if changed and 0.1 < degrees < 179:
             camera.vertical_fov = math.radians(degrees)
-        scale = viewer.scale
+        scale = session.scale
         _, scale.auto = imgui.checkbox("auto", scale.auto)
         hint("The scale follows the time of a frame.")
         imgui.same_line()
@@ -71,9 +70,9 @@ class Panels:
         if changed:
             scale.fix(value)
         width, height = pictures.size
-        imgui.text(f"{width} x {height}, {viewer.fps:.1f} frames/s, speed {viewer.camera_control.speed:.3g} m/s")
-        if viewer.pick is not None:
-            instance, point = viewer.pick.instance, viewer.pick.point
+        imgui.text(f"{width} x {height}, {session.fps:.1f} frames/s, speed {session.camera_control.speed:.3g} m/s")
+        if session.pick is not None:
+            instance, point = session.pick.instance, session.pick.point
             imgui.text_wrapped(f"picked: {instance.describe()}, {instance.material.describe()}")
             imgui.text(f"at {point[0]:.4g}, {point[1]:.4g}, {point[2]:.4g}")
         self._update_slow()
@@ -81,7 +80,7 @@ class Panels:
             imgui.text_wrapped(text)
         for label, action in (("screenshot", "screenshot"), ("reset camera", "reset"), ("help", "help")):
             if imgui.button(label):
-                viewer.act(action)
+                act(session, action)
             imgui.same_line()
         imgui.new_line()
 
@@ -91,28 +90,28 @@ class Panels:
         if now - self._slow_at < SLOW_INTERVAL:
             return
         self._slow_at, self._slow = now, {}
-        pictures = self._viewer.pictures
+        pictures = self._session.pictures
         if not pictures.ready:
             return
         error = pictures.error()
         if error is not None:
             self._slow["error"] = f"error: {100 * error[0]:.1f} % of white, {100 * error[1]:+.1f} % of the mean"
         if pictures.reference is not None and pictures.mode != "realtime":
-            self._slow["samples"] = f"reference: {pictures.reference.samples} samples a pixel"
+            self._slow["samples"] = f"reference: {pictures.reference.tracer.samples} samples a pixel"
         count = pictures.ray_count()
         before, self._rays = self._rays, (now, count)
         if count > before[1] and before[0]:
             self._slow["rays"] = f"{(count - before[1]) / (now - before[0]) / 1e6:.2f} million rays/s"
         if pictures.realtime is not None and pictures.mode != "reference":
             cells = int(pictures.realtime["world_cache/active_cells"])
-            most = self._viewer.settings.world_cache_cells
+            most = self._session.settings.world_cache_cells
             failures = int(pictures.realtime["world_cache/insert_failures"])
             self._slow["cache"] = f"world cache: {cells:,} cells, {100 * cells / most:.1f} %; {failures} found no place"
 
     # ---- time ---------------------------------------------------------------------------------------
 
     def _note_times(self) -> None:
-        timings = self._viewer.timings
+        timings = self._session.timings
         for name, milliseconds in {"all passes": sum(timings.values()), **timings}.items():
             history = self._times.setdefault(name, np.zeros(HISTORY, np.float32))
             history[:-1] = history[1:]
@@ -121,10 +120,10 @@ class Panels:
             del self._times[name]
 
     def _time(self) -> None:
-        pictures = self._viewer.pictures
+        pictures = self._session.pictures
         _, pictures.counts_rays = imgui.checkbox("count rays", pictures.counts_rays)
         hint("How many rays the realtime renderer traces in a second; it is built anew for it, and a little slower.")
-        if not self._viewer.timings:
+        if not self._session.timings:
             imgui.text("this device has no timestamps")
             return
         if imgui.begin_table("times", 3, imgui.TableFlags_.row_bg):
@@ -146,7 +145,7 @@ class Panels:
     # ---- settings -----------------------------------------------------------------------------------
 
     def _settings(self) -> None:
-        settings = self._viewer.settings
+        settings = self._session.settings
         for quality in QUALITIES:
             if imgui.button(quality):
                 settings.reset()
@@ -168,7 +167,7 @@ class Panels:
             imgui.tree_pop()
 
     def _setting(self, name: str) -> None:
-        settings, field = self._viewer.settings, FIELDS[name]
+        settings, field = self._session.settings, FIELDS[name]
         value, default = getattr(settings, name), DEFAULTS[name]
         label = f"{name} *" if field.rebuilds else name
         edited: Any = value
@@ -188,7 +187,7 @@ class Panels:
             if imgui.small_button(f"reset##{name}"):
                 edited = default
         if edited != value:
-            self._viewer.attempt(lambda: setattr(settings, name, edited))
+            self._session.attempt(lambda: setattr(settings, name, edited))
 
 
 def choose(label: str, current: str, choices: tuple[str, ...]) -> str:

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from imgui_bundle import imgui
 
 from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material
 from solari_vk.viewer.camera_control import rotation
-
-if TYPE_CHECKING:
-    from solari_vk.viewer.app import Viewer
+from solari_vk.viewer.session import Session
 
 LABELS = 100  # width of the words behind the fields
 MOST_ROWS = 500  # of a list; picking finds the others
@@ -23,13 +21,13 @@ AXES = np.eye(3)
 class ScenePanel:
     """Lays out the scene as a tree. An object is edited by assigning to its fields; what is refused is told."""
 
-    def __init__(self, viewer: Viewer) -> None:
-        self._viewer = viewer
+    def __init__(self, session: Session) -> None:
+        self._session = session
 
     def lay_out(self) -> None:
         """What was picked, then all there is."""
-        scene = self._viewer.scene
-        pick = self._viewer.pick
+        scene = self._session.scene
+        pick = self._session.pick
         imgui.push_item_width(-LABELS)
         if pick is not None and pick.instance in scene.instances:
             imgui.separator_text("picked")
@@ -123,13 +121,13 @@ class ScenePanel:
 
     def _camera(self, camera: Camera) -> None:
         if imgui.button("go there"):
-            self._viewer.camera_control.take(camera)
-            self._viewer.pictures.cut()
+            self._session.camera_control.take(camera)
+            self._session.pictures.cut()
 
     # ---- fields -------------------------------------------------------------------------------------
 
     def _set(self, item: Any, field: str, value: Any) -> None:
-        self._viewer.attempt(lambda: setattr(item, field, value))
+        self._session.attempt(lambda: setattr(item, field, value))
 
     def _switch(self, label: str, item: Any, field: str) -> None:
         changed, value = imgui.checkbox(label, getattr(item, field))

@@ -60,7 +60,7 @@ def test_brighter_is_brighter(open_viewer):
 def test_flying_moves_the_picture(open_viewer):
     viewer = open_viewer(**FLAT)
     viewer.run(frames=2)
-    assert viewer.pictures.reference.samples >= 2
+    assert viewer.pictures.reference.tracer.samples >= 2
     viewer.window.events.append(Event("key", glfw.KEY_W, True))
     viewer.run(frames=3)
     home = viewer.camera_control.home.transform
@@ -341,9 +341,9 @@ def test_a_window_is_resized_while_a_shader_is_broken(open_viewer, shaders):
     assert "trace.comp" in viewer.message
     glfw.set_window_size(viewer.window.handle, 100, 50)
     viewer.run(frames=2)
-    samples = viewer.pictures.reference.samples
+    samples = viewer.pictures.reference.tracer.samples
     viewer.run(frames=2)
-    assert viewer.pictures.reference.samples > samples, "the last good pipelines go on, at the last good size"
+    assert viewer.pictures.reference.tracer.samples > samples, "the last good pipelines go on, at the last good size"
     assert viewer.pictures.size == (64, 64)
     assert viewer.capture().shape == (50, 100, 3)
     assert "trace.comp" in viewer.message

@@ -71,7 +71,7 @@ def test_panels_lie_over_the_picture(open_viewer):
     assert (shown[row] != picture[row]).any(axis=1).all()
     assert (shown[: MARGIN - 1] == picture[: MARGIN - 1]).all(), "nothing beside them"
     assert (shown[MARGIN : MARGIN + 20] > 240).all(axis=2).any(), "white letters in the title"
-    viewer.act("overlay")
+    viewer.act("panels")
     viewer.message = ""
     viewer.run(frames=2)
     assert (viewer.capture() == viewer.pictures.pixels()).all()
@@ -100,10 +100,10 @@ def test_windows_of_other_sizes(open_viewer, replace):
 
 def test_split_view_has_its_divider(open_viewer, monkeypatch):
     viewer = open_viewer(size=SIZE, scale=0.25)
-    viewer.shows_overlay = False
+    viewer.shows_panels = False
     viewer.run(frames=1)
     monkeypatch.setattr(type(viewer.pictures), "mode", "split")
-    monkeypatch.setattr(viewer.pictures, "_render_realtime", lambda camera: None)
+    monkeypatch.setattr(viewer.pictures, "_render_realtime", lambda *_: None)
     viewer.step()
     mouse(viewer, 80, 60)
     mouse(viewer, 80, 60, True)
@@ -121,7 +121,7 @@ def test_clicks_on_panels_do_not_pick(open_viewer):
     mouse(viewer, 80, 60)
     mouse(viewer, 80, 60, True, False)
     assert viewer.pick is None
-    viewer.act("overlay")
+    viewer.act("panels")
     viewer.run(frames=2)
     mouse(viewer, 80, 60, True, False)
     assert viewer.pick is not None

@@ -66,7 +66,7 @@ def calm_down(viewer):
     """The picture alone, without panels, in every pixel of a window of 160x120, which has been picked in."""
     viewer.pictures.mode = "reference"
     viewer.act("reset")
-    viewer.shows_overlay = viewer.shows_help = False
+    viewer.shows_panels = viewer.shows_help = False
     viewer.scale.fix(1.0)
     glfw.set_window_size(viewer.window.handle, 160, 120)
     viewer.run(frames=4)
@@ -79,12 +79,12 @@ def calm_down(viewer):
 def test_five_hundred_frames_of_random_use(open_viewer, held, monkeypatch):
     viewer = open_viewer(size=(160, 120), scale=0.2, seed=3)
     # the realtime renderer takes longer: it has fewer frames in the next test
-    monkeypatch.setattr(viewer.pictures, "_render_realtime", lambda camera: None)
+    monkeypatch.setattr(viewer.pictures, "_render_realtime", lambda *_: None)
     viewer.scene.add(sv.Camera.look_at((1, 1, -2), (1, 1, 1)))
     use_at_random(viewer, 250, seed=11, modes=["reference"])
     calm_down(viewer)
     objects, size = held(), viewer.device.memory.bytes_used
-    viewer.shows_overlay = True
+    viewer.shows_panels = True
     use_at_random(viewer, 250, seed=12, modes=["reference"])
     calm_down(viewer)
     assert held() == objects, "more objects"
@@ -100,14 +100,14 @@ def test_random_use_of_the_realtime_picture_and_the_split_view(open_viewer, held
     for seed in (21, 22):
         for mode in ("realtime", "split"):
             use_at_random(viewer, frames // 2, seed, modes=[mode], resizes=0.2)
-            assert "picture" not in viewer._faults
+            assert "picture" not in viewer.faults
         calm_down(viewer)
         viewer.pictures.counts_rays = False
         for viewer.pictures.mode in ("split", "realtime"):
             viewer.run(frames=3)
         counts.append(held())
         assert (viewer.capture() == viewer.pictures.realtime["display"][..., :3]).all()
-        viewer.shows_overlay = True
+        viewer.shows_panels = True
     assert counts[0] == counts[1], "more objects"
     assert viewer.pictures.size == (160, 120)
 
@@ -147,7 +147,7 @@ def test_random_use_of_all_modes_views_and_settings(open_viewer, tmp_path):
 def test_realtime_screenshot_is_rendered_again_in_every_bit(open_viewer, tmp_path):
     viewer = open_viewer(size=(64, 48), mode="realtime", folder=tmp_path, source="builtin:cornell_box", seed=5)
     viewer.settings.di_candidates = 4
-    viewer.shows_overlay = False
+    viewer.shows_panels = False
     viewer.run(frames=5)
     assert (viewer.capture() == viewer.pictures.realtime["display"][..., :3]).all()
     viewer.act("screenshot")

@@ -1,0 +1,54 @@
+"""What a pixel of the viewer's picture shows: an instance and a point in the world."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.scene.model import Camera, Instance
+from solari_vk.viewer.pictures import Pictures
+
+NO_INSTANCE = 0xFFFFFFFF  # the instance index of pixels that show none
+
+
+@dataclass(frozen=True)
+class Pick:
+    """An instance, and the point (x, y, z) of it that was picked, in world space."""
+
+    instance: Instance
+    point: NDArray[np.float64]
+
+
+def pick_at(pictures: Pictures, x: float, y: float) -> Pick | None:
+    """What the latest picture shows at (x, y), both from 0 to 1 from its top left corner; None for the background."""
+    camera = pictures.camera
+    if not pictures.ready or camera is None or not (0 <= x < 1 and 0 <= y < 1):
+        return None
+    width, height = pictures.size
+    column, row = int(x * width), int(y * height)
+    if pictures.mode == "reference":
+        assert pictures.reference is not None
+        tracer = pictures.reference.tracer
+        index, point = tracer["instance_id"][row, column], tracer["position"][row, column]
+    else:
+        assert pictures.realtime is not None
+        index = pictures.realtime["gbuffer_surface"][row, column, 1]
+        depth = float(pictures.realtime["depth"][row, column, 0])
+        if not depth:
+            return None
+        point = point_at(camera, pictures.size, (column + 0.5, row + 0.5), camera.near / depth)
+    instance = pictures.binder.instances.get(int(index)) if index != NO_INSTANCE else None
+    return None if instance is None else Pick(instance, np.asarray(point, np.float64))
+
+
+def point_at(
+    camera: Camera, size: tuple[int, int], pixel: tuple[float, float], view_depth: float
+) -> NDArray[np.float64]:
+    """The point in world space behind a position in pixels, `view_depth` metres along the view axis."""
+    slope = np.tan(camera.vertical_fov / 2)
+    across = (2 * pixel[0] / size[0] - 1) * slope * size[0] / size[1]
+    up = (1 - 2 * pixel[1] / size[1]) * slope
+    found: NDArray[np.float64] = camera.transform[:3] @ (*(view_depth * np.array((across, up, -1))), 1.0)
+    return found
