@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import ast
 import re
+import runpy
 from pathlib import Path
 
 import pytest
@@ -44,10 +44,6 @@ MAY_IMPORT = {
     "__main__": {"cli"},
     "": {"viewer", *LIBRARY},
 }
-# The viewer counts rays with code of the benchmarks: to be removed.
-NOT_YET_MOVED = {("viewer", "measure")}
-# Folders whose modules import each other in longer circles: to be broken.
-NOT_YET_BROKEN = {"viewer", "cli"}
 # Of passes, the scene's GLSL may only read what they leave in set 1, such as the BRDF's table.
 GLSL_MAY_INCLUDE = {
     "common": r"common/",
@@ -70,40 +66,14 @@ def name_of(path: Path) -> str:
 
 
 NAMES = {name_of(path): path for path in MODULES}
+SIZE = runpy.run_path(str(ROOT / "tools" / "size.py"))
+IMPORTS, circles = SIZE["import_graph"](PACKAGE), SIZE["circles"]
 
 
 def part_of(name: str) -> str:
     """The part that a module belongs to, as MAY_IMPORT calls it."""
     parts = name.split(".")[1:]
     return ".".join(parts[:2] if parts[:1] == ["gpu"] else parts[:1])
-
-
-def imports_of(path: Path) -> set[str]:
-    """The package's modules that a module imports, also inside functions and for type checkers only."""
-    names = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            names += [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}:{node.lineno}: imports are absolute"
-            assert node.module is not None
-            deeper = [f"{node.module}.{alias.name}" for alias in node.names]
-            names += [name if name in NAMES else node.module for name in deeper]
-    return {name for name in names if name.split(".")[0] == "solari_vk"}
-
-
-def circles(imports: dict[str, set[str]]) -> list[list[str]]:
-    """Groups of modules each of which imports all others of its group, directly or through others."""
-    reached: dict[str, set[str]] = {}
-    for name in imports:
-        found, waiting = set(), [name]
-        while waiting:
-            for other in imports.get(waiting.pop(), set()) - found:
-                found.add(other)
-                waiting.append(other)
-        reached[name] = found
-    groups = {frozenset(other for other in reached[name] if name in reached[other]) for name in imports}
-    return [sorted(group) for group in groups if len(group) > 1]
 
 
 def committed_files() -> list[Path]:
@@ -116,13 +86,14 @@ def committed_files() -> list[Path]:
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
 def test_imports_point_one_way(path):
-    part = part_of(name_of(path))
+    name = name_of(path)
+    part = part_of(name)
     if part == "gpu":
-        assert not imports_of(path), "gpu/ itself holds folders only"
+        assert not IMPORTS[name], "gpu/ itself holds folders only"
         return
     assert part in MAY_IMPORT, f"{part} is new: it needs a line in MAY_IMPORT"
-    wrong = {part_of(name) for name in imports_of(path)} - MAY_IMPORT[part] - {part}
-    assert not wrong - {other for one, other in NOT_YET_MOVED if one == part}, f"{part} must not import {sorted(wrong)}"
+    wrong = {part_of(other) for other in IMPORTS[name]} - MAY_IMPORT[part] - {part}
+    assert not wrong, f"{part} must not import {sorted(wrong)}"
 
 
 def test_import_circles_are_found():
@@ -131,10 +102,8 @@ def test_import_circles_are_found():
 
 
 def test_no_import_circle_is_long_or_leaves_its_folder():
-    for circle in circles({name_of(path): imports_of(path) for path in MODULES}):
+    for circle in circles(IMPORTS):
         folders = {NAMES[name].parent for name in circle}
-        if {folder.name for folder in folders} <= NOT_YET_BROKEN:
-            continue
         assert len(circle) <= 2, f"these modules import each other: {circle}"
         assert len(folders) == 1, f"modules of different folders import each other: {circle}"
 

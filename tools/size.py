@@ -19,37 +19,37 @@ WIDEST = 120  # columns of a GLSL line
 
 
 def import_graph(package: Path) -> dict[str, set[str]]:
-    """The modules of a package, each with those of the package that it imports, wherever in the file the import is."""
-    paths = {}
-    for path in package.rglob("*.py"):
-        parts = path.relative_to(package.parent).with_suffix("").parts
-        paths[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
-    graph = {}
+    """The modules of a package, each with the package's modules that it imports, also inside functions and for type
+    checkers only. Raises ValueError for a relative import."""
+    paths = {".".join(path.relative_to(package.parent).with_suffix("").parts).removesuffix(".__init__"): path
+             for path in package.rglob("*.py")}  # fmt: skip
+    graph: dict[str, set[str]] = {}
     for module, path in paths.items():
         names: set[str] = set()
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Import):
                 names |= {alias.name for alias in node.names}
-            elif isinstance(node, ast.ImportFrom) and node.module:
-                inner = {alias.name: f"{node.module}.{alias.name}" for alias in node.names}
-                names |= {full if full in paths else node.module for full in inner.values()}
+            elif isinstance(node, ast.ImportFrom):
+                if node.level or node.module is None:
+                    raise ValueError(f"{path}:{node.lineno}: imports are absolute")
+                inner = [f"{node.module}.{alias.name}" for alias in node.names]
+                names |= {name if name in paths else node.module for name in inner}
         graph[module] = (names & paths.keys()) - {module}
     return graph
 
 
-def import_circles(package: Path) -> list[list[str]]:
-    """The groups of modules that import each other, directly or by way of others; the largest group comes first."""
-    graph = import_graph(package)
+def circles(graph: dict[str, set[str]]) -> list[list[str]]:
+    """The groups of nodes that reach each other, directly or through others; the largest group comes first."""
     reached = {}
     for start in graph:
         found, waiting = set[str](), [start]
         while waiting:
-            for name in graph[waiting.pop()] - found:
+            for name in graph.get(waiting.pop(), set()) - found:
                 found.add(name)
                 waiting.append(name)
         reached[start] = found
-    circles = {frozenset(b for b in reached[a] if a in reached[b]) for a in graph if a in reached[a]}
-    return sorted((sorted(circle) for circle in circles), key=lambda circle: (-len(circle), circle))
+    groups = {frozenset(b for b in reached[a] if a in reached[b]) for a in graph}
+    return sorted((sorted(group) for group in groups if len(group) > 1), key=lambda group: (-len(group), group))
 
 
 def line_counts(root: Path) -> dict[Path, int]:
@@ -89,9 +89,9 @@ def main(root: Path) -> None:
     for folder, count in sorted(by_folder.items()):
         print(f"{count:7,}  {'  ' if '/' in folder else ''}{folder}")
     print(f"{sum(by_folder[name] for name in ('solari_vk', 'glsl', 'tests')):7,}  solari_vk + glsl + tests")
-    circles = import_circles(root / "solari_vk")
-    print(f"import circles: {len(circles)}, of {', '.join(str(len(circle)) for circle in circles) or 'no'} modules")
-    for circle in circles:
+    found = circles(import_graph(root / "solari_vk"))
+    print(f"import circles: {len(found)}, the longest of {max(map(len, found), default=0)} modules")
+    for circle in found:
         print(f"  {' '.join(circle)}")
     print(f"GLSL lines over {WIDEST} columns: {len(wide_lines(root))}")
     print("longest files:")

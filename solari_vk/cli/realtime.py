@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from solari_vk.cli.plan import Plan, check_output, check_view, make_plan, make_settings
 from solari_vk.cli.progress import Progress, Stopped
-from solari_vk.cli.render import load, names_of_aovs
+from solari_vk.cli.subject import load, names_of_aovs
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -6,7 +6,7 @@ import argparse
 import sys
 
 from solari_vk.cli.progress import Progress, Stopped
-from solari_vk.cli.render import load, names_of_aovs
+from solari_vk.cli.subject import load, names_of_aovs
 
 
 def run(options: argparse.Namespace) -> None:

@@ -3,20 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import json
-import math
-import sys
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from solari_vk.cli.numbers import count, positive, size
 from solari_vk.errors import SolariError
-
-if TYPE_CHECKING:
-    from solari_vk.scene.model import Camera, Scene
-
-ORBIT_PICTURES = 48
 
 # Options of one mode only, with the default that they have there.
 REFERENCE_OPTIONS: dict[str, Any] = {"samples": 256, "max_bounces": 16}
@@ -96,94 +87,3 @@ def _settle_mode(options: argparse.Namespace) -> None:
     for name, default in own.items():
         if getattr(options, name) is None:
             setattr(options, name, default)
-
-
-def names_of_aovs(options: argparse.Namespace, known: tuple[str, ...]) -> list[str]:
-    """What --aov lists, checked."""
-    names = [name.strip() for name in options.aov.split(",") if name.strip()]
-    for name in names:
-        if name not in known:
-            raise SolariError(f"--aov {name}: --mode {options.mode} has no such output; it has {', '.join(known)}")
-    return names
-
-
-@dataclass
-class Subject:
-    """What is rendered."""
-
-    scene: Scene
-    cameras: list[Camera]
-    """One, or those of the animation."""
-    auto_exposure: bool
-
-
-def load(options: argparse.Namespace) -> Subject:
-    """The scene, the cameras and the exposure that the options ask for."""
-    import solari_vk as sv
-
-    builtin = options.source.startswith("builtin:")
-    if builtin:
-        if options.scene is not None:
-            raise SolariError(f"--scene {options.scene}: a built-in scene is one scene")
-        scene = sv.builtin(options.source.removeprefix("builtin:"))
-    else:
-        which = options.scene
-        scene = sv.load_gltf(options.source, scene=int(which) if which and which.isdecimal() else which)
-    camera = _find_camera(scene, options.camera)
-    if camera is None:
-        width, height = options.size
-        camera = sv.frame_camera(scene, aspect=width / height)
-    cameras = [camera] if options.animate is None else _path(options, scene, camera)
-    lit = any(sun.illuminance > 0 and (sun.color > 0).any() for sun in scene.directional_lights)
-    lit = lit or any(i.visible and i.material.emits for i in scene.instances)
-    if options.lights == "studio" or (options.lights == "auto" and not lit):
-        if options.lights == "auto":
-            print(f"{options.source} has no light of its own: adding studio lights", file=sys.stderr)
-        sv.studio_lights(scene, camera=camera)
-    exposure = options.exposure or ("camera" if builtin else "auto")
-    if exposure not in ("auto", "camera"):
-        try:
-            for camera in cameras:
-                camera.ev100 = float(exposure)
-        except ValueError:
-            raise SolariError(f"--exposure {exposure}: give an EV100 such as 9.5, or auto") from None
-    for warning in scene.warnings:
-        print(f"warning: {warning}", file=sys.stderr)
-    return Subject(scene, cameras, exposure == "auto")
-
-
-def _path(options: argparse.Namespace, scene: Scene, camera: Camera) -> list[Camera]:
-    """The cameras of an animation, from where the still camera is, before lights widen the scene's bounds."""
-    from solari_vk.output.animation import load_path, orbit
-
-    kind, colon, sweep = options.animate.partition(":")
-    if kind != "orbit":
-        return load_path(options.animate, camera, fps=options.fps, count=options.frames)
-    try:
-        degrees = float(sweep) if colon else None
-    except ValueError:
-        degrees = math.nan
-    if degrees is not None and not math.isfinite(degrees):
-        raise SolariError(f"--animate {options.animate}: give an angle such as orbit:30")
-    return orbit(camera, scene.bounds().mean(axis=0), options.frames or ORBIT_PICTURES, degrees)
-
-
-def _find_camera(scene: Scene, text: str | None) -> Camera | None:
-    """The camera an option names; None when neither the option nor the scene has one."""
-    from solari_vk.scene.model import Camera
-
-    cameras = list(scene.cameras)
-    if text is None:
-        return cameras[0] if cameras else None
-    if text.isdecimal():
-        if int(text) >= len(cameras):
-            raise SolariError(f"--camera {text}: {scene.describe()} has {len(cameras)} cameras, counted from 0")
-        return cameras[int(text)]
-    named = [camera for camera in cameras if camera.name == text]
-    if named:
-        return named[0]
-    try:
-        pose = json.loads(text if text.lstrip().startswith("{") else Path(text).read_text())
-    except (OSError, ValueError) as error:
-        raise SolariError(f"--camera {text}: no camera's name, no JSON pose and no file of one ({error})") from None
-    return Camera.from_pose(pose)

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from solari_vk.cli.numbers import count, positive, size
 from solari_vk.cli.plan import make_settings
-from solari_vk.cli.render import load
+from solari_vk.cli.subject import load
 from solari_vk.errors import SolariError
 
 if TYPE_CHECKING:
-    from solari_vk.cli.render import Subject
+    from solari_vk.cli.subject import Subject
     from solari_vk.gpu.device.device import Device
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.device.memory import Image
+from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.reference import PathTracer
