@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -12,14 +13,15 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.device.swapchain import FRAMES, Swapchain
-from solari_vk.viewer.overlay_pipeline import MOST_TEXTURES, OverlayPipeline
+from solari_vk.gpu.frame.descriptors import DescriptorSets
+from solari_vk.gpu.frame.raster import rendering
+from solari_vk.viewer.overlay_pipeline import OverlayPipeline
 from solari_vk.viewer.presenter import layout_barrier
 
 _ATTACHED = raw.VK_IMAGE_LAYOUT_COLOR_ATTACHMENT_OPTIMAL
 _PRESENT = raw.VK_IMAGE_LAYOUT_PRESENT_SRC_KHR
 _VERTEX_BYTES, _INDEX_BYTES = imgui.VERTEX_SIZE, imgui.INDEX_SIZE
 _INDEX_TYPE = raw.VK_INDEX_TYPE_UINT32 if _INDEX_BYTES == 4 else raw.VK_INDEX_TYPE_UINT16
-_PLACEMENT = np.dtype([("vertices", np.uint64), ("scale", np.float32, 2), ("translation", np.float32, 2)])
 
 
 class _Frame:
@@ -46,7 +48,7 @@ class OverlayRenderer:
         self.device = device
         self._pipeline: OverlayPipeline | None = None
         self._broken = False  # no pipeline could be made, and another try would take as long
-        self._textures: dict[int, tuple[Image, raw.CData]] = {}
+        self._textures: dict[int, tuple[Image, DescriptorSets]] = {}
         pool = raw.struct(
             "VkCommandPoolCreateInfo",
             flags=raw.VK_COMMAND_POOL_CREATE_RESET_COMMAND_BUFFER_BIT,
@@ -77,24 +79,10 @@ class OverlayRenderer:
         device.await_value(frame.value)
         vk.vkBeginCommandBuffer(frame.commands, raw.struct("VkCommandBufferBeginInfo"))
         vk.vkCmdPipelineBarrier2(frame.commands, layout_barrier(swapchain.images[index], _PRESENT, _ATTACHED))
-        width, height = swapchain.extent
-        rendering = raw.struct(
-            "VkRenderingInfo",
-            renderArea={"extent": {"width": width, "height": height}},
-            layerCount=1,
-            colorAttachmentCount=1,
-            pColorAttachments=raw.struct(
-                "VkRenderingAttachmentInfo",
-                imageView=swapchain.views[index],
-                imageLayout=_ATTACHED,
-                loadOp=raw.VK_ATTACHMENT_LOAD_OP_LOAD,
-                storeOp=raw.VK_ATTACHMENT_STORE_OP_STORE,
-            ),
-        )
-        vk.vkCmdBeginRendering(frame.commands, rendering)
-        if data.total_vtx_count:
-            self._record(frame, data, (width, height))
-        vk.vkCmdEndRendering(frame.commands)
+        target = (swapchain.views[index], _ATTACHED)
+        with rendering(device, frame.commands, swapchain.extent, [target], clears=False):
+            if data.total_vtx_count:
+                self._record(frame, data, swapchain.extent)
         vk.vkCmdPipelineBarrier2(frame.commands, layout_barrier(swapchain.images[index], _ATTACHED, _PRESENT))
         vk.vkEndCommandBuffer(frame.commands)
         return frame.commands
@@ -115,7 +103,9 @@ class OverlayRenderer:
         if self._pipeline is not None:
             self._pipeline.close()
         self._pipeline = pipeline
-        self._textures = {i: (image, pipeline.new_set(image)) for i, (image, _) in self._textures.items()}
+        for number, (image, sets) in self._textures.items():
+            sets.destroy()
+            self._textures[number] = image, pipeline.new_set(image)
 
     def reload(self) -> None:
         """Take up changed shaders, for the first time at the next `draw`."""
@@ -130,16 +120,10 @@ class OverlayRenderer:
         assert self._pipeline is not None
         vertices = frame.room(self.device, "vertices", data.total_vtx_count * _VERTEX_BYTES)
         indices = frame.room(self.device, "indices", data.total_idx_count * _INDEX_BYTES)
-        vk.vkCmdBindPipeline(commands, raw.VK_PIPELINE_BIND_POINT_GRAPHICS, self._pipeline.handle)
         vk.vkCmdBindIndexBuffer(commands, indices.handle, 0, _INDEX_TYPE)
-        vk.vkCmdSetViewport(commands, 0, 1, raw.struct("VkViewport", width=extent[0], height=extent[1], maxDepth=1))
         scale = 2 / np.array((data.display_size.x, data.display_size.y))
         translation = -1 - scale * (data.display_pos.x, data.display_pos.y)
-        placement = np.array([(vertices.address, scale, translation)], _PLACEMENT)
-        vk.vkCmdPushConstants(
-            commands, self._pipeline.layout, raw.VK_SHADER_STAGE_VERTEX_BIT, 0, placement.nbytes,
-            raw.ffi.from_buffer(placement),
-        )  # fmt: skip
+        self._pipeline.bind(commands, vertices=vertices.address, scale=scale, translation=translation)
         first_vertex = first_index = 0
         for part in data.cmd_lists:
             _copy(part.vtx_buffer, _VERTEX_BYTES, vertices, first_vertex)
@@ -163,9 +147,7 @@ class OverlayRenderer:
         assert self._pipeline is not None
         area = {"width": right - left, "height": bottom - top}
         vk.vkCmdSetScissor(commands, 0, 1, raw.struct("VkRect2D", offset={"x": left, "y": top}, extent=area))
-        sets = raw.ffi.new("VkDescriptorSet[]", [texture[1]])
-        point = raw.VK_PIPELINE_BIND_POINT_GRAPHICS
-        vk.vkCmdBindDescriptorSets(commands, point, self._pipeline.layout, 0, 1, sets, 0, raw.NULL)
+        texture[1].bind(commands, raw.VK_PIPELINE_BIND_POINT_GRAPHICS)
         vk.vkCmdDrawIndexed(
             commands, command.elem_count, 1, first_index + command.idx_offset, first_vertex + command.vtx_offset, 0
         )
@@ -188,7 +170,7 @@ class OverlayRenderer:
         assert self._pipeline is not None
         number = texture.get_tex_id()
         if number not in self._textures:
-            number = next(i for i in range(1, MOST_TEXTURES + 1) if i not in self._textures)
+            number = next(i for i in count(1) if i not in self._textures)
             image = self.device.image(
                 texture.width, texture.height, raw.VK_FORMAT_R8G8B8A8_UNORM, f"overlay texture {number}"
             )
@@ -198,19 +180,16 @@ class OverlayRenderer:
         self._textures[number][0].upload([pixels])
 
     def _destroy(self, number: int) -> None:
-        image, handle = self._textures.pop(number, (None, None))
-        if image is not None and self._pipeline is not None:
-            self._pipeline.free_set(handle)
-            image.destroy()
+        for item in self._textures.pop(number, ()):
+            item.destroy()
 
     def close(self) -> None:
         """Free everything when the work submitted so far is done. Safe to call twice."""
         for frame in self._frames:
             for buffer in frame.buffers.values():
                 buffer.destroy()
-        for image, _ in self._textures.values():
-            image.destroy()
-        self._textures.clear()
+        for number in list(self._textures):
+            self._destroy(number)
         if self._pipeline is not None:
             self._pipeline.close()
         self.device.release(self._token)

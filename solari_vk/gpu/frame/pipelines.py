@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from typing import Any
 
@@ -12,8 +12,8 @@ import numpy as np
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame.graphics import Targets, graphics_create_info
 from solari_vk.gpu.frame.interface import Interface
-from solari_vk.gpu.frame.raster import graphics_create_info
 from solari_vk.gpu.shaders.spirv import Module
 
 Constants = Mapping[str, "int | float | bool"]
@@ -40,40 +40,39 @@ class Pipelines:
     ) -> tuple[PipelineKey, raw.CData]:
         """The pipeline of a module with these specialization constants, and the key that keeps it in `retain`.
 
-        Raises SolariError for a constant that the module hasn't got.
+        Raises SolariError for a constant that the module doesn't have.
         """
-        layout = interface.pipeline_layout
-
-        def create(stages: list[raw.CData]) -> tuple[str, raw.CData]:
-            return "Compute", raw.struct("VkComputePipelineCreateInfo", stage=stages[0], layout=layout)
-
-        return self._pipeline(name, [module], constants, layout, (), create)
+        return self._pipeline(name, [module], constants, interface, None)
 
     def graphics(
-        self, name: str, modules: Sequence[Module], constants: Constants, interface: Interface, formats: Sequence[str]
+        self, name: str, modules: Sequence[Module], constants: Constants, interface: Interface, targets: Targets
     ) -> tuple[PipelineKey, raw.CData]:
-        """The same of a Draw's modules; `formats` are those of its colors."""
-        layout = interface.pipeline_layout
-
-        def create(stages: list[raw.CData]) -> tuple[str, raw.CData]:
-            return "Graphics", graphics_create_info(stages, formats, layout)
-
-        return self._pipeline(name, modules, constants, layout, formats, create)
+        """The pipeline of a vertex and a fragment shader; otherwise as `compute`."""
+        return self._pipeline(name, modules, constants, interface, targets)
 
     def _pipeline(
-        self, name: str, modules: Sequence[Module], constants: Constants, layout: raw.CData, formats: Sequence[str],
-        create: Callable[[list[raw.CData]], tuple[str, raw.CData]],
-    ) -> tuple[PipelineKey, raw.CData]:  # fmt: skip
+        self,
+        name: str,
+        modules: Sequence[Module],
+        constants: Constants,
+        interface: Interface,
+        targets: Targets | None,
+    ) -> tuple[PipelineKey, raw.CData]:
         specializations, values = _specializations(name, modules, constants)
         digests = tuple(hashlib.sha256(module.spirv).digest() for module in modules)
-        key = (*digests, *formats, tuple(sorted(values.items())), int(raw.ffi.cast("uintptr_t", layout)))
+        layout = interface.pipeline_layout
+        key = (*digests, targets, tuple(sorted(values.items())), int(raw.ffi.cast("uintptr_t", layout)))
         if key not in self._made:
             device = self._device
             out = raw.ffi.new("VkPipeline*")
             with ExitStack() as shaders:
                 stages = [self._stage(shaders, name, *pair) for pair in zip(modules, specializations, strict=True)]
-                kind, info = create(stages)
-                make = getattr(device.vk, f"vkCreate{kind}Pipelines")
+                if targets is None:
+                    info = raw.struct("VkComputePipelineCreateInfo", stage=stages[0], layout=layout)
+                    make = device.vk.vkCreateComputePipelines
+                else:
+                    info = graphics_create_info(stages, targets, layout)
+                    make = device.vk.vkCreateGraphicsPipelines
                 make(device.handle, self._cache, 1, info, raw.NULL, out)
             pipeline = out[0]
             device.name_object("pipeline", pipeline, name)

@@ -11,10 +11,12 @@ from solari_vk.errors import SolariError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame import hazards
+from solari_vk.gpu.frame.graphics import Targets
 from solari_vk.gpu.frame.hazards import Accesses, Masks
 from solari_vk.gpu.frame.interface import Interface, merge_bindings
 from solari_vk.gpu.frame.pipelines import PipelineKey, Pipelines
 from solari_vk.gpu.frame.raster import check_draw
+from solari_vk.gpu.frame.resources import DEPTH_FORMAT, image_format
 from solari_vk.gpu.frame.stages import Draw, Pass, Stage, Step
 from solari_vk.gpu.shaders.compiler import Roots, compile_shader
 from solari_vk.gpu.shaders.spirv import Module, reflect
@@ -146,8 +148,9 @@ class ProgramBuilder:
         modules = tuple(program.modules[key] for key in _shaders(item))
         if isinstance(item, Draw):
             check_draw(self._device, name, item, program.interface)
-            formats = [program.interface[image].image_format for image in item.colors]
-            key, pipeline = self._pipelines.graphics(name, modules, item.constants, program.interface, formats)
+            colors = (image_format(program.interface[image].image_format) for image in item.colors)
+            targets = Targets(tuple(colors), image_format(DEPTH_FORMAT))
+            key, pipeline = self._pipelines.graphics(name, modules, item.constants, program.interface, targets)
         else:
             key, pipeline = self._pipelines.compute(name, modules[0], item.constants, program.interface)
         program.pipeline_keys.add(key)

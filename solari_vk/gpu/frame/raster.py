@@ -1,18 +1,20 @@
-"""Drawing inside a frame: the pipeline of a Draw and its commands, with dynamic rendering and no vertex input."""
+"""Drawing inside a frame: what a Draw needs of the device, and its commands, with dynamic rendering."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.interface import Interface
-from solari_vk.gpu.frame.resources import DEPTH_FORMAT
 from solari_vk.gpu.frame.stages import Draw
 
-_DYNAMIC = [raw.VK_DYNAMIC_STATE_VIEWPORT, raw.VK_DYNAMIC_STATE_SCISSOR, raw.VK_DYNAMIC_STATE_CULL_MODE]
+Attachment = tuple[raw.CData, int]
+"""A VkImageView and the layout that its image is in."""
+
 _COMMAND_BYTES = raw.ffi.sizeof("VkDrawIndirectCommand")
 _NEEDED = (
     "multiDrawIndirect",
@@ -36,85 +38,59 @@ def check_draw(device: Device, name: str, item: Draw, interface: Interface) -> N
             raise SolariError(f"pass {name}: {draws.most:,} draws, but this device does 1 to {most:,} at once")
 
 
-def graphics_create_info(stages: list[raw.CData], formats: Sequence[str], layout: raw.CData) -> raw.CData:
-    """VkGraphicsPipelineCreateInfo: counter-clockwise triangles are fronts, and what has more depth is nearer."""
-    mask = (
-        raw.VK_COLOR_COMPONENT_R_BIT | raw.VK_COLOR_COMPONENT_G_BIT | raw.VK_COLOR_COMPONENT_B_BIT
-        | raw.VK_COLOR_COMPONENT_A_BIT
-    )  # fmt: skip
-    return raw.struct(
-        "VkGraphicsPipelineCreateInfo",
-        pNext=raw.struct(
-            "VkPipelineRenderingCreateInfo",
-            colorAttachmentCount=len(formats),
-            pColorAttachmentFormats=[getattr(raw, "VK_FORMAT_" + name) for name in formats],
-            depthAttachmentFormat=getattr(raw, "VK_FORMAT_" + DEPTH_FORMAT),
-        ),
-        stageCount=len(stages),
-        pStages=stages,
-        pVertexInputState=raw.struct("VkPipelineVertexInputStateCreateInfo"),
-        pInputAssemblyState=raw.struct(
-            "VkPipelineInputAssemblyStateCreateInfo", topology=raw.VK_PRIMITIVE_TOPOLOGY_TRIANGLE_LIST
-        ),
-        pViewportState=raw.struct("VkPipelineViewportStateCreateInfo", viewportCount=1, scissorCount=1),
-        pRasterizationState=raw.struct(
-            "VkPipelineRasterizationStateCreateInfo", frontFace=raw.VK_FRONT_FACE_COUNTER_CLOCKWISE, lineWidth=1
-        ),
-        pMultisampleState=raw.struct(
-            "VkPipelineMultisampleStateCreateInfo", rasterizationSamples=raw.VK_SAMPLE_COUNT_1_BIT
-        ),
-        pDepthStencilState=raw.struct(
-            "VkPipelineDepthStencilStateCreateInfo",
-            depthTestEnable=1,
-            depthWriteEnable=1,
-            depthCompareOp=raw.VK_COMPARE_OP_GREATER,
-        ),
-        pColorBlendState=raw.struct(
-            "VkPipelineColorBlendStateCreateInfo",
-            attachmentCount=len(formats),
-            pAttachments=[raw.struct("VkPipelineColorBlendAttachmentState", colorWriteMask=mask) for _ in formats],
-        ),
-        pDynamicState=raw.struct(
-            "VkPipelineDynamicStateCreateInfo", dynamicStateCount=len(_DYNAMIC), pDynamicStates=_DYNAMIC
-        ),
-        layout=layout,
-    )
+@contextmanager
+def rendering(
+    device: Device,
+    cmd: raw.CData,
+    size: tuple[int, int],
+    colors: Sequence[Attachment],
+    depth: Attachment | None = None,
+    *,
+    clears: bool = True,
+) -> Iterator[None]:
+    """Dynamic rendering around the draws recorded inside the `with` block: attachments, viewport and scissor of the
+    whole size (width, height) in pixels, and no culling. `clears`: the attachments start from zeros."""
+    vk, extent = device.vk, {"width": size[0], "height": size[1]}
+    load = raw.VK_ATTACHMENT_LOAD_OP_CLEAR if clears else raw.VK_ATTACHMENT_LOAD_OP_LOAD
 
+    def attachment(target: Attachment) -> raw.CData:
+        return raw.struct(
+            "VkRenderingAttachmentInfo",
+            imageView=target[0],
+            imageLayout=target[1],
+            loadOp=load,
+            storeOp=raw.VK_ATTACHMENT_STORE_OP_STORE,
+        )
 
-def record_draw(device: Device, cmd: raw.CData, item: Draw, bound: Mapping[str, Any]) -> None:
-    """Record a Draw; its pipeline and the descriptor sets are bound, and what it reads and writes is ready."""
-    vk = device.vk
-    depth = bound[item.depth]
-    for name in item.colors:
-        if (bound[name].width, bound[name].height) != (depth.width, depth.height):
-            raise SolariError(f"pass {item.name}: {name} and {item.depth} differ in size")
-    extent = {"width": depth.width, "height": depth.height}
-    rendering = raw.struct(
+    info = raw.struct(
         "VkRenderingInfo",
         renderArea={"extent": extent},
         layerCount=1,
-        colorAttachmentCount=len(item.colors),
-        pColorAttachments=[_attachment(bound[name], item.clears) for name in item.colors],
-        pDepthAttachment=_attachment(depth, item.clears),
+        colorAttachmentCount=len(colors),
+        pColorAttachments=[attachment(target) for target in colors],
+        pDepthAttachment=None if depth is None else attachment(depth),
     )
-    vk.vkCmdBeginRendering(cmd, rendering)
+    vk.vkCmdBeginRendering(cmd, info)
     vk.vkCmdSetViewport(cmd, 0, 1, raw.struct("VkViewport", **extent, maxDepth=1))
     vk.vkCmdSetScissor(cmd, 0, 1, raw.struct("VkRect2D", extent=extent))
-    for draws in item.draws:
-        vk.vkCmdSetCullMode(cmd, raw.VK_CULL_MODE_BACK_BIT if draws.culls_backs else raw.VK_CULL_MODE_NONE)
-        commands, count = bound[draws.commands].handle, bound[draws.count].handle
-        if "drawIndirectCount" in device.features:
-            vk.vkCmdDrawIndirectCount(cmd, commands, 0, count, draws.count_offset, draws.most, _COMMAND_BYTES)
-        else:
-            vk.vkCmdDrawIndirect(cmd, commands, 0, draws.most, _COMMAND_BYTES)
+    vk.vkCmdSetCullMode(cmd, raw.VK_CULL_MODE_NONE)
+    yield
     vk.vkCmdEndRendering(cmd)
 
 
-def _attachment(image: Any, clears: bool) -> raw.CData:
-    return raw.struct(
-        "VkRenderingAttachmentInfo",
-        imageView=image.view,
-        imageLayout=image.layout,
-        loadOp=raw.VK_ATTACHMENT_LOAD_OP_CLEAR if clears else raw.VK_ATTACHMENT_LOAD_OP_LOAD,
-        storeOp=raw.VK_ATTACHMENT_STORE_OP_STORE,
-    )
+def record_draw(device: Device, cmd: raw.CData, item: Draw, bound: Mapping[str, Any]) -> None:
+    """Record a Draw. Its pipeline and descriptor sets must be bound, and barriers recorded."""
+    vk = device.vk
+    images = [bound[name] for name in (*item.colors, item.depth)]
+    for name, image in zip(item.colors, images, strict=False):
+        if (image.width, image.height) != (images[-1].width, images[-1].height):
+            raise SolariError(f"pass {item.name}: {name} and {item.depth} differ in size")
+    *colors, depth = [(image.view, image.layout) for image in images]
+    with rendering(device, cmd, (images[-1].width, images[-1].height), colors, depth, clears=item.clears):
+        for draws in item.draws:
+            vk.vkCmdSetCullMode(cmd, raw.VK_CULL_MODE_BACK_BIT if draws.culls_backs else raw.VK_CULL_MODE_NONE)
+            commands, count = bound[draws.commands].handle, bound[draws.count].handle
+            if "drawIndirectCount" in device.features:
+                vk.vkCmdDrawIndirectCount(cmd, commands, 0, count, draws.count_offset, draws.most, _COMMAND_BYTES)
+            else:
+                vk.vkCmdDrawIndirect(cmd, commands, 0, draws.most, _COMMAND_BYTES)

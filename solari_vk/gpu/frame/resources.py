@@ -76,7 +76,7 @@ class Resources:
                 items.append(buffer)
             else:
                 width, height, format_name, attachment = rest
-                format = getattr(raw, "VK_FORMAT_" + format_name)
+                format = image_format(format_name)
                 image = self._device.image(width, height, format, label, usage=_USAGES[attachment])
                 _clear(image)
                 items.append(image)
@@ -89,6 +89,11 @@ class Resources:
             for item in made.items:
                 if id(item) not in others:
                     item.destroy()
+
+
+def image_format(name: str) -> int:
+    """The VkFormat of a format's name as reflection gives it, such as "R32_SFLOAT"."""
+    return int(getattr(raw, "VK_FORMAT_" + name))
 
 
 _STORED = raw.VK_IMAGE_USAGE_STORAGE_BIT | raw.VK_IMAGE_USAGE_SAMPLED_BIT
