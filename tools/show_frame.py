@@ -1,64 +1,82 @@
 #!/usr/bin/env python3
-"""Prints a renderer's frame as a table: passes by resources (r reads, w writes), barriers with why, milliseconds.
+"""Prints a renderer's frame: stages, passes with what they read and write, barriers with their reasons, resources.
 
-Usage: tools/show_frame.py [FILE.glb | builtin:NAME] [--size 256x256] [--frames 3]
+Usage: python tools/show_frame.py [FILE.glb | builtin:NAME] [--reference] [--size 256x256] [--frames 3]
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+import textwrap
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from solari_vk.gpu.frame.frame import Row
 
+WIDTH = 120
 
-def format_rows(rows: Sequence[Row]) -> str:
-    """The table of `Frame.describe()`: resources as columns, in the order in which the frame comes to them."""
-    resources = list(dict.fromkeys(name for row in rows for name in (*row.writes, *row.reads)))
-    width = max(len(row.name) for row in rows)
-    height = max((len(name) for name in resources), default=0)
-    indent = " " * (width + 15)
-    lines = [indent + " ".join(name.rjust(height)[at] for name in resources) for at in range(height)]
+
+def describe_passes(rows: Sequence[Row]) -> list[str]:
+    """The lines for `Frame.describe()`: a stage's name, then its passes with barriers and resources."""
+    lines, stage = [], None
     for row in rows:
+        if row.name.partition("/")[0] != stage:
+            stage = row.name.partition("/")[0]
+            lines.append(f"stage {stage}")
         if row.barrier:
-            lines.append(f"{'':{width}}  -- barrier: {row.barrier}")
-        cells = []
-        for name in resources:
-            reads, writes = name in row.reads, name in row.writes
-            cells.append("x" if reads and writes else "w" if writes else "r" if reads else ".")
-        time = "" if row.milliseconds is None else f"{row.milliseconds:8.3f} ms"
-        lines.append(f"{row.name:{width}}  {time:>11}  " + " ".join(cells))
-    return "\n".join([*lines, "r reads, w writes, x both; a barrier lets all before it finish first"])
+            lines += _wrapped("  barrier: ", row.barrier)
+        time = "" if row.milliseconds is None else f"{row.milliseconds:10.3f} ms"
+        lines.append(f"  pass {row.name:42}{time}".rstrip())
+        for verb, names in (("reads", row.reads), ("writes", row.writes)):
+            if names:
+                lines += _wrapped(f"    {verb:6} ", ", ".join(names))
+    return lines
+
+
+def _wrapped(start: str, text: str) -> list[str]:
+    return textwrap.wrap(text, WIDTH, initial_indent=start, subsequent_indent=" " * len(start))
+
+
+def describe_resources(resources: Mapping[str, Any]) -> list[str]:
+    """The lines for resources by name: kind and size of each."""
+    from solari_vk.gpu.device.image import Image
+    from solari_vk.measure.frame.costs import resource_bytes
+
+    lines = ["resources"]
+    for name, resource in sorted(resources.items()):
+        size = resource_bytes(resource)
+        kind = type(resource).__name__.lower()
+        if isinstance(resource, Image):
+            kind += f" {resource.width}x{resource.height}, {resource.channels} x {resource.dtype}"
+        lines.append(f"  {name:32}{'' if size is None else f'{size:,} bytes':>20}  {kind}")
+    return lines
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Render a few frames and print them; returns the exit code."""
+    """Render a few frames and print the last one; returns the exit code."""
     import solari_vk as sv
-    from solari_vk.gpu.frame.frame import Frame
+    from solari_vk.cli.numbers import size
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scene", nargs="?", default="builtin:cornell_box")
-    parser.add_argument("--size", default="256x256")
-    parser.add_argument("--frames", type=int, default=3)
+    parser.add_argument("--reference", action="store_true", help="the path tracer's frame, not the realtime one")
+    parser.add_argument("--size", type=size, default=(256, 256), metavar="WxH", help="pixels (256x256)")
+    parser.add_argument("--frames", type=int, default=3, help="frames to render before (3)")
     options = parser.parse_args(arguments)
-    try:
-        width, height = (int(part) for part in options.size.split("x"))
-    except ValueError:
-        parser.error(f"--size {options.size}: give it as 256x256")
     try:
         name = options.scene.removeprefix("builtin:")
         scene = sv.builtin(name) if name != options.scene else sv.load_gltf(name)
-        camera = next(iter(scene.cameras), None) or sv.frame_camera(scene, aspect=width / height)
-        with sv.Device() as device:
-            renderer = sv.PathTracer(device, scene, (width, height))
-            for samples in range(1, options.frames + 1):
-                renderer.render(camera, samples)
-            for frame in [value for value in vars(renderer).values() if isinstance(value, Frame)]:
-                print(format_rows(frame.describe()))
-            renderer.close()
+        camera = next(iter(scene.cameras), None) or sv.frame_camera(scene, aspect=options.size[0] / options.size[1])
+        kind = sv.PathTracer if options.reference else sv.Renderer
+        with sv.Device() as device, kind(device, scene, options.size) as renderer:
+            for count in range(1, options.frames + 1):
+                renderer.render(camera, *((count,) if options.reference else ()))
+            rows = renderer.describe()
+            names = {name for row in rows for name in (*row.reads, *row.writes)}
+            resources = {name: renderer.resource(name) for name in names}
+            print("\n".join([*describe_passes(rows), *describe_resources(resources)]))
     except sv.SolariError as error:
         print(f"show_frame: {error}", file=sys.stderr)
         return 2

@@ -30,21 +30,22 @@ def frame_time(device: Device, scene: Scene, size: tuple[int, int], frames: int)
 # ---- memory -----------------------------------------------------------------------------------------
 
 
+def resource_bytes(resource: object) -> int | None:
+    """The bytes of a buffer or of an image's first level, None for anything else."""
+    if isinstance(resource, Buffer):
+        return resource.size
+    if isinstance(resource, Image):
+        return resource.width * resource.height * resource.channels * resource.dtype.itemsize
+    return None
+
+
 def resource_sizes(renderer: Renderer) -> dict[str, int]:
-    """Bytes of everything that the frame made for itself, by name; both of a history count."""
-    own: dict[str, int] = {}
-    seen: set[int] = set()
-    names = {name for row in renderer._frame.describe() for name in (*row.reads, *row.writes)}
-    for name in sorted(names - set(renderer.binder.resources)):
-        resource = renderer.resource(name)
-        if id(resource) in seen or not isinstance(resource, (Buffer, Image)):
-            continue
-        seen.add(id(resource))
-        if isinstance(resource, Buffer):
-            own[name] = resource.size
-        else:
-            own[name] = resource.width * resource.height * resource.channels * resource.dtype.itemsize
-    return own
+    """The bytes of each buffer and image that the frame made for itself, by name; both images of a history count."""
+    names = {name for row in renderer.describe() for name in (*row.reads, *row.writes)}
+    resources = {name: renderer.resource(name) for name in sorted(names - set(renderer.binder.resources))}
+    different = {id(resource): name for name, resource in reversed(resources.items())}
+    sizes = {name: resource_bytes(resources[name]) for name in different.values()}
+    return {name: size for name, size in sizes.items() if size is not None}
 
 
 def memory(device: Device, small: tuple[int, int], large: tuple[int, int]) -> tuple[dict[str, float], dict[str, float]]:
