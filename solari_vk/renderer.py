@@ -27,6 +27,7 @@ from solari_vk.passes import (
     specular_gi,
     world_cache,
 )
+from solari_vk.passes.debug_views import DEBUG_VIEWS
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.light_translation import LightTranslation
 from solari_vk.scene.model import Camera, Scene
@@ -102,7 +103,8 @@ class Renderer(PictureRenderer):
             restir_gi.stage(size, settings),
             specular_gi.stage(size, settings),
             guides.stage(size, settings),
-            display.stage(size, settings),
+            display.compose_stage(size),
+            display.show_stage(size),
             gbuffer.last_stage(instances),
         ]
         if self.count_rays:
@@ -116,7 +118,7 @@ class Renderer(PictureRenderer):
         """
         self._checked_camera(camera)
         self.binder.update()
-        seen = (self.size, self.seed, self.settings, self.settings.revision, self.binder.version, self._view,
+        seen = (self.size, self.seed, self.settings, self.settings.revision, self.binder.version, self._debug_view,
                 self._tonemap, self._frame.uniforms)  # fmt: skip
         if seen != self._settings_seen:
             if self._built != self._build_key():
@@ -154,7 +156,7 @@ class Renderer(PictureRenderer):
         for name, value in self.settings.uniforms().items():
             uniforms[name] = value
         uniforms["seed"], uniforms["size"] = self.seed, self.size
-        uniforms["view"], uniforms["tonemap"] = self._view, self._tonemap
+        uniforms["debug_view"], uniforms["tonemap"] = self._debug_view, self._tonemap
 
     def _write_uniforms(self, camera: Camera) -> None:
         uniforms = self._frame.uniforms
@@ -206,12 +208,12 @@ class Renderer(PictureRenderer):
 
     @property
     def view(self) -> str:
-        """What `display` shows: "picture", or a debug view of passes.display.VIEWS; from the next frame on."""
-        return tuple(display.VIEWS)[self._view]
+        """What `display` shows from the next frame on: "picture" or a debug view (`solari-vk views` lists them)."""
+        return tuple(DEBUG_VIEWS)[self._debug_view]
 
     @view.setter
     def view(self, name: str) -> None:
-        self._view = _index_of(name, tuple(display.VIEWS), "view")
+        self._debug_view = _index_of(name, tuple(DEBUG_VIEWS), "view")
 
     @property
     def tonemap(self) -> str:

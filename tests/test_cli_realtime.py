@@ -15,7 +15,7 @@ from PIL import Image
 import solari_vk as sv
 from solari_vk.cli import main
 from solari_vk.output.tone_mapping import decode_srgb
-from solari_vk.passes.display import VIEWS
+from solari_vk.passes.debug_views import DEBUG_VIEWS
 from solari_vk.settings import FIELDS
 
 SIZE = 24, 16
@@ -192,4 +192,4 @@ def test_lists_name_every_setting_and_view(capsys):
     said = capsys.readouterr().out
     assert all(f"  {name}=" in said for name in FIELDS)
     assert main(["views"]) == 0
-    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(VIEWS)
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(DEBUG_VIEWS)

@@ -109,7 +109,7 @@ def test_a_closed_renderer_says_nothing_new(device, scene):
 
 
 def test_a_renderer_that_fails_leaves_nothing(device, scene, monkeypatch):
-    monkeypatch.setattr("solari_vk.renderer.display.stage", lambda *_: 1 / 0)
+    monkeypatch.setattr("solari_vk.renderer.display.show_stage", lambda *_: 1 / 0)
     objects = device.live_objects
     with pytest.raises(ZeroDivisionError):
         sv.Renderer(device, scene, SIZE)

@@ -39,7 +39,7 @@ layout(set = 1, binding = 0, scalar) uniform UniformsBlock {
     uint has_history;         // 0 in the first frame and after a reset
     float exposure;
     float lighting_change;    // share of the lights' power that came, went or moved of late
-    uint view;                // what `display` shows: a row of VIEWS in passes/display.py
+    uint debug_view;          // index into DEBUG_VIEWS of passes/debug_views.py; 0: the picture
     uint tonemap;
 
     // ---- and the fields of solari_vk/settings, by the same names and in the same units

@@ -94,10 +94,10 @@ def _settings(options: argparse.Namespace) -> None:
 
 
 def _views(options: argparse.Namespace) -> None:
-    from solari_vk.passes.display import VIEWS
+    from solari_vk.passes.debug_views import DEBUG_VIEWS
 
-    for name, meaning in VIEWS.items():
-        print(f"{name:{max(map(len, VIEWS))}}  {meaning}")
+    for name, meaning in DEBUG_VIEWS.items():
+        print(f"{name:{max(map(len, DEBUG_VIEWS))}}  {meaning}")
 
 
 # ---- devices ----------------------------------------------------------------------------------------

@@ -54,10 +54,10 @@ def check_output(options: argparse.Namespace) -> bool:
 
 def check_view(options: argparse.Namespace) -> None:
     """A debug view is of one frame, in 8 bits. Raises SolariError for options that ask for more."""
-    from solari_vk.passes.display import VIEWS
+    from solari_vk.passes.debug_views import DEBUG_VIEWS
 
-    if options.view not in VIEWS:
-        raise SolariError(f"--view {options.view}: there is no such view; there are {', '.join(VIEWS)}")
+    if options.view not in DEBUG_VIEWS:
+        raise SolariError(f"--view {options.view}: there is no such view; there are {', '.join(DEBUG_VIEWS)}")
     if options.view == "picture":
         return
     if options.output.suffix.lower() in (".exr", ".npy"):

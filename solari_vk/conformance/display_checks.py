@@ -14,13 +14,13 @@ from solari_vk.conformance.rules import SUITE, Measurement, Rule, count_wrong
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
 from solari_vk.output import tone_mapping
-from solari_vk.passes.display import VIEWS
+from solari_vk.passes.debug_views import DEBUG_VIEWS
 from solari_vk.renderer import RenderedFrame
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, lamp, rgb
 
 Image = NDArray[Any]
-_VIEWS = (SUITE, "Debug views")
+_DEBUG_VIEWS = (SUITE, "Debug views")
 EXPOSURE = Rule("white is 1.2 * 2^EV100 cd/m^2, and light shown in proportion", "ISO 12232", "saturation-based speed")
 SRGB = Rule("without a tone curve, the sRGB transfer function", "IEC 61966-2-1", "8 bits")
 CURVES = {
@@ -28,10 +28,10 @@ CURVES = {
     "aces": Rule("the ACES filmic curve", "Narkowicz 2015", "ACES Filmic Tone Mapping Curve"),
     "agx": Rule("the AgX curve", "Wrensch 2023", "Minimal AgX Implementation"),
 }
-SHOWN = Rule("every debug view shows more than one thing", *_VIEWS)
-LIGHT = Rule("views of light are its parts", *_VIEWS)
-SURFACE = Rule("views of surfaces and guides are their buffers", *_VIEWS)
-NUMBERS = Rule("numbers are shown in Viridis's colours, wherever there are any", *_VIEWS)
+SHOWN = Rule("every debug view shows more than one thing", *_DEBUG_VIEWS)
+LIGHT = Rule("views of light are its parts", *_DEBUG_VIEWS)
+SURFACE = Rule("views of surfaces and guides are their buffers", *_DEBUG_VIEWS)
+NUMBERS = Rule("numbers are shown in Viridis's colours, wherever there are any", *_DEBUG_VIEWS)
 COLUMNS, ROWS = 16, 12
 EV100, EXPOSURES = 6.0, (3.0, 6.0, 9.0)
 SIZE = (32, 24)
@@ -131,12 +131,12 @@ def room() -> sv.Scene:
 def measure_views(device: Device) -> Iterator[Measurement]:
     """Every view, one a frame, of a camera that sways."""
     scene, constant = room(), []
-    if unknown := {*_LIGHT, *_SURFACE, *_NUMBERS} - set(VIEWS):
+    if unknown := {*_LIGHT, *_SURFACE, *_NUMBERS} - set(DEBUG_VIEWS):
         raise SolariError(f"there are no views {', '.join(sorted(unknown))}: what these rules check was renamed")
     errors: dict[Rule, list[float]] = {LIGHT: [], SURFACE: [], NUMBERS: []}
     camera = scene.camera
     with make_renderer(device, scene, SIZE, world_cache_lod_distance=0.5, jitter=False) as renderer:
-        for index, view in enumerate(["picture"] * 4 + list(VIEWS)):
+        for index, view in enumerate(["picture"] * 4 + list(DEBUG_VIEWS)):
             renderer.view = view
             moved = camera.transform.copy()
             moved[:3, 3] += (0.2 * np.sin(index), 0, 0.5)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from solari_vk.errors import DeviceError, SolariError, ValidationError
 from solari_vk.output.tone_mapping import TONEMAPS
-from solari_vk.passes.display import VIEWS
+from solari_vk.passes.debug_views import DEBUG_VIEWS
 from solari_vk.viewer.controls import KEYS_HELP
 from solari_vk.viewer.picking import Pick, pick_at
 from solari_vk.viewer.pictures import MODES
@@ -73,8 +73,8 @@ def _next_mode(session: Session) -> None:
 
 def _show_view(step: int) -> Callable[[Session], None]:
     def show(session: Session) -> None:
-        view = session.pictures.view = _next(tuple(VIEWS), session.pictures.view, step)
-        session.say(f"{view}: {VIEWS[view]}")
+        view = session.pictures.view = _next(tuple(DEBUG_VIEWS), session.pictures.view, step)
+        session.say(f"{view}: {DEBUG_VIEWS[view]}")
 
     return show
 

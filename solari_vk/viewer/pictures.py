@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
 from solari_vk.output.tone_mapping import TONEMAPS
-from solari_vk.passes.display import VIEWS
+from solari_vk.passes.debug_views import DEBUG_VIEWS
 from solari_vk.reference import MAX_SAMPLES
 from solari_vk.renderer import Renderer
 from solari_vk.scene.binder import SceneBinder
@@ -78,7 +78,7 @@ class Pictures:
         The reference gets one sample a pixel while the camera moves and beside the realtime picture, so that frames
         are short, and otherwise as many as make a dispatch worth its overhead.
         """
-        if self.view not in VIEWS or self.tonemap not in TONEMAPS:
+        if self.view not in DEBUG_VIEWS or self.tonemap not in TONEMAPS:
             raise SolariError(f"the viewer has no view {self.view!r} or no tone mapping {self.tonemap!r}")
         self.binder.update()  # a fault of the scene raises here, and refuses no size
         moved = self.camera is None or (self.camera.transform != camera.transform).any()

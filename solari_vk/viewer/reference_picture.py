@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
-from solari_vk.gpu.frame.frame import Frame, Pass, Stage
+from solari_vk.gpu.frame.frame import Frame
 from solari_vk.output.tone_mapping import TONEMAPS
+from solari_vk.passes.display import show_stage
 from solari_vk.reference import PathTracer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera
@@ -17,14 +18,14 @@ class ReferencePicture:
     def __init__(self, device: Device, binder: SceneBinder, size: tuple[int, int], seed: int) -> None:
         self.tracer = PathTracer(device, binder, size, seed=seed)
         try:
-            self._frame = Frame(device, _stages(size), external=self._external)
+            self._frame = Frame(device, [show_stage(size, debug_views=False)], external=self._external)
         except BaseException:
             self.tracer.close()
             raise
 
     @property
     def _external(self) -> dict[str, object]:
-        return {"radiance_mean": self.tracer.resource("radiance_mean")}
+        return {"radiance": self.tracer.resource("radiance_mean")}
 
     @property
     def display(self) -> Image:
@@ -41,9 +42,9 @@ class ReferencePicture:
         """Add samples to the picture, at most so many for each pixel, and show it."""
         if self.tracer.size != size:
             self.tracer.resize(size)
-        radiance = self._external["radiance_mean"]
-        if self._frame.resource("radiance_mean") is not radiance or self.size != size:
-            self._frame.rebuild(_stages(size), self._external)
+        radiance = self._external["radiance"]
+        if self._frame.resource("radiance") is not radiance or self.size != size:
+            self._frame.rebuild([show_stage(size, debug_views=False)], self._external)
         self.tracer.advance(camera, max_samples)
         self._frame.uniforms["size"] = size
         self._frame.uniforms["exposure"] = camera.exposure
@@ -59,7 +60,3 @@ class ReferencePicture:
         """Free everything once the submitted work is done. Safe to call twice."""
         self._frame.close()
         self.tracer.close()
-
-
-def _stages(size: tuple[int, int]) -> list[Stage]:
-    return [Stage("viewer", images={"display": size}, passes=[Pass("viewer/show", threads=size)])]

@@ -23,7 +23,8 @@ DI, GI = "passes/restir_di/spatial_and_shade.comp", "passes/restir_gi/initial_an
 CULL, GATHER = "passes/gbuffer/cull.comp", "passes/world_cache/sample_indirect.comp"
 QUERY = "passes/world_cache/query.glsl"
 GENERATE, TILES = "passes/light_tiles/generate.comp", "passes/light_tiles/light_tiles.glsl"
-TONEMAP, VIEWS = "passes/display/tonemap.glsl", "passes/display/views.glsl"
+TONEMAP = "passes/display/tonemap.glsl"
+VIEW, VIEWS = "passes/display/debug_view.comp", "passes/display/debug_views.glsl"
 MIRRORS, WRITE = "passes/guides/mirrors.glsl", "passes/guides/write.comp"
 
 
@@ -139,10 +140,10 @@ BUGS = {
     "ACES without its exposure": (display_checks.measure_picture, ["ACES"], TONEMAP, "ACES_EXPOSURE * color", "color"),
     "AgX without its outset": (display_checks.measure_picture, ["AgX"], TONEMAP, "shaped * inverse(AGX_INSET)",
                               "shaped"),
-    "a view of one colour": (display_checks.measure_views, ["more than one thing"], VIEWS,
-                             "vec3(surface.material.metallic)", "vec3(0.5)"),
-    "another light shown": (display_checks.measure_views, ["views of light"], VIEWS,
-                            "show_radiance(gi_diffuse.at[index])", "show_radiance(di_diffuse.at[index])"),
+    "a view of one colour": (display_checks.measure_views, ["more than one thing"], VIEW,
+                             "uniforms.debug_view, pixel", "uniforms.debug_view, uvec2(0u)"),
+    "another light shown": (display_checks.measure_views, ["views of light"], VIEW,
+                            "(uniforms.debug_view,", "(uniforms.debug_view == 2u ? 1u : uniforms.debug_view,"),
     "motion shown twice": (display_checks.measure_views, ["views of surfaces"], VIEWS, "/ 16.0, 0.5)", "/ 8.0, 0.5)"),
     "another yellow": (display_checks.measure_views, ["Viridis"], VIEWS, "vec3(0.993, 0.906, 0.144)",
                        "vec3(1.0, 1.0, 0.0)"),

@@ -2,27 +2,16 @@
 
 from __future__ import annotations
 
-import re
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 import solari_vk as sv
 from solari_vk.output.tone_mapping import TONEMAPS, encode_picture
-from solari_vk.passes.display import VIEWS
+from solari_vk.passes.debug_views import DEBUG_VIEWS
 
-GLSL = Path(__file__).resolve().parents[2] / "glsl" / "passes" / "display"
 SIZE = 40, 24
 NO_INDEX = 0xFFFFFFFF
 METAL = sv.Material(base_color=(0.9, 0.7, 0.4), metallic=1.0, perceptual_roughness=0.2)
-
-
-def names_of(file: str, prefix: str) -> list[str]:
-    """The constants of a prefix, which count up from 0."""
-    found = re.findall(rf"const uint {prefix}_(\w+) = (\d+)u;", (GLSL / file).read_text(encoding="utf-8"))
-    assert [int(number) for _, number in found] == list(range(len(found)))
-    return [name.lower() for name, _ in found]
 
 
 def make_scene() -> sv.Scene:
@@ -68,10 +57,6 @@ def shown(radiance, curve="agx"):
     return encode_picture(radiance, exposure=exposure, curve=curve).astype(float)
 
 
-def test_names_are_the_shaders():
-    assert names_of("views.glsl", "VIEW") == list(VIEWS)
-
-
 @pytest.mark.parametrize("curve", TONEMAPS)
 def test_the_display_is_the_picture_that_the_host_makes(frames, curve):
     renderer = frames("picture", curve)
@@ -97,7 +82,7 @@ def test_views_of_light_are_the_buffers(frames, view):
     assert np.abs(renderer["display"][..., :3] - shown(radiance)).max() <= 1
 
 
-@pytest.mark.parametrize("view", VIEWS)
+@pytest.mark.parametrize("view", DEBUG_VIEWS)
 def test_every_view_shows_something(frames, view):
     renderer = frames(view)
     assert renderer.view == view
@@ -133,14 +118,14 @@ def test_views_of_reservoirs_are_the_buffers(frames):
 
 def test_views_only_read(frames):
     rows = {row.name: row for row in frames("cache_cells")._frame.describe()}
-    assert rows["display/show"].writes == ("display",)
-    assert "world_cache_checksums" in rows["display/show"].reads
+    assert rows["display/debug_view"].writes == ("display",)
+    assert "world_cache_checksums" in rows["display/debug_view"].reads
 
 
 def test_looking_changes_nothing(device):
     """A run that shows another view in each frame is the run that shows none."""
     runs = []
-    for views in (list(VIEWS), ["picture"] * len(VIEWS)):
+    for views in (list(DEBUG_VIEWS), ["picture"] * len(DEBUG_VIEWS)):
         scene = make_scene()
         with sv.Renderer(device, scene, SIZE, make_settings()) as renderer:
             for view, camera in zip(views, cameras(scene, len(views)), strict=True):

@@ -16,7 +16,7 @@ import solari_vk as sv
 from solari_vk.cli import main
 from solari_vk.gpu.shaders import compiler
 from solari_vk.output.tone_mapping import TONEMAPS
-from solari_vk.passes.display import VIEWS
+from solari_vk.passes.debug_views import DEBUG_VIEWS
 from solari_vk.viewer import messages, pictures, reload
 from solari_vk.viewer.window import Event
 
@@ -39,11 +39,11 @@ def click(viewer, x, y):
 
 def test_views_and_tone_mappings_go_round(open_viewer):
     viewer = open_viewer(**FLAT)
-    type_keys(viewer, *[glfw.KEY_V] * len(VIEWS), *[glfw.KEY_T] * (len(TONEMAPS) + 1))
+    type_keys(viewer, *[glfw.KEY_V] * len(DEBUG_VIEWS), *[glfw.KEY_T] * (len(TONEMAPS) + 1))
     assert viewer.pictures.view == "picture"
     assert viewer.pictures.tonemap == TONEMAPS[(TONEMAPS.index("agx") + 1) % len(TONEMAPS)]
     type_keys(viewer, glfw.KEY_V, modifiers=glfw.MOD_SHIFT)
-    assert viewer.pictures.view == list(VIEWS)[-1]
+    assert viewer.pictures.view == list(DEBUG_VIEWS)[-1]
 
 
 def test_brighter_is_brighter(open_viewer):
@@ -222,7 +222,7 @@ def test_rays_that_cannot_be_counted_leave_the_renderer(device, monkeypatch):
 def test_debug_views_have_no_error(device, monkeypatch):
     shown = pictures.Pictures(device, sv.builtin("cornell_box"), sv.Settings(), mode="split")
     monkeypatch.setattr(pictures.Pictures, "ready", True)
-    shown.view = "albedo" if "albedo" in VIEWS else list(VIEWS)[1]
+    shown.view = "albedo" if "albedo" in DEBUG_VIEWS else list(DEBUG_VIEWS)[1]
     assert shown.error() is None
     shown.close()
 
@@ -286,18 +286,18 @@ def shaders(tmp_path, monkeypatch):
 def test_shaders_are_reloaded_and_errors_shown(open_viewer, shaders):
     viewer = open_viewer(**FLAT)
     viewer.run(frames=2)
-    shader = shaders / "passes" / "viewer" / "show.comp"
+    shader = shaders / "passes" / "display" / "show.comp"
     right = shader.read_text()
     good = viewer.pictures.pixels()
     assert good.max() > 100
 
-    shader.write_text(right.replace("show_radiance(radiance)", "show_radians(radiance)"))
+    shader.write_text(right.replace("show_radiance", "show_radians"))
     viewer.run(frames=2)
     line = next(n for n, text in enumerate(right.splitlines(), 1) if "show_radiance" in text)
     assert f"show.comp:{line}:" in viewer.message
     assert viewer.pictures.pixels().max() > 100, "the last good pipelines go on"
 
-    shader.write_text(right.replace("show_radiance(radiance)", "vec3(0.0, 1.0, 0.0)"))
+    shader.write_text(right.replace("show_radiance(radiance.at[index])", "vec3(0.0, 1.0, 0.0)"))
     viewer.run(frames=2)
     assert "reloaded" in viewer.message
     assert (viewer.pictures.pixels() == (0, 255, 0)).all()
@@ -324,7 +324,7 @@ def test_shaders_and_file_are_reloaded_each_by_itself(open_viewer, shaders, capf
 
     viewer = open_viewer(**FLAT, source="model.gltf", load=load)
     viewer.run(frames=2)
-    (shaders / "passes" / "viewer" / "show.comp").write_text("broken")
+    (shaders / "passes" / "display" / "show.comp").write_text("broken")
     viewer.act("reload")
     told = capfd.readouterr().err
     assert "show.comp" in told

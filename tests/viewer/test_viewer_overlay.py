@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
-from solari_vk.passes.display import VIEWS
+from solari_vk.passes.debug_views import DEBUG_VIEWS
 from solari_vk.settings import DEFAULTS, FIELDS
 from solari_vk.viewer import panels, scene_panel
 from solari_vk.viewer.overlay import MARGIN
@@ -195,7 +195,7 @@ def test_modes_views_and_meanings(open_viewer, replace):
     replace(combo=combo)
     viewer.step()
     assert offered["mode"] == list(MODES)
-    assert offered["view"] == list(VIEWS)
+    assert offered["view"] == list(DEBUG_VIEWS)
     assert all(field.meaning for field in FIELDS.values())
 
 

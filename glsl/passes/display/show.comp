@@ -1,12 +1,13 @@
-// Shows the frame: radiance after exposure and tone mapping, or the debug view of uniforms.view.
+// Shows radiance: exposure, tone mapping and sRGB.
 #version 460
 #include "passes/bindings.glsl"
-#include "passes/display/views.glsl"
+#include "passes/display/tonemap.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
 void main() {
-    uvec2 pixel = INVOCATION_INDEX;
+    uvec2 pixel = gl_GlobalInvocationID.xy;
     if (any(greaterThanEqual(pixel, uniforms.size))) { return; }
-    imageStore(display, ivec2(pixel), vec4(show_view(pixel), 1.0));
+    uint index = pixel.y * uniforms.size.x + pixel.x;
+    imageStore(display, ivec2(pixel), vec4(show_radiance(radiance.at[index]), 1.0));
 }

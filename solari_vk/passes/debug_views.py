@@ -1,0 +1,158 @@
+"""Debug views: their names, what they show, and the GLSL that computes each one's color.
+
+To add a view, add a row here. A color that takes more than an expression is a function in
+glsl/passes/display/debug_views.glsl.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+PICTURE = "picture"
+
+
+@dataclass(frozen=True)
+class ViewGroup:
+    """Views of one part of the frame.
+
+    views: for each name what the view shows, and a GLSL expression of type vec3 for the sRGB color of a pixel. The
+    expression knows `uvec2 pixel`, `ivec2 at` (the same), `uint index` (of the pixel in buffers) and
+    `GBufferSurface surface`, and what `setup`, statements that run first, declares.
+    """
+
+    title: str
+    setup: str
+    views: dict[str, tuple[str, str]]
+
+
+_IF_SURFACE = "if (!surface.exists) { return NOTHING; }"
+_GROUPS = (
+    ViewGroup("", "", {
+        "di": ("Direct light.", "show_radiance(di_diffuse.at[index] + di_specular.at[index])"),
+        "gi": ("Indirect light of the diffuse lobe.", "show_radiance(gi_diffuse.at[index])"),
+        "specular": (
+            "Indirect light of the specular lobe; on smooth surfaces with the direct light.",
+            "show_radiance(specular_gi.at[index])",
+        ),
+        "emission": ("The light that lights themselves send to the camera.", "show_radiance(emission.at[index])"),
+        "diffuse_radiance": ("All light of the diffuse lobe.", "show_radiance(diffuse_radiance.at[index])"),
+        "specular_radiance": ("All light of the specular lobe.", "show_radiance(specular_radiance.at[index])"),
+    }),
+    ViewGroup("G-buffer", "", {
+        "base_color": ("base color.", "encode_srgb(surface.material.base_color)"),
+        "roughness": ("perceptual roughness, black is smooth.", "vec3(surface.material.perceptual_roughness)"),
+        "metallic": ("metallic, white is metal.", "vec3(surface.material.metallic)"),
+        "reflectance": ("reflectance of dielectrics.", "surface.material.reflectance"),
+        "emissive": ("the radiance that the surface emits.", "show_radiance(surface.material.emissive)"),
+    }),
+    ViewGroup("G-buffer", _IF_SURFACE, {
+        "shading_normal": (
+            "shading normal, x, y, z as red, green, blue; grey is 0.", "show_direction(surface.world_normal)"
+        ),
+        "geometric_normal": (
+            "the triangle's own normal, in the same colors.", "show_direction(surface.geometric_world_normal)"
+        ),
+        "depth": ("distance; the colors repeat each time it doubles.", "show_depth(imageLoad(depth, at).x)"),
+        "instance": ("a color for each instance.", "show_number(instances.at[surface.instance].id)"),
+        "motion": (
+            "motion; grey is at rest, red moves to the right, green down, by up to 8 pixels.",
+            "show_motion(imageLoad(motion_vectors, at).xy)",
+        ),
+    }),
+    ViewGroup("Light tiles", "", {
+        "light_tiles": (
+            "one tile below the other, with the colors of its samples from left to right.", "show_light_tiles(pixel)"
+        ),
+    }),
+    ViewGroup("World cache", f"{_IF_SURFACE} ShownCell shown = find_shown_cell(pixel, surface);", {
+        "cache_cells": (
+            "a color for each cell; dark where the cache has no cell.",
+            "show_number(shown.checksum) * (shown.exists ? 1.0 : 0.2)",
+        ),
+        "cache_lod": (
+            "cell size; yellow for the smallest size doubled 8 times.",
+            "show_share(log2(shown.size / uniforms.world_cache_cell_size) / 8.0)",
+        ),
+        "cache_irradiance": (
+            "the radiance that a white surface would reflect of the cell's irradiance.",
+            "show_radiance(INVERSE_PI * shown.irradiance)",
+        ),
+        "cache_samples": (
+            "number of frames that the cell has averaged, yellow for the maximum.",
+            "shown.exists ? show_share(shown.sample_count / float(uniforms.world_cache_max_samples)) : NOTHING",
+        ),
+        "cache_life": (
+            "number of frames until the cell is deleted unless a ray asks for it, yellow for the maximum.",
+            "shown.exists ? show_share(float(shown.life) / float(uniforms.world_cache_lifetime)) : NOTHING",
+        ),
+    }),
+    ViewGroup("ReSTIR DI", f"{_IF_SURFACE} DiReservoir reservoir = di_reservoirs.at[index]; "
+                           "bool found = reservoir.light_sample.light_index != NO_INDEX;", {
+        "di_light": (
+            "the chosen light, in its instance's color; black for none.",
+            "found ? show_light(reservoir.light_sample.light_index) : NOTHING",
+        ),
+        "di_confidence": (
+            "number of frames that the sample stands for, yellow for twice the cap.",
+            "show_share(reservoir.confidence / (2.0 * uniforms.di_confidence_cap))",
+        ),
+        "di_weight": (
+            "unbiased contribution weight on a logarithmic scale, yellow for 4096.",
+            "found ? show_share(log2(1.0 + reservoir.unbiased_contribution_weight) / 12.0) : NOTHING",
+        ),
+        "di_visibility": (
+            "white where the chosen light is visible, dark where it is occluded, black for none.",
+            "found ? vec3(di_outcomes.at[index].y != 0u ? 1.0 : 0.25) : NOTHING",
+        ),
+        "di_neighbor": (
+            "red where no similar neighbor was found.", "di_outcomes.at[index].x == NO_INDEX ? ALARM : vec3(0.5)"
+        ),
+    }),
+    ViewGroup("ReSTIR GI", f"{_IF_SURFACE} GiReservoir reservoir = gi_reservoirs.at[index];", {
+        "gi_radiance": ("radiance of the chosen sample.", "show_radiance(reservoir.radiance)"),
+        "gi_confidence": (
+            "number of frames that the sample stands for, yellow for twice the cap.",
+            "show_share(reservoir.confidence_weight / (2.0 * uniforms.gi_confidence_cap))",
+        ),
+        "gi_weight": (
+            "unbiased contribution weight; green for that of uniform sampling, yellow for twice as much.",
+            "show_share(reservoir.unbiased_contribution_weight / (4.0 * PI))",
+        ),
+    }),
+    ViewGroup("Guides", "", {
+        "guide_diffuse_albedo": ("diffuse albedo.", "encode_srgb(imageLoad(guides_diffuse_albedo, at).rgb)"),
+        "guide_specular_albedo": ("specular albedo.", "encode_srgb(imageLoad(guides_specular_albedo, at).rgb)"),
+        "guide_normal": (
+            "normal.", "surface.exists ? show_direction(imageLoad(guides_normal_roughness, at).xyz) : NOTHING"
+        ),
+        "guide_roughness": ("roughness.", "vec3(imageLoad(guides_normal_roughness, at).w)"),
+        "guide_depth": ("distance, in the colors of depth.", "show_depth(imageLoad(guides_depth, at).x)"),
+        "guide_specular_motion": (
+            "motion, in the colors of motion.", "show_motion(imageLoad(guides_specular_motion, at).xy)"
+        ),
+    }),
+)  # fmt: skip
+
+DEBUG_VIEWS = {PICTURE: "The picture itself: radiance, exposed and tone mapped."} | {
+    name: f"{group.title}: {meaning}" if group.title else meaning
+    for group in _GROUPS
+    for name, (meaning, _) in group.views.items()
+}
+"""The meaning of each view by its name. The uniform `debug_view` is an index into it."""
+
+
+def glsl_header() -> str:
+    """`generated/passes/debug_views.glsl`: the function show_debug_view(view, pixel)."""
+    numbers = {name: index for index, name in enumerate(DEBUG_VIEWS)}
+    groups = []
+    for group in _GROUPS:
+        labels = " ".join(f"case {numbers[name]}u:" for name in group.views)
+        views = "\n".join(f"case {numbers[name]}u: return {color};" for name, (_, color) in group.views.items())
+        groups.append(f"{labels} {{\n{group.setup}\nswitch (view) {{\n{views}\n}}\n}}")
+    return (
+        "vec3 show_debug_view(uint view, uvec2 pixel) {\n"
+        "ivec2 at = ivec2(pixel);\n"
+        "uint index = pixel.y * uniforms.size.x + pixel.x;\n"
+        "GBufferSurface surface = load_gbuffer(pixel);\n"
+        "switch (view) {\n" + "\n".join(groups) + "\n}\nreturn NOTHING;\n}"
+    )
