@@ -13,6 +13,7 @@ from solari_vk.conformance.kernels import Kernels
 from solari_vk.conformance.rules import SUITE, VULKAN, WGPU, Measurement, Rule, count_wrong
 from solari_vk.conformance.worlds import IDENTITY, Boxes, Placed, Shapes, Triangles, World
 from solari_vk.gpu.acceleration.tlas import Tlas
+from solari_vk.scene.matrices import transform_directions, transform_points
 from solari_vk.scene.spatial import spatial_order
 
 Floats = NDArray[np.floating]
@@ -111,8 +112,8 @@ def measure_watertight(kernels: Kernels) -> Iterator[Measurement]:
                 for name, (of, points, eye) in targets.items():
                     if of == shape:
                         origins = random.normal(size=points.shape) * 0.05 + eye
-                        directions = (points - origins) @ matrix[:, :3].T
-                        origins = origins @ matrix[:, :3].T + matrix[:, 3]
+                        directions = transform_directions(matrix, points - origins)
+                        origins = transform_points(matrix, origins)
                         hits = trace(kernels, world.tlas, origins, directions)
                         through[name] += int((hits["t"] < 0).sum())
     for name, (_, points, _) in targets.items():
@@ -171,8 +172,8 @@ def measure_extreme_transforms(kernels: Kernels) -> Iterator[Measurement]:
         matrix[:, 3] = np.array((1.0, -0.6, 0.3)) * far
         placed = Placed("one", matrix)
         exact = placed.matrix
-        origins = np.array([(0.1, 0.05, 1.5)]) @ exact[:, :3].T + exact[:, 3]
-        directions = np.array([(0.02, -0.05, -1.0)]) @ exact[:, :3].T
+        origins = transform_points(exact, np.array([(0.1, 0.05, 1.5)]))
+        directions = transform_directions(exact, np.array([(0.02, -0.05, -1.0)]))
         label = f"size {size:g}, stretch {stretch:g}, place {far:g}"
         with World(kernels.device, {"one": [Triangles(corners)]}, [placed]) as world:
             (hit,) = trace(kernels, world.tlas, origins, directions)

@@ -26,6 +26,7 @@ from solari_vk.measure.replication import replicate
 from solari_vk.renderer import RenderedFrame
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, lamp, matte, place
+from solari_vk.scene.matrices import transform_directions
 
 _DI = (SUITE, "ReSTIR DI")
 DIRECT = Rule("direct light of a Cornell box", *_DI)
@@ -55,7 +56,8 @@ def find_lit_share(device: Device, scene: sv.Scene, side: int) -> Image:
     slope = math.tan(camera.vertical_fov / 2) * np.array((1.0, -1.0))
     pixels = np.stack(np.meshgrid(np.arange(side), np.arange(side)), axis=-1)[:, :, None]
     ndc = 2 * (pixels + random.random((side, side, _SHARE_RAYS, 2))) / side - 1
-    along = np.concatenate([ndc * slope, np.full((*ndc.shape[:3], 1), -1.0)], axis=-1) @ camera.transform[:3, :3].T
+    view = np.concatenate([ndc * slope, np.full((*ndc.shape[:3], 1), -1.0)], axis=-1)
+    along = transform_directions(camera.transform, view)
     with sv.RayTracer(device, scene) as rays:
         hits = rays.trace(camera.transform[:3, 3], along)
         origins = hits["position"] + 1e-4 * hits["normal"]

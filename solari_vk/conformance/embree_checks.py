@@ -13,6 +13,7 @@ from solari_vk.conformance.bulk_checks import bumpy_ball, trace, turn
 from solari_vk.conformance.kernels import Kernels
 from solari_vk.conformance.rules import VULKAN, Measurement, Rule
 from solari_vk.conformance.worlds import IDENTITY, Placed, Triangles, World
+from solari_vk.scene.matrices import transform_points
 from solari_vk.scene.spatial import spatial_order
 
 SCENES = ("soup", "instanced", "mesh of a million")
@@ -69,7 +70,7 @@ class _Flat:
         corners, instance, primitive = [], [], []
         for index, item in enumerate(placed):
             local = shapes[item.shape][0].placed
-            corners.append(local @ item.matrix[:, :3].T + item.matrix[:, 3])
+            corners.append(transform_points(item.matrix, local))
             instance.append(np.full(len(local), index))
             primitive.append(np.arange(len(local)))
         self.corners = np.concatenate(corners)

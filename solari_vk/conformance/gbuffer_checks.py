@@ -16,6 +16,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.renderer import RenderedFrame, Renderer
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import matte, place
+from solari_vk.scene.matrices import transform_points
 
 _GBUFFER = (SUITE, "G-buffer")
 RASTER = Rule("raster finds the surfaces that rays find", *_GBUFFER)
@@ -76,11 +77,11 @@ def _find_motion_error(
     ndc = 2 * np.stack([columns, rows], axis=-1) / SIZE - 1
     along = np.concatenate([ndc * _slope(camera), np.full((*depth.shape, 1), -1.0)], axis=-1)
     distance = camera.near / np.where(there, depth, 1.0)[..., None]
-    world = camera.transform[:3, 3] + distance * along @ camera.transform[:3, :3].T
+    world = transform_points(camera.transform, distance * along)
     was = world.copy()
     for row, step in (steps or {}).items():
         here = there & (frame["gbuffer_surface"][..., 1] == row)
-        was[here] = world[here] @ step[:3, :3].T + step[:3, 3]
+        was[here] = transform_points(step, world[here])
     expected = _project(previous, was) - _project(camera, world)
     moved = np.linalg.norm(_project(previous, was) - _project(previous, world), axis=-1)[there].max()
     return float(np.abs(motion * SIZE - expected)[there].max()), float(moved)

@@ -17,6 +17,7 @@ from solari_vk.passes.guides import IMAGES
 from solari_vk.renderer import RenderedFrame
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, place, rgb
+from solari_vk.scene.matrices import transform_directions
 
 Image = NDArray[Any]
 _PSR, _GUIDES = ("Solari in Bevy 0.19", "primary surface replacement"), (SUITE, "Guides")
@@ -131,7 +132,7 @@ def measure_mirrors(device: Device, name: str) -> Iterator[Measurement]:
     before, now = Setup.of(name, 1.0), Setup.of(name, 0.0)
     shown, seen = _take(device, before, now)
     shown_normal, seen_normal = (guides["normal_roughness"][..., :3] for guides in (shown, seen))
-    seen_normal = seen_normal @ now.reflection[:3, :3].T
+    seen_normal = transform_directions(now.reflection, seen_normal)
     errors = {
         "diffuse albedos": (shown["diffuse_albedo"] - seen["diffuse_albedo"], 1.0, "codes"),
         "specular albedos": (shown["specular_albedo"] - seen["specular_albedo"], 1.0, "codes"),

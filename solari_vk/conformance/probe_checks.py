@@ -13,6 +13,7 @@ from solari_vk.conformance.probe_table import PROBES
 from solari_vk.conformance.probes import AABB, INSTANCES, SHAPES, TRIANGLE, Expected, Probe, call_rule, hit_rule
 from solari_vk.conformance.rules import VULKAN, Measurement, Rule, count_wrong
 from solari_vk.conformance.worlds import Placed, Triangles, World
+from solari_vk.scene.matrices import by_columns
 
 _ORDER = list(INSTANCES)
 _GETTERS = Rule("OpRayQueryGetRayTMin, RayFlags, WorldRayOrigin, WorldRayDirection", VULKAN, "Ray Query")
@@ -161,8 +162,8 @@ class _Checked:
         matrix = self.placed.matrix
         back = np.concatenate([self.inverse, -(self.inverse @ matrix[:, 3:])], axis=1)
         found = {
-            "object_to_world": _error(got["object_to_world"].T, matrix),
-            "world_to_object": _error(got["world_to_object"].T, back),
+            "object_to_world": _error(by_columns(got["object_to_world"]), matrix),
+            "world_to_object": _error(by_columns(got["world_to_object"]), back),
             "object_ray": max(
                 _error(got["object_origin"], self.origin, self._coarseness()),
                 _error(got["object_direction"], self.direction),

@@ -16,6 +16,7 @@ from solari_vk.gpu.acceleration.geometry import AabbGeometry, Geometry, Triangle
 from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE, Tlas
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
+from solari_vk.scene.matrices import transform_points
 
 FRESH, REBUILT, REFITTED, COMPACTED = "fresh", "rebuilt", "refitted", "compacted"
 WAYS = (FRESH, REBUILT, REFITTED, COMPACTED)
@@ -40,7 +41,7 @@ class Triangles:
         """The corners in object space, float64."""
         corners = np.asarray(self.corners, np.float32).astype(np.float64)
         matrix = IDENTITY if self.transform is None else np.asarray(self.transform, np.float32).astype(np.float64)
-        return corners @ matrix[:, :3].T + matrix[:, 3]
+        return transform_points(matrix, corners)
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from solari_vk.errors import SolariError
 from solari_vk.scene import checks
 from solari_vk.scene.camera import Camera as Camera
 from solari_vk.scene.checks import FloatArray
+from solari_vk.scene.matrices import transform_points
 from solari_vk.scene.observed import Checked, Observable
 
 SUN_ANGULAR_DIAMETER = 0.00930842  # radians, mean over the year
@@ -275,7 +276,7 @@ class Scene(Observable):
                     sides = zip(positions.min(axis=0), positions.max(axis=0), strict=True)
                     boxes[instance.mesh] = np.array(list(product(*sides)))
                 box = boxes[instance.mesh]
-                corners.append(box @ instance.transform[:3, :3].T + instance.transform[:3, 3])
+                corners.append(transform_points(instance.transform, box))
         if not corners:
             raise SolariError(f"{self.describe()} has no visible instance, so it has no bounds")
         every = np.concatenate(corners)

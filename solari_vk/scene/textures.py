@@ -12,6 +12,7 @@ from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.device.sampler import Sampler
 from solari_vk.gpu.device.uploads import Uploads
 from solari_vk.scene.images import mip_chain
+from solari_vk.scene.matrices import by_columns
 from solari_vk.scene.model import Material, Texture, TextureImage
 from solari_vk.scene.table import Rows, Table
 
@@ -110,7 +111,7 @@ class Textures:
         self._unlink(key)
         self._linked[key] = descriptor
         row = self.rows[key]
-        self.table.records[row]["uv_transform"] = texture.uv_transform.T
+        self.table.records[row]["uv_transform"] = by_columns(texture.uv_transform)
         self.table.records[row]["image"] = self._descriptors[descriptor]
         self.table.mark([row])
 

@@ -7,6 +7,7 @@ import numpy as np
 from solari_vk.gpu.frame.frame import Frame
 from solari_vk.passes import gbuffer
 from solari_vk.scene.binder import SceneBinder
+from solari_vk.scene.matrices import transform_directions
 from solari_vk.scene.view import write_view
 from solari_vk.settings import Settings
 
@@ -102,7 +103,7 @@ def pixel_directions(camera, size, jitter=(0.0, 0.0)) -> np.ndarray:
     width, height = size
     slope = np.tan(camera.vertical_fov / 2) * np.array((width / height, -1.0))
     ndc = (np.mgrid[0:height, 0:width][::-1].transpose(1, 2, 0) + 0.5 + np.asarray(jitter)) / (width, height) * 2 - 1
-    return np.concatenate([ndc * slope, -np.ones((height, width, 1))], -1) @ camera.transform[:3, :3].T
+    return transform_directions(camera.transform, np.concatenate([ndc * slope, -np.ones((height, width, 1))], -1))
 
 
 def project(camera, size, positions: np.ndarray) -> np.ndarray:

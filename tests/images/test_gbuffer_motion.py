@@ -13,6 +13,7 @@ import solari_vk as sv
 from solari_vk.scene import shapes
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import matte, place
+from solari_vk.scene.matrices import transform_points
 
 SIZE = (96, 64)
 MOST = 1 / 16  # of a pixel
@@ -68,7 +69,7 @@ def check_motion(device, gbuffer="raster", glsl=None):
             for row, instance in binder.instances.items():
                 here = found["instance"] == row
                 step = before[instances.index(instance)] @ np.linalg.inv(instance.transform)
-                was[here] = world[here] @ step[:3, :3].T + step[:3, 3]
+                was[here] = transform_points(step, world[here])
             expected = project(previous, SIZE, was) - project(camera, SIZE, world)
             worst = max(worst, np.abs(found["motion"] * SIZE - expected).max())
             largest = max(largest, np.abs(expected).max())

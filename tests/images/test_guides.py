@@ -10,6 +10,7 @@ import solari_vk as sv
 from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import builtin, matte, place, rgb
+from solari_vk.scene.matrices import transform_directions, transform_points
 from solari_vk.scene.model import Camera, Instance, Material, Scene
 
 SIZE = (64, 48)
@@ -48,7 +49,7 @@ def rays(camera, size=SIZE):
     x, y = np.meshgrid((np.arange(size[0]) + 0.5) / size[0], (np.arange(size[1]) + 0.5) / size[1])
     tangent = np.tan(camera.vertical_fov / 2) * np.array((size[0] / size[1], 1.0))
     view = np.stack([(2 * x - 1) * tangent[0], (1 - 2 * y) * tangent[1], -np.ones_like(x)], axis=-1)
-    return view @ camera.transform[:3, :3].T
+    return transform_directions(camera.transform, view)
 
 
 def householder(point, normal):
@@ -58,10 +59,6 @@ def householder(point, normal):
     m[:3, :3] -= 2 * np.outer(n, n)
     m[:3, 3] = 2 * n * (n @ point)
     return m
-
-
-def apply(matrix, points):
-    return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 
 def turn(axis, angle):
@@ -81,8 +78,8 @@ def expected_motion(camera, previous_camera, chain, previous_chain, placed, prev
     point, normal = virtual[:3, 3], np.cross(virtual[:3, 0], virtual[:3, 1])
     t = ((point - origin) @ normal) / (directions @ normal)
     positions = origin + directions * t[..., None]
-    inside = apply(np.linalg.inv(virtual), positions)
-    before = apply(previous_chain @ previous_placed, inside)
+    inside = transform_points(np.linalg.inv(virtual), positions)
+    before = transform_points(previous_chain @ previous_placed, inside)
     uv, depth = project(camera, positions)
     previous_uv, _ = project(previous_camera, before)
     seen = (np.abs(inside[..., :2]) < 0.98).all(axis=-1) & (t > 0)

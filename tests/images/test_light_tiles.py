@@ -12,6 +12,7 @@ from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.measure.statistics import chi_squared_p, sidak
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place
+from solari_vk.scene.matrices import transform_points
 from solari_vk.scene.spatial import spatial_order
 
 TILES, SAMPLES = 16, 512
@@ -64,7 +65,7 @@ class World:
             mine = samples["light_index"] == light
             m = np.asarray(transform, np.float64)
             corners = np.asarray(mesh.positions, np.float64)[mesh.triangles]
-            corners = corners[spatial_order(corners.mean(axis=1))] @ m[:3, :3].T + m[:3, 3]
+            corners = transform_points(m, corners[spatial_order(corners.mean(axis=1))])
             a, b, c = corners[samples["triangle_index"][mine]].transpose(1, 0, 2)
             root = np.sqrt(u[mine])[:, None]
             across = v[mine][:, None]

@@ -10,6 +10,7 @@ import solari_vk as sv
 from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import closed_box, lamp, place, rgb
+from solari_vk.scene.matrices import transform_directions
 from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material, Scene
 
 SIZE = (24, 24)
@@ -100,7 +101,7 @@ def view_directions(camera, size):
     )
     tangent = np.tan(camera.vertical_fov / 2)
     view = np.stack([right * tangent * size[0] / size[1], -down * tangent, -np.ones_like(right)], axis=-1)
-    directions = view @ camera.transform[:3, :3].T
+    directions = transform_directions(camera.transform, view)
     return directions / np.linalg.norm(directions, axis=-1, keepdims=True)
 
 

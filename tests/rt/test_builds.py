@@ -11,6 +11,7 @@ from probes import CONFIRM, GENERATE, GENERATED, NONE, TRIANGLE, quad, shifted, 
 from solari_vk import rt
 from solari_vk.gpu.acceleration.structure import UpdateMode
 from solari_vk.gpu.device import raw
+from solari_vk.scene.matrices import by_columns
 
 CENTER = np.array([0.6, 0.3, 5.0])
 EYE = np.eye(4)[:3]
@@ -86,8 +87,8 @@ def test_instances(world: Any) -> None:
     assert hit["instance_custom_data"][there].tolist() == [0, 10, 20, 30, 40, 50, 60, 0]
     masked = trace(world.device, tlas, origins, cull_mask=0b100)["hit"]
     assert np.flatnonzero(masked["kind"]).tolist() == [2, 8]
-    assert np.allclose(hit["object_to_world"][3].T, shifted(6))
-    assert np.allclose(hit["world_to_object"][3].T, shifted(-6))
+    assert np.allclose(by_columns(hit["object_to_world"][3]), shifted(6))
+    assert np.allclose(by_columns(hit["world_to_object"][3]), shifted(-6))
 
 
 def test_instances_in_arrays_are_the_same(world: Any) -> None:

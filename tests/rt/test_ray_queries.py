@@ -15,6 +15,7 @@ from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
 from solari_vk.gpu.shaders.compiler import compile_shader, glsl_root
+from solari_vk.scene.matrices import by_columns
 
 CENTER = np.array([0.6, 0.2, 5.0])
 # The document's values, written out once more.
@@ -104,9 +105,9 @@ def test_what_the_getters_say(device: Device, mixed: rt.Tlas) -> None:
     for intersection in (hit[:4], candidate[1:4]):
         first = int(intersection["instance_index"][0])
         moves = np.array([shifted(2 * (first + i)) for i in range(len(intersection))])
-        assert np.allclose(intersection["object_to_world"].transpose(0, 2, 1), moves)
+        assert np.allclose(by_columns(intersection["object_to_world"]), moves)
         moves[:, :, 3] *= -1
-        assert np.allclose(intersection["world_to_object"].transpose(0, 2, 1), moves)
+        assert np.allclose(by_columns(intersection["world_to_object"]), moves)
 
 
 def test_matrices_are_not_swapped_or_transposed(world: Any) -> None:
@@ -118,8 +119,8 @@ def test_matrices_are_not_swapped_or_transposed(world: Any) -> None:
     hit = trace(world.device, tlas, target - 4 * direction, direction)["hit"][0]
     assert hit["t"] == pytest.approx(4, rel=1e-5)
     full = np.vstack([matrix, [0, 0, 0, 1]])
-    assert np.allclose(hit["object_to_world"].T, matrix, atol=1e-6)
-    assert np.allclose(hit["world_to_object"].T, np.linalg.inv(full)[:3], atol=1e-5)
+    assert np.allclose(by_columns(hit["object_to_world"]), matrix, atol=1e-6)
+    assert np.allclose(by_columns(hit["world_to_object"]), np.linalg.inv(full)[:3], atol=1e-5)
     assert hit["front_face"]  # facing is the object's, however it is mirrored
 
 

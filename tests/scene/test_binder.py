@@ -15,6 +15,7 @@ from solari_vk.reference import PathTracer
 from solari_vk.scene.binder import NO_INDEX, SceneBinder
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.lights import DIRECTIONAL, EMISSIVE_MESH
+from solari_vk.scene.matrices import by_columns
 from solari_vk.scene.model import DirectionalLight, Instance, Material, Mesh, Scene, Texture, TextureImage
 from solari_vk.scene.table import Table
 
@@ -66,8 +67,9 @@ def assert_mirrors(binder, scene):
         rows.add(row)
         record = instances[row]
         [ray] = traced[traced["custom_index_and_mask"] & 0xFFFFFF == row]
-        np.testing.assert_array_equal(record["world_from_object"].T, instance.transform[:3].astype(np.float32))
-        np.testing.assert_array_equal(ray["transform"], instance.transform[:3].astype(np.float32))
+        transform = instance.transform[:3].astype(np.float32)
+        np.testing.assert_array_equal(by_columns(record["world_from_object"]), transform)
+        np.testing.assert_array_equal(ray["transform"], transform)
         assert ray["custom_index_and_mask"] == row | (0xFF000000 if instance.visible else 0)
         assert ray["blas_address"] == binder._geometry.blas(instance.ray_mesh or instance.mesh).address
         assert (record["mesh"] == NO_INDEX) == (not instance.visible)

@@ -10,6 +10,7 @@ import pytest
 from solari_vk.errors import SolariError
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import SCENES, builtin, cornell_box
+from solari_vk.scene.matrices import transform_points
 from solari_vk.scene.model import Instance, Material, Scene
 from solari_vk.scene.studio import frame_camera, studio_lights
 
@@ -120,7 +121,7 @@ def test_frame_camera_sees_all_and_fills_the_picture(aspect, scale):
     low, high = scene.bounds()
     corners = np.array([np.where(bits, high, low) for bits in np.ndindex(2, 2, 2)])
     view = np.linalg.inv(camera.transform)
-    seen = corners @ view[:3, :3].T + view[:3, 3]
+    seen = transform_points(view, corners)
     tangent = math.tan(camera.vertical_fov / 2)
     place = np.abs(seen[:, :2] / -seen[:, 2:] / np.array((tangent * aspect, tangent)))
     assert (seen[:, 2] < -camera.near).all()

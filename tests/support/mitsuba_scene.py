@@ -13,6 +13,7 @@ from glob import glob
 
 import numpy as np
 
+from solari_vk.scene.matrices import transform_points
 from support.brdf import Surface
 
 
@@ -81,7 +82,7 @@ def _mesh(mi, instance, name, lambert):
     smooth = mesh.normals is not None
     made = mi.Mesh(name, len(mesh.positions), len(triangles), has_vertex_normals=smooth, props=properties)
     parameters = mi.traverse(made)
-    world = mesh.positions @ instance.transform[:3, :3].T + instance.transform[:3, 3]
+    world = transform_points(instance.transform, mesh.positions)
     parameters["vertex_positions"] = np.ascontiguousarray(world, np.float32).ravel()
     parameters["faces"] = np.ascontiguousarray(triangles, np.uint32).ravel()
     if mesh.normals is not None:

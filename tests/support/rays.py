@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from solari_vk.conformance.oracles.closed_forms import camera_rays as camera_rays
+from solari_vk.scene.matrices import transform_points
 
 
 class World:
@@ -21,7 +22,7 @@ class World:
             if not instance.visible:
                 continue
             mesh = instance.ray_mesh or instance.mesh
-            positions = mesh.positions.astype(np.float64) @ instance.transform[:3, :3].T + instance.transform[:3, 3]
+            positions = transform_points(instance.transform, mesh.positions.astype(np.float64))
             triangles = positions[mesh.triangles]
             corners.append(triangles)
             owner.append(np.full(len(triangles), index))

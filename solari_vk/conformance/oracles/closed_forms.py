@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from solari_vk.scene.matrices import transform_directions
 from solari_vk.scene.model import Camera
 
 Floats = NDArray[np.floating[Any]]
@@ -59,7 +60,7 @@ def camera_rays(
     tangent = np.tan(camera.vertical_fov / 2)
     x, y = np.meshgrid(x * tangent * width / height, y * tangent)
     local = np.stack([x, y, -np.ones_like(x)], axis=-1)
-    directions = local @ camera.transform[:3, :3].T
+    directions = transform_directions(camera.transform, local)
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
     return np.broadcast_to(camera.transform[:3, 3], directions.shape), directions
 
