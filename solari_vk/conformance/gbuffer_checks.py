@@ -3,184 +3,162 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
+from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import solari_vk as sv
-from solari_vk.conformance.realtime import OFF, make_renderer
+from solari_vk.conformance.gbuffer_worlds import WALLS, material_zoo, turned, walled
+from solari_vk.conformance.oracles import gbuffer
+from solari_vk.conformance.realtime import GBUFFER, get_jitter, make_renderer
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.gpu.device.device import Device
-from solari_vk.renderer import RenderedFrame, Renderer
+from solari_vk.passes.gbuffer import COUNTERS
 from solari_vk.scene import shapes
-from solari_vk.scene.builtin import matte, place
-from solari_vk.scene.matrices import transform_points
+from solari_vk.scene.binder import SceneBinder
+from solari_vk.scene.builtin import builtin, matte, place
 
 _GBUFFER = (SUITE, "G-buffer")
-RASTER = Rule("raster finds the surfaces that rays find", *_GBUFFER)
-MOTION = Rule("motion vectors follow the camera", *_GBUFFER)
-INSTANCE_MOTION = Rule("motion vectors follow moving instances", *_GBUFFER)
+INSIDE = Rule("raster finds inside facets what rays find", *_GBUFFER)
+RASTER = Rule("raster finds at edges what rays find, or what is a pixel beside", *_GBUFFER)
+MOTION = Rule("motion vectors follow the camera and moving instances", *_GBUFFER)
 CULLING = Rule("culling drops nothing that is seen", *_GBUFFER)
-SIZE = (64, 48)
-_MOST = 1 / 16  # of a pixel
-_IMAGES = ("gbuffer", "gbuffer_surface", "depth", "motion_vectors")
-_CULLED = ("frustum_culled", "occlusion_culled")
+COUNTED = Rule("each visible instance is counted once: drawn, or culled for one reason", *_GBUFFER)
+SIZE = (96, 64)
+MAX_MOTION_ERROR = 1 / 16  # pixels
+# What the packed values may differ by, since rounding falls to either side of a code.
+_TOLERANCES = {
+    "color": 4e-3, "perceptual_roughness": 1.01 / 255, "emissive": 0.02, "metallic": 1.01 / 255, "normal": 2e-3,
+    "geometric_normal": 1e-4, "motion": 1e-6, "reflectance": 0.0, "instance": 0.0,
+}  # fmt: skip
+SCENES = ("material_zoo", "cornell_box", "sphere_grid")
 
 
-def measure_gbuffer(device: Device) -> Iterator[Measurement]:
-    """Raster against rays where both see the same object, and motion against the camera's own."""
-    scene = sv.builtin("sphere_grid", columns=4, rows=2)
-    found = {}
+def make_scene(name: str) -> sv.Scene:
+    """A built-in scene, or the zoo of materials."""
+    return material_zoo() if name == "material_zoo" else builtin(name)
+
+
+# ---- raster and rays --------------------------------------------------------------------------------
+
+
+def _neighbours_alike(values: NDArray[Any]) -> NDArray[np.bool_]:
+    """Where all 3x3 pixels around one have the same value (h, w)."""
+    rows = np.pad(values, 1, mode="edge")
+    height, width = values.shape
+    shifts = [rows[y : y + height, x : x + width] for y in range(3) for x in range(3)]
+    return np.asarray(np.all([shift == values for shift in shifts], axis=0))
+
+
+def measure_raster(device: Device, scene: sv.Scene, size: tuple[int, int] = SIZE) -> Iterator[Measurement]:
+    """Every value of the G-buffer, drawn and traced."""
+    found = []
     for way in ("raster", "traced"):
-        with make_renderer(device, scene, SIZE, gbuffer=way, jitter=False) as renderer:
-            frame = renderer.render(scene.camera)
-            found[way] = frame["depth"][..., 0].astype(np.float64), frame["gbuffer_surface"][..., 1].copy()
-    (depth, instance), (traced_depth, traced_instance) = found.values()
-    apart = np.abs(depth - traced_depth) > 1e-3 * np.maximum(traced_depth, 1e-9)
-    wrong = float(((instance != traced_instance) | apart).mean())
-    yield Measurement(RASTER, wrong, 0.01, "of pixels differ", "edges may")
-
-    with make_renderer(device, scene, SIZE, jitter=False) as renderer:
-        renderer.render(scene.camera)
-        moved = scene.camera.transform.copy()
-        moved[:3, 3] += (0.2, -0.1, -0.3)
-        camera = sv.Camera(transform=moved, vertical_fov=scene.camera.vertical_fov, near=scene.camera.near)
-        error, _ = _find_motion_error(renderer.render(camera), camera, scene.camera)
-    yield Measurement(MOTION, error, _MOST, "of a pixel")
+        with make_renderer(device, scene, size, passes=GBUFFER, gbuffer=way) as renderer:
+            found.append(gbuffer.decode(renderer.render(scene.camera)))
+    raster, traced = found
+    differs = np.abs(raster["depth"] - traced["depth"]) > 3e-5 * traced["depth"]
+    for name, tolerance in _TOLERANCES.items():
+        apart = np.abs(raster[name] - traced[name])
+        differs |= (apart.reshape(*differs.shape, -1) > tolerance).any(axis=-1)
+    # Raster snaps vertices to a grid within the pixel, so that a pixel's centre may lie on either side of an edge.
+    normals = np.round(traced["geometric_normal"] * 500).astype(np.int64) @ (1, 1 << 12, 1 << 24)
+    inside = _neighbours_alike(traced["instance"] << 40 | normals)
+    wrong = float(differs[inside].sum()) if inside.mean() > 0.2 else math.inf
+    yield Measurement(INSIDE, wrong, 0.0, f"of {inside.sum():,} pixels differ")
+    yield Measurement(RASTER, float(differs.mean()), 0.01, "of pixels differ")
 
 
 # ---- motion -----------------------------------------------------------------------------------------
 
 
-def _slope(camera: sv.Camera) -> NDArray[np.float64]:
-    return math.tan(camera.vertical_fov / 2) * np.array((SIZE[0] / SIZE[1], -1.0))
-
-
-def _project(camera: sv.Camera, positions: NDArray[Any]) -> NDArray[Any]:
-    """Pixels (..., 2) at which world positions (..., 3) lie."""
-    view = (positions - camera.transform[:3, 3]) @ np.linalg.inv(camera.transform[:3, :3]).T
-    return np.asarray((view[..., :2] / (-view[..., 2:] * _slope(camera)) + 1) / 2 * SIZE)
-
-
-def _find_motion_error(
-    frame: RenderedFrame, camera: sv.Camera, previous: sv.Camera, steps: Mapping[int, NDArray[Any]] | None = None
-) -> tuple[float, float]:
-    """The largest error of motion vectors, and the largest of them that instances make, in pixels.
-
-    steps: where points of instances, by their rows, were in the last frame: (4, 4), world from world.
-    """
-    depth, motion = frame["depth"][..., 0].astype(np.float64), frame["motion_vectors"].astype(np.float64)
-    there = depth > 0
-    columns, rows = np.meshgrid(np.arange(SIZE[0]) + 0.5, np.arange(SIZE[1]) + 0.5)
-    ndc = 2 * np.stack([columns, rows], axis=-1) / SIZE - 1
-    along = np.concatenate([ndc * _slope(camera), np.full((*depth.shape, 1), -1.0)], axis=-1)
-    distance = camera.near / np.where(there, depth, 1.0)[..., None]
-    world = transform_points(camera.transform, distance * along)
-    was = world.copy()
-    for row, step in (steps or {}).items():
-        here = there & (frame["gbuffer_surface"][..., 1] == row)
-        was[here] = transform_points(step, world[here])
-    expected = _project(previous, was) - _project(camera, world)
-    moved = np.linalg.norm(_project(previous, was) - _project(previous, world), axis=-1)[there].max()
-    return float(np.abs(motion * SIZE - expected)[there].max()), float(moved)
-
-
-def _turned(transform: NDArray[Any], random: np.random.Generator, angle: float, shift: float) -> NDArray[Any]:
-    """The transform turned about its own place, grown or shrunk, and moved, all by chance."""
-    result = transform.copy()
-    axes, _ = np.linalg.qr(np.eye(3) + random.uniform(-angle, angle, (3, 3)))
-    result[:3, :3] = axes * np.sign(np.diag(axes)) @ result[:3, :3] * random.uniform(0.95, 1.05)
-    result[:3, 3] += random.uniform(-shift, shift, 3)
-    return result
-
-
-def measure_instance_motion(device: Device) -> Iterator[Measurement]:
-    """Things that move, turn and grow before a camera that does so too."""
-    random = np.random.default_rng(4)
-    scene = sv.Scene(sv.Instance(mesh=shapes.quad((0, 0, -2), (9, 0, 0), (0, 9, 0)), material=matte(0.5)))
-    meshes = (shapes.sphere(0.4, 12), shapes.box((-0.4, -0.3, -0.2), (0.4, 0.3, 0.2)))
-    places = [place(at=(x, y, 0)) for x in (-1, 0, 1) for y in (-0.5, 0.5)]
-    moving = [
-        scene.add(sv.Instance(mesh=meshes[i % 2], material=matte(0.5), transform=at)) for i, at in enumerate(places)
-    ]
-    camera = sv.Camera.look_at((0, 0, 3), (0, 0, 0), vertical_fov=1.0)
-    worst, most = 0.0, math.inf
-    with make_renderer(device, scene, SIZE, **OFF) as renderer:
+def measure_motion(device: Device, way: str = "raster") -> Iterator[Measurement]:
+    """A camera that moves, turns and zooms over things that move, turn, grow and are mirrored, with jitter."""
+    random, scene = np.random.default_rng(4), material_zoo()
+    scene.add(sv.Instance(mesh=shapes.sphere(0.2, 12), material=matte(0.3), transform=place(1.0, (0, 0.5, 0.5))))
+    *moving, _, _ = scene.instances
+    camera, worst, largest = scene.camera, 0.0, 0.0
+    with make_renderer(device, scene, SIZE, passes=GBUFFER, gbuffer=way) as renderer:
         renderer.render(camera)
         for _ in range(4):
-            before, previous = {instance: instance.transform for instance in moving}, camera
+            before, previous = {instance: instance.transform for instance in scene.instances}, camera
             for instance in moving:
-                instance.transform = _turned(instance.transform, random, 0.2, 0.2)
-            pose = camera.transform.copy()
-            pose[:3, 3] += random.uniform(-0.1, 0.1, 3)
+                instance.transform = turned(instance.transform, random, 0.1, 0.05)
+            pose = turned(camera.transform, random, 0.03, 0.1)
+            pose[:3, :3] /= np.cbrt(np.linalg.det(pose[:3, :3]))
             camera = sv.Camera(transform=pose, vertical_fov=camera.vertical_fov * random.uniform(0.95, 1.05))
-            frame = renderer.render(camera)
-            steps = {
-                row: before[instance] @ np.linalg.inv(instance.transform)
-                for row, instance in renderer.binder.instances.items() if instance in before
-            }  # fmt: skip
-            error, moved = _find_motion_error(frame, camera, previous, steps)
-            worst, most = max(worst, error), min(most, moved)
-    note = f"instances move by up to {most:.1f} pixels"
-    yield Measurement(INSTANCE_MOTION, worst if most > 2 else math.inf, _MOST, "of a pixel", note)
+            found = gbuffer.decode(renderer.render(camera))
+            world = gbuffer.world_positions(camera, found["depth"], get_jitter(renderer))
+            was = world.copy()
+            was[found["depth"] == 0] += previous.transform[:3, 3] - pose[:3, 3]
+            for row, instance in renderer.binder.instances.items():
+                here, step = found["instance"] == row, before[instance] @ np.linalg.inv(instance.transform)
+                was[here] = world[here] @ step[:3, :3].T + step[:3, 3]
+            expected = gbuffer.project(previous, was) - gbuffer.project(camera, world)
+            worst = max(worst, float(np.abs(found["motion"] * SIZE - expected).max()))
+            largest = max(largest, float(np.abs(expected).max()))
+    note = f"the fastest moves by {largest:.1f} pixels"
+    yield Measurement(MOTION, worst if largest > 5 else math.inf, MAX_MOTION_ERROR, "of a pixel", note)
 
 
 # ---- culling ----------------------------------------------------------------------------------------
 
-
-def _walled_scene(random: np.random.Generator) -> sv.Scene:
-    """Things of all sizes between walls that hide them; half of them stick in walls."""
-    scene, walls = sv.Scene(), 30
-    box, meshes = shapes.box(), (shapes.sphere(0.5, 8), shapes.box(), shapes.quad((0, 0, 0), (0.5, 0, 0), (0, 0.5, 0)))
-    hosts = []
-    for index in range(280):
-        size = random.uniform((5, 5, 0.1), (9, 9, 0.3)) if index < walls else np.exp(random.uniform(-3, 0.3, 3))
-        axes, _ = np.linalg.qr(random.normal(size=(3, 3)))
-        transform = np.eye(4)
-        transform[:3, :3] = axes @ np.diag(size * random.choice((-1, 1), 3))
-        transform[:3, 3] = random.uniform(-7, 7, 3)
-        if index < walls:
-            hosts.append(transform)
-        elif index % 2:
-            transform[:3, 3] = (hosts[random.integers(walls)] @ (*random.uniform(-0.5, 0.5, 3), 1))[:3]
-        material = matte(random.uniform(0.2, 0.8, 3), double_sided=bool(index % 3 == 0))
-        mesh = box if index < walls else meshes[index % 3]
-        scene.add(sv.Instance(mesh=mesh, material=material, transform=transform))
-    return scene
+_VARIANTS = {
+    "none": {"frustum_culling": False, "occlusion_culling": False},
+    "frustum": {"occlusion_culling": False},
+    "occlusion": {"frustum_culling": False},
+    "both": {},
+}
 
 
-def _see(renderer: Renderer, camera: sv.Camera) -> list[NDArray[Any]]:
-    frame = renderer.render(camera)
-    return [frame[name].copy() for name in _IMAGES]
+def _change(scene: sv.Scene, random: np.random.Generator, number: int) -> None:
+    """Move some things; now and then replace one, so that another takes its row, and hide or show another."""
+    instances = list(scene.instances)
+    for _ in range(5):
+        moved = instances[random.integers(WALLS, len(instances))]
+        moved.transform = turned(moved.transform, random, 0.5, 0.5)
+    if number % 4 == 3:
+        gone = instances[WALLS]
+        scene.remove(gone)
+        scene.add(sv.Instance(mesh=gone.mesh, material=gone.material, transform=gone.transform))
+        instances[-1].visible = not instances[-1].visible
 
 
 def measure_culling(device: Device, frame_count: int = 24) -> Iterator[Measurement]:
-    """A camera's path among walls, with a cut and with things that move: each pixel is as when all is drawn."""
+    """A camera's path among walls, with cuts, and with things that move, come and go: each pixel is as when all is
+    drawn."""
     random = np.random.default_rng(8)
-    scene = _walled_scene(random)
-    instances = list(scene.instances)
-    off = {**OFF, "jitter": True}
-    wrong, culled = 0, dict.fromkeys(_CULLED, 0)
+    scene = walled(random)
+    binder = SceneBinder(device, scene)
+    wrong, miscounted, sums = 0, 0, dict.fromkeys(COUNTERS, 0)
     eye, target = random.uniform(-9, 9, 3), random.uniform(-3, 3, 3)
-    with (
-        make_renderer(device, scene, SIZE, **off) as renderer,
-        make_renderer(device, scene, SIZE, frustum_culling=False, occlusion_culling=False, **off) as plain,
-    ):
+    with ExitStack() as opened:
+        opened.callback(binder.destroy)
+        renderers = {
+            name: opened.enter_context(make_renderer(device, binder, (88, 54), passes=GBUFFER, **chosen))
+            for name, chosen in _VARIANTS.items()
+        }
         for number in range(frame_count):
             eye, target = (at + random.uniform(-0.2, 0.2, 3) for at in (eye, target))
-            if number % 7 == 6:  # a cut: what was visible last frame means nothing
+            if number % 10 == 9:  # a cut: what was visible in the frame before says nothing
                 eye, target = random.uniform(-9, 9, 3), random.uniform(-3, 3, 3)
             camera = sv.Camera.look_at(eye, target, vertical_fov=random.uniform(1.0, 1.6))
-            for moved in random.choice(np.array(instances, object), 5):
-                moved.transform = _turned(moved.transform, random, 0.3, 0.4)
-            found, expected = _see(renderer, camera), _see(plain, camera)
-            differ = [(ours != theirs).any(axis=-1) for ours, theirs in zip(found, expected, strict=True)]
-            wrong += int(np.any(differ, axis=0).sum())
-            for name in _CULLED:
-                culled[name] += int(renderer[f"gbuffer/{name}"])
-    note = ", ".join(f"{count} {name}" for name, count in culled.items())
-    worked = min(culled.values()) > frame_count
-    pixels = frame_count * SIZE[0] * SIZE[1]
-    yield Measurement(CULLING, float(wrong) if worked else math.inf, 0.0, f"of {pixels:,} pixels differ", note)
+            _change(scene, random, number)
+            frames = {name: renderer.render(camera) for name, renderer in renderers.items()}
+            visible = sum(instance.visible for instance in scene.instances)
+            for name, frame in frames.items():
+                differ = [(frame[image] != frames["none"][image]).any(axis=-1) for image in gbuffer.IMAGES]
+                wrong += int(np.any(differ, axis=0).sum())
+                counts = {counter: int(renderers[name][f"gbuffer/{counter}"]) for counter in COUNTERS}
+                miscounted += sum(counts.values()) != visible
+                miscounted += name in ("none", "frustum") and counts["occlusion_culled"] > 0
+                miscounted += name in ("none", "occlusion") and counts["frustum_culled"] > 0
+                sums = {counter: sums[counter] + counts[counter] * (name == "both") for counter in COUNTERS}
+    note = ", ".join(f"{count} {name}" for name, count in sums.items())
+    worked = min(sums.values()) > frame_count
+    unit = f"pixels of {frame_count * 3} frames differ"
+    yield Measurement(CULLING, float(wrong) if worked else math.inf, 0.0, unit, note)
+    yield Measurement(COUNTED, float(miscounted), 0.0, f"of {frame_count * 4} frames miscounted", note)

@@ -62,6 +62,11 @@ def make_renderer(
     return PartialRenderer(device, scene, size, chosen, seed=seed, passes=passes)
 
 
+def get_jitter(renderer: Renderer) -> Image:
+    """Where in the pixel the last frame's samples lie: (x, y) from its centre, in pixels."""
+    return np.array(renderer._frame.uniforms["jitter"], np.float64)
+
+
 def add_up(frame: RenderedFrame, *names: str) -> Image:
     """The sum (h, w, 3) of results."""
     total = np.zeros((1, 1, 3))

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import pytest
+
 from solari_vk.conformance import gbuffer_checks as checks
 from solari_vk.conformance.suite import Recorder
 from solari_vk.gpu.device.device import Device
 
 
-def test_gbuffer(rule: Recorder, device: Device) -> None:
-    """Surfaces, and the camera's motion."""
-    rule(checks.measure_gbuffer(device))
+@pytest.mark.parametrize("scene", checks.SCENES)
+def test_raster(rule: Recorder, device: Device, scene: str) -> None:
+    """Surfaces."""
+    rule(checks.measure_raster(device, checks.make_scene(scene)))
 
 
-def test_instance_motion(rule: Recorder, device: Device) -> None:
-    """The instances' motion."""
-    rule(checks.measure_instance_motion(device))
+@pytest.mark.parametrize("way", ["raster", "traced"])
+def test_motion(rule: Recorder, device: Device, way: str) -> None:
+    """Motion of the camera and of instances."""
+    rule(checks.measure_motion(device, way))
 
 
 def test_culling(rule: Recorder, device: Device) -> None:

@@ -1,4 +1,5 @@
-"""The G-buffer: raster finds what rays find, pixel by pixel; what is packed is what the scene says; motion is exact."""
+"""The G-buffer: what is packed is what the scene says; which instances are drawn, which rows have a past; and rays that
+leave its surfaces."""
 
 from __future__ import annotations
 
@@ -7,146 +8,74 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gbuffer_frames import NOTHING, GBufferFrames, decode, pixel_directions
+from support.measured import hold
 
 import solari_vk as sv
+from solari_vk.conformance import gbuffer_checks
+from solari_vk.conformance.gbuffer_worlds import material_zoo
+from solari_vk.conformance.oracles import closed_forms, gbuffer
+from solari_vk.conformance.realtime import GBUFFER, get_jitter, make_renderer
+from solari_vk.gpu.frame.frame import Pass, Stage
+from solari_vk.gpu.shaders import compiler
+from solari_vk.gpu.shaders.patches import patched_shaders
+from solari_vk.measure.partial import PartialRenderer
+from solari_vk.passes.gbuffer import COUNTERS
 from solari_vk.scene import shapes
-from solari_vk.scene.binder import SceneBinder
-from solari_vk.scene.builtin import builtin, lamp, matte, place
+from solari_vk.scene.builtin import cornell_box, matte, place
 
 SIZE = (96, 64)
-JITTER = (0.31, -0.27)
 HELMET = Path(__file__).resolve().parents[2].parent / "shared/assets/FlightHelmet/FlightHelmet.gltf"
 
 
-def take(device, scene, camera, size=SIZE, jitter=(0.0, 0.0), glsl=None, **settings):
-    """One frame of a scene: decoded values, and the counters of a raster."""
-    binder = SceneBinder(device, scene)
-    binder.update()
-    with GBufferFrames(device, binder, size, glsl, **settings) as frames:
-        found = frames.render(camera, jitter)
-    binder.destroy()
-    return decode(found) | {name: value for name, value in found.items() if isinstance(value, int)}
+def renderer_of(device, scene, size=SIZE, **settings):
+    return make_renderer(device, scene, size, passes=GBUFFER, **settings)
 
 
-def noise_texture(seed, low=0, high=256, size=16):
-    pixels = np.random.default_rng(seed).integers(low, high, (size, size, 4)).astype(np.uint8)
-    return sv.Texture(image=sv.TextureImage(pixels=pixels))
+def take(device, scene, camera=None, size=SIZE, **settings):
+    """The decoded values of one frame."""
+    with renderer_of(device, scene, size, **settings) as renderer:
+        return gbuffer.decode(renderer.render(camera or scene.camera)) | {"jitter": get_jitter(renderer)}
 
 
-def material_zoo():
-    """All that a surface can be: mirrored, sheared, double-sided, textured, without attributes, seen from the back."""
-    textured = sv.Material(
-        base_color_texture=noise_texture(1),
-        metallic_roughness_texture=noise_texture(2),
-        normal_texture=noise_texture(3, 64, 192),
-        emissive_texture=noise_texture(4),
-        emissive=(3, 2, 1),
-        double_sided=True,
-    )
-    sphere = shapes.sphere(0.45, 24)
-    bare = sv.Mesh(positions=sphere.positions, indices=sphere.indices)
-    sheared = np.array([[-0.8, 0.3, 0, 1], [0, 1.2, 0, 1], [0.2, 0, 0.7, 0], [0, 0, 0, 1]])
-    quad = shapes.quad((0, 0, 0), (0.4, 0, 0), (0, 0.4, 0))
-    plain = sv.Material(base_color=(0.9, 0.2, 0.4), metallic=0.7, perceptual_roughness=0.3)
-    both = sv.Material(base_color=(0.1, 0.7, 0.3), double_sided=True)
-    items = [
-        (sphere, textured, place(1.0, (-1, 1, 0), 0.4)),
-        (sphere, textured, place((-1, 1, 1), (0, 1, 0), 0.4)),
-        (sphere, plain, sheared),
-        (bare, plain, place(1.0, (-1, 0, 0))),
-        (quad, plain, place(1.0, (0, 0, 0), 0.5)),
-        (quad, plain, place(1.0, (0, 0, -0.5), math.pi)),
-        (quad, both, place(1.0, (1, 0, 0), math.pi + 0.5)),
-        (quad, textured, place((-1, 1, 1), (-1, -1, 0), 0.7)),
-        (quad, textured, place((1, 1, 1), (0, -1, 0), math.pi - 0.7)),
-        (shapes.box((-0.3, -0.3, -0.3), (0.3, 0.3, 0.3)), lamp((5, 4, 3)), place((1, -1, -1), (1, -1, 0), 0.6)),
-        (shapes.box(), matte(0.5), place((3, 8, 0.1), (0, 0, -2))),
-    ]
-    scene = sv.Scene(*(sv.Instance(mesh=m, material=s, transform=t) for m, s, t in items), name="material_zoo")
-    scene.add(sv.Camera.look_at((0.2, 0.1, 4), (0, 0, 0), vertical_fov=math.radians(48)))
-    return scene
-
-
-def make_scene(name):
-    if name == "material_zoo":
-        return material_zoo()
-    if name == "FlightHelmet":
-        if not HELMET.is_file():
-            pytest.skip("FlightHelmet isn't there")
-        return sv.load_gltf(HELMET)
-    return builtin(name)
-
-
-def camera_of(scene):
-    return next(iter(scene.cameras), None) or sv.Camera.look_at((0.3, 0.4, 0.9), (0, 0.33, 0), near=0.01)
-
-
-# ---- raster and rays --------------------------------------------------------------------------------
-
-# What a code of the packing may differ by, since rounding falls to either side of it; depth's is for its whole float.
-PACKING = {
-    "color": 4e-3,
-    "perceptual_roughness": 1.01 / 255,
-    "emissive": 0.02,
-    "metallic": 1.01 / 255,
-    "normal": 2e-3,
-    "geometric_normal": 1e-4,
-    "motion": 1e-6,
-}
-
-
-def neighbours_alike(values):
-    """Where the 3x3 pixels around one all have the same value (height, width)."""
-    rows = np.pad(values, 1, mode="edge")
-    height, width = values.shape
-    shifts = [rows[y : y + height, x : x + width] for y in range(3) for x in range(3)]
-    return np.all([shift == values for shift in shifts], axis=0)
-
-
-def check_raster_equals_rays(device, scene, least_inside=0.2, glsl=None):
-    camera = camera_of(scene)
-    raster = take(device, scene, camera, jitter=JITTER, glsl=glsl, gbuffer="raster")
-    traced = take(device, scene, camera, jitter=JITTER, gbuffer="traced")
-    differs = np.abs(raster["depth"] - traced["depth"]) > 3e-5 * traced["depth"]
-    for name, most in PACKING.items():
-        apart = np.abs(raster[name] - traced[name])
-        differs |= (apart.reshape(*apart.shape[:2], -1) > most).any(-1)
-    differs |= (raster["instance"] != traced["instance"]) | (raster["reflectance"] != traced["reflectance"])
-    # inside a facet all is equal; on an edge a centre may lie on either side, since raster's vertices are snapped
-    normals = np.round(traced["geometric_normal"] * 500).astype(np.int64) @ (1, 1 << 12, 1 << 24)
-    inside = neighbours_alike(traced["instance"] << 40 | normals)
-    assert inside.mean() > least_inside
-    assert not differs[inside].any(), f"{differs[inside].sum()} pixels inside facets differ"
-    assert differs.mean() < 0.01, f"{differs.mean():.2%} of all pixels differ"
+# ---- surfaces ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    "name", ["material_zoo", "cornell_box", "closed_box", "many_lights", "mirror_hall", "thin_wall"]
+    "name", ["material_zoo", "cornell_box", "sphere_grid", "closed_box", "many_lights", "mirror_hall", "thin_wall"]
 )
 def test_raster_equals_rays(device, name):
-    check_raster_equals_rays(device, make_scene(name))
+    hold(gbuffer_checks.measure_raster(device, gbuffer_checks.make_scene(name)))
 
 
-@pytest.mark.parametrize("name", ["sphere_grid", "FlightHelmet"])
-def test_raster_equals_rays_on_curves(device, name):
-    check_raster_equals_rays(device, make_scene(name))
+def test_raster_equals_rays_on_a_scanned_helmet(device):
+    if not HELMET.is_file():
+        pytest.skip("FlightHelmet isn't there")
+    scene = sv.load_gltf(HELMET)
+    scene.add(sv.Camera.look_at((0.3, 0.4, 0.9), (0, 0.33, 0), near=0.01))
+    hold(gbuffer_checks.measure_raster(device, scene))
+
+
+@pytest.mark.parametrize("size", [(1, 1), (5, 3), (130, 17)])
+def test_sizes(device, size):
+    raster, traced = (take(device, cornell_box(), size=size, gbuffer=kind) for kind in ("raster", "traced"))
+    assert (raster["instance"] == traced["instance"]).mean() >= 0.95
+    assert raster["depth"].shape == size[::-1]
 
 
 def test_raster_draws_its_own_mesh(device):
-    """Rays meet the proxy, pixels show the mesh."""
+    """Rays meet the mesh that is given for rays, pixels show the other one."""
     proxied, plain = material_zoo(), material_zoo()
     for instance in proxied.instances:
         instance.ray_mesh = shapes.box((-0.1, -0.1, -0.1), (0.1, 0.1, 0.1))
-    camera = camera_of(plain)
-    seen, expected = (take(device, scene, camera, gbuffer="raster") for scene in (proxied, plain))
+    seen, expected = (take(device, scene, gbuffer="raster") for scene in (proxied, plain))
     for name, value in expected.items():
         np.testing.assert_array_equal(seen[name], value, err_msg=name)
-    traced = take(device, proxied, camera, gbuffer="traced")
+    traced = take(device, proxied, gbuffer="traced")
     assert (traced["instance"] != seen["instance"]).mean() > 0.2
 
 
-def test_values_are_the_scene_s(device):
+@pytest.mark.parametrize("way", ["raster", "traced"])
+def test_values_are_the_scenes(device, way):
     """A quad that fills the picture, seen at a slant: everything follows from the scene in closed form."""
     material = sv.Material(
         base_color=(0.9, 0.05, 0.4), metallic=0.75, perceptual_roughness=0.3, reflectance=0.6, emissive=(7, 0.5, 100)
@@ -156,43 +85,205 @@ def test_values_are_the_scene_s(device):
     quad = shapes.quad((0, 0, 0), 20 * np.array((math.cos(tilt), 0, -math.sin(tilt))), (0, 20, 0))
     scene = sv.Scene(sv.Instance(mesh=quad, material=material, transform=place(1.0, (0, 0, -3))))
     camera = sv.Camera(vertical_fov=1.0, ev100=2.5, near=0.03)
-    directions = pixel_directions(camera, SIZE, JITTER)
-    distance = normal @ (0, 0, -3) / (directions @ normal)
-    for gbuffer in ("raster", "traced"):
-        found = take(device, scene, camera, jitter=JITTER, gbuffer=gbuffer)
-        np.testing.assert_allclose(found["depth"], 0.03 / distance, rtol=2e-6)
-        np.testing.assert_allclose(found["color"], np.broadcast_to(material.base_color, (*SIZE[::-1], 3)), atol=1e-4)
-        np.testing.assert_allclose(found["metallic"], 0.75, atol=0.5 / 255)
-        np.testing.assert_allclose(found["perceptual_roughness"], 0.3, atol=0.5 / 255)
-        np.testing.assert_allclose(found["reflectance"], 0.6, atol=0.5 / 255)
-        emissive = material.emissive * camera.exposure
-        np.testing.assert_allclose(found["emissive"], np.broadcast_to(emissive, found["emissive"].shape), atol=0.06)
-        np.testing.assert_allclose(found["geometric_normal"] @ normal, 1.0, atol=1e-8)
-        np.testing.assert_allclose(found["normal"] @ normal, 1.0, atol=1e-6)
+    found = take(device, scene, camera, gbuffer=way)
+    assert found["jitter"].any()
+    _, directions = closed_forms.camera_rays(camera, *SIZE, 0.5 + found["jitter"])
+    distance = normal @ (0, 0, -3) / (directions @ normal) * -directions[..., 2]
+    np.testing.assert_allclose(found["depth"], 0.03 / distance, rtol=2e-6)
+    np.testing.assert_allclose(found["color"], np.broadcast_to(material.base_color, (*SIZE[::-1], 3)), atol=1e-4)
+    np.testing.assert_allclose(found["metallic"], 0.75, atol=0.5 / 255)
+    np.testing.assert_allclose(found["perceptual_roughness"], 0.3, atol=0.5 / 255)
+    np.testing.assert_allclose(found["reflectance"], 0.6, atol=0.5 / 255)
+    emissive = material.emissive * camera.exposure
+    np.testing.assert_allclose(found["emissive"], np.broadcast_to(emissive, found["emissive"].shape), atol=0.06)
+    np.testing.assert_allclose(found["geometric_normal"] @ normal, 1.0, atol=1e-8)
+    np.testing.assert_allclose(found["normal"] @ normal, 1.0, atol=1e-6)
 
 
-@pytest.mark.parametrize("gbuffer", ["raster", "traced"])
-def test_nothing_is_nothing(device, gbuffer):
-    found = take(device, sv.Scene(), sv.Camera(), (33, 7), gbuffer=gbuffer)
+@pytest.mark.parametrize("way", ["raster", "traced"])
+def test_an_empty_scene_has_no_surfaces(device, way):
+    found = take(device, sv.Scene(), sv.Camera(), (33, 7), gbuffer=way)
     assert (found["depth"] == 0).all()
-    assert (found["instance"] == NOTHING).all()
+    assert (found["instance"] == gbuffer.NO_INSTANCE).all()
     assert (found["motion"] == 0).all()
 
 
 def test_near_plane_cuts(device):
-    """What is nearer than the near plane isn't there, in both."""
+    """Neither raster nor rays show what is nearer than the near plane."""
     scene = sv.Scene(sv.Instance(mesh=shapes.sphere(1.0, 24), material=matte(0.5)))
     scene.add(sv.Instance(mesh=shapes.box((-4, -4, -4), (4, 4, 4), inward=True), material=matte(0.2)))
     scene.add(sv.Camera.look_at((0, 0, 1.5), (0, 0, 0), near=0.6, vertical_fov=math.radians(90)))
-    check_raster_equals_rays(device, scene)
-    shown = take(device, scene, camera_of(scene))
+    hold(gbuffer_checks.measure_raster(device, scene))
+    shown = take(device, scene)
     assert shown["instance"][32, 48] == 1  # through the sphere, whose inside isn't drawn, to the box
     assert shown["instance"][32, 73] == 0
 
 
-@pytest.mark.parametrize("size", [(1, 1), (5, 3), (130, 17)])
-def test_sizes(device, size):
-    scene = make_scene("cornell_box")
-    raster, traced = (take(device, scene, camera_of(scene), size, gbuffer=kind) for kind in ("raster", "traced"))
-    assert (raster["instance"] == traced["instance"]).mean() >= 0.95
-    assert raster["depth"].shape == size[::-1]
+# ---- motion and culling -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("way", ["raster", "traced"])
+def test_motion_is_the_scenes(device, way):
+    hold(gbuffer_checks.measure_motion(device, way))
+
+
+def test_culling_drops_nothing_that_is_seen(device):
+    hold(gbuffer_checks.measure_culling(device, 40))
+
+
+def check_counts(device):
+    """A wall in front of a row of boxes: one box is seen, those behind the wall and those beside the view are not."""
+    wall = sv.Instance(mesh=shapes.quad((0, 0, 0), (9, 0, 0), (0, 9, 0)), material=matte(0.5), name="wall")
+    scene = sv.Scene(wall)
+    for at in ((0, 0, 2), *((x, 0.3, -4 - x) for x in range(-2, 3)), (30, 0, 0), (0, 0, 30)):
+        scene.add(sv.Instance(mesh=shapes.box(), material=matte(0.5), transform=place(0.5, at)))
+    camera = sv.Camera.look_at((0, 0, 8), (0, 0, 0))
+    away = sv.Camera.look_at((0, 0, 8), (0, 0, 90), vertical_fov=math.radians(20))
+    seen = []
+    with renderer_of(device, scene, (88, 54)) as renderer:
+        for view in (camera, camera, camera, away, away, camera, "uncull"):
+            if view == "uncull":
+                renderer.settings.occlusion_culling, view = False, camera
+            renderer.render(view)
+            seen.append([int(renderer[f"gbuffer/{name}"]) for name in COUNTERS])
+    assert seen == [
+        [0, 7, 2, 0],
+        [7, 0, 2, 0],
+        [2, 0, 2, 5],
+        [0, 1, 8, 0],
+        [1, 0, 8, 0],
+        [0, 7, 2, 0],
+        [7, 0, 2, 0],
+    ]
+
+
+def test_counts(device):
+    check_counts(device)
+
+
+def check_rows(device):
+    """An instance that takes the row of a removed one has no previous frame: it counts as having stood still."""
+    mesh, material = shapes.box(), matte(0.5)
+    first = sv.Instance(mesh=mesh, material=material, transform=place(1.0, (-1, 0, 0)))
+    scene, camera = sv.Scene(first), sv.Camera.look_at((0, 0, 5), (0, 0, 0))
+    with renderer_of(device, scene, jitter=False) as renderer:
+
+        def render():
+            return gbuffer.decode(renderer.render(camera))
+
+        assert set(np.unique(render()["instance"])) == {0, gbuffer.NO_INSTANCE}
+        scene.remove(first)
+        scene.add(sv.Instance(mesh=mesh, material=material, transform=place(1.0, (1, 0, 0))))
+        found = render()
+        assert list(renderer.binder.instances) == [0]
+        assert renderer["gbuffer/drawn_second"] == 1, "the new instance of the row was not visible before"
+        assert set(np.unique(found["instance"])) == {0, gbuffer.NO_INSTANCE}
+        assert (found["motion"] == 0).all()
+        assert found["instance"][32, 66] == 0
+        assert found["instance"][32, 30] == gbuffer.NO_INSTANCE
+        for y in range(-9, 9):  # more than there are rows
+            scene.add(sv.Instance(mesh=mesh, material=material, transform=place(0.1, (0, y, 0))))
+        found = render()
+        assert len(np.unique(found["instance"])) > 3
+        assert (found["motion"] == 0).all()
+        for instance in list(scene.instances):
+            scene.remove(instance)
+        assert (render()["instance"] == gbuffer.NO_INSTANCE).all()
+
+
+def test_rows_of_other_instances_have_no_past(device):
+    check_rows(device)
+
+
+# ---- rays that leave surfaces -----------------------------------------------------------------------
+
+RAYS = 32
+LEAVE = """#version 460
+#extension GL_EXT_ray_query : require
+#include "common/random.glsl"
+#include "passes/gbuffer/gbuffer.glsl"
+#include "scene/trace.glsl"
+layout(local_size_x = 8, local_size_y = 8) in;
+layout(set = 1, binding = 149, scalar) buffer BlockedBlock { uint at[]; } blocked;
+
+void main() {
+    uvec2 pixel = INVOCATION_INDEX;
+    if (any(greaterThanEqual(pixel, uniforms.size))) { return; }
+    GBufferSurface surface = load_gbuffer(pixel);
+    uint rng = seed_rng(pixel, 0u, 1u), count = 0u;
+    for (uint i = 0u; surface.exists && i < %du; i++) {
+        vec3 direction = orthonormalize(surface.geometric_world_normal) * sample_uniform_hemisphere(rand_vec2f(rng));
+        vec3 origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
+        count += uint(!trace_visibility(origin, direction, INFINITY));
+    }
+    blocked.at[pixel.y * uniforms.size.x + pixel.x] = count;
+}
+"""
+
+
+class LeavingRays(PartialRenderer):
+    """The G-buffer, and rays from each pixel's surface."""
+
+    def _stages(self):
+        pixels = self.size[0] * self.size[1]
+        return [*super()._stages(), Stage("leave", buffers={"blocked": pixels},
+                                          passes=[Pass("test/leave", threads=self.size)])]  # fmt: skip
+
+
+@pytest.fixture
+def leaving(tmp_path, monkeypatch):
+    """Put the shader of LeavingRays among the shaders."""
+    (tmp_path / "passes/test").mkdir(parents=True)
+    (tmp_path / "passes/test/leave.comp").write_text(LEAVE % RAYS)
+    monkeypatch.setattr(compiler, "overlays", [*compiler.overlays, tmp_path])
+
+
+def check_offsets(device, way="raster", scale=1.0):
+    """A tilted square of two triangles, 200 wide, seen from 0.05 away, near the world's origin and far from it."""
+    normal = np.array((math.sin(0.5) * 0.6, math.cos(0.5), math.sin(0.5) * 0.8))
+    u = np.cross(normal, (0, 0, 1))
+    u /= np.linalg.norm(u)
+    quad = shapes.quad((0, 0, 0), 100 * u, 100 * np.cross(normal, u))
+    settings = sv.Settings(gbuffer=way, jitter=False)
+    for far in (0.0, 1.0, 100.0):
+        at = scale * far * np.array((1, 2, 3))
+        scene = sv.Scene(sv.Instance(mesh=quad, material=matte(0.5), transform=place(scale, at)))
+        eye, target = at + scale * (0.02 * normal + 0.05 * u), at + scale * 0.01 * u
+        camera = sv.Camera.look_at(eye, target, vertical_fov=1.2, near=1e-4 * scale)
+        with LeavingRays(device, scene, (48, 32), settings, passes=GBUFFER) as renderer:
+            there = renderer.render(camera)["depth"] > 0
+            blocked = int(renderer["blocked"].sum())
+        assert there.mean() > 0.5
+        assert blocked == 0, f"{blocked} of {there.sum() * RAYS} rays never left, {far} from the origin"
+
+
+@pytest.mark.parametrize("way", ["raster", "traced"])
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_rays_leave_their_surface(device, leaving, way, scale):
+    check_offsets(device, way, scale)
+
+
+# ---- seeded bugs ------------------------------------------------------------------------------------
+
+# Those that conformance notices are in tests/conformance/test_realtime_bugs.py.
+MUTANTS = {
+    "visibility of rows, not of instances": (
+        check_rows, "cull.comp", "visible_instances.at[row] == instance.id", "visible_instances.at[row] != 0u",
+    ),
+    "rows remembered, not instances": (
+        check_rows, "gbuffer.glsl", "previous.id == instances.at[instance_index].id", "previous.id != 0u",
+    ),
+    "nothing is ever hidden": (check_counts, "cull.comp", "/ nearest * 1.0001 <", "/ nearest * 1e9 <"),
+    "nothing is ever out of view": (check_counts, "cull.comp", "&& is_outside_frustum(box)", "&& box.rounding < 0.0"),
+    "all is drawn twice": (check_counts, "cull.comp", "draws = visible && !was_visible", "draws = visible"),
+    "offset of the point alone": (
+        check_offsets, "gbuffer.glsl", "+ world_ray_offset(reach, m, cofactors, object_normal)", "",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MUTANTS)
+def test_seeded_bug_is_noticed(device, leaving, name):
+    check, file, old, new = MUTANTS[name]
+    with patched_shaders((f"passes/gbuffer/{file}", old, new)), pytest.raises(AssertionError):
+        check(device)

@@ -10,20 +10,22 @@ from numpy.typing import NDArray
 Floats = NDArray[np.floating[Any]]
 
 
-def decode_octahedral(bits: NDArray[np.uint32]) -> Floats:
-    """Unit vectors (N, 3) of 2x16 bits (Cigolle et al. 2014); the largest code but one is 1, so that axes are exact."""
-    square = np.stack([bits & 0xFFFF, bits >> 16], axis=-1) / 65534 * 2 - 1
+def decode_octahedral(codes: NDArray[np.integer[Any]], bits: int = 16) -> Floats:
+    """Unit vectors (..., 3) of codes of two numbers (Cigolle et al. 2014); the largest code but one is 1, so that axes
+    are exact."""
+    mask = (1 << bits) - 1
+    square = np.stack([codes & mask, codes >> bits & mask], axis=-1) / (mask - 1) * 2 - 1
     z = 1 - np.abs(square).sum(axis=-1, keepdims=True)
-    folded = np.where(z >= 0, square, (1 - np.abs(square[:, ::-1])) * np.where(square >= 0, 1, -1))
+    folded = np.where(z >= 0, square, (1 - np.abs(square[..., ::-1])) * np.where(square >= 0, 1, -1))
     along = np.concatenate([folded, z], axis=-1)
     found: Floats = along / np.linalg.norm(along, axis=-1, keepdims=True)
     return found
 
 
-def decode_rgb9e5(bits: NDArray[np.uint32]) -> Floats:
-    """Colours (N, 3) of 9 bits a channel and 5 of exponent (EXT_texture_shared_exponent)."""
+def decode_rgb9e5(bits: NDArray[np.integer[Any]]) -> Floats:
+    """Colours (..., 3) of 9 bits a channel and 5 of exponent (EXT_texture_shared_exponent)."""
     mantissas = np.stack([bits >> shift & 511 for shift in (0, 9, 18)], axis=-1)
-    found: Floats = np.ldexp(mantissas.astype(np.float64), (bits >> 27).astype(np.int32)[:, None] - 24)
+    found: Floats = np.ldexp(mantissas.astype(np.float64), (bits >> 27).astype(np.int32)[..., None] - 24)
     return found
 
 
