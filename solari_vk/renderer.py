@@ -257,7 +257,7 @@ class Renderer(PictureRenderer):
             raise SolariError(f"Renderer: no '{name}': only gbuffer=raster counts what is drawn and culled")
         values = self._frame[name.replace("/", "_")]
         width, height = self._built[0]
-        if len(values.shape) and values.shape[0] == width * height:
+        if values.shape[:1] == (width * height,) and values.shape[:2] != (height, width):  # a buffer of a row a pixel
             return values.reshape(height, width, *values.shape[1:])
         return values
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from seeded_bugs import expect_red, patched_root
+from seeded_bugs import expect_red
 
 from solari_vk.conformance import (
     direct_checks,
@@ -17,15 +17,20 @@ from solari_vk.conformance import (
 )
 from solari_vk.conformance.rules import Rule
 from solari_vk.conformance.shader_runner import ShaderRunner
-from solari_vk.gpu.shaders import compiler
+from solari_vk.gpu.shaders.patches import patched_shaders
 
 DI, GI = "passes/restir_di/spatial_and_shade.comp", "passes/restir_gi/initial_and_temporal.comp"
+RASTER, RESOLVE, PIXEL = (f"passes/gbuffer/{name}" for name in ("raster.vert", "resolve.comp", "pixel.glsl"))
 CULL, GATHER = "passes/gbuffer/cull.comp", "passes/world_cache/sample_indirect.comp"
 QUERY = "passes/world_cache/query.glsl"
 GENERATE, TILES = "passes/light_tiles/generate.comp", "passes/light_tiles/light_tiles.glsl"
 TONEMAP = "passes/display/tonemap.glsl"
 VIEW, VIEWS = "passes/display/debug_view.comp", "passes/display/debug_views.glsl"
 MIRRORS, WRITE = "passes/guides/mirrors.glsl", "passes/guides/write.comp"
+
+
+def measure_zoo(device):
+    return gbuffer_checks.measure_raster(device, gbuffer_checks.make_scene("material_zoo"))
 
 
 def measure_one_mirror(device):
@@ -42,18 +47,43 @@ def measure_contribution(device):
 
 
 BUGS = {
-    "raster with gaps": (gbuffer_checks.measure_gbuffer, ["raster finds"], "passes/gbuffer/resolve.comp",
-                         "imageLoad(depth, ivec2(at)).x == 0.0", "(at.x & 7u) == 0u"),
-    "motion without the camera's": (gbuffer_checks.measure_gbuffer, ["motion vectors"], "passes/gbuffer/gbuffer.glsl",
+    "raster with gaps": (measure_zoo, ["inside facets"], RESOLVE, "imageLoad(depth, ivec2(at)).x == 0.0",
+                         "(at.x & 7u) == 0u"),
+    "jitter the wrong way": (measure_zoo, ["inside facets", "at edges"], RASTER, "+ jitter * view.z",
+                             "- jitter * view.z"),
+    "mirrored instances inside out": (measure_zoo, ["at edges"], RASTER, "if (mirrored &&", "if (false &&"),
+    "barycentrics swapped": (measure_zoo, ["inside facets"], RESOLVE,
+                             "Hit(dot(point, ray.direction), row, triangle, barycentrics,",
+                             "Hit(dot(point, ray.direction), row, triangle, barycentrics.yx,"),
+    "double-sided like single-sided": (measure_zoo, ["inside facets", "at edges"], CULL,
+                                       "& MATERIAL_DOUBLE_SIDED) != 0u", "& 0u) != 0u"),
+    "motion without the camera's": (gbuffer_checks.measure_motion, ["motion vectors"], "passes/gbuffer/gbuffer.glsl",
                                     "project_to_uv(previous_world_position, uniforms.previous_view_from_world",
                                     "project_to_uv(previous_world_position, uniforms.view_from_world"),
-    "motion without the instances'": (gbuffer_checks.measure_instance_motion, ["moving instances"],
-                                      "passes/gbuffer/gbuffer.glsl", "previous.id == instances.at[instance_index].id ?",
-                                      "previous.id == 0u ?"),
+    "motion without the instances'": (gbuffer_checks.measure_motion, ["motion vectors"], "passes/gbuffer/gbuffer.glsl",
+                                      "previous.id == instances.at[instance_index].id ?", "previous.id == 0u ?"),
+    "motion the wrong way": (gbuffer_checks.measure_motion, ["motion vectors"], PIXEL, "motion_vector(now, before)",
+                             "motion_vector(before, now)"),
+    "the sky is near": (gbuffer_checks.measure_motion, ["motion vectors"], PIXEL,
+                        "uniforms.previous_world_from_view[3] + ray.direction * 1e6",
+                        "uniforms.world_from_view[3] + ray.direction"),
     "frustum without slack": (gbuffer_checks.measure_culling, ["culling drops"], CULL,
                               "(1.0 + 4.0 / vec2(uniforms.size))", "0.95"),
     "boxes' far side for their near one": (gbuffer_checks.measure_culling, ["culling drops"], CULL,
                                            "min(nearest, view_depth)", "view_depth"),
+    "rays' mesh drawn for its bounds": (gbuffer_checks.measure_culling, ["culling drops"], CULL,
+                                        "mesh.most - mesh.least);\n", "mesh.least);\n"),
+    "extents with the wrong signs": (gbuffer_checks.measure_culling, ["culling drops"], CULL,
+                                     "abs(normal * box.half_axes)", "normal * box.half_axes"),
+    "pyramid of the nearest": (gbuffer_checks.measure_culling, ["culling drops"], "passes/gbuffer/depth_pyramid.comp",
+                               "farthest = min(\n", "farthest = max(\n"),
+    "pyramid off by a level": (gbuffer_checks.measure_culling, ["culling drops"], CULL,
+                               "pyramid_index(level, uvec2(x, y))",
+                               "pyramid_index(max(level, 2u) - 1u, uvec2(x, y))"),
+    "second pass takes the previous frame's word": (gbuffer_checks.measure_culling, ["culling drops"], CULL,
+                                                    "draws = visible && !was_visible", "draws = false"),
+    "all is drawn twice": (gbuffer_checks.measure_culling, ["counted once"], CULL, "draws = visible && !was_visible",
+                           "draws = visible"),
     "nothing is hidden": (gbuffer_checks.measure_culling, ["culling drops"], CULL,
                           "nearest * 1.0001 < farthest", "nearest * 1e9 < farthest"),
     "lights counted once too often": (direct_checks.measure_direct, ["of a Cornell box", "all of the lamp"],
@@ -153,7 +183,8 @@ BUGS = {
 }  # fmt: skip
 
 
-QUICK = ("sums that begin a block late", "cells live forever", "light for nothing", "divided by nothing",
+QUICK = ("mirrored instances inside out", "boxes' far side for their near one", "motion the wrong way",
+         "sums that begin a block late", "cells live forever", "light for nothing", "divided by nothing",
          "tiles packed without exposure", "every tile alike", "lengths as depths", "light counted twice",
          "a stop too bright", "motion shown twice")  # fmt: skip
 
@@ -174,11 +205,10 @@ def test_every_rule_has_a_bug(module):
 
 # Slow: those that need many frames, or pipelines with rays made anew.
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in QUICK else [pytest.mark.slow]) for n in BUGS])
-def test_bug_is_noticed(device, name, tmp_path, monkeypatch):
+def test_bug_is_noticed(device, name):
     measure, parts, *bug = BUGS[name]
-    root = patched_root(tmp_path, bug)
-    monkeypatch.setattr(compiler, "glsl_root", lambda: root)
-    expect_red(measure(device), *parts)
+    with patched_shaders(bug):
+        expect_red(measure(device), *parts)
 
 
 @pytest.mark.slow  # six renderers

@@ -128,7 +128,7 @@ def test_motion_is_the_scenes(device, way):
 
 
 def test_culling_drops_nothing_that_is_seen(device):
-    hold(gbuffer_checks.measure_culling(device, 40))
+    hold(gbuffer_checks.measure_culling(device))
 
 
 def check_counts(device):
@@ -224,10 +224,9 @@ void main() {
 class LeavingRays(PartialRenderer):
     """The G-buffer, and rays from each pixel's surface."""
 
-    def _stages(self):
-        pixels = self.size[0] * self.size[1]
-        return [*super()._stages(), Stage("leave", buffers={"blocked": pixels},
-                                          passes=[Pass("test/leave", threads=self.size)])]  # fmt: skip
+    def _stages(self, size):
+        leave = Pass("test/leave", threads=size)
+        return [*super()._stages(size), Stage("leave", buffers={"blocked": size[0] * size[1]}, passes=[leave])]
 
 
 @pytest.fixture
@@ -267,6 +266,9 @@ def test_rays_leave_their_surface(device, leaving, way, scale):
 
 # Those that conformance notices are in tests/conformance/test_realtime_bugs.py.
 MUTANTS = {
+    "snapped points not put back": (
+        test_values_are_the_scenes, "pixel.glsl", "cosine < -1e-3 ? t : hit.t", "0.999 * hit.t",
+    ),
     "visibility of rows, not of instances": (
         check_rows, "cull.comp", "visible_instances.at[row] == instance.id", "visible_instances.at[row] != 0u",
     ),
@@ -286,4 +288,4 @@ MUTANTS = {
 def test_seeded_bug_is_noticed(device, leaving, name):
     check, file, old, new = MUTANTS[name]
     with patched_shaders((f"passes/gbuffer/{file}", old, new)), pytest.raises(AssertionError):
-        check(device)
+        check(device, *(["raster"] if check is test_values_are_the_scenes else []))
