@@ -20,6 +20,7 @@ from solari_vk.passes.gbuffer import COUNTERS
 from solari_vk.scene import shapes
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import builtin, matte, place
+from solari_vk.scene.matrices import transform_points
 
 _GBUFFER = (SUITE, "G-buffer")
 INSIDE = Rule("raster finds inside facets what rays find", *_GBUFFER)
@@ -96,7 +97,7 @@ def measure_motion(device: Device, way: str = "raster") -> Iterator[Measurement]
             was[found["depth"] == 0] += previous.transform[:3, 3] - pose[:3, 3]
             for row, instance in renderer.binder.instances.items():
                 here, step = found["instance"] == row, before[instance] @ np.linalg.inv(instance.transform)
-                was[here] = world[here] @ step[:3, :3].T + step[:3, 3]
+                was[here] = transform_points(step, world[here])
             expected = gbuffer.project(previous, was) - gbuffer.project(camera, world)
             worst = max(worst, float(np.abs(found["motion"] * SIZE - expected).max()))
             largest = max(largest, float(np.abs(expected).max()))
