@@ -10,8 +10,8 @@ import numpy as np
 
 from solari_vk import rt
 from solari_vk.conformance.bulk_checks import trace
-from solari_vk.conformance.kernels import Kernels
 from solari_vk.conformance.rules import WGPU, Measurement, Rule, count_wrong
+from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
 
@@ -58,16 +58,16 @@ def _refused(call: Callable[..., Any], *arguments: Any, **options: Any) -> bool:
     return False
 
 
-def measure_order(kernels: Kernels) -> Iterator[Measurement]:
+def measure_order(shaders: ShaderRunner) -> Iterator[Measurement]:
     """What the document forbids is refused, what it allows gives hits."""
-    device, wrong = kernels.device, []
+    device, wrong = shaders.device, []
 
     def note(label: str, right: bool) -> None:
         if not right:
             wrong.append(label)
 
     def hit(tlas: rt.Tlas) -> bool:
-        return bool(trace(kernels, tlas, _ABOVE, _DOWN)["t"][0] == 1)
+        return bool(trace(shaders, tlas, _ABOVE, _DOWN)["t"][0] == 1)
 
     with ExitStack() as stack:
         scene = _Scene(device, stack)
@@ -102,9 +102,9 @@ def measure_order(kernels: Kernels) -> Iterator[Measurement]:
     yield count_wrong(Rule("TlasInstance: only the first 24 bits of custom data may be set", WGPU, _API), wrong)
 
 
-def measure_compaction(kernels: Kernels) -> Iterator[Measurement]:
+def measure_compaction(shaders: ShaderRunner) -> Iterator[Measurement]:
     """prepare_compaction, ready_for_compaction and compact, step by step."""
-    device, wrong = kernels.device, []
+    device, wrong = shaders.device, []
     called: list[str] = []
 
     def note(label: str, right: bool) -> None:
@@ -132,9 +132,9 @@ def measure_compaction(kernels: Kernels) -> Iterator[Measurement]:
         note("a compacted Blas compacted again", _refused(compacted.prepare_compaction))
         scene.build(blas, height=-1)
         scene.place(tlas, compacted)
-        note("independent of a rebuild", bool(trace(kernels, tlas, _ABOVE, _DOWN)["t"][0] == 1))
+        note("independent of a rebuild", bool(trace(shaders, tlas, _ABOVE, _DOWN)["t"][0] == 1))
         blas.destroy()
-        note("independent of its source's end", bool(trace(kernels, tlas, _ABOVE, _DOWN)["t"][0] == 1))
+        note("independent of its source's end", bool(trace(shaders, tlas, _ABOVE, _DOWN)["t"][0] == 1))
         bare = scene.blas(allow_compaction=False)
         scene.build(bare)
         note("prepared without allow_compaction", _refused(bare.prepare_compaction))

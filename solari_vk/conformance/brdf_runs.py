@@ -41,11 +41,9 @@ def run(
     """Rows (count, 4, 3) of brdf.comp."""
     wo = np.atleast_2d(np.asarray(wo, np.float32))
     wi = np.zeros((1, 3), np.float32) if wi is None else np.atleast_2d(np.asarray(wi, np.float32))
-    given = {"test_materials": materials, "outgoing": wo, "incoming": wi}
-    out = shaders.run(
-        "conformance/brdf", count, given, {"results": 4 * count}, external=shaders.brdf_tables(),
-        constants={"MODE": MODES[mode], **constants},
-    )  # fmt: skip
+    given = {"test_materials": materials, "outgoing": wo, "incoming": wi, **shaders.brdf_tables()}
+    constants = {"MODE": MODES[mode], **constants}
+    out = shaders.run("conformance/brdf", count, given, {"results": 4 * count}, constants=constants)
     return out["results"].reshape(count, 4, 3)
 
 

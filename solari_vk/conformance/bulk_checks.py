@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk import rt
-from solari_vk.conformance.kernels import Kernels
 from solari_vk.conformance.rules import SUITE, VULKAN, WGPU, Measurement, Rule, count_wrong
+from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.conformance.worlds import IDENTITY, Boxes, Placed, Shapes, Triangles, World
 from solari_vk.gpu.acceleration.tlas import Tlas
 from solari_vk.scene.matrices import transform_directions, transform_points
@@ -27,21 +27,21 @@ _INVALID_RAY = next(row for row, text in enumerate(rt.RULES) if text.startswith(
 
 
 def trace(
-    kernels: Kernels, tlas: Tlas, origins: ArrayLike, directions: ArrayLike, *,
+    shaders: ShaderRunner, tlas: Tlas, origins: ArrayLike, directions: ArrayLike, *,
     t_min: ArrayLike = 0.0, t_max: ArrayLike = 1e30, flags: int = 0,
 ) -> np.ndarray:  # fmt: skip
     """The closest hits (N records of t, custom_data, instance, geometry, primitive; t < 0 is a miss) of N rays."""
-    rays = ray_records(kernels, origins, directions, t_min=t_min, t_max=t_max, flags=flags)
-    return kernels.compute("trace", {"tlas": tlas, "rays": rays}, {"hits": len(rays)}, len(rays))["hits"]
+    rays = ray_records(shaders, origins, directions, t_min=t_min, t_max=t_max, flags=flags)
+    return shaders.run("conformance/trace", len(rays), {"tlas": tlas, "rays": rays}, {"hits": len(rays)})["hits"]
 
 
 def ray_records(
-    kernels: Kernels, origins: ArrayLike, directions: ArrayLike, *,
+    shaders: ShaderRunner, origins: ArrayLike, directions: ArrayLike, *,
     t_min: ArrayLike = 0.0, t_max: ArrayLike = 1e30, flags: int = 0,
 ) -> np.ndarray:  # fmt: skip
     """Rays as trace.comp takes them."""
     origins, directions = np.broadcast_arrays(np.atleast_2d(origins), np.atleast_2d(directions))
-    rays = np.zeros(len(origins), kernels.dtype("trace.comp", "rays"))
+    rays = np.zeros(len(origins), shaders.element("conformance/trace", "rays"))
     rays["origin"], rays["direction"], rays["flags"] = origins, directions, flags
     rays["t_min"], rays["t_max"] = t_min, t_max
     return rays
@@ -86,7 +86,7 @@ def _place(name: str) -> NDArray[np.float64]:
     return matrix
 
 
-def measure_watertight(kernels: Kernels) -> Iterator[Measurement]:
+def measure_watertight(shaders: ShaderRunner) -> Iterator[Measurement]:
     """Rays from inside a closed surface, and down on a fan around one vertex: at edges, and right at vertices."""
     random = np.random.default_rng(7)
     angles = np.cumsum(random.uniform(0.2, 1.0, 200))
@@ -108,13 +108,13 @@ def measure_watertight(kernels: Kernels) -> Iterator[Measurement]:
     for place in PLACES:
         matrix = Placed("ball", _place(place)).matrix
         for shape in shapes:
-            with World(kernels.device, shapes, [Placed(shape, matrix)]) as world:
+            with World(shaders.device, shapes, [Placed(shape, matrix)]) as world:
                 for name, (of, points, eye) in targets.items():
                     if of == shape:
                         origins = random.normal(size=points.shape) * 0.05 + eye
                         directions = transform_directions(matrix, points - origins)
                         origins = transform_points(matrix, origins)
-                        hits = trace(kernels, world.tlas, origins, directions)
+                        hits = trace(shaders, world.tlas, origins, directions)
                         through[name] += int((hits["t"] < 0).sum())
     for name, (_, points, _) in targets.items():
         rule = Rule(f"{_WATERTIGHT}: {name}", VULKAN, "Ray Traversal: Watertightness")
@@ -129,10 +129,10 @@ def _edge_points(corners: Floats, along: Floats, edges: Sequence[tuple[int, int]
     return np.concatenate(points).reshape(-1, 3)
 
 
-def measure_many_instances(kernels: Kernels, count: int) -> Iterator[Measurement]:
+def measure_many_instances(shaders: ShaderRunner, count: int) -> Iterator[Measurement]:
     """Small triangles in a loose heap, each looked at from close by."""
     random = np.random.default_rng(9)
-    count = min(count, int(kernels.device.properties.acceleration.maxInstanceCount))
+    count = min(count, int(shaders.device.properties.acceleration.maxInstanceCount))
     side = int(np.ceil(count ** (1 / 3)))
     places = np.stack(np.unravel_index(np.arange(count), (side, side, side)), 1) * 4.0
     places = places[spatial_order(places)]
@@ -144,8 +144,8 @@ def measure_many_instances(kernels: Kernels, count: int) -> Iterator[Measurement
         placed.append(Placed("one", matrix, custom=int(data)))
         origins.append(at + matrix[:, 2] * 1.5)
         directions.append(-matrix[:, 2])
-    with World(kernels.device, {"one": [Triangles(corners)]}, placed) as world:
-        hits = trace(kernels, world.tlas, np.array(origins), np.array(directions))
+    with World(shaders.device, {"one": [Triangles(corners)]}, placed) as world:
+        hits = trace(shaders, world.tlas, np.array(origins), np.array(directions))
     wrong = (hits["instance"] != np.arange(count)) | (hits["custom_data"] != custom) | (hits["t"] < 0)
     wrong |= np.abs(hits["t"] - 1.5) > 1e-3
     yield Measurement(_CUSTOM, float(wrong.sum()), unit=f"of {count:,}")
@@ -160,7 +160,7 @@ def _extreme_cases() -> Iterator[tuple[float, float, float]]:
             yield size, stretch, far
 
 
-def measure_extreme_transforms(kernels: Kernels) -> Iterator[Measurement]:
+def measure_extreme_transforms(shaders: ShaderRunner) -> Iterator[Measurement]:
     """t against float64, relative to the rounding that a world-space ray brings with it, and in metres by size."""
     random = np.random.default_rng(12)
     corners = np.array([[(-1, -1, 0), (1, -1, 0), (0, 1.5, 0)]])
@@ -175,8 +175,8 @@ def measure_extreme_transforms(kernels: Kernels) -> Iterator[Measurement]:
         origins = transform_points(exact, np.array([(0.1, 0.05, 1.5)]))
         directions = transform_directions(exact, np.array([(0.02, -0.05, -1.0)]))
         label = f"size {size:g}, stretch {stretch:g}, place {far:g}"
-        with World(kernels.device, {"one": [Triangles(corners)]}, [placed]) as world:
-            (hit,) = trace(kernels, world.tlas, origins, directions)
+        with World(shaders.device, {"one": [Triangles(corners)]}, [placed]) as world:
+            (hit,) = trace(shaders, world.tlas, origins, directions)
         if not hit["t"] >= 0:
             missed.append(label)
             continue
@@ -198,7 +198,7 @@ def measure_extreme_transforms(kernels: Kernels) -> Iterator[Measurement]:
         yield Measurement(rule, off, bar, "m", label)
 
 
-def measure_not_finite(kernels: Kernels) -> Iterator[Measurement]:
+def measure_not_finite(shaders: ShaderRunner) -> Iterator[Measurement]:
     """Rays at a wall and a row of boxes, with one part after the other that is no number."""
     wall = np.array([[(-9, -9, 0), (9, -9, 0), (0, 9, 0)]])
     shapes: Shapes = {"wall": [Triangles(wall)], "box": [Boxes(np.array([[(-1, -1, 1), (1, 1, 2)]]))]}
@@ -219,13 +219,14 @@ def measure_not_finite(kernels: Kernels) -> Iterator[Measurement]:
         rays.append(bad)
         labels.append(label)
     table = np.array(rays)
-    with World(kernels.device, shapes, [Placed("wall"), Placed("box")]) as world:
-        records = ray_records(kernels, table[:, :3], table[:, 3:6], t_min=table[:, 6], t_max=table[:, 7])
+    with World(shaders.device, shapes, [Placed("wall"), Placed("box")]) as world:
+        records = ray_records(shaders, table[:, :3], table[:, 3:6], t_min=table[:, 6], t_max=table[:, 7])
         inputs, outputs = {"tlas": world.tlas, "rays": records}, {"hits": len(records)}
-        hits = kernels.compute("trace", inputs, outputs, len(records))["hits"]
-        faults = np.zeros(len(rt.RULES), [("count", "<u4"), ("invocation", "<u4", 3)])
-        inputs |= {"ray_query_faults": faults}
-        caught = kernels.compute("trace", inputs, outputs, len(records), "#define RAY_QUERY_DEBUG")
+        hits = shaders.run("conformance/trace", len(records), inputs, outputs)["hits"]
+        none = np.zeros(len(rt.RULES), [("count", "<u4"), ("invocation", "<u4", 3)])
+        caught = shaders.run(
+            "conformance/trace", len(records), inputs, {**outputs, "ray_query_faults": none}, header=rt.RAY_QUERY_DEBUG
+        )
     expected = np.arange(len(rays)) == 0
     wrong = np.flatnonzero((hits["t"] >= 0) != expected)
     yield count_wrong(_NOT_FINITE, [labels[i] for i in wrong])

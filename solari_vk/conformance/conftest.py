@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 
-from solari_vk.conformance.kernels import Kernels
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.conformance.suite import Recorder, Suite
 from solari_vk.gpu.device.device import Device
@@ -30,13 +29,6 @@ def suite(request: pytest.FixtureRequest) -> Suite:
 def device(suite: Suite) -> Device:
     """The device under test."""
     return suite.device
-
-
-@pytest.fixture(scope="session")
-def kernels(device: Device) -> Iterator[Kernels]:
-    """Runs conformance/NAME.comp of the package over arrays and acceleration structures."""
-    with Kernels(device) as made:
-        yield made
 
 
 @pytest.fixture(scope="session")

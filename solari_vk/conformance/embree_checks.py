@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.conformance.bulk_checks import bumpy_ball, trace, turn
-from solari_vk.conformance.kernels import Kernels
 from solari_vk.conformance.rules import VULKAN, Measurement, Rule
+from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.conformance.worlds import IDENTITY, Placed, Triangles, World
 from solari_vk.scene.matrices import transform_points
 from solari_vk.scene.spatial import spatial_order
@@ -107,7 +107,7 @@ def _dot(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
     return np.einsum("ij,ij->i", a, b)  # type: ignore[no-any-return]
 
 
-def measure(kernels: Kernels, scene: str, count: int, small: bool = False) -> Iterator[Measurement]:
+def measure(shaders: ShaderRunner, scene: str, count: int, small: bool = False) -> Iterator[Measurement]:
     """`count` random rays through the scene's bounds; small: through less of a scene, for tests."""
     shapes, placed = _scene(scene, small)
     flat = _Flat(shapes, placed)
@@ -115,7 +115,7 @@ def measure(kernels: Kernels, scene: str, count: int, small: bool = False) -> It
     random = np.random.default_rng(16)
     unexcused = excused = 0
     worst = 0.0
-    with World(kernels.device, shapes, placed) as world:
+    with World(shaders.device, shapes, placed) as world:
         for start in range(0, count, _BATCH):
             size = min(_BATCH, count - start)
             middle, half = (flat.low + flat.high) / 2, (flat.high - flat.low) / 2
@@ -123,7 +123,7 @@ def measure(kernels: Kernels, scene: str, count: int, small: bool = False) -> It
             targets = middle + random.uniform(-0.9, 0.9, (size, 3)) * half
             directions = (targets - origins).astype(np.float32)
             directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-            hits = trace(kernels, world.tlas, origins, directions)
+            hits = trace(shaders, world.tlas, origins, directions)
             found = np.where(hits["t"] < 0, -1, flat.first[np.minimum(hits["instance"], len(placed) - 1)]
                              + np.minimum(hits["primitive"], len(flat.corners)))  # fmt: skip
             found = np.minimum(found, len(flat.corners) - 1)

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from solari_vk.conformance.kernels import Kernels
 from solari_vk.conformance.probe_checks import probe_rays
 from solari_vk.conformance.probe_table import PROBES
 from solari_vk.conformance.probes import CONFIRM, INSTANCES, SHAPES, TRIANGLE, Probe, call_rule
 from solari_vk.conformance.rules import Measurement
+from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.conformance.worlds import Triangles, World
 
 RULES = {
@@ -20,12 +20,12 @@ RULES = {
 }
 
 
-def measure_positions(kernels: Kernels) -> Iterator[Measurement]:
+def measure_positions(shaders: ShaderRunner) -> Iterator[Measurement]:
     """Object-space positions of every triangle that a probe must hit, against the geometry (with its transform)."""
-    rays = probe_rays(kernels.dtype("positions.comp", "probes"))
-    with World(kernels.device, SHAPES, list(INSTANCES.values())) as world:
+    rays = probe_rays(shaders.element("conformance/positions", "probes"))
+    with World(shaders.device, SHAPES, list(INSTANCES.values())) as world:
         inputs = {"tlas": world.tlas, "probes": rays}
-        found = kernels.compute("positions", inputs, {"corners": len(rays)}, len(rays))["corners"]
+        found = shaders.run("conformance/positions", len(rays), inputs, {"corners": len(rays)})["corners"]
     for (which, several), rule in RULES.items():
         worst, label = 0.0, ""
         for probe, got in zip(PROBES, found, strict=True):

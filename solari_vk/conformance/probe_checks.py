@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.conformance.kernels import Kernels
 from solari_vk.conformance.probe_table import PROBES
 from solari_vk.conformance.probes import AABB, INSTANCES, SHAPES, TRIANGLE, Expected, Probe, call_rule, hit_rule
 from solari_vk.conformance.rules import VULKAN, Measurement, Rule, count_wrong
+from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.conformance.worlds import Placed, Triangles, World
+from solari_vk.gpu.frame.frame import Draw, DrawList, Pass
 from solari_vk.scene.matrices import by_columns
 
 _ORDER = list(INSTANCES)
@@ -36,19 +37,26 @@ def probe_rays(dtype: np.dtype[Any]) -> np.ndarray:
 
 
 def run_probes(
-    kernels: Kernels, world: World, stage: str = "compute", damage: Callable[[np.ndarray], None] | None = None
+    shaders: ShaderRunner, world: World, stage: str = "compute", damage: Callable[[np.ndarray], None] | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Rays and answers (one a probe) from a compute or a fragment shader; `damage` seeds bugs into what is sent."""
-    rays = probe_rays(kernels.dtype("probe.comp", "probes"))
+    rays = probe_rays(shaders.element("conformance/probe", "probes"))
     sent = rays.copy()
     if damage is not None:
         damage(sent)
     inputs, outputs = {"tlas": world.tlas, "probes": sent}, {"answers": len(rays)}
     if stage == "compute":
-        return rays, kernels.compute("probe", inputs, outputs, len(rays))["answers"]
-    found, row = kernels.fragment("probe", inputs, outputs, len(rays))
+        return rays, shaders.run("conformance/probe", len(rays), inputs, outputs)["answers"]
+    one_triangle = {"probe_draws": np.array([3, 1, 0, 0], np.uint32), "probe_draw_count": np.ones(1, np.uint32)}
+    row = (len(rays), 1)
+    found = shaders.run_steps(
+        [Draw("conformance/probe", [DrawList("probe_draws", "probe_draw_count", 1, culls_backs=False)],
+              colors=["probe_kinds"], depth="probe_depth"), Pass("conformance/probe_kinds", threads=len(rays))],
+        {**inputs, **one_triangle}, {**outputs, "kinds_seen": len(rays)},
+        images={"probe_kinds": row, "probe_depth": row},
+    )  # fmt: skip
     answers = found["answers"]
-    assert (row == answers["committed"]["kind"] + 1).all(), "the picture differs from what the fragments wrote"
+    assert (found["kinds_seen"] == answers["committed"]["kind"] + 1).all(), "the image differs from the fragments'"
     return rays, answers
 
 

@@ -1,30 +1,101 @@
-"""Runs passes that include the renderer's shader library, with arrays in and arrays out."""
+"""Runs the package's passes over arrays: arrays in, arrays out."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.frame.frame import Frame, Pass, Stage
+from solari_vk.gpu.frame.frame import Draw, Frame, Pass, Stage
+from solari_vk.gpu.shaders.compiler import Roots, compile_shader
+from solari_vk.gpu.shaders.spirv import reflect
+from solari_vk.passes import brdf_table
 
 
 class ShaderRunner:
-    """Passes of a GLSL root (default: the package's). A context manager."""
+    """Passes of the package, or of `root` where it has them, each compiled once. A context manager."""
 
-    def __init__(self, device: Device, root: Path | None = None) -> None:
+    def __init__(self, device: Device, root: Roots | None = None) -> None:
         self.device = device
-        self.root = root
+        self._root = root
+        self._frames: dict[tuple[Any, ...], Frame] = {}
+        self._elements: dict[tuple[str, str], np.dtype[Any]] = {}
         self._tables: dict[str, Any] = {}
         self._open = ExitStack()
 
+    def element(self, name: str, buffer: str) -> np.dtype[Any]:
+        """The numpy type of an element of a buffer's runtime array in passes/NAME.comp."""
+        if (name, buffer) not in self._elements:
+            path = f"passes/{name}.comp"
+            element = reflect(compile_shader(path, root=self._root), path).bindings[buffer].element
+            assert element is not None
+            self._elements[name, buffer] = element
+        return self._elements[name, buffer]
+
+    def brdf_tables(self) -> dict[str, Any]:
+        """The BRDF's tables, to be given to `run` as inputs."""
+        if not self._tables:
+            frame, self._tables = brdf_table.compute(self.device)
+            self._open.enter_context(frame)
+        return self._tables
+
+    def run(
+        self, name: str, threads: int, inputs: Mapping[str, Any], outputs: Mapping[str, int | np.ndarray], *,
+        header: str = "", constants: Mapping[str, Any] | None = None, uniforms: Mapping[str, Any] | None = None,
+    ) -> dict[str, np.ndarray]:  # fmt: skip
+        """One dispatch of passes/NAME.comp: `run_steps` of a Pass with these arguments."""
+        step = Pass(name, threads=threads, header=header, constants=constants or {})
+        return self.run_steps([step], inputs, outputs, uniforms=uniforms)
+
+    def run_steps(
+        self, steps: Sequence[Pass | Draw], inputs: Mapping[str, Any], outputs: Mapping[str, int | np.ndarray], *,
+        images: Mapping[str, tuple[int, int]] | None = None, uniforms: Mapping[str, Any] | None = None,
+    ) -> dict[str, np.ndarray]:  # fmt: skip
+        """Run steps in order and return the outputs by name.
+
+        Inputs are arrays, or buffers, images and structures to be bound as they are. Outputs are element counts, or
+        arrays of what the buffers hold before; those of a count have every bit set, so that what isn't written shows.
+        """
+        counts = {key: value if isinstance(value, int) else len(value) for key, value in outputs.items()}
+        bound = dict(inputs)
+        with ExitStack() as stack:
+            for key, value in inputs.items():
+                if isinstance(value, np.ndarray):
+                    bound[key] = buffer = self.device.buffer(value.nbytes, key)
+                    stack.callback(buffer.destroy)
+                    buffer.upload(np.ascontiguousarray(value))
+            frame = self._frame([Stage("one run", buffers=counts, images=images or {}, passes=steps)], bound)
+            for key, before in outputs.items():
+                if isinstance(before, int):
+                    frame.resource(key).fill(0xFFFFFFFF)
+                else:
+                    frame.resource(key).upload(np.ascontiguousarray(before))
+            for key, value in (uniforms or {}).items():
+                frame.uniforms[key] = value
+            frame.submit()
+            result = {key: frame[key] for key in outputs}
+            self.device.wait_idle()
+        return result
+
+    def _frame(self, stages: list[Stage], bound: Mapping[str, Any]) -> Frame:
+        """The frame of these steps, with its pipelines as they are and its resources renewed."""
+        key = tuple((type(s), s.name, getattr(s, "header", ""), repr(getattr(s, "constants", 0)))
+                    for s in stages[0].passes)  # fmt: skip
+        if key not in self._frames:
+            self._frames[key] = self._open.enter_context(
+                Frame(self.device, stages, external=bound, glsl_root=self._root)
+            )
+        else:
+            self._frames[key].rebuild(stages, bound)
+        return self._frames[key]
+
     def close(self) -> None:
-        """Free what `brdf_tables` made."""
+        """Free everything when the work submitted so far is done. Safe to call twice."""
         self._open.close()
+        self._frames.clear()
         self._tables = {}
 
     def __enter__(self) -> ShaderRunner:
@@ -32,43 +103,3 @@ class ShaderRunner:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    def brdf_tables(self) -> dict[str, Any]:
-        """The BRDF's tables as this library computes them, to be given to `run` as external resources."""
-        if not self._tables:
-            passes = [Pass("brdf_table/integrate", threads=(64, 64)), Pass("brdf_table/average", threads=64)]
-            stage = Stage("tables", buffers={"brdf_table": 64 * 64, "brdf_averages": 64}, passes=passes)
-            frame = self._open.enter_context(Frame(self.device, [stage], glsl_root=self.root))
-            frame.submit()
-            self._tables = {name: frame.resource(name) for name in ("brdf_table", "brdf_averages")}
-        return self._tables
-
-    def run(
-        self,
-        name: str,
-        threads: int,
-        inputs: Mapping[str, np.ndarray],
-        outputs: Mapping[str, int],
-        *,
-        external: Mapping[str, Any] | None = None,
-        header: str = "",
-        constants: Mapping[str, Any] | None = None,
-        uniforms: Mapping[str, Any] | None = None,
-    ) -> dict[str, np.ndarray]:
-        """One dispatch of passes/NAME.comp; returns the outputs, given by their element counts, as arrays."""
-        bound = dict(external or {})
-        with ExitStack() as stack:
-            for key, values in inputs.items():
-                data = np.ascontiguousarray(values)
-                bound[key] = buffer = self.device.buffer(data.nbytes, key)
-                stack.callback(buffer.destroy)
-                buffer.upload(data)
-            single = Pass(name, threads=threads, header=header, constants=constants or {})
-            stage = Stage("one pass", buffers=dict(outputs), passes=[single])
-            frame = stack.enter_context(Frame(self.device, [stage], external=bound, glsl_root=self.root))
-            for key, value in (uniforms or {}).items():
-                frame.uniforms[key] = value
-            frame.submit()
-            result = {key: frame[key] for key in outputs}
-            self.device.wait_idle()
-        return result

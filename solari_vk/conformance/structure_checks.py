@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.conformance.bulk_checks import bumpy_ball, trace, turn
-from solari_vk.conformance.kernels import Kernels
 from solari_vk.conformance.rules import VULKAN, WGPU, Measurement, Rule, count_wrong
+from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.conformance.worlds import (
     COMPACTED,
     FRESH,
@@ -47,7 +47,7 @@ def _heap() -> tuple[Shapes, list[Placed], NDArray[np.float64], NDArray[np.float
     return shapes, placed, origins, random.uniform(-4, 4, (20_000, 3)) - origins
 
 
-def measure_ways(kernels: Kernels, damage: Damage | None = None) -> Iterator[Measurement]:
+def measure_ways(shaders: ShaderRunner, damage: Damage | None = None) -> Iterator[Measurement]:
     """However structures were built, the same rays meet the same triangles at the same t. Also sizes."""
     shapes, placed, origins, directions = _heap()
     hits: dict[str, np.ndarray] = {}
@@ -55,8 +55,8 @@ def measure_ways(kernels: Kernels, damage: Damage | None = None) -> Iterator[Mea
     for way in (*WAYS, "fast build"):
         known = way if way in WAYS else FRESH
         seeded = damage if way != FRESH else None
-        with World(kernels.device, shapes, placed, known, fast_trace=way in WAYS, damage=seeded) as world:
-            hits[way] = trace(kernels, world.tlas, origins, directions)
+        with World(shaders.device, shapes, placed, known, fast_trace=way in WAYS, damage=seeded) as world:
+            hits[way] = trace(shaders, world.tlas, origins, directions)
             sizes |= {name: (size, world.blases[name].size) for name, size in world.sizes.items()}
     right = hits.pop(FRESH)
     documents = {"compacted": (WGPU, _COMPACTION)}
@@ -74,7 +74,7 @@ def measure_ways(kernels: Kernels, damage: Damage | None = None) -> Iterator[Mea
     assert 0.1 < hit_share < 1, f"the heap must be hit, and missed, not {hit_share:.2f}"
 
 
-def measure_formats(kernels: Kernels) -> Iterator[Measurement]:
+def measure_formats(shaders: ShaderRunner) -> Iterator[Measurement]:
     """The same triangles with and without indices, strides and transforms are hit alike."""
     ball = bumpy_ball(12, 0.2)
     moved = translation(0.25, -0.5, 0.125)
@@ -92,8 +92,8 @@ def measure_formats(kernels: Kernels) -> Iterator[Measurement]:
     right = None
     wrong = []
     for name, variant in variants.items():
-        with World(kernels.device, {"one": [variant]}, [Placed("one")]) as world:
-            hits = trace(kernels, world.tlas, origins, directions)
+        with World(shaders.device, {"one": [variant]}, [Placed("one")]) as world:
+            hits = trace(shaders, world.tlas, origins, directions)
         right = hits if right is None else right
         # A transform rounds vertices anew, so that a ray at an edge may change sides.
         allowed = 4 if variant.transform is not None else 0
@@ -103,22 +103,22 @@ def measure_formats(kernels: Kernels) -> Iterator[Measurement]:
     yield count_wrong(Rule("index formats, strides and geometry transforms", VULKAN, _STRUCTURES), wrong)
 
 
-def measure_indices(kernels: Kernels, damage: Damage | None = None) -> Iterator[Measurement]:
+def measure_indices(shaders: ShaderRunner, damage: Damage | None = None) -> Iterator[Measurement]:
     """Each of the 24 bits of custom data and the 8 of masks, alone."""
     customs = [1 << bit for bit in range(24)] + [0, 0xFFFFFF, 0xAAAAAA, 0x555555]
     masks = [1 << bit for bit in range(8)]
     placed = [Placed("one", translation(4.0 * i), custom=custom) for i, custom in enumerate(customs)]
     placed += [Placed("one", translation(4.0 * (len(placed) + i)), mask=mask) for i, mask in enumerate(masks)]
     origins = np.array([(4.0 * i + 0.5, 0.5, 1.0) for i in range(len(placed))])
-    with World(kernels.device, {"one": [Triangles(_FLAT)]}, placed, damage=damage) as world:
-        hits = trace(kernels, world.tlas, origins, _DOWN)
+    with World(shaders.device, {"one": [Triangles(_FLAT)]}, placed, damage=damage) as world:
+        hits = trace(shaders, world.tlas, origins, _DOWN)
     wrong = [hex(custom) for custom, hit in zip(customs, hits, strict=False) if hit["custom_data"] != custom]
     yield count_wrong(Rule("TlasInstance: custom data of 24 bits", WGPU, _API), wrong)
     lost = [hex(mask) for mask, hit in zip(masks, hits[len(customs) :], strict=True) if hit["t"] < 0]
     yield count_wrong(Rule("TlasInstance: mask of 8 bits", WGPU, _API), lost)
 
 
-def measure_nothing(kernels: Kernels) -> Iterator[Measurement]:
+def measure_nothing(shaders: ShaderRunner) -> Iterator[Measurement]:
     """Structures without anything in them, and primitives that are none."""
     empty = np.zeros((0, 3, 3))
     point = np.full((1, 3, 3), 0.5)
@@ -137,8 +137,8 @@ def measure_nothing(kernels: Kernels) -> Iterator[Measurement]:
     wrong = []
     for name, placed in worlds.items():
         used = {item.shape: shapes[item.shape] for item in placed}
-        with World(kernels.device, used, placed) as world:
-            hits = trace(kernels, world.tlas, origins, _DOWN)
+        with World(shaders.device, used, placed) as world:
+            hits = trace(shaders, world.tlas, origins, _DOWN)
         solid = name in ("one", "NaN before a triangle")
         if ((hits["t"] >= 0) != solid).any() or (solid and (hits["primitive"] != (name != "one")).any()):
             wrong.append(name)
@@ -146,7 +146,7 @@ def measure_nothing(kernels: Kernels) -> Iterator[Measurement]:
     yield count_wrong(rule, wrong)
 
 
-def measure_many_blases(kernels: Kernels, count: int) -> Iterator[Measurement]:
+def measure_many_blases(shaders: ShaderRunner, count: int) -> Iterator[Measurement]:
     """Many different structures in one call, in few and in many batches."""
     shapes = {f"blas {i}": [Triangles(_FLAT + np.array((0, 0, i % 7 * 0.5)))] for i in range(count)}
     placed = [Placed(name, translation(4.0 * i), custom=i) for i, name in enumerate(shapes)]
@@ -154,23 +154,23 @@ def measure_many_blases(kernels: Kernels, count: int) -> Iterator[Measurement]:
     expected = 5 - np.arange(count) % 7 * 0.5
     cases = (("one batch", 1 << 28, FRESH), ("many batches", 1 << 12, FRESH), ("compacted", 0, COMPACTED))
     for name, budget, way in cases:
-        with World(kernels.device, shapes, placed, way) as world:
+        with World(shaders.device, shapes, placed, way) as world:
             if budget:
-                build_blases(kernels.device, list(world.blases.values()), compact=False, scratch_budget=budget)
+                build_blases(shaders.device, list(world.blases.values()), compact=False, scratch_budget=budget)
                 addresses = {key: blas.address for key, blas in world.blases.items()}
                 world.place(instance_records(placed, addresses))
-            hits = trace(kernels, world.tlas, origins, _DOWN)
+            hits = trace(shaders, world.tlas, origins, _DOWN)
         wrong = (hits["custom_data"] != np.arange(count)) | (np.abs(hits["t"] - expected) > 1e-4)
         rule = Rule(f"many Blases in one call: {name}", WGPU, _API)
         yield Measurement(rule, float(wrong.sum()), unit=f"of {count}")
 
 
-def measure_tlas_rebuilds(kernels: Kernels, damage: Damage | None = None) -> Iterator[Measurement]:
+def measure_tlas_rebuilds(shaders: ShaderRunner, damage: Damage | None = None) -> Iterator[Measurement]:
     """A Tlas built over fewer, more and other instances has those of the last build, and no others."""
     placed = [Placed("one", translation(4.0 * i), custom=i) for i in range(64)]
     origins = np.array([(4.0 * i + 0.5, 0.5, 1.0) for i in range(64)])
     wrong = []
-    with World(kernels.device, {"one": [Triangles(_FLAT)]}, placed) as world:
+    with World(shaders.device, {"one": [Triangles(_FLAT)]}, placed) as world:
         addresses = {"one": world.blases["one"].address}
         for step, chosen in enumerate((range(64), range(10), range(0), range(20, 60, 3), range(64))):
             members: Sequence[int] = list(chosen)
@@ -178,7 +178,7 @@ def measure_tlas_rebuilds(kernels: Kernels, damage: Damage | None = None) -> Ite
             if damage is not None and len(records):
                 damage(records)
             world.place(records)
-            hits = trace(kernels, world.tlas, origins, _DOWN)
+            hits = trace(shaders, world.tlas, origins, _DOWN)
             seen = np.flatnonzero(hits["t"] >= 0).tolist()
             if seen != members or hits["custom_data"][seen].tolist() != members:
                 wrong.append(f"build {step + 1}")
@@ -190,14 +190,14 @@ def large_tlas_rule(count: int) -> Rule:
     return Rule(f"a Tlas of {count:,} instances", VULKAN, _STRUCTURES)
 
 
-def measure_large_tlas(kernels: Kernels, count: int, damage: Damage | None = None) -> Iterator[Measurement]:
+def measure_large_tlas(shaders: ShaderRunner, count: int, damage: Damage | None = None) -> Iterator[Measurement]:
     """More instances than 16 bits count."""
     side = int(np.ceil(np.sqrt(count)))
     places = np.stack(np.unravel_index(np.arange(count), (side, side)), 1) * 3.0
     places = places[spatial_order(np.pad(places, ((0, 0), (0, 1))))]
     placed = [Placed("one", translation(x, y), custom=i & 0xFFFFFF) for i, (x, y) in enumerate(places)]
-    with World(kernels.device, {"one": [Triangles(_FLAT)]}, placed, damage=damage) as world:
+    with World(shaders.device, {"one": [Triangles(_FLAT)]}, placed, damage=damage) as world:
         origins = np.concatenate([places + 0.5, np.ones((count, 1))], axis=1)
-        hits = trace(kernels, world.tlas, origins, _DOWN)
+        hits = trace(shaders, world.tlas, origins, _DOWN)
     wrong = (hits["custom_data"] != np.arange(count)) | (hits["instance"] != np.arange(count)) | (hits["t"] < 0)
     yield Measurement(large_tlas_rule(count), float(wrong.sum()), unit=f"of {count:,}")

@@ -8,10 +8,11 @@ import pytest
 
 from solari_vk.conformance import api_checks
 from solari_vk.conformance import structure_checks as checks
-from solari_vk.conformance.kernels import Kernels
 from solari_vk.conformance.rules import Measurement
+from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.conformance.suite import Recorder
 
+Check = Callable[[ShaderRunner], Iterator[Measurement]]
 _CHECKS = {
     "ways": checks.measure_ways,
     "formats": checks.measure_formats,
@@ -24,23 +25,23 @@ _CHECKS = {
 
 
 @pytest.mark.parametrize("measure", [pytest.param(check, id=name) for name, check in _CHECKS.items()])
-def test_structures(rule: Recorder, kernels: Kernels, measure: Callable[[Kernels], Iterator[Measurement]]) -> None:
+def test_structures(rule: Recorder, shaders: ShaderRunner, measure: Check) -> None:
     """Everything that has one size."""
-    rule(measure(kernels))
+    rule(measure(shaders))
 
 
-def test_many_blases(rule: Recorder, kernels: Kernels) -> None:
+def test_many_blases(rule: Recorder, shaders: ShaderRunner) -> None:
     """Thousands of structures in one call."""
-    rule(checks.measure_many_blases(kernels, 2000))
+    rule(checks.measure_many_blases(shaders, 2000))
 
 
 @pytest.mark.parametrize("count", [100_000, 1_000_000])
-def test_large_tlas(rule: Recorder, kernels: Kernels, full: bool, count: int) -> None:
+def test_large_tlas(rule: Recorder, shaders: ShaderRunner, full: bool, count: int) -> None:
     """A grid of instances, each of them looked at."""
-    most = int(kernels.device.properties.acceleration.maxInstanceCount)
+    most = int(shaders.device.properties.acceleration.maxInstanceCount)
     if count > most:
         rule.unsupported(checks.large_tlas_rule(count), f"maxInstanceCount is {most:,}")
     elif count > 100_000 and not full:
         rule.full_only(checks.large_tlas_rule(count))
     else:
-        rule(checks.measure_large_tlas(kernels, count))
+        rule(checks.measure_large_tlas(shaders, count))

@@ -5,62 +5,62 @@ from __future__ import annotations
 import pytest
 
 from solari_vk.conformance import bulk_checks, embree_checks, position_checks, probe_checks
-from solari_vk.conformance.kernels import Kernels
 from solari_vk.conformance.probes import INSTANCES, SHAPES, call_rule
+from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.conformance.suite import Recorder
 from solari_vk.conformance.worlds import WAYS, World
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_probes(rule: Recorder, kernels: Kernels, way: str) -> None:
+def test_probes(rule: Recorder, shaders: ShaderRunner, way: str) -> None:
     """All probes from compute."""
-    with World(kernels.device, SHAPES, list(INSTANCES.values()), way) as world:
-        rule(probe_checks.measure(*probe_checks.run_probes(kernels, world)))
+    with World(shaders.device, SHAPES, list(INSTANCES.values()), way) as world:
+        rule(probe_checks.measure(*probe_checks.run_probes(shaders, world)))
 
 
 @pytest.mark.parametrize("stage", ["fragment"])
-def test_probes_from_other_stages(rule: Recorder, kernels: Kernels, stage: str) -> None:
+def test_probes_from_other_stages(rule: Recorder, shaders: ShaderRunner, stage: str) -> None:
     """All probes once more from a fragment shader."""
-    if "fragmentStoresAndAtomics" not in kernels.device.features:
+    if "fragmentStoresAndAtomics" not in shaders.device.features:
         rule.unsupported(call_rule("ray queries in fragment shaders"), "fragmentStoresAndAtomics")
         return
-    with World(kernels.device, SHAPES, list(INSTANCES.values())) as world:
-        rule(probe_checks.measure(*probe_checks.run_probes(kernels, world, stage)))
+    with World(shaders.device, SHAPES, list(INSTANCES.values())) as world:
+        rule(probe_checks.measure(*probe_checks.run_probes(shaders, world, stage)))
 
 
 @pytest.mark.parametrize("scene", embree_checks.SCENES)
-def test_embree(rule: Recorder, kernels: Kernels, full: bool, scene: str) -> None:
+def test_embree(rule: Recorder, shaders: ShaderRunner, full: bool, scene: str) -> None:
     """The closest hit of random rays is Embree's."""
     if not embree_checks.available():
         rule.missing(embree_checks.rules(scene), "needs embreex: pip install solari-vk[test]")
     else:
-        rule(embree_checks.measure(kernels, scene, 10_000_000 if full else 1_000_000))
+        rule(embree_checks.measure(shaders, scene, 10_000_000 if full else 1_000_000))
 
 
-def test_watertight(rule: Recorder, kernels: Kernels) -> None:
+def test_watertight(rule: Recorder, shaders: ShaderRunner) -> None:
     """No ray gets through a shared edge or vertex."""
-    rule(bulk_checks.measure_watertight(kernels))
+    rule(bulk_checks.measure_watertight(shaders))
 
 
-def test_many_instances(rule: Recorder, kernels: Kernels) -> None:
+def test_many_instances(rule: Recorder, shaders: ShaderRunner) -> None:
     """Each of many instances is hit, and is told from the others."""
-    rule(bulk_checks.measure_many_instances(kernels, 100_000))
+    rule(bulk_checks.measure_many_instances(shaders, 100_000))
 
 
-def test_extreme_transforms(rule: Recorder, kernels: Kernels) -> None:
+def test_extreme_transforms(rule: Recorder, shaders: ShaderRunner) -> None:
     """Sizes and places of many magnitudes."""
-    rule(bulk_checks.measure_extreme_transforms(kernels))
+    rule(bulk_checks.measure_extreme_transforms(shaders))
 
 
-def test_not_finite(rule: Recorder, kernels: Kernels) -> None:
+def test_not_finite(rule: Recorder, shaders: ShaderRunner) -> None:
     """NaN and infinite rays end and hit nothing."""
-    rule(bulk_checks.measure_not_finite(kernels))
+    rule(bulk_checks.measure_not_finite(shaders))
 
 
-def test_vertex_return(rule: Recorder, kernels: Kernels) -> None:
+def test_vertex_return(rule: Recorder, shaders: ShaderRunner) -> None:
     """Vertex positions of hits, where the device returns them."""
-    if kernels.device.has_position_fetch:
-        rule(position_checks.measure_positions(kernels))
+    if shaders.device.has_position_fetch:
+        rule(position_checks.measure_positions(shaders))
     else:
-        layer = " (hidden by the validation layer)" if kernels.device.validation else ""
+        layer = " (hidden by the validation layer)" if shaders.device.validation else ""
         rule.unsupported(position_checks.RULES.values(), "rayTracingPositionFetch" + layer)

@@ -5,26 +5,26 @@ from __future__ import annotations
 from contextlib import contextmanager
 
 import pytest
-from seeded_bugs import patched_root
 
-from solari_vk.conformance.kernels import Kernels
+from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.shaders.patches import patched_shaders
 
 
 @pytest.fixture(scope="session")
-def kernels(device):
+def shaders(device):
     """The suite's shaders under validation."""
-    with Kernels(device) as made:
+    with ShaderRunner(device) as made:
         yield made
 
 
-@pytest.fixture
-def patched(device, tmp_path):
-    """patched((file, old, new), ..., device=None) -> Kernels over shaders with these seeded bugs."""
+@pytest.fixture(scope="session")
+def patched(device):
+    """patched((file, old, new), ..., device=None): a context with a runner of shaders with these seeded bugs."""
 
     @contextmanager
     def make(*patches, device=device):
-        with Kernels(device, patched_root(tmp_path, *patches)) as made:
+        with patched_shaders(*patches), ShaderRunner(device) as made:
             yield made
 
     return make

@@ -2,23 +2,7 @@
 
 from __future__ import annotations
 
-import shutil
-
 import numpy as np
-
-from solari_vk.gpu.shaders import compiler
-
-
-def patched_root(tmp_path, *patches):
-    """A copy of the shaders with seeded bugs: (file, text that it holds once, text put in its place)."""
-    root = tmp_path / "glsl"
-    shutil.copytree(compiler.glsl_root(), root, ignore=shutil.ignore_patterns("*.spv", "*.json"))
-    for file, old, new in patches:
-        path = root / file
-        text = path.read_text()
-        assert text.count(old) == 1, f"{file} has changed: '{old}' must be found once"
-        path.write_text(text.replace(old, new))
-    return root
 
 
 def failing(measurements):

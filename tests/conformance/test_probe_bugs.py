@@ -15,16 +15,16 @@ from solari_vk.conformance.probes import INSTANCES, SHAPES
 from solari_vk.conformance.worlds import World
 
 
-def probe(kernels, *, rays=None, records=None, shapes=SHAPES):
+def probe(shaders, *, rays=None, records=None, shapes=SHAPES):
     """All measurements of the probes with damaged rays, instance records or shapes."""
-    with World(kernels.device, shapes, list(INSTANCES.values()), damage=records) as world:
-        return list(probe_checks.measure(*probe_checks.run_probes(kernels, world, damage=rays)))
+    with World(shaders.device, shapes, list(INSTANCES.values()), damage=records) as world:
+        return list(probe_checks.measure(*probe_checks.run_probes(shaders, world, damage=rays)))
 
 
-def test_there_are_enough_probes_and_they_pass(kernels):
+def test_there_are_enough_probes_and_they_pass(shaders):
     assert len(PROBES) >= 40
     assert len({item.label for item in PROBES}) == len(PROBES)
-    assert not failing(probe(kernels))
+    assert not failing(probe(shaders))
 
 
 def without_flag(flag):
@@ -39,15 +39,15 @@ FLAGS = ["FORCE_OPAQUE", "FORCE_NO_OPAQUE", "TERMINATE_ON_FIRST_HIT", "CULL_BACK
 
 
 @pytest.mark.parametrize("name", FLAGS)
-def test_ignored_flag_is_noticed(kernels, name):
-    expect_red(probe(kernels, rays=without_flag(getattr(told, name))), name)
+def test_ignored_flag_is_noticed(shaders, name):
+    expect_red(probe(shaders, rays=without_flag(getattr(told, name))), name)
 
 
-def test_wrong_flag_values_are_noticed(kernels):
+def test_wrong_flag_values_are_noticed(shaders):
     def shift(rays):
         rays["flags"] <<= 1
 
-    expect_red(probe(kernels, rays=shift), "SKIP_CLOSEST_HIT_SHADER", *(name for name in FLAGS if name != "SKIP_AABBS"))
+    expect_red(probe(shaders, rays=shift), "SKIP_CLOSEST_HIT_SHADER", *(name for name in FLAGS if name != "SKIP_AABBS"))
 
 
 def set_field(**values):
@@ -92,9 +92,9 @@ RAY_BUGS = {
 
 
 @pytest.mark.parametrize("name", RAY_BUGS)
-def test_damaged_ray_is_noticed(kernels, name):
+def test_damaged_ray_is_noticed(shaders, name):
     damage, rules = RAY_BUGS[name]
-    expect_red(probe(kernels, rays=damage), *rules)
+    expect_red(probe(shaders, rays=damage), *rules)
 
 
 def transposed(records):
@@ -125,17 +125,17 @@ RECORD_BUGS = {
 
 
 @pytest.mark.parametrize("name", RECORD_BUGS)
-def test_damaged_instance_record_is_noticed(kernels, name):
+def test_damaged_instance_record_is_noticed(shaders, name):
     damage, rules = RECORD_BUGS[name]
-    expect_red(probe(kernels, records=damage), *rules)
+    expect_red(probe(shaders, records=damage), *rules)
 
 
-def test_damaged_geometry_is_noticed(kernels):
+def test_damaged_geometry_is_noticed(shaders):
     """Opacity swapped, geometries and primitives in another order."""
     swapped = {name: [replace(part, opaque=not part.opaque) for part in parts] for name, parts in SHAPES.items()}
-    expect_red(probe(kernels, shapes=swapped), "no flag", "CULL_OPAQUE", "CandidateAABBOpaque")
+    expect_red(probe(shaders, shapes=swapped), "no flag", "CULL_OPAQUE", "CandidateAABBOpaque")
     reordered = SHAPES | {"many": SHAPES["many"][::-1], "two lists of boxes": SHAPES["two lists of boxes"][::-1]}
-    expect_red(probe(kernels, shapes=reordered), "geometry_index", "geometry_index, committed")
+    expect_red(probe(shaders, shapes=reordered), "geometry_index", "geometry_index, committed")
 
 
 QUERY = "scene/ray_query.glsl"
@@ -155,13 +155,13 @@ def test_bugs_in_the_getters_are_noticed(patched):
          "rayQueryGetIntersectionBarycentricsEXT(query, COMMITTED).yx"),
         (QUERY, "rayQueryGetIntersectionFrontFaceEXT(query, COMMITTED)",
          "!rayQueryGetIntersectionFrontFaceEXT(query, COMMITTED)"),
-        ("conformance/probe.glsl", "rayQueryGetIntersectionObjectRayOriginEXT(query, true)",
+        ("passes/conformance/probe.glsl", "rayQueryGetIntersectionObjectRayOriginEXT(query, true)",
          "rayQueryGetWorldRayOriginEXT(query)"),
     ]  # fmt: skip
     names = ("instance_custom_data", "instance_index", "geometry_index", "object_to_world", "barycentrics",
              "front_face")  # fmt: skip
-    with patched(*bugs) as kernels:
-        expect_red(probe(kernels), *(f"RayIntersection.{name}, committed" for name in names), "ObjectRayOrigin")
+    with patched(*bugs) as shaders:
+        expect_red(probe(shaders), *(f"RayIntersection.{name}, committed" for name in names), "ObjectRayOrigin")
 
 
 def test_bugs_in_the_functions_are_noticed(patched):
@@ -175,10 +175,10 @@ def test_bugs_in_the_functions_are_noticed(patched):
          "= mat4x3(transpose(mat3(rayQueryGetIntersectionObjectToWorldEXT(query, COMMITTED))))"),
         (QUERY, "uint(rayQueryGetIntersectionPrimitiveIndexEXT(query, COMMITTED))",
          "uint(rayQueryGetIntersectionPrimitiveIndexEXT(query, COMMITTED) + 1)"),
-        ("conformance/probe.glsl", "answer.t_min = rayQueryGetRayTMinEXT(query)", "answer.t_min = probe.t_max"),
+        ("passes/conformance/probe.glsl", "answer.t_min = rayQueryGetRayTMinEXT(query)", "answer.t_min = probe.t_max"),
     ]  # fmt: skip
-    with patched(*bugs) as kernels:
+    with patched(*bugs) as shaders:
         expect_red(
-            probe(kernels), "a box is a candidate", "RayIntersection.t, committed", "world_to_object, committed",
+            probe(shaders), "a box is a candidate", "RayIntersection.t, committed", "world_to_object, committed",
             "RayIntersection.primitive_index, committed", "OpRayQueryGetRayTMin",
         )  # fmt: skip

@@ -207,7 +207,7 @@ def test_every_rule_has_a_bug(module):
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in QUICK else [pytest.mark.slow]) for n in BUGS])
 def test_bug_is_noticed(device, name):
     measure, parts, *bug = BUGS[name]
-    with patched_shaders(bug):
+    with patched_shaders(tuple(bug)):
         expect_red(measure(device), *parts)
 
 

@@ -10,46 +10,48 @@ from seeded_bugs import expect_red, failing, masked
 
 from solari_vk import rt
 from solari_vk.conformance import api_checks, bulk_checks, embree_checks, position_checks, structure_checks, worlds
-from solari_vk.conformance.kernels import Kernels
 from solari_vk.conformance.rules import FAIL
+from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.conformance.suite import Recorder, known_faults
 from solari_vk.gpu.acceleration import instances
+
+TRACE = "passes/conformance/trace.comp"
 
 
 def test_bugs_in_tracing_are_noticed(patched, monkeypatch):
     """Off by one against Embree and many instances, t against float64, and rays that are none made whole."""
     bugs = [
-        ("conformance/trace.comp", "hit.primitive_index)", "hit.primitive_index + 1u)"),
-        ("conformance/trace.comp", "-1.0 : hit.t", "-1.0 : hit.t * 1.001"),
-        ("conformance/trace.comp", "Hit(t, hit.instance_custom_data", "Hit(t, hit.instance_custom_data & 0xFFFu"),
-        ("conformance/trace.comp", "Ray ray = rays.at[index];", "Ray ray = rays.at[index];\n"
+        (TRACE, "hit.primitive_index)", "hit.primitive_index + 1u)"),
+        (TRACE, "-1.0 : hit.t", "-1.0 : hit.t * 1.001"),
+        (TRACE, "Hit(t, hit.instance_custom_data", "Hit(t, hit.instance_custom_data & 0xFFFu"),
+        (TRACE, "Ray ray = rays.at[index];", "Ray ray = rays.at[index];\n"
          "    ray.direction = mix(ray.direction, vec3(0.0, 0.0, -1.0), isnan(ray.direction));"),
     ]  # fmt: skip
-    with patched(*bugs) as kernels:
-        expect_red(bulk_checks.measure_many_instances(kernels, 300), "tell many instances apart")
+    with patched(*bugs) as shaders:
+        expect_red(bulk_checks.measure_many_instances(shaders, 300), "tell many instances apart")
         sizes = (f"size {size} at all" for size in ("1e-06", "1", "1e+06"))
-        expect_red(bulk_checks.measure_extreme_transforms(kernels), "100,000 sizes away: t", *sizes)
-        expect_red(bulk_checks.measure_not_finite(kernels), "end and hit nothing")
+        expect_red(bulk_checks.measure_extreme_transforms(shaders), "100,000 sizes away: t", *sizes)
+        expect_red(bulk_checks.measure_not_finite(shaders), "end and hit nothing")
         if embree_checks.available():
-            expect_red(embree_checks.measure(kernels, "instanced", 5000, small=True), "is Embree's")
+            expect_red(embree_checks.measure(shaders, "instanced", 5000, small=True), "is Embree's")
 
 
 def test_missed_extremes_are_noticed(patched):
     """Nothing smaller than a thousandth is hit."""
-    bug = ("conformance/trace.comp", "Ray ray = rays.at[index];", "Ray ray = rays.at[index];\n"
+    bug = (TRACE, "Ray ray = rays.at[index];", "Ray ray = rays.at[index];\n"
            "    ray.t_max = length(ray.direction) < 1e-3 ? 0.0 : ray.t_max;")  # fmt: skip
-    with patched(bug) as kernels:
-        expect_red(bulk_checks.measure_extreme_transforms(kernels), "100,000 sizes away")
+    with patched(bug) as shaders:
+        expect_red(bulk_checks.measure_extreme_transforms(shaders), "100,000 sizes away")
 
 
-def test_holes_are_noticed(kernels, monkeypatch):
+def test_holes_are_noticed(shaders, monkeypatch):
     """A closed surface and a fan without one triangle let rays through."""
     whole = worlds.Triangles
     monkeypatch.setattr(bulk_checks, "Triangles", lambda corners: whole(corners[1:]))
-    expect_red(bulk_checks.measure_watertight(kernels), "closed surface: edges", "fan: edges")
+    expect_red(bulk_checks.measure_watertight(shaders), "closed surface: edges", "fan: edges")
 
 
-POSITIONS = "conformance/positions.comp"
+POSITIONS = "passes/conformance/positions.comp"
 
 
 def changed_vertices(which, expression):
@@ -80,8 +82,8 @@ def fetching(plain_device):
 
 @pytest.mark.parametrize("name", POSITION_BUGS)
 def test_bugs_in_vertex_return_are_noticed(patched, fetching, name):
-    with patched(*POSITION_BUGS[name], device=fetching) as kernels:
-        measured = list(position_checks.measure_positions(kernels))
+    with patched(*POSITION_BUGS[name], device=fetching) as shaders:
+        measured = list(position_checks.measure_positions(shaders))
     expect_red(measured, *(rule.name for rule in position_checks.RULES.values()))
     if name == "in world space":  # a larger error than the known fault's isn't taken for it
         recorder = Recorder("ray_queries", "", known_faults("llvmpipe Mesa 25.0"))
@@ -91,8 +93,8 @@ def test_bugs_in_vertex_return_are_noticed(patched, fetching, name):
 
 def test_unplaced_vertices_are_noticed(fetching, monkeypatch):
     """A driver that returns vertices before their geometry's transform, as if the table told of other triangles."""
-    with Kernels(fetching) as kernels:
-        assert not failing(position_checks.measure_positions(kernels)) - {
+    with ShaderRunner(fetching) as shaders:
+        assert not failing(position_checks.measure_positions(shaders)) - {
             rule.name for (_, several), rule in position_checks.RULES.items() if several
         }
         unplaced = {
@@ -103,48 +105,49 @@ def test_unplaced_vertices_are_noticed(fetching, monkeypatch):
         world = position_checks.World
         monkeypatch.setattr(position_checks, "World", lambda device, _, placed: world(device, of_world, placed))
         monkeypatch.setattr(position_checks, "SHAPES", unplaced)
-        expect_red(position_checks.measure_positions(kernels), "Committed", "one geometry")
+        expect_red(position_checks.measure_positions(shaders), "Committed", "one geometry")
 
 
-def test_bugs_in_large_tlas_are_noticed(kernels):
+def test_bugs_in_large_tlas_are_noticed(shaders):
     def beyond_16_bits(records):
         records["custom_index_and_mask"] &= np.uint32(0xFF00FFFF)
 
-    expect_red(structure_checks.measure_large_tlas(kernels, 70_000, beyond_16_bits), "a Tlas of 70,000 instances")
+    expect_red(structure_checks.measure_large_tlas(shaders, 70_000, beyond_16_bits), "a Tlas of 70,000 instances")
 
 
-def test_bugs_in_structures_are_noticed(kernels, monkeypatch):
+def test_bugs_in_structures_are_noticed(shaders, monkeypatch):
     def moved(records):
         records["transform"][3, 0, 3] += 0.01
 
-    expect_red(structure_checks.measure_ways(kernels, moved), *(f"fresh: {way}" for way in worlds.WAYS[1:]))
+    expect_red(structure_checks.measure_ways(shaders, moved), *(f"fresh: {way}" for way in worlds.WAYS[1:]))
     half = masked("custom_index_and_mask", 0x0F7FFFFF)
-    expect_red(structure_checks.measure_indices(kernels, half), "custom data of 24 bits", "mask of 8 bits")
+    expect_red(structure_checks.measure_indices(shaders, half), "custom data of 24 bits", "mask of 8 bits")
 
     def drop_last(records):
         records["custom_index_and_mask"][-1] = 0
 
-    expect_red(structure_checks.measure_tlas_rebuilds(kernels, drop_last), "last built with")
+    expect_red(structure_checks.measure_tlas_rebuilds(shaders, drop_last), "last built with")
     made = worlds.TriangleGeometry
     for seeded in ({"indices": 0}, {"position_stride": 12}, {"transform": 0}):
         with monkeypatch.context() as patch:
             patch.setattr(worlds, "TriangleGeometry", lambda *a, seeded=seeded, **k: made(*a, **{**k, **seeded}))
-            expect_red(structure_checks.measure_formats(kernels), "index formats")
+            expect_red(structure_checks.measure_formats(shaders), "index formats")
     records_of = worlds.instance_records
     with monkeypatch.context() as patch:
         patch.setattr(worlds, "instance_records", lambda placed, addresses: records_of(
             [replace(item, active=True) for item in placed], addresses))  # fmt: skip
-        expect_red(structure_checks.measure_nothing(kernels), "never hit")
+        expect_red(structure_checks.measure_nothing(shaders), "never hit")
     with monkeypatch.context() as patch:
+
         def swapped(placed, addresses):
             return records_of(placed, dict(zip(addresses, [*list(addresses.values())[1:], 0], strict=True)))
 
         patch.setattr(worlds, "instance_records", swapped)
         patch.setattr(structure_checks, "instance_records", swapped)
-        expect_red(structure_checks.measure_many_blases(kernels, 20), "one batch", "many batches", "compacted")
+        expect_red(structure_checks.measure_many_blases(shaders, 20), "one batch", "many batches", "compacted")
 
 
-def test_bugs_in_the_order_rules_are_noticed(kernels, monkeypatch):
+def test_bugs_in_the_order_rules_are_noticed(shaders, monkeypatch):
     """A rebuilt Blas not seen, custom data of 25 bits, a preparation that a rebuild doesn't end."""
     usable = rt.Tlas.check_usable
 
@@ -155,5 +158,5 @@ def test_bugs_in_the_order_rules_are_noticed(kernels, monkeypatch):
     monkeypatch.setattr(rt.Tlas, "check_usable", lenient)
     monkeypatch.setattr(instances, "CUSTOM_DATA_BITS", 25)
     monkeypatch.setattr(rt.Blas, "_drop_preparation", lambda blas: None)
-    expect_red(api_checks.measure_order(kernels), "else refused", "first 24 bits")
-    expect_red(api_checks.measure_compaction(kernels), "prepare_compaction")
+    expect_red(api_checks.measure_order(shaders), "else refused", "first 24 bits")
+    expect_red(api_checks.measure_compaction(shaders), "prepare_compaction")

@@ -15,7 +15,7 @@ AXES = [(0, 0, 1), (0, 0, -1), (0.6, -0.48, 0.64), (1e-5, 0, -1)]
 def draw(shaders, kind, axis=(0.0, 0.0, 1.0), cone=1.0, count=COUNT):
     axis = np.array(axis, np.float32) / np.float32(np.linalg.norm(axis))
     words = np.concatenate([np.array([kind, 7], np.uint32), np.array([*axis, cone], np.float32).view(np.uint32)])
-    draws = shaders.run("distributions", count, {"parameters": words}, {"draws": count})["draws"]
+    draws = shaders.run("test/distributions", count, {"parameters": words}, {"draws": count})["draws"]
     assert np.isfinite(draws).all()
     return draws.astype(np.float64), axis.astype(np.float64)
 

@@ -38,7 +38,7 @@ def check(shaders):
     colors, directions, values = inputs()
     count = len(colors)
     given = {"colors": colors, "directions": directions, "values": values}
-    out = shaders.run("packing", count, given, {"packed": 5 * count, "unpacked": 5 * count})
+    out = shaders.run("test/packing", count, given, {"packed": 5 * count, "unpacked": 5 * count})
     packed, unpacked = out["packed"].reshape(-1, 5), out["unpacked"].reshape(-1, 5, 4).astype(np.float64)
 
     assert (packed[:, 0] == rgb9e5(colors)).all()

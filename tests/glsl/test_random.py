@@ -41,7 +41,7 @@ def check(shaders):
     words[:3] = [[0, 0, 0, 0], [MASK] * 4, [1, 1, 1, 1]]
     count = len(words)
     outputs = {"hashes": 9 * count, "numbers": 8 * count, "floats": 8 * count, "ranged": 8 * count}
-    out = shaders.run("random", count, {"words": words}, outputs)
+    out = shaders.run("test/random", count, {"words": words}, outputs)
     hashes, numbers = out["hashes"].reshape(-1, 9), out["numbers"].reshape(-1, 8)
     floats, ranged = out["floats"].reshape(-1, 8), out["ranged"].reshape(-1, 8)
     for i, word in enumerate(words.tolist()):

@@ -56,7 +56,7 @@ def check(shaders, scale):
     header = f"const uint GROUP_COUNT = {len(KINDS)}u; const uint GROUP_SIZE = {GROUP_SIZE}u;"
     try:
         binder.update()
-        out = shaders.run("offsets", count, {}, {"counts": count}, external=binder.resources, header=header)["counts"]
+        out = shaders.run("test/offsets", count, binder.resources, {"counts": count}, header=header)["counts"]
     finally:
         shaders.device.wait_idle()
         binder.destroy()

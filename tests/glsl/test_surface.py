@@ -15,7 +15,8 @@ def run(shaders, mode, vectors, external=None):
     vectors = np.asarray(vectors, np.float32).reshape(-1, 3, 3)
     count = len(vectors)
     header = f"#define MODE {mode}"
-    out = shaders.run("surface", count, {"vectors": vectors}, {"results": 3 * count}, external=external, header=header)
+    inputs = {"vectors": vectors, **(external or {})}
+    out = shaders.run("test/surface", count, inputs, {"results": 3 * count}, header=header)
     return out["results"].reshape(count, 3, 3)
 
 

@@ -1,10 +1,7 @@
 // The vertices of candidate and committed triangles, on devices that return them.
 #version 460
-#extension GL_EXT_ray_query : require
-#extension GL_EXT_scalar_block_layout : require
-#extension GL_GOOGLE_include_directive : require
 #define RAY_QUERY_VERTEX_RETURN
-#include "conformance/probe.glsl"
+#include "passes/conformance/probe.glsl"
 
 layout(local_size_x = 32) in;
 

@@ -1,9 +1,6 @@
 // Runs every probe from a compute shader.
 #version 460
-#extension GL_EXT_ray_query : require
-#extension GL_EXT_scalar_block_layout : require
-#extension GL_GOOGLE_include_directive : require
-#include "conformance/probe.glsl"
+#include "passes/conformance/probe.glsl"
 
 layout(local_size_x = 32) in;
 

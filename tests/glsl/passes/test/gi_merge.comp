@@ -4,6 +4,7 @@
 #include "passes/restir_gi/reservoir.glsl"
 
 layout(local_size_x = 64) in;
+layout(constant_id = 60) const uint CHOICES = 1u;
 
 struct Pixel {
     vec3 position;

@@ -1,8 +1,5 @@
 // The closest hit of many rays; candidates are confirmed, boxes passed over.
 #version 460
-#extension GL_EXT_ray_query : require
-#extension GL_EXT_scalar_block_layout : require
-#extension GL_GOOGLE_include_directive : require
 #include "scene/ray_query.glsl"
 
 layout(local_size_x = 64) in;
