@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from solari_vk.cli import main
-from solari_vk.frame import SceneFrame
-from solari_vk.gpu.frame.frame import Pass, Stage
+from solari_vk.measure.bare_rays import plain_tracer
 from solari_vk.measure.frame.passes import against_bare_rays, count_rays
-from solari_vk.measure.speed import Figures
+from solari_vk.measure.report import Report
 from solari_vk.renderer import Renderer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import builtin
@@ -16,15 +15,18 @@ from solari_vk.scene.model import Camera
 from solari_vk.tracer import RayTracer
 
 
-def test_page_has_all_figures(device, capsys):
-    say = Figures()
-    say("a speed", 1234.5678, "rays/s", "aim 2")
-    say("a size", 1234567.0, "bytes")
-    page = say.markdown(device)
-    assert "| a speed | 1,234.568 rays/s | aim 2 |" in page
-    assert "| a size | 1,234,567 bytes |  |" in page
-    assert device.name in page
-    assert device.properties.driver in page
+def test_page_has_all_figures(device, capsys, tmp_path):
+    report = Report(device, tmp_path / "page.md", "Speed", ["What it is."])
+    report.figure("a speed", 1234.5678, "rays/s", "aim 2")
+    report.figure("a size", 1234567.0, "bytes")
+    report.table("More", ["scene", "ms"], [["box", "1.5"]], "A note.")
+    lines = (tmp_path / "page.md").read_text().splitlines()
+    assert lines[:3] == ["# Speed", "", "What it is."]
+    for row in ("| a speed | 1,234.568 rays/s | aim 2 |", "| a size | 1,234,567 bytes |  |", "## More", "A note.",
+                "| scene | ms |", "| --- | ---: |", "| box | 1.5 |"):  # fmt: skip
+        assert row in lines
+    assert device.name in "".join(lines)
+    assert device.properties.driver in "".join(lines)
     assert "1,234.568 rays/s  (aim 2)" in capsys.readouterr().out
 
 
@@ -35,18 +37,12 @@ def test_folder_is_needed(any_device, tmp_path):
 def test_plain_kernel_finds_what_the_tracer_does(device):
     rng, scene = np.random.default_rng(2), builtin("cornell_box")
     low, high = scene.bounds()
-    rays = {"plain_origins": rng.uniform(low, high, (1000, 3)), "plain_directions": rng.normal(size=(1000, 3))}
-    with RayTracer(device, scene) as tracer:
-        hits = tracer.trace(*rays.values())
-        buffers = {name: device.buffer(12_000, name) for name in rays}
-        for name, values in rays.items():
-            buffers[name].upload(values.astype(np.float32))
-        stage = Stage("plain", buffers={"plain_distances": 1000}, passes=[Pass("bench/plain", threads=1000)])
-        with SceneFrame(device, tracer.binder, [stage], external=buffers) as frame:
-            frame.submit()
-            assert np.array_equal(frame["plain_distances"], hits["t"])
-        for buffer in buffers.values():
-            buffer.destroy()
+    origins = rng.uniform(low, high, (1000, 3)).astype(np.float32)
+    directions = rng.normal(size=(1000, 3)).astype(np.float32)
+    with RayTracer(device, scene) as tracer, plain_tracer(device, tracer.binder, origins, directions) as plain:
+        hits = tracer.trace(origins, directions)
+        plain.submit()
+        assert np.array_equal(plain["plain_distances"], hits["t"])
     assert 0.5 < np.isfinite(hits["t"]).mean() < 1
 
 

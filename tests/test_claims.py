@@ -27,7 +27,7 @@ from solari_vk.measure.claims.verdict import (
 )
 from solari_vk.measure.claims.workbench import Workbench
 from solari_vk.measure.frame import error
-from solari_vk.measure.frame.subjects import from_file, glowing
+from solari_vk.measure.subjects import from_file, glowing
 
 # What the posts claim, a row each, and how many pairs are measured for it.
 ROWS = {

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from solari_vk import __version__
+from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
 
 
@@ -46,3 +49,53 @@ def text_table(head: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequ
         for row in (head, *rows)
     ]  # fmt: skip
     return ["  " + "  ".join(row).rstrip() for row in aligned]
+
+
+def check_page(path: Path | None) -> None:
+    """Raise SolariError when there is no folder for a page."""
+    if path is not None and not path.resolve().parent.is_dir():
+        raise SolariError(f"{path}: there is no folder {path.resolve().parent}")
+
+
+class Report:
+    """Prints tables and single figures as they come, and writes them as a page of Markdown.
+
+    `path` is written again after each of them, so that a run that is stopped leaves what it has.
+    """
+
+    def __init__(self, device: Device, path: Path | None, title: str, intro: Sequence[str]) -> None:
+        self._path = path
+        self._started = time.perf_counter()
+        self._lines = [f"# {title}", *(line for text in intro for line in ("", text)), "",
+                       *markdown_facts(device_facts(device, host_load()))]  # fmt: skip
+        self._figures: list[tuple[str, str, str]] = []
+
+    def progress(self, text: str) -> None:
+        """Print what is measured next."""
+        print(f"[{time.perf_counter() - self._started:5.0f} s] {text}", flush=True)
+
+    def figure(self, what: str, value: float, unit: str, note: str = "") -> None:
+        """Add a row to the page's table of single figures."""
+        text = f"{value:,.0f}" if unit == "bytes" else f"{value:,.3f}"
+        print(f"{what:<60} {text:>14} {unit}" + (f"  ({note})" if note else ""), flush=True)
+        self._figures.append((what, f"{text} {unit}".rstrip(), note))
+        self._write()
+
+    def table(self, title: str, head: Sequence[str], rows: Sequence[Sequence[str]], *notes: str) -> None:
+        """Add a section with a table whose first column is text and whose other columns are numbers."""
+        numbers = range(1, len(head))
+        print("\n".join(["", title, *text_table(head, rows, numbers), *(f"  {note}" for note in notes)]), flush=True)
+        self._lines += ["", f"## {title}", "", *markdown_table(head, rows, numbers)]
+        self._lines += [line for note in notes for line in ("", note)]
+        self._write()
+
+    def _write(self) -> None:
+        if self._path is not None:
+            figures = ["", *markdown_table(("what", "measured", "remark"), self._figures, (1,))]
+            lines = [*self._lines, *(figures if self._figures else ())]
+            self._path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def milliseconds(value: float) -> str:
+    """Milliseconds as text, with more digits for small values."""
+    return f"{value:.2f}" if value < 10 else f"{value:.1f}" if value < 100 else f"{value:,.0f}"

@@ -7,13 +7,12 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.claims import cache, direct, specular
 from solari_vk.measure.claims.report import line, page
 from solari_vk.measure.claims.verdict import Claim, Outcome, select
 from solari_vk.measure.claims.workbench import Workbench
-from solari_vk.measure.report import host_load
+from solari_vk.measure.report import check_page, host_load
 from solari_vk.output.picture import write_png
 
 CLAIMS: tuple[Claim, ...] = (*direct.CLAIMS, *cache.CLAIMS, *specular.CLAIMS)
@@ -24,8 +23,7 @@ def run(device_name: str | None, *, markdown: Path | None = None, pictures: Path
     """Measure the claims, all or some by name. The page is written anew after each, so that a run that is stopped
     leaves what it has. Raises SolariError for unknown names, and where nothing can be written."""
     chosen = select(CLAIMS, only)
-    if markdown is not None and not markdown.resolve().parent.is_dir():
-        raise SolariError(f"{markdown}: there is no folder {markdown.resolve().parent}")
+    check_page(markdown)
     if pictures is not None:
         pictures.mkdir(parents=True, exist_ok=True)
     load = host_load()

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.gpu.device.device import Device
-from solari_vk.measure.frame.passes import every_barrier
 from solari_vk.measure.partial import PartialRenderer
+from solari_vk.measure.timing import every_barrier
 from solari_vk.output.tone_mapping import encode_picture
 from solari_vk.reference import PathTracer
 from solari_vk.renderer import Renderer

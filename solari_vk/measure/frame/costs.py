@@ -13,6 +13,7 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
 from solari_vk.measure.frame.passes import frame_times
+from solari_vk.measure.timing import seconds
 from solari_vk.renderer import Renderer
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.model import Scene
@@ -118,9 +119,7 @@ def host_times(device: Device, frames: int) -> dict[str, tuple[float, float]]:
             whole, inside = [], []
             for frame in range(frames + 5):
                 change(frame)
-                started = time.perf_counter()
-                renderer.render(camera)
-                whole.append(time.perf_counter() - started)
+                whole.append(seconds(lambda: renderer.render(camera)))
                 device.wait_idle()
             for frame in range(frames):
                 change(frame)

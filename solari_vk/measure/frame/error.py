@@ -19,12 +19,9 @@ Picture = NDArray[np.float64]
 
 def reference(device: Device, scene: Scene, size: tuple[int, int], samples: int, limit: float) -> tuple[Picture, int]:
     """The path tracer's picture with another seed than those measured, and its samples; `limit`: seconds."""
-    tracer = PathTracer(device, scene, size, seed=1_000_003)
-    try:
+    with PathTracer(device, scene, size, seed=1_000_003) as tracer:
         picture = tracer.render(scene.camera, samples=samples, time_limit=limit).astype(np.float64)
         return picture, tracer.samples
-    finally:
-        tracer.close()
 
 
 def realtime_curve(
@@ -56,18 +53,16 @@ def path_tracer_curve(
 ) -> list[tuple[int, float, float]]:
     """(samples a pixel, seconds so far, error), at powers of 2 until the time is over."""
     found: list[tuple[int, float, float]] = []
-    tracer, spent, samples = PathTracer(device, scene, size), 0.0, 1
-    try:
+    spent, samples = 0.0, 1
+    with PathTracer(device, scene, size) as tracer:
         tracer.render(scene.camera, samples=1)
-        tracer.resize(size)  # starts anew, with everything compiled
+        tracer.reset()  # starts anew, with everything compiled
         while samples <= most and (spent < seconds or not found):
             started = time.perf_counter()
             picture = tracer.render(scene.camera, samples=samples).astype(np.float64)
             spent += time.perf_counter() - started
             found.append((tracer.samples, spent, relative_mse(picture, truth)))
             samples *= 2
-    finally:
-        tracer.close()
     return found
 
 

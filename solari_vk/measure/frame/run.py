@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections import defaultdict
 from pathlib import Path
 
-from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.frame import costs, error, passes
-from solari_vk.measure.frame.report import Report, ms
-from solari_vk.measure.frame.subjects import Subject, glowing, hilly, subjects
+from solari_vk.measure.report import Report, check_page, milliseconds
+from solari_vk.measure.subjects import Subject, glowing, hilly, subjects
+from solari_vk.measure.timing import every_barrier
 from solari_vk.renderer import Renderer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import builtin
@@ -18,16 +18,19 @@ from solari_vk.settings import Settings
 Size = tuple[int, int]
 SIZES = ((256, 256), (640, 360))
 HOST_AIM, BARE_AIM = 0.2, 2.0
+INTRO = (
+    "Written by `solari-vk bench frame FILES --markdown FILE`. The device measures the times of passes; they are "
+    "medians of frames. The scene stands still where nothing else is said.",
+)
 
 
 def run(select: str | None, files: list[Path], *, markdown: Path | None = None, quick: bool = False) -> None:
     """Measure and print everything; markdown: a page to write as well. Raises SolariError for files that can't be
     loaded, and without a folder for the page."""
-    if markdown is not None and not markdown.resolve().parent.is_dir():
-        raise SolariError(f"{markdown}: there is no folder {markdown.resolve().parent}")
+    check_page(markdown)
     chosen = subjects(files)
     with Device(select) as device:
-        report = Report(device, markdown)
+        report = Report(device, markdown, "The realtime frame in figures", INTRO)
         sizes = ((16, 16), (32, 18)) if quick else SIZES
         for size in sizes:
             _passes(device, report, chosen, size, 2 if quick else 6)
@@ -50,7 +53,7 @@ def _passes(device: Device, report: Report, chosen: list[Subject], size: Size, f
         report.progress(f"{subject.name} {named}: passes, rays")
         binder = SceneBinder(device, subject.scene)
         found = passes.count_rays(device, binder, subject.camera, size, warm_up, 2)
-        with passes.every_barrier():
+        with every_barrier():
             apart = Renderer(device, binder, size, Settings())
         with apart:
             times[subject.name] = passes.frame_times(apart, subject.camera, warm_up, frames)
@@ -62,9 +65,9 @@ def _passes(device: Device, report: Report, chosen: list[Subject], size: Size, f
         binder.destroy()
     names = [subject.name for subject in chosen]
     rows: dict[str, None] = {name: None for spent in times.values() for name in spent if name != "frame"}
-    table = [[row, *(ms(times[name].get(row, 0.0)) for name in names)] for row in rows]
-    table.append(["all passes", *(ms(sum(v for k, v in times[n].items() if k != "frame")) for n in names)])
-    table.append(["frame, from call to done", *(ms(times[name]["frame"]) for name in names)])
+    table = [[row, *(milliseconds(times[name].get(row, 0.0)) for name in names)] for row in rows]
+    table.append(["all passes", *(milliseconds(sum(v for k, v in times[n].items() if k != "frame")) for n in names)])
+    table.append(["frame, from call to done", *(milliseconds(times[name]["frame"]) for name in names)])
     report.table(f"Passes at {named}, milliseconds", ["pass", *names], table,
                  "With a barrier between all passes, so that none is charged with another's time.")  # fmt: skip
 
@@ -120,8 +123,9 @@ def _growth(device: Device, report: Report, quick: bool) -> None:
     frames, size = (2, (16, 16)) if quick else (5, (128, 128))
 
     def measure(title: str, what: str, cases: list[tuple[str, float, float]], note: str) -> None:
-        _, least, shortest = cases[0]
-        rows = [[name, ms(spent), f"{amount / least:,.1f}", f"{spent / shortest:.2f}"] for name, amount, spent in cases]
+        _, first_amount, first_time = cases[0]
+        rows = [[name, milliseconds(spent), f"{amount / first_amount:,.1f}", f"{spent / first_time:.2f}"]
+                for name, amount, spent in cases]  # fmt: skip
         report.table(title, [what, "ms a frame", "times as many", "times as long"], rows, note)
 
     cases = []

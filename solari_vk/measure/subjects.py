@@ -8,12 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
-from solari_vk.measure.rays import height_field
 from solari_vk.scene.builtin import builtin, lamp, matte
 from solari_vk.scene.gltf import load_gltf
 from solari_vk.scene.model import Camera, Instance, Mesh, Scene
+from solari_vk.scene.spatial import spatial_order
 from solari_vk.scene.studio import frame_camera, studio_lights
 
 BUILTIN = ("cornell_box", "many_lights")
@@ -56,6 +57,17 @@ def _from_script(script: Path, argument: Path) -> Scene:
     if not isinstance(scene, Scene):
         raise SolariError(f"{script} has no function {script.stem} that makes a scene of a path")
     return scene
+
+
+def height_field(triangles: int) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
+    """Positions and triangles of a wavy square, in spatial order."""
+    side = round((triangles / 2) ** 0.5)
+    x, z = np.meshgrid(np.linspace(-1, 1, side + 1), np.linspace(-1, 1, side + 1))
+    positions = np.stack([x, 0.05 * np.sin(20 * x) * np.cos(17 * z), z], axis=-1).reshape(-1, 3).astype(np.float32)
+    first = (np.arange(side)[:, None] * (side + 1) + np.arange(side)).ravel()
+    corners = np.stack([first, first + side + 1, first + 1, first + 1, first + side + 1, first + side + 2], axis=1)
+    indices = corners.reshape(-1, 3).astype(np.uint32)
+    return positions, indices[spatial_order(positions[indices].mean(axis=1))]
 
 
 def hilly(triangles: int) -> Scene:
