@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import solari_vk as sv
 from solari_vk.conformance.frame_checks import odd_scene
-from solari_vk.conformance.realtime import OFF, PARTS, add_up, make_renderer
+from solari_vk.conformance.realtime import GUIDES, OFF, PARTS, add_up, make_renderer
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.gpu.device.device import Device
 from solari_vk.passes.guides import IMAGES
@@ -113,7 +113,7 @@ def _take(device: Device, before: Setup, now: Setup) -> tuple[dict[str, Image], 
     pane = shapes.quad((0, 0, 0), (1, 0, 0), (0, 1, 0))
     panes = [scene.add(sv.Instance(mesh=pane, material=mirror, transform=at)) for at in before.mirrors]
     placed, moved = seen[-1].transform.copy(), seen_from @ place((1.1, 1, 1), (0.1, -0.75, -8.4), 0.6)
-    with make_renderer(device, scene, SIZE, **OFF) as renderer:
+    with make_renderer(device, scene, SIZE, passes=GUIDES, **OFF) as renderer:
         renderer.render(_camera(before.camera))
         seen[-1].update(transform=moved)
         for thing, at in zip(panes, now.mirrors, strict=True):
@@ -141,9 +141,10 @@ def measure_mirrors(device: Device, name: str) -> Iterator[Measurement]:
         "specular motion": ((shown["specular_motion"] - seen["motion"]) * SIZE, 1 / 16, "of a pixel"),
     }
     for what, (error, bar, unit) in errors.items():
-        # Edges may lie a pixel beside: rays and raster.
+        # Rays and raster may find an edge a pixel apart.
         worst = np.quantile(np.abs(error).reshape(*SIZE, -1).max(axis=-1), 0.98)
-        yield Measurement(Rule(f"{name}: {what} as of a camera behind", *_PSR), float(worst), bar, unit)
+        rule = Rule(f"{name}: {what} as of a camera behind", *_PSR)
+        yield Measurement(rule, float(worst), bar, f"{unit} in 98 % of pixels")
     for guides in (shown, seen):
         yield from _measure_materials(guides, name)
 
@@ -165,7 +166,7 @@ def _measure_materials(guides: dict[str, Image], name: str) -> Iterator[Measurem
 def measure_range(device: Device) -> Iterator[Measurement]:
     """Whatever denoisers divide by or look up."""
     scene, wrong = odd_scene(), 0
-    with make_renderer(device, scene, (24, 24), **{**OFF, "jitter": True}) as renderer:
+    with make_renderer(device, scene, (24, 24), passes=GUIDES, **{**OFF, "jitter": True}) as renderer:
         for _ in range(4):
             frame = renderer.render(scene.camera)
             images = {name: frame[f"guides_{name}"].astype(np.float64) for name in IMAGES}
