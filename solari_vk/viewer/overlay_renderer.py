@@ -10,6 +10,7 @@ from imgui_bundle import imgui
 
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.command_pool import CommandPool
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.device.swapchain import FRAMES, Swapchain
@@ -49,17 +50,8 @@ class OverlayRenderer:
         self._pipeline: OverlayPipeline | None = None
         self._broken = False  # no pipeline could be made, and another try would take as long
         self._textures: dict[int, tuple[Image, DescriptorSets]] = {}
-        pool = raw.struct(
-            "VkCommandPoolCreateInfo",
-            flags=raw.VK_COMMAND_POOL_CREATE_RESET_COMMAND_BUFFER_BIT,
-            queueFamilyIndex=device.queue_family,
-        )
-        self._pool = device.create("VkCommandPool", pool, "overlay")
-        self._token = device.own(lambda: device.vk.vkDestroyCommandPool(device.handle, self._pool, raw.NULL))
-        allocate = raw.struct("VkCommandBufferAllocateInfo", commandPool=self._pool, commandBufferCount=FRAMES)
-        buffers = raw.ffi.new("VkCommandBuffer[]", FRAMES)
-        device.vk.vkAllocateCommandBuffers(device.handle, allocate, buffers)
-        self._frames = [_Frame(buffers[i]) for i in range(FRAMES)]
+        self._pool = CommandPool(device, "overlay")
+        self._frames = [_Frame(commands) for commands in self._pool.allocate(FRAMES)]
         self._frame = 0
         io = imgui.get_io()
         io.backend_flags |= imgui.BackendFlags_.renderer_has_textures | imgui.BackendFlags_.renderer_has_vtx_offset
@@ -192,7 +184,7 @@ class OverlayRenderer:
             self._destroy(number)
         if self._pipeline is not None:
             self._pipeline.close()
-        self.device.release(self._token)
+        self._pool.destroy()
 
 
 def _copy(source: Any, item_bytes: int, target: Buffer, first: int) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from solari_vk.gpu.device import barriers, raw
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.command_pool import CommandPool
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.device.swapchain import Swapchain
@@ -47,13 +47,7 @@ class Presenter:
         self._composed: Image | None = None  # several parts side by side
         self._shown: list[list[Part] | None] = []
         self._values: list[int] = []
-        pool = raw.struct(
-            "VkCommandPoolCreateInfo",
-            flags=raw.VK_COMMAND_POOL_CREATE_RESET_COMMAND_BUFFER_BIT,
-            queueFamilyIndex=device.queue_family,
-        )
-        self._pool = device.create("VkCommandPool", pool, "window")
-        self._token = device.own(lambda: device.vk.vkDestroyCommandPool(device.handle, self._pool, raw.NULL))
+        self._pool = CommandPool(device, "window")
 
     def show(self, parts: Sequence[Part], draw: Callable[[int], raw.CData] | None = None) -> bool:
         """Show the parts, which cover the window, or black without any; False when the window shows nothing now.
@@ -109,7 +103,7 @@ class Presenter:
     def _record_read(self, image: raw.CData, target: Buffer) -> raw.CData:
         """Commands that copy an image of the window to a buffer."""
         if self._read_commands is None:
-            self._read_commands = self._new_commands(1)[0]
+            [self._read_commands] = self._pool.allocate(1)
         vk, commands = self.device.vk, self._read_commands
         width, height = self.swapchain.extent
         extent = {"width": width, "height": height, "depth": 1}
@@ -121,20 +115,11 @@ class Presenter:
         vk.vkEndCommandBuffer(commands)
         return commands
 
-    def _new_commands(self, count: int) -> Any:
-        allocate = raw.struct("VkCommandBufferAllocateInfo", commandPool=self._pool, commandBufferCount=count)
-        commands = raw.ffi.new("VkCommandBuffer[]", count)
-        self.device.vk.vkAllocateCommandBuffers(self.device.handle, allocate, commands)
-        return commands
-
     def _allocate(self) -> None:
         """Command buffers for another swapchain; those of the old one aren't running any more."""
-        vk, handle = self.device.vk, self.device.handle
-        vk.vkResetCommandPool(handle, self._pool, 0)
         missing = len(self.swapchain.images) - len(self._commands)
         if missing > 0:
-            new = self._new_commands(missing)
-            self._commands += [new[i] for i in range(missing)]
+            self._commands += self._pool.allocate(missing)
         self._shown = [None] * len(self._commands)
         self._values = [0] * len(self._commands)
         self._generation = self.swapchain.generation
@@ -182,7 +167,7 @@ class Presenter:
         if self._composed is not None:
             self._composed.destroy()
             self._composed = None
-        self.device.release(self._token)
+        self._pool.destroy()
 
 
 def _columns(part: Part, width: int, least: int = 0) -> tuple[int, int]:

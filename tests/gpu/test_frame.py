@@ -10,6 +10,7 @@ import pytest
 
 from solari_vk.errors import SolariError, ValidationError
 from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.recorded import Recorded
 from solari_vk.gpu.frame.frame import Frame, History, Pass, Stage, Step
 from solari_vk.gpu.shaders.compiler import CompilationError
 
@@ -166,24 +167,16 @@ def test_step_and_command_buffers_before_the_frame(device, root):
 
 
 def test_work_before_the_frame_is_ordered(device, root):
-    create = raw.struct("VkCommandPoolCreateInfo", queueFamilyIndex=device.queue_family)
-    pool = device.create("VkCommandPool", create, "")
-    out = raw.ffi.new("VkCommandBuffer[1]")
-    device.vk.vkAllocateCommandBuffers(
-        device.handle, raw.struct("VkCommandBufferAllocateInfo", commandPool=pool, commandBufferCount=1), out
-    )
     buffer = device.buffer(4 * COUNT, "a")
-    simultaneous = raw.VK_COMMAND_BUFFER_USAGE_SIMULTANEOUS_USE_BIT
-    device.vk.vkBeginCommandBuffer(out[0], raw.struct("VkCommandBufferBeginInfo", flags=simultaneous))
-    device.vk.vkCmdFillBuffer(out[0], buffer.handle, 0, raw.VK_WHOLE_SIZE, 5)
-    device.vk.vkEndCommandBuffer(out[0])
+    filling = Recorded(
+        device, lambda cmd: device.vk.vkCmdFillBuffer(cmd, buffer.handle, 0, raw.VK_WHOLE_SIZE, 5), "fill a"
+    )
     stage = Stage("x", buffers={"b": COUNT}, passes=[Pass("a_to_b", threads=COUNT), Pass("fill_a", threads=COUNT)])
     with Frame(device, [stage], external={"a": buffer}, glsl_root=root) as frame:
         for _ in range(3):
-            frame.submit(before=[out[0]])
+            frame.submit(before=[filling.commands])
         assert (frame["b"] == 10).all()
-        device.wait_idle()
-    device.vk.vkDestroyCommandPool(device.handle, pool, raw.NULL)
+    filling.destroy()
     buffer.destroy()
 
 

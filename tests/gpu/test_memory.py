@@ -17,6 +17,7 @@ from solari_vk.gpu.device.allocator import BLOCK_SIZE, Allocation, Block
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import texel_layout
+from solari_vk.gpu.device.recorded import Recorded
 
 MIB = 1 << 20
 
@@ -317,20 +318,13 @@ def test_recorded_uploads_keep_their_staging_until_they_ran(path_device: Device)
     buffer = path_device.buffer(1000, "recorded")
     batch = path_device.uploads()
     batch.buffer(buffer, np.arange(250, dtype=np.uint32))
-    pool = path_device.create("VkCommandPool", raw.struct("VkCommandPoolCreateInfo"), "pool")
-    path_device.own(lambda: path_device.vk.vkDestroyCommandPool(path_device.handle, pool, raw.NULL))
-    commands = raw.ffi.new("VkCommandBuffer[1]")
-    info = raw.struct("VkCommandBufferAllocateInfo", commandPool=pool, commandBufferCount=1)
-    path_device.vk.vkAllocateCommandBuffers(path_device.handle, info, commands)
-    path_device.vk.vkBeginCommandBuffer(commands[0], raw.struct("VkCommandBufferBeginInfo"))
-    batch.record(commands[0])
-    path_device.vk.vkEndCommandBuffer(commands[0])
+    recorded = Recorded(path_device, batch.record, "uploads")
     assert batch.empty
     # Another upload before the submission must not get the same staging memory.
     other = path_device.buffer(1000, "other")
     path_device.before_next_submit(nothing)
     other.upload(np.full(250, 7, np.uint32))
-    path_device.submit([commands[0]])
+    path_device.submit([recorded.commands])
     assert np.array_equal(buffer.read(np.uint32), np.arange(250))
     assert (other.read(np.uint32) == 7).all()
 

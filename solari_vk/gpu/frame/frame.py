@@ -17,8 +17,10 @@ import numpy as np
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
+from solari_vk.gpu.device.command_pool import CommandPool
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
+from solari_vk.gpu.device.recorded import Recorded
 from solari_vk.gpu.frame.hazards import plan_barriers
 from solari_vk.gpu.frame.program import Program, ProgramBuilder
 from solari_vk.gpu.frame.resources import Resources
@@ -71,18 +73,9 @@ class Frame:
         self._builder = ProgramBuilder(device, glsl_root)
         self._program: Program | None = None
         self._closed = False
-        pool = raw.struct(
-            "VkCommandPoolCreateInfo",
-            flags=raw.VK_COMMAND_POOL_CREATE_RESET_COMMAND_BUFFER_BIT,
-            queueFamilyIndex=device.queue_family,
-        )
-        self._pool = device.create("VkCommandPool", pool, "frame")
-        self._pool_token = device.own(lambda: device.vk.vkDestroyCommandPool(device.handle, self._pool, raw.NULL))
-        allocate = raw.struct("VkCommandBufferAllocateInfo", commandPool=self._pool, commandBufferCount=SLOTS + 1)
-        self._buffers = raw.ffi.new("VkCommandBuffer[]", SLOTS + 1)
-        device.vk.vkAllocateCommandBuffers(device.handle, allocate, self._buffers)
-        self._slots = [Slot(device, index, self._buffers[index]) for index in range(SLOTS)]
-        self._record_order()
+        self._pool = CommandPool(device, "frame")
+        self._slots = [Slot(device, index, commands) for index, commands in enumerate(self._pool.allocate(SLOTS))]
+        self._order = Recorded(device, lambda cmd: device.vk.vkCmdPipelineBarrier2(cmd, full_barrier()), "frame order")
         try:
             self.rebuild()
         except BaseException:
@@ -149,7 +142,7 @@ class Frame:
         slot.write_uniforms()
         try:
             if before:
-                self.device.submit([self._buffers[SLOTS], *before, slot.commands])
+                self.device.submit([self._order.commands, *before, slot.commands])
             else:
                 slot.submission.submit()
         finally:
@@ -162,14 +155,6 @@ class Frame:
         for name in self._structures:
             if name in self._external:
                 self._external[name].check_usable()
-
-    def _record_order(self) -> None:
-        """A command buffer that only orders what comes after it behind what came before."""
-        vk, commands = self.device.vk, self._buffers[SLOTS]
-        flags = raw.VK_COMMAND_BUFFER_USAGE_SIMULTANEOUS_USE_BIT
-        vk.vkBeginCommandBuffer(commands, raw.struct("VkCommandBufferBeginInfo", flags=flags))
-        vk.vkCmdPipelineBarrier2(commands, full_barrier())
-        vk.vkEndCommandBuffer(commands)
 
     # ---- results ------------------------------------------------------------------------------------
 
@@ -246,7 +231,8 @@ class Frame:
             slot.destroy()
         self._resources.destroy_all_but(Resources(self.device))
         self._builder.destroy(self._program)
-        self.device.release(self._pool_token)
+        self._order.destroy()
+        self._pool.destroy()
 
     def __enter__(self) -> Frame:
         return self
