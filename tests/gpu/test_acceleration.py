@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from solari_vk.conformance.bulk_checks import trace
-from solari_vk.conformance.kernels import Kernels
+from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.conformance.worlds import REFITTED, Placed, Triangles, World, instance_records, translation
 from solari_vk.errors import SolariError
 from solari_vk.gpu.acceleration import blas_builds, structure
@@ -76,8 +76,8 @@ def closest_hits(device: Device, blases: Sequence[Blas], origins: np.ndarray) ->
     buffer, tlas = device.buffer(records.nbytes, "instances"), Tlas(device, len(blases))
     buffer.upload(records)
     device.run(lambda cmd: tlas.record_build(cmd, buffer.address, len(blases)))
-    with Kernels(device) as kernels:
-        hits = trace(kernels, tlas, origins, DOWN)
+    with ShaderRunner(device) as shaders:
+        hits = trace(shaders, tlas, origins, DOWN)
     tlas.destroy()
     buffer.destroy()
     return hits
