@@ -36,7 +36,7 @@ _HOMES = {
     ),
     "scene.gltf": ("load_gltf",),
     "scene.builtin": ("builtin",),
-    "scene.studio": ("frame_camera", "studio_lights"),
+    "scene.studio": ("studio_lights",),
     "output.picture": ("check_output", "save_image"),
     "output.tone_mapping": ("auto_exposure", "tonemap"),
     "reference": ("AOVS", "PathTracer"),
@@ -77,7 +77,6 @@ __all__ = [
     "auto_exposure",
     "builtin",
     "check_output",
-    "frame_camera",
     "list_devices",
     "load_gltf",
     "rt",
@@ -108,7 +107,7 @@ if TYPE_CHECKING:
         Texture,
         TextureImage,
     )
-    from solari_vk.scene.studio import frame_camera, studio_lights
+    from solari_vk.scene.studio import studio_lights
     from solari_vk.settings import Settings
     from solari_vk.tracer import RayTracer
     from solari_vk.viewer import Viewer

@@ -36,7 +36,7 @@ def test_folder_is_needed(any_device, tmp_path):
 
 def test_plain_kernel_finds_what_the_tracer_does(device):
     rng, scene = np.random.default_rng(2), builtin("cornell_box")
-    low, high = scene.bounds()
+    low, high = scene.bounds
     origins = rng.uniform(low, high, (1000, 3)).astype(np.float32)
     directions = rng.normal(size=(1000, 3)).astype(np.float32)
     with RayTracer(device, scene) as tracer, plain_tracer(device, tracer.binder, origins, directions) as plain:

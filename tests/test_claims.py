@@ -206,7 +206,7 @@ def test_scene_of_a_script(tmp_path):
     )
     subject = from_file(tmp_path / "made.py:3.0")
     assert subject.name == "made"
-    assert subject.scene.bounds()[1, 1] == pytest.approx(3.0)
+    assert subject.scene.bounds[1, 1] == pytest.approx(3.0)
 
 
 def test_glowing_keeps_its_geometry():

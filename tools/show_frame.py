@@ -68,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         name = options.scene.removeprefix("builtin:")
         scene = sv.builtin(name) if name != options.scene else sv.load_gltf(name)
-        camera = next(iter(scene.cameras), None) or sv.frame_camera(scene, aspect=options.size[0] / options.size[1])
+        camera = scene.camera_for(options.size[0] / options.size[1])
         kind = sv.PathTracer if options.reference else sv.Renderer
         with sv.Device() as device, kind(device, scene, options.size) as renderer:
             for count in range(1, options.frames + 1):

@@ -25,7 +25,7 @@ def scan(tracer, position, seed=0):
 
 def main(name="many_lights", out="lidar.npz"):
     scene = sv.builtin(name) if name.isidentifier() else sv.load_gltf(name)
-    position = scene.bounds().mean(axis=0)
+    position = scene.bounds.center
     with sv.Device() as device, sv.RayTracer(device, scene) as tracer:
         hits, points = scan(tracer, position)
         rows = hits["instance"][hits["instance"] >= 0]

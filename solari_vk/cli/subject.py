@@ -49,12 +49,9 @@ def load(options: argparse.Namespace) -> Subject:
     else:
         which = options.scene
         scene = sv.load_gltf(options.source, scene=int(which) if which and which.isdecimal() else which)
-    camera = _find_camera(scene, options.camera)
-    if camera is None:
-        width, height = options.size
-        camera = sv.frame_camera(scene, aspect=width / height)
+    camera = _find_camera(scene, options.camera, options.size[0] / options.size[1])
     cameras = [camera] if options.animate is None else _path(options, scene, camera)
-    lit = any(sun.illuminance > 0 and (sun.color > 0).any() for sun in scene.directional_lights)
+    lit = any(sun.illuminance > 0 and (sun.color > 0).any() for sun in scene.lights)
     lit = lit or any(i.visible and i.material.emits for i in scene.instances)
     if options.lights == "studio" or (options.lights == "auto" and not lit):
         if options.lights == "auto":
@@ -85,23 +82,21 @@ def _path(options: argparse.Namespace, scene: Scene, camera: Camera) -> list[Cam
         degrees = math.nan
     if degrees is not None and not math.isfinite(degrees):
         raise SolariError(f"--animate {options.animate}: give an angle such as orbit:30")
-    return orbit(camera, scene.bounds().mean(axis=0), options.frames or ORBIT_PICTURES, degrees)
+    return orbit(camera, scene.bounds.center, options.frames or ORBIT_PICTURES, degrees)
 
 
-def _find_camera(scene: Scene, text: str | None) -> Camera | None:
-    """The camera an option names; None when neither the option nor the scene has one."""
+def _find_camera(scene: Scene, text: str | None, aspect: float) -> Camera:
+    """The camera that an option names; without the option the scene's own for pictures of an aspect."""
     from solari_vk.scene.model import Camera
 
-    cameras = list(scene.cameras)
     if text is None:
-        return cameras[0] if cameras else None
+        return scene.camera_for(aspect)
     if text.isdecimal():
-        if int(text) >= len(cameras):
-            raise SolariError(f"--camera {text}: {scene.describe()} has {len(cameras)} cameras, counted from 0")
-        return cameras[int(text)]
-    named = [camera for camera in cameras if camera.name == text]
-    if named:
-        return named[0]
+        if int(text) >= len(scene.cameras):
+            raise SolariError(f"--camera {text}: {scene.describe()} has {len(scene.cameras)} cameras, counted from 0")
+        return scene.cameras[int(text)]
+    if text in scene.cameras:
+        return scene.cameras[text]
     try:
         pose = json.loads(text if text.lstrip().startswith("{") else Path(text).read_text())
     except (OSError, ValueError) as error:

@@ -37,7 +37,7 @@ def material_zoo() -> sv.Scene:
         double_sided=True,
     )  # fmt: skip
     sphere = shapes.sphere(0.45, 24)
-    bare = sv.Mesh(positions=sphere.positions, indices=sphere.indices)
+    bare = sv.Mesh(positions=sphere.positions, triangles=sphere.triangles)
     sheared = np.array([[-0.8, 0.3, 0, 1], [0, 1.2, 0, 1], [0.2, 0, 0.7, 0], [0, 0, 0, 1]])
     quad = shapes.quad((0, 0, 0), (0.4, 0, 0), (0, 0.4, 0))
     plain = sv.Material(base_color=rgb((0.9, 0.2, 0.4)), metallic=0.7, perceptual_roughness=0.3)

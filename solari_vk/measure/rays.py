@@ -52,7 +52,7 @@ def _blas(device: Device, report: Report, seconds: float, triangles: int) -> Non
 
 def _tlas(device: Device, report: Report, seconds: float, count: int) -> float:
     mesh = sphere(segments=8)
-    geometry = rt.Triangles(mesh.positions, mesh.indices)
+    geometry = rt.Triangles(mesh.positions, mesh.triangles)
     blas, tlas = rt.create_blas(device, [geometry]), rt.create_tlas(device, count)
     transforms = np.tile(np.eye(4)[:3], (count, 1, 1))
     transforms[:, :, 3] = np.random.default_rng(1).uniform(-100, 100, (count, 3))
@@ -70,7 +70,7 @@ def _trace(device: Device, report: Report, seconds: float, name: str) -> None:
     """The same rays in turns by a shader that only traces, by `RayTracer`'s kernel over its filled buffers, and by
     `RayTracer.trace` from arrays to arrays."""
     scene, rng, count = builtin(name), np.random.default_rng(1), 8 * BATCH
-    low, high = scene.bounds()
+    low, high = scene.bounds
     origins = np.tile(rng.uniform(low, high, (2 * BATCH, 3)).astype(np.float32), (4, 1))
     directions = np.tile(rng.normal(size=(2 * BATCH, 3)).astype(np.float32), (4, 1))
     with RayTracer(device, scene) as tracer, plain_tracer(device, tracer.binder, origins, directions) as plain:

@@ -15,7 +15,7 @@ from solari_vk.scene.builtin import builtin, lamp, matte
 from solari_vk.scene.gltf import load_gltf
 from solari_vk.scene.model import Camera, Instance, Mesh, Scene
 from solari_vk.scene.spatial import spatial_order
-from solari_vk.scene.studio import frame_camera, studio_lights
+from solari_vk.scene.studio import studio_lights
 
 BUILTIN = ("cornell_box", "many_lights")
 
@@ -40,8 +40,8 @@ def from_file(path: Path) -> Subject:
     path. What has no camera or light gets one. Raises SolariError for what can't be loaded."""
     script, colon, argument = str(path).partition(".py:")
     scene = _from_script(Path(f"{script}.py"), Path(argument)) if colon else load_gltf(path)
-    camera = next(iter(scene.cameras), None) or frame_camera(scene, aspect=16 / 9)
-    if not scene.directional_lights and not any(item.material.emits for item in scene):
+    camera = scene.camera_for(16 / 9)
+    if not scene.lights and not any(item.material.emits for item in scene):
         studio_lights(scene, camera=camera)
     return Subject(Path(script).stem if colon else path.stem, scene, camera)
 
@@ -73,7 +73,7 @@ def height_field(triangles: int) -> tuple[NDArray[np.float32], NDArray[np.uint32
 def hilly(triangles: int) -> Scene:
     """A lamp over a wavy square of about so many triangles, which fills the picture."""
     positions, indices = height_field(triangles)
-    hills = Instance(mesh=Mesh(positions=positions, indices=indices), material=matte(0.6, "hills"))
+    hills = Instance(mesh=Mesh(positions=positions, triangles=indices), material=matte(0.6, "hills"))
     light = Mesh(positions=np.array([(-0.5, 1.5, -0.5), (0.5, 1.5, -0.5), (0, 1.5, 0.5)], np.float32))
     return Scene(hills, Instance(mesh=light, material=lamp(10.0, double_sided=True)), _above())
 
@@ -85,12 +85,12 @@ def glowing(emissive: int, triangles: int = 100_000) -> Scene:
     chosen[np.linspace(0, len(indices) - 1, min(emissive, len(indices))).round().astype(int)] = True
     lifted = positions + np.array((0, 1.5, 0), np.float32)
     floor = Mesh(positions=np.array([(-1, 0, -1), (-1, 0, 1), (1, 0, 1), (1, 0, -1)], np.float32),
-                 indices=np.array([(0, 1, 2), (0, 2, 3)]))  # fmt: skip
+                 triangles=np.array([(0, 1, 2), (0, 2, 3)]))  # fmt: skip
     scene = Scene(Instance(mesh=floor, material=matte(0.6, "floor")), _above())
     parts = ((chosen, lamp(2e5 / emissive, double_sided=True)), (~chosen, matte(0.5, "dark", double_sided=True)))
     for use, material in parts:
         if use.any():
-            scene.add(Instance(mesh=Mesh(positions=lifted, indices=indices[use]), material=material))
+            scene.add(Instance(mesh=Mesh(positions=lifted, triangles=indices[use]), material=material))
     return scene
 
 

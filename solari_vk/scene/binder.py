@@ -69,7 +69,7 @@ class SceneBinder:
         self._last_id = 0
         self._changed: dict[Observable, None] = {}
         scene.watch(self)
-        for item in (*scene.instances, *scene.directional_lights):
+        for item in (*scene.instances, *scene.lights):
             self.note(item)
         self._write_rows: dict[Instance, None] = {}
         self._write_materials: dict[Material, None] = {}
@@ -132,7 +132,7 @@ class SceneBinder:
         if isinstance(item, Instance):
             self._take_up_instance(item)
         elif isinstance(item, DirectionalLight):
-            present = item in self.scene.directional_lights
+            present = item in self.scene.lights
             self.lights.set_directional(item, present)
             (item.watch if present else item.unwatch)(self)
         elif isinstance(item, Material):
@@ -284,7 +284,7 @@ class SceneBinder:
     def destroy(self) -> None:
         """Stop watching the scene and free everything."""
         self.scene.unwatch(self)
-        for item in (*self._uses, *self._material_rows, *self.scene.directional_lights):
+        for item in (*self._uses, *self._material_rows, *self.scene.lights):
             item.unwatch(self)
         for owner in (
             self._geometry,

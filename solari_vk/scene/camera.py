@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import KW_ONLY, field
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -12,17 +15,54 @@ from numpy.typing import ArrayLike, NDArray
 from solari_vk.errors import SolariError
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
-from solari_vk.scene.observed import Checked
+from solari_vk.scene.observed import Checked, checked
 
 
-@dataclass(eq=False, kw_only=True)
+def _look_at(
+    camera: Camera | type[Camera], position: ArrayLike, target: ArrayLike, up: ArrayLike = (0, 1, 0), **fields: Any
+) -> Camera:
+    """A camera at a position looking at a target, (3,) each in metres; the other fields are the constructor's.
+
+    `Camera.look_at(...)` makes a camera; `camera.look_at(...)` moves that camera, and returns it. Raises SolariError
+    when position and target are the same, and when up lies along the view.
+    """
+    eye = np.asarray(position, np.float64)
+    back = eye - np.asarray(target, np.float64)
+    right = np.cross(np.asarray(up, np.float64), back)
+    if not np.linalg.norm(back) > 0 or not np.linalg.norm(right) > 0:
+        raise SolariError("Camera: position and target must differ, and up must not lie along the view")
+    transform = np.eye(4)
+    transform[:3, 2] = back / np.linalg.norm(back)
+    transform[:3, 0] = right / np.linalg.norm(right)
+    transform[:3, 1] = np.cross(transform[:3, 2], transform[:3, 0])
+    transform[:3, 3] = eye
+    if isinstance(camera, Camera):
+        camera.update(transform=transform, **fields)
+        return camera
+    return camera(transform=transform, **fields)
+
+
+class _Placing:
+    """A method that makes an object when it is called on the class, and changes the object that it is called on."""
+
+    def __init__(self, function: Callable[..., Camera]) -> None:
+        self._function = function
+        self.__doc__ = function.__doc__
+
+    def __get__(self, camera: Camera | None, kind: type[Camera]) -> Callable[..., Camera]:
+        return functools.partial(self._function, kind if camera is None else camera)
+
+
+@checked
 class Camera(Checked):
     """A perspective camera looking along its -z axis, +y up.
 
-    transform is world from camera, (4, 4); vertical_fov in radians; ev100 is the exposure value at
-    ISO 100: pictures show radiance / (1.2 * 2^ev100); jitter shifts the picture by a part of a pixel.
+    transform is world from camera, (4, 4), or just a position (3,) in metres. vertical_fov is in radians
+    (`math.radians(45)`). near is the distance in metres from which on things are seen. ev100 is the exposure value at
+    ISO 100: pictures show radiance / (1.2 * 2^ev100). jitter (2,) shifts the picture, in pixels.
     """
 
+    _: KW_ONLY
     transform: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
     vertical_fov: float = math.radians(45)
     near: float = 0.01
@@ -39,20 +79,38 @@ class Camera(Checked):
         "jitter": checks.array(2),
     }
 
+    look_at = _Placing(_look_at)
+
     @classmethod
-    def look_at(cls, position: ArrayLike, target: ArrayLike, up: ArrayLike = (0, 1, 0), **fields: Any) -> Camera:
-        """A camera at a position looking at a target; the other fields as in the constructor."""
-        eye = np.asarray(position, np.float64)
-        back = eye - np.asarray(target, np.float64)
-        right = np.cross(np.asarray(up, np.float64), back)
-        if not np.linalg.norm(back) > 0 or not np.linalg.norm(right) > 0:
-            raise SolariError("Camera: position and target must differ, and up must not lie along the view")
-        transform = np.eye(4)
-        transform[:3, 2] = back / np.linalg.norm(back)
-        transform[:3, 0] = right / np.linalg.norm(right)
-        transform[:3, 1] = np.cross(transform[:3, 2], transform[:3, 0])
-        transform[:3, 3] = eye
-        return cls(transform=transform, **fields)
+    def framing(
+        cls,
+        bounds: tuple[NDArray[np.float64], NDArray[np.float64]],
+        direction: ArrayLike = (-0.45, -0.3, -1.0),
+        *,
+        aspect: float = 1.0,
+        vertical_fov: float = math.radians(35),
+        margin: float = 1.1,
+        **fields: Any,
+    ) -> Camera:
+        """A camera that looks along `direction` and sees the whole of a box, such as `scene.bounds`.
+
+        bounds: the box's corners (3,) of least and greatest coordinates, in metres. direction (3,) must not be
+        vertical. aspect is width / height of the picture; a margin of 1 would let the box touch the picture's edges.
+        The other fields are those of the constructor.
+        """
+        low, high = (np.asarray(corner, np.float64) for corner in bounds)
+        center = (low + high) / 2
+        camera = cls.look_at(center - np.asarray(direction, np.float64), center, vertical_fov=vertical_fov, **fields)
+        corners = np.array(list(product(*zip(low, high, strict=True))))
+        seen = (corners - center) @ camera.transform[:3, :3]
+        slope = np.array((math.tan(vertical_fov / 2) * aspect, math.tan(vertical_fov / 2)))
+        # For each corner the distance at which it lies on the picture's edge; z counts towards the camera.
+        distance = float((np.abs(seen[:, :2]) * margin / slope + seen[:, 2:]).max())
+        extent = float(np.linalg.norm(high - low)) or 1.0
+        transform = camera.transform.copy()
+        transform[:3, 3] = center + transform[:3, 2] * max(distance, 1e-3 * extent)
+        camera.update(transform=transform, near=max(1e-4 * extent, 1e-9))
+        return camera
 
     @classmethod
     def from_pose(cls, pose: Any) -> Camera:

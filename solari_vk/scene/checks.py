@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from solari_vk.scene.observed import Checked
+
 FloatArray = NDArray[np.float32]
 WRAP_MODES = ("repeat", "mirrored_repeat", "clamp_to_edge")
 FILTERS = ("linear", "nearest")
@@ -31,9 +33,7 @@ def array(
         given = np.asarray(value)
         if np.issubdtype(dtype, np.integer) and given.size and not np.issubdtype(given.dtype, np.integer):
             raise ValueError(f"must be integers, not {given.dtype}")
-        if np.issubdtype(dtype, np.integer) and given.size and (
-            given.min() < 0 or given.max() > np.iinfo(dtype).max
-        ):
+        if np.issubdtype(dtype, np.integer) and given.size and (given.min() < 0 or given.max() > np.iinfo(dtype).max):
             raise ValueError(f"must lie between 0 and {np.iinfo(dtype).max}")
         with np.errstate(over="ignore"):  # becomes infinity, which is refused below
             array = np.array(given, dtype=dtype, order="C")
@@ -48,6 +48,20 @@ def array(
         return array
 
     return convert
+
+
+def pixels(value: Any) -> NDArray[np.uint8]:
+    """A read-only image (height, width, 4) of 8 bits, also of a grey or an RGB image."""
+    given = np.asarray(value)
+    if given.ndim == 2:
+        given = np.stack([given] * 3, axis=-1)
+    if given.ndim == 3 and given.shape[2] == 3:
+        given = np.concatenate([given, np.full_like(given[..., :1], 255)], axis=-1)
+    try:
+        found: NDArray[np.uint8] = array(None, None, 4, dtype=np.uint8)(given)
+    except ValueError as error:
+        raise ValueError(f"{error}: give 8-bit pixels (height, width[, 3 or 4])") from None
+    return found
 
 
 def refuse_not_finite(array: NDArray[Any]) -> None:
@@ -113,14 +127,30 @@ def instance_of(kind: Callable[[], type], optional: bool = False) -> Callable[[A
     return convert
 
 
+def made_of(kind: Callable[[], type], optional: bool = False) -> Callable[[Any], Any]:
+    """An object of a type, or what the type's constructor makes of an array or of another of the scene's objects."""
+
+    def convert(value: Any) -> Any:
+        if (optional and value is None) or isinstance(value, kind()):
+            return value
+        if not isinstance(value, (np.ndarray, Checked)):
+            raise TypeError(f"must be a {kind().__name__} or an array of pixels, not {type(value).__name__}")
+        return kind()(value)
+
+    return convert
+
+
 def affine_transform(value: ArrayLike) -> NDArray[np.float64]:
-    """A 4x4 (or 3x4) affine, invertible matrix, read-only float64."""
+    """A 4x4 affine, invertible matrix, read-only float64; of one that is 3x4, or of a position (3,)."""
     given = np.asarray(value, dtype=np.float64)
-    if given.shape not in ((4, 4), (3, 4)):
-        raise ValueError(f"must have the shape (4, 4) or (3, 4), not {given.shape}")
+    if given.shape not in ((4, 4), (3, 4), (3,)):
+        raise ValueError(f"must have the shape (4, 4), (3, 4) or, for a position, (3,), not {given.shape}")
     refuse_not_finite(given)
     matrix = np.eye(4)
-    matrix[: given.shape[0]] = given
+    if given.ndim == 1:
+        matrix[:3, 3] = given
+    else:
+        matrix[: given.shape[0]] = given
     # Plain floats: scenes of 100,000 instances pass through here.
     (a, b, c, _), (d, e, f, _), (g, h, i, _), last = matrix.tolist()
     if last != [0.0, 0.0, 0.0, 1.0]:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import functools
+import operator
 import weakref
-from collections.abc import Callable
-from typing import Any, ClassVar, Protocol
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Protocol, TypeVar, dataclass_transform
 
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, unknown_name
 
 
 class Watcher(Protocol):
@@ -42,10 +45,12 @@ class Observable:
 
 
 class Checked(Observable):
-    """A dataclass whose fields are checked when assigned."""
+    """A dataclass whose fields are checked when assigned. Subclasses are made by the decorator `checked`."""
 
-    _converters: ClassVar[dict[str, Callable[[Any], Any]]] = {}
+    _converters: ClassVar[Mapping[str, Callable[[Any], Any]]] = {}
+    _aliases: ClassVar[Mapping[str, str]] = {}  # other names of fields
     _ready = False
+    name: str
 
     def __post_init__(self) -> None:
         self._validate()
@@ -56,11 +61,9 @@ class Checked(Observable):
 
     def update(self, **fields: Any) -> None:
         """Assign several fields at once; nothing is changed if one of them is refused."""
-        known = type(self).__dataclass_fields__  # type: ignore[attr-defined]
+        fields = self._by_field(fields)
         converted = {}
         for name, value in fields.items():
-            if name not in known:
-                raise SolariError(f"{self.describe()} has no field '{name}'; it has {', '.join(known)}")
             try:
                 converted[name] = self._converters[name](value) if name in self._converters else value
             except (TypeError, ValueError, OverflowError) as error:
@@ -78,5 +81,40 @@ class Checked(Observable):
             raise
         self._notify(self)
 
+    @classmethod
+    def _by_field(cls, given: dict[str, Any]) -> dict[str, Any]:
+        """The values by the fields' own names. Raises SolariError for an unknown name, or one field under two names."""
+        known = cls.__dataclass_fields__  # type: ignore[attr-defined]
+        if given.keys() <= known.keys():
+            return given
+        fields: dict[str, Any] = {}
+        for name, value in given.items():
+            field = cls._aliases.get(name, name)
+            if field not in known:
+                raise unknown_name(f"{cls.__name__} has no field", name, [*known, *cls._aliases])
+            if field in fields:
+                raise SolariError(f"{cls.__name__}: {name} is another name of {field}: give one of them")
+            fields[field] = value
+        return fields
+
     def _validate(self) -> None:
         """Raise SolariError where fields don't fit together."""
+
+
+Kind = TypeVar("Kind", bound=type[Checked])
+
+
+@dataclass_transform(eq_default=False, field_specifiers=(field,))
+def checked(kind: Kind) -> Kind:
+    """Make a subclass of Checked a dataclass, compared by identity, whose constructor takes aliases of fields too."""
+    dataclass(eq=False)(kind)
+    init: Callable[..., None] = kind.__init__
+
+    @functools.wraps(init)
+    def with_aliases(self: Checked, *values: Any, **fields: Any) -> None:
+        init(self, *values, **type(self)._by_field(fields))
+
+    setattr(kind, "__init__", with_aliases)  # noqa: B010
+    for alias, name in kind._aliases.items():
+        setattr(kind, alias, property(operator.attrgetter(name), doc=f"Another name of `{name}`."))
+    return kind

@@ -32,7 +32,7 @@ def polygons(*corners: ArrayLike, name: str = "") -> Mesh:
         positions=np.concatenate(positions),
         normals=np.concatenate(normals),
         uvs=np.concatenate(uvs),
-        indices=np.array(indices),
+        triangles=np.array(indices),
         name=name,
     )
 
@@ -91,6 +91,6 @@ def sphere(radius: float = 1.0, segments: int = 32) -> Mesh:
         positions=(radius * directions).astype(np.float32),
         normals=directions,
         uvs=np.stack([column / segments, row / rings], axis=1),
-        indices=np.array(indices),
+        triangles=np.array(indices),
         name="sphere",
     )

@@ -1,46 +1,16 @@
-"""A stage for scenes that bring no light or camera of their own, as most glTF files of single objects."""
+"""Lights and a ground for scenes that have no light of their own, such as most glTF files of single objects."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte
 from solari_vk.scene.model import Camera, Instance, Scene
-
-
-def frame_camera(
-    scene: Scene,
-    direction: ArrayLike = (-0.45, -0.3, -1.0),
-    *,
-    aspect: float = 1.0,
-    vertical_fov: float = math.radians(35),
-    margin: float = 1.1,
-    ev100: float = 0.0,
-) -> Camera:
-    """A camera that looks along `direction` and sees the whole of the scene's bounds; it is not added.
-
-    aspect is width / height of the picture; margin 1 would let the bounds touch its edges. Take the
-    camera before adding what should not count, such as studio_lights. The direction must not be vertical.
-    """
-    low, high = scene.bounds()
-    center = (low + high) / 2
-    forward = np.asarray(direction, np.float64)
-    camera = Camera.look_at(center - forward, center, vertical_fov=vertical_fov, ev100=ev100)
-    corners = np.array([(x, y, z) for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
-    seen = (corners - center) @ camera.transform[:3, :3]
-    slope = np.array((math.tan(vertical_fov / 2) * aspect, math.tan(vertical_fov / 2)))
-    # For each corner the distance at which it lies on the picture's edge; z counts towards the camera.
-    distance = float((np.abs(seen[:, :2]) * margin / slope + seen[:, 2:]).max())
-    extent = float(np.linalg.norm(high - low)) or 1.0
-    transform = camera.transform.copy()
-    transform[:3, 3] = center + transform[:3, 2] * max(distance, 1e-3 * extent)
-    camera.update(transform=transform, near=max(1e-4 * extent, 1e-9))
-    return camera
 
 
 def studio_lights(scene: Scene, *, ev100: float = 0.0, ground: bool = True, camera: Camera | None = None) -> Scene:
@@ -50,9 +20,8 @@ def studio_lights(scene: Scene, *, ev100: float = 0.0, ground: bool = True, came
     wide as half the scene, two of its radii away; the lights are as bright as pictures of that ev100 need.
     Without a camera the front is +z. The ground is matte grey, 20 radii wide, just under the scene.
     """
-    low, high = scene.bounds()
-    center = (low + high) / 2
-    radius = float(np.linalg.norm(high - low)) / 2
+    bounds = scene.bounds
+    center, radius = bounds.center, bounds.radius
     if not radius > 0:
         raise SolariError(f"{scene.describe()} is a single point: there is nothing to light")
     turn = _heading(camera, center)
@@ -65,7 +34,7 @@ def studio_lights(scene: Scene, *, ev100: float = 0.0, ground: bool = True, came
         mesh = shapes.facing_quad(center + distance * toward, half_side, center)
         scene.add(Instance(mesh=mesh, material=lamp(key * strength, f"{name} light"), name=f"{name} light"))
     if ground:
-        at = np.array((center[0], low[1] - 1e-3 * radius, center[2]))
+        at = np.array((center[0], bounds.low[1] - 1e-3 * radius, center[2]))
         mesh = shapes.quad(at, (0, 0, 10 * radius), (10 * radius, 0, 0), name="ground")
         scene.add(Instance(mesh=mesh, material=matte(0.35, "ground"), name="ground"))
     return scene

@@ -16,7 +16,6 @@ from solari_vk.errors import DeviceError, SolariError, ValidationError
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.swapchain import Swapchain
 from solari_vk.scene.model import Camera, Scene
-from solari_vk.scene.studio import frame_camera
 from solari_vk.settings import Settings
 from solari_vk.viewer.actions import act
 from solari_vk.viewer.camera_control import CameraControl
@@ -72,7 +71,7 @@ class Viewer(Session):
         if not fps > 0:
             raise SolariError(f"the viewer's fps must be more than 0, not {fps!r}")
         scale_control = ScaleControl(scale, 1 / fps)
-        camera = camera or next(iter(scene.cameras), None) or frame_camera(scene, aspect=size[0] / size[1])
+        camera = camera or scene.camera_for(size[0] / size[1])
         sources = Sources(scene, Path(source) if source else None, load)
         with ExitStack() as undo:
             window = Window(size, "solari_vk")
@@ -228,6 +227,6 @@ class Viewer(Session):
 def _extent(scene: Scene) -> float:
     """The length of the diagonal of the scene's bounds, 1 for a scene without bounds."""
     try:
-        return float(np.linalg.norm(np.ptp(scene.bounds(), axis=0))) or 1.0
+        return float(np.linalg.norm(np.ptp(scene.bounds, axis=0))) or 1.0
     except SolariError:
         return 1.0

@@ -46,7 +46,7 @@ class Sources:
             return False
         loaded = self.load()
         for scene, put in ((self.scene, False), (loaded, True)):
-            items: list[Any] = [*scene.instances, *scene.directional_lights, *scene.cameras]
+            items: list[Any] = [*scene.instances, *scene.lights, *scene.cameras]
             for item in items:
                 scene.remove(item)
                 if put:

@@ -34,7 +34,7 @@ def run(device, numbers, **built_in):
             if number % 3:
                 renderer.reset()
             *items, camera = random_items(random)
-            for item in (*scene.instances, *scene.directional_lights):
+            for item in (*scene.instances, *scene.lights):
                 scene.remove(item)
             for item in items:
                 scene.add(item)

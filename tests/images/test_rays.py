@@ -38,7 +38,7 @@ SCENES = {
 def cameras_in(scene, count, seed):
     """Cameras around and inside the scene's bounds."""
     random = np.random.default_rng(seed)
-    low, high = scene.bounds()
+    low, high = scene.bounds
     for _ in range(count):
         eye = random.uniform(low - 0.3 * (high - low), high + 0.3 * (high - low))
         target = random.uniform(low + 0.3 * (high - low), high - 0.3 * (high - low))
@@ -52,7 +52,7 @@ def test_camera_rays_hit_what_embree_hits(tracer, name):
     for instance in scene:
         instance.material.update(double_sided=True)  # Embree knows no culling
     world = rays.World(scene)
-    low, high = scene.bounds()
+    low, high = scene.bounds
     extent = float(np.linalg.norm(high - low))
     renderer = tracer(scene, (SIZE, SIZE), max_bounces=0)
     total, wrong = 0, 0

@@ -56,8 +56,8 @@ def assert_mirrors(binder, scene):
     traced = table(binder, "tlas_instances")[: binder._traced.count]
     info = table(binder, "scene_info")[0]
     emissive = [i for i in scene if i.visible and i.material.emits]
-    assert info["light_count"] == len(emissive) + len(scene.directional_lights)
-    assert info["directional_light_count"] == len(scene.directional_lights)
+    assert info["light_count"] == len(emissive) + len(scene.lights)
+    assert info["directional_light_count"] == len(scene.lights)
     assert info["first_directional_light"] == len(emissive)
     assert (sources["kind"][: len(emissive)] == EMISSIVE_MESH).all()
     assert (sources["kind"][len(emissive) : info["light_count"]] == DIRECTIONAL).all()
@@ -134,7 +134,7 @@ def test_random_edits_are_mirrored(device, seed):
         lambda: setattr(rng.choice(materials), "double_sided", rng.random() < 0.5),
         lambda: rng.choice(meshes).update(positions=rng.normal(size=(6, 3)), normals=None),
         lambda: scene.add(DirectionalLight(direction=rng.normal(size=3))),
-        lambda: scene.directional_lights and scene.remove(next(iter(scene.directional_lights))),
+        lambda: scene.lights and scene.remove(next(iter(scene.lights))),
     ]
     for _ in range(12):
         for _ in range(rng.integers(1, 12)):
@@ -267,7 +267,7 @@ def test_a_tlas_build_that_fails_leaves_the_one_before(device, monkeypatch):
 @pytest.mark.parametrize("staging", [False, True])
 def test_rays_meet_what_was_uploaded(any_device, staging):
     """The TLAS is built from the records behind their upload, also when that has to be staged."""
-    square = Mesh(positions=[[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], indices=[[0, 1, 2], [0, 2, 3]])
+    square = Mesh(positions=[[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], triangles=[[0, 1, 2], [0, 2, 3]])
     scene = Scene(Instance(mesh=square, material=Material(base_color_texture=make_texture(np.random.default_rng(0)))))
     camera = Camera.look_at((0, 0, 1), (0, 0, 0))
     with Device(staging=staging) as device:
@@ -288,7 +288,7 @@ def test_fields_in_another_order_are_refused(device):
 
 def test_edits_reach_frames_in_flight(device):
     """A picture shows an edit made while earlier frames still run."""
-    square = Mesh(positions=[[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], indices=[[0, 1, 2], [0, 2, 3]])
+    square = Mesh(positions=[[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], triangles=[[0, 1, 2], [0, 2, 3]])
     instance = Instance(mesh=square, material=Material(emissive=1))
     scene = Scene(instance)
     camera = Camera.look_at((0, 0, 1), (0, 0, 0))

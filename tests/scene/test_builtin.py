@@ -11,8 +11,8 @@ from solari_vk.errors import SolariError
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import SCENES, builtin, cornell_box
 from solari_vk.scene.matrices import transform_points
-from solari_vk.scene.model import Instance, Material, Scene
-from solari_vk.scene.studio import frame_camera, studio_lights
+from solari_vk.scene.model import Camera, Instance, Material, Scene
+from solari_vk.scene.studio import studio_lights
 
 
 def corners_of(mesh):
@@ -60,7 +60,7 @@ def test_scene_is_sensible(name):
     assert scene.name == name
     assert scene.camera.vertical_fov > 0
     assert any(instance.material.emits for instance in scene)
-    assert np.isfinite(scene.bounds()).all()
+    assert np.isfinite(scene.bounds).all()
     for instance in scene:
         lengths = np.linalg.norm(instance.mesh.normals, axis=1)
         np.testing.assert_allclose(lengths, 1, atol=1e-5)
@@ -69,7 +69,7 @@ def test_scene_is_sensible(name):
 def test_cornell_box_is_the_measured_one():
     scene = cornell_box(size=0.5488)
     meshes = {instance.name: instance.mesh for instance in scene}
-    low, high = scene.bounds()
+    low, high = scene.bounds
     np.testing.assert_allclose(low, 0, atol=1e-6)
     np.testing.assert_allclose(high, (0.556, 0.5488, 0.5592), atol=1e-6)
     lamp = corners_of(meshes["lamp"])
@@ -114,11 +114,11 @@ def test_mistakes_name_what_there_is():
 
 @pytest.mark.parametrize("aspect", [0.5, 1.0, 2.5])
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])
-def test_frame_camera_sees_all_and_fills_the_picture(aspect, scale):
+def test_a_framing_camera_sees_all_and_fills_the_picture(aspect, scale):
     transform = np.diag((scale, scale, scale, 1))
     scene = Scene(Instance(mesh=shapes.box((3, 1, 2), (4, 3, 7)), material=Material(), transform=transform))
-    camera = frame_camera(scene, aspect=aspect, margin=1.1)
-    low, high = scene.bounds()
+    camera = Camera.framing(scene.bounds, aspect=aspect, margin=1.1)
+    low, high = scene.bounds
     corners = np.array([np.where(bits, high, low) for bits in np.ndindex(2, 2, 2)])
     view = np.linalg.inv(camera.transform)
     seen = transform_points(view, corners)

@@ -41,7 +41,7 @@ def test_assets_load(path: Path) -> None:
         return
     scene = load_gltf(path)
     assert scene.instances
-    assert np.isfinite(scene.bounds()).all()
+    assert np.isfinite(scene.bounds).all()
     assert scene.warnings == REMARKS.get(path.stem, [])
 
 
@@ -62,7 +62,7 @@ def test_flight_helmet() -> None:
 
 @pytest.mark.skipif(not (ASSETS / "Fox").is_dir(), reason="no Fox among the assets")
 def test_the_fox_stands_on_its_paws() -> None:
-    low, high = load_gltf(ASSETS / "Fox" / "Fox.glb").bounds()
+    low, high = load_gltf(ASSETS / "Fox" / "Fox.glb").bounds
     assert abs(low[1]) < 1
     assert high[1] - low[1] == pytest.approx(79, abs=2)
 
@@ -84,7 +84,8 @@ def test_they_show(device, name, least) -> None:
     if not (ASSETS / name).is_file():
         pytest.skip(f"no {name} among the assets")
     scene = load_gltf(ASSETS / name)
-    camera = sv.frame_camera(scene, aspect=1.5, direction=(0, 0, -1) if "Cornell" in name else (-0.45, -0.3, -1))
+    direction = (0, 0, -1) if "Cornell" in name else (-0.45, -0.3, -1)
+    camera = sv.Camera.framing(scene.bounds, direction, aspect=1.5)
     if not any(instance.material.emits for instance in scene):
         sv.studio_lights(scene, camera=camera)
     assert render(device, scene, camera) >= least

@@ -177,7 +177,7 @@ def test_directional_lights_and_reports_of_others(tmp_path: Path) -> None:
     for number in range(4):
         writer.node(extensions={"KHR_lights_punctual": {"light": number}}, rotation=[-half, 0, 0, half])
     scene = load(writer, tmp_path)
-    (light,) = scene.directional_lights
+    (light,) = scene.lights
     assert (light.name, light.illuminance) == ("sun", 1000)
     assert light.color.tolist() == [1, 0.5, 0.25]
     np.testing.assert_allclose(light.direction, [0, -1, 0], atol=1e-6)

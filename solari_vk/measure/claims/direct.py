@@ -71,7 +71,7 @@ def tile_errors(renderer: Renderer, scene: Scene, encoding: str) -> list[float]:
     exposure = scene.camera.exposure
     held = (np.expm1(values * np.log(2)) if encoding == "log2" else values) / exposure
     is_sun = np.signbit(tiles["inverse_pdf"])
-    sun = next(iter(scene.directional_lights))
+    sun = next(iter(scene.lights))
     disk = 2 * np.pi * (1 - np.cos(sun.angular_diameter / 2))
     lamps = [instance.material.emissive for instance in scene if instance.material.emits]
     luminances = (sun.illuminance / disk * sun.color @ LUMINANCE, float(np.mean([c @ LUMINANCE for c in lamps])))

@@ -6,6 +6,7 @@ Occlusion textures are left aside without a remark: they stand in for light that
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,6 +104,7 @@ class Materials:
         normal = slots.get("normal_texture")
         self._remark_extensions(entry)
         self._remark_alpha(entry, base_color[3], slots.get("base_color_texture"))
+        textures: dict[str, Any] = {name: self._textures.texture(slot) for name, slot in slots.items()}
         material = Material(
             base_color=np.array(base_color[:3], np.float32),
             metallic=pbr.number("metallicFactor", 1.0, low=0, high=1),
@@ -112,7 +114,7 @@ class Materials:
             normal_scale=normal.entry.number("scale", 1.0, low=-1e6, high=1e6) if normal else 1.0,
             double_sided=entry.flag("doubleSided", False),
             name=entry.name,
-            **{name: self._textures.texture(slot) for name, slot in slots.items()},
+            **textures,
         )
         uv_set = next((slot.uv_set for slot in slots.values()), 0)
         return LoadedMaterial(material, index, uv_set, bool(slots), normal)

@@ -178,7 +178,7 @@ class Primitives:
             positions, uvs = positions[split.source], uvs[split.source]
             tangents, triangles = split.tangents, split.indices
             normals = None if normals is None else normals[split.source]
-        return Mesh(positions=positions, indices=triangles, normals=normals, uvs=uvs, tangents=tangents, name=name)
+        return Mesh(positions=positions, triangles=triangles, normals=normals, uvs=uvs, tangents=tangents, name=name)
 
 
 def _compact(triangles: NDArray[np.uint32], count: int) -> tuple[NDArray[Any], NDArray[np.uint32]]:

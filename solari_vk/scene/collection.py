@@ -1,0 +1,108 @@
+"""Ordered collections of the scene's objects, indexed by number or by name."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, Generic, SupportsIndex, TypeVar, overload
+
+from solari_vk.errors import SolariError, unknown_name
+from solari_vk.scene.observed import Checked
+
+Item = TypeVar("Item", bound=Checked)
+
+
+class Collection(Generic[Item]):
+    """Objects in the order in which they were added. It can't be changed; `Items` can.
+
+    `c[0]` and `c[-1]` are objects by number, `c[1:3]` is a list, `c["name"]` is the first object of that name. `in`
+    takes an object or a name. Iterating goes over the objects as they were when it began, so that the loop may add and
+    remove objects. Raises SolariError for a number out of range and for an unknown name.
+    """
+
+    def __init__(self, what: str, items: Iterable[Item] = ()) -> None:
+        self._what = what
+        self._items: dict[Item, None] = dict.fromkeys(items)
+        self._list: list[Item] | None = None  # the same in a list, until there is a change
+
+    def _as_list(self) -> list[Item]:
+        if self._list is None:
+            self._list = list(self._items)
+        return self._list
+
+    @property
+    def names(self) -> list[str]:
+        """The objects' names in order; several objects may have the same one."""
+        return [item.name for item in self._as_list()]
+
+    @overload
+    def __getitem__(self, key: SupportsIndex | str) -> Item: ...
+    @overload
+    def __getitem__(self, key: slice) -> list[Item]: ...
+    def __getitem__(self, key: SupportsIndex | str | slice) -> Item | list[Item]:
+        items = self._as_list()
+        if isinstance(key, slice):
+            return items[key]
+        if isinstance(key, str):
+            for item in items:
+                if item.name == key:
+                    return item
+            raise unknown_name(f"there is no {self._what}", key, self.names)
+        try:
+            return items[operator.index(key)]
+        except TypeError:
+            raise SolariError(f"{self._what}: index by a whole number, a slice or a name, not {key!r}") from None
+        except IndexError:
+            count = len(items)
+            raise SolariError(
+                f"there is no {self._what} {key}: the scene has {count}" + (f", 0 to {count - 1}" if count else "")
+            ) from None
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    def __iter__(self) -> Iterator[Item]:
+        return iter(self._as_list())
+
+    def __contains__(self, item: object) -> bool:
+        return item in self.names if isinstance(item, str) else item in self._items
+
+    def __repr__(self) -> str:
+        return f"[{', '.join(item.describe() for item in self._as_list())}]"
+
+
+class Items(Collection[Item]):
+    """A collection that can be changed. An object can be in it once."""
+
+    def __init__(self, what: str, kinds: tuple[type, ...], changed: Callable[[Any], None]) -> None:
+        super().__init__(what)
+        self._kinds = kinds
+        self._changed = changed
+
+    def holds(self, item: object) -> bool:
+        """Whether an object is of this collection's kinds."""
+        return isinstance(item, self._kinds)
+
+    def add(self, item: Item) -> Item:
+        """Append an object and return it. Raises SolariError if it is here already, or is none of these objects."""
+        if not self.holds(item):
+            raise SolariError(f"a {self._what} is needed, not {type(item).__name__}")
+        if item in self._items:
+            raise SolariError(f"{item.describe()} is in the scene already: make another object to add it twice")
+        self._items[item] = None
+        self._list = None
+        self._changed(item)
+        return item
+
+    def remove(self, item: Item | SupportsIndex | str) -> None:
+        """Remove an object, given itself, its number or its name; it can be added again."""
+        found = item if isinstance(item, Checked) else self[item]
+        if found not in self._items:
+            raise SolariError(f"{found.describe()} is not in the scene")
+        del self._items[found]
+        self._list = None
+        self._changed(found)
+
+    __delitem__ = remove
+
+    append = add
