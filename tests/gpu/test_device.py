@@ -65,12 +65,12 @@ def test_choice_by_nothing_index_name_and_uuid(select: str | int | None, index: 
 
 
 @pytest.mark.parametrize("select", ["2", "old", "nobody", 17, "00000009-0000-0000-0000-000000000009"])
-def test_refused_choice_lists_every_device_and_what_it_misses(select: str | int) -> None:
+def test_refused_choice_lists_every_device_and_what_it_lacks(select: str | int) -> None:
     with pytest.raises(DeviceError) as caught:
         physical.choose(MACHINE, select)
     text = str(caught.value)
     assert repr(select) in text
-    assert "2: Old Card (00000002-0000-0000-0000-000000000002): misses VK_KHR_ray_query, feature rayQuery" in text
+    assert "2: Old Card (00000002-0000-0000-0000-000000000002): lacks VK_KHR_ray_query, feature rayQuery" in text
     assert text.count("fits") == 4
 
 

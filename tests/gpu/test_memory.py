@@ -141,7 +141,7 @@ def test_memory_of_retired_objects_is_waited_for(own_device: Device, monkeypatch
         first.destroy()
         assert memory.bytes_used > 0
     second = own_device.buffer(55 * MIB, "second")  # fits only where the first was
-    with pytest.raises(DeviceError, match=r"buffer third: .* bytes of memory are needed, but the device has .* left"):
+    with pytest.raises(DeviceError, match=r"buffer third: .* bytes of memory are needed, but of .* only .* are left"):
         own_device.buffer(55 * MIB, "third")
     second.destroy()
 

@@ -1,4 +1,4 @@
-"""Device memory from few large blocks: the driver is asked rarely, and blocks that empty are given back."""
+"""Sub-allocation of device memory: few large blocks from the driver, freed again when they are empty."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _CACHED = raw.VK_MEMORY_PROPERTY_HOST_CACHED_BIT
 
 
 class Allocation:
-    """A piece of a block: `memory` and `offset` to bind, `pointer` (bytes) when mapped, else None."""
+    """A range of a block: `memory` and `offset` to bind, and a `char*` `pointer` to it, or None if it isn't mapped."""
 
     def __init__(self, block: Block, offset: int, size: int) -> None:
         self.block = block
@@ -28,7 +28,7 @@ class Allocation:
 
 
 class Block:
-    """One vkAllocateMemory and the list of its free ranges, sorted by offset."""
+    """One vkAllocateMemory with its free ranges (offset, size), sorted by offset."""
 
     def __init__(self, pool: Pool, memory: raw.CData, size: int, pointer: raw.CData | None) -> None:
         self.pool = pool
@@ -38,7 +38,7 @@ class Block:
         self.free = [(0, size)]
 
     def take(self, size: int, alignment: int) -> int | None:
-        """The offset of the smallest free range that holds `size`, or None."""
+        """Take `size` bytes from the smallest free range that holds them; returns their offset, or None."""
         best: tuple[int, int, int] | None = None
         for i, (start, length) in enumerate(self.free):
             padding = -start % alignment
@@ -53,7 +53,7 @@ class Block:
         return offset
 
     def give(self, offset: int, size: int) -> None:
-        """Return a range, joined with the free ranges that touch it."""
+        """Free a range, and merge it with the free ranges that touch it."""
         i = bisect_left(self.free, (offset, 0))
         if i < len(self.free) and self.free[i][0] == offset + size:
             size += self.free.pop(i)[1]
@@ -68,7 +68,7 @@ class Block:
 
 
 class Pool:
-    """The blocks of one memory type. Images have pools of their own, so bufferImageGranularity never matters."""
+    """The blocks of one memory type. Images have pools of their own, so that bufferImageGranularity never matters."""
 
     def __init__(self, memory_type: int, mapped: bool, cached: bool) -> None:
         self.memory_type = memory_type
@@ -78,10 +78,10 @@ class Pool:
 
 
 class Allocator:
-    """Sub-allocates device memory. `allocation_count`, `bytes_used` and `bytes_reserved` say what is held.
+    """Sub-allocates memory of a device. `allocation_count`, `bytes_used` and `bytes_reserved` say how much it holds.
 
-    "device" memory is local to the device, and mapped where it can be unless the device was opened with
-    staging; "host" memory is mapped, coherent and cached where the device has such a type.
+    Host memory is mapped, coherent and, where the device has such a type, cached. All other memory is local to the
+    device; map_device_memory: map it as well, where its type allows.
     """
 
     def __init__(self, device: WorkQueue, *, map_device_memory: bool) -> None:
@@ -103,7 +103,7 @@ class Allocator:
         return sum(self._heap_reserved)
 
     def allocate(self, requirements: raw.CData, name: str, *, host: bool, image: bool = False) -> Allocation:
-        """Memory for VkMemoryRequirements. Raises DeviceError naming the object when there is none."""
+        """Memory for VkMemoryRequirements. Raises DeviceError naming the object when there is not enough."""
         pool = self._pool(self._choose_type(requirements.memoryTypeBits, name, host), host, image)
         size, alignment = int(requirements.size), int(requirements.alignment)
         try:
@@ -111,7 +111,7 @@ class Allocator:
         except DeviceError:
             if self.device.lost:
                 raise
-            # What is retired may be what is missing: finish the work that holds it and try once more.
+            # Resources that wait for their destruction may hold the memory: wait for their work and try once more.
             self.device.await_idle()
             self._trim()
             allocation = self._allocate(pool, size, alignment, name)
@@ -119,11 +119,11 @@ class Allocator:
         return allocation
 
     def free(self, allocation: Allocation) -> None:
-        """Give memory back; nothing on the device may use it any more."""
+        """Free memory that the device no longer uses."""
         block = allocation.block
         block.give(allocation.offset, allocation.size)
         self.bytes_used -= allocation.size
-        # One empty block of ordinary size stays, so that create/destroy in turn costs no driver call.
+        # Each pool keeps one empty block of ordinary size: alternating creation and destruction costs no driver call.
         if block.empty:
             empty = [other for other in block.pool.blocks if other.empty and other.size <= BLOCK_SIZE]
             if block.size > BLOCK_SIZE or len(empty) > 1:
@@ -136,13 +136,13 @@ class Allocator:
                 self._free_block(block)
 
     def _choose_type(self, allowed: int, name: str, host: bool) -> int:
-        """The first memory type, in the driver's order, that serves best."""
-        wishes = (_MAPPABLE | _CACHED, _MAPPABLE) if host else (_DEVICE_LOCAL, 0)
-        for wish in wishes:
+        """The first of the allowed memory types with the preferred properties; else with the required ones."""
+        preferred, required = (_MAPPABLE | _CACHED, _MAPPABLE) if host else (_DEVICE_LOCAL, 0)
+        for wanted in (preferred, required):
             for i, flags in enumerate(self._type_flags):
-                if allowed >> i & 1 and flags & wish == wish:
+                if allowed >> i & 1 and flags & wanted == wanted:
                     return i
-        raise DeviceError(f"{name}: the device has no {'mappable' if host else 'device'} memory for it")
+        raise DeviceError(f"{name}: the device has no {'mappable' if host else 'device'} memory that fits")
 
     def _pool(self, memory_type: int, host: bool, image: bool) -> Pool:
         key = (memory_type, host, image)
@@ -156,7 +156,7 @@ class Allocator:
         for block in pool.blocks:
             if (offset := block.take(size, alignment)) is not None:
                 return Allocation(block, offset, size)
-        # Small programs reserve little; blocks double up to the usual size.
+        # The first block is small, since small programs need little; block sizes double up to BLOCK_SIZE.
         usual = min(_FIRST_BLOCK_SIZE << len(pool.blocks), BLOCK_SIZE)
         block = self._new_block(pool, size if size > usual // 2 else usual, name)
         pool.blocks.append(block)
@@ -170,8 +170,8 @@ class Allocator:
         left = self._heap_sizes[heap] - self._heap_reserved[heap]
         if size > left:
             raise DeviceError(
-                f"{name}: {size:,} bytes of memory are needed, but the device has {left:,} of "
-                f"{self._heap_sizes[heap]:,} left: use a smaller scene or picture"
+                f"{name}: {size:,} bytes of memory are needed, but of the device's {self._heap_sizes[heap]:,} only "
+                f"{left:,} are left: use a smaller scene or picture"
             )
         flags = raw.struct("VkMemoryAllocateFlagsInfo", flags=raw.VK_MEMORY_ALLOCATE_DEVICE_ADDRESS_BIT)
         info = raw.struct(
@@ -181,7 +181,7 @@ class Allocator:
         try:
             device.vk.vkAllocateMemory(device.handle, info, raw.NULL, out)
         except DeviceError as error:
-            raise DeviceError(f"{name}: {size:,} bytes of memory can't be had: {error}") from error
+            raise DeviceError(f"{name}: allocating {size:,} bytes failed: {error}") from error
         self.allocation_count += 1
         self._heap_reserved[heap] += size
         memory = out[0]

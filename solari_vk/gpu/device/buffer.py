@@ -20,12 +20,12 @@ class Buffer(Storage):
         self._staging = staging
 
     def upload(self, data: Any, offset: int = 0) -> None:
-        """Replace bytes, after all work submitted so far and before all that follows."""
+        """Replace bytes; ordered after all work submitted so far and before all later work."""
         with Uploads(self._staging) as uploads:
             uploads.buffer(self, data, offset)
 
     def fill(self, value: int = 0) -> None:
-        """Set every 32-bit word, just before the next submission."""
+        """Set every 32-bit word to `value`, just before the next submission."""
         self.check_range(0, 0, "fill")
 
         def record(cmd: raw.CData) -> None:
@@ -38,7 +38,7 @@ class Buffer(Storage):
         self.device.before_next_submit(record)
 
     def read(self, dtype: Any = np.uint8, count: int = -1, offset: int = 0) -> np.ndarray:
-        """A copy of the contents after all work submitted so far; waits for it."""
+        """A copy of `count` elements (-1: all) from a byte offset on; waits for all work submitted so far."""
         dtype, count = self._typed_range(dtype, count, offset, "read")
         if not count:
             return np.empty(0, dtype)

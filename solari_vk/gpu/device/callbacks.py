@@ -1,4 +1,4 @@
-"""Functions that users have called when the device has come so far: between its calls, never within one."""
+"""Callbacks of users that become due when the device has finished some work. They run only between device calls."""
 
 from __future__ import annotations
 
@@ -9,23 +9,24 @@ from solari_vk.errors import CallbackError
 
 
 class Callbacks:
-    """What is due to be called. Adding one never calls it; `call` does."""
+    """A queue of callbacks that are due. `add` never calls one; `call` does."""
 
     def __init__(self) -> None:
         self._due: deque[tuple[str, Callable[[], None]]] = deque()
 
     def add(self, what: str, callback: Callable[[], None]) -> None:
-        """Have it called next time; `what` is what messages call it."""
+        """Append a callback; error messages name it by `what`."""
         self._due.append((what, callback))
 
     def clear(self) -> None:
-        """Forget what is due."""
+        """Remove all callbacks without calling them."""
         self._due.clear()
 
     def call(self) -> None:
-        """Call each that is due now, whatever others do; those that become due meanwhile are left for the next time.
+        """Call all callbacks that are due now. Callbacks added meanwhile are called by the next `call`.
 
-        Raises CallbackError with what they raised. What isn't an error, such as KeyboardInterrupt, comes out at once.
+        A callback that raises an Exception doesn't stop the others; CallbackError with all of these exceptions is
+        raised at the end. Other exceptions, such as KeyboardInterrupt, are raised at once.
         """
         due, self._due = self._due, deque()
         failed: list[str] = []

@@ -14,7 +14,7 @@ from solari_vk.gpu.device.barriers import layout_barrier
 from solari_vk.gpu.device.uploads import StagingPool, Uploads
 
 _COPIES = raw.VK_IMAGE_USAGE_TRANSFER_SRC_BIT | raw.VK_IMAGE_USAGE_TRANSFER_DST_BIT
-# Images that shaders or attachments write stay in one layout, so that hazards need only memory barriers.
+# Images that shaders or attachments write stay in one layout, so that frames need memory barriers only.
 _WRITTEN = (
     raw.VK_IMAGE_USAGE_STORAGE_BIT
     | raw.VK_IMAGE_USAGE_COLOR_ATTACHMENT_BIT
@@ -23,8 +23,8 @@ _WRITTEN = (
 
 
 class Image:
-    """A 2D image with its view. It lives in `layout`: GENERAL when shaders or attachments write it, else
-    SHADER_READ_ONLY_OPTIMAL. Contents start undefined. Raises DeviceError for what the device can't make.
+    """A 2D image with its view. Its `layout` is GENERAL if shaders or attachments write it, else
+    SHADER_READ_ONLY_OPTIMAL. Its contents are undefined until written. Raises DeviceError if the device can't make it.
     """
 
     def __init__(
@@ -118,11 +118,11 @@ class Image:
             self.device.vk.vkCmdPipelineBarrier2(cmd, self.layout_change(raw.VK_IMAGE_LAYOUT_UNDEFINED, self.layout))
 
     def layout_change(self, old: int, new: int) -> raw.CData:
-        """A barrier that moves all mip levels from one layout to another, ordered as a full barrier."""
+        """A transition of all mip levels from one layout to another, with the ordering of a full barrier."""
         return layout_barrier(self.handle, self.all_levels, old, new)
 
     def level_view(self, first: int, count: int = 1) -> raw.CData:
-        """A VkImageView of some mip levels; it lives as long as the image."""
+        """A VkImageView of `count` mip levels from `first` on; it lives as long as the image."""
         if (first, count) not in self._views:
             create = raw.struct(
                 "VkImageViewCreateInfo",
@@ -139,7 +139,7 @@ class Image:
         return max(self.height >> level, 1), max(self.width >> level, 1), self.channels
 
     def check_levels(self, levels: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """The levels as arrays of this image's dtype and shapes; raises SolariError when they don't fit."""
+        """The levels as arrays; raises SolariError unless they have this image's level count, dtype and shapes."""
         if self.handle is None:
             raise SolariError(f"upload of image {self.name}, which was destroyed")
         if len(levels) != self.mip_levels:
@@ -163,12 +163,12 @@ class Image:
         }
 
     def upload(self, levels: Sequence[np.ndarray]) -> None:
-        """Replace all mip levels, after all work submitted so far and before all that follows."""
+        """Replace all mip levels; ordered after all work submitted so far and before all later work."""
         with Uploads(self._staging) as uploads:
             uploads.image(self, levels)
 
     def read(self, level: int = 0) -> np.ndarray:
-        """(height, width, channels) of the format's dtype after all work submitted so far; waits for it."""
+        """A mip level as (height, width, channels) of the format's dtype; waits for all work submitted so far."""
         if self.handle is None:
             raise SolariError(f"read of image {self.name}, which was destroyed")
         vk = self.device.vk
@@ -199,9 +199,9 @@ def format_name(format: int) -> str:
 
 
 def texel_layout(format: int) -> tuple[np.dtype[Any], int]:
-    """The numpy dtype and number of channels of a format's texel; packed texels are one uint32.
+    """The numpy dtype and channel count of a format's texel; a packed texel is one uint32.
 
-    Raises SolariError for block-compressed and other formats that have none.
+    Raises SolariError for formats whose texels no dtype can hold, such as block-compressed ones.
     """
     name = format_name(format)
     found = re.fullmatch(r"VK_FORMAT_((?:[RGBADEX]\d+)+)_(UNORM|SNORM|UINT|SINT|SFLOAT|UFLOAT|SRGB)(_PACK32)?", name)

@@ -1,4 +1,4 @@
-"""The Vulkan instance: extensions, validation layer, and the messages that the layer reports."""
+"""The Vulkan instance: extensions, the validation layer and its messages."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.physical import PhysicalDevice
 
 VALIDATION_LAYER = "VK_LAYER_KHRONOS_validation"
-# Enabled when present: a window may be opened later, and names and labels cost nothing without a listener.
+# Enabled where present: a window may be opened later, and debug names and labels cost next to nothing.
 OPTIONAL_EXTENSIONS = (
     "VK_EXT_debug_utils",
     "VK_KHR_surface",
@@ -18,12 +18,12 @@ OPTIONAL_EXTENSIONS = (
     "VK_EXT_metal_surface",
     "VK_EXT_headless_surface",
 )
-# The header versions that brought in extensions newer than some validation layers in use.
+# Extensions that validation layers in use may not know, and the header version that introduced each.
 _EXTENSION_VERSIONS = {"VK_KHR_ray_tracing_position_fetch": raw.api_version(1, 3, 249)}
 
 
 class Instance:
-    """A VkInstance with its functions. `messages` collects what validation reports; `close` ends it."""
+    """A VkInstance with its functions. `messages` collects what validation reports."""
 
     def __init__(self, validation: bool = False) -> None:
         self.messages: list[str] = []
@@ -35,7 +35,7 @@ class Instance:
                 f"validation was asked for, but {VALIDATION_LAYER} is not installed "
                 "(Debian: apt-get install vulkan-validationlayers)"
             )
-        # A layer reports structures newer than itself as errors, so they are left out while it is on.
+        # A layer reports structures that it doesn't know as errors, so their extensions stay off while it is on.
         self.unknown_to_layer = frozenset(
             name
             for name, version in _EXTENSION_VERSIONS.items()
@@ -80,7 +80,7 @@ class Instance:
             self._messenger = messenger[0]
 
     def _listen(self) -> raw.CData:
-        """The messenger's description. The callback lives as long as this object does."""
+        """The create info of the debug messenger, whose callback lives as long as this object."""
         messages = self.messages
 
         def receive(severity: int, kinds: int, data: raw.CData, user: raw.CData) -> int:
@@ -98,12 +98,12 @@ class Instance:
         )
 
     def devices(self) -> list[PhysicalDevice]:
-        """Every device of the instance, fitting or not."""
+        """Every device of the instance, suitable or not."""
         handles = raw.enumerate_items(self.vk.vkEnumeratePhysicalDevices, "VkPhysicalDevice", self.handle)
         return [PhysicalDevice(self.vk, handle, i, self.unknown_to_layer) for i, handle in enumerate(handles)]
 
     def close(self) -> None:
-        """Destroy the instance; messages of its end are still collected. Safe to call twice."""
+        """Destroy the instance; messages that this causes are still collected. Safe to call twice."""
         if self.handle is None:
             return
         if self._messenger is not None:
@@ -113,12 +113,12 @@ class Instance:
 
 
 def note_message(messages: list[str], text: str) -> None:
-    """Take up a message of the validation layer; tests listen here too."""
+    """Append a message of the validation layer. Tests replace this function to see all messages."""
     messages.append(text)
 
 
 def _layer_versions(functions: raw.Functions) -> dict[str, int]:
-    """The installed layers and the version of the Vulkan header that each knows."""
+    """The installed layers, each with the version of the Vulkan header that it was built against."""
     layers = raw.enumerate_items(functions.vkEnumerateInstanceLayerProperties, "VkLayerProperties")
     return {raw.ffi.string(layer.layerName).decode(): int(layer.specVersion) for layer in layers}
 

@@ -1,4 +1,4 @@
-"""Which devices there are, what each has or misses, and which one is taken."""
+"""Physical devices: what each one supports and lacks, and which one is chosen."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from solari_vk.gpu.device import raw
 REQUIRED_EXTENSIONS = ("VK_KHR_acceleration_structure", "VK_KHR_deferred_host_operations", "VK_KHR_ray_query")
 OPTIONAL_EXTENSIONS = ("VK_KHR_ray_tracing_position_fetch", "VK_KHR_swapchain", "VK_EXT_memory_budget")
 
-# The feature structures in the order of their pNext chain: the last two belong to extensions.
+# The feature structures in the order of their pNext chain. Keys that are extension names need that extension.
 _STRUCTURES = {
     "core": "VkPhysicalDeviceFeatures",
     "11": "VkPhysicalDeviceVulkan11Features",
@@ -93,7 +93,7 @@ OPTIONAL_FEATURES: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class DeviceReport:
-    """A device as `solari-vk info` lists it; `missing` is empty when the package can use it."""
+    """A device as `solari-vk info` lists it; `missing` is empty if the package can use the device."""
 
     index: int
     name: str
@@ -106,7 +106,7 @@ class DeviceReport:
 
 @dataclass(frozen=True)
 class DeviceProperties:
-    """What a device is and how much it can do; the structures are Vulkan's own, fields as attributes."""
+    """A device's identity and limits. `limits`, `core11` to `core13` and `acceleration` are Vulkan structures."""
 
     name: str
     kind: str
@@ -119,14 +119,14 @@ class DeviceProperties:
     core13: Any
     acceleration: Any
     timestamp_period: float
-    """Nanoseconds a tick of a timestamp."""
+    """Nanoseconds per tick of a timestamp."""
     max_buffer_size: int
     max_allocation_size: int
     _owners: tuple[Any, ...]
 
 
 class PhysicalDevice:
-    """One device of an instance before it is opened: properties, extensions, features, queue family."""
+    """A device of an instance before it is opened: properties, extensions, features, queue family."""
 
     def __init__(
         self, vk: raw.Functions, handle: raw.CData, index: int, hidden_extensions: frozenset[str] = frozenset()
@@ -151,7 +151,7 @@ class PhysicalDevice:
         acceleration = raw.struct("VkPhysicalDeviceAccelerationStructurePropertiesKHR")
         last = acceleration if "VK_KHR_acceleration_structure" in self.extensions else None
         core13 = raw.struct("VkPhysicalDeviceVulkan13Properties", pNext=last)
-        # A structure newer than the device must not be chained.
+        # Structures of a Vulkan version that the device doesn't support must not be in the chain.
         core12 = raw.struct("VkPhysicalDeviceVulkan12Properties", pNext=core13 if version >= (1, 3) else last)
         core11 = raw.struct("VkPhysicalDeviceVulkan11Properties", pNext=core12)
         everything = raw.struct("VkPhysicalDeviceProperties2", pNext=core11 if version >= (1, 2) else None)
@@ -177,7 +177,7 @@ class PhysicalDevice:
         )
 
     def _find_queue_family(self, vk: raw.Functions) -> tuple[int, int]:
-        """Index and timestamp bits of the first family for graphics and compute; -1 if there is none."""
+        """Index and timestamp bits of the first queue family for graphics and compute; (-1, 0) if there is none."""
         wanted = raw.VK_QUEUE_GRAPHICS_BIT | raw.VK_QUEUE_COMPUTE_BIT
         families = raw.enumerate_items(
             vk.vkGetPhysicalDeviceQueueFamilyProperties, "VkQueueFamilyProperties", self.handle
@@ -202,7 +202,7 @@ class PhysicalDevice:
         return [group for group in _STRUCTURES if not group.startswith("VK_") or group in self.extensions]
 
     def _find_missing(self) -> list[str]:
-        """What the package needs and this device hasn't got, in words."""
+        """What the package requires and this device lacks, in words."""
         missing = []
         if (version := self.properties.api_version) < (1, 3):
             missing.append(f"Vulkan 1.3 (it has {version[0]}.{version[1]}.{version[2]})")
@@ -220,7 +220,7 @@ class PhysicalDevice:
         return missing
 
     def enabled_features(self) -> dict[str, tuple[str, ...]]:
-        """Per structure the required features and those optional ones that the device has."""
+        """For each feature structure, the required features and those optional ones that the device has."""
         return {
             group: REQUIRED_FEATURES.get(group, ())
             + tuple(name for name in OPTIONAL_FEATURES.get(group, ()) if name in self.features[group])
@@ -234,7 +234,7 @@ class PhysicalDevice:
 
 
 def feature_chain(features: dict[str, tuple[str, ...]]) -> tuple[raw.CData, dict[str, raw.CData]]:
-    """VkPhysicalDeviceFeatures2 with the named features set, and each structure of the chain by its key."""
+    """VkPhysicalDeviceFeatures2 with the named features set, and the structures of its chain by their keys."""
     parts: dict[str, raw.CData] = {}
     last = None
     for group in reversed([key for key in _STRUCTURES if key != "core" and key in features]):
@@ -246,9 +246,9 @@ def feature_chain(features: dict[str, tuple[str, ...]]) -> tuple[raw.CData, dict
 
 
 def choose(devices: list[PhysicalDevice], select: str | int | None) -> PhysicalDevice:
-    """The device that `select` names (substring of the name, index or UUID), or the best that fits.
+    """The device that `select` names (part of its name, its index or its UUID), or else the best suitable one.
 
-    Raises DeviceError listing every device and what it misses when none fits.
+    If there is none, raises DeviceError listing every device and what it lacks.
     """
     found = devices if select is None else _matching(devices, str(select).strip())
     fitting = [device for device in found if not device.missing]
@@ -274,6 +274,6 @@ def _matching(devices: list[PhysicalDevice], select: str) -> list[PhysicalDevice
 def _describe(devices: list[PhysicalDevice]) -> str:
     return "\n".join(
         f"  {d.index}: {d.properties.name} ({d.properties.uuid}): "
-        + (f"misses {', '.join(d.missing)}" if d.missing else "fits")
+        + (f"lacks {', '.join(d.missing)}" if d.missing else "fits")
         for d in devices
     )

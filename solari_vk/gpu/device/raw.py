@@ -1,8 +1,8 @@
-"""The one place that imports the `vulkan` package: its ffi, its constants repaired, its functions checked.
+"""The one module that imports the `vulkan` package: its ffi, its constants (corrected), its functions (checked).
 
-The package's Python wrappers free nested temporaries and are slow, so only its parsed header is used:
-`struct` builds C structures that own what they point to, `Functions` loads entry points once and
-turns every negative VkResult into an exception, and `VK_*` names come out as integers, aliases included.
+The package's Python wrappers free nested temporaries too early and are slow, so only its parsed header is used.
+`struct` builds C structures that keep alive what they point to. `Functions` loads entry points once and turns
+every negative VkResult into an exception. `VK_*` names, aliases included, are integers.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ lib: Any = _package.lib
 NULL: Any = ffi.NULL
 CData = Any
 
-# The header's own enumerators come from `lib`. The package's Python constants leave 492 aliases None and get
-# 40 values wrong (extension offsets, signs of error codes), so they serve only for what is no enumerator.
+# Enumerators come from `lib`, the parsed header. Of the package's Python constants, 492 aliases are None and 40
+# values are wrong (extension offsets, signs of error codes), so they are used only for names that `lib` lacks.
 _REPAIRED = {"VK_WHOLE_SIZE": 2**64 - 1}
 
 _VENDOR_SUFFIX = re.compile(r"_(KHR|EXT|NV)$")
 
 
 def __getattr__(name: str) -> int:
-    """A Vulkan constant by its name; an alias of another vendor's suffix is followed to its value."""
+    """A Vulkan constant by its name, also by an alias with another suffix (KHR, EXT, NV or none)."""
     if not name.startswith("VK_"):
         raise AttributeError(name)
     base = _VENDOR_SUFFIX.sub("", name)
@@ -44,11 +44,11 @@ def __getattr__(name: str) -> int:
         if value is not None:
             globals()[name] = value
             return value
-    raise AttributeError(f"{name} is no Vulkan constant that the `vulkan` package knows")
+    raise AttributeError(f"{name} is not a Vulkan constant that the `vulkan` package knows")
 
 
 def api_version(major: int, minor: int, patch: int = 0) -> int:
-    """A version as Vulkan packs it."""
+    """A version number in Vulkan's packed form."""
     return major << 22 | minor << 12 | patch
 
 
@@ -64,10 +64,10 @@ _STRUCTURE_TYPES = {
 def struct(type_name: str, **fields: Any) -> CData:
     """A pointer to a new C structure of a type such as "VkBufferCreateInfo".
 
-    `sType` is filled in. Pointer fields take bytes or str (a C string), a list (a C array of what the
-    field points to), a structure from this function, a numpy array, or any cdata; whatever is pointed
-    to lives as long as the returned pointer. Value fields take numbers, dicts or lists, and
-    structures from this function by value. Raises TypeError for a field the structure hasn't got.
+    `sType` is filled in. Pointer fields take bytes or str (a C string), a list (a C array of what the field points
+    to), a structure from this function, a numpy array, or any cdata. What they point to lives as long as the returned
+    pointer. Value fields take numbers, dicts, lists, and structures from this function, which are copied.
+    Raises TypeError for a field that the structure doesn't have.
     """
     pointer = ffi.new(type_name + "*")
     kept = _fill(pointer, ffi.typeof(type_name), fields)
@@ -76,7 +76,7 @@ def struct(type_name: str, **fields: Any) -> CData:
 
 
 def array(type_name: str, items: Sequence[Any]) -> CData:
-    """A C array that owns its items: structures from `struct`, handles, numbers or strings."""
+    """A C array of structures from `struct`, handles, numbers or strings; it keeps alive what they point to."""
     block = ffi.new(f"{type_name}[]", max(len(items), 1))
     _keeps[block] = [_assign(block, i, ffi.typeof(type_name), item) for i, item in enumerate(items)]
     return block
@@ -95,7 +95,7 @@ def _fill(target: CData, ctype: Any, fields: Mapping[str, Any]) -> list[Any]:
 
 
 def _assign(target: CData, key: str | int, ctype: Any, value: Any) -> Any:
-    """Put a value into a field or an array element; returns what must be kept alive with it."""
+    """Assign a value to a field or an array element; returns what must be kept alive with the target."""
     put: Callable[[Any], None]
     if isinstance(key, str):
         put = lambda item: setattr(target, key, item)  # noqa: E731
@@ -118,7 +118,7 @@ def _assign(target: CData, key: str | int, ctype: Any, value: Any) -> Any:
 
 
 def _pointee(ctype: Any, value: Any) -> Any:
-    """The cdata for a pointer field given as cdata, None, str, bytes, a list or a numpy array."""
+    """The cdata for a pointer field that is given as cdata, None, str, bytes, a list or a numpy array."""
     if value is None:
         return NULL
     if isinstance(value, ffi.CData):
@@ -147,7 +147,7 @@ _REMEDY = {
 
 
 def check(result: int, function: str) -> int:
-    """Pass on a VkResult that isn't an error; raise DeviceError naming the function and the remedy otherwise."""
+    """Return a VkResult that isn't an error; otherwise raise DeviceError naming the function and a remedy."""
     if result < 0:
         name = _RESULT_NAMES.get(result, f"VkResult {result}")
         remedy = _REMEDY.get(name)
@@ -158,9 +158,9 @@ def check(result: int, function: str) -> int:
 class Functions:
     """Vulkan functions by name, each looked up once; those that return a VkResult are checked.
 
-    `get_address(name)` gives a function pointer, as vkGetDeviceProcAddr does. A function the driver
-    hasn't got raises DeviceError when it is first used. `on_error(result)` hears of every failure
-    before it is raised, so that an owner can remember a lost device.
+    `get_address(name)` returns a function pointer, as vkGetDeviceProcAddr does. The first use of a function that the
+    driver doesn't have raises DeviceError. `on_error(result)` is called with every error before it is raised, so that
+    the owner can note a lost device.
     """
 
     def __init__(self, get_address: Callable[[bytes], CData], on_error: Callable[[int], None] | None = None) -> None:
@@ -205,12 +205,12 @@ def instance_functions(instance: CData) -> Functions:
 
 
 def device_functions(device: CData, on_error: Callable[[int], None] | None = None) -> Functions:
-    """Functions of one device, without the loader's dispatch in between."""
+    """Functions of one device, called without the loader's dispatch."""
     return Functions(lambda name: lib.vkGetDeviceProcAddr(device, name), on_error)
 
 
 def enumerate_items(function: Callable[..., Any], type_name: str, *arguments: Any) -> list[CData]:
-    """The usual pair of calls: count, then fill. Structures come with sType set."""
+    """All items that an enumerating function gives: one call for the count, one for the items."""
     count = ffi.new("uint32_t*")
     function(*arguments, count, NULL)
     items = ffi.new(f"{type_name}[]", max(count[0], 1))
@@ -219,7 +219,7 @@ def enumerate_items(function: Callable[..., Any], type_name: str, *arguments: An
             _fill(items[i], ffi.typeof(type_name), {})
     function(*arguments, count, items)
     found = [items[i] for i in range(count[0])]
-    for item in found:  # an element is a view into the array
+    for item in found:  # an element is a view of the array, which must live as long
         if ffi.typeof(item).kind == "struct":
             _keeps[item] = [items]
     return found

@@ -10,10 +10,10 @@ from solari_vk.gpu.device.work_queue import WorkQueue
 
 
 class Recorded:
-    """A command buffer of its own, which may be submitted again while it still runs.
+    """A command buffer that may be submitted again while it still runs.
 
-    record(command buffer): writes the commands, barriers to what comes before and after included. What these use must
-    live as long.
+    record(command buffer): records the commands, with the barriers to earlier and later work. The resources that the
+    commands use must live as long as this object.
     """
 
     def __init__(self, device: WorkQueue, record: Callable[[raw.CData], None], name: str) -> None:
@@ -31,9 +31,9 @@ class Recorded:
             raise
 
     def submit_with_next(self) -> None:
-        """Submit at the head of the device's next submission."""
+        """Have the commands submitted at the head of the device's next submission."""
         self._device.submit_with_next(self.commands)
 
     def destroy(self) -> None:
-        """Free it when the work submitted so far is done. Safe to call twice."""
+        """Free the commands when the work submitted so far is done. Safe to call twice."""
         self._pool.destroy()

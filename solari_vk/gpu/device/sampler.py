@@ -8,11 +8,10 @@ from solari_vk.gpu.device.work_queue import WorkQueue
 
 
 class Sampler:
-    """How a texture is filtered and repeated: "linear" or "nearest"; "repeat", "clamp" or "mirror".
+    """A VkSampler. Filters are "linear" or "nearest", wrap modes "repeat", "clamp" or "mirror".
 
-    mipmap: how levels are blended, or "none" to use the largest one only.
-
-    anisotropy: the most samples of an anisotropic filter; 1 is off, and devices without it stay at 1.
+    mipmap: the filter between mip levels, or "none" to use the largest level only.
+    anisotropy: the maximum sample count of an anisotropic filter; 1 turns it off, and the device's limit applies.
     """
 
     def __init__(
@@ -37,8 +36,8 @@ class Sampler:
             "clamp": raw.VK_SAMPLER_ADDRESS_MODE_CLAMP_TO_EDGE,
             "mirror": raw.VK_SAMPLER_ADDRESS_MODE_MIRRORED_REPEAT,
         }
-        most = device.properties.limits.maxSamplerAnisotropy if "samplerAnisotropy" in device.features else 1.0
-        anisotropy = min(anisotropy, most)
+        limit = device.properties.limits.maxSamplerAnisotropy if "samplerAnisotropy" in device.features else 1.0
+        anisotropy = min(anisotropy, limit)
         try:
             create = raw.struct(
                 "VkSamplerCreateInfo",
@@ -49,7 +48,7 @@ class Sampler:
                 addressModeV=wraps[wrap_v],
                 anisotropyEnable=int(anisotropy > 1),
                 maxAnisotropy=max(anisotropy, 1.0),
-                # A limit just above 0 keeps the choice between magnify and minify, as Vulkan advises.
+                # The Vulkan specification recommends 0.25: with 0, only the magnification filter would be used.
                 maxLod=0.25 if mipmap == "none" else raw.VK_LOD_CLAMP_NONE,
             )
         except KeyError as error:

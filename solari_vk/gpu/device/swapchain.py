@@ -1,4 +1,4 @@
-"""A window's images: acquired, handed to the display, and made anew when they no longer fit the window."""
+"""The swapchain of a window: images are acquired, presented, and made again when they no longer fit the window."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from solari_vk.gpu.device.barriers import ALL_COMMANDS
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.submission import Submission
 
-FRAMES = 2  # that may wait for the display at a time
-_ACQUIRE_TIMEOUT = 100_000_000  # nanoseconds: a window that nobody sees may get no image for long
-# The picture's bytes are sRGB already, so that formats which encode once more are left out.
+FRAMES = 2  # maximum number of frames in flight
+_ACQUIRE_TIMEOUT = 100_000_000  # nanoseconds: a hidden window may get no image for a long time
+# The pictures are already encoded as sRGB, so formats that would encode them again don't fit.
 _FORMATS = (raw.VK_FORMAT_B8G8R8A8_UNORM, raw.VK_FORMAT_R8G8B8A8_UNORM)
 _USAGE = raw.VK_IMAGE_USAGE_TRANSFER_DST_BIT | raw.VK_IMAGE_USAGE_COLOR_ATTACHMENT_BIT
 
@@ -21,12 +21,12 @@ _USAGE = raw.VK_IMAGE_USAGE_TRANSFER_DST_BIT | raw.VK_IMAGE_USAGE_COLOR_ATTACHME
 class Swapchain:
     """The images of a window's surface. A context manager; `close` it before the window.
 
-    create_surface: from a VkInstance to a new VkSurfaceKHR of the window, called again when the surface is lost.
-    get_size: the window's size in pixels; (0, 0) while nothing of it can be seen. Raises DeviceError when the device
-    can't show pictures in this window.
+    create_surface: makes a VkSurfaceKHR of the window from a VkInstance; called again when the surface is lost.
+    get_size: returns the window's size in pixels, (0, 0) while the window is minimized.
+    Raises DeviceError if the device can't present to this window.
 
-    `acquire` gives the index of an image to draw, which `present` must follow. `generation` grows when `images`,
-    `views` and `extent` are others than before; what used the old ones isn't running any more then.
+    `acquire` returns the index of an image to draw; `present` must follow. `generation` is incremented when `images`,
+    `views` and `extent` are replaced; no work uses the old ones then.
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class Swapchain:
         self.images: list[raw.CData] = []
         self.views: list[raw.CData] = []
         self.stale = True
-        """Whether the images are made anew at the next `acquire`."""
+        """Whether the next `acquire` makes the images again."""
         self._create_surface = create_surface
         self._get_size = get_size
         self._surface: raw.CData = None
@@ -48,9 +48,9 @@ class Swapchain:
         self._made_for = (0, 0)
         self._handle: raw.CData = raw.NULL
         self._index = raw.ffi.new("uint32_t*")
-        self._acquired: list[raw.CData] = []  # a semaphore for each frame that waits: its image may be drawn
-        self._drawn: list[raw.CData] = []  # a semaphore for each image: it may be shown
-        self._values = [0] * FRAMES  # timeline values of the frames that wait
+        self._acquired: list[raw.CData] = []  # per frame in flight: signaled when its image may be drawn
+        self._drawn: list[raw.CData] = []  # per image: signaled when it may be presented
+        self._values = [0] * FRAMES  # timeline values of the frames in flight
         self._frame = 0
         self._submissions: dict[Any, Submission] = {}
         self._token = device.own(self._destroy)
@@ -63,7 +63,7 @@ class Swapchain:
     # ---- a frame ------------------------------------------------------------------------------------
 
     def acquire(self) -> int | None:
-        """The index of an image to draw, or None when the window shows nothing just now."""
+        """The index of an image to draw, or None while the window can't show one."""
         if self._surface_lost:
             self._make_surface()
         if self.stale or self._get_size() != self._made_for:
@@ -81,10 +81,9 @@ class Swapchain:
         return int(self._index[0])
 
     def present(self, index: int, commands: Sequence[raw.CData]) -> int:
-        """Submit what draws an acquired image and show it; returns the timeline's value of the drawing.
+        """Submit the commands that draw an acquired image, and present it; returns the timeline value of the drawing.
 
-        The commands find the image in an undefined layout, with its memory free for all stages, and leave it in
-        PRESENT_SRC.
+        When the commands start, the image is in an undefined layout and unused; they must leave it in PRESENT_SRC.
         """
         wait, signal = self._acquired[self._frame], self._drawn[index]
         key = index, self._frame, *(int(raw.ffi.cast("uintptr_t", item)) for item in commands)
@@ -105,7 +104,7 @@ class Swapchain:
         return value
 
     def _call(self, name: str, *arguments: Any) -> int:
-        """Call a function whose failures are part of a window's life: the swapchain is stale then. Others raise."""
+        """Call a function; returns its VkResult. Errors that a new swapchain mends make this one stale, others raise."""
         pointer = raw.lib.vkGetInstanceProcAddr(self.device.instance, name.encode())
         result: int = raw.ffi.cast("PFN_" + name, pointer)(*arguments)
         if result in (raw.VK_ERROR_OUT_OF_DATE_KHR, raw.VK_SUBOPTIMAL_KHR):
@@ -122,7 +121,7 @@ class Swapchain:
     # ---- making -------------------------------------------------------------------------------------
 
     def _make_surface(self) -> None:
-        """A surface, in place of the lost one; the swapchain follows at the next `acquire`."""
+        """Make the surface, in place of a lost one; the next `acquire` makes the swapchain."""
         self._destroy()
         device = self.device
         self._surface = self._create_surface(device.instance)
@@ -131,13 +130,13 @@ class Swapchain:
             device.physical_device, device.queue_family, self._surface, supported
         )
         if not supported[0]:
-            raise DeviceError(f"{device.name} can't show pictures in this window: choose another device")
+            raise DeviceError(f"{device.name} can't present to this window: choose another device")
         self.stale, self._surface_lost = True, False
 
     def _make(self) -> None:
-        """The images for the window as it is now; none while it has no size."""
+        """Make the images for the window's current size; none while its size is zero."""
         device = self.device
-        self.stale = True  # until all is made: whatever fails on the way is tried again
+        self.stale = True  # until all succeeded: after a failure the next `acquire` tries again
         capabilities = raw.ffi.new("VkSurfaceCapabilitiesKHR*")
         query = "vkGetPhysicalDeviceSurfaceCapabilitiesKHR"
         if self._call(query, device.physical_device, self._surface, capabilities) != raw.VK_SUCCESS:
@@ -146,8 +145,8 @@ class Swapchain:
         current = capabilities.currentExtent
         if current.width != 0xFFFFFFFF and 0 not in size:
             size = (current.width, current.height)
-        least, most = capabilities.minImageExtent, capabilities.maxImageExtent
-        extent = min(max(size[0], least.width), most.width), min(max(size[1], least.height), most.height)
+        low, high = capabilities.minImageExtent, capabilities.maxImageExtent
+        extent = min(max(size[0], low.width), high.width), min(max(size[1], low.height), high.height)
         old, self._handle = self._handle, raw.NULL
         try:
             if 0 not in size and 0 not in extent:
@@ -198,7 +197,7 @@ class Swapchain:
         for format in _FORMATS:
             if (format, raw.VK_COLOR_SPACE_SRGB_NONLINEAR_KHR) in offered:
                 return format, raw.VK_COLOR_SPACE_SRGB_NONLINEAR_KHR
-        raise DeviceError(f"{device.name}: this window takes no pictures of 8 bits in sRGB")
+        raise DeviceError(f"{device.name}: this window has no 8-bit sRGB format")
 
     def _take_images(self) -> None:
         device = self.device
@@ -222,7 +221,7 @@ class Swapchain:
     # ---- lifetime -----------------------------------------------------------------------------------
 
     def _destroy_images(self, handle: raw.CData) -> None:
-        """Destroy a swapchain, its images' views and all semaphores; waits for what uses them."""
+        """Destroy a swapchain, its images' views and all semaphores, after waiting for the work that uses them."""
         device = self.device
         if handle == raw.NULL:
             return
@@ -246,9 +245,9 @@ class Swapchain:
             self._surface = None
 
     def close(self) -> None:
-        """Wait for the device and destroy all, the surface too. Safe to call twice."""
+        """Wait for the device and destroy everything, including the surface. Safe to call twice."""
         if self.device.lost:
-            self._destroy()  # such a device keeps what is released until it is closed, when the window is gone
+            self._destroy()  # a lost device releases nothing until it closes, which is too late for the window
         elif not self.device.closed:
             self.device.vk.vkQueueWaitIdle(self.device.queue)
         self.device.release(self._token)

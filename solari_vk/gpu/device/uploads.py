@@ -1,4 +1,4 @@
-"""Uploads: many small copies into buffers and images gathered into one submission or one command buffer."""
+"""Uploads: many small copies into buffers and images, gathered into one submission or one command buffer."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from solari_vk.gpu.device.barriers import full_barrier, host_read_barrier
 from solari_vk.gpu.device.storage import Storage, as_bytes
 
 CHUNK_SIZE = 4 << 20
-FLUSH_SIZE = 64 << 20  # a batch larger than this is submitted in parts, so that staging memory stays bounded
+FLUSH_SIZE = 64 << 20  # a larger batch is submitted in parts, which bounds staging memory
 _ALIGNMENT = 16  # bytes between pieces of data in a chunk: no texel that is uploaded is larger
 _TRANSFER_LAYOUT = raw.VK_IMAGE_LAYOUT_TRANSFER_DST_OPTIMAL
 
@@ -72,7 +72,7 @@ class ImageTarget(Protocol):
 
 
 class _Copies:
-    """Buffer copies that don't overlap, so that no barrier is needed between them."""
+    """Buffer copies whose targets don't overlap, so that no barrier is needed between them."""
 
     def __init__(self) -> None:
         self.regions: dict[tuple[int, int], list[tuple[int, int, int]]] = {}
@@ -80,7 +80,7 @@ class _Copies:
         self._ranges: dict[int, list[tuple[int, int]]] = {}
 
     def add(self, chunk: Storage, start: int, buffer: Storage, offset: int, size: int) -> bool:
-        """Add a copy; False when it overlaps one that is there already."""
+        """Add a copy and return True; return False if it overlaps one that was added before."""
         ranges = self._ranges.setdefault(id(buffer), [])
         i = bisect_left(ranges, (offset, 0))
         if (i and ranges[i - 1][1] > offset) or (i < len(ranges) and ranges[i][0] < offset + size):
@@ -95,8 +95,8 @@ class _Copies:
 class Uploads:
     """A batch of uploads. As a context manager it submits once at its end, in order with other submissions.
 
-    `record` puts the copies into a command buffer of the caller instead. Data is copied when `buffer` or
-    `image` is called, so arrays may change afterwards. Work submitted later sees the new contents.
+    `record` instead puts the copies into a command buffer of the caller. Data is copied when `buffer` or `image` is
+    called, so arrays may change afterwards. Work submitted later sees the new contents.
     """
 
     def __init__(self, staging: StagingPool) -> None:
@@ -124,14 +124,14 @@ class Uploads:
 
     @property
     def empty(self) -> bool:
-        """Whether there is nothing to record."""
+        """Whether there is no copy to record."""
         return not self._copies and not self._images
 
     def buffer(self, buffer: Storage, data: Any, offset: int = 0) -> None:
-        """Have `data` (an array or bytes) written into a buffer at a byte offset. Raises SolariError outside it."""
+        """Upload `data` (an array or bytes) to a byte offset of a buffer. Raises SolariError beyond its end."""
         source = as_bytes(data)
         buffer.check_range(offset, source.size, "upload")
-        # Nothing reads a mapped buffer of an idle device, so no copy has to be ordered behind the readers.
+        # While the device is idle nothing reads a mapped buffer, so the host may write to it directly.
         if self._submits and self.empty and buffer.mapped and self._device.idle:
             buffer.write(source, offset)
             return
@@ -145,7 +145,7 @@ class Uploads:
             self._flush_when_large()
 
     def image(self, image: ImageTarget, levels: Sequence[np.ndarray]) -> None:
-        """Have all mip levels of an image replaced, largest first: (height, width, channels) of its dtype."""
+        """Replace all mip levels of an image; `levels` are (height, width, channels) of its dtype, largest first."""
         sources = [as_bytes(level) for level in image.check_levels(levels)]
         starts = [0]
         for source in sources:
@@ -163,7 +163,7 @@ class Uploads:
         self._give_back(with_next=True)
 
     def _stage(self, source: np.ndarray) -> tuple[Storage, int]:
-        """Copy bytes into a chunk; returns it and the offset in it."""
+        """Copy bytes into a chunk; returns the chunk and the offset in it."""
         start = -(-self._used // _ALIGNMENT) * _ALIGNMENT
         if not self._chunks or start + source.size > self._chunks[-1].size:
             self._chunks.append(self._staging.take(source.size))
@@ -175,7 +175,7 @@ class Uploads:
 
     def _flush_when_large(self) -> None:
         if self._submits and self._staged > FLUSH_SIZE:
-            # At most two parts are held: the one being copied and the one being filled.
+            # Two parts at most are in memory: the one that the device copies and the one that is being filled.
             self._device.await_value(max(self._submit() - 1, 0))
 
     def _submit(self) -> int:
@@ -186,7 +186,7 @@ class Uploads:
         return value
 
     def _give_back(self, *, with_next: bool = False) -> None:
-        """Return the chunks when the submission that reads them is done."""
+        """Return the chunks to the pool when the submission that reads them is done."""
         for chunk in self._chunks:
             self._device.retire(partial(self._staging.give, chunk), with_next=with_next)
         self._reset()
@@ -197,9 +197,9 @@ class Uploads:
             vk.vkCmdPipelineBarrier2(cmd, full_barrier())
             for key, regions in copies.regions.items():
                 chunk, buffer = copies.buffers[key]
-                if buffer.handle is None:  # destroyed since: nobody sees its contents
+                if buffer.handle is None:  # destroyed since the upload was added
                     continue
-                table = np.array(regions, np.uint64)  # as VkBufferCopy: source offset, target offset, size
+                table = np.array(regions, np.uint64)  # the layout of VkBufferCopy: source offset, target offset, size
                 pointer = raw.ffi.cast("VkBufferCopy*", raw.ffi.from_buffer(table))
                 vk.vkCmdCopyBuffer(cmd, chunk.handle, buffer.handle, len(regions), pointer)
         for chunk, image, levels in self._images:

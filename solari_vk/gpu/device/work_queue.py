@@ -1,4 +1,4 @@
-"""The device's queue: submissions, the timeline that counts them, and destruction once they are done."""
+"""The device's queue: submissions, the timeline that counts them, and the deferred destruction of resources."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from solari_vk.gpu.device.callbacks import Callbacks
 from solari_vk.gpu.device.logical import LogicalDevice
 from solari_vk.gpu.device.submission import Semaphore, Submission
 
-_WAIT_SLICE = 100_000_000  # nanoseconds: Python sees Ctrl-C between slices
+_WAIT_SLICE = 100_000_000  # nanoseconds: Python handles Ctrl-C between slices
 
 
 class WorkQueue(LogicalDevice):
-    """A device with its queue: submissions counted by a timeline, one-time commands, deferred destruction."""
+    """A device with its queue. Every submission increments the timeline; waiting means waiting for a timeline value."""
 
     def __init__(self, select: str | int | None, validation: bool) -> None:
         super().__init__(select, validation)
@@ -56,7 +56,7 @@ class WorkQueue(LogicalDevice):
         waits: Sequence[Semaphore] = (),
         signals: Sequence[Semaphore] = (),
     ) -> Submission:
-        """A submission prepared once and made many times; waits and signals are (semaphore, value, stages)."""
+        """A submission that is prepared once and can be submitted many times."""
         return Submission(self._submit, self.timeline, command_buffers, waits, signals)
 
     def submit(self, command_buffers: Sequence[raw.CData]) -> int:
@@ -64,13 +64,13 @@ class WorkQueue(LogicalDevice):
         return self._submit(self.submission(command_buffers))
 
     def before_next_submit(self, record: Callable[[raw.CData], None]) -> None:
-        """Have commands recorded and submitted just before the next submission: all such in one batch."""
+        """Have `record` called, and its commands submitted, just before the next submission."""
         self._before_next.append(record)
 
     def submit_with_next(self, commands: raw.CData) -> None:
-        """Have recorded commands submitted at the head of the next submission, once if asked for again before it.
+        """Have recorded commands submitted at the head of the next submission; once, even if asked for twice.
 
-        What was recorded earlier for `before_next_submit` stays ahead of them.
+        They run after the commands of all earlier calls of `before_next_submit`.
         """
         self.flush()
         self._with_next.pop(commands, None)
@@ -97,7 +97,7 @@ class WorkQueue(LogicalDevice):
         return value
 
     def flush(self) -> None:
-        """Submit now what `before_next_submit` has gathered."""
+        """Submit now what waits for the next submission because of `before_next_submit`."""
         if records := self._before_next:
             self._before_next = []
 
@@ -105,14 +105,14 @@ class WorkQueue(LogicalDevice):
                 for i, record in enumerate(records):
                     try:
                         record(cmd)
-                    except BaseException:  # the others are still due
+                    except BaseException:  # the others still wait for the next submission
                         self._before_next = records[:i] + records[i + 1 :] + self._before_next
                         raise
 
             self._start(record_all, "prepare resources")
 
     def start(self, record: Callable[[raw.CData], None], name: str = "") -> int:
-        """Record one-time commands and submit them without waiting; returns the timeline's value."""
+        """Record one-time commands and submit them without waiting; returns the timeline value of their completion."""
         self.flush()
         return self._start(record, name)
 
@@ -150,7 +150,7 @@ class WorkQueue(LogicalDevice):
 
     @property
     def completed(self) -> int:
-        """The newest timeline value whose work is done."""
+        """The timeline's value: all submissions up to it are done."""
         if self._completed < self.submitted:
             self.vk.vkGetSemaphoreCounterValue(self.handle, self.timeline, self._counter)
             self._completed = self._counter[0]
@@ -158,31 +158,31 @@ class WorkQueue(LogicalDevice):
 
     @property
     def idle(self) -> bool:
-        """Whether no work is running or waiting to be submitted; never on a lost device."""
+        """Whether no work is running or waiting to be submitted. A lost device is never idle."""
         return not (self.lost or self._before_next or self._with_next) and self.completed == self.submitted
 
     def wait(self, value: int) -> None:
-        """Wait until the timeline has reached a value that a submission returned; then do as `poll` does."""
+        """Wait until the timeline reaches a value that a submission returned; then do what `poll` does."""
         self.await_value(value)
         self.callbacks.call()
 
     def wait_idle(self) -> None:
-        """Wait for everything submitted so far, or before or with the next submission; then do as `poll` does."""
+        """Wait for all work submitted so far or waiting to be submitted; then do what `poll` does."""
         self.flush()
         self.await_idle()
         self.callbacks.call()
 
     def poll(self) -> None:
-        """Free what the device is done with, and call the callbacks (`Blas.prepare_compaction`) that are due.
+        """Free what the device no longer uses, and call the callbacks (`Blas.prepare_compaction`) that are due.
 
-        Only this, `wait` and `wait_idle` call them. Raises CallbackError, when all were called, if any raised.
+        Only `poll`, `wait` and `wait_idle` call callbacks: all of them, before raising CallbackError if any raised.
         """
         self.collect()
         self.check_messages()
         self.callbacks.call()
 
     def await_value(self, value: int) -> None:
-        """As `wait`, but no callback is called: for waits in the middle of something."""
+        """Wait until the timeline reaches a value, without calling callbacks: for waits inside other operations."""
         if self.lost:
             raise DeviceError(f"{self.name} was lost: make a new Device")
         if value > self.submitted:
@@ -195,13 +195,16 @@ class WorkQueue(LogicalDevice):
         self.check_messages()
 
     def await_idle(self) -> None:
-        """As `wait_idle`, but no callback is called, and `before_next_submit` goes on waiting: for lack of memory."""
+        """Wait for all submitted work, without calling callbacks or flushing `before_next_submit`.
+
+        The allocator waits like this when memory runs out, possibly while such commands are being prepared.
+        """
         if self._with_next:
             self._submit(self.submission([]), internal=True)
         self.await_value(self.submitted)
 
     def sync_host(self) -> None:
-        """Wait for everything submitted and make what it wrote visible to the host (mapped memory)."""
+        """Wait for all submitted work and make its writes to mapped memory visible to the host."""
         if self.submitted == self._host_synced and not (self._before_next or self._with_next):
             return
         self.run(lambda cmd: self.vk.vkCmdPipelineBarrier2(cmd, host_read_barrier()), "host reads")
@@ -210,24 +213,24 @@ class WorkQueue(LogicalDevice):
     # ---- lifetime -----------------------------------------------------------------------------------
 
     def own(self, destroy: Callable[[], None]) -> int:
-        """Remember how an object is destroyed; returns a token for `release`. `close` destroys the rest."""
+        """Register how an object is destroyed; returns a token for `release`. Closing the device destroys the rest."""
         self._next_token += 1
         self._owned[self._next_token] = destroy
         return self._next_token
 
     def release(self, token: int) -> None:
-        """Destroy an owned object once the work submitted so far is done; no effect the second time."""
+        """Destroy an owned object once the work submitted so far is done. A second call has no effect."""
         destroy = self._owned.pop(token, None)
         if destroy is not None:
             self.retire(destroy)
 
     @property
     def live_objects(self) -> int:
-        """How many owned objects exist, those that wait for their destruction included."""
+        """How many owned objects exist, including those that wait for their destruction."""
         return len(self._owned) + len(self._retired) + len(self._retired_with_next)
 
     def retire(self, destroy: Callable[[], None], *, with_next: bool = False) -> None:
-        """Call `destroy` when all work submitted so far is done; with_next: and the next submission too."""
+        """Call `destroy` when all work submitted so far is done; with_next: when the next submission is done, too."""
         if self.closed:
             raise DeviceError(f"{self.name} was closed")
         if with_next:
@@ -237,11 +240,11 @@ class WorkQueue(LogicalDevice):
             self.collect()
 
     def collect(self) -> None:
-        """Destroy what was retired and is no longer used. Calls no callback."""
+        """Destroy the retired objects that the device no longer uses. Calls no callback."""
         if not self._retired or self.lost or self._collecting:
             return
         completed = self.completed
-        self._collecting = True  # what destruction retires is for this loop: recursion has a depth, and no order
+        self._collecting = True  # objects retired during destruction join this loop, which avoids recursion
         try:
             while self._retired and self._retired[0][0] <= completed:
                 self._retired.popleft()[1]()
@@ -249,7 +252,7 @@ class WorkQueue(LogicalDevice):
             self._collecting = False
 
     def _finish(self) -> None:
-        """Wait for all work and destroy all that is left. A lost device is waited for a second at most."""
+        """Wait for all work, for a lost device at most a second, and destroy everything that is left."""
         wait = raw.ffi.cast("PFN_vkWaitSemaphores", raw.lib.vkGetDeviceProcAddr(self.handle, b"vkWaitSemaphores"))
         self._wait_value[0] = self.submitted
         waited = 0

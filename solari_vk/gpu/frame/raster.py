@@ -28,7 +28,7 @@ def check_draw(device: Device, name: str, item: Draw, interface: Interface) -> N
     """Raise SolariError for what the device or the shaders can't draw."""
     missing = [feature for feature in _NEEDED if feature not in device.features]
     if missing:
-        raise SolariError(f"pass {name}: this device can't draw as many meshes at once: it misses {', '.join(missing)}")
+        raise SolariError(f"pass {name}: this device can't draw as many meshes at once: it lacks {', '.join(missing)}")
     for image in item.colors:
         if interface[image].kind != "storage_image":
             raise SolariError(f"pass {name}: {image} is a {interface[image].kind}, not an image to draw into")
