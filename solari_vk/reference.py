@@ -18,7 +18,7 @@ from solari_vk.gpu.frame.frame import Frame, Stage
 from solari_vk.passes import brdf_table, pathtracer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera, Scene
-from solari_vk.scene.view import write_view
+from solari_vk.scene.projection import CameraUniforms
 
 AOVS = pathtracer.AOVS
 DISPATCH_MS = 100.0  # what a dispatch should take: far below any driver's watchdog, far above its overhead
@@ -150,17 +150,18 @@ class PathTracer(PictureRenderer):
             self._shown = shown
             self._camera = copy.copy(camera)
             self.samples = 0
-            write_view(self._frame.uniforms, self._camera, self.size, self._band_rows)
+            CameraUniforms(self._frame.uniforms).write(self._camera, self.size)
             pathtracer.write_uniforms(self._frame.uniforms, self.settings)
+            self._frame.uniforms["path_sampling.row_count"] = self._band_rows
 
     def _add_samples(self, count: int) -> None:
         """Trace so many samples for every pixel, one band of rows after the other."""
         uniforms = self._frame.uniforms
-        uniforms["sample_index"] = self.samples
-        uniforms["samples_per_dispatch"] = count
+        uniforms["path_sampling.sample_index"] = self.samples
+        uniforms["path_sampling.samples_per_dispatch"] = count
         try:
             for row in range(0, self.size[1], self._band_rows):
-                uniforms["first_row"] = row
+                uniforms["path_sampling.first_row"] = row
                 self._sizes.append((self._frame.submit(), count * self._band_rows))
         except BaseException:
             self._shown = None  # some bands have these samples and some have not: the next call starts anew
@@ -185,7 +186,7 @@ class PathTracer(PictureRenderer):
         if wanted < self._band_rows / 4 and self._band_rows > 8:
             self._band_rows = max(int(wanted), 8)
             frame.rebuild(self._stages(self.size))
-            frame.uniforms["row_count"] = self._band_rows
+            frame.uniforms["path_sampling.row_count"] = self._band_rows
 
     # ---- results ------------------------------------------------------------------------------------
 
@@ -213,9 +214,10 @@ class PathTracer(PictureRenderer):
         if self._aovs_shown != self._shown:
             self._aovs_shown = self._shown
             assert self._camera is not None
-            write_view(self._aovs.uniforms, self._camera, self.size, rows)
+            CameraUniforms(self._aovs.uniforms).write(self._camera, self.size)
+            self._aovs.uniforms["path_sampling.row_count"] = rows
             for row in range(0, self.size[1], rows):
-                self._aovs.uniforms["first_row"] = row
+                self._aovs.uniforms["path_sampling.first_row"] = row
                 self._aovs.submit()
         return self._aovs
 

@@ -12,8 +12,6 @@ from solari_vk.errors import SolariError
 from solari_vk.frame import PictureRenderer, SceneFrame
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
-from solari_vk.gpu.frame.packing import writer
-from solari_vk.gpu.frame.uniforms import Uniforms
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes import (
     brdf_table,
@@ -31,15 +29,10 @@ from solari_vk.passes.debug_views import DEBUG_VIEWS
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.light_translation import LightTranslation
 from solari_vk.scene.model import Camera, Scene
-from solari_vk.scene.view import JITTERS, View
-from solari_vk.settings import Settings
+from solari_vk.scene.projection import JITTERS, CameraUniforms
+from solari_vk.settings import Settings, uniform_values
 
-# Uniforms that are written together: those of this frame's and the previous camera, and what differs in every frame.
-CAMERA = ("world_from_view", "tan_half_fov", "near")
-PREVIOUS_CAMERA = ("view_from_world", "previous_world_from_view", "previous_view_from_world", "previous_tan_half_fov",
-                   "previous_near")  # fmt: skip
-JITTER = ("jitter",)
-EVERY_FRAME = ("previous_jitter", "frame_index", "has_history", "exposure", "lighting_change")
+THIS_FRAME = ("index", "seed", "has_history", "exposure", "lighting_change")  # fields of the uniform block
 COUNTING = ("gbuffer", "world_cache")  # stages that count something, in NAME_counters
 
 
@@ -76,15 +69,15 @@ class Renderer(PictureRenderer):
         try:
             self.view, self.tonemap = "picture", "agx"
             self.frame_count = 0
-            self._history: tuple[View, tuple[float, float]] | None = None  # the previous frame's view and jitter
+            self._has_history = False
             self._settings_seen: tuple[Any, ...] = ()  # what the settings in the uniforms were written from
-            self._uniforms_seen: Uniforms | None = None  # what `_write_...` write to
-            self._views_seen: tuple[View, View] | None = None  # in the uniforms: this frame's and the previous one's
             table, table_buffers = brdf_table.compute(device)
             self._own(table)
             self._lights = self._own(LightTranslation(device))
             external = table_buffers | self._lights.buffers
             self._frame = self._own(SceneFrame(device, self.binder, self._stages(self.size), external=external))
+            self._camera_uniforms = CameraUniforms(self._frame.uniforms)
+            self._write_this_frame = self._frame.uniforms.writer("this_frame", THIS_FRAME)
             self._built = self._build_key()
         except BaseException:
             self.close()
@@ -118,8 +111,8 @@ class Renderer(PictureRenderer):
         """
         self._checked_camera(camera)
         self.binder.update()
-        seen = (self.size, self.seed, self.settings, self.settings.revision, self.binder.version, self._debug_view,
-                self._tonemap, self._frame.uniforms)  # fmt: skip
+        seen = (self.size, self.settings, self.settings.revision, self.binder.version, self._debug_view, self._tonemap,
+                self._frame.uniforms.version)  # fmt: skip
         if seen != self._settings_seen:
             if self._built != self._build_key():
                 self._rebuild()
@@ -152,43 +145,23 @@ class Renderer(PictureRenderer):
             self._frame.resource(gbuffer.PREVIOUS_INSTANCES).upload(instances)
 
     def _write_settings(self) -> None:
-        uniforms = self._frame.uniforms
-        for name, value in self.settings.uniforms().items():
-            uniforms[name] = value
-        uniforms["seed"], uniforms["size"] = self.seed, self.size
-        uniforms["debug_view"], uniforms["tonemap"] = self._debug_view, self._tonemap
+        self._frame.uniforms.update(uniform_values(self.settings))
+        self._frame.uniforms.update(
+            {"display_settings.debug_view": self._debug_view, "display_settings.tonemap": self._tonemap}
+        )
 
     def _write_uniforms(self, camera: Camera) -> None:
-        uniforms = self._frame.uniforms
-        if self._uniforms_seen is not uniforms:  # the shaders' block was replaced
-            writers = [writer(uniforms.record, names) for names in (CAMERA, PREVIOUS_CAMERA, JITTER, EVERY_FRAME)]
-            self._write_camera, self._write_previous_camera, self._write_jitter, self._write_every_frame = writers
-            self._uniforms_seen, self._views_seen = uniforms, None
-        history = self._history
-        view = View.of(camera, self.size, history and history[0])
-        jitter = self._jitter(view)
-        if history is None:
+        jitter = (0.0, 0.0)
+        if self.settings.jitter:
+            jitter = JITTERS[(self.frame_count + 7 * self.seed) % len(JITTERS)]
+        history = self._has_history
+        if not history:
             self._lights.change = 0.0
-        previous, previous_jitter = history or (view, jitter)
-        if self._views_seen is None or self._views_seen[0] is not view or self._views_seen[1] is not previous:
-            self._write_camera(*view.world_from_view, *view.tan_half_fov, view.near)
-            self._write_previous_camera(
-                *view.view_from_world, *previous.world_from_view, *previous.view_from_world, *previous.tan_half_fov,
-                previous.near,
-            )  # fmt: skip
-            self._views_seen = view, previous
-        self._write_jitter(*jitter)
-        self._write_every_frame(
-            *previous_jitter, self.frame_count & 0xFFFFFFFF, history is not None, view.exposure, self._lights.change
+        projection = self._camera_uniforms.write(camera, self.size, jitter, has_history=history)
+        self._write_this_frame(
+            self.frame_count & 0xFFFFFFFF, self.seed, history, projection.exposure, self._lights.change
         )
-        self._history = view, jitter
-
-    def _jitter(self, view: View) -> tuple[float, float]:
-        """Where in the pixel this frame's samples lie, from the pixel's centre, in pixels."""
-        if not self.settings.jitter:
-            return view.jitter
-        (x, y), (dx, dy) = view.jitter, JITTERS[(self.frame_count + 7 * self.seed) % len(JITTERS)]
-        return x + dx, y + dy
+        self._has_history = True
 
     # ---- control ------------------------------------------------------------------------------------
 
@@ -234,7 +207,7 @@ class Renderer(PictureRenderer):
 
     def reset(self) -> None:
         """Forget all earlier frames, as after a cut."""
-        self._history = None
+        self._has_history = False
 
     # ---- results ------------------------------------------------------------------------------------
 

@@ -86,8 +86,8 @@ class RayTracer(SceneUser):
             with np.errstate(over="ignore"):  # becomes infinity, as said
                 for name, values in rays.items():
                     self._views[name][place] = values[batch]
-            frame.uniforms["first"] = first
-            frame.uniforms["count"] = batch.stop - batch.start
+            frame.uniforms["ray_batch.first"] = first
+            frame.uniforms["ray_batch.count"] = batch.stop - batch.start
             submitted = (frame.submit(), batch, place)
             if pending is not None:  # fetched while the next ones are traced
                 self._fetch(hits, *pending)
@@ -108,9 +108,7 @@ class RayTracer(SceneUser):
             trace = Pass("ray_tracer/trace", threads=BATCH, constants={"any_hit": any_hit})
             to_host = Step("hits to the host", lambda cmd: vk.vkCmdPipelineBarrier2(cmd, host_read_barrier()))
             stage = Stage("ray tracer", passes=[trace, to_host])
-            self._frames[any_hit] = SceneFrame(
-                self.device, self.binder, [stage], external=self._buffers, uniforms="ray_batch"
-            )
+            self._frames[any_hit] = SceneFrame(self.device, self.binder, [stage], external=self._buffers)
         return self._frames[any_hit]
 
     def _update(self) -> None:

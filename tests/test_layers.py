@@ -44,10 +44,9 @@ MAY_IMPORT = {
     "__main__": {"cli"},
     "": {"viewer", *LIBRARY},
 }
-# Of passes, the scene's GLSL may only read what they leave in set 1, such as the BRDF's table.
 GLSL_MAY_INCLUDE = {
     "common": r"common/",
-    "scene": r"common/|scene/|passes/bindings\.glsl$",
+    "scene": r"common/|scene/",
     "passes": r"common/|scene/|passes/",
 }
 

@@ -4,14 +4,22 @@ import numpy as np
 import pytest
 
 from solari_vk.scene.binder import SceneBinder
-from solari_vk.scene.light_translation import GONE, KEPT, NAMES, LightTranslation, share_changed, share_moved, translate
+from solari_vk.scene.constants import NO_INDEX
+from solari_vk.scene.light_translation import (
+    KEPT,
+    NAMES,
+    LightTranslation,
+    share_changed,
+    share_moved,
+    translate,
+)
 from solari_vk.scene.model import DirectionalLight, Instance, Material, Mesh, Scene
 
 POWERS = np.ones(199)
 
 
 def slow_translate(of, to):
-    return np.array([list(to).index(n) if n in to else GONE for n in of], np.uint32)
+    return np.array([list(to).index(n) if n in to else NO_INDEX for n in of], np.uint32)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -29,12 +37,12 @@ def test_buffers_follow_the_list_and_settle(device):
 
     first = np.array([1, 2, 3], np.uint32)
     lights.update(first, POWERS[:3])
-    assert read(3)[1] == [GONE] * 3  # all are new
+    assert read(3)[1] == [NO_INDEX] * 3  # all are new
     lights.update(first, POWERS[:3])
     assert read(3) == [[0, 1, 2], [0, 1, 2]]
     second = np.array([3, 4, 1], np.uint32)
     assert not lights.update(second, POWERS[:3])
-    assert read(3) == [[2, GONE, 0], [2, GONE, 0]]
+    assert read(3) == [[2, NO_INDEX, 0], [2, NO_INDEX, 0]]
     many = np.arange(1, 200, dtype=np.uint32)
     assert lights.update(many, POWERS), "larger buffers are other buffers"
     assert read(3)[0] == [2, 3, 0]

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
-from solari_vk.gpu.frame.uniforms import Uniforms
 
 SIZE = (16, 12)
 
@@ -183,9 +182,9 @@ def test_uniforms_follow_the_camera(renderer, scene, field):
         renderer.render(camera)
         uniforms, now = renderer._frame.uniforms, of_camera(camera, renderer.size)
         for name, value in now.items():
-            np.testing.assert_allclose(uniforms[name], value, rtol=1e-6, atol=1e-6)
-            np.testing.assert_allclose(uniforms[f"previous_{name}"], previous[name], rtol=1e-6, atol=1e-6)
-        assert uniforms["exposure"] == np.float32(camera.exposure)
+            np.testing.assert_allclose(uniforms[f"camera.{name}"], value, rtol=1e-6, atol=1e-6)
+            np.testing.assert_allclose(uniforms[f"previous_camera.{name}"], previous[name], rtol=1e-6, atol=1e-6)
+        assert uniforms["this_frame.exposure"] == np.float32(camera.exposure)
         return now
 
     known = of_camera(camera, renderer.size)
@@ -196,13 +195,13 @@ def test_uniforms_follow_the_camera(renderer, scene, field):
         known = check(known)
     renderer.resize((20, 30))
     check(of_camera(camera, (20, 30)))
-    assert renderer._frame.uniforms["size"].tolist() == [20, 30]
+    assert renderer._frame.uniforms["camera.size"].tolist() == [20, 30]
 
 
 def test_uniforms_follow_seed_history_and_frames(renderer, scene):
     def found():
         renderer.render(scene.camera)
-        return tuple(int(renderer._frame.uniforms[name]) for name in ("seed", "frame_index", "has_history"))
+        return tuple(int(renderer._frame.uniforms[f"this_frame.{name}"]) for name in ("seed", "index", "has_history"))
 
     assert [found(), found()] == [(0, 0, 0), (0, 1, 1)]
     renderer.seed = 7
@@ -213,31 +212,34 @@ def test_uniforms_follow_seed_history_and_frames(renderer, scene):
     assert found() == (7, 5, 1)
 
 
-def test_uniforms_outlast_another_block(renderer, scene, monkeypatch):
-    """Shaders that are taken up may declare the block anew: everything has to be written to that one."""
+def test_uniforms_outlast_other_blocks(renderer, scene):
+    """Shaders that are taken up may declare other blocks: everything has to be written to those."""
     renderer.settings.jitter, renderer.seed, renderer.view = False, 7, "depth"
     for _ in range(2):
         renderer.render(scene.camera)
-    frame = renderer._frame
-    expected = frame.uniforms.record.copy()
-    expected["frame_index"] += 1
-    other = Uniforms(expected.dtype, "uniforms")
-    monkeypatch.setattr(frame, "uniforms", other)
+    uniforms = renderer._frame.uniforms
+    declared = dict(uniforms._types)
+    expected = {name: np.copy(uniforms[name]) for name in uniforms._fields}
+    expected["this_frame.index"] += 1
+    uniforms.declare({})
+    uniforms.declare(dict(reversed(declared.items())))
     renderer.render(scene.camera)
-    for name in expected.dtype.names:
-        np.testing.assert_array_equal(other[name], expected[name][0], err_msg=name)
+    assert uniforms.memory.any()
+    for name, value in expected.items():
+        np.testing.assert_array_equal(uniforms[name], value, err_msg=name)
 
 
 def test_uniforms_are_written_after_an_error(renderer, scene, monkeypatch):
     renderer.render(scene.camera)
-    frame = renderer._frame
-    other = Uniforms(frame.uniforms.record.dtype, "uniforms")
-    monkeypatch.setattr(frame, "uniforms", other)
+    uniforms = renderer._frame.uniforms
     with monkeypatch.context() as patch:
-        patch.setattr("solari_vk.renderer.writer", lambda *_: 1 / 0)
+        patch.setattr(renderer._frame, "submit", lambda: 1 / 0)
         for _ in range(2):
             with pytest.raises(ZeroDivisionError):
-                renderer.render(scene.camera)
+                renderer.render(sv.Camera(transform=scene.camera.transform, near=7.0))
     renderer.render(scene.camera)
-    np.testing.assert_allclose(other["world_from_view"], of_camera(scene.camera, SIZE)["world_from_view"], rtol=1e-6)
-    assert not other["has_history"]
+    for block in ("camera", "previous_camera"):
+        for name, value in of_camera(scene.camera, SIZE).items():
+            if name != "jitter":
+                np.testing.assert_allclose(uniforms[f"{block}.{name}"], value, rtol=1e-6, atol=1e-6)
+    assert not uniforms["this_frame.has_history"]

@@ -10,7 +10,8 @@ import pytest
 import solari_vk as sv
 from solari_vk.gpu.shaders.compiler import compile_shader, glsl_root
 from solari_vk.gpu.shaders.spirv import reflect
-from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES, allowed
+from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES, allowed, uniform_values
+from solari_vk.settings.shaders import UNIFORMS
 
 CHOICES = [name for name, field in FIELDS.items() if field.choices]
 SWITCHES = [name for name, default in DEFAULTS.items() if isinstance(default, bool)]
@@ -122,15 +123,24 @@ def test_the_revision_grows_with_every_change():
     assert settings.di_candidates == DEFAULTS["di_candidates"]
 
 
-def test_shaders_have_every_live_setting():
-    """By name, as numbers, and make use of each; what rebuilds the frame is no uniform, and jitter moves the camera."""
+def test_shaders_use_every_live_setting():
+    """What rebuilds the frame is no uniform, and jitter moves the camera."""
     texts = "".join(path.read_text() for path in glsl_root().rglob("*") if path.suffix in (".glsl", ".comp"))
-    block = reflect(compile_shader("passes/display/show.comp"), "show").bindings["uniforms"]
-    live = sv.Settings().uniforms()
-    assert set(live) <= set(block.dtype.names)
-    assert all(re.search(rf"uniforms\.{name}\b", texts) for name in live)
-    assert set(FIELDS) - set(live) == {name for name, field in FIELDS.items() if field.rebuilds} | {"jitter"}
-    for name in CHOICES:
-        if name in live:
-            for index, choice in enumerate(FIELDS[name].choices):
-                assert sv.Settings(**{name: choice}).uniforms()[name] == index
+    assert all(re.search(rf"\b{re.escape(name)}\b", texts) for name in UNIFORMS.values())
+    assert set(FIELDS) - set(UNIFORMS) == {name for name, field in FIELDS.items() if field.rebuilds} | {"jitter"}
+    for name in UNIFORMS:
+        for index, choice in enumerate(FIELDS[name].choices):
+            assert uniform_values(sv.Settings(**{name: choice}))[UNIFORMS[name]] == index
+    assert uniform_values(sv.Settings(di_candidates=5))["restir_di_settings.candidates"] == 5
+
+
+def test_the_blocks_have_the_settings_types():
+    """The declarations that the shaders include, as a compiler reads them."""
+    path = "passes/restir_di/initial_and_temporal.comp"
+    blocks = reflect(compile_shader(path), path).bindings
+    values = uniform_values(sv.Settings())
+    for name in ("restir_di_settings", "reuse_settings"):
+        dtype = blocks[name].dtype
+        assert [f"{name}.{field}" for field in dtype.names] == [key for key in values if key.startswith(name + ".")]
+        for field in dtype.names:
+            assert dtype[field].kind == ("f" if isinstance(values[f"{name}.{field}"], float) else "u")

@@ -26,7 +26,7 @@ def bake(device, scene, samples=256, reach=1.0):
         points = np.zeros(count, frame.binding("points").element)
         points["position"], points["normal"] = map(np.concatenate, zip(*parts, strict=True))
         frame.resource("points").upload(points)
-        frame.uniforms["count"], frame.uniforms["samples"], frame.uniforms["reach"] = count, samples, reach
+        frame.uniforms.update({"baking.count": count, "baking.samples": samples, "baking.reach": reach})
         frame.submit()
         return np.split(frame["openness"], np.cumsum([len(positions) for positions, _ in parts])[:-1])
 

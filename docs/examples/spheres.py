@@ -24,7 +24,7 @@ def render(device, spheres, size=(320, 180)):
     )
     with sv.Frame(device, [stage], external={"tlas": tlas}, glsl_root=Path(__file__).parent / "glsl") as frame:
         frame.resource("spheres").upload(spheres)
-        frame.uniforms["size"] = size
+        frame.uniforms["view.size"] = size
         frame.submit()
         picture = frame["picture"].reshape(size[1], size[0], 3)
     tlas.destroy()

@@ -24,7 +24,7 @@ struct SightPastMirrors {
 };
 
 bool is_metal_mirror(ResolvedMaterial material) {
-    return !brdf_lambert && material.metallic > uniforms.pure_metal && material.roughness <= MIRROR_ROUGHNESS;
+    return !brdf_lambert && material.metallic > frame_settings.pure_metal && material.roughness <= MIRROR_ROUGHNESS;
 }
 
 SightPastMirrors trace_past_mirrors(vec3 origin, vec3 direction, float t_max, float cone_width) {

@@ -14,17 +14,17 @@ const uint PERMUTATION_SALT = 0x5BD1E995u;
 ivec2 permute_pixel(ivec2 pixel, uint random) {
     ivec2 shift = ivec2(random & 3u, random >> 2u & 3u);
     ivec2 partner = ((pixel + shift) ^ 3) - shift;
-    bool inside = all(greaterThanEqual(partner, ivec2(0))) && all(lessThan(partner, ivec2(uniforms.size)));
+    bool inside = all(greaterThanEqual(partner, ivec2(0))) && all(lessThan(partner, ivec2(camera.size)));
     return inside ? partner : pixel;
 }
 
 // Choosing by surfaces alone, never by the samples found there, is what keeps reuse unbiased.
 bool find_temporal_neighbor(uvec2 pixel, GBufferSurface surface, out uvec2 neighbor, out GBufferSurface neighbor_surface) {
     ivec2 previous_pixel = ivec2(floor(reproject(pixel)));
-    bool inside = all(greaterThanEqual(previous_pixel, ivec2(0))) && all(lessThan(previous_pixel, ivec2(uniforms.size)));
-    if (uniforms.has_history == 0u || !surface.exists || !inside) { return false; }
-    if (uniforms.permutation_sampling != 0u) {
-        uint random = seed_rng(uvec2(0u), uniforms.frame_index, uniforms.seed ^ PERMUTATION_SALT);
+    bool inside = all(greaterThanEqual(previous_pixel, ivec2(0))) && all(lessThan(previous_pixel, ivec2(camera.size)));
+    if (this_frame.has_history == 0u || !surface.exists || !inside) { return false; }
+    if (reuse_settings.permutation_sampling != 0u) {
+        uint random = seed_rng(uvec2(0u), this_frame.index, this_frame.seed ^ PERMUTATION_SALT);
         neighbor = uvec2(permute_pixel(previous_pixel, random));
         neighbor_surface = load_previous_gbuffer(neighbor);
         if (are_similar(surface, neighbor_surface)) { return true; }
@@ -40,15 +40,15 @@ bool find_spatial_neighbor(
     uvec2 pixel, GBufferSurface surface, float radius, inout uint rng, out uvec2 neighbor, out GBufferSurface neighbor_surface
 ) {
     if (!surface.exists) { return false; }
-    for (uint i = 0u; i < uniforms.spatial_tries; i++) {
+    for (uint i = 0u; i < reuse_settings.spatial_tries; i++) {
         ivec2 other = ivec2(floor(vec2(pixel) + 0.5 + radius * sample_disk(rand_vec2f(rng))));
-        bool inside = all(greaterThanEqual(other, ivec2(0))) && all(lessThan(other, ivec2(uniforms.size)));
+        bool inside = all(greaterThanEqual(other, ivec2(0))) && all(lessThan(other, ivec2(camera.size)));
         if (inside && other != ivec2(pixel)) {
             neighbor = uvec2(other);
             neighbor_surface = load_gbuffer(neighbor);
             if (are_similar(surface, neighbor_surface)) { return true; }
         }
-        radius *= uniforms.spatial_radius_halving != 0u ? 0.5 : 1.0;
+        radius *= reuse_settings.spatial_radius_halving != 0u ? 0.5 : 1.0;
     }
     return false;
 }

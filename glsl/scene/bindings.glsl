@@ -5,9 +5,8 @@
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_nonuniform_qualifier : require
-#extension GL_EXT_ray_query : require
 
-const uint NO_INDEX = 0xFFFFFFFFu;
+#include "generated/scene/constants.glsl"
 
 // ---- geometry: read only, one set of addresses a mesh, so no pool limits a scene's size ------------
 
@@ -20,10 +19,6 @@ struct VertexAttributes {
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Positions { vec3 at[]; };
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Attributes { VertexAttributes at[]; };
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Triangles { uvec3 at[]; };
-
-const uint MESH_HAS_NORMALS = 1u;
-const uint MESH_HAS_UVS = 2u;
-const uint MESH_HAS_TANGENTS = 4u;
 
 struct Mesh {
     Positions positions;
@@ -46,8 +41,6 @@ struct Instance {
 
 // ---- materials --------------------------------------------------------------------------------------
 
-const uint MATERIAL_DOUBLE_SIDED = 1u;
-
 struct Material {
     vec3 base_color;
     float perceptual_roughness;
@@ -69,9 +62,6 @@ struct Texture {
 
 // ---- lights -----------------------------------------------------------------------------------------
 
-const uint LIGHT_EMISSIVE_MESH = 0u;
-const uint LIGHT_DIRECTIONAL = 1u;
-
 struct LightSource {
     uint kind;
     uint index;  // of the instance, or into directional_lights
@@ -85,7 +75,6 @@ struct DirectionalLight {
     float solid_angle;   // = inverse pdf of a direction chosen uniformly in the disk
 };
 
-layout(set = 0, binding = 0) uniform accelerationStructureEXT tlas;
 layout(set = 0, binding = 1, scalar) readonly buffer InstancesBlock { Instance at[]; } instances;
 layout(set = 0, binding = 2, scalar) readonly buffer MeshesBlock { Mesh at[]; } meshes;
 layout(set = 0, binding = 3, scalar) readonly buffer MaterialsBlock { Material at[]; } materials;
@@ -97,6 +86,6 @@ layout(set = 0, binding = 7, scalar) readonly buffer SceneInfoBlock {
     uint directional_light_count;
     uint first_directional_light;  // its index in light_sources; the others follow
 } scene_info;
-layout(set = 0, binding = 8) uniform sampler2D texture_images[];
+layout(set = 0, binding = 15) uniform sampler2D texture_images[];  // the largest number of the set, as it has no length
 
 #endif

@@ -5,20 +5,14 @@
 
 #include "common/math.glsl"
 #include "common/random.glsl"
-#include "passes/bindings.glsl"
+#include "generated/settings/layering.glsl"
 #include "scene/brdf_table.glsl"
 #include "scene/microfacet.glsl"
 #include "scene/surface.glsl"
 
-// How diffuse sits under specular: 0 conserves energy; 1 adds both (Solari 0.18, gains up to 49 %); 2 multiplies diffuse by
-// what single Fresnel terms let through (Solari 0.19, loses up to 59 %).
-layout(constant_id = 0) const uint brdf_layering = 0u;
+layout(constant_id = 0) const uint brdf_layering = LAYERING_CONSERVING;
 // Nothing but base_color / pi, for comparison with closed forms.
 layout(constant_id = 1) const bool brdf_lambert = false;
-
-const uint LAYERING_CONSERVING = 0u;
-const uint LAYERING_SUM = 1u;
-const uint LAYERING_FRESNEL_PRODUCT = 2u;
 
 // A material seen from one direction.
 struct Brdf {

@@ -2,8 +2,12 @@
 #ifndef SCENE_BRDF_TABLE_GLSL
 #define SCENE_BRDF_TABLE_GLSL
 
+#extension GL_EXT_scalar_block_layout : require
+
 #include "common/math.glsl"
-#include "passes/bindings.glsl"
+
+layout(set = 0, binding = 10, scalar) buffer BrdfTableBlock { vec2 at[]; } brdf_table;
+layout(set = 0, binding = 11, scalar) buffer BrdfAveragesBlock { vec3 at[]; } brdf_averages;
 
 // Rows: perceptual roughness from 0 to 1. Columns: the square root of the normal's cosine from 0 to 1, since the albedo of
 // smooth surfaces changes fastest near grazing. The host reads the size from here.

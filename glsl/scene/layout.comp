@@ -3,6 +3,6 @@
 #include "scene/bindings.glsl"
 
 // Vertices are reached through buffer references; as a block, their layout can be read by name.
-layout(set = 0, binding = 9, scalar) readonly buffer VertexAttributesBlock { VertexAttributes at[]; } vertex_attributes;
+layout(set = 0, binding = 14, scalar) readonly buffer VertexAttributesBlock { VertexAttributes at[]; } vertex_attributes;
 
 void main() {}

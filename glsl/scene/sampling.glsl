@@ -5,7 +5,6 @@
 #include "common/random.glsl"
 #include "scene/bindings.glsl"
 #include "scene/surface.glsl"
-#include "scene/trace.glsl"
 
 // Differs from Solari: whole words for light and triangle, so that neither has a limit of 65,535.
 struct LightSample {
@@ -85,21 +84,6 @@ LightContribution calculate_resolved_light_contribution(ResolvedLightSample ligh
         wi,
         inverse_solid_angle_pdf > 0.0 ? 1.0 / inverse_solid_angle_pdf : 0.0
     );
-}
-
-// From a point that was moved off its surface already to just before a light's point.
-vec3 light_segment(vec3 ray_origin, ResolvedLightSample light_sample) {
-    vec3 to_light = light_sample.world_position.xyz - ray_origin;
-    // the far end stops short of the light by its own error and by what rounding makes of a ray this long
-    float offset = light_sample.ray_offset + 16.0 * ROUNDING_UNIT * max_component(abs(to_light));
-    return to_light - light_sample.world_normal * (dot(to_light, light_sample.world_normal) < 0.0 ? -offset : offset);
-}
-
-// Whether a light sample is seen from a point that was moved off its surface already.
-bool trace_light_visibility(vec3 ray_origin, ResolvedLightSample light_sample) {
-    bool directional = light_sample.world_position.w == 0.0;
-    vec3 segment = directional ? light_sample.world_position.xyz : light_segment(ray_origin, light_sample);
-    return trace_visibility(ray_origin, segment, directional ? INFINITY : 1.0);
 }
 
 // ---- the same densities for rays that meet a light by themselves ------------------------------------

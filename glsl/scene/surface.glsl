@@ -4,7 +4,7 @@
 
 #include "common/math.glsl"
 #include "scene/bindings.glsl"
-#include "scene/trace.glsl"
+#include "scene/hit.glsl"
 
 struct ResolvedMaterial {
     vec3 base_color;

@@ -3,18 +3,15 @@
 #ifndef SCENE_TRACE_GLSL
 #define SCENE_TRACE_GLSL
 
+#extension GL_EXT_ray_query : require
+
 #include "common/math.glsl"
 #include "scene/bindings.glsl"
+#include "scene/hit.glsl"
+
+layout(set = 0, binding = 0) uniform accelerationStructureEXT tlas;
 
 #define INVOCATION_INDEX (gl_GlobalInvocationID.xy)
-
-struct Hit {
-    float t;        // along the direction as given; infinite when nothing was hit
-    uint instance;  // NO_INDEX when nothing was hit
-    uint triangle;  // of the instance's ray mesh
-    vec2 barycentrics;  // weights of the second and third vertex
-    bool front_face;    // the ray met the side whose vertices run counter-clockwise in object space
-};
 
 const uint TRACE_BOTH_FACES = gl_RayFlagsOpaqueEXT;
 const uint TRACE_ANY_HIT = gl_RayFlagsOpaqueEXT | gl_RayFlagsTerminateOnFirstHitEXT;  // the first that is found

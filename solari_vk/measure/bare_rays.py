@@ -14,7 +14,7 @@ from solari_vk.gpu.frame.frame import Pass, Stage
 from solari_vk.measure.timing import device_seconds
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera
-from solari_vk.scene.view import write_view
+from solari_vk.scene.projection import CameraUniforms
 
 BOUNCES = 4
 
@@ -25,12 +25,12 @@ class BarePaths:
     def __init__(self, device: Device, binder: SceneBinder, camera: Camera, size: tuple[int, int]) -> None:
         stage = Stage("bench", buffers={"ray_count": size[0] * size[1]}, passes=[Pass("bench/rays", threads=size)])
         self._frame = SceneFrame(device, binder, [stage])
-        write_view(self._frame.uniforms, camera, size, size[1])
+        CameraUniforms(self._frame.uniforms).write(camera, size)
 
     def run(self, sample_index: int, bounces: int = BOUNCES) -> tuple[float, int]:
         """Trace a path for each pixel; returns the seconds that it took and the number of rays."""
-        self._frame.uniforms["sample_index"] = sample_index
-        self._frame.uniforms["max_bounces"] = bounces
+        self._frame.uniforms["path_sampling.sample_index"] = sample_index
+        self._frame.uniforms["path_sampling.max_bounces"] = bounces
         spent = device_seconds(self._frame.device, self._frame.submit)
         return spent, int(self._frame["ray_count"].sum(dtype=np.uint64))
 

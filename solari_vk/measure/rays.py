@@ -96,7 +96,7 @@ def _trace(device: Device, report: Report, seconds: float, name: str) -> None:
 def _run_kernel(tracer: RayTracer, batches: int) -> None:
     """Trace what lies in the tracer's buffers, and fetch nothing."""
     frame = tracer.frame(any_hit=False)
-    frame.uniforms["count"] = BATCH
+    frame.uniforms["ray_batch.count"] = BATCH
     for number in range(batches):
-        frame.uniforms["first"] = number % 2 * BATCH
+        frame.uniforms["ray_batch.first"] = number % 2 * BATCH
         frame.submit()

@@ -9,9 +9,9 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
+from solari_vk.settings.layering import LAYERINGS
 
 NAMES = ("brdf_table", "brdf_averages")
-LAYERINGS = ("conserving", "sum", "fresnel_product")  # LAYERING_* of scene/brdf.glsl
 
 
 class Surfaces(Protocol):

@@ -71,7 +71,7 @@ _GROUPS = (
         ),
         "cache_lod": (
             "cell size; yellow for the smallest size doubled 8 times.",
-            "show_share(log2(shown.size / uniforms.world_cache_cell_size) / 8.0)",
+            "show_share(log2(shown.size / world_cache_settings.cell_size) / 8.0)",
         ),
         "cache_irradiance": (
             "the radiance that a white surface would reflect of the cell's irradiance.",
@@ -79,11 +79,11 @@ _GROUPS = (
         ),
         "cache_samples": (
             "number of frames that the cell has averaged, yellow for the maximum.",
-            "shown.exists ? show_share(shown.sample_count / float(uniforms.world_cache_max_samples)) : NOTHING",
+            "shown.exists ? show_share(shown.sample_count / float(world_cache_settings.max_samples)) : NOTHING",
         ),
         "cache_life": (
             "number of frames until the cell is deleted unless a ray asks for it, yellow for the maximum.",
-            "shown.exists ? show_share(float(shown.life) / float(uniforms.world_cache_lifetime)) : NOTHING",
+            "shown.exists ? show_share(float(shown.life) / float(world_cache_settings.lifetime)) : NOTHING",
         ),
     }),
     ViewGroup("ReSTIR DI", f"{_IF_SURFACE} DiReservoir reservoir = di_reservoirs.at[index]; "
@@ -94,7 +94,7 @@ _GROUPS = (
         ),
         "di_confidence": (
             "number of frames that the sample stands for, yellow for twice the cap.",
-            "show_share(reservoir.confidence / (2.0 * uniforms.di_confidence_cap))",
+            "show_share(reservoir.confidence / (2.0 * restir_di_settings.confidence_cap))",
         ),
         "di_weight": (
             "unbiased contribution weight on a logarithmic scale, yellow for 4096.",
@@ -112,7 +112,7 @@ _GROUPS = (
         "gi_radiance": ("radiance of the chosen sample.", "show_radiance(reservoir.radiance)"),
         "gi_confidence": (
             "number of frames that the sample stands for, yellow for twice the cap.",
-            "show_share(reservoir.confidence_weight / (2.0 * uniforms.gi_confidence_cap))",
+            "show_share(reservoir.confidence_weight / (2.0 * restir_gi_settings.confidence_cap))",
         ),
         "gi_weight": (
             "unbiased contribution weight; green for that of uniform sampling, yellow for twice as much.",
@@ -152,7 +152,7 @@ def glsl_header() -> str:
     return (
         "vec3 show_debug_view(uint view, uvec2 pixel) {\n"
         "ivec2 at = ivec2(pixel);\n"
-        "uint index = pixel.y * uniforms.size.x + pixel.x;\n"
+        "uint index = pixel.y * camera.size.x + pixel.x;\n"
         "GBufferSurface surface = load_gbuffer(pixel);\n"
         "switch (view) {\n" + "\n".join(groups) + "\n}\nreturn NOTHING;\n}"
     )

@@ -12,10 +12,9 @@ from solari_vk.errors import SolariError
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
 from solari_vk.gpu.frame.uniforms import Uniforms
 from solari_vk.passes import brdf_table
-from solari_vk.passes.brdf_table import LAYERINGS
+from solari_vk.passes.path_sampling import LIGHT_STRATEGIES, PIXEL_FILTERS
+from solari_vk.settings.layering import LAYERINGS
 
-LIGHT_STRATEGIES = ("mis", "nee", "brdf")  # LIGHTS_BY_* of passes/bindings.glsl
-PIXEL_FILTERS = {"box": 0.5, "gaussian": 2.0, "blackman_harris": 1.5}  # PIXEL_FILTER_*, and their radii in pixels
 LARGEST_PIXEL_BYTES = 12  # of a pixel in any one buffer: three floats
 FIRST_HIT_AOVS = (
     "depth",
@@ -83,12 +82,12 @@ def aov_stage(size: tuple[int, int], rows: int) -> Stage:
 
 
 def write_uniforms(uniforms: Uniforms, settings: Settings) -> None:
-    """The settings; the view is the renderer's to write."""
-    uniforms["seed"] = settings.seed
-    uniforms["max_bounces"] = settings.max_bounces
-    uniforms["light_strategy"] = LIGHT_STRATEGIES.index(settings.light_strategy)
-    uniforms["pixel_filter"] = list(PIXEL_FILTERS).index(settings.pixel_filter)
-    uniforms["filter_radius"] = PIXEL_FILTERS[settings.pixel_filter]
+    """Write the settings; camera and rows are the renderer's to write."""
+    uniforms["path_sampling.seed"] = settings.seed
+    uniforms["path_sampling.max_bounces"] = settings.max_bounces
+    uniforms["path_sampling.light_strategy"] = LIGHT_STRATEGIES.index(settings.light_strategy)
+    uniforms["path_sampling.pixel_filter"] = list(PIXEL_FILTERS).index(settings.pixel_filter)
+    uniforms["path_sampling.filter_radius"] = PIXEL_FILTERS[settings.pixel_filter]
 
 
 def read_mean(frame: Frame, size: tuple[int, int]) -> NDArray[np.float32]:

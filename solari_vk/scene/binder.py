@@ -16,6 +16,7 @@ from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.shaders import spirv
 from solari_vk.gpu.shaders.compiler import compile_shader
+from solari_vk.scene.constants import MATERIAL_DOUBLE_SIDED, NO_INDEX
 from solari_vk.scene.geometry import Geometry
 from solari_vk.scene.lights import NOWHERE, Lights
 from solari_vk.scene.model import DirectionalLight, Instance, Material, Mesh, Scene, Texture, TextureImage
@@ -24,8 +25,6 @@ from solari_vk.scene.table import Rows, Table
 from solari_vk.scene.textures import Textures
 from solari_vk.scene.traced import TracedInstances
 
-NO_INDEX = 0xFFFFFFFF
-DOUBLE_SIDED = 1  # MATERIAL_DOUBLE_SIDED of scene/bindings.glsl
 MAX_INSTANCES = 1 << 24
 # What `_write_instance` writes, in this order.
 INSTANCE = ("world_from_object", "mesh", "ray_mesh", "material", "light_index", "id")
@@ -221,7 +220,7 @@ class SceneBinder:
             for slot, srgb in TEXTURE_SLOTS.items():
                 record[slot] = self._textures.rows[textures[slot], srgb] if slot in textures else NO_INDEX
             (self._emitting.add if material.emits else self._emitting.discard)(material)
-            record["flags"] = DOUBLE_SIDED if material.double_sided else 0
+            record["flags"] = MATERIAL_DOUBLE_SIDED if material.double_sided else 0
             self._materials.mark([row])
         self._write_materials.clear()
 

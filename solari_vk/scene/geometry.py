@@ -13,12 +13,11 @@ from solari_vk.gpu.acceleration.geometry import TriangleGeometry
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.uploads import Uploads
+from solari_vk.scene.constants import MESH_HAS_NORMALS, MESH_HAS_TANGENTS, MESH_HAS_UVS
 from solari_vk.scene.model import Mesh
 from solari_vk.scene.observed import Observable
 from solari_vk.scene.spatial import spatial_order
 from solari_vk.scene.table import Rows, Table
-
-HAS_NORMALS, HAS_UVS, HAS_TANGENTS = 1, 2, 4  # MESH_HAS_* of scene/bindings.glsl
 
 
 class Geometry:
@@ -116,9 +115,9 @@ class Geometry:
         if any(part is not None for part in (mesh.normals, mesh.uvs, mesh.tangents)):
             attributes = np.zeros(len(mesh.positions), self._attributes)
             for flag, name, values in (
-                (HAS_NORMALS, "normal", mesh.normals),
-                (HAS_UVS, "uv", mesh.uvs),
-                (HAS_TANGENTS, "tangent", mesh.tangents),
+                (MESH_HAS_NORMALS, "normal", mesh.normals),
+                (MESH_HAS_UVS, "uv", mesh.uvs),
+                (MESH_HAS_TANGENTS, "tangent", mesh.tangents),
             ):
                 if values is not None:
                     attributes[name] = values

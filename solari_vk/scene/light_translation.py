@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
+from solari_vk.scene.constants import NO_INDEX
 
-GONE = 0xFFFFFFFF  # NO_INDEX of scene/bindings.glsl
 KEPT = 0.9  # of a change that light is still settling from, after a frame
 SETTLED = 1 / 64
 NAMES = ("light_translation", "previous_light")
@@ -22,12 +22,12 @@ Places = NDArray[np.float64]
 
 
 def translate(of: Ids, to: Ids) -> Ids:
-    """For each id of the one list its place in the other, or GONE. Ids of a list differ from each other."""
+    """For each id of the one list its place in the other, or NO_INDEX. Ids of a list differ from each other."""
     if not len(to):
-        return np.full(len(of), GONE, np.uint32)
+        return np.full(len(of), NO_INDEX, np.uint32)
     order = np.argsort(to)
     places = order[np.searchsorted(to, of, sorter=order).clip(max=len(to) - 1)]
-    return np.where(to[places] == of, places, GONE).astype(np.uint32)
+    return np.where(to[places] == of, places, NO_INDEX).astype(np.uint32)
 
 
 def share_changed(of: Ids, powers: Powers, to: Ids, new_powers: Powers) -> float:
@@ -36,7 +36,7 @@ def share_changed(of: Ids, powers: Powers, to: Ids, new_powers: Powers) -> float
     if not most > 0:
         return 0.0
     places = translate(of, to)
-    stayed = places != GONE
+    stayed = places != NO_INDEX
     before = np.zeros(len(to))
     before[places[stayed]] = powers[stayed]
     return float(min((np.abs(new_powers - before).sum() + powers[~stayed].sum()) / most, 1.0))
@@ -52,7 +52,7 @@ def share_moved(of: Ids, places: Places, to: Ids, new_places: Places, new_powers
         return 0.0
     if of is not to:
         rows = translate(to, of)
-        stayed = rows != GONE
+        stayed = rows != NO_INDEX
         places, new_places, new_powers = places[rows[stayed]], new_places[stayed], new_powers[stayed]
     distances = np.linalg.norm(new_places - places, axis=1)
     return float(new_powers @ np.minimum(distances / cell_size, 1.0) / total)

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.gpu.device.device import Device
+from solari_vk.scene.constants import LIGHT_DIRECTIONAL, LIGHT_EMISSIVE_MESH
 from solari_vk.scene.model import DirectionalLight, Instance
 from solari_vk.scene.table import Table
 
-EMISSIVE_MESH, DIRECTIONAL = 0, 1  # LIGHT_* of scene/bindings.glsl
 SUN_DISTANCE = 10.0  # metres to what casts its shadows, about: how far they go when it turns
 Place = tuple[float, float, float]
 NOWHERE = (0.0, 0.0, 0.0)
@@ -72,7 +72,7 @@ class Lights:
                 self._emissive.append(instance)
                 self.renew(instance)
             self.sources.reserve(index + 1)
-            self.sources.records[index] = (EMISSIVE_MESH, row)
+            self.sources.records[index] = (LIGHT_EMISSIVE_MESH, row)
             self.sources.mark([index])
             self._set_place(index, place)
             return None
@@ -144,7 +144,7 @@ class Lights:
         self.sources.reserve(first + count)
         self.directional.reserve(count)
         for i, light in enumerate(self._directional):
-            self.sources.records[first + i] = (DIRECTIONAL, i)
+            self.sources.records[first + i] = (LIGHT_DIRECTIONAL, i)
             half_angle = light.angular_diameter / 2
             one_minus_cos = 2 * math.sin(half_angle / 2) ** 2
             solid_angle = 2 * math.pi * one_minus_cos

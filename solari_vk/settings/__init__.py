@@ -2,6 +2,6 @@
 
 from solari_vk.settings.presets import QUALITIES
 from solari_vk.settings.settings import DEFAULTS, FIELDS, Settings, allowed
-from solari_vk.settings.shaders import glsl_header
+from solari_vk.settings.shaders import glsl_header, uniform_values
 
-__all__ = ["DEFAULTS", "FIELDS", "QUALITIES", "Settings", "allowed", "glsl_header"]
+__all__ = ["DEFAULTS", "FIELDS", "QUALITIES", "Settings", "allowed", "glsl_header", "uniform_values"]

@@ -8,6 +8,7 @@ from typing import Any
 
 from solari_vk.errors import SolariError
 from solari_vk.settings.field import Field, setting
+from solari_vk.settings.layering import LAYERINGS
 from solari_vk.settings.presets import QUALITIES as QUALITIES
 
 
@@ -35,7 +36,7 @@ class Settings:
     )
     layering: str = setting(
         "conserving", "frame", "How diffuse sits under specular: Solari 0.18 takes the sum, 0.19 a Fresnel product.",
-        choices=("conserving", "sum", "fresnel_product"), rebuilds=True
+        choices=LAYERINGS, rebuilds=True
     )  # fmt: skip
     pure_metal: float = setting(
         0.9999, "frame", "Metallic above which smooth surfaces take no GI, or are mirrors alone. Less: faster, untrue.",
@@ -243,15 +244,6 @@ class Settings:
     def built_in(self) -> tuple[Any, ...]:
         """The values that need a rebuild when they change."""
         return tuple(getattr(self, name) for name, field in FIELDS.items() if field.rebuilds)
-
-    def uniforms(self) -> dict[str, int | float]:
-        """Live fields as the shaders' uniforms hold them: choices by their index."""
-        values = {}
-        for name, field in FIELDS.items():
-            if not field.rebuilds and name != "jitter":
-                value = getattr(self, name)
-                values[name] = field.choices.index(value) if field.choices else value
-        return values
 
 
 _SWITCH = dict.fromkeys(("1", "true", "on", "yes"), True) | dict.fromkeys(("0", "false", "off", "no"), False)

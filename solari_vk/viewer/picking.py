@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.scene.constants import NO_INDEX
 from solari_vk.scene.model import Camera, Instance
 from solari_vk.viewer.pictures import Pictures
-
-NO_INSTANCE = 0xFFFFFFFF  # the instance index of pixels that show none
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ def pick_at(pictures: Pictures, x: float, y: float) -> Pick | None:
         if not depth:
             return None
         point = point_at(camera, pictures.size, (column + 0.5, row + 0.5), camera.near / depth)
-    instance = pictures.binder.instances.get(int(index)) if index != NO_INSTANCE else None
+    instance = pictures.binder.instances.get(int(index)) if index != NO_INDEX else None
     return None if instance is None else Pick(instance, np.asarray(point, np.float64))
 
 

@@ -46,9 +46,8 @@ class ReferencePicture:
         if self._frame.resource("radiance") is not radiance or self.size != size:
             self._frame.rebuild([show_stage(size, debug_views=False)], self._external)
         self.tracer.advance(camera, max_samples)
-        self._frame.uniforms["size"] = size
-        self._frame.uniforms["exposure"] = camera.exposure
-        self._frame.uniforms["tonemap"] = TONEMAPS.index(tonemap)
+        self._frame.uniforms["this_frame.exposure"] = camera.exposure
+        self._frame.uniforms["display_settings.tonemap"] = TONEMAPS.index(tonemap)
         self._frame.submit()
 
     def reload(self) -> None:

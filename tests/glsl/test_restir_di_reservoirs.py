@@ -27,7 +27,7 @@ def run(shaders, merges=(), streams=(), merge_rule=BALANCE):
         max(len(merges), len(streams), pixels),
         {"merges": merges, "streams": streams},
         {"merged": len(merges), "chosen": len(streams), "permuted": pixels},
-        uniforms={"di_merge": merge_rule, "size": SIZE},
+        uniforms={"restir_di_settings.merge": merge_rule, "camera.size": SIZE},
     )
 
 
@@ -194,7 +194,7 @@ MUTANTS = {
         check_permutation,
         REUSE,
         "return inside ? partner : pixel;",
-        "return abs(partner) % ivec2(uniforms.size);",
+        "return abs(partner) % ivec2(camera.size);",
     ),
     "no shift back": (check_permutation, REUSE, "((pixel + shift) ^ 3) - shift", "(pixel + shift) ^ 3"),
 }

@@ -87,7 +87,7 @@ def merge_all(shaders, worlds):
         outputs = {"merged": len(cases) * CHOICES, "ray_counts": 1}
         inputs = {**binder.resources, "pixels": pixels, "cases": cases}
         found = shaders.run("test/gi_merge", outputs["merged"], inputs, outputs, constants={"CHOICES": CHOICES},
-                            uniforms={"gi_jacobian_limit": JACOBIAN_LIMIT})["merged"]  # fmt: skip
+                            uniforms={"restir_gi_settings.jacobian_limit": JACOBIAN_LIMIT})["merged"]  # fmt: skip
     finally:
         binder.destroy()
     return cases, np.array(owners), found.reshape(len(cases), CHOICES)

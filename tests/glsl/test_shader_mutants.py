@@ -161,7 +161,7 @@ MUTANTS = {
     "offset: light's end not moved": (
         ray_offsets.check,
         (1.0,),
-        "scene/sampling.glsl",
+        "scene/light_visibility.glsl",
         "? -offset : offset)",
         "? offset : -offset)",
     ),

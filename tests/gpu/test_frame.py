@@ -67,7 +67,7 @@ def expected(frame: int) -> np.ndarray:
 def test_chain_gives_the_right_numbers_every_frame(device, root):
     with Frame(device, [chain()], glsl_root=root) as frame:
         for number in range(5):
-            frame.uniforms["frame"] = number
+            frame.uniforms["uniforms.frame"] = number
             frame.submit()
             np.testing.assert_array_equal(frame["c"], expected(number))
 
@@ -132,7 +132,7 @@ def picture_stage(width: int = 16, height: int = 16) -> Stage:
 
 def test_history_swaps_with_the_slots(device, root):
     with Frame(device, [picture_stage()], glsl_root=root) as frame:
-        frame.uniforms["gain"] = 0.5
+        frame.uniforms["uniforms.gain"] = 0.5
         for number in range(1, 6):
             frame.submit()
             np.testing.assert_array_equal(frame["picture"][3, 5], [number, number * 0.5, 5 * number, 3 * number])
@@ -145,7 +145,7 @@ def test_frames_in_flight_keep_their_own_uniforms(device, root, shaders):
     shaders.write("note", START + "void main() { " + body + " }\n")
     with Frame(device, [Stage("x", buffers={"a": 50}, passes=[Pass("note", threads=1)])], glsl_root=root) as frame:
         for number in range(50):
-            frame.uniforms["frame"] = number
+            frame.uniforms["uniforms.frame"] = number
             frame.submit()
         np.testing.assert_array_equal(frame["a"], np.arange(50))
 
@@ -250,8 +250,9 @@ def test_every_member_type_arrives_in_the_shader(device, shaders):
     counts = {"records": 2, "results": 64, "smalls": 2}
     stage = Stage("layout", buffers=counts, passes=[Pass("layout_check", threads=1)])
     with Frame(device, [stage], glsl_root=shaders.root) as frame:
-        number_fields(frame.uniforms.record["record"], 30)
-        records = np.zeros(2, frame.uniforms.record.dtype["record"])
+        block = frame.uniforms.record("uniforms")
+        number_fields(block["record"], 30)
+        records = np.zeros(2, block.dtype["record"])
         number_fields(records, 1000)
         smalls = np.zeros(2, frame["smalls"].dtype)
         number_fields(smalls, 3)
@@ -261,7 +262,7 @@ def test_every_member_type_arrives_in_the_shader(device, shaders):
         frame.submit()
         small = smalls[1]
         found = frame["results"]
-        expected = [2, *picked(records[1]), *picked(frame.uniforms["record"]),
+        expected = [2, *picked(records[1]), *picked(frame.uniforms["uniforms.record"]),
                     small["byte"], small["small"], small["bytes"][2], small["last"]]  # fmt: skip
         np.testing.assert_array_equal(found[: len(expected)], expected)
         np.testing.assert_array_equal(frame["records"], records)
@@ -272,7 +273,7 @@ def test_every_member_type_arrives_in_the_shader(device, shaders):
 
 def test_broken_shader_leaves_the_frame_as_it_was(device, root, shaders):
     with Frame(device, [chain()], glsl_root=root) as frame:
-        frame.uniforms["frame"] = 3
+        frame.uniforms["uniforms.frame"] = 3
         frame.submit()
         device.wait_idle()
         objects = device.live_objects
@@ -295,7 +296,7 @@ def test_broken_shader_leaves_the_frame_as_it_was(device, root, shaders):
 def test_new_binding_on_reload_keeps_resources_and_uniforms(device, root, shaders):
     stages = [chain(), picture_stage()]
     with Frame(device, [chain()], glsl_root=root) as frame:
-        frame.uniforms["frame"] = 2
+        frame.uniforms["uniforms.frame"] = 2
         frame.submit()
         before = frame.resource("a")
         frame.rebuild(stages)
@@ -402,12 +403,12 @@ def test_unknown_names_and_shapes(device, root):
     with Frame(device, [chain()], glsl_root=root) as frame:
         with pytest.raises(SolariError, match="no resource q; there are a, b, c"):
             frame["q"]
-        with pytest.raises(SolariError, match="uniforms have no field q; there are clip_from_world"):
-            frame.uniforms["q"] = 1
-        with pytest.raises(SolariError, match=r"uniforms\.clip_from_world has shape \(4, 4\), not \(3, 3\)"):
-            frame.uniforms["clip_from_world"] = np.eye(3)
-        with pytest.raises(SolariError, match=r"uniforms\.frame is uint32"):
-            frame.uniforms["frame"] = -1
+        with pytest.raises(SolariError, match=r"no uniform uniforms\.q; there are uniforms\.clip_from_world"):
+            frame.uniforms["uniforms.q"] = 1
+        with pytest.raises(SolariError, match=r"uniform uniforms\.clip_from_world has shape \(4, 4\), not \(3, 3\)"):
+            frame.uniforms["uniforms.clip_from_world"] = np.eye(3)
+        with pytest.raises(SolariError, match=r"uniform uniforms\.frame is uint32"):
+            frame.uniforms["uniforms.frame"] = -1
         assert frame.timings == {}
 
 

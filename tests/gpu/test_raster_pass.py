@@ -88,7 +88,8 @@ def stage(*passes, **images) -> Stage:
 
 
 def render(frame, count, depth_step=0.0, clockwise=0):
-    frame.uniforms["count"], frame.uniforms["depth_step"], frame.uniforms["clockwise"] = count, depth_step, clockwise
+    for name, value in {"count": count, "depth_step": depth_step, "clockwise": clockwise}.items():
+        frame.uniforms[f"uniforms.{name}"] = value
     frame.submit()
     return frame["who"][..., 0]
 

@@ -22,6 +22,7 @@ from solari_vk.measure.partial import PartialRenderer
 from solari_vk.passes.gbuffer import COUNTERS
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, matte, place
+from solari_vk.scene.constants import NO_INDEX
 
 SIZE = (96, 64)
 HELMET = Path(__file__).resolve().parents[2].parent / "shared/assets/FlightHelmet/FlightHelmet.gltf"
@@ -104,7 +105,7 @@ def test_values_are_the_scenes(device, way):
 def test_an_empty_scene_has_no_surfaces(device, way):
     found = take(device, sv.Scene(), sv.Camera(), (33, 7), gbuffer=way)
     assert (found["depth"] == 0).all()
-    assert (found["instance"] == gbuffer.NO_INSTANCE).all()
+    assert (found["instance"] == NO_INDEX).all()
     assert (found["motion"] == 0).all()
 
 
@@ -171,16 +172,16 @@ def check_rows(device):
         def render():
             return gbuffer.decode(renderer.render(camera))
 
-        assert set(np.unique(render()["instance"])) == {0, gbuffer.NO_INSTANCE}
+        assert set(np.unique(render()["instance"])) == {0, NO_INDEX}
         scene.remove(first)
         scene.add(sv.Instance(mesh=mesh, material=material, transform=place(1.0, (1, 0, 0))))
         found = render()
         assert list(renderer.binder.instances) == [0]
         assert renderer["gbuffer/drawn_second"] == 1, "the new instance of the row was not visible before"
-        assert set(np.unique(found["instance"])) == {0, gbuffer.NO_INSTANCE}
+        assert set(np.unique(found["instance"])) == {0, NO_INDEX}
         assert (found["motion"] == 0).all()
         assert found["instance"][32, 66] == 0
-        assert found["instance"][32, 30] == gbuffer.NO_INSTANCE
+        assert found["instance"][32, 30] == NO_INDEX
         for y in range(-9, 9):  # more than there are rows
             scene.add(sv.Instance(mesh=mesh, material=material, transform=place(0.1, (0, y, 0))))
         found = render()
@@ -188,7 +189,7 @@ def check_rows(device):
         assert (found["motion"] == 0).all()
         for instance in list(scene.instances):
             scene.remove(instance)
-        assert (render()["instance"] == gbuffer.NO_INSTANCE).all()
+        assert (render()["instance"] == NO_INDEX).all()
 
 
 def test_rows_of_other_instances_have_no_past(device):

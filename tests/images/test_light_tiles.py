@@ -12,11 +12,11 @@ from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.measure.statistics import chi_squared_p, sidak
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place
+from solari_vk.scene.constants import NO_INDEX
 from solari_vk.scene.matrices import transform_points
 from solari_vk.scene.spatial import spatial_order
 
 TILES, SAMPLES = 16, 512
-NO_INDEX = 0xFFFFFFFF
 RNG = np.random.default_rng(7)
 
 
@@ -227,9 +227,9 @@ GENERATE = "passes/light_tiles/generate.comp"
 MUTANTS = {
     "one side only": (LIGHT_TILES, "(resolved.double_sided ? 1u : 0u)", "0u"),
     "directions are positions": (LIGHT_TILES, "resolved.world_position.w == 0.0 ? 1u << 31u : 0u", "0u"),
-    "exposure forgotten": (LIGHT_TILES, "(resolved.radiance, uniforms.exposure)", "(resolved.radiance, 1.0)"),
+    "exposure forgotten": (LIGHT_TILES, "(resolved.radiance, this_frame.exposure)", "(resolved.radiance, 1.0)"),
     "every tile alike": (GENERATE, "uvec2(index / samples_each,", "uvec2(0u,"),
-    "every frame alike": (GENERATE, "uniforms.frame_index, uniforms.seed", "0u, uniforms.seed"),
+    "every frame alike": (GENERATE, "this_frame.index, this_frame.seed", "0u, this_frame.seed"),
 }
 
 

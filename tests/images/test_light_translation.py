@@ -11,7 +11,7 @@ from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.measure.statistics import replicates
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place
-from solari_vk.scene.light_translation import GONE
+from solari_vk.scene.constants import NO_INDEX
 
 # of one luminance, so that each is chosen as often
 RED, GREEN, BLUE = (9.0 * np.eye(3) / np.array((0.2126, 0.7152, 0.0722))).tolist()
@@ -173,7 +173,7 @@ def test_many_lights_shrink_to_one(device, floor):
         after = means(renderer, floor, 12)
         held = renderer["di_reservoirs"]["light_sample"]["light_index"]
     assert last in floor.instances
-    assert set(np.unique(held)) <= {0, GONE}
+    assert set(np.unique(held)) <= {0, NO_INDEX}
     assert (after[:, :2] == 0).all()
     assert (after[:, 2] > 0).all()
 

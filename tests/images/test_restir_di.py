@@ -14,8 +14,8 @@ from solari_vk.measure.replication import observe_runs
 from solari_vk.measure.statistics import relative_interval, replicates, sixteenths
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, lamp, many_lights, matte
+from solari_vk.scene.constants import NO_INDEX
 
-NO_INDEX = 0xFFFFFFFF
 SIZE = (48, 48)
 LAMBERT = {"lambert": True}
 
@@ -211,9 +211,9 @@ def test_one_seed_is_one_picture(device):
 
 INITIAL, SPATIAL = "passes/restir_di/initial_and_temporal.comp", "passes/restir_di/spatial_and_shade.comp"
 MUTANTS = {
-    "1/M dropped": (INITIAL, " / float(uniforms.di_candidates)", ""),
+    "1/M dropped": (INITIAL, " / float(restir_di_settings.candidates)", ""),
     "pdf of the light's point dropped": (SPATIAL, "light.inverse_pdf / float(scene_info.light_count) *", "1.0 *"),
-    "no shadows": (SPATIAL, "uniforms.di_order == ORDER_0_17 || is_seen(surface, resolved)", "true"),
+    "no shadows": (SPATIAL, "restir_di_settings.order == DI_ORDER_0_17 || is_seen(surface, resolved)", "true"),
     "visibility kept for the next frame": (
         SPATIAL,
         "    di_reservoirs.at[index] = reservoir;",

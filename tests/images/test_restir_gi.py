@@ -145,7 +145,7 @@ MUTANTS = {
     "density of another distribution": (INITIAL, "? 2.0 * PI :", "? PI / 0.6 :"),
     "radiance where irradiance is": (QUERY, "vec3 reflectance = INVERSE_PI * ", "vec3 reflectance = "),
     "contribution weight forgotten": (SHADE, "* reservoir.unbiased_contribution_weight", ""),
-    "own sample merged twice": (SHADE, "gi_temporal_reservoirs.at[at.y * uniforms.size.x + at.x]", "reservoir"),
+    "own sample merged twice": (SHADE, "gi_temporal_reservoirs.at[at.y * camera.size.x + at.x]", "reservoir"),
 }  # fmt: skip
 
 

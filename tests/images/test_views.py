@@ -8,9 +8,9 @@ import pytest
 import solari_vk as sv
 from solari_vk.output.tone_mapping import TONEMAPS, encode_picture
 from solari_vk.passes.debug_views import DEBUG_VIEWS
+from solari_vk.scene.constants import NO_INDEX
 
 SIZE = 40, 24
-NO_INDEX = 0xFFFFFFFF
 METAL = sv.Material(base_color=(0.9, 0.7, 0.4), metallic=1.0, perceptual_roughness=0.2)
 
 

@@ -12,9 +12,9 @@ from solari_vk.gpu.acceleration.tlas import Tlas
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.uploads import Uploads
 from solari_vk.reference import PathTracer
-from solari_vk.scene.binder import NO_INDEX, SceneBinder
+from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.camera import Camera
-from solari_vk.scene.lights import DIRECTIONAL, EMISSIVE_MESH
+from solari_vk.scene.constants import LIGHT_DIRECTIONAL, LIGHT_EMISSIVE_MESH, NO_INDEX
 from solari_vk.scene.matrices import by_columns
 from solari_vk.scene.model import DirectionalLight, Instance, Material, Mesh, Scene, Texture, TextureImage
 from solari_vk.scene.table import Table
@@ -59,8 +59,8 @@ def assert_mirrors(binder, scene):
     assert info["light_count"] == len(emissive) + len(scene.lights)
     assert info["directional_light_count"] == len(scene.lights)
     assert info["first_directional_light"] == len(emissive)
-    assert (sources["kind"][: len(emissive)] == EMISSIVE_MESH).all()
-    assert (sources["kind"][len(emissive) : info["light_count"]] == DIRECTIONAL).all()
+    assert (sources["kind"][: len(emissive)] == LIGHT_EMISSIVE_MESH).all()
+    assert (sources["kind"][len(emissive) : info["light_count"]] == LIGHT_DIRECTIONAL).all()
     rows = set()
     for instance in scene:
         row = binder._instance_rows[instance]
@@ -92,7 +92,7 @@ def assert_mirrors(binder, scene):
             image, _ = binder.resources["texture_images"][table(binder, "textures")[material["base_color_texture"]][1]]
             np.testing.assert_array_equal(image.read(), texture.image.pixels)
         if instance in emissive:
-            assert tuple(sources[record["light_index"]]) == (EMISSIVE_MESH, row)
+            assert tuple(sources[record["light_index"]]) == (LIGHT_EMISSIVE_MESH, row)
         else:
             assert record["light_index"] == NO_INDEX
     used = np.isin(np.arange(len(instances)), sorted(rows))

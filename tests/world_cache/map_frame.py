@@ -10,6 +10,7 @@ from world_cache_frame import SHADERS
 import solari_vk as sv
 from solari_vk.gpu.frame.frame import Frame, Pass
 from solari_vk.passes import world_cache
+from solari_vk.settings import uniform_values
 
 ASKER = np.dtype([("position", "f4", 3), ("normal", "f4", 3), ("cell_size", "f4"), ("rng", "u4"), ("life", "u4")])
 
@@ -27,8 +28,8 @@ class MapFrame:
         stage = dataclasses.replace(full, passes=passes, buffers={**full.buffers, "answers": len(self.askers)})
         roots = [*([glsl_root] if glsl_root else []), SHADERS]
         self.frame = Frame(device, [stage], external={"askers": self._buffer}, glsl_root=roots)
-        for name, value in {**sv.Settings().uniforms(), "has_history": 1, **settings}.items():
-            self.frame.uniforms[name] = value
+        self.frame.uniforms.update(uniform_values(sv.Settings(**settings)))
+        self.frame.uniforms["this_frame.has_history"] = 1
 
     def ask(self, askers):
         self._buffer.upload(askers)

@@ -14,7 +14,8 @@ from solari_vk.gpu.shaders.patches import write_patched
 from solari_vk.measure.statistics import relative_interval
 from solari_vk.passes import brdf_table
 from solari_vk.scene.builtin import place
-from solari_vk.scene.view import write_view
+from solari_vk.scene.projection import CameraUniforms
+from solari_vk.settings import uniform_values
 
 ALBEDO = 0.5  # of closed_box, whose walls emit 1: so 2 arrives everywhere, and of it 1 is reflected
 CASE = np.dtype([("base_color", "f4", 3), ("reflectance", "f4"), ("perceptual_roughness", "f4"), ("metallic", "f4"),
@@ -153,9 +154,8 @@ def check_sizes(device, root=None, sharpness=3.0):
     stage = Stage("sizes", buffers={"sizes": len(places)}, passes=[Pass("world_cache_test/sizes", threads=len(places))])
     roots = [*([root] if root else []), SHADERS]
     with Frame(device, [stage], external={"places": buffer}, glsl_root=roots) as frame:
-        for name, value in settings(world_cache_lod_sharpness=sharpness).uniforms().items():
-            frame.uniforms[name] = value
-        write_view(frame.uniforms, sv.Camera.look_at(eye, (0, 2, 3)), (8, 8), 8)
+        frame.uniforms.update(uniform_values(settings(world_cache_lod_sharpness=sharpness)))
+        CameraUniforms(frame.uniforms).write(sv.Camera.look_at(eye, (0, 2, 3)), (8, 8))
         frame.submit()
         sizes = frame["sizes"].reshape(len(distances), count)
     buffer.destroy()
@@ -198,13 +198,13 @@ MUTANTS = {
                   "vec3 reflectance = "),
     "indirect without pi": (check_fixed_point, "sample_indirect.comp", "PI * gathered", "gathered"),
     "direct: 1 / M dropped": (check_fixed_point, "sample_direct.comp",
-                              "(float(uniforms.world_cache_candidates) * chosen_target)", "chosen_target"),
+                              "(float(world_cache_settings.candidates) * chosen_target)", "chosen_target"),
     "direct: no cosine": (check_fixed_point, "sample_direct.comp", "light.received_radiance * (cosine * inverse_pdf)",
                           "light.received_radiance * inverse_pdf"),
     "direct: measure swapped": (check_fixed_point, "sample_direct.comp", "float weight = target * light.inverse_pdf;",
                                 "float weight = target / max(light.solid_angle_pdf, 1e-6);"),
     "indirect forgotten": (check_fixed_point, "sample_indirect.comp", "PI * gathered", "1e-9 * gathered"),
-    "unknown: the path ends": (check_overfull, "query.glsl", "if (cached.found || uniforms.world_cache == 0u)",
+    "unknown: the path ends": (check_overfull, "query.glsl", "if (cached.found || frame_settings.world_cache == 0u)",
                                "if (true)"),
     "unknown: the next ray without pi": (check_overfull, "query.glsl", "throughput *= PI;", ""),
     "walls that hide nothing": (check_thin_wall, "query.glsl", "dot(way, normal) * normal, 1.0)) { break; }",
@@ -212,8 +212,8 @@ MUTANTS = {
     "parts of a cell are one": (check_thin_wall, "query.glsl", "landmark < 2u ? key : part_of_cell(key, landmark)",
                                 "key"),
     "cells never grow": (check_sizes, "query.glsl", "int(level) + (", "0 * int(level) + ("),
-    "levels turn at once": (check_sizes, "query.glsl", "pow(part, uniforms.world_cache_lod_sharpness)",
-                            "pow(part, 1e-9 * uniforms.world_cache_lod_sharpness)"),
+    "levels turn at once": (check_sizes, "query.glsl", "pow(part, world_cache_settings.lod_sharpness)",
+                            "pow(part, 1e-9 * world_cache_settings.lod_sharpness)"),
     "lives are halved": (check_death, "query.glsl", "atomicMax(world_cache_life.at[cell], lifetime)",
                          "atomicMax(world_cache_life.at[cell], lifetime / 2u)"),
     "cells keep each other alive": (check_death, "sample_indirect.comp",

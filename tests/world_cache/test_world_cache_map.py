@@ -7,8 +7,8 @@ import pytest
 from map_frame import ASKER, MapFrame
 
 from solari_vk.gpu.shaders.patches import write_patched
+from solari_vk.scene.constants import NO_INDEX
 
-NO_INDEX = 0xFFFFFFFF
 NORMALS = np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, 0, -1), (0.6, 0.64, 0.48), (-0.6, 0.64, -0.48)], np.float32)
 SIZES = np.array((0.25, 0.5), np.float32)
 
@@ -181,7 +181,7 @@ def check_reset(device, root=None):
         assert [active() for _ in range(5)] == [100, 100, 100, 0, 0]
         frame.upload(checksums=np.ones(1024, np.uint32), life=np.full(1024, 9, np.uint32))
         assert active() == 1024
-        frame.frame.uniforms["has_history"] = 0
+        frame.frame.uniforms["this_frame.has_history"] = 0
         assert active() == 0
         for name in ("checksums", "life", "irradiance", "luminance_deltas"):
             assert not frame[name].any()
@@ -198,7 +198,7 @@ def check_blend(device, root=None, adaptive=True, cap=1 << 20):
     deltas = (irradiance[:, 0] * random.normal(0, 0.3, cells)).astype(np.float32)
     samples = np.zeros(cells, [("irradiance", "f4", 3), ("life", "u4")])
     samples["irradiance"] = random.lognormal(0, 2, (cells, 3))
-    changed = {"world_cache_blend": 0 if adaptive else 1, "world_cache_update_cap": cap}
+    changed = {"world_cache_blend": "adaptive" if adaptive else "fixed", "world_cache_update_cap": cap}
     with MapFrame(device, cells, None, root, **changed) as frame:
         frame.upload(
             checksums=random.integers(1, 2**32, cells, dtype=np.uint32), life=np.full(cells, 9, np.uint32),
@@ -268,8 +268,8 @@ MUTANTS = {
     "size isn't in the key": (check_map, "map.glsl", "pcg(floatBitsToUint(cell_size)) + ", ""),
     "normal isn't in the key": (check_map, "map.glsl", "uint(normal.x + 3 * normal.y + 9 * normal.z)", "0u"),
     "a step too many": (check_full_map, "map.glsl",
-                        "cell == NO_INDEX && search_step < uniforms.world_cache_search_steps;",
-                        "cell == NO_INDEX && search_step < uniforms.world_cache_search_steps + 1u;"),
+                        "cell == NO_INDEX && search_step < world_cache_settings.search_steps;",
+                        "cell == NO_INDEX && search_step < world_cache_settings.search_steps + 1u;"),
     "search ends at a hole": (check_holes, "map.glsl", "empty_step = min(empty_step, i); }",
                               "empty_step = min(empty_step, i); return NO_INDEX; }"),
     "point: last writer": (check_points, "map.glsl", "atomicMax(world_cache_votes.at[cell].position, ",

@@ -11,7 +11,8 @@ import solari_vk as sv
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
 from solari_vk.passes import brdf_table, light_tiles, world_cache
 from solari_vk.scene.binder import SceneBinder
-from solari_vk.scene.view import write_view
+from solari_vk.scene.projection import CameraUniforms
+from solari_vk.settings import uniform_values
 
 SHADERS = Path(__file__).parent / "glsl"
 CELL_ARRAYS = ("checksums", "life", "irradiance", "bounds", "points", "votes", "luminance_deltas")
@@ -46,16 +47,15 @@ class CacheFrame:
     def run(self, frames=1, camera=None):
         """So many frames more; with the setting `gi` off nobody asks but cells."""
         uniforms = self.frame.uniforms
-        for name, value in self.settings.uniforms().items():
-            uniforms[name] = value
+        uniforms.update(uniform_values(self.settings))
         camera = camera or self.scene.camera
-        write_view(uniforms, camera, (8, 8), 8)
-        uniforms["exposure"] = camera.exposure
-        uniforms["seed"] = self.seed
+        CameraUniforms(uniforms).write(camera, (8, 8))
+        uniforms["this_frame.exposure"] = camera.exposure
+        uniforms["this_frame.seed"] = self.seed
         self.binder.update()
         for _ in range(frames):
-            uniforms["has_history"] = not self._fresh
-            uniforms["frame_index"] = self.frame_count
+            uniforms["this_frame.has_history"] = not self._fresh
+            uniforms["this_frame.index"] = self.frame_count
             self.frame.submit()
             self.frame_count += 1
             self._fresh = False

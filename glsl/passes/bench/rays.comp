@@ -3,8 +3,8 @@
 #version 460
 #extension GL_EXT_ray_query : require
 #include "common/random.glsl"
-#include "passes/bindings.glsl"
-#include "passes/pathtracer/camera.glsl"
+#include "passes/pathtracer/bindings.glsl"
+#include "scene/camera.glsl"
 #include "scene/surface.glsl"
 #include "scene/trace.glsl"
 
@@ -12,14 +12,14 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 void main() {
     uvec2 pixel = INVOCATION_INDEX;
-    if (any(greaterThanEqual(pixel, uniforms.size))) { return; }
-    uint rng = seed_rng(pixel, uniforms.sample_index, uniforms.seed);
+    if (any(greaterThanEqual(pixel, camera.size))) { return; }
+    uint rng = seed_rng(pixel, path_sampling.sample_index, path_sampling.seed);
     CameraRay ray = make_camera_ray(vec2(pixel) + 0.5);
     uint rays = 0u;
     while (true) {
         rays += 1u;
         Hit hit = trace_closest_hit(ray.origin, ray.t_min, ray.direction, INFINITY, TRACE_BOTH_FACES);
-        if (hit.instance == NO_INDEX || rays > uniforms.max_bounces) { break; }
+        if (hit.instance == NO_INDEX || rays > path_sampling.max_bounces) { break; }
         Instance instance = instances.at[hit.instance];
         TrianglePoint point = resolve_triangle(instance, meshes.at[instance.ray_mesh], hit.triangle, hit.barycentrics);
         vec3 normal = faceforward(point.geometric_world_normal, ray.direction, point.geometric_world_normal);
@@ -27,5 +27,5 @@ void main() {
         ray.direction = orthonormalize(normal) * sample_cosine_hemisphere(rand_vec2f(rng));
         ray.t_min = 0.0;
     }
-    ray_count.at[pixel.y * uniforms.size.x + pixel.x] = rays;
+    ray_count.at[pixel.y * camera.size.x + pixel.x] = rays;
 }

@@ -1,7 +1,6 @@
 // Cosine-weighted averages of the directional albedo, for what diffuse light meets on its way out (Kulla and Conty, "Revisiting
 // Physically Based Shading at Imageworks", 2017): of the table as it is interpolated, so that both fit exactly.
 #version 460
-#include "passes/bindings.glsl"
 #include "scene/brdf_table.glsl"
 
 layout(local_size_x = 8) in;

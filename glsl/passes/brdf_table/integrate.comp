@@ -1,7 +1,6 @@
 // Directional albedo of single-scattering GGX for F0 split into A and B (Karis, "Real Shading in Unreal Engine 4", 2013), by
 // quadrature over bounded VNDF samples, whose weights are smooth but for a kink at the horizon.
 #version 460
-#include "passes/bindings.glsl"
 #include "scene/brdf_table.glsl"
 #include "scene/microfacet.glsl"
 

@@ -7,9 +7,9 @@
 layout(local_size_x = 8, local_size_y = 8) in;
 
 void main() {
-    uvec2 pixel = INVOCATION_INDEX;
-    if (any(greaterThanEqual(pixel, uniforms.size))) { return; }
-    uint index = pixel.y * uniforms.size.x + pixel.x;
+    uvec2 pixel = gl_GlobalInvocationID.xy;
+    if (any(greaterThanEqual(pixel, camera.size))) { return; }
+    uint index = pixel.y * camera.size.x + pixel.x;
 
     vec3 emitted = unpack_emissive(imageLoad(gbuffer, ivec2(pixel)));
     if (imageLoad(depth, ivec2(pixel)).x == 0.0) {

@@ -1,6 +1,6 @@
-// Draws the debug view uniforms.debug_view over the picture; 0 leaves the picture as it is.
+// Draws the debug view display_settings.debug_view over the picture; 0 leaves the picture as it is.
 #version 460
-#include "passes/bindings.glsl"
+#include "passes/display/bindings.glsl"
 #include "passes/display/debug_views.glsl"
 #include "generated/passes/debug_views.glsl"  // show_debug_view
 
@@ -8,6 +8,6 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 void main() {
     uvec2 pixel = gl_GlobalInvocationID.xy;
-    if (uniforms.debug_view == 0u || any(greaterThanEqual(pixel, uniforms.size))) { return; }
-    imageStore(display, ivec2(pixel), vec4(show_debug_view(uniforms.debug_view, pixel), 1.0));
+    if (display_settings.debug_view == 0u || any(greaterThanEqual(pixel, camera.size))) { return; }
+    imageStore(display, ivec2(pixel), vec4(show_debug_view(display_settings.debug_view, pixel), 1.0));
 }

@@ -34,17 +34,17 @@ vec3 show_number(uint number) { return 0.2 + 0.8 * unpack_4x8_unorm(pcg(number))
 
 vec3 show_direction(vec3 direction) { return 0.5 + 0.5 * direction; }
 
-vec3 show_motion(vec2 motion) { return vec3(0.5 - motion * vec2(uniforms.size) / 16.0, 0.5); }
+vec3 show_motion(vec2 motion) { return vec3(0.5 - motion * vec2(camera.size) / 16.0, 0.5); }
 
 vec3 show_depth(float depth_value) {
-    return depth_value > 0.0 ? show_share(fract(log2(uniforms.near / depth_value))) : NOTHING;
+    return depth_value > 0.0 ? show_share(fract(log2(camera.near / depth_value))) : NOTHING;
 }
 
 // ---- views of a pass --------------------------------------------------------------------------------
 
 vec3 show_light_tiles(uvec2 pixel) {
     uint samples_each = max(light_tiles.samples_each, 1u);
-    uvec2 position = pixel * uvec2(samples_each, uint(light_tiles.at.length()) / samples_each) / uniforms.size;
+    uvec2 position = pixel * uvec2(samples_each, uint(light_tiles.at.length()) / samples_each) / camera.size;
     vec3 radiance = unpack_light_sample(light_tiles.at[position.y * samples_each + position.x]).radiance;
     return encode_srgb(radiance / max(max_component(radiance), 1e-30));  // at full brightness most would be white
 }

@@ -1,13 +1,12 @@
 // Shows radiance: exposure, tone mapping and sRGB.
 #version 460
-#include "passes/bindings.glsl"
+#include "passes/display/bindings.glsl"
 #include "passes/display/tonemap.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
 void main() {
-    uvec2 pixel = gl_GlobalInvocationID.xy;
-    if (any(greaterThanEqual(pixel, uniforms.size))) { return; }
-    uint index = pixel.y * uniforms.size.x + pixel.x;
-    imageStore(display, ivec2(pixel), vec4(show_radiance(radiance.at[index]), 1.0));
+    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy), size = imageSize(display);
+    if (any(greaterThanEqual(pixel, size))) { return; }
+    imageStore(display, pixel, vec4(show_radiance(radiance.at[pixel.y * size.x + pixel.x]), 1.0));
 }

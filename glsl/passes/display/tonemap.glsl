@@ -5,7 +5,7 @@
 
 #include "common/math.glsl"
 #include "generated/output/tone_mapping.glsl"
-#include "passes/bindings.glsl"
+#include "passes/display/bindings.glsl"
 
 vec3 map_reinhard(vec3 color) { return color / (1.0 + luminance(color)); }
 
@@ -25,7 +25,7 @@ vec3 map_agx(vec3 color) {
 
 vec3 tonemap(vec3 exposed) {
     vec3 color = mix(clamp(exposed, 0.0, MAX_EXPOSED), vec3(0.0), isnan(exposed));
-    switch (uniforms.tonemap) {
+    switch (display_settings.tonemap) {
         case TONEMAP_REINHARD: color = map_reinhard(color); break;
         case TONEMAP_ACES: color = map_aces(color); break;
         case TONEMAP_AGX: color = map_agx(color); break;
@@ -39,6 +39,6 @@ vec3 encode_srgb(vec3 linear) {
 }
 
 // Radiance in cd/m^2 as the picture shows it.
-vec3 show_radiance(vec3 radiance) { return encode_srgb(tonemap(radiance * uniforms.exposure)); }
+vec3 show_radiance(vec3 radiance) { return encode_srgb(tonemap(radiance * this_frame.exposure)); }
 
 #endif

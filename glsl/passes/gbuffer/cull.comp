@@ -20,13 +20,13 @@ struct ViewBox {
 };
 
 ViewBox find_view_box(mat4x3 world_from_object, Mesh mesh) {
-    vec3 eye = uniforms.world_from_view[3];
+    vec3 eye = camera.world_from_view[3];
     vec3 half_extent = 0.5 * (mesh.most - mesh.least);
     vec3 center = world_from_object * vec4(mesh.least + half_extent, 1.0);
     mat3 half_axes = mat3(world_from_object);
     for (uint i = 0u; i < 3u; i++) { half_axes[i] *= half_extent[i]; }
     vec3 reach = abs(center) + abs(half_axes[0]) + abs(half_axes[1]) + abs(half_axes[2]) + abs(eye);
-    mat3 turn = mat3(uniforms.view_from_world);
+    mat3 turn = mat3(camera.view_from_world);
     return ViewBox(turn * (center - eye), turn * half_axes, 32.0 * ROUNDING_UNIT * max_component(reach));
 }
 
@@ -38,10 +38,10 @@ bool is_beyond(ViewBox box, vec3 normal, float distance) {
 
 bool is_outside_frustum(ViewBox box) {
     // jitter moves the picture's edge by less than a pixel, whose width is 2 / size of the half angle's tangent
-    vec2 slope = uniforms.tan_half_fov * (1.0 + 4.0 / vec2(uniforms.size));
+    vec2 slope = camera.tan_half_fov * (1.0 + 4.0 / vec2(camera.size));
     return is_beyond(box, vec3(1.0, 0.0, slope.x), 0.0) || is_beyond(box, vec3(-1.0, 0.0, slope.x), 0.0)
         || is_beyond(box, vec3(0.0, 1.0, slope.y), 0.0) || is_beyond(box, vec3(0.0, -1.0, slope.y), 0.0)
-        || is_beyond(box, vec3(0.0, 0.0, 1.0), -uniforms.near);
+        || is_beyond(box, vec3(0.0, 0.0, 1.0), -camera.near);
 }
 
 // Whether all that was drawn where a box would be seen is nearer than the box.
@@ -51,15 +51,15 @@ bool is_occluded(ViewBox box) {
     for (uint i = 0u; i < 8u; i++) {
         vec3 corner = box.center + box.half_axes * (2.0 * vec3(i & 1u, i >> 1u & 1u, i >> 2u) - 1.0);
         float view_depth = -corner.z - box.rounding;
-        if (view_depth <= uniforms.near) { return false; }
-        vec2 ndc = corner.xy * vec2(1.0, -1.0) / (uniforms.tan_half_fov * view_depth);
-        vec2 position = (0.5 + 0.5 * ndc) * vec2(uniforms.size) - uniforms.jitter;
+        if (view_depth <= camera.near) { return false; }
+        vec2 ndc = corner.xy * vec2(1.0, -1.0) / (camera.tan_half_fov * view_depth);
+        vec2 position = (0.5 + 0.5 * ndc) * vec2(camera.size) - camera.jitter;
         least = min(least, position);
         most = max(most, position);
         nearest = min(nearest, view_depth);
     }
     // A pixel more on each side, for rounding and since depth lies on the pixels' centres only.
-    vec2 last_pixel = vec2(uniforms.size - 1u);
+    vec2 last_pixel = vec2(camera.size - 1u);
     uvec2 first = uvec2(clamp(floor(least) - 1.0, vec2(0.0), last_pixel));
     uvec2 last = uvec2(clamp(floor(most) + 1.0, vec2(0.0), last_pixel));
     uint level = 1u;
@@ -70,7 +70,7 @@ bool is_occluded(ViewBox box) {
             farthest = min(farthest, depth_pyramid.at[pyramid_index(level, uvec2(x, y))]);
         }
     }
-    return uniforms.near / nearest * 1.0001 < farthest;
+    return camera.near / nearest * 1.0001 < farthest;
 }
 
 void main() {

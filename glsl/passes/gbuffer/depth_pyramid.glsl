@@ -5,7 +5,7 @@
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/bindings.glsl"
 
-uvec2 pyramid_size(uint level) { return (uniforms.size + (1u << 2u * level) - 1u) >> 2u * level; }
+uvec2 pyramid_size(uint level) { return (camera.size + (1u << 2u * level) - 1u) >> 2u * level; }
 
 uint pyramid_index(uint level, uvec2 texel) {
     uint first = 0u;

@@ -4,7 +4,7 @@
 
 #include "common/packing.glsl"
 #include "passes/bindings.glsl"
-#include "passes/pathtracer/camera.glsl"
+#include "scene/camera.glsl"
 #include "scene/surface.glsl"
 
 struct GBufferSurface {
@@ -36,7 +36,7 @@ uvec4 pack_gbuffer(ResolvedMaterial material, vec3 emissive, vec3 world_normal) 
     float reflectance = dot(material.reflectance, vec3(1.0 / 3.0));
     return uvec4(
         coarse.x | coarse.y << 8u | coarse.z << 16u | pack_unorm(material.perceptual_roughness, 8u) << 24u,
-        pack_rgb9e5(emissive * uniforms.exposure),
+        pack_rgb9e5(emissive * this_frame.exposure),
         pack_unorm(reflectance, 8u) | pack_unorm(material.metallic, 8u) << 8u | fine.x << 16u | fine.y << 21u | fine.z << 27u,
         pack_octahedral_24(world_normal, 0u)
     );
@@ -49,7 +49,7 @@ vec3 unpack_base_color(uvec4 texel) {
     return pow(vec3(codes) / vec3((uvec3(1u) << COLOR_BITS) - 1u), vec3(2.2));
 }
 
-vec3 unpack_emissive(uvec4 texel) { return unpack_rgb9e5(texel.y) / uniforms.exposure; }
+vec3 unpack_emissive(uvec4 texel) { return unpack_rgb9e5(texel.y) / this_frame.exposure; }
 
 ResolvedMaterial unpack_material(uvec4 texel) {
     ResolvedMaterial material;
@@ -85,7 +85,7 @@ GBufferSurface unpack_gbuffer(
     surface.exists = depth_value > 0.0;
     surface.instance = surface_texel.y;
     surface.view_depth = surface.exists ? near / depth_value : INFINITY;
-    vec2 ndc = 2.0 * position / vec2(uniforms.size) - 1.0;
+    vec2 ndc = 2.0 * position / vec2(camera.size) - 1.0;
     vec3 along = mat3(world_from_view) * vec3(ndc * tan_half_fov * vec2(1.0, -1.0), -1.0);
     surface.world_position = world_from_view[3] + (surface.exists ? along * surface.view_depth : vec3(0.0));
     surface.wo = -normalize(along);
@@ -102,7 +102,7 @@ GBufferSurface load_gbuffer(uvec2 pixel) {
     ivec2 at = ivec2(pixel);
     GBufferSurface surface = unpack_gbuffer(
         imageLoad(gbuffer, at), imageLoad(gbuffer_surface, at).xy, imageLoad(depth, at).x,
-        vec2(pixel) + 0.5 + uniforms.jitter, uniforms.world_from_view, uniforms.tan_half_fov, uniforms.near
+        vec2(pixel) + 0.5 + camera.jitter, camera.world_from_view, camera.tan_half_fov, camera.near
     );
     if (surface.exists) { surface.ray_offset = gbuffer_ray_offset(surface); }
     return surface;
@@ -113,19 +113,12 @@ GBufferSurface load_previous_gbuffer(uvec2 pixel) {
     ivec2 at = ivec2(pixel);
     return unpack_gbuffer(
         imageLoad(previous_gbuffer, at), imageLoad(previous_gbuffer_surface, at).xy, imageLoad(previous_depth, at).x,
-        vec2(pixel) + 0.5 + uniforms.previous_jitter, uniforms.previous_world_from_view, uniforms.previous_tan_half_fov,
-        uniforms.previous_near
+        vec2(pixel) + 0.5 + previous_camera.jitter, previous_camera.world_from_view, previous_camera.tan_half_fov,
+        previous_camera.near
     );
 }
 
 // ---- from frame to frame ----------------------------------------------------------------------------
-
-// Where a world position lies in a camera's picture, in uv, without jitter; far outside for what lies behind the camera.
-vec2 project_to_uv(vec3 world_position, mat4x3 view_from_world, vec2 tan_half_fov) {
-    vec3 view = view_from_world * vec4(world_position, 1.0);
-    if (!(view.z < 0.0)) { return vec2(-1000.0); }
-    return 0.5 + vec2(0.5, -0.5) * view.xy / (tan_half_fov * -view.z);
-}
 
 vec3 previous_world_position(uint instance_index, vec3 object_position, vec3 world_position) {
     PreviousInstance previous = previous_instances.at[instance_index];
@@ -133,21 +126,21 @@ vec3 previous_world_position(uint instance_index, vec3 object_position, vec3 wor
 }
 
 vec2 motion_vector(vec3 world_position, vec3 previous_world_position) {
-    return project_to_uv(previous_world_position, uniforms.previous_view_from_world, uniforms.previous_tan_half_fov)
-        - project_to_uv(world_position, uniforms.view_from_world, uniforms.tan_half_fov);
+    return project_to_uv(previous_world_position, previous_camera.view_from_world, previous_camera.tan_half_fov)
+        - project_to_uv(world_position, camera.view_from_world, camera.tan_half_fov);
 }
 
 // The point of the last frame's pixel grid (pixel centres at + 0.5) that showed what a pixel shows now.
 vec2 reproject(uvec2 pixel) {
     vec2 motion = imageLoad(motion_vectors, ivec2(pixel)).xy;
-    return vec2(pixel) + 0.5 + uniforms.jitter + motion * vec2(uniforms.size) - uniforms.previous_jitter;
+    return vec2(pixel) + 0.5 + camera.jitter + motion * vec2(camera.size) - previous_camera.jitter;
 }
 
 // Whether two surfaces are close enough for samples of the one to serve the other.
 bool are_similar(GBufferSurface a, GBufferSurface b) {
     float plane_distance = abs(dot(b.world_position - a.world_position, a.world_normal));
-    return a.exists && b.exists && plane_distance <= uniforms.similarity_plane_distance * a.view_depth
-        && dot(a.world_normal, b.world_normal) >= uniforms.similarity_normal_cosine;
+    return a.exists && b.exists && plane_distance <= reuse_settings.similarity_plane_distance * a.view_depth
+        && dot(a.world_normal, b.world_normal) >= reuse_settings.similarity_normal_cosine;
 }
 
 #endif

@@ -28,15 +28,15 @@ GBufferPixel resolve_pixel(CameraRay ray, Hit hit, Mesh mesh) {
     return GBufferPixel(
         pack_gbuffer(surface.material, emissive, surface.world_normal),
         uvec2(pack_octahedral_2x16(surface.geometric_world_normal), hit.instance),
-        uniforms.near / view_depth,
+        camera.near / view_depth,
         motion_vector(now, before)
     );
 }
 
 // What is infinitely far moves with the camera's turn alone.
 GBufferPixel resolve_empty_pixel(CameraRay ray) {
-    vec3 far = uniforms.world_from_view[3] + ray.direction * 1e6;
-    vec3 previous_far = uniforms.previous_world_from_view[3] + ray.direction * 1e6;
+    vec3 far = camera.world_from_view[3] + ray.direction * 1e6;
+    vec3 previous_far = previous_camera.world_from_view[3] + ray.direction * 1e6;
     return GBufferPixel(uvec4(0u), uvec2(0u, NO_INDEX), 0.0, motion_vector(far, previous_far));
 }
 

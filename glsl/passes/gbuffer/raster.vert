@@ -13,10 +13,10 @@ void main() {
     triangle = gl_VertexIndex / 3;
     uint corner = gl_VertexIndex % 3;
     // what is mirrored, by instance or camera, turns over here, so that fronts run counter-clockwise for everyone
-    bool mirrored = determinant(mat3(uniforms.view_from_world) * mat3(instance.world_from_object)) < 0.0;
+    bool mirrored = determinant(mat3(camera.view_from_world) * mat3(instance.world_from_object)) < 0.0;
     if (mirrored && corner != 0u) { corner = 3u - corner; }
     vec3 world_position = instance.world_from_object * vec4(mesh.positions.at[mesh.triangles.at[triangle][corner]], 1.0);
-    vec3 view = mat3(uniforms.view_from_world) * (world_position - uniforms.world_from_view[3]);
-    vec2 jitter = 2.0 * uniforms.jitter / vec2(uniforms.size);
-    gl_Position = vec4(view.xy * vec2(1.0, -1.0) / uniforms.tan_half_fov + jitter * view.z, uniforms.near, -view.z);
+    vec3 view = mat3(camera.view_from_world) * (world_position - camera.world_from_view[3]);
+    vec2 jitter = 2.0 * camera.jitter / vec2(camera.size);
+    gl_Position = vec4(view.xy * vec2(1.0, -1.0) / camera.tan_half_fov + jitter * view.z, camera.near, -view.z);
 }

@@ -29,7 +29,7 @@ Hit intersect_triangle(CameraRay ray, uint row, uint triangle, Mesh mesh) {
 
 void main() {
     uvec2 at = gl_GlobalInvocationID.xy;
-    if (any(greaterThanEqual(at, uniforms.size))) { return; }
+    if (any(greaterThanEqual(at, camera.size))) { return; }
     CameraRay ray = make_camera_ray(vec2(at) + 0.5);
     if (imageLoad(depth, ivec2(at)).x == 0.0) {
         store_pixel(ivec2(at), resolve_empty_pixel(ray));

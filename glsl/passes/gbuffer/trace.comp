@@ -8,7 +8,7 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 void main() {
     uvec2 at = INVOCATION_INDEX;
-    if (any(greaterThanEqual(at, uniforms.size))) { return; }
+    if (any(greaterThanEqual(at, camera.size))) { return; }
     CameraRay ray = make_camera_ray(vec2(at) + 0.5);
     Hit hit = trace_closest_hit(ray.origin, ray.t_min, ray.direction, INFINITY, TRACE_FRONT_FACES);
     if (hit.instance == NO_INDEX) {

@@ -76,12 +76,12 @@ Guides describe_reflection(GBufferSurface seen, uvec2 pixel) {
     Guides guides = Guides(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, vec2(0.0));
     vec3 virtual_position, previous_virtual_position;
     if (instance == NO_INDEX) {
-        virtual_position = uniforms.world_from_view[3] + mat3(chain) * (direction * FAR_AWAY);
-        previous_virtual_position = uniforms.previous_world_from_view[3] + mat3(previous_chain) * previous_position;
+        virtual_position = camera.world_from_view[3] + mat3(chain) * (direction * FAR_AWAY);
+        previous_virtual_position = previous_camera.world_from_view[3] + mat3(previous_chain) * previous_position;
     } else {
         describe(guides, surface.material, dot(surface.world_normal, -direction));
         guides.world_normal = mat3(chain) * surface.world_normal;
-        guides.depth = uniforms.near / (path_length * camera_ray.depth_per_t);
+        guides.depth = camera.near / (path_length * camera_ray.depth_per_t);
         virtual_position = chain * vec4(surface.world_position, 1.0);
         previous_virtual_position = previous_chain * vec4(previous_position, 1.0);
     }
@@ -91,13 +91,13 @@ Guides describe_reflection(GBufferSurface seen, uvec2 pixel) {
 
 void main() {
     uvec2 pixel = INVOCATION_INDEX;
-    if (any(greaterThanEqual(pixel, uniforms.size))) { return; }
+    if (any(greaterThanEqual(pixel, camera.size))) { return; }
     ivec2 at = ivec2(pixel);
 
     vec2 motion = imageLoad(motion_vectors, at).xy;
     GBufferSurface surface = load_gbuffer(pixel);
     Guides guides = Guides(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, imageLoad(depth, at).x, motion);
-    if (surface.exists && uniforms.primary_surface_replacement != 0u && is_metal_mirror(surface.material)) {
+    if (surface.exists && specular_gi_settings.primary_surface_replacement != 0u && is_metal_mirror(surface.material)) {
         guides = describe_reflection(surface, pixel);
     } else if (surface.exists) {
         describe(guides, surface.material, dot(surface.world_normal, surface.wo));

@@ -8,7 +8,7 @@
 struct PackedLightSample {
     vec3 world_position;  // or direction
     uint world_normal;    // octahedral 2x16
-    uint radiance;        // rgb9e5, as uniforms.light_tile_encoding says
+    uint radiance;        // rgb9e5, as light_tiles_settings.encoding says
     // Negative: a direction. Its lowest bit: double-sided. A number that the eye can read in a dump, off by 1 in 10^7.
     float inverse_pdf;
 };

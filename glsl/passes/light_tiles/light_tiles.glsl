@@ -20,9 +20,9 @@ PackedLightSample pack_light_sample(ResolvedLightSample resolved) {
     return PackedLightSample(
         resolved.world_position.xyz,
         pack_octahedral_2x16(resolved.world_normal),
-        uniforms.light_tile_encoding == ENCODING_LINEAR
-            ? pack_rgb9e5(resolved.radiance * uniforms.exposure)
-            : pack_radiance_log2_rgb9e5(resolved.radiance, uniforms.exposure),
+        light_tiles_settings.encoding == LIGHT_TILE_ENCODING_LINEAR
+            ? pack_rgb9e5(resolved.radiance * this_frame.exposure)
+            : pack_radiance_log2_rgb9e5(resolved.radiance, this_frame.exposure),
         uintBitsToFloat(inverse_pdf)
     );
 }
@@ -34,9 +34,9 @@ ResolvedLightSample unpack_light_sample(PackedLightSample packed) {
         unpack_octahedral_2x16(packed.world_normal),
         (inverse_pdf & 1u) != 0u,
         0.0,
-        uniforms.light_tile_encoding == ENCODING_LINEAR
-            ? unpack_rgb9e5(packed.radiance) / uniforms.exposure
-            : unpack_radiance_log2_rgb9e5(packed.radiance, uniforms.exposure),
+        light_tiles_settings.encoding == LIGHT_TILE_ENCODING_LINEAR
+            ? unpack_rgb9e5(packed.radiance) / this_frame.exposure
+            : unpack_radiance_log2_rgb9e5(packed.radiance, this_frame.exposure),
         abs(packed.inverse_pdf)
     );
 }
@@ -58,7 +58,7 @@ uint choose_light_tile(inout uint rng) {
 }
 
 LightCandidate sample_light_candidate(uint tile, inout uint rng) {
-    if (uniforms.light_sampling == LIGHTS_RESOLVED) { return draw_light_candidate(rng); }
+    if (light_tiles_settings.light_sampling == LIGHT_SAMPLING_RESOLVE) { return draw_light_candidate(rng); }
     uint index = tile * light_tiles.samples_each + rand_range_u(light_tiles.samples_each, rng);
     return LightCandidate(light_tile_samples.at[index], unpack_light_sample(light_tiles.at[index]));
 }

@@ -1,17 +1,17 @@
 // What the ray through the middle of every pixel meets, for use beside the picture.
 #version 460
 #extension GL_EXT_ray_query : require
-#include "passes/bindings.glsl"
-#include "passes/pathtracer/camera.glsl"
+#include "passes/pathtracer/bindings.glsl"
+#include "scene/camera.glsl"
 #include "scene/surface.glsl"
 #include "scene/trace.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
 void main() {
-    uvec2 pixel = INVOCATION_INDEX + uvec2(0u, uniforms.first_row);
-    if (pixel.x >= uniforms.size.x || INVOCATION_INDEX.y >= uniforms.row_count || pixel.y >= uniforms.size.y) { return; }
-    uint index = pixel.y * uniforms.size.x + pixel.x;
+    uvec2 pixel = INVOCATION_INDEX + uvec2(0u, path_sampling.first_row);
+    if (pixel.x >= camera.size.x || INVOCATION_INDEX.y >= path_sampling.row_count || pixel.y >= camera.size.y) { return; }
+    uint index = pixel.y * camera.size.x + pixel.x;
 
     CameraRay ray = make_camera_ray(vec2(pixel) + 0.5);
     Hit hit = trace_closest_hit(ray.origin, ray.t_min, ray.direction, INFINITY, TRACE_FRONT_FACES);

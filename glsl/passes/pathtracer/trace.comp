@@ -2,9 +2,11 @@
 // in solid angle (Veach, "Robust Monte Carlo Methods for Light Transport Simulation", 1997, chapter 9).
 #version 460
 #extension GL_EXT_ray_query : require
-#include "passes/bindings.glsl"
-#include "passes/pathtracer/camera.glsl"
+#include "passes/pathtracer/bindings.glsl"
+#include "passes/pathtracer/pixel_filter.glsl"
 #include "scene/brdf.glsl"
+#include "scene/camera.glsl"
+#include "scene/light_visibility.glsl"
 #include "scene/sampling.glsl"
 #include "scene/surface.glsl"
 #include "scene/trace.glsl"
@@ -15,8 +17,8 @@ const uint FIRST_ROULETTE_BOUNCE = 3u;
 
 // How much of a light's radiance counts where a ray met the light by itself.
 float hit_weight(float bounce_pdf, float light_pdf) {
-    if (bounce_pdf == INFINITY || light_pdf == 0.0 || uniforms.light_strategy == LIGHTS_BY_BRDF) { return 1.0; }
-    return uniforms.light_strategy == LIGHTS_BY_SAMPLING ? 0.0 : power_heuristic(bounce_pdf, light_pdf);
+    if (bounce_pdf == INFINITY || light_pdf == 0.0 || path_sampling.light_strategy == LIGHT_STRATEGY_BRDF) { return 1.0; }
+    return path_sampling.light_strategy == LIGHT_STRATEGY_NEE ? 0.0 : power_heuristic(bounce_pdf, light_pdf);
 }
 
 vec3 directional_light_radiance(vec3 direction, float bounce_pdf) {
@@ -39,19 +41,19 @@ vec3 sample_light(
     if (!(dot(light.wi, surface.geometric_world_normal) > 0.0)) { return vec3(0.0); }
     vec3 wi = light.wi * frame;
     vec3 value = light.received_radiance * light.inverse_pdf * evaluate_brdf(brdf, wo, wi);
-    return uniforms.light_strategy == LIGHTS_BY_MIS
+    return path_sampling.light_strategy == LIGHT_STRATEGY_MIS
         ? value * power_heuristic(light.solid_angle_pdf, brdf_pdf(brdf, wo, wi))
         : value;
 }
 
 void main() {
-    uvec2 pixel = INVOCATION_INDEX + uvec2(0u, uniforms.first_row);
-    if (pixel.x >= uniforms.size.x || INVOCATION_INDEX.y >= uniforms.row_count || pixel.y >= uniforms.size.y) { return; }
+    uvec2 pixel = INVOCATION_INDEX + uvec2(0u, path_sampling.first_row);
+    if (pixel.x >= camera.size.x || INVOCATION_INDEX.y >= path_sampling.row_count || pixel.y >= camera.size.y) { return; }
 
     // The mean goes on from sample to sample whatever the dispatches' sizes, so that a seed gives the same bits; and it is a
     // mean, not a sum, so that floats take in the millionth sample as well as the first.
-    uint index = pixel.y * uniforms.size.x + pixel.x;
-    uint sample_index = uniforms.sample_index;
+    uint index = pixel.y * camera.size.x + pixel.x;
+    uint sample_index = path_sampling.sample_index;
     vec3 mean = vec3(0.0);
     float deviations = 0.0;
     uint rays = 0u;
@@ -60,7 +62,7 @@ void main() {
         deviations = luminance_deviations.at[index];
         rays = ray_count.at[index];
     }
-    uint last_sample_index = sample_index + uniforms.samples_per_dispatch;
+    uint last_sample_index = sample_index + path_sampling.samples_per_dispatch;
 
     // One loop over the rays of all samples: a path that ends early makes room for the next, so neighbours stay together.
     uint bounce = 0u;
@@ -71,7 +73,7 @@ void main() {
     while (true) {
         if (path_ended) {
             if (sample_index == last_sample_index) { break; }
-            rng = seed_rng(pixel, sample_index, uniforms.seed);
+            rng = seed_rng(pixel, sample_index, path_sampling.seed);
             CameraRay ray = make_camera_ray(vec2(pixel) + 0.5 + sample_pixel_filter(rand_vec2f(rng)));
             origin = ray.origin;
             direction = ray.direction;
@@ -97,14 +99,14 @@ void main() {
                 float light_pdf = emissive_hit_pdf(surface, direction, hit.t);
                 radiance += throughput * surface.material.emissive * hit_weight(bounce_pdf, light_pdf);
             }
-            path_ended = bounce == uniforms.max_bounces;
+            path_ended = bounce == path_sampling.max_bounces;
             if (!path_ended) {
                 mat3 frame = orthonormalize(surface.world_normal);
                 vec3 wo = -direction * frame;
                 Brdf brdf = prepare_brdf(surface.material, wo);
                 origin = surface.world_position + surface.geometric_world_normal * surface.ray_offset;
 
-                if (uniforms.light_strategy != LIGHTS_BY_BRDF && scene_info.light_count > 0u) {
+                if (path_sampling.light_strategy != LIGHT_STRATEGY_BRDF && scene_info.light_count > 0u) {
                     ResolvedLightSample light_sample;
                     vec3 value = throughput * sample_light(surface, brdf, frame, wo, rng, light_sample);
                     if (max_component(value) > 0.0) {

@@ -10,6 +10,7 @@
 #include "passes/restir_di/bindings.glsl"
 #include "passes/restir_di/target.glsl"
 #include "passes/reuse.glsl"
+#include "scene/light_visibility.glsl"
 #include "scene/trace.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
@@ -19,11 +20,11 @@ const uint TILE_SALT = 0x297A2D39u;
 
 // Resampled importance sampling, by the samples as they are packed: those only decide what is chosen.
 DiReservoir generate_initial_reservoir(uvec2 pixel, GBufferSurface surface, inout uint rng) {
-    uint group_rng = seed_rng(pixel / 8u, uniforms.frame_index, uniforms.seed ^ TILE_SALT);
+    uint group_rng = seed_rng(pixel / 8u, this_frame.index, this_frame.seed ^ TILE_SALT);
     uint tile = choose_light_tile(group_rng);
     DiReservoir reservoir = EMPTY_DI_RESERVOIR;
     float weight_sum = 0.0, chosen_target = 0.0;
-    for (uint i = 0u; i < uniforms.di_candidates; i++) {
+    for (uint i = 0u; i < restir_di_settings.candidates; i++) {
         LightCandidate candidate = sample_light_candidate(tile, rng);
         float target = di_target(surface, candidate.resolved);
         if (choose_weighted(weight_sum, target, rng)) {
@@ -32,7 +33,7 @@ DiReservoir generate_initial_reservoir(uvec2 pixel, GBufferSurface surface, inou
         }
     }
     // all candidates are as likely: 1 / pdf is the number of lights
-    float mean = weight_sum * float(scene_info.light_count) / float(uniforms.di_candidates);
+    float mean = weight_sum * float(scene_info.light_count) / float(restir_di_settings.candidates);
     reservoir.unbiased_contribution_weight = chosen_target > 0.0 ? mean / chosen_target : 0.0;
     reservoir.confidence = 1.0;
     return reservoir;
@@ -49,8 +50,8 @@ void test_visibility(GBufferSurface surface, inout DiReservoir reservoir) {
 // A reservoir of the last frame with lights as they are numbered now. One whose light is gone keeps its confidence: the
 // others of that frame, which found lights that are still there, would count too much otherwise.
 DiReservoir load_previous_reservoir(uvec2 pixel) {
-    DiReservoir reservoir = previous_di_reservoirs.at[pixel.y * uniforms.size.x + pixel.x];
-    reservoir.confidence = min(reservoir.confidence, uniforms.di_confidence_cap);
+    DiReservoir reservoir = previous_di_reservoirs.at[pixel.y * camera.size.x + pixel.x];
+    reservoir.confidence = min(reservoir.confidence, restir_di_settings.confidence_cap);
     if (reservoir.light_sample.light_index != NO_INDEX) {
         reservoir.light_sample.light_index = light_translation.at[reservoir.light_sample.light_index];
     }
@@ -59,21 +60,21 @@ DiReservoir load_previous_reservoir(uvec2 pixel) {
 
 void main() {
     uvec2 pixel = INVOCATION_INDEX;
-    if (any(greaterThanEqual(pixel, uniforms.size))) { return; }
-    uint index = pixel.y * uniforms.size.x + pixel.x;
+    if (any(greaterThanEqual(pixel, camera.size))) { return; }
+    uint index = pixel.y * camera.size.x + pixel.x;
     GBufferSurface surface = load_gbuffer(pixel);
-    if (!surface.exists || uniforms.di == 0u) {
+    if (!surface.exists || frame_settings.di == 0u) {
         di_temporal_reservoirs.at[index] = EMPTY_DI_RESERVOIR;
         return;
     }
-    uint rng = seed_rng(pixel, uniforms.frame_index, uniforms.seed ^ PASS_SALT);
+    uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
     DiReservoir reservoir = generate_initial_reservoir(pixel, surface, rng);
     // without it 0.17 would never test what a pixel found by itself
-    if (uniforms.di_initial_visibility != 0u || uniforms.di_order == ORDER_0_17) { test_visibility(surface, reservoir); }
+    if (restir_di_settings.initial_visibility != 0u || restir_di_settings.order == DI_ORDER_0_17) { test_visibility(surface, reservoir); }
 
     uvec2 neighbor;
     GBufferSurface neighbor_surface;
-    if (uniforms.di_temporal != 0u && find_temporal_neighbor(pixel, surface, neighbor, neighbor_surface)) {
+    if (restir_di_settings.temporal != 0u && find_temporal_neighbor(pixel, surface, neighbor, neighbor_surface)) {
         DiReservoir previous = load_previous_reservoir(neighbor);
         vec2 here = vec2(di_target(surface, reservoir), di_target(surface, previous));
         vec2 there = vec2(

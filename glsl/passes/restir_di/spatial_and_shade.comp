@@ -10,6 +10,7 @@
 #include "passes/restir_di/target.glsl"
 #include "passes/reuse.glsl"
 #include "scene/brdf.glsl"
+#include "scene/light_visibility.glsl"
 #include "scene/trace.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
@@ -23,17 +24,17 @@ bool is_seen(GBufferSurface surface, ResolvedLightSample resolved) {
 
 // Returns the neighbour's index, NO_INDEX when none is similar.
 uint merge_with_neighbor(uvec2 pixel, GBufferSurface surface, inout DiReservoir reservoir) {
-    uint rng = seed_rng(pixel, uniforms.frame_index, uniforms.seed ^ PASS_SALT);
+    uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
     uvec2 neighbor;
     GBufferSurface neighbor_surface;
-    if (!find_spatial_neighbor(pixel, surface, uniforms.di_spatial_radius, rng, neighbor, neighbor_surface)) {
+    if (!find_spatial_neighbor(pixel, surface, restir_di_settings.spatial_radius, rng, neighbor, neighbor_surface)) {
         return NO_INDEX;
     }
-    uint neighbor_index = neighbor.y * uniforms.size.x + neighbor.x;
+    uint neighbor_index = neighbor.y * camera.size.x + neighbor.x;
     DiReservoir other = di_temporal_reservoirs.at[neighbor_index];
     vec2 here = vec2(di_target(surface, reservoir), di_target(surface, other));
     vec2 there = vec2(di_target(neighbor_surface, reservoir), di_target(neighbor_surface, other));
-    if (uniforms.di_order == ORDER_0_17 && here.y > 0.0) {
+    if (restir_di_settings.order == DI_ORDER_0_17 && here.y > 0.0) {
         bool seen = is_seen(surface, resolve_light_sample(other.light_sample));
         other.unbiased_contribution_weight *= seen ? 1.0 : 0.0;
     }
@@ -43,12 +44,12 @@ uint merge_with_neighbor(uvec2 pixel, GBufferSurface surface, inout DiReservoir 
 
 void main() {
     uvec2 pixel = INVOCATION_INDEX;
-    if (any(greaterThanEqual(pixel, uniforms.size))) { return; }
-    uint index = pixel.y * uniforms.size.x + pixel.x;
+    if (any(greaterThanEqual(pixel, camera.size))) { return; }
+    uint index = pixel.y * camera.size.x + pixel.x;
     GBufferSurface surface = load_gbuffer(pixel);
     DiReservoir reservoir = di_temporal_reservoirs.at[index];
     uvec2 outcome = uvec2(NO_INDEX, 0u);
-    if (surface.exists && uniforms.di != 0u && uniforms.di_spatial != 0u) {
+    if (surface.exists && frame_settings.di != 0u && restir_di_settings.spatial != 0u) {
         outcome.x = merge_with_neighbor(pixel, surface, reservoir);
     }
     di_reservoirs.at[index] = reservoir;
@@ -56,7 +57,7 @@ void main() {
     vec3 diffuse = vec3(0.0), specular = vec3(0.0);
     if (reservoir.unbiased_contribution_weight > 0.0) {
         ResolvedLightSample resolved = resolve_light_sample(reservoir.light_sample);
-        if (uniforms.di_order == ORDER_0_17 || is_seen(surface, resolved)) {
+        if (restir_di_settings.order == DI_ORDER_0_17 || is_seen(surface, resolved)) {
             LightContribution light = calculate_resolved_light_contribution(resolved, surface.world_position);
             mat3 frame = orthonormalize(surface.world_normal);
             vec3 wo = surface.wo * frame, wi = light.wi * frame;
@@ -64,7 +65,7 @@ void main() {
             vec3 received = light.received_radiance
                 * (light.inverse_pdf / float(scene_info.light_count) * reservoir.unbiased_contribution_weight);
             diffuse = received * evaluate_diffuse_brdf(brdf, wo, wi);
-            if (surface.material.roughness > uniforms.specular_di_roughness) {
+            if (surface.material.roughness > specular_gi_settings.di_roughness) {
                 specular = received * evaluate_specular_brdf(brdf, wo, wi);
             }
             outcome.y = 1u;

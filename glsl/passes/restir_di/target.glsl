@@ -10,8 +10,8 @@
 // Of the specular lobe, as far as DI shades it, without what only costs time: colours and further bounces between microfacets.
 float specular_target(GBufferSurface surface, vec3 dielectric_f0, vec3 world_wi) {
     ResolvedMaterial material = surface.material;
-    if (brdf_lambert || uniforms.di_target == TARGET_MATTE) { return 0.0; }
-    if (material.roughness <= max(uniforms.specular_di_roughness, MIRROR_ROUGHNESS)) { return 0.0; }
+    if (brdf_lambert || restir_di_settings.target == DI_TARGET_MATTE) { return 0.0; }
+    if (material.roughness <= max(specular_gi_settings.di_roughness, MIRROR_ROUGHNESS)) { return 0.0; }
     mat3 frame = orthonormalize(surface.world_normal);
     vec3 wo = surface.wo * frame, wi = world_wi * frame;
     if (!(wo.z > 0.0 && wi.z > 0.0)) { return 0.0; }

@@ -15,12 +15,12 @@ GiReservoir empty_gi_reservoir(float confidence_weight) {
 }
 
 // What this frame's shading uses; the sample is visible from the pixel.
-GiReservoir load_gi_reservoir(uvec2 pixel) { return gi_reservoirs.at[pixel.y * uniforms.size.x + pixel.x]; }
+GiReservoir load_gi_reservoir(uvec2 pixel) { return gi_reservoirs.at[pixel.y * camera.size.x + pixel.x]; }
 
 // Whether nothing diffuse is there, nor anything rough enough to reuse the reservoir.
 bool takes_no_gi(GBufferSurface surface) {
-    return !surface.exists || uniforms.gi == 0u || (uniforms.gi_skip_smooth_metals != 0u
-        && surface.material.metallic > uniforms.pure_metal && surface.material.roughness <= uniforms.specular_reuse_roughness);
+    return !surface.exists || frame_settings.gi == 0u || (restir_gi_settings.skip_smooth_metals != 0u
+        && surface.material.metallic > frame_settings.pure_metal && surface.material.roughness <= specular_gi_settings.reuse_roughness);
 }
 
 // Of the direction to a point; 0 below the surface.
@@ -43,7 +43,7 @@ float reconnection_jacobian(GBufferSurface from, GBufferSurface to, GiReservoir 
     float to_cosine = dot(normalize(to_to), reservoir.sample_point_world_normal);
     if (!(from_cosine > 0.0 && to_cosine > 0.0)) { return 0.0; }
     float jacobian = to_cosine / from_cosine * (dot(to_from, to_from) / dot(to_to, to_to));
-    return max(jacobian, 1.0 / jacobian) <= uniforms.gi_jacobian_limit ? jacobian : 0.0;
+    return max(jacobian, 1.0 / jacobian) <= restir_gi_settings.jacobian_limit ? jacobian : 0.0;
 }
 
 // The generalised balance heuristic: the share in the merged estimate of a sample that `own` found, when `other` could
@@ -93,7 +93,7 @@ GiReservoir merge_gi_reservoirs(
     GiReservoir merged = other_chosen ? other : own;
     merged.confidence_weight = confidence_weight;
     merged.unbiased_contribution_weight = weight_sum / gi_target(surface, merged);
-    if (!other_chosen && own_share < 1.0 && uniforms.gi_visibility == GI_VISIBILITY_BOTH
+    if (!other_chosen && own_share < 1.0 && restir_gi_settings.visibility == GI_VISIBILITY_BOTH
         && !trace_sample_visibility(other_surface, own)) {
         merged.unbiased_contribution_weight /= own_share;
     }

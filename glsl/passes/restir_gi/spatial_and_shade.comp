@@ -22,16 +22,16 @@ vec3 shade_diffuse(GBufferSurface surface, GiReservoir reservoir) {
 
 void main() {
     uvec2 pixel = INVOCATION_INDEX;
-    if (any(greaterThanEqual(pixel, uniforms.size))) { return; }
-    uint index = pixel.y * uniforms.size.x + pixel.x;
+    if (any(greaterThanEqual(pixel, camera.size))) { return; }
+    uint index = pixel.y * camera.size.x + pixel.x;
     GBufferSurface surface = load_gbuffer(pixel);
     GiReservoir reservoir = gi_temporal_reservoirs.at[index];
-    if (reservoir.confidence_weight > 0.0 && uniforms.gi_spatial != 0u) {
-        uint rng = seed_rng(pixel, uniforms.frame_index, uniforms.seed ^ PASS_SALT);
+    if (reservoir.confidence_weight > 0.0 && restir_gi_settings.spatial != 0u) {
+        uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
         uvec2 at;
         GBufferSurface neighbor;
-        if (find_spatial_neighbor(pixel, surface, uniforms.gi_spatial_radius, rng, at, neighbor)) {
-            GiReservoir other = gi_temporal_reservoirs.at[at.y * uniforms.size.x + at.x];
+        if (find_spatial_neighbor(pixel, surface, restir_gi_settings.spatial_radius, rng, at, neighbor)) {
+            GiReservoir other = gi_temporal_reservoirs.at[at.y * camera.size.x + at.x];
             reservoir = merge_gi_reservoirs(surface, reservoir, neighbor, other, true, rand_f(rng));
         }
     }

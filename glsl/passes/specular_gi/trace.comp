@@ -11,6 +11,7 @@
 #include "passes/specular_gi/lobe.glsl"
 #include "passes/world_cache/query.glsl"
 #include "scene/brdf.glsl"
+#include "scene/light_visibility.glsl"
 #include "scene/sampling.glsl"
 #include "scene/surface.glsl"
 #include "scene/trace.glsl"
@@ -70,7 +71,7 @@ bool leave_surface(
     path.throughput *= next.weight;
     path.bounce_pdf = next.pdf;
     path.spread += next.diffuse ? lobe_spread(1.0) : next.pdf == INFINITY ? 0.0 : lobe_spread(brdf.roughness);
-    if (next.pdf == INFINITY && uniforms.specular_mirror == MIRROR_CLAMPED_GGX) {
+    if (next.pdf == INFINITY && specular_gi_settings.mirror == SPECULAR_MIRROR_CLAMPED_GGX) {
         path.throughput *= clamped_ggx_factor(brdf, wo, frame[2], world_wo, path.direction);
     }
     return next.wi.z > 0.0 && dot(path.direction, geometric_world_normal) > 0.0 && max_component(path.throughput) > 0.0;
@@ -78,7 +79,7 @@ bool leave_surface(
 
 // Whether the cache serves as well as going on would.
 bool may_end(ResolvedRayHitFull surface, float spread_width, float ray_t, inout uint rng) {
-    if (uniforms.specular_termination == TERMINATION_ROUGHNESS) { return surface.material.roughness > ROUGHNESS_OF_0_18; }
+    if (specular_gi_settings.termination == SPECULAR_TERMINATION_ROUGHNESS) { return surface.material.roughness > ROUGHNESS_OF_0_18; }
     float cell_size = get_cell_size(surface.world_position, rng);
     return spread_width > cell_size && ray_t > cell_size;
 }
@@ -110,13 +111,13 @@ vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
         mirrors += mirror ? 1u : 0u;
         visited += mirror ? 0u : 1u;
         WorldCacheResult end = WorldCacheResult(false, vec3(0.0));
-        if (!mirror && (visited >= uniforms.specular_bounces || may_end(surface, path.spread_width, hit.t, rng))) {
+        if (!mirror && (visited >= specular_gi_settings.bounces || may_end(surface, path.spread_width, hit.t, rng))) {
             end = query_world_cache(
-                surface.world_position, surface.geometric_world_normal, hit.t, uniforms.world_cache_lifetime, rng
+                surface.world_position, surface.geometric_world_normal, hit.t, world_cache_settings.lifetime, rng
             );
         }
         // Differs from Solari: where the cache knows nothing, the path goes on.
-        uint most = uniforms.specular_bounces + (uniforms.world_cache != 0u ? MOST_UNKNOWN_HITS : 0u);
+        uint most = specular_gi_settings.bounces + (frame_settings.world_cache != 0u ? MOST_UNKNOWN_HITS : 0u);
         if (mirrors > MOST_MIRRORS) { return radiance; }
         if (!end.found && visited >= most) { end = WorldCacheResult(true, sample_irradiance(surface, rng)); }
         if (end.found) {
@@ -140,7 +141,7 @@ vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
 
 // ReSTIR GI holds no light that comes straight from emitters, so DI has to have that of the specular lobe.
 bool reuses_gi(GBufferSurface surface) {
-    return surface.material.roughness > max(uniforms.specular_reuse_roughness, uniforms.specular_di_roughness)
+    return surface.material.roughness > max(specular_gi_settings.reuse_roughness, specular_gi_settings.di_roughness)
         && !takes_no_gi(surface);
 }
 
@@ -152,11 +153,11 @@ vec3 shade_gi_sample(GBufferSurface surface, GiReservoir reservoir, Brdf brdf, m
 
 void main() {
     uvec2 pixel = INVOCATION_INDEX;
-    if (any(greaterThanEqual(pixel, uniforms.size))) { return; }
-    uint index = pixel.y * uniforms.size.x + pixel.x;
+    if (any(greaterThanEqual(pixel, camera.size))) { return; }
+    uint index = pixel.y * camera.size.x + pixel.x;
     specular_gi.at[index] = vec3(0.0);
     GBufferSurface surface = load_gbuffer(pixel);
-    if (uniforms.specular == 0u || !surface.exists) { return; }
+    if (frame_settings.specular == 0u || !surface.exists) { return; }
 
     mat3 frame = orthonormalize(surface.world_normal);
     vec3 wo = surface.wo * frame;
@@ -167,13 +168,13 @@ void main() {
         return;
     }
 
-    uint rng = seed_rng(pixel, uniforms.frame_index, uniforms.seed ^ SPECULAR_GI_SALT);
+    uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ SPECULAR_GI_SALT);
     BrdfSample next = sample_specular_brdf(brdf, wo, rng);
     Path path = Path(
         surface.world_position + surface.geometric_world_normal * surface.ray_offset, -surface.wo, vec3(1.0), 0.0, 0.0, 0.0
     );
     if (!leave_surface(path, next, brdf, frame, wo, surface.geometric_world_normal)) { return; }
-    path.bounce_pdf = surface.material.roughness <= uniforms.specular_di_roughness ? INFINITY : 0.0;
-    float distance = length(surface.world_position - uniforms.world_from_view[3]);
+    path.bounce_pdf = surface.material.roughness <= specular_gi_settings.di_roughness ? INFINITY : 0.0;
+    float distance = length(surface.world_position - camera.world_from_view[3]);
     specular_gi.at[index] = trace_path(path, distance, make_camera_ray(vec2(pixel) + 0.5).cone_spread, rng);
 }

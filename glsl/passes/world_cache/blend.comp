@@ -15,17 +15,17 @@ void main() {
     vec4 old = world_cache_irradiance.at[cell];
     float delta = world_cache_luminance_deltas.at[cell];
 
-    float most = float(uniforms.world_cache_max_samples);
+    float most = float(world_cache_settings.max_samples);
     float sample_count = min(old.w > 0.0 ? old.w + YOUNG_GROWTH : 1.0, most);
-    if (uniforms.world_cache_blend == BLEND_ADAPTIVE) {
+    if (world_cache_settings.blend == WORLD_CACHE_BLEND_ADAPTIVE) {
         float change = abs(delta) / max(luminance(old.rgb), 1e-30);
-        most = mix(most, 1.0, pow(saturate(change), uniforms.world_cache_change_exponent));
+        most = mix(most, 1.0, pow(saturate(change), world_cache_settings.change_exponent));
     }
     float share = 1.0 / min(sample_count, most);
     // Differs from Solari: lights that are switched needn't be guessed from noise
-    if (uniforms.world_cache_relight != 0u) { share = max(share, uniforms.lighting_change); }
+    if (world_cache_settings.relight != 0u) { share = max(share, this_frame.lighting_change); }
     vec3 blended = mix(old.rgb, world_cache_samples.at[thread].irradiance, share);
     world_cache_irradiance.at[cell] = vec4(blended, sample_count);
     float newest = luminance(blended) - luminance(old.rgb);
-    world_cache_luminance_deltas.at[cell] = mix(delta, newest, uniforms.world_cache_change_smoothing);
+    world_cache_luminance_deltas.at[cell] = mix(delta, newest, world_cache_settings.change_smoothing);
 }

@@ -19,7 +19,7 @@ void main() {
     for (uint cell = block * BLOCK_SIZE; cell < (block + 1u) * BLOCK_SIZE; cell++) {
         if (world_cache_checksums.at[cell] == EMPTY_CELL) { continue; }
         uint life = world_cache_life.at[cell];
-        if (life == 0u || uniforms.has_history == 0u) {
+        if (life == 0u || this_frame.has_history == 0u) {
             clear_cell(cell);
             continue;
         }

@@ -43,8 +43,8 @@ uint world_cache_place(WorldCacheKey key, uint search_step) {
 // NO_INDEX where there is none. `empty_step`: the first step of the search that comes to an empty cell, if any does. Differs
 // from Solari in that the search goes on past empty cells: what filled them when a key was inserted may have died since.
 uint find_world_cache_cell(WorldCacheKey key, out uint empty_step) {
-    empty_step = uniforms.world_cache_search_steps;
-    for (uint i = 0u; i < uniforms.world_cache_search_steps; i++) {
+    empty_step = world_cache_settings.search_steps;
+    for (uint i = 0u; i < world_cache_settings.search_steps; i++) {
         uint cell = world_cache_place(key, i);
         uint checksum = world_cache_checksums.at[cell];
         if (checksum == key.checksum) { return cell; }
@@ -58,7 +58,7 @@ uint find_world_cache_cell(WorldCacheKey key, out uint empty_step) {
 uint insert_world_cache_cell(WorldCacheKey key) {
     uint search_step;
     uint cell = find_world_cache_cell(key, search_step);
-    for (; cell == NO_INDEX && search_step < uniforms.world_cache_search_steps; search_step++) {
+    for (; cell == NO_INDEX && search_step < world_cache_settings.search_steps; search_step++) {
         uint place = world_cache_place(key, search_step);
         uint existing = atomicCompSwap(world_cache_checksums.at[place], EMPTY_CELL, key.checksum);
         if (existing == EMPTY_CELL) { world_cache_bounds.at[place] = key.bounds; }
@@ -77,7 +77,7 @@ uint unshuffle_24(uint payload) { return payload * 0x8B2F51u & 0xFFFFFFu; }
 
 // Askers may be outside their cell by the jitter.
 vec4 grow_bounds(vec4 bounds) {
-    return vec4(bounds.xyz - uniforms.world_cache_jitter * bounds.w, (1.0 + 2.0 * uniforms.world_cache_jitter) * bounds.w);
+    return vec4(bounds.xyz - world_cache_settings.jitter * bounds.w, (1.0 + 2.0 * world_cache_settings.jitter) * bounds.w);
 }
 
 void vote_for_point(uint cell, vec4 bounds, vec3 world_position, vec3 world_normal, inout uint rng) {

@@ -6,6 +6,7 @@
 #include "passes/ray_count.glsl"
 #include "passes/world_cache/map.glsl"
 #include "scene/brdf.glsl"
+#include "scene/light_visibility.glsl"
 #include "scene/sampling.glsl"
 
 struct WorldCacheResult {
@@ -17,9 +18,9 @@ const float EYE_HEIGHT = 0.05;  // in cells: over what surfaces rise themselves
 
 // Doubles with distance. Rounded up by chance, so that levels fade into each other.
 float get_cell_size(vec3 world_position, inout uint rng) {
-    float level = log2(1.0 + distance(world_position, uniforms.world_from_view[3]) / uniforms.world_cache_lod_distance);
+    float level = log2(1.0 + distance(world_position, camera.world_from_view[3]) / world_cache_settings.lod_distance);
     float part = fract(level);
-    return uniforms.world_cache_cell_size * power_of_two(int(level) + (rand_f(rng) < pow(part, uniforms.world_cache_lod_sharpness) ? 1 : 0));
+    return world_cache_settings.cell_size * power_of_two(int(level) + (rand_f(rng) < pow(part, world_cache_settings.lod_sharpness) ? 1 : 0));
 }
 
 // The middle of the cell that chance chose, of the own one, then four around that; their number stands for none.
@@ -29,10 +30,10 @@ const uint LANDMARKS = 6u;
 // can't see a cell's middle has no share in it, nor in what lies behind a wall; where a wall goes through a point's own cell,
 // that has parts, one for each landmark that is the first to be seen.
 WorldCacheKey choose_key(vec3 world_position, vec3 normal, float cell_size, inout uint rng) {
-    vec2 jitter = uniforms.world_cache_jitter * cell_size * sample_disk(rand_vec2f(rng));
+    vec2 jitter = world_cache_settings.jitter * cell_size * sample_disk(rand_vec2f(rng));
     vec3 place = world_position + orthonormalize(normal) * vec3(jitter, 0.0);
     WorldCacheKey key = make_world_cache_key(place, normal, cell_size);
-    if (uniforms.world_cache_leak_prevention != LEAKS_PARTED) { return key; }
+    if (world_cache_settings.leak_prevention != WORLD_CACHE_LEAK_PREVENTION_LANDMARKS) { return key; }
     vec3 eye = world_position + EYE_HEIGHT * cell_size * normal;
     uint landmark = 0u;
     for (; landmark < LANDMARKS; landmark++) {
@@ -57,9 +58,9 @@ WorldCacheResult query_world_cache(
     vec3 world_position, vec3 geometric_world_normal, float ray_t, uint lifetime, inout uint rng
 ) {
     WorldCacheResult nothing = WorldCacheResult(false, vec3(0.0));
-    if (uniforms.world_cache == 0u) { return nothing; }
+    if (frame_settings.world_cache == 0u) { return nothing; }
     float cell_size = get_cell_size(world_position, rng);
-    if (uniforms.world_cache_leak_prevention != LEAKS_ALLOWED && ray_t < cell_size) { cell_size = uniforms.world_cache_cell_size; }
+    if (world_cache_settings.leak_prevention != WORLD_CACHE_LEAK_PREVENTION_OFF && ray_t < cell_size) { cell_size = world_cache_settings.cell_size; }
 
     WorldCacheKey key = choose_key(world_position, geometric_world_normal, cell_size, rng);
     uint cell = insert_world_cache_cell(key);
@@ -145,7 +146,7 @@ Gathered gather_light(
         float ray_t = short_rays ? sight.ray_t : INFINITY;
         WorldCacheResult cached = query_world_cache(hit.world_position, hit.geometric_world_normal, ray_t, lifetime, rng);
         light.irradiance += throughput * (cached.found ? cached.irradiance : sample_irradiance(hit, rng));
-        if (cached.found || uniforms.world_cache == 0u) { break; }
+        if (cached.found || frame_settings.world_cache == 0u) { break; }
         origin = hit.world_position + hit.ray_offset * hit.geometric_world_normal;
         direction = orthonormalize(hit.geometric_world_normal) * sample_cosine_hemisphere(rand_vec2f(rng));
     }

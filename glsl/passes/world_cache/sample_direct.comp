@@ -6,6 +6,7 @@
 #include "passes/light_tiles/light_tiles.glsl"
 #include "passes/ray_count.glsl"
 #include "passes/world_cache/update.glsl"
+#include "scene/light_visibility.glsl"
 #include "scene/sampling.glsl"
 
 layout(local_size_x = 64) in;
@@ -15,7 +16,7 @@ vec3 sample_direct_irradiance(WorldCacheSurface surface, inout uint rng) {
     float weight_sum = 0.0;
     float chosen_target = 0.0;
     LightSample chosen;
-    for (uint i = 0u; i < uniforms.world_cache_candidates; i++) {
+    for (uint i = 0u; i < world_cache_settings.candidates; i++) {
         LightCandidate candidate = sample_light_candidate(tile, rng);
         LightContribution light = calculate_resolved_light_contribution(candidate.resolved, surface.world_position);
         float target = luminance(light.received_radiance) * max(dot(light.wi, surface.geometric_world_normal), 0.0);
@@ -34,7 +35,7 @@ vec3 sample_direct_irradiance(WorldCacheSurface surface, inout uint rng) {
     count_ray();
     if (!trace_light_visibility(origin, light_sample)) { return vec3(0.0); }
     float cosine = max(dot(light.wi, surface.geometric_world_normal), 0.0);
-    float inverse_pdf = weight_sum / (float(uniforms.world_cache_candidates) * chosen_target);
+    float inverse_pdf = weight_sum / (float(world_cache_settings.candidates) * chosen_target);
     return light.received_radiance * (cosine * inverse_pdf);
 }
 

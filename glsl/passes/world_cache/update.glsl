@@ -10,7 +10,7 @@ const uint INDIRECT_SALT = 0x7C01D14Eu;
 
 // Follows the key, not the cell's place in the map or the list, which hang on who was faster.
 uint seed_cell_rng(uint cell, uint salt) {
-    return seed_rng(uvec2(world_cache_checksums.at[cell], 0u), uniforms.frame_index, uniforms.seed ^ salt);
+    return seed_rng(uvec2(world_cache_checksums.at[cell], 0u), this_frame.index, this_frame.seed ^ salt);
 }
 
 // The cell that a thread updates, or NO_INDEX. Above the cap cells take turns by chance, the same cells in every pass.
@@ -18,7 +18,7 @@ uint find_cell_to_update(uint thread) {
     if (thread >= world_cache_counters.active_cells) { return NO_INDEX; }
     uint cell = world_cache_active_cells.at[thread];
     uint rng = seed_cell_rng(cell, UPDATE_SALT);
-    bool chosen = rand_f(rng) * float(world_cache_counters.active_cells) < float(uniforms.world_cache_update_cap);
+    bool chosen = rand_f(rng) * float(world_cache_counters.active_cells) < float(world_cache_settings.update_cap);
     return chosen ? cell : NO_INDEX;
 }
 

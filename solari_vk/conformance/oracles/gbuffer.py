@@ -12,7 +12,6 @@ from solari_vk.conformance.oracles import closed_forms, packed_lights
 from solari_vk.scene.model import Camera
 
 Image = NDArray[Any]
-NO_INSTANCE = 0xFFFFFFFF
 IMAGES = ("gbuffer", "gbuffer_surface", "depth", "motion_vectors")
 
 

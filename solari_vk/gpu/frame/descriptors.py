@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from solari_vk.errors import SolariError
@@ -12,6 +13,15 @@ from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.device.sampler import Sampler
 from solari_vk.gpu.frame.interface import DESCRIPTOR_TYPES, SET_COUNT, Interface
 from solari_vk.gpu.shaders.spirv import Binding
+
+
+@dataclass(frozen=True)
+class BufferRange:
+    """A part of a buffer, in bytes."""
+
+    buffer: Buffer
+    offset: int
+    size: int
 
 
 class DescriptorSets:
@@ -53,9 +63,9 @@ class DescriptorSets:
             device.vk.vkAllocateDescriptorSets(device.handle, allocate, self.handles + index)
 
     def write(self, resources: Mapping[str, Any]) -> None:
-        """Point bindings at resources by name: a Buffer, an Image, an object with the `handle` of an acceleration
-        structure, an (Image, Sampler), or a list of those for a bindless array. Names that no shader has are
-        passed over. The work that reads the sets must be done. Raises SolariError for what doesn't fit."""
+        """Point bindings at resources by name: a Buffer or BufferRange, an Image, an object with the `handle` of an
+        acceleration structure, an (Image, Sampler), or a list of those for a bindless array. Names that no shader has
+        are passed over. The work that reads the sets must be done. Raises SolariError for what doesn't fit."""
         writes, kept = [], []
         for name, resource in resources.items():
             binding = self._interface.bindings.get(name)
@@ -81,7 +91,7 @@ class DescriptorSets:
         """The fields of VkWriteDescriptorSet that say what is bound, and what must outlive the call."""
         kind = binding.kind
         if kind in ("uniform_buffer", "storage_buffer"):
-            info = self._buffer_info(binding, _expect(binding, resource, Buffer))
+            info = self._buffer_info(binding, resource)
             return {"descriptorCount": 1, "pBufferInfo": [info]}, info
         if kind == "acceleration_structure":
             handle = getattr(resource, "handle", None)
@@ -101,15 +111,18 @@ class DescriptorSets:
             self._image_info(binding, item, info)
         return {"descriptorCount": len(items), "pImageInfo": infos}, infos
 
-    def _buffer_info(self, binding: Binding, buffer: Buffer) -> raw.CData:
+    def _buffer_info(self, binding: Binding, resource: Any) -> raw.CData:
+        part = resource if isinstance(resource, BufferRange) else None
+        buffer = _expect(binding, part.buffer if part else resource, Buffer)
+        offset, size = (part.offset, part.size) if part else (0, buffer.size)
         limits = self._interface.device.properties.limits
         uniform = binding.kind == "uniform_buffer"
         limit = limits.maxUniformBufferRange if uniform else limits.maxStorageBufferRange
-        if buffer.size > limit:
+        if size > limit:
             raise SolariError(
-                f"{binding.name} has {buffer.size:,} bytes, but this device's shaders see at most {limit:,} of a buffer"
+                f"{binding.name} has {size:,} bytes, but this device's shaders see at most {limit:,} of a buffer"
             )
-        return raw.struct("VkDescriptorBufferInfo", buffer=buffer.handle, range=raw.VK_WHOLE_SIZE)
+        return raw.struct("VkDescriptorBufferInfo", buffer=buffer.handle, offset=offset, range=size)
 
     def _image_info(self, binding: Binding, item: Any, info: raw.CData) -> None:
         if binding.kind == "sampler":

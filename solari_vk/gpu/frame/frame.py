@@ -1,7 +1,7 @@
 """A frame: its stages' passes recorded once per slot, with derived barriers, and submitted with almost no Python.
 
 Two slots take turns, so that one can be prepared while the other runs. Each has its descriptor sets, command
-buffer, uniform block and timestamps. Frames follow each other in order: each opens with a full barrier, so a frame
+buffer, uniform blocks and timestamps. Frames follow each other in order: each opens with a full barrier, so a frame
 sees all that was submitted before it, uploads included; barriers inside come from `hazards`.
 """
 
@@ -50,21 +50,20 @@ class Frame:
     """The stages on a device. A context manager; `close` frees all it made.
 
     external: resources made elsewhere, by name, such as a scene's; names that no shader has are passed over.
-    uniforms: the name of the uniform block. barrier_every_pass: a barrier before every step, to find out whether one
-    is missing (default: SOLARI_VK_BARRIERS=all). glsl_root: the folder that holds passes/, or several; what isn't found
-    there is taken from the package's.
+    barrier_every_pass: a barrier before every step, to find out whether one is missing (default:
+    SOLARI_VK_BARRIERS=all). glsl_root: the folder that holds passes/, or several; what isn't found there is taken from
+    the package's. Uniform blocks of the shaders that aren't external are the frame's own; `uniforms` sets them.
     Raises SolariError when a shader's resource is neither declared by a stage nor external.
     """
 
     def __init__(
         self, device: Device, stages: Sequence[Stage], *, external: Mapping[str, Any] | None = None,
-        uniforms: str = "uniforms", barrier_every_pass: bool | None = None, glsl_root: Roots | None = None,
+        barrier_every_pass: bool | None = None, glsl_root: Roots | None = None,
     ) -> None:  # fmt: skip
         self.device = device
-        self.uniforms = Uniforms(None, uniforms)
+        self.uniforms = Uniforms(int(device.properties.limits.minUniformBufferOffsetAlignment))
         self.frame_count = 0
         self.timed_value = 0
-        self._uniform_name = uniforms
         every = os.environ.get("SOLARI_VK_BARRIERS") == "all"
         self._barrier_every_pass = every if barrier_every_pass is None else barrier_every_pass
         self._stages: list[Stage] = list(stages)
@@ -95,7 +94,7 @@ class Frame:
         try:
             resources = self._resources.changed_to(stages, program.interface)
             bound = [resources.named(index) | external for index in range(SLOTS)]
-            program.check(bound[0], self._uniform_name)
+            program.check(bound[0])
             accesses = program.accesses(bound[0])
         except BaseException:
             resources.destroy_all_but(self._resources)
@@ -108,15 +107,12 @@ class Frame:
         self._structures = [binding.name for binding in kinds if binding.kind == "acceleration_structure"]
         self._resources.destroy_all_but(resources)
         self._stages, self._external, self._resources = stages, external, resources
-        if old is None or old.interface is not program.interface:
-            block = program.interface.bindings.get(self._uniform_name)
-            uniforms = Uniforms(block.dtype if block else None, self._uniform_name)
-            uniforms.keep_from(self.uniforms)
-            self.uniforms = uniforms
+        blocks = {binding.name: binding.dtype for binding in kinds if binding.kind == "uniform_buffer"}
+        self.uniforms.declare({name: dtype for name, dtype in blocks.items() if dtype and name not in bound[0]})
         if old is not None:
             self._builder.discard(old, program)
         for slot, named in zip(self._slots, bound, strict=True):
-            slot.renew(program, named, self.uniforms.record, self._uniform_name)
+            slot.renew(program, named, self.uniforms)
 
     def bind(self, external: Mapping[str, Any]) -> None:
         """Use these external resources from the next frame on; others stay. The old ones may be destroyed now."""

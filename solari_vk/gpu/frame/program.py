@@ -42,10 +42,10 @@ class Program:
     modules: dict[tuple[str, str], Module]
     pipeline_keys: set[PipelineKey]
 
-    def check(self, bound: Mapping[str, Any], uniform_name: str) -> None:
+    def check(self, bound: Mapping[str, Any]) -> None:
         """Raise SolariError when a shader's resource is missing, naming the passes that need it."""
         for name, binding in self.interface.bindings.items():
-            if name in bound or (name == uniform_name and binding.kind == "uniform_buffer"):
+            if name in bound or binding.kind == "uniform_buffer":  # uniform blocks are the frame's own
                 continue
             users = [step.name for step in self.steps if any(name in module.main.uses for module in step.modules)]
             if not users:

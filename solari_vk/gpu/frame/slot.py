@@ -1,4 +1,4 @@
-"""One of the slots that frames take turns in: its descriptor sets, commands, uniform block and timestamps."""
+"""One of the slots that frames take turns in: its descriptor sets, commands, uniform blocks and timestamps."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier, memory_barrier
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.frame.descriptors import DescriptorSets
+from solari_vk.gpu.frame.descriptors import BufferRange, DescriptorSets
 from solari_vk.gpu.frame.hazards import Barrier
 from solari_vk.gpu.frame.program import Program
 from solari_vk.gpu.frame.raster import record_draw
 from solari_vk.gpu.frame.stages import Draw, Pass
+from solari_vk.gpu.frame.uniforms import Uniforms
 
 
 class Slot:
@@ -37,23 +38,24 @@ class Slot:
         self._query_count = 0
         self._query_token = 0
 
-    def renew(self, program: Program, bound: Mapping[str, Any], uniform_record: np.ndarray, uniform_name: str) -> None:
-        """Use other pipelines and resources from the next recording on."""
-        if self._program is None or self._program.interface is not program.interface:
-            if self._sets is not None:
-                self._sets.destroy()
-                self._sets = None
-            if self._uniforms is not None:
-                self._uniforms.destroy()
-                self._uniforms = None
+    def renew(self, program: Program, bound: Mapping[str, Any], uniforms: Uniforms) -> None:
+        """Use other pipelines, resources and uniform blocks from the next recording on."""
+        if self._sets is not None and self._program is not None and self._program.interface is not program.interface:
+            self._sets.destroy()
+            self._sets = None
         self._program = program
         self._bound = dict(bound)
-        if self._uniforms is None and uniform_name in program.interface.bindings:
-            self._uniforms = self._device.buffer(uniform_record.nbytes, f"{uniform_name} {self.index}", host=True)
+        size = uniforms.memory.nbytes
+        if self._uniforms is not None and self._uniforms.size != size:
+            self._uniforms.destroy()
+            self._uniforms = None
+        if size and self._uniforms is None:
+            self._uniforms = self._device.buffer(size, f"uniforms {self.index}", host=True)
             self._uniform_target = self._uniforms.view(np.uint8).data
         if self._uniforms is not None:
-            self._bound[uniform_name] = self._uniforms
-            self._uniform_source = uniform_record.view(np.uint8).data
+            for name, offset in uniforms.offsets.items():
+                self._bound[name] = BufferRange(self._uniforms, offset, uniforms.record(name).nbytes)
+            self._uniform_source = uniforms.memory.data
         self.stale = True
 
     def bind(self, resources: Mapping[str, Any]) -> None:
@@ -62,7 +64,7 @@ class Slot:
         self.stale = True
 
     def write_uniforms(self) -> None:
-        """Copy the uniforms to this slot's block; its last frame must be done."""
+        """Copy the uniforms to this slot's memory; the slot's previous frame must be done."""
         if self._uniforms is not None:
             self._uniform_target[:] = self._uniform_source
 

@@ -1,51 +1,107 @@
-"""The uniform block on the host: a record whose fields are set by name."""
+"""The uniform blocks of a frame on the host: fields that are set by name, in one piece of memory."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from solari_vk.errors import SolariError
+from solari_vk.gpu.frame.packing import packing
 
 
 class Uniforms:
-    """The uniform block as a record: fields by name, of the shapes that the shaders give them.
+    """All uniform blocks that a frame's shaders declare: `uniforms["camera.near"] = 0.1`, spelled as in the shaders.
 
-    Matrices are stored by columns: assign a numpy matrix transposed. Values stay until they are changed, and each
-    frame takes those of the moment it is submitted.
+    Matrices are stored by columns: assign a numpy matrix transposed. A value stays until it is changed, and a frame
+    takes the values that the blocks have when it is submitted. Raises SolariError for an unknown name or a wrong shape.
     """
 
-    def __init__(self, dtype: np.dtype[Any] | None, name: str) -> None:
-        self._name = name
-        self.record = np.zeros(1, dtype if dtype is not None else np.dtype([]))
-        self._fields = {field: self.record[field] for field in self.record.dtype.names or ()}
+    def __init__(self, alignment: int) -> None:
+        self.memory = np.zeros(0, np.uint8)
+        """What each frame copies to the device."""
+        self.offsets: dict[str, int] = {}
+        """The byte at which each block begins, a multiple of the device's alignment."""
+        self.version = 0
+        """Grows whenever other blocks are declared."""
+        self._alignment = alignment
+        self._types: dict[str, np.dtype[Any]] = {}
+        self._fields: dict[str, np.ndarray] = {}
 
-    def __getitem__(self, field: str) -> Any:
-        self._check(field)
-        return self._fields[field][0]
+    def declare(self, blocks: Mapping[str, np.dtype[Any]]) -> None:
+        """Have these blocks from now on. Fields that have the name and type of a field before keep their value."""
+        if blocks == self._types:
+            return
+        offsets, end = {}, 0
+        for name, dtype in blocks.items():
+            offsets[name] = -(-end // self._alignment) * self._alignment
+            end = offsets[name] + dtype.itemsize
+        before = self._fields
+        self.memory, self.offsets, self._types = np.zeros(end, np.uint8), offsets, dict(blocks)
+        records = {name: self.record(name) for name in blocks}
+        self._fields = {f"{name}.{field}": record[field] for name, record in records.items()
+                        for field in record.dtype.names or ()}  # fmt: skip
+        for name, values in self._fields.items():
+            if name in before and before[name].dtype == values.dtype and before[name].shape == values.shape:
+                values[:] = before[name]
+        self.version += 1
 
-    def __setitem__(self, field: str, value: Any) -> None:
-        self._check(field)
-        target = self._fields[field]
+    def record(self, block: str) -> np.ndarray:
+        """A block as an array of one record, which shares its memory with the block until others are declared."""
+        if block not in self._types:
+            known = ", ".join(self._types) or "none"
+            raise SolariError(f"the shaders have no uniform block {block}; there are {known}")
+        first = self.offsets[block]
+        return self.memory[first : first + self._types[block].itemsize].view(self._types[block])
+
+    def writer(self, block: str, names: Sequence[str]) -> Callable[..., None]:
+        """A quick function that sets the named fields, which must follow each other in the block, to plain numbers.
+
+        A field of several numbers takes them one by one. The function stays valid when other blocks are declared. It
+        does nothing while no shader has the block.
+        """
+        version, pack, target, first = -1, None, self.memory.data, 0
+
+        def write(*values: float) -> None:
+            nonlocal version, pack, target, first
+            if version != self.version:
+                pack, target = None, self.memory.data
+                if block in self._types:
+                    packed, offset = packing(self._types[block], names)
+                    pack, first = packed.pack_into, self.offsets[block] + offset
+                version = self.version
+            if pack is not None:
+                pack(target, first, *values)
+
+        return write
+
+    def __getitem__(self, name: str) -> Any:
+        return self._field(name)[0]
+
+    def __setitem__(self, name: str, value: Any) -> None:
+        target = self._field(name)
         shape = value.shape if isinstance(value, np.ndarray) else np.shape(value)
         if shape != target.shape[1:] and shape:
-            raise SolariError(f"{self._name}.{field} has shape {target.shape[1:]}, not {shape}")
+            raise SolariError(f"the uniform {name} has shape {target.shape[1:]}, not {shape}")
         try:
             target[0] = value
         except (TypeError, ValueError, OverflowError) as error:
-            raise SolariError(f"{self._name}.{field} is {target.dtype}: {error}") from error
+            raise SolariError(f"the uniform {name} is {target.dtype}: {error}") from error
 
-    def __contains__(self, field: str) -> bool:
-        return field in self._fields
+    def update(self, values: Mapping[str, Any]) -> None:
+        """Set fields by name; those that no shader has are passed over."""
+        for name, value in values.items():
+            if name in self._fields:
+                self[name] = value
 
-    def _check(self, field: str) -> None:
-        if field not in self:
-            known = ", ".join(self.record.dtype.names or ()) or "none"
-            raise SolariError(f"the shaders' {self._name} have no field {field}; there are {known}")
+    def __contains__(self, name: str) -> bool:
+        """Whether there is a block or a field ("block.field") of this name."""
+        return name in self._types or name in self._fields
 
-    def keep_from(self, older: Uniforms) -> None:
-        """Take over the values of fields that have the same name and type."""
-        for field in self.record.dtype.names or ():
-            if field in older and older.record.dtype[field] == self.record.dtype[field]:
-                self.record[field] = older.record[field]
+    def _field(self, name: str) -> np.ndarray:
+        try:
+            return self._fields[name]
+        except KeyError:
+            known = ", ".join(self._fields) or "none"
+            raise SolariError(f"the shaders have no uniform {name}; there are {known}") from None

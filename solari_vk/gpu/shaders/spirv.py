@@ -117,6 +117,9 @@ class _Reader:
         op, words = self.types[target]
         place = [self.decorations.get((variable, which), (0,))[0] for which in (_DECORATION_SET, _DECORATION_BINDING)]
         name = self.names.get(variable) or self.names.get(target, "")
+        if op == _TYPE_STRUCT and not self.names.get(variable) and len(words) == 2 and self.types[words[1]].op == op:
+            # a block without an instance name that holds one struct: GLSL calls the struct by the member's name
+            name, target, op, words = self.member_names[target, 0], words[1], *self.types[words[1]]
         if not name:
             raise SolariError(
                 f"{self.name}: the resource at set {place[0]}, binding {place[1]} has no name: the module was stripped"

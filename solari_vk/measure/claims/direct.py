@@ -23,13 +23,13 @@ from solari_vk.measure.statistics import relative_mse
 from solari_vk.output.tone_mapping import LUMINANCE
 from solari_vk.renderer import Renderer
 from solari_vk.scene.builtin import builtin
+from solari_vk.scene.constants import NO_INDEX
 from solari_vk.scene.model import Camera, Scene
 
 DIRECT_ONLY = {"gi": False, "specular": False, "world_cache": False}
 DIRECT = ("di_diffuse", "di_specular")
 INITIAL = "restir_di/initial_and_temporal"
 WARM_UP = 24
-NO_INDEX = 0xFFFFFFFF
 
 
 def _light_tiles(bench: Workbench) -> Outcome:

@@ -5,14 +5,14 @@
 layout(local_size_x = 8, local_size_y = 8) in;
 
 layout(set = 0, binding = 0) uniform accelerationStructureEXT tlas;
-layout(set = 1, binding = 0, scalar) uniform UniformsBlock { uvec2 size; } uniforms;
+layout(set = 1, binding = 0, scalar) uniform UniformsBlock { uvec2 size; } view;
 layout(set = 1, binding = 1, scalar) readonly buffer SpheresBlock { vec4 at[]; } spheres;
 layout(set = 1, binding = 2, scalar) writeonly buffer PictureBlock { vec3 at[]; } picture;
 
 void main() {
     uvec2 pixel = gl_GlobalInvocationID.xy;
-    if (any(greaterThanEqual(pixel, uniforms.size))) { return; }
-    vec2 screen = (2.0 * (vec2(pixel) + 0.5) - vec2(uniforms.size)) / float(uniforms.size.y);
+    if (any(greaterThanEqual(pixel, view.size))) { return; }
+    vec2 screen = (2.0 * (vec2(pixel) + 0.5) - vec2(view.size)) / float(view.size.y);
     vec3 origin = vec3(0.0, 0.0, 5.0), direction = normalize(vec3(screen * vec2(0.6, -0.6), -1.0));
 
     RAY_QUERY(query);
@@ -32,5 +32,5 @@ void main() {
         vec3 normal = (origin + hit.t * direction - sphere.xyz) / sphere.w;
         color = (0.5 + 0.5 * normal) * max(-dot(normal, direction), 0.0);
     }
-    picture.at[pixel.y * uniforms.size.x + pixel.x] = color;
+    picture.at[pixel.y * view.size.x + pixel.x] = color;
 }

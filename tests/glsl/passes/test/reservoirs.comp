@@ -50,9 +50,9 @@ void main() {
             if (choose_weighted(chosen.at[i].sum, s.weights[k], s.rng)) { chosen.at[i].index = k; }
         }
     }
-    uint pixels = uniforms.size.x * uniforms.size.y;
+    uint pixels = camera.size.x * camera.size.y;
     if (i < 16u * pixels) {
-        ivec2 pixel = ivec2(i % pixels % uniforms.size.x, i % pixels / uniforms.size.x);
+        ivec2 pixel = ivec2(i % pixels % camera.size.x, i % pixels / camera.size.x);
         permuted.at[i] = permute_pixel(pixel, i / pixels);
     }
 }

@@ -12,11 +12,11 @@ layout(constant_id = 10) const uint first_ray = 0u;
 
 void main() {
     uint index = INVOCATION_INDEX.x;
-    if (index >= answers.at.length() || uniforms.gi == 0u) { return; }
-    uint rng = seed_rng(uvec2(index, 1u), uniforms.frame_index, uniforms.seed);
+    if (index >= answers.at.length() || frame_settings.gi == 0u) { return; }
+    uint rng = seed_rng(uvec2(index, 1u), this_frame.index, this_frame.seed);
     float z = 2.0 * rand_f(rng) - 1.0, angle = 2.0 * PI * rand_f(rng);
     vec3 direction = vec3(sqrt(1.0 - z * z) * vec2(cos(angle), sin(angle)), z);
-    vec3 origin = uniforms.world_from_view[3];
+    vec3 origin = camera.world_from_view[3];
     answers.at[index] = vec3(0.0);
     if (first_ray == 0u) {
         Hit hit = trace_closest_hit(origin, 0.0, direction, INFINITY, TRACE_BOTH_FACES);
@@ -25,6 +25,6 @@ void main() {
         origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
         direction = orthonormalize(surface.geometric_world_normal) * sample_cosine_hemisphere(rand_vec2f(rng));
     }
-    uint lifetime = uniforms.world_cache_lifetime;
+    uint lifetime = world_cache_settings.lifetime;
     answers.at[index] = gathered_radiance(gather_light(origin, direction, INFINITY, 0.0, true, lifetime, rng));
 }

@@ -11,6 +11,6 @@ layout(local_size_x = 64) in;
 void main() {
     uint index = gl_GlobalInvocationID.x;
     if (index >= places.at.length()) { return; }
-    uint rng = seed_rng(uvec2(index, 1u), uniforms.frame_index, uniforms.seed);
+    uint rng = seed_rng(uvec2(index, 1u), this_frame.index, this_frame.seed);
     sizes.at[index] = get_cell_size(places.at[index], rng);
 }

@@ -1,0 +1,36 @@
+// What the reference path tracer is asked for, and its outputs.
+#ifndef PASSES_PATHTRACER_BINDINGS_GLSL
+#define PASSES_PATHTRACER_BINDINGS_GLSL
+
+#extension GL_EXT_scalar_block_layout : require
+
+#include "generated/passes/path_sampling.glsl"
+#include "scene/camera.glsl"
+
+layout(set = 1, binding = 14, scalar) uniform PathSamplingBlock {
+    uint seed;
+    uint first_row;             // the dispatch covers rows from here
+    uint row_count;
+    uint sample_index;          // samples that every pixel of these rows has already
+    uint samples_per_dispatch;
+    uint max_bounces;           // 0: only emission
+    uint light_strategy;        // LIGHT_STRATEGY_*
+    uint pixel_filter;          // PIXEL_FILTER_*
+    float filter_radius;        // in pixels, 0.5 for a box of one pixel
+} path_sampling;
+
+layout(set = 1, binding = 3, scalar) buffer RadianceMeanBlock { vec3 at[]; } radiance_mean;
+// Of luminance over samples: sum of squared distances from the mean.
+layout(set = 1, binding = 4, scalar) buffer LuminanceDeviationsBlock { float at[]; } luminance_deviations;
+layout(set = 1, binding = 13, scalar) buffer RayCountBlock { uint at[]; } ray_count;  // traced for the pixel so far
+
+layout(set = 1, binding = 5, scalar) buffer DepthBlock { float at[]; } aov_depth;  // along the view axis, inf: nothing
+layout(set = 1, binding = 6, scalar) buffer PositionBlock { vec3 at[]; } aov_position;
+layout(set = 1, binding = 7, scalar) buffer GeometricNormalBlock { vec3 at[]; } aov_geometric_normal;
+layout(set = 1, binding = 8, scalar) buffer ShadingNormalBlock { vec3 at[]; } aov_shading_normal;
+layout(set = 1, binding = 9, scalar) buffer AlbedoBlock { vec3 at[]; } aov_albedo;
+layout(set = 1, binding = 10, scalar) buffer RoughnessMetallicBlock { vec2 at[]; } aov_roughness_metallic;
+layout(set = 1, binding = 11, scalar) buffer EmissiveBlock { vec3 at[]; } aov_emissive;
+layout(set = 1, binding = 12, scalar) buffer InstanceIdBlock { uint at[]; } aov_instance_id;  // NO_INDEX: nothing
+
+#endif

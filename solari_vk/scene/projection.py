@@ -1,0 +1,93 @@
+"""The way of a camera to the shaders: Camera -> Projection -> the uniform blocks `camera` and `previous_camera`.
+
+glsl/scene/camera.glsl declares the blocks and makes rays from them.
+"""
+
+from __future__ import annotations
+
+import math
+from operator import is_
+from typing import Any, NamedTuple
+
+from solari_vk.gpu.frame.uniforms import Uniforms
+from solari_vk.scene.model import Camera
+
+Numbers = tuple[float, ...]
+FIELDS = ("world_from_view", "view_from_world", "tan_half_fov", "near", "size", "jitter")  # of struct Camera
+
+
+def _halton(index: int, base: int) -> float:
+    """The radical inverse of a number: Halton (1964)."""
+    result, part = 0.0, 1.0
+    while index:
+        part /= base
+        result += part * (index % base)
+        index //= base
+    return result
+
+
+JITTERS = [(_halton(index, 2) - 0.5, _halton(index, 3) - 0.5) for index in range(1, 33)]
+"""Sample positions in successive frames, from the pixel's center, in pixels; after the last the first follows."""
+
+
+class Projection(NamedTuple):
+    """A camera over a picture of some size, in plain numbers."""
+
+    source: tuple[Any, ...]
+    """What the projection was made from."""
+    numbers: Numbers
+    """The fields of the shaders' struct Camera in its order, but for jitter."""
+    jitter: tuple[float, float]
+    """The camera's own."""
+    exposure: float
+
+    @classmethod
+    def of(cls, camera: Camera, size: tuple[int, int], known: Projection | None = None) -> Projection:
+        """The projection of a camera as it is now; `known` itself if nothing was assigned to the camera since then."""
+        source = camera.transform, camera.jitter, camera.vertical_fov, camera.near, camera.ev100, size
+        if known is not None and all(map(is_, source, known.source)):
+            return known
+        (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = camera.transform.tolist()
+        # Axes of length 1, or depths would be in the camera's own units.
+        p, q, r = math.hypot(a, d, g), math.hypot(b, e, h), math.hypot(c, f, i)
+        a, d, g, b, e, h, c, f, i = a / p, d / p, g / p, b / q, e / q, h / q, c / r, f / r, i / r
+        # A row of the inverse is the cross product of the other two axes, over the volume of all three.
+        volume = a * (e * i - h * f) + d * (h * c - b * i) + g * (b * f - e * c)
+        j, k, m = (e * i - h * f) / volume, (h * c - b * i) / volume, (b * f - e * c) / volume
+        n, o, p = (f * g - i * d) / volume, (i * a - c * g) / volume, (c * d - f * a) / volume
+        q, r, s = (d * h - g * e) / volume, (g * b - a * h) / volume, (a * e - d * b) / volume
+        tan_half_fov = math.tan(camera.vertical_fov / 2)
+        jitter_x, jitter_y = camera.jitter.tolist()
+        numbers = (
+            a, d, g, b, e, h, c, f, i, x, y, z,
+            j, n, q, k, o, r, m, p, s,
+            -j * x - k * y - m * z, -n * x - o * y - p * z, -q * x - r * y - s * z,
+            tan_half_fov * size[0] / size[1], tan_half_fov, camera.near, *size,
+        )  # fmt: skip
+        return cls(source, numbers, (jitter_x, jitter_y), camera.exposure)
+
+
+class CameraUniforms:
+    """Writes a camera to the uniform blocks of a frame's shaders, frame by frame."""
+
+    def __init__(self, uniforms: Uniforms) -> None:
+        self._write = uniforms.writer("camera", FIELDS)
+        self._write_previous = uniforms.writer("previous_camera", FIELDS)
+        self._projection: Projection | None = None
+        self._latest: Numbers = ()
+
+    def write(
+        self, camera: Camera, size: tuple[int, int], offset: tuple[float, float] = (0.0, 0.0), *,
+        has_history: bool = False,
+    ) -> Projection:  # fmt: skip
+        """Set `camera`, and with history `previous_camera` to what was written last, else to the same.
+
+        size: of the picture in pixels. offset: added to the camera's jitter, in pixels.
+        """
+        projection = self._projection = Projection.of(camera, size, self._projection)
+        (x, y), (dx, dy) = projection.jitter, offset
+        numbers = (*projection.numbers, x + dx, y + dy)
+        self._write(*numbers)
+        self._write_previous(*(self._latest if has_history else numbers))
+        self._latest = numbers
+        return projection

@@ -1,0 +1,101 @@
+"""Uniform blocks: several in one memory, quick writers, values that outlast another layout."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from solari_vk.errors import SolariError
+from solari_vk.gpu.frame.frame import Frame, Pass, Stage
+from solari_vk.gpu.frame.uniforms import Uniforms
+
+ONE = np.dtype([("scale", "f4"), ("place", "f4", (3,)), ("count", "u4")])
+TWO = np.dtype([("count", "u4"), ("matrix", "f4", (4, 3))])
+
+
+def make(**blocks: np.dtype) -> Uniforms:
+    uniforms = Uniforms(64)
+    uniforms.declare(blocks)
+    return uniforms
+
+
+def test_blocks_are_aligned_and_apart():
+    uniforms = make(one=ONE, two=TWO)
+    assert uniforms.offsets == {"one": 0, "two": 64}
+    assert uniforms.memory.nbytes == 64 + TWO.itemsize
+    uniforms["one.count"], uniforms["two.count"] = 5, 6
+    uniforms["two.matrix"] = np.ones((4, 3))
+    assert (uniforms["one.count"], uniforms["two.count"]) == (5, 6)
+    assert uniforms.record("two")["matrix"].sum() == 12
+    assert "one.count" in uniforms
+    assert "one" in uniforms
+    assert "count" not in uniforms
+
+
+def test_unknown_names_and_wrong_shapes():
+    uniforms = make(one=ONE)
+    with pytest.raises(SolariError, match=r"no uniform two\.count; there are one\.scale, one\.place, one\.count"):
+        uniforms["two.count"] = 1
+    with pytest.raises(SolariError, match="no uniform block two; there are one"):
+        uniforms.record("two")
+    with pytest.raises(SolariError, match=r"one\.place has shape \(3,\), not \(2,\)"):
+        uniforms["one.place"] = (1, 2)
+    with pytest.raises(SolariError, match=r"one\.count is uint32"):
+        uniforms["one.count"] = -1
+    uniforms.update({"one.count": 9, "nobody.count": 1})
+    assert uniforms["one.count"] == 9
+
+
+def test_writers_and_values_outlast_another_layout():
+    uniforms = make(one=ONE)
+    write, absent = uniforms.writer("one", ("place", "count")), uniforms.writer("two", ("count",))
+    write(1, 2, 3, 4)
+    absent(7)
+    assert (*uniforms["one.place"], uniforms["one.count"]) == (1, 2, 3, 4)
+    before = uniforms.version
+    uniforms.declare({"two": TWO, "one": ONE})
+    assert uniforms.version > before
+    assert (*uniforms["one.place"], uniforms["one.count"], uniforms["two.count"]) == (1, 2, 3, 4, 0)
+    write(5, 6, 7, 8)
+    absent(9)
+    assert (*uniforms["one.place"], uniforms["one.count"], uniforms["two.count"]) == (5, 6, 7, 8, 9)
+    uniforms.declare({"one": np.dtype([("count", "f4"), ("place", "f4", (3,))])})
+    assert (*uniforms["one.place"], uniforms["one.count"]) == (5, 6, 7, 0), "count is of another type now"
+
+
+BLOCKS = """struct Pair { uint first; uint second; };
+layout(set = 0, binding = 3, scalar) uniform PairBlock { Pair pair; };
+layout(set = 1, binding = 0, scalar) uniform ScaleBlock { uint factor; } scale;
+layout(set = 1, binding = 1, scalar) uniform UnusedBlock { uint factor; } unused;
+layout(set = 1, binding = 2, scalar) buffer ResultBlock { uint at[]; } result;
+layout(local_size_x = 1) in;
+uint sum(Pair p) { return p.first + p.second; }
+void main() { result.at[0] = scale.factor * sum(pair); result.at[1] = pair.second; }
+"""
+
+
+def test_shaders_see_their_blocks_frame_by_frame(device, shaders):
+    """A block of one struct without an instance name is called as the struct; a block that nothing reads is absent."""
+    shaders.write("blocks", BLOCKS)
+    stage = Stage("blocks", buffers={"result": 2}, passes=[Pass("blocks", threads=1)])
+    with Frame(device, [stage], glsl_root=shaders.root) as frame:
+        assert "unused.factor" not in frame.uniforms
+        write = frame.uniforms.writer("pair", ("first", "second"))
+        for number in range(3):
+            frame.uniforms["scale.factor"] = 10 + number
+            write(number, 4)
+            frame.submit()
+            assert frame["result"].tolist() == [(10 + number) * (number + 4), 4]
+
+
+def test_a_buffer_of_the_caller_can_be_a_block(device, shaders):
+    shaders.write("blocks", BLOCKS)
+    stage = Stage("blocks", buffers={"result": 2}, passes=[Pass("blocks", threads=1)])
+    given = device.buffer(4, "given")
+    given.upload(np.uint32(3))
+    with Frame(device, [stage], external={"scale": given}, glsl_root=shaders.root) as frame:
+        assert "scale" not in frame.uniforms
+        frame.uniforms["pair.first"] = 2
+        frame.submit()
+        assert frame["result"].tolist() == [6, 0]
+    given.destroy()
