@@ -209,7 +209,7 @@ layout(set = 1, binding = 149, scalar) buffer BlockedBlock { uint at[]; } blocke
 
 void main() {
     uvec2 pixel = INVOCATION_INDEX;
-    if (any(greaterThanEqual(pixel, uniforms.size))) { return; }
+    if (any(greaterThanEqual(pixel, camera.size))) { return; }
     GBufferSurface surface = load_gbuffer(pixel);
     uint rng = seed_rng(pixel, 0u, 1u), count = 0u;
     for (uint i = 0u; surface.exists && i < %du; i++) {
@@ -217,7 +217,7 @@ void main() {
         vec3 origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
         count += uint(!trace_visibility(origin, direction, INFINITY));
     }
-    blocked.at[pixel.y * uniforms.size.x + pixel.x] = count;
+    blocked.at[pixel.y * camera.size.x + pixel.x] = count;
 }
 """
 

@@ -2,7 +2,7 @@
 #version 460
 #extension GL_EXT_ray_query : require
 #include "common/random.glsl"
-#include "scene/sampling.glsl"
+#include "scene/light_visibility.glsl"
 
 layout(local_size_x = 64) in;
 
