@@ -178,7 +178,7 @@ BUGS = {
     "AgX without its outset": (display_checks.measure_picture, ["AgX"], TONEMAP, "shaped * inverse(AGX_INSET)",
                               "shaped"),
     "a view of one colour": (display_checks.measure_views, ["more than one thing"], VIEW,
-                             "uniforms.debug_view, pixel", "uniforms.debug_view, uvec2(0u)"),
+                             "display_settings.debug_view, pixel", "uniforms.debug_view, uvec2(0u)"),
     "another light shown": (display_checks.measure_views, ["views of light"], VIEW,
                             "(uniforms.debug_view,", "(uniforms.debug_view == 2u ? 1u : uniforms.debug_view,"),
     "motion shown twice": (display_checks.measure_views, ["views of surfaces"], VIEWS, "/ 16.0, 0.5)", "/ 8.0, 0.5)"),
