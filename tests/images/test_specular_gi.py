@@ -70,7 +70,7 @@ MUTANTS = {
     "no Fresnel in mirrors": (LOBE, "specular_fresnel(brdf, wo.z), INFINITY", "vec3(1.0), INFINITY"),
     "no light samples": (TRACE, "if (!brdf.mirror || brdf.specular_probability < 1.0) {", "if (false) {"),
     "roulette's survivors are not raised": (TRACE, "path.throughput /= survival;", ""),
-    "no first lights": (TRACE, "specular_gi_settings.di_roughness ? INFINITY : 0.0", "specular_di_roughness ? 0.0 : 0.0"),
+    "no first lights": (TRACE, "_settings.di_roughness ? INFINITY : 0.0", "_settings.di_roughness ? 0.0 : 0.0"),
     "pdf of another lobe": (LOBE, "brdf.pdf_per_d * D_GGX", "1.1 * brdf.pdf_per_d * D_GGX"),
 }
 
