@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import DeviceError, SolariError, ValidationError
+from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.swapchain import Swapchain
 from solari_vk.scene.model import Camera, Scene
@@ -170,17 +171,16 @@ class Viewer(Session):
                 raise
             self.report("picture", error)
 
-    def _draw(self, index: int) -> Any:
-        """Commands that draw the panels over an image of the swapchain, None without panels."""
+    def _draw(self, commands: raw.CData, index: int) -> None:
+        """Record the drawing of the panels over an image of the swapchain."""
         if self.overlay is None:
-            return None
+            return
         try:
-            return self.overlay.draw(self._swapchain, index)
+            self.overlay.draw(commands, self._swapchain, index)
         except (DeviceError, ValidationError):
             raise
         except (SolariError, OSError) as error:
             self.report("panels", error)
-            return None
 
     def _show_wait(self) -> None:
         """Say that the first picture takes long, since a driver may compile for a minute."""

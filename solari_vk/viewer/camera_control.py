@@ -1,4 +1,4 @@
-"""How hands move a camera: flying, orbiting around a point, focusing on it. Pure logic, no window."""
+"""How a user moves a camera: flying, looking around, orbiting around a point, focusing on it. Needs no window."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from solari_vk.errors import SolariError
 from solari_vk.scene.model import Camera
 
 UP = np.array((0.0, 1.0, 0.0))
-TURN = 0.005  # radians for a unit of the cursor's way
-STEEPEST = math.radians(89)  # of the view, so that up stays up
-FASTER = 4.0  # with shift
-WHEEL = 1.25  # of the speed, for each notch of the wheel
-# Directions in camera space, but for up and down, which are the world's.
+TURN = 0.005  # radians for each unit that the cursor moves
+MAX_ELEVATION = math.radians(89)  # of the view direction above and below the horizon
+FASTER = 4.0  # factor of the speed while shift is held
+WHEEL = 1.25  # factor of the speed for each notch of the wheel
+# Directions in camera space, except that "up" and "down" are the world's.
 DIRECTIONS = {
     "forward": (0, 0, -1),
     "back": (0, 0, 1),
@@ -29,59 +29,59 @@ DIRECTIONS = {
 
 
 class CameraControl:
-    """Moves `camera`, a copy of the one it was given. speed: metres a second, by default by the scene's extent."""
+    """Moves `camera`, a copy of the given one. `speed` is in metres a second; it starts at a quarter of the extent."""
 
     def __init__(self, camera: Camera, extent: float = 1.0) -> None:
         self.home = copy_of(camera)
         self.camera = copy_of(camera)
         self.home_speed = self.speed = max(extent, 1e-6) / 4
         self.held: set[str] = set()
-        """The DIRECTIONS whose keys are down."""
+        """The names of the DIRECTIONS whose keys are down."""
         self.fast = False
 
     def advance(self, seconds: float) -> None:
-        """Fly for so long in the directions that are held."""
+        """Fly in the directions that are held, for this many seconds."""
         if not self.held:
             return
         camera = np.zeros(3)
         world = np.zeros(3)
         for name in self.held:
             (world if name in ("up", "down") else camera)[:] += DIRECTIONS[name]
-        way = self.camera.transform[:3, :3] @ camera + world
-        length = float(np.linalg.norm(way))
+        direction = self.camera.transform[:3, :3] @ camera + world
+        length = float(np.linalg.norm(direction))
         if length > 1e-9:
-            self._move(way * (self.speed * (FASTER if self.fast else 1.0) * seconds / length))
+            self._move(direction * (self.speed * (FASTER if self.fast else 1.0) * seconds / length))
 
     def change_speed(self, notches: float) -> None:
-        """Fly faster, or slower with less than 0."""
+        """Change the speed by notches of the wheel; a positive number is faster."""
         factor = WHEEL ** min(max(notches, -20.0), 20.0)
         self.speed = min(max(self.speed * factor, 1e-3 * self.home_speed), 1e3 * self.home_speed)
 
     def look(self, right: float, down: float) -> None:
-        """Turn by a way of the cursor, where the camera stands."""
+        """Turn the camera about its own position by a movement of the cursor."""
         self._turn(right, down, self.camera.transform[:3, 3])
 
     def orbit(self, right: float, down: float, center: ArrayLike) -> None:
-        """Turn by a way of the cursor around a point of the world, as if that were held."""
+        """Turn the camera around a point in world space by a movement of the cursor."""
         self._turn(right, down, np.asarray(center, np.float64))
 
     def focus(self, point: ArrayLike, radius: float) -> None:
-        """Look at a point in the direction of now, from where a sphere of that radius around it is seen whole."""
+        """Look at a point, keeping the view direction, from where the whole sphere of `radius` around it is visible."""
         distance = max(radius, 1e-6) / math.sin(self.camera.vertical_fov / 2)
         transform = self.camera.transform.copy()
         transform[:3, 3] = np.asarray(point, np.float64) + distance * transform[:3, 2]
         self._assign(transform)
 
     def expose(self, stops: float) -> None:
-        """Brighter by so many stops."""
+        """Make the picture brighter by this many stops."""
         self.camera.ev100 = min(max(self.camera.ev100 - stops, -100.0), 100.0)
 
     def take(self, camera: Camera) -> None:
-        """Go where another camera stands, with its field of view; the exposure stays."""
+        """Take another camera's pose and field of view, and keep the exposure."""
         self.camera.update(transform=camera.transform, vertical_fov=camera.vertical_fov, near=camera.near)
 
     def reset(self) -> None:
-        """Back to where it began."""
+        """Return to the first pose and speed."""
         self.camera = copy_of(self.home)
         self.speed = self.home_speed
 
@@ -90,7 +90,7 @@ class CameraControl:
         return json.dumps(self.camera.pose())
 
     def paste_pose(self, text: str) -> None:
-        """Go where a text from `copy_pose` says. Raises SolariError when it is none."""
+        """Take the pose in a text from `copy_pose`. Raises SolariError for any other text."""
         try:
             pose: Any = json.loads(text)
         except ValueError:
@@ -102,34 +102,34 @@ class CameraControl:
 
     def _turn(self, right: float, down: float, center: NDArray[np.float64]) -> None:
         transform = self.camera.transform.copy()
-        height = math.asin(float(np.clip(-transform[1, 2], -1, 1)))  # of the view above the horizon
-        steepest = max(STEEPEST, abs(height))
-        raised = min(max(height - TURN * down, -steepest), steepest) - height
+        elevation = math.asin(float(np.clip(-transform[1, 2], -1, 1)))  # the view direction's elevation
+        limit = max(MAX_ELEVATION, abs(elevation))
+        raised = min(max(elevation - TURN * down, -limit), limit) - elevation
         turn = rotation(UP, -TURN * right) @ rotation(transform[:3, 0], raised)
         transform[:3, :3] = _orthonormal(turn @ transform[:3, :3])
         transform[:3, 3] = center + turn @ (transform[:3, 3] - center)
         self._assign(transform)
 
-    def _move(self, way: NDArray[np.float64]) -> None:
+    def _move(self, offset: NDArray[np.float64]) -> None:
         transform = self.camera.transform.copy()
-        transform[:3, 3] += way
+        transform[:3, 3] += offset
         self._assign(transform)
 
     def _assign(self, transform: NDArray[np.float64]) -> None:
-        # flying on for hours must not end in an error: there is nothing to see that far away
+        # A camera that flies for hours must not reach infinity; there is nothing to see that far away.
         limit = 1e6 * max(self.home_speed, 1.0)
         transform[:3, 3] = np.clip(transform[:3, 3], -limit, limit)
         self.camera.transform = transform
 
 
 def copy_of(camera: Camera) -> Camera:
-    """Another camera that stands in the same place."""
+    """A new camera with the same fields."""
     fields = ("transform", "vertical_fov", "near", "ev100", "jitter", "name")
     return Camera(**{name: getattr(camera, name) for name in fields})
 
 
 def rotation(axis: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
-    """Rodrigues' formula; the axis need not have length 1."""
+    """The matrix (3, 3) of a rotation, by Rodrigues' formula; angle in radians, axis of any length."""
     x, y, z = axis / np.linalg.norm(axis)
     cross = np.array(((0, -z, y), (z, 0, -x), (-y, x, 0)))
     matrix: NDArray[np.float64] = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * (cross @ cross)
@@ -137,7 +137,7 @@ def rotation(axis: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
 
 
 def _orthonormal(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The rotation next to a matrix that has drifted from one; scaled axes keep their lengths."""
+    """The nearest rotation to a matrix that rounding has changed; scaled axes keep their lengths."""
     lengths = np.linalg.norm(matrix, axis=0)
     left, _, right = np.linalg.svd(matrix / lengths)
     rotation: NDArray[np.float64] = (left @ right) * lengths

@@ -1,4 +1,4 @@
-"""Which key and which movement of the mouse does what: from events to actions. Pure logic, no window."""
+"""Maps keys and mouse to actions and camera movements. Needs no window."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import glfw
 from solari_vk.viewer.camera_control import CameraControl
 from solari_vk.viewer.window import Event
 
-CLICK = 3.0  # units of the cursor's way: less is no drag, but a click
+CLICK = 3.0  # a button that is released before the cursor moves this far is a click, not a drag
 
 FLY_KEYS = {
     glfw.KEY_W: "forward",
@@ -20,7 +20,7 @@ FLY_KEYS = {
     glfw.KEY_E: "up",
     glfw.KEY_Q: "down",
 }
-# (key, with control) -> what `Controls` calls; the same words as in KEYS_HELP.
+# (key, with control) -> the name of the action.
 ACTIONS = {
     (glfw.KEY_F, False): "focus",
     (glfw.KEY_R, False): "reset",
@@ -66,8 +66,8 @@ KEYS_HELP = (
 class Controls:
     """Turns events into movements of `camera` and into calls of `act(name, argument)`.
 
-    Actions are those of ACTIONS, "camera" with a number from 0, "pick" with the cursor's (x, y), and "grab" with it
-    when a drag begins: its result is the point of the world to orbit around, or None to look around instead.
+    The actions are those of ACTIONS; "camera" with an index; "pick" with the cursor's (x, y); and "grab" with it when a
+    drag begins, which returns the point in world space to orbit around, or None to look around instead.
     """
 
     def __init__(self, camera: CameraControl, act: Callable[[str, Any], Any]) -> None:
@@ -80,7 +80,7 @@ class Controls:
         self._center: Any = None
 
     def handle(self, events: Iterable[Event], *, takes_keys: bool = True, takes_mouse: bool = True) -> None:
-        """Follow events; keys or mouse may be somebody else's for now, but what is released is released."""
+        """Handle events. takes_keys and takes_mouse are false while panels use them; releases are handled anyway."""
         for event in events:
             if event.kind == "key" and (takes_keys or not event.pressed):
                 self._key(event)
@@ -94,7 +94,7 @@ class Controls:
                 self.release()
 
     def release(self) -> None:
-        """Let go of everything, as when the window loses the focus: no release of a key will be heard of."""
+        """Release all keys and buttons: a window that loses the focus gets no events of their release."""
         self.camera.held.clear()
         self.camera.fast = False
         self._button = None

@@ -107,12 +107,12 @@ class Overlay:
         imgui.render()
         self._laid_out = True
 
-    def draw(self, swapchain: Swapchain, index: int) -> raw.CData:
-        """Commands that draw the panels over an image of the window; None after an error, until a `reload`."""
+    def draw(self, commands: raw.CData, swapchain: Swapchain, index: int) -> None:
+        """Record commands that draw the panels over an image of the swapchain; none after an error, until `reload`."""
         imgui.set_current_context(self._context)
         if not self._laid_out:
             self.lay_out(0.0)
-        return self._renderer.draw(imgui.get_draw_data(), swapchain, index)
+        self._renderer.draw(imgui.get_draw_data(), commands, swapchain, index)
 
     def reload(self) -> None:
         """Take up changed shaders; raises CompilationError when one can't be compiled, and the old ones go on."""

@@ -1,4 +1,4 @@
-"""Draws what Dear ImGui laid out over the images of the window, with Vulkan."""
+"""Records the drawing of what Dear ImGui laid out, over an image of the window."""
 
 from __future__ import annotations
 
@@ -10,77 +10,54 @@ from imgui_bundle import imgui
 
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.buffer import Buffer
-from solari_vk.gpu.device.command_pool import CommandPool
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
-from solari_vk.gpu.device.swapchain import FRAMES, Swapchain
+from solari_vk.gpu.device.swapchain import Swapchain
 from solari_vk.gpu.frame.descriptors import DescriptorSets
 from solari_vk.gpu.frame.raster import rendering
 from solari_vk.viewer.overlay_pipeline import OverlayPipeline
-from solari_vk.viewer.presenter import layout_barrier
 
-_ATTACHED = raw.VK_IMAGE_LAYOUT_COLOR_ATTACHMENT_OPTIMAL
-_PRESENT = raw.VK_IMAGE_LAYOUT_PRESENT_SRC_KHR
 _VERTEX_BYTES, _INDEX_BYTES = imgui.VERTEX_SIZE, imgui.INDEX_SIZE
 _INDEX_TYPE = raw.VK_INDEX_TYPE_UINT32 if _INDEX_BYTES == 4 else raw.VK_INDEX_TYPE_UINT16
 
 
-class _Frame:
-    """One of the frames that may be under way: its commands, vertices and indices."""
-
-    def __init__(self, commands: raw.CData) -> None:
-        self.commands = commands
-        self.value = 0  # of the timeline, when it is done
-        self.buffers: dict[str, Buffer] = {}
-
-    def room(self, device: Device, name: str, size: int) -> Buffer:
-        """A mapped buffer of at least `size` bytes."""
-        if name not in self.buffers or self.buffers[name].size < size:
-            if name in self.buffers:
-                self.buffers[name].destroy()
-            self.buffers[name] = device.buffer(max(2 * size, 1 << 16), f"overlay {name}", host=True)
-        return self.buffers[name]
-
-
 class OverlayRenderer:
-    """Textures and pipelines of the current ImGui context. `close` it before the context."""
+    """Textures, pipeline, vertices and indices of the current ImGui context. `close` it before the context."""
 
     def __init__(self, device: Device) -> None:
         self.device = device
         self._pipeline: OverlayPipeline | None = None
         self._broken = False  # no pipeline could be made, and another try would take as long
         self._textures: dict[int, tuple[Image, DescriptorSets]] = {}
-        self._pool = CommandPool(device, "overlay")
-        self._frames = [_Frame(commands) for commands in self._pool.allocate(FRAMES)]
-        self._frame = 0
+        self._buffers: dict[tuple[str, int], Buffer] = {}  # by name and by the swapchain's slot
         io = imgui.get_io()
         io.backend_flags |= imgui.BackendFlags_.renderer_has_textures | imgui.BackendFlags_.renderer_has_vtx_offset
 
-    def draw(self, data: Any, swapchain: Swapchain, index: int) -> raw.CData:
-        """Commands that draw `data` over an image of the window, which is and stays in PRESENT_SRC.
+    def draw(self, data: Any, commands: raw.CData, swapchain: Swapchain, index: int) -> None:
+        """Record commands that draw `data` over an image of the swapchain.
 
-        Raises CompilationError when a shader can't be compiled; then there are none, None, until a `reload`.
+        Raises CompilationError for a broken shader; nothing is recorded then, nor later until a `reload`.
         """
-        device, vk = self.device, self.device.vk
         if not self._use_format(swapchain.format):
-            return None
+            return
         self._update_textures(data)
-        self._frames[self._frame].value = device.submitted  # the frame that was drawn before is among these
-        self._frame = (self._frame + 1) % FRAMES
-        frame = self._frames[self._frame]
-        device.await_value(frame.value)
-        vk.vkBeginCommandBuffer(frame.commands, raw.struct("VkCommandBufferBeginInfo"))
-        vk.vkCmdPipelineBarrier2(frame.commands, layout_barrier(swapchain.images[index], _PRESENT, _ATTACHED))
-        target = (swapchain.views[index], _ATTACHED)
-        with rendering(device, frame.commands, swapchain.extent, [target], clears=False):
+        target = (swapchain.views[index], raw.VK_IMAGE_LAYOUT_COLOR_ATTACHMENT_OPTIMAL)
+        with rendering(self.device, commands, swapchain.extent, [target], clears=False):
             if data.total_vtx_count:
-                self._record(frame, data, swapchain.extent)
-        vk.vkCmdPipelineBarrier2(frame.commands, layout_barrier(swapchain.images[index], _ATTACHED, _PRESENT))
-        vk.vkEndCommandBuffer(frame.commands)
-        return frame.commands
+                self._record(commands, data, swapchain.extent, swapchain.slot)
+
+    def _buffer(self, name: str, slot: int, size: int) -> Buffer:
+        """A mapped buffer of at least `size` bytes."""
+        buffer = self._buffers.get((name, slot))
+        if buffer is None or buffer.size < size:
+            if buffer is not None:
+                buffer.destroy()
+            buffer = self.device.buffer(max(2 * size, 1 << 16), f"overlay {name}", host=True)
+            self._buffers[name, slot] = buffer
+        return buffer
 
     def _use_format(self, format: int) -> bool:
-        """Another pipeline where another surface has another format; whether there is one."""
+        """Make the pipeline for a format, unless there is one; returns False when there is none."""
         if self._pipeline is not None and self._pipeline.format == format:
             return True
         if not self._broken:
@@ -90,7 +67,7 @@ class OverlayRenderer:
         return not self._broken
 
     def _make_pipeline(self, format: int) -> None:
-        """A pipeline in place of the one there was, whose sets go with it; it stays when there is an error."""
+        """Replace the pipeline and its descriptor sets. The old ones stay in use after an error."""
         pipeline = OverlayPipeline(self.device, format)
         if self._pipeline is not None:
             self._pipeline.close()
@@ -100,19 +77,18 @@ class OverlayRenderer:
             self._textures[number] = image, pipeline.new_set(image)
 
     def reload(self) -> None:
-        """Take up changed shaders, for the first time at the next `draw`."""
+        """Take up changed shaders. Without a pipeline so far, the next `draw` makes one."""
         self._broken = False
         if self._pipeline is not None:
             self._make_pipeline(self._pipeline.format)
 
     # ---- triangles ----------------------------------------------------------------------------------
 
-    def _record(self, frame: _Frame, data: Any, extent: tuple[int, int]) -> None:
-        vk, commands = self.device.vk, frame.commands
+    def _record(self, commands: raw.CData, data: Any, extent: tuple[int, int], slot: int) -> None:
         assert self._pipeline is not None
-        vertices = frame.room(self.device, "vertices", data.total_vtx_count * _VERTEX_BYTES)
-        indices = frame.room(self.device, "indices", data.total_idx_count * _INDEX_BYTES)
-        vk.vkCmdBindIndexBuffer(commands, indices.handle, 0, _INDEX_TYPE)
+        vertices = self._buffer("vertices", slot, data.total_vtx_count * _VERTEX_BYTES)
+        indices = self._buffer("indices", slot, data.total_idx_count * _INDEX_BYTES)
+        self.device.vk.vkCmdBindIndexBuffer(commands, indices.handle, 0, _INDEX_TYPE)
         scale = 2 / np.array((data.display_size.x, data.display_size.y))
         translation = -1 - scale * (data.display_pos.x, data.display_pos.y)
         self._pipeline.bind(commands, vertices=vertices.address, scale=scale, translation=translation)
@@ -147,7 +123,7 @@ class OverlayRenderer:
     # ---- textures -----------------------------------------------------------------------------------
 
     def _update_textures(self, data: Any) -> None:
-        """Make, change and destroy the textures that ImGui asks for, such as its font's."""
+        """Make, change and destroy textures, such as the font's, as ImGui asks for it."""
         status = imgui.ImTextureStatus
         for texture in data.textures or ():
             if texture.status in (status.want_create, status.want_updates):
@@ -176,19 +152,18 @@ class OverlayRenderer:
             item.destroy()
 
     def close(self) -> None:
-        """Free everything when the work submitted so far is done. Safe to call twice."""
-        for frame in self._frames:
-            for buffer in frame.buffers.values():
-                buffer.destroy()
+        """Free everything once the submitted work is done. Safe to call twice."""
+        for buffer in self._buffers.values():
+            buffer.destroy()
+        self._buffers.clear()
         for number in list(self._textures):
             self._destroy(number)
         if self._pipeline is not None:
             self._pipeline.close()
-        self._pool.destroy()
 
 
 def _copy(source: Any, item_bytes: int, target: Buffer, first: int) -> None:
-    """Copy all of an ImVector into a mapped buffer, `first` items behind its start."""
+    """Copy an ImVector into a mapped buffer, `first` items behind its start."""
     size = source.size() * item_bytes
     if size:
         pointer = raw.ffi.cast("const char*", source.data_address())

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
-from solari_vk.viewer.camera_control import STEEPEST, CameraControl
+from solari_vk.viewer.camera_control import MAX_ELEVATION, CameraControl
 from solari_vk.viewer.controls import ACTIONS, FLY_KEYS, KEYS_HELP, Controls
 from solari_vk.viewer.window import Event, Window
 
@@ -160,7 +160,7 @@ def test_looking_up_stops_before_the_pole(hands, control):
     controls, _ = hands
     controls.handle(drag(glfw.MOUSE_BUTTON_RIGHT, *[(3, -400)] * 30))
     transform = control.camera.transform
-    assert math.asin(-transform[1, 2]) == pytest.approx(STEEPEST)
+    assert math.asin(-transform[1, 2]) == pytest.approx(MAX_ELEVATION)
     assert transform[:3, :3].T @ transform[:3, :3] == pytest.approx(np.eye(3), abs=1e-12)
     assert np.linalg.det(transform[:3, :3]) == pytest.approx(1)
     assert transform[1, 0] == pytest.approx(0), "the horizon stays level"

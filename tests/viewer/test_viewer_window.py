@@ -60,10 +60,10 @@ def test_parts_side_by_side_are_where_they_are_in_the_whole(open_viewer):
     viewer.run(frames=2)
     [whole] = viewer.pictures.parts()
     assert whole.image.width == 36
-    shown = viewer._presenter.capture([whole])
+    shown = viewer._presenter.capture([whole], viewer._draw)
     for divider in (0.0, 0.01, 0.02, 0.4, 0.5, 0.99, 1.0):
         parts = [Part(whole.image, 0, divider), Part(whole.image, divider, 1)]
-        assert (viewer._presenter.capture(parts) == shown).all(), divider
+        assert (viewer._presenter.capture(parts, viewer._draw) == shown).all(), divider
 
 
 def test_the_window_waits_for_the_picture(open_viewer, monkeypatch):

@@ -62,6 +62,11 @@ class Swapchain:
 
     # ---- a frame ------------------------------------------------------------------------------------
 
+    @property
+    def slot(self) -> int:
+        """The number, below FRAMES, of the frame that `acquire` began. The earlier frames of this number are done."""
+        return self._frame
+
     def acquire(self) -> int | None:
         """The index of an image to draw, or None while the window can't show one."""
         if self._surface_lost:
