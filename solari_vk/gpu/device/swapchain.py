@@ -109,7 +109,7 @@ class Swapchain:
         return value
 
     def _call(self, name: str, *arguments: Any) -> int:
-        """Call a function; returns its VkResult. Errors that a new swapchain mends make this one stale, others raise."""
+        """Call a function; returns its VkResult. An outdated or lost surface only makes the swapchain stale."""
         pointer = raw.lib.vkGetInstanceProcAddr(self.device.instance, name.encode())
         result: int = raw.ffi.cast("PFN_" + name, pointer)(*arguments)
         if result in (raw.VK_ERROR_OUT_OF_DATE_KHR, raw.VK_SUBOPTIMAL_KHR):
