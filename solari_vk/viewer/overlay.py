@@ -1,4 +1,4 @@
-"""The panels over the picture: Dear ImGui's context, its input, and what is laid out in a frame."""
+"""The panels over the picture: Dear ImGui's context, its input and the windows of a frame."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from solari_vk.viewer.panels import Panels
 from solari_vk.viewer.session import Session
 from solari_vk.viewer.window import Event
 
-MARGIN, WIDTH = 8, 360  # of the panels, in window coordinates
+MARGIN, WIDTH = 8, 360  # of the panels' window, in window coordinates
 DIVIDER_WIDTH = 9
 _BARE = imgui.WindowFlags_.no_decoration | imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_move
 _NAMED = {
@@ -26,7 +26,7 @@ _NAMED = {
     glfw.KEY_SPACE: "space", glfw.KEY_ENTER: "enter", glfw.KEY_ESCAPE: "escape", glfw.KEY_KP_ENTER: "keypad_enter",
     glfw.KEY_A: "a", glfw.KEY_C: "c", glfw.KEY_V: "v", glfw.KEY_X: "x", glfw.KEY_Y: "y", glfw.KEY_Z: "z",
 }  # fmt: skip
-_KEYS = {code: getattr(imgui.Key, name) for code, name in _NAMED.items()}  # what its text fields know
+_KEYS = {code: getattr(imgui.Key, name) for code, name in _NAMED.items()}  # the keys of ImGui's text fields
 _MODIFIERS = {
     glfw.MOD_CONTROL: imgui.Key.mod_ctrl,
     glfw.MOD_SHIFT: imgui.Key.mod_shift,
@@ -35,7 +35,7 @@ _MODIFIERS = {
 
 
 class Overlay:
-    """The panels of a viewer. A frame is `take_events`, `lay_out`, and any number of `draw`."""
+    """The panels of a viewer. For each frame call `take_events`, `lay_out`, and `draw` any number of times."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -54,7 +54,7 @@ class Overlay:
     # ---- input --------------------------------------------------------------------------------------
 
     def take_events(self, events: Iterable[Event]) -> tuple[bool, bool]:
-        """Feed events to the panels; whether keys and mouse are left to the session, as of the last frame."""
+        """Pass events to the panels; returns whether the keys and whether the mouse are left to the viewer."""
         imgui.set_current_context(self._context)
         io = imgui.get_io()
         for event in events:
@@ -78,7 +78,7 @@ class Overlay:
     # ---- a frame ------------------------------------------------------------------------------------
 
     def lay_out(self, seconds: float) -> None:
-        """Lay the panels out for the window as it is, and do what is done in them."""
+        """Lay out the panels for the window's size, and apply what the user changes in them."""
         imgui.set_current_context(self._context)
         session, io = self._session, imgui.get_io()
         size, pixels = session.window.size, session.window.pixels
@@ -115,13 +115,13 @@ class Overlay:
         self._renderer.draw(imgui.get_draw_data(), commands, swapchain, index)
 
     def reload(self) -> None:
-        """Take up changed shaders; raises CompilationError when one can't be compiled, and the old ones go on."""
+        """Take up changed shaders. Raises CompilationError for a broken one; the pipeline before it stays in use."""
         self._renderer.reload()
 
     # ---- parts --------------------------------------------------------------------------------------
 
     def _divider(self, size: tuple[int, int]) -> None:
-        """The line between both halves of a split view, to be dragged."""
+        """The line between the halves of the split view, which the user can drag."""
         pictures = self._session.pictures
         x = pictures.divider * size[0]
         lines = imgui.get_background_draw_list()
@@ -165,7 +165,7 @@ class Overlay:
         imgui.end()
 
     def close(self) -> None:
-        """Free what the panels hold. Safe to call twice."""
+        """Free everything. Safe to call twice."""
         if self._context is not None:
             imgui.set_current_context(self._context)
             self._renderer.close()

@@ -1,4 +1,4 @@
-"""What the panels hold: the picture's modes, times, every setting, the world cache, and the scene."""
+"""The panels: the picture's options, times, every setting, and the scene."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from solari_vk.passes.debug_views import DEBUG_VIEWS
 from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES
 from solari_vk.viewer.actions import act
 from solari_vk.viewer.pictures import MODES
-from solari_vk.viewer.scaling import LEAST
+from solari_vk.viewer.scaling import MIN_SCALE
 from solari_vk.viewer.scene_panel import ScenePanel
 from solari_vk.viewer.session import Session
 
 HISTORY = 120  # frames in a plot
-SLOW_INTERVAL = 0.5  # seconds between figures that are read back from the device
+SLOW_INTERVAL = 0.5  # seconds between two readings of figures from the device
 OPEN = imgui.TreeNodeFlags_.default_open
 
 
 class Panels:
-    """Lays out the window of panels, which is open."""
+    """Lays out the content of the panels' window."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -36,7 +36,7 @@ class Panels:
         self._rays = (0.0, 0)
 
     def lay_out(self) -> None:
-        """Everything, from top to bottom."""
+        """Lay out everything, from top to bottom."""
         if imgui.collapsing_header("Picture", OPEN):
             self._picture()
         self._note_times()
@@ -64,9 +64,9 @@ class Panels:
             camera.vertical_fov = math.radians(degrees)
         scale = session.scale
         _, scale.auto = imgui.checkbox("auto", scale.auto)
-        hint("The scale follows the time of a frame.")
+        hint("Choose the scale by the time that a frame takes.")
         imgui.same_line()
-        changed, value = imgui.slider_float("scale", scale.scale, LEAST, 1.0)
+        changed, value = imgui.slider_float("scale", scale.scale, MIN_SCALE, 1.0)
         if changed:
             scale.fix(value)
         width, height = pictures.size
@@ -85,7 +85,7 @@ class Panels:
         imgui.new_line()
 
     def _update_slow(self) -> None:
-        """Figures that cost a wait for the device, now and then."""
+        """Read the figures that need a wait for the device, from time to time."""
         now = time.perf_counter()
         if now - self._slow_at < SLOW_INTERVAL:
             return
@@ -104,9 +104,10 @@ class Panels:
             self._slow["rays"] = f"{(count - before[1]) / (now - before[0]) / 1e6:.2f} million rays/s"
         if pictures.realtime is not None and pictures.mode != "reference":
             cells = int(pictures.realtime["world_cache/active_cells"])
-            most = self._session.settings.world_cache_cells
+            capacity = self._session.settings.world_cache_cells
             failures = int(pictures.realtime["world_cache/insert_failures"])
-            self._slow["cache"] = f"world cache: {cells:,} cells, {100 * cells / most:.1f} %; {failures} found no place"
+            use = f"{cells:,} cells, {100 * cells / capacity:.1f} %"
+            self._slow["cache"] = f"world cache: {use}; {failures} points found no cell"
 
     # ---- time ---------------------------------------------------------------------------------------
 
@@ -122,7 +123,7 @@ class Panels:
     def _time(self) -> None:
         pictures = self._session.pictures
         _, pictures.counts_rays = imgui.checkbox("count rays", pictures.counts_rays)
-        hint("How many rays the realtime renderer traces in a second; it is built anew for it, and a little slower.")
+        hint("Show the rays that the realtime renderer traces a second. Its pipelines are built again, a little slower.")
         if not self._session.timings:
             imgui.text("this device has no timestamps")
             return
@@ -180,7 +181,7 @@ class Panels:
             edited = edit_on_enter(label, value, imgui.input_int)
         else:
             edited = edit_on_enter(label, value, imgui.input_float)
-        meaning = field.meaning + (" Takes a moment: the frame is built anew." if field.rebuilds else "")
+        meaning = field.meaning + (" Takes a moment, because the frame is built again." if field.rebuilds else "")
         hint(f"{meaning}\nDefault: {default}")
         if value != default:
             imgui.same_line()
@@ -191,12 +192,12 @@ class Panels:
 
 
 def choose(label: str, current: str, choices: tuple[str, ...]) -> str:
-    """A drop-down list; returns what is chosen."""
+    """A drop-down list; returns the chosen item."""
     return choices[imgui.combo(label, choices.index(current), list(choices))[1]]
 
 
 def hint(text: str) -> None:
-    """What is shown when the mouse rests on the item before."""
+    """Show a text while the mouse rests on the last item."""
     if imgui.is_item_hovered(imgui.HoveredFlags_.delay_short):
         imgui.begin_tooltip()
         imgui.push_text_wrap_pos(360)
@@ -206,10 +207,10 @@ def hint(text: str) -> None:
 
 
 def edit_on_enter(label: str, value: Any, field: Callable[..., tuple[bool, Any]]) -> Any:
-    """A number's text field, whose value counts when it is left: half-typed numbers are no settings."""
+    """A text field for a number; returns a new value once Enter is pressed, not while it is typed."""
     flags = imgui.InputTextFlags_.enter_returns_true
     more = {"format": "%g"} if field is imgui.input_float else {"step": 0, "step_fast": 0}
     changed, edited = field(label, value, flags=flags, **more)
     if changed and isinstance(edited, float):
-        edited = float(f"{edited:.7g}")  # as it was typed: the field's own numbers have 32 bits
+        edited = float(f"{edited:.7g}")  # as it was typed: ImGui's numbers have 32 bits
     return edited if changed else value

@@ -1,4 +1,4 @@
-"""Files that are watched while the viewer runs: the shaders, and what the scene was loaded from."""
+"""Watches the shaders and the files that the scene was loaded from."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from urllib.parse import unquote
 from solari_vk.gpu.shaders.compiler import glsl_root
 from solari_vk.scene.model import Scene
 
-INTERVAL = 0.5  # seconds between looks
+INTERVAL = 0.5  # seconds between two checks
 SHADERS = {".glsl", ".comp", ".vert", ".frag"}
 
 Stamps = dict[Path, tuple[int, int]]
 
 
 class Sources:
-    """The shaders and a glTF file with what it names. load: gives the file's scene as it is now."""
+    """The shaders, and a glTF file with the files that it names. load: loads the glTF file's scene again."""
 
     def __init__(self, scene: Scene, file: Path | None, load: Callable[[], Scene] | None) -> None:
         self.scene, self.load = scene, load
@@ -29,7 +29,7 @@ class Sources:
         self._next_look = time.monotonic() + INTERVAL
 
     def changed(self) -> tuple[bool, bool]:
-        """Whether shaders, and whether the file or what it names, changed since this was last said."""
+        """Whether shaders changed since the last call, and whether the scene's files did."""
         if time.monotonic() < self._next_look:
             return False, False
         self._next_look = time.monotonic() + INTERVAL
@@ -38,9 +38,9 @@ class Sources:
         return self._shaders != before[0], self._files != before[1]
 
     def load_again(self) -> bool:
-        """Put what the file holds now into the scene, in place of all that was there; False for scenes of no file.
+        """Replace everything in the scene by what the file holds now. Returns False for a scene without a file.
 
-        When the file is broken a SolariError is raised and the scene stays as it was.
+        Raises SolariError for a broken file; the scene then stays as it was.
         """
         if self.load is None:
             return False
@@ -66,14 +66,14 @@ def _stamps(paths: Iterable[Path]) -> Stamps:
     for path in paths:
         try:
             status = path.stat()
-        except OSError:  # gone, or being replaced
+        except OSError:  # the file is missing, or is just being replaced
             continue
         found[path] = status.st_mtime_ns, status.st_size
     return found
 
 
 def _named_by(file: Path) -> list[Path]:
-    """The files that a .gltf names; none for others, and while it can't be read."""
+    """The files that a .gltf names; an empty list for any other file, and while the file can't be read."""
     try:
         document = json.loads(file.read_text(encoding="utf-8")) if file.suffix.lower() == ".gltf" else {}
         uris = [item["uri"] for kind in ("buffers", "images") for item in document.get(kind, []) if "uri" in item]

@@ -1,4 +1,4 @@
-"""The panel of the scene: instances with their places and materials, lights, cameras; all may be edited."""
+"""The panel that edits the scene: instances with transforms and materials, lights, cameras."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material
 from solari_vk.viewer.camera_control import rotation
 from solari_vk.viewer.session import Session
 
-LABELS = 100  # width of the words behind the fields
-MOST_ROWS = 500  # of a list; picking finds the others
+LABELS = 100  # width of the labels behind the fields
+MAX_ROWS = 500  # of a list; the other items can be picked in the picture
 AXES = np.eye(3)
 
 
 class ScenePanel:
-    """Lays out the scene as a tree. An object is edited by assigning to its fields; what is refused is told."""
+    """Lays out the scene as a tree. An edit assigns to a field of the object; a refused value shows its error."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
 
     def lay_out(self) -> None:
-        """What was picked, then all there is."""
+        """Lay out the picked instance, then everything in the scene."""
         scene = self._session.scene
         pick = self._session.pick
         imgui.push_item_width(-LABELS)
@@ -49,12 +49,12 @@ class ScenePanel:
     def _list(self, title: str, items: list[Any], edit: Callable[[Any], None]) -> None:
         if not items or not imgui.tree_node(f"{title} ({len(items)})###{title}"):
             return
-        for number, item in enumerate(items[:MOST_ROWS]):
+        for number, item in enumerate(items[:MAX_ROWS]):
             if imgui.tree_node(f"{item.name or f'{title} {number}'}###{title} {number}"):
                 edit(item)
                 imgui.tree_pop()
-        if len(items) > MOST_ROWS:
-            imgui.text(f"... and {len(items) - MOST_ROWS} more: click on them to edit them")
+        if len(items) > MAX_ROWS:
+            imgui.text(f"... and {len(items) - MAX_ROWS} more: click on one in the picture to edit it")
         imgui.tree_pop()
 
     # ---- editors ------------------------------------------------------------------------------------
@@ -71,14 +71,14 @@ class ScenePanel:
         imgui.pop_id()
 
     def _transform(self, instance: Instance) -> None:
-        """Where it is, and by what it is turned and scaled while a slider is dragged."""
+        """The position, and sliders that turn and scale the instance while they are dragged."""
         transform = instance.transform.copy()
         step = max(1e-3 * float(np.linalg.norm(transform[:3, 3])), 5e-3)
-        moved, place = imgui.drag_float3("position", transform[:3, 3].tolist(), step, format="%.4g")
+        moved, position = imgui.drag_float3("position", transform[:3, 3].tolist(), step, format="%.4g")
         turned, degrees = imgui.drag_float3("turn by", [0.0] * 3, 0.5, format="%.1f deg")
         scaled, factor = imgui.drag_float("scale by", 1.0, 0.005, 0.1, 10.0, "%.3f")
         if moved:
-            transform[:3, 3] = place
+            transform[:3, 3] = position
         if turned:
             for axis, angle in zip(AXES, degrees, strict=True):
                 transform[:3, :3] = rotation(axis, math.radians(angle)) @ transform[:3, :3]
@@ -115,7 +115,7 @@ class ScenePanel:
             self._set(light, "illuminance", max(lux, 0.0))
         self._color("colour", light, "color")
         degrees = math.degrees(light.angular_diameter)
-        changed, degrees = imgui.slider_float("degrees wide", degrees, 0.01, 90.0, "%.2f")
+        changed, degrees = imgui.slider_float("diameter in degrees", degrees, 0.01, 90.0, "%.2f")
         if changed:
             self._set(light, "angular_diameter", math.radians(degrees))
 
@@ -140,7 +140,7 @@ class ScenePanel:
             self._set(item, field, min(max(value, 0.0), 1.0))
 
     def _color(self, label: str, item: Any, field: str) -> None:
-        """The numbers are linear, as in the scene; the swatch beside them therefore looks darker."""
+        """Edit a colour. The numbers are linear, as in the scene, so the swatch beside them looks darker."""
         changed, value = imgui.color_edit3(label, getattr(item, field).tolist(), imgui.ColorEditFlags_.float)
         if changed:
             self._set(item, field, np.clip(value, 0, 1))

@@ -13,7 +13,7 @@ from solari_vk.viewer.session import Session
 
 
 def take_screenshot(session: Session) -> Path:
-    """Write the next free solari-NNN.png, .exr and .txt into the session's folder; returns the path of the PNG."""
+    """Write solari-NNN.png, .exr and .txt with the next free number; returns the path of the PNG."""
     if not session.pictures.ready:
         raise SolariError("there is no picture yet")
     session.folder.mkdir(parents=True, exist_ok=True)
@@ -33,10 +33,10 @@ def take_screenshot(session: Session) -> Path:
 
 
 def command_line(session: Session, output: Path) -> str:
-    """`solari-vk render` for what the viewer shows, unless the scene was edited.
+    """The `solari-vk render` command that renders what the viewer shows, as long as the scene was not edited.
 
-    The reference comes out the same in every bit; so does the realtime picture if nothing was touched since the first
-    frame, while otherwise its noise differs, since light gathers over frames. Of a split view it is the left side.
+    The reference is then equal bit by bit. The realtime picture is too if the user changed nothing since the first
+    frame; otherwise its noise differs, because it accumulates over frames. For "split" it is the realtime picture.
     """
     pictures, camera = session.pictures, session.camera
     width, height = pictures.size

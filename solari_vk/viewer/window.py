@@ -1,4 +1,4 @@
-"""A GLFW window: its events in the order in which they came, its surface, the clipboard and fullscreen."""
+"""A GLFW window: its events in order, its surface, the clipboard and fullscreen."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import glfw
 from solari_vk.errors import DeviceError, SolariError
 from solari_vk.gpu.device import raw
 
-_NONE: Any = None  # no window, no monitor: the type hints don't know of it
-_windows = 0  # GLFW is one for the process: the last window to close ends it
+_NONE: Any = None  # for "no window" and "no monitor", which GLFW's type hints don't allow
+_windows = 0  # number of open windows: the last one that closes ends GLFW, which is one for the process
 
 
 @dataclass(frozen=True)
 class Event:
-    """kind: "key" and "button" (code, pressed, modifiers; a key that repeats has repeats set), "cursor" (x, y in
-    window coordinates), "scroll" (x, y), "text" (code: a character) or "focus" (pressed: whether it came)."""
+    """kind: "key" and "button" (code, pressed, modifiers; `repeats` for a key that is held), "cursor" (x, y in window
+    coordinates), "scroll" (x, y), "text" (code: a character) or "focus" (pressed: whether the window got it)."""
 
     kind: str
     code: int = 0
@@ -30,10 +30,10 @@ class Event:
 
 
 class Window:
-    """A window of a size in window coordinates, which on some systems are not pixels. `close` destroys it.
+    """A window. Its size is in window coordinates, which on some systems are not pixels. `close` destroys it.
 
-    Raises SolariError where windows can't be opened. A closed window has no pixels and wants to close; all else of it
-    raises SolariError.
+    Raises SolariError where windows can't be opened. A closed window has no pixels and wants to close; everything else
+    raises SolariError once it is closed.
     """
 
     def __init__(self, size: tuple[int, int], title: str) -> None:
@@ -75,7 +75,7 @@ class Window:
         glfw.set_window_focus_callback(self.handle, lambda _, on: self.events.append(Event("focus", pressed=bool(on))))
 
     def create_surface(self, instance: raw.CData) -> raw.CData:
-        """A new VkSurfaceKHR. Raises DeviceError when the instance or the platform has none for windows."""
+        """A new VkSurfaceKHR. Raises DeviceError when the instance or the platform has no surfaces for windows."""
         out = raw.ffi.new("VkSurfaceKHR*")
         result = glfw.create_window_surface(instance, self.handle, None, out)
         if result < 0:
@@ -91,7 +91,7 @@ class Window:
 
     @property
     def handle(self) -> Any:
-        """GLFW's window. GLFW ends the process when it is given none."""
+        """GLFW's window. Raises SolariError for a closed one, for which GLFW would end the process."""
         self._check_open()
         return self._handle
 
@@ -101,7 +101,7 @@ class Window:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height in window coordinates, as those of the cursor."""
+        """Width and height in window coordinates, which are the cursor's too."""
         width, height = glfw.get_window_size(self.handle)
         return width, height
 
@@ -115,7 +115,7 @@ class Window:
 
     @property
     def wants_to_close(self) -> bool:
-        """Whether the user closed the window; assign to ask for it, or to refuse."""
+        """Whether the window is to be closed. Assign True to ask for it, and False to refuse it."""
         return self.closed or bool(glfw.window_should_close(self.handle))
 
     @wants_to_close.setter
@@ -124,7 +124,7 @@ class Window:
 
     @property
     def clipboard(self) -> str:
-        """The text in the clipboard, "" when there is none."""
+        """The text in the clipboard, "" without one."""
         self._check_open()
         return _text(glfw.get_clipboard_string(_NONE) or "")
 
@@ -134,11 +134,11 @@ class Window:
         glfw.set_clipboard_string(_NONE, text)
 
     def set_title(self, title: str) -> None:
-        """Show a title."""
+        """Set the title."""
         glfw.set_window_title(self.handle, title)
 
     def take_events(self, wait: float = 0.0) -> list[Event]:
-        """The events since the last call; waits so many seconds for the first."""
+        """The events since the last call. Waits up to `wait` seconds for the first one."""
         self._check_open()
         if wait:
             glfw.wait_events_timeout(wait)
@@ -148,7 +148,7 @@ class Window:
         return events
 
     def toggle_fullscreen(self) -> None:
-        """To the whole of the monitor that shows most of the window, and back."""
+        """Switch between the window and the whole monitor that shows the largest part of it."""
         if self._before_fullscreen is not None:
             x, y, width, height = self._before_fullscreen
             self._before_fullscreen = None
@@ -157,7 +157,7 @@ class Window:
         x, y = glfw.get_window_pos(self.handle)
         width, height = self.size
 
-        def shared(monitor: Any) -> int:
+        def shared_area(monitor: Any) -> int:
             left, top = glfw.get_monitor_pos(monitor)
             mode = glfw.get_video_mode(monitor).size
             across = min(x + width, left + mode.width) - max(x, left)
@@ -166,7 +166,7 @@ class Window:
 
         monitors = glfw.get_monitors()
         if monitors:
-            monitor = max(monitors, key=shared)
+            monitor = max(monitors, key=shared_area)
             mode = glfw.get_video_mode(monitor)
             self._before_fullscreen = (x, y, width, height)
             glfw.set_window_monitor(self.handle, monitor, 0, 0, mode.size.width, mode.size.height, mode.refresh_rate)
@@ -188,7 +188,7 @@ class Window:
 
 
 def checked_size(size: tuple[int, int]) -> tuple[int, int]:
-    """The size of a window as whole numbers; raises SolariError for what is none."""
+    """A window's size as two ints. Raises SolariError for anything else."""
     try:
         width, height = (operator.index(side) for side in size)
     except (TypeError, ValueError):
@@ -199,5 +199,5 @@ def checked_size(size: tuple[int, int]) -> tuple[int, int]:
 
 
 def _text(given: Any) -> str:
-    """GLFW gives bytes, whatever its type hints say."""
+    """A text from GLFW, which gives bytes although its type hints say otherwise."""
     return given.decode(errors="replace") if isinstance(given, bytes) else str(given)

@@ -7,7 +7,7 @@ import random
 import pytest
 
 import solari_vk as sv
-from solari_vk.viewer.scaling import LEAST, STEPS, ScaleControl
+from solari_vk.viewer.scaling import MIN_SCALE, STEPS, ScaleControl
 
 
 def settle(control, fixed, growth, frames=300, noise=0.0):
@@ -41,7 +41,7 @@ def test_a_target_out_of_reach_does_not_ruin_the_picture():
     assert 0.5 <= control.scale < 1, "a smaller picture would be hardly faster"
     hopeless = ScaleControl("auto", 0.001)
     settle(hopeless, 0.0, 100.0)
-    assert hopeless.scale == LEAST
+    assert hopeless.scale == MIN_SCALE
 
 
 def test_noise_does_not_make_it_swing():
