@@ -123,7 +123,7 @@ class Panels:
     def _time(self) -> None:
         pictures = self._session.pictures
         _, pictures.counts_rays = imgui.checkbox("count rays", pictures.counts_rays)
-        hint("Show the rays that the realtime renderer traces a second. Its pipelines are built again, a little slower.")
+        hint("Show the rays that the realtime renderer traces a second. The pipelines that count are a little slower.")
         if not self._session.timings:
             imgui.text("this device has no timestamps")
             return
