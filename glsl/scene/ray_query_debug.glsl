@@ -2,22 +2,7 @@
 #ifndef SCENE_RAY_QUERY_DEBUG_GLSL
 #define SCENE_RAY_QUERY_DEBUG_GLSL
 
-// Rows of ray_query_faults; solari_vk/gpu/acceleration/ray_query_faults.py has their names, in this order.
-const uint FAULT_GET_BEFORE_PROCEED = 0u;
-const uint FAULT_COMMITTED_WHILE_CANDIDATE = 1u;
-const uint FAULT_CANDIDATE_WHILE_COMMITTED = 2u;
-const uint FAULT_COMMITTED_POSITIONS_WHILE_CANDIDATE = 3u;
-const uint FAULT_CANDIDATE_POSITIONS_WHILE_COMMITTED = 4u;
-const uint FAULT_POSITIONS_OF_NO_TRIANGLE = 5u;
-const uint FAULT_PROCEED_BEFORE_INITIALIZE = 6u;
-const uint FAULT_GENERATE_OF_NO_AABB = 7u;
-const uint FAULT_GENERATE_OUT_OF_RANGE = 8u;
-const uint FAULT_GENERATE_WITHOUT_CANDIDATE = 9u;
-const uint FAULT_CONFIRM_OF_NO_TRIANGLE = 10u;
-const uint FAULT_CONFIRM_WITHOUT_CANDIDATE = 11u;
-const uint FAULT_TERMINATE_BEFORE_INITIALIZE = 12u;
-const uint FAULT_INVALID_RAY = 13u;
-const uint FAULT_CONTRADICTING_FLAGS = 14u;
+#include "generated/gpu/frame/ray_query_faults.glsl"
 
 #ifndef RAY_QUERY_FAULTS_BINDING
 #define RAY_QUERY_FAULTS_BINDING 63

@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.conformance.shader_runner import ShaderRunner
+from solari_vk.gpu.shaders.headers import constants as glsl_constants
+from solari_vk.gpu.shaders.headers import enumeration
+
+if TYPE_CHECKING:
+    from solari_vk.conformance.shader_runner import ShaderRunner
 
 MATERIAL = np.dtype(
     [("base_color", "<f4", 3), ("reflectance", "<f4", 3), ("metallic", "<f4"), ("perceptual_roughness", "<f4")]
 )
-MODES = {"draw": 0, "evaluate": 1, "albedo": 2}
+MODES = ("draw", "evaluate", "albedo")
+RESULT_COUNT = 4  # vectors that the shader writes for each row
+
+
+def glsl_header() -> str:
+    """MODE_DRAW and so on, and RESULT_COUNT."""
+    return enumeration("MODE", MODES) + "\n" + glsl_constants(RESULT_COUNT=RESULT_COUNT)
 
 
 def materials(
@@ -42,9 +52,9 @@ def run(
     wo = np.atleast_2d(np.asarray(wo, np.float32))
     wi = np.zeros((1, 3), np.float32) if wi is None else np.atleast_2d(np.asarray(wi, np.float32))
     given = {"test_materials": materials, "outgoing": wo, "incoming": wi, **shaders.brdf_tables()}
-    constants = {"MODE": MODES[mode], **constants}
-    out = shaders.run("conformance/brdf", count, given, {"results": 4 * count}, constants=constants)
-    return out["results"].reshape(count, 4, 3)
+    constants = {"MODE": MODES.index(mode), **constants}
+    out = shaders.run("conformance/brdf", count, given, {"results": RESULT_COUNT * count}, constants=constants)
+    return out["results"].reshape(count, RESULT_COUNT, 3)
 
 
 def albedo(shaders: ShaderRunner, materials: NDArray[Any], wo: ArrayLike, **constants: Any) -> NDArray[np.float32]:

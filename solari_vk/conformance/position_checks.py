@@ -6,9 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from solari_vk.conformance.probe_actions import CONFIRM
 from solari_vk.conformance.probe_checks import probe_rays
 from solari_vk.conformance.probe_table import PROBES
-from solari_vk.conformance.probes import CONFIRM, INSTANCES, SHAPES, TRIANGLE, Probe, call_rule
+from solari_vk.conformance.probes import INSTANCES, SHAPES, TRIANGLE, Probe, call_rule
 from solari_vk.conformance.rules import Measurement
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.conformance.worlds import Triangles, World

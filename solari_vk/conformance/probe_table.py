@@ -5,24 +5,26 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from solari_vk.conformance.probes import (
-    AABB,
+from solari_vk.conformance.probe_actions import (
     CONFIRM,
     CONFIRM_ODD,
+    GENERATE_AT,
+    GENERATE_SPHERE,
+    PASS_OVER,
+    TERMINATE,
+)
+from solari_vk.conformance.probes import (
+    AABB,
     CULL_BACK_FACING,
     CULL_FRONT_FACING,
     CULL_NO_OPAQUE,
     CULL_OPAQUE,
     FORCE_NO_OPAQUE,
     FORCE_OPAQUE,
-    GENERATE_AT,
-    GENERATE_SPHERE,
     GENERATED,
-    PASS_OVER,
     SKIP_AABBS,
     SKIP_CLOSEST_HIT_SHADER,
     SKIP_TRIANGLES,
-    TERMINATE,
     TERMINATE_ON_FIRST_HIT,
     TRIANGLE,
     Expected,

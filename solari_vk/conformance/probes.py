@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.conformance.probe_actions import CONFIRM
 from solari_vk.conformance.rules import VULKAN, WGPU, Rule
 from solari_vk.conformance.worlds import (
     CULL_DISABLE,
@@ -28,8 +29,6 @@ CULL_BACK_FACING, CULL_FRONT_FACING, CULL_OPAQUE, CULL_NO_OPAQUE = 0x10, 0x20, 0
 SKIP_TRIANGLES, SKIP_AABBS = 0x100, 0x200
 # "Constants for RayIntersection::kind"
 NONE, TRIANGLE, GENERATED, AABB = 0, 1, 2, 3
-# What a probe does at candidates, as glsl/conformance/probe.glsl has it
-PASS_OVER, CONFIRM, CONFIRM_ODD, GENERATE_AT, GENERATE_SPHERE, TERMINATE = 0, 1, 2, 4, 8, 16
 
 
 def triangle(x: float = 0.0, z: float = 0.0) -> NDArray[np.float64]:

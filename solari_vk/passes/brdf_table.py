@@ -2,30 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.frame.frame import Frame, Pass, Stage
+from solari_vk.gpu.frame.frame import Frame
+from solari_vk.gpu.frame.stages import Pass, Stage
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
-from solari_vk.settings.layering import LAYERINGS
 
 NAMES = ("brdf_table", "brdf_averages")
-
-
-class Surfaces(Protocol):
-    """The settings that surfaces follow."""
-
-    @property
-    def layering(self) -> str: ...
-    @property
-    def lambert(self) -> bool: ...
-
-
-def constants(settings: Surfaces) -> dict[str, int | bool]:
-    """The specialization constants of every pass that evaluates the BRDF."""
-    return {"brdf_layering": LAYERINGS.index(settings.layering), "brdf_lambert": settings.lambert}
 
 
 def stage() -> Stage:

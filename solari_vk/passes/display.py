@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from solari_vk.gpu.frame.frame import Pass, Stage
+from solari_vk.gpu.frame.stages import Pass, Stage
 
 RAY_COUNTERS = 16  # rows for passes that count their rays: passes/ray_count.glsl
 PARTS = ("emission", "diffuse_radiance", "specular_radiance", "radiance")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from solari_vk.gpu.frame.frame import Draw, DrawList, History, Pass, Stage
+from solari_vk.gpu.frame.stages import Draw, DrawList, History, Pass, Stage
 from solari_vk.settings import Settings
 
 COUNTERS = ("drawn_first", "drawn_second", "frustum_culled", "occlusion_culled")

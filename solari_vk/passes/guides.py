@@ -12,7 +12,7 @@ Exact for flat mirrors; curved ones count as their tangent plane.
 
 from __future__ import annotations
 
-from solari_vk.gpu.frame.frame import Pass, Stage
+from solari_vk.gpu.frame.stages import Pass, Stage
 from solari_vk.settings import Settings
 
 IMAGES = ("diffuse_albedo", "specular_albedo", "normal_roughness", "depth", "motion", "specular_motion")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from solari_vk.gpu.frame.frame import Pass, Stage
+from solari_vk.gpu.frame.stages import Pass, Stage
 from solari_vk.settings import Settings
 
 

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
-from solari_vk.gpu.frame.frame import Frame, Pass, Stage
+from solari_vk.gpu.frame.frame import Frame
+from solari_vk.gpu.frame.stages import Pass, Stage
 from solari_vk.gpu.frame.uniforms import Uniforms
-from solari_vk.passes import brdf_table
 from solari_vk.passes.path_sampling import LIGHT_STRATEGIES, PIXEL_FILTERS
-from solari_vk.settings.layering import LAYERINGS
+from solari_vk.settings.layering import LAYERINGS, brdf_constants
 
 LARGEST_PIXEL_BYTES = 12  # of a pixel in any one buffer: three floats
 FIRST_HIT_AOVS = (
@@ -63,7 +63,7 @@ class Settings:
 def trace_stage(size: tuple[int, int], rows: int, settings: Settings) -> Stage:
     """Means over all pixels, and a dispatch over some rows: the uniform first_row says which."""
     pixels = size[0] * size[1]
-    brdf = brdf_table.constants(settings)
+    brdf = brdf_constants(settings)
     return Stage(
         "pathtracer",
         buffers={"radiance_mean": pixels, "luminance_deviations": pixels, "ray_count": pixels},

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 
-from solari_vk.gpu.frame.frame import Draw, Pass, Stage, Step
+from solari_vk.gpu.frame.stages import Draw, Pass, Stage, Step
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
 

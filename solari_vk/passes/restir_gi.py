@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from solari_vk.gpu.frame.frame import History, Pass, Stage
-from solari_vk.passes import brdf_table
+from solari_vk.gpu.frame.stages import History, Pass, Stage
 from solari_vk.settings import Settings
+from solari_vk.settings.layering import brdf_constants
 
 
 def stage(size: tuple[int, int], settings: Settings) -> Stage:
     """A reservoir a pixel after either half, the last one with its history, and gi_diffuse."""
     pixels = size[0] * size[1]
-    brdf = brdf_table.constants(settings)
+    brdf = brdf_constants(settings)
     return Stage(
         "restir_gi",
         buffers={"gi_temporal_reservoirs": pixels, "gi_reservoirs": History(pixels), "gi_diffuse": pixels},

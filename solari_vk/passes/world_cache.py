@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from solari_vk.gpu.frame.frame import Pass, Stage
-from solari_vk.passes import brdf_table
+from solari_vk.gpu.frame.stages import Pass, Stage
+from solari_vk.gpu.shaders.headers import constants
 from solari_vk.settings import Settings
+from solari_vk.settings.layering import brdf_constants
 
-ROW = 65536  # threads in a row of a dispatch, of passes/world_cache/threads.glsl
-BLOCK = 16  # cells that a thread of a pass over the whole map looks after
+GROUP_SIZE = 64  # threads in a workgroup of each pass but the scan
+ROW_GROUPS = 1024  # workgroups in a row of a dispatch, so that no device's limit on workgroups is reached
+BLOCK_SIZE = 16  # consecutive cells that one thread of a pass over the whole map handles
 FRAME_BUFFERS = ("world_cache_dispatch", "world_cache_counters")
 CELL_BUFFERS = (
     "world_cache_checksums",
@@ -30,19 +32,19 @@ def stage(size: tuple[int, int], settings: Settings) -> Stage:
     who comes first is who gets the last place.
     """
     cells = settings.world_cache_cells
-    brdf = brdf_table.constants(settings)
+    brdf = brdf_constants(settings)
     indirect = "world_cache_dispatch"
     return Stage(
         "world_cache",
         buffers={
             **dict.fromkeys(CELL_BUFFERS, cells),
             **dict.fromkeys(FRAME_BUFFERS, 1),
-            "world_cache_blocks": cells // BLOCK,
+            "world_cache_blocks": cells // BLOCK_SIZE,
         },
         passes=[
-            Pass("world_cache/decay", threads=_rows(cells // BLOCK)),
+            Pass("world_cache/decay", threads=_rows(cells // BLOCK_SIZE)),
             Pass("world_cache/scan", threads=1),
-            Pass("world_cache/scatter", threads=_rows(cells // BLOCK)),
+            Pass("world_cache/scatter", threads=_rows(cells // BLOCK_SIZE)),
             Pass("world_cache/sample_direct", indirect=indirect),
             Pass("world_cache/sample_indirect", indirect=indirect, constants=brdf),
             Pass("world_cache/blend", indirect=indirect),
@@ -51,5 +53,11 @@ def stage(size: tuple[int, int], settings: Settings) -> Stage:
 
 
 def _rows(threads: int) -> tuple[int, int]:
-    """For a power of two, so that no thread is left over."""
-    return min(threads, ROW), max(threads // ROW, 1)
+    """A dispatch of at least so many threads in rows; of just as many when their number is a power of two."""
+    row = ROW_GROUPS * GROUP_SIZE
+    return min(threads, row), max(threads // row, 1)
+
+
+def glsl_header() -> str:
+    """The sizes of dispatches, by the same names."""
+    return constants(GROUP_SIZE=GROUP_SIZE, ROW_GROUPS=ROW_GROUPS, BLOCK_SIZE=BLOCK_SIZE)

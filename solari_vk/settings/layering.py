@@ -1,12 +1,28 @@
-"""How the diffuse lobe of a surface lies under its specular lobe."""
+"""How the diffuse lobe of a surface lies under its specular lobe, in both renderers."""
 
 from __future__ import annotations
+
+from typing import Protocol
 
 from solari_vk.gpu.shaders.headers import enumeration
 
 LAYERINGS = ("conserving", "sum", "fresnel_product")
 """conserving: no energy is lost or gained. sum: both lobes are added, which gains up to 49 % (Solari, Bevy 0.18).
 fresnel_product: diffuse is multiplied by what single Fresnel terms let through, which loses up to 59 % (Bevy 0.19)."""
+
+
+class Surfaces(Protocol):
+    """The settings that surfaces follow."""
+
+    @property
+    def layering(self) -> str: ...
+    @property
+    def lambert(self) -> bool: ...
+
+
+def brdf_constants(settings: Surfaces) -> dict[str, int | bool]:
+    """The specialization constants of every pass that evaluates the BRDF."""
+    return {"brdf_layering": LAYERINGS.index(settings.layering), "brdf_lambert": settings.lambert}
 
 
 def glsl_header() -> str:

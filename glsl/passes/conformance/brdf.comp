@@ -1,14 +1,11 @@
 // The surface model: draws from it, values of it at given directions, and its albedo by quadrature. MODE says which.
 #version 460
-#extension GL_EXT_ray_query : require
+#include "generated/conformance/brdf_runs.glsl"
 #include "scene/brdf.glsl"
 
 layout(local_size_x = 64) in;
 
-layout(constant_id = 60) const uint MODE = 0u;
-const uint DRAW = 0u;
-const uint EVALUATE = 1u;
-const uint ALBEDO = 2u;
+layout(constant_id = 60) const uint MODE = MODE_DRAW;
 
 struct TestMaterial {
     vec3 base_color;
@@ -21,8 +18,6 @@ layout(set = 1, binding = 20, scalar) readonly buffer TestMaterialsBlock { TestM
 layout(set = 1, binding = 21, scalar) readonly buffer OutgoingBlock { vec3 at[]; } outgoing;  // one each, or one for all
 layout(set = 1, binding = 22, scalar) readonly buffer IncomingBlock { vec3 at[]; } incoming;
 layout(set = 1, binding = 23, scalar) buffer ResultsBlock { vec3 at[]; } results;  // rows of RESULT_COUNT
-
-const uint RESULT_COUNT = 4u;
 
 ResolvedMaterial resolve(TestMaterial m) {
     return ResolvedMaterial(
@@ -55,18 +50,18 @@ void main() {
     TestMaterial material = test_materials.at[min(i, test_materials.at.length() - 1u)];
     vec3 wo = outgoing.at[min(i, outgoing.at.length() - 1u)];
     Brdf brdf = prepare_brdf(resolve(material), wo);
-    if (MODE == ALBEDO) {
+    if (MODE == MODE_ALBEDO) {
         results.at[i * RESULT_COUNT] = integrate_albedo(brdf, wo);
         return;
     }
     uint rng = seed_rng(uvec2(i, 0u), 0u, 11u);
     BrdfSample drawn = BrdfSample(incoming.at[min(i, incoming.at.length() - 1u)], vec3(0.0), 0.0, false);
-    if (MODE == DRAW) { drawn = sample_brdf(brdf, wo, rng); }
+    if (MODE == MODE_DRAW) { drawn = sample_brdf(brdf, wo, rng); }
     float pdf = brdf_pdf(brdf, wo, drawn.wi);
     results.at[i * RESULT_COUNT] = drawn.wi;
-    results.at[i * RESULT_COUNT + 1u] = MODE == DRAW ? drawn.weight : evaluate_diffuse_brdf(brdf, wo, drawn.wi);
+    results.at[i * RESULT_COUNT + 1u] = MODE == MODE_DRAW ? drawn.weight : evaluate_diffuse_brdf(brdf, wo, drawn.wi);
     results.at[i * RESULT_COUNT + 2u] = vec3(pdf, drawn.pdf, brdf.specular_probability);
-    results.at[i * RESULT_COUNT + 3u] = MODE == DRAW
+    results.at[i * RESULT_COUNT + 3u] = MODE == MODE_DRAW
         ? evaluate_brdf(brdf, wo, drawn.wi)
         : evaluate_specular_brdf(brdf, wo, drawn.wi);
 }

@@ -3,13 +3,8 @@
 #ifndef CONFORMANCE_PROBE_GLSL
 #define CONFORMANCE_PROBE_GLSL
 
+#include "generated/conformance/probe_actions.glsl"
 #include "scene/ray_query.glsl"
-
-const uint CONFIRM = 1u;           // confirm candidate triangles
-const uint CONFIRM_ODD = 2u;       // ... those with an odd primitive index, as an alpha test would
-const uint GENERATE_AT = 4u;       // generate a hit of candidate boxes at t = parameter
-const uint GENERATE_SPHERE = 8u;   // ... where the ray meets the ball of radius 0.5 in each unit box
-const uint TERMINATE = 16u;        // end the query at the first candidate, after what the other bits ask
 
 const uint STEP_LIMIT = 4096u;     // a traversal that doesn't end is a finding, not a hang
 

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from solari_vk.errors import SolariError
-from solari_vk.gpu.device import raw
+
+if TYPE_CHECKING:
+    from solari_vk.gpu.device import raw
 
 Size = tuple[int, int]
 

@@ -1,0 +1,23 @@
+"""What a ray-query probe does at candidates: bits, which may be combined."""
+
+from __future__ import annotations
+
+from solari_vk.gpu.shaders.headers import constants
+
+PASS_OVER = 0
+"""Look at the candidate and go on."""
+CONFIRM = 1
+"""Confirm candidate triangles."""
+CONFIRM_ODD = 2
+"""Confirm candidate triangles with an odd primitive index, as an alpha test would."""
+GENERATE_AT = 4
+"""Generate a hit of candidate boxes at t = the probe's parameter."""
+GENERATE_SPHERE = 8
+"""Generate a hit where the ray meets the ball of radius 0.5 in each unit box."""
+TERMINATE = 16
+"""End the query at the first candidate, after what the other bits ask."""
+
+
+def glsl_header() -> str:
+    """All of them, by the same names."""
+    return constants(**{name: value for name, value in globals().items() if name.isupper()})
