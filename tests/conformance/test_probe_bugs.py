@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from seeded_bugs import expect_red, failing, masked
 
-from solari_vk.conformance import probe_checks
+from solari_vk.conformance import probe_actions, probe_checks
 from solari_vk.conformance import probes as told
 from solari_vk.conformance.probe_table import PROBES
 from solari_vk.conformance.probes import INSTANCES, SHAPES
@@ -80,13 +80,13 @@ RAY_BUGS = {
     "t_max dropped": (set_field(t_max=np.inf), ["t_max"]),
     "range inclusive": (inclusive, ["t_min: only", "t_max: only"]),
     "direction normalized": (normalized, ["dir: t counts", "RayIntersection.t, committed"]),
-    "nothing confirmed": (without_action(told.CONFIRM), ["rayQueryConfirmIntersection"]),
+    "nothing confirmed": (without_action(probe_actions.CONFIRM), ["rayQueryConfirmIntersection"]),
     "nothing generated": (
-        without_action(told.GENERATE_AT | told.GENERATE_SPHERE),
+        without_action(probe_actions.GENERATE_AT | told.GENERATE_SPHERE),
         ["rayQueryGenerateIntersection"],
     ),
-    "nothing terminated": (without_action(told.TERMINATE), ["rayQueryTerminate"]),
-    "all confirmed": (lambda rays: np.bitwise_or(rays["action"], told.CONFIRM, out=rays["action"]),
+    "nothing terminated": (without_action(probe_actions.TERMINATE), ["rayQueryTerminate"]),
+    "all confirmed": (lambda rays: np.bitwise_or(rays["action"], probe_actions.CONFIRM, out=rays["action"]),
                       ["rayQueryConfirmIntersection", "no flag"]),
 }  # fmt: skip
 
