@@ -187,12 +187,15 @@ class WorkQueue(LogicalDevice):
             raise DeviceError(f"{self.name} was lost: make a new Device")
         if value > self.submitted:
             raise DeviceError(f"waiting for submission {value}, but only {self.submitted} were made")
-        self._wait_value[0] = value
-        while self._completed < value:
-            if self.vk.vkWaitSemaphores(self.handle, self._wait_info, _WAIT_SLICE) == raw.VK_SUCCESS:
-                self._completed = max(self._completed, value)
-        self.collect()
-        self.check_messages()
+        if self._completed < value:
+            self._wait_value[0] = value
+            while self.vk.vkWaitSemaphores(self.handle, self._wait_info, _WAIT_SLICE) != raw.VK_SUCCESS:
+                pass
+            self._completed = value
+        if self._retired:
+            self.collect()
+        if self.messages:
+            self.check_messages()
 
     def await_idle(self) -> None:
         """Wait for all submitted work, without calling callbacks or flushing `before_next_submit`.

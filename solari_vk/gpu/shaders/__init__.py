@@ -1,1 +1,1 @@
-"""Shader sources to SPIR-V: compiler, cache, reflection."""
+"""From shader sources to SPIR-V: compiler, cache, generated headers, patches, reflection."""

@@ -1,11 +1,11 @@
-"""GLSL to SPIR-V with pyshaderc's calls, exact error positions, a cache on disk, and modules shipped compiled.
+"""Compiles GLSL to SPIR-V, with pyshaderc's functions, exact error positions, a cache on disk and shipped modules.
 
 `set_include_paths`, `compile_into_spirv`, `compile_file_into_spirv` and `CompilationError` are those of
-pyshaderc 1.1. `compile_shader` is what passes use: SPIR-V that came with the package when the sources are
-unchanged, else the cache on disk, else the compiler. All modules target Vulkan 1.3 (SPIR-V 1.6).
+pyshaderc 1.1. Passes use `compile_shader`: if the sources are unchanged it returns the SPIR-V that was shipped with
+the package, else that of the cache on disk, else it runs the compiler. All modules target Vulkan 1.3 (SPIR-V 1.6).
 
-shaderc's optimizer strips names unless debug information is asked for, and reflection needs the names: so
-debug information is always on, and what else it adds (line numbers, source text) is removed afterwards.
+Reflection needs the names, which shaderc's optimizer strips unless debug information is on. So debug information is
+always on, and the rest of it (line numbers, source text) is removed afterwards.
 
 `#include "generated/settings.glsl"` includes what the Python function `solari_vk.settings.glsl_header()` returns; the
 module `headers` documents it. These texts take part in the keys of the cache and of shipped modules like any file.
@@ -73,11 +73,11 @@ def compile_into_spirv(
     suppress_warnings: bool = False,
     warnings_as_errors: bool = False,
 ) -> bytes:
-    """SPIR-V of source text, names kept.
+    """SPIR-V of source text, with the names of variables and members.
 
-    `stage` is vert, tesc, tese, geom, frag, comp, or a ray tracing stage such as rgen; `filepath` is what
-    errors show and what `#include "..."` starts from before the include paths; `optimization` is zero, size or
-    performance. Raises CompilationError; SolariError for an unknown argument or when libshaderc is missing.
+    `stage` is vert, tesc, tese, geom, frag, comp, or a ray tracing stage such as rgen. Errors show `filepath`, and its
+    folder is searched for includes before the include paths. `optimization` is zero, size or performance. Raises
+    CompilationError if the source doesn't compile, SolariError for an unknown argument or without a compiler.
     """
     for value, known, what in (
         (stage, shaderc.STAGES, "stage"),
@@ -105,7 +105,7 @@ _POSITION = re.compile(r"^(?P<file>.+?):(?P<line>\d+): (?:error|warning): ")
 
 
 def _with_source_lines(log: str, filepath: str, source: bytes, generated: Mapping[str, bytes]) -> str:
-    """shaderc's log with the line of source that each message is about below it."""
+    """shaderc's log, with the source line that a message refers to below the message."""
     shown = []
     for message in log.strip().splitlines():
         shown.append(message)
@@ -118,7 +118,7 @@ def _with_source_lines(log: str, filepath: str, source: bytes, generated: Mappin
         except OSError:
             continue
         lines = text.decode(errors="replace").splitlines()
-        # the text of a shader with a header has more lines than its file: the file's numbers count
+        # A shader with a header has more lines than its file; line numbers refer to the file.
         if found["file"] == filepath and os.path.isfile(filepath):
             lines = Path(filepath).read_text(errors="replace").splitlines()
         if int(found["line"]) <= len(lines):
@@ -130,7 +130,7 @@ _OP_STRING, _OP_SOURCE, _OP_LINE, _OP_NO_LINE, _OP_MODULE_PROCESSED, _OP_SOURCE_
 
 
 def _without_lines(spirv: bytes) -> bytes:
-    """The module without line numbers, source text and file names, so that paths don't get into what is shipped."""
+    """The module without line numbers, source text and file names: shipped modules must not contain paths."""
     words = np.frombuffer(spirv, np.uint32)
     pieces, position = [words[:5]], 5
     dropped = {_OP_STRING, _OP_SOURCE, _OP_LINE, _OP_NO_LINE, _OP_MODULE_PROCESSED, _OP_SOURCE_CONTINUED}
@@ -144,20 +144,20 @@ def _without_lines(spirv: bytes) -> bytes:
 
 # ---- the package's own shaders ----------------------------------------------------------------------
 
-# A shader with an empty main exists for what it declares, of which the optimizer would leave nothing.
+# A shader with an empty main is compiled for the reflection of its declarations, which the optimizer would remove.
 _EMPTY_MAIN = re.compile(r"\bvoid\s+main\s*\(\s*\)\s*\{\s*\}")
-# What the optimizer says of capabilities that are newer than it; the device's compiler optimizes as well.
+# The optimizer's error for capabilities that it doesn't know. Such a module isn't optimized here, only by the driver.
 _TOO_NEW = "failed to optimize: Invalid capability"
 _OPTIONS = f"performance {shaderc.VULKAN_1_3:x} {shaderc.SPIRV_1_6:x}"
 _DIRECTIVE = re.compile(r"^\s*#\s*(version|extension)\b")
 
 
 def compile_shader(path: str, *, header: str = "", root: Roots | None = None) -> bytes:
-    """SPIR-V of the shader at `path` below a GLSL root, whose suffix names the stage ("passes/x/trace.comp").
+    """SPIR-V of the shader at `path` below a GLSL root ("passes/x/trace.comp"); the suffix is the stage.
 
-    `header` is put after the #version and #extension lines: what makes a variant. Shader and includes are looked up
-    in `root`, a folder or several in their order, and then in the package's. Raises CompilationError; SolariError
-    when there is no such file, or no compiler and no shipped module for exactly these sources.
+    `header` is text for a variant, put after the #version and #extension lines. The shader and its includes are looked
+    up in `root`, one folder or several, and then in the package's folder. Raises CompilationError; SolariError if there
+    is no such file, or if neither a compiler nor a shipped module for exactly these sources is there.
     """
     folders = roots(root)
     file = next((found for base in folders if (found := base / path).is_file()), None)
@@ -197,9 +197,9 @@ def _with_header(source: str, header: str, file: Path) -> str:
 
 
 def build_all(root: str | os.PathLike[str], out: str | os.PathLike[str]) -> list[str]:
-    """Compile every entry point below a GLSL root for shipping: `out` gets the modules and their index.
+    """Compile every entry point below a GLSL root, and write the modules and their index to `out` for shipping.
 
-    Returns the paths below `root`. `out` is the root itself (modules beside sources) or a copy of it made later.
+    Returns the paths below `root`. `out` is the root itself, with modules beside their sources, or another folder.
     """
     base, made = Path(root), {}
     for file in sorted(path for path in base.rglob("*") if path.suffix.lstrip(".") in shaderc.STAGES):

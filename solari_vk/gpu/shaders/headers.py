@@ -47,27 +47,27 @@ def header_text(include: str, where: str) -> bytes:
 
 
 def enumeration(prefix: str, names: Iterable[str]) -> str:
-    """One `const uint PREFIX_NAME = index;` a name, in the given order; characters that GLSL forbids become "_"."""
+    """A line `const uint PREFIX_NAME = index;` for each name in order; characters that GLSL forbids become "_"."""
     lines = [constants(**{f"{prefix}_{re.sub(r'[^A-Za-z0-9]', '_', name)}".upper(): i}) for i, name in enumerate(names)]
     return "\n".join(lines)
 
 
 def constants(**values: bool | int | float) -> str:
-    """One `const TYPE NAME = value;` a value: bool, uint (int when negative) or float, exactly.
+    """A line `const TYPE NAME = value;` for each value, exactly: bool, uint (int if negative) or float.
 
-    Raises ValueError for what no GLSL constant can hold.
+    Raises ValueError for a value that no GLSL constant can hold.
     """
     return "\n".join(_constant(name, value) for name, value in values.items())
 
 
 def _constant(name: str, value: bool | int | float) -> str:
     if not _IDENTIFIER.fullmatch(name) or name.startswith("gl_"):
-        raise ValueError(f"{name} is no name of a GLSL constant")
+        raise ValueError(f"{name} is not a valid name of a GLSL constant")
     if isinstance(value, bool):
         return f"const bool {name} = {str(value).lower()};"
     if isinstance(value, float):
         if not math.isfinite(value):
-            raise ValueError(f"{name} is {value}, which GLSL can't spell")
+            raise ValueError(f"{name} is {value}, which GLSL has no literal for")
         return f"const float {name} = {value!r};"
     if not -(2**31) <= value < 2**32:
         raise ValueError(f"{name} is {value}, which has more than 32 bits")

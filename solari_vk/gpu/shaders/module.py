@@ -1,4 +1,4 @@
-"""What reflection tells of a SPIR-V module: plain data, filled by `spirv.reflect`."""
+"""The results of reflection as plain data; `spirv.reflect` makes them from a SPIR-V module."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ class Binding:
     """A resource that a shader declares.
 
     `kind` is uniform_buffer, storage_buffer, storage_image, sampled_image, combined_image_sampler, sampler or
-    acceleration_structure. `count` is the length of an array of resources, 1 without an array, 0 for an array
-    without a length. Of a block, `dtype` is the fixed part (None when there is none) and `element` what the
-    runtime array at `element_offset` bytes holds (None without one). `image_format` is a name such as
-    "R32_SFLOAT", without VK_FORMAT_, of a storage image.
+    acceleration_structure. `count` is the length of an array of resources, 1 if it is no array, 0 for an array without
+    a length. `dtype` is the fixed part of a block (None if there is none), `element` the element type of the runtime
+    array at `element_offset` bytes (None without one). `image_format` is a storage image's format without the prefix
+    VK_FORMAT_, such as "R32_SFLOAT".
     """
 
     name: str
@@ -33,14 +33,14 @@ class Binding:
     writeonly: bool = False
 
     def size_bytes(self, count: int) -> int:
-        """Bytes of a buffer for this block with `count` elements in its runtime array."""
+        """The size in bytes of a buffer for this block with `count` elements in its runtime array."""
         fixed = self.element_offset if self.element is not None else (self.dtype.itemsize if self.dtype else 0)
         return fixed + (count * self.element.itemsize if self.element is not None else 0)
 
 
 @dataclass(frozen=True)
 class SpecConstant:
-    """A specialization constant: its id, its numpy type (bool is u4, as Vulkan passes it) and its default."""
+    """A specialization constant: id, numpy type (u4 for bool, as in Vulkan) and default value."""
 
     id: int
     dtype: np.dtype[Any]
@@ -49,7 +49,7 @@ class SpecConstant:
 
 @dataclass(frozen=True)
 class Entry:
-    """An entry point: its stage (comp, vert, ...), and the names of bindings that it uses, reads and writes."""
+    """An entry point: its stage (comp, vert, ...) and the names of the bindings that it uses, reads and writes."""
 
     name: str
     stage: str
@@ -60,7 +60,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Module:
-    """All that the host needs to know of a SPIR-V module."""
+    """A SPIR-V module with everything that the host needs to know about it."""
 
     name: str
     spirv: bytes
@@ -76,7 +76,7 @@ class Module:
         return self.entries["main"]
 
     def local_size(self, constants: Mapping[str, int | float | bool] | None = None) -> tuple[int, int, int]:
-        """Workgroup size with these values of the specialization constants, by name."""
+        """The workgroup size (x, y, z) with these values of specialization constants, by name."""
         values = {self.constants[name].id: int(value) for name, value in (constants or {}).items()}
         sizes = [default if spec_id is None else values.get(spec_id, default) for default, spec_id in self._local_size]
         x, y, z = (*sizes, 1, 1, 1)[:3]

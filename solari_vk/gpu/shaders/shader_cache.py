@@ -66,7 +66,7 @@ def _includes(roots: Sequence[Path], name: str, text: bytes, found: dict[str, by
 
 
 def source_key(roots: Sequence[Path], path: str, header: str, options: str) -> str:
-    """A hash of all that a shader's SPIR-V depends on but the compiler."""
+    """A hash of everything, except the compiler, that a shader's SPIR-V depends on."""
     digest = hashlib.sha256(f"{path}\0{options}\0{header}\0".encode())
     for name, text in sorted(closure(roots, path).items()):
         digest.update(f"{name}\0{len(text)}\0".encode())
@@ -78,7 +78,7 @@ def source_key(roots: Sequence[Path], path: str, header: str, options: str) -> s
 
 
 def ship(root: Path, out: Path, modules: Mapping[str, bytes], options: str) -> None:
-    """Write modules given as {shader's path: SPIR-V} to PATH.spv below `out`, and their index."""
+    """Write modules, given as {shader's path: SPIR-V}, to PATH.spv below `out`, and their index."""
     index = {}
     for path, spirv in modules.items():
         file = out / f"{path}.spv"
@@ -97,7 +97,7 @@ def _index(file: Path, modified_ns: int) -> dict[str, dict[str, str]]:
 
 
 def shipped(root: Path, key: str) -> bytes | None:
-    """The module shipped for these sources, or None; a damaged one counts as none, with a warning."""
+    """The module shipped for these sources, or None; a damaged one gives a warning and None."""
     index = root / _INDEX
     try:
         entry = _index(index, index.stat().st_mtime_ns).get(key)
@@ -119,7 +119,7 @@ def shipped(root: Path, key: str) -> bytes | None:
 
 
 def cache_folder() -> Path | None:
-    """Where compiled shaders are kept: SOLARI_VK_CACHE, else the platform's folder; None when that says off."""
+    """The folder of the cache: SOLARI_VK_CACHE, else the platform's; None if SOLARI_VK_CACHE turns the cache off."""
     named = os.environ.get("SOLARI_VK_CACHE")
     if named is not None:
         return None if named.strip().lower() in _OFF else Path(named)
@@ -131,10 +131,10 @@ def cache_folder() -> Path | None:
 
 
 def cached(key: str, compiler: str, make: Callable[[], bytes]) -> bytes:
-    """The module with this source key from the cache, or made and put there.
+    """The module with this source key from the cache; one that isn't there is made and stored.
 
-    An entry is a SHA-256 of the module and then the module: a torn or damaged one is made again. A cache that can't
-    be written is a warning, since all else still works.
+    An entry is the SHA-256 of the module, then the module, so a damaged entry is noticed and made again. A cache that
+    can't be written only gives a warning.
     """
     folder = cache_folder()
     if folder is None:
@@ -159,7 +159,7 @@ def cached(key: str, compiler: str, make: Callable[[], bytes]) -> bytes:
 
 
 def _write(file: Path, content: bytes) -> None:
-    """Write a file so that another process sees all of it or none."""
+    """Write a file atomically: another process sees all of it or nothing."""
     file.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=file.parent, suffix=".tmp")
     try:

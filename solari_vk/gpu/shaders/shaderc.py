@@ -1,4 +1,4 @@
-"""The two ways to shaderc: its library through cffi, and its command `glslc` where the library can't be loaded.
+"""The two ways to run shaderc: its library through cffi, or its command `glslc` where the library can't be loaded.
 
 Debian 12's libshaderc.so.1 can't be loaded: it leaves symbols of glslang and SPIRV-Tools undefined and names no
 library that defines them. Both ways run the same compiler and give the same modules.
@@ -71,7 +71,7 @@ class Failure(Exception):
 
 @cache
 def library() -> Any:
-    """libshaderc, or None when it can't be loaded. SOLARI_VK_SHADERC names the file of another build."""
+    """libshaderc, or None if it can't be loaded. SOLARI_VK_SHADERC names the file of another build."""
     for name in _library_names():
         try:
             found = _ffi.dlopen(name)
@@ -87,7 +87,7 @@ def library() -> Any:
 
 @cache
 def _declare() -> None:
-    """Parse the declarations, which takes a tenth of a second, so only when they are needed."""
+    """Parse the declarations: only when they are needed, since it takes a tenth of a second."""
     _ffi.cdef(_DECLARATIONS)
 
 
@@ -104,7 +104,7 @@ def _library_names() -> list[str]:
 
 @cache
 def version() -> str:
-    """What tells this compiler from another: its library's file, size and time (it has no version call), or glslc's.
+    """A string that identifies the compiler: path, size and time of its library (which has no version call) or glslc.
 
     Raises SolariError with the remedy when there is no compiler.
     """
@@ -198,7 +198,7 @@ def compile_source(
 
 
 def _include(requested: str, kind: int, requesting: str, include_paths: Sequence[str]) -> tuple[str, bytes]:
-    """Name and text of an included file; an empty name makes shaderc report the text as the error."""
+    """Name and text of an included file. With an empty name, shaderc reports the text as an error."""
     beside = [] if kind == _STANDARD_INCLUDE else [os.path.dirname(requesting)]
     for folder in (*beside, *include_paths):
         path = os.path.join(folder, requested)

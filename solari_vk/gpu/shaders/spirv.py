@@ -1,8 +1,8 @@
 """Reflection of SPIR-V: bindings, numpy dtypes of blocks, workgroup size, specialization constants, accesses.
 
-Blocks must be `layout(scalar)`. A vector of n is a subarray (n,); a column-major GLSL matrix is a subarray
-(columns, rows), so a numpy matrix that multiplies column vectors is stored transposed; a buffer reference and
-a 64-bit integer are u8; bool doesn't occur in blocks (it becomes uint).
+Blocks must be `layout(scalar)`. A vector of n components is a subarray (n,). A GLSL matrix, which is column-major, is
+a subarray (columns, rows): a numpy matrix is stored transposed. A buffer reference is a u8, like a 64-bit integer.
+SPIR-V has no bool in blocks; GLSL compilers put a uint there.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _SPEC_TRUE, _SPEC_FALSE, _SPEC_VALUE = 48, 49, 50
 _TRUE = (41, 48)
 _MODELS = {0: "vert", 1: "tesc", 2: "tese", 3: "geom", 4: "frag", 5: "comp", 5313: "rgen", 5314: "rint",
            5315: "rahit", 5316: "rchit", 5317: "rmiss"}  # fmt: skip
-# SPIR-V's image formats in the order of their numbers
+# SPIR-V's image formats, by their numbers
 _IMAGE_FORMATS = (
     "", "R32G32B32A32_SFLOAT", "R16G16B16A16_SFLOAT", "R32_SFLOAT", "R8G8B8A8_UNORM", "R8G8B8A8_SNORM", "R32G32_SFLOAT",
     "R16G16_SFLOAT", "B10G11R11_UFLOAT_PACK32", "R16_SFLOAT", "R16G16B16A16_UNORM", "A2B10G10R10_UNORM_PACK32",
@@ -46,8 +46,8 @@ _IMAGE_FORMATS = (
 
 @lru_cache(maxsize=128)  # modules never change, and reading one takes 50 ms
 def reflect(spirv: bytes, name: str = "shader") -> Module:
-    """Read a module. Raises SolariError with `name` for what is no SPIR-V, isn't scalar layout, or writes through
-    a buffer reference."""
+    """Read a module. Raises SolariError with `name` if it isn't valid SPIR-V, has a block without scalar layout, or
+    writes through a buffer reference."""
     try:
         return _Reader(spirv, name).module()
     except (KeyError, IndexError, ValueError, TypeError, OverflowError, RecursionError) as error:
@@ -155,7 +155,7 @@ class _Reader:
     # ---- types
 
     def _dtype(self, type_id: int, where: str = "") -> np.dtype[Any]:
-        """The numpy type of a type inside a block; `where` is the path to it for messages."""
+        """The numpy type of a type inside a block; `where` is its path, for messages."""
         op, words = self.types[type_id]
         if op == _TYPE_INT:
             return np.dtype(f"{'i' if words[2] else 'u'}{words[1] // 8}")
@@ -181,7 +181,7 @@ class _Reader:
             row_major = (struct, at, _DECORATION_ROW_MAJOR) in self.member_decorations
             if stride is not None and (row_major or stride[0] != self._column_bytes(member)):
                 raise SolariError(f"{self.name}: {where}.{names[-1]} must be column-major in a layout(scalar) block")
-        # a struct in scalar layout ends with its last member, padded to the largest scalar in it
+        # In scalar layout a struct ends after its last member, padded to the alignment of its largest scalar.
         end = max((offset + form.itemsize for offset, form in zip(offsets, formats, strict=True)), default=0)
         align = max((_alignment(form) for form in formats), default=1)
         return np.dtype({"names": names, "formats": formats, "offsets": offsets,
@@ -193,7 +193,7 @@ class _Reader:
         return self._dtype(self.types[type_id].words[1]).itemsize
 
     def _strided(self, array: int, where: str) -> np.dtype[Any]:
-        """The element type of an array. Its stride must be the element's size, which scalar layout makes sure of."""
+        """The element type of an array, whose stride must be the element's size, as scalar layout guarantees."""
         element = self._dtype(self.types[array].words[1], where)
         stride = self.decorations.get((array, _DECORATION_ARRAY_STRIDE), (element.itemsize,))[0]
         if stride != element.itemsize:
@@ -241,12 +241,12 @@ def _parts(accesses: Accesses) -> tuple[frozenset[int], frozenset[int], frozense
 
 
 def _repeated(dtype: np.dtype[Any], count: int) -> np.dtype[Any]:
-    """An array type; arrays of arrays become one with more dimensions."""
+    """An array type; an array of arrays becomes one array with more dimensions."""
     return np.dtype((dtype.base, (count, *dtype.shape)))
 
 
 def _alignment(dtype: np.dtype[Any]) -> int:
-    """The largest scalar inside."""
+    """The size in bytes of the largest scalar in a type."""
     if dtype.subdtype is not None:
         return _alignment(dtype.base)
     return max(_alignment(form) for form, *_ in dtype.fields.values()) if dtype.fields else dtype.itemsize

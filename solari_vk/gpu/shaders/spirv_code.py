@@ -1,7 +1,7 @@
-"""SPIR-V words as instructions, and what each entry point reads and writes of the bound resources.
+"""Decodes SPIR-V into instructions, and finds which bound resources each entry point reads and writes.
 
-The analysis follows pointers from every access back to the variable, through access chains, copies, selections
-and the parameters of called functions. It is static: what a branch never taken reads counts as read.
+The analysis follows pointers from every access back to the variable, through access chains, copies, selections and
+the parameters of called functions. It is static: accesses in branches that are never taken count.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _OP_RAY_QUERY_INITIALIZE, _OP_TRACE_RAY = 4473, 4445
 
 
 class Instruction(NamedTuple):
-    """One instruction: its operation and the words after it."""
+    """An instruction: its opcode and operand words."""
 
     op: int
     words: list[int]
@@ -49,7 +49,7 @@ class Instruction(NamedTuple):
 
 @dataclass(frozen=True)
 class Accesses:
-    """Ids of the variables that an entry point touches; an array's length or an image's size only counts as used."""
+    """Ids of the variables that an entry point uses, reads and writes. Asking for a length or a size is a use only."""
 
     used: frozenset[int]
     read: frozenset[int]
@@ -58,14 +58,14 @@ class Accesses:
 
 @dataclass
 class Function:
-    """A function: its parameters' ids and its body."""
+    """A function: the ids of its parameters, and its instructions."""
 
     parameters: list[int] = field(default_factory=list)
     body: list[Instruction] = field(default_factory=list)
 
 
 def instructions(spirv: bytes, name: str) -> list[Instruction]:
-    """Decode a module. Raises SolariError when the bytes are no SPIR-V."""
+    """Decode a module. Raises SolariError if the bytes aren't a SPIR-V module."""
     words = np.frombuffer(spirv[: len(spirv) & ~3], np.uint32).tolist()
     if len(words) < 5 or words[0] != MAGIC:
         raise SolariError(f"{name}: this is no SPIR-V module")
@@ -85,7 +85,7 @@ def text(words: list[int]) -> str:
 
 
 class AccessAnalysis:
-    """Finds what functions read and write of the variables in resource storage classes."""
+    """Finds which variables in resource storage classes each function reads and writes."""
 
     def __init__(self, code: list[Instruction], module: str) -> None:
         self._module = module
@@ -118,14 +118,14 @@ class AccessAnalysis:
                     self._type_of[words[1]] = words[0]
 
     def entry(self, function: int) -> Accesses:
-        """What an entry point's static call tree touches."""
+        """The variables that an entry point and the functions it calls use, read and write."""
         used, read, written = self._effects(function, ())
         return Accesses(frozenset(used), frozenset(read), frozenset(written))
 
     def _effects(
         self, function: int, arguments: tuple[frozenset[int], ...]
     ) -> tuple[set[int], set[int], set[int]]:
-        """Used, read and written variables of one function, its parameters standing for these variables."""
+        """Used, read and written variables of a function that is called with pointers to these variables."""
         key = (function, arguments)
         if key in self._done:
             return self._done[key]
@@ -146,7 +146,7 @@ class AccessAnalysis:
             for pointer in _writes(op, words):
                 if self._type_of.get(pointer) in self._physical_types:
                     raise SolariError(
-                        f"{self._module}: writes through a buffer_reference; barriers can't see which buffer that is. "
+                        f"{self._module}: writes through a buffer_reference, so that barriers can't be derived for its buffer. "
                         "Write to a bound buffer instead, and declare the reference readonly"
                     )
                 written |= roots.of(pointer)
@@ -154,12 +154,12 @@ class AccessAnalysis:
         return used, read, written
 
     def _is_handle(self, pointer: int, roots: _Roots) -> bool:
-        """Whether a load gets an image, sampler or acceleration structure, which is no access yet."""
+        """Whether a pointer leads to an image, sampler or acceleration structure: loading one accesses no contents."""
         return any(self._variables[root] == STORAGE_UNIFORM_CONSTANT for root in roots.of(pointer))
 
 
 class _Roots:
-    """The variables that a pointer, or an image or acceleration structure loaded from one, can come from."""
+    """Finds the variables that a pointer, or an image or acceleration structure loaded from one, may come from."""
 
     def __init__(
         self, variables: dict[int, int], made_by: dict[int, Instruction], parameters: dict[int, frozenset[int]]
@@ -169,16 +169,16 @@ class _Roots:
         self._known = dict(parameters)
 
     def of(self, value: int) -> frozenset[int]:
-        """The variables' ids; empty for what is local to the invocation."""
+        """The ids of the variables; empty for a value that is local to the invocation."""
         known = self._known.get(value)
         if known is not None:
             return known
         if value in self._variables:
             return frozenset((value,))
-        self._known[value] = frozenset()  # a phi of a loop comes back here
+        self._known[value] = frozenset()  # ends the recursion at the phi of a loop
         made = self._made_by.get(value)
         found = frozenset(root for source in _sources(made) for root in self.of(source)) if made else frozenset()
-        if made and made.op == _OP_LOAD:  # a value read from a buffer is no longer the buffer
+        if made and made.op == _OP_LOAD:  # a value loaded from a buffer is not a pointer to it
             found = frozenset(root for root in found if self._variables[root] == STORAGE_UNIFORM_CONSTANT)
         self._known[value] = found
         return found
