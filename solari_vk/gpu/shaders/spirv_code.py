@@ -146,7 +146,7 @@ class AccessAnalysis:
             for pointer in _writes(op, words):
                 if self._type_of.get(pointer) in self._physical_types:
                     raise SolariError(
-                        f"{self._module}: writes through a buffer_reference, so that barriers can't be derived for its buffer. "
+                        f"{self._module}: writes through a buffer_reference, for which barriers can't be derived. "
                         "Write to a bound buffer instead, and declare the reference readonly"
                     )
                 written |= roots.of(pointer)
