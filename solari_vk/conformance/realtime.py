@@ -75,13 +75,27 @@ def add_up(frame: RenderedFrame, *names: str) -> Image:
     return total
 
 
-def trace(device: Device, scene: Scene, samples: int, size: tuple[int, int] = (32, 32), **settings: Any) -> Image:
+def trace(
+    device: Device, scene: Scene, samples: int, size: tuple[int, int] = (32, 32), camera: Camera | None = None,
+    **settings: Any,
+) -> Image:  # fmt: skip
     """The path tracer's picture (h, w, 3)."""
     tracer = PathTracer(device, scene, size, **settings)
     try:
-        return tracer.render(scene.camera, samples=samples).astype(np.float64)
+        return np.asarray(tracer.render(camera or scene.camera, samples=samples), np.float64)
     finally:
         tracer.close()
+
+
+def trace_reflected(
+    device: Device, scene: Scene, samples: int, size: tuple[int, int] = (32, 32), camera: Camera | None = None
+) -> Image:
+    """The path tracer's picture (h, w, 3), black where a pixel shows even a part of a lamp.
+
+    A lamp's own pixels may hold half of a picture's light, and would hide errors of the rest.
+    """
+    emitted = trace(device, scene, 256, size, camera, max_bounces=0)
+    return np.where(emitted > 0, 0.0, trace(device, scene, samples, size, camera))
 
 
 def run_pictures(renderer: Renderer, camera: Camera, effort: Effort, read: Callable[[RenderedFrame], Image]) -> Image:

@@ -19,12 +19,12 @@ def test_finite(rule: Recorder, device: Device) -> None:
     rule(checks.measure_finite(device))
 
 
-@pytest.mark.parametrize("walls", checks.BOXES)
+@pytest.mark.parametrize("walls", checks.QUICK_BOXES)
 def test_closed_box(rule: Recorder, device: Device, full: bool, walls: str) -> None:
     """Energy."""
-    rule(checks.measure_closed_box(device, walls, full))
+    rule(checks.measure_closed_box(device, walls, checks.BOX_FULL if full else checks.BOX_FAST))
 
 
 def test_light(rule: Recorder, device: Device, full: bool) -> None:
     """A Cornell box, lit and dark."""
-    rule(checks.measure_light(device, full))
+    rule(checks.measure_light(device, checks.LIGHT_FULL if full else checks.LIGHT_FAST))

@@ -19,4 +19,4 @@ def test_fixed_point(rule: Recorder, device: Device, full: bool) -> None:
 
 def test_leak(rule: Recorder, device: Device, full: bool) -> None:
     """Walls thinner than its cells."""
-    rule(checks.measure_leak(device, full))
+    rule(checks.measure_leak(device, checks.WALLS + (checks.MORE_WALLS if full else ())))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -79,24 +79,26 @@ def measure_fixed_point(device: Device, full: bool = False) -> Iterator[Measurem
     yield measured if min(counts) > 500 else Measurement(FIXED_POINT, math.inf, bar, note=f"{min(counts)} cells only")
 
 
-# Metres by which the wall is off the cells' grid, and degrees by which it is turned.
-_WALLS = ((0.0, 0), (0.075, 0))
-_MORE_WALLS = ((0.03, 0), (0.1, 0), (0.0, 45), (0.05, 20))
+# Metres by which the wall is off the cells' grid, degrees by which it is turned, and the bar.
+WALLS = ((0.0, 0, 0.001), (0.075, 0, 0.002))
+MORE_WALLS = ((0.03, 0, 0.002), (0.1, 0, 0.002), (0.0, 45, 0.01), (0.05, 20, 0.01))
 
 
-def measure_leak(device: Device, full: bool = False) -> Iterator[Measurement]:
+def measure_leak(
+    device: Device, walls: Sequence[tuple[float, int, float]] = WALLS, **settings: Any
+) -> Iterator[Measurement]:
     """A lamp on one side of a wall of 2 cm: what the picture's other half gets, on the cells' grid and within them."""
-    for x, turn in (*_WALLS, *(_MORE_WALLS if full else ())):
+    for x, turn, bar in walls:
         scene, size = thin_wall(), (32, 32)
         wall = next(instance for instance in scene if instance.name == "wall")
         wall.transform = place((1.0, 1.0, 4.0 if turn else 1.0), (x, 0, 0), math.radians(turn))
         dark = trace(device, scene, 64, size).max(axis=-1) == 0
         dark[:, : size[0] // 2] = False  # what lies outside the room
-        with make_renderer(device, scene, size) as renderer:
+        with make_renderer(device, scene, size, **settings) as renderer:
             for _ in range(24):
                 renderer.render(scene.camera)
             picture = np.mean([add_up(renderer.render(scene.camera)) for _ in range(16)], axis=0)
         lit = picture[(picture.max(axis=-1) > 0) & ~dark].mean()
         left = float(picture[dark].mean() / lit) if dark.any() and lit > 0 else math.inf
         note = f"wall at {x:g} m, turned by {turn} degrees"
-        yield Measurement(LEAK, left, 0.01 if turn else 0.002, "of the lit half's light", note)
+        yield Measurement(LEAK, left, bar, "of the lit half's light", note)

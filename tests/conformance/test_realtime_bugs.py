@@ -41,6 +41,10 @@ def measure_two_mirrors(device):
     return guide_checks.measure_mirrors(device, "two mirrors")
 
 
+def measure_matte_box(device):
+    return frame_checks.measure_closed_box(device, "matte")
+
+
 def measure_contribution(device):
     with ShaderRunner(device) as shaders:
         yield from light_tile_checks.measure_contribution(device, shaders)
@@ -113,12 +117,15 @@ BUGS = {
     "a hemisphere too few": (indirect_checks.measure_indirect, ["one bounce"], GI, "? 2.0 * PI :", "? PI :"),
     "no Fresnel in mirrors": (indirect_checks.measure_mirror, ["a mirror"], "passes/specular_gi/lobe.glsl",
                               "specular_fresnel(brdf, wo.z), INFINITY", "vec3(1.0), INFINITY"),
-    "light for nothing": (lambda device: frame_checks.measure_closed_box(device, "matte"), ["matte walls"],
+    "light for nothing": (measure_matte_box, ["matte walls keeps its"],
                           "passes/display/compose.comp", "emitted + diffuse", "emitted + 1.08 * diffuse"),
     "a dark corner": (frame_checks.measure_light, ["no sixteenth"], "passes/display/compose.comp",
                       "vec3 diffuse = di_diffuse", "if (all(lessThan(4u * pixel, camera.size))) { "
                       "di_diffuse.at[index] *= 0.5; }\n    vec3 diffuse = di_diffuse"),
-    "light that stays": (frame_checks.measure_light, ["as bright", "switched off"], "passes/display/compose.comp",
+    "a dark corner of a closed box": (measure_matte_box, ["in each sixteenth"], "passes/display/compose.comp",
+                                      "vec3 diffuse = di_diffuse", "if (all(lessThan(4u * pixel, uniforms.size))) { "
+                                      "di_diffuse.at[index] *= 0.5; }\n    vec3 diffuse = di_diffuse"),
+    "light that stays": (frame_checks.measure_light, ["as bright", "switched off is gone", "a trace is left"], "passes/display/compose.comp",
                          "vec3 diffuse = di_diffuse", "di_diffuse.at[index] = max(di_diffuse.at[index], vec3(0.03));\n"
                          "    vec3 diffuse = di_diffuse"),
     "divided by nothing": (frame_checks.measure_finite, ["finite"], "passes/display/compose.comp",

@@ -1,12 +1,13 @@
-"""Scenes that change: how soon frames follow lights that go out, things that move, cameras that jump, and edits."""
+"""Scenes that change: how soon frames follow things that move, cameras that jump, and edits."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from whole_frames import SIZE, find, left_of, make_renderer, reflected, reflected_truth, same_bits, snapshot
+from support.frames import SIZE, differing, find, left_of, settle, snapshot
 
 import solari_vk as sv
+from solari_vk.conformance.realtime import add_up, make_renderer, trace_reflected
 from solari_vk.measure.statistics import sixteenths
 from solari_vk.scene import shapes
 from solari_vk.scene.binder import SceneBinder
@@ -14,28 +15,6 @@ from solari_vk.scene.builtin import cornell_box, lamp, matte, place
 
 SEEDS = 4
 STOPPED = 8  # frames after which nothing of a motion may be seen
-
-
-def settle(renderer, camera, frames=30):
-    for _ in range(frames):
-        frame = renderer.render(camera)
-    return frame
-
-
-# ---- lights that go out -----------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", ["cornell_box", pytest.param("sphere_grid", marks=pytest.mark.slow)])  # many cells
-def test_lights_off(device, name):
-    """Ten frames after its lights are out, the scene has under 5 % of its light, and ten later under a hundredth."""
-    scene = sv.builtin(name)
-    with make_renderer(device, scene) as renderer:
-        lit = reflected(settle(renderer, scene.camera, 24)).mean()
-        for instance in scene:
-            instance.material.emissive = (0, 0, 0)
-        left = [reflected(renderer.render(scene.camera)).mean() / lit for _ in range(20)]
-    assert left[9] < 0.05, np.round(left, 3)
-    assert left[-1] < 0.01, np.round(left, 3)
 
 
 # ---- motion -----------------------------------------------------------------------------------------
@@ -72,14 +51,14 @@ def test_what_moves_leaves_no_trail(device, move):
             for step in range(1, steps + 1):
                 move(scene, step)
                 frame = renderer.render(scene.camera)
-            moving.append(reflected(frame))
-            after = [reflected(renderer.render(scene.camera)) for _ in range(STOPPED + 4)]
+            moving.append(add_up(frame))
+            after = [add_up(renderer.render(scene.camera)) for _ in range(STOPPED + 4)]
             stopped.append(np.mean(after[STOPPED:], axis=0))
-    now = reflected_truth(device, scene, 256)
+    now = trace_reflected(device, scene, 256)
     move(scene, steps - STOPPED)
-    lately = reflected_truth(device, scene, 256)
+    lately = trace_reflected(device, scene, 256)
     move(scene, 0)
-    first = reflected_truth(device, scene, 256)
+    first = trace_reflected(device, scene, 256)
     seen = now > 0
     for name, pictures in (("in motion", moving), ("after it", stopped)):
         error = np.mean(pictures, axis=0)[seen].mean() / now[seen].mean() - 1
@@ -107,7 +86,7 @@ def test_a_cut_with_reset_is_a_new_renderers_frame(device):
         renderer.reset()
         new.frame_count = renderer.frame_count  # it numbers random sequences
         for frame in range(6):
-            assert not same_bits(renderer.render(ELSEWHERE), new.render(ELSEWHERE)), frame
+            assert not differing(renderer.render(ELSEWHERE), new.render(ELSEWHERE)), frame
 
 
 def test_a_jump_without_reset_recovers(device):
@@ -118,10 +97,10 @@ def test_a_jump_without_reset_recovers(device):
         for seed in range(SEEDS):
             renderer.seed = seed
             renderer.reset()
-            before = reflected(settle(renderer, scene.camera, 16))
+            before = add_up(settle(renderer, scene.camera, 16))
             settle(renderer, ELSEWHERE, 28)
-            jumped.append(np.mean([reflected(renderer.render(ELSEWHERE)) for _ in range(4)], axis=0))
-    expected = reflected_truth(device, scene, 256, ELSEWHERE)
+            jumped.append(np.mean([add_up(renderer.render(ELSEWHERE)) for _ in range(4)], axis=0))
+    expected = trace_reflected(device, scene, 256, camera=ELSEWHERE)
     jumped = np.mean(jumped, axis=0)
     mask = expected > 0
     left = left_of(before[mask], expected[mask], jumped[mask])
@@ -175,8 +154,8 @@ def test_edits_end_in_the_truth(device):
                 edit(scene, extra, step)
                 assert np.isfinite(renderer.render(scene.camera)["radiance"]).all()
             settle(renderer, scene.camera, 16)
-            found.append(np.mean([reflected(renderer.render(scene.camera)) for _ in range(6)], axis=0))
-    expected = reflected_truth(device, scene, 512)
+            found.append(np.mean([add_up(renderer.render(scene.camera)) for _ in range(6)], axis=0))
+    expected = trace_reflected(device, scene, 512)
     mask = expected > 0
     means = np.array([picture[mask].mean() for picture in found]) / expected[mask].mean() - 1
     print(f"{means.mean():+.3f} +- {means.std() / np.sqrt(SEEDS):.3f}")
@@ -200,7 +179,7 @@ def test_renderers_that_share_a_scene_do_not_disturb_each_other(device):
     for step in range(8):
         edit(scene, extra, step)
         for renderer, camera, expected in zip(renderers, views, alone, strict=True):
-            assert not same_bits(renderer.render(camera), expected[step]), step
+            assert not differing(renderer.render(camera), expected[step]), step
     for renderer in renderers:
         renderer.close()
     binder.destroy()
@@ -216,8 +195,8 @@ def test_resize_is_a_new_renderers_frame(device):
             with make_renderer(device, scene, size) as new:
                 new.frame_count = renderer.frame_count
                 for frame in range(3):
-                    differing = same_bits(renderer.render(scene.camera), new.render(scene.camera))
-                    assert not differing, (size, frame, differing)
+                    names = differing(renderer.render(scene.camera), new.render(scene.camera))
+                    assert not names, (size, frame, names)
 
 
 def test_an_empty_scene_that_is_filled_and_emptied(device):
@@ -231,7 +210,7 @@ def test_an_empty_scene_that_is_filled_and_emptied(device):
         scene.add(ball)
         assert not settle(renderer, camera, 3)["radiance"].any(), "there is no light yet"
         scene.add(glow)
-        assert reflected(settle(renderer, camera, 6)).mean() > 0.002
+        assert add_up(settle(renderer, camera, 6)).mean() > 0.002
         scene.remove(ball)
         scene.remove(glow)
         assert not renderer.render(camera)["radiance"].any(), "nothing is seen where nothing is"

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from random_scenes import random_items, random_settings
-from whole_frames import LIGHT, make_renderer
+from support.random_scenes import random_items, random_settings
 
 import solari_vk as sv
+from solari_vk.conformance.realtime import PARTS, make_renderer
 
-RESULTS = ("radiance", *LIGHT, "emission", "diffuse_radiance", "specular_radiance")
+RESULTS = ("radiance", *PARTS, "emission", "diffuse_radiance", "specular_radiance")
 OTHERS = ("depth", "motion_vectors", "guides_normal_roughness", "guides_diffuse_albedo", "guides_specular_albedo",
           "guides_depth", "guides_motion", "guides_specular_motion")  # fmt: skip
 FEW = {"light_tile_count": 4, "light_tile_samples": 64, "world_cache_cells": 1 << 12}
-PART, PARTS = 150, 1000
+QUICK_COUNT, COUNT = 150, 1000
 
 
 def check(renderer, frame, what):
@@ -47,7 +47,7 @@ def run(device, numbers, **built_in):
 
 
 def test_frames_are_finite(device):
-    run(device, range(PART))
+    run(device, range(QUICK_COUNT))
 
 
 @pytest.mark.slow  # minutes: builds the pipelines of every way to make them
@@ -55,9 +55,9 @@ def test_frames_are_finite(device):
                                       {"layering": "fresnel_product", "frustum_culling": False},
                                       {"lambert": True, "gbuffer": "traced"}], ids=str)  # fmt: skip
 def test_frames_are_finite_however_they_are_built(device, built_in):
-    run(device, range(PARTS, PARTS + 50), **built_in)
+    run(device, range(COUNT, COUNT + 50), **built_in)
 
 
 @pytest.mark.slow  # minutes: the rest of a thousand combinations
 def test_a_thousand_combinations_are_finite(device):
-    run(device, range(PART, PARTS))
+    run(device, range(QUICK_COUNT, COUNT))
