@@ -105,8 +105,8 @@ def measure_closed_box(device: Device, walls: str, effort: Effort = BOX_FAST) ->
         found = run_pictures(renderer, scene.camera, effort, lambda f: np.asarray(f["radiance"], np.float64))
     name = f"a closed box of {walls} walls"
     yield measure_mean(Rule(f"{name} keeps its energy", *_FRAME), found, expected, 0.03, effort)
-    # Four standard errors of the noisiest sixteenth of matte walls are 10 %.
-    yield measure_tiles(Rule(f"{name} keeps it in each sixteenth", *_FRAME), found, expected, 0.15, effort)
+    # Four standard errors of the noisiest sixteenth of matte walls.
+    yield measure_tiles(Rule(f"{name} keeps it in each sixteenth", *_FRAME), found, expected, 0.1, effort)
 
 
 LIGHT_FAST, LIGHT_FULL = (Effort(), 0.05, 0.1), (Effort(16, 24, 4 * JITTER_PERIOD, 4096), 0.02, 0.05)

@@ -24,7 +24,7 @@ RASTER, RESOLVE, PIXEL = (f"passes/gbuffer/{name}" for name in ("raster.vert", "
 CULL, GATHER = "passes/gbuffer/cull.comp", "passes/world_cache/sample_indirect.comp"
 QUERY = "passes/world_cache/query.glsl"
 GENERATE, TILES = "passes/light_tiles/generate.comp", "passes/light_tiles/light_tiles.glsl"
-TONEMAP = "passes/display/tonemap.glsl"
+TONEMAP, COMPOSE = "passes/display/tonemap.glsl", "passes/display/compose.comp"
 VIEW, VIEWS = "passes/display/debug_view.comp", "passes/display/debug_views.glsl"
 MIRRORS, WRITE = "passes/guides/mirrors.glsl", "passes/guides/write.comp"
 
@@ -50,6 +50,10 @@ def measure_contribution(device):
         yield from light_tile_checks.measure_contribution(device, shaders)
 
 
+DARK_CORNER = (
+    COMPOSE, "vec3 diffuse = di_diffuse", "if (all(lessThan(4u * pixel, camera.size))) { "
+    "di_diffuse.at[index] *= 0.5; }\n    vec3 diffuse = di_diffuse",
+)  # fmt: skip
 BUGS = {
     "raster with gaps": (measure_zoo, ["inside facets"], RESOLVE, "imageLoad(depth, ivec2(at)).x == 0.0",
                          "(at.x & 7u) == 0u"),
@@ -118,17 +122,13 @@ BUGS = {
     "no Fresnel in mirrors": (indirect_checks.measure_mirror, ["a mirror"], "passes/specular_gi/lobe.glsl",
                               "specular_fresnel(brdf, wo.z), INFINITY", "vec3(1.0), INFINITY"),
     "light for nothing": (measure_matte_box, ["matte walls keeps its"],
-                          "passes/display/compose.comp", "emitted + diffuse", "emitted + 1.08 * diffuse"),
-    "a dark corner": (frame_checks.measure_light, ["no sixteenth"], "passes/display/compose.comp",
-                      "vec3 diffuse = di_diffuse", "if (all(lessThan(4u * pixel, camera.size))) { "
-                      "di_diffuse.at[index] *= 0.5; }\n    vec3 diffuse = di_diffuse"),
-    "a dark corner of a closed box": (measure_matte_box, ["in each sixteenth"], "passes/display/compose.comp",
-                                      "vec3 diffuse = di_diffuse", "if (all(lessThan(4u * pixel, uniforms.size))) { "
-                                      "di_diffuse.at[index] *= 0.5; }\n    vec3 diffuse = di_diffuse"),
-    "light that stays": (frame_checks.measure_light, ["as bright", "switched off is gone", "a trace is left"], "passes/display/compose.comp",
+                          COMPOSE, "emitted + diffuse", "emitted + 1.08 * diffuse"),
+    "a dark corner": (frame_checks.measure_light, ["no sixteenth"], *DARK_CORNER),
+    "a dark corner of a closed box": (measure_matte_box, ["in each sixteenth"], *DARK_CORNER),
+    "light that stays": (frame_checks.measure_light, ["as bright", "switched off is gone", "a trace is left"], COMPOSE,
                          "vec3 diffuse = di_diffuse", "di_diffuse.at[index] = max(di_diffuse.at[index], vec3(0.03));\n"
                          "    vec3 diffuse = di_diffuse"),
-    "divided by nothing": (frame_checks.measure_finite, ["finite"], "passes/display/compose.comp",
+    "divided by nothing": (frame_checks.measure_finite, ["finite"], COMPOSE,
                            "radiance.at[index] = emitted",
                            "radiance.at[index] = uintBitsToFloat(0x7FC00000u) + emitted"),
     "tiles packed without exposure": (light_tile_checks.measure_tiles, ["within half a step", "a sun of 100,000 lux"],
@@ -171,9 +171,9 @@ BUGS = {
                                      "specular_albedo(material.base_color, ab)", "material.base_color * ab.x + ab.y"),
     "normals of any length": (guide_checks.measure_range, ["odd scenes give finite guides"], WRITE,
                               "vec4(guides.world_normal, guides", "vec4(1.1 * guides.world_normal, guides"),
-    "light counted twice": (guide_checks.measure_parts, ["add up"], "passes/display/compose.comp",
+    "light counted twice": (guide_checks.measure_parts, ["add up"], COMPOSE,
                             "emitted + diffuse", "emitted + 2.0 * diffuse"),
-    "emission after exposure": (guide_checks.measure_parts, ["emission is"], "passes/display/compose.comp",
+    "emission after exposure": (guide_checks.measure_parts, ["emission is"], COMPOSE,
                                 "emission.at[index] = emitted;", "emission.at[index] = emitted * this_frame.exposure;"),
     "a stop too bright": (display_checks.measure_picture, ["white is", "sRGB", "Reinhard", "ACES", "AgX"], TONEMAP,
                           "tonemap(radiance * this_frame.exposure)", "tonemap(2.0 * radiance * this_frame.exposure)"),
