@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.conformance import brdf_runs
-from solari_vk.conformance.rules import Measurement, Rule
+from solari_vk.conformance.rules import Measurement, Rule, count_wrong
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.measure.statistics import chi_squared_p, sidak, standard_deviations
 
@@ -115,9 +115,33 @@ def measure_draws(
         valid = np.isfinite(rows[:, 2, 1]) & (wi[:, 2] > 0)
         off = np.abs(weight[valid] * pdf[valid, None] / np.maximum(value[valid], 1e-20) - 1).max()
         yield Measurement(Rule("weight = f cos / pdf", *_SOURCE), float(off), 2e-3, "relative error", name)
+        wrong = [f"{what}, {name}" for what in _wrong_draws(rows, valid, roughness, wo)]
+        yield count_wrong(Rule("draws: unit vectors with the pdf of brdf_pdf, mirrors exact", *_SOURCE), wrong)
         scale = max(roughness**2, 0.3 if metallic < 1 else 0.0)
         z = standard_deviations(chi_squared_p(*drawn_cells(shaders, material, wo, wi[valid], scale, count)))
         yield Measurement(Rule(f"draws follow their density, {name}", *_SOURCE), z, bar, "standard deviations")
+
+
+def _wrong_draws(rows: Floats, valid: NDArray[np.bool_], roughness: float, wo: Floats) -> Iterator[str]:
+    """What is wrong with draws (N, 4, 3) of a dielectric mirror (roughness 0) or of any rough surface."""
+    wi, weight, (pdf, drawn_pdf, probability) = rows[:, 0], rows[:, 1], rows[:, 2].T
+    mirrored = np.isinf(drawn_pdf)
+    if (np.abs(np.linalg.norm(wi[valid], axis=1) - 1) > 1e-5).any():
+        yield "length"
+    if (weight[~mirrored & ~valid] != 0).any():
+        yield "weight below the surface"
+    if not ((pdf[valid] > 0) & (np.abs(drawn_pdf[valid] - pdf[valid]) <= 1e-8 + 1e-3 * pdf[valid])).all():
+        yield "pdf"
+    if roughness > 0:
+        if mirrored.any():
+            yield "a mirror"
+        return
+    if np.abs(wi[mirrored] - wo * (-1, -1, 1)).max() >= 1e-6:
+        yield "mirrored direction"
+    if abs(mirrored.mean() - probability[0]) >= 5 * np.sqrt(probability[0] / len(rows)):
+        yield "share of mirrored draws"
+    if np.abs(weight[mirrored] * probability[0] / (0.04 + 0.96 * (1 - wo[2]) ** 5) - 1).max() >= 1e-5:
+        yield "mirrored weight"
 
 
 def random_directions(rng: np.random.Generator, count: int, edge_share: float = 0.2) -> NDArray[np.float32]:
@@ -158,7 +182,10 @@ def measure_numbers(shaders: ShaderRunner, count: int) -> Iterator[Measurement]:
     yield Measurement(Rule("draws are numbers, weights bounded", *_SOURCE), float(bad.sum()), 0.0, f"of {count:,}")
     wo, wi = random_directions(rng, count, 0), random_directions(rng, count, 0)
     records["perceptual_roughness"] = rng.uniform(0.1, 1, count)
-    there = brdf_runs.run(shaders, "evaluate", count, records, wo, wi)[:, 1] / wi[:, 2:]
-    back = brdf_runs.run(shaders, "evaluate", count, records, wi, wo)[:, 1] / wo[:, 2:]
-    error = (np.abs(there - back) / (np.abs(back) + 1e-3)).max()
-    yield Measurement(Rule("diffuse is reciprocal", *_SOURCE), float(error), 1e-4, "relative error")
+    for name, lobe in (("diffuse", 1), ("specular without multiple scattering", 3)):
+        there = brdf_runs.run(shaders, "evaluate", count, records, wo, wi)[:, lobe] / wi[:, 2:]
+        back = brdf_runs.run(shaders, "evaluate", count, records, wi, wo)[:, lobe] / wo[:, 2:]
+        error = (np.abs(there - back) / (np.abs(back) + 1e-3)).max()
+        yield Measurement(Rule(f"{name} is reciprocal", *_SOURCE), float(error), 1e-3 if lobe == 3 else 1e-4,
+                          "relative error")  # fmt: skip
+        records["metallic"], records["reflectance"] = 0, 0  # F0 = 0 has no factor for multiple scattering

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import solari_vk as sv
 from solari_vk.conformance import brdf_runs
 from solari_vk.conformance.light_checks import floor_scene
-from solari_vk.conformance.oracles import closed_forms, packed_lights
+from solari_vk.conformance.oracles import closed_forms, encodings, packed_lights
 from solari_vk.conformance.realtime import OFF, make_renderer
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.conformance.shader_runner import ShaderRunner
@@ -82,7 +82,7 @@ def _measure_packing(named: Samples, packed: Samples, exposure: float) -> Iterat
     light, count = named["light_index"], len(EXPOSED) + 2
     sun = closed_forms.sun_radiance(LUX, SUN_ANGLE) * exposure
     exposed = np.concatenate([EXPOSED, [(BALL,) * 3, (sun,) * 3]])[light]
-    stored, expected = packed_lights.decode_rgb9e5(packed["radiance"]), np.log2(1 + exposed)
+    stored, expected = encodings.decode_rgb9e5(packed["radiance"]), np.log2(1 + exposed)
     error = (np.abs(stored - expected) / packed_lights.step_and_rounding(expected)).max()
     yield Measurement(ENCODED, float(error), 1.0, "of half a step")
     samples = packed_lights.decode(packed)

@@ -65,7 +65,7 @@ class Report:
 
     def text(self) -> str:
         """Plain text, columns aligned."""
-        lines = [f"{name + ':':10}{value}" for name, value in self.header.items()]
+        lines = [f"{name + ':':11}{value}" for name, value in self.header.items()]
         for group, members in self._groups().items():
             lines += ["", group, *text_table(_COLUMNS, [self._cells(row) for row in members])]
         return "\n".join(lines + (["", *self._remarks()] if self._remarks() else []))

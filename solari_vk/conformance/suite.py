@@ -127,6 +127,7 @@ class Suite:
     started: float = field(default_factory=time.monotonic)
     _deselected: Counter[str] = field(default_factory=Counter)
     _left_out: list[str] = field(default_factory=list)
+    _is_part: bool = False  # of a session with other tests, where one line must do for the report
     _device: Device | None = None
     _load: str = field(default_factory=host_load)
 
@@ -190,11 +191,13 @@ class Suite:
 
     def pytest_deselected(self, items: Sequence[Any]) -> None:
         """Tests that an option such as -k left out."""
-        self._deselected.update(_group(item.path) for item in items)
+        self._deselected.update(_group(item.path) for item in items if FOLDER in item.path.parents)
 
     def pytest_collection_finish(self, session: Any) -> None:
         """What of the suite isn't run, to be named in the report."""
-        run = {_group(item.path) for item in session.items}
+        own = [item for item in session.items if FOLDER in item.path.parents]
+        self._is_part = len(own) < len(session.items)
+        run = {_group(item.path) for item in own}
         present = {_group(file) for file in FOLDER.glob("test_*.py")}
         self._left_out = [f"group {name}" for name in sorted(present - run)]
         self._left_out += [f"{count} tests of {name}" for name, count in self._deselected.items() if name in run]
@@ -221,8 +224,8 @@ class Suite:
         made = report.Report(
             self._device, rows(self.outcomes), self.full, seconds, self.spent, self._left_out, self._load
         )
-        terminalreporter.write_line("")
-        for line in made.text().splitlines():
+        text = f"conformance: {made.verdict()}" if self._is_part else made.text()
+        for line in ["", *text.splitlines()]:
             terminalreporter.write_line(line)
         for file, text in ((self.markdown, made.markdown), (self.html, made.html)):
             if file is not None:

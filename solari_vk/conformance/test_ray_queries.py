@@ -34,7 +34,7 @@ def test_embree(rule: Recorder, shaders: ShaderRunner, full: bool, scene: str) -
     if not embree_checks.available():
         rule.missing(embree_checks.rules(scene), "needs embreex: pip install solari-vk[test]")
     else:
-        rule(embree_checks.measure(shaders, scene, 10_000_000 if full else 1_000_000))
+        rule(embree_checks.measure(shaders, scene, 10_000_000 if full else 100_000))
 
 
 def test_watertight(rule: Recorder, shaders: ShaderRunner) -> None:
@@ -42,9 +42,9 @@ def test_watertight(rule: Recorder, shaders: ShaderRunner) -> None:
     rule(bulk_checks.measure_watertight(shaders))
 
 
-def test_many_instances(rule: Recorder, shaders: ShaderRunner) -> None:
+def test_many_instances(rule: Recorder, shaders: ShaderRunner, full: bool) -> None:
     """Each of many instances is hit, and is told from the others."""
-    rule(bulk_checks.measure_many_instances(shaders, 100_000))
+    rule(bulk_checks.measure_many_instances(shaders, 100_000 if full else 20_000))
 
 
 def test_extreme_transforms(rule: Recorder, shaders: ShaderRunner) -> None:

@@ -7,7 +7,7 @@ import pytest
 from support.brdf import Surface, alpha_of, directional_albedo_terms
 
 from solari_vk.conformance import brdf_runs
-from solari_vk.conformance.brdf_checks import random_directions
+from solari_vk.conformance.brdf_checks import furnace, random_directions
 
 CASES = [
     # base colour, metallic, perceptual roughness, reflectance; and how far the table's interpolation may be off
@@ -49,3 +49,13 @@ def test_table_holds_the_albedo(shaders):
         for column in (12, 30, 63):
             a, b = directional_albedo_terms(alpha_of(row / 63), (column / 63) ** 2)
             np.testing.assert_allclose(table[row, column], (a, b), atol=1e-3)
+
+
+def test_solaris_layerings_are_off_as_told(shaders):
+    """0.18 adds both lobes and gains, 0.19 multiplies Fresnel terms and loses."""
+    assert 1.4 < furnace(shaders, 0.0, brdf_layering=1).max() < 1.7
+    assert 0.3 < furnace(shaders, 0.0, brdf_layering=2).min() < 0.5
+
+
+def test_lambert_switch(shaders):
+    assert np.abs(furnace(shaders, 0.5, brdf_lambert=True) - 1).max() < 1e-5

@@ -3,172 +3,92 @@
 from __future__ import annotations
 
 import pytest
-import test_brdf_sampling as brdf_sampling
 import test_brdf_values as brdf_values
 import test_distributions as distributions
-import test_furnace as furnace
 import test_packing as packing
 import test_random as random_numbers
 import test_ray_offsets as ray_offsets
 import test_surface as surface
+from support.measured import hold
 
-RANDOM, PACKING = "common/random.glsl", "common/packing.glsl"
+from solari_vk.conformance import brdf_checks
+
+RANDOM, PACKING, SURFACE = "common/random.glsl", "common/packing.glsl", "scene/surface.glsl"
 BRDF, MICROFACET, TABLE = "scene/brdf.glsl", "scene/microfacet.glsl", "scene/brdf_table.glsl"
 
+
+def furnace(shaders, metallic):
+    hold(brdf_checks.measure_furnace(shaders, metallic))
+
+
+def draws(shaders, *case):
+    hold(brdf_checks.measure_draws(shaders, [case], 1_000_000))
+
+
+def numbers(shaders):
+    hold(brdf_checks.measure_numbers(shaders, 200_000))
+
+
+GLOSSY = (0.5, 1.0, 60.0)
 MUTANTS = {
     "generator: a wrong multiplier": (random_numbers.check, (), RANDOM, "277803737u", "277803739u"),
-    "generator: 23 bits": (
-        random_numbers.check,
-        (),
-        RANDOM,
-        ">> 8u) * 5.9604644775390625e-8",
-        ">> 9u) * 1.1920928955078125e-7",
-    ),
+    "generator: 23 bits": (random_numbers.check, (), RANDOM, ">> 8u) * 5.9604644775390625e-8",
+                           ">> 9u) * 1.1920928955078125e-7"),
     "range: off by one": (random_numbers.check, (), RANDOM, "rand_u(rng), n, high", "rand_u(rng), n - 1u, high"),
     "disk: no square root": (distributions.check_disk, (), RANDOM, "return sqrt(u.x) * vec2", "return u.x * vec2"),
     "hemisphere: uniform for cosine": (distributions.check_hemispheres, (), RANDOM, "sqrt(1.0 - u.x));", "1.0 - u.x);"),
-    "barycentrics: one corner preferred": (
-        distributions.check_barycentrics,
-        (),
-        RANDOM,
-        "float root = sqrt(u.x)",
-        "float root = u.x",
-    ),
-    "cone: twice as wide": (
-        distributions.check_cone,
-        (0.01, (0, 0, 1)),
-        RANDOM,
-        "one_minus_cos_half_angle * u.x",
-        "2.0 * one_minus_cos_half_angle * u.x",
-    ),
+    "barycentrics: one corner preferred": (distributions.check_barycentrics, (), RANDOM, "float root = sqrt(u.x)",
+                                           "float root = u.x"),
+    "cone: twice as wide": (distributions.check_cone, (0.01, (0, 0, 1)), RANDOM, "one_minus_cos_half_angle * u.x",
+                            "2.0 * one_minus_cos_half_angle * u.x"),
     "packing: truncation": (packing.check, (), PACKING, "c * scale + 0.5", "c * scale"),
     "packing: full mantissa overflows": (packing.check, (), PACKING, "== 512u", "== 513u"),
     "packing: octahedron folded wrongly": (packing.check, (), PACKING, "abs(v.yx)", "abs(v.xy)"),
-    "BRDF: dropped cosine": (
-        furnace.check,
-        (0.0,),
-        BRDF,
-        "(INVERSE_PI * wi.z);\n    if (brdf_lambert ||",
-        "INVERSE_PI;\n    if (brdf_lambert ||",
-    ),
-    "BRDF: no multiple scattering": (furnace.check, (1.0,), BRDF, "brdf.multiscatter = 1.0 / (ab.x + ab.y) - 1.0;", ""),
-    "BRDF: diffuse not under the layer": (
-        furnace.check,
-        (0.0,),
-        BRDF,
-        "value * (1.0 - specular_albedo(brdf.dielectric_f0, ab))",
-        "value",
-    ),
-    "BRDF: D by 1 - cos^2": (
-        brdf_sampling.check_density,
-        (0.04, 1.0, 30.0),
-        MICROFACET,
-        "dot(half_vector.xy, half_vector.xy) + a2",
-        "(1.0 - square(half_vector.z)) + a2",
-    ),
-    "table: off by one row": (furnace.check, (1.0,), TABLE, "first = cell.y *", "first = (cell.y - min(cell.y, 1u)) *"),
-    "sampling: pdf without Jacobian": (
-        brdf_sampling.check_density,
-        (0.5, 1.0, 60.0),
-        MICROFACET,
-        "return 0.5 / (k",
-        "return 1.0 / (k",
-    ),
-    "sampling: pdf of unbounded VNDF": (
-        brdf_sampling.check_density,
-        (0.5, 1.0, 60.0),
-        MICROFACET,
-        "(k * wo.z + sqrt",
-        "(wo.z + sqrt",
-    ),
-    "sampling: cap not bounded": (
-        brdf_sampling.check_density,
-        (0.5, 1.0, 60.0),
-        MICROFACET,
-        "float b = k * wo_std.z",
-        "float b = wo_std.z",
-    ),
-    "sampling: lobes' chances swapped": (
-        brdf_sampling.check_density,
-        (0.6, 0.0, 75.0),
-        BRDF,
-        "mix(diffuse_pdf, specular_pdf,",
-        "mix(specular_pdf, diffuse_pdf,",
-    ),
-    "sampling: weight without its pdf": (
-        brdf_sampling.check_density,
-        (0.5, 1.0, 60.0),
-        BRDF,
-        "evaluate_brdf(brdf, wo, wi) / pdf :",
-        "evaluate_brdf(brdf, wo, wi) :",
-    ),
-    "BRDF: not reciprocal": (
-        brdf_sampling.check_reciprocity,
-        (),
-        BRDF,
-        "(1.0 - specular_albedo(brdf.dielectric_f0, ab))",
-        "1.0",
-    ),
-    "BRDF: grazing views divide by zero": (
-        brdf_sampling.check_finite,
-        (),
-        BRDF,
-        "pdf > 0.0 ? evaluate_brdf(brdf, wo, wi) / pdf : vec3(0.0), pdf",
-        "evaluate_brdf(brdf, wo, wi) / pdf, pdf",
-    ),
-    "BRDF: shadowing of another roughness": (
-        brdf_values.check_values,
-        brdf_values.CASES[0],
-        "scene/microfacet.glsl",
-        "float a2 = square(roughness);\n    float shadowed_l",
-        "float a2 = roughness;\n    float shadowed_l",
-    ),
-    "BRDF: shadowing halved": (
-        brdf_values.check_values,
-        brdf_values.CASES[2],
-        "scene/microfacet.glsl",
-        "return 0.5 / max(",
-        "return 0.25 / max(",
-    ),
-    "normals: bent where they face away": (
-        surface.check_bending,
-        (),
-        "scene/surface.glsl",
-        "dot(normal, wo) > 0.0 && ",
-        "",
-    ),
-    "heuristic: not for infinity": (
-        surface.check_heuristics,
-        (),
-        "common/math.glsl",
-        "f == g ? 0.5 : 1.0 / (1.0 + g / f)",
-        "f / (f + g)",
-    ),
-    "normals: not bent": (
-        surface.check_bending,
-        (),
-        "scene/surface.glsl",
-        "if (dot(normal, wo) > 0.0 && dot(mirrored, geometric_normal) >= least)",
-        "if (true)",
-    ),
-    "offset: an eighth of the bound": (
-        ray_offsets.check,
-        (1e-3,),
-        "scene/surface.glsl",
-        "return 16.0 *",
-        "return 2.0 *",
-    ),
-    "offset: light's end not moved": (
-        ray_offsets.check,
-        (1.0,),
-        "scene/light_visibility.glsl",
-        "? -offset : offset)",
-        "? offset : -offset)",
-    ),
-}
+    "BRDF: dropped cosine": (furnace, (0.0,), BRDF, "(INVERSE_PI * wi.z);\n    if (brdf_lambert ||",
+                             "INVERSE_PI;\n    if (brdf_lambert ||"),
+    "BRDF: no multiple scattering": (furnace, (1.0,), BRDF, "brdf.multiscatter = 1.0 / (ab.x + ab.y) - 1.0;", ""),
+    "BRDF: diffuse not under the layer": (furnace, (0.0,), BRDF,
+                                          "value * (1.0 - specular_albedo(brdf.dielectric_f0, ab))", "value"),
+    "table: off by one row": (furnace, (1.0,), TABLE, "first = cell.y *", "first = (cell.y - min(cell.y, 1u)) *"),
+    "BRDF: D by 1 - cos^2": (draws, (0.04, 1.0, 30.0), MICROFACET, "dot(half_vector.xy, half_vector.xy) + a2",
+                             "(1.0 - square(half_vector.z)) + a2"),
+    "sampling: pdf without Jacobian": (draws, GLOSSY, MICROFACET, "return 0.5 / (k", "return 1.0 / (k"),
+    "sampling: pdf of unbounded VNDF": (draws, GLOSSY, MICROFACET, "(k * wo.z + sqrt", "(wo.z + sqrt"),
+    "sampling: cap not bounded": (draws, GLOSSY, MICROFACET, "float b = k * wo_std.z", "float b = wo_std.z"),
+    "sampling: lobes' chances swapped": (draws, (0.6, 0.0, 75.0), BRDF, "mix(diffuse_pdf, specular_pdf,",
+                                         "mix(specular_pdf, diffuse_pdf,"),
+    "sampling: weight without its pdf": (draws, GLOSSY, BRDF, "evaluate_brdf(brdf, wo, wi) / pdf :",
+                                         "evaluate_brdf(brdf, wo, wi) :"),
+    "BRDF: not reciprocal": (numbers, (), BRDF, "(1.0 - specular_albedo(brdf.dielectric_f0, ab))", "1.0"),
+    "BRDF: grazing views divide by zero": (numbers, (), BRDF,
+                                           "pdf > 0.0 ? evaluate_brdf(brdf, wo, wi) / pdf : vec3(0.0), pdf",
+                                           "evaluate_brdf(brdf, wo, wi) / pdf, pdf"),
+    "BRDF: shadowing of another roughness": (brdf_values.check_values, brdf_values.CASES[0], MICROFACET,
+                                             "float a2 = square(roughness);\n    float shadowed_l",
+                                             "float a2 = roughness;\n    float shadowed_l"),
+    "BRDF: shadowing halved": (brdf_values.check_values, brdf_values.CASES[2], MICROFACET, "return 0.5 / max(",
+                               "return 0.25 / max("),
+    "normals: bent where they face away": (surface.check_bending, (), SURFACE, "dot(normal, wo) > 0.0 && ", ""),
+    "heuristic: not for infinity": (surface.check_heuristics, (), "common/math.glsl",
+                                    "f == g ? 0.5 : 1.0 / (1.0 + g / f)", "f / (f + g)"),
+    "normals: not bent": (surface.check_bending, (), SURFACE,
+                          "if (dot(normal, wo) > 0.0 && dot(mirrored, geometric_normal) >= least)", "if (true)"),
+    "offset: an eighth of the bound": (ray_offsets.check, (1e-3,), SURFACE, "return 16.0 *", "return 2.0 *"),
+    "offset: light's end not moved": (ray_offsets.check, (1.0,), "scene/light_visibility.glsl", "? -offset : offset)",
+                                      "? offset : -offset)"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", MUTANTS)
 def test_seeded_bug_is_noticed(expect_failure, name):
     check, arguments, *patch = MUTANTS[name]
     expect_failure(tuple(patch), check, *arguments)
+
+
+def test_without_a_bug_the_same_checks_hold(shaders):
+    """At the efforts that are used above; what they are in other tests, `conformance/test_brdf.py` runs."""
+    for metallic in (0.0, 1.0):
+        furnace(shaders, metallic)
+    for case in (GLOSSY, (0.04, 1.0, 30.0), (0.6, 0.0, 75.0)):
+        draws(shaders, *case)
+    numbers(shaders)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.conformance.oracles import closed_forms, packed_lights
+from solari_vk.conformance.oracles import closed_forms, encodings
 from solari_vk.scene.model import Camera
 
 Image = NDArray[Any]
@@ -28,11 +28,11 @@ def decode(frame: Mapping[str, Any] | Any) -> dict[str, Image]:
     return {
         "color": ((coarse << fine_bits | fine) / ((256 << fine_bits) - 1.0)) ** 2.2,
         "perceptual_roughness": (x >> 24) / 255.0,
-        "emissive": packed_lights.decode_rgb9e5(y),
+        "emissive": encodings.decode_rgb9e5(y),
         "reflectance": (z & 255) / 255.0,
         "metallic": (z >> 8 & 255) / 255.0,
-        "normal": packed_lights.decode_octahedral(w & 0xFFFFFF, 12),
-        "geometric_normal": packed_lights.decode_octahedral(surface[..., 0], 16),
+        "normal": encodings.decode_octahedral(w & 0xFFFFFF, 12),
+        "geometric_normal": encodings.decode_octahedral(surface[..., 0], 16),
         "instance": surface[..., 1],
         "depth": frame["depth"][..., 0].astype(np.float64),
         "motion": frame["motion_vectors"].astype(np.float64),

@@ -7,26 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.conformance.oracles.encodings import decode_octahedral, decode_rgb9e5
+
 Floats = NDArray[np.floating[Any]]
-
-
-def decode_octahedral(codes: NDArray[np.integer[Any]], bits: int = 16) -> Floats:
-    """Unit vectors (..., 3) of codes of two numbers (Cigolle et al. 2014); the largest code but one is 1, so that axes
-    are exact."""
-    mask = (1 << bits) - 1
-    square = np.stack([codes & mask, codes >> bits & mask], axis=-1) / (mask - 1) * 2 - 1
-    z = 1 - np.abs(square).sum(axis=-1, keepdims=True)
-    folded = np.where(z >= 0, square, (1 - np.abs(square[..., ::-1])) * np.where(square >= 0, 1, -1))
-    along = np.concatenate([folded, z], axis=-1)
-    found: Floats = along / np.linalg.norm(along, axis=-1, keepdims=True)
-    return found
-
-
-def decode_rgb9e5(bits: NDArray[np.integer[Any]]) -> Floats:
-    """Colours (..., 3) of 9 bits a channel and 5 of exponent (EXT_texture_shared_exponent)."""
-    mantissas = np.stack([bits >> shift & 511 for shift in (0, 9, 18)], axis=-1)
-    found: Floats = np.ldexp(mantissas.astype(np.float64), (bits >> 27).astype(np.int32)[..., None] - 24)
-    return found
 
 
 def half_step(colors: Floats) -> Floats:
