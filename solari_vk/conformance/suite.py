@@ -224,8 +224,8 @@ class Suite:
         made = report.Report(
             self._device, rows(self.outcomes), self.full, seconds, self.spent, self._left_out, self._load
         )
-        text = f"conformance: {made.verdict()}" if self._is_part else made.text()
-        for line in ["", *text.splitlines()]:
+        summary = f"conformance: {made.verdict()}" if self._is_part else made.text()
+        for line in ["", *summary.splitlines()]:
             terminalreporter.write_line(line)
         for file, text in ((self.markdown, made.markdown), (self.html, made.html)):
             if file is not None:
