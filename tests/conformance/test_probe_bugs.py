@@ -82,7 +82,7 @@ RAY_BUGS = {
     "direction normalized": (normalized, ["dir: t counts", "RayIntersection.t, committed"]),
     "nothing confirmed": (without_action(probe_actions.CONFIRM), ["rayQueryConfirmIntersection"]),
     "nothing generated": (
-        without_action(probe_actions.GENERATE_AT | told.GENERATE_SPHERE),
+        without_action(probe_actions.GENERATE_AT | probe_actions.GENERATE_SPHERE),
         ["rayQueryGenerateIntersection"],
     ),
     "nothing terminated": (without_action(probe_actions.TERMINATE), ["rayQueryTerminate"]),
