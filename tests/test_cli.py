@@ -1,4 +1,4 @@
-"""The command line as a user meets it: pictures, messages and exit codes."""
+"""The command line as a user meets it: pictures, movies, messages and exit codes."""
 
 from __future__ import annotations
 
@@ -14,126 +14,271 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import solari_vk as sv
 from solari_vk.cli import main
+from solari_vk.output.tone_mapping import decode_srgb
+from solari_vk.passes.debug_views import DEBUG_VIEWS
+from solari_vk.settings import FIELDS
 
+SIZE = 24, 16
+SMALL = ["--size", "24x16"]
 REFERENCE = ["--mode", "reference"]
-SMALL = [*REFERENCE, "--size", "24x16", "--samples", "2"]
+SAMPLES = [*REFERENCE, *SMALL, "--samples", "2"]
+FRAMES = [*SMALL, "--warm-up", "2"]
 
 
 @pytest.fixture
 def render(any_device, tmp_path, capsys):
-    """Run `solari-vk render` in this process; gives the exit code and what it said on stderr."""
+    """Run `solari-vk render`; returns the exit code, its stderr and the path of the output."""
 
-    def run(*arguments, output="picture.png"):
+    def run(*arguments, source="builtin:cornell_box", output="picture.png"):
         path = tmp_path / output
-        code = main(["render", *map(str, arguments), "-o", str(path)])
+        code = main(["render", str(source), *map(str, arguments), "-o", str(path)])
         return code, capsys.readouterr().err, path
 
     return run
 
 
-def test_png_of_a_builtin_scene(render):
-    code, said, path = render("builtin:cornell_box", *SMALL)
-    assert code == 0, said
-    picture = np.asarray(Image.open(path))
-    assert picture.shape[:2] == (16, 24)
-    assert picture.std() > 5
+@pytest.fixture
+def done(render):
+    """The same for commands that succeed; returns their stderr and the path of the output."""
+
+    def run(*arguments, **options):
+        code, said, path = render(*arguments, **options)
+        assert code == 0, said
+        return said, path
+
+    return run
+
+
+def pixels(path):
+    return np.asarray(Image.open(path))
+
+
+# ---- the reference ----------------------------------------------------------------------------------
+
+
+def test_png_of_a_builtin_scene(done):
+    said, path = done(*SAMPLES)
+    assert pixels(path).shape[:2] == (16, 24)
+    assert pixels(path).std() > 5
     assert "2 samples a pixel" in said
 
 
-def test_exr_holds_radiance_and_aovs(render):
+def test_exr_holds_radiance_and_aovs(done):
     import OpenEXR
 
-    code, said, path = render("builtin:cornell_box", *SMALL, "--aov", "depth,albedo,instance_id", output="picture.exr")
-    assert code == 0, said
+    _, path = done(*SAMPLES, "--aov", "depth,albedo,instance_id", output="picture.exr")
     with OpenEXR.File(str(path)) as file:
         assert {"RGB", "depth", "albedo", "instance_id"} <= set(file.channels())
 
 
-def test_npy_is_linear_radiance_and_aovs_are_files_beside_it(render):
-    code, said, path = render("builtin:cornell_box", *SMALL, "--aov", "depth", output="picture.npy")
-    assert code == 0, said
-    radiance = np.load(path)
-    assert radiance.shape == (16, 24, 3)
-    assert radiance.dtype == np.float32
+def test_npy_is_linear_radiance_and_aovs_are_files_beside_it(done):
+    _, path = done(*SAMPLES, "--aov", "depth", output="picture.npy")
+    radiance, depth = np.load(path), np.load(path.with_suffix(".depth.npy"))
+    assert (radiance.shape, radiance.dtype) == ((16, 24, 3), np.float32)
     assert np.isfinite(radiance).all()
-    depth = np.load(path.with_suffix(".depth.npy"))
     assert depth.shape == (16, 24)
     assert (depth > 0).all()
 
 
-def test_a_seed_makes_the_same_picture_and_another_seed_another(render):
-    pictures = []
-    for seed in (1, 1, 2):
-        code, said, path = render("builtin:cornell_box", *SMALL, "--seed", seed, output="picture.npy")
-        assert code == 0, said
-        pictures.append(np.load(path))
+def test_a_seed_makes_the_same_picture_and_another_seed_another(done):
+    pictures = [np.load(done(*SAMPLES, "--seed", seed, output="picture.npy")[1]) for seed in (1, 1, 2)]
     np.testing.assert_array_equal(pictures[0], pictures[1])
     assert (pictures[0] != pictures[2]).any()
 
 
-def test_camera_by_pose_and_exposure(render, tmp_path):
+def test_camera_by_pose_and_exposure(done, tmp_path):
     pose = {"position": [0, 1, 3], "target": [0, 1, 0], "vertical_fov_degrees": 40, "ev100": 1}
     file = tmp_path / "pose.json"
     file.write_text(json.dumps(pose))
     pictures = []
     for camera in (json.dumps(pose), str(file)):
-        code, said, path = render("builtin:cornell_box", *SMALL, "--camera", camera, output="picture.npy")
-        assert code == 0, said
+        said, path = done(*SAMPLES, "--camera", camera, output="picture.npy")
         assert "EV100 1.00" in said
         pictures.append(np.load(path))
     np.testing.assert_array_equal(*pictures)
-    code, said, _ = render("builtin:cornell_box", *SMALL, "--exposure", "auto")
-    assert code == 0, said
-    code, said, _ = render("builtin:cornell_box", *SMALL, "--exposure", "2.5")
-    assert "EV100 2.50" in said
+    done(*SAMPLES, "--exposure", "auto")
+    assert "EV100 2.50" in done(*SAMPLES, "--exposure", "2.5")[0]
 
 
-def test_a_time_limit_ends_early(render):
-    code, said, path = render("builtin:cornell_box", *SMALL, "--samples", 10_000_000, "--time-limit", 0.5)
-    assert code == 0, said
-    assert path.exists()
+# ---- realtime ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def frames(device):
+    """frames(count) yields each of the first frames of the same scene, rendered without the command line."""
+    scene = sv.builtin("cornell_box")
+    with sv.Renderer(device, scene, SIZE) as renderer:
+        yield lambda count: (renderer.render(scene.camera) for _ in range(count))
+
+
+def test_a_picture_is_the_mean_of_the_last_frames(done, frames):
+    _, path = done(*FRAMES, "--frames", 5, "--average", 3, "--aov", "di_diffuse,guides_depth", output="picture.npy")
+    taken = [(f["radiance"], f["di_diffuse"], f["guides_depth"]) for f in frames(7)]
+    for name, index in (("npy", 0), ("di_diffuse.npy", 1)):
+        mean = np.mean([values[index] for values in taken[4:]], axis=0, dtype=np.float64).astype(np.float32)
+        np.testing.assert_array_equal(np.load(path.with_suffix(f".{name}")), mean)
+    np.testing.assert_array_equal(np.load(path.with_suffix(".guides_depth.npy")), taken[-1][2])
+
+
+def test_a_view_is_the_last_frame_s(done, frames):
+    _, path = done(*FRAMES, "--frames", 3, "--view", "shading_normal", "--settings", "jitter=on")
+    *_, last = frames(5)
+    there = last["depth"][..., 0] > 0
+    expected = 255 * (0.5 + 0.5 * last["guides_normal_roughness"][..., :3])
+    assert np.abs(pixels(path)[there] - expected[there]).max() <= 1
+
+
+def test_exposure_by_what_is_seen(done):
+    said, path = done(*FRAMES, "--frames", 8, "--exposure", "auto")
+    assert "EV100" in said
+    assert 0.05 < np.median(decode_srgb(pixels(path) / 255)) < 0.5
+
+
+@pytest.mark.parametrize("output", ["turn.png", "turn.gif"])
+def test_an_orbit(done, output):
+    _, path = done(*FRAMES, "--animate", "orbit:40", "--frames", 3, "--average", 2, output=output)
+    if output == "turn.gif":
+        with Image.open(path) as movie:
+            assert movie.n_frames == 3
+            pictures = []
+            for index in range(3):
+                movie.seek(index)
+                pictures.append(np.asarray(movie.convert("RGB")))
+    else:
+        assert sorted(p.name for p in path.parent.iterdir()) == [f"turn.{index:04}.png" for index in range(3)]
+        pictures = [pixels(path.with_name(f"turn.{index:04}.png")) for index in range(3)]
+    assert all(picture.shape == (16, 24, 3) for picture in pictures)
+    assert (pictures[0] != pictures[1]).any()
+
+
+def test_a_path_of_poses_with_a_view(done, tmp_path):
+    camera = sv.builtin("cornell_box").camera
+    poses = [camera.pose(), {**camera.pose(), "vertical_fov_degrees": 20}]
+    file = tmp_path / "path.json"
+    file.write_text(json.dumps(poses))
+    said, _ = done(*FRAMES, "--animate", file, "--fps", 2, "--view", "depth")
+    pictures = sorted(tmp_path.glob("picture.*.png"))
+    assert len(pictures) == 3  # a second at two pictures a second, both ends included
+    assert "picture 3 of 3" in said
+    wide, _, narrow = map(pixels, pictures)
+    assert (wide == 0).all(axis=2).sum() > (narrow == 0).all(axis=2).sum()
+
+
+# ---- both -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("arguments", [[*SAMPLES, "--samples", 10_000_000], [*FRAMES, "--frames", 10_000_000]])
+def test_a_time_limit_ends_early(done, arguments):
+    said, path = done(*arguments, "--time-limit", 1)
+    assert "time limit" in said
+    assert pixels(path).std() > 5
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["builtin:nothing"], ["nothing", "cornell_box"]),
-        (["missing.glb"], ["missing.glb"]),
-        (["builtin:cornell_box", "--camera", "7"], ["camera"]),
-        (["builtin:cornell_box", "--camera", "{broken"], ["camera"]),
-        (["builtin:cornell_box", "--camera", '{"position": [0, 0, 0], "target": [0, 0, 0]}'], ["differ"]),
-        (["builtin:cornell_box", "--exposure", "bright"], ["bright"]),
-        (["builtin:cornell_box", "--exposure", "nan"], ["ev100", "finite"]),
-        (["builtin:cornell_box", "--aov", "smell"], ["smell", "depth"]),
-        (["builtin:cornell_box", "--time-limit", "-1"], ["time-limit"]),
-    ],
-)
-def test_bad_input_is_one_line_and_exit_code_2(render, arguments, words):
-    code, said, path = render(*arguments, *SMALL)
+    ("arguments", "unit"),
+    [([*REFERENCE, "--size", "64x64", "--samples", "100000000"], "100000000 samples"),
+     ([*FRAMES, "--frames", "100000000"], "100000002 frames")],
+)  # fmt: skip
+def test_ctrl_c_keeps_what_there_is(any_device, tmp_path, arguments, unit):
+    path: Path = tmp_path / "picture.npy"
+    command = [sys.executable, "-u", "-m", "solari_vk", "render", "builtin:cornell_box", "-o", str(path), *arguments]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    for line in process.stderr:  # progress is printed every few seconds
+        if f" of {unit}" in line:
+            break
+    process.send_signal(signal.SIGINT)
+    rest = process.stderr.read()
+    assert process.wait(timeout=30) == 0, rest
+    assert "keeping" in rest
+    assert np.isfinite(np.load(path)).all()
+
+
+# ---- what is refused --------------------------------------------------------------------------------
+
+BOX = "builtin:cornell_box"
+WRONG = [
+    ("builtin:nothing", SAMPLES, ["nothing", "cornell_box"]),
+    ("missing.glb", SAMPLES, ["missing.glb"]),
+    (BOX, [*SAMPLES, "--camera", "7"], ["camera"]),
+    (BOX, [*SAMPLES, "--camera", "{broken"], ["camera"]),
+    (BOX, [*SAMPLES, "--camera", '{"position": [0, 0, 0], "target": [0, 0, 0]}'], ["differ"]),
+    (BOX, [*SAMPLES, "--exposure", "bright"], ["bright"]),
+    (BOX, [*SAMPLES, "--exposure", "nan"], ["ev100", "finite"]),
+    (BOX, [*SAMPLES, "--aov", "smell"], ["smell", "depth"]),
+    (BOX, [*SAMPLES, "--time-limit", "-1"], ["time-limit"]),
+    (BOX, ["--samples", "4"], ["--samples", "--mode reference"]),
+    (BOX, ["--mode", "reference", "--warm-up", "4"], ["--warm-up", "--mode realtime"]),
+    (BOX, ["--mode", "reference", "--settings", "di=off"], ["--settings", "--mode realtime"]),
+    (BOX, ["--frames", "3", "--average", "4"], ["--average 4", "3 frames"]),
+    (BOX, ["--view", "smell"], ["smell", "base_color"]),
+    (BOX, ["--view", "depth", "--average", "3"], ["--average", "one frame"]),
+    (BOX, ["--view", "depth", "--aov", "di_diffuse"], ["--aov", "one frame"]),
+    (BOX, ["--aov", "albedo"], ["albedo", "guides_diffuse_albedo"]),
+    (BOX, ["--quality", "best"], ["best", "ultra"]),
+    (BOX, ["--settings", "fog=1"], ["fog", "di_candidates"]),
+    (BOX, ["--settings", "di_candidates"], ["name=value"]),
+    (BOX, ["--settings", "di_candidates=0"], ["di_candidates", "1 to 1024"]),
+    (BOX, ["--animate", "missing.json"], ["missing.json"]),
+    (BOX, ["--animate", "orbit:fast"], ["orbit:fast", "angle"]),
+    (BOX, ["--animate", "orbit:nan"], ["orbit:nan", "angle"]),
+    (BOX, ["--time-limit", "0"], ["time-limit"]),
+    (BOX, ["--seed", "99999999999"], ["seed"]),
+]
+
+
+@pytest.mark.parametrize(("source", "arguments", "words"), WRONG, ids=lambda value: " ".join(value)[-40:])
+def test_bad_input_is_one_line_and_exit_code_2(render, source, arguments, words):
+    code, said, path = render(*arguments, source=source)
     assert code == 2
-    lines = [line for line in said.splitlines() if line.startswith("solari-vk:")]
-    assert len(lines) == 1
+    assert len([line for line in said.splitlines() if line.startswith("solari-vk:")]) == 1
     assert "Traceback" not in said
     for word in words:
         assert word in said
     assert not path.exists()
 
 
-@pytest.mark.parametrize(("output", "word"), [("picture.bmp", ".bmp"), ("no/such/folder/picture.png", "folder")])
-def test_a_bad_output_is_refused_before_rendering(render, output, word):
+@pytest.mark.parametrize(
+    ("output", "arguments", "word"),
+    [
+        ("picture.bmp", [*REFERENCE, "--samples", "100000"], ".bmp"),
+        ("no/such/folder/picture.png", [*REFERENCE, "--samples", "100000"], "folder"),
+        ("a.mp4", REFERENCE, ".mp4"),
+        ("a.exr", ["--view", "depth"], ".png"),
+        ("a.gif", [], "--animate"),
+        ("a.gif", ["--animate", "orbit", "--aov", "emission"], "--aov"),
+        ("no/folder/a.gif", ["--animate", "orbit"], "folder"),
+        ("a.webm", ["--animate", "orbit"], ".webm"),
+    ],
+)
+def test_a_bad_output_is_refused_before_rendering(render, output, arguments, word):
     started = time.monotonic()
-    code, said, path = render("builtin:cornell_box", *REFERENCE, "--samples", 100_000, output=output)
+    code, said, path = render(*arguments, output=output)
     assert code == 2
     assert word in said
     assert not path.exists()
     assert time.monotonic() - started < 5
 
 
+def test_an_mp4_without_ffmpeg_says_so(render, monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    code, said, path = render("--animate", "orbit", output="a.mp4")
+    assert code == 2
+    assert "pip install 'solari-vk[video]'" in said
+    assert ".gif" in said
+    assert not path.exists()
+
+
+PICTURE = ["render", "a.glb", "-o", "b.png"]
+
+
 @pytest.mark.parametrize(
     "arguments",
-    [[], ["render"], ["render", "a.glb"], ["render", "a.glb", "-o", "b.png", "--size", "0x5"],
-     ["render", "a.glb", "-o", "b.png", "--samples", "0"], ["render", "a.glb", "-o", "b.png", "--size", "big"]],
+    [[], ["render"], ["render", "a.glb"], [*PICTURE, "--size", "0x5"], [*PICTURE, "--samples", "0"],
+     [*PICTURE, "--size", "big"], [*PICTURE, "--tonemap", "sepia"]],
 )  # fmt: skip
 def test_wrong_usage_is_exit_code_2(arguments, capsys):
     with pytest.raises(SystemExit) as ended:
@@ -145,13 +290,13 @@ def test_wrong_usage_is_exit_code_2(arguments, capsys):
 def test_a_garbage_file_is_refused_by_name(render, tmp_path):
     file = tmp_path / "garbage.glb"
     file.write_bytes(os.urandom(500))
-    code, said, _ = render(file, *SMALL)
+    code, said, _ = render(*SAMPLES, source=file)
     assert code == 2
     assert "garbage.glb" in said
 
 
 def test_an_unknown_device_is_exit_code_3(render):
-    code, said, path = render("builtin:cornell_box", *SMALL, "--device", "no such device")
+    code, said, path = render(*SAMPLES, "--device", "no such device")
     assert code == 3
     assert "no such device" in said
     assert not path.exists()
@@ -168,6 +313,9 @@ def test_no_driver_at_all_is_exit_code_3(tmp_path):
     assert "driver" in ran.stderr
 
 
+# ---- lists ------------------------------------------------------------------------------------------
+
+
 def test_info_names_devices_compiler_and_cache(any_device, capsys):
     assert main(["info"]) == 0
     said = capsys.readouterr().out
@@ -175,17 +323,9 @@ def test_info_names_devices_compiler_and_cache(any_device, capsys):
         assert word in said
 
 
-def test_ctrl_c_keeps_what_there_is(any_device, tmp_path):
-    path: Path = tmp_path / "picture.npy"
-    command = [sys.executable, "-u", "-m", "solari_vk", "render", "builtin:cornell_box", "-o", str(path),
-               *REFERENCE, "--size", "64x64", "--samples", "100000000"]  # fmt: skip
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    assert process.stderr is not None
-    for line in process.stderr:  # "N of M samples" is said every few seconds
-        if " of 100000000 samples" in line:
-            break
-    process.send_signal(signal.SIGINT)
-    rest = process.stderr.read()
-    assert process.wait(timeout=30) == 0, rest
-    assert "keeping" in rest
-    assert np.isfinite(np.load(path)).all()
+def test_lists_name_every_setting_and_view(capsys):
+    assert main(["settings"]) == 0
+    said = capsys.readouterr().out
+    assert all(f"  {name}=" in said for name in FIELDS)
+    assert main(["views"]) == 0
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(DEBUG_VIEWS)

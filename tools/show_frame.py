@@ -57,7 +57,7 @@ def describe_resources(resources: Mapping[str, Any]) -> list[str]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Render a few frames and print the last one; returns the exit code."""
     import solari_vk as sv
-    from solari_vk.cli.numbers import size
+    from solari_vk.cli.options import size
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scene", nargs="?", default="builtin:cornell_box")

@@ -11,13 +11,15 @@ import traceback
 from pathlib import Path
 
 from solari_vk.cli import bench, render, view
+from solari_vk.cli.options import add_device_option
 from solari_vk.errors import DeviceError, SolariError
 
-_CONFORMANCE_FULL = "ten times the rays and instances, many times the frames with narrower bars: takes much longer"
+_CONFORMANCE_FULL = "ten times the rays and instances, many more frames and tighter bounds: takes much longer"
 _CONFORMANCE_EXIT = (
-    "Exit code 0: every rule holds, but for those that the device has no feature for, that only --full measures, and "
-    "known faults of its driver no worse than listed; all of these are named. 1: a rule doesn't hold, a listed fault "
-    "is gone or grew, or something needed to measure is missing, such as embreex. 2: wrong usage. 3: no device."
+    "Exit code 0: every rule holds. Exceptions are rules whose feature the device lacks, rules that only --full "
+    "measures, and listed faults of the driver that are within their bound; the report names all of them. 1: a rule "
+    "doesn't hold, a listed fault is gone or grew, or a package for the measurement is missing. 2: wrong usage. "
+    "3: no device."
 )
 
 
@@ -32,7 +34,7 @@ def main(arguments: list[str] | None = None) -> int:
     except SolariError as error:
         print(f"solari-vk: {error}", file=sys.stderr)
         return 2
-    except BrokenPipeError:  # whoever read our output had enough
+    except BrokenPipeError:  # the reader of our output closed it
         sys.stdout = None
         return 0
     except KeyboardInterrupt:
@@ -53,23 +55,23 @@ def _parser() -> argparse.ArgumentParser:
     view.add_parser(commands)
 
     for name, run, what in (
-        ("settings", _settings, "what --settings and --quality of render take, with meaning, range and default"),
-        ("views", _views, "what --view of render takes, with meaning"),
+        ("settings", _settings, "list the settings and qualities, with meaning, range and default"),
+        ("views", _views, "list the debug views, with meaning"),
     ):
         commands.add_parser(name, help=what).set_defaults(run=run)
 
-    info = commands.add_parser("info", help="devices with what each misses, compiler, cache")
+    info = commands.add_parser("info", help="list devices and what each lacks, the shader compiler, the cache")
     info.set_defaults(run=_info)
 
     bench.add_parser(commands)
 
     conformance = commands.add_parser(
-        "conformance", help="measure whether a device keeps the documents' rules",
-        description="Measure whether a device keeps the documents' rules. " + _CONFORMANCE_EXIT,
+        "conformance", help="measure whether a device keeps the rules of the specification",
+        description="Measure whether a device keeps the rules of the specification. " + _CONFORMANCE_EXIT,
     )  # fmt: skip
     conformance.set_defaults(run=_conformance)
-    conformance.add_argument("--device", help="part of a device's name, its index or its UUID")
-    conformance.add_argument("--only", action="append", default=[], metavar="GROUP", help="a group (all; repeatable)")
+    add_device_option(conformance)
+    conformance.add_argument("--only", action="append", default=[], metavar="GROUP", help="one group (all; repeatable)")
     conformance.add_argument("--full", action="store_true", help=_CONFORMANCE_FULL)
     for kind, what in (("junit", "JUnit XML"), ("markdown", "Markdown"), ("html", "HTML")):
         conformance.add_argument(f"--{kind}", type=Path, metavar="FILE", help=f"write the report as {what}")
@@ -88,7 +90,7 @@ def _settings(options: argparse.Namespace) -> None:
             section = field.section
             print(f"{section}:")
         print(f"  {name}={DEFAULTS[name]}  {allowed(name)}\n      {field.meaning}")
-    print("qualities, and what they set:")
+    print("qualities and the settings that they change:")
     for name, values in QUALITIES.items():
         print(f"  {name}: {' '.join(f'{key}={value}' for key, value in values.items()) or 'the defaults'}")
 
@@ -121,7 +123,7 @@ def _info(options: argparse.Namespace) -> None:
     for report in reports:
         version = ".".join(map(str, report.api_version))
         print(f"device {report.index}: {report.name} ({report.kind}), {report.driver}, Vulkan {version}, {report.uuid}")
-        print("  usable" if not report.missing else f"  misses: {', '.join(report.missing)}")
+        print("  usable" if not report.missing else f"  lacks: {', '.join(report.missing)}")
     if all(report.missing for report in reports):
         raise DeviceError("no device can be used: install a driver with VK_KHR_ray_query (Mesa lavapipe 24.1 or newer)")
 

@@ -6,41 +6,41 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from solari_vk.cli.numbers import positive
+from solari_vk.cli.options import add_device_option, positive
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command with its parts; without a part it measures speed."""
+    """Add the command with its parts. Without a part it measures speed."""
     bench = commands.add_parser(
-        "bench", help="measure: speed, the frame's figures, the claims of the posts",
-        description="Measure speed, the realtime frame's figures, or the claims of the posts. Without a part: speed.",
+        "bench", help="measure speed, the realtime frame, or the claims of the posts about Solari",
+        description="Measure speed (without a PART), the realtime frame, or the claims of the posts about Solari.",
     )  # fmt: skip
     bench.set_defaults(run=_speed, files=[])
     _add_common(bench, None)
     parts = bench.add_subparsers(metavar="PART")
 
-    speed = parts.add_parser("speed", help="rays, samples, host time and loading; ratios of one run")
+    speed = parts.add_parser("speed", help="rays and samples a second, host time, loading")
     speed.set_defaults(run=_speed)
-    speed.add_argument("files", nargs="*", type=Path, help="glTF files whose loading is measured too")
+    speed.add_argument("files", nargs="*", type=Path, help="glTF files to load")
 
-    claims = parts.add_parser("claims", help="what the posts about Solari claim, as measured pairs of before and after")
+    claims = parts.add_parser("claims", help="what the posts about Solari claim, measured before and after each change")
     claims.set_defaults(run=_claims)
-    claims.add_argument("--pictures", type=Path, metavar="FOLDER", help="write pictures where they help")
-    claims.add_argument("--only", action="append", default=[], metavar="NAME", help="a claim (all; repeatable)")
+    claims.add_argument("--pictures", type=Path, metavar="FOLDER", help="write pictures of the claims that have some")
+    claims.add_argument("--only", action="append", default=[], metavar="NAME", help="one claim (all; repeatable)")
 
-    frame = parts.add_parser("frame", help="the realtime frame by pass: time, rays, memory, growth, error over time")
+    frame = parts.add_parser("frame", help="the realtime frame: time and rays by pass, memory, growth, error over time")
     frame.set_defaults(run=_frame)
     frame.add_argument("files", nargs="*", type=Path, help="glTF files to measure beside the built-in scenes")
 
     for part in (claims, frame):
-        part.add_argument("--quick", action="store_true", help="tiny pictures and few runs, to try it out")
-    claims.add_argument("--seeds", type=positive, metavar="N", help="independent runs of each pair (5)")
+        part.add_argument("--quick", action="store_true", help="tiny pictures and few runs, only to try the command")
+    claims.add_argument("--seeds", type=positive, metavar="N", help="independent runs of each comparison (5)")
     for part in (speed, claims, frame):
-        _add_common(part, argparse.SUPPRESS)  # what stands before the part's name counts too
+        _add_common(part, argparse.SUPPRESS)  # an option before the part's name counts too
 
 
 def _add_common(parser: argparse.ArgumentParser, default: Any) -> None:
-    parser.add_argument("--device", default=default, help="part of a device's name, its index or its UUID")
+    add_device_option(parser, default)
     parser.add_argument("--markdown", type=Path, default=default, metavar="FILE", help="write the figures as Markdown")
 
 

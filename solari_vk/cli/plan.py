@@ -1,4 +1,4 @@
-"""What `solari-vk render` is to do in realtime mode, from its options."""
+"""What `solari-vk render` does in realtime mode, from its options."""
 
 from __future__ import annotations
 
@@ -19,24 +19,25 @@ STILL_FRAMES, ANIMATION_AVERAGE = 48, 4
 
 @dataclass(frozen=True)
 class Plan:
-    """A picture for each camera, in the file of the same row."""
+    """The pictures to render: one for each camera, into the target of the same index."""
 
     cameras: Sequence[Camera]
     targets: Sequence[Path]
     warm_up: int
+    """Frames before the first picture."""
     frames: int
-    """Of each picture."""
+    """Frames of each picture."""
     average: int
-    """The last ones of these, whose mean the picture is."""
+    """A picture is the mean of this many last frames."""
 
     @property
     def frame_count(self) -> int:
-        """In all."""
+        """The number of all frames."""
         return self.warm_up + self.frames * len(self.cameras)
 
 
 def check_output(options: argparse.Namespace) -> bool:
-    """Whether the output is a movie. Raises SolariError when it can't be written."""
+    """Returns whether the output is a movie. Raises SolariError when it can't be written."""
     from solari_vk.output import movie, picture
 
     output: Path = options.output
@@ -46,14 +47,14 @@ def check_output(options: argparse.Namespace) -> bool:
     if options.animate is None:
         raise SolariError(f"{output}: {output.suffix} is for animations: give --animate, or write a .png")
     if options.aov:
-        raise SolariError(f"--aov: a movie holds pictures alone: write numbered files, such as {output.stem}.exr")
+        raise SolariError(f"--aov: a movie has no room for them: write numbered files, such as {output.stem}.exr")
     picture.check_output(output, movie.SUFFIXES)
     movie.check_encoder(output)
     return True
 
 
 def check_view(options: argparse.Namespace) -> None:
-    """A debug view is of one frame, in 8 bits. Raises SolariError for options that ask for more."""
+    """Raise SolariError for an unknown view, and for options that a debug view, one frame in 8 bits, doesn't have."""
     from solari_vk.passes.debug_views import DEBUG_VIEWS
 
     if options.view not in DEBUG_VIEWS:
@@ -61,14 +62,14 @@ def check_view(options: argparse.Namespace) -> None:
     if options.view == "picture":
         return
     if options.output.suffix.lower() in (".exr", ".npy"):
-        raise SolariError(f"--view {options.view}: is colours for the eye: write a .png, or take numbers by --aov")
+        raise SolariError(f"--view {options.view}: a debug view is a picture: write a .png, or take numbers by --aov")
     for name in ("average", "aov"):
         if getattr(options, name):
-            raise SolariError(f"--{name}: a debug view shows one frame alone, as it is")
+            raise SolariError(f"--{name}: a debug view shows one frame")
 
 
 def make_settings(options: argparse.Namespace) -> Settings:
-    """The quality's, and what else is set."""
+    """The settings of --quality, changed by --settings."""
     from solari_vk.settings import Settings
 
     settings = Settings.preset(options.quality)
@@ -78,7 +79,7 @@ def make_settings(options: argparse.Namespace) -> Settings:
 
 
 def make_plan(options: argparse.Namespace, cameras: Sequence[Camera], folder: Path | None) -> Plan:
-    """`folder`: where the pictures of a movie go, None when there is none."""
+    """The plan for the cameras. folder: where to write the pictures of a movie, None without one."""
     output: Path = options.output
     viewing = options.view != "picture"
     if options.animate is not None:

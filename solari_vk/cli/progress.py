@@ -1,4 +1,4 @@
-"""Progress of long commands, and what may end them early."""
+"""The progress of long commands, and how they end early."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any
 
 
 class Stopped(Exception):
-    """Ctrl-C, or the time limit: what there is counts."""
+    """Ctrl-C was pressed or the time limit is over; what is rendered so far counts."""
 
 
 class Progress:
-    """Called with what is done: a bar on a terminal, a line every few seconds elsewhere. A context manager.
+    """Shows progress: a bar on a terminal, otherwise a line every few seconds. A context manager.
 
-    Raises Stopped from a call when Ctrl-C was pressed or `time_limit` seconds are over, of which the first call is the
-    start: a driver compiles in the first frame, once for all. A second Ctrl-C ends the program at once.
+    Call it with the number of units that are done. The call raises Stopped after Ctrl-C, or `time_limit` seconds after
+    the first call: the time before it, in which a driver compiles, doesn't count. A second Ctrl-C ends the program.
     """
 
     def __init__(self, unit: str, total: int, time_limit: float | None = None) -> None:
@@ -26,7 +26,7 @@ class Progress:
         self._bar: Any = None
 
     def __enter__(self) -> Progress:
-        self._usual = signal.signal(signal.SIGINT, self._interrupt)
+        self._previous_handler = signal.signal(signal.SIGINT, self._interrupt)
         if sys.stderr.isatty():
             from rich.console import Console
             from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
@@ -39,13 +39,13 @@ class Progress:
         return self
 
     def __exit__(self, *_: object) -> None:
-        signal.signal(signal.SIGINT, self._usual)
+        signal.signal(signal.SIGINT, self._previous_handler)
         if self._bar is not None:
             self._bar.stop()
 
     @property
     def seconds(self) -> float:
-        """Since the first call."""
+        """The seconds since the first call."""
         return time.monotonic() - self._started
 
     def __call__(self, done: int) -> None:

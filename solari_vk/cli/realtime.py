@@ -61,7 +61,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _meter(renderer: Renderer, cameras: Sequence[Camera]) -> None:
-    """Expose all cameras roughly by what the first one sees: passes pack light by its exposure."""
+    """Choose a first exposure by what the first camera sees: passes pack radiance relative to the exposure."""
     for _ in range(METERING_FRAMES):
         renderer.render(cameras[0])
         _expose(cameras, renderer["radiance"])
@@ -76,7 +76,7 @@ def _expose(cameras: Sequence[Camera], radiance: NDArray[Any]) -> None:
 
 
 class _Mean:
-    """Of frames' light, in float64. Of what isn't light it has the last frame's."""
+    """The mean of frames. Radiance is averaged in float64; any other output is the last frame's."""
 
     def __init__(self, renderer: Renderer, names: Sequence[str]) -> None:
         self._renderer = renderer
@@ -99,9 +99,9 @@ class _Mean:
 def _shoot(
     renderer: Renderer, plan: Plan, options: argparse.Namespace, names: Sequence[str], meters: bool, progress: Progress
 ) -> list[Path]:
-    """Render and write the pictures; returns the files. `meters`: the first one decides the exposure of all.
+    """Render and write the pictures; returns their files. meters: the first picture decides the exposure of all.
 
-    Ctrl-C or the time limit end it with the pictures there are; the first one then counts as far as it has come.
+    Ctrl-C or the time limit ends it with the pictures so far; the first one is written even if it is not complete.
     """
     written: list[Path] = []
     mean = _Mean(renderer, names)
@@ -131,7 +131,7 @@ def _shoot(
 
 
 def _frames(renderer: Renderer, camera: Camera, count: int, progress: Progress) -> Iterator[int]:
-    """Render so many frames, and give the index of each."""
+    """Render `count` frames and yield the index of each."""
     for index in range(count):
         renderer.render(camera)
         yield index

@@ -19,7 +19,7 @@ ORBIT_PICTURES = 48
 
 
 def names_of_aovs(options: argparse.Namespace, known: tuple[str, ...]) -> list[str]:
-    """What --aov lists, checked."""
+    """The names in --aov. Raises SolariError for one that isn't in `known`."""
     names = [name.strip() for name in options.aov.split(",") if name.strip()]
     for name in names:
         if name not in known:
@@ -29,12 +29,13 @@ def names_of_aovs(options: argparse.Namespace, known: tuple[str, ...]) -> list[s
 
 @dataclass
 class Subject:
-    """What is rendered."""
+    """A scene, and how to look at it."""
 
     scene: Scene
     cameras: list[Camera]
-    """One, or those of the animation."""
+    """One camera, or those of an animation."""
     auto_exposure: bool
+    """Whether the picture chooses the exposure, not the cameras."""
 
 
 def load(options: argparse.Namespace) -> Subject:
@@ -44,7 +45,7 @@ def load(options: argparse.Namespace) -> Subject:
     builtin = options.source.startswith("builtin:")
     if builtin:
         if options.scene is not None:
-            raise SolariError(f"--scene {options.scene}: a built-in scene is one scene")
+            raise SolariError(f"--scene {options.scene}: a built-in scene has only one")
         scene = sv.builtin(options.source.removeprefix("builtin:"))
     else:
         which = options.scene
@@ -70,7 +71,7 @@ def load(options: argparse.Namespace) -> Subject:
 
 
 def _path(options: argparse.Namespace, scene: Scene, camera: Camera) -> list[Camera]:
-    """The cameras of an animation, from where the still camera is, before lights widen the scene's bounds."""
+    """The cameras of an animation that starts at `camera`. Call it before added lights widen the scene's bounds."""
     from solari_vk.output.animation import load_path, orbit
 
     kind, colon, sweep = options.animate.partition(":")
@@ -100,5 +101,5 @@ def _find_camera(scene: Scene, text: str | None, aspect: float) -> Camera:
     try:
         pose = json.loads(text if text.lstrip().startswith("{") else Path(text).read_text())
     except (OSError, ValueError) as error:
-        raise SolariError(f"--camera {text}: no camera's name, no JSON pose and no file of one ({error})") from None
+        raise SolariError(f"--camera {text}: no camera's name, no pose as JSON, no file with a pose ({error})") from None
     return Camera.from_pose(pose)

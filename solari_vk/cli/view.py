@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from solari_vk.cli.numbers import count, positive, size
+from solari_vk.cli.options import add_realtime_options, add_scene_options, positive
 from solari_vk.cli.plan import make_settings
 from solari_vk.cli.subject import load
 from solari_vk.errors import SolariError
@@ -20,29 +20,18 @@ def add_parser(commands: Any) -> None:
     """Add the command with its options."""
     view = commands.add_parser("view", help="open a window on a scene: fly around, edit, compare")
     view.set_defaults(run=run, animate=None)
-    view.add_argument("source", metavar="FILE|builtin:NAME", help="a .gltf or .glb file, or a built-in scene")
+    add_scene_options(view, window_size=(1280, 720))
+    add_realtime_options(view)
+    view.set_defaults(view="picture", quality="medium", settings=[])
     view.add_argument("--mode", choices=("realtime", "reference", "split"), default="realtime",
                       help="Solari's realtime lighting, the path tracer, or both side by side (realtime)")
-    view.add_argument("--size", type=size, default=(1280, 720), metavar="WxH", help="of the window (1280x720)")
     view.add_argument("--scale", default="auto", metavar="auto|0.1..1",
-                      help="share of the window's width and height that is rendered (auto: what --fps allows)")
+                      help="share of the window's width and height that is rendered (auto: as much as --fps allows)")
     view.add_argument("--fps", type=float, metavar="N", help="frames a second for --scale auto (60; on a CPU 7)")
-    view.add_argument("--seed", type=count, default=0, help="another seed gives other noise (0)")
-    view.add_argument("--scene", help="which scene of the file, by index or name (its default)")
-    view.add_argument("--camera", metavar="N|NAME|JSON|FILE", help="where to begin, as for render")
-    view.add_argument("--exposure", metavar="EV100|auto", help="exposure value (the camera's; auto for files)")
-    view.add_argument("--tonemap", choices=("none", "reinhard", "aces", "agx"), default="agx", help="(agx)")
-    view.add_argument("--view", default="picture", metavar="NAME", help="a debug view: `solari-vk views` lists them")
-    view.add_argument("--quality", default="medium", metavar="NAME", help="low, medium, high or ultra (medium)")
-    view.add_argument("--settings", action="append", default=[], metavar="KEY=VALUE",
-                      help="set one of what `solari-vk settings` lists (repeatable)")
-    view.add_argument("--lights", choices=("auto", "studio", "none"), default="auto", help="as for render (auto)")
-    view.add_argument("--no-overlay", action="store_true", help="no panels over the picture")
-    view.add_argument("--folder", type=Path, default=Path(), help="where F2 puts screenshots (.)")
-    view.add_argument("--frames", type=positive, metavar="N", help="close after so many frames")
-    view.add_argument("--screenshot", type=Path, metavar="FILE.png", help="write what the window shows last")
-    view.add_argument("--device", help="part of a device's name, its index or its UUID")
-    view.add_argument("--validation", action="store_true", help="run with the Vulkan validation layer")
+    view.add_argument("--no-overlay", action="store_true", help="show no panels over the picture")
+    view.add_argument("--folder", type=Path, default=Path(), help="where F2 writes screenshots (.)")
+    view.add_argument("--frames", type=positive, metavar="N", help="close after this many frames")
+    view.add_argument("--screenshot", type=Path, metavar="FILE.png", help="write the window's last frame to a file")
 
 
 def run(options: argparse.Namespace) -> None:
@@ -77,9 +66,8 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _meter(device: Device, subject: Subject) -> None:
-    """Expose by what a small picture shows."""
+    """Choose the exposure by a small picture."""
     import solari_vk as sv
 
-    tracer = sv.PathTracer(device, subject.scene, (96, 54))
-    subject.cameras[0].ev100 = sv.auto_exposure(tracer.render(subject.cameras[0], samples=16))
-    tracer.close()
+    with sv.PathTracer(device, subject.scene, (96, 54)) as tracer:
+        subject.cameras[0].ev100 = sv.auto_exposure(tracer.render(subject.cameras[0], samples=16))
