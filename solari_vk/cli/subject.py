@@ -101,5 +101,5 @@ def _find_camera(scene: Scene, text: str | None, aspect: float) -> Camera:
     try:
         pose = json.loads(text if text.lstrip().startswith("{") else Path(text).read_text())
     except (OSError, ValueError) as error:
-        raise SolariError(f"--camera {text}: no camera's name, no pose as JSON, no file with a pose ({error})") from None
+        raise SolariError(f"--camera {text}: no camera's name, pose as JSON or file with a pose ({error})") from None
     return Camera.from_pose(pose)
