@@ -119,7 +119,7 @@ class Renderer(PictureRenderer):
             self._write_settings()
             self._settings_seen = seen
         lights = self.binder.lights
-        if self._lights.update(lights.ids, lights.powers, lights.places, self.settings.world_cache_cell_size):
+        if self._lights.update(lights.ids, lights.powers, lights.positions, self.settings.world_cache_cell_size):
             self._frame.bind(self._lights.buffers)
         try:
             self._write_uniforms(camera)

@@ -142,7 +142,7 @@ def test_passes_that_trace_share_nothing_in_a_group():
     """They are compiled as ray generation shaders too, where there are no workgroups."""
     for path in (GLSL / "passes").rglob("*.comp"):
         text = path.read_text(encoding="utf-8")
-        if "scene/trace.glsl" in text or "scene/sampling.glsl" in text:
+        if "scene/trace.glsl" in text or "scene/light_visibility.glsl" in text:
             assert not re.search(r"^\s*shared\b|\bbarrier\(\)|gl_LocalInvocation", text, re.MULTILINE), path
 
 

@@ -6,7 +6,7 @@ import pytest
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.constants import NO_INDEX
 from solari_vk.scene.light_translation import (
-    KEPT,
+    CHANGE_DECAY,
     NAMES,
     LightTranslation,
     share_changed,
@@ -18,18 +18,18 @@ from solari_vk.scene.model import DirectionalLight, Instance, Material, Mesh, Sc
 POWERS = np.ones(199)
 
 
-def slow_translate(of, to):
-    return np.array([list(to).index(n) if n in to else NO_INDEX for n in of], np.uint32)
+def search_each(ids, others):
+    return np.array([list(others).index(n) if n in others else NO_INDEX for n in ids], np.uint32)
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_translates_as_a_search_does(seed):
+def test_translate_agrees_with_a_linear_search(seed):
     rng = np.random.default_rng(seed)
-    of, to = (rng.permutation(12)[: rng.integers(0, 12)].astype(np.uint32) + 1 for _ in range(2))
-    np.testing.assert_array_equal(translate(of, to), slow_translate(of, to))
+    ids, others = (rng.permutation(12)[: rng.integers(0, 12)].astype(np.uint32) + 1 for _ in range(2))
+    np.testing.assert_array_equal(translate(ids, others), search_each(ids, others))
 
 
-def test_buffers_follow_the_list_and_settle(device):
+def test_buffers_map_indices_of_two_frames_to_each_other(device):
     lights = LightTranslation(device)
 
     def read(count):
@@ -44,71 +44,71 @@ def test_buffers_follow_the_list_and_settle(device):
     assert not lights.update(second, POWERS[:3])
     assert read(3) == [[2, NO_INDEX, 0], [2, NO_INDEX, 0]]
     many = np.arange(1, 200, dtype=np.uint32)
-    assert lights.update(many, POWERS), "larger buffers are other buffers"
+    assert lights.update(many, POWERS), "a longer list needs new buffers"
     assert read(3)[0] == [2, 3, 0]
     lights.close()
 
 
-def test_share_of_power_that_came_or_went():
+def test_share_of_power_that_was_added_or_removed():
     ids, powers = np.array([1, 2, 3], np.uint32), np.array([1.0, 2.0, 5.0])
     empty, dark = np.zeros(0, np.uint32), np.zeros(0)
     assert share_changed(ids, powers, ids, powers) == 0
-    assert share_changed(ids, powers, ids[::-1], powers[::-1]) == 0, "another order is no other light"
+    assert share_changed(ids, powers, ids[::-1], powers[::-1]) == 0, "the order of the lights doesn't matter"
     assert share_changed(ids, powers, empty, dark) == share_changed(empty, dark, ids, powers) == 1
     assert share_changed(empty, dark, empty, dark) == share_changed(ids, 0 * powers, ids, 0 * powers) == 0
     assert share_changed(ids, powers, ids[:2], powers[:2]) == 5 / 8
     assert share_changed(ids, powers, ids, np.array([1.0, 2.0, 6.0])) == 1 / 9
-    assert share_changed(ids, powers, ids + 10, powers) == 1, "at most all"
+    assert share_changed(ids, powers, ids + 10, powers) == 1, "the share is at most 1"
 
 
-def test_change_fades(device):
+def test_change_decays(device):
     lights = LightTranslation(device)
     ids, powers = np.array([1, 2], np.uint32), np.array([3.0, 1.0])
     lights.update(ids, powers)
-    assert lights.change == 0, "the first frame's lights are no news"
+    assert lights.change == 0, "the first frame has nothing to compare with"
     lights.update(ids[:1], powers[:1])
     assert lights.change == 1 / 4
     dimmed = powers[:1]
     for frame in range(1, 40):
         lights.update(ids[:1], dimmed)
-        assert lights.change in (0, pytest.approx(KEPT**frame / 4))
+        assert lights.change in (0, pytest.approx(CHANGE_DECAY**frame / 4))
     assert lights.change == 0
     lights.close()
 
 
-def test_share_that_moved():
-    """Wholly by a cell or more, else as much of it, by power; lights that came or went don't count."""
+def test_share_of_power_that_moved():
+    """A light counts with its distance in cells, at most 1, times its power; added and removed lights don't count."""
     ids, powers = np.array([7, 5, 9], np.uint32), np.array([1.0, 2.0, 5.0])
-    places = np.arange(9.0).reshape(3, 3)
-    assert share_moved(ids, places, ids, places, powers, 0.5) == 0
-    assert share_moved(ids, places, ids[::-1], places[::-1], powers[::-1], 0.5) == 0, "another order is no motion"
-    moved = places + np.array([(0, 0, 0), (0, 0.25, 0), (100, 0, 0)])
-    assert share_moved(ids, places, ids, moved, powers, 0.5) == pytest.approx((2 * 0.5 + 5) / 8)
-    assert share_moved(ids + 10, places, ids, moved, powers, 0.5) == 0
-    assert share_moved(ids[1:], places[1:], ids[:2], places[:2] + 1.0, powers[:2], 0.5) == pytest.approx(2 / 3)
+    positions = np.arange(9.0).reshape(3, 3)
+    assert share_moved(ids, positions, ids, positions, powers, 0.5) == 0
+    assert share_moved(ids, positions, ids[::-1], positions[::-1], powers[::-1], 0.5) == 0, "the order of the lights doesn't matter"
+    moved = positions + np.array([(0, 0, 0), (0, 0.25, 0), (100, 0, 0)])
+    assert share_moved(ids, positions, ids, moved, powers, 0.5) == pytest.approx((2 * 0.5 + 5) / 8)
+    assert share_moved(ids + 10, positions, ids, moved, powers, 0.5) == 0
+    assert share_moved(ids[1:], positions[1:], ids[:2], positions[:2] + 1.0, powers[:2], 0.5) == pytest.approx(2 / 3)
 
 
-def test_places_follow_lamps_and_suns(device):
+def test_positions_follow_lamps_and_suns(device):
     mesh = Mesh(positions=[[0, 0, 0], [2, 0, 0], [0, 4, 0]])
     lamps = [Instance(mesh=mesh, material=Material(emissive=[1, 1, 1])) for _ in range(20)]
     scene = Scene(*lamps, sun := DirectionalLight(direction=[0, -1, 0]))
     binder = SceneBinder(device, scene)
 
-    def places():
+    def positions():
         binder.update()
-        return binder.lights.places
+        return binder.lights.positions
 
-    np.testing.assert_allclose(places(), [(1, 2, 0)] * 20 + [(0, 10, 0)])
-    known = places()
+    np.testing.assert_allclose(positions(), [(1, 2, 0)] * 20 + [(0, 10, 0)])
+    known = positions()
     lamps[3].material.base_color = [1, 0, 0]
-    assert places() is known, "nothing moved"
+    assert positions() is known, "nothing moved"
     moved = np.eye(4)
     moved[:3, 3] = 5, 0, 0
     lamps[19].transform = moved
     sun.direction = [1, 0, 0]
-    np.testing.assert_allclose(places()[-2:], [(6, 2, 0), (-10, 0, 0)])
-    scene.remove(lamps[0])  # the last one takes its place
-    np.testing.assert_allclose(places()[0], (6, 2, 0))
+    np.testing.assert_allclose(positions()[-2:], [(6, 2, 0), (-10, 0, 0)])
+    scene.remove(lamps[0])  # the last one takes its index
+    np.testing.assert_allclose(positions()[0], (6, 2, 0))
     binder.destroy()
 
 
@@ -156,14 +156,14 @@ def test_ids_stay_with_their_light(device):
     after = ids()
     assert after == {light: before[light] for light in after}
     scene.add(lamps[0])
-    assert ids()[lamps[0]] not in before.values(), "a light that was away is another one"
+    assert ids()[lamps[0]] not in before.values(), "a light that was removed and added again is a new light"
     known = ids()
     lamps[1].material.emissive = [9, 9, 9]
     lamps[1].transform = np.diag([2, 2, 2, 1])
     sun.illuminance = 5.0
     assert ids() == known
     lamps[1].mesh = Mesh(positions=[[0, 0, 0], [2, 0, 0], [0, 1, 0]])
-    assert ids()[lamps[1]] not in known.values(), "its triangles are others now"
+    assert ids()[lamps[1]] not in known.values(), "the triangles of the old mesh no longer exist"
     known = ids()
     mesh.positions = [[0, 0, 0], [3, 0, 0], [0, 1, 0]]
     assert ids()[lamps[0]] != known[lamps[0]]

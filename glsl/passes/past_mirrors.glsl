@@ -37,10 +37,7 @@ SightPastMirrors trace_past_mirrors(vec3 origin, vec3 direction, float t_max, fl
         Hit hit = trace_closest_hit(origin, 0.0, direction, t_max, TRACE_BOTH_FACES);
         sight.found = hit.instance != NO_INDEX;
         if (!sight.found) {
-            for (uint i = 0u; i < scene_info.directional_light_count && sight.mirrors > 0u; i++) {
-                DirectionalLight light = directional_lights.at[i];
-                sight.emitted += directional_light_covers(light, direction) ? sight.throughput * light.radiance : vec3(0.0);
-            }
+            if (sight.mirrors > 0u) { sight.emitted += sight.throughput * radiance_at_infinity(direction, INFINITY); }
             return sight;
         }
         sight.surface = resolve_ray_hit_full(hit, direction, cone_width);

@@ -63,16 +63,8 @@ struct Texture {
 // ---- lights -----------------------------------------------------------------------------------------
 
 struct LightSource {
-    uint kind;
-    uint index;  // of the instance, or into directional_lights
-};
-
-struct DirectionalLight {
-    vec3 direction_to_light;
-    float one_minus_cos_half_angle;  // keeps its precision for disks as small as a star
-    // Differs from Solari: illuminance / (pi sin^2), so that a surface facing a wide disk gets just its illuminance
-    vec3 radiance;
-    float solid_angle;   // = inverse pdf of a direction chosen uniformly in the disk
+    uint kind;   // row of LIGHT_KINDS in solari_vk/scene/light_kinds.py
+    uint index;  // of the light's record in the buffer of its kind; of emissive meshes, of the instance
 };
 
 layout(set = 0, binding = 1, scalar) readonly buffer InstancesBlock { Instance at[]; } instances;
@@ -80,12 +72,11 @@ layout(set = 0, binding = 2, scalar) readonly buffer MeshesBlock { Mesh at[]; } 
 layout(set = 0, binding = 3, scalar) readonly buffer MaterialsBlock { Material at[]; } materials;
 layout(set = 0, binding = 4, scalar) readonly buffer TexturesBlock { Texture at[]; } textures;
 layout(set = 0, binding = 5, scalar) readonly buffer LightSourcesBlock { LightSource at[]; } light_sources;
-layout(set = 0, binding = 6, scalar) readonly buffer DirectionalLightsBlock { DirectionalLight at[]; } directional_lights;
 layout(set = 0, binding = 7, scalar) readonly buffer SceneInfoBlock {
     uint light_count;
-    uint directional_light_count;
-    uint first_directional_light;  // its index in light_sources; the others follow
+    uint first_light_at_infinity;  // index into light_sources, where lights at infinity come last
 } scene_info;
+// Bindings 6 and 8 to 13 are the buffers of kinds of lights: scene/lights/.
 layout(set = 0, binding = 15) uniform sampler2D texture_images[];  // the largest number of the set, as it has no length
 
 #endif

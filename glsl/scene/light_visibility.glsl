@@ -1,23 +1,23 @@
-// Whether a point of a light is seen.
+// Shadow rays to light samples.
 #ifndef SCENE_LIGHT_VISIBILITY_GLSL
 #define SCENE_LIGHT_VISIBILITY_GLSL
 
 #include "scene/sampling.glsl"
 #include "scene/trace.glsl"
 
-// From a point that was moved off its surface already to just before a light's point.
+// From a ray origin, already offset from its surface, to just before the light's point.
 vec3 light_segment(vec3 ray_origin, ResolvedLightSample light_sample) {
-    vec3 to_light = light_sample.world_position.xyz - ray_origin;
-    // the far end stops short of the light by its own error and by what rounding makes of a ray this long
+    vec3 to_light = light_sample.world_position - ray_origin;
+    // ends before the light by the rounding error of the light's point and of a ray of this length
     float offset = light_sample.ray_offset + 16.0 * ROUNDING_UNIT * max_component(abs(to_light));
     return to_light - light_sample.world_normal * (dot(to_light, light_sample.world_normal) < 0.0 ? -offset : offset);
 }
 
-// Whether a light sample is seen from a point that was moved off its surface already.
+// Whether nothing occludes a light sample from a ray origin that is already offset from its surface.
 bool trace_light_visibility(vec3 ray_origin, ResolvedLightSample light_sample) {
-    bool directional = light_sample.world_position.w == 0.0;
-    vec3 segment = directional ? light_sample.world_position.xyz : light_segment(ray_origin, light_sample);
-    return trace_visibility(ray_origin, segment, directional ? INFINITY : 1.0);
+    bool at_infinity = is_at_infinity(light_sample.kind);
+    vec3 segment = at_infinity ? light_sample.world_position : light_segment(ray_origin, light_sample);
+    return trace_visibility(ray_origin, segment, at_infinity ? INFINITY : 1.0);
 }
 
 #endif

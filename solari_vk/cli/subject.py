@@ -52,7 +52,7 @@ def load(options: argparse.Namespace) -> Subject:
         scene = sv.load_gltf(options.source, scene=int(which) if which and which.isdecimal() else which)
     camera = _find_camera(scene, options.camera, options.size[0] / options.size[1])
     cameras = [camera] if options.animate is None else _path(options, scene, camera)
-    lit = any(sun.illuminance > 0 and (sun.color > 0).any() for sun in scene.lights)
+    lit = any(light.emits for light in scene.lights)
     lit = lit or any(i.visible and i.material.emits for i in scene.instances)
     if options.lights == "studio" or (options.lights == "auto" and not lit):
         if options.lights == "auto":

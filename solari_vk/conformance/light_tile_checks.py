@@ -1,4 +1,4 @@
-"""Light tiles: who is in them, what 24 bytes keep of a light, and that choosing by them is choosing by the lights."""
+"""Light tiles: who is in them, what 28 bytes keep of a light, and that choosing by them is choosing by the lights."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ _0_17, _0_18 = ("Solari in Bevy 0.17", "Presampling Lights"), ("Solari in Bevy 0
 ENCODED = Rule("log2 rgb9e5 keeps 1e-4 to 1e9 of white within half a step", *_0_18)
 SUN = Rule("a sun of 100,000 lux keeps its light at EV100 9.7", *_0_18)
 BLACK = Rule("a channel without light stays without", *_0_18)
-DENSITY = Rule("inverse densities are count times area, a sun's minus its solid angle", *_0_17)
+DENSITY = Rule("inverse densities are count times area, a sun's count times solid angle", *_0_17)
+KIND = Rule("a packed sample has its light's kind", SUITE, "Light tiles")
 CHOICE = Rule("all lights are as likely, and all triangles of a light", *_0_17)
 UNIQUE = Rule("no sample is twice in the tiles of four frames", *_0_17)
 SCROLL = Rule("tiles and frames don't repeat each other, nor scroll", *_0_17)
@@ -91,17 +92,18 @@ def _measure_packing(named: Samples, packed: Samples, exposure: float) -> Iterat
     yield Measurement(SUN, float(error), 2**half_step - 1, "relative error", f"{sun:.3g} times white")
     yield Measurement(BLACK, float((samples.exposed[exposed == 0] != 0).sum()), 0.0, "lit")
     solid_angle = 2 * math.pi * (1 - math.cos(SUN_ANGLE / 2))
-    densities = {"a lamp": (light < len(EXPOSED), (2 * HALF_SIDE) ** 2), "the sun": (light == count - 1, -solid_angle)}
+    densities = {"a lamp": (light < len(EXPOSED), (2 * HALF_SIDE) ** 2), "the sun": (light == count - 1, solid_angle)}
     for name, (mine, area) in densities.items():
         error = np.abs(packed["inverse_pdf"][mine].astype(np.float64) / (count * area) - 1).max()
         yield Measurement(DENSITY, float(error), 1e-5, "relative error", name)
+    yield Measurement(KIND, float((samples.directional != (light == count - 1)).sum()), 0.0, "of another kind")
 
 
 def _measure_choice(named: Samples, ball_triangles: int) -> Iterator[Measurement]:
     """Against chance."""
     triangles = np.array([2] * len(EXPOSED) + [ball_triangles, 1])
     first = np.cumsum(triangles) - triangles
-    observed = np.bincount((first[named["light_index"]] + named["triangle_index"]).ravel(), minlength=triangles.sum())
+    observed = np.bincount((first[named["light_index"]] + named["part"]).ravel(), minlength=triangles.sum())
     expected = np.repeat(named.size / (len(triangles) * triangles), triangles)
     z = standard_deviations(chi_squared_p(observed, expected))
     yield Measurement(CHOICE, z, _MOST, "standard deviations")

@@ -1,4 +1,4 @@
-"""Light tiles: samples of lights, drawn ahead for all passes that choose among them; glsl/passes/light_tiles/."""
+"""Light tiles: light samples drawn ahead for all passes that choose among them; glsl/passes/light_tiles/."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from solari_vk.settings import Settings
 
 
 def stage(size: tuple[int, int], settings: Settings) -> Stage:
-    """The tiles, one after the other: the samples, and what they resolve to in 24 bytes each. `size` plays no part."""
+    """All tiles, one after the other: their samples, and these resolved and packed. `size` is not used."""
     count = settings.light_tile_count * settings.light_tile_samples
     constants = {"samples_each": settings.light_tile_samples}
     return Stage(

@@ -18,8 +18,8 @@ from solari_vk.gpu.shaders import spirv
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.scene.constants import MATERIAL_DOUBLE_SIDED, NO_INDEX
 from solari_vk.scene.geometry import Geometry
-from solari_vk.scene.lights import NOWHERE, Lights
-from solari_vk.scene.model import DirectionalLight, Instance, Material, Mesh, Scene, Texture, TextureImage
+from solari_vk.scene.lights import ORIGIN, Lights
+from solari_vk.scene.model import Instance, Light, Material, Mesh, Scene, Texture, TextureImage
 from solari_vk.scene.observed import Observable
 from solari_vk.scene.table import Rows, Table
 from solari_vk.scene.textures import Textures
@@ -52,7 +52,7 @@ class SceneBinder:
         layout: dict[str, Any] = {name: b.dtype if b.element is None else b.element for name, b in bindings.items()}
         self._geometry = Geometry(device, layout["meshes"], layout["vertex_attributes"], self)
         self._textures = Textures(device, layout["textures"], self)
-        self.lights = Lights(device, layout["light_sources"], layout["directional_lights"], layout["scene_info"])
+        self.lights = Lights(device, layout)
         """The list of light sources, as of the last `update`."""
         self._materials = Table(device, "materials", layout["materials"])
         self._material_rows: Rows[Material] = Rows()
@@ -130,9 +130,9 @@ class SceneBinder:
     def _take_up(self, item: Observable) -> None:
         if isinstance(item, Instance):
             self._take_up_instance(item)
-        elif isinstance(item, DirectionalLight):
+        elif isinstance(item, Light):
             present = item in self.scene.lights
-            self.lights.set_directional(item, present)
+            self.lights.set_light(item, present)
             (item.watch if present else item.unwatch)(self)
         elif isinstance(item, Material):
             if item in self._material_rows:
@@ -225,15 +225,15 @@ class SceneBinder:
         self._write_materials.clear()
 
     def _set_emissive(self, instance: Instance, row: int, emits: bool) -> None:
-        area, place = 0.0, NOWHERE
+        area, position = 0.0, ORIGIN
         if emits:
             mesh = instance.ray_mesh or instance.mesh
             (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = instance.transform.tolist()
             p, q, r = self._geometry.center(mesh).tolist()
-            place = a * p + b * q + c * r + x, d * p + e * q + f * r + y, g * p + h * q + i * r + z
+            position = a * p + b * q + c * r + x, d * p + e * q + f * r + y, g * p + h * q + i * r + z
             volume = abs(a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g))
             area = volume ** (2 / 3) * self._geometry.area(mesh)
-        moved = self.lights.set_emissive(instance, row, emits, area, place)
+        moved = self.lights.set_emissive(instance, row, emits, area, position)
         if moved is not None:
             self._write_rows[moved] = None
 

@@ -10,8 +10,6 @@ MESH_HAS_NORMALS, MESH_HAS_UVS, MESH_HAS_TANGENTS = 1, 2, 4
 """Flags of a mesh record: which attributes its vertices have."""
 MATERIAL_DOUBLE_SIDED = 1
 """The flag of a material record whose back side emits and is seen by the camera too."""
-LIGHT_EMISSIVE_MESH, LIGHT_DIRECTIONAL = 0, 1
-"""Kinds of a light record."""
 
 
 def glsl_header() -> str:

@@ -1,6 +1,6 @@
-"""Which light of this frame each light of the last frame is, so that what was sampled then still means the same.
+"""Which light of the current frame each light of the previous frame is, so that stored light samples stay valid.
 
-And how much light came, went or moved in between.
+Also measures how much of the light was added, removed or moved in between.
 """
 
 from __future__ import annotations
@@ -12,89 +12,93 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.constants import NO_INDEX
 
-KEPT = 0.9  # of a change that light is still settling from, after a frame
-SETTLED = 1 / 64
+CHANGE_DECAY = 0.9  # of LightTranslation.change, per frame
+MIN_CHANGE = 1 / 64  # a smaller change counts as none
 NAMES = ("light_translation", "previous_light")
 
 Ids = NDArray[np.uint32]
 Powers = NDArray[np.float64]
-Places = NDArray[np.float64]
+Positions = NDArray[np.float64]
 
 
-def translate(of: Ids, to: Ids) -> Ids:
-    """For each id of the one list its place in the other, or NO_INDEX. Ids of a list differ from each other."""
-    if not len(to):
-        return np.full(len(of), NO_INDEX, np.uint32)
-    order = np.argsort(to)
-    places = order[np.searchsorted(to, of, sorter=order).clip(max=len(to) - 1)]
-    return np.where(to[places] == of, places, NO_INDEX).astype(np.uint32)
+def translate(ids: Ids, others: Ids) -> Ids:
+    """The index in `others` of each id, or NO_INDEX. No id occurs twice in either list."""
+    if not len(others):
+        return np.full(len(ids), NO_INDEX, np.uint32)
+    order = np.argsort(others)
+    indices = order[np.searchsorted(others, ids, sorter=order).clip(max=len(others) - 1)]
+    return np.where(others[indices] == ids, indices, NO_INDEX).astype(np.uint32)
 
 
-def share_changed(of: Ids, powers: Powers, to: Ids, new_powers: Powers) -> float:
-    """How much of the lights' power came or went from one list to the other, from 0 to 1."""
-    most = max(powers.sum(), new_powers.sum())
-    if not most > 0:
-        return 0.0
-    places = translate(of, to)
-    stayed = places != NO_INDEX
-    before = np.zeros(len(to))
-    before[places[stayed]] = powers[stayed]
-    return float(min((np.abs(new_powers - before).sum() + powers[~stayed].sum()) / most, 1.0))
-
-
-def share_moved(of: Ids, places: Places, to: Ids, new_places: Places, new_powers: Powers, cell_size: float) -> float:
-    """The share, from 0 to 1, of the lights' power that moved, where a light that moves by a cell moves wholly.
-
-    A cache that forgets by such a share a frame lags behind by a cell, however fast lights move.
-    """
-    total = new_powers.sum()
+def share_changed(old_ids: Ids, old_powers: Powers, ids: Ids, powers: Powers) -> float:
+    """The share, from 0 to 1, of the lights' power that was added or removed between two lists."""
+    total = max(old_powers.sum(), powers.sum())
     if not total > 0:
         return 0.0
-    if of is not to:
-        rows = translate(to, of)
+    indices = translate(old_ids, ids)
+    stayed = indices != NO_INDEX
+    before = np.zeros(len(ids))
+    before[indices[stayed]] = old_powers[stayed]
+    return float(min((np.abs(powers - before).sum() + old_powers[~stayed].sum()) / total, 1.0))
+
+
+def share_moved(
+    old_ids: Ids, old_positions: Positions, ids: Ids, positions: Positions, powers: Powers, cell_size: float
+) -> float:
+    """The share, from 0 to 1, of the lights' power that moved. A light that moves by half a cell counts half.
+
+    A cache that forgets this share in each frame lags behind by one cell, however fast the lights move.
+    """
+    total = powers.sum()
+    if not total > 0:
+        return 0.0
+    if old_ids is not ids:
+        rows = translate(ids, old_ids)
         stayed = rows != NO_INDEX
-        places, new_places, new_powers = places[rows[stayed]], new_places[stayed], new_powers[stayed]
-    distances = np.linalg.norm(new_places - places, axis=1)
-    return float(new_powers @ np.minimum(distances / cell_size, 1.0) / total)
+        old_positions, positions, powers = old_positions[rows[stayed]], positions[stayed], powers[stayed]
+    distances = np.linalg.norm(positions - old_positions, axis=1)
+    return float(powers @ np.minimum(distances / cell_size, 1.0) / total)
 
 
 class LightTranslation:
-    """The buffers `light_translation` (last frame's light to this one's) and `previous_light` (the other way round)."""
+    """The buffers `light_translation` (previous light index to current index) and `previous_light` (the inverse)."""
 
     def __init__(self, device: Device) -> None:
         self._device = device
         self._ids: Ids = np.zeros(0, np.uint32)
         self._powers: Powers | None = None
-        self._places: Places | None = None
+        self._positions: Positions | None = None
         self.change = 0.0
-        """Share of the scene's light that came, went or moved of late, fading from frame to frame."""
-        self._settled = False  # whether the buffers say that every light is itself
+        """Share of the scene's light that was added, removed or moved recently; decays from frame to frame."""
+        self._is_identity = False  # whether the buffers map each index to itself
         self.buffers: dict[str, Buffer] = {}
         self._reserve(1)
 
-    def update(self, ids: Ids, powers: Powers, places: Places | None = None, cell_size: float = 1.0) -> bool:
-        """Bring the buffers up to date for a frame with these lights; True when they were replaced.
+    def update(self, ids: Ids, powers: Powers, positions: Positions | None = None, cell_size: float = 1.0) -> bool:
+        """Update the buffers for a frame with these lights. Returns True if the buffers were replaced.
 
-        ids, powers and places: of the lights in the order of `light_sources`; the same arrays as long as they are the
-        same. cell_size: of the world cache, in metres.
+        ids, powers, positions: of each row of `light_sources`. An array that is the same object as in the previous call
+        is taken to be unchanged. cell_size: of the world cache, in metres.
         """
-        self.change = KEPT * self.change if KEPT * self.change > SETTLED else 0.0
+        self.change *= CHANGE_DECAY
+        if self.change <= MIN_CHANGE:
+            self.change = 0.0
         if powers is not self._powers:
             if self._powers is not None:
                 self.change = max(self.change, share_changed(self._ids, self._powers, ids, powers))
             self._powers = powers
-        if places is not self._places:
-            if self._places is not None and places is not None:
-                moved = share_moved(self._ids, self._places, ids, places, powers, cell_size)
+        if positions is not self._positions:
+            if self._positions is not None and positions is not None:
+                moved = share_moved(self._ids, self._positions, ids, positions, powers, cell_size)
                 self.change = max(self.change, moved)
-            self._places = places
-        if ids is self._ids and self._settled:
+            self._positions = positions
+        if ids is self._ids and self._is_identity:
             return False
         replaced = self._reserve(max(len(ids), len(self._ids)))
         for name, values in zip(NAMES, (translate(self._ids, ids), translate(ids, self._ids)), strict=True):
             if len(values):
                 self.buffers[name].upload(values)
-        self._settled = ids is self._ids
+        self._is_identity = ids is self._ids
         self._ids = ids
         return replaced
 

@@ -1,4 +1,4 @@
-"""The list of light sources: every visible emissive instance, then every directional light."""
+"""The list of light sources: all visible emissive instances, then the scene's other lights, kind by kind."""
 
 from __future__ import annotations
 
@@ -10,165 +10,164 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.gpu.device.device import Device
-from solari_vk.scene.constants import LIGHT_DIRECTIONAL, LIGHT_EMISSIVE_MESH
-from solari_vk.scene.model import DirectionalLight, Instance
+from solari_vk.scene.light_kinds import AT_INFINITY, KIND_INDEX, LIGHT_KINDS, LightKind
+from solari_vk.scene.model import Instance, Light
 from solari_vk.scene.table import Table
 
-SUN_DISTANCE = 10.0  # metres to what casts its shadows, about: how far they go when it turns
-Place = tuple[float, float, float]
-NOWHERE = (0.0, 0.0, 0.0)
+EMISSIVE_MESH = KIND_INDEX["emissive_mesh"]
+KIND_OF = {kind.source: kind for kind in LIGHT_KINDS}
+Position = tuple[float, float, float]
+ORIGIN = (0.0, 0.0, 0.0)
 
 
 class Lights:
-    """The tables `light_sources`, `directional_lights` and `scene_info`.
+    """The tables `light_sources` and `scene_info`, and one for each kind that has a buffer of records.
 
-    Removing a light moves the last one of its kind into its place, so that a change costs the same in
-    a scene of ten lights and of a million.
+    An emissive instance is added or removed in constant time, however many there are: the last one takes the index of
+    the removed one. All other lights are few and are written anew with each change.
     """
 
-    def __init__(self, device: Device, source: np.dtype[Any], directional: np.dtype[Any], info: np.dtype[Any]) -> None:
-        self.sources = Table(device, "light_sources", source)
-        self.directional = Table(device, "directional_lights", directional)
-        self.info = Table(device, "scene_info", info)
+    def __init__(self, device: Device, layout: dict[str, Any]) -> None:
+        self.sources = Table(device, "light_sources", layout["light_sources"])
+        self.info = Table(device, "scene_info", layout["scene_info"])
+        buffers = [kind.buffer for kind in LIGHT_KINDS if kind.buffer]
+        self._records = {name: Table(device, name, layout[name]) for name in buffers}
         self._emissive: list[Instance] = []
         self._index: dict[Instance, int] = {}
-        self._directional: dict[DirectionalLight, None] = {}
+        self._others: dict[LightKind, dict[Light, None]] = {kind: {} for kind in LIGHT_KINDS if kind.buffer}
         self._changed = True
-        self._id_of: dict[Instance | DirectionalLight, int] = {}
+        self._id_of: dict[Instance | Light, int] = {}
         self._last_id = 0
         self.ids: NDArray[np.uint32] = np.zeros(0, np.uint32)
-        """For each row of `sources` a number that stays with the light and is never used again; another array after
-        each change of the list."""
-        self._power_of: dict[Instance | DirectionalLight, float] = {}
+        """For each row of `sources` a number that stays with the light and is never used again. Each change of the list
+        makes a new array."""
+        self._power_of: dict[Instance | Light, float] = {}
         self._powers_changed = True
         self.powers: NDArray[np.float64] = np.zeros(0)
-        """About how much light each gives, in lumens; another array after each change."""
-        self._emissive_places = np.zeros((16, 3))
-        self._places_changed = True
-        self.places: NDArray[np.float64] = np.zeros((0, 3))
-        """Where each is, (N, 3) in metres, to tell how far it moved; another array after each change."""
+        """Luminous flux of each row of `sources` in lumens, roughly. Each change makes a new array."""
+        self._emissive_positions = np.zeros((16, 3))
+        self._positions_changed = True
+        self.positions: NDArray[np.float64] = np.zeros((0, 3))
+        """A point of each row of `sources`, (N, 3) in metres, that moves with the light. Each change makes a new
+        array."""
 
     @property
-    def tables(self) -> tuple[Table, Table, Table]:
+    def tables(self) -> tuple[Table, ...]:
         """All tables."""
-        return self.sources, self.directional, self.info
+        return self.sources, self.info, *self._records.values()
 
     def index(self, instance: Instance) -> int | None:
-        """An instance's place in the list, None when it is no light."""
+        """An instance's row in `sources`, None if it is no light."""
         return self._index.get(instance)
 
     def set_emissive(
-        self, instance: Instance, row: int, emits: bool, area: float = 0.0, place: Place = NOWHERE
+        self, instance: Instance, row: int, emits: bool, area: float = 0.0, position: Position = ORIGIN
     ) -> Instance | None:
-        """List an instance of that row or take it off; returns the instance whose index changed thereby.
+        """Add, update or remove the instance of that row. Returns the instance whose index changed, if any.
 
-        area: of its surface in the world, in square metres. place: its middle.
+        area: of the instance's surface in the world, in square metres. position: of its centre.
         """
         index = self._index.get(instance)
         if emits:
-            self._set_power(instance, math.pi * area * _luminance(instance.material.emissive))
+            self._set_power(instance, LIGHT_KINDS[EMISSIVE_MESH].power(instance, area))
             if index is None:
                 index = self._index[instance] = len(self._emissive)
                 self._emissive.append(instance)
                 self.renew(instance)
             self.sources.reserve(index + 1)
-            self.sources.records[index] = (LIGHT_EMISSIVE_MESH, row)
+            self.sources.records[index] = (EMISSIVE_MESH, row)
             self.sources.mark([index])
-            self._set_place(index, place)
+            self._set_position(index, position)
             return None
         if index is None:
             return None
-        self._changed = self._places_changed = True
-        self._powers_changed = True
+        self._changed = self._positions_changed = self._powers_changed = True
         del self._index[instance], self._id_of[instance], self._power_of[instance]
         last = self._emissive.pop()
         if last is instance:
             return None
         self._emissive[index] = last
-        self._emissive_places[index] = self._emissive_places[len(self._emissive)]
+        self._emissive_positions[index] = self._emissive_positions[len(self._emissive)]
         self._index[last] = index
         self.sources.records[index] = self.sources.records[len(self._emissive)]
         self.sources.mark([index])
         return last
 
-    def renew(self, light: Instance | DirectionalLight) -> None:
-        """Give a light another id: what was sampled on it, such as a triangle, no longer means the same."""
+    def renew(self, light: Instance | Light) -> None:
+        """Give a light another id, because what was sampled on it, such as a triangle, has another meaning now."""
         self._last_id += 1
         self._id_of[light] = self._last_id
         self._changed = True
 
-    def set_directional(self, light: DirectionalLight, present: bool) -> None:
-        """List a directional light, take up its changes, or take it off."""
+    def set_light(self, light: Light, present: bool) -> None:
+        """Add, update or remove a light that is no instance."""
+        listed = self._others[KIND_OF[type(light)]]
         if not present:
-            for known in (self._directional, self._id_of, self._power_of):
+            for known in (listed, self._id_of, self._power_of):
                 known.pop(light, None)
-        elif light not in self._directional:
-            self._directional[light] = None
+        elif light not in listed:
+            listed[light] = None
             self.renew(light)
         self._changed = True
 
-    def _set_place(self, index: int, place: Place) -> None:
-        if index >= len(self._emissive_places):
-            self._emissive_places = np.concatenate([self._emissive_places, np.zeros((index + 1, 3))])
-        if tuple(self._emissive_places[index].tolist()) != place:
-            self._emissive_places[index] = place
-            self._places_changed = True
+    def _set_position(self, index: int, position: Position) -> None:
+        if index >= len(self._emissive_positions):
+            self._emissive_positions = np.concatenate([self._emissive_positions, np.zeros((index + 1, 3))])
+        if tuple(self._emissive_positions[index].tolist()) != position:
+            self._emissive_positions[index] = position
+            self._positions_changed = True
 
-    def _set_power(self, light: Instance | DirectionalLight, power: float) -> None:
+    def _set_power(self, light: Instance | Light, power: float) -> None:
         known = self._power_of.get(light, 0.0)
-        if not math.isclose(power, known, rel_tol=1e-5):  # turning a light rounds its area
+        if not math.isclose(power, known, rel_tol=1e-5):  # turning an instance changes its area by rounding
             self._powers_changed = True
         self._power_of[light] = power
 
     def update(self, lit_area: Callable[[], float]) -> None:
-        """Write what follows from the changes. lit_area(): of the scene as a sun sees it, about, in square metres."""
-        if self._changed or self._places_changed:
-            suns = [-SUN_DISTANCE * light.direction for light in self._directional]
-            emissive = self._emissive_places[: len(self._emissive)]
-            self.places = np.concatenate([emissive, np.reshape(suns, (-1, 3))])
-            self._places_changed = False
+        """Write what the changes entail. lit_area(): the scene's cross-section, roughly, in square metres."""
+        others = [(kind, light) for kind, lights in self._others.items() for light in lights]
+        if self._changed or self._positions_changed:
+            emissive = self._emissive_positions[: len(self._emissive)]
+            moving = [kind.position(light) for kind, light in others if kind.position]
+            self.positions = np.concatenate([emissive, np.reshape(moving, (-1, 3))])
+            self._positions_changed = False
         if not (self._changed or self._powers_changed):
             return
-        listed: list[Instance | DirectionalLight] = [*self._emissive, *self._directional]
-        if self._changed and self._directional:
+        if self._changed and others:
             area = lit_area()
-            for light in self._directional:
-                self._set_power(light, area * light.illuminance * _luminance(light.color))
+            for kind, light in others:
+                self._set_power(light, kind.power(light, area))
+        listed: list[Instance | Light] = [*self._emissive, *(light for _, light in others)]
         self.powers = np.fromiter((self._power_of[light] for light in listed), np.float64, len(listed))
         self._powers_changed = False
         if not self._changed:
             return
         self._changed = False
         self.ids = np.fromiter((self._id_of[light] for light in listed), np.uint32, len(listed))
-        first, count = len(self._emissive), len(self._directional)
-        self.sources.reserve(first + count)
-        self.directional.reserve(count)
-        for i, light in enumerate(self._directional):
-            self.sources.records[first + i] = (LIGHT_DIRECTIONAL, i)
-            half_angle = light.angular_diameter / 2
-            one_minus_cos = 2 * math.sin(half_angle / 2) ** 2
-            solid_angle = 2 * math.pi * one_minus_cos
-            record = self.directional.records[i]
-            record["direction_to_light"] = -light.direction
-            record["one_minus_cos_half_angle"] = one_minus_cos
-            # The disk's cosine-weighted integral, pi sin^2, rather than its solid angle: a surface that
-            # faces the light's centre then gets the stated illuminance however wide the disk is.
-            record["radiance"] = light.color * (light.illuminance / (math.pi * math.sin(half_angle) ** 2))
-            record["solid_angle"] = solid_angle
-        self.sources.mark(range(first, first + count))
-        self.directional.mark(range(count))
+        self._write_others(len(listed))
+
+    def _write_others(self, light_count: int) -> None:
+        """Write the rows behind the emissive instances, the records of their kinds, and `scene_info`."""
+        self.sources.reserve(light_count)
+        row = len(self._emissive)
+        first_at_infinity = light_count - sum(
+            len(lights) for kind, lights in self._others.items() if kind.met_by_rays == AT_INFINITY
+        )
+        for kind, lights in self._others.items():
+            table = self._records[str(kind.buffer)]
+            table.reserve(len(lights))
+            for index, light in enumerate(lights):
+                self.sources.records[row] = (KIND_INDEX[kind.name], index)
+                for field, value in kind.record(light).items():
+                    table.records[index][field] = value
+                self.sources.mark([row])
+                row += 1
+            table.mark(range(len(lights)))
         info = self.info.records[0]
-        info["light_count"] = first + count
-        info["directional_light_count"] = count
-        info["first_directional_light"] = first
+        info["light_count"], info["first_light_at_infinity"] = light_count, first_at_infinity
         self.info.mark([0])
 
     def destroy(self) -> None:
         """Free the tables."""
         for table in self.tables:
             table.destroy()
-
-
-def _luminance(color: NDArray[np.float32]) -> float:
-    red, green, blue = color.tolist()
-    return 0.2126 * red + 0.7152 * green + 0.0722 * blue  # type: ignore[no-any-return]

@@ -15,6 +15,7 @@ from solari_vk.scene.collection import Collection, Items
 from solari_vk.scene.matrices import transform_points
 from solari_vk.scene.objects import DirectionalLight as DirectionalLight
 from solari_vk.scene.objects import Instance as Instance
+from solari_vk.scene.objects import Light as Light
 from solari_vk.scene.objects import Material as Material
 from solari_vk.scene.objects import Mesh as Mesh
 from solari_vk.scene.objects import Texture as Texture
@@ -49,8 +50,6 @@ class Bounds(NamedTuple):
         return np.array(list(product(*zip(self.low, self.high, strict=True))))
 
 
-Light = DirectionalLight  # the kinds of lights that aren't meshes
-LIGHTS = (DirectionalLight,)
 Item = TypeVar("Item", bound=Instance | Light | Camera)
 
 
@@ -65,7 +64,7 @@ class Scene(Observable):
     def __init__(self, *items: Instance | Light | Camera, name: str = "") -> None:
         self.name = name
         self._instances: Items[Instance] = Items("instance", (Instance,), self._notify)
-        self._lights: Items[Light] = Items("light", LIGHTS, self._notify)
+        self._lights: Items[Light] = Items("light", (Light,), self._notify)
         self._cameras: Items[Camera] = Items("camera", (Camera,), self._notify)
         self._camera: Camera | None = None
         self.warnings: list[str] = []

@@ -217,8 +217,17 @@ class Instance(Checked):
     }
 
 
+class Light(Checked):
+    """A light that is no instance. Each of its classes has a row in solari_vk/scene/light_kinds.py."""
+
+    @property
+    def emits(self) -> bool:
+        """Whether the light gives any light."""
+        raise NotImplementedError
+
+
 @checked
-class DirectionalLight(Checked):
+class DirectionalLight(Light):
     """A sun: direction (3,) in which its light travels (made a unit vector), illuminance in lux on a surface facing it,
     colour, and the angle in radians that its disk spans."""
 
@@ -236,3 +245,8 @@ class DirectionalLight(Checked):
         "color": checks.color(0, 1e6),
         "angular_diameter": checks.number(1e-5, math.pi),
     }
+
+    @property
+    def emits(self) -> bool:
+        """Whether the light gives any light."""
+        return self.illuminance > 0 and bool((self.color > 0).any())

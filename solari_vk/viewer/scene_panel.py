@@ -42,7 +42,8 @@ class ScenePanel:
         self._list("instances", list(scene.instances), self._instance)
         self._list("materials", list(materials), self._material)
         self._list("emissive instances", lights, lambda instance: self._material(instance.material))
-        self._list("directional lights", list(scene.lights), self._light)
+        suns = [light for light in scene.lights if isinstance(light, DirectionalLight)]
+        self._list("directional lights", suns, self._light)
         self._list("cameras", list(scene.cameras), self._camera)
         imgui.pop_item_width()
 

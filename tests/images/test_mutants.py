@@ -62,11 +62,12 @@ def embree(picture, tracer):
     rays.test_camera_rays_hit_what_embree_hits(tracer, "cornell_box")
 
 
-TRACE, AOV, SAMPLING = "passes/pathtracer/trace.comp", "passes/pathtracer/aov.comp", "scene/sampling.glsl"
+TRACE, AOV = "passes/pathtracer/trace.comp", "passes/pathtracer/aov.comp"
+SAMPLING, MESH_LIGHT = "scene/sampling.glsl", "scene/lights/emissive_mesh.glsl"
 BRDF, MICROFACET, SURFACE = "scene/brdf.glsl", "scene/microfacet.glsl", "scene/surface.glsl"
 MUTANTS = {
     "weights in area measure": Mutant(
-        SAMPLING, "? square(ray_t) / inverse_pdf", "? 1.0 / inverse_pdf", glossy_lamp, quick=True
+        MESH_LIGHT, "? square(ray_t) / inverse_pdf", "? 1.0 / inverse_pdf", glossy_lamp, quick=True
     ),
     "wrong light count": Mutant(
         SAMPLING, "float inverse_light_pdf = float(", "float inverse_light_pdf = 1.0 + float(", wide_sun, quick=True
@@ -77,7 +78,7 @@ MUTANTS = {
     ),
     "no cosine at the light": Mutant(SAMPLING, "? cosine / distance_squared", "? 1.0 / distance_squared", glossy_lamp),
     "sun's pdf forgets the light count": Mutant(
-        SAMPLING, "1.0 / (float(scene_info.light_count) * light.solid_angle)", "0.5 / light.solid_angle", wide_sun
+        SAMPLING, "1.0 / (float(scene_info.light_count) * met.inverse_pdf)", "0.5 / met.inverse_pdf", wide_sun
     ),
     "no shadows": Mutant(TRACE, "trace_light_visibility(origin, light_sample)", "true", closed_surface),
     "no average under the layer": Mutant(BRDF, "*= through / (1.0 - average)", "*= through", white_box),

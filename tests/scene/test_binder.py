@@ -14,7 +14,8 @@ from solari_vk.gpu.device.uploads import Uploads
 from solari_vk.reference import PathTracer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.camera import Camera
-from solari_vk.scene.constants import LIGHT_DIRECTIONAL, LIGHT_EMISSIVE_MESH, NO_INDEX
+from solari_vk.scene.constants import NO_INDEX
+from solari_vk.scene.light_kinds import KIND_INDEX
 from solari_vk.scene.matrices import by_columns
 from solari_vk.scene.model import DirectionalLight, Instance, Material, Mesh, Scene, Texture, TextureImage
 from solari_vk.scene.table import Table
@@ -57,10 +58,9 @@ def assert_mirrors(binder, scene):
     info = table(binder, "scene_info")[0]
     emissive = [i for i in scene if i.visible and i.material.emits]
     assert info["light_count"] == len(emissive) + len(scene.lights)
-    assert info["directional_light_count"] == len(scene.lights)
-    assert info["first_directional_light"] == len(emissive)
-    assert (sources["kind"][: len(emissive)] == LIGHT_EMISSIVE_MESH).all()
-    assert (sources["kind"][len(emissive) : info["light_count"]] == LIGHT_DIRECTIONAL).all()
+    assert info["first_light_at_infinity"] == len(emissive)
+    assert (sources["kind"][: len(emissive)] == KIND_INDEX["emissive_mesh"]).all()
+    assert (sources["kind"][len(emissive) : info["light_count"]] == KIND_INDEX["directional"]).all()
     rows = set()
     for instance in scene:
         row = binder._instance_rows[instance]
@@ -92,7 +92,7 @@ def assert_mirrors(binder, scene):
             image, _ = binder.resources["texture_images"][table(binder, "textures")[material["base_color_texture"]][1]]
             np.testing.assert_array_equal(image.read(), texture.image.pixels)
         if instance in emissive:
-            assert tuple(sources[record["light_index"]]) == (LIGHT_EMISSIVE_MESH, row)
+            assert tuple(sources[record["light_index"]]) == (KIND_INDEX["emissive_mesh"], row)
         else:
             assert record["light_index"] == NO_INDEX
     used = np.isin(np.arange(len(instances)), sorted(rows))

@@ -14,10 +14,7 @@ void main() {
     vec3 emitted = unpack_emissive(imageLoad(gbuffer, ivec2(pixel)));
     if (imageLoad(depth, ivec2(pixel)).x == 0.0) {
         vec3 direction = make_camera_ray(vec2(pixel) + 0.5).direction;
-        for (uint i = 0u; i < scene_info.directional_light_count; i++) {
-            DirectionalLight light = directional_lights.at[i];
-            emitted += directional_light_covers(light, direction) ? light.radiance : vec3(0.0);
-        }
+        emitted += radiance_at_infinity(direction, INFINITY);
     }
     vec3 diffuse = di_diffuse.at[index] + gi_diffuse.at[index];
     vec3 specular = di_specular.at[index] + specular_gi.at[index];

@@ -76,10 +76,9 @@ ShownCell find_shown_cell(uvec2 pixel, GBufferSurface surface) {
     return ShownCell(true, key.checksum, cell_size, irradiance.rgb, irradiance.w, world_cache_life.at[cell]);
 }
 
-// An emissive mesh has the color of the view of instances. No light changes its color when others come or go.
 vec3 show_light(uint light_index) {
     LightSource light = light_sources.at[light_index];
-    return show_number(light.kind == LIGHT_EMISSIVE_MESH ? instances.at[light.index].id : ~light.index);
+    return show_number(shown_id(light.kind, light.index));
 }
 
 #endif

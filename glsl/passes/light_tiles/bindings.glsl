@@ -1,19 +1,20 @@
-// What the light tiles hold: samples of lights, chosen and resolved ahead of the passes that choose among them.
+// What the light tiles hold: light samples, drawn and resolved ahead of the passes that choose among them.
 #ifndef PASSES_LIGHT_TILES_BINDINGS_GLSL
 #define PASSES_LIGHT_TILES_BINDINGS_GLSL
 
 #include "passes/bindings.glsl"
-#include "scene/sampling.glsl"
+#include "scene/lights/types.glsl"
 
+// 28 bytes of a ResolvedLightSample.
 struct PackedLightSample {
-    vec3 world_position;  // or direction
-    uint world_normal;    // octahedral 2x16
-    uint radiance;        // rgb9e5, as light_tiles_settings.encoding says
-    // Negative: a direction. Its lowest bit: double-sided. A number that the eye can read in a dump, off by 1 in 10^7.
+    vec3 world_position;
+    uint world_normal;   // octahedral 2x16
+    uint radiance;       // rgb9e5, as light_tiles_settings.encoding says
     float inverse_pdf;
+    uint kind_and_data;  // 8 and 24 bits, the kind in the lowest ones
 };
 
-// Tile after tile.
+// The samples of the first tile, then those of the second, and so on.
 layout(set = 1, binding = 32, scalar) buffer LightTileSamplesBlock { LightSample at[]; } light_tile_samples;
 layout(set = 1, binding = 33, scalar) buffer LightTilesBlock {
     uint samples_each;

@@ -15,35 +15,34 @@ struct LightCandidate {
 };
 
 PackedLightSample pack_light_sample(ResolvedLightSample resolved) {
-    uint inverse_pdf = floatBitsToUint(resolved.inverse_pdf) & ~1u;
-    inverse_pdf |= (resolved.double_sided ? 1u : 0u) | (resolved.world_position.w == 0.0 ? 1u << 31u : 0u);
     return PackedLightSample(
-        resolved.world_position.xyz,
+        resolved.world_position,
         pack_octahedral_2x16(resolved.world_normal),
         light_tiles_settings.encoding == LIGHT_TILE_ENCODING_LINEAR
             ? pack_rgb9e5(resolved.radiance * this_frame.exposure)
             : pack_radiance_log2_rgb9e5(resolved.radiance, this_frame.exposure),
-        uintBitsToFloat(inverse_pdf)
+        resolved.inverse_pdf,
+        resolved.kind | resolved.data << 8u
     );
 }
 
 ResolvedLightSample unpack_light_sample(PackedLightSample packed) {
-    uint inverse_pdf = floatBitsToUint(packed.inverse_pdf);
     return ResolvedLightSample(
-        vec4(packed.world_position, inverse_pdf >> 31u == 0u ? 1.0 : 0.0),
+        packed.kind_and_data & 0xFFu,
+        packed.kind_and_data >> 8u,
+        packed.world_position,
         unpack_octahedral_2x16(packed.world_normal),
-        (inverse_pdf & 1u) != 0u,
         0.0,
         light_tiles_settings.encoding == LIGHT_TILE_ENCODING_LINEAR
             ? unpack_rgb9e5(packed.radiance) / this_frame.exposure
             : unpack_radiance_log2_rgb9e5(packed.radiance, this_frame.exposure),
-        abs(packed.inverse_pdf)
+        packed.inverse_pdf
     );
 }
 
 const LightSample NO_LIGHT_SAMPLE = LightSample(NO_INDEX, 0u, 0u);
 const ResolvedLightSample BLACK_LIGHT_SAMPLE =
-    ResolvedLightSample(vec4(0.0, 0.0, 1.0, 0.0), vec3(0.0, 0.0, -1.0), false, 0.0, vec3(0.0), 0.0);
+    ResolvedLightSample(0u, 0u, vec3(0.0, 0.0, 1.0), vec3(0.0, 0.0, -1.0), 0.0, vec3(0.0), 0.0);
 
 // Draws one of all lights, whatever the tiles hold.
 LightCandidate draw_light_candidate(inout uint rng) {

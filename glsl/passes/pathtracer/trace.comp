@@ -17,19 +17,13 @@ const uint FIRST_ROULETTE_BOUNCE = 3u;
 
 // How much of a light's radiance counts where a ray met the light by itself.
 float hit_weight(float bounce_pdf, float light_pdf) {
-    if (bounce_pdf == INFINITY || light_pdf == 0.0 || path_sampling.light_strategy == LIGHT_STRATEGY_BRDF) { return 1.0; }
-    return path_sampling.light_strategy == LIGHT_STRATEGY_NEE ? 0.0 : power_heuristic(bounce_pdf, light_pdf);
+    return light_pdf == 0.0 ? 1.0 : power_heuristic(bounce_pdf, light_pdf);
 }
 
-vec3 directional_light_radiance(vec3 direction, float bounce_pdf) {
-    vec3 radiance = vec3(0.0);
-    for (uint i = 0u; i < scene_info.directional_light_count; i++) {
-        DirectionalLight light = directional_lights.at[i];
-        if (directional_light_covers(light, direction)) {
-            radiance += light.radiance * hit_weight(bounce_pdf, directional_hit_pdf(light));
-        }
-    }
-    return radiance;
+// The density of a bounce that MIS sees: INFINITY where light samples count nothing, 0 where they count alone.
+float mis_pdf(float pdf) {
+    if (path_sampling.light_strategy == LIGHT_STRATEGY_BRDF || pdf == INFINITY) { return INFINITY; }
+    return path_sampling.light_strategy == LIGHT_STRATEGY_NEE ? 0.0 : pdf;
 }
 
 // Chooses a light and weighs it against meeting it by a BRDF sample; the caller tests visibility.
@@ -90,7 +84,7 @@ void main() {
         rays += 1u;
         Hit hit = trace_closest_hit(origin, t_min, direction, INFINITY, bounce == 0u ? TRACE_FRONT_FACES : TRACE_BOTH_FACES);
         if (hit.instance == NO_INDEX) {
-            radiance += throughput * directional_light_radiance(direction, bounce_pdf);
+            radiance += throughput * radiance_at_infinity(direction, bounce_pdf);
             path_ended = true;
         } else {
             cone_width += cone_spread * hit.t;
@@ -118,7 +112,7 @@ void main() {
                 BrdfSample next = sample_brdf(brdf, wo, rng);
                 direction = normalize(frame * next.wi);
                 throughput *= next.weight;
-                bounce_pdf = next.pdf;
+                bounce_pdf = mis_pdf(next.pdf);
                 t_min = 0.0;
                 bounce += 1u;
                 // Differs from Solari: the survival probability is at most 1, so that roulette never takes energy away

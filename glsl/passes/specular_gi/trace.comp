@@ -24,18 +24,6 @@ const float ROUGHNESS_OF_0_18 = 0.03;  // where its paths ended, whatever came b
 
 // ---- lights -----------------------------------------------------------------------------------------
 
-// bounce_pdf: of the direction; infinite where nothing else finds these lights, 0 where DI has them.
-vec3 directional_light_radiance(vec3 direction, float bounce_pdf) {
-    vec3 met = vec3(0.0);
-    for (uint i = 0u; i < scene_info.directional_light_count; i++) {
-        DirectionalLight light = directional_lights.at[i];
-        if (directional_light_covers(light, direction)) {
-            met += light.radiance * power_heuristic(bounce_pdf, directional_hit_pdf(light));
-        }
-    }
-    return met;
-}
-
 // What a random light gives over the whole BRDF, weighted against meeting it by the next ray.
 vec3 sample_light(ResolvedRayHitFull surface, Brdf brdf, mat3 frame, vec3 wo, vec3 origin, inout uint rng) {
     if (scene_info.light_count == 0u) { return vec3(0.0); }
@@ -92,7 +80,7 @@ vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
         count_ray();
         Hit hit = trace_closest_hit(path.origin, 0.0, path.direction, INFINITY, TRACE_BOTH_FACES);
         if (hit.instance == NO_INDEX) {
-            return radiance + path.throughput * directional_light_radiance(path.direction, path.bounce_pdf);
+            return radiance + path.throughput * radiance_at_infinity(path.direction, path.bounce_pdf);
         }
         distance += hit.t;
         path.spread_width += sqrt(path.spread) * hit.t;

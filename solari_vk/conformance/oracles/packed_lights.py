@@ -1,4 +1,4 @@
-"""The 24 bytes of a light tile's sample, decoded in float64, and what it then sends to a place."""
+"""The 28 bytes of a light tile's sample, decoded in float64, and what it then sends to a place."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.conformance.oracles.encodings import decode_octahedral, decode_rgb9e5
+from solari_vk.scene.light_kinds import KIND_INDEX
 
 Floats = NDArray[np.floating[Any]]
 
@@ -37,13 +38,12 @@ class LightSamples(NamedTuple):
 
 def decode(packed: NDArray[Any]) -> LightSamples:
     """Records (N,) of a renderer's `light_tiles`, whose radiance is log2(1 + radiance * exposure)."""
-    inverse_pdf = packed["inverse_pdf"].astype(np.float64)
     return LightSamples(
         packed["world_position"].astype(np.float64),
         decode_octahedral(packed["world_normal"]),
         np.exp2(decode_rgb9e5(packed["radiance"])) - 1,
-        np.abs(inverse_pdf),
-        inverse_pdf < 0,
+        packed["inverse_pdf"].astype(np.float64),
+        packed["kind_and_data"] & 0xFF == KIND_INDEX["directional"],
     )
 
 

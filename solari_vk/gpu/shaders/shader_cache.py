@@ -60,6 +60,7 @@ def _includes(roots: Sequence[Path], name: str, text: bytes, found: dict[str, by
             if requested not in found:
                 line = text.count(b"\n", 0, match.start(1)) + 1
                 found[requested] = headers.header_text(requested, f"{_find(roots, name) or name}:{line}")
+                yield from _includes(roots, requested, found[requested], found)
             continue
         beside = os.path.normpath(os.path.join(os.path.dirname(name), requested)).replace(os.sep, "/")
         yield beside if _find(roots, beside) else os.path.normpath(requested).replace(os.sep, "/")

@@ -24,7 +24,8 @@ from solari_vk.output.tone_mapping import LUMINANCE
 from solari_vk.renderer import Renderer
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.constants import NO_INDEX
-from solari_vk.scene.model import Camera, Scene
+from solari_vk.scene.light_kinds import KIND_INDEX
+from solari_vk.scene.model import Camera, DirectionalLight, Scene
 
 DIRECT_ONLY = {"gi": False, "specular": False, "world_cache": False}
 DIRECT = ("di_diffuse", "di_specular")
@@ -70,8 +71,8 @@ def tile_errors(renderer: Renderer, scene: Scene, encoding: str) -> list[float]:
     values = unpack_rgb9e5(tiles["radiance"])
     exposure = scene.camera.exposure
     held = (np.expm1(values * np.log(2)) if encoding == "log2" else values) / exposure
-    is_sun = np.signbit(tiles["inverse_pdf"])
-    sun = next(iter(scene.lights))
+    is_sun = tiles["kind_and_data"] & 0xFF == KIND_INDEX["directional"]
+    (sun,) = (light for light in scene.lights if isinstance(light, DirectionalLight))
     disk = 2 * np.pi * (1 - np.cos(sun.angular_diameter / 2))
     lamps = [instance.material.emissive for instance in scene if instance.material.emits]
     luminances = (sun.illuminance / disk * sun.color @ LUMINANCE, float(np.mean([c @ LUMINANCE for c in lamps])))

@@ -39,7 +39,7 @@ void main() {
     uint other_triangle = rand_range_u(other_mesh.triangle_count, rng);
     TrianglePoint end = resolve_triangle(other, other_mesh, other_triangle, sample_triangle_barycentrics(rand_vec2f(rng)));
     ResolvedLightSample light = ResolvedLightSample(
-        vec4(end.world_position, 1.0), end.geometric_world_normal, true, end.ray_offset, vec3(1.0), 1.0
+        LIGHT_EMISSIVE_MESH, 1u, end.world_position, end.geometric_world_normal, end.ray_offset, vec3(1.0), 1.0
     );
     vec3 segment = light_segment(origin, light);
     bool same = index == other_index && triangle == other_triangle;

@@ -1,0 +1,41 @@
+// Lights that are disks at infinity, such as the sun.
+#ifndef SCENE_LIGHTS_DIRECTIONAL_GLSL
+#define SCENE_LIGHTS_DIRECTIONAL_GLSL
+
+#include "common/random.glsl"
+#include "scene/bindings.glsl"
+#include "scene/lights/types.glsl"
+
+struct DirectionalLight {
+    vec3 direction_to_light;
+    float one_minus_cos_half_angle;  // precise even for disks as small as a star
+    // Differs from Solari: illuminance / (pi sin^2), so that a surface facing a wide disk gets just its illuminance
+    vec3 radiance;
+    float solid_angle;
+};
+
+layout(set = 0, binding = 6, scalar) readonly buffer DirectionalLightsBlock { DirectionalLight at[]; } directional_lights;
+
+uint choose_part_directional(uint index, uint random) { return 0u; }
+
+ResolvedLightSample resolve_directional(uint index, uint part, vec2 u, float inverse_light_pdf) {
+    DirectionalLight light = directional_lights.at[index];
+    vec3 direction = sample_cone(light.direction_to_light, light.one_minus_cos_half_angle, u);
+    return ResolvedLightSample(
+        LIGHT_DIRECTIONAL, 0u, direction, -direction, 0.0, light.radiance, inverse_light_pdf * light.solid_angle
+    );
+}
+
+float emission_cosine_directional(uint data, float cosine) { return max(cosine, 0.0); }
+
+uint shown_id_directional(uint index) { return ~index; }
+
+MetLight meet_directional(uint index, vec3 direction) {
+    DirectionalLight light = directional_lights.at[index];
+    // |a - b|^2 / 2 = 1 - cos keeps the digits that the dot product of nearly equal directions loses
+    vec3 difference = direction - light.direction_to_light;
+    bool met = 0.5 * dot(difference, difference) <= light.one_minus_cos_half_angle;
+    return met ? MetLight(light.radiance, light.solid_angle) : MetLight(vec3(0.0), 0.0);
+}
+
+#endif

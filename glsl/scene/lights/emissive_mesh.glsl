@@ -1,0 +1,47 @@
+// Lights that are instances with an emissive material: samples are points of their triangles.
+#ifndef SCENE_LIGHTS_EMISSIVE_MESH_GLSL
+#define SCENE_LIGHTS_EMISSIVE_MESH_GLSL
+
+#include "common/random.glsl"
+#include "scene/bindings.glsl"
+#include "scene/lights/types.glsl"
+#include "scene/surface.glsl"
+
+uint choose_part_emissive_mesh(uint index, uint random) {
+    uint triangle, low;
+    umulExtended(random, meshes.at[instances.at[index].ray_mesh].triangle_count, triangle, low);
+    return triangle;
+}
+
+ResolvedLightSample resolve_emissive_mesh(uint index, uint part, vec2 u, float inverse_light_pdf) {
+    Instance instance = instances.at[index];
+    Mesh mesh = meshes.at[instance.ray_mesh];
+    Material material = materials.at[instance.material];
+    TrianglePoint point = resolve_triangle(instance, mesh, part, sample_triangle_barycentrics(u));
+    return ResolvedLightSample(
+        LIGHT_EMISSIVE_MESH,
+        material.flags & MATERIAL_DOUBLE_SIDED,
+        point.world_position,
+        point.geometric_world_normal,
+        point.ray_offset,
+        resolve_emissive(material, point.uv),
+        inverse_light_pdf * float(mesh.triangle_count) * point.area
+    );
+}
+
+float emission_cosine_emissive_mesh(uint double_sided, float cosine) {
+    return max(cosine, double_sided != 0u ? -cosine : 0.0);
+}
+
+// The number of the view of instances, so that a light has the same color in both.
+uint shown_id_emissive_mesh(uint index) { return instances.at[index].id; }
+
+// The density in solid angle with which sampling lights chooses the direction to a hit at distance `ray_t`; 0 for a
+// surface that is no light.
+float emissive_hit_pdf(ResolvedRayHitFull hit, vec3 ray_direction, float ray_t) {
+    float cosine = abs(dot(ray_direction, hit.geometric_world_normal));
+    float inverse_pdf = float(scene_info.light_count) * float(hit.triangle_count) * hit.triangle_area * cosine;
+    return hit.light_index != NO_INDEX && inverse_pdf > 0.0 ? square(ray_t) / inverse_pdf : 0.0;
+}
+
+#endif

@@ -1,0 +1,28 @@
+// What all kinds of lights share. solari_vk/scene/light_kinds.py lists the kinds and the functions that each defines.
+#ifndef SCENE_LIGHTS_TYPES_GLSL
+#define SCENE_LIGHTS_TYPES_GLSL
+
+// Differs from Solari: 32 bits each for light and triangle, so that neither is limited to 65,535.
+struct LightSample {
+    uint light_index;
+    uint part;  // of emissive meshes a triangle of the instance's ray mesh
+    uint seed;
+};
+
+struct ResolvedLightSample {
+    uint kind;
+    uint data;            // what the kind stores for emission_cosine, at most 24 bits
+    vec3 world_position;  // of kinds at infinity the direction to the light
+    vec3 world_normal;
+    float ray_offset;
+    vec3 radiance;
+    float inverse_pdf;    // in area, of kinds at infinity in solid angle
+};
+
+// What a ray that meets no surface sees of a light at infinity.
+struct MetLight {
+    vec3 radiance;
+    float inverse_pdf;  // in solid angle, once the light is chosen; 0: the ray doesn't meet the light
+};
+
+#endif
