@@ -39,7 +39,8 @@ _HOMES = {
     "scene.studio": ("studio_lights",),
     "output.picture": ("check_output", "save_image"),
     "output.tone_mapping": ("auto_exposure", "tonemap"),
-    "reference": ("AOVS", "PathTracer"),
+    "reference": ("PathTracer",),
+    "rendered": ("RenderedFrame",),
     "renderer": ("Renderer",),
     "settings": ("Settings",),
     "frame": ("SceneFrame",),
@@ -50,7 +51,6 @@ _MODULES = ("rt",)
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
-    "AOVS",
     "CallbackError",
     "Camera",
     "Device",
@@ -63,6 +63,7 @@ __all__ = [
     "Pass",
     "PathTracer",
     "RayTracer",
+    "RenderedFrame",
     "Renderer",
     "Scene",
     "SceneFrame",
@@ -93,7 +94,8 @@ if TYPE_CHECKING:
     from solari_vk.gpu.frame.frame import Frame, Pass, Stage
     from solari_vk.output.picture import check_output, save_image
     from solari_vk.output.tone_mapping import auto_exposure, tonemap
-    from solari_vk.reference import AOVS, PathTracer
+    from solari_vk.reference import PathTracer
+    from solari_vk.rendered import RenderedFrame
     from solari_vk.renderer import Renderer
     from solari_vk.scene.builtin import builtin
     from solari_vk.scene.gltf import load_gltf

@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.errors import SolariError
-from solari_vk.frame import PictureRenderer, SceneFrame
+from solari_vk.errors import SolariError, unknown_name
+from solari_vk.frame import SceneFrame
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes import (
-    brdf_table,
     display,
     gbuffer,
     guides,
     light_tiles,
+    pathtracer,
     ray_count,
     restir_di,
     restir_gi,
@@ -26,13 +26,15 @@ from solari_vk.passes import (
     world_cache,
 )
 from solari_vk.passes.debug_views import DEBUG_VIEWS
+from solari_vk.rendered import PictureRenderer, RenderedFrame
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.light_translation import LightTranslation
 from solari_vk.scene.model import Camera, Scene
-from solari_vk.scene.projection import JITTERS, CameraUniforms
+from solari_vk.scene.projection import JITTERS, CameraUniforms, Projection
 from solari_vk.settings import Settings, uniform_values
 
 THIS_FRAME = ("index", "seed", "has_history", "exposure", "lighting_change")  # fields of the uniform block
+LIGHT = (*display.PARTS[:-1], "di_diffuse", "di_specular", "gi_diffuse", "specular_gi")  # parts of the radiance
 COUNTING = ("gbuffer", "world_cache")  # stages that count something, in NAME_counters
 
 
@@ -48,6 +50,7 @@ class Renderer(PictureRenderer):
     hold it on the device once). `close` frees what the device holds; closing the device does so too.
     """
 
+    OUTPUTS = ("radiance", *pathtracer.FIRST_HIT_AOVS, *LIGHT, *(f"guides_{name}" for name in guides.IMAGES), "display")
     LARGEST_PIXEL_BYTES = 64
     IN_IMAGES = True
 
@@ -71,10 +74,8 @@ class Renderer(PictureRenderer):
             self.frame_count = 0
             self._has_history = False
             self._settings_seen: tuple[Any, ...] = ()  # what the settings in the uniforms were written from
-            table, table_buffers = brdf_table.compute(device)
-            self._own(table)
             self._lights = self._own(LightTranslation(device))
-            external = table_buffers | self._lights.buffers
+            external = self._tables | self._lights.buffers
             self._frame = self._own(SceneFrame(device, self.binder, self._stages(self.size), external=external))
             self._camera_uniforms = CameraUniforms(self._frame.uniforms)
             self._write_this_frame = self._frame.uniforms.writer("this_frame", THIS_FRAME)
@@ -104,12 +105,13 @@ class Renderer(PictureRenderer):
             stages, self.counted_passes = ray_count.counting(stages)
         return stages
 
-    def render(self, camera: Camera) -> RenderedFrame:
+    def render(self, camera: Camera | None = None) -> RenderedFrame:
         """Submit the next frame and return it, without waiting for it; its results are read by name.
 
-        Light gathers over frames: after about 24 of them a still picture has settled. Call `reset` at a cut.
+        camera: by default the scene's. Light gathers over frames: after about 24 of them a still picture has settled.
+        Call `reset` at a cut.
         """
-        self._checked_camera(camera)
+        camera = self._camera_or_default(camera)
         self.binder.update()
         seen = (self.size, self.settings, self.settings.revision, self.binder.version, self._debug_view, self._tonemap,
                 self._frame.uniforms.version)  # fmt: skip
@@ -122,13 +124,14 @@ class Renderer(PictureRenderer):
         if self._lights.update(lights.ids, lights.powers, lights.positions, self.settings.world_cache_cell_size):
             self._frame.bind(self._lights.buffers)
         try:
-            self._write_uniforms(camera)
-            self._frame.submit()
+            projection = self._write_uniforms(camera)
+            submission = self._frame.submit()
         except BaseException:
             self.reset()  # the device's history is older than the cameras and lights noted here
             raise
         self.frame_count += 1
-        return RenderedFrame(self)
+        self._latest = RenderedFrame(self, camera, projection, submission)
+        return self._latest
 
     def _build_key(self) -> tuple[Any, ...]:
         """What `_stages` depends on."""
@@ -150,7 +153,7 @@ class Renderer(PictureRenderer):
             {"display_settings.debug_view": self._debug_view, "display_settings.tonemap": self._tonemap}
         )
 
-    def _write_uniforms(self, camera: Camera) -> None:
+    def _write_uniforms(self, camera: Camera) -> Projection:
         jitter = (0.0, 0.0)
         if self.settings.jitter:
             jitter = JITTERS[(self.frame_count + 7 * self.seed) % len(JITTERS)]
@@ -162,6 +165,7 @@ class Renderer(PictureRenderer):
             self.frame_count & 0xFFFFFFFF, self.seed, history, projection.exposure, self._lights.change
         )
         self._has_history = True
+        return projection
 
     # ---- control ------------------------------------------------------------------------------------
 
@@ -211,15 +215,13 @@ class Renderer(PictureRenderer):
 
     # ---- results ------------------------------------------------------------------------------------
 
-    def __getitem__(self, name: str) -> NDArray[Any]:
+    def read(self, name: str) -> NDArray[Any]:
         """A copy of a result of the latest frame; waits for it.
 
         Buffers with an element a pixel and images come as (height, width[, channels]), others as they are.
-        "stage/counter" is a field of the counters of one of COUNTING, such as "world_cache/active_cells"; else a "/"
-        stands for "_".
+        "stage/counter" is a field of the counters of one of COUNTING, such as "world_cache/active_cells"; in other
+        names "/" stands for "_". "gbuffer_depth" is the image `depth`: near / distance along the view axis, 0: nothing.
         """
-        if self.frame_count == 0:
-            raise SolariError(f"Renderer: render before asking for '{name}'")
         stage, _, counter = name.partition("/")
         block = f"{stage}_counters"
         if counter and stage in COUNTING and block in self._frame:
@@ -228,24 +230,14 @@ class Renderer(PictureRenderer):
                 return np.asarray(counters[counter])
         elif counter in gbuffer.COUNTERS and stage == "gbuffer":
             raise SolariError(f"Renderer: no '{name}': only gbuffer=raster counts what is drawn and culled")
-        values = self._frame[name.replace("/", "_")]
+        resource = "depth" if name == "gbuffer_depth" else name.replace("/", "_")
+        if resource not in self._frame:
+            raise unknown_name("Renderer: there is no result", name, self.OUTPUTS)
+        values = self._frame[resource]
         width, height = self._built[0]
         if values.shape[:1] == (width * height,) and values.shape[:2] != (height, width):  # a buffer of a row a pixel
             return values.reshape(height, width, *values.shape[1:])
         return values
-
-
-class RenderedFrame:
-    """One frame's results by name, until the next one is rendered: what `Renderer.__getitem__` documents."""
-
-    def __init__(self, renderer: Renderer) -> None:
-        self._renderer = renderer
-        self.index = renderer.frame_count
-
-    def __getitem__(self, name: str) -> NDArray[Any]:
-        if self._renderer.frame_count != self.index:
-            raise SolariError(f"frame {self.index} is gone, since a later one was rendered: read '{name}' before that")
-        return self._renderer[name]
 
 
 def _index_of(name: str, names: tuple[str, ...], what: str) -> int:

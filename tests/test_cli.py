@@ -125,7 +125,7 @@ def test_a_picture_is_the_mean_of_the_last_frames(done, frames):
 def test_a_view_is_the_last_frame_s(done, frames):
     _, path = done(*FRAMES, "--frames", 3, "--view", "shading_normal", "--settings", "jitter=on")
     *_, last = frames(5)
-    there = last["depth"][..., 0] > 0
+    there = last["gbuffer_depth"][..., 0] > 0
     expected = 255 * (0.5 + 0.5 * last["guides_normal_roughness"][..., :3])
     assert np.abs(pixels(path)[there] - expected[there]).max() <= 1
 

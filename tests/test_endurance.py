@@ -61,7 +61,7 @@ def test_renderers_that_come_and_go_leave_nothing(device):
         renderer.render(scene.camera, samples=1)
         assert renderer["depth"].shape == (8, 8)
         renderer.resize((5, 9))
-        assert renderer.render(scene.camera, samples=2).shape == (9, 5, 3)
+        assert renderer.render(scene.camera, samples=2)["radiance"].shape == (9, 5, 3)
         renderer.close()
         device.wait_idle()
 

@@ -20,7 +20,8 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 # `scene` and `passes` meet in GLSL only.
 GPU = {"gpu.device", "gpu.shaders", "gpu.frame", "gpu.acceleration"}
 LIBRARY = {
-    "errors", "settings", "output", "scene", "passes", "rt", "frame", "tracer", "reference", "renderer", *GPU,
+    "errors", "settings", "output", "scene", "passes", "rt", "frame", "first_hits", "rendered", "tracer", "reference",
+    "renderer", *GPU,
 }  # fmt: skip
 MAY_IMPORT = {
     "errors": set(),
@@ -35,8 +36,10 @@ MAY_IMPORT = {
     "rt": {"errors", *GPU},
     "frame": {"errors", "scene", *GPU},
     "tracer": {"errors", "scene", "frame", *GPU},
-    "reference": {"errors", "scene", "passes", "frame", "output", "gpu.device", "gpu.frame"},
-    "renderer": {"errors", "settings", "scene", "passes", "frame", "output", "gpu.device", "gpu.frame"},
+    "first_hits": {"scene", "passes", "gpu.device", "gpu.frame"},
+    "rendered": {"errors", "scene", "passes", "frame", "first_hits", "output", "gpu.device", "gpu.frame"},
+    "reference": {"errors", "scene", "passes", "frame", "rendered", "gpu.device", "gpu.frame"},
+    "renderer": {"errors", "settings", "scene", "passes", "frame", "rendered", "output", "gpu.device", "gpu.frame"},
     "viewer": LIBRARY - {"rt", "tracer", "gpu.acceleration"},
     "conformance": {"", "measure", *LIBRARY},
     "measure": {"", *LIBRARY},

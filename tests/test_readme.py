@@ -51,7 +51,7 @@ def test_options_and_outputs_are_there(capsys):
             cli._parser().parse_args([command, "--help"])
     text = capsys.readouterr().out
     (aovs,) = re.findall(r"^\| `--aov a,b` \| [^:]*: (.*) \|$", README, re.MULTILINE)
-    assert re.findall(r"`(\w+)`", aovs) == list(sv.AOVS)
+    assert re.findall(r"`(\w+)`", aovs) == list(sv.PathTracer.OUTPUTS[1:])
     for option in re.findall(r"(?<=`)--[\w-]+", README):
         assert option in text, option
 

@@ -30,7 +30,7 @@ def test_a_cameras_scale_means_nothing(renderer, scene):
         renderer.reset()
         for _ in range(4):
             frame = renderer.render(camera)
-        pictures.append((frame["depth"], frame["radiance"]))
+        pictures.append((frame["gbuffer_depth"], frame["radiance"]))
     for depth, _ in pictures[1:]:
         np.testing.assert_allclose(depth, pictures[0][0], rtol=1e-5)
     np.testing.assert_allclose(pictures[2][1].mean(), pictures[0][1].mean(), rtol=0.3)
@@ -40,11 +40,11 @@ def test_a_cameras_scale_means_nothing(renderer, scene):
 def test_a_mirrored_camera_shows_the_mirrored_picture(device, scene, gbuffer):
     settings = sv.Settings(jitter=False, gbuffer=gbuffer)
     with sv.Renderer(device, scene, SIZE, settings) as renderer:
-        expected = renderer.render(scene.camera)["depth"]
+        expected = renderer.render(scene.camera)["gbuffer_depth"]
         mirrored = sv.Camera(transform=scene.camera.transform @ np.diag([-1.0, 1, 1, 1]),
                              vertical_fov=scene.camera.vertical_fov)  # fmt: skip
         renderer.reset()
-        found = renderer.render(mirrored)["depth"]
+        found = renderer.render(mirrored)["gbuffer_depth"]
     assert (expected > 0).any()
     np.testing.assert_allclose(found, expected[:, ::-1], rtol=1e-4)
 
@@ -85,7 +85,7 @@ def test_results_keep_their_shape_until_the_next_frame(renderer, scene):
 def test_a_later_frame_replaces_an_earlier_one(renderer, scene):
     first = renderer.render(scene.camera)
     renderer.render(scene.camera)
-    with pytest.raises(sv.SolariError, match="frame 1 is gone"):
+    with pytest.raises(sv.SolariError, match="this frame is gone, since its Renderer has begun a later one: read"):
         first["radiance"]
 
 

@@ -39,7 +39,7 @@ def test_what_render_refuses(device):
         with pytest.raises(sv.SolariError, match="samples"):
             renderer.render(scene.camera, samples=samples)
     with pytest.raises(sv.SolariError, match="Camera"):
-        renderer.render(None)
+        renderer.render(5)
     with pytest.raises(sv.SolariError, match="render before"):
         renderer["radiance"]
     renderer.render(scene.camera, samples=1)
@@ -51,10 +51,10 @@ def test_what_render_refuses(device):
 def test_a_refused_resize_changes_nothing(device):
     scene = sv.builtin("cornell_box")
     renderer = sv.PathTracer(device, scene, (6, 4), max_bounces=1)
-    before = renderer.render(scene.camera, samples=2)
+    before = renderer.render(scene.camera, samples=2)["radiance"]
     with pytest.raises(sv.SolariError, match="16384"):
         renderer.resize((16384, 16384))
-    np.testing.assert_array_equal(renderer.render(scene.camera, samples=2), before)
+    np.testing.assert_array_equal(renderer.render(scene.camera, samples=2)["radiance"], before)
     renderer.close()
 
 
@@ -83,7 +83,7 @@ def test_a_resize_that_fails_on_the_device_changes_nothing(device, monkeypatch):
 @pytest.mark.parametrize("bands", [1, 3, 7])
 def test_dispatches_grow_towards_their_time(device, bands, monkeypatch):
     """Whatever the number of bands: pictures that are quick to trace take more samples a dispatch."""
-    monkeypatch.setattr("solari_vk.reference.MAX_FIRST_PIXELS", 16 * 8)
+    monkeypatch.setattr("solari_vk.passes.pathtracer.MAX_FIRST_PIXELS", 16 * 8)
     scene = sv.builtin("cornell_box")
     renderer = sv.PathTracer(device, scene, (16, 8 * bands), max_bounces=0)
     renderer.render(scene.camera, samples=200)
@@ -101,7 +101,7 @@ def test_dispatch_sizes_leave_the_picture_alone(device):
         renderer._frame.rebuild(renderer._stages(renderer.size))
         renderer._next_look = 10**9
         renderer._batch = batch
-        pictures.append(renderer.render(scene.camera, samples=14))
+        pictures.append(renderer.render(scene.camera, samples=14)["radiance"])
         renderer.close()
     for other in pictures[1:]:
         np.testing.assert_array_equal(other, pictures[0])

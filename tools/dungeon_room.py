@@ -95,7 +95,7 @@ def main() -> None:
     width, height = map(int, options.size.split("x"))
     with sv.Device() as device:
         renderer = sv.PathTracer(device, scene, (width, height))
-        radiance = renderer.render(scene.camera, samples=options.samples)
+        radiance = renderer.render(scene.camera, samples=options.samples)["radiance"]
     sv.save_image(options.output, radiance, exposure=scene.camera.exposure)
 
 

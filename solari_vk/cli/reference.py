@@ -14,7 +14,7 @@ def run(options: argparse.Namespace) -> None:
     import solari_vk as sv
 
     sv.check_output(options.output)
-    names = names_of_aovs(options, sv.AOVS)
+    names = names_of_aovs(options, sv.PathTracer.OUTPUTS[1:])
     subject = load(options)
     camera = subject.cameras[0]
     with sv.Device(options.device, validation=options.validation or None) as device:

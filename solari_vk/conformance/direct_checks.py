@@ -23,7 +23,7 @@ from solari_vk.conformance.realtime import (
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.replication import replicate
-from solari_vk.renderer import RenderedFrame
+from solari_vk.rendered import RenderedFrame
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, lamp, matte, place
 from solari_vk.scene.matrices import transform_directions

@@ -15,7 +15,7 @@ from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
 from solari_vk.output import tone_mapping
 from solari_vk.passes.debug_views import DEBUG_VIEWS
-from solari_vk.renderer import RenderedFrame
+from solari_vk.rendered import RenderedFrame
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, lamp, rgb
 
@@ -141,7 +141,7 @@ def measure_views(device: Device) -> Iterator[Measurement]:
             moved = camera.transform.copy()
             moved[:3, 3] += (0.2 * np.sin(index), 0, 0.5)
             frame = renderer.render(sv.Camera(transform=moved, vertical_fov=camera.vertical_fov, ev100=camera.ev100))
-            there = frame["depth"][..., 0] > 0
+            there = frame["gbuffer_depth"][..., 0] > 0
             codes = frame["display"][..., :3][there].astype(np.float64)
             if len(np.unique(codes, axis=0)) < 2:
                 constant.append(view)

@@ -44,7 +44,8 @@ QUICK_BOXES = ("matte", "mirror")
 
 
 def _take(device: Device, seed: int) -> list[bytes]:
-    scene, results = sv.builtin("sphere_grid", columns=3, rows=2), ("radiance", *PARTS, "gbuffer", "depth", "display")
+    scene = sv.builtin("sphere_grid", columns=3, rows=2)
+    results = ("radiance", *PARTS, "gbuffer", "gbuffer_depth", "display")
     with make_renderer(device, scene, seed=seed) as renderer:
         found = []
         for _ in range(6):

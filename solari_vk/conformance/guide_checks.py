@@ -14,7 +14,7 @@ from solari_vk.conformance.realtime import GUIDES, OFF, PARTS, add_up, make_rend
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.gpu.device.device import Device
 from solari_vk.passes.guides import IMAGES
-from solari_vk.renderer import RenderedFrame
+from solari_vk.rendered import RenderedFrame
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, place, rgb
 from solari_vk.scene.matrices import transform_directions

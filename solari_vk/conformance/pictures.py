@@ -46,7 +46,7 @@ def take_picture(
         part = max(samples // runs, 1)
         sums = [np.zeros((size[1], size[0], 3))]
         for run in range(1, runs + 1):
-            image = renderer.render(view, samples=run * part)
+            image = renderer.render(view, samples=run * part)["radiance"]
             assert image.shape == sums[0].shape
             assert image.dtype == np.float32
             assert np.isfinite(image).all()

@@ -15,7 +15,8 @@ from solari_vk.measure.partial import PartialRenderer
 from solari_vk.measure.replication import observe_runs
 from solari_vk.measure.statistics import relative_interval, sixteenths
 from solari_vk.reference import PathTracer
-from solari_vk.renderer import RenderedFrame, Renderer
+from solari_vk.rendered import RenderedFrame
+from solari_vk.renderer import Renderer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import Settings

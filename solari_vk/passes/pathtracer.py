@@ -16,6 +16,7 @@ from solari_vk.passes.path_sampling import LIGHT_STRATEGIES, PIXEL_FILTERS
 from solari_vk.settings.layering import LAYERINGS, brdf_constants
 
 LARGEST_PIXEL_BYTES = 12  # of a pixel in any one buffer: three floats
+MAX_FIRST_PIXELS = 1 << 20  # of a first dispatch, before anything is measured
 FIRST_HIT_AOVS = (
     "depth",
     "position",
@@ -88,6 +89,11 @@ def write_uniforms(uniforms: Uniforms, settings: Settings) -> None:
     uniforms["path_sampling.light_strategy"] = LIGHT_STRATEGIES.index(settings.light_strategy)
     uniforms["path_sampling.pixel_filter"] = list(PIXEL_FILTERS).index(settings.pixel_filter)
     uniforms["path_sampling.filter_radius"] = PIXEL_FILTERS[settings.pixel_filter]
+
+
+def max_rows(size: tuple[int, int]) -> int:
+    """Rows of a picture in one dispatch before anything is measured: few enough for any driver's watchdog."""
+    return min(size[1], max(MAX_FIRST_PIXELS // size[0], 1))
 
 
 def read_mean(frame: Frame, size: tuple[int, int]) -> NDArray[np.float32]:

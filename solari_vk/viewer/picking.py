@@ -34,7 +34,7 @@ def pick_at(pictures: Pictures, x: float, y: float) -> Pick | None:
     else:
         assert pictures.realtime is not None
         index = pictures.realtime["gbuffer_surface"][row, column, 1]
-        depth = float(pictures.realtime["depth"][row, column, 0])
+        depth = float(pictures.realtime["gbuffer_depth"][row, column, 0])
         if not depth:
             return None
         point = point_at(camera, pictures.size, (column + 0.5, row + 0.5), camera.near / depth)

@@ -47,7 +47,7 @@ def reference(device, scene, size, samples, **settings):
 def _render(device, scene, size, samples, **settings):
     tracer = sv.PathTracer(device, scene, size, **settings)
     try:
-        return tracer.render(scene.camera, samples=samples).astype(np.float64)
+        return tracer.render(scene.camera, samples=samples)["radiance"].astype(np.float64)
     finally:
         tracer.close()
 

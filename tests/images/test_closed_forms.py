@@ -143,7 +143,7 @@ def test_seeds_are_unbiased_and_independent(tracer):
     runs = []
     for seed in range(24):
         renderer = tracer(scene, (32, 32), max_bounces=1, lambert=True, seed=seed)
-        runs.append(renderer.render(scene.camera, samples=64)[..., 0].astype(np.float64))
+        runs.append(renderer.render(scene.camera, samples=64)["radiance"][..., 0].astype(np.float64))
         renderer.close()
     runs = np.stack(runs)
     up = np.array([(0.0, 1.0, 0.0)])

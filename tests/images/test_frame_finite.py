@@ -10,8 +10,8 @@ import solari_vk as sv
 from solari_vk.conformance.realtime import PARTS, make_renderer
 
 RESULTS = ("radiance", *PARTS, "emission", "diffuse_radiance", "specular_radiance")
-OTHERS = ("depth", "motion_vectors", "guides_normal_roughness", "guides_diffuse_albedo", "guides_specular_albedo",
-          "guides_depth", "guides_motion", "guides_specular_motion")  # fmt: skip
+OTHERS = ("gbuffer_depth", "motion_vectors", "guides_normal_roughness", "guides_diffuse_albedo",
+          "guides_specular_albedo", "guides_depth", "guides_motion", "guides_specular_motion")  # fmt: skip
 FEW = {"light_tile_count": 4, "light_tile_samples": 64, "world_cache_cells": 1 << 12}
 QUICK_COUNT, COUNT = 150, 1000
 

@@ -251,7 +251,7 @@ def check_offsets(device, way="raster", scale=1.0):
         eye, target = at + scale * (0.02 * normal + 0.05 * u), at + scale * 0.01 * u
         camera = sv.Camera.look_at(eye, target, vertical_fov=1.2, near=1e-4 * scale)
         with LeavingRays(device, scene, (48, 32), settings, passes=GBUFFER) as renderer:
-            there = renderer.render(camera)["depth"] > 0
+            there = renderer.render(camera)["gbuffer_depth"] > 0
             blocked = int(renderer["blocked"].sum())
         assert there.mean() > 0.5
         assert blocked == 0, f"{blocked} of {there.sum() * RAYS} rays never left, {far} from the origin"

@@ -30,7 +30,7 @@ def floor_under(*lamps):
 def render(device, scene):
     """Radiance of the floor by light sampling alone, and the standard error of its mean."""
     with_lights = sv.PathTracer(device, scene, (32, 32), max_bounces=1, lambert=True, light_strategy="nee")
-    radiance = with_lights.render(scene.camera, samples=64)
+    radiance = with_lights.render(scene.camera, samples=64)["radiance"]
     error = math.sqrt(with_lights["variance"].mean() / radiance[..., 0].size)
     with_lights.close()
     return float(radiance[..., 1].mean()), error

@@ -133,7 +133,7 @@ def test_nothing_escapes_from_a_closed_surface(tracer, where):
     """
     scene = inside(blob(0.03), PLACES[where])
     renderer = tracer(scene, (64, 64), max_bounces=4, lambert=True)
-    radiance = renderer.render(scene.camera, samples=32)
+    radiance = renderer.render(scene.camera, samples=32)["radiance"]
     assert (renderer["instance_id"] == 0).all()
     assert (radiance == 0).all(), f"light got in at {(radiance > 0).any(axis=-1).sum()} pixels"
 
@@ -143,19 +143,19 @@ def test_camera_rays_find_no_gap_between_spikes(tracer, where):
     """A ray through a gap would see a sun: 1e6 rays at edges of all kinds."""
     scene = inside(blob(0.3), PLACES[where])
     renderer = tracer(scene, (256, 256), max_bounces=0, lambert=True)
-    assert (renderer.render(scene.camera, samples=16) == 0).all()
+    assert (renderer.render(scene.camera, samples=16)["radiance"] == 0).all()
 
 
 def test_suns_are_seen_outside(tracer):
     """The test above would fail with light: without the surface everything is bright."""
     renderer = tracer(sv.Scene(*all_around_suns()), (16, 16), max_bounces=0)
-    assert (renderer.render(sv.Camera(), samples=1) > 0).all()
+    assert (renderer.render(sv.Camera(), samples=1)["radiance"] > 0).all()
 
 
 def test_thin_wall_keeps_its_dark_side_black(tracer):
     scene = builtin("thin_wall", thickness=0.001)
     renderer = tracer(scene, (128, 64), max_bounces=5)
-    radiance = renderer.render(scene.camera, samples=32)
+    radiance = renderer.render(scene.camera, samples=32)["radiance"]
     x = renderer["position"][..., 0]
     wall = renderer["instance_id"] == 1
     room = (renderer["instance_id"] == 0) | wall
@@ -174,9 +174,9 @@ def test_culling_of_camera_rays_and_only_of_those(tracer):
     scene = sv.Scene(wall, back, lamp)
     camera = sv.Camera(vertical_fov=0.5)
     renderer = tracer(scene, (8, 8), max_bounces=1, lambert=True)
-    assert (renderer.render(camera, samples=8) == 0).all(), "the wall's back stops the sun"
+    assert (renderer.render(camera, samples=8)["radiance"] == 0).all(), "the wall's back stops the sun"
     assert (renderer["instance_id"] == 1).all(), "the camera looks through the wall's back"
     wall.material.update(double_sided=True)
-    assert (renderer.render(camera, samples=8) > 0).all()
+    assert (renderer.render(camera, samples=8)["radiance"] > 0).all()
     assert (renderer["instance_id"] == 0).all()
     np.testing.assert_allclose(renderer["depth"], 2, rtol=1e-5)

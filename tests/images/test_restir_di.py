@@ -177,7 +177,7 @@ def test_confidence_is_capped_and_begins_anew(device):
     with direct_renderer(device, scene, SIZE, di_confidence_cap=6.0, di_spatial=False) as renderer:
         for _ in range(10):
             frame = renderer.render(scene.camera)
-        confidence, exists = frame["di_reservoirs"]["confidence"], frame["depth"][..., 0] > 0
+        confidence, exists = frame["di_reservoirs"]["confidence"], frame["gbuffer_depth"][..., 0] > 0
         assert confidence.max() == 7
         assert np.median(confidence[exists]) == 7
         assert (confidence[~exists] == 0).all()
@@ -191,7 +191,7 @@ def test_halving_the_radius_finds_more_neighbours(device):
     for halving in (True, False):
         with direct_renderer(device, scene, (96, 96), spatial_radius_halving=halving) as renderer:
             frame = renderer.render(scene.camera)
-            neighbors = frame["di_outcomes"][..., 0][frame["depth"][..., 0] > 0]
+            neighbors = frame["di_outcomes"][..., 0][frame["gbuffer_depth"][..., 0] > 0]
             missing[halving] = (neighbors == NO_INDEX).mean()
     assert missing[True] < 0.9 * missing[False]
 

@@ -36,7 +36,7 @@ def second_bounce(device, scene, samples, seeds=4):
 def _picture(device, scene, samples, seed, bounces):
     tracer = PathTracer(device, scene, SIZE, max_bounces=bounces, lambert=True, seed=seed)
     try:
-        return tracer.render(scene.camera, samples).astype(np.float64)
+        return tracer.render(scene.camera, samples)["radiance"].astype(np.float64)
     finally:
         tracer.close()
 

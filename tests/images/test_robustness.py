@@ -13,13 +13,13 @@ AOVS = ("depth", "position", "geometric_normal", "shading_normal", "albedo", "ro
 
 
 def fresh(tracer, scene, samples=4, size=(32, 32), camera=None, **settings):
-    return tracer(scene, size, **settings).render(camera or scene.camera, samples=samples)
+    return tracer(scene, size, **settings).render(camera or scene.camera, samples=samples)["radiance"]
 
 
 def test_seed_decides_the_picture(tracer):
     scene = cornell_box()
     renderer = tracer(scene, (32, 32), seed=7)
-    first = renderer.render(scene.camera, samples=4).copy()
+    first = renderer.render(scene.camera, samples=4)["radiance"].copy()
     np.testing.assert_array_equal(first, fresh(tracer, scene, seed=7))
     assert (first != fresh(tracer, scene, seed=8)).mean() > 0.3
 
@@ -85,9 +85,9 @@ def test_edits_restart_the_picture(tracer, edit):
     """After an edit the picture is exactly that of a new renderer, with nothing of the old scene left."""
     scene = cornell_box()
     renderer = tracer(scene, (32, 32), seed=3)
-    before = renderer.render(scene.camera, samples=3).copy()
+    before = renderer.render(scene.camera, samples=3)["radiance"].copy()
     edit(scene)
-    after = renderer.render(scene.camera, samples=4).copy()
+    after = renderer.render(scene.camera, samples=4)["radiance"].copy()
     assert np.abs(after - before).mean() > 1e-4
     np.testing.assert_array_equal(after, fresh(tracer, scene, seed=3))
 
@@ -97,7 +97,8 @@ def test_variance_is_calibrated(picture, tracer):
     scene, settings = cornell_box(), {"seed": 5, "max_bounces": 3}
     made = picture(scene, (32, 32), 24 * 16, runs=24, **settings)
     renderer = tracer(scene, (32, 32), **settings)
-    np.testing.assert_allclose(renderer.render(scene.camera, samples=24 * 16), made.mean, rtol=1e-4, atol=1e-5)
+    frame = renderer.render(scene.camera, samples=24 * 16)
+    np.testing.assert_allclose(frame["radiance"], made.mean, rtol=1e-4, atol=1e-5)
     estimate = renderer["variance"].astype(np.float64)
     measured = (made.runs @ np.array((0.2126, 0.7152, 0.0722))).var(axis=0, ddof=1) / 24
     assert (estimate >= 0).all()
@@ -109,7 +110,7 @@ def test_variance_is_calibrated(picture, tracer):
 
 def all_finite(tracer, scene, camera=None, samples=8, **settings):
     renderer = tracer(scene, (32, 32), **settings)
-    radiance = renderer.render(camera or scene.camera, samples=samples)
+    radiance = renderer.render(camera or scene.camera, samples=samples)["radiance"]
     assert np.isfinite(radiance).all()
     assert (radiance >= 0).all()
     for name in AOVS:

@@ -26,7 +26,8 @@ def reference(device, scene, size, samples, camera=None, **settings):
     """The path tracer's picture (h, w, 3), and the variance (h, w) of its luminance."""
     tracer = sv.PathTracer(device, scene, size, **settings)
     try:
-        return tracer.render(camera or scene.camera, samples=samples).astype(float), tracer["variance"].astype(float)
+        frame = tracer.render(camera or scene.camera, samples=samples)
+        return frame["radiance"].astype(float), frame["variance"].astype(float)
     finally:
         tracer.close()
 

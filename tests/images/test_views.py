@@ -98,7 +98,7 @@ def test_views_of_surfaces_are_the_buffers(frames):
     expected = 255 * renderer["guides_normal_roughness"][..., 3]
     assert np.abs(renderer["display"][..., 0] - expected).max() <= 1
     renderer = frames("guide_normal")
-    there = renderer["depth"][..., 0] > 0
+    there = renderer["gbuffer_depth"][..., 0] > 0
     expected = 255 * (0.5 + 0.5 * renderer["guides_normal_roughness"][..., :3])
     assert np.abs(renderer["display"][..., :3] - expected)[there].max() <= 1
 
@@ -106,10 +106,10 @@ def test_views_of_surfaces_are_the_buffers(frames):
 def test_views_of_reservoirs_are_the_buffers(frames):
     renderer = frames("di_neighbor")
     red, green = renderer["display"][..., 0], renderer["display"][..., 1]
-    there = renderer["depth"][..., 0] > 0
+    there = renderer["gbuffer_depth"][..., 0] > 0
     np.testing.assert_array_equal(red > green, there & (renderer["di_outcomes"][..., 0] == NO_INDEX))
     renderer = frames("di_visibility")
-    there = renderer["depth"][..., 0] > 0
+    there = renderer["gbuffer_depth"][..., 0] > 0
     chosen = renderer["di_reservoirs"]["light_sample"]["light_index"] != NO_INDEX
     seen = there & chosen & (renderer["di_outcomes"][..., 1] != 0)
     assert 0 < seen.sum() < there.sum()

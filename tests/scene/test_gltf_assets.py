@@ -69,7 +69,7 @@ def test_the_fox_stands_on_its_paws() -> None:
 
 def render(device, scene, camera):
     renderer = sv.PathTracer(device, scene, (48, 32), max_bounces=2)
-    radiance = renderer.render(camera, samples=2)
+    radiance = renderer.render(camera, samples=2)["radiance"]
     seen = len(np.unique(renderer["instance_id"]))
     renderer.close()
     assert np.isfinite(radiance).all()

@@ -12,7 +12,7 @@ from solari_vk.conformance.oracles import closed_forms, encodings
 from solari_vk.scene.model import Camera
 
 Image = NDArray[Any]
-IMAGES = ("gbuffer", "gbuffer_surface", "depth", "motion_vectors")
+IMAGES = ("gbuffer", "gbuffer_surface", "gbuffer_depth", "motion_vectors")
 
 
 def decode(frame: Mapping[str, Any] | Any) -> dict[str, Image]:
@@ -34,7 +34,7 @@ def decode(frame: Mapping[str, Any] | Any) -> dict[str, Image]:
         "normal": encodings.decode_octahedral(w & 0xFFFFFF, 12),
         "geometric_normal": encodings.decode_octahedral(surface[..., 0], 16),
         "instance": surface[..., 1],
-        "depth": frame["depth"][..., 0].astype(np.float64),
+        "depth": frame["gbuffer_depth"][..., 0].astype(np.float64),
         "motion": frame["motion_vectors"].astype(np.float64),
     }
 

@@ -238,7 +238,7 @@ def _without_neighbor(bench: Workbench) -> Outcome:
             def measure(_: int, renderer: Renderer = renderer, scene: Scene = scene,
                         masks: list[NDArray[np.uint8]] = masks) -> float:  # fmt: skip
                 renderer.render(scene.camera)
-                exists = renderer["depth"][..., 0] > 0
+                exists = renderer["gbuffer_depth"][..., 0] > 0
                 missing = (renderer["di_outcomes"][..., 0] == NO_INDEX) & exists
                 pink = np.where(missing[..., None], (255, 60, 180), (90, 90, 90)) * exists[..., None]
                 masks.append(pink.astype(np.uint8))

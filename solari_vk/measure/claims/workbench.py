@@ -65,7 +65,7 @@ class Workbench:
         """What the path tracer makes of it, (height, width, 3)."""
         tracer = PathTracer(self.device, scene, size, **options)
         try:
-            return tracer.render(scene.camera, samples=self.count(samples, 16)).astype(np.float64)
+            return tracer.render(scene.camera, samples=self.count(samples, 16))["radiance"].astype(np.float64)
         finally:
             tracer.close()
 

@@ -20,7 +20,7 @@ Picture = NDArray[np.float64]
 def reference(device: Device, scene: Scene, size: tuple[int, int], samples: int, limit: float) -> tuple[Picture, int]:
     """The path tracer's picture with another seed than those measured, and its samples; `limit`: seconds."""
     with PathTracer(device, scene, size, seed=1_000_003) as tracer:
-        picture = tracer.render(scene.camera, samples=samples, time_limit=limit).astype(np.float64)
+        picture = tracer.render(scene.camera, samples=samples, time_limit=limit)["radiance"].astype(np.float64)
         return picture, tracer.samples
 
 
@@ -59,7 +59,7 @@ def path_tracer_curve(
         tracer.reset()  # starts anew, with everything compiled
         while samples <= most and (spent < seconds or not found):
             started = time.perf_counter()
-            picture = tracer.render(scene.camera, samples=samples).astype(np.float64)
+            picture = tracer.render(scene.camera, samples=samples)["radiance"].astype(np.float64)
             spent += time.perf_counter() - started
             found.append((tracer.samples, spent, relative_mse(picture, truth)))
             samples *= 2

@@ -1,0 +1,58 @@
+"""What a camera's rays meet first, by name, for use beside the picture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from numpy.typing import NDArray
+
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame.frame import Frame
+from solari_vk.passes import pathtracer
+from solari_vk.scene.binder import SceneBinder
+from solari_vk.scene.model import Camera
+from solari_vk.scene.projection import CameraUniforms, Projection
+
+
+class FirstHits:
+    """What the centres of pixels show, traced when it is asked for.
+
+    A change of the scene that the binder has taken up since the frame shows in the results.
+    """
+
+    def __init__(self, device: Device, binder: SceneBinder, tables: Mapping[str, Any]) -> None:
+        self._device = device
+        self._binder = binder
+        self._tables = tables
+        self._frame: Frame | None = None
+        self._built: tuple[Any, ...] = ()  # what the frame was built for
+        self._shown: tuple[Any, ...] = ()  # what its buffers hold
+
+    def read(self, name: str, projection: Projection, size: tuple[int, int]) -> NDArray[Any]:
+        """One of pathtracer.FIRST_HIT_AOVS, (height, width[, channels])."""
+        rows = pathtracer.max_rows(size)
+        built = self._binder.version, size
+        if self._frame is None or built != self._built:
+            self.close()
+            external = {**self._binder.resources, **self._tables}
+            self._frame = Frame(self._device, [pathtracer.aov_stage(size, rows)], external=external)
+            self._built = built
+        shown = self._binder.revision, projection[1:]
+        if shown != self._shown:
+            transform, jitter, vertical_fov, near, ev100, _ = projection.source
+            camera = Camera(transform=transform, jitter=jitter, vertical_fov=vertical_fov, near=near, ev100=ev100)
+            uniforms = self._frame.uniforms
+            CameraUniforms(uniforms).write(camera, size)
+            uniforms["path_sampling.row_count"] = rows
+            for row in range(0, size[1], rows):
+                uniforms["path_sampling.first_row"] = row
+                self._frame.submit()
+            self._shown = shown
+        return pathtracer.read_aov(self._frame, name, size)
+
+    def close(self) -> None:
+        """Free what is on the device; the next `read` makes it again."""
+        if self._frame is not None:
+            self._frame.close()
+        self._frame, self._shown = None, ()

@@ -1,0 +1,230 @@
+"""What the renderers of pictures share: size, lifetime, and the frame that `render` returns, with results by name."""
+
+from __future__ import annotations
+
+import operator
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.errors import SolariError
+from solari_vk.first_hits import FirstHits
+from solari_vk.frame import SceneFrame, SceneUser, checked_device
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame.frame import Row, Stage
+from solari_vk.output.picture import save_image, write_png
+from solari_vk.output.tone_mapping import auto_exposure
+from solari_vk.passes import brdf_table, pathtracer
+from solari_vk.scene.binder import SceneBinder
+from solari_vk.scene.model import Camera, Instance, Scene
+from solari_vk.scene.projection import Projection
+
+
+class RenderedFrame:
+    """One frame's results by name, as numpy arrays; the renderer's next frame replaces them.
+
+    `frame["radiance"]` is linear radiance (height, width, 3) in cd/m^2, and so is `np.asarray(frame)`. `frame["depth"]`
+    and the other names of `pathtracer.FIRST_HIT_AOVS` are what the centre of each pixel shows; they are computed when
+    the first of them is asked for. `keys()` lists what this renderer's frames have; any buffer or image of its shaders
+    can be read by its name too. Reading waits for the frame and copies.
+
+    Raises SolariError for an unknown name, and once a later frame was rendered or the renderer was closed.
+    """
+
+    def __init__(self, renderer: PictureRenderer, camera: Camera, projection: Projection, submission: int) -> None:
+        self._renderer = renderer
+        self._projection = projection
+        self._submission = submission
+        self.camera = camera
+        """The camera object that the frame was rendered with; it may have moved since."""
+        self.size = renderer.size
+        """Width and height in pixels."""
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        renderer = self._renderer
+        renderer.check_latest(self, name)
+        if name in pathtracer.FIRST_HIT_AOVS:
+            return renderer.first_hits.read(name, self._projection, self.size)
+        return renderer.read(name)
+
+    def keys(self) -> list[str]:
+        """The names of the results that a picture has."""
+        return list(self._renderer.OUTPUTS)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.keys())
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._renderer.OUTPUTS
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.asarray(self["radiance"], dtype)
+
+    def wait(self) -> Self:
+        """Wait until the device has finished the frame; returns the frame."""
+        self._renderer.device.await_value(self._submission)
+        return self
+
+    def resource(self, name: str) -> Any:
+        """The Buffer or Image that a name of the shaders means in this frame."""
+        self._renderer.check_latest(self, name)
+        return self._renderer.resource(name)
+
+    @property
+    def instances(self) -> dict[int, Instance]:
+        """The scene's instances by the numbers in `frame["instance_id"]`."""
+        return self._renderer.binder.instances
+
+    def mask(self, instance: Instance | str) -> NDArray[np.bool_]:
+        """Which pixels show an instance at their centre, (height, width); given itself or its name."""
+        if isinstance(instance, str):
+            instance = self._renderer.binder.scene.instances[instance]
+        ids = [number for number, other in self.instances.items() if other is instance]
+        return np.isin(self["instance_id"], ids)
+
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        layers: Sequence[str] = (),
+        *,
+        exposure: float | str | None = None,
+        tonemap: str | None = None,
+    ) -> None:
+        """Write the picture as a .png, or radiance in cd/m^2 as an .exr or .npy.
+
+        layers: further results by name; channels of an .exr, otherwise .npy files beside the picture. exposure: the
+        factor from radiance to the .png's values, by default the camera's; "auto" follows from the picture. tonemap: by
+        default the renderer's. A .png of a debug view is what `frame["display"]` holds.
+        """
+        renderer = self._renderer
+        if renderer.view != "picture" and Path(path).suffix.lower() == ".png":
+            write_png(Path(path), self["display"][..., :3])
+            return
+        radiance = self["radiance"]
+        if exposure == "auto":
+            exposure = Camera(ev100=auto_exposure(radiance)).exposure
+        elif isinstance(exposure, str):
+            raise SolariError(f"{path}: exposure is a factor or 'auto', not {exposure!r}")
+        save_image(
+            path,
+            radiance,
+            exposure=self.camera.exposure if exposure is None else exposure,
+            tonemap=tonemap or renderer.tonemap,
+            layers={name: self[name] for name in layers if name != "radiance"},
+        )
+
+
+class PictureRenderer(SceneUser, ABC):
+    """Renders pictures of one size by a frame of stages.
+
+    A subclass makes `_frame` in its constructor and says by `_stages` what the frame is for a size.
+    size: (width, height) in pixels. Raises SolariError for a size that the device can't hold.
+    """
+
+    OUTPUTS: ClassVar[tuple[str, ...]]
+    """The results that every frame has by name."""
+    LARGEST_PIXEL_BYTES: ClassVar[int]  # of one pixel in any one buffer
+    IN_IMAGES: ClassVar[bool]  # whether the picture is in images, whose width and height the device limits
+    view: str = "picture"
+    tonemap: str = "agx"
+    """The tone curve of saved pictures: "none", "reinhard", "aces" or "agx"."""
+    _frame: SceneFrame
+    _latest: RenderedFrame | None = None
+    _closed = False
+
+    def __init__(self, device: Device, scene: Scene | SceneBinder, size: tuple[int, int]) -> None:
+        self.device = checked_device(device, type(self).__name__)
+        self.size = self._checked_size(size)
+        super().__init__(device, scene)
+        try:
+            self.binder.update()
+            table, self._tables = brdf_table.compute(device)
+            self._own(table)
+            self.first_hits = self._own(FirstHits(device, self.binder, self._tables))
+        except BaseException:
+            self._owned.close()
+            raise
+
+    @abstractmethod
+    def _stages(self, size: tuple[int, int]) -> list[Stage]:
+        """What happens in a frame, in this order."""
+
+    @abstractmethod
+    def resize(self, size: tuple[int, int]) -> None:
+        """Change the picture's size, (width, height) in pixels; the picture starts anew.
+
+        Raises SolariError for a size that the device can't hold; the size then stays as it was.
+        """
+
+    def reload(self) -> None:
+        """Take up changed shaders. Raises CompilationError when one can't be compiled; the old ones then stay."""
+        self._frame.rebuild()
+        self.first_hits.close()
+
+    @abstractmethod
+    def reset(self) -> None:
+        """Forget all earlier frames, as after a cut."""
+
+    def resource(self, name: str) -> Any:
+        """The Buffer or Image that a name of the shaders meant in the latest frame."""
+        return self._frame.resource(name)
+
+    @property
+    def timings(self) -> dict[str, float]:
+        """GPU milliseconds of each pass in the latest finished frame."""
+        return self._frame.timings
+
+    def describe(self) -> list[Row]:
+        """The frame's passes: what they read and write, the barriers before them and why, and their GPU times."""
+        return self._frame.describe()
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """A result of the latest frame by its name; see RenderedFrame. Raises SolariError before the first frame."""
+        if self._latest is None:
+            raise SolariError(f"{type(self).__name__}: render before asking for '{name}'")
+        return self._latest[name]
+
+    @abstractmethod
+    def read(self, name: str) -> NDArray[Any]:
+        """A result of the latest frame that isn't one of the first hits'."""
+
+    def check_latest(self, frame: RenderedFrame, name: str) -> None:
+        """Raise SolariError if a frame's results are no longer on the device."""
+        if self._latest is frame:
+            return
+        what = "was closed" if self._closed else "has begun a later one"
+        raise SolariError(f"this frame is gone, since its {type(self).__name__} {what}: read '{name}' before that")
+
+    def close(self) -> None:
+        """Free everything on the device. Safe to call twice."""
+        self._latest, self._closed = None, True
+        super().close()
+
+    def _camera_or_default(self, camera: Camera | None) -> Camera:
+        if camera is None:
+            return self.binder.scene.camera_for(self.size[0] / self.size[1])
+        if not isinstance(camera, Camera):
+            raise SolariError(f"{type(self).__name__}: a Camera is needed, not {camera!r}")
+        return camera
+
+    def _checked_size(self, size: tuple[int, int]) -> tuple[int, int]:
+        what = type(self).__name__
+        try:
+            width, height = (operator.index(n) for n in size)
+        except (TypeError, ValueError):
+            raise SolariError(f"{what}: size must be two whole numbers (width, height), not {size!r}") from None
+        limits = self.device.properties.limits
+        max_pixels = limits.maxStorageBufferRange // self.LARGEST_PIXEL_BYTES
+        max_side = limits.maxImageDimension2D if self.IN_IMAGES else max_pixels
+        if not (0 < width <= max_side and 0 < height <= max_side and width * height <= max_pixels):
+            sides = f"{max_side} pixels a side and " if self.IN_IMAGES else ""
+            raise SolariError(
+                f"{what}: {width}x{height} is not between 1 pixel and what this device holds, {sides}{max_pixels:,} "
+                "pixels in all"
+            )
+        return width, height
