@@ -1,4 +1,4 @@
-"""`solari-vk bench`, its part on acceleration structures: builds, sizes, growth, and rays from Python."""
+"""The part of `solari-vk bench` about acceleration structures: builds, sizes, and rays from Python."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from solari_vk.tracer import BATCH, RayTracer
 
 
 def run(device: Device, report: Report, seconds: float) -> None:
-    """Measure everything, each for about so long."""
+    """Measure everything; each measurement takes about `seconds`."""
     for triangles in (16_000, 1_000_000):
         _blas(device, report, seconds, triangles)
     cost = [_tlas(device, report, seconds, count) for count in (1_000, 100_000)]
@@ -94,7 +94,7 @@ def _trace(device: Device, report: Report, seconds: float, name: str) -> None:
 
 
 def _run_kernel(tracer: RayTracer, batches: int) -> None:
-    """Trace what lies in the tracer's buffers, and fetch nothing."""
+    """Trace the rays in the tracer's buffers and read no hits."""
     frame = tracer.frame(any_hit=False)
     frame.uniforms["ray_batch.count"] = BATCH
     for number in range(batches):

@@ -1,4 +1,4 @@
-"""What is measured: built-in scenes, files, and scenes whose size is chosen."""
+"""The scenes that are measured: built-in scenes, files, and scenes of any size."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BUILTIN = ("cornell_box", "many_lights")
 
 @dataclass
 class Subject:
-    """A scene with its camera, and a name for tables."""
+    """A scene with its camera, and its name in tables."""
 
     name: str
     scene: Scene
@@ -30,14 +30,16 @@ class Subject:
 
 
 def subjects(files: list[Path]) -> list[Subject]:
-    """The built-in scenes and those of files."""
+    """The built-in scenes of BUILTIN, and those in files."""
     found = [Subject(name, scene := builtin(name), scene.camera) for name in BUILTIN]
     return found + [from_file(path) for path in files]
 
 
 def from_file(path: Path) -> Subject:
-    """Of a glTF file, or of SCRIPT.py:ARGUMENT, a Python file whose function of the file's own name makes a scene of a
-    path. What has no camera or light gets one. Raises SolariError for what can't be loaded."""
+    """The scene of a glTF file, or of SCRIPT.py:PATH: the script's function of the same name makes it from PATH.
+
+    A scene without a camera or a light gets one. Raises SolariError for a file that can't be loaded.
+    """
     script, colon, argument = str(path).partition(".py:")
     scene = _from_script(Path(f"{script}.py"), Path(argument)) if colon else load_gltf(path)
     camera = scene.camera_for(16 / 9)
@@ -49,18 +51,18 @@ def from_file(path: Path) -> Subject:
 def _from_script(script: Path, argument: Path) -> Scene:
     specification = importlib.util.spec_from_file_location(script.stem, script)
     if not script.is_file() or specification is None or specification.loader is None:
-        raise SolariError(f"{script}: no Python file")
+        raise SolariError(f"{script}: there is no such Python file")
     module = importlib.util.module_from_spec(specification)
     specification.loader.exec_module(module)
     make = getattr(module, script.stem, None)
     scene = make(argument) if callable(make) else None
     if not isinstance(scene, Scene):
-        raise SolariError(f"{script} has no function {script.stem} that makes a scene of a path")
+        raise SolariError(f"{script} has no function {script.stem}(path) that returns a Scene")
     return scene
 
 
 def height_field(triangles: int) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-    """Positions and triangles of a wavy square, in spatial order."""
+    """Positions (N, 3) and triangles (about `triangles`, 3) of a wavy square, in spatial order."""
     side = round((triangles / 2) ** 0.5)
     x, z = np.meshgrid(np.linspace(-1, 1, side + 1), np.linspace(-1, 1, side + 1))
     positions = np.stack([x, 0.05 * np.sin(20 * x) * np.cos(17 * z), z], axis=-1).reshape(-1, 3).astype(np.float32)
@@ -71,7 +73,7 @@ def height_field(triangles: int) -> tuple[NDArray[np.float32], NDArray[np.uint32
 
 
 def hilly(triangles: int) -> Scene:
-    """A lamp over a wavy square of about so many triangles, which fills the picture."""
+    """A lamp over a wavy square that fills the picture and has about this many triangles."""
     positions, indices = height_field(triangles)
     hills = Instance(mesh=Mesh(positions=positions, triangles=indices), material=matte(0.6, "hills"))
     light = Mesh(positions=np.array([(-0.5, 1.5, -0.5), (0.5, 1.5, -0.5), (0, 1.5, 0.5)], np.float32))
@@ -79,7 +81,7 @@ def hilly(triangles: int) -> Scene:
 
 
 def glowing(emissive: int, triangles: int = 100_000) -> Scene:
-    """A floor under a square of so many triangles, of which some, evenly spread, emit: the geometry stays the same."""
+    """A floor under a square of `triangles`, of which `emissive` ones, evenly spread, emit the same power in all."""
     positions, indices = height_field(triangles)
     chosen = np.zeros(len(indices), bool)
     chosen[np.linspace(0, len(indices) - 1, min(emissive, len(indices))).round().astype(int)] = True

@@ -1,4 +1,4 @@
-"""What a frame costs besides its passes: memory, Python's time, and how all of it grows."""
+"""The costs of a frame besides its passes: memory, Python's time, and the growth of a frame's time."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from solari_vk.settings import Settings
 
 
 def frame_time(device: Device, scene: Scene, size: tuple[int, int], frames: int) -> float:
-    """Milliseconds of a frame of a fresh renderer, once its cells and reservoirs are filled."""
+    """Milliseconds of a frame of a new renderer, after a warm-up that fills its cells and reservoirs."""
     with Renderer(device, scene, size, Settings()) as renderer:
         return frame_times(renderer, scene.camera, 10 if frames > 2 else 1, frames)["frame"]
 
@@ -49,8 +49,8 @@ def resource_sizes(renderer: Renderer) -> dict[str, int]:
     return {name: size for name, size in sizes.items() if size is not None}
 
 
-def memory(device: Device, small: tuple[int, int], large: tuple[int, int]) -> tuple[dict[str, float], dict[str, float]]:
-    """Bytes a pixel and fixed bytes of each resource, from what two picture sizes take."""
+def memory(device: Device, small: tuple[int, int], large: tuple[int, int]) -> dict[str, tuple[float, ...]]:
+    """(bytes a pixel, fixed bytes) of the resources of each stage, from the bytes for two picture sizes."""
     scene, sizes = builtin("cornell_box"), []
     with Renderer(device, scene, small, Settings()) as renderer:
         for size in (small, large):
@@ -58,9 +58,15 @@ def memory(device: Device, small: tuple[int, int], large: tuple[int, int]) -> tu
             renderer.render(scene.camera)
             device.wait_idle()
             sizes.append(resource_sizes(renderer))
+        stage_of = {name: row.name.partition("/")[0] for row in reversed(renderer.describe()) for name in row.writes}
     pixels = [size[0] * size[1] for size in (small, large)]
-    slopes = {name: (sizes[1][name] - sizes[0][name]) / (pixels[1] - pixels[0]) for name in sizes[0]}
-    return slopes, {name: sizes[0][name] - slopes[name] * pixels[0] for name in sizes[0]}
+    found: dict[str, tuple[float, ...]] = {}
+    for name, size_bytes in sizes[0].items():
+        slope = (sizes[1][name] - size_bytes) / (pixels[1] - pixels[0])
+        stage = stage_of.get(name.removeprefix("previous_"), "made before the frame")
+        before = found.get(stage, (0.0, 0.0))
+        found[stage] = before[0] + slope, before[1] + size_bytes - slope * pixels[0]
+    return found
 
 
 # ---- host -------------------------------------------------------------------------------------------
@@ -68,7 +74,7 @@ def memory(device: Device, small: tuple[int, int], large: tuple[int, int]) -> tu
 
 @contextmanager
 def _vulkan_timed(device: Device) -> Iterator[list[float]]:
-    """Seconds of each Vulkan call meanwhile, of functions that were called before."""
+    """Yields a list to which each call of a Vulkan function that was called before this context appends its seconds."""
     spent: list[float] = []
 
     def timed(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -89,9 +95,9 @@ def _vulkan_timed(device: Device) -> Iterator[list[float]]:
 
 
 def host_times(device: Device, frames: int) -> dict[str, tuple[float, float]]:
-    """Milliseconds of a call of `render`, and how many of them Vulkan calls take; the device is idle when it begins.
+    """(milliseconds of a call of `render`, milliseconds of it in Vulkan calls) by case: medians over frames.
 
-    Medians, of frames of their own each.
+    Each call starts on an idle device. The two medians are of different frames.
     """
     scene = builtin("cornell_box")
     camera = scene.camera

@@ -1,4 +1,4 @@
-"""How far pictures are from the reference after so many frames or seconds, and the path tracer's own way there."""
+"""The error of pictures against the reference, over frames, samples and seconds."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Picture = NDArray[np.float64]
 
 
 def reference(device: Device, scene: Scene, size: tuple[int, int], samples: int, limit: float) -> tuple[Picture, int]:
-    """The path tracer's picture with another seed than those measured, and its samples; `limit`: seconds."""
+    """(picture, samples a pixel) of the path tracer with a seed that no measurement uses. limit: seconds."""
     with PathTracer(device, scene, size, seed=1_000_003) as tracer:
         picture = tracer.render(scene.camera, samples=samples, time_limit=limit)["radiance"].astype(np.float64)
         return picture, tracer.samples
@@ -31,7 +31,7 @@ def realtime_curve(
     found = []
     total, averaged, seconds = np.zeros_like(truth), 0, 0.0
     with Renderer(device, scene, size, Settings()) as renderer:
-        renderer.render(scene.camera)  # a driver may compile in it
+        renderer.render(scene.camera)  # a driver may compile in this frame
         device.wait_idle()
         renderer.reset()
         for index in range(1, frames + 1):
@@ -49,15 +49,15 @@ def realtime_curve(
 
 
 def path_tracer_curve(
-    device: Device, scene: Scene, size: tuple[int, int], truth: Picture, seconds: float, most: int
+    device: Device, scene: Scene, size: tuple[int, int], truth: Picture, seconds: float, max_samples: int
 ) -> list[tuple[int, float, float]]:
-    """(samples a pixel, seconds so far, error), at powers of 2 until the time is over."""
+    """(samples a pixel, seconds so far, error) at powers of 2, for up to `seconds` and `max_samples`."""
     found: list[tuple[int, float, float]] = []
     spent, samples = 0.0, 1
     with PathTracer(device, scene, size) as tracer:
         tracer.render(scene.camera, samples=1)
-        tracer.reset()  # starts anew, with everything compiled
-        while samples <= most and (spent < seconds or not found):
+        tracer.reset()  # everything is compiled now
+        while samples <= max_samples and (spent < seconds or not found):
             started = time.perf_counter()
             picture = tracer.render(scene.camera, samples=samples)["radiance"].astype(np.float64)
             spent += time.perf_counter() - started
@@ -67,8 +67,10 @@ def path_tracer_curve(
 
 
 def seconds_to_reach(curve: list[tuple[int, float, float]], error: float) -> float:
-    """When the path tracer has come to this error, by its own curve in logarithms; beyond its end by Monte Carlo's
-    law, error over time constant."""
+    """The seconds after which the path tracer reaches this error, interpolated on its curve in logarithms.
+
+    Beyond the end of the curve: error * time is constant, as for any Monte Carlo estimate.
+    """
     times = np.log([point[1] for point in curve])
     errors = np.log([max(point[2], 1e-30) for point in curve])
     wanted = float(np.log(max(error, 1e-30)))

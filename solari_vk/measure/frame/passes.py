@@ -1,4 +1,4 @@
-"""Time and rays of a frame by pass, and how much of it bare ray queries would take."""
+"""Time and rays of a frame by pass, and the frame's time against bare ray queries."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from solari_vk.scene.model import Camera
 
 
 def frame_times(renderer: Renderer, camera: Camera, warm_up: int, frames: int) -> dict[str, float]:
-    """Milliseconds of each pass, medians of frames after some that warm up; "frame" is from call to done."""
+    """Milliseconds of each pass, medians over frames after a warm-up; "frame" is the time from call to end."""
     spent: dict[str, list[float]] = defaultdict(list)
     for index in range(warm_up + frames):
         whole = 1e3 * device_seconds(renderer.device, lambda: renderer.render(camera))
@@ -30,7 +30,7 @@ def frame_times(renderer: Renderer, camera: Camera, warm_up: int, frames: int) -
 def count_rays(
     device: Device, binder: SceneBinder, camera: Camera, size: tuple[int, int], warm_up: int, frames: int
 ) -> dict[str, float]:
-    """Rays per pixel of a frame by pass, once cells and reservoirs are filled."""
+    """Rays per pixel of a frame by pass, after a warm-up that fills cells and reservoirs."""
     renderer = Renderer(device, binder, size, count_rays=True)
     with renderer:
         for _ in range(warm_up):
@@ -44,11 +44,11 @@ def count_rays(
 
 
 def against_bare_rays(renderer: Renderer, camera: Camera, rays: float, rounds: int) -> tuple[float, float]:
-    """The frame's time over what bare ray queries take for so many rays, and these in millions a second; in turns, so
-    that what else the machine does slows both. NaN where the camera sees too little to tell.
+    """(time of a frame / time of as many bare rays, millions of bare rays a second), (NaN, NaN) where the camera sees
+    too little to measure. rays: the number of rays in a frame.
 
-    Only rays that leave surfaces count, as all of a rasterised frame's do: the camera's, which are faster, above all
-    where they meet nothing, are measured alone and taken off.
+    Both are measured in turns, so that other work of the machine slows both. Only rays that start at surfaces count, as
+    those of a rasterised frame do: camera rays, which are faster, are measured alone and subtracted.
     """
     paths, first_rays, frames = [], [], []
     with BarePaths(renderer.device, renderer.binder, camera, renderer.size) as bare:

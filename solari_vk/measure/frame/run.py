@@ -1,8 +1,10 @@
-"""`solari-vk bench frame`: measures one thing after the other, and writes the page as it goes."""
+"""`solari-vk bench frame`: the realtime frame in figures, written to a page as they are measured."""
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from solari_vk.gpu.device.device import Device
@@ -13,20 +15,23 @@ from solari_vk.measure.timing import every_barrier
 from solari_vk.renderer import Renderer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import builtin
+from solari_vk.scene.model import Scene
 from solari_vk.settings import Settings
 
 Size = tuple[int, int]
 SIZES = ((256, 256), (640, 360))
 HOST_AIM, BARE_AIM = 0.2, 2.0
 INTRO = (
-    "Written by `solari-vk bench frame FILES --markdown FILE`. The device measures the times of passes; they are "
-    "medians of frames. The scene stands still where nothing else is said.",
+    "Written by `solari-vk bench frame FILES --markdown FILE`. The times of passes are GPU timestamps, medians over "
+    "frames. The scene stands still unless a table says otherwise.",
 )
 
 
 def run(select: str | None, files: list[Path], *, markdown: Path | None = None, quick: bool = False) -> None:
-    """Measure and print everything; markdown: a page to write as well. Raises SolariError for files that can't be
-    loaded, and without a folder for the page."""
+    """Measure and print everything. markdown: a page to write too. quick: small pictures and few frames.
+
+    Raises SolariError for files that can't be loaded, and without a folder for the page.
+    """
     check_page(markdown)
     chosen = subjects(files)
     with Device(select) as device:
@@ -43,7 +48,7 @@ def run(select: str | None, files: list[Path], *, markdown: Path | None = None, 
 
 
 def _passes(device: Device, report: Report, chosen: list[Subject], size: Size, frames: int) -> None:
-    """Milliseconds and rays by pass of each scene, and the frame against bare ray queries."""
+    """Time and rays of each pass, and the frame against bare ray queries."""
     times: dict[str, dict[str, float]] = {}
     rays: dict[str, dict[str, float]] = {}
     ratios: dict[str, tuple[float, float]] = {}
@@ -69,16 +74,16 @@ def _passes(device: Device, report: Report, chosen: list[Subject], size: Size, f
     table.append(["all passes", *(milliseconds(sum(v for k, v in times[n].items() if k != "frame")) for n in names)])
     table.append(["frame, from call to done", *(milliseconds(times[name]["frame"]) for name in names)])
     report.table(f"Passes at {named}, milliseconds", ["pass", *names], table,
-                 "With a barrier between all passes, so that none is charged with another's time.")  # fmt: skip
+                 "With a barrier before each pass, so that its time includes no work of another pass.")  # fmt: skip
 
     table = [[row, *(f"{rays[name][row]:.2f}" for name in names)] for row in rays[names[0]]]
     table.append(["all", *(f"{sum(rays[name].values()):.2f}" for name in names)])
     report.table(f"Rays per pixel at {named}", ["pass", *names], table,
-                 "Rays that find the way to a cell, or go on where it knows nothing, count as the asker's.")
+                 "A pass that reads the world cache counts the rays that it traces for the query.")
 
     table = [
         ["bare ray queries, million a second", *(f"{ratios[name][1]:.3f}" for name in names)],
-        ["frame over as many bare rays", *(f"{ratios[name][0]:.2f}" for name in names)],
+        ["time of the frame / time of as many bare rays", *(f"{ratios[name][0]:.2f}" for name in names)],
     ]
     report.table(f"Against bare ray queries at {named}", ["", *names], table, _why_slow(names, times, rays, ratios))
 
@@ -87,11 +92,11 @@ def _why_slow(
     names: list[str], times: dict[str, dict[str, float]], rays: dict[str, dict[str, float]],
     ratios: dict[str, tuple[float, float]],
 ) -> str:  # fmt: skip
-    """Where the time goes that isn't rays, for scenes that miss the aim."""
+    """A note: the aim, and for scenes that miss it the stages that take the most time."""
     lines = [
-        f"Aim: {BARE_AIM:g} or less. The bare kernel (`glsl/passes/bench/rays.comp`) follows paths, unshaded, from "
-        "closest hit to closest hit; of its rays those count that leave surfaces, as all of a rasterised frame's do. "
-        "Of the frame's own, those that test visibility end at the first hit or at the light."
+        f"Aim: {BARE_AIM:g} or less. The bare kernel (`glsl/passes/bench/rays.comp`) follows paths from nearest hit to "
+        "nearest hit, without shading. Only its rays that start at surfaces count, since those of a rasterised frame "
+        "do. The frame's visibility rays end at the first hit or at the light."
     ]
     for name in names:
         if not ratios[name][0] > BARE_AIM:
@@ -102,9 +107,9 @@ def _why_slow(
                 by_stage[key.partition("/")[0]] += value
         whole = sum(by_stage.values())
         rayless = sum(value for key, value in times[name].items() if key != "frame" and key not in rays[name])
-        most = sorted(by_stage.items(), key=lambda item: -item[1])[:3]
-        parts = ", ".join(f"{key} {value / whole:.0%}" for key, value in most)
-        lines.append(f"{name} misses it: of its time go to {parts}; passes without rays take {rayless / whole:.0%}.")
+        slowest = sorted(by_stage.items(), key=lambda item: -item[1])[:3]
+        parts = ", ".join(f"{key} {value / whole:.0%}" for key, value in slowest)
+        lines.append(f"{name} misses the aim. Its time: {parts}; all passes without rays {rayless / whole:.0%}.")
     return " ".join(lines)
 
 
@@ -114,70 +119,51 @@ def _host(device: Device, report: Report, frames: int) -> None:
     rows = [[name, f"{whole:.3f}", f"{inside:.3f}", "yes" if whole < HOST_AIM else "no"]
             for name, (whole, inside) in found.items()]  # fmt: skip
     report.table("Python's time for a frame",
-                 ["cornell_box 32x32", "ms", "of it in Vulkan calls", f"under {HOST_AIM} ms"], rows,
-                 "Medians of `render` alone, with the device idle before and after. Where the device is the processor, "
-                 "a frame leaves nothing of Python in its caches: a change of the scene costs most.")  # fmt: skip
+                 ["cornell_box 32x32", "ms", "in Vulkan calls", f"under {HOST_AIM} ms"], rows,
+                 "Medians of calls of `render`, which start on an idle device. On a software device each frame clears "
+                 "the processor's caches of Python's data, which makes these calls slower.")  # fmt: skip
 
 
 def _growth(device: Device, report: Report, quick: bool) -> None:
+    """The time of a frame against pixels, triangles and lights."""
     frames, size = (2, (16, 16)) if quick else (5, (128, 128))
-
-    def measure(title: str, what: str, cases: list[tuple[str, float, float]], note: str) -> None:
-        _, first_amount, first_time = cases[0]
-        rows = [[name, milliseconds(spent), f"{amount / first_amount:,.1f}", f"{spent / first_time:.2f}"]
-                for name, amount, spent in cases]  # fmt: skip
-        report.table(title, [what, "ms a frame", "times as many", "times as long"], rows, note)
-
-    cases = []
-    for side in (16, 32) if quick else (128, 256, 512):
-        report.progress(f"growth: {side}x{side} pixels")
-        spent = costs.frame_time(device, builtin("cornell_box"), (side, side), frames)
-        cases.append((f"{side}x{side}", float(side * side), spent))
-    measure("Growth with pixels, cornell_box", "pixels", cases, "Light tiles and the cache's map are fixed costs.")
-    cases = []
-    for count in (100, 1000) if quick else (1_000, 10_000, 100_000, 1_000_000):
-        report.progress(f"growth: {count:,} triangles")
-        cases.append((f"{count:,}", float(count), costs.frame_time(device, hilly(count), size, frames)))
-    measure(f"Growth with triangles, {size[0]}x{size[1]}", "triangles", cases, "A height field under one lamp.")
-    cases, whole = [], 1_000 if quick else 100_000
-    for count in (8, whole) if quick else (8, 100, 1_000, 10_000, whole):
-        report.progress(f"growth: {count:,} emissive triangles")
-        scene = glowing(count, whole)
-        cases.append((f"{count:,}", float(count), costs.frame_time(device, scene, size, frames)))
-    measure(f"Growth with lights, {size[0]}x{size[1]}", "emissive triangles", cases,
-            f"Of {whole:,} triangles over a floor so many emit, evenly spread, together always as much.")  # fmt: skip
+    named, triangles = f"{size[0]}x{size[1]}", 1_000 if quick else 100_000
+    box = builtin("cornell_box")
+    sides = (16, 32) if quick else (128, 256, 512)
+    counts = (100, 1_000) if quick else (1_000, 10_000, 100_000, 1_000_000)
+    emissive = (8, triangles) if quick else (8, 100, 1_000, 10_000, triangles)
+    tables: tuple[tuple[str, str, str, Sequence[int], Callable[[int], tuple[Scene, Size]]], ...] = (
+        ("Growth with pixels, cornell_box", "pixels", "Light tiles and the cache's map are fixed costs.",
+         [side * side for side in sides], lambda pixels: (box, (math.isqrt(pixels), math.isqrt(pixels)))),
+        (f"Growth with triangles, {named}", "triangles", "A height field under one lamp.",
+         counts, lambda count: (hilly(count), size)),
+        (f"Growth with lights, {named}", "emissive triangles",
+         f"Of {triangles:,} triangles over a floor this many emit, evenly spread and with the same power in all.",
+         emissive, lambda count: (glowing(count, triangles), size)),
+    )  # fmt: skip
+    for title, what, note, cases, make in tables:
+        times = []
+        for count in cases:
+            report.progress(f"growth: {count:,} {what}")
+            times.append(costs.frame_time(device, *make(count), frames))
+        rows = [[f"{count:,}", milliseconds(spent), f"{count / cases[0]:,.1f}", f"{spent / times[0]:.2f}"]
+                for count, spent in zip(cases, times, strict=True)]  # fmt: skip
+        report.table(title, [what, "ms a frame", "count / first count", "time / first time"], rows, note)
 
 
 def _memory(device: Device, report: Report) -> None:
     report.progress("memory")
-    slopes, fixed = costs.memory(device, (64, 64), (128, 128))
-    stages: dict[str, list[float]] = defaultdict(lambda: [0.0, 0.0])
-    for name, slope in slopes.items():
-        row = stages[_owner(name)]
-        row[0] += slope
-        row[1] += fixed[name]
-    rows = [[name, f"{slope:.1f}", f"{size / 1e6:.2f}"] for name, (slope, size) in sorted(stages.items())]
-    rows.append(["all", f"{sum(slopes.values()):.1f}", f"{sum(fixed.values()) / 1e6:.2f}"])
-    report.table("Memory of a frame", ["of", "bytes a pixel", "fixed MB"], rows,
-                 "Of what has a history both count. Scene and acceleration structures come on top.")  # fmt: skip
-
-
-def _owner(name: str) -> str:
-    name = name.removeprefix("previous_")
-    for start, owner in (
-        ("world_cache", "world cache"), ("light_tile", "light tiles"), ("di_", "ReSTIR DI"), ("gi_", "ReSTIR GI"),
-        ("specular_gi", "specular GI"), ("guides", "guides"), ("gbuffer", "G-buffer"), ("depth", "G-buffer"),
-        ("motion", "G-buffer"), ("raster", "G-buffer"), ("draw", "G-buffer"), ("visible", "G-buffer"),
-        ("single_sided", "G-buffer"), ("double_sided", "G-buffer"), ("instances", "G-buffer"),
-        ("light_trans", "lights"), ("light", "lights"), ("brdf", "BRDF table"),
-    ):  # fmt: skip
-        if name.startswith(start):
-            return owner
-    return "radiance and display"
+    stages = costs.memory(device, (64, 64), (128, 128))
+    slopes, fixed_bytes = map(sum, zip(*stages.values(), strict=True))
+    rows = [[name, f"{slope:.1f}", f"{fixed / 1e6:.2f}"] for name, (slope, fixed) in sorted(stages.items())]
+    rows.append(["all", *(f"{value:.2f}" for value in (slopes, fixed_bytes / 1e6))])
+    report.table("Memory of a frame", ["stage", "bytes a pixel", "fixed MB"], rows,
+                 "A resource belongs to the first stage that writes it. Both images of a history count. The scene and "
+                 "its acceleration structures are not included.")  # fmt: skip
 
 
 def _error(device: Device, report: Report, quick: bool) -> None:
-    """relMSE of the realtime picture over frames and seconds, next to the path tracer's."""
+    """relMSE of the realtime picture over frames and seconds, beside the path tracer's."""
     scene = builtin("cornell_box")
     size, frames, warm_up = ((16, 16), 4, 1) if quick else ((64, 64), 256, 16)
     report.progress("error: the reference")
@@ -196,12 +182,12 @@ def _error(device: Device, report: Report, quick: bool) -> None:
     named = f"cornell_box {size[0]}x{size[1]}"
     report.table(
         f"relMSE over frames, {named}",
-        ["frame", "seconds so far", "of this frame", "path tracer there at, s", f"of the mean since frame {warm_up}",
-         "path tracer there at, s"],
+        ["frame", "seconds so far", "of this frame", "path tracer reaches it after, s",
+         f"of the mean since frame {warm_up}", "path tracer reaches it after, s"],
         rows,
-        f"Against {samples} samples of the path tracer. A frame alone doesn't get better once its history is full; the "
-        "mean of frames does until it comes to what is biased. Frames share samples, so that who averages many is "
-        "better served by the path tracer.",
+        f"Against {samples} samples of the path tracer. One frame's error no longer falls once its history is full; "
+        "the error of the mean of frames falls until the bias is left. Frames share samples, so for the mean of many "
+        "frames the path tracer is the better choice.",
     )
     rows = [[f"{count}", f"{seconds:.2f}", f"{value:.2e}"] for count, seconds, value in traced]
     report.table(f"relMSE of the path tracer, {named}", ["samples a pixel", "seconds so far", "relMSE"], rows)
