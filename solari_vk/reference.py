@@ -30,7 +30,7 @@ class PathTracer(PictureRenderer):
     size: (width, height) in pixels. max_bounces: how many surfaces a path may leave, 0 shows emission
     only. seed: another one gives other noise. light_strategy: "mis", or "nee" or "brdf" alone, which
     agree in the mean. pixel_filter: "box", or the wider "gaussian" or "blackman_harris". layering: how
-    diffuse sits under specular, "conserving", or Solari's "sum" (0.18) or "fresnel_product" (0.19).
+    diffuse sits under specular, "conserving" or Solari's "fresnel_product".
     lambert: every surface is plain Lambert, for closed forms. Source: seed 004.
 
     The scene may be edited between calls of `render`. `close` frees what the device holds; closing the

@@ -105,7 +105,7 @@ def test_presets(quality):
 
 
 def test_there_is_no_other_preset():
-    with pytest.raises(sv.SolariError, match="low, medium, high, ultra, not 'best'"):
+    with pytest.raises(sv.SolariError, match="low, medium, high, ultra, solari, not 'best'"):
         sv.Settings.preset("best")
 
 

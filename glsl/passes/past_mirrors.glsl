@@ -27,6 +27,12 @@ bool is_metal_mirror(ResolvedMaterial material) {
     return !brdf_lambert && material.metallic > frame_settings.pure_metal && material.roughness <= MIRROR_ROUGHNESS;
 }
 
+// Whether a path that meets this surface is reflected by it and goes on, where others may end in the world cache.
+// Differs from Solari, which has no such surfaces: world_cache_surfaces=diffuse.
+bool is_passed_by(ResolvedMaterial material) {
+    return world_cache_settings.surfaces == WORLD_CACHE_SURFACES_WHOLE && is_metal_mirror(material);
+}
+
 SightPastMirrors trace_past_mirrors(vec3 origin, vec3 direction, float t_max, float cone_width) {
     SightPastMirrors sight;
     sight.throughput = vec3(1.0);
@@ -46,7 +52,7 @@ SightPastMirrors trace_past_mirrors(vec3 origin, vec3 direction, float t_max, fl
         origin = sight.surface.world_position + sight.surface.ray_offset * sight.surface.geometric_world_normal;
         if (sight.mirrors == 0u) { sight.first_position = origin; }
         if (sight.mirrors > 0u && sight.surface.emits) { sight.emitted += sight.throughput * sight.surface.material.emissive; }
-        if (!is_metal_mirror(sight.surface.material)) { return sight; }
+        if (!is_passed_by(sight.surface.material)) { return sight; }
 
         vec3 normal = sight.surface.world_normal;
         sight.throughput *= fresnel(sight.surface.material.base_color, -dot(direction, normal));

@@ -77,7 +77,7 @@ Brdf prepare_brdf(ResolvedMaterial material, vec3 wo) {
 vec3 evaluate_diffuse_brdf(Brdf brdf, vec3 wo, vec3 wi) {
     if (!(wo.z > 0.0 && wi.z > 0.0)) { return vec3(0.0); }
     vec3 value = brdf.diffuse_color * (INVERSE_PI * wi.z);
-    if (brdf_lambert || brdf.metallic == 1.0 || brdf_layering == LAYERING_SUM) { return value; }
+    if (brdf_lambert || brdf.metallic == 1.0) { return value; }
     if (brdf_layering == LAYERING_FRESNEL_PRODUCT) {
         return value * (1.0 - fresnel(brdf.dielectric_f0, wo.z)) * (1.0 - fresnel(brdf.dielectric_f0, wi.z));
     }

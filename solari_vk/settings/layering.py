@@ -6,9 +6,9 @@ from typing import Protocol
 
 from solari_vk.gpu.shaders.headers import enumeration
 
-LAYERINGS = ("conserving", "sum", "fresnel_product")
-"""conserving: no energy is lost or gained. sum: both lobes are added, which gains up to 49 % (Solari, Bevy 0.18).
-fresnel_product: diffuse is multiplied by what single Fresnel terms let through, which loses up to 59 % (Bevy 0.19)."""
+LAYERINGS = ("conserving", "fresnel_product")
+"""conserving: no energy is lost or gained. fresnel_product: diffuse is multiplied by what single Fresnel terms let
+through, once for each direction, which loses up to 59 % (Solari, Bevy 0.19)."""
 
 
 class Surfaces(Protocol):

@@ -1,4 +1,8 @@
-"""Presets of the realtime lighting: what differs from the defaults of `Settings`."""
+"""Presets of the realtime lighting: what differs from the defaults of `Settings`.
+
+`solari` restores the behaviours of Solari in Bevy 0.19 from which the defaults differ; docs/accuracy.md says what of
+Bevy it leaves out.
+"""
 
 from __future__ import annotations
 
@@ -21,5 +25,18 @@ QUALITIES: dict[str, dict[str, Any]] = {
         "world_cache_update_cap": 200_000,
         "specular_bounces": 8,
         "gi_confidence_cap": 16.0,
+    },
+    "solari": {
+        "layering": "fresnel_product",
+        "world_cache_search_steps": 3,
+        "world_cache_relight": False,
+        "world_cache_leak_prevention": "finest",
+        "world_cache_surfaces": "diffuse",
+        "di_initial_visibility": True,
+        "di_target": "matte",
+        "gi_jacobian_limit": 1.2,
+        "gi_visibility": "neighbor",
+        "gi_refresh": False,
+        "specular_termination": "camera_spread",
     },
 }

@@ -35,8 +35,8 @@ class Settings:
         True, "frame", "Raster draws only what isn't behind what was visible last frame.", rebuilds=True
     )
     layering: str = setting(
-        "conserving", "frame", "How diffuse sits under specular: Solari 0.18 takes the sum, 0.19 a Fresnel product.",
-        choices=LAYERINGS, rebuilds=True
+        "conserving", "frame", "How the specular layer dims the diffuse one below it: so that all energy is kept, or "
+        "by a product of Fresnel terms, which loses some (Solari).", choices=LAYERINGS, rebuilds=True
     )  # fmt: skip
     pure_metal: float = setting(
         0.9999, "frame", "Metallic above which smooth surfaces take no GI, or are mirrors alone. Less: faster, untrue.",
@@ -65,12 +65,6 @@ class Settings:
     light_tile_samples: int = setting(
         1024, "light_tiles", "Light samples a tile. More: less correlation.", low=1, high=65536, rebuilds=True
     )
-    light_tile_encoding: str = setting(
-        "log2", "light_tiles", "How radiance is packed; linear is Solari 0.17's.", choices=("log2", "linear")
-    )
-    light_sampling: str = setting(
-        "tiles", "light_tiles", "Candidates come from tiles, or are resolved one by one.", choices=("tiles", "resolve")
-    )
 
     # ---- world cache
     world_cache_cells: int = setting(
@@ -90,20 +84,12 @@ class Settings:
     world_cache_lifetime: int = setting(
         10, "world_cache", "Frames a cell lives unseen. More: steadier, more cells.", low=1, high=1000
     )
-    world_cache_lifetime_rule: str = setting(
-        "max", "world_cache", "How cells that see cells keep them alive; store is Solari 0.17's, by which they never "
-        "die.", choices=("max", "store")
-    )  # fmt: skip
     world_cache_search_steps: int = setting(
         8, "world_cache", "Places tried for a cell (Solari: 3). Less: faster, fuller sooner.", low=1, high=64
     )
     world_cache_max_samples: int = setting(
         32, "world_cache", "Frames averaged. More: less noise, more lag.", low=1, high=4096
     )
-    world_cache_blend: str = setting(
-        "adaptive", "world_cache", "Fewer frames are averaged where light changes; fixed is Solari 0.17's.",
-        choices=("adaptive", "fixed")
-    )  # fmt: skip
     world_cache_change_exponent: float = setting(
         0.125, "world_cache", "Of a cell's relative change, in the adaptive blend. Less: forgets at smaller changes.",
         low=0.01, high=10
@@ -128,8 +114,12 @@ class Settings:
         0.5, "world_cache", "Cells by which a query is moved at random. More: hides the grid, blurs.", low=0, high=2
     )
     world_cache_leak_prevention: str = setting(
-        "landmarks", "world_cache", "Short rays use the finest cells (0.19); by landmarks, walls divide cells as well.",
-        choices=("landmarks", "finest", "off")
+        "landmarks", "world_cache", "How light is kept from leaking through walls: rays shorter than a cell ask the "
+        "finest cells (Solari); with landmarks, walls also divide cells.", choices=("landmarks", "finest")
+    )  # fmt: skip
+    world_cache_surfaces: str = setting(
+        "whole", "world_cache", "What a surface reflects of the light in the cache: what its whole material reflects, "
+        "mirrors included; or its base colour, as if everything were diffuse (Solari).", choices=("whole", "diffuse")
     )  # fmt: skip
 
     # ---- ReSTIR DI
@@ -145,12 +135,6 @@ class Settings:
         "brdf", "restir_di", "Chooses lights by highlights too, or as if all were diffuse (Solari: diffuse only).",
         choices=("brdf", "matte")
     )  # fmt: skip
-    di_order: str = setting(
-        "0.18", "restir_di", "When visibility is tested; 0.17 feeds it forward.", choices=("0.18", "0.17")
-    )
-    di_merge: str = setting(
-        "balance", "restir_di", "Weights of a merge; constant is Solari 0.17's.", choices=("balance", "constant")
-    )
     di_confidence_cap: float = setting(
         20.0, "restir_di", "Frames of history that count. More: less noise, more lag.", low=1, high=1e4
     )
@@ -172,8 +156,9 @@ class Settings:
     )
     gi_skip_smooth_metals: bool = setting(True, "restir_gi", "Nothing is sampled where nothing diffuse is (0.19).")
     gi_visibility: str = setting(
-        "both", "restir_gi", "Who must see a sample for its share in a merge: both pixels; or, as in Solari since "
-        "0.17, this one a neighbor's, which loses light where shadows end.", choices=("both", "0.17")
+        "both", "restir_gi", "Which visibility a merge tests: that of each sample from both pixels; or only that of a "
+        "neighbour's sample from this pixel, which loses light at the edges of indirect shadows (Solari).",
+        choices=("both", "neighbor")
     )  # fmt: skip
     gi_refresh: bool = setting(
         True, "restir_gi", "Ask the world cache anew what the last frame's samples reflect: light that is switched "
@@ -193,12 +178,9 @@ class Settings:
         "noisier where lights are small.", low=0, high=1
     )  # fmt: skip
     specular_termination: str = setting(
-        "spread", "specular_gi", "A path ends in the cache when its cone is wider than a cell, or (0.18) at a rough "
-        "surface.", choices=("spread", "roughness")
-    )  # fmt: skip
-    specular_mirror: str = setting(
-        "mirror", "specular_gi", "How the smoothest surfaces reflect; clamped_ggx is 0.18's.",
-        choices=("mirror", "clamped_ggx")
+        "spread", "specular_gi", "A path ends in the cache when its cone is wider than a cell. The cone begins at the "
+        "surface that the pixel shows; or at the camera, with rays longer than sqrt(3) cells (Solari).",
+        choices=("spread", "camera_spread")
     )  # fmt: skip
     primary_surface_replacement: bool = setting(True, "specular_gi", "Guides describe what mirrors show.")
 

@@ -97,7 +97,7 @@ BUGS = {
     "lights counted once too often": (direct_checks.measure_direct, ["of a Cornell box", "all of the lamp"],
                                       DI, "float(scene_info.light_count) *", "float(scene_info.light_count + 1u) *"),
     "no shadows": (direct_checks.measure_direct, ["part of the lamp", "nothing of the lamp"], DI,
-                   "restir_di_settings.order == DI_ORDER_0_17 || is_seen(surface, resolved)", "true"),
+                   "is_seen(surface, resolved)) {", "true) {"),
     "lights not translated": (direct_checks.measure_changes, ["come and go"],
                               "passes/restir_di/initial_and_temporal.comp",
                               "= light_translation.at[reservoir.light_sample.light_index];",

@@ -54,7 +54,7 @@ def _render(device, scene, size, samples, **settings):
 
 def lit_share(device, scene, size, frames=64, **settings):
     """How much of the light in front of each pixel's surface isn't hidden, (height, width); NaN where there is none."""
-    plain = {"di_candidates": 1, "di_temporal": False, "di_spatial": False, "light_sampling": "resolve"}
+    plain = {"di_candidates": 1, "di_temporal": False, "di_spatial": False}
     with direct_renderer(device, scene, size, **(settings | plain)) as renderer:
         seen, tried = 0.0, 0.0
         for _ in range(frames):

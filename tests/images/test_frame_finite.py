@@ -51,7 +51,7 @@ def test_frames_are_finite(device):
 
 
 @pytest.mark.slow  # minutes: builds the pipelines of every way to make them
-@pytest.mark.parametrize("built_in", [{"gbuffer": "traced"}, {"layering": "sum", "occlusion_culling": False},
+@pytest.mark.parametrize("built_in", [{"gbuffer": "traced"}, {"occlusion_culling": False},
                                       {"layering": "fresnel_product", "frustum_culling": False},
                                       {"lambert": True, "gbuffer": "traced"}], ids=str)  # fmt: skip
 def test_frames_are_finite_however_they_are_built(device, built_in):

@@ -70,7 +70,7 @@ def test_one_bounce_is_the_path_tracers(device, cornell):
 
 def test_visibility_as_in_solari_loses_light(device, cornell):
     scene, reference = cornell
-    error, half_width = relative_interval(observe(device, scene, 16, gi_visibility="0.17"), reference)
+    error, half_width = relative_interval(observe(device, scene, 16, gi_visibility="neighbor"), reference)
     assert error + half_width < -0.03
 
 

@@ -190,7 +190,7 @@ def check_reset(device, root=None):
 # ---- blend ------------------------------------------------------------------------------------------
 
 
-def check_blend(device, root=None, adaptive=True, cap=1 << 20):
+def check_blend(device, root=None, exponent=1 / 8, cap=1 << 20):
     cells, random = 2048, np.random.default_rng(2)
     irradiance = random.lognormal(0, 2, (cells, 4)).astype(np.float32)
     irradiance[:, 3] = random.integers(0, 40, cells)
@@ -198,7 +198,7 @@ def check_blend(device, root=None, adaptive=True, cap=1 << 20):
     deltas = (irradiance[:, 0] * random.normal(0, 0.3, cells)).astype(np.float32)
     samples = np.zeros(cells, [("irradiance", "f4", 3), ("life", "u4")])
     samples["irradiance"] = random.lognormal(0, 2, (cells, 3))
-    changed = {"world_cache_blend": "adaptive" if adaptive else "fixed", "world_cache_update_cap": cap}
+    changed = {"world_cache_change_exponent": exponent, "world_cache_update_cap": cap}
     with MapFrame(device, cells, None, root, **changed) as frame:
         frame.upload(
             checksums=random.integers(1, 2**32, cells, dtype=np.uint32), life=np.full(cells, 9, np.uint32),
@@ -210,7 +210,7 @@ def check_blend(device, root=None, adaptive=True, cap=1 << 20):
     old, new = irradiance[:, :3].astype(float), samples["irradiance"].astype(float)
     count = np.minimum(np.where(irradiance[:, 3] > 0, irradiance[:, 3] + 0.25, 1), 32)
     change = np.clip(np.abs(deltas) / np.maximum(old @ weights, 1e-30), 0, 1)
-    most = 32 - 31 * change ** (1 / 8) if adaptive else 32
+    most = 32 - 31 * change**exponent
     blended = old + (new - old) / np.minimum(count, most)[:, None]
     untouched = (found == irradiance).all(axis=1)
     updated = ~untouched
@@ -247,9 +247,9 @@ def test_lives_and_reset(device):
     check_reset(device)
 
 
-@pytest.mark.parametrize("adaptive", [True, False])
-def test_blend(device, adaptive):
-    check_blend(device, adaptive=adaptive)
+@pytest.mark.parametrize("exponent", [1 / 8, 1.0, 10.0])
+def test_blend(device, exponent):
+    check_blend(device, exponent=exponent)
 
 
 def test_updates_above_the_cap(device):

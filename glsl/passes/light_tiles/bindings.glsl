@@ -9,7 +9,7 @@
 struct PackedLightSample {
     vec3 world_position;
     uint world_normal;   // octahedral 2x16
-    uint radiance;       // rgb9e5, as light_tiles_settings.encoding says
+    uint radiance;       // rgb9e5 of log2(1 + radiance * exposure)
     float inverse_pdf;
     uint kind_and_data;  // 8 and 24 bits, the kind in the lowest ones
 };

@@ -15,7 +15,7 @@ const uint PASS_SALT = 0x85EBCA6Bu;
 void main() {
     uint index = gl_GlobalInvocationID.x;
     if (index == 0u) { light_tiles.samples_each = samples_each; }
-    if (index >= light_tiles.at.length() || light_tiles_settings.light_sampling == LIGHT_SAMPLING_RESOLVE) { return; }
+    if (index >= light_tiles.at.length()) { return; }
     // Differs from Solari: hashed from frame, tile and place, where sums made the tiles of successive frames overlap
     uint rng = seed_rng(
         uvec2(index / samples_each, index % samples_each), this_frame.index, this_frame.seed ^ PASS_SALT

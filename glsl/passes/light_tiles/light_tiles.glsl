@@ -18,9 +18,7 @@ PackedLightSample pack_light_sample(ResolvedLightSample resolved) {
     return PackedLightSample(
         resolved.world_position,
         pack_octahedral_2x16(resolved.world_normal),
-        light_tiles_settings.encoding == LIGHT_TILE_ENCODING_LINEAR
-            ? pack_rgb9e5(resolved.radiance * this_frame.exposure)
-            : pack_radiance_log2_rgb9e5(resolved.radiance, this_frame.exposure),
+        pack_radiance_log2_rgb9e5(resolved.radiance, this_frame.exposure),
         resolved.inverse_pdf,
         resolved.kind | resolved.data << 8u
     );
@@ -33,9 +31,7 @@ ResolvedLightSample unpack_light_sample(PackedLightSample packed) {
         packed.world_position,
         unpack_octahedral_2x16(packed.world_normal),
         0.0,
-        light_tiles_settings.encoding == LIGHT_TILE_ENCODING_LINEAR
-            ? unpack_rgb9e5(packed.radiance) / this_frame.exposure
-            : unpack_radiance_log2_rgb9e5(packed.radiance, this_frame.exposure),
+        unpack_radiance_log2_rgb9e5(packed.radiance, this_frame.exposure),
         packed.inverse_pdf
     );
 }
@@ -57,7 +53,6 @@ uint choose_light_tile(inout uint rng) {
 }
 
 LightCandidate sample_light_candidate(uint tile, inout uint rng) {
-    if (light_tiles_settings.light_sampling == LIGHT_SAMPLING_RESOLVE) { return draw_light_candidate(rng); }
     uint index = tile * light_tiles.samples_each + rand_range_u(light_tiles.samples_each, rng);
     return LightCandidate(light_tile_samples.at[index], unpack_light_sample(light_tiles.at[index]));
 }

@@ -69,8 +69,7 @@ void main() {
     }
     uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
     DiReservoir reservoir = generate_initial_reservoir(pixel, surface, rng);
-    // without it 0.17 would never test what a pixel found by itself
-    if (restir_di_settings.initial_visibility != 0u || restir_di_settings.order == DI_ORDER_0_17) { test_visibility(surface, reservoir); }
+    if (restir_di_settings.initial_visibility != 0u) { test_visibility(surface, reservoir); }
 
     uvec2 neighbor;
     GBufferSurface neighbor_surface;

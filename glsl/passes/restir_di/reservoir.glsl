@@ -27,7 +27,7 @@ bool choose_weighted(inout float weight_sum, float weight, inout uint rng) {
 
 // The share of a sample that goes to the first of two ways to find it; `targets` are the two ways' own of this sample.
 float merge_share(vec2 confidences, vec2 targets) {
-    vec2 weights = restir_di_settings.merge == DI_MERGE_CONSTANT ? confidences : confidences * targets;
+    vec2 weights = confidences * targets;
     return weights.x > 0.0 ? weights.x / (weights.x + weights.y) : 0.0;
 }
 

@@ -34,10 +34,6 @@ uint merge_with_neighbor(uvec2 pixel, GBufferSurface surface, inout DiReservoir 
     DiReservoir other = di_temporal_reservoirs.at[neighbor_index];
     vec2 here = vec2(di_target(surface, reservoir), di_target(surface, other));
     vec2 there = vec2(di_target(neighbor_surface, reservoir), di_target(neighbor_surface, other));
-    if (restir_di_settings.order == DI_ORDER_0_17 && here.y > 0.0) {
-        bool seen = is_seen(surface, resolve_light_sample(other.light_sample));
-        other.unbiased_contribution_weight *= seen ? 1.0 : 0.0;
-    }
     reservoir = merge_di_reservoirs(reservoir, other, here, there, rng);
     return neighbor_index;
 }
@@ -57,7 +53,7 @@ void main() {
     vec3 diffuse = vec3(0.0), specular = vec3(0.0);
     if (reservoir.unbiased_contribution_weight > 0.0) {
         ResolvedLightSample resolved = resolve_light_sample(reservoir.light_sample);
-        if (restir_di_settings.order == DI_ORDER_0_17 || is_seen(surface, resolved)) {
+        if (is_seen(surface, resolved)) {
             LightContribution light = calculate_resolved_light_contribution(resolved, surface.world_position);
             mat3 frame = orthonormalize(surface.world_normal);
             vec3 wo = surface.wo * frame, wi = light.wi * frame;

@@ -14,20 +14,6 @@ BrdfSample sample_specular_brdf(Brdf brdf, vec3 wo, inout uint rng) {
     return BrdfSample(wi, pdf > 0.0 ? evaluate_specular_brdf(brdf, wo, wi) / pdf : vec3(0.0), pdf, false);
 }
 
-// What Solari 0.18 multiplied a mirror's light by instead of its Fresnel term alone: GGX at roughness 0.001, over the pdf of
-// the sample. Both hold D at its peak, found from cosines, once of world-space vectors and once of the frame's, and
-// what rounding leaves of 1 - cos^2 there is as large as the roughness squared.
-float clamped_ggx_factor(Brdf brdf, vec3 wo, vec3 world_normal, vec3 world_wo, vec3 world_wi) {
-    vec3 wi = vec3(-wo.xy, wo.z);
-    float a2 = square(MIRROR_ROUGHNESS);
-    float world_cosine = dot(world_normal, normalize(world_wo + world_wi));
-    float cosine = normalize(wo + wi).z;
-    float world_spread = (1.0 - square(world_cosine)) + a2 * square(world_cosine);
-    float spread = (1.0 - square(cosine)) + a2 * square(cosine);
-    return V_SmithGGXCorrelated(MIRROR_ROUGHNESS, wo.z, wi.z) * wi.z / ggx_vndf_pdf_per_d(wo, MIRROR_ROUGHNESS)
-        * square(spread / world_spread);
-}
-
 // Square of how much wider per distance a lobe makes a path's cone, as NVIDIA's RTXGI measures it to end paths in its radiance
 // cache (SHARC). Differs from there: squares add up over a path, and the cone goes on widening after a mirror.
 float lobe_spread(float roughness) {

@@ -20,7 +20,6 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 const uint SPECULAR_GI_SALT = 0x5BEC9141u;
 const uint FIRST_ROULETTE_SURFACE = 3u;
-const float ROUGHNESS_OF_0_18 = 0.03;  // where its paths ended, whatever came before
 
 // ---- lights -----------------------------------------------------------------------------------------
 
@@ -46,36 +45,37 @@ struct Path {
     vec3 direction;
     vec3 throughput;
     float bounce_pdf;    // of the direction, as lights see it
-    float spread;        // sum of lobe_spread
-    float spread_width;
+    float spread;        // square of how much the path's cone widens per distance: the sum of lobe_spread
+    float spread_width;  // width of the cone
 };
 
-// Goes on from a surface in a sampled direction; false when that leads nowhere.
-bool leave_surface(
-    inout Path path, BrdfSample next, Brdf brdf, mat3 frame, vec3 wo, vec3 geometric_world_normal
-) {
-    vec3 world_wo = -path.direction;
+// Goes on from a surface in a sampled direction. Returns false when that leads nowhere.
+bool leave_surface(inout Path path, BrdfSample next, Brdf brdf, mat3 frame, vec3 geometric_world_normal) {
     path.direction = normalize(frame * next.wi);
     path.throughput *= next.weight;
     path.bounce_pdf = next.pdf;
     path.spread += next.diffuse ? lobe_spread(1.0) : next.pdf == INFINITY ? 0.0 : lobe_spread(brdf.roughness);
-    if (next.pdf == INFINITY && specular_gi_settings.mirror == SPECULAR_MIRROR_CLAMPED_GGX) {
-        path.throughput *= clamped_ggx_factor(brdf, wo, frame[2], world_wo, path.direction);
-    }
     return next.wi.z > 0.0 && dot(path.direction, geometric_world_normal) > 0.0 && max_component(path.throughput) > 0.0;
 }
 
-// Whether the cache serves as well as going on would.
+// The width of a cone that a lobe sends over a distance, added to that of the path so far: Solari's rule, by which each ray
+// widens by the lobe at its end.
+float widen_by_lobe(float spread_width, float ray_t, float roughness) {
+    return sqrt(square(spread_width) + square(ray_t) * lobe_spread(roughness));
+}
+
+// Whether the world cache serves as well as going on would: the path's cone and the ray reach over more than a cell.
 bool may_end(ResolvedRayHitFull surface, float spread_width, float ray_t, inout uint rng) {
-    if (specular_gi_settings.termination == SPECULAR_TERMINATION_ROUGHNESS) { return surface.material.roughness > ROUGHNESS_OF_0_18; }
     float cell_size = get_cell_size(surface.world_position, rng);
-    return spread_width > cell_size && ray_t > cell_size;
+    float longest_in_cell = specular_gi_settings.termination == SPECULAR_TERMINATION_SPREAD ? cell_size : sqrt(3.0) * cell_size;
+    return spread_width > cell_size && ray_t > longest_in_cell;
 }
 
 // Light from along the path's first ray. `distance` is what lies between camera and its origin.
 vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
     vec3 radiance = vec3(0.0);
     uint visited = 0u, mirrors = 0u;
+    bool from_camera = specular_gi_settings.termination == SPECULAR_TERMINATION_CAMERA_SPREAD;
     while (true) {
         count_ray();
         Hit hit = trace_closest_hit(path.origin, 0.0, path.direction, INFINITY, TRACE_BOTH_FACES);
@@ -83,7 +83,7 @@ vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
             return radiance + path.throughput * radiance_at_infinity(path.direction, path.bounce_pdf);
         }
         distance += hit.t;
-        path.spread_width += sqrt(path.spread) * hit.t;
+        if (!from_camera) { path.spread_width += sqrt(path.spread) * hit.t; }
         ResolvedRayHitFull surface = resolve_ray_hit_full(hit, path.direction, cone_spread * distance);
         if (surface.emits) {
             float light_pdf = emissive_hit_pdf(surface, path.direction, hit.t);
@@ -94,8 +94,7 @@ vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
         vec3 wo = -path.direction * frame;
         Brdf brdf = prepare_brdf(surface.material, wo);
 
-        // Differs from Solari: mirrors of metal don't count, for the cache, whose cells are diffuse, would show them as white walls.
-        bool mirror = is_metal_mirror(surface.material);
+        bool mirror = is_passed_by(surface.material);
         mirrors += mirror ? 1u : 0u;
         visited += mirror ? 0u : 1u;
         WorldCacheResult end = WorldCacheResult(false, vec3(0.0));
@@ -116,7 +115,8 @@ vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
             radiance += path.throughput * sample_light(surface, brdf, frame, wo, path.origin, rng);
         }
         BrdfSample next = sample_brdf(brdf, wo, rng);
-        if (!leave_surface(path, next, brdf, frame, wo, surface.geometric_world_normal)) { return radiance; }
+        if (!leave_surface(path, next, brdf, frame, surface.geometric_world_normal)) { return radiance; }
+        if (from_camera) { path.spread_width = widen_by_lobe(path.spread_width, hit.t, surface.material.roughness); }
         if (visited + mirrors >= FIRST_ROULETTE_SURFACE) {
             float survival = min(max_component(path.throughput), 1.0);
             if (rand_f(rng) >= survival) { return radiance; }
@@ -161,8 +161,11 @@ void main() {
     Path path = Path(
         surface.world_position + surface.geometric_world_normal * surface.ray_offset, -surface.wo, vec3(1.0), 0.0, 0.0, 0.0
     );
-    if (!leave_surface(path, next, brdf, frame, wo, surface.geometric_world_normal)) { return; }
+    if (!leave_surface(path, next, brdf, frame, surface.geometric_world_normal)) { return; }
     path.bounce_pdf = surface.material.roughness <= specular_gi_settings.di_roughness ? INFINITY : 0.0;
     float distance = length(surface.world_position - camera.world_from_view[3]);
+    if (specular_gi_settings.termination == SPECULAR_TERMINATION_CAMERA_SPREAD) {
+        path.spread_width = widen_by_lobe(0.0, distance, surface.material.roughness);
+    }
     specular_gi.at[index] = trace_path(path, distance, make_camera_ray(vec2(pixel) + 0.5).cone_spread, rng);
 }

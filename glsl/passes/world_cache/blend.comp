@@ -1,11 +1,13 @@
-// World cache, step 6: new irradiance into the mean over frames, fewer of them where light changes (Guillaume Boisse's blend).
+// World cache, step 6: blends a cell's new irradiance into its mean over frames, of which fewer count where light
+// changes. The adaptive blend is Guillaume Boisse's, as in the Bevy 0.18 post about Solari.
 #version 460
 #include "passes/world_cache/update.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
 
-// Differs from Solari, where it is 1: what a young cell saw came from young cells, which miss the later bounces; so its first
-// samples count less, as the cube of their age, and light arrives several times as fast.
+// How much a frame adds to the sample count of a cell that has fewer than the maximum. Differs from Solari, where it
+// is 1: what a young cell sees comes from other young cells, which lack later bounces. With less than 1 its first
+// samples are soon outweighed, and multi-bounce light arrives several times as fast.
 const float YOUNG_GROWTH = 0.25;
 
 void main() {
@@ -15,14 +17,12 @@ void main() {
     vec4 old = world_cache_irradiance.at[cell];
     float delta = world_cache_luminance_deltas.at[cell];
 
-    float most = float(world_cache_settings.max_samples);
-    float sample_count = min(old.w > 0.0 ? old.w + YOUNG_GROWTH : 1.0, most);
-    if (world_cache_settings.blend == WORLD_CACHE_BLEND_ADAPTIVE) {
-        float change = abs(delta) / max(luminance(old.rgb), 1e-30);
-        most = mix(most, 1.0, pow(saturate(change), world_cache_settings.change_exponent));
-    }
-    float share = 1.0 / min(sample_count, most);
-    // Differs from Solari: lights that are switched needn't be guessed from noise
+    float max_samples = float(world_cache_settings.max_samples);
+    float sample_count = min(old.w > 0.0 ? old.w + YOUNG_GROWTH : 1.0, max_samples);
+    float change = saturate(abs(delta) / max(luminance(old.rgb), 1e-30));
+    float changing_max_samples = mix(max_samples, 1.0, pow(change, world_cache_settings.change_exponent));
+    float share = 1.0 / min(sample_count, changing_max_samples);
+    // Differs from Solari: how much the lights changed is known, and needn't be guessed from noise.
     if (world_cache_settings.relight != 0u) { share = max(share, this_frame.lighting_change); }
     vec3 blended = mix(old.rgb, world_cache_samples.at[thread].irradiance, share);
     world_cache_irradiance.at[cell] = vec4(blended, sample_count);

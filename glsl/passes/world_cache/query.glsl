@@ -60,7 +60,7 @@ WorldCacheResult query_world_cache(
     WorldCacheResult nothing = WorldCacheResult(false, vec3(0.0));
     if (frame_settings.world_cache == 0u) { return nothing; }
     float cell_size = get_cell_size(world_position, rng);
-    if (world_cache_settings.leak_prevention != WORLD_CACHE_LEAK_PREVENTION_OFF && ray_t < cell_size) { cell_size = world_cache_settings.cell_size; }
+    if (ray_t < cell_size) { cell_size = world_cache_settings.cell_size; }
 
     WorldCacheKey key = choose_key(world_position, geometric_world_normal, cell_size, rng);
     uint cell = insert_world_cache_cell(key);
@@ -79,13 +79,12 @@ WorldCacheResult query_world_cache(
 // What the whole surface reflects towards a direction under uniform light. Differs from Solari, which takes the base colour and
 // so loses what is specular, or counts it as if metals were white beneath.
 vec3 surface_albedo(ResolvedMaterial material, float cosine) {
-    if (brdf_lambert) { return material.base_color; }
+    if (brdf_lambert || world_cache_settings.surfaces == WORLD_CACHE_SURFACES_DIFFUSE) { return material.base_color; }
     vec2 ab = material.roughness <= MIRROR_ROUGHNESS
         ? mirror_albedo(cosine) : lookup_brdf_table(cosine, material.perceptual_roughness);
     vec3 f0 = 0.16 * material.reflectance * material.reflectance;
     vec3 dielectric = specular_albedo(f0, ab);
     vec3 through = 1.0 - dielectric;
-    if (brdf_layering == LAYERING_SUM) { through = vec3(1.0); }
     if (brdf_layering == LAYERING_FRESNEL_PRODUCT) {
         through = (1.0 - fresnel(f0, cosine)) * (1.0 - f0) * (20.0 / 21.0);  // the second factor's mean over the hemisphere
     }

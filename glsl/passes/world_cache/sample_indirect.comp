@@ -18,8 +18,7 @@ void main() {
     vec3 direction = orthonormalize(surface.geometric_world_normal) * sample_cosine_hemisphere(rand_vec2f(rng));
     // textures are blurred as far as the cell is wide, which its points even out anyway
     float cell_size = world_cache_bounds.at[cell].w;
-    bool max_rule = world_cache_settings.lifetime_rule == WORLD_CACHE_LIFETIME_RULE_MAX;
-    uint lifetime = max_rule ? world_cache_samples.at[thread].life : world_cache_settings.lifetime;
+    uint lifetime = world_cache_samples.at[thread].life;
     Gathered light = gather_light(
         origin, direction, world_cache_settings.ray_length, cell_size, false, lifetime, rng
     );

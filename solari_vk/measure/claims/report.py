@@ -15,7 +15,7 @@ Results = Sequence[tuple[Claim, Outcome]]
 
 
 def number(value: float) -> str:
-    """Three digits that matter."""
+    """Three significant digits."""
     if value == 0 or not math.isfinite(value):
         return "0" if value == 0 else "∞"
     if abs(value) >= 1000:
@@ -24,7 +24,7 @@ def number(value: float) -> str:
 
 
 def with_spread(values: Sequence[float], unit: str) -> str:
-    """Mean, half width of the 95 % interval, unit."""
+    """The mean, the half width of its 95 % interval and the unit."""
     mean, half_width = interval(values)
     half_width = half_width if half_width > 1e-9 * abs(mean) else 0.0  # rounding is no spread
     spread = f" ± {number(half_width)}" if math.isfinite(half_width) else ""
@@ -32,19 +32,19 @@ def with_spread(values: Sequence[float], unit: str) -> str:
 
 
 def line(measure: Measure) -> str:
-    """A measure on a terminal."""
+    """A measure as one line of text."""
     before, after = (with_spread(v, measure.unit) for v in (measure.runs_before.tolist(), measure.runs_after.tolist()))
     return f"{measure.what}: {before} -> {after} (ratio {number(measure.ratio)})"
 
 
 def page(results: Results, device: Device, load: str, runs: int, folder: str | None) -> str:
-    """Markdown. folder: where pictures lie, as the page sees it; None: there are none."""
+    """The page as Markdown. folder: the pictures' folder relative to the page; None when none were written."""
     lines = [
         "# Claims of the posts about Solari, measured", "",
-        "Written by `solari-vk bench claims --markdown FILE --pictures FOLDER`. Each claim is a pair of settings of "
-        "one renderer with `gbuffer=traced`, measured in turns over the same seeds. A verdict follows from the "
-        "numbers: each criterion must hold for the mean, and the 95 % interval of the mean over runs (Student's t) "
-        "must lie on the same side.", "",
+        "Written by `solari-vk bench claims --markdown FILE --pictures FOLDER`. Each claim compares two variants of "
+        "the preset `solari` (Bevy 0.19) with `gbuffer=traced`, which take turns over the same seeds. What Bevy 0.17 "
+        "and 0.18 did otherwise is patched into a copy of the shaders. A verdict follows from the numbers: each "
+        "criterion must hold for the mean over runs and for all of its 95 % interval (Student's t).", "",
         *markdown_facts(device_facts(device, load)),
         f"- {runs} runs, each with a seed of its own, where nothing else is said", "",
     ]  # fmt: skip
@@ -52,7 +52,7 @@ def page(results: Results, device: Device, load: str, runs: int, folder: str | N
     for claim, outcome in results:
         first = outcome.measures[0]
         before, after = (with_spread(v.tolist(), first.unit) for v in (first.runs_before, first.runs_after))
-        verdict = "reproduces" if outcome.reproduces else "**does not reproduce**"
+        verdict = "reproduces" if outcome.reproduces else f"**{outcome.verdict.partition(',')[0]}**"
         cells = (f"[{claim.name}](#{claim.name})", claim.post, first.what, before, after, number(first.ratio), verdict)
         rows.append(cells)
     head = ("claim", "post", "what is compared", "before", "after", "ratio", "verdict")

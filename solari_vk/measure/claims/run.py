@@ -20,8 +20,8 @@ CLAIMS: tuple[Claim, ...] = (*direct.CLAIMS, *cache.CLAIMS, *specular.CLAIMS)
 
 def run(device_name: str | None, *, markdown: Path | None = None, pictures: Path | None = None,
         only: Sequence[str] = (), quick: bool = False, seeds: int | None = None) -> None:  # fmt: skip
-    """Measure the claims, all or some by name. The page is written anew after each, so that a run that is stopped
-    leaves what it has. Raises SolariError for unknown names, and where nothing can be written."""
+    """Measure the claims, all or those named in `only`. The page is written again after each claim, so that an
+    interrupted run leaves the claims it has measured. Raises SolariError for an unknown name or a missing folder."""
     chosen = select(CLAIMS, only)
     check_page(markdown)
     if pictures is not None:

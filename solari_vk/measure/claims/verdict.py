@@ -1,4 +1,4 @@
-"""From measured pairs to a verdict: means with their uncertainty, criteria, and what a claim comes to."""
+"""From measured pairs to a verdict: means with their uncertainty, criteria, and whether a claim reproduces."""
 
 from __future__ import annotations
 
@@ -25,21 +25,23 @@ class Criterion(Protocol):
     """What a measure has to show."""
 
     def margin(self, before: Values, after: Values) -> Values:
-        """How far each run is on the right side: the mean must be above 0, and its 95 % interval too."""
+        """By how much each pair of runs meets the criterion; negative where it misses it.
+
+        The criterion is met when the 95 % interval of the mean lies above 0.
+        """
 
     @property
     def text(self) -> str:
-        """In words."""
+        """The criterion in words, with the measure as the subject."""
 
 
 @dataclass(frozen=True)
 class Falls:
-    """The size of the number falls at least so many times."""
+    """The absolute value falls at least by this factor."""
 
     by: float
 
     def margin(self, before: Values, after: Values) -> Values:
-        """Of runs in pairs."""
         return np.abs(before) - self.by * np.abs(after)
 
     @property
@@ -49,12 +51,12 @@ class Falls:
 
 @dataclass(frozen=True)
 class Faster:
-    """A time falls at least so many times, by the logarithm of the ratio: what slows both of a pair slows no ratio."""
+    """A time falls at least by this factor. Runs are compared by the logarithm of their ratio, which doesn't change
+    when other work slows both runs of a pair."""
 
     by: float
 
     def margin(self, before: Values, after: Values) -> Values:
-        """Of runs in pairs."""
         return np.log(np.maximum(before, 1e-9)) - np.log(np.maximum(self.by * after, 1e-9))
 
     @property
@@ -64,12 +66,11 @@ class Faster:
 
 @dataclass(frozen=True)
 class Rises:
-    """The signed number rises by more than so much."""
+    """The signed number rises by more than this difference."""
 
     by: float = 0.0
 
     def margin(self, before: Values, after: Values) -> Values:
-        """Of runs in pairs."""
         return after - before - self.by
 
     @property
@@ -79,12 +80,12 @@ class Rises:
 
 @dataclass(frozen=True)
 class Keeps:
-    """The number stays as it was: the mean of the change lies within a share of it."""
+    """The mean changes by no more than this share of the number before."""
 
     within: float
 
     def margin(self, before: Values, after: Values) -> Values:
-        """Signed like the mean's, so that runs which scatter to both sides do not count as a change."""
+        """The sign of the mean change is taken out, so that runs which scatter to both sides count as no change."""
         change = (after - before) / max(float(np.abs(before).mean()), 1e-30)
         return self.within - change * (1.0 if change.mean() >= 0 else -1.0)
 
@@ -95,12 +96,11 @@ class Keeps:
 
 @dataclass(frozen=True)
 class GrowsAtMost:
-    """The size of the number grows at most so many times."""
+    """The absolute value grows at most by this factor."""
 
     times: float
 
     def margin(self, before: Values, after: Values) -> Values:
-        """Of runs in pairs."""
         return self.times * np.abs(before) - np.abs(after)
 
     @property
@@ -110,12 +110,12 @@ class GrowsAtMost:
 
 @dataclass(frozen=True)
 class EndsBelow:
-    """The mean ends up no larger than so, on either side of 0."""
+    """The mean after is no further from 0 than this."""
 
     bar: float
 
     def margin(self, before: Values, after: Values) -> Values:
-        """Signed like the mean's, so that runs which scatter about 0 count as 0."""
+        """The sign of the mean is taken out, so that runs which scatter about 0 count as 0."""
         return self.bar - after * (1.0 if after.mean() >= 0 else -1.0)
 
     @property
@@ -128,34 +128,30 @@ class EndsBelow:
 
 @dataclass
 class Measure:
-    """One number before and after, over the same seeds.
-
-    `reason`: why, when the criterion fails though the runs agree. Without criterion the number only informs.
-    """
+    """One number before and after, over the same seeds. Without a criterion it only informs."""
 
     what: str
     unit: str
     before: ArrayLike
     after: ArrayLike
     criterion: Criterion | None = None
-    reason: str = ""
 
     def __post_init__(self) -> None:
         self.runs_before = np.asarray(self.before, np.float64).ravel()
         self.runs_after = np.asarray(self.after, np.float64).ravel()
         if len(self.runs_before) != len(self.runs_after) or not len(self.runs_before):
-            raise ValueError(f"{self.what}: as many runs before as after are needed, and at least one")
+            raise ValueError(f"{self.what}: needs as many runs before as after, and at least one")
         if not (np.isfinite(self.runs_before).all() and np.isfinite(self.runs_after).all()):
             raise ValueError(f"{self.what}: a number is not finite")
 
     @property
     def ratio(self) -> float:
-        """Size before over size after; infinite when nothing is left."""
+        """The absolute value before over that after; infinite when the latter is 0."""
         before, after = abs(float(self.runs_before.mean())), abs(float(self.runs_after.mean()))
         return before / after if after else (math.inf if before else 1.0)
 
     def failure(self) -> str:
-        """Why the criterion is not met; empty when it is, or when there is none."""
+        """How the criterion is missed, from what was measured; empty when it is met or when there is none."""
         if self.criterion is None:
             return ""
         mean, half_width = interval(self.criterion.margin(self.runs_before, self.runs_after))
@@ -163,32 +159,39 @@ class Measure:
             return ""
         if mean > 0:
             return f"{self.what}: the spread of {len(self.runs_before)} runs is too wide to tell"
-        return f"{self.what}: {self.reason}" if self.reason else f"{self.what} does not do so: {self.criterion.text}"
+        before, after = (float(runs.mean()) for runs in (self.runs_before, self.runs_after))
+        return f"{self.what} goes from {before:.3g} to {after:.3g}, where the claim asks that it {self.criterion.text}"
 
 
 @dataclass
 class Outcome:
-    """What measuring a claim gave. `pictures`: file name, caption and 8-bit pixels of each."""
+    """What measuring a claim gave.
+
+    pictures: file name, caption and 8-bit pixels of each. untestable: why this renderer can't test the claim at all.
+    """
 
     measures: Sequence[Measure]
     pictures: Sequence[tuple[str, str, NDArray[np.uint8]]] = field(default_factory=tuple)
     note: str = ""
+    untestable: str = ""
 
     @property
     def reproduces(self) -> bool:
         """Whether every criterion is met."""
-        return not any(measure.failure() for measure in self.measures)
+        return not self.untestable and not any(measure.failure() for measure in self.measures)
 
     @property
     def verdict(self) -> str:
-        """In words."""
+        """One sentence without its full stop."""
+        if self.untestable:
+            return f"cannot be tested here, because {self.untestable}"
         failures = [text for measure in self.measures if (text := measure.failure())]
         return f"does not reproduce, because {'; '.join(failures)}" if failures else "reproduces"
 
 
 @dataclass(frozen=True)
 class Claim:
-    """What a post says, what is compared, and how it is measured. `row`: what the claim is about, in two words."""
+    """What a post says, what is compared, and how it is measured. row: the claim's subject in two words."""
 
     name: str
     row: str
@@ -201,7 +204,7 @@ class Claim:
 
 
 def select(claims: Iterable[Claim], only: Sequence[str]) -> list[Claim]:
-    """The claims of these names, all of them without any. Raises SolariError for a name that none has."""
+    """The claims with these names, or all claims when there are no names. Raises SolariError for an unknown name."""
     every = list(claims)
     names = [claim.name for claim in every]
     for name in only:
