@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +21,27 @@ def shaders(device: Device) -> Iterator[ShaderRunner]:
         yield runner
 
 
+Patched = Callable[..., AbstractContextManager[ShaderRunner]]
+
+
 @pytest.fixture
-def expect_failure(device: Device) -> Callable[..., None]:
+def patched(device: Device) -> Patched:
+    """patched(*patches): the shader library with patches, as a context."""
+
+    @contextmanager
+    def make(*patches: Patch) -> Iterator[ShaderRunner]:
+        with patched_shaders(*patches), ShaderRunner(device, Path(__file__).parent) as runner:
+            yield runner
+
+    return make
+
+
+@pytest.fixture
+def expect_failure(patched: Patched) -> Callable[..., None]:
     """expect_failure(patch, check, ...): check(runner of the patched library, ...) must find something wrong."""
 
     def expect(patch: Patch, check: Callable[..., None], *arguments: Any) -> None:
-        root = Path(__file__).parent
-        with patched_shaders(patch), ShaderRunner(device, root) as mutant, pytest.raises(AssertionError):
+        with patched(patch) as mutant, pytest.raises(AssertionError):
             check(mutant, *arguments)
 
     return expect

@@ -147,14 +147,11 @@ def test_a_merge_is_unbiased_over_all_outcomes(shaders):
     check_expectation(shaders)
 
 
-def test_constant_weights_are_biased_where_supports_differ(shaders):
-    constant = shaders.patched(*CONSTANT_WEIGHTS)
-    try:
+def test_constant_weights_are_biased_where_supports_differ(patched):
+    with patched(*CONSTANT_WEIGHTS) as constant:
         check_expectation(constant, ["alike", "unlike"])
         with pytest.raises(AssertionError):
             check_expectation(constant, ["zeros"])
-    finally:
-        constant.close()
 
 
 def test_choices_are_as_likely_as_their_weights(shaders):
