@@ -8,6 +8,7 @@ from support.brdf import Surface, alpha_of, directional_albedo_terms
 
 from solari_vk.conformance import brdf_runs
 from solari_vk.conformance.brdf_checks import furnace, random_directions
+from solari_vk.measure.claims.older import LOBES_ADDED
 
 CASES = [
     # base colour, metallic, perceptual roughness, reflectance; and how far the table's interpolation may be off

@@ -9,7 +9,6 @@ import pytest
 from scipy import stats
 
 from solari_vk.conformance.oracles.encodings import pcg_hash, pcg_step
-
 from solari_vk.measure.claims.older import CONSTANT_WEIGHTS
 
 NEITHER = 0xFFFFFFFF

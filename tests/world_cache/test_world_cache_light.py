@@ -16,6 +16,7 @@ from solari_vk.passes import brdf_table
 from solari_vk.scene.builtin import place
 from solari_vk.scene.projection import CameraUniforms
 from solari_vk.settings import uniform_values
+from solari_vk.settings.layering import LAYERINGS
 
 ALBEDO = 0.5  # of closed_box, whose walls emit 1: so 2 arrives everywhere, and of it 1 is reflected
 CASE = np.dtype([("base_color", "f4", 3), ("reflectance", "f4"), ("perceptual_roughness", "f4"), ("metallic", "f4"),
