@@ -76,7 +76,6 @@ layout(set = 0, binding = 7, scalar) readonly buffer SceneInfoBlock {
     uint light_count;
     uint first_light_at_infinity;  // index into light_sources, where lights at infinity come last
 } scene_info;
-// Bindings 6 and 8 to 13 are the buffers of kinds of lights: scene/lights/.
-layout(set = 0, binding = 15) uniform sampler2D texture_images[];  // the largest number of the set, as it has no length
+layout(set = 0, binding = 63) uniform sampler2D texture_images[];  // the largest number of the set, as it has no length
 
 #endif

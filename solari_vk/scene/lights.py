@@ -1,4 +1,4 @@
-"""The list of light sources: all visible emissive instances, then the scene's other lights, kind by kind."""
+"""The list of light sources: all visible emissive instances, then all other lights, those at infinity last."""
 
 from __future__ import annotations
 
@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.gpu.device.device import Device
-from solari_vk.scene.light_kinds import AT_INFINITY, KIND_INDEX, LIGHT_KINDS, LightKind
+from solari_vk.scene import light_kinds
+from solari_vk.scene.light_kinds import AT_INFINITY, LightKind
 from solari_vk.scene.model import Instance, Light
 from solari_vk.scene.table import Table
 
-EMISSIVE_MESH = KIND_INDEX["emissive_mesh"]
-KIND_OF = {kind.source: kind for kind in LIGHT_KINDS}
 Position = tuple[float, float, float]
 ORIGIN = (0.0, 0.0, 0.0)
 
@@ -30,11 +29,15 @@ class Lights:
     def __init__(self, device: Device, layout: dict[str, Any]) -> None:
         self.sources = Table(device, "light_sources", layout["light_sources"])
         self.info = Table(device, "scene_info", layout["scene_info"])
-        buffers = [kind.buffer for kind in LIGHT_KINDS if kind.buffer]
-        self._records = {name: Table(device, name, layout[name]) for name in buffers}
+        self._kinds = {kind.source: kind for kind in light_kinds.LIGHT_KINDS}
+        self._index_of_kind = {kind: index for index, kind in enumerate(light_kinds.LIGHT_KINDS)}
+        self._mesh_kind = self._kinds[Instance]
+        with_records = [kind for kind in self._index_of_kind if kind.buffer]
+        with_records.sort(key=lambda kind: kind.met_by_rays == AT_INFINITY)
+        self._records = {kind: Table(device, str(kind.buffer), layout[str(kind.buffer)]) for kind in with_records}
         self._emissive: list[Instance] = []
         self._index: dict[Instance, int] = {}
-        self._others: dict[LightKind, dict[Light, None]] = {kind: {} for kind in LIGHT_KINDS if kind.buffer}
+        self._others: dict[LightKind, dict[Light, None]] = {kind: {} for kind in with_records}
         self._changed = True
         self._id_of: dict[Instance | Light, int] = {}
         self._last_id = 0
@@ -69,13 +72,13 @@ class Lights:
         """
         index = self._index.get(instance)
         if emits:
-            self._set_power(instance, LIGHT_KINDS[EMISSIVE_MESH].power(instance, area))
+            self._set_power(instance, self._mesh_kind.power(instance, area))
             if index is None:
                 index = self._index[instance] = len(self._emissive)
                 self._emissive.append(instance)
                 self.renew(instance)
             self.sources.reserve(index + 1)
-            self.sources.records[index] = (EMISSIVE_MESH, row)
+            self.sources.records[index] = (self._index_of_kind[self._mesh_kind], row)
             self.sources.mark([index])
             self._set_position(index, position)
             return None
@@ -101,7 +104,7 @@ class Lights:
 
     def set_light(self, light: Light, present: bool) -> None:
         """Add, update or remove a light that is no instance."""
-        listed = self._others[KIND_OF[type(light)]]
+        listed = self._others[self._kinds[type(light)]]
         if not present:
             for known in (listed, self._id_of, self._power_of):
                 known.pop(light, None)
@@ -154,10 +157,10 @@ class Lights:
             len(lights) for kind, lights in self._others.items() if kind.met_by_rays == AT_INFINITY
         )
         for kind, lights in self._others.items():
-            table = self._records[str(kind.buffer)]
+            table = self._records[kind]
             table.reserve(len(lights))
             for index, light in enumerate(lights):
-                self.sources.records[row] = (KIND_INDEX[kind.name], index)
+                self.sources.records[row] = (self._index_of_kind[kind], index)
                 for field, value in kind.record(light).items():
                     table.records[index][field] = value
                 self.sources.mark([row])

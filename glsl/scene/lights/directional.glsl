@@ -14,7 +14,7 @@ struct DirectionalLight {
     float solid_angle;
 };
 
-layout(set = 0, binding = 6, scalar) readonly buffer DirectionalLightsBlock { DirectionalLight at[]; } directional_lights;
+layout(set = 0, binding = LIGHT_RECORDS + LIGHT_DIRECTIONAL, scalar) readonly buffer DirectionalLightsBlock { DirectionalLight at[]; } directional_lights;
 
 uint choose_part_directional(uint index, uint random) { return 0u; }
 

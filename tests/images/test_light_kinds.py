@@ -1,0 +1,145 @@
+"""A kind of light needs a row of LIGHT_KINDS, a class and a GLSL file, and nothing else.
+
+Two kinds that the package doesn't have are added here in that way: a point light, which rays never meet, and a sky,
+which rays meet at infinity.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from direct_light import direct_light, direct_renderer
+
+import solari_vk as sv
+from solari_vk.gpu.shaders import compiler
+from solari_vk.scene import checks, light_kinds, shapes
+from solari_vk.scene.builtin import matte
+from solari_vk.scene.objects import FloatArray, Light, checked
+
+
+@checked
+class PointLight(Light):
+    """`intensity` in cd, the same in all directions."""
+
+    position: FloatArray
+    intensity: float
+    name: str = ""
+
+    _converters = {
+        "name": checks.text,
+        "position": checks.array(3),
+        "intensity": checks.number(0, 1e15),
+    }
+
+
+POINT = light_kinds.LightKind(
+    "point", PointLight, light_kinds.NEVER,
+    power=lambda light, area: 4 * np.pi * light.intensity,
+    buffer="point_lights",
+    record=lambda light: {"position": light.position, "intensity": light.intensity},
+    position=lambda light: light.position,
+)  # fmt: skip
+POINT_GLSL = """
+#ifndef SCENE_LIGHTS_POINT_GLSL
+#define SCENE_LIGHTS_POINT_GLSL
+#include "scene/bindings.glsl"
+#include "scene/lights/types.glsl"
+
+struct PointLight { vec3 position; float intensity; };
+layout(set = 0, binding = LIGHT_RECORDS + LIGHT_POINT, scalar) readonly buffer PointLightsBlock { PointLight at[]; } point_lights;
+
+uint choose_part_point(uint index, uint random) { return 0u; }
+ResolvedLightSample resolve_point(uint index, uint part, vec2 u, float inverse_light_pdf) {
+    PointLight light = point_lights.at[index];
+    return ResolvedLightSample(
+        LIGHT_POINT, 0u, light.position, vec3(0.0, 1.0, 0.0), 0.0, vec3(light.intensity), inverse_light_pdf
+    );
+}
+float emission_cosine_point(uint data, float cosine) { return 1.0; }
+uint shown_id_point(uint index) { return 1000u + index; }
+#endif
+"""
+
+
+@checked
+class Sky(Light):
+    """`radiance` in cd/m^2, the same from all directions."""
+
+    radiance: float
+    name: str = ""
+
+    _converters = {"name": checks.text, "radiance": checks.number(0, 1e15)}
+
+
+SKY = light_kinds.LightKind(
+    "sky", Sky, light_kinds.AT_INFINITY,
+    power=lambda light, area: np.pi * light.radiance * area,
+    buffer="skies",
+    record=lambda light: {"radiance": light.radiance},
+    position=lambda light: np.zeros(3),
+)  # fmt: skip
+SKY_GLSL = """
+#ifndef SCENE_LIGHTS_SKY_GLSL
+#define SCENE_LIGHTS_SKY_GLSL
+#include "common/random.glsl"
+#include "scene/bindings.glsl"
+#include "scene/lights/types.glsl"
+
+struct Sky { float radiance; };
+layout(set = 0, binding = LIGHT_RECORDS + LIGHT_SKY, scalar) readonly buffer SkiesBlock { Sky at[]; } skies;
+
+uint choose_part_sky(uint index, uint random) { return 0u; }
+ResolvedLightSample resolve_sky(uint index, uint part, vec2 u, float inverse_light_pdf) {
+    vec3 direction = sample_cone(vec3(0.0, 1.0, 0.0), 2.0, u);
+    vec3 radiance = vec3(skies.at[index].radiance);
+    return ResolvedLightSample(LIGHT_SKY, 0u, direction, -direction, 0.0, radiance, inverse_light_pdf * 4.0 * PI);
+}
+float emission_cosine_sky(uint data, float cosine) { return 1.0; }
+uint shown_id_sky(uint index) { return 2000u + index; }
+MetLight meet_sky(uint index, vec3 direction) { return MetLight(vec3(skies.at[index].radiance), 4.0 * PI); }
+#endif
+"""
+
+HEIGHT, INTENSITY, RADIANCE, ALBEDO = 2.0, 30.0, 0.7, 0.5
+SIZE = 16, 16
+
+
+@pytest.fixture
+def scene(tmp_path, monkeypatch):
+    """A floor under a point light, a sky and a sun of low illuminance."""
+    folder = tmp_path / "scene" / "lights"
+    folder.mkdir(parents=True)
+    (folder / "point.glsl").write_text(POINT_GLSL)
+    (folder / "sky.glsl").write_text(SKY_GLSL)
+    monkeypatch.setattr(compiler, "overlays", [tmp_path, *compiler.overlays])
+    monkeypatch.setattr(light_kinds, "LIGHT_KINDS", (*light_kinds.LIGHT_KINDS, SKY, POINT))
+    floor = sv.Instance(mesh=shapes.quad((0, 0, 0), (0, 0, 9), (9, 0, 0)), material=matte(ALBEDO))
+    camera = sv.Camera.look_at((0, 1, 0), (0, 0, 0), up=(0, 0, 1), vertical_fov=0.2)
+    return sv.Scene(
+        floor,
+        camera,
+        sv.DirectionalLight(direction=(0, -1, 0), illuminance=1.0),
+        Sky(radiance=RADIANCE),
+        PointLight(position=(0, HEIGHT, 0), intensity=INTENSITY),
+    )
+
+
+def assert_lit(radiance):
+    """Illuminance of the three lights on the floor below the point light, reflected."""
+    expected = ALBEDO / np.pi * (INTENSITY / HEIGHT**2 + np.pi * RADIANCE + 1.0)
+    assert radiance.mean() == pytest.approx(expected, rel=0.01)
+
+
+@pytest.mark.parametrize("strategy", ["mis", "nee"])
+def test_the_path_tracer_takes_up_two_new_kinds(device, scene, strategy):
+    with sv.PathTracer(device, scene, SIZE, max_bounces=1, light_strategy=strategy, lambert=True) as tracer:
+        assert_lit(tracer.render(scene.camera, samples=64)["radiance"])
+    scene.remove(scene.lights[-1])
+
+
+def test_restir_di_takes_up_two_new_kinds(device, scene):
+    with direct_renderer(device, scene, SIZE, di_temporal=False, di_spatial=False) as renderer:
+        frames = [direct_light(renderer.render(scene.camera)) for _ in range(32)]
+        kinds = renderer["light_tiles"]["kind_and_data"] & 0xFF
+    assert_lit(np.mean(frames, axis=0))
+    assert set(np.unique(kinds)) == {1, 2, 3}, "suns, skies and points"
