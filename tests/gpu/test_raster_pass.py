@@ -198,5 +198,5 @@ def test_images_of_two_sizes(device, root):
 
 def test_device_without_indirect_draws(device, root, monkeypatch):
     monkeypatch.setattr(device, "features", device.features - {"multiDrawIndirect"})
-    with pytest.raises(SolariError, match="it lacks multiDrawIndirect"):
+    with pytest.raises(SolariError, match="since it lacks multiDrawIndirect"):
         Frame(device, [stage(Pass("commands", threads=4), draw())], glsl_root=root)

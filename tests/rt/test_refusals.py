@@ -243,13 +243,13 @@ def test_data_that_does_not_fit_the_sizes(world: Any, size: Any, given: Any, mes
         (lambda: rt.Triangles(np.zeros((3, 2))), r"positions: the shape is \(3, 2\), not \(N, 3\)"),
         (lambda: rt.Triangles(np.full((3, 3), np.nan)), r"positions: element \(0, 0\) is not finite"),
         (lambda: rt.Triangles(np.full((3, 3), 1e39)), "positions: .* not finite"),
-        (lambda: rt.Triangles(np.zeros((4, 3))), "4 corners make no whole triangles"),
-        (lambda: rt.Triangles(quad(), [[0, 1, 6]]), "6 is named, but there are 6 positions"),
+        (lambda: rt.Triangles(np.zeros((4, 3))), "4 corners, which is no multiple of 3"),
+        (lambda: rt.Triangles(quad(), [[0, 1, 6]]), "6 is out of range: there are 6 positions"),
         (lambda: rt.Triangles(quad(), [[0, 1, -1]]), "whole numbers from 0"),
         (lambda: rt.Triangles(quad(), [[0.0, 1, 2]]), "whole numbers from 0 .* not float64"),
         (lambda: rt.Triangles(quad(), [0, 1, 2]), r"indices: the shape is \(3,\), not \(N, 3\)"),
         (lambda: rt.Triangles(quad(), transform=np.eye(3)), r"transform: the shape is \(3, 3\)"),
-        (lambda: rt.Aabbs([[1, 0, 0, 0, 1, 1]]), "boxes: number 0 has its least corner beyond its greatest"),
+        (lambda: rt.Aabbs([[1, 0, 0, 0, 1, 1]]), "boxes: number 0 has a minimum beyond its maximum"),
         (lambda: rt.Aabbs([[np.inf] * 6]), "boxes: .* not finite"),
     ],
 )
@@ -261,13 +261,13 @@ def test_geometry_that_makes_no_sense(make: Any, message: str) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"custom_data": 1 << 24}, "custom_data is a whole number from 0 to 16,777,215, not 16777216"),
+        ({"custom_data": 1 << 24}, "custom_data must be 0 to 16,777,215, not 16777216"),
         ({"custom_data": -1}, "custom_data .* not -1"),
         ({"custom_data": 1.5}, "custom_data .* not float64"),
-        ({"mask": 256}, "mask is a whole number from 0 to 255, not 256"),
+        ({"mask": 256}, "mask must be 0 to 255, not 256"),
         ({"mask": -1}, "mask .* not -1"),
-        ({"transform": np.eye(3)}, "the transform is 3x4"),
-        ({"transform": np.ones((4, 4))}, "the transform is 3x4, or an affine 4x4"),
+        ({"transform": np.eye(3)}, "the transform must be 3x4"),
+        ({"transform": np.ones((4, 4))}, "the transform must be 3x4, or an affine 4x4"),
         ({"transform": shifted(np.nan)}, "the transform is not finite"),
         ({"transform": np.eye(4)[:3] * 1e39}, "the transform is not finite"),
         ({"transform": np.zeros((3, 4))}, "the transform is not invertible"),
@@ -297,7 +297,7 @@ def test_instances_in_arrays_name_the_wrong_one(world: Any) -> None:
     transforms[2, 0, 0] = 0
     with refused(r"not invertible \(number 2\)"):
         rt.TlasInstances(blas, transforms)
-    with refused("one for all, or 4 in a sequence"):
+    with refused("one value for all, or a sequence of 4"):
         rt.TlasInstances([blas] * 4, transforms)
 
 

@@ -15,6 +15,7 @@ from solari_vk.scene.binder import SceneBinder
 
 SHADER = """#version 460
 #include "scene/surface.glsl"
+#include "scene/trace.glsl"
 #include "mine/scale.glsl"
 layout(local_size_x = 1) in;
 layout(set = 1, binding = 0, scalar) buffer AnswerBlock { vec4 at[]; } answer;

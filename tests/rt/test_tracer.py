@@ -182,7 +182,7 @@ def test_shapes_and_types(device: Device) -> None:
         ((np.zeros(3), 1.0), r"the shape of directions is \(\), not \(..., 3\)"),
         ((np.zeros((2, 3)), np.zeros((4, 3))), "don't fit"),
         ((np.zeros((2, 3)), np.zeros(3), [1, 2, 3]), "don't fit"),
-        ((["a", "b", "c"], np.zeros(3)), "origins are numbers"),
+        ((["a", "b", "c"], np.zeros(3)), "origins must be numbers"),
         ((np.zeros(3), None), "directions"),
     ],
 )

@@ -1,1 +1,1 @@
-"""Acceleration structures: bottom and top level, builds, refits, compaction."""
+"""Acceleration structures: bottom and top level, builds, refits and compaction."""

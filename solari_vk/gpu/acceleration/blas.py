@@ -22,10 +22,10 @@ from solari_vk.gpu.device.device import Device
 
 
 class Blas(Structure):
-    """A bottom-level structure over one or more geometries of one kind. It has an address once built.
+    """A bottom-level structure over geometries that are all triangles or all boxes. It has an address once built.
 
-    `size` is its storage in bytes, `built_size` what it was before compaction. The memory that geometries
-    point to is needed while it builds, not later. Raises SolariError for geometry that can't be built.
+    `size` is its storage in bytes, `built_size` the size before compaction. A build reads the memory that geometries
+    point to; it isn't needed later. Raises SolariError for geometry that can't be built.
     """
 
     def __init__(
@@ -67,9 +67,9 @@ class Blas(Structure):
     # ---- building -----------------------------------------------------------------------------------
 
     def set_geometries(self, geometries: Sequence[Geometry]) -> None:
-        """What the next build takes: like those it was made for, with as many vertices and primitives at most.
+        """Set the geometries of the next build.
 
-        Raises SolariError where they differ.
+        Raises SolariError unless they are like those that the structure was created for, and no larger.
         """
         check_geometries(self.device, geometries, self.name)
         check_fit(self.made_for, geometries, self.describe())
@@ -79,17 +79,17 @@ class Blas(Structure):
 
     @property
     def refits(self) -> bool:
-        """Whether a build call would refit it now: it is to, and only positions differ from what it was built from."""
+        """Whether a build call would refit it now: if it prefers updates and only positions and transforms changed."""
         return self.prefers_update and refit_keys(self.geometries) == refit_keys(self._built_from)
 
     def ensure_storage(self) -> None:
-        """Make storage before the first build. Raises SolariError when it was destroyed."""
+        """Make storage before the first build. Raises SolariError if the structure was destroyed."""
         self.check_alive("build")
         if self.handle is None:
             self.create(self.size)
 
     def note_build(self, at: int, *, update: bool = False) -> None:
-        """Remember a build; a compaction that was being prepared is over."""
+        """Note a build, which ends a preparation of compaction."""
         super().note_build(at, update=update)
         self._built_from = self.geometries
         self._drop_preparation()
@@ -97,11 +97,11 @@ class Blas(Structure):
     # ---- compaction ---------------------------------------------------------------------------------
 
     def prepare_compaction(self, callback: Callable[[], None] | None = None) -> None:
-        """Find out, once all builds submitted so far are done, how small it can be; then it is `ready_for_compaction`.
+        """Ask for its compacted size. It is `ready_for_compaction` once all work submitted so far is done.
 
-        The callback is called then, at the end of the next `wait`, `wait_idle` or `poll` of the device, where what it
-        raises comes out as a CallbackError. Building or destroying it before that ends the preparation, and the
-        callback is never called. Raises SolariError for a structure that was not built, was made without
+        The callback is then called at the end of the device's next `wait`, `wait_idle` or `poll`, which raise its
+        exceptions as a CallbackError. Building or destroying the structure before that ends the preparation without
+        calling the callback. Raises SolariError for a structure that was never built, was made without
         allow_compaction, or is compacted.
         """
         self.check_alive("compaction")
@@ -116,13 +116,13 @@ class Blas(Structure):
 
     @property
     def ready_for_compaction(self) -> bool:
-        """Whether `compact` may be called now. Asking calls no callback."""
+        """Whether `compact` may be called now. Calls no callback."""
         return self._preparation is not None and self._preparation.ready
 
     def compact(self, name: str = "") -> Blas:
-        """A new structure of just the size that this one's content needs, independent of this one.
+        """A compacted copy, independent of this structure.
 
-        It can be neither built nor compacted again. Raises SolariError when not `ready_for_compaction`.
+        The copy can be neither built nor compacted. Raises SolariError unless `ready_for_compaction`.
         """
         self.check_alive("compaction")
         check_kind(name, str, f"compaction of {self.describe()}: the name", "give a string")
@@ -138,7 +138,7 @@ class Blas(Structure):
         return compacted
 
     def move_to(self, size: int) -> Callable[[], None]:
-        """New storage of that size for a compacted copy; returns what frees the old one."""
+        """Replace the storage by one of this size, for a compacted copy; returns a function that frees the old one."""
         storage, token = self._storage, self._token
         self.create(size)
         self.compacted = True

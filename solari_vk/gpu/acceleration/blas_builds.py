@@ -1,4 +1,4 @@
-"""Builds of many bottom-level structures: batched by a scratch budget, compacted, or refitted."""
+"""Builds of many bottom-level structures: batched by a scratch budget, compacted or refitted."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ SCRATCH_BUDGET = 256 << 20
 
 @dataclass(frozen=True)
 class BlasBuild:
-    """A structure to be built from its geometries, or refitted to them."""
+    """A structure to build from its geometries or, with `update`, to refit to them."""
 
     blas: Blas
     update: bool = False
 
     @property
     def scratch(self) -> int:
-        """Bytes it needs while it is built."""
+        """Scratch bytes of the build."""
         return scratch_size(self.blas.device, self.blas, self.update)
 
 
@@ -39,9 +39,9 @@ def build_blases(
 ) -> None:
     """Build structures in as few batches as the scratch budget (bytes) allows, and compact them.
 
-    Batches overlap nothing else that is submitted. With `compact`, waits for each batch, so that at most
-    one batch is held uncompacted; their addresses are final when this returns. `update` refits structures
-    that were built with allow_update. Raises SolariError for one that was destroyed, or compacted before.
+    Batches run after all earlier and before all later work. With `compact`, each batch is waited for, so that only one
+    batch at a time is in memory uncompacted; addresses are final when this function returns. `update` refits structures
+    that were made with allow_update. Raises SolariError for a structure that was destroyed or compacted.
     """
     builds = [BlasBuild(blas, update) for blas in blases]
     check_builds(device, builds)
@@ -54,7 +54,7 @@ def build_blases(
 
 
 def check_builds(device: Device, builds: Sequence[BlasBuild]) -> None:
-    """Raise SolariError for structures that can't be built, or not in this way, or not together."""
+    """Raise SolariError unless these structures can be built or refitted, together in one call."""
     for build in builds:
         blas = build.blas
         blas.check_alive("build", device)
@@ -70,11 +70,11 @@ def check_builds(device: Device, builds: Sequence[BlasBuild]) -> None:
 
 
 def batches(builds: Sequence[BlasBuild], budget: int = SCRATCH_BUDGET) -> list[list[BlasBuild]]:
-    """Consecutive structures whose scratch fits the budget together; one that doesn't is alone."""
+    """Groups of consecutive structures whose scratch fits the budget; a larger structure is a group of its own."""
     found: list[list[BlasBuild]] = []
     scratch = storage = 0
     for build in builds:
-        # Storage before compaction is bounded too: it is several times the scratch.
+        # Storage before compaction, which is several times the scratch, is bounded too.
         if not found or scratch + build.scratch > budget or storage + build.blas.size > 4 * budget:
             found.append([])
             scratch = storage = 0
@@ -85,7 +85,7 @@ def batches(builds: Sequence[BlasBuild], budget: int = SCRATCH_BUDGET) -> list[l
 
 
 def submit_batch(device: Device, batch: Sequence[BlasBuild], at: int) -> None:
-    """Build one batch for the build call of a time, after and before everything else that is submitted."""
+    """Build a batch for the build call at time `at`, after all earlier and before all later work."""
     scratch, address = make_scratch(device, sum(build.scratch for build in batch), "blas scratch")
     infos = []
     for build in batch:
@@ -108,7 +108,7 @@ def submit_batch(device: Device, batch: Sequence[BlasBuild], at: int) -> None:
 
 
 def compact_in_place(device: Device, blases: Sequence[Blas]) -> None:
-    """Give structures just built, which nothing refers to yet, storage of the size that they turned out to need."""
+    """Move structures that were just built, and that nothing refers to yet, to storage of their compacted size."""
     sizes = SizeQuery(device, [blas.handle for blas in blases]).read()
     copies, replaced = [], []
     for blas, size in zip(blases, sizes, strict=True):

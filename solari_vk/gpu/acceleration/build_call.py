@@ -1,7 +1,7 @@
-"""Build calls: several structures at once, with the order rules of the wgpu document checked before Vulkan sees them.
+"""Build calls: several structures at once, after a check of the wgpu document's rules on the order of builds.
 
-A Blas must be built in the same call as any Tlas over it, or in an earlier one. Calls take effect in the order in which
-they are submitted.
+A Blas must be built in the same call as any Tlas over it, or in an earlier one. Calls take effect in the order of their
+submission.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from solari_vk.gpu.acceleration.blas_builds import BlasBuild, batches, check_bui
 from solari_vk.gpu.acceleration.checks import check_items, check_kind
 from solari_vk.gpu.acceleration.geometry import check_fit
 from solari_vk.gpu.acceleration.instances import TlasInstance, TlasInstances, gather
-from solari_vk.gpu.acceleration.sources import Aabbs, Source, Triangles, Uploader, place_all
+from solari_vk.gpu.acceleration.sources import Aabbs, Source, Triangles, Uploader
 from solari_vk.gpu.acceleration.structure import clock
 from solari_vk.gpu.acceleration.tlas import Tlas
 from solari_vk.gpu.device import raw
@@ -28,7 +28,7 @@ from solari_vk.gpu.device.device import Device
 
 @dataclass(frozen=True, eq=False)
 class BlasBuildEntry:
-    """A Blas and the geometries to build it from, like those that it was made for."""
+    """A Blas and the geometries to build it from, which must be like those that it was created for."""
 
     blas: Blas
     geometries: Sequence[Source]
@@ -42,7 +42,7 @@ class BlasBuildEntry:
 
 @dataclass(frozen=True, eq=False)
 class TlasPackage:
-    """A Tlas and the instances to build it over. None is a place that no ray meets; its index stays taken."""
+    """A Tlas and the instances to build it over. None takes an index but is never hit."""
 
     tlas: Tlas
     instances: Sequence[TlasInstance | None] | TlasInstances = field(default=())
@@ -56,9 +56,9 @@ class TlasPackage:
 
 
 class BuildCall:
-    """A build call prepared now and submitted later, once or more often.
+    """A build call that is prepared now and submitted later, once or several times.
 
-    Raises SolariError for entries that can't be built together; `submit` for what then breaks the order of builds.
+    Raises SolariError for entries that can't be built together. `submit` raises it for a wrong order of builds.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class BuildCall:
             names.add(id(package.tlas))
 
     def _check(self) -> None:
-        """What must hold when the call is made, and still when it is submitted."""
+        """The checks that are made when the call is prepared, and again when it is submitted."""
         check_builds(self._device, [BlasBuild(entry.blas) for entry in self._entries])
         for package in self._packages:
             tlas, count = package.tlas, len(package.instances)
@@ -97,7 +97,7 @@ class BuildCall:
                 )
 
     def submit(self) -> int:
-        """Submit the builds; returns the timeline's value when they are done. Work submitted later sees them."""
+        """Submit the builds; returns the timeline value of their completion. Later work sees the results."""
         self._check()
         gathered = [gather(package.instances) for package in self._packages]
         used = [{id(b): b for b in blases if b is not None}.values() for blases, _ in gathered]
@@ -117,7 +117,7 @@ class BuildCall:
         used: Sequence[Sequence[Blas]],
     ) -> None:
         at = clock.tick()
-        placed = [place_all(uploader, tuple(entry.geometries)) for entry in self._entries]
+        placed = [[source.place(uploader) for source in entry.geometries] for entry in self._entries]
         for entry, geometries in zip(self._entries, placed, strict=True):
             entry.blas.set_geometries(geometries)
             entry.blas.ensure_storage()

@@ -1,4 +1,4 @@
-"""Compaction of bottom-level structures: asking how much they need, and copying them into just that."""
+"""Compaction of bottom-level structures: queries of their compacted sizes, and compacting copies."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from solari_vk.gpu.device.device import Device
 
 
 class SizeQuery:
-    """Asks the device for the compacted sizes of structures, after all builds submitted so far.
+    """Queries the compacted sizes of structures, after all builds submitted so far.
 
-    `value` is the timeline's when the answer is there. `read` it once, then or later; or `fetch` it when it is there.
+    The result is there when the timeline reaches `value`. Call `read`, or `fetch` if that is reached, once.
     """
 
     def __init__(self, device: Device, structures: Sequence[raw.CData]) -> None:
@@ -32,12 +32,12 @@ class SizeQuery:
         )
 
     def read(self) -> list[int]:
-        """The sizes in bytes, in the order asked for; waits for them."""
+        """The sizes in bytes, in the order of the structures; waits for them."""
         self._device.await_value(self.value)
         return self.fetch()
 
     def fetch(self) -> list[int]:
-        """The sizes, once the device has come to `value`."""
+        """The sizes in bytes, without waiting: the timeline must have reached `value`."""
         device = self._device
         sizes = np.zeros(self._count, np.uint64)
         flags = raw.VK_QUERY_RESULT_64_BIT | raw.VK_QUERY_RESULT_WAIT_BIT
@@ -47,12 +47,12 @@ class SizeQuery:
         return sizes.tolist()
 
     def drop(self) -> None:
-        """Free the query when the device is done with it. Safe to call twice."""
+        """Free the query when the device no longer uses it. Safe to call twice."""
         self._device.release(self._token)
 
 
 def copy_compacted(device: Device, copies: Sequence[tuple[raw.CData, raw.CData]]) -> None:
-    """Submit compacting copies between handles: (source, target)."""
+    """Submit compacting copies between structures; each copy is (source, target)."""
     vk = device.vk
 
     def record(cmd: raw.CData) -> None:
@@ -72,7 +72,7 @@ def copy_compacted(device: Device, copies: Sequence[tuple[raw.CData, raw.CData]]
 
 
 class Preparation:
-    """One `Blas.prepare_compaction`: answered once the device has come so far, unless a rebuild cancels it."""
+    """The state of a `Blas.prepare_compaction`: ready once the device has finished, unless it was cancelled."""
 
     def __init__(
         self, device: Device, structure: raw.CData, description: str, callback: Callable[[], None] | None
@@ -85,24 +85,24 @@ class Preparation:
         self._query = SizeQuery(device, [structure])
 
     def start(self) -> None:
-        """Finish when the device has; that may be at once."""
+        """Have the size fetched when the device has finished, possibly at once."""
         self._device.retire(self._finish)
 
     @property
     def ready(self) -> bool:
-        """Whether the size is known; hears of it at once."""
+        """Whether the size is known and the preparation wasn't cancelled."""
         if not self.size and not self._device.closed:
             self._device.collect()
         return self.size > 0 and not self._cancelled
 
     def cancel(self) -> None:
-        """Never call back, and never be ready."""
+        """Never become ready, and don't call the callback."""
         self._cancelled = True
 
     def _finish(self) -> None:
-        """Called when the device has finished, maybe in the middle of a build: the user's callback comes later.
+        """Fetch the size and queue the user's callback. Runs when the device has finished, maybe during another build.
 
-        Also called while the device closes, when there is nothing to tell.
+        Also runs while the device closes, and does nothing then.
         """
         if self._device.closed:
             return
@@ -114,6 +114,6 @@ class Preparation:
             self._device.callbacks.add(f"prepare_compaction of {self._description}", self._tell)
 
     def _tell(self) -> None:
-        """Call back, unless it was cancelled since it was due."""
+        """Call the user's callback, unless the preparation was cancelled in the meantime."""
         if self._callback is not None and not self._cancelled:
             self._callback()

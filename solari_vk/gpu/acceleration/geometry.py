@@ -1,4 +1,4 @@
-"""What a bottom-level acceleration structure is built from: triangles and boxes in device memory."""
+"""The geometry of a bottom-level acceleration structure: triangles and boxes in device memory."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ _INDEX_TYPES = {
 
 @dataclass(frozen=True)
 class TriangleGeometry:
-    """Triangles in device memory, all fields addresses in bytes or counts.
+    """Triangles in device memory; `positions`, `indices` and `transform` are device addresses.
 
-    positions: float32 x, y, z every `position_stride` bytes. indices: three a triangle of `index_dtype`
-    (uint16 or uint32), or 0 when every three positions are a triangle. transform: 3x4 float32, row-major,
-    16-byte aligned, or 0. index_hash: of the indices where it is known, since only the same indices can be refitted.
+    positions: float32 x, y, z every `position_stride` bytes. indices: three per triangle, of `index_dtype` (uint16 or
+    uint32), or 0 if every three positions are a triangle. transform: 3x4 float32, row-major, 16-byte aligned, or 0.
+    index_hash: a hash of the indices, if known; a refit needs the same indices.
     """
 
     positions: int
@@ -48,7 +48,7 @@ class TriangleGeometry:
 
 @dataclass(frozen=True)
 class AabbGeometry:
-    """Boxes in device memory: AABB_DTYPE records at an address, `stride` bytes apart (a multiple of 8)."""
+    """Boxes in device memory: AABB_DTYPE records at the address `boxes`, `stride` bytes apart (a multiple of 8)."""
 
     boxes: int
     count: int
@@ -97,13 +97,13 @@ def geometry_struct(geometry: Geometry) -> raw.CData:
 
 
 def build_ranges(geometries: Sequence[Geometry]) -> raw.CData:
-    """All primitives of each geometry, as a build takes them."""
+    """A VkAccelerationStructureBuildRangeInfoKHR for each geometry, with all its primitives."""
     counts = [{"primitiveCount": geometry.primitive_count} for geometry in geometries]
     return raw.array("VkAccelerationStructureBuildRangeInfoKHR", counts)
 
 
 def refit_keys(geometries: Sequence[Geometry]) -> list[tuple[object, ...]]:
-    """What must be equal for a refit: all but where data lies and what positions and transforms are."""
+    """What must be equal for a refit: counts and indices, but not addresses, positions or transforms."""
     return [
         (geometry.position_count, geometry.triangle_count, geometry.index_hash)
         if isinstance(geometry, TriangleGeometry)
@@ -113,7 +113,7 @@ def refit_keys(geometries: Sequence[Geometry]) -> list[tuple[object, ...]]:
 
 
 def _format(geometry: Geometry) -> dict[str, object]:
-    """What a structure is made for and no build may change."""
+    """The properties that a structure is created with and no build may change."""
     common = {
         "kind": "boxes",
         "opaque": geometry.opaque,
@@ -129,7 +129,7 @@ def _format(geometry: Geometry) -> dict[str, object]:
 
 
 def check_fit(made_for: Sequence[Geometry], geometries: Sequence[Geometry], where: str) -> None:
-    """Raise SolariError unless geometries can be built in a structure made for others."""
+    """Raise SolariError unless these geometries can be built in a structure that was created for `made_for`."""
     if len(geometries) != len(made_for):
         raise SolariError(f"build of {where}: {len(geometries)} geometries, made for {len(made_for)}")
     for i, (wanted, given) in enumerate(zip(made_for, geometries, strict=True)):
@@ -138,13 +138,13 @@ def check_fit(made_for: Sequence[Geometry], geometries: Sequence[Geometry], wher
             if found.get(key) != value:
                 raise SolariError(f"build of {where}, geometry {i}: {key} is {found.get(key)}, made for {value}")
         for field in ("position_count", "triangle_count", "count"):
-            most, count = getattr(wanted, field, 0), getattr(given, field, 0)
-            if count > most:
-                raise SolariError(f"build of {where}, geometry {i}: {field} is {count:,}, made for {most:,}")
+            limit, count = getattr(wanted, field, 0), getattr(given, field, 0)
+            if count > limit:
+                raise SolariError(f"build of {where}, geometry {i}: {field} is {count:,}, made for {limit:,}")
 
 
 def check_index_type(given: Any, where: str) -> None:
-    """Raise SolariError for a type that indices can't have."""
+    """Raise SolariError unless indices can have this type."""
     try:
         fits = np.dtype(given) in _INDEX_TYPES
     except TypeError:
@@ -165,7 +165,7 @@ def _check_types(geometry: Any, where: str) -> None:
 
 
 def check_geometries(device: Device, geometries: Sequence[Geometry], name: str) -> None:
-    """Raise SolariError for what vkCmdBuildAccelerationStructuresKHR must not be given."""
+    """Raise SolariError unless vkCmdBuildAccelerationStructuresKHR can build these geometries."""
     limits = device.properties.acceleration
     where = f"Blas {name}"
     for i, geometry in enumerate(geometries):

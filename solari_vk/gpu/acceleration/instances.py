@@ -1,4 +1,4 @@
-"""What a top-level structure is built over: instances of bottom-level ones, one object each or many in arrays."""
+"""Instances of bottom-level structures, given as one object each or as arrays."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ _MAKE_BLAS = "give what rt.create_blas makes"
 
 
 class InstanceFlags(IntFlag):
-    """What an instance changes for rays that meet it."""
+    """How an instance changes the traversal of rays."""
 
     NONE = 0
     FACING_CULL_DISABLE = 1
-    """Rays never cull its faces."""
+    """Its faces are never culled."""
     FLIP_FACING = 2
-    """Its front is where vertices run clockwise."""
+    """Its front faces are those whose vertices run clockwise."""
     FORCE_OPAQUE = 4
     FORCE_NO_OPAQUE = 8
 
 
 def _check(transforms: NDArray[Any], custom_data: NDArray[Any], mask: NDArray[Any], flags: NDArray[Any]) -> None:
-    """Raise SolariError for what can't be put into records; the first wrong one is named when there are many."""
+    """Raise SolariError for values that records can't hold, naming the index of the first among several."""
 
     def where(wrong: NDArray[np.bool_]) -> str:
         return f" (number {int(wrong.argmax())})" if len(wrong) > 1 else ""
 
-    for what, values, most in (("custom_data", custom_data, (1 << CUSTOM_DATA_BITS) - 1), ("mask", mask, 0xFF)):
-        check_whole(values, f"instance: {what} is a whole number from 0 to {most:,}")
-        wrong = (values < 0) | (values > most)
+    for what, values, limit in (("custom_data", custom_data, (1 << CUSTOM_DATA_BITS) - 1), ("mask", mask, 0xFF)):
+        check_whole(values, f"instance: {what} must be a whole number from 0 to {limit:,}")
+        wrong = (values < 0) | (values > limit)
         if wrong.any():
             example = values[wrong][0]
-            raise SolariError(f"instance: {what} is a whole number from 0 to {most:,}, not {example}{where(wrong)}")
-    check_whole(flags, "instance: flags are rt.InstanceFlags")
+            raise SolariError(f"instance: {what} must be 0 to {limit:,}, not {example}{where(wrong)}")
+    check_whole(flags, "instance: flags must be rt.InstanceFlags")
     flags = flags.astype(np.int64)
     wrong = (flags < 0) | (flags > 0xF) | (flags & 0xC == 0xC)
     if wrong.any():
@@ -64,14 +64,17 @@ def _affine(given: Any) -> NDArray[np.float64]:
     if matrices.shape[-2:] == (4, 4) and (matrices[..., 3, :] == (0, 0, 0, 1)).all():
         matrices = matrices[..., :3, :]
     if matrices.shape[-2:] != (3, 4):
-        raise SolariError(f"instance: the transform is 3x4, or an affine 4x4, not {matrices.shape}")
+        raise SolariError(f"instance: the transform must be 3x4, or an affine 4x4, not {matrices.shape}")
     return matrices.reshape(-1, 3, 4)
 
 
 @dataclass(eq=False)
 class TlasInstance:
-    """A Blas in the world: transform (3, 4) world from object; custom_data, 24 bits that the shader gets at a hit;
-    mask, 8 bits of which a ray's cull mask must share one. Raises SolariError for what doesn't fit in."""
+    """An instance of a Blas.
+
+    transform: (3, 4) or affine (4, 4), world from object. custom_data: 24 bits that shaders get at a hit. mask: 8 bits;
+    a ray can hit the instance if its cull mask has one of them. Raises SolariError for values out of range.
+    """
 
     blas: Blas
     transform: Any = None
@@ -83,17 +86,17 @@ class TlasInstance:
         self.record()
 
     def record(self) -> NDArray[Any]:
-        """Its INSTANCE_DTYPE record, of shape (1,), without the address."""
+        """Its INSTANCE_DTYPE record, of shape (1,), with address 0."""
         check_kind(self.blas, Blas, "instance: the Blas", _MAKE_BLAS)
         transform = np.eye(4)[:3] if self.transform is None else self.transform
         return make_records(transform, self.custom_data, self.mask, self.flags, 1)
 
 
 class TlasInstances:
-    """Many instances in arrays, for tops of 100,000: each argument is one for all, or a sequence of `count`.
+    """Many instances in arrays. Each argument is one value for all instances, or a sequence with a value for each.
 
-    blases: a Blas, or a sequence of them with None for places that no ray meets. Others as of `TlasInstance`. All is
-    checked and copied once; for other instances make another one.
+    blases: a Blas, or a sequence of them with None for instances that are never hit. Other arguments as for
+    `TlasInstance`. The values are checked and copied once, and can't be changed later.
     """
 
     def __init__(
@@ -109,7 +112,7 @@ class TlasInstances:
             blases = [blases] * len(matrices)
         self._blases = tuple(check_items(blases, (Blas, type(None)), "instances: the Blases", _MAKE_BLAS))
         self._records = make_records(matrices, custom_data, mask, flags, len(self._blases))
-        self._records.setflags(write=False)  # what was checked can't change before the build
+        self._records.setflags(write=False)  # values that were checked must not change before the build
 
     @property
     def blases(self) -> Sequence[Blas | None]:
@@ -118,7 +121,7 @@ class TlasInstances:
 
     @property
     def records(self) -> NDArray[Any]:
-        """Their INSTANCE_DTYPE records, addresses 0; not to be written to."""
+        """Their INSTANCE_DTYPE records, read-only, with address 0."""
         return self._records.view()
 
     def __len__(self) -> int:
@@ -126,7 +129,7 @@ class TlasInstances:
 
 
 def make_records(transforms: Any, custom_data: Any, mask: Any, flags: Any, count: int) -> NDArray[Any]:
-    """INSTANCE_DTYPE records from checked values, their addresses 0."""
+    """INSTANCE_DTYPE records of values that are checked here, with address 0."""
     matrices = _affine(transforms)
     try:
         matrices = np.broadcast_to(matrices, (count, 3, 4))
@@ -134,7 +137,7 @@ def make_records(transforms: Any, custom_data: Any, mask: Any, flags: Any, count
             np.broadcast_to(np.asarray(value), (count,)) for value in (custom_data, mask, flags)
         )
     except ValueError as error:
-        raise SolariError(f"instances: every value is one for all, or {count} in a sequence ({error})") from error
+        raise SolariError(f"instances: give one value for all, or a sequence of {count} ({error})") from error
     _check(matrices, custom, masks, bits)
     records = np.zeros(count, INSTANCE_DTYPE)
     records["transform"] = matrices
@@ -144,7 +147,7 @@ def make_records(transforms: Any, custom_data: Any, mask: Any, flags: Any, count
 
 
 def gather(instances: Iterable[TlasInstance | None] | TlasInstances) -> tuple[Sequence[Blas | None], NDArray[Any]]:
-    """The Blas of each instance, and their records without addresses. None stays a place that no ray meets."""
+    """The Blas of each instance (None: never hit), and their records with address 0."""
     if isinstance(instances, TlasInstances):
         return instances.blases, instances.records.copy()
     items = list(instances)

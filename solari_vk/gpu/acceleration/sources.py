@@ -1,4 +1,4 @@
-"""What users give to builds: triangles and boxes in numpy arrays or in device buffers, checked and uploaded."""
+"""The geometries that users pass to builds: triangles and boxes in numpy arrays or in device buffers."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
 from solari_vk.gpu.acceleration.checks import check_kind, check_switch, numbers, whole_number
-from solari_vk.gpu.acceleration.geometry import AABB_DTYPE, AabbGeometry, Geometry, TriangleGeometry, check_index_type
+from solari_vk.gpu.acceleration.geometry import AABB_DTYPE, AabbGeometry, TriangleGeometry, check_index_type
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 
-_PRESENT = 16  # stands for an address while a structure is only made, not built: aligned for everything
+_PRESENT = 16  # stands for an address, of any alignment, while a structure is created but not built
 
 
 @dataclass(frozen=True)
 class BufferSlice:
     """`count` records in a device buffer from a byte offset on, `stride` bytes apart (0: without gaps).
 
-    What it holds is not looked at: NaN, indices out of range and boxes inside out are the caller's to avoid.
+    The contents aren't checked: the caller must avoid NaN, indices out of range and inverted boxes.
     """
 
     buffer: Buffer
@@ -37,7 +37,7 @@ class BufferSlice:
             whole_number(getattr(self, field), f"slice of buffer {self.buffer.name}: {field}")
 
     def locate(self, what: str, size: int, device: Device | None = None) -> tuple[int, int]:
-        """Address and stride of records of `size` bytes; raises SolariError unless all lie in the buffer."""
+        """Address and stride of records of `size` bytes; raises SolariError unless all of them lie in the buffer."""
         stride = self.stride or size
         name = self.buffer.name
         if self.buffer.handle is None:
@@ -55,7 +55,7 @@ class BufferSlice:
 
 @dataclass(frozen=True)
 class TriangleSize:
-    """What a Blas is made for, without data: at most so many vertices and indices (0: none are given)."""
+    """The largest triangle geometry that a Blas is created for; an index_count of 0 means triangles without indices."""
 
     vertex_count: int
     index_count: int = 0
@@ -72,7 +72,7 @@ class TriangleSize:
         _check_switches(self, "triangles")
 
     def geometry(self) -> TriangleGeometry:
-        """As a geometry whose addresses only say what will be there."""
+        """A geometry with these counts, whose addresses only say what a build will give."""
         return TriangleGeometry(
             positions=0,
             position_count=self.vertex_count,
@@ -87,7 +87,7 @@ class TriangleSize:
 
 @dataclass(frozen=True)
 class AabbSize:
-    """What a Blas is made for, without data: at most so many boxes."""
+    """The largest geometry of boxes that a Blas is created for."""
 
     count: int
     opaque: bool = True
@@ -98,18 +98,18 @@ class AabbSize:
         _check_switches(self, "boxes")
 
     def geometry(self) -> AabbGeometry:
-        """As a geometry whose address only says what will be there."""
+        """A geometry with this count and no address."""
         return AabbGeometry(0, self.count, opaque=self.opaque, no_duplicate_any_hit=self.no_duplicate_any_hit)
 
 
 @dataclass(frozen=True, eq=False)
 class Triangles:
-    """A triangle geometry. Arrays are checked and uploaded by the build; buffers are used where they are.
+    """A triangle geometry. The build checks and uploads arrays; slices of buffers are used where they are.
 
-    positions: (N, 3) float32, or a slice of such records. indices: (M, 3) uint16 or uint32, or a slice whose count is
-    that of the indices, 3 M, and whose type is index_dtype; by default every three positions are a triangle.
-    transform: (3, 4), or a slice of one such record, applied before the instance's. opaque: candidates of it are no
-    business of the shader's. no_duplicate_any_hit: every triangle is a candidate once at most.
+    positions: (N, 3) float32, or a slice of such records. indices: (M, 3) uint16 or uint32, or a slice of 3 M indices
+    of type index_dtype; by default every three positions are a triangle. transform: (3, 4), or a slice of one such
+    record, applied before the instance's transform. opaque: rays commit hits without asking the shader.
+    no_duplicate_any_hit: each triangle becomes a candidate at most once.
     """
 
     positions: Any
@@ -131,14 +131,14 @@ class Triangles:
         if self.transform is not None and not isinstance(self.transform, BufferSlice):
             put("transform", _floats("transform", self.transform, (3, 4)))
         if self._corner_count % 3:
-            raise SolariError(f"triangles: {self._corner_count} corners make no whole triangles")
+            raise SolariError(f"triangles: {self._corner_count} corners, which is no multiple of 3")
 
     @property
     def _corner_count(self) -> int:
         return _count(self.positions if self.indices is None else self.indices)
 
     def geometry(self) -> TriangleGeometry:
-        """What a Blas for it must be made for."""
+        """The geometry that a Blas for it must be created for."""
         return TriangleSize(
             _count(self.positions),
             0 if self.indices is None else self._corner_count,
@@ -149,12 +149,12 @@ class Triangles:
         ).geometry()
 
     def place(self, uploader: Uploader) -> TriangleGeometry:
-        """Bring it to the device."""
+        """The geometry in device memory, after queueing its uploads."""
         positions, stride = uploader.place("positions", self.positions, 12)
         size = np.dtype(self.index_dtype).itemsize
         indices, index_stride = (0, size) if self.indices is None else uploader.place("indices", self.indices, size)
         if index_stride != size:
-            raise SolariError(f"indices: they lie {index_stride} bytes apart; there may be no gaps between them")
+            raise SolariError(f"indices: they lie {index_stride} bytes apart, but must have no gaps between them")
         transform, _ = (0, 0) if self.transform is None else uploader.place("transform", self.transform, 48)
         known = isinstance(self.indices, np.ndarray)
         return TriangleGeometry(
@@ -173,7 +173,7 @@ class Triangles:
 
 @dataclass(frozen=True, eq=False)
 class Aabbs:
-    """A geometry of boxes, for intersections of the shader's own: (N, 6) of least and greatest corner, or a slice."""
+    """A geometry of boxes whose contents shaders intersect: (N, 6) of minimum and maximum corners, or a slice."""
 
     boxes: Any
     opaque: bool = True
@@ -186,16 +186,16 @@ class Aabbs:
             boxes = _floats("boxes", given.reshape(-1, 6) if given.size % 6 == 0 else given, (-1, 6))
             inverted = (boxes[:, :3] > boxes[:, 3:]).any(axis=1)
             if inverted.any():
-                raise SolariError(f"boxes: number {int(inverted.argmax())} has its least corner beyond its greatest")
+                raise SolariError(f"boxes: number {int(inverted.argmax())} has a minimum beyond its maximum")
             object.__setattr__(self, "boxes", boxes)
 
     def geometry(self) -> AabbGeometry:
-        """What a Blas for it must be made for."""
+        """The geometry that a Blas for it must be created for."""
         count = self.boxes.count if isinstance(self.boxes, BufferSlice) else len(self.boxes)
         return AabbSize(count, self.opaque, self.no_duplicate_any_hit).geometry()
 
     def place(self, uploader: Uploader) -> AabbGeometry:
-        """Bring it to the device."""
+        """The geometry in device memory, after queueing its uploads."""
         address, stride = uploader.place("boxes", self.boxes, AABB_DTYPE.itemsize)
         count = self.geometry().count
         return AabbGeometry(
@@ -207,7 +207,7 @@ Source = Triangles | Aabbs
 
 
 class Uploader:
-    """Brings arrays to the device for one build call; `free` gives their memory back when the call is done."""
+    """Uploads arrays for one build call; `free` releases their memory when the call is done."""
 
     def __init__(self, device: Device) -> None:
         self.device = device
@@ -215,7 +215,7 @@ class Uploader:
         self._buffers: list[Buffer] = []
 
     def place(self, what: str, data: Any, size: int) -> tuple[int, int]:
-        """Address and stride of an array, or of a slice of a buffer, with records of `size` bytes."""
+        """Address and stride of the records, of `size` bytes, of a slice or of an array, whose upload is queued."""
         if isinstance(data, BufferSlice):
             return data.locate(what, size, self.device)
         buffer = self.device.buffer(data.nbytes, what)
@@ -229,11 +229,6 @@ class Uploader:
             buffer.destroy()
 
 
-def place_all(uploader: Uploader, sources: tuple[Source, ...]) -> list[Geometry]:
-    """All geometries of one structure on the device."""
-    return [source.place(uploader) for source in sources]
-
-
 def _check_switches(geometry: Any, what: str) -> None:
     check_switch(geometry.opaque, f"{what}: opaque")
     check_switch(geometry.no_duplicate_any_hit, f"{what}: no_duplicate_any_hit")
@@ -245,8 +240,8 @@ def _count(data: Any) -> int:
 
 def _floats(what: str, given: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
     source = numbers(given, what)
-    with np.errstate(over="ignore"):  # becomes infinity, which is refused below
-        array = np.array(source, np.float32, order="C")  # a copy: what was checked can't change before the build
+    with np.errstate(over="ignore"):  # overflow gives infinity, which is refused below
+        array = np.array(source, np.float32, order="C")  # a copy: checked values must not change later
     fits = array.ndim == len(shape) and all(n in (-1, m) for n, m in zip(shape, array.shape, strict=True))
     if not fits:
         wanted = ", ".join("N" if n < 0 else str(n) for n in shape)
@@ -261,12 +256,12 @@ def _indices(given: Any, positions: Any) -> NDArray[Any]:
     array = np.array(numbers(given, "indices"), order="C")
     if array.dtype not in (np.uint16, np.uint32):
         if array.dtype.kind not in "iu" or (array.size and (array.min() < 0 or array.max() >= 2**32)):
-            raise SolariError(f"indices: they are whole numbers from 0 to 2^32 - 1, not {array.dtype}")
+            raise SolariError(f"indices: they must be whole numbers from 0 to 2^32 - 1, not {array.dtype}")
         array = array.astype(np.uint32)
     if array.ndim != 2 or array.shape[1] != 3:
         raise SolariError(f"indices: the shape is {array.shape}, not (N, 3)")
     count = _count(positions)
     if array.size and int(array.max()) >= count:
-        raise SolariError(f"indices: {int(array.max())} is named, but there are {count} positions")
+        raise SolariError(f"indices: {int(array.max())} is out of range: there are {count} positions")
     array.setflags(write=False)
     return array

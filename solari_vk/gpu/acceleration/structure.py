@@ -1,4 +1,4 @@
-"""What bottom- and top-level acceleration structures share: sizes, storage, handle, build commands, and time."""
+"""The base of bottom- and top-level acceleration structures: sizes, storage, handle, build commands, build times."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from solari_vk.gpu.device.storage import Storage
 _STORAGE_USAGE = (
     raw.VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_STORAGE_BIT_KHR | raw.VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT
 )
-_ALLOW_DATA_ACCESS = 0x800  # VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_DATA_ACCESS_KHR, newer than the package
+_ALLOW_DATA_ACCESS = 0x800  # VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_DATA_ACCESS_KHR, which the package lacks
 
 
 class UpdateMode(Enum):
-    """How a build call treats a structure that it has built before."""
+    """Whether a build call rebuilds a structure that was built before, or refits it where it can."""
 
     BUILD = "build"
     PREFER_UPDATE = "prefer update"
 
 
 class Clock:
-    """Counts what decides whether a top-level structure may be used: build calls and destructions, in order."""
+    """Counts build calls and destructions. Their order decides whether a top-level structure may be used."""
 
     def __init__(self) -> None:
         self.now = 0
 
     def tick(self) -> int:
-        """The time of a new event."""
+        """Count an event; returns its time."""
         self.now += 1
         return self.now
 
@@ -40,11 +40,11 @@ clock = Clock()
 
 
 class Structure:
-    """What Blas and Tlas share: sizes, storage, handle and build commands.
+    """The base of Blas and Tlas.
 
-    `built_at` is the time of the build call that last built it, 0 before the first. With `update_mode` PREFER_UPDATE
-    a build call refits where it can, but after `rebuild_after` refits in a row it builds anew: boxes around what
-    moves only grow in refits, and rays pay for it.
+    `built_at` is the time (of `clock`) of the latest build call, 0 before the first. With `update_mode` PREFER_UPDATE a
+    build call refits where it can, but rebuilds after `rebuild_after` refits in a row, because refits make the bounding
+    boxes of moving geometry looser and rays slower.
     """
 
     update_mode = UpdateMode.BUILD
@@ -94,7 +94,7 @@ class Structure:
         return bool(self.flags & raw.VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_UPDATE_BIT_KHR)
 
     def create(self, size: int) -> None:
-        """Make storage, handle and address; the build comes later."""
+        """Make storage, handle and address, without building."""
         device = self.device
         self._storage = Storage(device.memory, size, f"{self.name} storage", usage=_STORAGE_USAGE)
         create = raw.struct(
@@ -107,7 +107,7 @@ class Structure:
         self.size = size
 
     def build_info(self, scratch: int = 0, *, update: bool = False) -> raw.CData:
-        """The VkAccelerationStructureBuildGeometryInfoKHR of a build or a refit."""
+        """The VkAccelerationStructureBuildGeometryInfoKHR of a build or, with `update`, a refit."""
         build = raw.VK_BUILD_ACCELERATION_STRUCTURE_MODE_BUILD_KHR
         refit = raw.VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR
         return raw.struct(
@@ -123,30 +123,30 @@ class Structure:
         )
 
     def note_build(self, at: int, *, update: bool = False) -> None:
-        """Remember that a build call of that time builds or refits it."""
+        """Note that a build call at this time builds or, with `update`, refits the structure."""
         self.build_count += 1
         self.built_at = at
         self.refit_count = self.refit_count + 1 if update else 0
 
     def check_alive(self, action: str, device: object = None) -> None:
-        """Raise SolariError when it was destroyed, or belongs to another device than this one."""
+        """Raise SolariError if the structure was destroyed or, given a device, belongs to another one."""
         if self.destroyed:
             raise SolariError(f"{action} of {self.describe()}, which was destroyed")
         if device is not None and device is not self.device:
             raise SolariError(f"{action} of {self.describe()}, which belongs to another device")
 
     def describe(self) -> str:
-        """What messages call it."""
+        """Its name in messages."""
         return f"{type(self).__name__} {self.name}"
 
     @property
     def prefers_update(self) -> bool:
-        """Whether its update mode and the refits so far speak for another refit."""
+        """Whether its update mode and the number of refits so far allow another refit."""
         wanted = self.update_mode is UpdateMode.PREFER_UPDATE and self.refit_count < self.rebuild_after
         return wanted and self.allow_update and self.built
 
     def check_update(self) -> None:
-        """Raise SolariError when it can't be refitted."""
+        """Raise SolariError if it can't be refitted."""
         if not self.allow_update or not self.built:
             why = "it was made without allow_update" if not self.allow_update else "it was never built"
             raise SolariError(f"refit of {self.describe()}: {why}")
@@ -168,7 +168,7 @@ def _alignment(device: Device) -> int:
 
 
 def scratch_size(device: Device, structure: Structure, update: bool) -> int:
-    """Bytes of scratch, up to where another structure's may begin."""
+    """The scratch bytes of a build or refit, rounded up so that another structure's scratch can follow."""
     size = structure.update_scratch_size if update else structure.build_scratch_size
     return -(-size // _alignment(device)) * _alignment(device)
 
@@ -181,7 +181,7 @@ def make_scratch(device: Device, size: int, name: str) -> tuple[Storage, int]:
 
 
 def build_flags(device: Device, fast_trace: bool, low_memory: bool, allow_update: bool) -> int:
-    """Vulkan's flags for both kinds of structure. Vertices can be read back wherever the device is able to."""
+    """Vulkan's build flags. With position fetch, shaders can read the vertices of hit triangles."""
     switches = {"prefer_fast_trace": fast_trace, "low_memory": low_memory, "allow_update": allow_update}
     for what, value in switches.items():
         check_switch(value, f"acceleration structure: {what}")

@@ -17,7 +17,7 @@ from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.recorded import Recorded
 
-# VkAccelerationStructureInstanceKHR: a 24-bit number in the low bits and an 8-bit one above it, twice.
+# VkAccelerationStructureInstanceKHR: twice a 24-bit number in the low bits with an 8-bit one above it.
 INSTANCE_DTYPE = np.dtype(
     [
         ("transform", "<f4", (3, 4)),
@@ -31,8 +31,8 @@ INSTANCE_DTYPE = np.dtype(
 class Tlas(Structure):
     """A top-level structure over up to `max_instances` INSTANCE_DTYPE records in device memory.
 
-    Storage and scratch are made at once, so `handle` can be bound before the first build. An instance whose
-    blas_address is 0 is never hit. `blases` are the structures below it that it answers for in `check_usable`.
+    The constructor makes storage and scratch, so `handle` can be bound before the first build. An instance whose
+    blas_address is 0 is never hit. `blases` are the structures below it that `check_usable` checks.
     """
 
     def __init__(
@@ -63,8 +63,8 @@ class Tlas(Structure):
         kind = raw.VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR
         super().__init__(device, kind, flags, [instances], [max_instances], name)
         self.create(self.size)
-        most = max(self.build_scratch_size, self.update_scratch_size)
-        self._scratch, self._scratch_address = make_scratch(device, most, f"{name} scratch")
+        scratch_bytes = max(self.build_scratch_size, self.update_scratch_size)
+        self._scratch, self._scratch_address = make_scratch(device, scratch_bytes, f"{name} scratch")
 
     def record_build(
         self,
@@ -78,9 +78,9 @@ class Tlas(Structure):
     ) -> None:
         """Record a build over `count` records at a device address (16-byte aligned), with its barriers.
 
-        It waits for everything before it, and everything after it waits for it. `update` refits after
-        transforms changed, with the same count. `blases`: what the records refer to, for `check_usable`; `at`: the
-        time of the build call. Raises SolariError for what Vulkan would not survive.
+        It runs after everything before it and before everything after it. `update` refits after transforms changed; the
+        count must be the same. `blases` are the structures that the records refer to, for `check_usable`. `at` is the
+        time of the build call. Raises SolariError for arguments that are invalid in Vulkan.
         """
         self._record(cmd, instances, count, update=update)
         self._note(count, clock.tick() if at is None else at, update=update, blases=blases)
@@ -97,7 +97,7 @@ class Tlas(Structure):
                 )
         if count and (instances <= 0 or instances % 16):
             raise SolariError(f"build of Tlas {self.name}: instances at {instances:#x}, not a 16-byte aligned address")
-        # No instances need no buffer, but the address must still be one.
+        # Without instances there is no buffer, but the address must be valid all the same.
         self._geometries[0].geometry.instances.data.deviceAddress = instances if count else self._scratch_address & ~15
         vk = self.device.vk
         ranges = raw.array(
@@ -111,22 +111,22 @@ class Tlas(Structure):
         vk.vkCmdPipelineBarrier2(cmd, full_barrier())
 
     def _note(self, count: int, at: int, *, update: bool = False, blases: Iterable[Blas] = ()) -> None:
-        """Remember that it is built over `count` records, at that time."""
+        """Note a build over `count` records at this time."""
         self.instance_count = count
         self.blases = tuple(blases)
         self.built_records = self.built_records[:0]
         self.note_build(at, update=update)
 
     def refits(self, records: NDArray[Any]) -> bool:
-        """Whether a build call would refit it to these records: as many, over the same structures, as in its last."""
+        """Whether a build call would refit it to these records: same count, same structures as in the latest build."""
         before = self.built_records["blas_address"]
         return self.prefers_update and np.array_equal(records["blas_address"], before)
 
     def check_usable(self) -> None:
         """Raise SolariError unless rays may be traced through it.
 
-        It must have been built, after everything that it was built over was last built, and none of that is gone.
-        Costs nothing while nothing is built or destroyed.
+        It must have been built, and nothing below it may have been built or destroyed since. Checks again only after
+        a build or a destruction.
         """
         if self._checked_at == clock.now:
             return
@@ -150,9 +150,9 @@ class Tlas(Structure):
 
 
 class TlasBuild:
-    """A build of a Tlas over the records at an address, recorded once and made whenever they have changed.
+    """A build of a Tlas over the records at an address, recorded once and submitted whenever the records changed.
 
-    Arguments and errors as of `Tlas.record_build`.
+    Arguments and errors as for `Tlas.record_build`.
     """
 
     def __init__(self, tlas: Tlas, instances: int, count: int) -> None:
@@ -161,7 +161,7 @@ class TlasBuild:
         self._commands = Recorded(tlas.device, lambda cmd: tlas._record(cmd, instances, count), "build tlas")
 
     def submit(self) -> None:
-        """Have the build made just before what is submitted next. Raises SolariError when the Tlas was destroyed."""
+        """Have the build run just before the next submission. Raises SolariError if the Tlas was destroyed."""
         self._tlas.check_alive("build")
         self._commands.submit_with_next()
         self._tlas._note(self._count, clock.tick())

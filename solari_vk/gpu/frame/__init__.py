@@ -1,1 +1,1 @@
-"""What a frame is: passes and stages, their resources, hazards, barriers, command buffers and GPU times."""
+"""Frames: passes and stages, their resources, hazards and barriers, command buffers, GPU times."""

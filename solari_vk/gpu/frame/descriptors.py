@@ -1,4 +1,4 @@
-"""Descriptor sets: the resources of one frame slot, put in their places by name."""
+"""Descriptor sets, written by the names of bindings."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from solari_vk.gpu.shaders.spirv import Binding
 
 @dataclass(frozen=True)
 class BufferRange:
-    """A part of a buffer, in bytes."""
+    """A range of a buffer, in bytes."""
 
     buffer: Buffer
     offset: int
@@ -25,7 +25,7 @@ class BufferRange:
 
 
 class DescriptorSets:
-    """Sets 0 and 1 for one frame slot, with a pool of their own."""
+    """Sets 0 and 1 of an interface, with a pool of their own. `counts`: the lengths of their bindless arrays."""
 
     def __init__(self, interface: Interface, counts: Sequence[int]) -> None:
         self._interface = interface
@@ -63,9 +63,9 @@ class DescriptorSets:
             device.vk.vkAllocateDescriptorSets(device.handle, allocate, self.handles + index)
 
     def write(self, resources: Mapping[str, Any]) -> None:
-        """Point bindings at resources by name: a Buffer or BufferRange, an Image, an object with the `handle` of an
+        """Bind resources by name: a Buffer or BufferRange, an Image, an object with the `handle` of an
         acceleration structure, an (Image, Sampler), or a list of those for a bindless array. Names that no shader has
-        are passed over. The work that reads the sets must be done. Raises SolariError for what doesn't fit."""
+        are ignored. Work that reads the sets must be done. Raises SolariError for a resource that doesn't fit."""
         writes, kept = [], []
         for name, resource in resources.items():
             binding = self._interface.bindings.get(name)
@@ -88,7 +88,7 @@ class DescriptorSets:
             device.vk.vkUpdateDescriptorSets(device.handle, len(writes), array, 0, raw.NULL)
 
     def _describe(self, binding: Binding, resource: Any) -> tuple[dict[str, Any], Any]:
-        """The fields of VkWriteDescriptorSet that say what is bound, and what must outlive the call."""
+        """The fields of VkWriteDescriptorSet for a resource, and the object that must outlive the call."""
         kind = binding.kind
         if kind in ("uniform_buffer", "storage_buffer"):
             info = self._buffer_info(binding, resource)
@@ -114,7 +114,7 @@ class DescriptorSets:
     def _buffer_info(self, binding: Binding, resource: Any) -> raw.CData:
         part = resource if isinstance(resource, BufferRange) else None
         buffer = _expect(binding, part.buffer if part else resource, Buffer)
-        offset, size = (part.offset, part.size) if part else (0, buffer.size)
+        size = part.size if part else buffer.size
         limits = self._interface.device.properties.limits
         uniform = binding.kind == "uniform_buffer"
         limit = limits.maxUniformBufferRange if uniform else limits.maxStorageBufferRange
@@ -122,7 +122,9 @@ class DescriptorSets:
             raise SolariError(
                 f"{binding.name} has {size:,} bytes, but this device's shaders see at most {limit:,} of a buffer"
             )
-        return raw.struct("VkDescriptorBufferInfo", buffer=buffer.handle, offset=offset, range=size)
+        if part:
+            return raw.struct("VkDescriptorBufferInfo", buffer=buffer.handle, offset=part.offset, range=size)
+        return raw.struct("VkDescriptorBufferInfo", buffer=buffer.handle, range=raw.VK_WHOLE_SIZE)  # size may be 0
 
     def _image_info(self, binding: Binding, item: Any, info: raw.CData) -> None:
         if binding.kind == "sampler":
@@ -138,7 +140,7 @@ class DescriptorSets:
         info.imageLayout = image.layout
 
     def bind(self, command_buffer: raw.CData, point: int = raw.VK_PIPELINE_BIND_POINT_COMPUTE) -> None:
-        """Record the binding of both sets for compute, or for another bind point."""
+        """Record the binding of both sets for a bind point."""
         self._interface.device.vk.vkCmdBindDescriptorSets(
             command_buffer, point, self._interface.pipeline_layout, 0, SET_COUNT, self.handles, 0, raw.NULL
         )

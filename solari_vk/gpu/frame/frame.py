@@ -1,8 +1,8 @@
-"""A frame: its stages' passes recorded once per slot, with derived barriers, and submitted with almost no Python.
+"""A frame: the passes of its stages, recorded once per slot with derived barriers, and submitted with little Python.
 
-Two slots take turns, so that one can be prepared while the other runs. Each has its descriptor sets, command
-buffer, uniform blocks and timestamps. Frames follow each other in order: each opens with a full barrier, so a frame
-sees all that was submitted before it, uploads included; barriers inside come from `hazards`.
+Two slots take turns, so that one can be prepared while the other runs. Each has its own descriptor sets, command
+buffer, uniform memory and timestamps. Frames run one after the other: each starts with a full barrier, so it sees
+everything submitted before, including uploads. The barriers between its steps are derived by `hazards`.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ SLOTS = 2
 
 @dataclass(frozen=True)
 class Row:
-    """A step of the frame as `describe` tells it: what it touches, the barrier before it and why, its GPU time."""
+    """A step in `Frame.describe`: the resources it accesses, the reasons for the barrier before it, its GPU time."""
 
     name: str
     reads: tuple[str, ...]
@@ -47,13 +47,13 @@ class Row:
 
 
 class Frame:
-    """The stages on a device. A context manager; `close` frees all it made.
+    """Runs stages on a device. A context manager; `close` frees everything it made.
 
-    external: resources made elsewhere, by name, such as a scene's; names that no shader has are passed over.
-    barrier_every_pass: a barrier before every step, to find out whether one is missing (default:
-    SOLARI_VK_BARRIERS=all). glsl_root: the folder that holds passes/, or several; what isn't found there is taken from
-    the package's. Uniform blocks of the shaders that aren't external are the frame's own; `uniforms` sets them.
-    Raises SolariError when a shader's resource is neither declared by a stage nor external.
+    external: resources made elsewhere, such as a scene's, by name; names that no shader has are ignored.
+    barrier_every_pass: put a barrier before every step, to find out whether a derived one is missing; on by default
+    if SOLARI_VK_BARRIERS=all. glsl_root: one or several folders that hold passes/, searched before the package's.
+    The frame owns the shaders' uniform blocks unless they are external; `uniforms` sets their fields.
+    Raises SolariError if a shader's resource is neither declared by a stage nor external.
     """
 
     def __init__(
@@ -82,10 +82,10 @@ class Frame:
             raise
 
     def rebuild(self, stages: Sequence[Stage] | None = None, external: Mapping[str, Any] | None = None) -> None:
-        """Take up changed shaders, other stages (sizes, constants), or other external resources.
+        """Use changed shaders, other stages (sizes, constants) or other external resources.
 
-        Only what changed is made again; resources that still fit keep their contents. When anything is wrong, such as
-        a CompilationError, the error is raised and the frame goes on as it was.
+        Only what changed is made again; resources that still fit keep their contents. After an error, such as a
+        CompilationError, the frame is as before.
         """
         stages = self._stages if stages is None else list(stages)
         external = self._external if external is None else dict(external)
@@ -115,7 +115,7 @@ class Frame:
             slot.renew(program, named, self.uniforms)
 
     def bind(self, external: Mapping[str, Any]) -> None:
-        """Use these external resources from the next frame on; others stay. The old ones may be destroyed now."""
+        """Replace external resources from the next frame on. The replaced ones may be destroyed at once."""
         assert self._program is not None
         self._external.update(external)
         for slot in self._slots:
@@ -126,9 +126,9 @@ class Frame:
     def submit(self, before: Sequence[raw.CData] = ()) -> int:
         """Run the next frame with the uniforms as they are; returns the device's timeline value.
 
-        Waits only for the frame before the last. `before` are command buffers to run ahead of this frame and after all
-        earlier work; resources they write are safe to use without barriers of their own. Raises SolariError when a
-        shader's acceleration structure must not be used as it is (`Tlas.check_usable`).
+        Waits only for the previous frame of the same slot. `before` are command buffers that run between all earlier
+        work and this frame, and need no barriers of their own. Raises SolariError if an acceleration structure of the
+        shaders must not be used (`Tlas.check_usable`).
         """
         slot = self._slots[self.frame_count % SLOTS]
         self.device.await_value(slot.value)
@@ -142,12 +142,12 @@ class Frame:
             else:
                 slot.submission.submit()
         finally:
-            slot.value = self.device.submitted  # right too when the submission raised what validation had to say
+            slot.value = self.device.submitted  # also after a submission that raised ValidationError
         self.frame_count += 1
         return slot.value
 
     def _check_structures(self) -> None:
-        """Raise SolariError when a top-level structure that the shaders see isn't built, or no longer true."""
+        """Raise SolariError if a top-level structure that the shaders use was never built or is outdated."""
         for name in self._structures:
             if name in self._external:
                 self._external[name].check_usable()
@@ -159,7 +159,7 @@ class Frame:
         return self._slots[(self.frame_count - 1) % SLOTS]
 
     def resource(self, name: str) -> Any:
-        """The Buffer, Image or external object that a name meant in the latest frame (frame 0 before the first)."""
+        """The Buffer, Image or external object of this name in the latest frame, or in the first if there was none."""
         index = (self.frame_count - 1) % SLOTS if self.frame_count else 0
         bound = self._resources.named(index) | self._external
         if name not in bound:
@@ -178,7 +178,7 @@ class Frame:
     def __getitem__(self, name: str) -> np.ndarray:
         """A copy of a resource after the latest frame; waits for it.
 
-        Of a buffer the elements of its runtime array, or without one its block as a record of shape (); of an image
+        For a buffer: the elements of its runtime array, or without one its block as a record of shape (). For an image:
         (height, width, channels).
         """
         resource = self.resource(name)
@@ -194,9 +194,9 @@ class Frame:
 
     @property
     def timings(self) -> dict[str, float]:
-        """GPU milliseconds of each step in the latest frame that is done; empty before the first.
+        """GPU milliseconds of each step in the latest finished frame; empty before the first frame.
 
-        Waits when no frame has finished yet. Empty as well on a device without timestamps. `timed_value` then is the
+        Waits if no frame has finished yet. Empty as well on a device without timestamps. Sets `timed_value` to the
         timeline value that `submit` returned for that frame.
         """
         done = [slot for slot in self._slots if 0 < slot.value <= self.device.completed]
@@ -208,7 +208,7 @@ class Frame:
         return slot.read_timings()
 
     def describe(self) -> list[Row]:
-        """The frame's steps with what they read and write, the barriers before them and why, and GPU times."""
+        """The steps: the resources they read and write, the reasons for their barriers, and their GPU times."""
         timings = self.timings if self.frame_count else {}
         rows = []
         for step, barrier in zip(self._accesses, self._barriers, strict=True):

@@ -1,7 +1,8 @@
-"""Barriers from hazards: which steps of a frame must wait for earlier ones, and why.
+"""Derives barriers from hazards: which steps of a frame must wait for earlier ones, and why.
 
-One global memory barrier opens before a step that reads what an earlier step wrote, or writes what an earlier one
-read or wrote. It orders everything before it against everything after it, so later steps start afresh.
+A global memory barrier comes before each step that reads what an earlier step wrote, or writes what an earlier step
+read or wrote. It orders all steps before it ahead of all steps after it, so later steps compare only with steps after
+the barrier.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ _DEPTH_TESTS = raw.VK_PIPELINE_STAGE_2_EARLY_FRAGMENT_TESTS_BIT | raw.VK_PIPELIN
 
 @dataclass(frozen=True)
 class Masks:
-    """Stages and access bits of a kind of access."""
+    """Pipeline stages and access bits of a kind of access."""
 
     stages: int
     access: int
@@ -29,12 +30,12 @@ class Masks:
 
 
 NOTHING = Masks(0, 0)
-# uniform blocks aren't among these: the host writes them, and each submission makes its writes visible
+# Without uniform reads: the host writes uniform blocks, and each submission makes host writes visible.
 SHADER_READ = Masks(_COMPUTE, raw.VK_ACCESS_2_SHADER_READ_BIT | raw.VK_ACCESS_2_ACCELERATION_STRUCTURE_READ_BIT_KHR)
 SHADER_WRITE = Masks(_COMPUTE, raw.VK_ACCESS_2_SHADER_WRITE_BIT)
 DRAW_READ = Masks(_DRAWING, SHADER_READ.access)
 DRAW_WRITE = Masks(_DRAWING, SHADER_WRITE.access)
-# clearing and testing count as writes, and attachments may be read as well wherever they are written
+# Clears and depth tests count as writes; an attachment that is written may also be read.
 COLOR_WRITE = Masks(
     raw.VK_PIPELINE_STAGE_2_COLOR_ATTACHMENT_OUTPUT_BIT,
     raw.VK_ACCESS_2_COLOR_ATTACHMENT_READ_BIT | raw.VK_ACCESS_2_COLOR_ATTACHMENT_WRITE_BIT,
@@ -50,7 +51,7 @@ ANY_WRITE = Masks(_ALL, raw.VK_ACCESS_2_MEMORY_WRITE_BIT)
 
 @dataclass(frozen=True)
 class Accesses:
-    """What a step of a frame touches: resource name -> how it reads or writes it."""
+    """The resources that a step reads and writes, by name, with the stages and access bits."""
 
     name: str
     reads: Mapping[str, Masks]
@@ -59,7 +60,7 @@ class Accesses:
 
 @dataclass(frozen=True)
 class Hazard:
-    """Why a step waits: kind is RAW (it reads what `earlier` wrote), WAR (it writes what that read) or WAW."""
+    """Why a step waits for `earlier`: read after write (RAW), write after read (WAR) or write after write (WAW)."""
 
     resource: str
     kind: str
@@ -79,9 +80,9 @@ class Barrier:
 
 
 def plan_barriers(steps: Sequence[Accesses], every_step: bool = False) -> list[Barrier | None]:
-    """The barrier before each step, or None. With `every_step` there is one before every step but the first.
+    """The barrier before each step, or None. `every_step`: one before every step except the first.
 
-    The steps before the first are taken to be ordered already.
+    Work before the first step must be ordered already.
     """
     target = _union(masks for step in steps for part in (step.reads, step.writes) for masks in part.values())
     barriers: list[Barrier | None] = []
@@ -89,7 +90,7 @@ def plan_barriers(steps: Sequence[Accesses], every_step: bool = False) -> list[B
     for at, step in enumerate(steps):
         hazards = pending.hazards(step)
         if hazards or (every_step and at > 0):
-            # An execution dependency needs the readers' stages too; only writes need their memory made available.
+            # The barrier waits for the stages of reads and writes; only writes need access bits.
             source = Masks(pending.stages or _ALL, pending.access)
             barriers.append(Barrier(tuple(hazards), source, target if target != NOTHING else ANY_READ | ANY_WRITE))
             pending = _Pending()
@@ -100,7 +101,7 @@ def plan_barriers(steps: Sequence[Accesses], every_step: bool = False) -> list[B
 
 
 class _Pending:
-    """What happened since the last barrier."""
+    """The accesses since the previous barrier."""
 
     def __init__(self) -> None:
         self._readers: dict[str, str] = {}

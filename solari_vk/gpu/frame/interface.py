@@ -1,7 +1,7 @@
-"""What all shaders of a frame share: two descriptor set layouts, one pipeline layout, sets filled by name.
+"""What all shaders of a frame share: two descriptor set layouts and a pipeline layout, made from their bindings.
 
-Set 0 is the scene, set 1 what passes keep; the shaders' own bindings say what is where. An array of combined
-image samplers without a length is bindless: partially bound, updated after binding, as long as its contents need.
+Set 0 holds the scene, set 1 the resources of passes. An array of combined image samplers without a length is bindless:
+it is partially bound, may be updated after binding, and is as long as the number of textures requires.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ _BINDLESS_FLAGS = (
     | raw.VK_DESCRIPTOR_BINDING_UPDATE_AFTER_BIND_BIT
     | raw.VK_DESCRIPTOR_BINDING_VARIABLE_DESCRIPTOR_COUNT_BIT
 )
-_BINDLESS_LIMIT = 1 << 14  # lavapipe sets aside 256 bytes for each, in every set, used or not
-_BINDLESS_LEAST = 64
+_BINDLESS_LIMIT = 1 << 14  # lavapipe reserves 256 bytes in every set for each descriptor, used or not
+_BINDLESS_MIN = 64
 
 
 def merge_bindings(modules: Iterable[Module]) -> dict[str, Binding]:
-    """The bindings of all modules by name. Raises SolariError naming both modules when two disagree."""
+    """The bindings of all modules by name. Raises SolariError naming both modules if two of them disagree."""
     merged: dict[str, Binding] = {}
     places: dict[tuple[int, int], str] = {}
     origin: dict[str, str] = {}
@@ -59,7 +59,7 @@ def merge_bindings(modules: Iterable[Module]) -> dict[str, Binding]:
 
 
 def _shape(binding: Binding) -> dict[str, Any]:
-    """All that must be equal in every module; one may only read what another writes."""
+    """What must be equal in all modules. Qualifiers may differ: one module may only read what another writes."""
     return {key: value for key, value in vars(binding).items() if key not in ("readonly", "writeonly")}
 
 
@@ -73,7 +73,7 @@ def _pushed_bytes(modules: Iterable[Module]) -> int:
 
 
 class Interface:
-    """Set layouts and the pipeline layout for a group of modules. `destroy` waits for running work."""
+    """The set layouts and the pipeline layout for a group of modules."""
 
     def __init__(self, device: Device, modules: Sequence[Module]) -> None:
         self.device = device
@@ -110,7 +110,7 @@ class Interface:
         self._token = device.own(destroy)
 
     def __getitem__(self, name: str) -> Binding:
-        """The binding of this name; raises SolariError naming those there are."""
+        """The binding of a name; raises SolariError for an unknown one."""
         try:
             return self.bindings[name]
         except KeyError:
@@ -158,13 +158,13 @@ class Interface:
         return self.device.create("VkDescriptorSetLayout", create, f"set {index}")
 
     def bindless_counts(self, resources: Mapping[str, Any]) -> list[int]:
-        """How many descriptors each set's bindless array needs for these resources, with room to grow."""
+        """The number of descriptors for each set's bindless array, with room to grow; 0 without such an array."""
         counts = []
         for binding in self._bindless:
             needed = len(resources.get(binding.name, ())) if binding else 0
             if needed > self.bindless_limit:
                 raise SolariError(f"{needed:,} textures, but this device takes at most {self.bindless_limit:,} at once")
-            room = max(_BINDLESS_LEAST, 1 << max(needed - 1, 0).bit_length()) if binding else 0
+            room = max(_BINDLESS_MIN, 1 << max(needed - 1, 0).bit_length()) if binding else 0
             counts.append(min(room, self.bindless_limit))
         return counts
 

@@ -1,4 +1,4 @@
-"""Pipelines of a frame's passes, kept by what they are made of so that only what changed is made again."""
+"""Compute and graphics pipelines, kept by what they are made from, so that only what changed is made again."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _STAGES = {
 
 
 class Pipelines:
-    """Pipelines made so far, behind one VkPipelineCache."""
+    """The pipelines made so far, with one VkPipelineCache."""
 
     def __init__(self, device: Device) -> None:
         self._device = device
@@ -81,7 +81,7 @@ class Pipelines:
         return key, self._made[key][0]
 
     def _stage(self, shaders: ExitStack, name: str, module: Module, specialization: raw.CData | None) -> raw.CData:
-        """A VkPipelineShaderStageCreateInfo, good until `shaders` closes."""
+        """A VkPipelineShaderStageCreateInfo, valid until `shaders` closes."""
         device = self._device
         code = np.frombuffer(module.spirv, np.uint32)
         create = raw.struct("VkShaderModuleCreateInfo", codeSize=code.nbytes, pCode=code)
@@ -109,7 +109,7 @@ class Pipelines:
 def _specializations(
     name: str, modules: Sequence[Module], constants: Constants
 ) -> tuple[list[raw.CData | None], dict[str, int | float | bool]]:
-    """For each module VkSpecializationInfo of the constants that it has, and all values by name."""
+    """A VkSpecializationInfo for each module (None without constants), and all values by name."""
     known = {constant: where.dtype for module in modules for constant, where in module.constants.items()}
     for constant in constants:
         if constant not in known:

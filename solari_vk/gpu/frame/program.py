@@ -1,4 +1,4 @@
-"""What a frame's shaders become: modules, their common interface, a pipeline a pass, and what each pass touches."""
+"""What a frame's shaders become: modules, their common interface, pipelines, and the accesses of each step."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from solari_vk.gpu.shaders.spirv import Module, reflect
 
 @dataclass(frozen=True)
 class BuiltStep:
-    """A pass or a draw with its modules, pipeline and group counts, or a step of other commands. Names are unique."""
+    """A pass or a draw with its modules, pipeline and workgroup counts, or other commands. `name` is unique."""
 
     name: str
     item: Pass | Draw | Step
@@ -35,7 +35,7 @@ class BuiltStep:
 
 @dataclass(frozen=True)
 class Program:
-    """All steps of a frame, ready to be recorded."""
+    """The steps of a frame, ready to be recorded."""
 
     interface: Interface
     steps: list[BuiltStep]
@@ -43,20 +43,20 @@ class Program:
     pipeline_keys: set[PipelineKey]
 
     def check(self, bound: Mapping[str, Any]) -> None:
-        """Raise SolariError when a shader's resource is missing, naming the passes that need it."""
+        """Raise SolariError if a resource of the shaders is missing, naming the passes that use it."""
         for name, binding in self.interface.bindings.items():
             if name in bound or binding.kind == "uniform_buffer":  # uniform blocks are the frame's own
                 continue
             users = [step.name for step in self.steps if any(name in module.main.uses for module in step.modules)]
             if not users:
-                continue  # declared, but no pass touches it
+                continue  # declared, but used by no pass
             raise SolariError(
                 f"{name} ({binding.kind}) is used by {', '.join(users)}, but no stage declares it and it isn't among "
                 "the external resources"
             )
 
     def accesses(self, bound: Mapping[str, Any]) -> list[Accesses]:
-        """What each step reads and writes. Two names of one resource count as the first of them."""
+        """The accesses of each step. A resource with several names appears under the first."""
         first: dict[int, str] = {}
         for name, resource in bound.items():
             first.setdefault(id(resource), name)
@@ -97,13 +97,13 @@ class Program:
 
 
 def _shaders(item: Pass | Draw | Step) -> list[tuple[str, str]]:
-    """Path and header of each module of a pass: where `Program.modules` has it."""
+    """Path and header of each module of a pass: its keys in `Program.modules`."""
     suffixes = {Pass: ("comp",), Draw: ("vert", "frag")}.get(type(item), ())
     return [] if isinstance(item, Step) else [(f"passes/{item.name}.{suffix}", item.header) for suffix in suffixes]
 
 
 class ProgramBuilder:
-    """Builds programs, taking over from the one before what didn't change."""
+    """Builds programs; each reuses what didn't change since the previous one."""
 
     def __init__(self, device: Device, glsl_root: Roots | None) -> None:
         self._device = device
@@ -165,19 +165,19 @@ class ProgramBuilder:
             raise SolariError(f"pass {name}: threads are one to three whole numbers above 0, not {item.threads!r}")
         sizes = module.local_size(item.constants)
         x, y, z = (-(-count // size) for count, size in zip((*threads, 1, 1)[:3], sizes, strict=True))
-        most = tuple(self._device.properties.limits.maxComputeWorkGroupCount)
-        if x > most[0] or y > most[1] or z > most[2]:
-            raise SolariError(f"pass {name}: {(x, y, z)} workgroups, but this device runs at most {most}")
+        limit = tuple(self._device.properties.limits.maxComputeWorkGroupCount)
+        if x > limit[0] or y > limit[1] or z > limit[2]:
+            raise SolariError(f"pass {name}: {(x, y, z)} workgroups, but this device runs at most {limit}")
         return x, y, z
 
     def discard(self, program: Program, kept: Program | None) -> None:
-        """Destroy what a program doesn't share with the one kept, when the work submitted so far is done."""
+        """Destroy what a program doesn't share with `kept`, when the work submitted so far is done."""
         self._pipelines.retain(kept.pipeline_keys if kept else set())
         if kept is None or program.interface is not kept.interface:
             program.interface.destroy()
 
     def destroy(self, program: Program | None) -> None:
-        """Destroy a program and all that was kept for the next one."""
+        """Destroy a program and all pipelines."""
         if program is not None:
             self.discard(program, None)
         self._pipelines.destroy()

@@ -1,4 +1,4 @@
-"""Drawing inside a frame: what a Draw needs of the device, and its commands, with dynamic rendering."""
+"""Draws inside a frame: the check of what they need, and their commands, with dynamic rendering."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ _NEEDED = (
 
 
 def check_draw(device: Device, name: str, item: Draw, interface: Interface) -> None:
-    """Raise SolariError for what the device or the shaders can't draw."""
+    """Raise SolariError if the device lacks what a Draw needs, or the Draw doesn't fit the shaders or the limits."""
     missing = [feature for feature in _NEEDED if feature not in device.features]
     if missing:
-        raise SolariError(f"pass {name}: this device can't draw as many meshes at once: it lacks {', '.join(missing)}")
+        raise SolariError(f"pass {name}: this device can't draw it, since it lacks {', '.join(missing)}")
     for image in item.colors:
         if interface[image].kind != "storage_image":
             raise SolariError(f"pass {name}: {image} is a {interface[image].kind}, not an image to draw into")
-    most = device.properties.limits.maxDrawIndirectCount
+    limit = device.properties.limits.maxDrawIndirectCount
     for draws in item.draws:
-        if not 0 < draws.most <= most:
-            raise SolariError(f"pass {name}: {draws.most:,} draws, but this device does 1 to {most:,} at once")
+        if not 0 < draws.max_count <= limit:
+            raise SolariError(f"pass {name}: {draws.max_count:,} draws, but this device does 1 to {limit:,} at once")
 
 
 @contextmanager
@@ -48,8 +48,11 @@ def rendering(
     *,
     clears: bool = True,
 ) -> Iterator[None]:
-    """Dynamic rendering around the draws recorded inside the `with` block: attachments, viewport and scissor of the
-    whole size (width, height) in pixels, and no culling. `clears`: the attachments start from zeros."""
+    """Dynamic rendering around the draws that are recorded inside the `with` block.
+
+    Viewport and scissor cover the size (width, height) in pixels; faces are not culled. `clears`: the attachments are
+    set to zero first.
+    """
     vk, extent = device.vk, {"width": size[0], "height": size[1]}
     load = raw.VK_ATTACHMENT_LOAD_OP_CLEAR if clears else raw.VK_ATTACHMENT_LOAD_OP_LOAD
 
@@ -91,6 +94,6 @@ def record_draw(device: Device, cmd: raw.CData, item: Draw, bound: Mapping[str, 
             vk.vkCmdSetCullMode(cmd, raw.VK_CULL_MODE_BACK_BIT if draws.culls_backs else raw.VK_CULL_MODE_NONE)
             commands, count = bound[draws.commands].handle, bound[draws.count].handle
             if "drawIndirectCount" in device.features:
-                vk.vkCmdDrawIndirectCount(cmd, commands, 0, count, draws.count_offset, draws.most, _COMMAND_BYTES)
+                vk.vkCmdDrawIndirectCount(cmd, commands, 0, count, draws.count_offset, draws.max_count, _COMMAND_BYTES)
             else:
-                vk.vkCmdDrawIndirect(cmd, commands, 0, draws.most, _COMMAND_BYTES)
+                vk.vkCmdDrawIndirect(cmd, commands, 0, draws.max_count, _COMMAND_BYTES)

@@ -1,4 +1,4 @@
-"""What a debug build of scene/ray_query.glsl counted: which rules of the document shaders broke, and where first."""
+"""Reads what a debug build of scene/ray_query.glsl counts: the rules of the wgpu document that shaders broke."""
 
 from __future__ import annotations
 
@@ -15,33 +15,29 @@ if TYPE_CHECKING:
     from solari_vk.gpu.frame.frame import Frame
 
 RAY_QUERY_DEBUG = "#define RAY_QUERY_DEBUG"
-"""The header of a pass whose ray queries are checked; its stage declares FAULT_BUFFERS too."""
+"""The header of a pass whose ray queries are checked. Its stage must declare FAULT_BUFFERS as well."""
 
 _RULES = {
-    "get_before_proceed": "an intersection was asked for before rayQueryProceed",
-    "committed_while_candidate": "rayQueryGetCommittedIntersection while rayQueryProceed stands at a candidate",
-    "candidate_while_committed": "rayQueryGetCandidateIntersection while rayQueryProceed stands at no candidate",
-    "committed_positions_while_candidate": (
-        "getCommittedHitVertexPositions while rayQueryProceed stands at a candidate"
-    ),
-    "candidate_positions_while_committed": (
-        "getCandidateHitVertexPositions while rayQueryProceed stands at no candidate"
-    ),
-    "positions_of_no_triangle": "the vertices of what is no triangle",
+    "get_before_proceed": "an intersection was read before the first rayQueryProceed",
+    "committed_while_candidate": "rayQueryGetCommittedIntersection while there is a candidate",
+    "candidate_while_committed": "rayQueryGetCandidateIntersection without a candidate",
+    "committed_positions_while_candidate": "getCommittedHitVertexPositions while there is a candidate",
+    "candidate_positions_while_committed": "getCandidateHitVertexPositions without a candidate",
+    "positions_of_no_triangle": "vertex positions of an intersection that is no triangle",
     "proceed_before_initialize": "rayQueryProceed before rayQueryInitialize",
-    "generate_of_no_aabb": "rayQueryGenerateIntersection for what is no AABB",
-    "generate_out_of_range": "rayQueryGenerateIntersection outside of t_min .. t_max",
-    "generate_without_candidate": "rayQueryGenerateIntersection while rayQueryProceed stands at no candidate",
-    "confirm_of_no_triangle": "rayQueryConfirmIntersection for what is no triangle",
-    "confirm_without_candidate": "rayQueryConfirmIntersection while rayQueryProceed stands at no candidate",
+    "generate_of_no_aabb": "rayQueryGenerateIntersection for a candidate that is no AABB",
+    "generate_out_of_range": "rayQueryGenerateIntersection outside t_min .. t_max",
+    "generate_without_candidate": "rayQueryGenerateIntersection without a candidate",
+    "confirm_of_no_triangle": "rayQueryConfirmIntersection for a candidate that is no triangle",
+    "confirm_without_candidate": "rayQueryConfirmIntersection without a candidate",
     "terminate_before_initialize": "rayQueryTerminate before rayQueryInitialize",
     "invalid_ray": (
-        "a ray with NaN, an infinite origin, direction or t_min, no direction, or t_min outside of 0 .. t_max"
+        "a ray with NaN, an infinite origin, direction or t_min, a zero direction, or t_min outside 0 .. t_max"
     ),
-    "contradicting_flags": "flags that contradict each other",
+    "contradicting_flags": "contradictory ray flags",
 }
 RULES = tuple(_RULES.values())
-"""What each row of `ray_query_faults` counts."""
+"""The rule that each row of the buffer `ray_query_faults` counts."""
 FAULT_BUFFERS: Mapping[str, int] = {"ray_query_faults": len(RULES)}
 
 
@@ -52,7 +48,7 @@ def glsl_header() -> str:
 
 @dataclass(frozen=True)
 class RayQueryFault:
-    """A broken rule: how often, and the invocation that broke it first."""
+    """A broken rule: how often it was broken, and the first invocation that broke it."""
 
     rule: str
     count: int
@@ -63,7 +59,7 @@ class RayQueryFault:
 
 
 def ray_query_faults(frame: Frame) -> list[RayQueryFault]:
-    """What the frame's passes with RAY_QUERY_DEBUG have counted so far; waits for them."""
+    """The faults that the frame's passes with RAY_QUERY_DEBUG have counted so far; waits for the latest frame."""
     rows: np.ndarray[Any, Any] = frame["ray_query_faults"]
     return [
         RayQueryFault(rule, int(row["count"]), tuple(row["invocation"].tolist()))
@@ -73,6 +69,6 @@ def ray_query_faults(frame: Frame) -> list[RayQueryFault]:
 
 
 def check_ray_queries(frame: Frame) -> None:
-    """Raise SolariError when a shader has broken a rule, naming each."""
+    """Raise SolariError naming every rule that a shader has broken."""
     if faults := ray_query_faults(frame):
         raise SolariError("ray queries: " + "; ".join(map(str, faults)))

@@ -1,4 +1,4 @@
-"""The buffers and images of a frame's stages: made from declared sizes and the shaders' types, kept while they fit."""
+"""The buffers and images of a frame's stages, made from declared sizes and the shaders' types."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from solari_vk.gpu.frame.stages import Draw, History, Stage
 from solari_vk.gpu.shaders.spirv import Binding
 
 PREVIOUS = "previous_"
-DEPTH_FORMAT = "D32_SFLOAT"  # of what a Draw tests depth in
+DEPTH_FORMAT = "D32_SFLOAT"  # of a Draw's depth image
 
 
 @dataclass(frozen=True)
 class _Made:
-    """What a declared name stands for: one resource, or two of a history. Equal `spec` means it can be kept."""
+    """The one resource of a declared name, or the two of a history. They can be kept while `spec` stays the same."""
 
     spec: tuple[Any, ...]
     items: tuple[Buffer | Image, ...]
@@ -36,7 +36,7 @@ class Resources:
         self._made = {} if made is None else made
 
     def named(self, slot: int) -> dict[str, Any]:
-        """What each name means in a slot: a history's two resources change places."""
+        """The resource of each name in a slot: a history's two resources swap between slots."""
         found: dict[str, Any] = {}
         for name, made in self._made.items():
             found[name] = made.items[slot % len(made.items)]
@@ -45,7 +45,7 @@ class Resources:
         return found
 
     def changed_to(self, stages: Sequence[Stage], interface: Interface) -> Resources:
-        """The resources that these stages declare; those that fit are taken over. This object stays as it is.
+        """The resources that these stages declare; those of this object that fit are reused.
 
         Raises SolariError for a name declared twice, that no shader has, or whose size makes no sense.
         """
@@ -83,7 +83,7 @@ class Resources:
         return _Made(spec, tuple(items))
 
     def destroy_all_but(self, kept: Resources) -> None:
-        """Destroy what isn't also in `kept`, when the work submitted so far is done."""
+        """Destroy the resources that `kept` doesn't have, when the work submitted so far is done."""
         others = {id(item) for made in kept._made.values() for item in made.items}
         for made in self._made.values():
             for item in made.items:
@@ -105,13 +105,13 @@ _USAGES = {
 
 
 def _attachments(stages: Sequence[Stage]) -> dict[str, str]:
-    """Which images the stages draw into, and whether as "color" or "depth"."""
+    """The images that the stages draw into, each with "color" or "depth"."""
     draws = [item for stage in stages for item in stage.passes if isinstance(item, Draw)]
     return {name: "color" for draw in draws for name in draw.colors} | {draw.depth: "depth" for draw in draws}
 
 
 def _specification(stage: Stage, name: str, size: Any, interface: Interface, attachment: str) -> tuple[Any, ...]:
-    """All that decides whether an existing resource can be kept."""
+    """Everything that decides whether an existing resource can be kept."""
     copies = 1
     if isinstance(size, History):
         copies, size = 2, size.size
@@ -144,7 +144,7 @@ def _buffer_bytes(stage: Stage, binding: Binding, count: Any) -> int:
 
 
 def _clear(image: Image) -> None:
-    """Zero an image just before the next submission."""
+    """Set an image to zero just before the next submission."""
 
     def record(cmd: raw.CData) -> None:
         if image.handle is not None:

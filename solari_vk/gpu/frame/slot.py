@@ -1,4 +1,4 @@
-"""One of the slots that frames take turns in: its descriptor sets, commands, uniform blocks and timestamps."""
+"""A slot of a frame: descriptor sets, a command buffer, uniform memory and timestamps."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ from solari_vk.gpu.frame.uniforms import Uniforms
 
 
 class Slot:
-    """`stale` means that `record` must run before the next submission, once `value` has been reached."""
+    """One of the slots that take turns. `value` is the timeline value of its latest frame; while `stale` is true,
+    `record` must run before the next submission."""
 
     def __init__(self, device: Device, index: int, commands: raw.CData) -> None:
         self.index = index
@@ -69,7 +70,7 @@ class Slot:
             self._uniform_target[:] = self._uniform_source
 
     def record(self, barriers: Sequence[Barrier | None]) -> None:
-        """Write the descriptor sets and record the commands; this slot's last frame must be done."""
+        """Write the descriptor sets and record the commands; the slot's previous frame must be done."""
         assert self._program is not None
         vk, commands = self._device.vk, self.commands
         self._write_sets(self._program)
@@ -98,7 +99,7 @@ class Slot:
                     record_draw(self._device, commands, step.item, self._bound)
                 else:
                     step.item.record(commands)
-                    bound.clear()  # a step may bind what it likes
+                    bound.clear()  # a step may bind other sets
             self._timestamp(at)
         vk.vkEndCommandBuffer(commands)
         self.stale = False
@@ -112,7 +113,7 @@ class Slot:
         self._sets.write(self._bound)
 
     def _bind(self, bound: set[int], point: int, pipeline: raw.CData) -> None:
-        """Bind a pipeline, and the sets where they aren't `bound` yet."""
+        """Bind a pipeline, and the descriptor sets if its bind point isn't in `bound` yet."""
         if point not in bound:
             assert self._sets is not None
             self._sets.bind(self.commands, point)
@@ -144,7 +145,7 @@ class Slot:
             self._device.vk.vkCmdWriteTimestamp2(self.commands, stage, self._queries, at)
 
     def read_timings(self) -> dict[str, float]:
-        """Milliseconds of each step of this slot's last frame, which must be done."""
+        """GPU milliseconds of each step in the slot's latest frame, which must be done."""
         if not self._query_count or self._program is None or self.stale:
             return {}
         ticks = np.zeros(self._query_count, np.uint64)
@@ -157,7 +158,7 @@ class Slot:
         return {step.name: float(span) for step, span in zip(self._program.steps, spans, strict=True)}
 
     def destroy(self) -> None:
-        """Destroy all but the command buffer, when the work submitted so far is done."""
+        """Destroy everything except the command buffer, when the work submitted so far is done."""
         if self._sets is not None:
             self._sets.destroy()
         if self._uniforms is not None:

@@ -16,9 +16,9 @@ Size = tuple[int, int]
 
 @dataclass(frozen=True)
 class History:
-    """Two of a resource that swap with every frame: `name` is this frame's, `previous_name` the last one's.
+    """Two resources that swap with every frame: `name` is the current frame's, `previous_name` the previous frame's.
 
-    `size` is (width, height) of an image or the element count of a buffer.
+    `size` is (width, height) in pixels for an image, the element count for a buffer.
     """
 
     size: int | Size
@@ -28,9 +28,9 @@ class History:
 class Pass:
     """One dispatch of the compute shader glsl/passes/NAME.comp.
 
-    Either `threads`, how many invocations in x, y and z (rounded up to whole workgroups), or `indirect`, the
-    buffer with three group counts at `indirect_offset` bytes. `constants` are specialization constants by name;
-    `header` is GLSL put before the shader's first line, for variants.
+    Give either `threads`, the invocations in x, y and z, which are rounded up to whole workgroups, or `indirect`, the
+    name of a buffer with the three workgroup counts at byte `indirect_offset`. `constants` are values of specialization
+    constants by name. `header` is GLSL for a variant, put before the shader's first declaration.
     """
 
     name: str
@@ -47,25 +47,27 @@ class Pass:
 
 @dataclass(frozen=True)
 class DrawList:
-    """Up to `most` VkDrawIndirectCommand from the start of buffer `commands`; how many of them count is the uint at
-    `count_offset` bytes of buffer `count`. Those after it draw nothing either (instanceCount 0), since not every device
-    reads counts from buffers. `culls_backs`: clockwise triangles are left out.
+    """The first VkDrawIndirectCommand records of the buffer `commands`, at most `max_count`.
+
+    Their number is the uint at byte `count_offset` of the buffer `count`. Devices that can't read it there draw
+    `max_count` records, so the records after the last one must draw nothing (instanceCount 0). `culls_backs`: clockwise
+    triangles are culled.
     """
 
     commands: str
     count: str
-    most: int
+    max_count: int
     count_offset: int = 0
     culls_backs: bool = True
 
 
 @dataclass(frozen=True)
 class Draw:
-    """Triangles drawn by glsl/passes/NAME.vert and NAME.frag, which fetch their vertices from buffers by themselves.
+    """Triangles drawn by glsl/passes/NAME.vert and NAME.frag; the vertex shader reads vertices from buffers itself.
 
-    `colors` are the images that outputs 0, 1, ... of the fragment shader go to: storage images of the frame's shaders,
-    which give their formats. `depth` is an image of 32-bit depths that a stage declares; what is larger is nearer.
-    `clears`: the images start from zeros, else from what they hold.
+    `colors` are the images for the fragment shader's outputs 0, 1, ...: storage images of the frame's shaders, which
+    declare their formats. `depth` is an image that a stage declares; it holds 32-bit depths, of which larger ones are
+    nearer. `clears`: the images are set to zero before drawing.
     """
 
     name: str
@@ -79,9 +81,9 @@ class Draw:
 
 @dataclass(frozen=True)
 class Step:
-    """Commands of any kind inside a frame: `record(command_buffer)` is called when a slot is recorded.
+    """Any other commands inside a frame: `record(command_buffer)` is called when a slot is recorded.
 
-    `reads` and `writes` are names of resources, for the barriers around it.
+    `reads` and `writes` name the resources that the commands access, from which barriers are derived.
     """
 
     name: str
@@ -92,10 +94,10 @@ class Step:
 
 @dataclass(frozen=True)
 class Stage:
-    """A part of the frame: element counts of its buffers, sizes of its images, and what runs, in order.
+    """A part of the frame: the element counts of its buffers, the sizes of its images, and its passes in order.
 
-    A buffer's count is the length of its block's runtime array, 1 for a block without one. Element types and image
-    formats are the shaders', but for a Draw's depth. All start as zeros.
+    A buffer's count is the length of its block's runtime array, 1 for a block without one. The shaders declare element
+    types and image formats, except the format of a Draw's depth. All resources start as zeros.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""The uniform blocks of a frame on the host: fields that are set by name, in one piece of memory."""
+"""The uniform blocks of a frame on the host, in one array of bytes, with fields that are set by name."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ class Uniforms:
 
     def __init__(self, alignment: int) -> None:
         self.memory = np.zeros(0, np.uint8)
-        """What each frame copies to the device."""
+        """The bytes that each frame copies to the device."""
         self.offsets: dict[str, int] = {}
         """The byte at which each block begins, a multiple of the device's alignment."""
         self.version = 0
-        """Grows whenever other blocks are declared."""
+        """Incremented whenever other blocks are declared."""
         self._alignment = alignment
         self._types: dict[str, np.dtype[Any]] = {}
         self._fields: dict[str, np.ndarray] = {}
 
     def declare(self, blocks: Mapping[str, np.dtype[Any]]) -> None:
-        """Have these blocks from now on. Fields that have the name and type of a field before keep their value."""
+        """Replace the blocks. A field that existed before with the same type keeps its value."""
         if blocks == self._types:
             return
         offsets, end = {}, 0
@@ -48,7 +48,7 @@ class Uniforms:
         self.version += 1
 
     def record(self, block: str) -> np.ndarray:
-        """A block as an array of one record, which shares its memory with the block until others are declared."""
+        """A block as an array of one record; a view of `memory`, valid until other blocks are declared."""
         if block not in self._types:
             known = ", ".join(self._types) or "none"
             raise SolariError(f"the shaders have no uniform block {block}; there are {known}")
@@ -56,9 +56,9 @@ class Uniforms:
         return self.memory[first : first + self._types[block].itemsize].view(self._types[block])
 
     def writer(self, block: str, names: Sequence[str]) -> Callable[..., None]:
-        """A quick function that sets the named fields, which must follow each other in the block, to plain numbers.
+        """A fast function that sets fields of a block, which must follow each other, to plain numbers.
 
-        A field of several numbers takes them one by one. The function stays valid when other blocks are declared. It
+        A field of several numbers takes them one by one. The function stays valid when other blocks are declared, and
         does nothing while no shader has the block.
         """
         version, pack, target, first = -1, None, self.memory.data, 0
@@ -90,7 +90,7 @@ class Uniforms:
             raise SolariError(f"the uniform {name} is {target.dtype}: {error}") from error
 
     def update(self, values: Mapping[str, Any]) -> None:
-        """Set fields by name; those that no shader has are passed over."""
+        """Set fields by name; names that no shader has are ignored."""
         for name, value in values.items():
             if name in self._fields:
                 self[name] = value
