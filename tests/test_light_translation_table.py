@@ -81,7 +81,7 @@ def test_share_of_power_that_moved():
     ids, powers = np.array([7, 5, 9], np.uint32), np.array([1.0, 2.0, 5.0])
     positions = np.arange(9.0).reshape(3, 3)
     assert share_moved(ids, positions, ids, positions, powers, 0.5) == 0
-    assert share_moved(ids, positions, ids[::-1], positions[::-1], powers[::-1], 0.5) == 0, "the order of the lights doesn't matter"
+    assert share_moved(ids, positions, ids[::-1], positions[::-1], powers[::-1], 0.5) == 0, "order"
     moved = positions + np.array([(0, 0, 0), (0, 0.25, 0), (100, 0, 0)])
     assert share_moved(ids, positions, ids, moved, powers, 0.5) == pytest.approx((2 * 0.5 + 5) / 8)
     assert share_moved(ids + 10, positions, ids, moved, powers, 0.5) == 0

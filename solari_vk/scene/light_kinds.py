@@ -17,8 +17,8 @@ choose between the kinds. Each NAME.glsl defines:
     MetLight meet_NAME(uint index, vec3 direction)
         Kinds at infinity only: what a ray in this direction meets if it meets no surface.
 
-`index` is the light's record in the kind's own buffer, or for emissive meshes the instance. NAME.glsl declares the buffer
-as binding LIGHT_RECORDS + LIGHT_NAME of set 0. tests/images/test_light_kinds.py adds two kinds in this way.
+`index` is the light's record in the kind's own buffer, or for emissive meshes the instance. NAME.glsl declares the
+buffer, as binding LIGHT_RECORDS + LIGHT_NAME of set 0. tests/images/test_light_kinds.py adds two kinds in this way.
 """
 
 from __future__ import annotations

@@ -46,7 +46,9 @@ POINT_GLSL = """
 #include "scene/lights/types.glsl"
 
 struct PointLight { vec3 position; float intensity; };
-layout(set = 0, binding = LIGHT_RECORDS + LIGHT_POINT, scalar) readonly buffer PointLightsBlock { PointLight at[]; } point_lights;
+layout(set = 0, binding = LIGHT_RECORDS + LIGHT_POINT, scalar) readonly buffer PointLights {
+    PointLight at[];
+} point_lights;
 
 uint choose_part_point(uint index, uint random) { return 0u; }
 ResolvedLightSample resolve_point(uint index, uint part, vec2 u, float inverse_light_pdf) {
@@ -86,7 +88,7 @@ SKY_GLSL = """
 #include "scene/lights/types.glsl"
 
 struct Sky { float radiance; };
-layout(set = 0, binding = LIGHT_RECORDS + LIGHT_SKY, scalar) readonly buffer SkiesBlock { Sky at[]; } skies;
+layout(set = 0, binding = LIGHT_RECORDS + LIGHT_SKY, scalar) readonly buffer Skies { Sky at[]; } skies;
 
 uint choose_part_sky(uint index, uint random) { return 0u; }
 ResolvedLightSample resolve_sky(uint index, uint part, vec2 u, float inverse_light_pdf) {
