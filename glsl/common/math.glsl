@@ -1,11 +1,11 @@
-// Constants and small functions that everything uses.
+// Constants and small functions for all shaders.
 #ifndef COMMON_MATH_GLSL
 #define COMMON_MATH_GLSL
 
 const float PI = 3.14159265358979;
 const float INVERSE_PI = 0.318309886183791;
 const float INFINITY = 1.0 / 0.0;
-const float ROUNDING_UNIT = 5.9604644775390625e-8;  // half a unit in the last place of 1.0
+const float ROUNDING_UNIT = 5.9604644775390625e-8;  // 2^-24, the largest relative error of a rounded float
 
 float saturate(float x) { return clamp(x, 0.0, 1.0); }
 float square(float x) { return x * x; }
@@ -13,13 +13,14 @@ float safe_sqrt(float x) { return sqrt(max(x, 0.0)); }
 float max_component(vec3 v) { return max(v.x, max(v.y, v.z)); }
 float luminance(vec3 color) { return dot(color, vec3(0.2126, 0.7152, 0.0722)); }
 
-// Normalized, or the fallback where v has no direction; scaled first so that squares neither vanish nor overflow.
+// Returns v normalized, or the fallback where v has no direction. Scales v first, so that squares neither underflow nor
+// overflow.
 vec3 safe_normalize(vec3 v, vec3 fallback) {
     float scale = max_component(abs(v));
     return scale > 0.0 && scale < INFINITY ? normalize(v / scale) : fallback;
 }
 
-// Duff et al., "Building an Orthonormal Basis, Revisited" (JCGT 2017): right-handed, and sound at z = -1.
+// A right-handed basis with the given z axis: Duff et al., "Building an Orthonormal Basis, Revisited" (JCGT 2017).
 mat3 orthonormalize(vec3 z_basis) {
     float z_sign = z_basis.z >= 0.0 ? 1.0 : -1.0;
     float a = -1.0 / (z_sign + z_basis.z);
@@ -29,13 +30,13 @@ mat3 orthonormalize(vec3 z_basis) {
     return mat3(x_basis, y_basis, z_basis);
 }
 
-// f / (f + g), also where f or g is infinite.
+// f / (f + g), correct for infinite f or g too.
 float balance_heuristic(float f, float g) {
     if (f == 0.0) { return 0.0; }
     return f == g ? 0.5 : 1.0 / (1.0 + g / f);
 }
 
-// f^2 / (f^2 + g^2), also where f or g is infinite or its square is.
+// f^2 / (f^2 + g^2), correct where f, g or their squares are infinite too.
 float power_heuristic(float f, float g) {
     if (f == 0.0) { return 0.0; }
     return f == g ? 0.5 : 1.0 / (1.0 + square(g / f));

@@ -1,20 +1,20 @@
-// Compact encodings of directions and colours. Octahedral normals: Cigolle et al., "A Survey of Efficient
+// Compact encodings of directions and colors. Octahedral normals: Cigolle et al., "A Survey of Efficient
 // Representations for Independent Unit Vectors" (JCGT 2014).
 #ifndef COMMON_PACKING_GLSL
 #define COMMON_PACKING_GLSL
 
 #include "common/math.glsl"
 
-// ---- unsigned normalized numbers: nearest, the last bit included -------------------------------------
+// ---- unsigned normalized numbers, rounded to the nearest ---------------------------------------------
 
 uint pack_unorm(float value, uint bit_count) {
-    float most = float((1u << bit_count) - 1u);
-    return uint(saturate(value) * most + 0.5);
+    float max_code = float((1u << bit_count) - 1u);
+    return uint(saturate(value) * max_code + 0.5);
 }
 
 float unpack_unorm(uint bits, uint bit_count) {
-    uint most = (1u << bit_count) - 1u;
-    return float(bits & most) / float(most);
+    uint max_code = (1u << bit_count) - 1u;
+    return float(bits & max_code) / float(max_code);
 }
 
 uint pack_4x8_unorm(vec4 v) {
@@ -44,17 +44,17 @@ vec3 octahedral_decode(vec2 position) {
     return normalize(vec3(z >= 0.0 ? f : octahedral_wrap(f), z));
 }
 
-// The square's codes 0 to 2^b - 2 have a middle, so that the axes are stored exactly.
+// The codes 0 to 2^b - 2 have a center code, so that the axes are stored exactly.
 uint pack_octahedral(vec3 direction, uint bits_each) {
-    float most = float((1u << bits_each) - 2u);
-    uvec2 code = uvec2(clamp(octahedral_encode(direction), 0.0, 1.0) * most + 0.5);
+    float max_code = float((1u << bits_each) - 2u);
+    uvec2 code = uvec2(clamp(octahedral_encode(direction), 0.0, 1.0) * max_code + 0.5);
     return code.x | code.y << bits_each;
 }
 
 vec3 unpack_octahedral(uint bits, uint bits_each) {
     uint mask = (1u << bits_each) - 1u;
-    float most = float(mask - 1u);
-    return octahedral_decode(vec2(bits & mask, bits >> bits_each & mask) / most);
+    float max_code = float(mask - 1u);
+    return octahedral_decode(vec2(bits & mask, bits >> bits_each & mask) / max_code);
 }
 
 uint pack_octahedral_2x16(vec3 direction) { return pack_octahedral(direction, 16u); }
@@ -65,20 +65,20 @@ uint pack_octahedral_24(vec3 direction, uint flags) { return pack_octahedral(dir
 vec3 unpack_octahedral_24(uint bits) { return unpack_octahedral(bits, 12u); }
 uint unpack_octahedral_24_flags(uint bits) { return bits >> 24u; }
 
-// ---- shared exponent: EXT_texture_shared_exponent, 9 bits a colour, 5 of exponent -------------------
+// ---- shared exponent: EXT_texture_shared_exponent, 9 bits a color, 5 of exponent ---------------------
 
-const float RGB9E5_MOST = 65408.0;
+const float RGB9E5_MAX = 65408.0;
 
-// 2^n exactly: exp2 need not be.
+// Returns 2^n exactly; exp2 may be inexact.
 float power_of_two(int n) { return uintBitsToFloat(uint(n + 127) << 23u); }
 
 uint pack_rgb9e5(vec3 color) {
-    vec3 c = clamp(color, 0.0, RGB9E5_MOST);
-    float most = max_component(c);
-    // floor(log2(most)) from the bits: exact, and right for denormals too small to matter
-    int exponent = max(-16, int(floatBitsToUint(most) >> 23u) - 127) + 16;
+    vec3 c = clamp(color, 0.0, RGB9E5_MAX);
+    float largest = max_component(c);
+    // floor(log2(largest)) from its bits, which is exact; denormals end at the smallest exponent as they should
+    int exponent = max(-16, int(floatBitsToUint(largest) >> 23u) - 127) + 16;
     float scale = power_of_two(24 - exponent);
-    if (uint(most * scale + 0.5) == 512u) {
+    if (uint(largest * scale + 0.5) == 512u) {
         exponent += 1;
         scale *= 0.5;
     }
@@ -91,7 +91,7 @@ vec3 unpack_rgb9e5(uint bits) {
     return mantissa * power_of_two(int(bits >> 27u) - 24);
 }
 
-// Radiance as log2(1 + radiance * exposure): near-black keeps its energy (0.18's fix for the light tiles).
+// Radiance as log2(1 + radiance * exposure), which keeps the energy of dark colors ("Solari", Bevy 0.18 post).
 uint pack_radiance_log2_rgb9e5(vec3 radiance, float exposure) {
     return pack_rgb9e5(log2(radiance * exposure + 1.0));
 }

@@ -26,7 +26,7 @@ uvec4 pcg4d(uvec4 v) {
     return v;
 }
 
-// The state of a generator of its own for every (pixel, sample, seed).
+// The initial state of the generator for a pixel, a sample and a seed.
 uint seed_rng(uvec2 pixel, uint sample_index, uint seed) {
     return pcg4d(uvec4(pixel, sample_index, seed)).x;
 }
@@ -45,7 +45,7 @@ vec2 rand_vec2f(inout uint rng) {
     return vec2(x, rand_f(rng));
 }
 
-// Uniform in [0, n); 0 where n is 0. Probabilities are off by at most n / 2^32 of their value.
+// Uniform in [0, n); 0 for n = 0. The relative error of probabilities is at most n / 2^32.
 uint rand_range_u(uint n, inout uint rng) {
     uint high, low;
     umulExtended(rand_u(rng), n, high, low);
@@ -70,7 +70,7 @@ vec3 sample_uniform_hemisphere(vec2 u) {
     return vec3(safe_sqrt(1.0 - u.x * u.x) * vec2(cos(angle), sin(angle)), u.x);
 }
 
-// Uniform in the cone around an axis; the cosine's distance from 1 keeps disks as small as a star round.
+// Uniform in the cone around an axis. 1 - cos is precise for disks as small as a star, where the cosine isn't.
 vec3 sample_cone(vec3 axis, float one_minus_cos_half_angle, vec2 u) {
     float one_minus_cos = one_minus_cos_half_angle * u.x;
     float angle = 2.0 * PI * u.y;
@@ -79,7 +79,7 @@ vec3 sample_cone(vec3 axis, float one_minus_cos_half_angle, vec2 u) {
     return normalize(axis - axis * one_minus_cos + sine * (frame[0] * cos(angle) + frame[1] * sin(angle)));
 }
 
-// Weights of the second and third vertex, uniform over the triangle's area.
+// Weights of the second and third vertex, for points uniform over the triangle's area.
 vec2 sample_triangle_barycentrics(vec2 u) {
     float root = sqrt(u.x);
     return vec2(root * (1.0 - u.y), root * u.y);

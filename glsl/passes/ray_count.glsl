@@ -1,11 +1,11 @@
-// Counts rays by pass, in pipelines built for it.
+// Counts the rays of a pass, in pipelines that are built with a counter.
 #ifndef PASSES_RAY_COUNT_GLSL
 #define PASSES_RAY_COUNT_GLSL
 
 #include "passes/bindings.glsl"
 
 const uint NOT_COUNTED = 0xFFFFFFFFu;
-layout(constant_id = 3) const uint ray_counter = NOT_COUNTED;  // row of ray_counts, which grows (modulo 2^32)
+layout(constant_id = 3) const uint ray_counter = NOT_COUNTED;  // row of ray_counts; counts are modulo 2^32
 
 void count_ray() {
     if (ray_counter != NOT_COUNTED) { atomicAdd(ray_counts.at[ray_counter], 1u); }

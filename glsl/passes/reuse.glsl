@@ -1,5 +1,5 @@
-// Whose samples a pixel may reuse: one pixel of the last frame, found by motion and shuffled by a permutation (Wyman and
-// Panteleev, "Rearchitecting Spatiotemporal Resampling for Production", 2021), and one nearby pixel of this frame.
+// Finds the pixels whose samples a pixel reuses: one of the previous frame, by motion vectors and a permutation, and
+// one nearby in this frame. Wyman and Panteleev, "Rearchitecting Spatiotemporal Resampling for Production" (2021).
 #ifndef PASSES_REUSE_GLSL
 #define PASSES_REUSE_GLSL
 
@@ -9,19 +9,25 @@
 
 const uint PERMUTATION_SALT = 0x5BD1E995u;
 
-// Swaps pixels within blocks of 4x4 that lie elsewhere in every frame: its own inverse, and never out of the picture.
-// Differs from Solari: a pixel whose partner would lie outside keeps its place, where theirs are clamped to the edge.
+bool is_inside_picture(ivec2 pixel) {
+    return all(greaterThanEqual(pixel, ivec2(0))) && all(lessThan(pixel, ivec2(camera.size)));
+}
+
+// Permutes pixels within blocks of 4x4, whose grid is shifted in every frame. The permutation is its own inverse.
+// Differs from Solari, which clamps partners outside the picture to its edge: a pixel with such a partner stays in
+// place.
 ivec2 permute_pixel(ivec2 pixel, uint random) {
     ivec2 shift = ivec2(random & 3u, random >> 2u & 3u);
     ivec2 partner = ((pixel + shift) ^ 3) - shift;
-    bool inside = all(greaterThanEqual(partner, ivec2(0))) && all(lessThan(partner, ivec2(camera.size)));
-    return inside ? partner : pixel;
+    return is_inside_picture(partner) ? partner : pixel;
 }
 
-// Choosing by surfaces alone, never by the samples found there, is what keeps reuse unbiased.
-bool find_temporal_neighbor(uvec2 pixel, GBufferSurface surface, out uvec2 neighbor, out GBufferSurface neighbor_surface) {
+// Reuse is unbiased because neighbors are chosen by their surfaces alone, never by their samples.
+bool find_temporal_neighbor(
+    uvec2 pixel, GBufferSurface surface, out uvec2 neighbor, out GBufferSurface neighbor_surface
+) {
     ivec2 previous_pixel = ivec2(floor(reproject(pixel)));
-    bool inside = all(greaterThanEqual(previous_pixel, ivec2(0))) && all(lessThan(previous_pixel, ivec2(camera.size)));
+    bool inside = is_inside_picture(previous_pixel);
     if (this_frame.has_history == 0u || !surface.exists || !inside) { return false; }
     if (reuse_settings.permutation_sampling != 0u) {
         uint random = seed_rng(uvec2(0u), this_frame.index, this_frame.seed ^ PERMUTATION_SALT);
@@ -29,21 +35,21 @@ bool find_temporal_neighbor(uvec2 pixel, GBufferSurface surface, out uvec2 neigh
         neighbor_surface = load_previous_gbuffer(neighbor);
         if (are_similar(surface, neighbor_surface)) { return true; }
     }
-    // Differs from Solari: where the partner shows another surface, the pixel itself still serves. Without, histories end
-    // at edges, and the permutation carries their ends far into surfaces.
+    // Differs from Solari: where the permuted pixel shows another surface, the reprojected pixel itself is tried.
+    // Otherwise histories would end at edges, and the permutation would spread their ends over the surface.
     neighbor = uvec2(previous_pixel);
     neighbor_surface = load_previous_gbuffer(neighbor);
     return are_similar(surface, neighbor_surface);
 }
 
 bool find_spatial_neighbor(
-    uvec2 pixel, GBufferSurface surface, float radius, inout uint rng, out uvec2 neighbor, out GBufferSurface neighbor_surface
+    uvec2 pixel, GBufferSurface surface, float radius, inout uint rng, out uvec2 neighbor,
+    out GBufferSurface neighbor_surface
 ) {
     if (!surface.exists) { return false; }
     for (uint i = 0u; i < reuse_settings.spatial_tries; i++) {
         ivec2 other = ivec2(floor(vec2(pixel) + 0.5 + radius * sample_disk(rand_vec2f(rng))));
-        bool inside = all(greaterThanEqual(other, ivec2(0))) && all(lessThan(other, ivec2(camera.size)));
-        if (inside && other != ivec2(pixel)) {
+        if (is_inside_picture(other) && other != ivec2(pixel)) {
             neighbor = uvec2(other);
             neighbor_surface = load_gbuffer(neighbor);
             if (are_similar(surface, neighbor_surface)) { return true; }

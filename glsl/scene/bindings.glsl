@@ -1,4 +1,4 @@
-// Descriptor set 0: what is in the world. solari_vk/scene/binder.py fills it, by these names.
+// Descriptor set 0: the scene. solari_vk/scene/binder.py fills it, by these names.
 #ifndef SCENE_BINDINGS_GLSL
 #define SCENE_BINDINGS_GLSL
 
@@ -8,7 +8,7 @@
 
 #include "generated/scene/constants.glsl"
 
-// ---- geometry: read only, one set of addresses a mesh, so no pool limits a scene's size ------------
+// ---- geometry: each mesh has its own addresses, so no pool limits the size of a scene ---------------
 
 struct VertexAttributes {
     vec3 normal;
@@ -26,17 +26,17 @@ struct Mesh {
     Triangles triangles;
     uint triangle_count;
     uint flags;
-    vec3 least;  // corner of the bounds in object space
-    vec3 most;   // the other
+    vec3 bounds_min;  // in object space
+    vec3 bounds_max;
 };
 
 struct Instance {
     mat4x3 world_from_object;
-    uint mesh;         // drawn by raster; NO_INDEX: nothing is
-    uint ray_mesh;     // met by rays
+    uint mesh;         // drawn by raster, or NO_INDEX
+    uint ray_mesh;     // intersected by rays
     uint material;
-    uint light_index;  // into light_sources, NO_INDEX when the instance emits nothing
-    uint id;           // never used again, unlike rows; 0: none
+    uint light_index;  // into light_sources, or NO_INDEX when the instance emits nothing
+    uint id;           // unlike the row, never given to another instance; 0 in unused rows
 };
 
 // ---- materials --------------------------------------------------------------------------------------
@@ -76,6 +76,8 @@ layout(set = 0, binding = 7, scalar) readonly buffer SceneInfoBlock {
     uint light_count;
     uint first_light_at_infinity;  // index into light_sources, where lights at infinity come last
 } scene_info;
-layout(set = 0, binding = 63) uniform sampler2D texture_images[];  // the largest number of the set, as it has no length
+// Bindings 16 to 62 are free for the buffers of light kinds: scene/lights/. The texture array has the largest number,
+// because it has no length.
+layout(set = 0, binding = 63) uniform sampler2D texture_images[];
 
 #endif

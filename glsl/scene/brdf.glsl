@@ -1,5 +1,6 @@
-// The surface model: Lambert under GGX with multiple scattering, energy conserving. Directions are in the frame whose z axis
-// is the shading normal (orthonormalize) and point away from the surface; the cosine of wi is inside all values.
+// The surface model: a Lambert lobe under a GGX lobe with multiple scattering, energy conserving. All directions point
+// away from the surface, in the frame whose z axis is the shading normal (orthonormalize). All values include the
+// cosine of wi. Sources: the papers named at each function.
 #ifndef SCENE_BRDF_GLSL
 #define SCENE_BRDF_GLSL
 
@@ -11,31 +12,31 @@
 #include "scene/surface.glsl"
 
 layout(constant_id = 0) const uint brdf_layering = LAYERING_CONSERVING;
-// Nothing but base_color / pi, for comparison with closed forms.
+// Every surface is base_color / pi, for comparison with closed forms.
 layout(constant_id = 1) const bool brdf_lambert = false;
 
 // A material seen from one direction.
 struct Brdf {
-    vec3 diffuse_color;  // without the layer above it as seen from wo, except for LAYERING_CONSERVING
+    vec3 diffuse_color;  // for LAYERING_CONSERVING reduced by what the specular layer reflects towards wo
     vec3 dielectric_f0;
     vec3 metal_f0;
     float metallic;
     float roughness;
     float perceptual_roughness;
     bool mirror;
-    float multiscatter;   // 1 / Ess(wo) - 1
-    float pdf_per_d;
-    float specular_probability;  // of the one-sample mixture
+    float multiscatter;          // 1 / Ess(wo) - 1, where Ess is the single-scattering albedo
+    float pdf_per_d;             // ggx_vndf_pdf_per_d
+    float specular_probability;  // with which sample_brdf takes the specular lobe
 };
 
 struct BrdfSample {
-    vec3 wi;      // below the surface when the sample is invalid
-    vec3 weight;  // BRDF / pdf, the cosine in it; 0 when invalid
-    float pdf;    // infinite for a mirror's direction
-    bool diffuse;  // which lobe proposed wi; weight and pdf are of both, but for a mirror
+    vec3 wi;       // below the surface when the sample is invalid
+    vec3 weight;   // BRDF times cosine over pdf; 0 when the sample is invalid
+    float pdf;     // infinite for the direction of a mirror
+    bool diffuse;  // whether the diffuse lobe proposed wi; weight and pdf are those of both lobes, except for a mirror
 };
 
-// Directional albedo of GGX with that F0 and multiple scattering, from E = F0 A + B with F0 = 1 giving all: Fdez-Aguero, "A
+// The directional albedo of GGX with multiple scattering, from the single-scattering albedo F0 A + B. Fdez-Aguero, "A
 // Multiple-Scattering Microfacet Model for Real-Time Image-based Lighting" (JCGT 2019).
 vec3 specular_albedo(vec3 f0, vec2 ab) {
     return (f0 * ab.x + ab.y) * (1.0 + f0 * (1.0 / (ab.x + ab.y) - 1.0));
@@ -65,7 +66,7 @@ Brdf prepare_brdf(ResolvedMaterial material, vec3 wo) {
     float diffuse = luminance(brdf.diffuse_color * through);
     brdf.specular_probability = diffuse > 0.0 ? luminance(specular) / (luminance(specular) + diffuse) : 1.0;
     if (brdf_layering == LAYERING_CONSERVING && brdf.metallic < 1.0) {
-        // Differs from Solari: (1 - E(wo)) (1 - E(wi)) / (1 - E_average) is reciprocal, and all that enters leaves
+        // Differs from Solari: (1 - E(wo)) (1 - E(wi)) / (1 - E_average) is reciprocal and loses no energy
         mat3 averages = lookup_brdf_averages(material.perceptual_roughness);
         vec3 f0 = brdf.dielectric_f0;
         vec3 average = averages[0] + f0 * (averages[1] + f0 * averages[2]);
@@ -92,7 +93,7 @@ vec3 specular_fresnel(Brdf brdf, float LdotH) {
     return mix(dielectric, metal, brdf.metallic);
 }
 
-// A mirror's is 0 wherever a direction was not chosen by sampling it.
+// Returns 0 for a mirror: only sample_brdf finds the one direction that it reflects to.
 vec3 evaluate_specular_brdf(Brdf brdf, vec3 wo, vec3 wi) {
     if (brdf_lambert || brdf.mirror || !(wo.z > 0.0 && wi.z > 0.0)) { return vec3(0.0); }
     vec3 half_vector = normalize(wo + wi);
@@ -105,7 +106,7 @@ vec3 evaluate_brdf(Brdf brdf, vec3 wo, vec3 wi) {
     return evaluate_diffuse_brdf(brdf, wo, wi) + evaluate_specular_brdf(brdf, wo, wi);
 }
 
-// Of sample_brdf's choosing wi, in solid angle.
+// The density with which sample_brdf chooses wi, in solid angle.
 float brdf_pdf(Brdf brdf, vec3 wo, vec3 wi) {
     if (!(wo.z > 0.0 && wi.z > 0.0)) { return 0.0; }
     float diffuse_pdf = INVERSE_PI * wi.z;
@@ -117,7 +118,8 @@ BrdfSample sample_brdf(Brdf brdf, vec3 wo, inout uint rng) {
     float choice = rand_f(rng);
     vec2 u = rand_vec2f(rng);
     if (brdf.mirror && choice < brdf.specular_probability) {
-        return BrdfSample(vec3(-wo.xy, wo.z), specular_fresnel(brdf, wo.z) / brdf.specular_probability, INFINITY, false);
+        vec3 weight = specular_fresnel(brdf, wo.z) / brdf.specular_probability;
+        return BrdfSample(vec3(-wo.xy, wo.z), weight, INFINITY, false);
     }
     bool diffuse = choice >= brdf.specular_probability;
     vec3 wi = diffuse ? sample_cosine_hemisphere(u) : sample_ggx_vndf(wo, brdf.roughness, u);

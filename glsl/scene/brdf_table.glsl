@@ -1,4 +1,4 @@
-// Reads the table of GGX's directional albedo that passes/brdf_table computes.
+// The table of the directional albedo of GGX, which passes/brdf_table computes.
 #ifndef SCENE_BRDF_TABLE_GLSL
 #define SCENE_BRDF_TABLE_GLSL
 
@@ -9,18 +9,18 @@
 layout(set = 0, binding = 10, scalar) buffer BrdfTableBlock { vec2 at[]; } brdf_table;
 layout(set = 0, binding = 11, scalar) buffer BrdfAveragesBlock { vec3 at[]; } brdf_averages;
 
-// Rows: perceptual roughness from 0 to 1. Columns: the square root of the normal's cosine from 0 to 1, since the albedo of
-// smooth surfaces changes fastest near grazing. The host reads the size from here.
+// Rows: perceptual roughness from 0 to 1. Columns: the square root of the cosine to the normal from 0 to 1, because the
+// albedo of smooth surfaces changes fastest at grazing angles. The host reads the size from here.
 layout(constant_id = 2) const uint BRDF_TABLE_SIZE = 64u;
 
-// Row 0: everything single-scattered, Fresnel as it is.
+// A and B for a mirror, which is row 0: F0 A + B is Fresnel itself.
 vec2 mirror_albedo(float NdotV) {
     float x = saturate(1.0 - NdotV);
     float fresnel = square(square(x)) * x;
     return vec2(1.0 - fresnel, fresnel);
 }
 
-// A and B of the albedo F0 A + B.
+// A and B of the single-scattering albedo F0 A + B.
 vec2 lookup_brdf_table(float NdotV, float perceptual_roughness) {
     uint last = BRDF_TABLE_SIZE - 1u;
     vec2 position = vec2(sqrt(saturate(NdotV)), saturate(perceptual_roughness)) * float(last);
@@ -32,7 +32,7 @@ vec2 lookup_brdf_table(float NdotV, float perceptual_roughness) {
     return mix(smoother, rougher, part.y);
 }
 
-// The cosine-weighted average of the albedo with multiple scattering is column 0 + F0 column 1 + F0^2 column 2.
+// The cosine-weighted average of the multiple-scattering albedo is column 0 + F0 column 1 + F0^2 column 2.
 mat3 lookup_brdf_averages(float perceptual_roughness) {
     uint last = BRDF_TABLE_SIZE - 1u;
     float position = saturate(perceptual_roughness) * float(last);

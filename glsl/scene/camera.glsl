@@ -1,5 +1,5 @@
-// The cameras of this frame and of the previous one, their rays, and how they project points. solari_vk/scene/projection.py
-// fills the two uniform blocks.
+// The cameras of this frame and of the previous one, their rays, and how they project points.
+// solari_vk/scene/projection.py fills the two uniform blocks.
 #ifndef SCENE_CAMERA_GLSL
 #define SCENE_CAMERA_GLSL
 
@@ -11,7 +11,7 @@ struct Camera {
     vec2 tan_half_fov;       // horizontal, vertical
     float near;              // distance of the near plane
     uvec2 size;              // of the picture, in pixels
-    vec2 jitter;             // offset of all samples from where pixels are, in pixels
+    vec2 jitter;             // offset of this frame's samples from the pixels' positions, in pixels
 };
 
 layout(set = 0, binding = 8, scalar) uniform CameraBlock { Camera camera; };

@@ -1,13 +1,14 @@
-// What a ray met: a point of a triangle of an instance. scene/trace.glsl finds hits, scene/surface.glsl resolves them.
+// Where a ray hit the scene: a point on a triangle of an instance. scene/trace.glsl finds hits, scene/surface.glsl
+// resolves them.
 #ifndef SCENE_HIT_GLSL
 #define SCENE_HIT_GLSL
 
 struct Hit {
-    float t;            // along the direction as given; infinite when nothing was hit
+    float t;            // in lengths of the ray's direction; infinite when nothing was hit
     uint instance;      // NO_INDEX when nothing was hit
     uint triangle;      // of the instance's ray mesh
     vec2 barycentrics;  // weights of the second and third vertex
-    bool front_face;    // the ray met the side whose vertices run counter-clockwise in object space
+    bool front_face;    // whether the ray hit the side whose vertices run counter-clockwise in object space
 };
 
 #endif

@@ -1,13 +1,13 @@
-// GGX microfacets in the frame whose z axis is the shading normal, and how to sample them.
+// The GGX microfacet distribution and how to sample it, in the frame whose z axis is the shading normal.
 #ifndef SCENE_MICROFACET_GLSL
 #define SCENE_MICROFACET_GLSL
 
 #include "common/math.glsl"
 
-// Below this a surface is a mirror.
+// A surface of at most this roughness is a perfect mirror.
 const float MIRROR_ROUGHNESS = 0.001;
 
-// The sine comes from x and y: 1 - cos^2 loses 12 % at roughness 0.001.
+// The squared sine is computed from x and y: at roughness 0.001, 1 - cos^2 would be off by 12 %.
 float D_GGX(float roughness, vec3 half_vector) {
     float a2 = square(roughness);
     float spread = dot(half_vector.xy, half_vector.xy) + a2 * square(half_vector.z);
@@ -27,8 +27,9 @@ vec3 fresnel(vec3 f0, float LdotH) {
     return f0 + (1.0 - f0) * (x2 * x2 * x);
 }
 
-// Eto and Tokuyoshi, "Bounded VNDF Sampling for Smith-GGX Reflections" (SIGGRAPH Asia 2023), listing 1. The light's direction
-// for a view direction; samples with z <= 0 are invalid and count as nothing, so the pdf integrates to the valid fraction.
+// Samples the reflected direction for a view direction: Eto and Tokuyoshi, "Bounded VNDF Sampling for Smith-GGX
+// Reflections" (SIGGRAPH Asia 2023), listing 1. Samples with z <= 0 are invalid and contribute nothing; the pdf
+// integrates to the share of valid samples.
 vec3 sample_ggx_vndf(vec3 wo, float roughness, vec2 u) {
     vec3 wo_std = normalize(vec3(wo.xy * roughness, wo.z));
     float a2 = square(roughness);
@@ -43,7 +44,7 @@ vec3 sample_ggx_vndf(vec3 wo, float roughness, vec2 u) {
     return 2.0 * dot(wo, m) * m - wo;
 }
 
-// What D is to be multiplied by for the pdf of a direction (listing 2, for wo above the surface).
+// The pdf of sample_ggx_vndf divided by D_GGX (listing 2, for wo above the surface).
 float ggx_vndf_pdf_per_d(vec3 wo, float roughness) {
     float a2 = square(roughness);
     float flat2 = dot(wo.xy, wo.xy);

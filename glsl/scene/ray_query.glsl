@@ -1,5 +1,6 @@
-// The wgpu document's ray queries over GL_EXT_ray_query: its functions, structures, flags and kinds, by its names. Knows
-// nothing of the renderer's scene: any acceleration structure will do, and candidates are the shader's to decide.
+// The ray queries of the wgpu ray tracing document over GL_EXT_ray_query: its functions, structures, flags and kinds,
+// under its names. They work with any acceleration structure, not only the renderer's scene, and the shader decides
+// about candidates.
 //
 //     RAY_QUERY(query);
 //     rayQueryInitialize(query, tlas, RayDesc(RAY_FLAG_NONE, 0xFFu, t_min, t_max, origin, dir));
@@ -10,10 +11,10 @@
 //     }
 //     RayIntersection hit = rayQueryGetCommittedIntersection(query);
 //
-// A pass with the header `#define RAY_QUERY_DEBUG` counts what the document leaves undefined in `ray_query_faults`, and
-// goes on as if it had not been asked for; without it, it is undefined, but for rays with NaN, infinities or an empty range,
-// which always meet nothing. `solari_vk.rt.check_ray_queries` reads the counts.
-// Differs from wgpu: queries are declared by a macro, since GLSL can't keep them in structures with what is known of them.
+// A pass with the header `#define RAY_QUERY_DEBUG` ignores each call whose result the document leaves undefined, and
+// counts it in `ray_query_faults`, which `solari_vk.rt.check_ray_queries` reads. Without this header the behavior of
+// such calls is undefined, with one exception: rays with NaN, infinities or an empty range never hit anything.
+// Differs from wgpu: a macro declares queries, because GLSL can't store a query in a structure beside its debug state.
 #ifndef SCENE_RAY_QUERY_GLSL
 #define SCENE_RAY_QUERY_GLSL
 
@@ -21,20 +22,20 @@
 #extension GL_EXT_ray_flags_primitive_culling : require
 #extension GL_EXT_scalar_block_layout : require
 
-layout(primitive_culling);  // what SKIP_TRIANGLES and SKIP_AABBS need; every device with ray queries has it
+layout(primitive_culling);  // SKIP_TRIANGLES and SKIP_AABBS need it; every device with ray queries supports it
 
 struct RayDesc {
     uint flags;
-    uint cull_mask;  // instances whose mask shares no bit with it are passed by
+    uint cull_mask;  // the ray ignores instances whose mask shares no bit with it
     float t_min;
     float t_max;
     vec3 origin;
-    vec3 dir;  // any length; t counts in it
+    vec3 dir;  // of any length, which is the unit of t
 };
 
 struct RayIntersection {
-    uint kind;  // with RAY_QUERY_INTERSECTION_NONE nothing else means anything
-    float t;    // 0 for a candidate that is a box
+    uint kind;  // RAY_QUERY_INTERSECTION_NONE: the other fields are undefined
+    float t;    // 0 for a candidate box
     uint instance_custom_data;
     uint instance_index;
     uint sbt_record_offset;
@@ -66,7 +67,7 @@ const uint RAY_QUERY_INTERSECTION_AABB = 3u;
 // ---- over GL_EXT_ray_query ---------------------------------------------------------------------------
 
 uint ray_query_committed_kind(rayQueryEXT query) {
-    return rayQueryGetIntersectionTypeEXT(query, true);  // Vulkan's three are the document's
+    return rayQueryGetIntersectionTypeEXT(query, true);  // Vulkan numbers these three kinds as the document does
 }
 
 uint ray_query_candidate_kind(rayQueryEXT query) {
@@ -86,7 +87,7 @@ RayIntersection ray_query_no_intersection() {
     return nothing;
 }
 
-// Vulkan wants to know at compile time which of the two intersections is meant.
+// COMMITTED selects the committed or the candidate intersection; Vulkan requires a constant.
 #define RAY_QUERY_DEFINE_GETTER(NAME, COMMITTED, KIND) \
     RayIntersection NAME(rayQueryEXT query) { \
         RayIntersection found = ray_query_no_intersection(); \
@@ -109,8 +110,8 @@ RayIntersection ray_query_no_intersection() {
 RAY_QUERY_DEFINE_GETTER(ray_query_committed, true, ray_query_committed_kind(query))
 RAY_QUERY_DEFINE_GETTER(ray_query_candidate, false, ray_query_candidate_kind(query))
 
-// Vulkan leaves other rays undefined: they could hang a device. Told by bits, since Vulkan lets a device pass over NaN in
-// comparisons. An infinite t_max is right.
+// Returns false for rays that Vulkan leaves undefined and that could hang a device. Tests bit patterns, because Vulkan
+// allows devices to ignore NaN in comparisons. An infinite t_max is valid.
 bool ray_query_is_valid(RayDesc desc) {
     const uint infinity = 0x7F800000u, no_sign = 0x7FFFFFFFu;
     uvec3 origin = floatBitsToUint(desc.origin) & no_sign, dir = floatBitsToUint(desc.dir) & no_sign;
@@ -120,17 +121,17 @@ bool ray_query_is_valid(RayDesc desc) {
     return finite && numbers && any(notEqual(desc.dir, vec3(0.0))) && desc.t_min >= 0.0 && desc.t_min <= desc.t_max;
 }
 
-// A ray in the place of one that breaks a rule: no mask lets it in.
+// Replaces a ray that breaks a rule: its mask matches no instance.
 const RayDesc RAY_QUERY_NO_RAY = RayDesc(RAY_FLAG_NONE, 0u, 0.0, 0.0, vec3(0.0), vec3(0.0, 0.0, 1.0));
 
-// Vulkan asks that no hit is generated behind one that is committed; the document lets it have no effect.
+// Generating a hit behind the committed one is an error in Vulkan, and without effect in the document.
 void ray_query_generate(rayQueryEXT query, float hit_t) {
     bool none = ray_query_committed_kind(query) == RAY_QUERY_INTERSECTION_NONE;
     if (none || hit_t <= rayQueryGetIntersectionTEXT(query, true)) { rayQueryGenerateIntersectionEXT(query, hit_t); }
 }
 
 #ifdef RAY_QUERY_VERTEX_RETURN
-// Corners of a hit triangle, in object space; compilers of before 2023 don't know the extension's name.
+// The vertices of a hit triangle in object space. GLSL compilers before 2023 don't know the extension by name.
 #extension GL_EXT_spirv_intrinsics : require
 spirv_instruction(extensions = ["SPV_KHR_ray_tracing_position_fetch"], capabilities = [5391], id = 5340)
 vec3[3] ray_query_positions(spirv_by_reference rayQueryEXT query, int committed);

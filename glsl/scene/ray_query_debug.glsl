@@ -1,4 +1,4 @@
-// The debug build of ray_query.glsl: each query has a record of what is known of it, and each broken rule is counted.
+// The debug build of ray_query.glsl: a record beside each query tracks its state, and each broken rule is counted.
 #ifndef SCENE_RAY_QUERY_DEBUG_GLSL
 #define SCENE_RAY_QUERY_DEBUG_GLSL
 
@@ -13,7 +13,7 @@
 
 struct RayQueryFault {
     uint count;
-    uvec3 invocation;  // the first that broke the rule
+    uvec3 invocation;  // the first invocation that broke the rule
 };
 layout(set = 1, binding = RAY_QUERY_FAULTS_BINDING, scalar) buffer RayQueryFaultsBlock {
     RayQueryFault at[];
@@ -30,7 +30,7 @@ struct RayQueryRecord {
     float t_max;
 };
 
-// Whether a rule is kept; counted when it is not.
+// Returns whether a rule is kept, and counts the fault otherwise.
 bool ray_query_rule(bool kept, uint fault) {
     if (!kept && atomicAdd(ray_query_faults.at[fault].count, 1u) == 0u) {
         ray_query_faults.at[fault].invocation = RAY_QUERY_INVOCATION;
@@ -88,7 +88,7 @@ void ray_query_terminate_checked(rayQueryEXT query, RayQueryRecord record) {
     }
 }
 
-// Whether the query stands where it must for a getter.
+// Returns whether the query is in the phase that a getter requires.
 bool ray_query_stands(RayQueryRecord record, uint phase, uint fault) {
     if (!ray_query_rule(record.phase >= RAY_QUERY_AT_CANDIDATE, FAULT_GET_BEFORE_PROCEED)) { return false; }
     return ray_query_rule(record.phase == phase, fault);

@@ -1,4 +1,4 @@
-// From a hit to the surface there: true geometric normal, shading normal, material, and a safe place to send rays from.
+// The surface at a hit: geometric and shading normals, material, and a safe origin for further rays.
 #ifndef SCENE_SURFACE_GLSL
 #define SCENE_SURFACE_GLSL
 
@@ -18,34 +18,34 @@ struct ResolvedMaterial {
 // A point of a triangle of an instance's ray mesh.
 struct TrianglePoint {
     vec3 world_position;
-    vec3 geometric_world_normal;  // on the front: where vertices run counter-clockwise in object space
+    vec3 geometric_world_normal;  // on the front, where the vertices run counter-clockwise in object space
     float area;        // of the whole triangle, in world space
     float ray_offset;  // see world_ray_offset
     vec2 uv;
     uvec3 vertices;
     mat3x3 object_edges;  // the first vertex, and the edges from it to the second and third
-    mat3x3 normal_matrix;  // world from object for normals, any length
+    mat3x3 normal_matrix;  // world from object for normals; does not keep their length
 };
 
 struct ResolvedRayHitFull {
     vec3 world_position;
-    vec3 world_normal;            // shading normal, faces the ray as the geometric normal does
+    vec3 world_normal;            // shading normal, faces the ray too
     vec3 geometric_world_normal;  // faces the ray
     float ray_offset;             // rays leave from world_position + ray_offset * geometric_world_normal
     float triangle_area;
     uint triangle_count;
     uint light_index;  // NO_INDEX when the instance is no light
-    bool emits;        // towards the ray: its front, or either side of a double-sided material
+    bool emits;        // towards the ray: on its front, or on both sides of a double-sided material
     ResolvedMaterial material;
 };
 
 // ---- geometry ---------------------------------------------------------------------------------------
 
-// How far along the geometric normal a ray's origin must move so that the triangle can't be met again. Bounds what
-// rounding does to the point, on its way to world space and on the ray's way back into the object's: after
-// Woechter and Binder, "A Fast and Robust Method for Avoiding Self-Intersection" (Ray Tracing Gems, 2019) in the form of
-// NVIDIA's error-bounded successor (2022), in one expression. `reach` bounds the coordinates that take part.
-// Differs from Solari: a fixed 1 mm there.
+// How far along the geometric normal a ray's origin must move so that the ray can't hit the same triangle. The distance
+// bounds the rounding error of the point's transform to world space and of the ray's transform back to object space, in
+// one expression: Woechter and Binder, "A Fast and Robust Method for Avoiding Self-Intersection" (Ray Tracing Gems,
+// 2019), in the form of NVIDIA's error-bounded successor (2022). `reach` bounds the coordinates of the triangle.
+// Differs from Solari, which moves origins by 1 mm.
 float world_ray_offset(vec3 reach, mat4x3 world_from_object, mat3 cofactors, vec3 object_normal) {
     vec3 world_reach = abs(world_from_object[0]) * reach.x + abs(world_from_object[1]) * reach.y
         + abs(world_from_object[2]) * reach.z + abs(world_from_object[3]);
@@ -64,16 +64,16 @@ TrianglePoint resolve_triangle(Instance instance, Mesh mesh, uint triangle, vec2
 
     mat4x3 m = instance.world_from_object;
     point.world_position = m * vec4(corner + barycentrics.x * edge_1 + barycentrics.y * edge_2, 1.0);
-    // The cofactor matrix turns normals without a division; its sign makes mirrored instances keep their front.
+    // The cofactor matrix transforms normals without a division. Its sign keeps the front of mirrored instances.
     mat3 cofactors = mat3(cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1]));
     cofactors *= dot(m[0], cofactors[0]) < 0.0 ? -1.0 : 1.0;
     point.normal_matrix = cofactors;
 
     float extent = max(max_component(abs(edge_1)), max_component(abs(edge_2)));
     point.area = 0.0;
-    vec3 object_normal = vec3(0.0, 0.0, 1.0);  // of what is no triangle, which no ray meets
+    vec3 object_normal = vec3(0.0, 0.0, 1.0);  // of a degenerate triangle, which no ray hits
     if (extent > 0.0) {
-        vec3 unit_1 = edge_1 / extent, unit_2 = edge_2 / extent;  // so that no product vanishes or overflows
+        vec3 unit_1 = edge_1 / extent, unit_2 = edge_2 / extent;  // so that no product underflows or overflows
         object_normal = safe_normalize(cross(unit_1, unit_2), object_normal);
         point.area = 0.5 * length(cross(mat3(m) * unit_1, mat3(m) * unit_2)) * extent * extent;
     }
@@ -98,7 +98,7 @@ vec4 sample_texture(uint texture_index, vec2 uv, float footprint_lod) {
     return textureLod(texture_images[nonuniformEXT(source.image)], source.uv_transform * vec3(uv, 1.0), lod);
 }
 
-// At the finest level, wherever it is seen from: what is sampled as a light is exactly what a ray meets.
+// Sampled at the finest level for every ray, so that light samples and rays that hit the light see the same radiance.
 vec3 resolve_emissive(Material material, vec2 uv) {
     if (material.emissive_texture == NO_INDEX) { return material.emissive; }
     return material.emissive * sample_texture(material.emissive_texture, uv, -1000.0).rgb;
@@ -125,8 +125,8 @@ ResolvedMaterial resolve_material(Material material, vec2 uv, float footprint_lo
 
 // ---- normals ----------------------------------------------------------------------------------------
 
-// The tangent from how uvs run over the triangle where the mesh has none, with the bitangent's sign in w (glTF: the
-// bitangent points to where v falls); w = 0 where uvs have no area.
+// The tangent of a triangle from its uvs, for meshes without tangents, with the sign of the bitangent in w: in glTF the
+// bitangent points towards smaller v. Returns w = 0 where the uvs have no area.
 vec4 tangent_from_uvs(Mesh mesh, TrianglePoint point, vec3 object_normal) {
     if ((mesh.flags & MESH_HAS_UVS) == 0u) { return vec4(0.0); }
     vec2 uv = mesh.attributes.at[point.vertices.x].uv;
@@ -138,7 +138,8 @@ vec4 tangent_from_uvs(Mesh mesh, TrianglePoint point, vec3 object_normal) {
     return vec4(along_u, -sign(dot(cross(object_normal, along_u), along_v)));
 }
 
-// On the front side; smooth normals that point to the back (inverted by their file) are turned.
+// The shading normal on the front side. A smooth normal that points to the back, as in files with inverted normals, is
+// negated.
 vec3 resolve_shading_normal(
     Instance instance, Mesh mesh, Material material, TrianglePoint point, vec2 barycentrics, float footprint_lod
 ) {
@@ -168,36 +169,38 @@ vec3 resolve_shading_normal(
     tangent.xyz -= normal * dot(normal, tangent.xyz);
     vec3 along = safe_normalize(tangent.xyz, vec3(0.0));
     if (tangent.w == 0.0 || along == vec3(0.0)) { return normal; }
-    // z follows from x and y, so that two-channel maps work
+    // z is computed from x and y, so that two-channel maps work
     vec2 xy = sample_texture(material.normal_texture, point.uv, footprint_lod).xy * 2.0 - 1.0;
     vec3 mapped = vec3(material.normal_scale * xy, safe_sqrt(1.0 - dot(xy, xy)));
     return safe_normalize(mat3(along, cross(normal, along) * sign(tangent.w), normal) * mapped, normal);
 }
 
-// Differs from Solari, which shades with normals as they come: bends a shading normal, in the plane of both normals, until the mirror direction of wo rises above the surface; it then
-// also faces wo. All BRDFs see the bent normal, and nothing is reflected to below the geometric surface.
+// Bends a shading normal towards the geometric normal until the mirror direction of wo lies above the surface; the
+// result faces wo too. All BRDFs use the bent normal, so no reflection points below the geometric surface.
+// Differs from Solari, which shades with normals as they are.
 vec3 bend_shading_normal(vec3 normal, vec3 geometric_normal, vec3 wo) {
     float cosine = dot(geometric_normal, wo);
-    float least = min(0.9 * cosine, 0.01);
+    float min_cosine = min(0.9 * cosine, 0.01);  // of the mirror direction to the geometric normal
     vec3 mirrored = 2.0 * dot(normal, wo) * normal - wo;
-    if (dot(normal, wo) > 0.0 && dot(mirrored, geometric_normal) >= least) { return normal; }
+    if (dot(normal, wo) > 0.0 && dot(mirrored, geometric_normal) >= min_cosine) { return normal; }
     vec3 sideways = safe_normalize(normal - geometric_normal * dot(normal, geometric_normal), vec3(0.0));
     float along = dot(wo, sideways);
     float in_plane = length(vec2(along, cosine));
     if (!(in_plane > 0.0) || sideways == vec3(0.0)) { return geometric_normal; }
-    float angle = 0.5 * (atan(along, cosine) + acos(least / in_plane));
+    float angle = 0.5 * (atan(along, cosine) + acos(min_cosine / in_plane));
     return cos(angle) * geometric_normal + sin(angle) * sideways;
 }
 
 // ---- hits -------------------------------------------------------------------------------------------
 
-// `cone_width` is the ray cone's at the hit (Akenine-Moeller et al., "Texture Level of Detail Strategies for Real-Time Ray
-// Tracing", Ray Tracing Gems, 2019; and "Improved Shader and Texture Level of Detail Using Ray Cones", JCGT 2021).
+// Resolves the surface at a hit. `cone_width` is the width of the ray cone there: Akenine-Moeller et al., "Texture
+// Level of Detail Strategies for Real-Time Ray Tracing" (Ray Tracing Gems, 2019) and "Improved Shader and Texture Level
+// of Detail Using Ray Cones" (JCGT 2021).
 ResolvedRayHitFull resolve_hit_full(Hit hit, Mesh mesh, vec3 ray_direction, float cone_width) {
     Instance instance = instances.at[hit.instance];
     Material material = materials.at[instance.material];
     TrianglePoint point = resolve_triangle(instance, mesh, hit.triangle, hit.barycentrics);
-    // by the normal, not by the query's answer: what is shaded is what is seen, edge-on too
+    // decided by the normal, not by the ray query, so that the shaded side is the visible one at grazing angles too
     bool front_face = dot(ray_direction, point.geometric_world_normal) <= 0.0;
 
     ResolvedRayHitFull surface;
@@ -215,7 +218,8 @@ ResolvedRayHitFull resolve_hit_full(Hit hit, Mesh mesh, vec3 ray_direction, floa
         vec2 uv_1 = mesh.attributes.at[point.vertices.y].uv - uv;
         vec2 uv_2 = mesh.attributes.at[point.vertices.z].uv - uv;
         float uv_area = 0.5 * abs(uv_1.x * uv_2.y - uv_1.y * uv_2.x);
-        // the footprint's narrow axis: at a slant the long one would blur, and is what a pixel's samples average
+        // The footprint's narrow axis: the long axis would blur at grazing angles, and a pixel's samples average along
+        // it.
         footprint_lod = 0.5 * log2(max(uv_area, 1e-30) / max(point.area, 1e-30)) + log2(max(cone_width, 1e-30));
     }
     surface.material = resolve_material(material, point.uv, footprint_lod);

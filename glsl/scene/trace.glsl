@@ -1,5 +1,6 @@
-// All rays of all passes. Another way of tracing (ray tracing pipelines) replaces this file and nothing else, so passes
-// that trace use no shared memory and no barriers, and take their place in the dispatch from INVOCATION_INDEX.
+// Tracing rays through the scene: the only file of the renderer that uses ray queries. A backend with ray tracing
+// pipelines replaces this file alone. Passes that trace therefore use no shared memory and no barriers, and read their
+// invocation's index from INVOCATION_INDEX.
 #ifndef SCENE_TRACE_GLSL
 #define SCENE_TRACE_GLSL
 
@@ -14,8 +15,9 @@ layout(set = 0, binding = 0) uniform accelerationStructureEXT tlas;
 #define INVOCATION_INDEX (gl_GlobalInvocationID.xy)
 
 const uint TRACE_BOTH_FACES = gl_RayFlagsOpaqueEXT;
-const uint TRACE_ANY_HIT = gl_RayFlagsOpaqueEXT | gl_RayFlagsTerminateOnFirstHitEXT;  // the first that is found
-// Camera rays look through the backs of single-sided materials, as raster does.
+// Returns the first hit that is found, which need not be the closest.
+const uint TRACE_ANY_HIT = gl_RayFlagsOpaqueEXT | gl_RayFlagsTerminateOnFirstHitEXT;
+// Camera rays pass through the backs of single-sided materials, as raster does.
 const uint TRACE_FRONT_FACES = gl_RayFlagsOpaqueEXT | gl_RayFlagsCullBackFacingTrianglesEXT;
 
 Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uint flags) {
@@ -34,11 +36,10 @@ Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uin
     );
 }
 
-// Whether nothing stands on the way; both faces of everything cast shadows.
+// Returns whether nothing is hit. Both faces of every triangle cast shadows.
 bool trace_visibility(vec3 origin, vec3 direction, float t_max) {
     rayQueryEXT query;
-    const uint flags = gl_RayFlagsOpaqueEXT | gl_RayFlagsTerminateOnFirstHitEXT;
-    rayQueryInitializeEXT(query, tlas, flags, 0xFFu, origin, 0.0, direction, t_max);
+    rayQueryInitializeEXT(query, tlas, TRACE_ANY_HIT, 0xFFu, origin, 0.0, direction, t_max);
     while (rayQueryProceedEXT(query)) {}
     return rayQueryGetIntersectionTypeEXT(query, true) == gl_RayQueryCommittedIntersectionNoneEXT;
 }

@@ -107,8 +107,8 @@ class Geometry:
         corners = mesh.positions[triangles]
         order = self._orders[mesh] = spatial_order(corners.mean(axis=1))
         triangles = triangles[order]
-        least, most = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-        self._centers[mesh] = (least + most) / 2
+        low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+        self._centers[mesh] = (low + high) / 2
         self._areas.pop(mesh, None)
         parts = [mesh.positions, triangles]
         flags = 0
@@ -139,7 +139,7 @@ class Geometry:
         record["attributes"] = offsets[2] if flags else 0
         record["triangle_count"] = len(triangles)
         record["flags"] = flags
-        record["least"], record["most"] = least, most
+        record["bounds_min"], record["bounds_max"] = low, high
         self.table.mark([self.rows[mesh]])
         return TriangleGeometry(
             positions=offsets[0],

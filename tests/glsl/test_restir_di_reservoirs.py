@@ -191,7 +191,7 @@ MUTANTS = {
     "wraps at the edge": (
         check_permutation,
         REUSE,
-        "return inside ? partner : pixel;",
+        "return is_inside_picture(partner) ? partner : pixel;",
         "return abs(partner) % ivec2(camera.size);",
     ),
     "no shift back": (check_permutation, REUSE, "((pixel + shift) ^ 3) - shift", "(pixel + shift) ^ 3"),

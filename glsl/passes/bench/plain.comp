@@ -1,6 +1,5 @@
-// A ray query and nothing else: rays from buffers, and how far each comes. The measure for `RayTracer.trace`.
+// Traces rays from buffers and writes the distance of each hit, nothing else: the baseline of `RayTracer.trace`.
 #version 460
-#extension GL_EXT_ray_query : require
 #extension GL_EXT_scalar_block_layout : require
 #include "scene/bindings.glsl"
 #include "scene/trace.glsl"

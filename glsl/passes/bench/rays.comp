@@ -1,7 +1,6 @@
-// What ray queries cost by themselves: paths like the path tracer's, of closest-hit rays that scatter about the geometric
-// normal, with nothing else done at a hit. The measure for everything that traces.
+// Traces paths without shading: closest-hit rays that scatter around the geometric normal, nothing else. The baseline
+// of all passes that trace.
 #version 460
-#extension GL_EXT_ray_query : require
 #include "common/random.glsl"
 #include "passes/pathtracer/bindings.glsl"
 #include "scene/camera.glsl"

@@ -1,5 +1,6 @@
-// Cosine-weighted averages of the directional albedo, for what diffuse light meets on its way out (Kulla and Conty, "Revisiting
-// Physically Based Shading at Imageworks", 2017): of the table as it is interpolated, so that both fit exactly.
+// Averages the directional albedo over the hemisphere, weighted by the cosine, for the diffuse lobe below the specular
+// one: Kulla and Conty, "Revisiting Physically Based Shading at Imageworks" (2017). Integrates the interpolated table,
+// so that table and averages agree exactly.
 #version 460
 #include "scene/brdf_table.glsl"
 

@@ -1,12 +1,12 @@
-// Directional albedo of single-scattering GGX for F0 split into A and B (Karis, "Real Shading in Unreal Engine 4", 2013), by
-// quadrature over bounded VNDF samples, whose weights are smooth but for a kink at the horizon.
+// Computes the directional albedo of single-scattering GGX as F0 A + B: Karis, "Real Shading in Unreal Engine 4"
+// (2013). It is a quadrature over bounded VNDF samples, whose weights are smooth except for a kink at the horizon.
 #version 460
 #include "scene/brdf_table.glsl"
 #include "scene/microfacet.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
-// Points of a golden-ratio lattice: a plain grid of as many has ten times the error, from the kink.
+// Points of a golden-ratio lattice; a regular grid of the same number has ten times the error, because of the kink.
 const uint POINT_COUNT = 1024u;
 const float GOLDEN_RATIO = 0.618033988749895;
 
@@ -23,7 +23,7 @@ void main() {
         vec3 wo = vec3(safe_sqrt(1.0 - NdotV * NdotV), 0.0, NdotV);
         float pdf_per_d = ggx_vndf_pdf_per_d(wo, roughness);
         for (uint i = 0u; i < POINT_COUNT; i++) {
-            // half the turn, the other is its mirror image; denser towards the lowest directions, where weights vary most
+            // Half the azimuths, as the others mirror them; denser near the horizon, where weights vary most.
             float from_end = 1.0 - (float(i) + 0.5) / float(POINT_COUNT);
             vec2 u = vec2(0.5 * fract(float(i) * GOLDEN_RATIO), 1.0 - from_end * from_end);
             vec3 wi = sample_ggx_vndf(wo, roughness, u);

@@ -1,4 +1,4 @@
-// The surface model: draws from it, values of it at given directions, and its albedo by quadrature. MODE says which.
+// The surface model for tests: samples, values at given directions, or the albedo by quadrature, as MODE says.
 #version 460
 #include "generated/conformance/brdf_runs.glsl"
 #include "scene/brdf.glsl"
@@ -15,7 +15,8 @@ struct TestMaterial {
 };
 
 layout(set = 1, binding = 20, scalar) readonly buffer TestMaterialsBlock { TestMaterial at[]; } test_materials;
-layout(set = 1, binding = 21, scalar) readonly buffer OutgoingBlock { vec3 at[]; } outgoing;  // one each, or one for all
+// One direction for each row, or one for all.
+layout(set = 1, binding = 21, scalar) readonly buffer OutgoingBlock { vec3 at[]; } outgoing;
 layout(set = 1, binding = 22, scalar) readonly buffer IncomingBlock { vec3 at[]; } incoming;
 layout(set = 1, binding = 23, scalar) buffer ResultsBlock { vec3 at[]; } results;  // rows of RESULT_COUNT
 
@@ -25,7 +26,7 @@ ResolvedMaterial resolve(TestMaterial m) {
     );
 }
 
-// Each lobe over the points that sampling it maps to: smooth, so a lattice of a few thousand points is exact enough.
+// Integrates each lobe over the points that its sampling maps to, where the integrand is smooth.
 vec3 integrate_albedo(Brdf brdf, vec3 wo) {
     const uint point_count = 4096u;
     vec3 sum = vec3(0.0);

@@ -17,7 +17,8 @@ void main() {
     uint index = gl_GlobalInvocationID.x;
     if (index >= probes.at.length()) return;
     Probe probe = probes.at[index];
-    Vertices vertices = Vertices(0u, vec3[3](vec3(0.0), vec3(0.0), vec3(0.0)), vec3[3](vec3(0.0), vec3(0.0), vec3(0.0)));
+    const vec3[3] none = vec3[3](vec3(0.0), vec3(0.0), vec3(0.0));
+    Vertices vertices = Vertices(0u, none, none);
     RAY_QUERY(query);
     rayQueryInitialize(query, tlas, RayDesc(probe.flags, probe.cull_mask, probe.t_min, probe.t_max, probe.origin,
                                             probe.direction));

@@ -1,4 +1,4 @@
-// Starts the frame's counts from zero.
+// Sets the frame's counters to zero.
 #version 460
 #include "passes/gbuffer/bindings.glsl"
 

@@ -1,18 +1,18 @@
-// What the G-buffer's raster keeps on the device: draws, which instances are visible, and the depth pyramid.
+// Buffers and images of the raster G-buffer: draw commands, visible instances and the depth pyramid.
 #ifndef PASSES_GBUFFER_BINDINGS_GLSL
 #define PASSES_GBUFFER_BINDINGS_GLSL
 
 #extension GL_EXT_scalar_block_layout : require
 
-// How instances fared in this frame; together these are all that the scene shows.
+// Numbers of instances in this frame. Their sum is the number of all visible instances of the scene.
 layout(set = 1, binding = 28, scalar) buffer GBufferCountersBlock {
-    uint drawn_first;       // visible in the last frame
-    uint drawn_second;      // the others that the first ones don't hide
+    uint drawn_first;       // drawn because they were visible in the previous frame
+    uint drawn_second;      // drawn because the first ones don't hide them
     uint frustum_culled;
     uint occlusion_culled;
 } gbuffer_counters;
 
-// Nearest triangle of each pixel: row of instances, triangle of the instance's mesh. Nothing where depth is 0.
+// The nearest triangle of each pixel: row of instances and triangle of its mesh. Undefined where depth is 0.
 layout(set = 1, binding = 29, rg32ui) uniform uimage2D raster_triangles;
 
 // Vulkan's VkDrawIndirectCommand.
@@ -23,12 +23,12 @@ struct DrawCommand {
     uint first_instance;
 };
 
-// Commands that count, of first pass and second, single-sided and double-sided.
+// Draw counts of the first and the second pass: single-sided (x) and double-sided (y).
 layout(set = 1, binding = 130, scalar) buffer DrawCountsBlock { uvec2 at[2]; } draw_counts;
-// One for every row of instances, so that the order never changes; instance_count 0: not drawn.
+// One command for each row of instances, so that the order never changes; instance_count 0 draws nothing.
 layout(set = 1, binding = 131, scalar) buffer SingleSidedDrawsBlock { DrawCommand at[]; } single_sided_draws;
 layout(set = 1, binding = 132, scalar) buffer DoubleSidedDrawsBlock { DrawCommand at[]; } double_sided_draws;
-// For every row the Instance.id that was visible there in the last frame.
+// For each row of instances, the Instance.id that was visible in the previous frame.
 layout(set = 1, binding = 133, scalar) buffer VisibleInstancesBlock { uint at[]; } visible_instances;
 layout(set = 1, binding = 134, scalar) buffer DepthPyramidBlock { float at[]; } depth_pyramid;
 

@@ -1,5 +1,5 @@
-// Decides which instances are drawn: those in view, first the ones that were visible in the last frame, then those that these
-// don't hide. Two-pass occlusion culling after Haar and Aaltonen, "GPU-Driven Rendering Pipelines" (SIGGRAPH 2015).
+// Decides which instances are drawn: first those that were visible in the previous frame, then those that the first
+// ones don't hide. Two-pass occlusion culling: Haar and Aaltonen, "GPU-Driven Rendering Pipelines" (SIGGRAPH 2015).
 #version 460
 #include "common/math.glsl"
 #include "passes/bindings.glsl"
@@ -8,21 +8,21 @@
 #include "scene/bindings.glsl"
 
 layout(local_size_x = 64) in;
-layout(constant_id = 0) const uint draw_pass = 0u;  // 0: the first, 1: the second
+layout(constant_id = 0) const uint draw_pass = 0u;  // 0 for the first, 1 for the second
 layout(constant_id = 1) const bool frustum_culling = true;
 layout(constant_id = 2) const bool occlusion_culling = true;
 
-// Bounds in view space: center + half_axes * (corner of the cube from -1 to 1).
+// The bounds of an instance in view space: center + half_axes * (a corner of the cube from -1 to 1).
 struct ViewBox {
     vec3 center;
     mat3 half_axes;
-    float rounding;  // metres by which vertices may lie outside
+    float rounding;  // distance in metres by which rounding may move vertices out of the box
 };
 
 ViewBox find_view_box(mat4x3 world_from_object, Mesh mesh) {
     vec3 eye = camera.world_from_view[3];
-    vec3 half_extent = 0.5 * (mesh.most - mesh.least);
-    vec3 center = world_from_object * vec4(mesh.least + half_extent, 1.0);
+    vec3 half_extent = 0.5 * (mesh.bounds_max - mesh.bounds_min);
+    vec3 center = world_from_object * vec4(mesh.bounds_min + half_extent, 1.0);
     mat3 half_axes = mat3(world_from_object);
     for (uint i = 0u; i < 3u; i++) { half_axes[i] *= half_extent[i]; }
     vec3 reach = abs(center) + abs(half_axes[0]) + abs(half_axes[1]) + abs(half_axes[2]) + abs(eye);
@@ -30,23 +30,23 @@ ViewBox find_view_box(mat4x3 world_from_object, Mesh mesh) {
     return ViewBox(turn * (center - eye), turn * half_axes, 32.0 * ROUNDING_UNIT * max_component(reach));
 }
 
-// Whether a box lies wholly on the side of a plane through the eye, or of one at some distance, that its normal points to.
+// Returns whether a box lies wholly on the positive side of a plane, at the given distance from the eye.
 bool is_beyond(ViewBox box, vec3 normal, float distance) {
     vec3 spread = abs(normal * box.half_axes);
     return dot(normal, box.center) - (spread.x + spread.y + spread.z) > distance + 2.0 * box.rounding * length(normal);
 }
 
 bool is_outside_frustum(ViewBox box) {
-    // jitter moves the picture's edge by less than a pixel, whose width is 2 / size of the half angle's tangent
+    // Jitter moves the picture's edge by less than a pixel, whose width is 2 / size of tan_half_fov.
     vec2 slope = camera.tan_half_fov * (1.0 + 4.0 / vec2(camera.size));
     return is_beyond(box, vec3(1.0, 0.0, slope.x), 0.0) || is_beyond(box, vec3(-1.0, 0.0, slope.x), 0.0)
         || is_beyond(box, vec3(0.0, 1.0, slope.y), 0.0) || is_beyond(box, vec3(0.0, -1.0, slope.y), 0.0)
         || is_beyond(box, vec3(0.0, 0.0, 1.0), -camera.near);
 }
 
-// Whether all that was drawn where a box would be seen is nearer than the box.
+// Returns whether everything that was drawn in the pixels of a box is nearer than the box.
 bool is_occluded(ViewBox box) {
-    vec2 least = vec2(INFINITY), most = vec2(-INFINITY);  // in pixels
+    vec2 low = vec2(INFINITY), high = vec2(-INFINITY);  // in pixels
     float nearest = INFINITY;
     for (uint i = 0u; i < 8u; i++) {
         vec3 corner = box.center + box.half_axes * (2.0 * vec3(i & 1u, i >> 1u & 1u, i >> 2u) - 1.0);
@@ -54,14 +54,14 @@ bool is_occluded(ViewBox box) {
         if (view_depth <= camera.near) { return false; }
         vec2 ndc = corner.xy * vec2(1.0, -1.0) / (camera.tan_half_fov * view_depth);
         vec2 position = (0.5 + 0.5 * ndc) * vec2(camera.size) - camera.jitter;
-        least = min(least, position);
-        most = max(most, position);
+        low = min(low, position);
+        high = max(high, position);
         nearest = min(nearest, view_depth);
     }
-    // A pixel more on each side, for rounding and since depth lies on the pixels' centres only.
+    // A pixel more on each side, for rounding, and because depth is known at pixel centers only.
     vec2 last_pixel = vec2(camera.size - 1u);
-    uvec2 first = uvec2(clamp(floor(least) - 1.0, vec2(0.0), last_pixel));
-    uvec2 last = uvec2(clamp(floor(most) + 1.0, vec2(0.0), last_pixel));
+    uvec2 first = uvec2(clamp(floor(low) - 1.0, vec2(0.0), last_pixel));
+    uvec2 last = uvec2(clamp(floor(high) + 1.0, vec2(0.0), last_pixel));
     uint level = 1u;
     while (any(greaterThan((last >> 2u * level) - (first >> 2u * level), uvec2(3u)))) { level++; }
     float farthest = INFINITY;

@@ -1,4 +1,5 @@
-// Reduces depths to a level of the pyramid that tells what is hidden: Greene et al., "Hierarchical Z-Buffer Visibility" (1993).
+// Computes a level of the depth pyramid for occlusion culling: Greene et al., "Hierarchical Z-Buffer Visibility"
+// (1993).
 #version 460
 #include "common/math.glsl"
 #include "passes/gbuffer/depth_pyramid.glsl"
@@ -12,9 +13,9 @@ void main() {
     float farthest = INFINITY;
     for (uint i = 0u; i < 16u; i++) {
         uvec2 below = min(4u * texel + uvec2(i % 4u, i / 4u), pyramid_size(level - 1u) - 1u);
-        farthest = min(
-            farthest, level == 1u ? imageLoad(depth, ivec2(below)).x : depth_pyramid.at[pyramid_index(level - 1u, below)]
-        );
+        float below_depth =
+            level == 1u ? imageLoad(depth, ivec2(below)).x : depth_pyramid.at[pyramid_index(level - 1u, below)];
+        farthest = min(farthest, below_depth);
     }
     depth_pyramid.at[pyramid_index(level, texel)] = farthest;
 }

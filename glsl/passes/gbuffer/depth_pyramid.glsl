@@ -1,4 +1,4 @@
-// The depth pyramid's layout: from level 1 on, a texel of level n holds the farthest depth of 4^n by 4^n pixels.
+// The layout of the depth pyramid: a texel of level n, from 1 on, is the farthest depth of 4^n by 4^n pixels.
 #ifndef PASSES_GBUFFER_DEPTH_PYRAMID_GLSL
 #define PASSES_GBUFFER_DEPTH_PYRAMID_GLSL
 

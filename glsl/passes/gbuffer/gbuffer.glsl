@@ -1,4 +1,4 @@
-// The G-buffer's layout: packing a surface, loading it back for a pixel of this frame or the last, and whether two are alike.
+// Packing and unpacking of the G-buffer, its surfaces in this frame and the previous one, and their similarity.
 #ifndef PASSES_GBUFFER_GBUFFER_GLSL
 #define PASSES_GBUFFER_GBUFFER_GLSL
 
@@ -14,18 +14,20 @@ struct GBufferSurface {
     float view_depth;  // metres along the view axis
     vec3 world_normal;            // shading normal, bent to face the camera
     vec3 geometric_world_normal;  // faces the camera
-    float ray_offset;  // rays leave from world_position + ray_offset * geometric_world_normal; 0 in the last frame's
-    vec3 wo;           // to the camera
+    // Rays leave from world_position + ray_offset * geometric_world_normal. Always 0 in surfaces of the previous frame.
+    float ray_offset;
+    vec3 wo;  // to the camera
     ResolvedMaterial material;
 };
 
 // ---- packing ----------------------------------------------------------------------------------------
 
-const uvec3 COLOR_BITS = uvec3(13u, 14u, 13u);  // of which the first 8 lie where Solari has all of them
+const uvec3 COLOR_BITS = uvec3(13u, 14u, 13u);  // the highest 8 of each are stored where Solari stores its only 8
 
-// Differs from Solari: its occlusion and spare byte hold five, six and five more bits of the base colour, since 8 bits in
-// gamma 2.2 are off by 0.4 %, which is as much as direct light may be; reflectance is one number, the colour's mean;
-// emission is scaled by the exposure, so that what the eye tells apart is what fits.
+// Differs from Solari: the bytes that it uses for occlusion or leaves unused hold five, six and five more bits of the
+// base color, because 8 bits in gamma 2.2 have an error of 0.4 %, which is the largest error that direct light may
+// have. Reflectance is one number, the mean of its color. Emission is scaled by the exposure, so that the packed range
+// fits what the picture shows.
 uvec4 pack_gbuffer(ResolvedMaterial material, vec3 emissive, vec3 world_normal) {
     vec3 color = pow(clamp(material.base_color, 0.0, 1.0), vec3(1.0 / 2.2));
     uvec3 codes = uvec3(
@@ -37,7 +39,8 @@ uvec4 pack_gbuffer(ResolvedMaterial material, vec3 emissive, vec3 world_normal) 
     return uvec4(
         coarse.x | coarse.y << 8u | coarse.z << 16u | pack_unorm(material.perceptual_roughness, 8u) << 24u,
         pack_rgb9e5(emissive * this_frame.exposure),
-        pack_unorm(reflectance, 8u) | pack_unorm(material.metallic, 8u) << 8u | fine.x << 16u | fine.y << 21u | fine.z << 27u,
+        pack_unorm(reflectance, 8u) | pack_unorm(material.metallic, 8u) << 8u
+            | fine.x << 16u | fine.y << 21u | fine.z << 27u,
         pack_octahedral_24(world_normal, 0u)
     );
 }
@@ -64,10 +67,14 @@ ResolvedMaterial unpack_material(uvec4 texel) {
 
 // ---- loading ----------------------------------------------------------------------------------------
 
-// How far coordinates and edges of a mesh's triangles reach.
-vec3 mesh_reach(Mesh mesh) { return max(abs(mesh.least), abs(mesh.most)) + max_component(mesh.most - mesh.least); }
+// An upper bound of the coordinates of a mesh's triangles and of the lengths of their edges.
+vec3 mesh_reach(Mesh mesh) {
+    vec3 largest = max(abs(mesh.bounds_min), abs(mesh.bounds_max));
+    return largest + max_component(mesh.bounds_max - mesh.bounds_min);
+}
 
-// As world_ray_offset, which the whole mesh stands in for the triangle for, and what rebuilding from depth rounds.
+// Like world_ray_offset, with the bounds of the whole mesh in place of the triangle, which is unknown here, plus the
+// rounding error of reconstructing the position from depth.
 float gbuffer_ray_offset(GBufferSurface surface) {
     Instance instance = instances.at[surface.instance];
     mat4x3 m = instance.world_from_object;
@@ -79,7 +86,8 @@ float gbuffer_ray_offset(GBufferSurface surface) {
 }
 
 GBufferSurface unpack_gbuffer(
-    uvec4 texel, uvec2 surface_texel, float depth_value, vec2 position, mat4x3 world_from_view, vec2 tan_half_fov, float near
+    uvec4 texel, uvec2 surface_texel, float depth_value, vec2 position, mat4x3 world_from_view, vec2 tan_half_fov,
+    float near
 ) {
     GBufferSurface surface;
     surface.exists = depth_value > 0.0;
@@ -90,7 +98,7 @@ GBufferSurface unpack_gbuffer(
     surface.world_position = world_from_view[3] + (surface.exists ? along * surface.view_depth : vec3(0.0));
     surface.wo = -normalize(along);
     surface.geometric_world_normal = unpack_octahedral_2x16(surface_texel.x);
-    // packing moves a normal by a little, so that it may no longer face the camera
+    // Packing rounds the normal, which may then no longer face the camera.
     surface.world_normal =
         bend_shading_normal(unpack_octahedral_24(texel.w), surface.geometric_world_normal, surface.wo);
     surface.material = unpack_material(texel);
@@ -108,7 +116,7 @@ GBufferSurface load_gbuffer(uvec2 pixel) {
     return surface;
 }
 
-// What a pixel showed in the last frame, where it was then.
+// The surface that a pixel of the previous frame showed, at its position in that frame.
 GBufferSurface load_previous_gbuffer(uvec2 pixel) {
     ivec2 at = ivec2(pixel);
     return unpack_gbuffer(
@@ -118,11 +126,13 @@ GBufferSurface load_previous_gbuffer(uvec2 pixel) {
     );
 }
 
-// ---- from frame to frame ----------------------------------------------------------------------------
+// ---- between frames ---------------------------------------------------------------------------------
 
+// The position of an instance's point in the previous frame; `world_position` when the instance is new.
 vec3 previous_world_position(uint instance_index, vec3 object_position, vec3 world_position) {
     PreviousInstance previous = previous_instances.at[instance_index];
-    return previous.id == instances.at[instance_index].id ? previous.world_from_object * vec4(object_position, 1.0) : world_position;
+    bool known = previous.id == instances.at[instance_index].id;
+    return known ? previous.world_from_object * vec4(object_position, 1.0) : world_position;
 }
 
 vec2 motion_vector(vec3 world_position, vec3 previous_world_position) {
@@ -130,13 +140,13 @@ vec2 motion_vector(vec3 world_position, vec3 previous_world_position) {
         - project_to_uv(world_position, camera.view_from_world, camera.tan_half_fov);
 }
 
-// The point of the last frame's pixel grid (pixel centres at + 0.5) that showed what a pixel shows now.
+// The position in the previous picture, in pixels with centers at + 0.5, of the point that a pixel shows now.
 vec2 reproject(uvec2 pixel) {
     vec2 motion = imageLoad(motion_vectors, ivec2(pixel)).xy;
     return vec2(pixel) + 0.5 + camera.jitter + motion * vec2(camera.size) - previous_camera.jitter;
 }
 
-// Whether two surfaces are close enough for samples of the one to serve the other.
+// Returns whether two surfaces are close enough to share samples.
 bool are_similar(GBufferSurface a, GBufferSurface b) {
     float plane_distance = abs(dot(b.world_position - a.world_position, a.world_normal));
     return a.exists && b.exists && plane_distance <= reuse_settings.similarity_plane_distance * a.view_depth

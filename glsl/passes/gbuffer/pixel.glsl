@@ -1,4 +1,4 @@
-// What the G-buffer holds of a pixel: of the surface that raster or a ray found there, or of nothing.
+// The values of a G-buffer pixel, from a hit that raster or a ray found, or for a pixel without a surface.
 #ifndef PASSES_GBUFFER_PIXEL_GLSL
 #define PASSES_GBUFFER_PIXEL_GLSL
 
@@ -17,11 +17,12 @@ GBufferPixel resolve_pixel(CameraRay ray, Hit hit, Mesh mesh) {
     uvec3 corners = mesh.triangles.at[hit.triangle];
     vec3 object_position = (1.0 - hit.barycentrics.x - hit.barycentrics.y) * mesh.positions.at[corners.x]
         + hit.barycentrics.x * mesh.positions.at[corners.y] + hit.barycentrics.y * mesh.positions.at[corners.z];
-    // again from the object's position, so that what stands still has no motion by rounding
+    // Both positions are computed from the object-space position, so that rounding gives no motion to static surfaces.
     vec3 now = instances.at[hit.instance].world_from_object * vec4(object_position, 1.0);
     vec3 before = previous_world_position(hit.instance, object_position, now);
-    // Positions are rebuilt from depth along the pixel's own ray, so it is the plane's: how far the point found lies off that
-    // ray, as rounding and raster's snapped vertices have it, no longer lifts or sinks it.
+    // Passes reconstruct positions from depth along the pixel's ray, so the depth is that of the ray's intersection
+    // with the triangle's plane. The point that was found may lie beside the ray, by rounding or because raster snaps
+    // vertices; its own depth would move the reconstructed position off the plane.
     float cosine = dot(ray.direction, surface.geometric_world_normal);
     float t = dot(surface.world_position - ray.origin, surface.geometric_world_normal) / cosine;
     float view_depth = (cosine < -1e-3 ? t : hit.t) * ray.depth_per_t;
@@ -33,7 +34,7 @@ GBufferPixel resolve_pixel(CameraRay ray, Hit hit, Mesh mesh) {
     );
 }
 
-// What is infinitely far moves with the camera's turn alone.
+// The background is infinitely far, so only the camera's rotation moves it.
 GBufferPixel resolve_empty_pixel(CameraRay ray) {
     vec3 far = camera.world_from_view[3] + ray.direction * 1e6;
     vec3 previous_far = previous_camera.world_from_view[3] + ray.direction * 1e6;

@@ -1,6 +1,6 @@
-// Notes the nearest triangle of every pixel: a visibility buffer after Burns and Hunt, "The Visibility Buffer: A
-// Cache-Friendly Approach to Deferred Shading" (JCGT 2013). What lies behind another costs no more than this. Differs from
-// Solari, whose fragments write the G-buffer.
+// Writes the nearest triangle of each pixel: Burns and Hunt, "The Visibility Buffer: A Cache-Friendly Approach to
+// Deferred Shading" (JCGT 2013). A fragment that is hidden later costs no more than this.
+// Differs from Solari, whose fragments write the G-buffer.
 #version 460
 
 layout(location = 0) flat in uint row;

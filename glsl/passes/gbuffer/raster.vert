@@ -1,4 +1,4 @@
-// Fetches a vertex of an instance's raster mesh and projects it, with reversed depth that is 0 infinitely far.
+// Fetches and projects a vertex of an instance's raster mesh, with reversed depth, which is 0 at infinity.
 #version 460
 #include "passes/bindings.glsl"
 #include "scene/bindings.glsl"
@@ -12,10 +12,11 @@ void main() {
     row = gl_InstanceIndex;
     triangle = gl_VertexIndex / 3;
     uint corner = gl_VertexIndex % 3;
-    // what is mirrored, by instance or camera, turns over here, so that fronts run counter-clockwise for everyone
+    // Reverses the triangles of mirrored instances and cameras, so that all fronts run counter-clockwise.
     bool mirrored = determinant(mat3(camera.view_from_world) * mat3(instance.world_from_object)) < 0.0;
     if (mirrored && corner != 0u) { corner = 3u - corner; }
-    vec3 world_position = instance.world_from_object * vec4(mesh.positions.at[mesh.triangles.at[triangle][corner]], 1.0);
+    vec3 object_position = mesh.positions.at[mesh.triangles.at[triangle][corner]];
+    vec3 world_position = instance.world_from_object * vec4(object_position, 1.0);
     vec3 view = mat3(camera.view_from_world) * (world_position - camera.world_from_view[3]);
     vec2 jitter = 2.0 * camera.jitter / vec2(camera.size);
     gl_Position = vec4(view.xy * vec2(1.0, -1.0) / camera.tan_half_fov + jitter * view.z, camera.near, -view.z);

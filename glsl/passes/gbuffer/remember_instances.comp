@@ -1,4 +1,4 @@
-// Keeps where every instance is, for the next frame's motion vectors.
+// Saves the transform of every instance for the motion vectors of the next frame.
 #version 460
 #include "passes/bindings.glsl"
 #include "scene/bindings.glsl"

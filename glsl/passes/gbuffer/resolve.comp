@@ -1,12 +1,12 @@
-// The G-buffer by raster: the surface at each pixel's centre on the triangle that covers it, as a ray would find it.
+// The raster G-buffer: computes the surface at each pixel's center from the triangle that covers it, as a ray would.
 #version 460
-#extension GL_EXT_ray_query : require
 #include "passes/gbuffer/bindings.glsl"
 #include "passes/gbuffer/pixel.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
-// Where the ray meets the triangle's plane. Coverage is exact to 1/256 of a pixel or so only, so the point is kept inside.
+// The point where the ray hits the triangle's plane, clamped to the triangle: raster coverage is exact to about 1/256
+// of a pixel only.
 Hit intersect_triangle(CameraRay ray, uint row, uint triangle, Mesh mesh) {
     Instance instance = instances.at[row];
     uvec3 corners = mesh.triangles.at[triangle];

@@ -1,6 +1,5 @@
-// The G-buffer by rays: what the ray through every pixel meets, in the layout that raster writes.
+// The traced G-buffer: the surface that the ray through each pixel hits, in the same layout as the raster G-buffer.
 #version 460
-#extension GL_EXT_ray_query : require
 #include "passes/gbuffer/pixel.glsl"
 #include "scene/trace.glsl"
 

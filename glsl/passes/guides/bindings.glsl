@@ -1,4 +1,4 @@
-// What a denoiser is told about a pixel; solari_vk/passes/guides.py says what each holds.
+// Guide images for denoisers; solari_vk/passes/guides.py describes each.
 #ifndef PASSES_GUIDES_BINDINGS_GLSL
 #define PASSES_GUIDES_BINDINGS_GLSL
 

@@ -1,4 +1,5 @@
-// Flat mirrors as maps of space: what is seen in a chain of them lies where the chain's reflections move it.
+// Flat mirrors as reflections of space: a surface seen in a chain of mirrors has a virtual position behind the first
+// one.
 #ifndef PASSES_GUIDES_MIRRORS_GLSL
 #define PASSES_GUIDES_MIRRORS_GLSL
 
@@ -6,13 +7,13 @@
 #include "passes/gbuffer/gbuffer.glsl"
 #include "scene/trace.glsl"
 
-// A plane through a point: Householder's reflection, x - 2 n (n . (x - point)).
+// The plane of a mirror. It reflects points by Householder's reflection, x - 2 n (n . (x - point)).
 struct MirrorPlane {
     vec3 point;
     vec3 normal;
 };
 
-// The chain after one more mirror, that lies behind those it has.
+// The chain of reflections with one more mirror at its end.
 mat4x3 append_mirror(mat4x3 chain, MirrorPlane mirror) {
     vec3 n = mirror.normal;
     mat3 householder = mat3(1.0) - 2.0 * mat3(n * n.x, n * n.y, n * n.z);
@@ -21,7 +22,7 @@ mat4x3 append_mirror(mat4x3 chain, MirrorPlane mirror) {
     return mat4x3(turn[0], turn[1], turn[2], mat3(chain) * moved + chain[3]);
 }
 
-// Where a mirror of an instance was in the last frame: its point moves as the instance does, its normal by the cofactors.
+// The plane in the previous frame of a mirror that belongs to an instance. Its normal moves by the cofactor matrix.
 MirrorPlane previous_mirror(uint instance_index, MirrorPlane mirror) {
     Instance instance = instances.at[instance_index];
     PreviousInstance previous = previous_instances.at[instance_index];
@@ -34,7 +35,7 @@ MirrorPlane previous_mirror(uint instance_index, MirrorPlane mirror) {
     return MirrorPlane(m * vec4(object_point, 1.0), safe_normalize(cofactors * object_normal, mirror.normal));
 }
 
-// Where the point of a hit was in the last frame.
+// The position of a hit point in the previous frame.
 vec3 previous_hit_position(Hit hit, vec3 world_position) {
     Mesh mesh = meshes.at[instances.at[hit.instance].ray_mesh];
     uvec3 corners = mesh.triangles.at[hit.triangle];

@@ -1,7 +1,6 @@
-// Guide buffers for denoisers: what each pixel shows, and for mirrors of metal what they show, as if it stood behind them
-// (Panteleev, "Rendering Perfect Reflections and Refractions in Path-Traced Games", NVIDIA 2020).
+// Writes the guide images for denoisers. A pixel with a mirror of metal describes the surface seen in the mirror, at
+// its virtual position: Panteleev, "Rendering Perfect Reflections and Refractions in Path-Traced Games" (NVIDIA, 2020).
 #version 460
-#extension GL_EXT_ray_query : require
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/guides/bindings.glsl"
@@ -14,7 +13,7 @@
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
-const float FAR_AWAY = 1e6;  // of directions, that have no distance
+const float FAR_AWAY = 1e6;  // the distance that stands for infinity where a position is needed
 
 struct Guides {
     vec3 diffuse_albedo;
@@ -25,7 +24,7 @@ struct Guides {
     vec2 specular_motion;
 };
 
-// The environment BRDF: what the specular lobe reflects of light that comes from everywhere.
+// The environment BRDF: the albedo of the specular lobe under uniform light.
 vec3 environment_brdf(ResolvedMaterial material, float NdotV) {
     vec2 ab = material.roughness <= MIRROR_ROUGHNESS
         ? mirror_albedo(NdotV) : lookup_brdf_table(NdotV, material.perceptual_roughness);
@@ -39,7 +38,7 @@ void describe(inout Guides guides, ResolvedMaterial material, float NdotV) {
     guides.perceptual_roughness = material.perceptual_roughness;
 }
 
-// Follows the mirrors from the pixel's surface on, and describes what they show last.
+// Follows the chain of mirrors that starts at the pixel's surface, and describes the surface at its end.
 Guides describe_reflection(GBufferSurface seen, uvec2 pixel) {
     CameraRay camera_ray = make_camera_ray(vec2(pixel) + 0.5);
     ResolvedRayHitFull surface;

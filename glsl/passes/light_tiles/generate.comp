@@ -1,7 +1,6 @@
 // Fills the light tiles, anew in every frame: each sample is any triangle of any light, uniformly, and a point of it.
 // Wyman and Panteleev, "Rearchitecting Spatiotemporal Resampling for Production" (2021), section 5.
 #version 460
-#extension GL_EXT_ray_query : require
 #include "common/random.glsl"
 #include "passes/bindings.glsl"
 #include "passes/light_tiles/light_tiles.glsl"

@@ -1,6 +1,5 @@
-// What the ray through the middle of every pixel meets, for use beside the picture.
+// Writes the path tracer's AOVs: the surface that the ray through each pixel's center hits.
 #version 460
-#extension GL_EXT_ray_query : require
 #include "passes/pathtracer/bindings.glsl"
 #include "scene/camera.glsl"
 #include "scene/surface.glsl"
@@ -10,7 +9,7 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 void main() {
     uvec2 pixel = INVOCATION_INDEX + uvec2(0u, path_sampling.first_row);
-    if (pixel.x >= camera.size.x || INVOCATION_INDEX.y >= path_sampling.row_count || pixel.y >= camera.size.y) { return; }
+    if (any(greaterThanEqual(pixel, camera.size)) || INVOCATION_INDEX.y >= path_sampling.row_count) { return; }
     uint index = pixel.y * camera.size.x + pixel.x;
 
     CameraRay ray = make_camera_ray(vec2(pixel) + 0.5);

@@ -1,4 +1,4 @@
-// What the reference path tracer is asked for, and its outputs.
+// The inputs of the reference path tracer and its outputs.
 #ifndef PASSES_PATHTRACER_BINDINGS_GLSL
 #define PASSES_PATHTRACER_BINDINGS_GLSL
 
@@ -20,9 +20,9 @@ layout(set = 1, binding = 14, scalar) uniform PathSamplingBlock {
 } path_sampling;
 
 layout(set = 1, binding = 3, scalar) buffer RadianceMeanBlock { vec3 at[]; } radiance_mean;
-// Of luminance over samples: sum of squared distances from the mean.
+// The sum over a pixel's samples of the squared deviation of luminance from its mean.
 layout(set = 1, binding = 4, scalar) buffer LuminanceDeviationsBlock { float at[]; } luminance_deviations;
-layout(set = 1, binding = 13, scalar) buffer RayCountBlock { uint at[]; } ray_count;  // traced for the pixel so far
+layout(set = 1, binding = 13, scalar) buffer RayCountBlock { uint at[]; } ray_count;  // rays of the pixel so far
 
 layout(set = 1, binding = 5, scalar) buffer DepthBlock { float at[]; } aov_depth;  // along the view axis, inf: nothing
 layout(set = 1, binding = 6, scalar) buffer PositionBlock { vec3 at[]; } aov_position;

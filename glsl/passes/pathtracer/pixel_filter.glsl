@@ -5,7 +5,8 @@
 #include "common/math.glsl"
 #include "passes/pathtracer/bindings.glsl"
 
-// Where the integral of the window 0.35875 + 0.48829 cos + 0.14128 cos 2 + 0.01168 cos 3 over [-1, 1] reaches u.
+// Inverts the normalized integral of the Blackman-Harris window 0.35875 + 0.48829 cos(pi x) + 0.14128 cos(2 pi x)
+// + 0.01168 cos(3 pi x) over [-1, 1], by Newton steps that fall back to bisection.
 float sample_blackman_harris(float u) {
     float low = -1.0, high = 1.0, x = 0.5 * (u - 0.5);
     for (uint i = 0u; i < 12u; i++) {
@@ -20,11 +21,12 @@ float sample_blackman_harris(float u) {
     return x;
 }
 
-// An offset from the pixel's centre, in pixels, with the filter as its density: so all samples weigh the same.
+// Samples an offset from the pixel's center in pixels, with the filter as the density, so that all samples weigh the
+// same.
 vec2 sample_pixel_filter(vec2 u) {
     float radius = path_sampling.filter_radius;
     if (path_sampling.pixel_filter == PIXEL_FILTER_GAUSSIAN) {
-        // cut off at 4 standard deviations
+        // cut off at 4 standard deviations, which is the radius
         float angle = 2.0 * PI * u.y;
         return 0.25 * radius * sqrt(-2.0 * log(1.0 - u.x * (1.0 - exp(-8.0)))) * vec2(cos(angle), sin(angle));
     }

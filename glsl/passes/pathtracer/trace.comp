@@ -1,7 +1,7 @@
-// Reference path tracer: adds samples to running sums. Unidirectional, light and BRDF samples weighted by the power heuristic
-// in solid angle (Veach, "Robust Monte Carlo Methods for Light Transport Simulation", 1997, chapter 9).
+// The reference path tracer: updates each pixel's mean with more samples. Paths start at the camera; light samples and
+// BRDF samples are weighted by the power heuristic in solid angle: Veach, "Robust Monte Carlo Methods for Light
+// Transport Simulation" (1997), chapter 9.
 #version 460
-#extension GL_EXT_ray_query : require
 #include "passes/pathtracer/bindings.glsl"
 #include "passes/pathtracer/pixel_filter.glsl"
 #include "scene/brdf.glsl"
@@ -15,7 +15,7 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 const uint FIRST_ROULETTE_BOUNCE = 3u;
 
-// How much of a light's radiance counts where a ray met the light by itself.
+// The MIS weight of a light that a ray hit by BRDF sampling.
 float hit_weight(float bounce_pdf, float light_pdf) {
     return light_pdf == 0.0 ? 1.0 : power_heuristic(bounce_pdf, light_pdf);
 }
@@ -26,7 +26,7 @@ float mis_pdf(float pdf) {
     return path_sampling.light_strategy == LIGHT_STRATEGY_NEE ? 0.0 : pdf;
 }
 
-// Chooses a light and weighs it against meeting it by a BRDF sample; the caller tests visibility.
+// Samples a light, without visibility, with the MIS weight against hitting the same point by a BRDF sample.
 vec3 sample_light(
     ResolvedRayHitFull surface, Brdf brdf, mat3 frame, vec3 wo, inout uint rng, out ResolvedLightSample light_sample
 ) {
@@ -42,10 +42,10 @@ vec3 sample_light(
 
 void main() {
     uvec2 pixel = INVOCATION_INDEX + uvec2(0u, path_sampling.first_row);
-    if (pixel.x >= camera.size.x || INVOCATION_INDEX.y >= path_sampling.row_count || pixel.y >= camera.size.y) { return; }
+    if (any(greaterThanEqual(pixel, camera.size)) || INVOCATION_INDEX.y >= path_sampling.row_count) { return; }
 
-    // The mean goes on from sample to sample whatever the dispatches' sizes, so that a seed gives the same bits; and it is a
-    // mean, not a sum, so that floats take in the millionth sample as well as the first.
+    // The mean is updated sample by sample, so that its bits don't depend on how samples are split into dispatches. A
+    // mean keeps the precision of the millionth sample, which a sum would lose.
     uint index = pixel.y * camera.size.x + pixel.x;
     uint sample_index = path_sampling.sample_index;
     vec3 mean = vec3(0.0);
@@ -58,7 +58,8 @@ void main() {
     }
     uint last_sample_index = sample_index + path_sampling.samples_per_dispatch;
 
-    // One loop over the rays of all samples: a path that ends early makes room for the next, so neighbours stay together.
+    // One loop over the rays of all samples: when a path ends, the next one starts, so invocations don't wait for the
+    // longest path of their neighbors.
     uint bounce = 0u;
     bool path_ended = true;
     uint rng;
@@ -82,7 +83,8 @@ void main() {
         }
 
         rays += 1u;
-        Hit hit = trace_closest_hit(origin, t_min, direction, INFINITY, bounce == 0u ? TRACE_FRONT_FACES : TRACE_BOTH_FACES);
+        uint faces = bounce == 0u ? TRACE_FRONT_FACES : TRACE_BOTH_FACES;
+        Hit hit = trace_closest_hit(origin, t_min, direction, INFINITY, faces);
         if (hit.instance == NO_INDEX) {
             radiance += throughput * radiance_at_infinity(direction, bounce_pdf);
             path_ended = true;
@@ -115,7 +117,7 @@ void main() {
                 bounce_pdf = mis_pdf(next.pdf);
                 t_min = 0.0;
                 bounce += 1u;
-                // Differs from Solari: the survival probability is at most 1, so that roulette never takes energy away
+                // Differs from Solari: the survival probability is at most 1, so that Russian roulette loses no energy.
                 float survival = bounce >= FIRST_ROULETTE_BOUNCE ? min(max_component(throughput), 1.0) : 1.0;
                 path_ended = !(next.wi.z > 0.0 && dot(direction, surface.geometric_world_normal) > 0.0)
                     || !(max_component(throughput) > 0.0) || rand_f(rng) >= survival;

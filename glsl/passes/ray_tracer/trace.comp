@@ -1,7 +1,6 @@
-// Rays from a user's arrays: what each meets, first or at all, and which of the user's triangles that is. A ray with NaN,
-// an infinite origin or direction, or no direction meets nothing.
+// Traces rays from a user's arrays: the closest hit of each, or any hit, with the user's own number of the triangle. A
+// ray with NaN, an infinite origin or direction, or a zero direction hits nothing.
 #version 460
-#extension GL_EXT_ray_query : require
 #extension GL_EXT_scalar_block_layout : require
 #include "common/math.glsl"
 #include "scene/bindings.glsl"
@@ -22,7 +21,7 @@ struct TracedHit {
 };
 
 layout(set = 1, binding = 0, scalar) uniform RayBatchBlock {
-    uint first;  // the batch's place in the buffers
+    uint first;  // index of the batch's first ray in the buffers
     uint count;
 } ray_batch;
 layout(set = 1, binding = 1, scalar) readonly buffer RayOriginsBlock { vec3 at[]; } ray_origins;
@@ -30,7 +29,7 @@ layout(set = 1, binding = 2, scalar) readonly buffer RayDirectionsBlock { vec3 a
 layout(set = 1, binding = 3, scalar) readonly buffer RayStartsBlock { float at[]; } ray_starts;
 layout(set = 1, binding = 4, scalar) readonly buffer RayEndsBlock { float at[]; } ray_ends;
 layout(set = 1, binding = 5, scalar) writeonly buffer RayHitsBlock { TracedHit at[]; } ray_hits;
-// The user's number of each triangle in the order of the device, and where each mesh's begin.
+// The user's number of each triangle in the device's order, and the index of each mesh's first triangle in it.
 layout(set = 1, binding = 6, scalar) readonly buffer TriangleOrdersBlock { uint at[]; } triangle_orders;
 layout(set = 1, binding = 7, scalar) readonly buffer OrderStartsBlock { uint at[]; } order_starts;
 
@@ -45,8 +44,9 @@ void main() {
     valid = valid && t_min >= 0.0 && t_min <= t_max;
 
     Hit hit = Hit(INFINITY, NO_INDEX, 0u, vec2(0.0), false);
-    if (valid) { hit = trace_closest_hit(origin, t_min, direction, t_max, any_hit ? TRACE_ANY_HIT : TRACE_BOTH_FACES); }
-    // one place that writes: two cost a software device a twentieth of its rays
+    uint flags = any_hit ? TRACE_ANY_HIT : TRACE_BOTH_FACES;
+    if (valid) { hit = trace_closest_hit(origin, t_min, direction, t_max, flags); }
+    // A single write: two of them cost a software device 5 % of its rays a second.
     TracedHit traced = TracedHit(INFINITY, NO_INDEX, NO_INDEX, vec2(0.0), 0u, vec3(0.0), vec3(0.0));
     if (hit.instance != NO_INDEX) {
         Instance instance = instances.at[hit.instance];

@@ -2,7 +2,6 @@
 // of the last frame. Bitterli et al., "Spatiotemporal Reservoir Resampling for Real-Time Ray Tracing with Dynamic Direct
 // Lighting" (2020). Differs from Solari, which drops what is hidden before it merges: an option here.
 #version 460
-#extension GL_EXT_ray_query : require
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/light_tiles/light_tiles.glsl"

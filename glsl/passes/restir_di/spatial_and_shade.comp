@@ -2,7 +2,6 @@
 // finds out whether its light is seen, and shades. Bitterli et al., "Spatiotemporal Reservoir Resampling for Real-Time Ray
 // Tracing with Dynamic Direct Lighting" (2020).
 #version 460
-#extension GL_EXT_ray_query : require
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/ray_count.glsl"

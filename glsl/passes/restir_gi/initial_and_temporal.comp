@@ -1,6 +1,5 @@
 // ReSTIR GI (Ouyang et al., HPG 2021), first half: what one ray finds, merged with what a pixel of the last frame had.
 #version 460
-#extension GL_EXT_ray_query : require
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/restir_gi/reservoir.glsl"

@@ -1,6 +1,5 @@
 // ReSTIR GI (Ouyang et al., HPG 2021), second half: merged with what a neighbor has, kept for the next frame, shaded.
 #version 460
-#extension GL_EXT_ray_query : require
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/restir_gi/reservoir.glsl"

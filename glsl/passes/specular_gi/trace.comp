@@ -2,7 +2,6 @@
 // GI, others trace a short path with light and BRDF samples weighted by the power heuristic (Veach 1997), which ends in
 // the world cache once it has spread wider than the cache's cells.
 #version 460
-#extension GL_EXT_ray_query : require
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/past_mirrors.glsl"

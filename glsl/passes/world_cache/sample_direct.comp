@@ -2,7 +2,6 @@
 // for Global Illumination", 2005) over light samples, and one ray to the chosen one. Differs from Solari in that each cell
 // has a tile of its own: which cells are neighbours in the list is chance, and their errors would go together.
 #version 460
-#extension GL_EXT_ray_query : require
 #include "passes/light_tiles/light_tiles.glsl"
 #include "passes/ray_count.glsl"
 #include "passes/world_cache/update.glsl"

@@ -1,7 +1,6 @@
 // World cache, step 5: what other surfaces reflect to active cells, by one ray, at whose end the cache is asked for what it
 // knew in the last frame: so that light goes one bounce further with every frame.
 #version 460
-#extension GL_EXT_ray_query : require
 #include "passes/ray_count.glsl"
 #include "passes/world_cache/query.glsl"
 #include "passes/world_cache/update.glsl"

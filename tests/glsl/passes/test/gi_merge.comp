@@ -1,6 +1,5 @@
 // Merges what two pixels found, for every pair of their samples and a grid of choices.
 #version 460
-#extension GL_EXT_ray_query : require
 #include "passes/restir_gi/reservoir.glsl"
 
 layout(local_size_x = 64) in;

@@ -1,6 +1,5 @@
 // Rays that leave a triangle, and shadow rays between two, must not meet the triangles that they start or end on.
 #version 460
-#extension GL_EXT_ray_query : require
 #include "common/random.glsl"
 #include "scene/light_visibility.glsl"
 

@@ -1,7 +1,6 @@
 // Merges of reservoirs, streams of weights, and the permutation of pixels.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
-#extension GL_EXT_ray_query : require
 #include "passes/restir_di/reservoir.glsl"
 #include "passes/reuse.glsl"
 

@@ -1,6 +1,5 @@
 // MIS weights, bases, bent normals, and surfaces resolved from hits that are made up. MODE says which.
 #version 460
-#extension GL_EXT_ray_query : require
 #include "scene/surface.glsl"
 
 layout(local_size_x = 64) in;

@@ -1,6 +1,5 @@
 // What a surface reflects under uniform light, and the same summed over directions.
 #version 460
-#extension GL_EXT_ray_query : require
 #include "passes/world_cache/query.glsl"
 
 struct Case {

@@ -1,6 +1,5 @@
 // Asks the world cache as pixels do: where rays end that leave, evenly spread, what the camera's position sees.
 #version 460
-#extension GL_EXT_ray_query : require
 #include "passes/world_cache/query.glsl"
 
 layout(set = 1, binding = 128, scalar) buffer AnswersBlock { vec3 at[]; } answers;

@@ -1,6 +1,5 @@
 // Inserts a key a thread and votes for its point.
 #version 460
-#extension GL_EXT_ray_query : require
 #include "passes/world_cache/map.glsl"
 
 struct Asker {

@@ -1,6 +1,5 @@
 // The sizes of the cells that places ask for.
 #version 460
-#extension GL_EXT_ray_query : require
 #include "passes/world_cache/query.glsl"
 
 layout(set = 1, binding = 128, scalar) readonly buffer PlacesBlock { vec3 at[]; } places;
