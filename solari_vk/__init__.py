@@ -34,6 +34,7 @@ _HOMES = {
         "Texture",
         "TextureImage",
     ),
+    "scene.binder": ("SceneBinder",),
     "scene.gltf": ("load_gltf",),
     "scene.builtin": ("builtin",),
     "scene.studio": ("studio_lights",),
@@ -47,7 +48,7 @@ _HOMES = {
     "tracer": ("RayTracer",),
     "viewer": ("Viewer",),
 }
-_MODULES = ("rt",)
+_MODULES = {"rt": "rt", "shapes": "scene.shapes"}
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
@@ -66,6 +67,7 @@ __all__ = [
     "RenderedFrame",
     "Renderer",
     "Scene",
+    "SceneBinder",
     "SceneFrame",
     "Settings",
     "SolariError",
@@ -82,6 +84,7 @@ __all__ = [
     "load_gltf",
     "rt",
     "save_image",
+    "shapes",
     "studio_lights",
     "tonemap",
 ]
@@ -97,6 +100,8 @@ if TYPE_CHECKING:
     from solari_vk.reference import PathTracer
     from solari_vk.rendered import RenderedFrame
     from solari_vk.renderer import Renderer
+    from solari_vk.scene import shapes
+    from solari_vk.scene.binder import SceneBinder
     from solari_vk.scene.builtin import builtin
     from solari_vk.scene.gltf import load_gltf
     from solari_vk.scene.model import (
@@ -117,7 +122,7 @@ if TYPE_CHECKING:
 
 def __getattr__(name: str) -> Any:
     if name in _MODULES:
-        return import_module(f"solari_vk.{name}")
+        return import_module(f"solari_vk.{_MODULES[name]}")
     home = _HOME_OF.get(name)
     if home is None:
         raise AttributeError(f"module 'solari_vk' has no attribute '{name}'")

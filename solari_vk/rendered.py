@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import operator
 import os
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -23,6 +24,8 @@ from solari_vk.passes import brdf_table, pathtracer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera, Instance, Scene
 from solari_vk.scene.projection import Projection
+
+DARKEST, BRIGHTEST = 1e-4, 30.0  # medians of what is lit, where 1 shows as white: beyond them little can be seen
 
 
 class RenderedFrame:
@@ -102,7 +105,8 @@ class RenderedFrame:
         default the renderer's. A .png of a debug view is what `frame["display"]` holds.
         """
         renderer = self._renderer
-        if renderer.view != "picture" and Path(path).suffix.lower() == ".png":
+        is_png = Path(path).suffix.lower() == ".png"
+        if renderer.view != "picture" and is_png:
             write_png(Path(path), self["display"][..., :3])
             return
         radiance = self["radiance"]
@@ -110,13 +114,30 @@ class RenderedFrame:
             exposure = Camera(ev100=auto_exposure(radiance)).exposure
         elif isinstance(exposure, str):
             raise SolariError(f"{path}: exposure is a factor or 'auto', not {exposure!r}")
+        exposure = self.camera.exposure if exposure is None else exposure
+        if is_png:
+            _warn_of_exposure(radiance * exposure)
         save_image(
             path,
             radiance,
-            exposure=self.camera.exposure if exposure is None else exposure,
+            exposure=exposure,
             tonemap=tonemap or renderer.tonemap,
             layers={name: self[name] for name in layers if name != "radiance"},
         )
+
+
+def _warn_of_exposure(picture: NDArray[Any]) -> None:
+    """Warn of an exposed picture in which nothing can be seen."""
+    if not picture.any():
+        text = (
+            "the picture is black: the scene's lights don't reach it. Lights are DirectionalLight, instances with an "
+        )
+        warnings.warn(f"{text}emissive material, and studio_lights(scene)", stacklevel=3)
+        return
+    typical = float(np.median(picture[picture > 0]))
+    if not DARKEST < typical < BRIGHTEST:
+        text = f"the picture is far too {'bright' if typical > 1 else 'dark'}"
+        warnings.warn(f'{text}: set camera.ev100, or save it with exposure="auto"', stacklevel=3)
 
 
 class PictureRenderer(SceneUser, ABC):

@@ -33,6 +33,8 @@ def test_python_runs(device, tmp_path, monkeypatch):
     names: dict[str, object] = {}
     exec(compile(program, "README.md", "exec"), names)
     assert names["radiance"].shape == (9, 16, 3)
+    assert names["depth"].shape == names["ball"].shape == (9, 16)
+    assert names["ball"].any()
     assert names["normals"].shape == (9, 16, 4)
     assert (tmp_path / "out.png").stat().st_size > 0
 

@@ -73,7 +73,7 @@ class Camera(Checked):
     _converters = {
         "name": checks.text,
         "transform": checks.affine_transform,
-        "vertical_fov": checks.number(1e-4, math.pi - 1e-4),
+        "vertical_fov": checks.number(1e-4, math.pi - 1e-4, "radians"),
         "near": checks.number(1e-9, checks.LARGEST_COORDINATE),
         "ev100": checks.number(-100, 100),
         "jitter": checks.array(2),

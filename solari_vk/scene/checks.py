@@ -86,11 +86,13 @@ def color(low: float = 0.0, high: float = math.inf) -> Callable[[Any], FloatArra
     return convert
 
 
-def number(low: float = -math.inf, high: float = math.inf) -> Callable[[Any], float]:
+def number(low: float = -math.inf, high: float = math.inf, unit: str = "") -> Callable[[Any], float]:
+    """A finite number within a range; `unit` is for the message."""
+
     def convert(value: Any) -> float:
         number = float(value)
         if not math.isfinite(number) or not low <= number <= high:
-            raise ValueError(f"must be a finite number between {low:g} and {high:g}, not {value}")
+            raise ValueError(f"must be a finite number between {low:g} and {high:g}{unit and f' {unit}'}, not {value}")
         return number
 
     return convert

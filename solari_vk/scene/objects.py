@@ -243,7 +243,7 @@ class DirectionalLight(Light):
         "direction": checks.direction,
         "illuminance": checks.number(0, 1e15),
         "color": checks.color(0, 1e6),
-        "angular_diameter": checks.number(1e-5, math.pi),
+        "angular_diameter": checks.number(1e-5, math.pi, "radians"),
     }
 
     @property

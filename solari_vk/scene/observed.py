@@ -9,6 +9,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol, TypeVar, dataclass_transform
 
+import numpy as np
+
 from solari_vk.errors import SolariError, unknown_name
 
 
@@ -42,6 +44,15 @@ class Observable:
         """The object's kind and name, for messages."""
         name = getattr(self, "name", "")
         return f"{type(self).__name__} '{name}'" if name else type(self).__name__
+
+
+def _shown(value: Any) -> str:
+    """A field's value in a few words: of other objects the names, of large arrays the shape."""
+    if isinstance(value, Observable):
+        return value.describe()
+    if isinstance(value, np.ndarray):
+        return str(value.tolist()) if value.size <= 4 else f"array{value.shape}"
+    return repr(value)
 
 
 class Checked(Observable):
@@ -97,6 +108,10 @@ class Checked(Observable):
             fields[field] = value
         return fields
 
+    def __repr__(self) -> str:
+        fields = ((name, getattr(self, name)) for name in type(self).__dataclass_fields__)  # type: ignore[attr-defined]
+        return f"{type(self).__name__}({', '.join(f'{name}={_shown(value)}' for name, value in fields)})"
+
     def _validate(self) -> None:
         """Raise SolariError where fields don't fit together."""
 
@@ -107,7 +122,7 @@ Kind = TypeVar("Kind", bound=type[Checked])
 @dataclass_transform(eq_default=False, field_specifiers=(field,))
 def checked(kind: Kind) -> Kind:
     """Make a subclass of Checked a dataclass, compared by identity, whose constructor takes aliases of fields too."""
-    dataclass(eq=False)(kind)
+    dataclass(eq=False, repr=False)(kind)
     init: Callable[..., None] = kind.__init__
 
     @functools.wraps(init)

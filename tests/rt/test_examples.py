@@ -30,7 +30,8 @@ def load(name: str) -> Any:
 
 
 def test_all_are_there_and_short() -> None:
-    assert EXAMPLES == ["acoustics", "bake_occlusion", "lidar", "spheres"]
+    rays = ["acoustics", "bake_occlusion", "height_field", "lidar", "spheres"]
+    assert sorted([*rays, "materials", "objects", "seeds", "turntable"]) == EXAMPLES
     for path in [*FOLDER.glob("*.py"), *FOLDER.rglob("*.comp")]:
         assert len(path.read_text(encoding="utf-8").splitlines()) < 40, path
 
@@ -116,3 +117,50 @@ def test_spheres_are_where_their_equation_says(device: Device) -> None:
     expected = np.where(seen[..., None], (0.5 + 0.5 * normal) * facing[..., None], 0.02)
     wrong = np.abs(picture - expected).max(axis=-1) > 0.02
     assert wrong.mean() < 0.004  # silhouettes
+
+
+def test_a_turntable_turns(device: Device) -> None:
+    turntable = load("turntable")
+    radiance = turntable.turn(device, turntable.still_life(), views=2, size=(12, 16), frames=4)
+    assert radiance.shape == (16, 24, 3)
+    left, right = np.hsplit(radiance, 2)
+    assert 0.5 < left.mean() / right.mean() < 2
+    assert np.abs(left - right).mean() > 0.1 * left.mean()
+
+
+def test_materials_differ_on_their_ball(device: Device) -> None:
+    materials = load("materials")
+    white, red = sv.Material(base_color=0.9, roughness=1.0), sv.Material(base_color=(0.9, 0, 0), roughness=1.0)
+    radiance, of_white, of_red = materials.compare(device, white, red, size=24, samples=16)
+    assert radiance.shape == (24, 48, 3)
+    assert of_red[0] == pytest.approx(of_white[0], rel=0.2)
+    assert of_red[1] < 0.2 * of_white[1]
+
+
+def test_heights_are_those_of_the_array(device: Device) -> None:
+    height_field = load("height_field")
+    heights = np.random.default_rng(1).uniform(0, 1, (5, 7))
+    scene = sv.Scene()
+    scene.add(height_field.mesh_of(heights, 0.5))
+    z, x = np.mgrid[:4, :6] * 0.5 + 0.25  # the middle of a quad lies on the diagonal that both triangles share
+    with sv.RayTracer(device, scene) as tracer:
+        found = height_field.heights_at(tracer, x, z)
+        assert np.isnan(height_field.heights_at(tracer, -1.0, 0.0))
+    np.testing.assert_allclose(found, (heights[:-1, :-1] + heights[1:, 1:]) / 2, atol=1e-4)
+
+
+def test_objects_cover_the_picture(device: Device) -> None:
+    scene = sv.builtin("cornell_box")
+    with sv.PathTracer(device, scene, (24, 24)) as tracer:
+        frame = tracer.render(samples=1)
+        found = load("objects").coverage(frame)
+        nothing = np.isinf(frame["depth"]).mean()
+    assert set(found) == {instance.name for instance in scene}
+    assert sum(share for share, _ in found.values()) == pytest.approx(1 - nothing)
+
+
+def test_seeds_vary_as_they_tell(device: Device) -> None:
+    seeds = load("seeds")
+    found, told = seeds.pictures(device, sv.builtin("cornell_box"), range(8), size=(16, 16), samples=16)
+    measured = (found @ seeds.LUMINANCE).var(axis=0, ddof=1).mean()
+    assert 0.5 < measured / told.mean() < 2

@@ -1,0 +1,125 @@
+"""What `render` returns: the same names from both renderers, files, masks, and clear errors once it is gone."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+import solari_vk as sv
+from solari_vk.passes.pathtracer import FIRST_HIT_AOVS
+
+KINDS = [sv.Renderer, sv.PathTracer]
+SIZE = (16, 12)
+
+
+def render(device, kind, scene, **options):
+    renderer = kind(device, scene, SIZE, **options)
+    return renderer, renderer.render() if kind is sv.Renderer else renderer.render(samples=2)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_results_by_name(device, kind):
+    renderer, frame = render(device, kind, sv.builtin("cornell_box"))
+    with renderer:
+        assert frame.wait() is frame
+        assert frame.size == SIZE
+        assert frame.keys()[0] == "radiance"
+        assert set(FIRST_HIT_AOVS) < set(frame)
+        assert "depth" in frame
+        assert "smell" not in frame
+        for name in frame.keys():  # noqa: SIM118
+            assert frame[name].shape[:2] == SIZE[::-1], name
+        np.testing.assert_array_equal(np.asarray(frame), frame["radiance"])
+        assert np.asarray(frame, np.float64).dtype == np.float64
+        with pytest.raises(sv.SolariError, match=r"no result 'deph'; did you mean 'depth'\? there are radiance"):
+            frame["deph"]
+
+
+def test_first_hits_are_the_same_from_both(device):
+    scene = sv.builtin("cornell_box")
+    (realtime, first), (reference, second) = (render(device, kind, scene) for kind in KINDS)
+    with realtime, reference:
+        for name in FIRST_HIT_AOVS:
+            np.testing.assert_array_equal(first[name], second[name], err_msg=name)
+        np.testing.assert_allclose(second["position"][..., 2].max(), scene.bounds.high[2], atol=1e-3)
+        scene.camera.look_at((1, 1, -2), (1, 1, 0))
+        np.testing.assert_array_equal(first["depth"], second["depth"], err_msg="the camera that was rendered with")
+        moved = realtime.render()
+        assert (moved["depth"] != second["depth"]).any()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_masks_show_instances(device, kind):
+    scene = sv.builtin("cornell_box")
+    scene.remove(scene.instances["left wall"])  # numbers of instances aren't their places in the collection
+    renderer, frame = render(device, kind, scene)
+    with renderer:
+        masks = [frame.mask(instance) for instance in scene]
+        np.testing.assert_array_equal(np.sum(masks, axis=0), np.isfinite(frame["depth"]))
+        np.testing.assert_array_equal(frame.mask("tall block"), masks[3])
+        assert masks[3].any()
+        with pytest.raises(sv.SolariError, match="no instance 'left wall'"):
+            frame.mask("left wall")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_frames_go_with_the_next_and_with_their_renderer(device, kind):
+    renderer, first = render(device, kind, sv.builtin("cornell_box"))
+    second = renderer.render() if kind is sv.Renderer else renderer.render(samples=3)
+    for frame_name in ("radiance", "depth"):
+        with pytest.raises(sv.SolariError, match=f"{kind.__name__} has begun a later one: read '{frame_name}' before"):
+            first[frame_name]
+    renderer.close()
+    with pytest.raises(sv.SolariError, match="was closed: read 'depth' before"):
+        second["depth"]
+    with pytest.raises(sv.SolariError, match="render before asking"):
+        renderer["radiance"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_frames_are_saved(device, kind, tmp_path):
+    scene = sv.builtin("cornell_box")
+    renderer, frame = render(device, kind, scene)
+    with renderer:
+        radiance = frame["radiance"]
+        frame.save(tmp_path / "a.npy", ["depth"])
+        np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), radiance)
+        np.testing.assert_array_equal(np.load(tmp_path / "a.depth.npy"), frame["depth"])
+        frame.save(tmp_path / "a.exr", frame.keys())
+        frame.save(tmp_path / "a.png")
+        sv.save_image(tmp_path / "b.png", radiance, exposure=scene.camera.exposure)
+        assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+        scene.camera.ev100 = sv.auto_exposure(radiance)
+        frame.save(tmp_path / "a.png")
+        frame.save(tmp_path / "b.png", exposure="auto")
+        assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+        with pytest.raises(sv.SolariError, match="exposure is a factor or 'auto', not 'much'"):
+            frame.save(tmp_path / "a.png", exposure="much")
+        with pytest.raises(sv.SolariError, match="no result 'smell'"):
+            frame.save(tmp_path / "a.exr", ["smell"])
+
+
+def test_a_debug_view_is_saved_as_it_is_shown(device, tmp_path):
+    from PIL import Image
+
+    with sv.Renderer(device, sv.builtin("cornell_box"), SIZE) as renderer:
+        renderer.view = "shading_normal"
+        frame = renderer.render()
+        frame.save(tmp_path / "view.png")
+        np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "view.png")), frame["display"][..., :3])
+
+
+def test_pictures_in_which_nothing_is_seen_are_told_of(device, tmp_path):
+    scene = sv.Scene()
+    scene.add(sv.shapes.box())
+    with sv.PathTracer(device, scene, SIZE) as tracer:
+        with pytest.warns(UserWarning, match=r"black: .*Lights are DirectionalLight"):
+            tracer.render(samples=1).save(tmp_path / "black.png")
+        scene.add(sv.DirectionalLight((-1, -1, -1)))
+        with pytest.warns(UserWarning, match=r"far too bright: set camera.ev100"):
+            tracer.render(samples=1).save(tmp_path / "white.png")
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            tracer.render(samples=1).save(tmp_path / "right.png", exposure="auto")
