@@ -8,7 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.headers import header_text, is_generated
+from solari_vk.gpu.shaders.spirv import reflect
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE, GLSL = ROOT / "solari_vk", ROOT / "glsl"
@@ -115,15 +117,61 @@ def test_only_raw_imports_vulkan():
     assert found == [PACKAGE / "gpu" / "device" / "raw.py"]
 
 
+def included(path: Path) -> list[str]:
+    """The paths below the GLSL root that a shader includes itself."""
+    return re.findall(r'^\s*#\s*include\s+"([^"]+)"', path.read_text(encoding="utf-8"), re.MULTILINE)
+
+
+def reached(path: Path) -> set[Path]:
+    """A shader and all files that it includes, directly or through others; generated headers include none."""
+    found, waiting = set(), [path]
+    while waiting:
+        file = waiting.pop()
+        if file not in found:
+            found.add(file)
+            waiting += [GLSL / name for name in included(file) if not is_generated(name)]
+    return found
+
+
+TRACE = GLSL / "scene" / "trace.glsl"
+ENTRY_POINTS = [path for path in SHADERS if path.suffix in (".comp", ".vert", ".frag")]
+SUITE = GLSL / "passes" / "conformance"
+
+
 def test_only_trace_names_ray_queries():
-    """Passes trace by trace.glsl, which another backend replaces. What that can't say, candidates and the document's
-    own words, is ray_query.glsl's, with its debug build: no pass of the renderer uses it. The suite tests both."""
-    found = [path for path in SHADERS if "rayQueryEXT" in path.read_text(encoding="utf-8")]
-    suite = GLSL / "passes" / "conformance"
-    library = [path for path in found if suite not in path.parents]
-    assert library == [GLSL / "scene" / name for name in ("ray_query.glsl", "ray_query_debug.glsl", "trace.glsl")]
-    users = [path for path in SHADERS if '"scene/ray_query' in path.read_text(encoding="utf-8")]
-    assert not [path for path in users if GLSL / "passes" in path.parents and suite not in path.parents]
+    """Passes trace by trace.glsl, which another backend replaces. ray_query.glsl and its debug build have the functions
+    of the wgpu document, for users and the suite; no pass of the renderer reaches them."""
+    word = re.compile(r"rayQuery\w*EXT|GL_EXT_ray_query")
+    found = [path for path in SHADERS if word.search(path.read_text(encoding="utf-8"))]
+    library = [path for path in found if SUITE not in path.parents]
+    queries = [GLSL / "scene" / name for name in ("ray_query.glsl", "ray_query_debug.glsl")]
+    assert library == [*queries, TRACE]
+    users = [path for path in ENTRY_POINTS if not reached(path).isdisjoint(queries)]
+    assert users
+    assert all(SUITE in path.parents for path in users)
+
+
+@pytest.mark.parametrize("path", ENTRY_POINTS, ids=lambda path: str(path.relative_to(GLSL)))
+def test_passes_reach_trace_only_if_they_trace(path):
+    if SUITE not in path.parents:
+        name = path.relative_to(GLSL).as_posix()
+        traces = "tlas" in reflect(compile_shader(name), name).main.uses
+        assert (TRACE in reached(path)) == traces
+
+
+def test_passes_that_trace_share_nothing_in_a_group():
+    """They are compiled as ray generation shaders too, where there are no workgroups."""
+    tracing = [path for path in ENTRY_POINTS if TRACE in reached(path)]
+    assert tracing
+    for file in {file for path in tracing for file in reached(path)}:
+        text = file.read_text(encoding="utf-8")
+        assert not re.search(r"^\s*shared\b|\bbarrier\(\)|gl_LocalInvocation", text, re.MULTILINE), file
+
+
+def test_the_scene_reaches_no_pass():
+    for path in SHADERS:
+        if path.relative_to(GLSL).parts[0] in ("scene", "common"):
+            assert not [file for file in reached(path) if (GLSL / "passes") in file.parents], path
 
 
 @pytest.mark.parametrize("path", SHADERS, ids=lambda path: str(path.relative_to(GLSL)))
@@ -133,20 +181,12 @@ def test_shader_keeps_the_rules(path):
     if path.suffix == ".glsl":
         assert re.search(r"^#ifndef (\w+)\n#define \1$", text, re.MULTILINE), "a library is guarded by #ifndef"
     top = path.relative_to(GLSL).parts[0]
-    for name in re.findall(r'^\s*#\s*include\s+"([^"]+)"', text, re.MULTILINE):
+    for name in included(path):
         if is_generated(name):
             assert header_text(name, str(path))
             continue
         assert (GLSL / name).is_file(), f"{name}: includes are paths from the glsl root"
         assert re.match(GLSL_MAY_INCLUDE[top], name), f"{top} must not include {name}"
-
-
-def test_passes_that_trace_share_nothing_in_a_group():
-    """They are compiled as ray generation shaders too, where there are no workgroups."""
-    for path in (GLSL / "passes").rglob("*.comp"):
-        text = path.read_text(encoding="utf-8")
-        if "scene/trace.glsl" in text or "scene/light_visibility.glsl" in text:
-            assert not re.search(r"^\s*shared\b|\bbarrier\(\)|gl_LocalInvocation", text, re.MULTILINE), path
 
 
 def test_files_stay_short():

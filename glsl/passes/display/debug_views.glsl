@@ -11,7 +11,7 @@
 #include "passes/light_tiles/light_tiles.glsl"
 #include "passes/restir_di/bindings.glsl"
 #include "passes/restir_gi/bindings.glsl"
-#include "passes/world_cache/query.glsl"
+#include "passes/world_cache/map.glsl"
 
 const vec3 NOTHING = vec3(0.0);
 const vec3 ALARM = vec3(0.9, 0.1, 0.1);

@@ -12,6 +12,15 @@ const uint EMPTY_CELL = 0u;  // no key's checksum
 
 // ---- keys -------------------------------------------------------------------------------------------
 
+// The size of the cells at a position. It doubles with distance from the camera; a random number decides between the two
+// nearest sizes, so that the levels blend into each other.
+float get_cell_size(vec3 world_position, inout uint rng) {
+    float level = log2(1.0 + distance(world_position, camera.world_from_view[3]) / world_cache_settings.lod_distance);
+    float part = fract(level);
+    int doublings = int(level) + (rand_f(rng) < pow(part, world_cache_settings.lod_sharpness) ? 1 : 0);
+    return world_cache_settings.cell_size * power_of_two(doublings);
+}
+
 struct WorldCacheKey {
     vec4 bounds;    // least corner and size of the cell: the same for all who ask for it
     uint first;     // where the search begins
@@ -29,7 +38,12 @@ WorldCacheKey make_world_cache_key(vec3 world_position, vec3 world_normal, float
     return WorldCacheKey(vec4(position * cell_size, cell_size), hash.x, max(hash.y, EMPTY_CELL + 1u));
 }
 
-// Of another cell in the same bounds.
+// A cell that a wall goes through has parts, one for each landmark: the first landmark that is visible from a point decides
+// which part the point belongs to. Landmarks 0 and 1 are centers of cells and stand for whole cells; the others lie around
+// the center of the point's own cell.
+const uint LANDMARKS = 6u;
+
+// The key of a part of a cell, which has the same bounds.
 WorldCacheKey part_of_cell(WorldCacheKey key, uint part) {
     return WorldCacheKey(key.bounds, pcg(key.first + part), max(pcg(key.checksum + part), EMPTY_CELL + 1u));
 }

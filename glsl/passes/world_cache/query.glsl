@@ -16,16 +16,6 @@ struct WorldCacheResult {
 
 const float EYE_HEIGHT = 0.05;  // in cells: over what surfaces rise themselves
 
-// Doubles with distance. Rounded up by chance, so that levels fade into each other.
-float get_cell_size(vec3 world_position, inout uint rng) {
-    float level = log2(1.0 + distance(world_position, camera.world_from_view[3]) / world_cache_settings.lod_distance);
-    float part = fract(level);
-    return world_cache_settings.cell_size * power_of_two(int(level) + (rand_f(rng) < pow(part, world_cache_settings.lod_sharpness) ? 1 : 0));
-}
-
-// The middle of the cell that chance chose, of the own one, then four around that; their number stands for none.
-const uint LANDMARKS = 6u;
-
 // Of the cell where a point lies that is moved by chance within the tangent plane, which hides the grid. Differs from Solari: what
 // can't see a cell's middle has no share in it, nor in what lies behind a wall; where a wall goes through a point's own cell,
 // that has parts, one for each landmark that is the first to be seen.
