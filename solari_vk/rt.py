@@ -1,4 +1,4 @@
-"""Ray tracing: acceleration structures as the wgpu document has them, on Vulkan.
+"""Ray tracing on Vulkan with the acceleration structures of the wgpu document.
 
     blas = rt.create_blas(device, [rt.Triangles(positions, indices)])
     tlas = rt.create_tlas(device, 16)
@@ -8,21 +8,22 @@
         [rt.TlasPackage(tlas, [rt.TlasInstance(blas, np.eye(4)[:3], custom_data=7)])],
     )
 
-A Tlas is then given to a `Frame` by its name in the shaders (`external={"tlas": tlas}`), which traces it with
-`scene/ray_query.glsl`. Used before it is built, or after a Blas below it was built again or destroyed, it is refused
-with a SolariError. `device.has_position_fetch` says whether shaders can have the vertices of a hit triangle.
+Pass a Tlas to a `Frame` by its name in the shaders (`external={"tlas": tlas}`); they trace rays with
+`scene/ray_query.glsl`. The frame raises SolariError for a Tlas that was never built, or whose Blases were built or
+destroyed since. `device.has_position_fetch` says whether shaders can read the vertices of a hit triangle.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.build_call import BlasBuildEntry, BuildCall, TlasPackage
-from solari_vk.gpu.acceleration.checks import check_items, check_kind, whole_number
+from solari_vk.gpu.acceleration.checks import check_items, check_kind
 from solari_vk.gpu.acceleration.instances import InstanceFlags, TlasInstance, TlasInstances
 from solari_vk.gpu.acceleration.sources import Aabbs, AabbSize, BufferSlice, Triangles, TriangleSize
-from solari_vk.gpu.acceleration.structure import UpdateMode
+from solari_vk.gpu.acceleration.structure import BuildOptions, UpdateMode
 from solari_vk.gpu.acceleration.tlas import Tlas
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.ray_query_faults import (
@@ -44,6 +45,7 @@ __all__ = [
     "BlasBuildEntry",
     "BufferSlice",
     "BuildCall",
+    "BuildOptions",
     "InstanceFlags",
     "RayQueryFault",
     "Tlas",
@@ -62,77 +64,36 @@ __all__ = [
 
 
 def create_blas(
-    device: Device,
-    geometries: Sequence[Triangles | Aabbs | TriangleSize | AabbSize],
-    *,
-    prefer_fast_trace: bool = True,
-    low_memory: bool = False,
-    allow_compaction: bool = True,
-    update_mode: UpdateMode = UpdateMode.BUILD,
-    rebuild_after: int = 32,
-    name: str = "blas",
+    device: Device, geometries: Sequence[Triangles | Aabbs | TriangleSize | AabbSize], **options: Any
 ) -> Blas:
-    """A Blas for geometries like these, all triangles or all boxes; of data only the counts and formats are taken.
+    """A Blas for geometries like these, all triangles or all boxes, of which only counts and formats are used.
 
-    prefer_fast_trace: else builds are fast. update_mode: PREFER_UPDATE refits when it is built again from the same
-    counts and indices, `rebuild_after` times in a row at most. Raises SolariError for what no build could take.
+    options: allow_compaction (default True), name, and those of `BuildOptions`: prefer_fast_trace, low_memory,
+    update_mode and rebuild_after. Raises SolariError for geometries that can't be built.
     """
-    _check_creation(device, update_mode, rebuild_after, f"Blas {name}")
+    check_kind(device, Device, "Blas: the device", "give a solari_vk.Device")
     kinds = (Triangles, Aabbs, TriangleSize, AabbSize)
     remedy = "give rt.Triangles, rt.Aabbs, rt.TriangleSize or rt.AabbSize"
-    geometries = check_items(geometries, kinds, f"Blas {name}: the geometries", remedy)
-    blas = Blas(
-        device,
-        [geometry.geometry() for geometry in geometries],
-        prefer_fast_trace=prefer_fast_trace,
-        low_memory=low_memory,
-        allow_compaction=allow_compaction,
-        allow_update=update_mode is UpdateMode.PREFER_UPDATE,
-        name=name,
-    )
-    blas.update_mode, blas.rebuild_after = update_mode, rebuild_after
-    return blas
+    geometries = check_items(geometries, kinds, f"Blas {options.get('name', 'blas')}: the geometries", remedy)
+    return Blas(device, [geometry.geometry() for geometry in geometries], **options)
 
 
-def create_tlas(
-    device: Device,
-    max_instances: int,
-    *,
-    prefer_fast_trace: bool = True,
-    low_memory: bool = False,
-    update_mode: UpdateMode = UpdateMode.BUILD,
-    rebuild_after: int = 32,
-    name: str = "tlas",
-) -> Tlas:
-    """A Tlas for at most so many instances. update_mode: PREFER_UPDATE refits when it is built again over as many
-    instances of the same Blases, `rebuild_after` times in a row at most. Raises SolariError beyond the device's
-    limit."""
-    _check_creation(device, update_mode, rebuild_after, f"Tlas {name}")
-    tlas = Tlas(
-        device,
-        max_instances,
-        prefer_fast_trace=prefer_fast_trace,
-        low_memory=low_memory,
-        allow_update=update_mode is UpdateMode.PREFER_UPDATE,
-        name=name,
-    )
-    tlas.update_mode, tlas.rebuild_after = update_mode, rebuild_after
-    return tlas
+def create_tlas(device: Device, max_instances: int, **options: Any) -> Tlas:
+    """A Tlas for at most this many instances.
 
-
-def _check_creation(device: Device, update_mode: UpdateMode, rebuild_after: int, what: str) -> None:
-    check_kind(device, Device, f"{what}: the device", "give a solari_vk.Device")
-    check_kind(update_mode, UpdateMode, f"{what}: update_mode", "give rt.UpdateMode.BUILD or PREFER_UPDATE")
-    whole_number(rebuild_after, f"{what}: rebuild_after", 0)
+    options: name, and those of `BuildOptions`: prefer_fast_trace, low_memory, update_mode and rebuild_after. Raises
+    SolariError beyond the device's limit.
+    """
+    check_kind(device, Device, "Tlas: the device", "give a solari_vk.Device")
+    return Tlas(device, max_instances, **options)
 
 
 def build_acceleration_structures(
     device: Device, blases: Iterable[BlasBuildEntry] = (), tlases: Iterable[TlasPackage] = ()
 ) -> int:
-    """Build or refit structures in one call, Blases before Tlases; returns the timeline's value when it is done.
+    """Build or refit structures in one call, Blases before Tlases; returns the timeline value of its completion.
 
-    A Tlas may be built over Blases of the same or an earlier call. Raises SolariError, before anything is built, for
-    one that was never built, was destroyed or is too large, and for the same structure twice. `BuildCall` prepares a
-    call for later.
+    A Tlas may be built over Blases of the same or an earlier call. Raises SolariError, before anything is built, for a
+    structure that was never built, was destroyed, is too large or occurs twice. Use `BuildCall` to submit a call later.
     """
     return BuildCall(device, blases, tlases).submit()

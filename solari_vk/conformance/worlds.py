@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.blas_builds import build_blases
 from solari_vk.gpu.acceleration.geometry import AabbGeometry, Geometry, TriangleGeometry
+from solari_vk.gpu.acceleration.structure import UpdateMode
 from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE, Tlas
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
@@ -102,17 +103,18 @@ class World:
         self._uploads: list[tuple[Buffer, np.ndarray]] = []
         self.sizes: dict[str, int] = {}  # of Blases before they were compacted
         update = way == REFITTED
+        mode = UpdateMode.PREFER_UPDATE if update else UpdateMode.BUILD
         compact = way == COMPACTED
         self.blases: dict[str, Blas] = {
             name: self._own(
                 Blas(
                     device, [self._geometry(part) for part in parts], prefer_fast_trace=fast_trace,
-                    allow_update=update, allow_compaction=compact, name=name,
+                    update_mode=mode, allow_compaction=compact, name=name,
                 )
             )
             for name, parts in shapes.items()
         }  # fmt: skip
-        self.tlas = self._own(Tlas(device, len(placed), allow_update=update, prefer_fast_trace=fast_trace))
+        self.tlas = self._own(Tlas(device, len(placed), update_mode=mode, prefer_fast_trace=fast_trace))
         self._instances = self._own(device.buffer(max(len(placed), 1) * INSTANCE_DTYPE.itemsize, "instances"))
         if way in (REBUILT, REFITTED):
             self._build(displaced=True)

@@ -19,6 +19,7 @@ from solari_vk.gpu.acceleration import blas_builds, structure
 from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.blas_builds import build_blases
 from solari_vk.gpu.acceleration.geometry import AabbGeometry, TriangleGeometry
+from solari_vk.gpu.acceleration.structure import UpdateMode
 from solari_vk.gpu.acceleration.tlas import Tlas, TlasBuild
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.buffer import Buffer
@@ -260,9 +261,9 @@ def test_mistakes_are_refused_before_vulkan_sees_them(acceleration_device: Devic
         with pytest.raises(SolariError, match=rf"Blas wrong.*{message}"):
             Blas(device, geometries, name="wrong")
     blas = made(Blas(device, [good], name="fixed"))
-    with pytest.raises(SolariError, match="refit of Blas fixed: it was made without allow_update"):
+    with pytest.raises(SolariError, match="refit of Blas fixed: it was made without UpdateMode"):
         build_blases(device, [blas], update=True)
-    flexible = made(Blas(device, [good], name="flexible", allow_update=True))
+    flexible = made(Blas(device, [good], name="flexible", update_mode=UpdateMode.PREFER_UPDATE))
     with pytest.raises(SolariError, match="refit of Blas flexible: it was never built"):
         build_blases(device, [flexible], update=True)
     with pytest.raises(SolariError, match="twice"):
@@ -278,7 +279,7 @@ def test_tlas_mistakes_are_refused(acceleration_device: Device, made: Any) -> No
     for count in (-1, limit + 1):
         with pytest.raises(SolariError, match=f"Tlas many of {count:,} instances"):
             Tlas(device, count, name="many")
-    tlas = made(Tlas(device, 4, name="four", allow_update=True))
+    tlas = made(Tlas(device, 4, name="four", update_mode=UpdateMode.PREFER_UPDATE))
     cases: list[tuple[str, tuple[int, int], bool]] = [
         ("5 instances, made for 4", (64, 5), False),
         ("-1 instances", (64, -1), False),

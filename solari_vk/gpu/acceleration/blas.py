@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from solari_vk.errors import SolariError
 from solari_vk.gpu.acceleration.checks import check_kind, check_switch, show
@@ -16,7 +17,7 @@ from solari_vk.gpu.acceleration.geometry import (
     geometry_struct,
     refit_keys,
 )
-from solari_vk.gpu.acceleration.structure import Structure, build_flags
+from solari_vk.gpu.acceleration.structure import BuildOptions, Structure
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
 
@@ -25,7 +26,8 @@ class Blas(Structure):
     """A bottom-level structure over geometries that are all triangles or all boxes. It has an address once built.
 
     `size` is its storage in bytes, `built_size` the size before compaction. A build reads the memory that geometries
-    point to; it isn't needed later. Raises SolariError for geometry that can't be built.
+    point to; it isn't needed later. options: those of `BuildOptions`. Raises SolariError for geometry that can't be
+    built.
     """
 
     def __init__(
@@ -33,36 +35,29 @@ class Blas(Structure):
         device: Device,
         geometries: Sequence[Geometry],
         *,
-        prefer_fast_trace: bool = True,
-        low_memory: bool = False,
-        allow_update: bool = False,
         allow_compaction: bool = True,
         name: str = "blas",
+        **options: Any,
     ) -> None:
         self.geometries = tuple(geometries)
         self.compacted = False
         check_switch(allow_compaction, f"Blas {name}: allow_compaction")
         check_geometries(device, self.geometries, name)
-        flags = build_flags(device, prefer_fast_trace, low_memory, allow_update)
-        flags |= raw.VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_COMPACTION_BIT_KHR * allow_compaction
         super().__init__(
             device,
             raw.VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR,
-            flags,
+            BuildOptions(**options),
             [geometry_struct(geometry) for geometry in self.geometries],
             [geometry.primitive_count for geometry in self.geometries],
             name,
+            more_flags=raw.VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_COMPACTION_BIT_KHR * allow_compaction,
         )
+        self.allow_compaction = allow_compaction
         self.built_size = self.size
         self.made_for = self.geometries
         self._built_from: tuple[Geometry, ...] = ()
         self._preparation: Preparation | None = None
         self.ranges = build_ranges(self.geometries)
-
-    @property
-    def allow_compaction(self) -> bool:
-        """Whether it can be compacted."""
-        return bool(self.flags & raw.VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_COMPACTION_BIT_KHR)
 
     # ---- building -----------------------------------------------------------------------------------
 

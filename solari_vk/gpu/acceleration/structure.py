@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import Enum
 
 from solari_vk.errors import SolariError
-from solari_vk.gpu.acceleration.checks import check_kind, check_switch
+from solari_vk.gpu.acceleration.checks import check_kind, check_switch, whole_number
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.storage import Storage
@@ -22,6 +23,38 @@ class UpdateMode(Enum):
 
     BUILD = "build"
     PREFER_UPDATE = "prefer update"
+
+
+@dataclass(frozen=True)
+class BuildOptions:
+    """How a structure is built. Raises SolariError for values of wrong types.
+
+    prefer_fast_trace: prefer fast rays to fast builds. low_memory: prefer small structures. update_mode: with
+    PREFER_UPDATE a build call refits where it can, but rebuilds after `rebuild_after` refits in a row, because refits
+    make the bounding boxes of moving geometry looser and rays slower.
+    """
+
+    prefer_fast_trace: bool = True
+    low_memory: bool = False
+    update_mode: UpdateMode = UpdateMode.BUILD
+    rebuild_after: int = 32
+
+    def __post_init__(self) -> None:
+        what = "acceleration structure"
+        check_switch(self.prefer_fast_trace, f"{what}: prefer_fast_trace")
+        check_switch(self.low_memory, f"{what}: low_memory")
+        check_kind(self.update_mode, UpdateMode, f"{what}: update_mode", "give rt.UpdateMode.BUILD or PREFER_UPDATE")
+        whole_number(self.rebuild_after, f"{what}: rebuild_after", 0)
+
+    def flags(self, device: Device) -> int:
+        """Vulkan's build flags. With position fetch, shaders can read the vertices of hit triangles."""
+        trace = raw.VK_BUILD_ACCELERATION_STRUCTURE_PREFER_FAST_TRACE_BIT_KHR
+        build = raw.VK_BUILD_ACCELERATION_STRUCTURE_PREFER_FAST_BUILD_BIT_KHR
+        flags = trace if self.prefer_fast_trace else build
+        flags |= raw.VK_BUILD_ACCELERATION_STRUCTURE_LOW_MEMORY_BIT_KHR * self.low_memory
+        if self.update_mode is UpdateMode.PREFER_UPDATE:
+            flags |= raw.VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_UPDATE_BIT_KHR
+        return int(flags | _ALLOW_DATA_ACCESS * device.has_position_fetch)
 
 
 class Clock:
@@ -42,21 +75,25 @@ clock = Clock()
 class Structure:
     """The base of Blas and Tlas.
 
-    `built_at` is the time (of `clock`) of the latest build call, 0 before the first. With `update_mode` PREFER_UPDATE a
-    build call refits where it can, but rebuilds after `rebuild_after` refits in a row, because refits make the bounding
-    boxes of moving geometry looser and rays slower.
+    `built_at` is the time (of `clock`) of the latest build call, 0 before the first.
     """
 
-    update_mode = UpdateMode.BUILD
-    rebuild_after = 32
-
     def __init__(
-        self, device: Device, kind: int, flags: int, geometries: Sequence[raw.CData], counts: list[int], name: str
+        self,
+        device: Device,
+        kind: int,
+        options: BuildOptions,
+        geometries: Sequence[raw.CData],
+        counts: list[int],
+        name: str,
+        *,
+        more_flags: int = 0,
     ) -> None:
         check_kind(name, str, "acceleration structure: the name", "give a string")
         self.device = device
         self.name = name
-        self.flags = flags
+        self.options = options
+        self.flags = options.flags(device) | more_flags
         self.handle: raw.CData | None = None
         self.address = 0
         self.build_count = 0
@@ -91,7 +128,7 @@ class Structure:
     @property
     def allow_update(self) -> bool:
         """Whether it can be refitted."""
-        return bool(self.flags & raw.VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_UPDATE_BIT_KHR)
+        return self.options.update_mode is UpdateMode.PREFER_UPDATE
 
     def create(self, size: int) -> None:
         """Make storage, handle and address, without building."""
@@ -142,13 +179,12 @@ class Structure:
     @property
     def prefers_update(self) -> bool:
         """Whether its update mode and the number of refits so far allow another refit."""
-        wanted = self.update_mode is UpdateMode.PREFER_UPDATE and self.refit_count < self.rebuild_after
-        return wanted and self.allow_update and self.built
+        return self.allow_update and self.built and self.refit_count < self.options.rebuild_after
 
     def check_update(self) -> None:
         """Raise SolariError if it can't be refitted."""
         if not self.allow_update or not self.built:
-            why = "it was made without allow_update" if not self.allow_update else "it was never built"
+            why = "it was made without UpdateMode.PREFER_UPDATE" if not self.allow_update else "it was never built"
             raise SolariError(f"refit of {self.describe()}: {why}")
 
     def destroy(self) -> None:
@@ -178,18 +214,3 @@ def make_scratch(device: Device, size: int, name: str) -> tuple[Storage, int]:
     alignment = _alignment(device)
     scratch = device.buffer(size + alignment, name)
     return scratch, -(-scratch.address // alignment) * alignment
-
-
-def build_flags(device: Device, fast_trace: bool, low_memory: bool, allow_update: bool) -> int:
-    """Vulkan's build flags. With position fetch, shaders can read the vertices of hit triangles."""
-    switches = {"prefer_fast_trace": fast_trace, "low_memory": low_memory, "allow_update": allow_update}
-    for what, value in switches.items():
-        check_switch(value, f"acceleration structure: {what}")
-    flags = (
-        raw.VK_BUILD_ACCELERATION_STRUCTURE_PREFER_FAST_TRACE_BIT_KHR
-        if fast_trace
-        else raw.VK_BUILD_ACCELERATION_STRUCTURE_PREFER_FAST_BUILD_BIT_KHR
-    )
-    flags |= raw.VK_BUILD_ACCELERATION_STRUCTURE_LOW_MEMORY_BIT_KHR * low_memory
-    flags |= raw.VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_UPDATE_BIT_KHR * allow_update
-    return int(flags | _ALLOW_DATA_ACCESS * device.has_position_fetch)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from solari_vk.errors import SolariError
 from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.checks import whole_number
-from solari_vk.gpu.acceleration.structure import Structure, build_flags, clock, make_scratch
+from solari_vk.gpu.acceleration.structure import BuildOptions, Structure, clock, make_scratch
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.device import Device
@@ -32,19 +32,11 @@ class Tlas(Structure):
     """A top-level structure over up to `max_instances` INSTANCE_DTYPE records in device memory.
 
     The constructor makes storage and scratch, so `handle` can be bound before the first build. An instance whose
-    blas_address is 0 is never hit. `blases` are the structures below it that `check_usable` checks.
+    blas_address is 0 is never hit. options: those of `BuildOptions`. `blases` are the structures below it, which
+    `check_usable` checks.
     """
 
-    def __init__(
-        self,
-        device: Device,
-        max_instances: int,
-        *,
-        prefer_fast_trace: bool = True,
-        low_memory: bool = False,
-        allow_update: bool = False,
-        name: str = "tlas",
-    ) -> None:
+    def __init__(self, device: Device, max_instances: int, *, name: str = "tlas", **options: Any) -> None:
         limit = int(device.properties.acceleration.maxInstanceCount)
         max_instances = whole_number(max_instances, f"Tlas {name}: max_instances")
         if not 0 <= max_instances <= limit:
@@ -59,9 +51,8 @@ class Tlas(Structure):
             geometryType=raw.VK_GEOMETRY_TYPE_INSTANCES_KHR,
             geometry={"instances": raw.struct("VkAccelerationStructureGeometryInstancesDataKHR")},
         )
-        flags = build_flags(device, prefer_fast_trace, low_memory, allow_update)
         kind = raw.VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR
-        super().__init__(device, kind, flags, [instances], [max_instances], name)
+        super().__init__(device, kind, BuildOptions(**options), [instances], [max_instances], name)
         self.create(self.size)
         scratch_bytes = max(self.build_scratch_size, self.update_scratch_size)
         self._scratch, self._scratch_address = make_scratch(device, scratch_bytes, f"{name} scratch")
