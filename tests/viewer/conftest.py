@@ -1,4 +1,4 @@
-"""A screen for the viewer's tests: an Xvfb of their own. Without the program they are skipped."""
+"""An X server and viewers for the tests. Without Xvfb the tests are skipped."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ SCREEN = (480, 360)
 
 @pytest.fixture(scope="session")
 def screen() -> Iterator[str]:
-    """The name of an X display that shows nothing but these tests' windows."""
+    """The name of an X display of these tests alone."""
     if shutil.which("Xvfb") is None:
         pytest.skip("no Xvfb")
     read, write = os.pipe()
     server = subprocess.Popen(
         ["Xvfb", "-displayfd", str(write), "-screen", "0", f"{SCREEN[0]}x{SCREEN[1]}x24", "-nolisten", "tcp",
-         "-noreset"],  # a server that starts anew as its last window closes refuses the next one meanwhile
+         "-noreset"],  # without it the server restarts when its last window closes, and refuses windows until then
         pass_fds=[write], stderr=subprocess.DEVNULL,
     )  # fmt: skip
     os.close(write)
@@ -45,7 +45,7 @@ def screen() -> Iterator[str]:
 
 @pytest.fixture
 def held(device):
-    """Tells how many objects there are on the device, but for those that it keeps for the next one who needs some."""
+    """Counts the objects on the device, without those that it keeps for later use."""
 
     def count() -> int:
         device.wait_idle()
@@ -56,7 +56,7 @@ def held(device):
 
 @pytest.fixture
 def open_viewer(screen, device, held):
-    """Opens viewers, closes them, and looks whether they left anything on the device."""
+    """Opens viewers; after the test closes them and checks that they left nothing on the device."""
     opened: list[Viewer] = []
     before = held()
 

@@ -1,4 +1,4 @@
-"""What keys and mouse do: pure logic on events, and events of a window on GLFW's null platform."""
+"""What keys and mouse do: logic that needs only events, and the events of a window on GLFW's null platform."""
 
 from __future__ import annotations
 
@@ -9,11 +9,14 @@ from pathlib import Path
 import glfw
 import numpy as np
 import pytest
+from viewer_tools import drag, press, release
 
 import solari_vk as sv
 from solari_vk.viewer.camera_control import MAX_ELEVATION, CameraControl
 from solari_vk.viewer.controls import ACTIONS, FLY_KEYS, KEYS_HELP, Controls
 from solari_vk.viewer.window import Event, Window
+
+LEFT, RIGHT = glfw.MOUSE_BUTTON_LEFT, glfw.MOUSE_BUTTON_RIGHT
 
 
 @pytest.fixture
@@ -22,86 +25,78 @@ def control():
 
 
 @pytest.fixture
-def hands(control):
-    """Controls, and the actions that they called."""
-    called = []
+def called():
+    """The actions that the controls called, with their arguments."""
+    return []
+
+
+@pytest.fixture
+def handle(control, called):
+    """Controls.handle for several events."""
 
     def act(name, argument):
         called.append((name, argument))
         return np.array((0.0, 1.0, 0.0)) if name == "grab" else None
 
-    return Controls(control, act), called
+    controls = Controls(control, act)
+    return lambda *events, **options: controls.handle(events, **options)
 
 
-def press(code, modifiers=0, repeats=False):
-    return Event("key", code, True, modifiers, repeats=repeats)
-
-
-def release(code):
-    return Event("key", code, False)
-
-
-def place(control):
-    return control.camera.transform[:3, 3]
+def position(control):
+    return control.camera.transform[:3, 3].copy()
 
 
 # ---- flying -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("key", "way"),
+    ("key", "direction"),
     [("W", (0, 0, -1)), ("S", (0, 0, 1)), ("A", (-1, 0, 0)), ("D", (1, 0, 0)), ("E", (0, 1, 0)), ("Q", (0, -1, 0))],
 )
-def test_keys_fly(hands, control, key, way):
-    controls, _ = hands
+def test_keys_fly(handle, control, key, direction):
     code = getattr(glfw, f"KEY_{key}")
-    before = place(control).copy()
-    controls.handle([press(code)])
+    expected = position(control) + np.array(direction) * control.speed * 0.5
+    handle(press(code))
     control.advance(0.5)
-    assert place(control) - before == pytest.approx(np.array(way) * control.speed * 0.5)
-    controls.handle([release(code)])
+    assert position(control) == pytest.approx(expected)
+    handle(release(code))
     control.advance(0.5)
-    assert place(control) - before == pytest.approx(np.array(way) * control.speed * 0.5)
+    assert position(control) == pytest.approx(expected)
 
 
-def test_shift_flies_faster_and_two_keys_no_faster_than_one(hands, control):
-    controls, _ = hands
-    before = place(control).copy()
-    controls.handle([press(glfw.KEY_W), press(glfw.KEY_D), press(glfw.KEY_LEFT_SHIFT)])
+def test_shift_flies_faster_and_two_keys_no_faster_than_one(handle, control):
+    before = position(control)
+    handle(press(glfw.KEY_W), press(glfw.KEY_D), press(glfw.KEY_LEFT_SHIFT))
     control.advance(0.25)
-    assert np.linalg.norm(place(control) - before) == pytest.approx(4 * control.speed * 0.25)
-    controls.handle([release(glfw.KEY_LEFT_SHIFT), press(glfw.KEY_A), press(glfw.KEY_S)])
-    before = place(control).copy()
+    assert np.linalg.norm(position(control) - before) == pytest.approx(4 * control.speed * 0.25)
+    handle(release(glfw.KEY_LEFT_SHIFT), press(glfw.KEY_A), press(glfw.KEY_S))
+    before = position(control)
     control.advance(1)
-    assert place(control) == pytest.approx(before), "opposite keys cancel"
+    assert position(control) == pytest.approx(before), "opposite keys cancel"
 
 
-def test_wheel_changes_speed_within_bounds(hands, control):
-    controls, _ = hands
+def test_wheel_changes_speed_within_bounds(handle, control):
     speed = control.speed
-    controls.handle([Event("scroll", y=2.0)])
+    handle(Event("scroll", y=2.0))
     assert control.speed == pytest.approx(speed * 1.25**2)
-    controls.handle([Event("scroll", y=-1e9), Event("scroll", y=-1e9), Event("scroll", y=-1e9)])
+    handle(*[Event("scroll", y=-1e9)] * 3)
     assert 0 < control.speed < speed
-    controls.handle([Event("scroll", y=1e9)] * 9)
+    handle(*[Event("scroll", y=1e9)] * 9)
     assert math.isfinite(control.speed)
 
 
-def test_losing_the_focus_releases_all_keys(hands, control):
-    controls, _ = hands
-    controls.handle([press(glfw.KEY_W), press(glfw.KEY_LEFT_SHIFT), Event("focus", pressed=False)])
-    assert not control.held
-    assert not control.fast
+def test_losing_the_focus_releases_all_keys(handle, control):
+    handle(press(glfw.KEY_W), press(glfw.KEY_LEFT_SHIFT), Event("focus", pressed=False))
+    assert (control.held, control.fast) == (set(), False)
 
 
-def test_releases_count_even_when_keys_are_not_ours(hands, control):
-    controls, _ = hands
-    controls.handle([press(glfw.KEY_W)])
-    controls.handle([release(glfw.KEY_W), press(glfw.KEY_S)], takes_keys=False)
+def test_releases_count_even_while_panels_use_the_keys(handle, control):
+    handle(press(glfw.KEY_W))
+    handle(release(glfw.KEY_W), press(glfw.KEY_S), takes_keys=False)
     assert not control.held
 
 
-def test_flying_on_and_on_stays_finite(control):
+def test_a_camera_that_flies_for_long_stays_finite(control):
     control.held = {"forward"}
     for _ in range(100):
         control.change_speed(20)
@@ -112,53 +107,38 @@ def test_flying_on_and_on_stays_finite(control):
 # ---- mouse ------------------------------------------------------------------------------------------
 
 
-def drag(button, *ways):
-    x = y = 50.0
-    events = [Event("cursor", x=x, y=y), Event("button", button, True)]
-    for right, down in ways:
-        x, y = x + right, y + down
-        events.append(Event("cursor", x=x, y=y))
-    return [*events, Event("button", button, False)]
-
-
-def test_right_drag_looks_around(hands, control):
-    controls, called = hands
-    before = control.camera.transform.copy()
-    controls.handle(drag(glfw.MOUSE_BUTTON_RIGHT, (20, 0), (20, 0)))
-    after = control.camera.transform
-    assert after[:3, 3] == pytest.approx(before[:3, 3])
-    assert -after[0, 2] == pytest.approx(math.sin(40 * 0.005)), "to the right of -z"
+def test_right_drag_looks_around(handle, control, called):
+    before = position(control)
+    handle(*drag(RIGHT, (20, 0), (20, 0)))
+    assert position(control) == pytest.approx(before)
+    assert -control.camera.transform[0, 2] == pytest.approx(math.sin(40 * 0.005)), "to the right of -z"
     assert not called
 
 
-def test_left_drag_orbits_around_what_was_grabbed(hands, control):
-    controls, called = hands
-    controls.handle(drag(glfw.MOUSE_BUTTON_LEFT, (100, 0), (100, 0), (0, 50)))
+def test_left_drag_orbits_around_the_grabbed_point(handle, control, called):
+    handle(*drag(LEFT, (100, 0), (100, 0), (0, 50)))
     assert [name for name, _ in called] == ["grab"]
     center = np.array((0, 1, 0))
-    assert np.linalg.norm(place(control) - center) == pytest.approx(4)
+    assert np.linalg.norm(position(control) - center) == pytest.approx(4)
     view = -control.camera.transform[:3, 2]
-    assert view == pytest.approx((center - place(control)) / 4), "what was in the middle stays there"
+    assert view == pytest.approx((center - position(control)) / 4), "the point stays in the centre of the picture"
 
 
-def test_a_click_picks_and_does_not_move(hands, control):
-    controls, called = hands
+def test_a_click_picks_and_does_not_move(handle, control, called):
     before = control.camera.transform.copy()
-    controls.handle(drag(glfw.MOUSE_BUTTON_LEFT, (1, 1), (1, -1)))
+    handle(*drag(LEFT, (1, 1), (1, -1)))
     assert called == [("pick", (52.0, 50.0))]
     assert (control.camera.transform == before).all()
 
 
 def test_a_drag_over_the_sky_looks_around(control):
-    controls = Controls(control, lambda name, argument: None)
-    before = place(control).copy()
-    controls.handle(drag(glfw.MOUSE_BUTTON_LEFT, (100, 30)))
-    assert place(control) == pytest.approx(before)
+    before = position(control)
+    Controls(control, lambda name, argument: None).handle(drag(LEFT, (100, 30)))
+    assert position(control) == pytest.approx(before)
 
 
-def test_looking_up_stops_before_the_pole(hands, control):
-    controls, _ = hands
-    controls.handle(drag(glfw.MOUSE_BUTTON_RIGHT, *[(3, -400)] * 30))
+def test_looking_up_stops_before_the_pole(handle, control):
+    handle(*drag(RIGHT, *[(3, -400)] * 30))
     transform = control.camera.transform
     assert math.asin(-transform[1, 2]) == pytest.approx(MAX_ELEVATION)
     assert transform[:3, :3].T @ transform[:3, :3] == pytest.approx(np.eye(3), abs=1e-12)
@@ -166,19 +146,17 @@ def test_looking_up_stops_before_the_pole(hands, control):
     assert transform[1, 0] == pytest.approx(0), "the horizon stays level"
 
 
-def test_mouse_of_the_panels_is_not_ours(hands, control):
-    controls, called = hands
-    controls.handle(drag(glfw.MOUSE_BUTTON_LEFT, (100, 0)), takes_mouse=False)
+def test_the_mouse_over_panels_does_nothing(handle, called):
+    handle(*drag(LEFT, (100, 0)), takes_mouse=False)
     assert not called
 
 
-# ---- keys that act ----------------------------------------------------------------------------------
+# ---- actions ----------------------------------------------------------------------------------------
 
 
-def test_every_action_has_its_key(hands):
-    controls, called = hands
+def test_every_action_has_its_key(handle, called):
     for code, with_control in ACTIONS:
-        controls.handle([press(code, glfw.MOD_CONTROL if with_control else 0), release(code)])
+        handle(press(code, glfw.MOD_CONTROL if with_control else 0), release(code))
     assert [name for name, _ in called] == list(ACTIONS.values())
 
 
@@ -188,21 +166,18 @@ def test_the_readme_lists_the_keys():
         assert f"| {keys} | {meaning} |\n" in readme
 
 
-def test_numbers_choose_cameras(hands):
-    controls, called = hands
-    controls.handle([press(glfw.KEY_1), press(glfw.KEY_9), press(glfw.KEY_1, repeats=True)])
+def test_numbers_choose_cameras(handle, called):
+    handle(press(glfw.KEY_1), press(glfw.KEY_9), press(glfw.KEY_1, repeats=True))
     assert called == [("camera", 0), ("camera", 8)]
 
 
-def test_held_keys_repeat_only_where_that_helps(hands):
-    controls, called = hands
-    controls.handle([press(glfw.KEY_F2, repeats=True), press(glfw.KEY_PERIOD, repeats=True)])
+def test_only_some_held_keys_repeat(handle, called):
+    handle(press(glfw.KEY_F2, repeats=True), press(glfw.KEY_PERIOD, repeats=True))
     assert called == [("move_divider_right", None)]
 
 
-def test_control_does_not_fly(hands, control):
-    controls, called = hands
-    controls.handle([press(glfw.KEY_V, glfw.MOD_SHIFT), press(glfw.KEY_S, glfw.MOD_CONTROL)])
+def test_control_does_not_fly(handle, control, called):
+    handle(press(glfw.KEY_V, glfw.MOD_SHIFT), press(glfw.KEY_S, glfw.MOD_CONTROL))
     assert called == [("previous_view", None)]
     assert not control.held
     assert set(FLY_KEYS) & {code for code, with_control in ACTIONS if not with_control} == set()
@@ -211,12 +186,13 @@ def test_control_does_not_fly(hands, control):
 # ---- camera -----------------------------------------------------------------------------------------
 
 
-def test_focus_shows_a_sphere_whole(control):
+def test_focus_shows_a_whole_sphere(control):
     control.focus((5, 2, 1), 0.5)
-    assert np.linalg.norm(place(control) - (5, 2, 1)) == pytest.approx(0.5 / math.sin(control.camera.vertical_fov / 2))
+    distance = np.linalg.norm(position(control) - (5, 2, 1))
+    assert distance == pytest.approx(0.5 / math.sin(control.camera.vertical_fov / 2))
 
 
-def test_pose_is_what_the_command_line_takes(control):
+def test_a_pose_is_what_the_command_line_takes(control):
     control.look(33, -12)
     text = control.copy_pose()
     assert sv.Camera.from_pose(json.loads(text)).transform == pytest.approx(control.camera.transform)
@@ -227,7 +203,7 @@ def test_pose_is_what_the_command_line_takes(control):
 
 
 @pytest.mark.parametrize("text", ["", "hello", "[1, 2]", '{"position": 3}', '{"transform": [[1]]}', "{"])
-def test_pasting_something_else_is_refused(control, text):
+def test_other_texts_are_refused_as_poses(control, text):
     before = control.camera.transform.copy()
     with pytest.raises(sv.SolariError):
         control.paste_pose(text)
@@ -238,7 +214,7 @@ def test_reset_and_other_cameras(control):
     control.look(10, 10)
     control.take(sv.Camera.look_at((9, 9, 9), (0, 0, 0), ev100=5, vertical_fov=0.5))
     assert control.camera.vertical_fov == 0.5
-    assert control.camera.ev100 == 0, "the exposure is the user's"
+    assert control.camera.ev100 == 0, "the user's exposure stays"
     control.reset()
     assert (control.camera.transform == control.home.transform).all()
 

@@ -1,4 +1,4 @@
-"""The panels: drawn where they should be, fed with the window's events, and editing what they say."""
+"""The panels: where they are drawn, how they use the window's events, and what they edit."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SIZE = (160, 100)
 
 
 class Proxy:
-    """Dear ImGui with every header open, and with some of its functions replaced."""
+    """Dear ImGui with all headers open and some functions replaced."""
 
     def __init__(self, imgui, **replaced):
         self._imgui = imgui
@@ -40,7 +40,7 @@ class Proxy:
 
 @pytest.fixture
 def replace(monkeypatch):
-    """Replaces functions of imgui for the panels; all headers are open."""
+    """Opens all headers of the panels and replaces functions of imgui."""
     imgui = panels.imgui
 
     def put(**replaced):
@@ -69,7 +69,7 @@ def test_panels_lie_over_the_picture(open_viewer):
     shown, picture = viewer.capture(), viewer.pictures.pixels()
     row = MARGIN + 4, slice(MARGIN + 4, -MARGIN - 4)
     assert (shown[row] != picture[row]).any(axis=1).all()
-    assert (shown[: MARGIN - 1] == picture[: MARGIN - 1]).all(), "nothing beside them"
+    assert (shown[: MARGIN - 1] == picture[: MARGIN - 1]).all(), "nothing is drawn beside them"
     assert (shown[MARGIN : MARGIN + 20] > 240).all(axis=2).any(), "white letters in the title"
     viewer.act("panels")
     viewer.message = ""
@@ -176,7 +176,7 @@ def test_every_setting_can_be_changed_and_reset(open_viewer, replace):
     assert [name for name in FIELDS if getattr(viewer.settings, name) != DEFAULTS[name]] == []
 
 
-def test_refused_values_are_told(open_viewer, replace):
+def test_the_error_of_a_refused_value_is_shown(open_viewer, replace):
     viewer = open_viewer(size=SIZE, scale=0.2)
     replace(input_int=lambda label, value, **_: (True, -5))
     viewer.step()
@@ -220,7 +220,7 @@ def test_the_scene_can_be_edited(open_viewer, replace):
     viewer.run(frames=2)
 
 
-def test_turning_and_scaling_keep_the_place(open_viewer, replace):
+def test_turning_and_scaling_keep_the_position(open_viewer, replace):
     viewer = open_viewer(size=SIZE, scale=0.2)
     viewer.run(frames=1)
     instance = next(iter(viewer.scene.instances))
@@ -233,7 +233,7 @@ def test_turning_and_scaling_keep_the_place(open_viewer, replace):
     assert instance.transform == pytest.approx(np.array([(0, 0, 1, 5), (0, 1, 0, 6), (-1, 0, 0, 7), (0, 0, 0, 1)]))
 
 
-# ---- without it -------------------------------------------------------------------------------------
+# ---- without imgui----------------------------------------------------------------------------------
 
 
 def test_without_imgui_there_are_keys(open_viewer, monkeypatch):

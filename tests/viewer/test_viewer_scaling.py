@@ -1,4 +1,4 @@
-"""The resolution follows the time of a frame: against models of what a frame takes."""
+"""The scale follows the time of a frame, tested with models of that time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from solari_vk.viewer.scaling import MIN_SCALE, STEPS, ScaleControl
 
 
 def settle(control, fixed, growth, frames=300, noise=0.0):
-    """Run frames that take fixed + growth * scale^2 seconds; returns how often the scale changed in the last half."""
+    """Note frames of fixed + growth * scale^2 seconds; returns how often the scale changes in the last half of them."""
     generator = random.Random(5)
     changes = 0
     for frame in range(frames):
@@ -26,7 +26,7 @@ def test_time_of_a_frame_is_kept(fixed, growth):
     assert settle(control, fixed, growth) == 0, "the scale settles"
     assert fixed + growth * control.scale**2 <= 0.1
     larger = STEPS[min(STEPS.index(control.scale) + 2, len(STEPS) - 1)]
-    assert control.scale == 1 or fixed + growth * larger**2 > 0.1 * 0.7, "no smaller than it must be"
+    assert control.scale == 1 or fixed + growth * larger**2 > 0.1 * 0.7, "the picture is no smaller than it must be"
 
 
 def test_fast_devices_render_every_pixel():
@@ -38,13 +38,13 @@ def test_fast_devices_render_every_pixel():
 def test_a_target_out_of_reach_does_not_ruin_the_picture():
     control = ScaleControl("auto", 0.02)
     settle(control, 0.1, 0.1)
-    assert 0.5 <= control.scale < 1, "a smaller picture would be hardly faster"
+    assert 0.5 <= control.scale < 1, "a smaller picture would hardly be faster"
     hopeless = ScaleControl("auto", 0.001)
     settle(hopeless, 0.0, 100.0)
     assert hopeless.scale == MIN_SCALE
 
 
-def test_noise_does_not_make_it_swing():
+def test_noise_does_not_make_the_scale_oscillate():
     control = ScaleControl("auto", 0.1)
     assert settle(control, 0.01, 0.5, frames=1000, noise=0.1) <= 6
 

@@ -1,16 +1,14 @@
-"""Long use: hundreds of frames of random input and resizes, real input through the X server, the command line."""
+"""Long use with random input and resizes, real input through the X server, and the command line."""
 
 from __future__ import annotations
 
 import random
-import shlex
 import shutil
 import subprocess
 import time
 
 import glfw
 import numpy as np
-import OpenEXR
 import pytest
 from PIL import Image
 
@@ -30,7 +28,7 @@ SIZES = [(160, 120), (120, 160), (64, 64), (201, 77), (1, 1), (300, 200)]
 
 
 def random_events(generator, size):
-    """Keys, drags, clicks and the wheel, somewhere in the window or a little outside."""
+    """Keys, buttons, cursor positions in the window or a little outside, the wheel, focus and text."""
     kind = generator.choice(["key", "key", "cursor", "cursor", "button", "scroll", "focus", "text"])
     if kind == "key":
         modifiers = generator.choice([0, 0, glfw.MOD_CONTROL, glfw.MOD_SHIFT])
@@ -63,7 +61,7 @@ def use_at_random(viewer, frames, seed, modes, resizes=0.04):
 
 
 def calm_down(viewer):
-    """The picture alone, without panels, in every pixel of a window of 160x120, which has been picked in."""
+    """Show the reference without panels at full resolution in a window of 160x120, and pick something."""
     viewer.pictures.mode = "reference"
     viewer.act("reset")
     viewer.shows_panels = viewer.shows_help = False
@@ -78,7 +76,7 @@ def calm_down(viewer):
 
 def test_five_hundred_frames_of_random_use(open_viewer, held, monkeypatch):
     viewer = open_viewer(size=(160, 120), scale=0.2, seed=3)
-    # the realtime renderer takes longer: it has fewer frames in the next test
+    # The realtime renderer takes longer; the next test uses it for fewer frames.
     monkeypatch.setattr(viewer.pictures, "_render_realtime", lambda *_: None)
     viewer.scene.add(sv.Camera.look_at((1, 1, -2), (1, 1, 1)))
     use_at_random(viewer, 250, seed=11, modes=["reference"])
@@ -143,26 +141,6 @@ def test_random_use_of_all_modes_views_and_settings(open_viewer, tmp_path):
     use_at_random(viewer, 60, seed=12, modes=["realtime", "split"])
 
 
-@pytest.mark.slow
-def test_realtime_screenshot_is_rendered_again_in_every_bit(open_viewer, tmp_path):
-    viewer = open_viewer(size=(64, 48), mode="realtime", folder=tmp_path, source="builtin:cornell_box", seed=5)
-    viewer.settings.di_candidates = 4
-    viewer.shows_panels = False
-    viewer.run(frames=5)
-    assert (viewer.capture() == viewer.pictures.realtime["display"][..., :3]).all()
-    viewer.act("screenshot")
-    words = shlex.split((tmp_path / "solari-001.txt").read_text())
-    words[words.index("-o") + 1] = str(tmp_path / "again.exr")
-    assert main(words[1:]) == 0
-    shown, again = (read_exr(tmp_path / f"{name}.exr") for name in ("solari-001", "again"))
-    assert (shown == again).all()
-
-
-def read_exr(path):
-    with OpenEXR.File(str(path)) as file:
-        return file.channels()["RGB"].pixels.copy()
-
-
 # ---- real input -------------------------------------------------------------------------------------
 
 
@@ -174,7 +152,7 @@ def xdotool(screen):
 
 
 def until(viewer, holds):
-    """Run frames until something holds; events take their way through the server."""
+    """Run frames until something holds, because events take some time to pass through the server."""
     end = time.monotonic() + 20
     while not holds():
         assert time.monotonic() < end

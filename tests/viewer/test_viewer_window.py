@@ -1,4 +1,4 @@
-"""The viewer in windows of an Xvfb: what is shown is what was rendered, whatever happens to the window."""
+"""The viewer in windows of an X server: they show the rendered picture, whatever happens to the window."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from solari_vk.viewer.presenter import Part
 
 
 def grab(viewer, screen):
-    """What the X server shows where the window is."""
+    """The pixels of the screen in the window's area."""
     viewer.device.wait_idle()
-    time.sleep(0.3)  # the server draws on its own time
+    time.sleep(0.3)  # the server draws asynchronously
     x, y = glfw.get_window_pos(viewer.window.handle)
     width, height = viewer.window.size
     return np.asarray(ImageGrab.grab(bbox=(x, y, x + width, y + height), xdisplay=screen))
 
 
 def stretched(pixels, size):
-    """Bilinear filtering with texels' centres at + 0.5 and edges that go on, as Vulkan's linear blits do."""
+    """Bilinear filtering with texel centres at + 0.5 and clamped edges, which is how Vulkan's linear blits filter."""
     values = pixels.astype(np.float64)
     for axis, count in ((0, size[1]), (1, size[0])):
         at = np.clip((np.arange(count) + 0.5) * values.shape[axis] / count - 0.5, 0, values.shape[axis] - 1)
@@ -73,7 +73,7 @@ def test_the_window_waits_for_the_picture(open_viewer, monkeypatch):
         make = getattr(presenter, name)
         monkeypatch.setattr(presenter, name, lambda *given, n=name, f=make: (barriers.append(n), f(*given))[1])
     viewer.run(frames=1)
-    assert barriers[:2] == ["full_barrier", "layout_barrier"], "one of the window's image orders no other memory"
+    assert barriers[:2] == ["full_barrier", "layout_barrier"], "a barrier of the window's image orders no other memory"
 
 
 def test_windows_are_resized(open_viewer, screen):
@@ -102,8 +102,8 @@ def test_hidden_windows_wait(open_viewer, monkeypatch):
 
 @pytest.mark.parametrize("function", ["vkAcquireNextImageKHR", "vkQueuePresentKHR", "vkCreateSwapchainKHR"])
 @pytest.mark.parametrize("failure", ["VK_ERROR_SURFACE_LOST_KHR", "VK_ERROR_OUT_OF_DATE_KHR", "VK_SUBOPTIMAL_KHR"])
-def test_what_happens_to_windows_is_no_error(open_viewer, monkeypatch, function, failure):
-    """The call is made, and reported to have failed: for an acquired image that is the harder case."""
+def test_failures_that_a_new_swapchain_mends_are_no_errors(open_viewer, monkeypatch, function, failure):
+    """Make the call and report it as failed, which is the harder case for an acquired image."""
     viewer = open_viewer(overlay=False)
     viewer.run(frames=2)
     before = viewer._swapchain.generation
@@ -135,7 +135,7 @@ def test_what_happens_to_windows_is_no_error(open_viewer, monkeypatch, function,
     monkeypatch.setattr(raw, "lib", Lib())
     viewer.run(frames=1)
     monkeypatch.undo()
-    assert not left, "the failure was met"
+    assert not left, "the call failed once"
     viewer.run(frames=3)
     assert viewer._swapchain.generation > before
     assert (viewer.capture() == viewer.pictures.pixels()).all()
@@ -182,7 +182,7 @@ def test_what_the_window_shows_is_read_in_a_few_tries(open_viewer, monkeypatch):
         raise sv.DeviceError("no more memory")
 
     monkeypatch.setattr(viewer._swapchain, "present", fail)
-    with pytest.raises(sv.DeviceError, match="memory"):  # the fixture looks for what this leaves behind
+    with pytest.raises(sv.DeviceError, match="memory"):  # the fixture checks that this leaves nothing on the device
         viewer.capture()
 
 
@@ -221,10 +221,10 @@ def test_closing_in_the_middle_of_a_frame(open_viewer):
     assert viewer.frame_count == 2
 
     def fail(viewer, seconds):
-        raise RuntimeError("the caller's own")
+        raise RuntimeError("raised by the caller")
 
     viewer.window.wants_to_close = False
-    with pytest.raises(RuntimeError, match="own"):
+    with pytest.raises(RuntimeError, match="caller"):
         viewer.run(fail)
 
 
@@ -271,7 +271,7 @@ def test_fullscreen(open_viewer, screen):
         assert viewer.capture().shape == (size[1], size[0], 3)
 
 
-def test_nonsense_is_refused(device, screen):
+def test_wrong_options_are_refused(device, screen):
     scene = sv.builtin("cornell_box")
     for options, words in (
         ({"mode": "fast"}, "mode"),
