@@ -26,6 +26,7 @@ from solari_vk.gpu.acceleration.sources import Aabbs, AabbSize, BufferSlice, Tri
 from solari_vk.gpu.acceleration.structure import BuildOptions, UpdateMode
 from solari_vk.gpu.acceleration.tlas import Tlas
 from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame.ray_query_constants import IntersectionKind, RayFlags
 from solari_vk.gpu.frame.ray_query_faults import (
     FAULT_BUFFERS,
     RAY_QUERY_DEBUG,
@@ -47,6 +48,8 @@ __all__ = [
     "BuildCall",
     "BuildOptions",
     "InstanceFlags",
+    "IntersectionKind",
+    "RayFlags",
     "RayQueryFault",
     "Tlas",
     "TlasInstance",

@@ -22,6 +22,8 @@
 #extension GL_EXT_ray_flags_primitive_culling : require
 #extension GL_EXT_scalar_block_layout : require
 
+#include "generated/gpu/frame/ray_query_constants.glsl"
+
 layout(primitive_culling);  // SKIP_TRIANGLES and SKIP_AABBS need it; every device with ray queries supports it
 
 struct RayDesc {
@@ -46,23 +48,6 @@ struct RayIntersection {
     mat4x3 object_to_world;
     mat4x3 world_to_object;
 };
-
-const uint RAY_FLAG_NONE = 0x0u;
-const uint FORCE_OPAQUE = 0x1u;
-const uint FORCE_NO_OPAQUE = 0x2u;
-const uint TERMINATE_ON_FIRST_HIT = 0x4u;
-const uint SKIP_CLOSEST_HIT_SHADER = 0x8u;
-const uint CULL_BACK_FACING = 0x10u;
-const uint CULL_FRONT_FACING = 0x20u;
-const uint CULL_OPAQUE = 0x40u;
-const uint CULL_NO_OPAQUE = 0x80u;
-const uint SKIP_TRIANGLES = 0x100u;
-const uint SKIP_AABBS = 0x200u;
-
-const uint RAY_QUERY_INTERSECTION_NONE = 0u;
-const uint RAY_QUERY_INTERSECTION_TRIANGLE = 1u;
-const uint RAY_QUERY_INTERSECTION_GENERATED = 2u;
-const uint RAY_QUERY_INTERSECTION_AABB = 3u;
 
 // ---- over GL_EXT_ray_query ---------------------------------------------------------------------------
 

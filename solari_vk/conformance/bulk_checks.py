@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk import rt
+from solari_vk.conformance.probe_checks import run_rays
 from solari_vk.conformance.rules import SUITE, VULKAN, WGPU, Measurement, Rule, count_wrong
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.conformance.worlds import IDENTITY, Boxes, Placed, Shapes, Triangles, World
@@ -22,29 +23,25 @@ PLACES = ("plain", "turned and far", "stretched and mirrored", "small")
 _CUSTOM = Rule("TlasInstance: custom data and index tell many instances apart", WGPU, "wgpu's raytracing API")
 _EXTREME = Rule("sizes from 1e-6 to 1e6, at places up to 1e6 and 100,000 sizes away", VULKAN, "Ray Traversal")
 _NOT_FINITE = Rule("rays with NaN, infinite or zero parts end and hit nothing", SUITE, "ray_query.glsl")
+_REPLACED = Rule("a ray that hits nothing is given to Vulkan in their place", SUITE, "ray_query.glsl")
 _CAUGHT = Rule("the debug build counts each of these rays", SUITE, "ray_query.glsl")
 _INVALID_RAY = next(row for row, text in enumerate(rt.RULES) if text.startswith("a ray with NaN"))
 
 
 def trace(
-    shaders: ShaderRunner, tlas: Tlas, origins: ArrayLike, directions: ArrayLike, *,
-    t_min: ArrayLike = 0.0, t_max: ArrayLike = 1e30, flags: int = 0,
+    shaders: ShaderRunner, tlas: Tlas, origins: ArrayLike, directions: ArrayLike, *, t_min: ArrayLike = 0.0,
+    t_max: ArrayLike = 1e30, flags: int = 0, cull_mask: int = 0xFF, box_t: float = 0.0,
 ) -> np.ndarray:  # fmt: skip
-    """The closest hits (N records of t, custom_data, instance, geometry, primitive; t < 0 is a miss) of N rays."""
-    rays = ray_records(shaders, origins, directions, t_min=t_min, t_max=t_max, flags=flags)
-    return shaders.run("conformance/trace", len(rays), {"tlas": tlas, "rays": rays}, {"hits": len(rays)})["hits"]
+    """The closest hits (N records of t, custom_data, instance, geometry, primitive; t < 0 is a miss) of N rays.
 
-
-def ray_records(
-    shaders: ShaderRunner, origins: ArrayLike, directions: ArrayLike, *,
-    t_min: ArrayLike = 0.0, t_max: ArrayLike = 1e30, flags: int = 0,
-) -> np.ndarray:  # fmt: skip
-    """Rays as trace.comp takes them."""
+    Boxes are hit at `box_t`; 0 passes them over.
+    """
     origins, directions = np.broadcast_arrays(np.atleast_2d(origins), np.atleast_2d(directions))
     rays = np.zeros(len(origins), shaders.element("conformance/trace", "rays"))
-    rays["origin"], rays["direction"], rays["flags"] = origins, directions, flags
-    rays["t_min"], rays["t_max"] = t_min, t_max
-    return rays
+    rays["origin"], rays["direction"], rays["t_min"], rays["t_max"] = origins, directions, t_min, t_max
+    rays["flags"], rays["cull_mask"], rays["box_t"] = flags, cull_mask, box_t
+    inputs = {"tlas": tlas, "rays": rays}
+    return shaders.run("conformance/trace", len(rays), inputs, {"hits": len(rays)})["hits"]
 
 
 def turn(random: np.random.Generator) -> NDArray[np.float64]:
@@ -202,34 +199,30 @@ def measure_not_finite(shaders: ShaderRunner) -> Iterator[Measurement]:
     """Rays at a wall and a row of boxes, with one part after the other that is no number."""
     wall = np.array([[(-9, -9, 0), (9, -9, 0), (0, 9, 0)]])
     shapes: Shapes = {"wall": [Triangles(wall)], "box": [Boxes(np.array([[(-1, -1, 1), (1, 1, 2)]]))]}
-    good = np.array((0.1, 0.2, 5.0, 0.0, 0.0, -1.0, 0.0, 100.0))
+    changes: dict[str, dict[int, float]] = {"a plain ray": {}, "an endless ray": {7: np.inf}}
     names = ("origin.x", "origin.y", "origin.z", "dir.x", "dir.y", "dir.z", "t_min", "t_max")
-    rays, labels = [good], ["a plain ray"]
     for i, name in enumerate(names):
-        for value in (np.nan, np.inf, -np.inf):
-            if (name, value) in (("t_max", np.inf), ("t_min", -np.inf)):
-                continue  # a ray without an end is fine
-            bad = good.copy()
-            bad[i] = value
-            rays.append(bad)
-            labels.append(f"{name} = {value}")
-    for label, changed in (("dir = 0", {5: 0.0}), ("t_max < t_min", {6: 9.0, 7: 1.0}), ("t_max < 0", {7: -1.0})):
-        bad = good.copy()
-        bad[list(changed)] = list(changed.values())
-        rays.append(bad)
-        labels.append(label)
-    table = np.array(rays)
+        changes |= {f"{name} = {value}": {i: value} for value in (np.nan, np.inf, -np.inf)}
+    del changes["t_max = inf"]
+    changes |= {
+        "dir = 0": {5: 0.0}, "t_max < t_min": {6: 9.0, 7: 1.0}, "t_max < 0": {7: -1.0}, "t_min < 0": {6: -1.0},
+        "t_min = t_max = inf": {6: np.inf, 7: np.inf}, "t_min = -inf, t_max = inf": {6: -np.inf, 7: np.inf},
+    }  # fmt: skip
+    table = np.tile(np.array((0.1, 0.2, 5.0, 0.0, 0.0, -1.0, 0.0, 100.0)), (len(changes), 1))
+    for ray, change in zip(table, changes.values(), strict=True):
+        ray[list(change)] = list(change.values())
+    labels, valid = list(changes), np.arange(len(table)) < 2
+    rays = np.zeros(len(table), shaders.element("conformance/probe", "probes"))
+    rays["origin"], rays["direction"], rays["t_min"], rays["t_max"] = table[:, :3], table[:, 3:6], *table[:, 6:].T
+    rays["cull_mask"] = 0xFF
     with World(shaders.device, shapes, [Placed("wall"), Placed("box")]) as world:
-        records = ray_records(shaders, table[:, :3], table[:, 3:6], t_min=table[:, 6], t_max=table[:, 7])
-        inputs, outputs = {"tlas": world.tlas, "rays": records}, {"hits": len(records)}
-        hits = shaders.run("conformance/trace", len(records), inputs, outputs)["hits"]
-        none = np.zeros(len(rt.RULES), [("count", "<u4"), ("invocation", "<u4", 3)])
-        caught = shaders.run(
-            "conformance/trace", len(records), inputs, {**outputs, "ray_query_faults": none}, header=rt.RAY_QUERY_DEBUG
-        )
-    expected = np.arange(len(rays)) == 0
-    wrong = np.flatnonzero((hits["t"] >= 0) != expected)
+        released, _ = run_rays(shaders, world, rays)
+        caught, faults = run_rays(shaders, world, rays, "debug build")
+    wrong, missed = (np.flatnonzero((found["committed"]["kind"] != 0) != valid) for found in (released, caught))
     yield count_wrong(_NOT_FINITE, [labels[i] for i in wrong])
-    wrong = np.flatnonzero((caught["hits"]["t"] >= 0) != expected)
-    missed = len(rays) - 1 - int(caught["ray_query_faults"]["count"][_INVALID_RAY])
-    yield count_wrong(_CAUGHT, [labels[i] for i in wrong] + ["count"] * (missed != 0))
+    given = np.column_stack([released[name] for name in ("world_origin", "world_direction", "t_min")])
+    right = np.where(valid[:, None], table[:, :7].astype(np.float32), (0, 0, 0, 0, 0, 1, 0))
+    passed_on = np.flatnonzero((given != right).any(axis=1))
+    yield count_wrong(_REPLACED, [labels[i] for i in passed_on])
+    miscounted = int(faults[_INVALID_RAY]) != (~valid).sum()
+    yield count_wrong(_CAUGHT, [labels[i] for i in missed] + ["count"] * int(miscounted))

@@ -17,6 +17,11 @@ GENERATE_SPHERE = 8
 TERMINATE = 16
 """End the query at the first candidate, after what the other bits ask."""
 
+NEARER = 32
+"""With GENERATE_AT: each hit is 1 nearer than the one before, so that the last one is committed."""
+STEP_LIMIT = 4096
+"""Not a bit: a probe gives up after so many candidates, since a traversal without an end is a finding, not a hang."""
+
 
 def glsl_header() -> str:
     """All of them, by the same names."""

@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk import rt
+from solari_vk.conformance.probe_actions import STEP_LIMIT
 from solari_vk.conformance.probe_table import PROBES
 from solari_vk.conformance.probes import AABB, INSTANCES, SHAPES, TRIANGLE, Expected, Probe, call_rule, hit_rule
-from solari_vk.conformance.rules import VULKAN, Measurement, Rule, count_wrong
+from solari_vk.conformance.rules import SUITE, VULKAN, Measurement, Rule, count_wrong
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.conformance.worlds import Placed, Triangles, World
 from solari_vk.gpu.frame.frame import Draw, DrawList, Pass
@@ -19,8 +21,8 @@ from solari_vk.scene.matrices import by_columns
 _ORDER = list(INSTANCES)
 _GETTERS = Rule("OpRayQueryGetRayTMin, RayFlags, WorldRayOrigin, WorldRayDirection", VULKAN, "Ray Query")
 _OBJECT_RAY = Rule("OpRayQueryGetIntersectionObjectRayOrigin, Direction", VULKAN, "Ray Query")
+_NO_FAULTS = Rule("the debug build finds no fault with right queries", SUITE, "ray_query_debug.glsl")
 _OPAQUE_BOX = Rule("OpRayQueryGetIntersectionCandidateAABBOpaque", VULKAN, "Ray Query")
-_STEP_LIMIT = 4096
 
 
 def probe_rays(dtype: np.dtype[Any]) -> np.ndarray:
@@ -36,17 +38,22 @@ def probe_rays(dtype: np.dtype[Any]) -> np.ndarray:
     return records
 
 
-def run_probes(
-    shaders: ShaderRunner, world: World, stage: str = "compute", damage: Callable[[np.ndarray], None] | None = None
+STAGES = ("compute", "debug build", "fragment")
+
+
+def run_rays(
+    shaders: ShaderRunner, world: World, rays: np.ndarray, stage: str = STAGES[0]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rays and answers (one a probe) from a compute or a fragment shader; `damage` seeds bugs into what is sent."""
-    rays = probe_rays(shaders.element("conformance/probe", "probes"))
-    sent = rays.copy()
-    if damage is not None:
-        damage(sent)
-    inputs, outputs = {"tlas": world.tlas, "probes": sent}, {"answers": len(rays)}
+    """Answers (one a ray) in one of STAGES, and how often each rule of rt.RULES was broken: debug builds count it."""
+    faults = np.zeros(len(rt.RULES), [("count", "<u4"), ("invocation", "<u4", 3)])
+    inputs = {"tlas": world.tlas, "probes": rays}
+    outputs: dict[str, int | np.ndarray] = {"answers": len(rays)}
     if stage == "compute":
-        return rays, shaders.run("conformance/probe", len(rays), inputs, outputs)["answers"]
+        return shaders.run("conformance/probe", len(rays), inputs, outputs)["answers"], faults["count"]
+    if stage == "debug build":
+        outputs["ray_query_faults"] = faults
+        found = shaders.run("conformance/probe", len(rays), inputs, outputs, header=rt.RAY_QUERY_DEBUG)
+        return found["answers"], found["ray_query_faults"]["count"]
     one_triangle = {"probe_draws": np.array([3, 1, 0, 0], np.uint32), "probe_draw_count": np.ones(1, np.uint32)}
     row = (len(rays), 1)
     found = shaders.run_steps(
@@ -57,10 +64,24 @@ def run_probes(
     )  # fmt: skip
     answers = found["answers"]
     assert (found["kinds_seen"] == answers["committed"]["kind"] + 1).all(), "the image differs from the fragments'"
-    return rays, answers
+    return answers, faults["count"]
 
 
-def measure(rays: np.ndarray, answers: np.ndarray) -> Iterator[Measurement]:
+def measure_probes(
+    shaders: ShaderRunner, world: World, stage: str = STAGES[0], damage: Callable[[np.ndarray], None] | None = None
+) -> Iterator[Measurement]:
+    """All rules that the probes measure; `damage` seeds bugs into the rays that are sent."""
+    rays = probe_rays(shaders.element("conformance/probe", "probes"))
+    sent = rays.copy()
+    if damage is not None:
+        damage(sent)
+    answers, faults = run_rays(shaders, world, sent, stage)
+    yield from _measure(rays, answers)
+    if stage == "debug build":
+        yield count_wrong(_NO_FAULTS, [rule for rule, count in zip(rt.RULES, faults, strict=True) if count])
+
+
+def _measure(rays: np.ndarray, answers: np.ndarray) -> Iterator[Measurement]:
     """All rules that the probes measure."""
     checked = [_Checked(*item) for item in zip(PROBES, rays, answers, strict=True)]
     rules: dict[Rule, list[_Checked]] = {}
@@ -70,7 +91,7 @@ def measure(rays: np.ndarray, answers: np.ndarray) -> Iterator[Measurement]:
         yield count_wrong(rule, [f"{item.probe.label} ({why})" for item in items if (why := item.wrong())])
     yield count_wrong(
         call_rule("rayQueryProceed: ends, and stays ended"),
-        [item.probe.label for item in checked if item.answer["proceeds_after_end"] or item.steps >= _STEP_LIMIT],
+        [item.probe.label for item in checked if item.answer["proceeds_after_end"] or item.steps >= STEP_LIMIT],
     )
     for which in ("committed", "candidate"):
         yield from _measure_getters(which, [item for item in checked if item.expected(which) is not None])

@@ -10,22 +10,13 @@ from solari_vk.conformance.probe_actions import (
     CONFIRM_ODD,
     GENERATE_AT,
     GENERATE_SPHERE,
+    NEARER,
     PASS_OVER,
     TERMINATE,
 )
 from solari_vk.conformance.probes import (
     AABB,
-    CULL_BACK_FACING,
-    CULL_FRONT_FACING,
-    CULL_NO_OPAQUE,
-    CULL_OPAQUE,
-    FORCE_NO_OPAQUE,
-    FORCE_OPAQUE,
     GENERATED,
-    SKIP_AABBS,
-    SKIP_CLOSEST_HIT_SHADER,
-    SKIP_TRIANGLES,
-    TERMINATE_ON_FIRST_HIT,
     TRIANGLE,
     Expected,
     Probe,
@@ -35,7 +26,12 @@ from solari_vk.conformance.probes import (
     instance_rule,
     ray_rule,
 )
+from solari_vk.gpu.frame.ray_query_constants import RayFlags
 
+(
+    FORCE_OPAQUE, FORCE_NO_OPAQUE, TERMINATE_ON_FIRST_HIT, SKIP_CLOSEST_HIT_SHADER, CULL_BACK_FACING,
+    CULL_FRONT_FACING, CULL_OPAQUE, CULL_NO_OPAQUE, SKIP_TRIANGLES, SKIP_AABBS,
+) = RayFlags  # fmt: skip
 _HIT = Expected(TRIANGLE, 2.0)
 _BACK_HIT = Expected(TRIANGLE, 2.0, front=False)
 _BELOW: dict[str, Any] = {"origin": (0.5, 0.25, -2.0), "direction": (0.0, 0.0, 1.0)}
@@ -204,6 +200,12 @@ CALLS = [
           candidate=Expected(AABB, None), **_UP),
     Probe("generated at 2.25", _generate, "boxes", Expected(GENERATED, 2.25), action=GENERATE_AT, parameter=2.25,
           **_UP),
+    Probe("generated before a wall", _generate, "boxes over a wall", Expected(GENERATED, 2.25), action=GENERATE_AT,
+          parameter=2.25, **_UP),
+    Probe("generated behind a wall", _generate, "wall in boxes", Expected(TRIANGLE, 2.5), origin=(0.5, 0.5, 2.5),
+          action=GENERATE_AT, parameter=2.75),
+    Probe("generated ever nearer", _generate, "boxes", Expected(GENERATED, 48.0, primitive=None),
+          origin=(-1, 0.5, 0.5), direction=(1, 0, 0), action=GENERATE_AT | NEARER, parameter=50.0, candidates=3),
     Probe("generated in an opaque box", _generate, "opaque boxes", Expected(GENERATED, 2.5), action=GENERATE_AT,
           parameter=2.5, **_UP),
     Probe("ball", _generate, "boxes", Expected(GENERATED, 2.0), action=GENERATE_SPHERE, **_UP),

@@ -22,13 +22,9 @@ from solari_vk.conformance.worlds import (
     Placed,
     Triangles,
 )
+from solari_vk.gpu.frame.ray_query_constants import IntersectionKind
 
-# wgpu ray tracing, "Flags for RayDesc::flags"
-FORCE_OPAQUE, FORCE_NO_OPAQUE, TERMINATE_ON_FIRST_HIT, SKIP_CLOSEST_HIT_SHADER = 0x1, 0x2, 0x4, 0x8
-CULL_BACK_FACING, CULL_FRONT_FACING, CULL_OPAQUE, CULL_NO_OPAQUE = 0x10, 0x20, 0x40, 0x80
-SKIP_TRIANGLES, SKIP_AABBS = 0x100, 0x200
-# "Constants for RayIntersection::kind"
-NONE, TRIANGLE, GENERATED, AABB = 0, 1, 2, 3
+NONE, TRIANGLE, GENERATED, AABB = IntersectionKind
 
 
 def triangle(x: float = 0.0, z: float = 0.0) -> NDArray[np.float64]:
@@ -89,12 +85,15 @@ def _instances() -> dict[str, Placed]:
         "mirrored": {"shape": "opaque"}, "turned": {"shape": "opaque"}, "stretched": {"shape": "opaque"},
         "sheared": {"shape": "opaque"}, "inverted": {"shape": "opaque"}, "tiny": {"shape": "opaque"},
         "turned boxes": {"shape": "boxes"},
+        "boxes over a wall": {"shape": "boxes"}, "wall in boxes": {"shape": "opaque"},
     }  # fmt: skip
-    found = {}
+    found: dict[str, Placed] = {}
     for place, (label, fields) in enumerate(told.items()):
         matrix = np.zeros((3, 4))
         matrix[:, :3] = linear.get(label, np.eye(3))
         matrix[:, 3] = 10 * place, place % 3, -(place % 5)
+        if label == "wall in boxes":  # halfway up the boxes, so that one ray meets both
+            matrix[:, 3] = found["boxes over a wall"].transform[:, 3] + (0, 0, 0.5)
         default = {"shape": label, "custom": 3 * place + 1}
         found[label] = Placed(**{**default, **fields}, transform=matrix)  # type: ignore[arg-type]
     return found

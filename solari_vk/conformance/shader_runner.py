@@ -76,9 +76,7 @@ class ShaderRunner:
             for key, value in (uniforms or {}).items():
                 frame.uniforms[key] = value
             frame.submit()
-            result = {key: frame[key] for key in outputs}
-            self.device.wait_idle()
-        return result
+            return {key: frame[key] for key in outputs}
 
     def _frame(self, stages: list[Stage], bound: Mapping[str, Any]) -> Frame:
         """The frame of these steps, with its pipelines as they are and its resources renewed."""

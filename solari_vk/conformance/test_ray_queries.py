@@ -9,23 +9,25 @@ from solari_vk.conformance.probes import INSTANCES, SHAPES, call_rule
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.conformance.suite import Recorder
 from solari_vk.conformance.worlds import WAYS, World
+from solari_vk.gpu.frame.raster import NEEDED
 
 
 @pytest.mark.parametrize("way", WAYS)
 def test_probes(rule: Recorder, shaders: ShaderRunner, way: str) -> None:
     """All probes from compute."""
     with World(shaders.device, SHAPES, list(INSTANCES.values()), way) as world:
-        rule(probe_checks.measure(*probe_checks.run_probes(shaders, world)))
+        rule(probe_checks.measure_probes(shaders, world))
 
 
-@pytest.mark.parametrize("stage", ["fragment"])
+@pytest.mark.parametrize("stage", probe_checks.STAGES[1:])
 def test_probes_from_other_stages(rule: Recorder, shaders: ShaderRunner, stage: str) -> None:
-    """All probes once more from a fragment shader."""
-    if "fragmentStoresAndAtomics" not in shaders.device.features:
-        rule.unsupported(call_rule("ray queries in fragment shaders"), "fragmentStoresAndAtomics")
+    """All probes in the debug build and from a fragment shader."""
+    missing = [feature for feature in NEEDED if feature not in shaders.device.features]
+    if stage == "fragment" and missing:
+        rule.unsupported(call_rule("ray queries in fragment shaders"), missing[0])
         return
     with World(shaders.device, SHAPES, list(INSTANCES.values())) as world:
-        rule(probe_checks.measure(*probe_checks.run_probes(shaders, world, stage)))
+        rule(probe_checks.measure_probes(shaders, world, stage))
 
 
 @pytest.mark.parametrize("scene", embree_checks.SCENES)

@@ -8,17 +8,19 @@ import numpy as np
 import pytest
 from seeded_bugs import expect_red, failing, masked
 
-from solari_vk.conformance import probe_actions, probe_checks
-from solari_vk.conformance import probes as told
+from solari_vk.conformance import bulk_checks, probe_actions, probe_checks
 from solari_vk.conformance.probe_table import PROBES
 from solari_vk.conformance.probes import INSTANCES, SHAPES
 from solari_vk.conformance.worlds import World
+from solari_vk.gpu.frame.ray_query_constants import RayFlags
+from solari_vk.gpu.shaders.compiler import compile_shader
+from solari_vk.gpu.shaders.patches import patched_shaders
 
 
 def probe(shaders, *, rays=None, records=None, shapes=SHAPES):
     """All measurements of the probes with damaged rays, instance records or shapes."""
     with World(shaders.device, shapes, list(INSTANCES.values()), damage=records) as world:
-        return list(probe_checks.measure(*probe_checks.run_probes(shaders, world, damage=rays)))
+        return list(probe_checks.measure_probes(shaders, world, damage=rays))
 
 
 def test_there_are_enough_probes_and_they_pass(shaders):
@@ -34,13 +36,12 @@ def without_flag(flag):
     return damage
 
 
-FLAGS = ["FORCE_OPAQUE", "FORCE_NO_OPAQUE", "TERMINATE_ON_FIRST_HIT", "CULL_BACK_FACING", "CULL_FRONT_FACING",
-         "CULL_OPAQUE", "CULL_NO_OPAQUE", "SKIP_TRIANGLES", "SKIP_AABBS"]  # fmt: skip
+FLAGS = [flag.name for flag in RayFlags if flag.name != "SKIP_CLOSEST_HIT_SHADER"]  # which has no effect
 
 
 @pytest.mark.parametrize("name", FLAGS)
 def test_ignored_flag_is_noticed(shaders, name):
-    expect_red(probe(shaders, rays=without_flag(getattr(told, name))), name)
+    expect_red(probe(shaders, rays=without_flag(RayFlags[name])), name)
 
 
 def test_wrong_flag_values_are_noticed(shaders):
@@ -138,47 +139,91 @@ def test_damaged_geometry_is_noticed(shaders):
     expect_red(probe(shaders, shapes=reordered), "geometry_index", "geometry_index, committed")
 
 
-QUERY = "scene/ray_query.glsl"
+QUERY, PROBE = "scene/ray_query.glsl", "passes/conformance/probe.glsl"
+# In the file, the text, what is put in its place, and parts of the names of the rules that must fail.
+SHADER_BUGS = {
+    "no cull mask": (QUERY, "desc.cull_mask & 0xFFu", "0xFFu", "cull_mask"),
+    "flags dropped": (QUERY, "structure, desc.flags,", "structure, 0u,", "CULL_OPAQUE", "SKIP_AABBS"),
+    "t_min dropped": (QUERY, "desc.t_min, desc.dir", "0.0, desc.dir", "t_min: only"),
+    "t_max dropped": (QUERY, "desc.dir, desc.t_max", "desc.dir, 1e30", "t_max: only"),
+    "index for the custom data": (QUERY, "InstanceCustomIndexEXT", "InstanceIdEXT", "instance_custom_data, committed"),
+    "custom data for the index": (QUERY, "InstanceIdEXT", "InstanceCustomIndexEXT", "instance_index, committed",
+                                  "instance_index, candidate"),
+    "primitive for geometry": (QUERY, "GeometryIndexEXT", "PrimitiveIndexEXT", "geometry_index, committed"),
+    "geometry for primitive": (QUERY, "PrimitiveIndexEXT", "GeometryIndexEXT", "primitive_index, committed"),
+    "matrices swapped": (QUERY, "found.object_to_world = rayQueryGetIntersectionObjectToWorldEXT",
+                         "found.object_to_world = rayQueryGetIntersectionWorldToObjectEXT",
+                         "object_to_world, committed", "object_to_world, candidate"),
+    "an inverse that isn't one": (
+        QUERY, "= rayQueryGetIntersectionWorldToObjectEXT(query, COMMITTED)",
+        "= mat4x3(transpose(mat3(rayQueryGetIntersectionObjectToWorldEXT(query, COMMITTED))))",
+        "world_to_object, committed",
+    ),
+    "front for back": (QUERY, "= rayQueryGetIntersectionFrontFaceEXT", "= !rayQueryGetIntersectionFrontFaceEXT",
+                       "front_face, committed"),
+    "barycentrics swapped": (QUERY, "BarycentricsEXT(query, COMMITTED)", "BarycentricsEXT(query, COMMITTED).yx",
+                             "barycentrics, committed"),
+    "boxes as triangles": (QUERY, ": RAY_QUERY_INTERSECTION_AABB;", ": RAY_QUERY_INTERSECTION_TRIANGLE;",
+                           "a box is a candidate"),
+    "triangles as boxes": (QUERY, "return triangle ? RAY", "return !triangle ? RAY", "rayQueryConfirmIntersection"),
+    "t a little off": (QUERY, "found.t = rayQueryGetIntersectionTEXT(query, COMMITTED)",
+                       "found.t = 1.00001 * rayQueryGetIntersectionTEXT(query, COMMITTED)", "t, committed"),
+    "a hit behind a hit": (QUERY, "if (none || hit_t <=", "if (none || hit_t >=", "rayQueryGenerateIntersection"),
+    "no terminate": (QUERY, "#define rayQueryTerminate(query) rayQueryTerminateEXT(query)",
+                     "#define rayQueryTerminate(query) rayQueryConfirmIntersectionEXT(query)", "rayQueryTerminate"),
+    "another object ray": (PROBE, "rayQueryGetIntersectionObjectRayOriginEXT(query, true)",
+                           "rayQueryGetWorldRayOriginEXT(query)", "ObjectRayOrigin"),
+    "the ray mistold": (PROBE, "answer.t_min = rayQueryGetRayTMinEXT(query)", "answer.t_min = probe.t_max",
+                        "OpRayQueryGetRayTMin"),
+}  # fmt: skip
 
 
-def test_bugs_in_the_getters_are_noticed(patched):
-    """Each bug is in a getter of its own, so that one shader holds them all."""
-    bugs = [
-        (QUERY, "rayQueryGetIntersectionInstanceCustomIndexEXT(query, COMMITTED))",
-         "rayQueryGetIntersectionInstanceIdEXT(query, COMMITTED) + 7)"),
-        (QUERY, "found.instance_index = uint(rayQueryGetIntersectionInstanceIdEXT(query, COMMITTED))",
-         "found.instance_index = 1u + uint(rayQueryGetIntersectionInstanceIdEXT(query, COMMITTED))"),
-        (QUERY, "rayQueryGetIntersectionGeometryIndexEXT(query, COMMITTED)", "0"),
-        (QUERY, "= rayQueryGetIntersectionObjectToWorldEXT(query, COMMITTED)",
-         "= rayQueryGetIntersectionWorldToObjectEXT(query, COMMITTED)"),
-        (QUERY, "rayQueryGetIntersectionBarycentricsEXT(query, COMMITTED)",
-         "rayQueryGetIntersectionBarycentricsEXT(query, COMMITTED).yx"),
-        (QUERY, "rayQueryGetIntersectionFrontFaceEXT(query, COMMITTED)",
-         "!rayQueryGetIntersectionFrontFaceEXT(query, COMMITTED)"),
-        ("passes/conformance/probe.glsl", "rayQueryGetIntersectionObjectRayOriginEXT(query, true)",
-         "rayQueryGetWorldRayOriginEXT(query)"),
-    ]  # fmt: skip
-    names = ("instance_custom_data", "instance_index", "geometry_index", "object_to_world", "barycentrics",
-             "front_face")  # fmt: skip
-    with patched(*bugs) as shaders:
-        expect_red(probe(shaders), *(f"RayIntersection.{name}, committed" for name in names), "ObjectRayOrigin")
+@pytest.mark.parametrize("name", SHADER_BUGS)
+def test_bug_in_a_shader_is_noticed(patched, name):
+    *bug, first, second = (*SHADER_BUGS[name], "") if len(SHADER_BUGS[name]) == 4 else SHADER_BUGS[name]
+    with patched(tuple(bug)) as shaders:
+        expect_red(probe(shaders), first, second)
 
 
-def test_bugs_in_the_functions_are_noticed(patched):
-    """Wrong kinds, the ray mistold, t of the wrong end, and an inverse that isn't one."""
-    bugs = [
-        (QUERY, "RAY_QUERY_INTERSECTION_GENERATED = 2u", "RAY_QUERY_INTERSECTION_GENERATED = 4u"),
-        (QUERY, "RAY_QUERY_INTERSECTION_AABB = 3u", "RAY_QUERY_INTERSECTION_AABB = 2u"),
-        (QUERY, "found.t = rayQueryGetIntersectionTEXT(query, COMMITTED)",
-         "found.t = 1.00001 * rayQueryGetIntersectionTEXT(query, COMMITTED)"),
-        (QUERY, "= rayQueryGetIntersectionWorldToObjectEXT(query, COMMITTED)",
-         "= mat4x3(transpose(mat3(rayQueryGetIntersectionObjectToWorldEXT(query, COMMITTED))))"),
-        (QUERY, "uint(rayQueryGetIntersectionPrimitiveIndexEXT(query, COMMITTED))",
-         "uint(rayQueryGetIntersectionPrimitiveIndexEXT(query, COMMITTED) + 1)"),
-        ("passes/conformance/probe.glsl", "answer.t_min = rayQueryGetRayTMinEXT(query)", "answer.t_min = probe.t_max"),
-    ]  # fmt: skip
-    with patched(*bugs) as shaders:
-        expect_red(
-            probe(shaders), "a box is a candidate", "RayIntersection.t, committed", "world_to_object, committed",
-            "RayIntersection.primitive_index, committed", "OpRayQueryGetRayTMin",
-        )  # fmt: skip
+RAYS, REPLACED = "end and hit nothing", "given to Vulkan"
+RAY_CHECK_BUGS = {
+    "t_min unchecked": ("desc.t_min >= 0.0 && ", "", RAYS),
+    "range unchecked": ("&& desc.t_min <= desc.t_max;", ";", REPLACED),
+    "NaN in ranges": ("finite && numbers && any", "finite && any", REPLACED),
+    "origins unchecked": ("all(lessThan(origin, uvec3(infinity))) && ", "", REPLACED),
+    "directions unchecked": ("&& all(lessThan(dir, uvec3(infinity)));", ";", REPLACED),
+    "no direction": (" && any(notEqual(desc.dir, vec3(0.0)))", "", REPLACED),
+    "an endless ray refused": ("t_max <= infinity", "t_max < infinity", RAYS),
+    "wrong rays to Vulkan": ("if (!ray_query_is_valid(desc)) {", "if (false) {", REPLACED),
+}
+
+
+@pytest.mark.parametrize("name", RAY_CHECK_BUGS)
+def test_bug_in_the_check_of_rays_is_noticed(patched, name):
+    old, new, rule = RAY_CHECK_BUGS[name]
+    with patched((QUERY, old, new)) as shaders:
+        expect_red(bulk_checks.measure_not_finite(shaders), rule)
+
+
+def test_debug_build_that_checks_no_ray_is_noticed(patched):
+    with patched(("scene/ray_query_debug.glsl", "ray_query_is_valid(desc), F", "true, F")) as shaders:
+        expect_red(bulk_checks.measure_not_finite(shaders), "debug build counts")
+
+
+def declared_capabilities():
+    """The capabilities of the probes' SPIR-V."""
+    words = np.frombuffer(compile_shader("passes/conformance/probe.comp"), np.uint32)
+    found, at = set(), 5
+    while at < len(words):
+        if words[at] & 0xFFFF == 17:  # OpCapability
+            found.add(int(words[at + 1]))
+        at += int(words[at] >> 16)
+    return found
+
+
+def test_skipping_primitives_is_declared():
+    """SPIR-V has the flags only with RayTraversalPrimitiveCullingKHR, which every device with ray queries takes."""
+    ray_query, primitive_culling = 4472, 4478
+    assert {ray_query, primitive_culling} <= declared_capabilities()
+    with patched_shaders((QUERY, "layout(primitive_culling);", "")):
+        assert primitive_culling not in declared_capabilities()

@@ -7,17 +7,30 @@ from typing import Any
 
 import numpy as np
 import pytest
-from probes import quad
+from support.structures import CENTER, DOWN, quad
 
 from solari_vk import rt
+from solari_vk.conformance import bulk_checks
+from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.gpu.device.device import Device
+
+
+@pytest.fixture(scope="session")
+def shaders(device: Device) -> Iterator[ShaderRunner]:
+    """The suite's shaders, with what tracing needs made, so that tests can count what is alive."""
+    with ShaderRunner(device) as runner:
+        nothing = rt.create_tlas(device, 0)
+        rt.build_acceleration_structures(device, (), [rt.TlasPackage(nothing)])
+        bulk_checks.trace(runner, nothing, CENTER, DOWN)
+        nothing.destroy()
+        yield runner
 
 
 class World:
     """Makes structures by name on one device and destroys all of them in the end."""
 
-    def __init__(self, device: Device) -> None:
-        self.device = device
+    def __init__(self, shaders: ShaderRunner) -> None:
+        self.device, self._shaders = shaders.device, shaders
         self._made: list[Any] = []
 
     def keep(self, item: Any) -> Any:
@@ -42,16 +55,24 @@ class World:
         buffer.upload(data)
         return buffer
 
+    def trace(self, tlas: rt.Tlas, origins: Any = CENTER, directions: Any = DOWN, **options: Any) -> np.ndarray:
+        """The closest hits, see `conformance.bulk_checks.trace`: t < 0 is a miss."""
+        return bulk_checks.trace(self._shaders, tlas, origins, directions, **options)
+
+    def is_hit(self, tlas: rt.Tlas) -> bool:
+        """Whether the ray down at the quad hits."""
+        return bool(self.trace(tlas)["t"][0] == 5)
+
     def close(self) -> None:
         for item in self._made:
             item.destroy()
 
 
 @pytest.fixture
-def world(device: Device) -> Iterator[World]:
+def world(device: Device, shaders: ShaderRunner) -> Iterator[World]:
     device.wait_idle()
     before = device.live_objects
-    made = World(device)
+    made = World(shaders)
     yield made
     made.close()
     device.wait_idle()

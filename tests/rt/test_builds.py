@@ -6,14 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from probes import CONFIRM, GENERATE, GENERATED, NONE, TRIANGLE, quad, shifted, trace
+from support.structures import CENTER, quad, shifted
 
 from solari_vk import rt
 from solari_vk.gpu.acceleration.structure import UpdateMode
 from solari_vk.gpu.device import raw
 from solari_vk.scene.matrices import by_columns
 
-CENTER = np.array([0.6, 0.3, 5.0])
 EYE = np.eye(4)[:3]
 
 
@@ -39,20 +38,19 @@ def test_several_geometries_of_every_format(world: Any) -> None:
     world.build(
         [rt.BlasBuildEntry(blas, geometries)], [rt.TlasPackage(tlas, [rt.TlasInstance(blas, EYE, 0xFFFFFF)])]
     )
-    hit = trace(world.device, tlas, [[2 * i + 0.6, 0.3, 5] for i in range(6)])["hit"]
-    assert hit["kind"].tolist() == [TRIANGLE] * 5 + [NONE]
-    assert hit["geometry_index"][:5].tolist() == [0, 1, 2, 3, 4]
-    assert hit["t"][:5] == pytest.approx([5, 5, 5.5, 5, 4])
-    assert (hit["instance_custom_data"][:5] == 0xFFFFFF).all()
+    hits = world.trace(tlas, [[2 * i + 0.6, 0.3, 5] for i in range(6)])
+    assert hits["t"] == pytest.approx([5, 5, 5.5, 5, 4, -1])
+    assert hits["geometry"][:5].tolist() == [0, 1, 2, 3, 4]
+    assert (hits["custom_data"][:5] == 0xFFFFFF).all()
 
 
 def test_geometry_flags(world: Any) -> None:
     geometries = [rt.Triangles(quad(), opaque=False), rt.Triangles(quad(2), opaque=False, no_duplicate_any_hit=True)]
     blas, tlas = world.blas(geometries), world.tlas(1)
     world.build([rt.BlasBuildEntry(blas, geometries)], [rt.TlasPackage(tlas, [rt.TlasInstance(blas)])])
-    answers = trace(world.device, tlas, [CENTER, CENTER + np.array([2, 0, 0])], action=[0, CONFIRM])
-    assert answers["candidates"].tolist() == [1, 1]
-    assert answers["hit"]["kind"].tolist() == [NONE, TRIANGLE]
+    origins = [CENTER, CENTER + np.array([2, 0, 0])]
+    assert world.trace(tlas, origins)["t"].tolist() == [5, 5]
+    assert world.trace(tlas, origins, flags=rt.RayFlags.CULL_NO_OPAQUE)["t"].tolist() == [-1, -1]
 
 
 def test_boxes_with_a_stride(world: Any) -> None:
@@ -64,11 +62,10 @@ def test_boxes_with_a_stride(world: Any) -> None:
     blas, tlas = world.blas(geometries), world.tlas(1)
     world.build([rt.BlasBuildEntry(blas, geometries)], [rt.TlasPackage(tlas, [rt.TlasInstance(blas)])])
     origins = [[0.5, 0.5, 5], [2.5, 0.5, 5], [4.5, 0.5, 5], [20.5, 0.5, 5], [30, 0, 5]]
-    answers = trace(world.device, tlas, origins, action=GENERATE, hit_t=4.5)
-    assert answers["hit"]["kind"].tolist() == [GENERATED] * 4 + [NONE]
-    assert answers["hit"]["primitive_index"][:4].tolist() == [0, 1, 2, 0]
-    assert answers["hit"]["geometry_index"][:4].tolist() == [1, 1, 1, 0]
-    assert (answers["hit"]["t"][:4] == 4.5).all()
+    hits = world.trace(tlas, origins, box_t=4.5)
+    assert hits["t"].tolist() == [4.5] * 4 + [-1]
+    assert hits["primitive"][:4].tolist() == [0, 1, 2, 0]
+    assert hits["geometry"][:4].tolist() == [1, 1, 1, 0]
 
 
 def test_instances(world: Any) -> None:
@@ -80,15 +77,12 @@ def test_instances(world: Any) -> None:
     ]
     world.build((), [rt.TlasPackage(tlas, [*items, None, rt.TlasInstance(blas, shifted(16))])])
     origins = CENTER + np.array([[2 * i, 0, 0] for i in range(9)])
-    hit = trace(world.device, tlas, origins)["hit"]
-    assert hit["kind"].tolist() == [TRIANGLE] * 7 + [NONE, TRIANGLE]
-    there = hit["kind"] == TRIANGLE
-    assert hit["instance_index"][there].tolist() == [0, 1, 2, 3, 4, 5, 6, 8]
-    assert hit["instance_custom_data"][there].tolist() == [0, 10, 20, 30, 40, 50, 60, 0]
-    masked = trace(world.device, tlas, origins, cull_mask=0b100)["hit"]
-    assert np.flatnonzero(masked["kind"]).tolist() == [2, 8]
-    assert np.allclose(by_columns(hit["object_to_world"][3]), shifted(6))
-    assert np.allclose(by_columns(hit["world_to_object"][3]), shifted(-6))
+    hits = world.trace(tlas, origins)
+    assert hits["t"].tolist() == [5] * 7 + [-1, 5]
+    there = hits["t"] > 0
+    assert hits["instance"][there].tolist() == [0, 1, 2, 3, 4, 5, 6, 8]
+    assert hits["custom_data"][there].tolist() == [0, 10, 20, 30, 40, 50, 60, 0]
+    assert np.flatnonzero(world.trace(tlas, origins, cull_mask=0b100)["t"] > 0).tolist() == [2, 8]
 
 
 def test_instances_in_arrays_are_the_same(world: Any) -> None:
@@ -97,8 +91,8 @@ def test_instances_in_arrays_are_the_same(world: Any) -> None:
     one_by_one = [rt.TlasInstance(blas, transform, i, 0xF0 | i % 16) for i, transform in enumerate(transforms)]
     arrays = rt.TlasInstances(blas, transforms, np.arange(50), 0xF0 | np.arange(50) % 16)
     world.build([world.entry(blas)], map(rt.TlasPackage, tops, [one_by_one, arrays]))
-    hits = [trace(world.device, top, CENTER + transforms[:, :, 3])["hit"] for top in tops]
-    assert (hits[0]["kind"] == TRIANGLE).all()
+    hits = [world.trace(top, CENTER + transforms[:, :, 3]) for top in tops]
+    assert (hits[0]["t"] > 0).all()
     assert np.array_equal(hits[0], hits[1])
 
 
@@ -108,11 +102,13 @@ def test_facing_flags_of_instances(world: Any) -> None:
     kinds = [flags.NONE, flags.FACING_CULL_DISABLE, flags.FLIP_FACING, flags.FORCE_NO_OPAQUE]
     items = [rt.TlasInstance(blas, shifted(2 * i), flags=kind) for i, kind in enumerate(kinds)]
     world.build([world.entry(blas)], [rt.TlasPackage(tlas, items)])
-    answers = trace(world.device, tlas, CENTER + np.array([[2 * i, 0, 0] for i in range(4)]), flags=0x20)
-    assert answers["hit"]["kind"].tolist() == [NONE, TRIANGLE, TRIANGLE, NONE]
-    answers = trace(world.device, tlas, CENTER + np.array([[2 * i, 0, 0] for i in range(4)]))
-    assert answers["hit"]["front_face"].tolist() == [1, 1, 0, 1]
-    assert answers["candidates"].tolist() == [0, 0, 0, 1]
+    origins = CENTER + np.array([[2 * i, 0, 0] for i in range(4)])
+    for ray_flags, seen in (
+        (rt.RayFlags.CULL_FRONT_FACING, [False, True, True, False]),
+        (rt.RayFlags.CULL_BACK_FACING, [True, True, False, True]),
+        (rt.RayFlags.CULL_NO_OPAQUE, [True, True, True, False]),
+    ):
+        assert (world.trace(tlas, origins, flags=ray_flags)["t"] > 0).tolist() == seen
 
 
 # ---- refits -----------------------------------------------------------------------------------------
@@ -142,9 +138,8 @@ def test_update_modes_and_the_rebuild_hint(world: Any, modes: list[int]) -> None
             [world.entry(blas, rt.Triangles(quad(0, 0, height)))],
             [rt.TlasPackage(tlas, [rt.TlasInstance(blas, shifted(3 * i))])],
         )
-        hit = trace(world.device, tlas, [[3 * i + 0.6, 0.3, 9], [3 * i + 3.6, 0.3, 9]])["hit"]
-        assert hit["kind"].tolist() == [TRIANGLE, NONE]
-        assert hit["t"][0] == pytest.approx(9 - height)
+        hits = world.trace(tlas, [[3 * i + 0.6, 0.3, 9], [3 * i + 3.6, 0.3, 9]])
+        assert hits["t"] == pytest.approx([9 - height, -1])
     assert modes[::2] == [0, 1, 1, 0, 1, 1]
     assert modes[1::2] == [0, 1, 1, 1, 0, 1]
     assert (blas.refit_count, tlas.refit_count) == (2, 1)
@@ -179,8 +174,8 @@ def test_fewer_and_none(world: Any) -> None:
         positions = np.concatenate([quad(2 * i) for i in range(10)])[: 6 * count]
         instances = [rt.TlasInstance(blas)] if count else []
         world.build([world.entry(blas, rt.Triangles(positions))], [rt.TlasPackage(tlas, instances)])
-        hit = trace(world.device, tlas, [[2 * i + 0.6, 0.3, 1] for i in range(10)])["hit"]
-        assert np.array_equal(hit["kind"] == TRIANGLE, np.arange(10) < count)
+        hits = world.trace(tlas, [[2 * i + 0.6, 0.3, 1] for i in range(10)])
+        assert np.array_equal(hits["t"] > 0, np.arange(10) < count)
 
 
 # ---- compaction -------------------------------------------------------------------------------------
@@ -203,9 +198,7 @@ def test_compaction_by_callback_and_by_polling(world: Any, built: Any) -> None:
     assert not blas.ready_for_compaction
     blas.destroy()
     world.build((), [rt.TlasPackage(tlas, [rt.TlasInstance(compacted, shifted(1))])])
-    hit = trace(device, tlas, CENTER + np.array([1, 0, 0]))["hit"]
-    assert hit["kind"].tolist() == [TRIANGLE]
-    assert hit["t"] == pytest.approx([5])
+    assert world.trace(tlas, CENTER + np.array([1, 0, 0]))["t"] == pytest.approx([5])
 
 
 def test_a_rebuild_cancels_a_pending_compaction(world: Any, built: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -244,7 +237,7 @@ def test_the_new_structure_has_the_size_that_the_device_tells(
     assert (compacted.size, compacted.built_size, blas.size) == (needed, needed, needed + 50_000)
     blas.destroy()
     world.build((), [rt.TlasPackage(tlas, [rt.TlasInstance(compacted)])])
-    assert trace(device, tlas, CENTER)["hit"]["kind"].tolist() == [TRIANGLE]
+    assert world.is_hit(tlas)
 
 
 def test_a_callback_may_compact_at_once(world: Any, built: Any) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from probes import TRIANGLE, quad, trace
+from support.structures import quad
 
 import solari_vk as sv
 from solari_vk import rt
@@ -15,8 +15,6 @@ from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.blas_builds import build_blases
 from solari_vk.gpu.acceleration.geometry import TriangleGeometry
 from solari_vk.gpu.device import uploads
-
-CENTER = np.array([0.6, 0.3, 5.0])
 
 
 def out_of_memory_once(device: sv.Device, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -45,7 +43,7 @@ def test_callbacks_never_run_inside_a_device_call(world: Any, built: Any, monkey
     calls = {
         "build": lambda: world.build([world.entry(other)], [rt.TlasPackage(tlas, [rt.TlasInstance(blas)])]),
         "build_blases": lambda: build_blases(device, [world.keep(Blas(device, [at])) for _ in "ab"], scratch_budget=1),
-        "frame": lambda: trace(device, tlas, CENTER),
+        "frame": lambda: world.trace(tlas),
         "read back": lambda: buffer.read(np.float32),
         "run": lambda: device.run(lambda cmd: None),
         "sync": device.sync_host,
@@ -97,7 +95,7 @@ def test_every_callback_is_called_and_what_they_raise_comes_out_together(
         assert blas.ready_for_compaction
         world.keep(blas.compact())
     _, tlas = built()
-    assert trace(device, tlas, CENTER)["hit"]["kind"].tolist() == [TRIANGLE]
+    assert world.is_hit(tlas)
 
 
 def test_interrupting_a_callback_leaves_the_others_due(world: Any) -> None:
@@ -157,7 +155,7 @@ def test_a_callback_may_build_wait_and_prepare_anew(world: Any, built: Any) -> N
     blas.prepare_compaction(again)
     device.wait_idle()
     assert told == ["first", "second", "after waiting"]
-    assert trace(device, tlas, CENTER)["hit"]["kind"].tolist() == [TRIANGLE]
+    assert world.is_hit(tlas)
 
 
 def test_callbacks_of_a_closed_device_are_dropped(any_device: None) -> None:

@@ -6,14 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from probes import CONFIRM, GLSL, TRIANGLE, quad, shifted, trace
+from support.structures import quad, shifted
 
 from solari_vk import rt
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
-
-CENTER = np.array([0.6, 0.3, 5.0])
 
 
 def refused(message: str) -> Any:
@@ -24,17 +22,13 @@ def top(blas: rt.Blas | None, tlas: rt.Tlas) -> list[rt.TlasPackage]:
     return [rt.TlasPackage(tlas, [rt.TlasInstance(blas) if blas else None])]
 
 
-def use(world: Any, tlas: rt.Tlas) -> int:
-    return int(trace(world.device, tlas, CENTER)["hit"]["kind"][0])
-
-
 # ---- the order of builds ----------------------------------------------------------------------------
 
 
 def test_use_before_build(world: Any) -> None:
     tlas = world.tlas(name="top")
     with refused("use of Tlas top, which was never built"):
-        use(world, tlas)
+        world.trace(tlas)
 
 
 def test_build_over_what_was_never_built(world: Any) -> None:
@@ -43,7 +37,7 @@ def test_build_over_what_was_never_built(world: Any) -> None:
         world.build([world.entry(other)], top(blas, tlas))
     assert not other.built  # nothing of the call took place
     world.build([world.entry(blas)], top(blas, tlas))
-    assert use(world, tlas) == TRIANGLE
+    assert world.is_hit(tlas)
 
 
 def test_calls_out_of_order(world: Any) -> None:
@@ -54,22 +48,22 @@ def test_calls_out_of_order(world: Any) -> None:
         second.submit()
     first.submit()
     second.submit()
-    assert use(world, tlas) == TRIANGLE
+    assert world.is_hit(tlas)
     first.submit()
     with refused("use of Tlas top, built over Blas late, which was built again since"):
-        use(world, tlas)
+        world.trace(tlas)
     second.submit()
-    assert use(world, tlas) == TRIANGLE
+    assert world.is_hit(tlas)
 
 
 def test_rebuilt_under_an_old_top(world: Any, built: Any) -> None:
     blas, tlas = built()
-    assert use(world, tlas) == TRIANGLE
+    assert world.is_hit(tlas)
     world.build([world.entry(blas)])
     with refused("use of Tlas top, built over Blas quad, which was built again since: build the Tlas again"):
-        use(world, tlas)
+        world.trace(tlas)
     world.build([world.entry(blas)], top(blas, tlas))  # together is right
-    assert use(world, tlas) == TRIANGLE
+    assert world.is_hit(tlas)
 
 
 def test_refitted_under_an_old_top(world: Any, built: Any) -> None:
@@ -77,13 +71,13 @@ def test_refitted_under_an_old_top(world: Any, built: Any) -> None:
     world.build([world.entry(blas)])
     assert blas.refit_count == 1
     with refused("built again since"):
-        use(world, tlas)
+        world.trace(tlas)
 
 
 def test_a_frame_checks_every_time(world: Any, built: Any) -> None:
     blas, tlas = built()
-    stage = Stage("probe", buffers={"rays": 1, "answers": 1}, passes=[Pass("probe", 1)])
-    with Frame(world.device, [stage], external={"tlas": tlas}, glsl_root=GLSL) as frame:
+    stage = Stage("trace", buffers={"rays": 1, "hits": 1}, passes=[Pass("conformance/trace", 1)])
+    with Frame(world.device, [stage], external={"tlas": tlas}) as frame:
         for _ in range(3):
             frame.submit()
         world.build([world.entry(blas)])
@@ -106,18 +100,18 @@ def test_freed_structures(world: Any, built: Any) -> None:
     blas, tlas = built()
     blas.destroy()
     with refused("use of Tlas top, built over Blas quad, which was destroyed"):
-        use(world, tlas)
+        world.trace(tlas)
     with refused("build of Tlas top over an instance of Blas quad, which was destroyed"):
         world.build((), top(blas, tlas))
     with refused("build of Blas quad, which was destroyed"):
         world.build([world.entry(blas)])
     world.build((), top(None, tlas))
-    assert use(world, tlas) == 0
+    assert not world.is_hit(tlas)
     tlas.destroy()
     with refused("build of Tlas top, which was destroyed"):
         world.build((), top(None, tlas))
     with refused("destroyed"):
-        use(world, tlas)
+        world.trace(tlas)
 
 
 def test_a_freed_structure_gets_no_new_storage(world: Any) -> None:
@@ -323,10 +317,9 @@ def test_a_build_after_an_error_works(world: Any, built: Any) -> None:
     blas, tlas = built()
     with refused("made for"):
         world.build([world.entry(blas, rt.Triangles(np.concatenate([quad(), quad()])))])
-    assert use(world, tlas) == TRIANGLE
+    assert world.is_hit(tlas)
     world.build([world.entry(blas)], top(blas, tlas))
-    answers = trace(world.device, tlas, CENTER, action=CONFIRM)
-    assert answers["hit"]["kind"].tolist() == [TRIANGLE]
+    assert world.is_hit(tlas)
 
 
 def test_arrays_are_copied_when_they_are_checked() -> None:

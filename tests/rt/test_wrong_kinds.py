@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from probes import quad, shifted
+from support.structures import quad, shifted
 
 import solari_vk as sv
 from solari_vk import rt

@@ -6,8 +6,6 @@
 #include "generated/conformance/probe_actions.glsl"
 #include "scene/ray_query.glsl"
 
-const uint STEP_LIMIT = 4096u;     // a traversal that doesn't end is a finding, not a hang
-
 struct Probe {
     vec3 origin;
     float t_min;
@@ -88,7 +86,10 @@ void run_probe(uint index) {
         if (candidate.kind == RAY_QUERY_INTERSECTION_AABB) {
             answer.box_candidates++;
             if (rayQueryGetIntersectionCandidateAABBOpaqueEXT(query)) answer.opaque_boxes++;
-            if ((probe.action & GENERATE_AT) != 0u) rayQueryGenerateIntersection(query, probe.parameter);
+            if ((probe.action & GENERATE_AT) != 0u) {
+                float nearer = (probe.action & NEARER) != 0u ? float(answer.box_candidates - 1u) : 0.0;
+                rayQueryGenerateIntersection(query, probe.parameter - nearer);
+            }
             if ((probe.action & GENERATE_SPHERE) != 0u) {
                 // Box i spans [2 i, 2 i + 1] in x, [0, 1] in y and z, of object space.
                 vec3 center = vec3(2.0 * float(candidate.primitive_index) + 0.5, 0.5, 0.5);

@@ -1,4 +1,4 @@
-// The closest hit of many rays; candidates are confirmed, boxes passed over.
+// The closest hit of many rays; candidate triangles are confirmed, boxes hit where the ray says.
 #version 460
 #include "scene/ray_query.glsl"
 
@@ -10,6 +10,8 @@ struct Ray {
     vec3 direction;
     float t_max;
     uint flags;
+    uint cull_mask;
+    float box_t;  // where candidate boxes are hit; 0 passes them over
 };
 
 struct Hit {
@@ -29,10 +31,13 @@ void main() {
     if (index >= rays.at.length()) return;
     Ray ray = rays.at[index];
     RAY_QUERY(query);
-    rayQueryInitialize(query, tlas, RayDesc(ray.flags, 0xFFu, ray.t_min, ray.t_max, ray.origin, ray.direction));
+    rayQueryInitialize(query, tlas, RayDesc(ray.flags, ray.cull_mask, ray.t_min, ray.t_max, ray.origin, ray.direction));
     while (rayQueryProceed(query)) {
-        if (rayQueryGetCandidateIntersection(query).kind == RAY_QUERY_INTERSECTION_TRIANGLE)
+        if (rayQueryGetCandidateIntersection(query).kind == RAY_QUERY_INTERSECTION_TRIANGLE) {
             rayQueryConfirmIntersection(query);
+        } else if (ray.box_t > 0.0) {
+            rayQueryGenerateIntersection(query, ray.box_t);
+        }
     }
     RayIntersection hit = rayQueryGetCommittedIntersection(query);
     float t = hit.kind == RAY_QUERY_INTERSECTION_NONE ? -1.0 : hit.t;

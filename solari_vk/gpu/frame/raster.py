@@ -16,7 +16,7 @@ Attachment = tuple[raw.CData, int]
 """A VkImageView and the layout that its image is in."""
 
 _COMMAND_BYTES = raw.ffi.sizeof("VkDrawIndirectCommand")
-_NEEDED = (
+NEEDED = (
     "multiDrawIndirect",
     "drawIndirectFirstInstance",
     "vertexPipelineStoresAndAtomics",
@@ -26,7 +26,7 @@ _NEEDED = (
 
 def check_draw(device: Device, name: str, item: Draw, interface: Interface) -> None:
     """Raise SolariError if the device lacks what a Draw needs, or the Draw doesn't fit the shaders or the limits."""
-    missing = [feature for feature in _NEEDED if feature not in device.features]
+    missing = [feature for feature in NEEDED if feature not in device.features]
     if missing:
         raise SolariError(f"pass {name}: this device can't draw it, since it lacks {', '.join(missing)}")
     for image in item.colors:
