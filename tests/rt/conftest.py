@@ -17,10 +17,11 @@ from solari_vk.gpu.device.device import Device
 
 @pytest.fixture(scope="session")
 def shaders(device: Device) -> Iterator[ShaderRunner]:
-    """The suite's shaders, with what tracing needs made, so that tests can count what is alive."""
+    """The suite's shaders; pipelines and staging chunks exist already, so that tests can count what is alive."""
     with ShaderRunner(device) as runner:
-        nothing = rt.create_tlas(device, 0)
-        rt.build_acceleration_structures(device, (), [rt.TlasPackage(nothing)])
+        nothing = rt.create_tlas(device, 1)
+        for _ in range(8):
+            rt.build_acceleration_structures(device, (), [rt.TlasPackage(nothing, [None])])
         bulk_checks.trace(runner, nothing, CENTER, DOWN)
         nothing.destroy()
         yield runner

@@ -11,7 +11,6 @@ from support.structures import CENTER, quad, shifted
 from solari_vk import rt
 from solari_vk.gpu.acceleration.structure import UpdateMode
 from solari_vk.gpu.device import raw
-from solari_vk.scene.matrices import by_columns
 
 EYE = np.eye(4)[:3]
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 RAY_QUERY_DEBUG = "#define RAY_QUERY_DEBUG"
 """The header of a pass whose ray queries are checked. Its stage must declare FAULT_BUFFERS as well."""
 
-_RULES = {
+FAULTS = {
     "get_before_proceed": "an intersection was read before the first rayQueryProceed",
     "committed_while_candidate": "rayQueryGetCommittedIntersection while there is a candidate",
     "candidate_while_committed": "rayQueryGetCandidateIntersection without a candidate",
@@ -36,14 +36,14 @@ _RULES = {
     ),
     "contradicting_flags": "contradictory ray flags",
 }
-RULES = tuple(_RULES.values())
+RULES = tuple(FAULTS.values())
 """The rule that each row of the buffer `ray_query_faults` counts."""
 FAULT_BUFFERS: Mapping[str, int] = {"ray_query_faults": len(RULES)}
 
 
 def glsl_header() -> str:
     """FAULT_GET_BEFORE_PROCEED and so on: the rows of `ray_query_faults`."""
-    return enumeration("FAULT", _RULES)
+    return enumeration("FAULT", FAULTS)
 
 
 @dataclass(frozen=True)
