@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from solari_vk.conformance import api_checks
 from solari_vk.conformance import structure_checks as checks
 from solari_vk.conformance.rules import Measurement
 from solari_vk.conformance.shader_runner import ShaderRunner
@@ -19,8 +18,6 @@ _CHECKS = {
     "indices": checks.measure_indices,
     "nothing": checks.measure_nothing,
     "rebuilds": checks.measure_tlas_rebuilds,
-    "order": api_checks.measure_order,
-    "compaction": api_checks.measure_compaction,
 }
 
 

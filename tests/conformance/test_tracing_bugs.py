@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 from seeded_bugs import expect_red, failing, masked
 
-from solari_vk import rt
-from solari_vk.conformance import api_checks, bulk_checks, embree_checks, position_checks, structure_checks, worlds
+from solari_vk.conformance import bulk_checks, embree_checks, position_checks, structure_checks, worlds
 from solari_vk.conformance.rules import FAIL
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.conformance.suite import Recorder, known_faults
-from solari_vk.gpu.acceleration import instances
 
 TRACE = "passes/conformance/trace.comp"
 
@@ -24,8 +22,8 @@ def test_bugs_in_tracing_are_noticed(patched, monkeypatch):
         (TRACE, "hit.primitive_index)", "hit.primitive_index + 1u)"),
         (TRACE, "-1.0 : hit.t", "-1.0 : hit.t * 1.001"),
         (TRACE, "Hit(t, hit.instance_custom_data", "Hit(t, hit.instance_custom_data & 0xFFFu"),
-        (TRACE, "Ray ray = rays.at[index];", "Ray ray = rays.at[index];\n"
-         "    ray.direction = mix(ray.direction, vec3(0.0, 0.0, -1.0), isnan(ray.direction));"),
+        ("passes/conformance/probe.glsl", "Probe probe = probes.at[index];", "Probe probe = probes.at[index];\n"
+         "    probe.direction = mix(probe.direction, vec3(0.0, 0.0, -1.0), isnan(probe.direction));"),
     ]  # fmt: skip
     with patched(*bugs) as shaders:
         expect_red(bulk_checks.measure_many_instances(shaders, 300), "tell many instances apart")
@@ -145,18 +143,3 @@ def test_bugs_in_structures_are_noticed(shaders, monkeypatch):
         patch.setattr(worlds, "instance_records", swapped)
         patch.setattr(structure_checks, "instance_records", swapped)
         expect_red(structure_checks.measure_many_blases(shaders, 20), "one batch", "many batches", "compacted")
-
-
-def test_bugs_in_the_order_rules_are_noticed(shaders, monkeypatch):
-    """A rebuilt Blas not seen, custom data of 25 bits, a preparation that a rebuild doesn't end."""
-    usable = rt.Tlas.check_usable
-
-    def lenient(tlas):
-        if not tlas.built or tlas.destroyed or any(blas.destroyed for blas in tlas.blases):
-            usable(tlas)
-
-    monkeypatch.setattr(rt.Tlas, "check_usable", lenient)
-    monkeypatch.setattr(instances, "CUSTOM_DATA_BITS", 25)
-    monkeypatch.setattr(rt.Blas, "_drop_preparation", lambda blas: None)
-    expect_red(api_checks.measure_order(shaders), "else refused", "first 24 bits")
-    expect_red(api_checks.measure_compaction(shaders), "prepare_compaction")

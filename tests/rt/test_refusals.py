@@ -10,6 +10,7 @@ from support.structures import quad, shifted
 
 from solari_vk import rt
 from solari_vk.errors import SolariError
+from solari_vk.gpu.acceleration import instances
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
 
@@ -155,6 +156,26 @@ def test_another_device(world: Any, built: Any) -> None:
         data = other.buffer(72, "theirs")
         with refused("positions: buffer theirs belongs to another device"):
             world.build([world.entry(blas, rt.Triangles(rt.BufferSlice(data, 6)))])
+
+
+def test_seeded_bugs_in_the_order_are_noticed(world: Any, built: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A rebuilt Blas that isn't seen, custom data of 25 bits, a compaction that a rebuild doesn't cancel."""
+    usable = rt.Tlas.check_usable
+
+    def lenient(tlas: rt.Tlas) -> None:
+        if not tlas.built or tlas.destroyed or any(blas.destroyed for blas in tlas.blases):
+            usable(tlas)
+
+    monkeypatch.setattr(rt.Tlas, "check_usable", lenient)
+    monkeypatch.setattr(instances, "CUSTOM_DATA_BITS", 25)
+    monkeypatch.setattr(rt.Blas, "_drop_preparation", lambda blas: None)
+    checks = (
+        lambda: test_rebuilt_under_an_old_top(world, built), lambda: test_compaction_of_what_cannot_be(world, built),
+        lambda: test_instances_that_make_no_sense(world, {"custom_data": 1 << 24}, "custom_data"),
+    )  # fmt: skip
+    for check in checks:
+        with pytest.raises(pytest.fail.Exception, match="DID NOT RAISE"):
+            check()
 
 
 # ---- compaction -------------------------------------------------------------------------------------
