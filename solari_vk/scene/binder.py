@@ -16,9 +16,10 @@ from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.shaders import spirv
 from solari_vk.gpu.shaders.compiler import compile_shader
-from solari_vk.scene.constants import MATERIAL_DOUBLE_SIDED, NO_INDEX
+from solari_vk.scene.constants import NO_INDEX
 from solari_vk.scene.geometry import Geometry
 from solari_vk.scene.lights import ORIGIN, Lights
+from solari_vk.scene.materials import Materials
 from solari_vk.scene.model import Instance, Light, Material, Mesh, Scene, Texture, TextureImage
 from solari_vk.scene.observed import Observable
 from solari_vk.scene.table import Rows, Table
@@ -28,13 +29,6 @@ from solari_vk.scene.traced import TracedInstances
 MAX_INSTANCES = 1 << 24
 # What `_write_instance` writes, in this order.
 INSTANCE = ("world_from_object", "mesh", "ray_mesh", "material", "light_index", "id")
-# A material's textures: the field of the model and of the record, and whether its colours are sRGB.
-TEXTURE_SLOTS = {
-    "base_color_texture": True,
-    "metallic_roughness_texture": False,
-    "emissive_texture": True,
-    "normal_texture": False,
-}
 
 
 class SceneBinder:
@@ -54,14 +48,11 @@ class SceneBinder:
         self._textures = Textures(device, layout["textures"], self)
         self.lights = Lights(device, layout)
         """The list of light sources, as of the last `update`."""
-        self._materials = Table(device, "materials", layout["materials"])
-        self._material_rows: Rows[Material] = Rows()
-        self._material_textures: dict[Material, dict[str, Texture]] = {}
-        self._emitting: set[Material] = set()
+        self._materials = Materials(device, layout["materials"], self._textures, self)
         self._instances = Table(device, "instances", layout["instances"], INSTANCE)
         self._instance_rows: Rows[Instance] = Rows()
         self._traced = TracedInstances(device)
-        self._tables = (self._geometry.table, self._textures.table, self._materials, self._instances,
+        self._tables = (self._geometry.table, self._textures.table, self._materials.table, self._instances,
                         *self.lights.tables, self._traced.table)  # fmt: skip
         self._uses: dict[Instance, tuple[Mesh, Mesh, Material]] = {}
         self._ids: dict[Instance, int] = {}
@@ -71,7 +62,6 @@ class SceneBinder:
         for item in (*scene.instances, *scene.lights):
             self.note(item)
         self._write_rows: dict[Instance, None] = {}
-        self._write_materials: dict[Material, None] = {}
         self._first = True
 
     def note(self, changed: Observable) -> None:
@@ -114,7 +104,7 @@ class SceneBinder:
             self._geometry.update()
             if self._textures.update():
                 self.version += 1
-            self._update_materials()
+            self._materials.update()
             self._update_instances()
             self.lights.update(self._traced.lit_area)
             self._upload()
@@ -135,9 +125,7 @@ class SceneBinder:
             self.lights.set_light(item, present)
             (item.watch if present else item.unwatch)(self)
         elif isinstance(item, Material):
-            if item in self._material_rows:
-                self._use_textures(item)
-                self._write_rows.update(dict.fromkeys(self._material_rows.users(item)))
+            self._write_rows.update(dict.fromkeys(self._materials.change(item)))
         elif isinstance(item, Mesh):
             users = self._geometry.change(item)
             self._write_rows.update(dict.fromkeys(users))
@@ -181,48 +169,15 @@ class SceneBinder:
         mesh, ray_mesh, material = uses
         self._geometry.acquire(mesh, instance, traced=False)
         self._geometry.acquire(ray_mesh, instance, traced=True)
-        if self._material_rows.acquire(material, instance):
-            material.watch(self)
-            self._use_textures(material)
+        self._materials.acquire(material, instance)
 
     def _release(self, instance: Instance, uses: tuple[Mesh, Mesh, Material]) -> None:
         mesh, ray_mesh, material = uses
         self._geometry.release(mesh, instance, traced=False)
         self._geometry.release(ray_mesh, instance, traced=True)
-        if self._material_rows.release(material, instance):
-            material.unwatch(self)
-            self._write_materials.pop(material, None)
-            self._emitting.discard(material)
-            for slot, texture in self._material_textures.pop(material).items():
-                self._textures.release(texture, TEXTURE_SLOTS[slot], material)
-
-    def _use_textures(self, material: Material) -> None:
-        """Take up which textures a material has, new ones before the old ones go."""
-        before = self._material_textures.get(material, {})
-        after = {slot: texture for slot in TEXTURE_SLOTS if (texture := getattr(material, slot)) is not None}
-        for slot, texture in after.items():
-            self._textures.acquire(texture, TEXTURE_SLOTS[slot], material)
-        for slot, texture in before.items():
-            self._textures.release(texture, TEXTURE_SLOTS[slot], material)
-        self._material_textures[material] = after
-        self._write_materials[material] = None
+        self._materials.release(material, instance)
 
     # ---- from rows to records -----------------------------------------------------------------------
-
-    def _update_materials(self) -> None:
-        self._materials.reserve(self._material_rows.limit)
-        for material in self._write_materials:
-            row = self._material_rows[material]
-            record = self._materials.records[row]
-            for name in ("base_color", "perceptual_roughness", "emissive", "metallic", "reflectance", "normal_scale"):
-                record[name] = getattr(material, name)
-            textures = self._material_textures[material]
-            for slot, srgb in TEXTURE_SLOTS.items():
-                record[slot] = self._textures.rows[textures[slot], srgb] if slot in textures else NO_INDEX
-            (self._emitting.add if material.emits else self._emitting.discard)(material)
-            record["flags"] = MATERIAL_DOUBLE_SIDED if material.double_sided else 0
-            self._materials.mark([row])
-        self._write_materials.clear()
 
     def _set_emissive(self, instance: Instance, row: int, emits: bool) -> None:
         area, position = 0.0, ORIGIN
@@ -240,7 +195,7 @@ class SceneBinder:
     def _update_instances(self) -> None:
         self._instances.reserve(self._instance_rows.limit)
         for instance in list(self._write_rows):
-            emits = instance.visible and instance.material in self._emitting
+            emits = instance.visible and instance.material in self._materials.emitting
             if emits or self.lights.index(instance) is not None:
                 self._set_emissive(instance, self._instance_rows[instance], emits)
         for instance in self._write_rows:
@@ -255,7 +210,7 @@ class SceneBinder:
         (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = instance.transform.tolist()
         self._instances.set(
             row, a, d, g, b, e, h, c, f, i, x, y, z, rows[mesh] if visible else NO_INDEX, rows[ray_mesh],
-            self._material_rows[material], NO_INDEX if light is None else light, self._ids[instance],
+            self._materials.rows[material], NO_INDEX if light is None else light, self._ids[instance],
         )  # fmt: skip
         self._traced.write(
             row, (a, b, c, x, d, e, f, y, g, h, i, z), self._geometry.center(ray_mesh), visible, material.double_sided,
@@ -283,14 +238,8 @@ class SceneBinder:
     def destroy(self) -> None:
         """Stop watching the scene and free everything."""
         self.scene.unwatch(self)
-        for item in (*self._uses, *self._material_rows, *self.scene.lights):
+        for item in (*self._uses, *self.scene.lights):
             item.unwatch(self)
-        for owner in (
-            self._geometry,
-            self._textures,
-            self.lights,
-            self._materials,
-            self._instances,
-            self._traced,
-        ):
+        owners = (self._geometry, self._materials, self._textures, self.lights, self._instances, self._traced)
+        for owner in owners:
             owner.destroy()

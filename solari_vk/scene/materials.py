@@ -1,0 +1,89 @@
+"""Materials on the device: the `materials` table, and which textures and instances use which material."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from solari_vk.gpu.device.device import Device
+from solari_vk.scene.constants import MATERIAL_DOUBLE_SIDED, NO_INDEX
+from solari_vk.scene.model import Instance, Material, Texture
+from solari_vk.scene.table import Rows, Table
+from solari_vk.scene.textures import Textures
+
+NUMBERS = ("base_color", "perceptual_roughness", "emissive", "metallic", "reflectance", "normal_scale")
+# A material's textures: the field of the material and of the record, and whether its colours are sRGB.
+TEXTURE_SLOTS = {
+    "base_color_texture": True,
+    "metallic_roughness_texture": False,
+    "emissive_texture": True,
+    "normal_texture": False,
+}
+
+
+class Materials:
+    """The `materials` table. watcher: told of edits of the materials in use."""
+
+    def __init__(self, device: Device, record: np.dtype[Any], textures: Textures, watcher: Any) -> None:
+        self.table = Table(device, "materials", record)
+        self.rows: Rows[Material] = Rows()
+        self.emitting: set[Material] = set()
+        """The materials that emit light, as of the last `update`."""
+        self._textures = textures
+        self._watcher = watcher
+        self._textures_of: dict[Material, dict[str, Texture]] = {}
+        self._to_write: dict[Material, None] = {}
+
+    def acquire(self, material: Material, user: Instance) -> None:
+        """Use a material."""
+        if self.rows.acquire(material, user):
+            material.watch(self._watcher)
+            self._take_up(material)
+
+    def release(self, material: Material, user: Instance) -> None:
+        """Undo one `acquire`."""
+        if self.rows.release(material, user):
+            material.unwatch(self._watcher)
+            self._to_write.pop(material, None)
+            self.emitting.discard(material)
+            for slot, texture in self._textures_of.pop(material).items():
+                self._textures.release(texture, TEXTURE_SLOTS[slot], material)
+
+    def change(self, material: Material) -> list[Instance]:
+        """Take up an edit of a material; returns the instances that use it."""
+        if material in self.rows:
+            self._take_up(material)
+        return self.rows.users(material)
+
+    def _take_up(self, material: Material) -> None:
+        before = self._textures_of.get(material, {})
+        after = {slot: texture for slot in TEXTURE_SLOTS if (texture := getattr(material, slot)) is not None}
+        for slot, texture in after.items():  # before the old ones go, so that what stays isn't uploaded again
+            self._textures.acquire(texture, TEXTURE_SLOTS[slot], material)
+        for slot, texture in before.items():
+            self._textures.release(texture, TEXTURE_SLOTS[slot], material)
+        self._textures_of[material] = after
+        self._to_write[material] = None
+
+    def update(self) -> None:
+        """Write the records of new and changed materials; their textures must have rows."""
+        self.table.reserve(self.rows.limit)
+        for material in self._to_write:
+            row = self.rows[material]
+            record = self.table.records[row]
+            for name in NUMBERS:
+                record[name] = getattr(material, name)
+            textures = self._textures_of[material]
+            for slot, srgb in TEXTURE_SLOTS.items():
+                record[slot] = self._textures.rows[textures[slot], srgb] if slot in textures else NO_INDEX
+            record["flags"] = MATERIAL_DOUBLE_SIDED if material.double_sided else 0
+            (self.emitting.add if material.emits else self.emitting.discard)(material)
+            self.table.mark([row])
+        self._to_write.clear()
+
+    def destroy(self) -> None:
+        """Free everything."""
+        self.table.destroy()
+        for material in self.rows:
+            material.unwatch(self._watcher)
