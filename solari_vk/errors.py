@@ -9,26 +9,26 @@ MAX_NAMES = 40  # that a message lists
 
 
 class SolariError(Exception):
-    """Something asked of the package can't be done.
+    """Bad input, or a request that can't be fulfilled.
 
     The message says what was wrong, where (file, node, index, object) and what to do about it.
     """
 
 
 class DeviceError(SolariError):
-    """No device fits, the Vulkan loader is missing, or a device failed (lost, out of memory)."""
+    """No suitable device was found, the Vulkan loader is missing, or a device failed (lost, out of memory)."""
 
 
 class CompilationError(SolariError):
-    """A shader doesn't compile; the message has file:line of the file that holds the fault, and that line."""
+    """A shader has an error; the message quotes the faulty line with its file and number."""
 
 
 class ValidationError(SolariError):
-    """The Vulkan validation layer reported messages; they are the text of the exception."""
+    """The Vulkan validation layer reported messages, which are the text of the exception."""
 
 
 class CallbackError(ExceptionGroup[Exception], SolariError):
-    """Callbacks of the user's raised; `exceptions` are theirs. The device is as it would be without them."""
+    """Callbacks of the user raised `exceptions`. The device's state is the same as if they hadn't."""
 
 
 def unknown_name(what: str, name: object, known: Iterable[str]) -> SolariError:

@@ -1,4 +1,4 @@
-"""What a camera's rays meet first, by name, for use beside the picture."""
+"""Depth, normals, materials and instances of the surfaces that a camera sees: results beside the radiance."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from solari_vk.scene.projection import CameraUniforms, Projection
 
 
 class FirstHits:
-    """What the centres of pixels show, traced when it is asked for.
+    """Traces one ray through the centre of each pixel, on demand.
 
-    A change of the scene that the binder has taken up since the frame shows in the results.
+    The results show the scene as the binder holds it when they are computed.
     """
 
     def __init__(self, device: Device, binder: SceneBinder, tables: Mapping[str, Any]) -> None:
@@ -26,8 +26,8 @@ class FirstHits:
         self._binder = binder
         self._tables = tables
         self._frame: Frame | None = None
-        self._built: tuple[Any, ...] = ()  # what the frame was built for
-        self._shown: tuple[Any, ...] = ()  # what its buffers hold
+        self._built: tuple[Any, ...] = ()  # the binder's version and the size for which the frame was built
+        self._shown: tuple[Any, ...] = ()  # the binder's revision and the camera that its buffers show
 
     def read(self, name: str, projection: Projection, size: tuple[int, int]) -> NDArray[Any]:
         """One of pathtracer.FIRST_HIT_AOVS, (height, width[, channels])."""
@@ -52,7 +52,7 @@ class FirstHits:
         return pathtracer.read_aov(self._frame, name, size)
 
     def close(self) -> None:
-        """Free what is on the device; the next `read` makes it again."""
+        """Free all memory on the device; the next `read` allocates it again."""
         if self._frame is not None:
             self._frame.close()
         self._frame, self._shown = None, ()

@@ -1,4 +1,4 @@
-"""What everything that works on a scene shares: the scene on the device, lifetime, and the size of a picture."""
+"""The base of everything that works on a scene: the scene on the device, and its lifetime; and frames over a scene."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from solari_vk.scene.model import Scene
 
 
 class Closable(Protocol):
-    """Something that frees what it holds."""
+    """Has a method that frees its resources."""
 
     def close(self) -> None: ...
 
@@ -26,8 +26,8 @@ Owned = TypeVar("Owned", bound=Closable)
 class SceneUser:
     """Works on a scene that a SceneBinder holds on the device. A context manager.
 
-    scene: a Scene, whose binder this object makes and frees; or a SceneBinder, which stays the caller's, so that
-    several users of one scene hold it on the device once. The scene may be edited at any time.
+    scene: a Scene, for which this object makes a binder of its own; or a SceneBinder, which the caller owns. Objects
+    that are given the same binder share the scene's memory on the device. The scene may be edited at any time.
     Raises SolariError for a device or a scene of the wrong type.
     """
 
@@ -43,7 +43,7 @@ class SceneUser:
             self._owned.callback(self.binder.destroy)
 
     def _own(self, item: Owned) -> Owned:
-        """Have `close` close an object too, before those that it already owns; returns the object."""
+        """Return an object that `close` will close, before all objects that are owned already."""
         self._owned.callback(item.close)
         return item
 
@@ -59,10 +59,11 @@ class SceneUser:
 
 
 class SceneFrame(SceneUser, Frame):
-    """Passes of one's own over a scene: shaders that include "scene/bindings.glsl" find it in descriptor set 0.
+    """A frame of custom passes over a scene.
 
-    Each `submit` takes up the scene's edits first. `external` and all other options are those of `Frame`; glsl_root is
-    the folder (or folders) of one's own shaders, which may include the package's by their paths.
+    Shaders that include "scene/bindings.glsl" have the scene in descriptor set 0.
+    Each `submit` first applies the scene's edits. `external` and the other options are those of `Frame`; glsl_root is
+    the folder (or the folders) of the custom shaders, which may include the package's by their paths.
     """
 
     def __init__(
@@ -84,11 +85,11 @@ class SceneFrame(SceneUser, Frame):
             raise
 
     def rebuild(self, stages: Sequence[Stage] | None = None, external: Mapping[str, Any] | None = None) -> None:
-        """Do what `Frame.rebuild` does; external resources come on top of the scene's."""
+        """As `Frame.rebuild`; external resources are added to the scene's."""
         super().rebuild(stages, None if external is None else {**self.binder.resources, **external})
 
     def submit(self, before: Sequence[raw.CData] = ()) -> int:
-        """Take up the scene's edits and run the next frame; returns the device's timeline value."""
+        """Apply the scene's edits and run the next frame; returns the device's timeline value."""
         self.binder.update()
         if self.binder.version != self._bound_version:
             self._bound_version = self.binder.version

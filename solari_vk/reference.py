@@ -20,21 +20,22 @@ from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.scene.projection import CameraUniforms, Projection
 
-DISPATCH_MS = 100.0  # what a dispatch should take: far below any driver's watchdog, far above its overhead
-MAX_SAMPLES = 64  # of a pixel in one dispatch
+DISPATCH_MS = 100.0  # aimed at: far shorter than any driver's watchdog allows, far longer than a dispatch's overhead
+MAX_SAMPLES = 64  # per pixel in one dispatch
 
 
 class PathTracer(PictureRenderer):
     """The reference path tracer: progressive, unbiased, the ground truth of every realtime test.
 
-    size: (width, height) in pixels. max_bounces: how many surfaces a path may leave, 0 shows emission
-    only. seed: another one gives other noise. light_strategy: "mis", or "nee" or "brdf" alone, which
-    agree in the mean. pixel_filter: "box", or the wider "gaussian" or "blackman_harris". layering: how
-    diffuse sits under specular, "conserving" or Solari's "fresnel_product".
-    lambert: every surface is plain Lambert, for closed forms. Source: seed 004.
+    size: (width, height) in pixels. max_bounces: the number of surfaces at which a path may be scattered; 0 shows
+    emission only. seed: a whole number; the same seed gives the same pictures, another seed gives independent noise.
+    light_strategy: "nee" (light sampling), "brdf" (BRDF sampling) or "mis" (both, weighted by multiple importance
+    sampling); all three have the same expectation. pixel_filter: "box", or the wider "gaussian" or "blackman_harris".
+    layering: how the diffuse lobe is attenuated below the specular lobe, "conserving" or Solari's "fresnel_product".
+    lambert: every surface is Lambertian, as closed forms need. Source: the document on the reference path tracer.
 
-    The scene may be edited between calls of `render`. `close` frees what the device holds; closing the
-    device does so too.
+    The scene may be edited between calls of `render`. `close` frees the path tracer's memory on the device; closing the
+    device frees it as well. Raises SolariError for a size that the device can't hold and for wrong options.
     """
 
     OUTPUTS = ("radiance", *pathtracer.AOVS)
@@ -58,8 +59,8 @@ class PathTracer(PictureRenderer):
         super().__init__(device, scene, size)
         try:
             self.samples = 0
-            """Samples a pixel in the picture so far."""
-            self._shown: tuple[Any, ...] | None = None  # what the picture shows: scene, size and camera
+            """The number of samples per pixel in the picture so far."""
+            self._shown: tuple[Any, ...] | None = None  # scene, size and camera of the picture
             self._begin_adapting(pathtracer.max_rows(self.size), 0)
             stages = self._stages(self.size)
             self._frame = self._own(SceneFrame(device, self.binder, stages, external=self._tables))
@@ -79,10 +80,10 @@ class PathTracer(PictureRenderer):
         self.reset()
 
     def _begin_adapting(self, rows: int, frame_count: int) -> None:
-        """Forget what dispatches have taken so far; they begin with so many rows and one sample."""
+        """Begin with dispatches of `rows` rows and one sample per pixel, and measure them from `frame_count` on."""
         self._band_rows, self._batch = rows, 1
-        self._next_look = frame_count + 4  # when `_adapt` looks; a driver may compile in the first frames
-        # Rows times samples of the latest dispatches, with the timeline value of each.
+        self._next_look = frame_count + 4  # when `_adapt` measures next; in the first frames drivers may compile
+        # The timeline value of each of the latest dispatches, and its rows times samples.
         self._sizes: deque[tuple[int, int]] = deque(maxlen=4)
 
     def reload(self) -> None:
@@ -90,7 +91,7 @@ class PathTracer(PictureRenderer):
         self.reset()
 
     def reset(self) -> None:
-        """Have the next call of `render` or `advance` start the picture anew."""
+        """Discard the picture's samples."""
         self._shown = self._latest = None
 
     # ---- rendering ----------------------------------------------------------------------------------
@@ -103,15 +104,15 @@ class PathTracer(PictureRenderer):
         time_limit: float | None = None,
         progress: Callable[[int], None] | None = None,
     ) -> RenderedFrame:
-        """Refine the picture until it has `samples` samples a pixel, and return it.
+        """Refine the picture until it has `samples` samples per pixel, and return it.
 
-        camera: by default the scene's. When the camera, the scene or the size has changed since the last call, the
-        picture starts anew; otherwise its samples count. time_limit: stop after so many seconds. progress: called with
-        the number of samples done. Raises SolariError for a sample count below 1.
+        camera: by default the scene's. Samples of earlier calls count, unless the camera, the scene or the size has
+        changed since then. time_limit: the time in seconds after which rendering stops early. progress: is called with
+        the number of samples per pixel after each dispatch. Raises SolariError for a sample count below 1.
         """
         camera = self._camera_or_default(camera)
         if not isinstance(samples, int) or samples < 1:
-            raise SolariError(f"PathTracer.render: samples must be a whole number of at least 1, not {samples!r}")
+            raise SolariError(f"PathTracer.render: samples must be a whole number from 1 on, not {samples!r}")
         started = time.perf_counter()
         self._prepare(camera)
         while self.samples < samples:
@@ -124,14 +125,14 @@ class PathTracer(PictureRenderer):
         return self._latest
 
     def advance(self, camera: Camera | None = None, max_samples: int = MAX_SAMPLES) -> None:
-        """Submit the next samples for every pixel, as many as make a short dispatch, and don't wait for them."""
+        """Submit a short dispatch with the next samples of all pixels, without waiting for it."""
         camera = self._camera_or_default(camera)
         self._prepare(camera)
         self._add_samples(camera, min(self._batch, max_samples))
         self._adapt()
 
     def _prepare(self, camera: Camera) -> None:
-        """Take up edits of the scene, and start anew if anything differs from what the picture shows."""
+        """Apply edits of the scene; discard the samples if the scene, the size or the camera has changed."""
         self.binder.update()
         view = (camera.transform.tobytes(), camera.vertical_fov, camera.near, *camera.jitter.tolist())
         shown = (self.binder.revision, self.size, *view)
@@ -144,7 +145,7 @@ class PathTracer(PictureRenderer):
             self._frame.uniforms["path_sampling.row_count"] = self._band_rows
 
     def _add_samples(self, camera: Camera, count: int) -> None:
-        """Trace so many samples for every pixel, one band of rows after the other."""
+        """Trace `count` samples for every pixel, in bands of rows."""
         uniforms = self._frame.uniforms
         uniforms["path_sampling.sample_index"] = self.samples
         uniforms["path_sampling.samples_per_dispatch"] = count
@@ -154,15 +155,15 @@ class PathTracer(PictureRenderer):
                 submission = self._frame.submit()
                 self._sizes.append((submission, count * self._band_rows))
         except BaseException:
-            self.reset()  # some bands have these samples and some have not: the next call starts anew
+            self.reset()  # some bands have these samples and others don't
             raise
         self.samples += count
         self._latest = RenderedFrame(self, camera, self._projection, submission)
 
     def _adapt(self) -> None:
-        """Choose the next dispatch's size from how long the latest finished one took.
+        """Choose the next dispatches' size by the time that the latest finished one took.
 
-        Only now and then: on some drivers reading a timestamp waits for the work in progress.
+        This is done rarely, because on some drivers reading a timestamp waits for work in progress.
         """
         frame = self._frame
         if frame.frame_count < self._next_look:
@@ -192,5 +193,5 @@ class PathTracer(PictureRenderer):
 
     @property
     def rays(self) -> int:
-        """How many rays the picture has taken so far."""
+        """The number of rays traced for the picture so far."""
         return int(self._frame["ray_count"].sum(dtype=np.uint64))

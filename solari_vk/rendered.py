@@ -1,4 +1,4 @@
-"""What the renderers of pictures share: size, lifetime, and the frame that `render` returns, with results by name."""
+"""The base of the renderers of pictures, and the frame that `render` returns."""
 
 from __future__ import annotations
 
@@ -25,18 +25,19 @@ from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera, Instance, Scene
 from solari_vk.scene.projection import Projection
 
-DARKEST, BRIGHTEST = 1e-4, 30.0  # medians of what is lit, where 1 shows as white: beyond them little can be seen
+# Medians of the lit pixels after exposure, where 1 is shown as white. Outside this range little can be seen.
+DARKEST, BRIGHTEST = 1e-4, 30.0
 
 
 class RenderedFrame:
-    """One frame's results by name, as numpy arrays; the renderer's next frame replaces them.
+    """The results of one frame as numpy arrays, by name, until the renderer renders its next frame.
 
-    `frame["radiance"]` is linear radiance (height, width, 3) in cd/m^2, and so is `np.asarray(frame)`. `frame["depth"]`
-    and the other names of `pathtracer.FIRST_HIT_AOVS` are what the centre of each pixel shows; they are computed when
-    the first of them is asked for. `keys()` lists what this renderer's frames have; any buffer or image of its shaders
-    can be read by its name too. Reading waits for the frame and copies.
+    `frame["radiance"]` is linear radiance (height, width, 3) in cd/m^2; `np.asarray(frame)` is the same.
+    `frame["depth"]` and the other names of `pathtracer.FIRST_HIT_AOVS` describe what is visible at the centre of each
+    pixel; they are computed on demand. `keys()` lists all of these names. Buffers and images of the renderer's shaders
+    can be read by their names too. Reading a result waits for the frame and returns a copy.
 
-    Raises SolariError for an unknown name, and once a later frame was rendered or the renderer was closed.
+    Raises SolariError for an unknown name, after a later frame has been rendered, and after the renderer was closed.
     """
 
     def __init__(self, renderer: PictureRenderer, camera: Camera, projection: Projection, submission: int) -> None:
@@ -44,7 +45,7 @@ class RenderedFrame:
         self._projection = projection
         self._submission = submission
         self.camera = camera
-        """The camera object that the frame was rendered with; it may have moved since."""
+        """The camera object that the frame was rendered with. It may have been changed since then."""
         self.size = renderer.size
         """Width and height in pixels."""
 
@@ -56,7 +57,7 @@ class RenderedFrame:
         return renderer.read(name)
 
     def keys(self) -> list[str]:
-        """The names of the results that a picture has."""
+        """The names of the results."""
         return list(self._renderer.OUTPUTS)
 
     def __iter__(self) -> Iterator[str]:
@@ -84,7 +85,7 @@ class RenderedFrame:
         return self._renderer.binder.instances
 
     def mask(self, instance: Instance | str) -> NDArray[np.bool_]:
-        """Which pixels show an instance at their centre, (height, width); given itself or its name."""
+        """Whether pixels show an instance at their centre, (height, width). instance: the object or its name."""
         if isinstance(instance, str):
             instance = self._renderer.binder.scene.instances[instance]
         ids = [number for number, other in self.instances.items() if other is instance]
@@ -100,9 +101,11 @@ class RenderedFrame:
     ) -> None:
         """Write the picture as a .png, or radiance in cd/m^2 as an .exr or .npy.
 
-        layers: further results by name; channels of an .exr, otherwise .npy files beside the picture. exposure: the
-        factor from radiance to the .png's values, by default the camera's; "auto" follows from the picture. tonemap: by
-        default the renderer's. A .png of a debug view is what `frame["display"]` holds.
+        layers: names of further results, which become channels of an .exr, otherwise .npy files beside the picture.
+        exposure: the factor by which the .png multiplies radiance, by default the camera's; "auto" chooses it by the
+        picture. tonemap: the tone curve of the .png, by default the renderer's. While the renderer shows a debug view,
+        a .png holds `frame["display"]`. Warns of a .png in which nothing can be seen. Raises SolariError for an unknown
+        name or suffix, and for a file that can't be written.
         """
         renderer = self._renderer
         is_png = Path(path).suffix.lower() == ".png"
@@ -127,7 +130,7 @@ class RenderedFrame:
 
 
 def _warn_of_exposure(picture: NDArray[Any]) -> None:
-    """Warn of an exposed picture in which nothing can be seen."""
+    """Warn if nothing can be seen in a picture after exposure."""
     if not picture.any():
         text = (
             "the picture is black: the scene's lights don't reach it. Lights are DirectionalLight, instances with an "
@@ -141,16 +144,16 @@ def _warn_of_exposure(picture: NDArray[Any]) -> None:
 
 
 class PictureRenderer(SceneUser, ABC):
-    """Renders pictures of one size by a frame of stages.
+    """Renders pictures of a size with a frame of stages.
 
-    A subclass makes `_frame` in its constructor and says by `_stages` what the frame is for a size.
+    Subclasses make `_frame` in their constructors; `_stages` gives the frame's stages for a size.
     size: (width, height) in pixels. Raises SolariError for a size that the device can't hold.
     """
 
     OUTPUTS: ClassVar[tuple[str, ...]]
-    """The results that every frame has by name."""
-    LARGEST_PIXEL_BYTES: ClassVar[int]  # of one pixel in any one buffer
-    IN_IMAGES: ClassVar[bool]  # whether the picture is in images, whose width and height the device limits
+    """The names of the results of a frame."""
+    LARGEST_PIXEL_BYTES: ClassVar[int]  # the largest size of a pixel in any one buffer
+    IN_IMAGES: ClassVar[bool]  # whether results are in images, whose sides the device limits
     view: str = "picture"
     tonemap: str = "agx"
     """The tone curve of saved pictures: "none", "reinhard", "aces" or "agx"."""
@@ -173,26 +176,26 @@ class PictureRenderer(SceneUser, ABC):
 
     @abstractmethod
     def _stages(self, size: tuple[int, int]) -> list[Stage]:
-        """What happens in a frame, in this order."""
+        """The stages of a frame, in order."""
 
     @abstractmethod
     def resize(self, size: tuple[int, int]) -> None:
-        """Change the picture's size, (width, height) in pixels; the picture starts anew.
+        """Change the picture's size to (width, height) in pixels. What was accumulated is discarded.
 
         Raises SolariError for a size that the device can't hold; the size then stays as it was.
         """
 
     def reload(self) -> None:
-        """Take up changed shaders. Raises CompilationError when one can't be compiled; the old ones then stay."""
+        """Compile changed shaders. Raises CompilationError if one has an error; the old shaders then stay in use."""
         self._frame.rebuild()
         self.first_hits.close()
 
     @abstractmethod
     def reset(self) -> None:
-        """Forget all earlier frames, as after a cut."""
+        """Discard what earlier frames accumulated."""
 
     def resource(self, name: str) -> Any:
-        """The Buffer or Image that a name of the shaders meant in the latest frame."""
+        """The Buffer or Image that had this name in the shaders of the latest frame."""
         return self._frame.resource(name)
 
     @property
@@ -205,21 +208,21 @@ class PictureRenderer(SceneUser, ABC):
         return self._frame.describe()
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """A result of the latest frame by its name; see RenderedFrame. Raises SolariError before the first frame."""
+        """A result of the latest frame, as RenderedFrame has it. Raises SolariError if there is no frame."""
         if self._latest is None:
             raise SolariError(f"{type(self).__name__}: render before asking for '{name}'")
         return self._latest[name]
 
     @abstractmethod
     def read(self, name: str) -> NDArray[Any]:
-        """A result of the latest frame that isn't one of the first hits'."""
+        """A result of the latest frame that isn't in pathtracer.FIRST_HIT_AOVS."""
 
     def check_latest(self, frame: RenderedFrame, name: str) -> None:
-        """Raise SolariError if a frame's results are no longer on the device."""
+        """Raise SolariError if a frame's results are no longer on the device. name: the result that is asked for."""
         if self._latest is frame:
             return
-        what = "was closed" if self._closed else "has begun a later one"
-        raise SolariError(f"this frame is gone, since its {type(self).__name__} {what}: read '{name}' before that")
+        what = "was closed" if self._closed else "has rendered a later one"
+        raise SolariError(f"read '{name}' earlier: this frame's {type(self).__name__} {what}")
 
     def close(self) -> None:
         """Free everything on the device. Safe to call twice."""

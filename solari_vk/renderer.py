@@ -1,4 +1,4 @@
-"""The realtime renderer: what a frame is, read top to bottom."""
+"""The realtime renderer: `_stages` lists what a frame is, from top to bottom."""
 
 from __future__ import annotations
 
@@ -35,19 +35,20 @@ from solari_vk.settings import Settings, uniform_values
 
 THIS_FRAME = ("index", "seed", "has_history", "exposure", "lighting_change")  # fields of the uniform block
 LIGHT = (*display.PARTS[:-1], "di_diffuse", "di_specular", "gi_diffuse", "specular_gi")  # parts of the radiance
-COUNTING = ("gbuffer", "world_cache")  # stages that count something, in NAME_counters
+COUNTING = ("gbuffer", "world_cache")  # stages with a buffer of counters, NAME_counters
 
 
 class Renderer(PictureRenderer):
     """Solari's realtime lighting: ReSTIR DI and GI, a world-space radiance cache, specular GI.
 
-    size: (width, height) in pixels. settings: shared, not copied, so that assigning to its fields takes effect with the
-    next frame. seed: the random numbers' seed; the same seed gives the same pictures, another seed other noise.
-    count_rays: passes count their rays in `frame["ray_counts"]`, in the order of `counted_passes`, which takes some
-    time. Sources: "Solari" posts of Bevy 0.17, 0.18 and 0.19.
+    size: (width, height) in pixels. settings: kept, not copied; assigning to one of its fields takes effect with the
+    next frame. seed: a whole number; the same seed gives the same pictures, bit by bit, and another seed gives
+    independent noise. count_rays: passes count their rays in `frame["ray_counts"]`, in the order of `counted_passes`;
+    this costs some time. Sources: the posts on Solari in Bevy 0.17, 0.18 and 0.19.
 
-    The scene may be edited between calls of `render`, and several renderers may share it (as one SceneBinder, to
-    hold it on the device once). `close` frees what the device holds; closing the device does so too.
+    The scene may be edited between calls of `render`. Several renderers may share a scene; given one SceneBinder, they
+    share its memory on the device too. `close` frees the renderer's memory on the device; closing the device frees it
+    as well. Raises SolariError for a size that the device can't hold and for a wrong seed.
     """
 
     OUTPUTS = ("radiance", *pathtracer.FIRST_HIT_AOVS, *LIGHT, *(f"guides_{name}" for name in guides.IMAGES), "display")
@@ -87,7 +88,7 @@ class Renderer(PictureRenderer):
     # ---- the frame ----------------------------------------------------------------------------------
 
     def _stages(self, size: tuple[int, int]) -> list[Stage]:
-        """What happens in a frame, in this order."""
+        """The stages of a frame, in order."""
         settings, instances = self.settings, self.binder.instance_capacity
         stages = [
             gbuffer.stage(size, settings, instances),
@@ -108,8 +109,8 @@ class Renderer(PictureRenderer):
     def render(self, camera: Camera | None = None) -> RenderedFrame:
         """Submit the next frame and return it, without waiting for it; its results are read by name.
 
-        camera: by default the scene's. Light gathers over frames: after about 24 of them a still picture has settled.
-        Call `reset` at a cut.
+        camera: by default the scene's. Light accumulates over frames; the picture of a still camera settles after about
+        24 frames. Call `reset` at a cut. Raises SolariError for a wrong camera or an invalid scene.
         """
         camera = self._camera_or_default(camera)
         self.binder.update()
@@ -127,18 +128,18 @@ class Renderer(PictureRenderer):
             projection = self._write_uniforms(camera)
             submission = self._frame.submit()
         except BaseException:
-            self.reset()  # the device's history is older than the cameras and lights noted here
+            self.reset()  # the history on the device doesn't belong to the cameras and lights recorded here
             raise
         self.frame_count += 1
         self._latest = RenderedFrame(self, camera, projection, submission)
         return self._latest
 
     def _build_key(self) -> tuple[Any, ...]:
-        """What `_stages` depends on."""
+        """Everything that `_stages` depends on."""
         return self.size, self.binder.instance_capacity, self.settings.built_in
 
     def _rebuild(self) -> None:
-        """Build the frame anew; when the scene has outgrown the table of instances, their motion goes on."""
+        """Rebuild the frame. Previous transforms of instances are kept when the table of instances has grown."""
         key = self._build_key()
         grown = self.frame_count > 0 and key[1] > self._built[1]
         instances = self._frame.resource(gbuffer.PREVIOUS_INSTANCES).read() if grown else None
@@ -202,7 +203,7 @@ class Renderer(PictureRenderer):
         self._tonemap = _index_of(name, TONEMAPS, "tone mapping")
 
     def resize(self, size: tuple[int, int]) -> None:
-        """Change the picture's size, (width, height) in pixels, from the next frame on, without history.
+        """Change the picture's size to (width, height) in pixels, from the next frame on. The history is dropped.
 
         Raises SolariError for a size that the device can't hold; the size then stays as it was.
         """
@@ -210,17 +211,17 @@ class Renderer(PictureRenderer):
         self.reset()
 
     def reset(self) -> None:
-        """Forget all earlier frames, as after a cut."""
+        """Drop the history of earlier frames, as is needed at a cut."""
         self._has_history = False
 
     # ---- results ------------------------------------------------------------------------------------
 
     def read(self, name: str) -> NDArray[Any]:
-        """A copy of a result of the latest frame; waits for it.
+        """A copy of a result of the latest frame. Waits for the frame.
 
-        Buffers with an element a pixel and images come as (height, width[, channels]), others as they are.
-        "stage/counter" is a field of the counters of one of COUNTING, such as "world_cache/active_cells"; in other
-        names "/" stands for "_". "gbuffer_depth" is the image `depth`: near / distance along the view axis, 0: nothing.
+        Images, and buffers with one element per pixel, have the shape (height, width[, channels]); other buffers keep
+        theirs. "stage/counter" is a counter of a stage in COUNTING, such as "world_cache/active_cells". In other names
+        "/" stands for "_". "gbuffer_depth" is the image `depth`: near / distance along the view axis, 0 for background.
         """
         stage, _, counter = name.partition("/")
         block = f"{stage}_counters"
@@ -235,12 +236,12 @@ class Renderer(PictureRenderer):
             raise unknown_name("Renderer: there is no result", name, self.OUTPUTS)
         values = self._frame[resource]
         width, height = self._built[0]
-        if values.shape[:1] == (width * height,) and values.shape[:2] != (height, width):  # a buffer of a row a pixel
+        if values.shape[:1] == (width * height,) and values.shape[:2] != (height, width):
             return values.reshape(height, width, *values.shape[1:])
         return values
 
 
 def _index_of(name: str, names: tuple[str, ...], what: str) -> int:
     if name not in names:
-        raise SolariError(f"Renderer: there is no {what} {name!r}; there are {', '.join(names)}")
+        raise unknown_name(f"Renderer: there is no {what}", name, names)
     return names.index(name)

@@ -1,4 +1,4 @@
-"""Rays through a scene, for whatever isn't a picture: from arrays in Python, or in compute shaders of one's own."""
+"""Arrays of rays through a scene, and what each ray hits."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from solari_vk.scene.model import Instance, Scene
 
 SHADER = "passes/ray_tracer/trace.comp"
 ARRAYS = ("ray_origins", "ray_directions", "ray_starts", "ray_ends", "ray_hits")
-BATCH = 1 << 16  # rays in a dispatch: long enough to hide what it costs to start one, short for any watchdog
+BATCH = 1 << 16  # rays in a dispatch: enough to hide the cost of a dispatch, few enough for any driver's watchdog
 
 
 class RayTracer(SceneUser):
-    """Traces arrays of rays through a scene; a context manager.
+    """Traces arrays of rays through a scene. A context manager.
 
-    The scene may be edited between calls. `instances` are the Instance objects by the numbers in hits. Instances that
-    have a ray_mesh are met there. Invisible ones are not met.
+    The scene may be edited between calls. `instances` has the Instance objects by the numbers in hits. Rays hit an
+    instance's ray_mesh where it has one, and pass through invisible instances.
     """
 
     def __init__(self, device: Device, scene: Scene | SceneBinder) -> None:
@@ -59,19 +59,21 @@ class RayTracer(SceneUser):
         t_max: ArrayLike = np.inf,
         any_hit: bool = False,
     ) -> NDArray[Any]:
-        """What rays meet: origins and directions (..., 3) in metres and of any length, broadcast to each other.
+        """The nearest hit of each ray.
 
-        t_min, t_max (...) are in lengths of the direction. any_hit: whatever is found first, which is quicker where
-        only being blocked counts. A ray with NaN, an infinite origin or direction, no direction or a negative t_min
-        meets nothing. All are taken as float32, beyond whose range is infinity: a t_max of 1e300 is no limit.
+        origins (..., 3) are in metres; directions (..., 3) may have any length. t_min and t_max (...) bound the ray, in
+        multiples of its direction. All four are broadcast against each other and converted to float32, where values
+        beyond the range become infinite. any_hit: return any hit instead of the nearest, which is faster if only
+        occlusion matters. A ray with a NaN, an infinite origin or direction, a direction of zero length or a negative
+        t_min hits nothing.
 
-        Returns records (...): t (inf: nothing), instance (a key of `instances`, -1: nothing), primitive (the triangle
-        of its ray_mesh or mesh, as given there; -1), barycentrics (2) of the second and third vertex, front_face,
-        position (3), and normal (3), the triangle's own of unit length on its front. Raises SolariError for arrays
-        that don't fit each other.
+        Returns records (...) with the fields t (inf without a hit), instance (a key of `instances`, -1 without a hit),
+        primitive (the index of the triangle in the ray_mesh or mesh, -1 without a hit), barycentrics (2) of the second
+        and third vertex, front_face, position (3) in metres, and normal (3), the triangle's unit normal on its front
+        side. Raises SolariError for arrays whose shapes don't fit each other.
         """
         if self._closed:
-            raise SolariError("RayTracer.trace: it is closed; make another one")
+            raise SolariError("RayTracer.trace: the ray tracer is closed; make a new one")
         check_switch(any_hit, "trace: any_hit")
         shape, rays = _broadcast(origins, directions, t_min, t_max)
         self._update()
@@ -83,13 +85,13 @@ class RayTracer(SceneUser):
             batch = slice(start, min(start + BATCH, count))
             first = number % 2 * BATCH
             place = slice(first, first + batch.stop - batch.start)
-            with np.errstate(over="ignore"):  # becomes infinity, as said
+            with np.errstate(over="ignore"):  # overflow gives infinity, as documented
                 for name, values in rays.items():
                     self._views[name][place] = values[batch]
             frame.uniforms["ray_batch.first"] = first
             frame.uniforms["ray_batch.count"] = batch.stop - batch.start
             submitted = (frame.submit(), batch, place)
-            if pending is not None:  # fetched while the next ones are traced
+            if pending is not None:  # fetch a batch while the next one is traced
                 self._fetch(hits, *pending)
             pending = submitted
         if pending is not None:
@@ -102,7 +104,7 @@ class RayTracer(SceneUser):
         hits[batch].view(np.uint8)[:] = self._views["ray_hits"][place].view(np.uint8)
 
     def frame(self, any_hit: bool) -> SceneFrame:
-        """The frame that traces a batch of what lies in the buffers."""
+        """The frame that traces a batch of the rays in the buffers."""
         if any_hit not in self._frames:
             vk = self.device.vk
             trace = Pass("ray_tracer/trace", threads=BATCH, constants={"any_hit": any_hit})
@@ -112,7 +114,7 @@ class RayTracer(SceneUser):
         return self._frames[any_hit]
 
     def _update(self) -> None:
-        """Take up the scene's edits: what its instances are, and the order in which its triangles lie on the device."""
+        """Apply the scene's edits to `instances` and to the order of triangles on the device."""
         self.binder.update()
         if self.binder.revision == self._revision:
             return
@@ -147,7 +149,7 @@ class RayTracer(SceneUser):
 
 
 def _host_type(element: Any) -> np.dtype[Any]:
-    """An array's type in the shader as users see it: the number -1 and true or false for what are unsigned there."""
+    """A shader's type as users see it: indices are signed, so that -1 means none, and front_face is a bool."""
     if element.names is None:
         return np.dtype((element.base, element.shape))
     types = {"instance": "<i4", "primitive": "<i4", "front_face": "?"}
@@ -166,7 +168,7 @@ def _host_type(element: Any) -> np.dtype[Any]:
 def _broadcast(
     origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike
 ) -> tuple[tuple[int, ...], dict[str, NDArray[Any]]]:
-    """The rays' shape, and what the shader takes as arrays (N, 3) and (N)."""
+    """The shape of the rays, and the shader's inputs as arrays (N, 3) and (N)."""
     given = {"origins": origins, "directions": directions, "t_min": t_min, "t_max": t_max}
     arrays = {name: numbers(values, f"trace: {name}") for name, values in given.items()}
     for name in ("origins", "directions"):

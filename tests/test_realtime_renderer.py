@@ -85,7 +85,7 @@ def test_results_keep_their_shape_until_the_next_frame(renderer, scene):
 def test_a_later_frame_replaces_an_earlier_one(renderer, scene):
     first = renderer.render(scene.camera)
     renderer.render(scene.camera)
-    with pytest.raises(sv.SolariError, match="this frame is gone, since its Renderer has begun a later one: read"):
+    with pytest.raises(sv.SolariError, match="earlier: this frame's Renderer has rendered a later one"):
         first["radiance"]
 
 
