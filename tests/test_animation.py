@@ -38,13 +38,13 @@ def test_an_orbit_goes_around_its_centre():
         assert angle_between(before, after) == pytest.approx(30)
         assert np.linalg.norm(position(after) - center) == pytest.approx(np.linalg.norm(position(CAMERA) - center))
         assert position(after)[1] == pytest.approx(2)
-        # the centre stays where it is in the picture
+        # the centre keeps its position in the picture
         np.testing.assert_allclose((center - position(after)) @ after.transform[:3, :3],
                                    (center - position(CAMERA)) @ CAMERA.transform[:3, :3], atol=1e-12)  # fmt: skip
         assert (after.vertical_fov, after.near, after.ev100) == (CAMERA.vertical_fov, CAMERA.near, CAMERA.ev100)
 
 
-def test_a_swing_comes_back_and_stays_within_its_angle():
+def test_a_sweep_returns_and_stays_within_its_angle():
     cameras = orbit(CAMERA, (1, 1, 0), 8, 30)
     angles = [angle_between(CAMERA, camera) for camera in cameras]
     assert max(angles) == pytest.approx(15)
@@ -57,7 +57,7 @@ def test_a_swing_comes_back_and_stays_within_its_angle():
 
 @pytest.fixture
 def path(tmp_path):
-    """path(poses, fps=.., count=..) -> the cameras of a file of these poses."""
+    """path(poses, fps=.., count=..) returns the cameras along a file of these poses."""
 
     def load(poses, **options):
         file = tmp_path / "path.json"
@@ -74,7 +74,7 @@ POSES = [
 ]
 
 
-def test_a_path_runs_through_its_poses(path):
+def test_a_path_goes_through_its_poses(path):
     cameras = path(POSES)
     assert len(cameras) == 31
     for pose, index in zip(POSES, (0, 20, 30), strict=True):
@@ -87,20 +87,20 @@ def test_a_path_runs_through_its_poses(path):
 
 
 def test_a_path_is_smooth(path):
-    """Speeds have no jumps and no halts, at poses neither, and orientations stay rotations."""
+    """The speed changes gradually and is never zero, also at the poses, and orientations are rotations."""
     cameras = path(POSES, fps=200)
     positions = np.array([position(camera) for camera in cameras])
     steps = np.diff(positions, axis=0)
     assert np.abs(np.diff(steps, axis=0)).max() < 0.03 * np.abs(steps).max()
     speeds = np.linalg.norm(steps, axis=1)
-    assert speeds.min() > 0.3 * speeds.max(), "it halts nowhere"
+    assert speeds.min() > 0.3 * speeds.max(), "the camera stops"
     axes = np.array([camera.transform[:3, :3] for camera in cameras])
     np.testing.assert_allclose(axes @ axes.transpose(0, 2, 1), np.broadcast_to(np.eye(3), axes.shape), atol=1e-12)
     turns = [angle_between(a, b) for a, b in zip(cameras[::20], cameras[20::20], strict=False)]
     assert max(turns) < 8
 
 
-def test_poses_without_times_are_a_second_apart_and_count_spreads_pictures_over_them(path):
+def test_poses_without_times_are_a_second_apart_and_count_divides_the_path_evenly(path):
     poses = [{key: value for key, value in pose.items() if key != "time"} for pose in POSES]
     assert len(path(poses)) == 21
     few = path(poses, count=3)
@@ -117,7 +117,7 @@ def test_poses_without_times_are_a_second_apart_and_count_spreads_pictures_over_
         ([POSES[0], 3], "two poses"),
         ([POSES[0], {"position": [0, 0, 1], "target": [0, 0, 0]}], "1 of 2"),
         ([POSES[0], POSES[2] | {"time": "late"}], "number"),
-        ([POSES[0], POSES[2] | {"time": 0}], "grow"),
+        ([POSES[0], POSES[2] | {"time": 0}], "increase"),
         ([POSES[0], POSES[2] | {"time": float("nan")}], "finite"),
         ([POSES[0], POSES[2] | {"time": 1e9}], "100,000"),
         ([POSES[0], POSES[2] | {"zoom": 3}], "pose 1.*zoom"),
@@ -125,7 +125,7 @@ def test_poses_without_times_are_a_second_apart_and_count_spreads_pictures_over_
         ([POSES[0], {"position": [0, 0, 5], "target": [0, 0, 9], "time": 1}], "0 and 1"),
     ],
 )
-def test_paths_it_refuses(path, poses, words):
+def test_files_that_are_no_path(path, poses, words):
     with pytest.raises(sv.SolariError, match=rf"path\.json.*{words}"):
         path(poses)
 

@@ -1,4 +1,4 @@
-"""The shown picture: exposure, sRGB and tone curves over sixteen stops, and debug views that show what they say."""
+"""The displayed picture: exposure, sRGB and tone curves over sixteen stops; debug views against the buffers they show."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from solari_vk.scene.builtin import cornell_box, lamp, rgb
 
 Image = NDArray[Any]
 _DEBUG_VIEWS = (SUITE, "Debug views")
-EXPOSURE = Rule("white is 1.2 * 2^EV100 cd/m^2, and light shown in proportion", "ISO 12232", "saturation-based speed")
+EXPOSURE = Rule("white is 1.2 * 2^EV100 cd/m^2, and displayed light is proportional to radiance", "ISO 12232", "saturation-based speed")
 SRGB = Rule("without a tone curve, the sRGB transfer function", "IEC 61966-2-1", "8 bits")
 CURVES = {
     "reinhard": Rule("Reinhard's curve, of luminance", "Reinhard et al. 2002", "equation 3"),
     "aces": Rule("the ACES filmic curve", "Narkowicz 2015", "ACES Filmic Tone Mapping Curve"),
     "agx": Rule("the AgX curve", "Wrensch 2023", "Minimal AgX Implementation"),
 }
-SHOWN = Rule("every debug view shows more than one thing", *_DEBUG_VIEWS)
-LIGHT = Rule("views of light are its parts", *_DEBUG_VIEWS)
-SURFACE = Rule("views of surfaces and guides are their buffers", *_DEBUG_VIEWS)
-NUMBERS = Rule("numbers are shown in Viridis's colours, wherever there are any", *_DEBUG_VIEWS)
+SHOWN = Rule("every debug view shows more than one color", *_DEBUG_VIEWS)
+LIGHT = Rule("views of light show the parts of radiance", *_DEBUG_VIEWS)
+SURFACE = Rule("views of surfaces and guides show their buffers", *_DEBUG_VIEWS)
+NUMBERS = Rule("numbers are shown in the colors of Viridis", *_DEBUG_VIEWS)
 COLUMNS, ROWS = 16, 12
 EV100, EXPOSURES = 6.0, (3.0, 6.0, 9.0)
 SIZE = (32, 24)
@@ -40,7 +40,7 @@ SIZE = (32, 24)
 
 
 def patches() -> tuple[sv.Scene, Image]:
-    """Squares of light that fill a picture, one a pixel, over sixteen stops around white, and their radiance."""
+    """A scene of one emissive square per pixel, sixteen stops around white, and the squares' radiance."""
     rng, scene, half = np.random.default_rng(3), sv.Scene(), 0.5 / ROWS
     stops = rng.permutation(np.linspace(-10, 6, ROWS * COLUMNS))[:, None]
     radiance = 1.2 * 2 ** (EV100 + stops) * rng.uniform(0, 1, (ROWS * COLUMNS, 3))
@@ -52,21 +52,21 @@ def patches() -> tuple[sv.Scene, Image]:
 
 
 def encode_srgb(linear: Image) -> Image:
-    """Codes from 0 to 255, unrounded, of light from 0 to 1."""
+    """sRGB codes from 0 to 255, unrounded, of linear values from 0 to 1."""
     linear = np.clip(linear, 0, 1)
     encoded: Image = 255 * np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     return encoded
 
 
 def decode_srgb(codes: Image) -> Image:
-    """The inverse."""
+    """The inverse of encode_srgb."""
     encoded = codes / 255
     linear: Image = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
     return linear
 
 
 def measure_picture(device: Device) -> Iterator[Measurement]:
-    """Exposures, and what curves make of radiance as the frame left it."""
+    """Exposure, and the tone curves applied to the frame's own radiance."""
     scene, radiance = patches()
     with make_renderer(device, scene, (COLUMNS, ROWS), **OFF) as renderer:
         for ev100, tonemap in (*((ev100, "none") for ev100 in EXPOSURES), *((EV100, curve) for curve in CURVES)):
@@ -81,7 +81,7 @@ def measure_picture(device: Device) -> Iterator[Measurement]:
             exposed = frame["radiance"] * np.float32(exposure)
             expected = encode_srgb(tone_mapping.CURVES[tonemap](exposed))
             error = np.abs(codes - expected).max() if len(np.unique(codes)) > 50 else np.inf
-            # Vulkan lets a conversion to 8 bits end at either neighbour.
+            # Vulkan allows either neighbouring code when a value is converted to 8 bits.
             yield Measurement(CURVES.get(tonemap, SRGB), float(error), 1.0, "codes", f"EV100 {ev100:g}")
 
 
@@ -101,17 +101,17 @@ _SURFACE: dict[str, Callable[[RenderedFrame], Image]] = {
     "guide_specular_albedo": lambda frame: encode_srgb(frame["guides_specular_albedo"][..., :3] / 255),
     "guide_specular_motion": lambda frame: 127.5 - 255 / 16 * frame["guides_specular_motion"] * SIZE,
 }
-# Views of numbers, and whether black says that there is none.
+# Views of numbers, and whether a pixel without a number is black.
 _NUMBERS = {
     "depth": False, "guide_depth": False, "cache_lod": False, "cache_samples": True, "cache_life": True,
     "di_confidence": False, "di_weight": True, "gi_confidence": False, "gi_weight": False,
 }  # fmt: skip
-# Five of the colours of Viridis (van der Walt and Smith 2015).
+# Five colors of Viridis (van der Walt and Smith 2015).
 _VIRIDIS = np.array([(68, 1, 84), (58, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37)])
 
 
 def _is_viridis(codes: Image) -> NDArray[np.bool_]:
-    """Whether codes (N, 3) lie between neighbours of the colours."""
+    """Whether codes (N, 3) are interpolated between neighbouring colors of _VIRIDIS."""
     share = np.linspace(0, 4, 1025)
     ramp = np.stack([np.interp(share, np.arange(5), channel) for channel in _VIRIDIS.T], axis=-1)
     found: NDArray[np.bool_] = np.abs(codes[:, None] - ramp).max(axis=-1).min(axis=-1) <= 2
@@ -119,7 +119,7 @@ def _is_viridis(codes: Image) -> NDArray[np.bool_]:
 
 
 def room() -> sv.Scene:
-    """A Cornell box of several materials and lights, so that no view has a reason to be of one colour."""
+    """A Cornell box with more materials and lights, so that every view should show several colors."""
     scene = cornell_box()
     blocks = {instance.name: instance for instance in scene.instances}
     gold = sv.Material(base_color=rgb((0.9, 0.7, 0.4)), metallic=1.0, perceptual_roughness=0.2)
@@ -129,10 +129,10 @@ def room() -> sv.Scene:
 
 
 def measure_views(device: Device) -> Iterator[Measurement]:
-    """Every view, one a frame, of a camera that sways."""
+    """Every view in a frame of its own; the camera moves between frames."""
     scene, constant = room(), []
     if unknown := {*_LIGHT, *_SURFACE, *_NUMBERS} - set(DEBUG_VIEWS):
-        raise SolariError(f"there are no views {', '.join(sorted(unknown))}: what these rules check was renamed")
+        raise SolariError(f"there are no views {', '.join(sorted(unknown))}: these rules need their new names")
     errors: dict[Rule, list[float]] = {LIGHT: [], SURFACE: [], NUMBERS: []}
     camera = scene.camera
     with make_renderer(device, scene, SIZE, world_cache_lod_distance=0.5, jitter=False) as renderer:
@@ -157,4 +157,4 @@ def measure_views(device: Device) -> Iterator[Measurement]:
     yield count_wrong(SHOWN, constant)
     yield Measurement(LIGHT, float(np.max(errors[LIGHT])), 1.0, "codes")
     yield Measurement(SURFACE, float(np.max(errors[SURFACE])), 1.0, "codes")
-    yield Measurement(NUMBERS, float(np.sum(errors[NUMBERS])), 0.0, "pixels are others")
+    yield Measurement(NUMBERS, float(np.sum(errors[NUMBERS])), 0.0, "pixels of other colors")

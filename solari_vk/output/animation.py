@@ -1,4 +1,4 @@
-"""Camera paths: an orbit around a point, and poses that a JSON file lists. Pure numpy."""
+"""Camera paths: an orbit around a point, and a curve through the poses of a JSON file. Pure numpy."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ from numpy.typing import ArrayLike, NDArray
 from solari_vk.errors import SolariError
 from solari_vk.scene.model import Camera
 
-MOST_CAMERAS = 100_000
-LARGEST_TURN = 170.0  # degrees from one pose to the next: which way to turn by 180 nobody could tell
+MAX_CAMERAS = 100_000
+MAX_TURN = 170.0  # degrees between successive poses: a turn by 180 degrees has no unique direction
 
 
 def orbit(camera: Camera, center: ArrayLike, count: int, sweep_degrees: float | None = None) -> list[Camera]:
-    """`count` cameras that go once around the vertical axis through `center`, or swing through an angle and back.
+    """`count` cameras that go once around the vertical axis through `center`.
 
-    The last one is a step before the first, so that the path repeats without a halt.
+    With `sweep_degrees` they swing through that angle and back instead. One step after the last camera comes the first
+    again, so that the movie can loop.
     """
     turns = 2 * math.pi * np.arange(count) / count
     if sweep_degrees is not None:
@@ -42,24 +43,24 @@ def orbit(camera: Camera, center: ArrayLike, count: int, sweep_degrees: float | 
 
 
 def load_path(path: str | Path, camera: Camera, *, fps: float, count: int | None = None) -> list[Camera]:
-    """Cameras along the poses of a JSON file, `fps` a second, or `count` from the first pose to the last.
+    """Cameras along the poses of a JSON file: `fps` for each second, or `count` of them if given.
 
-    The file is a list of poses as Camera.from_pose takes them, each with its "time" in seconds, or all without: then
-    they are a second apart. What a pose doesn't say is as `camera` has it. Position, orientation and field of view run
-    smoothly through the poses (cubic Hermite curves). Raises SolariError for what is no such file.
+    The file is a list of poses as Camera.from_pose takes them. All have a "time" in seconds or none has: then the poses
+    are one second apart. Values that a pose omits are those of `camera`. Position, orientation, field of view and
+    exposure follow cubic Hermite curves through the poses. Raises SolariError for any other file.
     """
     times, poses = _read(Path(path), camera)
     if count is None:
         count = round((times[-1] - times[0]) * fps) + 1
-    if count > MOST_CAMERAS:
-        raise SolariError(f"{path}: {count:,} pictures are more than {MOST_CAMERAS:,}: give --frames or nearer times")
-    places = np.linspace(times[0], times[-1], count)
+    if count > MAX_CAMERAS:
+        raise SolariError(f"{path}: {count:,} pictures are more than {MAX_CAMERAS:,}: give --frames, or shorten the times")
+    frame_times = np.linspace(times[0], times[-1], count)
     channels = {
         "transform": np.array([pose.transform for pose in poses]),
         "fov": np.array([math.log(math.tan(pose.vertical_fov / 2)) for pose in poses]),
         "ev100": np.array([pose.ev100 for pose in poses]),
     }
-    curves = {name: _interpolate(times, values, places) for name, values in channels.items()}
+    curves = {name: _interpolate(times, values, frame_times) for name, values in channels.items()}
     cameras = []
     for transform, fov, ev100 in zip(curves["transform"], curves["fov"], curves["ev100"], strict=True):
         left, _, right = np.linalg.svd(transform[:3, :3])
@@ -83,12 +84,12 @@ def _read(path: Path, camera: Camera) -> tuple[NDArray[np.float64], list[Camera]
     except (TypeError, ValueError):
         raise SolariError(f"{path}: a pose's 'time' must be a number of seconds") from None
     if not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
-        raise SolariError(f"{path}: the times of poses must be finite and grow from each to the next")
+        raise SolariError(f"{path}: the times of poses must be finite and increase from pose to pose")
     poses = [_pose(path, index, item, camera) for index, item in enumerate(items)]
     for index, (a, b) in enumerate(pairwise(poses)):
         cosine = (np.sum(_axes(a) * _axes(b)) - 1) / 2
-        if cosine < math.cos(math.radians(LARGEST_TURN)):
-            raise SolariError(f"{path}: poses {index} and {index + 1} face opposite ways: put another one between")
+        if cosine < math.cos(math.radians(MAX_TURN)):
+            raise SolariError(f"{path}: poses {index} and {index + 1} face opposite directions: put another pose between them")
     return times, poses
 
 
@@ -106,14 +107,17 @@ def _axes(camera: Camera) -> NDArray[np.float64]:
 
 
 def _interpolate(
-    times: NDArray[np.float64], values: NDArray[np.float64], places: NDArray[np.float64]
+    times: NDArray[np.float64], values: NDArray[np.float64], wanted_times: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Through values (n, ...) at times (n,), whose slopes are those of the parabolas through neighbours."""
+    """Cubic Hermite curves through values (n, ...) at times (n,), evaluated at wanted_times (m,).
+
+    The slope at a pose is that of the parabola through the pose and its neighbours.
+    """
     slopes = np.gradient(values, times, axis=0)
-    first = np.clip(np.searchsorted(times, places, side="right") - 1, 0, len(times) - 2)
+    first = np.clip(np.searchsorted(times, wanted_times, side="right") - 1, 0, len(times) - 2)
     shape = (-1, *[1] * (values.ndim - 1))
     step = np.diff(times)[first].reshape(shape)
-    t = (places - times[first]).reshape(shape) / step
+    t = (wanted_times - times[first]).reshape(shape) / step
     start, end = values[first], values[first + 1]
     return np.asarray(
         start

@@ -19,7 +19,7 @@ SUFFIXES = (".png", ".exr", ".npy")
 
 
 def check_output(path: str | os.PathLike[str], suffixes: Sequence[str] = SUFFIXES) -> None:
-    """Raise SolariError when nothing could be written there: none of the suffixes, or no such folder."""
+    """Raise SolariError if the path has none of the suffixes, is a folder, or is in a folder that doesn't exist."""
     target = Path(path)
     if target.suffix.lower() not in suffixes:
         raise SolariError(f"{target}: pictures are written as {', '.join(suffixes)}, not '{target.suffix}'")
@@ -38,11 +38,12 @@ def save_image(
     layers: Mapping[str, NDArray[Any]] | None = None,
     metadata: Mapping[str, str] | None = None,
 ) -> None:
-    """Write radiance (height, width, 3), and layers (height, width) or (height, width, 1 to 4), by the path's suffix.
+    """Write radiance (height, width, 3) in cd/m^2, and layers, in the format of the path's suffix.
 
-    .png: exposed, tone mapped, sRGB, 8 bits. .exr and .npy: radiance as it is, in cd/m^2; an .exr notes
-    exposure and metadata (text by key). Layers become channels of the .exr ("depth", "normal.X", "albedo.R"),
-    otherwise files of their own beside it ("picture.depth.npy"). Files appear whole or not at all.
+    .png: 8-bit sRGB after exposure and tone mapping. .exr and .npy: radiance unchanged; the header of an .exr holds the
+    exposure and the metadata. Layers, (height, width) or (height, width, 1 to 4), become channels of an .exr ("depth",
+    "normal.X", "albedo.R") or .npy files next to the picture ("picture.depth.npy"). A file that can't be written whole
+    isn't written. Raises SolariError for wrong shapes and for files that can't be written.
     """
     check_output(path)
     target = Path(path)
@@ -71,7 +72,7 @@ def _write_npy(path: Path, array: NDArray[Any]) -> None:
 
 
 def write_png(path: Path, codes: NDArray[np.uint8]) -> None:
-    """Write what a screen shows, (height, width, 3 or 4), such as a frame's "display"."""
+    """Write sRGB codes (height, width, 3 or 4), such as a frame's "display", without change."""
     from PIL import Image
 
     with whole_file(path) as temporary:
@@ -103,7 +104,10 @@ def _write_exr(path: Path, picture: Colors, layers: dict[str, NDArray[Any]], met
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """A temporary path in the same folder that takes the path's place once it is written."""
+    """A temporary path in the same folder; what is written there replaces the file at `path` when the context ends.
+
+    Raises SolariError when writing fails, and leaves the file at `path` as it was.
+    """
     temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     try:
         yield temporary

@@ -184,7 +184,7 @@ BUGS = {
     "ACES without its exposure": (display_checks.measure_picture, ["ACES"], TONEMAP, "ACES_EXPOSURE * color", "color"),
     "AgX without its outset": (display_checks.measure_picture, ["AgX"], TONEMAP, "shaped * inverse(AGX_INSET)",
                               "shaped"),
-    "a view of one colour": (display_checks.measure_views, ["more than one thing"], VIEW,
+    "a view of one color": (display_checks.measure_views, ["more than one color"], VIEW,
                              "display_settings.debug_view, pixel", "display_settings.debug_view, uvec2(0u)"),
     "another light shown": (display_checks.measure_views, ["views of light"], VIEW,
                             "(display_settings.debug_view,",
@@ -192,7 +192,7 @@ BUGS = {
     "motion shown twice": (display_checks.measure_views, ["views of surfaces"], VIEWS, "/ 16.0, 0.5)", "/ 8.0, 0.5)"),
     "another yellow": (display_checks.measure_views, ["Viridis"], VIEWS, "vec3(0.993, 0.906, 0.144)",
                        "vec3(1.0, 1.0, 0.0)"),
-    "a view of NaN": (display_checks.measure_views, ["more than one thing"], VIEWS,
+    "a view of NaN": (display_checks.measure_views, ["more than one color"], VIEWS,
                       "show_share(fract(log2(camera.near",
                       "show_share(fract(uintBitsToFloat(0x7FC00000u) + log2(camera.near"),
 }  # fmt: skip
