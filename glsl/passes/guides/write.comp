@@ -53,7 +53,7 @@ Guides describe_reflection(GBufferSurface seen, uvec2 pixel) {
     mat4x3 chain = mat4x3(1.0), previous_chain = mat4x3(1.0);
     vec3 previous_position;
 
-    for (uint i = 0u; i < MOST_MIRRORS && instance != NO_INDEX && is_metal_mirror(surface.material); i++) {
+    for (uint i = 0u; i < MAX_MIRRORS && instance != NO_INDEX && is_metal_mirror(surface.material); i++) {
         MirrorPlane mirror = MirrorPlane(surface.world_position, surface.world_normal);
         chain = append_mirror(chain, mirror);
         previous_chain = append_mirror(previous_chain, previous_mirror(instance, mirror));

@@ -1,4 +1,4 @@
-// Fills the light tiles, anew in every frame: each sample is any triangle of any light, uniformly, and a point of it.
+// Fills the light tiles of a frame: each sample is a random point of a random triangle of a random light.
 // Wyman and Panteleev, "Rearchitecting Spatiotemporal Resampling for Production" (2021), section 5.
 #version 460
 #include "common/random.glsl"
@@ -15,7 +15,8 @@ void main() {
     uint index = gl_GlobalInvocationID.x;
     if (index == 0u) { light_tiles.samples_each = samples_each; }
     if (index >= light_tiles.at.length()) { return; }
-    // Differs from Solari: hashed from frame, tile and place, where sums made the tiles of successive frames overlap
+    // Differs from Solari, whose seeds are sums, so that the tiles of successive frames overlap: a hash of frame,
+    // tile and index.
     uint rng = seed_rng(
         uvec2(index / samples_each, index % samples_each), this_frame.index, this_frame.seed ^ PASS_SALT
     );

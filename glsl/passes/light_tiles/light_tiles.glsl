@@ -1,5 +1,5 @@
-// Light samples to choose from, out of tiles that were drawn ahead: Wyman and Panteleev, "Rearchitecting Spatiotemporal
-// Resampling for Production" (2021), section 5. Users choose by these; what they choose they resolve again, exactly.
+// Light samples from presampled tiles: Wyman and Panteleev, "Rearchitecting Spatiotemporal Resampling for Production"
+// (2021), section 5. A pass chooses among packed samples, and resolves the chosen one again from the light itself.
 #ifndef PASSES_LIGHT_TILES_LIGHT_TILES_GLSL
 #define PASSES_LIGHT_TILES_LIGHT_TILES_GLSL
 
@@ -11,7 +11,7 @@
 
 struct LightCandidate {
     LightSample light_sample;
-    ResolvedLightSample resolved;  // as packed; without lights, black
+    ResolvedLightSample resolved;  // as unpacked from a tile; black in a scene without lights
 };
 
 PackedLightSample pack_light_sample(ResolvedLightSample resolved) {
@@ -40,14 +40,14 @@ const LightSample NO_LIGHT_SAMPLE = LightSample(NO_INDEX, 0u, 0u);
 const ResolvedLightSample BLACK_LIGHT_SAMPLE =
     ResolvedLightSample(0u, 0u, vec3(0.0, 0.0, 1.0), vec3(0.0, 0.0, -1.0), 0.0, vec3(0.0), 0.0);
 
-// Draws one of all lights, whatever the tiles hold.
+// A sample of any light, drawn and resolved without the tiles.
 LightCandidate draw_light_candidate(inout uint rng) {
     if (scene_info.light_count == 0u) { return LightCandidate(NO_LIGHT_SAMPLE, BLACK_LIGHT_SAMPLE); }
     LightSample light_sample = generate_random_light_sample(rng);
     return LightCandidate(light_sample, resolve_light_sample(light_sample));
 }
 
-// For pixels `rng` is seeded by the group of invocations, so that these read the same memory.
+// A random tile. Pixels seed `rng` by their workgroup, so that the pixels of a workgroup read the same memory.
 uint choose_light_tile(inout uint rng) {
     return rand_range_u(light_tiles.at.length() / light_tiles.samples_each, rng);
 }

@@ -1,4 +1,4 @@
-// The reservoirs of direct light, one a pixel.
+// The reservoirs of direct light, one per pixel.
 #ifndef PASSES_RESTIR_DI_BINDINGS_GLSL
 #define PASSES_RESTIR_DI_BINDINGS_GLSL
 
@@ -6,10 +6,13 @@
 #include "passes/restir_di/reservoir.glsl"
 
 layout(set = 1, binding = 55, scalar) buffer DiReservoirsBlock { DiReservoir at[]; } di_reservoirs;
-layout(set = 1, binding = 56, scalar) readonly buffer PreviousDiReservoirsBlock { DiReservoir at[]; } previous_di_reservoirs;
+layout(set = 1, binding = 56, scalar) readonly buffer PreviousDiReservoirsBlock {
+    DiReservoir at[];
+} previous_di_reservoirs;
 layout(set = 1, binding = 57, scalar) buffer DiTemporalReservoirsBlock { DiReservoir at[]; } di_temporal_reservoirs;
 
-// How pixels fared, for views: index of the spatial neighbour, NO_INDEX: none was found | whether the chosen light is seen.
+// For debug views: the index of the spatial neighbour, or NO_INDEX when none was found; whether the chosen light is
+// visible.
 layout(set = 1, binding = 58, scalar) buffer DiOutcomesBlock { uvec2 at[]; } di_outcomes;
 
 #endif

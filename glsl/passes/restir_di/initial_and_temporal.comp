@@ -1,6 +1,7 @@
-// ReSTIR DI, first half: chooses a light sample among candidates by their unshadowed light, then merges it with a reservoir
-// of the last frame. Bitterli et al., "Spatiotemporal Reservoir Resampling for Real-Time Ray Tracing with Dynamic Direct
-// Lighting" (2020). Differs from Solari, which drops what is hidden before it merges: an option here.
+// ReSTIR DI, first half: chooses one of several light samples by their unshadowed light, and merges it with the
+// reservoir of a pixel of the previous frame. Bitterli et al., "Spatiotemporal Reservoir Resampling for Real-Time Ray
+// Tracing with Dynamic Direct Lighting" (2020). Differs from Solari, which drops an occluded sample before the merge
+// (di_initial_visibility=on), so that shadows grow halos.
 #version 460
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
@@ -17,7 +18,8 @@ layout(local_size_x = 8, local_size_y = 8) in;
 const uint PASS_SALT = 0x2C1B3C6Du;
 const uint TILE_SALT = 0x297A2D39u;
 
-// Resampled importance sampling, by the samples as they are packed: those only decide what is chosen.
+// Resampled importance sampling. Targets are computed from packed light samples, since they only decide which one is
+// chosen.
 DiReservoir generate_initial_reservoir(uvec2 pixel, GBufferSurface surface, inout uint rng) {
     uint group_rng = seed_rng(pixel / 8u, this_frame.index, this_frame.seed ^ TILE_SALT);
     uint tile = choose_light_tile(group_rng);
@@ -31,7 +33,7 @@ DiReservoir generate_initial_reservoir(uvec2 pixel, GBufferSurface surface, inou
             chosen_target = target;
         }
     }
-    // all candidates are as likely: 1 / pdf is the number of lights
+    // All lights are equally likely, so that 1 / pdf is the number of lights.
     float mean = weight_sum * float(scene_info.light_count) / float(restir_di_settings.candidates);
     reservoir.unbiased_contribution_weight = chosen_target > 0.0 ? mean / chosen_target : 0.0;
     reservoir.confidence = 1.0;
@@ -46,8 +48,8 @@ void test_visibility(GBufferSurface surface, inout DiReservoir reservoir) {
     reservoir.unbiased_contribution_weight *= seen ? 1.0 : 0.0;
 }
 
-// A reservoir of the last frame with lights as they are numbered now. One whose light is gone keeps its confidence: the
-// others of that frame, which found lights that are still there, would count too much otherwise.
+// A reservoir of the previous frame, with the light's index in this frame. A reservoir whose light was removed keeps
+// its confidence; otherwise those that found a remaining light would count too much.
 DiReservoir load_previous_reservoir(uvec2 pixel) {
     DiReservoir reservoir = previous_di_reservoirs.at[pixel.y * camera.size.x + pixel.x];
     reservoir.confidence = min(reservoir.confidence, restir_di_settings.confidence_cap);

@@ -1,8 +1,9 @@
-// A reservoir of direct light and how two merge: Bitterli et al., "Spatiotemporal Reservoir Resampling for Real-Time Ray Tracing
-// with Dynamic Direct Lighting" (2020), with the weights of Lin et al., "Generalized Resampled Importance Sampling" (2022).
+// A reservoir of direct light and the merge of two: Bitterli et al., "Spatiotemporal Reservoir Resampling for
+// Real-Time Ray Tracing with Dynamic Direct Lighting" (2020), with the weights of Lin et al., "Generalized Resampled
+// Importance Sampling" (2022).
 //
-// Differs from Solari: densities are over lights and the random numbers of a sample, not over area, so that a light which
-// grows, shrinks or turns doesn't make the samples of earlier frames wrong.
+// Differs from Solari: densities are over lights and a sample's random numbers, not over area, so that samples of
+// earlier frames stay valid when their light grows, shrinks or turns.
 #ifndef PASSES_RESTIR_DI_RESERVOIR_GLSL
 #define PASSES_RESTIR_DI_RESERVOIR_GLSL
 
@@ -13,26 +14,27 @@
 
 struct DiReservoir {
     LightSample light_sample;          // light_index NO_INDEX: empty
-    float confidence;                  // in frames; an empty reservoir has it too, since finding nothing is knowledge
-    float unbiased_contribution_weight;  // stands for 1 / pdf: the number of lights when nothing is known of them
+    float confidence;                  // in frames; empty reservoirs have it too
+    float unbiased_contribution_weight;  // an estimate of 1 / pdf over lights
 };
 
 const DiReservoir EMPTY_DI_RESERVOIR = DiReservoir(LightSample(NO_INDEX, 0u, 0u), 0.0, 0.0);
 
-// Whether a stream of weights, whose sum so far this brings up to date, goes on with its newest sample.
+// Adds a sample to a stream by weighted reservoir sampling: updates the sum, and returns whether this sample is chosen.
 bool choose_weighted(inout float weight_sum, float weight, inout uint rng) {
     weight_sum += weight;
     return rand_f(rng) * weight_sum < weight;
 }
 
-// The share of a sample that goes to the first of two ways to find it; `targets` are the two ways' own of this sample.
+// The MIS weight of a sample of the first of two reservoirs; `targets` are the sample's targets at the two pixels.
 float merge_share(vec2 confidences, vec2 targets) {
     vec2 weights = confidences * targets;
     return weights.x > 0.0 ? weights.x / (weights.x + weights.y) : 0.0;
 }
 
-// Merges a pixel's reservoir with another's. `here` are both samples' targets at the pixel, `there` at the other one.
-// Unbiased as long as the first could have found whatever has a target here.
+// Merges a pixel's reservoir with that of another pixel. `here` are the targets of both samples at this pixel,
+// `there` those at the other one. The result is unbiased as long as the first reservoir can find each sample whose
+// target here isn't 0.
 DiReservoir merge_di_reservoirs(DiReservoir first, DiReservoir second, vec2 here, vec2 there, inout uint rng) {
     vec2 confidences = vec2(first.confidence, second.confidence);
     float first_share = merge_share(confidences, vec2(here.x, there.x));

@@ -1,6 +1,6 @@
-// ReSTIR DI, second half: merges a pixel's reservoir with a neighbour's, keeps the result for the next frame, and only then
-// finds out whether its light is seen, and shades. Bitterli et al., "Spatiotemporal Reservoir Resampling for Real-Time Ray
-// Tracing with Dynamic Direct Lighting" (2020).
+// ReSTIR DI, second half: merges a pixel's reservoir with that of a neighbour, keeps the result for the next frame,
+// and only then tests whether the chosen light is visible, and shades. Bitterli et al., "Spatiotemporal Reservoir
+// Resampling for Real-Time Ray Tracing with Dynamic Direct Lighting" (2020).
 #version 460
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
@@ -18,10 +18,11 @@ const uint PASS_SALT = 0xB5297A4Du;
 
 bool is_seen(GBufferSurface surface, ResolvedLightSample resolved) {
     count_ray();
-    return trace_light_visibility(surface.world_position + surface.geometric_world_normal * surface.ray_offset, resolved);
+    vec3 origin = surface.world_position + surface.geometric_world_normal * surface.ray_offset;
+    return trace_light_visibility(origin, resolved);
 }
 
-// Returns the neighbour's index, NO_INDEX when none is similar.
+// Returns the index of the neighbour, or NO_INDEX when no tried pixel is similar.
 uint merge_with_neighbor(uvec2 pixel, GBufferSurface surface, inout DiReservoir reservoir) {
     uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
     uvec2 neighbor;

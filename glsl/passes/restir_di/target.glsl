@@ -1,4 +1,4 @@
-// How much a light sample matters to a surface, without shadows.
+// The target function of ReSTIR DI: the luminance that a light sample adds to a pixel, without visibility.
 #ifndef PASSES_RESTIR_DI_TARGET_GLSL
 #define PASSES_RESTIR_DI_TARGET_GLSL
 
@@ -7,7 +7,8 @@
 #include "scene/brdf.glsl"
 #include "scene/sampling.glsl"
 
-// Of the specular lobe, as far as DI shades it, without what only costs time: colours and further bounces between microfacets.
+// The specular lobe where DI shades it, without colour and multiple scattering, which would cost time and change
+// little.
 float specular_target(GBufferSurface surface, vec3 dielectric_f0, vec3 world_wi) {
     ResolvedMaterial material = surface.material;
     if (brdf_lambert || restir_di_settings.target == DI_TARGET_MATTE) { return 0.0; }
@@ -21,19 +22,19 @@ float specular_target(GBufferSurface surface, vec3 dielectric_f0, vec3 world_wi)
         * V_SmithGGXCorrelated(material.roughness, wo.z, wi.z);
 }
 
-// Luminance of about what the surface sends on. Differs from Solari, which takes the diffuse lobe alone: that misses the lights
-// which highlights are of, and all lights where metals are. What is specular counts as diffuse as well, and the floor keeps the
-// target positive, so that no light which the BRDF reflects is chosen too seldom.
+// About the luminance that the surface reflects of the sample. Differs from Solari, which takes the diffuse lobe
+// alone (di_target=matte): that seldom chooses the lights of highlights. Specular colours count as diffuse too, with
+// a minimum, so that the target is positive for each light that the BRDF reflects.
 float di_target(GBufferSurface surface, ResolvedLightSample resolved) {
     LightContribution light = calculate_resolved_light_contribution(resolved, surface.world_position);
     if (!(dot(light.wi, surface.geometric_world_normal) > 0.0)) { return 0.0; }
     vec3 dielectric_f0 = 0.16 * surface.material.reflectance * surface.material.reflectance;
     vec3 color = max(surface.material.base_color + (1.0 - surface.material.metallic) * dielectric_f0, 0.01);
     float cosine = max(dot(light.wi, surface.world_normal), 0.0);
-    float inverse_pdf = light.inverse_pdf / float(max(scene_info.light_count, 1u));  // over a light's random numbers
+    float inverse_pdf = light.inverse_pdf / float(max(scene_info.light_count, 1u));  // over a sample's random numbers
     vec3 brdf = INVERSE_PI * color + specular_target(surface, dielectric_f0, light.wi);
     float target = luminance(brdf * light.received_radiance) * (cosine * inverse_pdf);
-    return target > 1e-30 ? min(target, 1e30) : 0.0;  // so that neither it nor its inverse is infinite
+    return target > 1e-30 ? min(target, 1e30) : 0.0;  // neither the target nor 1 / target is infinite
 }
 
 float di_target(GBufferSurface surface, DiReservoir reservoir) {
@@ -41,7 +42,7 @@ float di_target(GBufferSurface surface, DiReservoir reservoir) {
     return di_target(surface, resolve_light_sample(reservoir.light_sample));
 }
 
-// At a surface of the last frame: 0 for lights that weren't there, which nothing found there can have come from.
+// The target at a surface of the previous frame: 0 for lights that didn't exist then.
 float previous_di_target(GBufferSurface surface, DiReservoir reservoir) {
     uint light_index = reservoir.light_sample.light_index;
     return light_index == NO_INDEX || previous_light.at[light_index] == NO_INDEX ? 0.0 : di_target(surface, reservoir);

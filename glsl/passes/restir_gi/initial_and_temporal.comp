@@ -1,4 +1,5 @@
-// ReSTIR GI (Ouyang et al., HPG 2021), first half: what one ray finds, merged with what a pixel of the last frame had.
+// ReSTIR GI, first half: traces one ray for a new sample, and merges it with the reservoir of a pixel of the previous
+// frame. Ouyang et al., "ReSTIR GI: Path Resampling for Real-Time Path Tracing" (HPG 2021).
 #version 460
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
@@ -13,16 +14,16 @@ layout(local_size_x = 8, local_size_y = 8) in;
 const uint PASS_SALT = 0x6A09E667u;
 
 GiReservoir generate_initial_reservoir(GBufferSurface surface, inout uint rng) {
-    GiReservoir reservoir = empty_gi_reservoir(1.0);  // its normal says SEEN_IN_MIRROR
+    GiReservoir reservoir = empty_gi_reservoir(1.0);  // its normal is SEEN_IN_MIRROR
     vec3 direction = orthonormalize(surface.world_normal) * sample_uniform_hemisphere(rand_vec2f(rng));
     if (!(dot(direction, surface.geometric_world_normal) > 0.0)) { return reservoir; }
     vec3 origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
-    Gathered light =
-        gather_light(origin, direction, INFINITY, 0.0, true, world_cache_settings.lifetime, rng);
-    reservoir.sample_point_world_position = light.sight.first_position;
-    reservoir.radiance = light.sight.emitted;
-    if (light.sight.found) {
-        if (light.sight.mirrors == 0u) { reservoir.sample_point_world_normal = light.sight.surface.geometric_world_normal; }
+    GatheredLight light = gather_light(origin, direction, INFINITY, 0.0, true, world_cache_settings.lifetime, rng);
+    HitPastMirrors first = light.first;
+    reservoir.sample_point_world_position = first.first_position;
+    reservoir.radiance = first.emitted;
+    if (first.exists) {
+        if (first.mirror_count == 0u) { reservoir.sample_point_world_normal = first.surface.geometric_world_normal; }
         reservoir.reflectance = light.reflectance;
         reservoir.radiance = gathered_radiance(light);
     }
@@ -30,8 +31,9 @@ GiReservoir generate_initial_reservoir(GBufferSurface surface, inout uint rng) {
     return reservoir;
 }
 
-// Differs from Solari, where what was found once stays until it is replaced: light that has gone would linger for as long
-// as confidence lasts. A contribution weight serves any function of its point, so also a later frame's light.
+// Replaces a sample's radiance by what its point reflects in this frame. Differs from Solari, where a sample keeps
+// its radiance, so that light stays visible after it was switched off. A contribution weight is valid for any
+// function of the sample point, and so for the light of a later frame too.
 void refresh_radiance(inout GiReservoir reservoir, GBufferSurface surface, inout uint rng) {
     bool mirrored = reservoir.sample_point_world_normal == SEEN_IN_MIRROR;
     if (restir_gi_settings.refresh == 0u || mirrored || !(reservoir.unbiased_contribution_weight > 0.0)) { return; }
@@ -55,15 +57,15 @@ void main() {
 
     uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
     GiReservoir reservoir = generate_initial_reservoir(surface, rng);
-    uvec2 at;
-    GBufferSurface before;
-    if (restir_gi_settings.temporal != 0u && find_temporal_neighbor(pixel, surface, at, before)) {
-        GiReservoir previous = previous_gi_reservoirs.at[at.y * camera.size.x + at.x];
+    uvec2 neighbor;
+    GBufferSurface neighbor_surface;
+    if (restir_gi_settings.temporal != 0u && find_temporal_neighbor(pixel, surface, neighbor, neighbor_surface)) {
+        GiReservoir previous = previous_gi_reservoirs.at[neighbor.y * camera.size.x + neighbor.x];
         previous.confidence_weight = min(previous.confidence_weight, restir_gi_settings.confidence_cap);
         refresh_radiance(previous, surface, rng);
-        before.ray_offset = surface.ray_offset;  // not kept of the last frame
+        neighbor_surface.ray_offset = surface.ray_offset;  // the previous G-buffer has none
         bool retest = restir_gi_settings.visibility == GI_VISIBILITY_BOTH;
-        reservoir = merge_gi_reservoirs(surface, reservoir, before, previous, retest, rand_f(rng));
+        reservoir = merge_gi_reservoirs(surface, reservoir, neighbor_surface, previous, retest, rand_f(rng));
     }
     gi_temporal_reservoirs.at[index] = reservoir;
 }

@@ -1,5 +1,6 @@
-// Reuse of indirect light between pixels by reconnection to the same point: Ouyang et al., "ReSTIR GI: Path Resampling
-// for Real-Time Path Tracing" (HPG 2021), weighted as in Lin et al., "Generalized Resampled Importance Sampling" (2022).
+// Reuse of indirect light between pixels by reconnection to the same point: Ouyang et al., "ReSTIR GI: Path
+// Resampling for Real-Time Path Tracing" (HPG 2021), weighted as in Lin et al., "Generalized Resampled Importance
+// Sampling" (2022).
 #ifndef PASSES_RESTIR_GI_RESERVOIR_GLSL
 #define PASSES_RESTIR_GI_RESERVOIR_GLSL
 
@@ -14,28 +15,32 @@ GiReservoir empty_gi_reservoir(float confidence_weight) {
     return GiReservoir(vec3(0.0), SEEN_IN_MIRROR, vec3(0.0), vec3(0.0), confidence_weight, 0.0);
 }
 
-// What this frame's shading uses; the sample is visible from the pixel.
+// The reservoir that shades the pixel in this frame. Its sample is visible from the pixel.
 GiReservoir load_gi_reservoir(uvec2 pixel) { return gi_reservoirs.at[pixel.y * camera.size.x + pixel.x]; }
 
-// Whether nothing diffuse is there, nor anything rough enough to reuse the reservoir.
+// Whether the pixel needs no reservoir: its surface has no diffuse lobe, and is too smooth to reuse the reservoir for
+// its specular lobe.
 bool takes_no_gi(GBufferSurface surface) {
-    return !surface.exists || frame_settings.gi == 0u || (restir_gi_settings.skip_smooth_metals != 0u
-        && surface.material.metallic > frame_settings.pure_metal && surface.material.roughness <= specular_gi_settings.reuse_roughness);
+    bool smooth_metal = surface.material.metallic > frame_settings.pure_metal
+        && surface.material.roughness <= specular_gi_settings.reuse_roughness;
+    return !surface.exists || frame_settings.gi == 0u || (restir_gi_settings.skip_smooth_metals != 0u && smooth_metal);
 }
 
-// Of the direction to a point; 0 below the surface.
+// The cosine of the direction to a point with the shading normal; 0 below the surface.
 float gi_cosine(GBufferSurface surface, vec3 point) {
     vec3 wi = safe_normalize(point - surface.world_position, vec3(0.0));
     return dot(wi, surface.geometric_world_normal) > 0.0 ? max(dot(wi, surface.world_normal), 0.0) : 0.0;
 }
 
-// Differs from Solari: without albedo, so that a sample serves whatever lies on the surface.
+// The target function of resampling. Differs from Solari, which multiplies by the albedo: without it, texture has no
+// influence on which sample is chosen.
 float gi_target(GBufferSurface surface, GiReservoir reservoir) {
     return luminance(reservoir.radiance) * gi_cosine(surface, reservoir.sample_point_world_position);
 }
 
-// Solid angle at `to` for that at `from` of the same piece of the sample's surface. 0: no shift, as the surface turns away
-// or the ratio is extreme; the way back has the inverse ratio, or is none either.
+// The Jacobian of the reconnection shift: the solid angle of a piece of the sample's surface seen from `to`, over
+// that seen from `from`. 0 when the shift is refused, because the sample's surface faces away or the ratio exceeds
+// the limit. A shift is refused in both directions or in none.
 float reconnection_jacobian(GBufferSurface from, GBufferSurface to, GiReservoir reservoir) {
     vec3 to_from = from.world_position - reservoir.sample_point_world_position;
     vec3 to_to = to.world_position - reservoir.sample_point_world_position;
@@ -46,8 +51,8 @@ float reconnection_jacobian(GBufferSurface from, GBufferSurface to, GiReservoir 
     return max(jacobian, 1.0 / jacobian) <= restir_gi_settings.jacobian_limit ? jacobian : 0.0;
 }
 
-// The generalised balance heuristic: the share in the merged estimate of a sample that `own` found, when `other` could
-// have found it too. The radiance is the same on both sides.
+// The MIS weight (generalised balance heuristic) of a sample that `own` found and that `other` could have found too.
+// The sample's radiance is the same for both and cancels.
 float gi_mis_weight(GBufferSurface own, GiReservoir reservoir, GBufferSurface other, float other_confidence_weight) {
     vec3 point = reservoir.sample_point_world_position;
     return balance_heuristic(
@@ -59,17 +64,18 @@ float gi_mis_weight(GBufferSurface own, GiReservoir reservoir, GBufferSurface ot
 bool trace_sample_visibility(GBufferSurface surface, GiReservoir reservoir) {
     vec3 origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
     vec3 segment = reservoir.sample_point_world_position - origin;
-    // ends short by what rounding makes of a ray this long
+    // The ray ends before the point by the rounding error of a ray of this length.
     vec3 end = segment + reservoir.sample_point_world_normal * (16.0 * ROUNDING_UNIT * max_component(abs(segment)));
     count_ray();
     return trace_visibility(origin, end, 1.0);
 }
 
-// Adds what another pixel found to what this one did; `choice` is a random number in [0, 1). With `retest`, what comes out
-// is visible from this pixel.
-// Differs from Solari: there a sample keeps its share where the other pixel can't see it, which loses light at the edges of
-// indirect shadows. Shares and choice go by unshadowed targets, but a sample of this pixel's own that is chosen and that
-// the other pixel could not have found stands for all, so it is raised by its share.
+// Merges the reservoir of another pixel into that of this pixel. `choice` is a random number in [0, 1). With
+// `retest`, the result is visible from this pixel.
+//
+// MIS weights and the choice use targets without visibility. Differs from Solari (gi_visibility=neighbor), where a
+// sample that the other pixel can't see keeps a weight below 1, which loses light at the edges of indirect shadows:
+// here such a sample, when it is chosen, is divided by its weight, since only this pixel could have found it.
 GiReservoir merge_gi_reservoirs(
     GBufferSurface surface, GiReservoir own, GBufferSurface other_surface, GiReservoir other, bool retest, float choice
 ) {

@@ -1,4 +1,5 @@
-// ReSTIR GI (Ouyang et al., HPG 2021), second half: merged with what a neighbor has, kept for the next frame, shaded.
+// ReSTIR GI, second half: merges a pixel's reservoir with that of a neighbour, keeps the result for the next frame,
+// and shades. Ouyang et al., "ReSTIR GI: Path Resampling for Real-Time Path Tracing" (HPG 2021).
 #version 460
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
@@ -27,11 +28,11 @@ void main() {
     GiReservoir reservoir = gi_temporal_reservoirs.at[index];
     if (reservoir.confidence_weight > 0.0 && restir_gi_settings.spatial != 0u) {
         uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
-        uvec2 at;
-        GBufferSurface neighbor;
-        if (find_spatial_neighbor(pixel, surface, restir_gi_settings.spatial_radius, rng, at, neighbor)) {
-            GiReservoir other = gi_temporal_reservoirs.at[at.y * camera.size.x + at.x];
-            reservoir = merge_gi_reservoirs(surface, reservoir, neighbor, other, true, rand_f(rng));
+        uvec2 neighbor;
+        GBufferSurface neighbor_surface;
+        if (find_spatial_neighbor(pixel, surface, restir_gi_settings.spatial_radius, rng, neighbor, neighbor_surface)) {
+            GiReservoir other = gi_temporal_reservoirs.at[neighbor.y * camera.size.x + neighbor.x];
+            reservoir = merge_gi_reservoirs(surface, reservoir, neighbor_surface, other, true, rand_f(rng));
         }
     }
     gi_reservoirs.at[index] = reservoir;

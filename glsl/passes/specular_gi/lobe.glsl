@@ -1,4 +1,4 @@
-// The specular lobe by itself: sampling it, and how wide it spreads what it reflects.
+// The specular lobe alone: how to sample it, and how much it spreads a path.
 #ifndef PASSES_SPECULAR_GI_LOBE_GLSL
 #define PASSES_SPECULAR_GI_LOBE_GLSL
 
@@ -14,8 +14,8 @@ BrdfSample sample_specular_brdf(Brdf brdf, vec3 wo, inout uint rng) {
     return BrdfSample(wi, pdf > 0.0 ? evaluate_specular_brdf(brdf, wo, wi) / pdf : vec3(0.0), pdf, false);
 }
 
-// Square of how much wider per distance a lobe makes a path's cone, as NVIDIA's RTXGI measures it to end paths in its radiance
-// cache (SHARC). Differs from there: squares add up over a path, and the cone goes on widening after a mirror.
+// The squared slope of the cone into which a lobe spreads a path, as NVIDIA's RTXGI computes it to end paths in its
+// radiance cache (SHARC). Differs from SHARC: squares add up over a path, and the cone goes on widening after a mirror.
 float lobe_spread(float roughness) {
     float a2 = square(min(roughness, 0.99));
     return 0.5 * a2 / (1.0 - a2);

@@ -1,6 +1,6 @@
-// Specular GI: what reaches the camera over the specular lobe of what a pixel shows. Rough surfaces take the sample of ReSTIR
-// GI, others trace a short path with light and BRDF samples weighted by the power heuristic (Veach 1997), which ends in
-// the world cache once it has spread wider than the cache's cells.
+// Specular GI: the light that the specular lobe of a pixel's surface reflects. Rough surfaces reuse the sample of
+// ReSTIR GI. Smooth surfaces trace a short path, with light and BRDF samples weighted by the power heuristic (Veach
+// 1997); it ends in the world cache when its cone is wider than a cell.
 #version 460
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
@@ -22,7 +22,7 @@ const uint FIRST_ROULETTE_SURFACE = 3u;
 
 // ---- lights -----------------------------------------------------------------------------------------
 
-// What a random light gives over the whole BRDF, weighted against meeting it by the next ray.
+// The light of a random light sample by the whole BRDF, with its MIS weight against hitting the light by the next ray.
 vec3 sample_light(ResolvedRayHitFull surface, Brdf brdf, mat3 frame, vec3 wo, vec3 origin, inout uint rng) {
     if (scene_info.light_count == 0u) { return vec3(0.0); }
     ResolvedLightSample light_sample = resolve_light_sample(generate_random_light_sample(rng));
@@ -38,17 +38,17 @@ vec3 sample_light(ResolvedRayHitFull surface, Brdf brdf, mat3 frame, vec3 wo, ve
 
 // ---- the path ---------------------------------------------------------------------------------------
 
-// What a path carries from surface to surface.
+// The state of a path between two surfaces.
 struct Path {
     vec3 origin;
     vec3 direction;
     vec3 throughput;
-    float bounce_pdf;    // of the direction, as lights see it
-    float spread;        // square of how much the path's cone widens per distance: the sum of lobe_spread
-    float spread_width;  // width of the cone
+    float bounce_pdf;    // of `direction`, for MIS; INFINITY: only this path finds lights, 0: DI finds them
+    float spread;        // the squared slope of the path's cone: the sum of lobe_spread
+    float spread_width;  // the width of the path's cone
 };
 
-// Goes on from a surface in a sampled direction. Returns false when that leads nowhere.
+// Continues the path from a surface in a sampled direction. Returns false when the path carries no light.
 bool leave_surface(inout Path path, BrdfSample next, Brdf brdf, mat3 frame, vec3 geometric_world_normal) {
     path.direction = normalize(frame * next.wi);
     path.throughput *= next.weight;
@@ -57,24 +57,25 @@ bool leave_surface(inout Path path, BrdfSample next, Brdf brdf, mat3 frame, vec3
     return next.wi.z > 0.0 && dot(path.direction, geometric_world_normal) > 0.0 && max_component(path.throughput) > 0.0;
 }
 
-// The width of a cone that a lobe sends over a distance, added to that of the path so far: Solari's rule, by which each ray
-// widens by the lobe at its end.
-float widen_by_lobe(float spread_width, float ray_t, float roughness) {
+// Solari's rule for the cone's width: over each ray, the square of the width grows by the spread of the lobe at the
+// ray's end.
+float widen_as_solari(float spread_width, float ray_t, float roughness) {
     return sqrt(square(spread_width) + square(ray_t) * lobe_spread(roughness));
 }
 
-// Whether the world cache serves as well as going on would: the path's cone and the ray reach over more than a cell.
+// Whether a path may end in the world cache: its cone is wider and its last ray longer than a cell, so that cells
+// don't show.
 bool may_end(ResolvedRayHitFull surface, float spread_width, float ray_t, inout uint rng) {
     float cell_size = get_cell_size(surface.world_position, rng);
-    float longest_in_cell = specular_gi_settings.termination == SPECULAR_TERMINATION_SPREAD ? cell_size : sqrt(3.0) * cell_size;
-    return spread_width > cell_size && ray_t > longest_in_cell;
+    bool as_solari = specular_gi_settings.termination == SPECULAR_TERMINATION_CAMERA_SPREAD;
+    return spread_width > cell_size && ray_t > (as_solari ? sqrt(3.0) : 1.0) * cell_size;
 }
 
-// Light from along the path's first ray. `distance` is what lies between camera and its origin.
+// The radiance that arrives along the path's first ray. `distance` is the distance from the camera to its origin.
 vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
     vec3 radiance = vec3(0.0);
     uint visited = 0u, mirrors = 0u;
-    bool from_camera = specular_gi_settings.termination == SPECULAR_TERMINATION_CAMERA_SPREAD;
+    bool as_solari = specular_gi_settings.termination == SPECULAR_TERMINATION_CAMERA_SPREAD;
     while (true) {
         count_ray();
         Hit hit = trace_closest_hit(path.origin, 0.0, path.direction, INFINITY, TRACE_BOTH_FACES);
@@ -82,7 +83,7 @@ vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
             return radiance + path.throughput * radiance_at_infinity(path.direction, path.bounce_pdf);
         }
         distance += hit.t;
-        if (!from_camera) { path.spread_width += sqrt(path.spread) * hit.t; }
+        if (!as_solari) { path.spread_width += sqrt(path.spread) * hit.t; }
         ResolvedRayHitFull surface = resolve_ray_hit_full(hit, path.direction, cone_spread * distance);
         if (surface.emits) {
             float light_pdf = emissive_hit_pdf(surface, path.direction, hit.t);
@@ -93,7 +94,7 @@ vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
         vec3 wo = -path.direction * frame;
         Brdf brdf = prepare_brdf(surface.material, wo);
 
-        bool mirror = is_passed_by(surface.material);
+        bool mirror = always_reflects(surface.material);
         mirrors += mirror ? 1u : 0u;
         visited += mirror ? 0u : 1u;
         WorldCacheResult end = WorldCacheResult(false, vec3(0.0));
@@ -102,10 +103,10 @@ vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
                 surface.world_position, surface.geometric_world_normal, hit.t, world_cache_settings.lifetime, rng
             );
         }
-        // Differs from Solari: where the cache knows nothing, the path goes on.
-        uint most = specular_gi_settings.bounces + (frame_settings.world_cache != 0u ? MOST_UNKNOWN_HITS : 0u);
-        if (mirrors > MOST_MIRRORS) { return radiance; }
-        if (!end.found && visited >= most) { end = WorldCacheResult(true, sample_irradiance(surface, rng)); }
+        // Differs from Solari: where the cache has no value, the path goes on.
+        uint max_visited = specular_gi_settings.bounces + (frame_settings.world_cache != 0u ? MAX_CACHE_MISSES : 0u);
+        if (mirrors > MAX_MIRRORS) { return radiance; }
+        if (!end.found && visited >= max_visited) { end = WorldCacheResult(true, sample_irradiance(surface, rng)); }
         if (end.found) {
             return radiance + path.throughput * INVERSE_PI * surface_albedo(surface.material, wo.z) * end.irradiance;
         }
@@ -115,7 +116,7 @@ vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
         }
         BrdfSample next = sample_brdf(brdf, wo, rng);
         if (!leave_surface(path, next, brdf, frame, surface.geometric_world_normal)) { return radiance; }
-        if (from_camera) { path.spread_width = widen_by_lobe(path.spread_width, hit.t, surface.material.roughness); }
+        if (as_solari) { path.spread_width = widen_as_solari(path.spread_width, hit.t, surface.material.roughness); }
         if (visited + mirrors >= FIRST_ROULETTE_SURFACE) {
             float survival = min(max_component(path.throughput), 1.0);
             if (rand_f(rng) >= survival) { return radiance; }
@@ -126,7 +127,8 @@ vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
 
 // ---- rough surfaces ---------------------------------------------------------------------------------
 
-// ReSTIR GI holds no light that comes straight from emitters, so DI has to have that of the specular lobe.
+// Whether the pixel reuses the sample of ReSTIR GI. That sample holds no light straight from lights, so that DI must
+// shade the specular lobe too.
 bool reuses_gi(GBufferSurface surface) {
     return surface.material.roughness > max(specular_gi_settings.reuse_roughness, specular_gi_settings.di_roughness)
         && !takes_no_gi(surface);
@@ -157,14 +159,13 @@ void main() {
 
     uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ SPECULAR_GI_SALT);
     BrdfSample next = sample_specular_brdf(brdf, wo, rng);
-    Path path = Path(
-        surface.world_position + surface.geometric_world_normal * surface.ray_offset, -surface.wo, vec3(1.0), 0.0, 0.0, 0.0
-    );
+    vec3 origin = surface.world_position + surface.geometric_world_normal * surface.ray_offset;
+    Path path = Path(origin, -surface.wo, vec3(1.0), 0.0, 0.0, 0.0);
     if (!leave_surface(path, next, brdf, frame, surface.geometric_world_normal)) { return; }
     path.bounce_pdf = surface.material.roughness <= specular_gi_settings.di_roughness ? INFINITY : 0.0;
     float distance = length(surface.world_position - camera.world_from_view[3]);
     if (specular_gi_settings.termination == SPECULAR_TERMINATION_CAMERA_SPREAD) {
-        path.spread_width = widen_by_lobe(0.0, distance, surface.material.roughness);
+        path.spread_width = widen_as_solari(0.0, distance, surface.material.roughness);
     }
     specular_gi.at[index] = trace_path(path, distance, make_camera_ray(vec2(pixel) + 0.5).cone_spread, rng);
 }

@@ -1,11 +1,11 @@
-// What the world cache keeps: a hash map of fixed size with an element a cell in each buffer.
+// The world cache: a hash map of fixed size, with one element per cell in each buffer.
 #ifndef PASSES_WORLD_CACHE_BINDINGS_GLSL
 #define PASSES_WORLD_CACHE_BINDINGS_GLSL
 
 #extension GL_EXT_scalar_block_layout : require
 
-// Where a cell was asked, 8 bits of priority above 24 bits of payload each, so that atomicMax picks one asker's: position
-// within the cell and its surroundings, and octahedral normal.
+// The surface point of a query: its position relative to the cell, and its octahedral normal. Each word has 8 bits of
+// random priority above 24 bits of data, so that atomicMax picks one of the queries of a frame.
 struct WorldCachePoint {
     uint position;
     uint normal;
@@ -13,16 +13,18 @@ struct WorldCachePoint {
 
 layout(set = 1, binding = 40, scalar) buffer WorldCacheChecksumsBlock { uint at[]; } world_cache_checksums;  // 0: empty
 layout(set = 1, binding = 41, scalar) buffer WorldCacheLifeBlock { uint at[]; } world_cache_life;  // frames left
-layout(set = 1, binding = 42, scalar) buffer WorldCacheIrradianceBlock { vec4 at[]; } world_cache_irradiance;  // w: samples in it
-layout(set = 1, binding = 43, scalar) buffer WorldCacheBoundsBlock { vec4 at[]; } world_cache_bounds;  // least corner, size
+// Mean irradiance; w is the number of samples in the mean.
+layout(set = 1, binding = 42, scalar) buffer WorldCacheIrradianceBlock { vec4 at[]; } world_cache_irradiance;
+// Minimum corner and size of the cell.
+layout(set = 1, binding = 43, scalar) buffer WorldCacheBoundsBlock { vec4 at[]; } world_cache_bounds;
 layout(set = 1, binding = 44, scalar) buffer WorldCacheVotesBlock { WorldCachePoint at[]; } world_cache_votes;
 layout(set = 1, binding = 45, scalar) buffer WorldCachePointsBlock { WorldCachePoint at[]; } world_cache_points;
 layout(set = 1, binding = 46, scalar) buffer WorldCacheDeltasBlock { float at[]; } world_cache_luminance_deltas;
 
-// Of blocks of the map: how many cells are active, then in how many before the block.
+// For each block of the map: its number of active cells, and after the scan the number in all earlier blocks.
 layout(set = 1, binding = 47, scalar) buffer WorldCacheBlocksBlock { uint at[]; } world_cache_blocks;
 layout(set = 1, binding = 48, scalar) buffer WorldCacheActiveCellsBlock { uint at[]; } world_cache_active_cells;
-// What an active cell got in this frame, and its life before others raised it.
+// The irradiance that an active cell received in this frame, and its life before queries of other cells raised it.
 struct WorldCacheSample {
     vec3 irradiance;
     uint life;
@@ -30,11 +32,11 @@ struct WorldCacheSample {
 layout(set = 1, binding = 49, scalar) buffer WorldCacheSamplesBlock { WorldCacheSample at[]; } world_cache_samples;
 layout(set = 1, binding = 50, scalar) buffer WorldCacheDispatchBlock { uvec3 group_count; } world_cache_dispatch;
 
-// Of this frame.
+// Counters of this frame.
 layout(set = 1, binding = 51, scalar) buffer WorldCacheCountersBlock {
     uint active_cells;
     uint updates;
-    uint insert_failures;  // queries that found no place
+    uint insert_failures;  // queries that found no free entry
 } world_cache_counters;
 
 #endif

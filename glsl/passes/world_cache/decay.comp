@@ -1,5 +1,5 @@
-// World cache, step 1: cells that nobody asked for in their lifetime die; for the others, one of the last frame's askers is
-// chosen to stand for the cell. Counts the active cells of every block.
+// World cache, step 1: removes cells that were not queried for their lifetime, takes the point that represents each
+// other cell from a query of the previous frame, and counts the active cells of each block.
 #version 460
 #include "passes/world_cache/threads.glsl"
 

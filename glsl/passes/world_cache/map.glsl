@@ -1,4 +1,4 @@
-// The world cache's hash map: keys, searching and inserting cells, and the point that stands for a cell.
+// The world cache's hash map: keys, finding and inserting cells, and the surface point that represents a cell.
 #ifndef PASSES_WORLD_CACHE_MAP_GLSL
 #define PASSES_WORLD_CACHE_MAP_GLSL
 
@@ -12,8 +12,8 @@ const uint EMPTY_CELL = 0u;  // no key's checksum
 
 // ---- keys -------------------------------------------------------------------------------------------
 
-// The size of the cells at a position. It doubles with distance from the camera; a random number decides between the two
-// nearest sizes, so that the levels blend into each other.
+// The size of the cells at a position. It doubles with distance from the camera; a random number decides between the
+// two nearest sizes, so that the levels blend into each other.
 float get_cell_size(vec3 world_position, inout uint rng) {
     float level = log2(1.0 + distance(world_position, camera.world_from_view[3]) / world_cache_settings.lod_distance);
     float part = fract(level);
@@ -22,12 +22,12 @@ float get_cell_size(vec3 world_position, inout uint rng) {
 }
 
 struct WorldCacheKey {
-    vec4 bounds;    // least corner and size of the cell: the same for all who ask for it
-    uint first;     // where the search begins
+    vec4 bounds;    // minimum corner and size of the cell
+    uint first;     // the entry at which the search begins
     uint checksum;
 };
 
-// A little more than rounding errors, so that surfaces along the grid fall to one side of it.
+// A little more than rounding errors, so that all of a surface along the grid lies on one side of it.
 const float GRID_MARGIN = 0.0001;
 
 WorldCacheKey make_world_cache_key(vec3 world_position, vec3 world_normal, float cell_size) {
@@ -38,9 +38,9 @@ WorldCacheKey make_world_cache_key(vec3 world_position, vec3 world_normal, float
     return WorldCacheKey(vec4(position * cell_size, cell_size), hash.x, max(hash.y, EMPTY_CELL + 1u));
 }
 
-// A cell that a wall goes through has parts, one for each landmark: the first landmark that is visible from a point decides
-// which part the point belongs to. Landmarks 0 and 1 are centers of cells and stand for whole cells; the others lie around
-// the center of the point's own cell.
+// A cell that a wall goes through has parts, one for each landmark: the first landmark that is visible from a point
+// decides which part the point belongs to. Landmarks 0 and 1 are centers of cells and stand for whole cells; the
+// others lie around the center of the point's own cell.
 const uint LANDMARKS = 6u;
 
 // The key of a part of a cell, which has the same bounds.
@@ -50,16 +50,17 @@ WorldCacheKey part_of_cell(WorldCacheKey key, uint part) {
 
 // ---- the map ----------------------------------------------------------------------------------------
 
-uint world_cache_place(WorldCacheKey key, uint search_step) {
+uint world_cache_entry(WorldCacheKey key, uint search_step) {
     return (key.first + search_step) & uint(world_cache_checksums.at.length() - 1);
 }
 
-// NO_INDEX where there is none. `empty_step`: the first step of the search that comes to an empty cell, if any does. Differs
-// from Solari in that the search goes on past empty cells: what filled them when a key was inserted may have died since.
+// The index of a key's cell, or NO_INDEX when the map doesn't have it. `empty_step` is the first step of the search
+// that finds an empty entry. Differs from Solari: the search continues after empty entries, since their cells may
+// have died after the key was inserted.
 uint find_world_cache_cell(WorldCacheKey key, out uint empty_step) {
     empty_step = world_cache_settings.search_steps;
     for (uint i = 0u; i < world_cache_settings.search_steps; i++) {
-        uint cell = world_cache_place(key, i);
+        uint cell = world_cache_entry(key, i);
         uint checksum = world_cache_checksums.at[cell];
         if (checksum == key.checksum) { return cell; }
         if (checksum == EMPTY_CELL) { empty_step = min(empty_step, i); }
@@ -67,31 +68,35 @@ uint find_world_cache_cell(WorldCacheKey key, out uint empty_step) {
     return NO_INDEX;
 }
 
-// The cell of a key, new or not; NO_INDEX where all places are taken. Cells never die while others are inserted, so
-// that a key can't come to be in two places.
+// The index of a key's cell, which is inserted if it is new, or NO_INDEX when all entries of its search are taken. No
+// cell dies in the passes that insert cells, so that no key gets two entries.
 uint insert_world_cache_cell(WorldCacheKey key) {
     uint search_step;
     uint cell = find_world_cache_cell(key, search_step);
     for (; cell == NO_INDEX && search_step < world_cache_settings.search_steps; search_step++) {
-        uint place = world_cache_place(key, search_step);
-        uint existing = atomicCompSwap(world_cache_checksums.at[place], EMPTY_CELL, key.checksum);
-        if (existing == EMPTY_CELL) { world_cache_bounds.at[place] = key.bounds; }
-        if (existing == EMPTY_CELL || existing == key.checksum) { cell = place; }
+        uint entry = world_cache_entry(key, search_step);
+        uint existing = atomicCompSwap(world_cache_checksums.at[entry], EMPTY_CELL, key.checksum);
+        if (existing == EMPTY_CELL) { world_cache_bounds.at[entry] = key.bounds; }
+        if (existing == EMPTY_CELL || existing == key.checksum) { cell = entry; }
     }
     return cell;
 }
 
-// ---- the point that stands for a cell ---------------------------------------------------------------
-// Differs from Solari, where it is the first asker's, whoever that is, for the cell's whole life: each frame one asker is
-// chosen by chance, but the same one in whatever order they come, so that the mean is the cell's and not one point's.
+// ---- the point that represents a cell ---------------------------------------------------------------
+//
+// Differs from Solari, where it is the point of the first query for the cell's whole life: here each frame picks the
+// point of a random query, whose choice doesn't depend on the order of queries, so that the mean irradiance is that
+// of the whole cell.
 
-// Among askers of one priority the largest payload wins: shuffled by an odd factor, and back by its inverse modulo 2^24.
+// Among queries of equal priority the largest data wins. Data is shuffled by an odd factor, so that no side of the
+// cell is preferred, and unshuffled by the factor's inverse modulo 2^24.
 uint shuffle_24(uint payload) { return payload * 0x3779B1u & 0xFFFFFFu; }
 uint unshuffle_24(uint payload) { return payload * 0x8B2F51u & 0xFFFFFFu; }
 
-// Askers may be outside their cell by the jitter.
+// The bounds of all points that may query a cell, which the jitter moves outside of it.
 vec4 grow_bounds(vec4 bounds) {
-    return vec4(bounds.xyz - world_cache_settings.jitter * bounds.w, (1.0 + 2.0 * world_cache_settings.jitter) * bounds.w);
+    float jitter = world_cache_settings.jitter;
+    return vec4(bounds.xyz - jitter * bounds.w, (1.0 + 2.0 * jitter) * bounds.w);
 }
 
 void vote_for_point(uint cell, vec4 bounds, vec3 world_position, vec3 world_normal, inout uint rng) {
@@ -107,7 +112,7 @@ void vote_for_point(uint cell, vec4 bounds, vec3 world_position, vec3 world_norm
 struct WorldCacheSurface {
     vec3 world_position;
     vec3 geometric_world_normal;
-    float ray_offset;  // covers that the position is stored in few bits
+    float ray_offset;  // includes the error of the position's few bits
 };
 
 WorldCacheSurface load_world_cache_surface(uint cell) {
@@ -119,8 +124,8 @@ WorldCacheSurface load_world_cache_surface(uint cell) {
     WorldCacheSurface surface;
     surface.world_position = grown.xyz + within * grown.w;
     surface.geometric_world_normal = unpack_octahedral_24(unshuffle_24(point.normal));
-    vec3 most = vec3(grown.w * (0.5 / 255.0)) + 16.0 * ROUNDING_UNIT * (abs(grown.xyz) + grown.w);
-    surface.ray_offset = dot(most, abs(surface.geometric_world_normal));
+    vec3 max_error = vec3(grown.w * (0.5 / 255.0)) + 16.0 * ROUNDING_UNIT * (abs(grown.xyz) + grown.w);
+    surface.ray_offset = dot(max_error, abs(surface.geometric_world_normal));
     return surface;
 }
 

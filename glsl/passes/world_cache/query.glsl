@@ -1,4 +1,5 @@
-// What others ask of the world cache: irradiance anywhere on surfaces, and with it what a ray finds.
+// Queries of the world cache, Solari's radiance cache in a spatial hash map: the irradiance of any surface point, and
+// the light that a ray finds with its help.
 #ifndef PASSES_WORLD_CACHE_QUERY_GLSL
 #define PASSES_WORLD_CACHE_QUERY_GLSL
 
@@ -10,40 +11,46 @@
 #include "scene/sampling.glsl"
 
 struct WorldCacheResult {
-    bool found;  // false: no value yet, or no place left
+    bool found;  // false when the cell has no value yet, or when the map has no free entry
     vec3 irradiance;
 };
 
-const float EYE_HEIGHT = 0.05;  // in cells: over what surfaces rise themselves
+// Visibility of landmarks is tested from this high above the surface, in cells, so that bumps of the surface hide
+// nothing.
+const float EYE_HEIGHT = 0.05;
 
-// Of the cell where a point lies that is moved by chance within the tangent plane, which hides the grid. Differs from Solari: what
-// can't see a cell's middle has no share in it, nor in what lies behind a wall; where a wall goes through a point's own cell,
-// that has parts, one for each landmark that is the first to be seen.
+// The key of the cell in which a point is looked up. The point is jittered in the tangent plane, which hides the grid
+// of cells.
+//
+// Differs from Solari, whose cells extend through thin walls: here a point uses a cell only if it sees the cell's
+// centre. A cell with a wall through it is divided into parts, and a point uses the part of the first landmark that
+// it sees.
 WorldCacheKey choose_key(vec3 world_position, vec3 normal, float cell_size, inout uint rng) {
     vec2 jitter = world_cache_settings.jitter * cell_size * sample_disk(rand_vec2f(rng));
-    vec3 place = world_position + orthonormalize(normal) * vec3(jitter, 0.0);
-    WorldCacheKey key = make_world_cache_key(place, normal, cell_size);
+    vec3 jittered = world_position + orthonormalize(normal) * vec3(jitter, 0.0);
+    WorldCacheKey key = make_world_cache_key(jittered, normal, cell_size);
     if (world_cache_settings.leak_prevention != WORLD_CACHE_LEAK_PREVENTION_LANDMARKS) { return key; }
     vec3 eye = world_position + EYE_HEIGHT * cell_size * normal;
     uint landmark = 0u;
     for (; landmark < LANDMARKS; landmark++) {
         if (landmark == 1u) {
-            vec4 tried = key.bounds;
+            vec4 jittered_bounds = key.bounds;
             key = make_world_cache_key(world_position, normal, cell_size);
-            if (key.bounds == tried) { continue; }
+            if (key.bounds == jittered_bounds) { continue; }
         }
         vec2 side = vec2((landmark & 1u) == 0u ? 0.25 : -0.25, (landmark & 2u) == 0u ? 0.25 : -0.25);
-        // a tetrahedron, which is a square along any axis
-        vec3 from_middle = landmark < 2u ? vec3(0.0) : vec3(side, 4.0 * side.x * side.y);
-        vec3 way = key.bounds.xyz + cell_size * (0.5 + from_middle) - world_position;
+        // The corners of a tetrahedron, which look like those of a square along each axis.
+        vec3 from_center = landmark < 2u ? vec3(0.0) : vec3(side, 4.0 * side.x * side.y);
+        vec3 way = key.bounds.xyz + cell_size * (0.5 + from_center) - world_position;
         count_ray();
         if (trace_visibility(eye, way - dot(way, normal) * normal, 1.0)) { break; }
     }
     return landmark < 2u ? key : part_of_cell(key, landmark);
 }
 
-// Keeps the cell alive for `lifetime` more frames. `ray_t`: length of the ray that came here; where it is shorter than a cell, the
-// cell might lie on both sides of what the ray met, so that the smallest is taken; INFINITY where this isn't wanted.
+// The irradiance of the cell at a surface point; the cell is inserted if it is new, and kept alive for `lifetime`
+// frames. `ray_t` is the length of the ray that found the point: a cell that is longer than the ray may reach around
+// the surface that the ray left, so that the finest cell size is used instead. INFINITY turns this rule off.
 WorldCacheResult query_world_cache(
     vec3 world_position, vec3 geometric_world_normal, float ray_t, uint lifetime, inout uint rng
 ) {
@@ -64,10 +71,11 @@ WorldCacheResult query_world_cache(
     return WorldCacheResult(irradiance.w > 0.0, irradiance.rgb);
 }
 
-// ---- what a surface makes of it ---------------------------------------------------------------------
+// ---- reflection -------------------------------------------------------------------------------------
 
-// What the whole surface reflects towards a direction under uniform light. Differs from Solari, which takes the base colour and
-// so loses what is specular, or counts it as if metals were white beneath.
+// The share of uniform incoming light that a surface reflects towards a direction. Differs from Solari, which takes
+// the base colour (world_cache_surfaces=diffuse) and so ignores the specular lobe of dielectrics and makes metals
+// diffuse.
 vec3 surface_albedo(ResolvedMaterial material, float cosine) {
     if (brdf_lambert || world_cache_settings.surfaces == WORLD_CACHE_SURFACES_DIFFUSE) { return material.base_color; }
     vec2 ab = material.roughness <= MIRROR_ROUGHNESS
@@ -76,12 +84,13 @@ vec3 surface_albedo(ResolvedMaterial material, float cosine) {
     vec3 dielectric = specular_albedo(f0, ab);
     vec3 through = 1.0 - dielectric;
     if (brdf_layering == LAYERING_FRESNEL_PRODUCT) {
-        through = (1.0 - fresnel(f0, cosine)) * (1.0 - f0) * (20.0 / 21.0);  // the second factor's mean over the hemisphere
+        // 20/21 (1 - f0) is the cosine-weighted mean of 1 - fresnel over the hemisphere.
+        through = (1.0 - fresnel(f0, cosine)) * (1.0 - f0) * (20.0 / 21.0);
     }
     return mix(dielectric + through * material.base_color, specular_albedo(material.base_color, ab), material.metallic);
 }
 
-// From one light sample, seen or not.
+// An estimate of the direct irradiance at a hit, from one light sample and a shadow ray.
 vec3 sample_irradiance(ResolvedRayHitFull hit, inout uint rng) {
     if (scene_info.light_count == 0u) { return vec3(0.0); }
     ResolvedLightSample light_sample = resolve_light_sample(generate_random_light_sample(rng));
@@ -94,46 +103,50 @@ vec3 sample_irradiance(ResolvedRayHitFull hit, inout uint rng) {
     return trace_light_visibility(origin, light_sample) ? irradiance : vec3(0.0);
 }
 
-const uint MOST_UNKNOWN_HITS = 4u;  // on a path, one after the other
+const uint MAX_CACHE_MISSES = 4u;  // consecutive hits of a path for which the cache has no value
 
-struct Gathered {
-    SightPastMirrors sight;
-    vec3 reflectance;  // of the surface there, towards the ray: radiance over irradiance
-    vec3 irradiance;   // what arrives there
+struct GatheredLight {
+    HitPastMirrors first;
+    vec3 reflectance;  // of the first hit towards the ray: radiance over irradiance
+    vec3 irradiance;   // of the first hit
 };
 
-vec3 gathered_radiance(Gathered light) {
-    return light.sight.emitted + light.sight.throughput * light.reflectance * light.irradiance;
+vec3 gathered_radiance(GatheredLight light) {
+    return light.first.emitted + light.first.throughput * light.reflectance * light.irradiance;
 }
 
-// What a ray finds; what emitters give that are met directly is left to others. `short_rays`: whether one shorter than a cell takes
-// the finest. Differs from Solari, which takes 0 where the cache knows nothing: there a path goes on until it comes to where
-// it does, so that no light is lost while cells come and go.
-Gathered gather_light(
-    vec3 origin, vec3 direction, float t_max, float cone_width, bool short_rays, uint lifetime, inout uint rng
+// The light that a surface reflects along a ray. What the surface emits is not included, since direct light counts
+// it. `finest_for_short_rays`: see query_world_cache.
+//
+// Differs from Solari, which takes 0 where the cache has no value: here the path goes on until the cache has one, so
+// that no light is lost while cells appear and disappear.
+GatheredLight gather_light(
+    vec3 origin, vec3 direction, float t_max, float cone_width, bool finest_for_short_rays, uint lifetime,
+    inout uint rng
 ) {
-    Gathered light;
+    GatheredLight light;
     light.reflectance = vec3(0.0);
     light.irradiance = vec3(0.0);
     vec3 throughput = vec3(1.0);
-    for (uint i = 0u; i <= MOST_UNKNOWN_HITS; i++) {
-        SightPastMirrors sight = trace_past_mirrors(origin, direction, t_max, cone_width);
+    for (uint i = 0u; i <= MAX_CACHE_MISSES; i++) {
+        HitPastMirrors found = trace_past_mirrors(origin, direction, t_max, cone_width);
         if (i == 0u) {
-            light.sight = sight;
+            light.first = found;
         } else {
-            throughput *= PI;  // cosine and pdf of the ray leave pi
-            light.irradiance += throughput * sight.emitted;
+            throughput *= PI;  // the ray's cosine over its pdf
+            light.irradiance += throughput * found.emitted;
         }
-        if (!sight.found) { break; }
-        ResolvedRayHitFull hit = sight.surface;
-        vec3 reflectance = INVERSE_PI * surface_albedo(hit.material, dot(hit.world_normal, -sight.direction));
+        if (!found.exists) { break; }
+        ResolvedRayHitFull hit = found.surface;
+        vec3 reflectance = INVERSE_PI * surface_albedo(hit.material, dot(hit.world_normal, -found.direction));
         if (i == 0u) {
             light.reflectance = reflectance;
         } else {
-            throughput *= sight.throughput * reflectance;
+            throughput *= found.throughput * reflectance;
         }
-        float ray_t = short_rays ? sight.ray_t : INFINITY;
-        WorldCacheResult cached = query_world_cache(hit.world_position, hit.geometric_world_normal, ray_t, lifetime, rng);
+        float ray_t = finest_for_short_rays ? found.ray_t : INFINITY;
+        WorldCacheResult cached =
+            query_world_cache(hit.world_position, hit.geometric_world_normal, ray_t, lifetime, rng);
         light.irradiance += throughput * (cached.found ? cached.irradiance : sample_irradiance(hit, rng));
         if (cached.found || frame_settings.world_cache == 0u) { break; }
         origin = hit.world_position + hit.ray_offset * hit.geometric_world_normal;

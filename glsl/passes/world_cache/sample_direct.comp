@@ -1,6 +1,6 @@
-// World cache, step 4: direct light of active cells, by resampled importance sampling (Talbot et al., "Importance Resampling
-// for Global Illumination", 2005) over light samples, and one ray to the chosen one. Differs from Solari in that each cell
-// has a tile of its own: which cells are neighbours in the list is chance, and their errors would go together.
+// World cache, step 4: direct light of active cells, by resampled importance sampling (Talbot et al., "Importance
+// Resampling for Global Illumination", 2005) over light samples, and one shadow ray to the chosen one. Differs from
+// Solari, where the cells of a workgroup share a tile, so that their errors are correlated: each cell chooses a tile.
 #version 460
 #include "passes/light_tiles/light_tiles.glsl"
 #include "passes/ray_count.glsl"
@@ -45,6 +45,6 @@ void main() {
     atomicAdd(world_cache_counters.updates, 1u);
     uint rng = seed_cell_rng(cell, DIRECT_SALT);
     vec3 irradiance = sample_direct_irradiance(load_world_cache_surface(cell), rng);
-    // the life is kept as it is now, since the next pass raises it while it reads it
+    // The life is copied because the next pass both reads and raises it.
     world_cache_samples.at[thread] = WorldCacheSample(irradiance, world_cache_life.at[cell]);
 }

@@ -1,5 +1,5 @@
-// World cache, step 2: how many cells are active before every block, and in all; one workgroup does it, whose own sums are
-// those of Hillis and Steele, "Data Parallel Algorithms" (1986).
+// World cache, step 2: the number of active cells before each block and in total, by a prefix sum in one workgroup:
+// Hillis and Steele, "Data Parallel Algorithms" (1986).
 #version 460
 #include "passes/world_cache/threads.glsl"
 

@@ -1,4 +1,4 @@
-// World cache, step 3: the list of active cells, in the map's order.
+// World cache, step 3: writes the list of active cells, in the order of the map.
 #version 460
 #include "passes/world_cache/threads.glsl"
 
@@ -6,8 +6,8 @@ layout(local_size_x = GROUP_SIZE) in;
 
 void main() {
     uint block = thread_index(gl_GlobalInvocationID.xy);
-    uint at = world_cache_blocks.at[block];
+    uint next = world_cache_blocks.at[block];
     for (uint cell = block * BLOCK_SIZE; cell < (block + 1u) * BLOCK_SIZE; cell++) {
-        if (world_cache_checksums.at[cell] != EMPTY_CELL) { world_cache_active_cells.at[at++] = cell; }
+        if (world_cache_checksums.at[cell] != EMPTY_CELL) { world_cache_active_cells.at[next++] = cell; }
     }
 }

@@ -1,4 +1,4 @@
-// The one-dimensional dispatches of the world cache, in rows that no device's limit on workgroups cuts short.
+// Thread indices of the world cache's passes, which are dispatched in rows to stay below the limit on workgroup counts.
 #ifndef PASSES_WORLD_CACHE_THREADS_GLSL
 #define PASSES_WORLD_CACHE_THREADS_GLSL
 

@@ -1,4 +1,4 @@
-// Which active cells are updated in this frame, and their random numbers.
+// The active cells that are updated in this frame, and their random numbers.
 #ifndef PASSES_WORLD_CACHE_UPDATE_GLSL
 #define PASSES_WORLD_CACHE_UPDATE_GLSL
 
@@ -8,12 +8,12 @@ const uint UPDATE_SALT = 0x7C0A11EDu;
 const uint DIRECT_SALT = 0x7C0D14ECu;
 const uint INDIRECT_SALT = 0x7C01D14Eu;
 
-// Follows the key, not the cell's place in the map or the list, which hang on who was faster.
+// Seeds by the key, since a cell's index in the map depends on the order in which cells were inserted.
 uint seed_cell_rng(uint cell, uint salt) {
     return seed_rng(uvec2(world_cache_checksums.at[cell], 0u), this_frame.index, this_frame.seed ^ salt);
 }
 
-// The cell that a thread updates, or NO_INDEX. Above the cap cells take turns by chance, the same cells in every pass.
+// The cell that a thread updates, or NO_INDEX. Above the cap a random subset is updated, the same one in all passes.
 uint find_cell_to_update(uint thread) {
     if (thread >= world_cache_counters.active_cells) { return NO_INDEX; }
     uint cell = world_cache_active_cells.at[thread];
