@@ -141,11 +141,13 @@ def test_off_is_nothing_at_all(device):
 INITIAL, SHADE = "passes/restir_gi/initial_and_temporal.comp", "passes/restir_gi/spatial_and_shade.comp"
 QUERY = "passes/world_cache/query.glsl"
 MUTANTS = {
-    "rays of the last frame's surfaces meet them": (INITIAL, "before.ray_offset = surface.ray_offset;", ""),
+    "rays of the previous frame's surfaces hit them":
+        (INITIAL, "neighbor_surface.ray_offset = surface.ray_offset;", ""),
     "density of another distribution": (INITIAL, "? 2.0 * PI :", "? PI / 0.6 :"),
     "radiance where irradiance is": (QUERY, "vec3 reflectance = INVERSE_PI * ", "vec3 reflectance = "),
     "contribution weight forgotten": (SHADE, "* reservoir.unbiased_contribution_weight", ""),
-    "own sample merged twice": (SHADE, "gi_temporal_reservoirs.at[at.y * camera.size.x + at.x]", "reservoir"),
+    "own sample merged twice":
+        (SHADE, "gi_temporal_reservoirs.at[neighbor.y * camera.size.x + neighbor.x]", "reservoir"),
 }  # fmt: skip
 
 

@@ -85,7 +85,7 @@ NO_SHORT_RAY_RULE: tuple[Patch, ...] = (("passes/world_cache/query.glsl", "if (r
 """World cache queries of short rays take cells as large as any other."""
 
 TERMINATION_BY_ROUGHNESS: tuple[Patch, ...] = (
-    (_TRACE, "return spread_width > cell_size && ray_t > longest_in_cell;",
+    (_TRACE, "return spread_width > cell_size && ray_t > (as_solari ? sqrt(3.0) : 1.0) * cell_size;",
      "return surface.material.roughness > 0.03;"),
 )  # fmt: skip
 """Specular paths end in the world cache at the first surface that isn't nearly a mirror."""
