@@ -84,7 +84,7 @@ BUGS = {
     "extents with the wrong signs": (gbuffer_checks.measure_culling, ["culling drops"], CULL,
                                      "abs(normal * box.half_axes)", "normal * box.half_axes"),
     "pyramid of the nearest": (gbuffer_checks.measure_culling, ["culling drops"], "passes/gbuffer/depth_pyramid.comp",
-                               "farthest = min(\n", "farthest = max(\n"),
+                               "farthest = min(farthest, below", "farthest = max(farthest, below"),
     "pyramid off by a level": (gbuffer_checks.measure_culling, ["culling drops"], CULL,
                                "pyramid_index(level, uvec2(x, y))",
                                "pyramid_index(max(level, 2u) - 1u, uvec2(x, y))"),

@@ -72,7 +72,7 @@ MUTANTS = {
     "heuristic: not for infinity": (surface.check_heuristics, (), "common/math.glsl",
                                     "f == g ? 0.5 : 1.0 / (1.0 + g / f)", "f / (f + g)"),
     "normals: not bent": (surface.check_bending, (), SURFACE,
-                          "if (dot(normal, wo) > 0.0 && dot(mirrored, geometric_normal) >= least)", "if (true)"),
+                          "if (dot(normal, wo) > 0.0 && dot(mirrored, geometric_normal) >= min_cosine)", "if (true)"),
     "offset: an eighth of the bound": (ray_offsets.check, (1e-3,), SURFACE, "return 16.0 *", "return 2.0 *"),
     "offset: light's end not moved": (ray_offsets.check, (1.0,), "scene/light_visibility.glsl", "? -offset : offset)",
                                       "? offset : -offset)"),
