@@ -79,7 +79,7 @@ class Renderer(PictureRenderer):
             external = self._tables | self._lights.buffers
             self._frame = self._own(SceneFrame(device, self.binder, self._stages(self.size), external=external))
             self._camera_uniforms = CameraUniforms(self._frame.uniforms)
-            self._write_this_frame = self._frame.uniforms.writer("this_frame", THIS_FRAME)
+            self._this_frame = self._frame.uniforms.writer("this_frame", THIS_FRAME)
             self._built = self._build_key()
         except BaseException:
             self.close()
@@ -162,7 +162,7 @@ class Renderer(PictureRenderer):
         if not history:
             self._lights.change = 0.0
         projection = self._camera_uniforms.write(camera, self.size, jitter, has_history=history)
-        self._write_this_frame(
+        self._this_frame.write(
             self.frame_count & 0xFFFFFFFF, self.seed, history, projection.exposure, self._lights.change
         )
         self._has_history = True

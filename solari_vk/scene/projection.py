@@ -71,8 +71,8 @@ class CameraUniforms:
     """Writes a camera to the uniform blocks of a frame's shaders, frame by frame."""
 
     def __init__(self, uniforms: Uniforms) -> None:
-        self._write = uniforms.writer("camera", FIELDS)
-        self._write_previous = uniforms.writer("previous_camera", FIELDS)
+        self._current = uniforms.writer("camera", FIELDS)
+        self._previous = uniforms.writer("previous_camera", FIELDS)
         self._projection: Projection | None = None
         self._latest: Numbers = ()
 
@@ -87,7 +87,7 @@ class CameraUniforms:
         projection = self._projection = Projection.of(camera, size, self._projection)
         (x, y), (dx, dy) = projection.jitter, offset
         numbers = (*projection.numbers, x + dx, y + dy)
-        self._write(*numbers)
-        self._write_previous(*(self._latest if has_history else numbers))
+        self._current.write(*numbers)
+        self._previous.write(*(self._latest if has_history else numbers))
         self._latest = numbers
         return projection

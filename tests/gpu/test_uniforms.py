@@ -48,19 +48,21 @@ def test_unknown_names_and_wrong_shapes():
 
 def test_writers_and_values_outlast_another_layout():
     uniforms = make(one=ONE)
-    write, absent = uniforms.writer("one", ("place", "count")), uniforms.writer("two", ("count",))
-    write(1, 2, 3, 4)
-    absent(7)
+    there, absent = uniforms.writer("one", ("place", "count")), uniforms.writer("two", ("count",))
+    there.write(1, 2, 3, 4)
+    absent.write(7)
     assert (*uniforms["one.place"], uniforms["one.count"]) == (1, 2, 3, 4)
     before = uniforms.version
     uniforms.declare({"two": TWO, "one": ONE})
     assert uniforms.version > before
     assert (*uniforms["one.place"], uniforms["one.count"], uniforms["two.count"]) == (1, 2, 3, 4, 0)
-    write(5, 6, 7, 8)
-    absent(9)
+    there.write(5, 6, 7, 8)
+    absent.write(9)
     assert (*uniforms["one.place"], uniforms["one.count"], uniforms["two.count"]) == (5, 6, 7, 8, 9)
     uniforms.declare({"one": np.dtype([("count", "f4"), ("place", "f4", (3,))])})
     assert (*uniforms["one.place"], uniforms["one.count"]) == (5, 6, 7, 0), "count is of another type now"
+    with pytest.raises(SolariError, match="without a gap"):
+        there.write(1, 2, 3, 4)
 
 
 BLOCKS = """struct Pair { uint first; uint second; };
@@ -80,10 +82,10 @@ def test_shaders_see_their_blocks_frame_by_frame(device, shaders):
     stage = Stage("blocks", buffers={"result": 2}, passes=[Pass("blocks", threads=1)])
     with Frame(device, [stage], glsl_root=shaders.root) as frame:
         assert "unused.factor" not in frame.uniforms
-        write = frame.uniforms.writer("pair", ("first", "second"))
+        pair = frame.uniforms.writer("pair", ("first", "second"))
         for number in range(3):
             frame.uniforms["scale.factor"] = 10 + number
-            write(number, 4)
+            pair.write(number, 4)
             frame.submit()
             assert frame["result"].tolist() == [(10 + number) * (number + 4), 4]
 

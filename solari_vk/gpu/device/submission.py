@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import ALL_COMMANDS
@@ -12,17 +12,15 @@ Semaphore = tuple[raw.CData, int, int]
 
 
 class Submission:
-    """A VkSubmitInfo2 built once. Its timeline value is changed in place, so that submitting costs microseconds."""
+    """A VkSubmitInfo2 built once. Submitting it changes its timeline value in place, which costs microseconds."""
 
     def __init__(
         self,
-        send: Callable[[Submission], int],
         timeline: raw.CData,
         command_buffers: Sequence[raw.CData],
         waits: Sequence[Semaphore] = (),
         signals: Sequence[Semaphore] = (),
     ) -> None:
-        self._send = send
         self._commands = tuple(command_buffers)
         self.waits = raw.array("VkSemaphoreSubmitInfo", [_semaphore(*wait) for wait in waits])
         self.signals = raw.array(
@@ -52,10 +50,6 @@ class Submission:
         if ahead != self._ahead:
             self._ahead, self._info_behind = ahead, self._info(ahead)
         return self._info_behind
-
-    def submit(self) -> int:
-        """Submit; returns the value that the device's timeline reaches when the commands are done."""
-        return self._send(self)
 
 
 def _semaphore(semaphore: raw.CData, value: int, stages: int) -> raw.CData:

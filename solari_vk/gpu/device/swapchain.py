@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any
 
 from solari_vk.errors import DeviceError
@@ -96,7 +97,7 @@ class Swapchain:
             self._submissions[key] = self.device.submission(
                 commands, waits=[(wait, 0, ALL_COMMANDS)], signals=[(signal, 0, ALL_COMMANDS)]
             )
-        value = self._values[self._frame] = self._submissions[key].submit()
+        value = self._values[self._frame] = self.device.submit_prepared(self._submissions[key])
         info = raw.struct(
             "VkPresentInfoKHR",
             waitSemaphoreCount=1,
@@ -230,7 +231,7 @@ class Swapchain:
         device = self.device
         if handle == raw.NULL:
             return
-        if not device.lost:
+        with suppress(DeviceError):  # Vulkan ends this wait on a lost device too, by an error
             device.vk.vkQueueWaitIdle(device.queue)
         for view in self.views:
             device.vk.vkDestroyImageView(device.handle, view, raw.NULL)

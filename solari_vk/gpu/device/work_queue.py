@@ -56,12 +56,12 @@ class WorkQueue(LogicalDevice):
         waits: Sequence[Semaphore] = (),
         signals: Sequence[Semaphore] = (),
     ) -> Submission:
-        """A submission that is prepared once and can be submitted many times."""
-        return Submission(self._submit, self.timeline, command_buffers, waits, signals)
+        """A submission for `submit_prepared`, which can be submitted many times."""
+        return Submission(self.timeline, command_buffers, waits, signals)
 
     def submit(self, command_buffers: Sequence[raw.CData]) -> int:
         """Submit command buffers; returns the timeline value that marks their completion."""
-        return self._submit(self.submission(command_buffers))
+        return self.submit_prepared(self.submission(command_buffers))
 
     def before_next_submit(self, record: Callable[[raw.CData], None]) -> None:
         """Have `record` called, and its commands submitted, just before the next submission."""
@@ -76,7 +76,11 @@ class WorkQueue(LogicalDevice):
         self._with_next.pop(commands, None)
         self._with_next[commands] = None
 
-    def _submit(self, submission: Submission, *, internal: bool = False) -> int:
+    def submit_prepared(self, submission: Submission, *, internal: bool = False) -> int:
+        """Submit; returns the timeline value that marks the completion of the commands.
+
+        internal: for commands of the device's own, which don't count as the next submission.
+        """
         if self.lost:
             raise DeviceError(f"{self.name} was lost: make a new Device")
         if self._before_next and not internal:
@@ -144,7 +148,7 @@ class WorkQueue(LogicalDevice):
         except BaseException:
             free()
             raise
-        value = self._submit(self.submission([commands]), internal=True)
+        value = self.submit_prepared(self.submission([commands]), internal=True)
         self.retire(free)
         return value
 
@@ -203,7 +207,7 @@ class WorkQueue(LogicalDevice):
         The allocator waits like this when memory runs out, possibly while such commands are being prepared.
         """
         if self._with_next:
-            self._submit(self.submission([]), internal=True)
+            self.submit_prepared(self.submission([]), internal=True)
         self.await_value(self.submitted)
 
     def sync_host(self) -> None:

@@ -103,10 +103,10 @@ class Frame:
         old, self._program = self._program, program
         self._barriers = plan_barriers(accesses, self._barrier_every_pass)
         self._accesses = accesses
-        kinds = program.interface.bindings.values()
-        self._structures = [binding.name for binding in kinds if binding.kind == "acceleration_structure"]
         self._resources.destroy_all_but(resources)
         self._stages, self._external, self._resources = stages, external, resources
+        self._note_structures()
+        kinds = program.interface.bindings.values()
         blocks = {binding.name: binding.dtype for binding in kinds if binding.kind == "uniform_buffer"}
         self.uniforms.declare({name: dtype for name, dtype in blocks.items() if dtype and name not in bound[0]})
         if old is not None:
@@ -118,6 +118,7 @@ class Frame:
         """Replace external resources from the next frame on. The replaced ones may be destroyed at once."""
         assert self._program is not None
         self._external.update(external)
+        self._note_structures()
         for slot in self._slots:
             slot.bind(external)
 
@@ -134,23 +135,25 @@ class Frame:
         self.device.await_value(slot.value)
         if slot.stale:
             slot.record(self._barriers)
-        self._check_structures()
-        slot.write_uniforms()
+        for structure in self._structures:
+            structure.check_usable()
+        slot.uniform_target[:] = slot.uniform_source
         try:
             if before:
                 self.device.submit([self._order.commands, *before, slot.commands])
             else:
-                slot.submission.submit()
+                self.device.submit_prepared(slot.submission)
         finally:
             slot.value = self.device.submitted  # also after a submission that raised ValidationError
         self.frame_count += 1
         return slot.value
 
-    def _check_structures(self) -> None:
-        """Raise SolariError if a top-level structure that the shaders use was never built or is outdated."""
-        for name in self._structures:
-            if name in self._external:
-                self._external[name].check_usable()
+    def _note_structures(self) -> None:
+        """Note the top-level structures that the shaders use; each frame checks them."""
+        assert self._program is not None
+        bindings = self._program.interface.bindings.values()
+        names = [binding.name for binding in bindings if binding.kind == "acceleration_structure"]
+        self._structures = [self._external[name] for name in names if name in self._external]
 
     # ---- results ------------------------------------------------------------------------------------
 

@@ -29,12 +29,14 @@ class Slot:
         self.stale = True
         self.commands = commands
         self.submission = device.submission([commands])
+        self.uniform_source: memoryview | bytes = b""
+        """What each frame copies to `uniform_target`, once the slot's previous frame is done."""
+        self.uniform_target: memoryview | bytearray = bytearray()
         self._device = device
         self._program: Program | None = None
         self._sets: DescriptorSets | None = None
         self._bound: dict[str, Any] = {}
         self._uniforms: Buffer | None = None
-        self._uniform_source = self._uniform_target = memoryview(b"")
         self._queries: raw.CData = None
         self._query_count = 0
         self._query_token = 0
@@ -49,25 +51,20 @@ class Slot:
         size = uniforms.memory.nbytes
         if self._uniforms is not None and self._uniforms.size != size:
             self._uniforms.destroy()
-            self._uniforms = None
+            self._uniforms, self.uniform_source, self.uniform_target = None, b"", bytearray()
         if size and self._uniforms is None:
             self._uniforms = self._device.buffer(size, f"uniforms {self.index}", host=True)
-            self._uniform_target = self._uniforms.view(np.uint8).data
+            self.uniform_target = self._uniforms.view(np.uint8).data
         if self._uniforms is not None:
             for name, offset in uniforms.offsets.items():
                 self._bound[name] = BufferRange(self._uniforms, offset, uniforms.record(name).nbytes)
-            self._uniform_source = uniforms.memory.data
+            self.uniform_source = uniforms.memory.data
         self.stale = True
 
     def bind(self, resources: Mapping[str, Any]) -> None:
         """Use other resources from the next recording on."""
         self._bound.update(resources)
         self.stale = True
-
-    def write_uniforms(self) -> None:
-        """Copy the uniforms to this slot's memory; the slot's previous frame must be done."""
-        if self._uniforms is not None:
-            self._uniform_target[:] = self._uniform_source
 
     def record(self, barriers: Sequence[Barrier | None]) -> None:
         """Write the descriptor sets and record the commands; the slot's previous frame must be done."""

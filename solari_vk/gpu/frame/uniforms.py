@@ -3,12 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from solari_vk.errors import SolariError
 from solari_vk.gpu.frame.packing import packing
+
+
+class Writer:
+    """A fast way to set fields of a uniform block: `writer.write(*numbers)`.
+
+    A field of several numbers takes them one by one. The call does nothing while no shader has the block, and raises
+    SolariError if the block has no such fields next to each other.
+    """
+
+    def __init__(self, block: str, names: Sequence[str]) -> None:
+        self.block = block
+        self.names = tuple(names)
+        self.write: Callable[..., None] = _ignore
+
+
+def _ignore(*_: float) -> None:
+    pass
+
+
+def _refuse(why: str, *_: float) -> None:
+    raise SolariError(why)
 
 
 class Uniforms:
@@ -28,6 +50,7 @@ class Uniforms:
         self._alignment = alignment
         self._types: dict[str, np.dtype[Any]] = {}
         self._fields: dict[str, np.ndarray] = {}
+        self._writers: list[Writer] = []
 
     def declare(self, blocks: Mapping[str, np.dtype[Any]]) -> None:
         """Replace the blocks. A field that existed before with the same type keeps its value."""
@@ -45,6 +68,8 @@ class Uniforms:
         for name, values in self._fields.items():
             if name in before and before[name].dtype == values.dtype and before[name].shape == values.shape:
                 values[:] = before[name]
+        for writer in self._writers:
+            self._renew(writer)
         self.version += 1
 
     def record(self, block: str) -> np.ndarray:
@@ -55,26 +80,24 @@ class Uniforms:
         first = self.offsets[block]
         return self.memory[first : first + self._types[block].itemsize].view(self._types[block])
 
-    def writer(self, block: str, names: Sequence[str]) -> Callable[..., None]:
-        """A fast function that sets fields of a block, which must follow each other, to plain numbers.
+    def writer(self, block: str, names: Sequence[str]) -> Writer:
+        """What sets fields of a block, which must follow each other, to plain numbers. It stays valid when other
+        blocks are declared."""
+        writer = Writer(block, names)
+        self._writers.append(writer)
+        self._renew(writer)
+        return writer
 
-        A field of several numbers takes them one by one. The function stays valid when other blocks are declared, and
-        does nothing while no shader has the block.
-        """
-        version, pack, target, first = -1, None, self.memory.data, 0
-
-        def write(*values: float) -> None:
-            nonlocal version, pack, target, first
-            if version != self.version:
-                pack, target = None, self.memory.data
-                if block in self._types:
-                    packed, offset = packing(self._types[block], names)
-                    pack, first = packed.pack_into, self.offsets[block] + offset
-                version = self.version
-            if pack is not None:
-                pack(target, first, *values)
-
-        return write
+    def _renew(self, writer: Writer) -> None:
+        writer.write = _ignore
+        if writer.block not in self._types:
+            return
+        try:
+            packed, offset = packing(self._types[writer.block], writer.names)
+        except SolariError as error:
+            writer.write = partial(_refuse, str(error))
+        else:
+            writer.write = partial(packed.pack_into, self.memory.data, self.offsets[writer.block] + offset)
 
     def __getitem__(self, name: str) -> Any:
         return self._field(name)[0]
