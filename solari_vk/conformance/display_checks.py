@@ -1,4 +1,4 @@
-"""The displayed picture: exposure, sRGB and tone curves over sixteen stops; debug views against the buffers they show."""
+"""The displayed picture: exposure, sRGB, tone curves over sixteen stops; debug views against the buffers they show."""
 
 from __future__ import annotations
 
