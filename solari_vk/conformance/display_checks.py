@@ -21,7 +21,7 @@ from solari_vk.scene.builtin import cornell_box, lamp, rgb
 
 Image = NDArray[Any]
 _DEBUG_VIEWS = (SUITE, "Debug views")
-EXPOSURE = Rule("white is 1.2 * 2^EV100 cd/m^2, and displayed light is proportional to radiance", "ISO 12232", "saturation-based speed")
+EXPOSURE = Rule("white is 1.2 * 2^EV100 cd/m^2, and display is linear", "ISO 12232", "saturation-based speed")
 SRGB = Rule("without a tone curve, the sRGB transfer function", "IEC 61966-2-1", "8 bits")
 CURVES = {
     "reinhard": Rule("Reinhard's curve, of luminance", "Reinhard et al. 2002", "equation 3"),

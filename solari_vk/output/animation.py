@@ -53,7 +53,7 @@ def load_path(path: str | Path, camera: Camera, *, fps: float, count: int | None
     if count is None:
         count = round((times[-1] - times[0]) * fps) + 1
     if count > MAX_CAMERAS:
-        raise SolariError(f"{path}: {count:,} pictures are more than {MAX_CAMERAS:,}: give --frames, or shorten the times")
+        raise SolariError(f"{path}: {count:,} pictures are more than {MAX_CAMERAS:,}: give --frames or less time")
     frame_times = np.linspace(times[0], times[-1], count)
     channels = {
         "transform": np.array([pose.transform for pose in poses]),
@@ -89,7 +89,7 @@ def _read(path: Path, camera: Camera) -> tuple[NDArray[np.float64], list[Camera]
     for index, (a, b) in enumerate(pairwise(poses)):
         cosine = (np.sum(_axes(a) * _axes(b)) - 1) / 2
         if cosine < math.cos(math.radians(MAX_TURN)):
-            raise SolariError(f"{path}: poses {index} and {index + 1} face opposite directions: put another pose between them")
+            raise SolariError(f"{path}: poses {index} and {index + 1} face opposite directions: add a pose between")
     return times, poses
 
 
