@@ -1,4 +1,4 @@
-"""`solari-vk bench`: the page it writes, and the kernel that `RayTracer.trace` is measured by."""
+"""`solari-vk bench`: its page, the kernels that it compares with, and the counts of rays."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_plain_kernel_finds_what_the_tracer_does(device):
 
 
 def test_rays_are_counted_by_pass(device):
-    """What sees a surface traces one ray to its light at most, and there is no mirror for guides to look past."""
+    """A pixel traces at most one ray to its light, and without mirrors the guides trace none."""
     scene, size = builtin("cornell_box"), (24, 24)
     binder = SceneBinder(device, scene)
     rays = count_rays(device, binder, scene.camera, size, warm_up=8, frames=2)

@@ -1,4 +1,4 @@
-"""What is built from the tree: the sdist, the wheel from the sdist, and shaders that run without a compiler."""
+"""The sdist, the wheel that is built from it, and shaders that run without a compiler."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PARTS = ["solari_vk", "glsl", "tests", "tools", "docs", "pyproject.toml", "hatch
 
 
 def build(folder: Path, target: str, **environment: str) -> Path:
-    """The file that hatchling makes of a source tree."""
+    """The file that hatchling builds from a source tree."""
     done = subprocess.run(
         [sys.executable, "-m", "hatchling", "build", "-t", target],
         cwd=folder, env=os.environ | environment, capture_output=True, text=True, check=False,
@@ -31,7 +31,7 @@ def build(folder: Path, target: str, **environment: str) -> Path:
 
 @pytest.fixture(scope="module")
 def tree(tmp_path_factory):
-    """A copy of the sources, with a compiled module in it that belongs to no shader."""
+    """A copy of the sources, with a compiled module that belongs to no shader."""
     copy = tmp_path_factory.mktemp("tree")
     ignored = shutil.ignore_patterns("__pycache__", "*.spv", "shipped.json", ".*_cache", "*.npz")
     for name in PARTS:
@@ -40,7 +40,7 @@ def tree(tmp_path_factory):
         elif (ROOT / name).is_file():
             shutil.copy(ROOT / name, copy / name)
     shutil.copy(ROOT / ".gitignore", copy)
-    (copy / "glsl" / "gone.comp.spv").write_bytes(b"of an earlier build")
+    (copy / "glsl" / "gone.comp.spv").write_bytes(b"from an earlier build")
     return copy
 
 
@@ -55,7 +55,7 @@ def unpacked_sdist(tree, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def wheel(unpacked_sdist):
-    """The wheel built from the sdist on a machine without a compiler."""
+    """The wheel that a machine without a compiler builds from the sdist."""
     return build(unpacked_sdist, "wheel", **NO_COMPILER)
 
 
@@ -92,7 +92,7 @@ def test_wheel_metadata(wheel):
 
 
 def test_installed_wheel_needs_no_compiler(wheel, tmp_path):
-    """Every shader comes out of the wheel as it was compiled; a changed one asks for a compiler."""
+    """Every shader of the wheel is there as SPIR-V; a changed one needs a compiler."""
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path)
     program = """

@@ -1,4 +1,4 @@
-"""The set-up scripts: backports from both formats of apt's sources, what is missing, one line on failure."""
+"""The setup scripts: backports from both formats of apt's sources, the list of missing things, errors in one line."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_nothing_is_missing_here():
 
 @pytest.fixture
 def bare_path(tmp_path):
-    """A PATH with a shell's usual tools and neither Python nor a package manager."""
+    """A PATH with a shell's usual tools but without Python and a package manager."""
     for name in ("sh", "cat", "dirname", "basename", "id", "uname", "paste", "sed", "mkdir", "tail", "cksum"):
         found = shutil.which(name)
         assert found is not None

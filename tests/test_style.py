@@ -1,4 +1,4 @@
-"""The sources pass the linter and the strict type checker, set up in pyproject.toml."""
+"""The sources pass the linter and the strict type checker; pyproject.toml configures both."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Adds a backports suite to apt, from the archive that this machine already takes its release from.
 
-backports.py bookworm-backports   writes a file below apt's sources.list.d and prints its path
-The address, the key and all other options are those of the entry for the release itself, whichever of apt's two
-formats it is written in, so mirrors, proxies and local copies keep working.
+backports.py bookworm-backports   writes a file in apt's sources.list.d and prints its path
+Address, key and all other options are copied from the release's own entry, in either of apt's two formats, so that
+mirrors, proxies and local copies keep working.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _FALSE = ("no", "false", "without", "off", "disable", "0")
 
 
 def from_one_line(text: str, release: str, backports: str) -> str | None:
-    """The line for `backports` like the first line of a .list file for `release`, or None without such a line."""
+    """A line for `backports`, made from the first line for `release` in a .list file; None without such a line."""
     for line in text.splitlines():
         found = _ONE_LINE.match(line)
         if found and found["suite"] == release and "main" in found["components"].split():
@@ -28,7 +28,7 @@ def from_one_line(text: str, release: str, backports: str) -> str | None:
 
 
 def from_stanzas(text: str, release: str, backports: str) -> str | None:
-    """The stanza for `backports` like the first one of a .sources file for `release`, or None without such a stanza."""
+    """A stanza for `backports`, made from the first one for `release` in a .sources file; None without such a stanza."""
     without_comments = "\n".join(line for line in text.splitlines() if not line.startswith("#"))
     for stanza in re.split(r"\n\s*\n", without_comments):
         fields = {found["name"].strip().lower(): found["value"] for found in _FIELD.finditer(stanza)}
@@ -44,7 +44,7 @@ def from_stanzas(text: str, release: str, backports: str) -> str | None:
 
 
 def find_source(files: Iterable[tuple[str, str]], release: str, backports: str) -> tuple[str, str] | None:
-    """Suffix and text of a new file of sources, from (suffix, text) of the present ones; None if none has `release`."""
+    """(suffix, text) of a new file of sources, made from those of the present files; None if none has `release`."""
     for suffix, text in files:
         made = (from_stanzas if suffix == ".sources" else from_one_line)(text, release, backports)
         if made is not None:
@@ -53,20 +53,20 @@ def find_source(files: Iterable[tuple[str, str]], release: str, backports: str) 
 
 
 def apt_path(name: str) -> Path:
-    """A path of apt's configuration."""
+    """A path in apt's configuration."""
     shell = subprocess.run(["apt-config", "shell", "path", name], check=True, capture_output=True, text=True).stdout
     return Path(shell.strip().removeprefix("path=").strip("'\""))
 
 
 def main(backports: str) -> str:
-    """Write the file; its path, or an exit with the reason."""
+    """Write the file and return its path; exit with the reason if that fails."""
     folder = apt_path("Dir::Etc::sourceparts/d")
     candidates = [apt_path("Dir::Etc::sourcelist/f"), *sorted(folder.glob("*.list")), *sorted(folder.glob("*.sources"))]
     files = [(file.suffix, file.read_text(encoding="utf-8")) for file in candidates if file.is_file()]
     release = backports.removesuffix("-backports")
     source = find_source(files, release, backports)
     if source is None:
-        sys.exit(f"apt has no source for {release} main in {folder.parent}, so there is none to take {backports} from")
+        sys.exit(f"apt has no source for {release} main in {folder.parent}, so {backports} can't be added")
     target = folder / f"solari-vk-backports{source[0]}"
     try:
         target.write_text(source[1], encoding="utf-8")

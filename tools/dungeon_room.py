@@ -1,4 +1,4 @@
-"""A torch-lit room put together from the pieces of a glTF dungeon kit: how scenes are combined in Python.
+"""A torch-lit room made of the pieces of a glTF dungeon kit: an example of how to combine scenes in Python.
 
     python tools/dungeon_room.py KIT_FOLDER -o dungeon_room.png [--size 640x360] [--samples 256]
 
@@ -19,7 +19,7 @@ from solari_vk.scene.builtin import place
 
 FLAME = (60.0, 24.0, 6.0)  # radiance
 
-# piece, where it stands, turned about y by so many degrees
+# piece, position in metres, rotation about y in degrees
 PIECES = (
     *(("floor_tile_large", (x, 0, z), 0) for x in (-4, 0, 4) for z in (-4, 0, 4) if (x, z) != (4, -4)),
     ("floor_tile_large_rocks", (4, 0, -4), 0),
@@ -53,7 +53,7 @@ TORCHES = ((-2, 2.3, -5.5, 0), (2, 2.3, -5.5, 0), (-5.5, 2.3, -2.1, 90), (5.5, 2
 
 
 def dungeon_room(kit: Path) -> sv.Scene:
-    """The room as a scene with a camera; warnings of all pieces are gathered. 12 x 12 m, open to the front."""
+    """The room as a scene with a camera and the warnings of all pieces: 12 x 12 m, open at the front."""
     room = sv.Scene(name="dungeon room")
     loaded: dict[str, sv.Scene] = {}
 

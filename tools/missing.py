@@ -1,4 +1,4 @@
-"""Prints what a job of tools/setup.sh lacks on this system, one thing a line: missing.py demo|test."""
+"""Prints what this system lacks for a job of tools/setup.sh, one thing a line: missing.py demo|test."""
 
 import ctypes
 import os
@@ -24,7 +24,7 @@ class LayerProperties(ctypes.Structure):
 
 
 def library(names):
-    """The first of these libraries that can be opened, or None."""
+    """The first of these libraries that can be loaded, or None."""
     for path in (folder + name for name in names if name for folder in FOLDERS):
         try:
             return ctypes.CDLL(path)
@@ -43,7 +43,7 @@ def has_layer(loader):
 
 
 def missing(job):
-    """What is missing, in words."""
+    """Yields the name of each missing thing."""
     loader = library(LOADER)
     if loader is None:
         yield "the Vulkan loader"
@@ -60,7 +60,7 @@ def missing(job):
             yield "Xvfb"
         if shutil.which("xdotool") is None:
             yield "xdotool"
-        # Mitsuba, a reference of some tests, needs these two.
+        # Mitsuba, which some tests compare with, needs these two.
         if library(LLVM) is None:
             yield "LLVM 19"
         if library(("libatomic.so.1", "libSystem.dylib")) is None:

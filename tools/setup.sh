@@ -1,6 +1,6 @@
-# The part that tools/demo and tools/test share; they set $root and source this file. `set_up demo` or `set_up test`
-# ends with $python, an interpreter that has the package, on a machine that has all the job needs. As root on Debian and
-# its relatives what is missing comes from apt; elsewhere one message says what to install.
+# Shared by tools/demo and tools/test, which set $root and source this file. `set_up demo` or `set_up test` installs
+# what the job needs and sets $python to an interpreter that has the package. As root on Debian and its relatives it
+# installs missing packages with apt; elsewhere one message says what to install.
 
 log=$root/out/setup.log
 # glslc, because the libshaderc1 of Debian 12 can't be loaded: it lacks symbols. A test links them from glslang-dev.

@@ -76,7 +76,8 @@ def _rays(device: Device, report: Report, name: str) -> None:
         while time.perf_counter() < until:
             kernel_seconds, kernel_rays = bare.run(tracer.samples)
             before = tracer.rays
-            spent += kernel_seconds, seconds(lambda: tracer.render(scene.camera, samples=tracer.samples + 1))
+            tracer_seconds = device_seconds(device, lambda: tracer.render(scene.camera, samples=tracer.samples + 1))
+            spent += kernel_seconds, tracer_seconds
             traced += kernel_rays, tracer.rays - before
     speed, path_tracer_speed = traced / spent
     report.figure(f"{name}: bare ray-query kernel", speed / 1e6, "Mrays/s")
@@ -88,7 +89,7 @@ def _samples(device: Device, report: Report, name: str, size: int) -> None:
     scene = builtin(name)
     with PathTracer(device, scene, (size, size)) as tracer:
         tracer.render(scene.camera, samples=1)
-        spent = seconds(lambda: tracer.render(scene.camera, samples=1 << 20, time_limit=SECONDS))
+        spent = device_seconds(device, lambda: tracer.render(scene.camera, samples=1 << 20, time_limit=SECONDS))
         report.figure(f"{name} {size}x{size}", tracer.samples * size * size / spent / 1e6, "Msamples/s")
 
 
