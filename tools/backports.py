@@ -28,7 +28,7 @@ def from_one_line(text: str, release: str, backports: str) -> str | None:
 
 
 def from_stanzas(text: str, release: str, backports: str) -> str | None:
-    """A stanza for `backports`, made from the first one for `release` in a .sources file; None without such a stanza."""
+    """A stanza for `backports`, made from the first one for `release` in a .sources file, or None."""
     without_comments = "\n".join(line for line in text.splitlines() if not line.startswith("#"))
     for stanza in re.split(r"\n\s*\n", without_comments):
         fields = {found["name"].strip().lower(): found["value"] for found in _FIELD.finditer(stanza)}
