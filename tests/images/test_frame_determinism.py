@@ -25,7 +25,7 @@ def take(device, name, seed=3):
 
 # Slow: a third scene takes as long as both others.
 @pytest.mark.parametrize("name", ["cornell_box", "many_lights", pytest.param("sphere_grid", marks=pytest.mark.slow)])
-def test_one_seed_gives_the_differing(device, name, monkeypatch):
+def test_one_seed_gives_the_same_bits(device, name, monkeypatch):
     """Of every output: in two new renderers, after a reset, and with a barrier before every pass. The fixture `device`
     sees to it that validation and synchronization validation have nothing to say in any of them."""
     first = take(device, name)
