@@ -5,11 +5,12 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 import solari_vk as sv
+from solari_vk.conformance.realtime import DIRECT as DIRECT_PASSES
 from solari_vk.conformance.realtime import (
     JITTER_PERIOD,
     Effort,
@@ -17,6 +18,7 @@ from solari_vk.conformance.realtime import (
     add_up,
     make_renderer,
     measure_mean,
+    measure_tiles,
     run_pictures,
     trace,
 )
@@ -30,20 +32,32 @@ from solari_vk.scene.matrices import transform_directions
 
 _DI = (SUITE, "ReSTIR DI")
 DIRECT = Rule("direct light of a Cornell box", *_DI)
+SIXTEENTHS = Rule("direct light of each sixteenth of a Cornell box", *_DI)
 LIT = Rule("direct light where all of the lamp is seen", *_DI)
 PENUMBRA = Rule("direct light where part of the lamp is seen", *_DI)
 SHADOW = Rule("no direct light where nothing of the lamp is seen", *_DI)
 CHANGES = Rule("lights that come and go leave the others' light as it was", *_DI)
 # In frames that see nothing but what lights send straight to surfaces.
-_ALONE: dict[str, Any] = {"gi": False, "specular": False, "world_cache": False}
+ALONE: dict[str, Any] = {"passes": DIRECT_PASSES, "gi": False, "specular": False, "world_cache": False}
 _SHARE_RAYS = 64  # pairs of a point in the pixel and one on the lamp
 
-# Pixels a side, how much is measured, and the bars.
-FAST = (32, Effort(), {DIRECT: 0.02, LIT: 0.02, PENUMBRA: 0.04, SHADOW: 0.01})
-FULL = (96, Effort(16, 24, 4 * JITTER_PERIOD, 1024), {DIRECT: 0.005, LIT: 0.01, PENUMBRA: 0.01, SHADOW: 0.01})
+
+class Profile(NamedTuple):
+    """Pixels a side, how much is measured, and the bars."""
+
+    side: int
+    effort: Effort
+    bars: dict[Rule, float]
 
 
-def _direct(frame: RenderedFrame) -> Image:
+_BARS = {DIRECT: 0.01, SIXTEENTHS: 0.05, LIT: 0.01, PENUMBRA: 0.02, SHADOW: 0.005}
+_FULL_BARS = {**_BARS, DIRECT: 0.005, PENUMBRA: 0.01}
+FAST = Profile(64, Effort(16, 24, 3 * JITTER_PERIOD, 2048), _BARS)
+FULL = Profile(96, Effort(16, 24, 4 * JITTER_PERIOD, 2048), _FULL_BARS)
+
+
+def read_direct(frame: RenderedFrame) -> Image:
+    """What surfaces reflect of light that comes straight from lights (h, w, 3)."""
     return add_up(frame, "di_diffuse", "di_specular")
 
 
@@ -68,16 +82,32 @@ def find_lit_share(device: Device, scene: sv.Scene, side: int) -> Image:
         return np.asarray((facing & seen).sum(axis=-1) / facing.sum(axis=-1))
 
 
-def measure_direct(device: Device, full: bool = False) -> Iterator[Measurement]:
+def trace_direct(device: Device, scene: sv.Scene, samples: int, side: int) -> tuple[Image, Image]:
+    """The path tracer's picture (side, side, 3) of one bounce, and which pixels (side, side) show no part of a lamp.
+
+    At a lamp's edges, the 32 positions of the realtime frame's samples within a pixel cover a few per cent more of the
+    lamp than the pixel's mean does; so these pixels are black.
+    """
+    one, none = (trace(device, scene, samples, (side, side), max_bounces=count) for count in (1, 0))
+    shown = (none == 0).all(axis=-1)
+    return one * shown[..., None], shown
+
+
+def observe_direct(device: Device, scene: sv.Scene, side: int, effort: Effort, **settings: Any) -> Image:
+    """Direct light of independent runs (runs, side, side, 3)."""
+    with make_renderer(device, scene, (side, side), **ALONE, **settings) as renderer:
+        return run_pictures(renderer, scene.camera, effort, read_direct)
+
+
+def measure_direct(device: Device, profile: Profile = FAST) -> Iterator[Measurement]:
     """What arrives straight from the lamp, against one bounce of the path tracer: in all, and by how much is seen."""
-    side, effort, bars = FULL if full else FAST
-    scene, size = cornell_box(), (side, side)
-    one, none = (trace(device, scene, effort.samples, size, max_bounces=count) for count in (1, 0))
-    expected = one - none
-    with make_renderer(device, scene, size, **_ALONE) as renderer:
-        found = run_pictures(renderer, scene.camera, effort, _direct)
+    side, effort, bars = profile
+    scene = cornell_box()
+    expected, shown = trace_direct(device, scene, effort.samples, side)
+    found = observe_direct(device, scene, side, effort) * shown[..., None]
     yield measure_mean(DIRECT, found, expected, bars[DIRECT], effort)
-    share = find_lit_share(device, scene, side)
+    yield measure_tiles(SIXTEENTHS, found, expected, bars[SIXTEENTHS], effort)
+    share = np.where(shown, find_lit_share(device, scene, side), np.nan)
     for rule, pixels in ((LIT, share == 1), (PENUMBRA, (share > 0) & (share < 1))):
         yield measure_mean(rule, found[:, pixels], expected[pixels], bars[rule], effort)
     dark = share == 0
@@ -121,10 +151,10 @@ def measure_changes(device: Device, full: bool = False) -> Iterator[Measurement]
     scene.remove(first)
     one_gone = _thirds(trace(device, scene, 1024, size, max_bounces=1))
     scene.add(first)
-    with make_renderer(device, scene, size, **_STEADY, **_ALONE) as renderer:
+    with make_renderer(device, scene, size, **_STEADY, **ALONE) as renderer:
 
         def look(frames: int) -> Image:
-            seen = [_thirds(_direct(renderer.render(scene.camera))) for _ in range(frames)]
+            seen = [_thirds(read_direct(renderer.render(scene.camera))) for _ in range(frames)]
             return np.asarray(np.mean(seen, axis=0))
 
         def observe() -> Image:

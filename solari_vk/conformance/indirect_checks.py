@@ -4,28 +4,59 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 import solari_vk as sv
-from solari_vk.conformance.realtime import Effort, add_up, make_renderer, measure_mean, run_pictures, trace
+from solari_vk.conformance.realtime import (
+    SPECULAR,
+    Effort,
+    Image,
+    add_up,
+    make_renderer,
+    measure_mean,
+    measure_significance,
+    run_pictures,
+    trace,
+)
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, lamp, rgb
 
 INDIRECT = Rule("one bounce of indirect light in a Cornell box", SUITE, "ReSTIR GI")
+SIXTEENTHS = Rule("no sixteenth's indirect light differs significantly from the path tracer's", SUITE, "ReSTIR GI")
 MIRROR = Rule("a mirror in a white room is as bright as its Fresnel term", SUITE, "Specular GI")
 
 
-def measure_indirect(device: Device, full: bool = False) -> Iterator[Measurement]:
+SIZE = (48, 48)
+# How much is measured, and the bar.
+Profile = tuple[Effort, float]
+FAST: Profile = (Effort(16, 24, 64, 2048), 0.03)
+FULL: Profile = (Effort(16, 24, 256, 8192), 0.0075)
+
+
+def trace_second_bounce(device: Device, scene: sv.Scene, samples: int) -> Image:
+    """What the path tracer finds with two bounces and not with one (h, w, 3)."""
+    two, one = (trace(device, scene, samples, SIZE, max_bounces=count) for count in (2, 1))
+    return two - one
+
+
+def observe_indirect(device: Device, scene: sv.Scene, effort: Effort, **settings: Any) -> Image:
+    """Indirect light of independent runs (runs, h, w, 3), without the cache: of one bounce."""
+    with make_renderer(device, scene, SIZE, passes=SPECULAR, world_cache=False, di=False, **settings) as renderer:
+        return run_pictures(renderer, scene.camera, effort, lambda frame: add_up(frame, "gi_diffuse", "specular_gi"))
+
+
+def measure_indirect(device: Device, profile: Profile = FAST) -> Iterator[Measurement]:
     """Without the cache, indirect light is the path tracer's second bounce."""
-    effort, bar = (Effort(16, 24, 128, 4096), 0.02) if full else (Effort(), 0.06)
+    effort, bar = profile
     scene = cornell_box()
-    two, one = (trace(device, scene, effort.samples, max_bounces=count) for count in (2, 1))
-    with make_renderer(device, scene, world_cache=False, di=False) as renderer:
-        found = run_pictures(renderer, scene.camera, effort, lambda f: add_up(f, "gi_diffuse", "specular_gi"))
-    yield measure_mean(INDIRECT, found, two - one, bar, effort)
+    expected = trace_second_bounce(device, scene, effort.samples)
+    found = observe_indirect(device, scene, effort)
+    yield measure_mean(INDIRECT, found, expected, bar, effort)
+    yield measure_significance(SIXTEENTHS, found, expected)
 
 
 def measure_mirror(device: Device) -> Iterator[Measurement]:
