@@ -15,12 +15,16 @@ from solari_vk.conformance import (
     light_tile_checks,
     world_cache_checks,
 )
+from solari_vk.conformance.direct_checks import DIRECT, LIT, PENUMBRA, SHADOW, SIXTEENTHS, Profile
+from solari_vk.conformance.realtime import Effort
 from solari_vk.conformance.rules import Rule
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.gpu.shaders.patches import patched_shaders
 
+DI_INITIAL = "passes/restir_di/initial_and_temporal.comp"
 DI, GI = "passes/restir_di/spatial_and_shade.comp", "passes/restir_gi/initial_and_temporal.comp"
 RASTER, RESOLVE, PIXEL = (f"passes/gbuffer/{name}" for name in ("raster.vert", "resolve.comp", "pixel.glsl"))
+GI_SHADE = "passes/restir_gi/spatial_and_shade.comp"
 CULL, GATHER = "passes/gbuffer/cull.comp", "passes/world_cache/sample_indirect.comp"
 QUERY = "passes/world_cache/query.glsl"
 GENERATE, TILES = "passes/light_tiles/generate.comp", "passes/light_tiles/light_tiles.glsl"
@@ -39,6 +43,16 @@ def measure_one_mirror(device):
 
 def measure_two_mirrors(device):
     return guide_checks.measure_mirrors(device, "two mirrors")
+
+
+def measure_direct(device):
+    """Briefly: what the bugs do is larger than these bars."""
+    bars = {DIRECT: 0.02, SIXTEENTHS: 0.1, LIT: 0.02, PENUMBRA: 0.04, SHADOW: 0.01}
+    return direct_checks.measure_direct(device, Profile(32, Effort(), bars))
+
+
+def measure_indirect(device):
+    return indirect_checks.measure_indirect(device, (Effort(), 0.06))
 
 
 def measure_matte_box(device):
@@ -94,12 +108,21 @@ BUGS = {
                            "draws = visible"),
     "nothing is hidden": (gbuffer_checks.measure_culling, ["culling drops"], CULL,
                           "nearest * 1.0001 < farthest", "nearest * 1e9 < farthest"),
-    "lights counted once too often": (direct_checks.measure_direct, ["of a Cornell box", "all of the lamp"],
+    "lights counted once too often": (measure_direct, ["of a Cornell box", "all of the lamp"],
                                       DI, "float(scene_info.light_count) *", "float(scene_info.light_count + 1u) *"),
-    "no shadows": (direct_checks.measure_direct, ["part of the lamp", "nothing of the lamp"], DI,
+    "1/M dropped": (measure_direct, ["of a Cornell box", "all of the lamp", "each sixteenth"], DI_INITIAL,
+                    " / float(restir_di_settings.candidates)", ""),
+    "pdf of the light's point dropped": (measure_direct, ["of a Cornell box", "all of the lamp"], DI,
+                                         "light.inverse_pdf / float(scene_info.light_count) *", "1.0 *"),
+    "visibility kept for the next frame": (
+        measure_direct, ["of a Cornell box", "part of the lamp"], DI, "    di_reservoirs.at[index] = reservoir;",
+        "    if (reservoir.unbiased_contribution_weight > 0.0 && !is_seen(surface, resolve_light_sample("
+        "reservoir.light_sample))) { reservoir.unbiased_contribution_weight = 0.0; }\n"
+        "    di_reservoirs.at[index] = reservoir;",
+    ),
+    "no shadows": (measure_direct, ["part of the lamp", "nothing of the lamp"], DI,
                    "is_seen(surface, resolved)) {", "true) {"),
-    "lights not translated": (direct_checks.measure_changes, ["come and go"],
-                              "passes/restir_di/initial_and_temporal.comp",
+    "lights not translated": (direct_checks.measure_changes, ["come and go"], DI_INITIAL,
                               "= light_translation.at[reservoir.light_sample.light_index];",
                               "= reservoir.light_sample.light_index;"),
     "new lights taken for old": (direct_checks.measure_changes, ["come and go"], "passes/restir_di/target.glsl",
@@ -118,7 +141,17 @@ BUGS = {
     "walls that hide nothing": (world_cache_checks.measure_leak, ["thin wall"], QUERY,
                                 "dot(way, normal) * normal, 1.0)) { break; }",
                                 "dot(way, normal) * normal, 1e-3)) { break; }"),
-    "a hemisphere too few": (indirect_checks.measure_indirect, ["one bounce"], GI, "? 2.0 * PI :", "? PI :"),
+    "rays of the previous frame's surfaces meet them": (measure_indirect, ["one bounce"], GI,
+                                                        "neighbor_surface.ray_offset = surface.ray_offset;", ""),
+    "density of another distribution": (measure_indirect, ["one bounce", "no sixteenth's indirect"], GI,
+                                        "? 2.0 * PI :", "? PI / 0.6 :"),
+    "radiance where irradiance is": (measure_indirect, ["one bounce"], QUERY, "vec3 reflectance = INVERSE_PI * ",
+                                     "vec3 reflectance = "),
+    "contribution weight forgotten": (measure_indirect, ["one bounce"], GI_SHADE,
+                                      "* reservoir.unbiased_contribution_weight", ""),
+    "own sample merged twice": (measure_indirect, ["one bounce"], GI_SHADE,
+                                "gi_temporal_reservoirs.at[neighbor.y * camera.size.x + neighbor.x]", "reservoir"),
+    "a hemisphere too few": (measure_indirect, ["one bounce"], GI, "? 2.0 * PI :", "? PI :"),
     "no Fresnel in mirrors": (indirect_checks.measure_mirror, ["a mirror"], "passes/specular_gi/lobe.glsl",
                               "specular_fresnel(brdf, wo.z), INFINITY", "vec3(1.0), INFINITY"),
     "light for nothing": (measure_matte_box, ["matte walls keeps its"],
