@@ -123,7 +123,7 @@ def test_suns_and_lamps_on_a_glossy_floor(device):
     """Each channel for itself, with both lobes."""
     scene = mixed_scene()
     truth = trace_centres(device, scene, 4096)
-    observations = observe(device, scene, 120, light_tile_count=128, **LITTLE_REUSE)
+    observations = observe(device, scene, 96, light_tile_count=128, di_candidates=32, **LITTLE_REUSE)
     assert replicates(sixteenths(observations), sixteenths(truth), 0.01)[0] == 0
     for channel in range(3):
         assert_within(observations[..., channel], truth[..., channel], 0.02, f"channel {channel}")
