@@ -93,6 +93,7 @@ class PathTracer(PictureRenderer):
     def reset(self) -> None:
         """Discard the picture's samples."""
         self._shown = self._latest = None
+        self.samples = 0
 
     # ---- rendering ----------------------------------------------------------------------------------
 

@@ -295,6 +295,11 @@ def test_shaders_are_reloaded_and_errors_shown(open_viewer, shaders):
     assert "reloaded" in viewer.message
     assert (viewer.pictures.pixels() == (0, 255, 0)).all()
 
+    viewer.pictures.reload()
+    assert not viewer.pictures.ready, "panels must not read a picture that was discarded"
+    viewer.run(frames=1)
+    assert viewer.pictures.ready
+
 
 def test_panels_appear_once_their_shaders_are_mended(open_viewer, shaders):
     shader = shaders / "passes" / "viewer" / "overlay.frag"
