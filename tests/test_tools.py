@@ -1,10 +1,12 @@
-"""tools/show_frame.py lists the whole frame: stages, passes, what they touch, barriers and resources."""
+"""tools/show_frame.py lists the whole frame of a renderer; tools/size.py measures a checkout."""
 
 from __future__ import annotations
 
 import itertools
 import re
 import runpy
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -12,7 +14,8 @@ import pytest
 import solari_vk as sv
 from solari_vk.gpu.frame.frame import Row
 
-TOOL = runpy.run_path(str(Path(__file__).resolve().parents[1] / "tools" / "show_frame.py"))
+TOOLS = Path(__file__).resolve().parents[1] / "tools"
+SHOW_FRAME = runpy.run_path(str(TOOLS / "show_frame.py"))
 SIZE = (32, 24)
 
 
@@ -29,20 +32,20 @@ def listed(lines: list[str]) -> list[str]:
 def test_passes_are_listed_by_stage_with_barriers_and_resources():
     rows = [Row("a/fill", (), ("x",), "", 0.5), Row("a/add", ("x", "y"), ("x",), "RAW x (a/fill)", None),
             Row("b/show", ("x",), ("z",), "RAW x (a/add)", None)]  # fmt: skip
-    lines = TOOL["describe_passes"](rows)
+    lines = SHOW_FRAME["describe_passes"](rows)
     assert [" ".join(line.split()) for line in lines] == [
         "stage a", "pass a/fill 0.500 ms", "writes x",
         "barrier: RAW x (a/fill)", "pass a/add", "reads x, y", "writes x",
         "stage b", "barrier: RAW x (a/add)", "pass b/show", "reads x", "writes z",
     ]  # fmt: skip
     assert listed(lines) == ["a/fill", "a/add", "b/show"]
-    assert listed(TOOL["describe_passes"](rows[1:])) != ["a/fill", "a/add", "b/show"]
+    assert listed(SHOW_FRAME["describe_passes"](rows[1:])) != ["a/fill", "a/add", "b/show"]
 
 
 @pytest.mark.parametrize("kind", [sv.Renderer, sv.PathTracer])
 def test_the_frame_of_a_renderer_is_listed(device, capsys, kind):
     options = ["--reference"] if kind is sv.PathTracer else []
-    assert TOOL["main"]([*options, "--size", "32x24", "--frames", "1"]) == 0
+    assert SHOW_FRAME["main"]([*options, "--size", "32x24", "--frames", "1"]) == 0
     said = capsys.readouterr().out
     lines = said.splitlines()
     with kind(device, sv.builtin("cornell_box"), SIZE) as renderer:
@@ -61,5 +64,22 @@ def test_the_frame_of_a_renderer_is_listed(device, capsys, kind):
 
 
 def test_a_wrong_scene_is_one_line(capsys):
-    assert TOOL["main"](["builtin:nowhere"]) == 2
+    assert SHOW_FRAME["main"](["builtin:nowhere"]) == 2
     assert capsys.readouterr().err.startswith("show_frame: ")
+
+
+def test_size_measures_another_checkout(tmp_path):
+    sources = {
+        "solari_vk/__init__.py": "", "solari_vk/a.py": "from solari_vk import b\n",
+        "solari_vk/b.py": "def f():\n    import solari_vk.a\n", "solari_vk/c.py": "import solari_vk.a\n",
+        "glsl/x/y.comp": f"{'/' * 121}\n{'/' * 120}\n", "tests/test_x.py": "def test_x():\n    pass\n",
+    }  # fmt: skip
+    for name, text in sources.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    done = subprocess.run([sys.executable, TOOLS / "size.py", tmp_path], capture_output=True, text=True, check=True)
+    lines = [" ".join(line.split()) for line in done.stdout.splitlines()]
+    for line in ("4 solari_vk", "2 glsl/x", "8 solari_vk + glsl + tests", "import circles: 1, the longest of 2 modules",
+                 "solari_vk.a solari_vk.b", "GLSL lines over 120 columns: 1", "2 solari_vk/b.py"):  # fmt: skip
+        assert line in lines
+    assert lines[-1].startswith("tests: 1 test collected")
