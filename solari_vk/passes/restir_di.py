@@ -1,4 +1,4 @@
-"""ReSTIR DI: light that comes straight from lights; glsl/passes/restir_di/."""
+"""ReSTIR DI: the light that surfaces reflect straight from lights; glsl/passes/restir_di/."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from solari_vk.settings.layering import brdf_constants
 
 
 def stage(size: tuple[int, int], settings: Settings) -> Stage:
-    """Reservoirs with their history, and radiance towards the camera, diffuse and specular apart."""
+    """The reservoirs with their history, and the radiance by the diffuse and the specular lobe."""
     pixels = size[0] * size[1]
     brdf = brdf_constants(settings)
     return Stage(

@@ -8,7 +8,7 @@ from solari_vk.settings.layering import brdf_constants
 
 
 def stage(size: tuple[int, int], settings: Settings) -> Stage:
-    """A reservoir a pixel after either half, the last one with its history, and gi_diffuse."""
+    """The reservoirs after each half, those of the second with their history, and the radiance gi_diffuse."""
     pixels = size[0] * size[1]
     brdf = brdf_constants(settings)
     return Stage(

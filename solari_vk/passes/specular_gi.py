@@ -1,4 +1,4 @@
-"""Specular GI: what surfaces mirror, sharply or blurred; glsl/passes/specular_gi/."""
+"""Specular GI: mirror and glossy reflections; glsl/passes/specular_gi/."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from solari_vk.settings.layering import brdf_constants
 
 
 def stage(size: tuple[int, int], settings: Settings) -> Stage:
-    """`specular_gi`: radiance over the specular lobe that DI hasn't found."""
+    """The radiance specular_gi: light by the specular lobe that DI doesn't shade."""
     brdf = brdf_constants(settings)
     return Stage(
         "specular_gi",

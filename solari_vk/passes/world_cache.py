@@ -25,7 +25,7 @@ CELL_BUFFERS = (
 
 
 def stage(size: tuple[int, int], settings: Settings) -> Stage:
-    """A map of settings.world_cache_cells, whatever the picture's size: 80 bytes a cell.
+    """A map of settings.world_cache_cells cells with 80 bytes each; the picture's size is not used.
 
     The buffer world_cache_counters tells of each frame how many cells are active, how many of them were updated, and
     how many queries found no place in the map. One seed gives one picture as long as there are no such failures:

@@ -1,4 +1,4 @@
-"""What a setting is: its default, what it means to people, and what it may be."""
+"""The description of a setting: its meaning and its allowed values."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Field:
-    """What a setting means and may be. `section` groups fields for people; `rebuilds`: it is built into pipelines or
-    sizes a buffer, so that the frame is built anew (history of what keeps its size stays), all others are live."""
+    """The meaning and the allowed values of a setting.
+
+    section groups settings. rebuilds: a change rebuilds pipelines or buffers; the other settings are live.
+    """
 
     section: str
     meaning: str
@@ -22,5 +24,5 @@ class Field:
 
 
 def setting(default: Any, section: str, meaning: str, **more: Any) -> Any:
-    """A dataclass field with its default that is a setting."""
+    """A dataclass field with this default that is described by a Field."""
     return dataclasses.field(default=default, metadata={"field": Field(section, meaning, **more)})

@@ -1,4 +1,4 @@
-"""What can be set about the realtime lighting, with the meaning of each: more of it, less of it."""
+"""The settings of the realtime lighting, each with its default, its meaning and its range."""
 
 from __future__ import annotations
 
@@ -14,56 +14,59 @@ from solari_vk.settings.presets import QUALITIES as QUALITIES
 
 @dataclass
 class Settings:
-    """The constants of the realtime passes; assigning checks the value and takes effect with the next frame.
+    """The constants of the realtime passes. Assigning one checks it and takes effect with the next frame.
 
-    What a material is, such as the roughness of a mirror, is none: the path tracer shares it.
-    Defaults are Solari 0.19's unless said otherwise. Choices other than the first of a field are older or other
-    behaviours, kept for comparison. Raises SolariError for values out of range.
+    Defaults are those of Solari in Bevy 0.19 unless the meaning names Solari's value; `preset("solari")` sets all of
+    Solari's. Constants of materials, which the path tracer shares, are not settings. Raises SolariError for values
+    out of range.
     """
 
     # ---- what is computed
     di: bool = setting(True, "frame", "Direct light (ReSTIR DI).")
     gi: bool = setting(True, "frame", "Indirect light of diffuse surfaces (ReSTIR GI).")
-    specular: bool = setting(True, "frame", "What specular lobes reflect: indirect light, and in smooth ones lights.")
+    specular: bool = setting(
+        True, "frame", "Light by the specular lobe: indirect light, and on smooth surfaces lights."
+    )  # fmt: skip
     world_cache: bool = setting(True, "frame", "The radiance cache; without it indirect light is one bounce of direct.")
     jitter: bool = setting(True, "frame", "Move samples within the pixel from frame to frame, for antialiasing.")
     gbuffer: str = setting(
-        "raster", "frame", "How pixels find their surface.", choices=("raster", "traced"), rebuilds=True
-    )
-    frustum_culling: bool = setting(True, "frame", "Raster draws only what may be in view.", rebuilds=True)
+        "raster", "frame", "How the surface of a pixel is found: by rasterization or by rays.",
+        choices=("raster", "traced"), rebuilds=True
+    )  # fmt: skip
+    frustum_culling: bool = setting(True, "frame", "Skip instances outside the view when rasterizing.", rebuilds=True)
     occlusion_culling: bool = setting(
-        True, "frame", "Raster draws only what isn't behind what was visible last frame.", rebuilds=True
+        True, "frame", "Skip instances that others hide when rasterizing.", rebuilds=True
     )
     layering: str = setting(
         "conserving", "frame", "How the specular layer dims the diffuse one below it: so that all energy is kept, or "
         "by a product of Fresnel terms, which loses some (Solari).", choices=LAYERINGS, rebuilds=True
     )  # fmt: skip
     pure_metal: float = setting(
-        0.9999, "frame", "Metallic above which smooth surfaces take no GI, or are mirrors alone. Less: faster, untrue.",
+        0.9999, "frame", "Metallic above which a surface counts as having no diffuse lobe. Less: faster, less exact.",
         low=0, high=1
     )  # fmt: skip
-    lambert: bool = setting(False, "frame", "Every surface is plain Lambert, for closed forms.", rebuilds=True)
+    lambert: bool = setting(False, "frame", "Every surface is Lambertian, to compare with closed forms.", rebuilds=True)
 
-    # ---- reuse, of DI and GI
+    # ---- reuse between pixels, in DI and GI
     similarity_plane_distance: float = setting(
-        0.003, "reuse", "Share of the view depth that two pixels' planes may lie apart to share samples. More: less "
-        "noise at small features, more blur of contact shadows.", low=1e-6, high=1.0
+        0.003, "reuse", "Largest distance of a pixel from the tangent plane of another that reuses its samples, over "
+        "the view depth. More: less noise at small features, more blur of contact shadows.", low=1e-6, high=1.0
     )  # fmt: skip
     similarity_normal_cosine: float = setting(
-        0.0, "reuse", "Cosine of the widest angle between two normals. More: less blur, more noise.", low=-1, high=1
+        0.0, "reuse", "Cosine of the largest angle between two normals. More: less blur, more noise.", low=-1, high=1
     )
-    permutation_sampling: bool = setting(True, "reuse", "Shuffle pixels among neighbours over time: less correlation.")
+    permutation_sampling: bool = setting(True, "reuse", "Permute pixels in temporal reuse: less correlation.")
     spatial_tries: int = setting(
         5, "reuse", "Attempts to find a similar neighbour. More: less noise, slower.", low=1, high=32
     )
-    spatial_radius_halving: bool = setting(True, "reuse", "Halve the radius after each failed attempt (0.19).")
+    spatial_radius_halving: bool = setting(True, "reuse", "Halve the search radius after each failed attempt.")
 
     # ---- light tiles
     light_tile_count: int = setting(
-        128, "light_tiles", "Tiles a frame. More: less correlation.", low=1, high=4096, rebuilds=True
+        128, "light_tiles", "Tiles per frame. More: less correlation.", low=1, high=4096, rebuilds=True
     )
     light_tile_samples: int = setting(
-        1024, "light_tiles", "Light samples a tile. More: less correlation.", low=1, high=65536, rebuilds=True
+        1024, "light_tiles", "Light samples per tile. More: less correlation.", low=1, high=65536, rebuilds=True
     )
 
     # ---- world cache
@@ -72,46 +75,51 @@ class Settings:
         low=1 << 10, high=1 << 26, rebuilds=True
     )  # fmt: skip
     world_cache_cell_size: float = setting(
-        0.15, "world_cache", "Metres of the finest cell. Less: sharper, slower, noisier.", low=1e-6, high=1e6
+        0.15, "world_cache", "Size of the finest cells in metres. Less: sharper, slower, noisier.", low=1e-6, high=1e6
     )
     world_cache_lod_distance: float = setting(
-        15.0, "world_cache", "Metres at which cells have doubled. More: finer cells.", low=1e-6, high=1e9
-    )
+        15.0, "world_cache", "Distance in metres at which cells have twice the finest size. More: finer cells.",
+        low=1e-6, high=1e9
+    )  # fmt: skip
     world_cache_lod_sharpness: float = setting(
-        3.0, "world_cache", "How late in a level chance takes the next. More: finer cells, harder edges of levels.",
-        low=0.01, high=100
+        3.0, "world_cache", "Exponent of the probability of the coarser level. More: finer cells, harder edges "
+        "between levels.", low=0.01, high=100
     )  # fmt: skip
     world_cache_lifetime: int = setting(
-        10, "world_cache", "Frames a cell lives unseen. More: steadier, more cells.", low=1, high=1000
-    )
+        10, "world_cache", "Frames for which a cell lives without queries. More: steadier, more cells.",
+        low=1, high=1000
+    )  # fmt: skip
     world_cache_search_steps: int = setting(
-        8, "world_cache", "Places tried for a cell (Solari: 3). Less: faster, fuller sooner.", low=1, high=64
-    )
+        8, "world_cache", "Entries of the map that a key may take (Solari: 3). Less: faster, full sooner.",
+        low=1, high=64
+    )  # fmt: skip
     world_cache_max_samples: int = setting(
-        32, "world_cache", "Frames averaged. More: less noise, more lag.", low=1, high=4096
+        32, "world_cache", "Frames in a cell's mean. More: less noise, more lag.", low=1, high=4096
     )
     world_cache_change_exponent: float = setting(
-        0.125, "world_cache", "Of a cell's relative change, in the adaptive blend. Less: forgets at smaller changes.",
-        low=0.01, high=10
+        0.125, "world_cache", "Exponent of a cell's relative change in the adaptive blend. Less: forgets at smaller "
+        "changes.", low=0.01, high=10
     )  # fmt: skip
     world_cache_change_smoothing: float = setting(
-        0.125, "world_cache", "Share of the newest frame in a cell's change. More: quicker, noisier.", low=0.001, high=1
-    )
+        0.125, "world_cache", "Weight of the newest frame in a cell's change. More: quicker, noisier.",
+        low=0.001, high=1
+    )  # fmt: skip
     world_cache_relight: bool = setting(
-        True, "world_cache", "Forget as much of the past as came, went or moved of the lights' power. Not in Solari."
-    )
+        True, "world_cache", "Forget as large a share of the past as the share of the lights' power that changed "
+        "(Solari: off)."
+    )  # fmt: skip
     world_cache_candidates: int = setting(
-        32, "world_cache", "Light samples a cell chooses from. More: less noise, slower.", low=1, high=1024
+        32, "world_cache", "Light samples from which a cell chooses. More: less noise, slower.", low=1, high=1024
     )
     world_cache_ray_length: float = setting(
-        50.0, "world_cache", "Metres that a cell's ray sees. Less: faster, darker.", low=1e-3, high=1e9
+        50.0, "world_cache", "Length of a cell's rays in metres. Less: faster, darker.", low=1e-3, high=1e9
     )
     world_cache_update_cap: int = setting(
-        40_000, "world_cache", "Cells updated a frame, about; others wait by chance. Less: faster, more lag.", low=1,
-        high=1 << 26
+        40_000, "world_cache", "Cells that are updated in a frame, at random and on average. Less: faster, more lag.",
+        low=1, high=1 << 26
     )  # fmt: skip
     world_cache_jitter: float = setting(
-        0.5, "world_cache", "Cells by which a query is moved at random. More: hides the grid, blurs.", low=0, high=2
+        0.5, "world_cache", "Random offset of a query, in cells. More: hides the grid, blurs.", low=0, high=2
     )
     world_cache_leak_prevention: str = setting(
         "landmarks", "world_cache", "How light is kept from leaking through walls: rays shorter than a cell ask the "
@@ -124,57 +132,63 @@ class Settings:
 
     # ---- ReSTIR DI
     di_candidates: int = setting(
-        8, "restir_di", "Light samples a pixel chooses from (0.17: 32). More: less noise.", low=1, high=1024
+        8, "restir_di", "Light samples from which a pixel chooses. More: less noise.", low=1, high=1024
     )
-    di_temporal: bool = setting(True, "restir_di", "Reuse the last frame's samples.")
-    di_spatial: bool = setting(True, "restir_di", "Reuse a neighbour's sample.")
+    di_temporal: bool = setting(True, "restir_di", "Reuse samples of the previous frame.")
+    di_spatial: bool = setting(True, "restir_di", "Reuse a sample of a neighbour.")
     di_initial_visibility: bool = setting(
-        False, "restir_di", "Drop occluded candidates before reuse, as Solari: less noise, but shadows grow halos."
+        False, "restir_di", "Drop an occluded sample before reuse (Solari: on): less noise, but shadows grow halos."
     )
     di_target: str = setting(
-        "brdf", "restir_di", "Chooses lights by highlights too, or as if all were diffuse (Solari: diffuse only).",
+        "brdf", "restir_di", "Choose lights by the whole BRDF, or as if all surfaces were diffuse (Solari).",
         choices=("brdf", "matte")
     )  # fmt: skip
     di_confidence_cap: float = setting(
-        20.0, "restir_di", "Frames of history that count. More: less noise, more lag.", low=1, high=1e4
+        20.0, "restir_di", "Largest confidence of history, in frames. More: less noise, more lag.", low=1, high=1e4
     )
     di_spatial_radius: float = setting(
-        30.0, "restir_di", "Pixels in which a neighbour is looked for. More: fewer blotches.", low=1, high=1e4
-    )
+        30.0, "restir_di", "Radius in pixels within which a neighbour is searched. More: fewer blotches.",
+        low=1, high=1e4
+    )  # fmt: skip
 
     # ---- ReSTIR GI
-    gi_temporal: bool = setting(True, "restir_gi", "Reuse the last frame's samples.")
-    gi_spatial: bool = setting(True, "restir_gi", "Reuse a neighbour's sample.")
+    gi_temporal: bool = setting(True, "restir_gi", "Reuse samples of the previous frame.")
+    gi_spatial: bool = setting(True, "restir_gi", "Reuse a sample of a neighbour.")
     gi_confidence_cap: float = setting(
-        8.0, "restir_gi", "Frames of history that count. More: less noise, more lag.", low=1, high=1e4
+        8.0, "restir_gi", "Largest confidence of history, in frames. More: less noise, more lag.", low=1, high=1e4
     )
     gi_spatial_radius: float = setting(
-        30.0, "restir_gi", "Pixels in which a neighbour is looked for. More: fewer blotches.", low=1, high=1e4
-    )
+        30.0, "restir_gi", "Radius in pixels within which a neighbour is searched. More: fewer blotches.",
+        low=1, high=1e4
+    )  # fmt: skip
     gi_jacobian_limit: float = setting(
-        10.0, "restir_gi", "A shift that stretches more than so is no merge. Less: more noise.", low=1, high=1e6
-    )
-    gi_skip_smooth_metals: bool = setting(True, "restir_gi", "Nothing is sampled where nothing diffuse is (0.19).")
+        10.0, "restir_gi", "Largest Jacobian, or inverse of it, of a sample that is merged (Solari: 1.2). Less: more "
+        "noise.", low=1, high=1e6
+    )  # fmt: skip
+    gi_skip_smooth_metals: bool = setting(
+        True, "restir_gi", "Trace no diffuse ray for smooth metals, which have no diffuse lobe."
+    )  # fmt: skip
     gi_visibility: str = setting(
         "both", "restir_gi", "Which visibility a merge tests: that of each sample from both pixels; or only that of a "
         "neighbour's sample from this pixel, which loses light at the edges of indirect shadows (Solari).",
         choices=("both", "neighbor")
     )  # fmt: skip
     gi_refresh: bool = setting(
-        True, "restir_gi", "Ask the world cache anew what the last frame's samples reflect: light that is switched "
-        "off goes at the cache's pace. Solari doesn't."
+        True, "restir_gi", "Query the world cache again for the samples of the previous frame, so that GI follows "
+        "changes of light as fast as the cache (Solari: off)."
     )  # fmt: skip
 
     # ---- specular GI
     specular_bounces: int = setting(
-        3, "specular_gi", "Surfaces a path visits before it ends in the cache. More: truer, slower.", low=1, high=64
-    )
+        3, "specular_gi", "Surfaces that a path may visit before it ends in the cache. More: truer, slower.",
+        low=1, high=64
+    )  # fmt: skip
     specular_reuse_roughness: float = setting(
-        0.4, "specular_gi", "Above this roughness the GI reservoir serves; smooth metals that GI skips are up to it. "
-        "More: sharper reflections, slower.", low=0, high=1
+        0.4, "specular_gi", "Roughness above which surfaces reuse the sample of ReSTIR GI, and up to which GI skips "
+        "metals. More: sharper reflections, slower.", low=0, high=1
     )  # fmt: skip
     specular_di_roughness: float = setting(
-        0.0225, "specular_gi", "Up to this roughness lights are met by specular rays, above it DI shades them. More: "
+        0.0225, "specular_gi", "Roughness up to which specular rays find the lights; above it DI shades them. More: "
         "noisier where lights are small.", low=0, high=1
     )  # fmt: skip
     specular_termination: str = setting(
@@ -182,10 +196,10 @@ class Settings:
         "surface that the pixel shows; or at the camera, with rays longer than sqrt(3) cells (Solari).",
         choices=("spread", "camera_spread")
     )  # fmt: skip
-    primary_surface_replacement: bool = setting(True, "specular_gi", "Guides describe what mirrors show.")
+    primary_surface_replacement: bool = setting(True, "specular_gi", "Guides describe the surface that a mirror shows.")
 
     revision = 0
-    """Grows with every change."""
+    """A number that grows with each change."""
 
     def __setattr__(self, name: str, value: Any) -> None:
         checked = _check(name, value)
@@ -194,24 +208,24 @@ class Settings:
 
     @classmethod
     def preset(cls, quality: str) -> Settings:
-        """Settings of a quality, one of QUALITIES."""
+        """The settings of one of QUALITIES. Raises SolariError for another name."""
         if quality not in QUALITIES:
             raise SolariError(f"Settings: quality is one of {', '.join(QUALITIES)}, not {quality!r}")
         return cls(**QUALITIES[quality])
 
     def reset(self, *names: str) -> None:
-        """Back to the default: the named fields, or all."""
+        """Set the named fields, or all without names, to their defaults."""
         for name in names or FIELDS:
             if name not in FIELDS:
                 raise SolariError(_unknown(name))
             setattr(self, name, DEFAULTS[name])
 
     def update(self, text: str) -> None:
-        """Set a field from "name=value", as on the command line."""
+        """Set a field from a text "name=value"."""
         name, equals, value = text.partition("=")
         name = name.strip().replace("-", "_")
         if not equals:
-            raise SolariError(f"Settings: {text!r} is no name=value")
+            raise SolariError(f"Settings: {text!r} is not of the form name=value")
         if name not in FIELDS:
             raise SolariError(_unknown(name))
         text = value.strip()
@@ -224,7 +238,7 @@ class Settings:
 
     @property
     def built_in(self) -> tuple[Any, ...]:
-        """The values that need a rebuild when they change."""
+        """The values of the fields that are built into pipelines or sizes."""
         return tuple(getattr(self, name) for name, field in FIELDS.items() if field.rebuilds)
 
 
@@ -234,11 +248,11 @@ DEFAULTS: dict[str, Any] = {field.name: field.default for field in dataclasses.f
 
 
 def _unknown(name: str) -> str:
-    return f"Settings: there is no setting '{name}'; there are {', '.join(FIELDS)}"
+    return f"Settings: there is no setting '{name}'; the settings are {', '.join(FIELDS)}"
 
 
 def allowed(name: str) -> str:
-    """What a field may be, in words."""
+    """The allowed values of a field, in words."""
     field, default = FIELDS[name], DEFAULTS[name]
     if field.choices:
         return f"one of {', '.join(field.choices)}"
@@ -250,7 +264,7 @@ def allowed(name: str) -> str:
 
 
 def _check(name: str, value: Any) -> Any:
-    """The value as its field keeps it."""
+    """The value in its field's type. Raises SolariError for an unknown field or a value out of range."""
     if name not in FIELDS:
         raise SolariError(_unknown(name))
     field, default = FIELDS[name], DEFAULTS[name]
