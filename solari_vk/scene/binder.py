@@ -1,8 +1,8 @@
-"""Keeps descriptor set 0 equal to a scene: uploads what changed and rebuilds the TLAS, on the GPU's own time.
+"""Keeps the resources of descriptor set 0 equal to a scene: uploads what changed, and rebuilds the TLAS.
 
-The scene tells the binder which objects changed; `update` turns that into table rows, uploads and
-acceleration-structure builds that run just before the next submission. Work follows the size of the
-change, not of the scene.
+The scene tells the binder which objects have changed. `update` turns changes into rows of tables, uploads and builds of
+acceleration structures, which the device executes just before the next submission. The work is proportional to the
+change, not to the scene.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from solari_vk.scene.textures import Textures
 from solari_vk.scene.traced import TracedInstances
 
 MAX_INSTANCES = 1 << 24
-# What `_write_instance` writes, in this order.
+# The fields that `_write_instance` sets, in order.
 INSTANCE = ("world_from_object", "mesh", "ray_mesh", "material", "light_index", "id")
 
 
 class SceneBinder:
-    """One scene on one device. Renderers of the scene share it; `resources` are set 0's, by name.
+    """A scene on a device, which several renderers may share. `resources` are those of descriptor set 0, by name.
 
-    `version` grows when a resource was replaced by another, `revision` with every change of the scene.
+    `version` increases when a resource was replaced by another one, `revision` with each change of the scene.
     """
 
     def __init__(self, device: Device, scene: Scene) -> None:
@@ -47,7 +47,7 @@ class SceneBinder:
         self._geometry = Geometry(device, layout["meshes"], layout["vertex_attributes"], self)
         self._textures = Textures(device, layout["textures"], self)
         self.lights = Lights(device, layout)
-        """The list of light sources, as of the last `update`."""
+        """The list of light sources, as of the latest `update`."""
         self._materials = Materials(device, layout["materials"], self._textures, self)
         self._instances = Table(device, "instances", layout["instances"], INSTANCE)
         self._instance_rows: Rows[Instance] = Rows()
@@ -65,12 +65,12 @@ class SceneBinder:
         self._first = True
 
     def note(self, changed: Observable) -> None:
-        """Remember that an object was added, removed or edited (called by what is watched)."""
+        """Record that an object was added, removed or edited. The watched objects call this."""
         self._changed[changed] = None
 
     @property
     def resources(self) -> dict[str, Any]:
-        """What set 0's bindings hold, by their names in GLSL."""
+        """The resources of descriptor set 0 by their names in GLSL."""
         return {table.name: table.buffer for table in self._tables if table is not self._traced.table} | {
             "tlas": self._traced.tlas,
             "texture_images": self._textures.bound,
@@ -78,21 +78,21 @@ class SceneBinder:
 
     @property
     def instances(self) -> dict[int, Instance]:
-        """The scene's instances by their rows, as of the last `update`: what shaders call an instance's index."""
+        """The scene's instances by their rows, the shaders' indices of instances, as of the latest `update`."""
         return {self._instance_rows[instance]: instance for instance in self._uses}
 
     @property
     def instance_capacity(self) -> int:
-        """How many rows `instances` has room for."""
+        """The number of rows in the shaders' `instances`."""
         return len(self._instances.records)
 
     @property
     def triangle_orders(self) -> dict[int, NDArray[np.int64]]:
-        """For each row of `meshes` in use: which of the mesh's triangles each of the uploaded ones is."""
+        """For each row of `meshes` in use: the mesh's triangle of each uploaded triangle."""
         return self._geometry.triangle_orders()
 
     def update(self) -> None:
-        """Take up all changes since the last call."""
+        """Apply all changes since the latest call. Raises SolariError for a scene that is too large."""
         if not self._changed and not self._first:
             return
         self._first = False
@@ -109,7 +109,7 @@ class SceneBinder:
             self.lights.update(self._traced.lit_area)
             self._upload()
         except BaseException:
-            self._changed = changed | self._changed  # the next update tries again, knowing nothing of what arrived
+            self._changed = changed | self._changed  # the next update tries again, and uploads everything
             for table in self._tables:
                 table.mark_all()
             self._traced.mark_all()
@@ -154,7 +154,7 @@ class SceneBinder:
         elif before is not None:
             instance.unwatch(self)
             row = self._instance_rows[instance]
-            self._instances.reserve(row + 1)  # the update that took it up may have failed before there was room
+            self._instances.reserve(row + 1)  # the update that added the instance may have failed before
             self._write_rows.pop(instance, None)
             self._set_emissive(instance, row, False)
             self._traced.remove(row)
@@ -203,7 +203,7 @@ class SceneBinder:
         self._write_rows.clear()
 
     def _write_instance(self, instance: Instance) -> None:
-        """Its records, number by number: most frames move few instances."""
+        """Write an instance's records as plain numbers, which is fastest for the few that move in most frames."""
         row, visible, material = self._instance_rows[instance], instance.visible, instance.material
         mesh, ray_mesh = instance.mesh, instance.ray_mesh or instance.mesh
         rows, light = self._geometry.rows, self.lights.index(instance)
@@ -220,14 +220,14 @@ class SceneBinder:
     # ---- from records to the device -----------------------------------------------------------------
 
     def _upload(self) -> None:
-        """Have the tables' changes copied and the TLAS built from them, before whatever is submitted next."""
+        """Copy the tables' changes and build the TLAS, before the next submission."""
         if self._traced.update():
             self.version += 1
         changed = [table for table in self._tables if table.marked]
         for table in changed:
             if table.replace():
                 self.version += 1
-        if self._device.idle:  # nothing reads the tables
+        if self._device.idle:  # no work in progress reads the tables
             changed = [table for table in changed if not table.write()]
         if changed:
             with self._device.uploads() as uploads:

@@ -1,7 +1,7 @@
-"""Scenes made by the code, for tests, pictures and measurements: the same for the same arguments.
+"""Procedural scenes for tests, pictures and measurements; the same arguments give the same scene.
 
-Each function returns a Scene with one camera whose ev100 exposes the picture well. Lengths are in metres
-and emission in cd/m^2. `builtin(name)` makes one by its name.
+Each function returns a Scene with one camera, whose ev100 suits the picture. Lengths are in metres and emission is in
+cd/m^2. `builtin(name)` makes a scene by name.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, unknown_name
 from solari_vk.scene import shapes
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.model import Camera, Instance, Material, Mesh, Scene
 
-EV100_OF_UNIT_EXPOSURE = -math.log2(1.2)  # pictures show radiance as it is
+EV100_OF_UNIT_EXPOSURE = -math.log2(1.2)  # the exposure factor is 1
 
 
 def rgb(value: ArrayLike) -> FloatArray:
@@ -29,17 +29,17 @@ def rgb(value: ArrayLike) -> FloatArray:
 
 
 def matte(color: ArrayLike, name: str = "", **fields: Any) -> Material:
-    """As near to Lambert as the material goes: rough, and F0 = 0. Grazing angles keep a faint sheen."""
+    """A material as close to Lambertian as possible: rough, with F0 = 0. A faint sheen remains at grazing angles."""
     return Material(base_color=rgb(color), perceptual_roughness=1.0, reflectance=rgb(0), name=name, **fields)
 
 
 def lamp(radiance: ArrayLike, name: str = "lamp", **fields: Any) -> Material:
-    """A surface that gives light and reflects none of note."""
+    """A material that emits light and reflects almost none."""
     return matte(0.0, name, emissive=rgb(radiance), **fields)
 
 
 def place(scale: ArrayLike = 1.0, at: ArrayLike = (0, 0, 0), turn: float = 0.0) -> NDArray[np.float64]:
-    """World from object (4, 4): scale, then turn about y by radians, then move."""
+    """The matrix (4, 4) that scales, then turns about y by `turn` radians, then moves to `at` in metres."""
     transform = np.eye(4)
     cosine, sine = math.cos(turn), math.sin(turn)
     rotation = np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]])
@@ -103,7 +103,7 @@ def closed_box(albedo: float = 0.5, emission: float = 1.0, size: float = 2.0) ->
     """The inside of a cube of `size` metres whose walls all emit `emission` and reflect `albedo`.
 
     With Lambert walls the radiance after k bounces is emission (1 - albedo^(k+1)) / (1 - albedo), the same
-    everywhere. The camera stands off the middle, so that no symmetry hides a mistake.
+    everywhere. The camera is off the centre, so that no symmetry hides a mistake.
     """
     half = np.full(3, size / 2)
     walls = Instance(
@@ -124,7 +124,7 @@ def closed_box(albedo: float = 0.5, emission: float = 1.0, size: float = 2.0) ->
 def many_lights(
     sphere_count: int = 441, box_count: int = 8000, extent: float = 60.0, sphere_segments: int = 12, seed: int = 1
 ) -> Scene:
-    """Coloured glowing spheres in a square grid over a plane strewn with random boxes.
+    """Coloured emissive spheres in a square grid over a plane with random boxes.
 
     The plane is `extent` metres wide; the grid of spheres (21 x 21 by default) fills it at 2 to 4 m of height.
     Boxes are 0.2 to 1.2 m wide and 0.2 to 2 m high. All boxes share one mesh, and so do all spheres.
@@ -175,7 +175,7 @@ def mirror_hall(length: float = 8.0) -> Scene:
     scene = Scene(Instance(mesh=room, material=matte(0.7, "plaster"), name="room"), name="mirror_hall")
     mirror = Material(base_color=rgb(0.95), metallic=1.0, perceptual_roughness=0.0, name="mirror")
     for side in (-1.0, 1.0):
-        # 1 cm in front of the wall, and not up to floor and ceiling, so that frames are seen in the reflections.
+        # The mirrors are 1 cm in front of the walls and smaller than them, so that the walls frame the reflections.
         mesh = shapes.quad((side * 1.99, 1.5, 0), (0, 0, side * (length / 2 - 0.2)), (0, 1.3, 0), name="mirror")
         scene.add(Instance(mesh=mesh, material=mirror, name="mirror"))
     strip = shapes.quad((0, 2.98, 0), (0.25, 0, 0), (0, 0, length / 2 - 1), name="strip light")
@@ -195,11 +195,11 @@ def mirror_hall(length: float = 8.0) -> Scene:
 def thin_wall(thickness: float = 0.02, radiance: float = 20.0) -> Scene:
     """A closed room, 4 x 2 x 2 m, halved by a thin wall: the lamp is on the left, no light is on the right.
 
-    Everything is matte. The camera looks down from outside through the ceiling, whose back it does not see,
-    so that both halves are in the picture; the right half must be exactly black.
+    Everything is matte. The camera looks down from above; single-sided materials hide the ceiling's back side from it,
+    so that both halves are visible. The right half must be exactly black.
     """
     room = Instance(mesh=shapes.box((-2, 0, -1), (2, 2, 1), inward=True), material=matte(0.7, "plaster"), name="room")
-    # The wall goes through floor, ceiling and sides: no ray slips past its edges.
+    # The wall extends beyond floor, ceiling and sides, so that no ray passes its edges.
     wall = shapes.box((-thickness / 2, -0.1, -1.1), (thickness / 2, 2.1, 1.1))
     light = shapes.quad((-1, 1.98, 0), (0.4, 0, 0), (0, 0, 0.4), name="lamp")
     return Scene(
@@ -250,9 +250,9 @@ SCENES: dict[str, Callable[..., Scene]] = {
 
 
 def builtin(name: str, **arguments: Any) -> Scene:
-    """The built-in scene of that name, with that function's arguments; SolariError when there is none."""
+    """A built-in scene by name, with its function's arguments. Raises SolariError for an unknown name or argument."""
     if name not in SCENES:
-        raise SolariError(f"there is no built-in scene '{name}'; there are {', '.join(SCENES)}")
+        raise unknown_name("there is no built-in scene", name, SCENES)
     signature = inspect.signature(SCENES[name])
     try:
         signature.bind(**arguments)

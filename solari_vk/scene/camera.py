@@ -21,10 +21,10 @@ from solari_vk.scene.observed import Checked, checked
 def _look_at(
     camera: Camera | type[Camera], position: ArrayLike, target: ArrayLike, up: ArrayLike = (0, 1, 0), **fields: Any
 ) -> Camera:
-    """A camera at a position looking at a target, (3,) each in metres; the other fields are the constructor's.
+    """A camera at a position that looks at a target, each (3,) in metres. fields: further arguments of the constructor.
 
-    `Camera.look_at(...)` makes a camera; `camera.look_at(...)` moves that camera, and returns it. Raises SolariError
-    when position and target are the same, and when up lies along the view.
+    `Camera.look_at(...)` creates a camera; `camera.look_at(...)` moves the camera and returns it. Raises SolariError if
+    position and target are equal, and if up is parallel to the view.
     """
     eye = np.asarray(position, np.float64)
     back = eye - np.asarray(target, np.float64)
@@ -43,7 +43,7 @@ def _look_at(
 
 
 class _Placing:
-    """A method that makes an object when it is called on the class, and changes the object that it is called on."""
+    """A method that creates an object when called on the class, and changes the object when called on an object."""
 
     def __init__(self, function: Callable[..., Camera]) -> None:
         self._function = function
@@ -94,9 +94,9 @@ class Camera(Checked):
     ) -> Camera:
         """A camera that looks along `direction` and sees the whole of a box, such as `scene.bounds`.
 
-        bounds: the box's corners (3,) of least and greatest coordinates, in metres. direction (3,) must not be
-        vertical. aspect is width / height of the picture; a margin of 1 would let the box touch the picture's edges.
-        The other fields are those of the constructor.
+        bounds: the minimum and the maximum corner of the box, (3,) each, in metres. direction (3,) must not be
+        vertical. aspect is width / height of the picture. With a margin of 1 the box touches the picture's edges.
+        fields: further arguments of the constructor.
         """
         low, high = (np.asarray(corner, np.float64) for corner in bounds)
         center = (low + high) / 2
@@ -104,7 +104,7 @@ class Camera(Checked):
         corners = np.array(list(product(*zip(low, high, strict=True))))
         seen = (corners - center) @ camera.transform[:3, :3]
         slope = np.array((math.tan(vertical_fov / 2) * aspect, math.tan(vertical_fov / 2)))
-        # For each corner the distance at which it lies on the picture's edge; z counts towards the camera.
+        # The distance at which each corner is on the edge of the picture; z points towards the camera.
         distance = float((np.abs(seen[:, :2]) * margin / slope + seen[:, 2:]).max())
         extent = float(np.linalg.norm(high - low)) or 1.0
         transform = camera.transform.copy()
@@ -114,7 +114,7 @@ class Camera(Checked):
 
     @classmethod
     def from_pose(cls, pose: Any) -> Camera:
-        """A camera from what `pose` gave, or from {"position": [x, y, z], "target": [x, y, z]}.
+        """A camera from the result of `pose`, or from {"position": [x, y, z], "target": [x, y, z]}.
 
         Also takes "up", "vertical_fov_degrees", "near" and "ev100", or a whole "transform" for position and target.
         """
@@ -132,7 +132,7 @@ class Camera(Checked):
             raise SolariError(f"a camera pose needs 'position' and 'target', or 'transform': {error}") from None
 
     def pose(self) -> dict[str, Any]:
-        """What `from_pose` takes, as plain JSON values."""
+        """The argument of `from_pose`, as plain JSON values."""
         return {
             "transform": self.transform.tolist(),
             "vertical_fov_degrees": math.degrees(self.vertical_fov),
@@ -142,5 +142,5 @@ class Camera(Checked):
 
     @property
     def exposure(self) -> float:
-        """The factor from radiance to the picture's values."""
+        """The factor by which pictures multiply radiance."""
         return float(1.0 / (1.2 * 2.0**self.ev100))

@@ -1,6 +1,6 @@
-"""What the fields of the scene's objects accept: converters that copy, check and freeze.
+"""Converters for the fields of the scene's objects: they check a value, and return a read-only copy.
 
-Each raises TypeError or ValueError with a text that follows the field's name ("transform must be ...").
+A converter raises TypeError or ValueError with a text that continues the field's name ("transform must be ...").
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from solari_vk.scene.observed import Checked
 FloatArray = NDArray[np.float32]
 WRAP_MODES = ("repeat", "mirrored_repeat", "clamp_to_edge")
 FILTERS = ("linear", "nearest")
-LARGEST_COORDINATE = 1e18  # metres: areas of larger triangles are no floats
-LARGEST_RADIANCE = 1e18  # cd/m^2; what a path multiplies has to stay a float
-LARGEST_TRANSFORM = 1e12  # three axes multiplied have to stay floats
+LARGEST_COORDINATE = 1e18  # metres: the areas of larger triangles overflow
+LARGEST_RADIANCE = 1e18  # cd/m^2: products along a path must not overflow
+LARGEST_TRANSFORM = 1e12  # the product of three axes must not overflow
 
 
 def array(
-    *shape: int | None, dtype: Any = np.float32, optional: bool = False, most: float = math.inf
+    *shape: int | None, dtype: Any = np.float32, optional: bool = False, max_abs: float = math.inf
 ) -> Callable[[Any], Any]:
-    """A read-only copy of that shape (None: any length), finite."""
+    """A finite, read-only array of a shape, where None stands for any length. max_abs: the largest absolute value."""
 
     def convert(value: Any) -> Any:
         if value is None and optional:
@@ -35,15 +35,15 @@ def array(
             raise ValueError(f"must be integers, not {given.dtype}")
         if np.issubdtype(dtype, np.integer) and given.size and (given.min() < 0 or given.max() > np.iinfo(dtype).max):
             raise ValueError(f"must lie between 0 and {np.iinfo(dtype).max}")
-        with np.errstate(over="ignore"):  # becomes infinity, which is refused below
+        with np.errstate(over="ignore"):  # overflow gives infinity, which is refused below
             array = np.array(given, dtype=dtype, order="C")
         fits = array.ndim == len(shape) and all(w is None or w == n for w, n in zip(shape, array.shape, strict=True))
         if not fits:
             wanted = ", ".join("N" if n is None else str(n) for n in shape)
             raise ValueError(f"must have the shape ({wanted}), not {array.shape}")
         refuse_not_finite(array)
-        if most < math.inf and array.size and np.abs(array).max() > most:
-            raise ValueError(f"must lie within {most:g}")
+        if max_abs < math.inf and array.size and np.abs(array).max() > max_abs:
+            raise ValueError(f"must lie within {max_abs:g}")
         array.setflags(write=False)
         return array
 
@@ -51,7 +51,7 @@ def array(
 
 
 def pixels(value: Any) -> NDArray[np.uint8]:
-    """A read-only image (height, width, 4) of 8 bits, also of a grey or an RGB image."""
+    """A read-only RGBA image (height, width, 4) with 8 bits per channel, from an RGBA, an RGB or a grey image."""
     given = np.asarray(value)
     if given.ndim == 2:
         given = np.stack([given] * 3, axis=-1)
@@ -72,7 +72,7 @@ def refuse_not_finite(array: NDArray[Any]) -> None:
 
 
 def color(low: float = 0.0, high: float = math.inf) -> Callable[[Any], FloatArray]:
-    """Three values within a range; a single number stands for grey."""
+    """A color: three values within a range, or a single number for grey."""
 
     def convert(value: ArrayLike) -> FloatArray:
         with np.errstate(over="ignore"):
@@ -87,7 +87,7 @@ def color(low: float = 0.0, high: float = math.inf) -> Callable[[Any], FloatArra
 
 
 def number(low: float = -math.inf, high: float = math.inf, unit: str = "") -> Callable[[Any], float]:
-    """A finite number within a range; `unit` is for the message."""
+    """A finite number within a range. unit: named in the error."""
 
     def convert(value: Any) -> float:
         number = float(value)
@@ -99,7 +99,7 @@ def number(low: float = -math.inf, high: float = math.inf, unit: str = "") -> Ca
 
 
 def direction(value: ArrayLike) -> FloatArray:
-    """A unit vector (3,) along the given one, of whatever length."""
+    """A unit vector (3,) from a vector of any length but zero."""
     given = np.array(value, np.float64)
     if given.shape != (3,):
         raise ValueError(f"must have the shape (3,), not {given.shape}")
@@ -130,7 +130,7 @@ def instance_of(kind: Callable[[], type], optional: bool = False) -> Callable[[A
 
 
 def made_of(kind: Callable[[], type], optional: bool = False) -> Callable[[Any], Any]:
-    """An object of a type, or what the type's constructor makes of an array or of another of the scene's objects."""
+    """An object of a type; an array or another of the scene's objects is passed to the type's constructor."""
 
     def convert(value: Any) -> Any:
         if (optional and value is None) or isinstance(value, kind()):
@@ -143,7 +143,7 @@ def made_of(kind: Callable[[], type], optional: bool = False) -> Callable[[Any],
 
 
 def affine_transform(value: ArrayLike) -> NDArray[np.float64]:
-    """A 4x4 affine, invertible matrix, read-only float64; of one that is 3x4, or of a position (3,)."""
+    """A read-only affine, invertible matrix (4, 4), from such a matrix, its first 3 rows, or a position (3,)."""
     given = np.asarray(value, dtype=np.float64)
     if given.shape not in ((4, 4), (3, 4), (3,)):
         raise ValueError(f"must have the shape (4, 4), (3, 4) or, for a position, (3,), not {given.shape}")
@@ -153,7 +153,7 @@ def affine_transform(value: ArrayLike) -> NDArray[np.float64]:
         matrix[:3, 3] = given
     else:
         matrix[: given.shape[0]] = given
-    # Plain floats: scenes of 100,000 instances pass through here.
+    # Plain floats are faster here, which matters for scenes of 100,000 instances.
     (a, b, c, _), (d, e, f, _), (g, h, i, _), last = matrix.tolist()
     if last != [0.0, 0.0, 0.0, 1.0]:
         raise ValueError(f"must be affine, with the last row 0 0 0 1, not {last}")
@@ -161,7 +161,7 @@ def affine_transform(value: ArrayLike) -> NDArray[np.float64]:
         raise ValueError(f"must lie within {LARGEST_TRANSFORM:g}, or floats overflow on the device")
     lengths = math.hypot(a, d, g) * math.hypot(b, e, h) * math.hypot(c, f, i)
     determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
-    if abs(determinant) <= 1e-9 * lengths:  # also when an axis has no length
+    if abs(determinant) <= 1e-9 * lengths:  # also if an axis has zero length
         raise ValueError("must be invertible: a scale of zero (or three axes in a plane) has no surface to light")
     matrix.setflags(write=False)
     return matrix

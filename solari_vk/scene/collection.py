@@ -13,17 +13,17 @@ Item = TypeVar("Item", bound=Checked)
 
 
 class Collection(Generic[Item]):
-    """Objects in the order in which they were added. It can't be changed; `Items` can.
+    """Objects in the order in which they were added. This class is read-only; `Items` can be changed.
 
-    `c[0]` and `c[-1]` are objects by number, `c[1:3]` is a list, `c["name"]` is the first object of that name. `in`
-    takes an object or a name. Iterating goes over the objects as they were when it began, so that the loop may add and
-    remove objects. Raises SolariError for a number out of range and for an unknown name.
+    `c[0]` and `c[-1]` are objects by number, `c[1:3]` is a list, `c["name"]` is the first object with that name. `in`
+    takes an object or a name. A loop over a collection may add and remove objects; it visits those that were there when
+    it began. Raises SolariError for a number out of range and for an unknown name.
     """
 
     def __init__(self, what: str, items: Iterable[Item] = ()) -> None:
         self._what = what
         self._items: dict[Item, None] = dict.fromkeys(items)
-        self._list: list[Item] | None = None  # the same in a list, until there is a change
+        self._list: list[Item] | None = None  # the items as a list, until the next change
 
     def _as_list(self) -> list[Item]:
         if self._list is None:
@@ -32,7 +32,7 @@ class Collection(Generic[Item]):
 
     @property
     def names(self) -> list[str]:
-        """The objects' names in order; several objects may have the same one."""
+        """The names of the objects, in order. Names need not be unique."""
         return [item.name for item in self._as_list()]
 
     @overload
@@ -72,7 +72,7 @@ class Collection(Generic[Item]):
 
 
 class Items(Collection[Item]):
-    """A collection that can be changed. An object can be in it once."""
+    """A collection to which objects are added, each at most once, and from which they are removed."""
 
     def __init__(self, what: str, kinds: tuple[type, ...], changed: Callable[[Any], None]) -> None:
         super().__init__(what)
@@ -80,11 +80,11 @@ class Items(Collection[Item]):
         self._changed = changed
 
     def holds(self, item: object) -> bool:
-        """Whether an object is of this collection's kinds."""
+        """Whether an object has a type that belongs in this collection."""
         return isinstance(item, self._kinds)
 
     def add(self, item: Item) -> Item:
-        """Append an object and return it. Raises SolariError if it is here already, or is none of these objects."""
+        """Append an object and return it. Raises SolariError if it is here already, or has another type."""
         if not self.holds(item):
             raise SolariError(f"a {self._what} is needed, not {type(item).__name__}")
         if item in self._items:
@@ -95,7 +95,7 @@ class Items(Collection[Item]):
         return item
 
     def remove(self, item: Item | SupportsIndex | str) -> None:
-        """Remove an object, given itself, its number or its name; it can be added again."""
+        """Remove an object by itself, its number or its name. It can be added again."""
         found = item if isinstance(item, Checked) else self[item]
         if found not in self._items:
             raise SolariError(f"{found.describe()} is not in the scene")

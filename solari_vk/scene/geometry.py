@@ -1,4 +1,4 @@
-"""Meshes on the device: vertex and index buffers, and the acceleration structures that rays meet."""
+"""Meshes on the device: vertex and index buffers, and acceleration structures."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ class Geometry:
         self._watcher = watcher
         self._buffers: dict[Mesh, Buffer] = {}
         self._centers: dict[Mesh, NDArray[np.float32]] = {}
-        self._areas: dict[Mesh, float] = {}  # of those that were asked for
+        self._areas: dict[Mesh, float] = {}  # surface area; computed on demand
         self._orders: dict[Mesh, NDArray[np.int64]] = {}
         self._blases: dict[Mesh, Blas] = {}
         self._to_upload: dict[Mesh, None] = {}
 
     def acquire(self, mesh: Mesh, user: Observable, *, traced: bool) -> None:
-        """Use a mesh; traced: rays meet it, so it gets an acceleration structure."""
+        """Add a use of a mesh. traced: rays hit it, so it needs an acceleration structure."""
         if self.rows.acquire(mesh, user):
             mesh.watch(self._watcher)
             self._to_upload[mesh] = None
@@ -58,29 +58,29 @@ class Geometry:
                 self._areas.pop(mesh, None)
 
     def change(self, mesh: Mesh) -> list[Any]:
-        """The mesh was edited: upload it again. Returns the instances that use it."""
+        """Take note of an edit of a mesh, which must be uploaded again; returns the instances that use it."""
         if mesh not in self.rows:
             return []
         self._to_upload[mesh] = None
         return self.rows.users(mesh)
 
     def blas(self, mesh: Mesh) -> Blas:
-        """The acceleration structure of a mesh that rays meet, built by `update`."""
+        """The acceleration structure of a traced mesh, which `update` has built."""
         return self._blases[mesh]
 
     def center(self, mesh: Mesh) -> NDArray[np.float32]:
-        """The middle (3,) of an uploaded mesh's bounds, in object space."""
+        """The centre (3,) of an uploaded mesh's bounds, in object space."""
         return self._centers[mesh]
 
     def area(self, mesh: Mesh) -> float:
-        """Of an uploaded mesh's surface, in object space."""
+        """The surface area of an uploaded mesh, in object space."""
         if mesh not in self._areas:
             a, b, c = mesh.positions[mesh.triangles].astype(np.float64).swapaxes(0, 1)
             self._areas[mesh] = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
         return self._areas[mesh]
 
     def triangle_orders(self) -> dict[int, NDArray[np.int64]]:
-        """For each row of `table` in use: which of the mesh's triangles each of the uploaded ones is."""
+        """For each row of `table` in use: the mesh's triangle of each uploaded triangle."""
         return {self.rows[mesh]: order for mesh, order in self._orders.items()}
 
     def update(self) -> None:
@@ -102,7 +102,7 @@ class Geometry:
         self._to_upload.clear()
 
     def _upload(self, mesh: Mesh, uploads: Uploads) -> TriangleGeometry:
-        """One buffer a mesh: positions, then triangles in spatial order, then other attributes if there are any."""
+        """Upload a mesh as one buffer: positions, triangles in spatial order, and other attributes if there are any."""
         triangles = mesh.triangles
         corners = mesh.positions[triangles]
         order = self._orders[mesh] = spatial_order(corners.mean(axis=1))

@@ -22,14 +22,14 @@ def open_image(data: bytes | memoryview, who: str) -> Any:
 
     try:
         with warnings.catch_warnings():
-            # Pillow warns about sizes that the limits below judge.
+            # The limits below replace Pillow's warning.
             warnings.simplefilter("ignore")
             image = Image.open(io.BytesIO(data), formats=("PNG", "JPEG"))
     except UnidentifiedImageError:
         raise SolariError(f"{who} is not a PNG or JPEG image, or is damaged: save it again as one of these") from None
     except (Image.DecompressionBombError, MemoryError):
         raise SolariError(_too_large(who)) from None
-    except Exception as error:  # Pillow's parsers raise many types on damaged headers
+    except Exception as error:  # Pillow raises many types of exceptions for damaged headers
         raise SolariError(f"{who} is a damaged image ({_short(error)}): save it again") from None
     width, height = image.size
     if max(width, height) > LARGEST_SIDE or width * height > LARGEST_PIXEL_COUNT:
@@ -49,7 +49,7 @@ def decode(image: Any, who: str) -> Pixels:
         return np.asarray(image if image.mode == "RGBA" else image.convert("RGBA"))
     except MemoryError:
         raise SolariError(_too_large(who)) from None
-    except Exception as error:  # the same many types
+    except Exception as error:  # as above
         raise SolariError(f"{who} is a damaged image ({_short(error)}): save it again") from None
 
 
@@ -78,14 +78,14 @@ def _srgb_to_linear() -> NDArray[np.float32]:
 
 
 _LINEAR_OF_SRGB = _srgb_to_linear()
-# Codes of 2^16 linear values: enough that every 8-bit code comes back as itself.
+# The sRGB codes of 2^16 linear values: fine enough that every 8-bit code is reproduced.
 _STEPS = 2**16 - 1
 _MIDDLES = ((_LINEAR_OF_SRGB[1:].astype(np.float64) + _LINEAR_OF_SRGB[:-1]) / 2 * _STEPS).astype(np.float32)
 _SRGB_OF_LINEAR = np.searchsorted(_MIDDLES, np.arange(_STEPS + 1)).astype(np.uint8)
 
 
 def mip_chain(pixels: Pixels, srgb: bool) -> list[Pixels]:
-    """The image (h, w, 4) and its ever halved versions down to 1 x 1.
+    """The levels of an image (h, w, 4), from itself down to 1 x 1.
 
     Sizes are halved rounding down, and every pixel is the exact average of the area it covers, also where a
     size is odd. Colors of sRGB images are averaged as light; alpha and all other images as they are.
@@ -119,7 +119,7 @@ def _from_light(light: NDArray[np.float32], srgb: bool) -> Pixels:
 
 
 def _halve(light: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
-    """Average along one axis into half as many (rounded down); a single one stays."""
+    """Average along an axis to half the size, rounded down; size 1 stays."""
     size = light.shape[axis]
     if size == 1:
         return light
@@ -129,7 +129,7 @@ def _halve(light: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
     if size % 2 == 0:
         result = (even + odd) * np.float32(0.5)
     else:
-        # Each result covers 2 + 1/half pixels: three of them, weighted by the overlap.
-        place = np.arange(half, dtype=np.float32).reshape(-1, *[1] * (light.ndim - 1))
-        result = (even * (half - place) + odd * np.float32(half) + light[2::2] * (place + 1)) / np.float32(size)
+        # Each result covers 2 + 1/half pixels: three pixels, weighted by their overlap.
+        index = np.arange(half, dtype=np.float32).reshape(-1, *[1] * (light.ndim - 1))
+        result = (even * (half - index) + odd * np.float32(half) + light[2::2] * (index + 1)) / np.float32(size)
     return np.moveaxis(result, 0, axis)

@@ -23,7 +23,7 @@ TEXTURE_SLOTS = {
 
 
 class Materials:
-    """The `materials` table. watcher: told of edits of the materials in use."""
+    """The `materials` table. watcher: is notified of edits of the materials in use."""
 
     def __init__(self, device: Device, record: np.dtype[Any], textures: Textures, watcher: Any) -> None:
         self.table = Table(device, "materials", record)
@@ -36,7 +36,7 @@ class Materials:
         self._to_write: dict[Material, None] = {}
 
     def acquire(self, material: Material, user: Instance) -> None:
-        """Use a material."""
+        """Add a use of a material."""
         if self.rows.acquire(material, user):
             material.watch(self._watcher)
             self._take_up(material)
@@ -51,7 +51,7 @@ class Materials:
                 self._textures.release(texture, TEXTURE_SLOTS[slot], material)
 
     def change(self, material: Material) -> list[Instance]:
-        """Take up an edit of a material; returns the instances that use it."""
+        """Take note of an edit of a material; returns the instances that use it."""
         if material in self.rows:
             self._take_up(material)
         return self.rows.users(material)
@@ -59,7 +59,7 @@ class Materials:
     def _take_up(self, material: Material) -> None:
         before = self._textures_of.get(material, {})
         after = {slot: texture for slot in TEXTURE_SLOTS if (texture := getattr(material, slot)) is not None}
-        for slot, texture in after.items():  # before the old ones go, so that what stays isn't uploaded again
+        for slot, texture in after.items():  # before the release below, so that a kept texture isn't uploaded again
             self._textures.acquire(texture, TEXTURE_SLOTS[slot], material)
         for slot, texture in before.items():
             self._textures.release(texture, TEXTURE_SLOTS[slot], material)

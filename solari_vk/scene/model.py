@@ -1,4 +1,4 @@
-"""The scene: what is in the world, in collections, with its bounds and its camera."""
+"""The scene: its instances, lights and cameras in collections, its bounds, and its default camera."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Bounds(NamedTuple):
 
     @property
     def center(self) -> NDArray[np.float64]:
-        """The middle, (3,) in metres."""
+        """The centre, (3,) in metres."""
         return (self.low + self.high) / 2
 
     @property
@@ -54,7 +54,7 @@ Item = TypeVar("Item", bound=Instance | Light | Camera)
 
 
 class Scene(Observable):
-    """Instances, lights and cameras. Emissive instances are lights by themselves.
+    """Instances, lights and cameras. Emissive instances are lights without further ado.
 
     `instances`, `lights` and `cameras` are collections by number or name, in the order in which objects were added;
     `add` and `remove` take objects of all three. Meshes and materials come with the instances that use them.
@@ -68,7 +68,7 @@ class Scene(Observable):
         self._cameras: Items[Camera] = Items("camera", (Camera,), self._notify)
         self._camera: Camera | None = None
         self.warnings: list[str] = []
-        """What a loader could not take over from its file, each by name."""
+        """What a loader could not use of its file, one line for each kind of problem."""
         for item in items:
             self.add(item)
 
@@ -81,7 +81,7 @@ class Scene(Observable):
 
     @property
     def instances(self) -> Items[Instance]:
-        """What stands in the scene."""
+        """The objects of the scene."""
         return self._instances
 
     @property
@@ -96,12 +96,12 @@ class Scene(Observable):
 
     @property
     def materials(self) -> Collection[Material]:
-        """The instances' materials, in the order of the instances; another collection after each change."""
+        """The materials of the instances, in the order of the instances. A change of the scene doesn't change it."""
         return Collection("material", (instance.material for instance in self._instances))
 
     @property
     def meshes(self) -> Collection[Mesh]:
-        """The instances' meshes, in the order of the instances; another collection after each change."""
+        """The meshes of the instances, in the order of the instances. A change of the scene doesn't change it."""
         return Collection("mesh", (instance.mesh for instance in self._instances))
 
     @overload
@@ -113,7 +113,7 @@ class Scene(Observable):
     def add(
         self, item: Any, material: Material | None = None, transform: ArrayLike | None = None, *, name: str = ""
     ) -> Any:
-        """Put an object into the scene and return it; of a mesh, an instance with that material and transform."""
+        """Add an object and return it. For a mesh, add and return an instance with a material and a transform."""
         if isinstance(item, Mesh):
             placed = Instance(item, material or Material(), name=name)
             if transform is not None:
@@ -124,7 +124,7 @@ class Scene(Observable):
         return self._holder(item).add(item)
 
     def remove(self, item: Instance | Light | Camera) -> None:
-        """Take an object out of the scene; it can be added again."""
+        """Remove an object from the scene. It can be added again."""
         self._holder(item).remove(item)
 
     def _holder(self, item: Any) -> Items[Any]:
@@ -137,11 +137,11 @@ class Scene(Observable):
         return iter(self._instances)
 
     def camera_for(self, aspect: float) -> Camera:
-        """The camera that renderers and the command line use by default, for pictures of an aspect, width / height.
+        """The camera that renderers and the command line use by default, for pictures with width / height = aspect.
 
-        It is the assigned `camera`, else the first of `cameras`. A scene without cameras gets one that shows its bounds
-        (`Camera.framing`), made when it is first asked for and kept, but not added to `cameras`. An empty scene's
-        camera is Camera().
+        It is the assigned `camera`, otherwise the first of `cameras`. For a scene without cameras it is
+        `Camera.framing(bounds)`, which is created on the first call and kept, but not added to `cameras`. For an empty
+        scene it is Camera().
         """
         if self._camera is None:
             if self._cameras:
@@ -153,7 +153,7 @@ class Scene(Observable):
 
     @property
     def camera(self) -> Camera:
-        """The camera that renderers use by default, as `camera_for` a square picture; it may be assigned."""
+        """The default camera, as `camera_for(1.0)` gives it. Assign another camera to replace it."""
         return self.camera_for(1.0)
 
     @camera.setter
@@ -164,7 +164,7 @@ class Scene(Observable):
 
     @property
     def bounds(self) -> Bounds:
-        """The box around all visible instances. Raises SolariError when there are none."""
+        """The bounding box of all visible instances. Raises SolariError if there are none."""
         corners = []
         boxes: dict[Mesh, NDArray[Any]] = {}
         for instance in self._instances:

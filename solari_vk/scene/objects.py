@@ -29,11 +29,12 @@ SUN_ANGULAR_DIAMETER = 0.00930842  # radians, mean over the year
 
 @checked
 class Mesh(Checked):
-    """Triangles in object space; counter-clockwise is the front.
+    """Triangles in object space, whose front faces are counter-clockwise.
 
-    positions (N, 3) in metres; triangles (M, 3), rows of positions, by default every three positions are a triangle;
-    normals (N, 3), by default the triangle's own; uvs (N, 2), v down as in glTF; tangents (N, 4), w the bitangent's
-    sign, by default from the uvs. Raises SolariError for arrays that don't fit each other.
+    positions (N, 3) in metres. triangles (M, 3): rows of `positions`; by default each three positions are a triangle.
+    normals (N, 3): by default those of the triangles. uvs (N, 2): v increases downwards, as in glTF. tangents (N, 4):
+    w is the bitangent's sign; by default they are computed from the uvs. `vertices`, `faces` and `indices` are other
+    names of positions and triangles. Raises SolariError for arrays that don't fit each other.
     """
 
     positions: FloatArray
@@ -47,7 +48,7 @@ class Mesh(Checked):
     _aliases = {"vertices": "positions", "faces": "triangles", "indices": "triangles"}
     _converters = {
         "name": checks.text,
-        "positions": checks.array(None, 3, most=checks.LARGEST_COORDINATE),
+        "positions": checks.array(None, 3, max_abs=checks.LARGEST_COORDINATE),
         "triangles": checks.array(None, 3, dtype=np.uint32, optional=True),
         "normals": checks.array(None, 3, optional=True),
         "uvs": checks.array(None, 2, optional=True),
@@ -57,9 +58,10 @@ class Mesh(Checked):
 
     @classmethod
     def from_trimesh(cls, mesh: Any, *, smooth: bool = False) -> Mesh:
-        """A mesh of a `trimesh.Trimesh`: its vertices as metres, its faces, and its uvs if it has any.
+        """A mesh from a `trimesh.Trimesh`, whose unit is taken as metres; with its uvs if it has any.
 
-        smooth: with its vertex normals, else every triangle is flat. trimesh's v goes up, and is turned.
+        smooth: use trimesh's vertex normals; otherwise triangles are flat. v is flipped, since in trimesh it increases
+        upwards.
         """
         uvs = getattr(mesh.visual, "uv", None)
         return cls(
@@ -91,9 +93,9 @@ class Mesh(Checked):
 
 @checked
 class TextureImage(Checked):
-    """Pixels of 8 bits, (height, width, 4); grey (height, width) and RGB (height, width, 3) are made RGBA.
+    """An image with 8 bits per channel: RGBA (height, width, 4), RGB (height, width, 3) or grey (height, width).
 
-    Whether they are sRGB follows from where a material uses them.
+    `pixels` is always RGBA. Materials decide by the kind of the texture whether it is sRGB.
     """
 
     pixels: NDArray[np.uint8]
@@ -108,8 +110,9 @@ class TextureImage(Checked):
 
 @checked
 class Texture(Checked):
-    """An image, or its pixels; how it is sampled; and the 2x3 matrix that maps a mesh's (u, v, 1) into it.
+    """An image and how it is sampled. image: a TextureImage, or an array of pixels.
 
+    uv_transform (2, 3) maps a mesh's (u, v, 1) to texture coordinates.
     wrap_u and wrap_v: "repeat", "mirrored_repeat" or "clamp_to_edge". magnification and minification: "linear" or
     "nearest".
     """
@@ -138,15 +141,15 @@ class Texture(Checked):
 class Material(Checked):
     """A metallic-roughness surface, as in glTF.
 
-    base_color (3,) and metallic in [0, 1]; a single number is grey. perceptual_roughness in [0, 1], also called
-    `roughness` as in glTF and in modelling programs: the GGX distribution's alpha is its square. reflectance in [0, 1],
-    one number or a colour: a dielectric's F0 is 0.16 reflectance^2, 0.5 being glass. emissive (3,) is radiance in
-    cd/m^2.
+    Colours are linear, (3,); one number stands for grey. base_color, metallic, perceptual_roughness and reflectance
+    are in [0, 1]. `roughness` is another name of perceptual_roughness, as in glTF and modelling programs; the alpha of
+    the GGX distribution is its square. A dielectric's F0 is 0.16 reflectance^2; a reflectance of 0.5 is glass. emissive
+    is radiance in cd/m^2.
 
-    A texture is a Texture, a TextureImage or an array of pixels, and multiplies what it belongs to: base colour and
-    emissive are sRGB, roughness is green and metallic blue, normals are tangent-space (z is rebuilt from x and y).
-    A double-sided material is seen, and emits, on both faces; otherwise cameras look through its back, while other
-    rays still meet it.
+    A texture is a Texture, a TextureImage or an array of pixels. Textures multiply the values: base colour and emissive
+    are sRGB; the metallic-roughness texture has roughness in green and metallic in blue; normals are in tangent space,
+    with z computed from x and y. A double-sided material is visible, and emits, on both sides. The back side of other
+    materials is invisible to cameras, but blocks all other rays. Raises SolariError for values out of range.
     """
 
     _: KW_ONLY
@@ -183,20 +186,20 @@ class Material(Checked):
 
     @property
     def emits(self) -> bool:
-        """Whether instances of this material are lights."""
+        """Whether the material emits light, so that its instances are lights."""
         return bool((self.emissive > 0).any())
 
 
-# ---- what stands in the world -----------------------------------------------------------------------
+# ---- instances and lights ---------------------------------------------------------------------------
 
 
 @checked
 class Instance(Checked):
-    """A mesh placed in the world with a material.
+    """A mesh with a material at a place in the world.
 
-    transform is world from object: an affine and invertible matrix (4, 4) or (3, 4), which may mirror, shear and
-    scale, or just a position (3,) in metres. Rays meet ray_mesh where there is one, so that they may use a simpler
-    proxy. An instance that isn't visible neither shows nor gives light.
+    transform is the matrix from object to world space, (4, 4) or (3, 4); it may mirror, shear and scale, but must be
+    invertible. A vector (3,) stands for a position in metres. ray_mesh: a simpler mesh that rays hit instead of `mesh`.
+    An instance that isn't visible neither blocks nor emits light. Raises SolariError for a singular transform.
     """
 
     mesh: Mesh
@@ -218,18 +221,21 @@ class Instance(Checked):
 
 
 class Light(Checked):
-    """A light that is no instance. Each of its classes has a row in solari_vk/scene/light_kinds.py."""
+    """A light that isn't an instance. Each subclass has a row in solari_vk/scene/light_kinds.py."""
 
     @property
     def emits(self) -> bool:
-        """Whether the light gives any light."""
+        """Whether the light emits anything."""
         raise NotImplementedError
 
 
 @checked
 class DirectionalLight(Light):
-    """A sun: direction (3,) in which its light travels (made a unit vector), illuminance in lux on a surface facing it,
-    colour, and the angle in radians that its disk spans."""
+    """A sun.
+
+    direction (3,): in which its light travels, of any length. illuminance: on a surface that faces the sun, in lux.
+    color (3,): linear. angular_diameter: of the sun's disk, in radians.
+    """
 
     direction: FloatArray
     _: KW_ONLY
@@ -248,5 +254,5 @@ class DirectionalLight(Light):
 
     @property
     def emits(self) -> bool:
-        """Whether the light gives any light."""
+        """Whether the light emits anything."""
         return self.illuminance > 0 and bool((self.color > 0).any())

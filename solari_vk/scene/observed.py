@@ -1,4 +1,4 @@
-"""Objects that check what is assigned to them and tell their watchers."""
+"""Objects that check what is assigned to their fields, and notify watchers of changes."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from solari_vk.errors import SolariError, unknown_name
 
 
 class Watcher(Protocol):
-    """Told of every object that changed."""
+    """Is notified of every object that has changed."""
 
     def note(self, changed: Observable) -> None: ...
 
 
 class Observable:
-    """Something that tells its watchers, held weakly, when it changed."""
+    """Notifies its watchers of changes. It holds only weak references to them."""
 
     _watchers: tuple[weakref.ref[Watcher], ...] = ()
 
@@ -31,7 +31,7 @@ class Observable:
         object.__setattr__(self, "_watchers", (*self._watchers, weakref.ref(watcher)))
 
     def unwatch(self, watcher: Watcher) -> None:
-        """Stop telling this watcher."""
+        """Stop notifying a watcher."""
         alive = tuple(r for r in self._watchers if (w := r()) is not None and w is not watcher)
         object.__setattr__(self, "_watchers", alive)
 
@@ -47,7 +47,7 @@ class Observable:
 
 
 def _shown(value: Any) -> str:
-    """A field's value in a few words: of other objects the names, of large arrays the shape."""
+    """A field's value in a few words: the name of an object, the shape of a large array."""
     if isinstance(value, Observable):
         return value.describe()
     if isinstance(value, np.ndarray):
@@ -94,7 +94,7 @@ class Checked(Observable):
 
     @classmethod
     def _by_field(cls, given: dict[str, Any]) -> dict[str, Any]:
-        """The values by the fields' own names. Raises SolariError for an unknown name, or one field under two names."""
+        """Replace aliases by the fields' names. Raises SolariError for an unknown name, and for a field given twice."""
         known = cls.__dataclass_fields__  # type: ignore[attr-defined]
         if given.keys() <= known.keys():
             return given
@@ -113,7 +113,7 @@ class Checked(Observable):
         return f"{type(self).__name__}({', '.join(f'{name}={_shown(value)}' for name, value in fields)})"
 
     def _validate(self) -> None:
-        """Raise SolariError where fields don't fit together."""
+        """Raise SolariError if fields don't fit together."""
 
 
 Kind = TypeVar("Kind", bound=type[Checked])

@@ -1,4 +1,4 @@
-"""Meshes of simple shapes, with normals and texture coordinates, counter-clockwise seen from outside."""
+"""Meshes of simple shapes with normals and texture coordinates. Front faces are outside."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from solari_vk.scene.model import Mesh
 def polygons(*corners: ArrayLike, name: str = "") -> Mesh:
     """Flat convex polygons, each (N, 3) with corners counter-clockwise seen from the front, as one mesh.
 
-    Quads have uvs from (0, 0) at their first corner to (1, 1) at the third; others have theirs all zero.
+    The uvs of quads go from (0, 0) at the first corner to (1, 1) at the third; those of other polygons are zero.
     """
     positions, normals, uvs, indices = [], [], [], []
     start = 0
@@ -44,7 +44,7 @@ def quad(center: ArrayLike, half_u: ArrayLike, half_v: ArrayLike, name: str = ""
 
 
 def facing_quad(center: ArrayLike, half_side: float, target: ArrayLike = (0, 0, 0)) -> Mesh:
-    """A square centred somewhere that faces a target (3,), which must not be straight above or below."""
+    """A square with a centre (3,) that faces a target (3,), which must not be straight above or below the centre."""
     normal = np.asarray(target, np.float64) - np.asarray(center, np.float64)
     normal /= np.linalg.norm(normal)
     side = np.cross((0.0, 1.0, 0.0), normal)
@@ -61,21 +61,21 @@ def box(low: ArrayLike = (-0.5, -0.5, -0.5), high: ArrayLike = (0.5, 0.5, 0.5), 
         u, v = np.zeros(3), np.zeros(3)
         u[(axis + 1) % 3], v[(axis + 2) % 3] = half[(axis + 1) % 3], half[(axis + 2) % 3]
         for sign in (-1.0, 1.0):
-            middle = center.copy()
-            middle[axis] += sign * half[axis]
+            face = center.copy()
+            face[axis] += sign * half[axis]
             side = u if (sign > 0) != inward else -u
-            faces.append([middle - side - v, middle + side - v, middle + side + v, middle - side + v])
+            faces.append([face - side - v, face + side - v, face + side + v, face - side + v])
     return polygons(*faces, name="box")
 
 
 def sphere(radius: float = 1.0, segments: int = 32) -> Mesh:
-    """A sphere around the origin with smooth normals: segments (at least 3) around, half as many from pole to pole."""
+    """A sphere around the origin with smooth normals. segments: at least 3, around; half as many from pole to pole."""
     if segments < 3:
         raise SolariError(f"a sphere needs at least 3 segments, not {segments}")
     rings = max(segments // 2, 2)
     row, column = (grid.ravel() for grid in np.mgrid[0 : rings + 1, 0 : segments + 1])
     polar, turn = row * (math.pi / rings), column * (2 * math.pi / segments)
-    # The last column repeats the first, with u = 1 and with the very same positions, so that no gap opens.
+    # The last column repeats the positions of the first with u = 1; the positions are equal, so there is no gap.
     turn = np.where(column == segments, 0.0, turn)
     sine = np.where((row == 0) | (row == rings), 0.0, np.sin(polar))
     directions = np.stack([sine * np.sin(turn), np.cos(polar), sine * np.cos(turn)], axis=1)

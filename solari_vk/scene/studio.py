@@ -26,7 +26,7 @@ def studio_lights(scene: Scene, *, ev100: float = 0.0, ground: bool = True, came
         raise SolariError(f"{scene.describe()} is a single point: there is nothing to light")
     turn = _heading(camera, center)
     half_side, distance = 0.5 * radius, 2.5 * radius
-    # White paint facing the key light shows as about 0.9: exposure * E / pi, with E = L * area / distance^2.
+    # White paint that faces the key light is shown as about 0.9 = exposure * E / pi, with E = L * area / distance^2.
     key = 0.9 * math.pi * 1.2 * 2.0**ev100 * (distance / (2 * half_side)) ** 2
     for name, heading, height, strength in (("key", -40, 40, 1.0), ("fill", 55, 15, 0.25), ("rim", 160, 50, 0.6)):
         angle, up = turn + math.radians(heading), math.radians(height)
@@ -41,7 +41,7 @@ def studio_lights(scene: Scene, *, ev100: float = 0.0, ground: bool = True, came
 
 
 def _heading(camera: Camera | None, center: NDArray[np.float64]) -> float:
-    """The angle about y at which the camera stands, seen from the centre."""
+    """The camera's angle about the y axis as seen from a centre, in radians; 0 without a camera."""
     if camera is None:
         return 0.0
     x, _, z = camera.transform[:3, 3] - center

@@ -1,4 +1,4 @@
-"""Rows of records that the host edits and a device buffer mirrors, and who uses which row."""
+"""Tables: records that the host edits and a device buffer mirrors; and the assignment of rows to objects."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ Key = TypeVar("Key", bound=Hashable)
 
 
 class Table:
-    """Records of one dtype, on the host in `records` and, once written or uploaded, in `buffer`.
+    """Records of one dtype, on the host in `records` and on the device in `buffer`.
 
-    fields: all fields in the order in which `set` is given their numbers. Raises SolariError unless it is the dtype's.
+    fields: the names of all fields, in the order in which `set` takes their numbers. Raises SolariError if the
+    dtype has other fields or another order.
     """
 
     def __init__(self, device: Device, name: str, dtype: np.dtype[Any], fields: Sequence[str] | None = None) -> None:
@@ -34,7 +35,7 @@ class Table:
         self._keep(np.zeros(16, dtype))
         self.buffer = self._make_buffer()
         self.marked: set[int] = set(range(len(self.records)))
-        """Rows that `buffer` doesn't hold yet."""
+        """The rows whose latest contents are not in `buffer` yet."""
 
     def _keep(self, records: NDArray[Any]) -> None:
         self.records = records
@@ -46,30 +47,30 @@ class Table:
         return buffer
 
     def reserve(self, rows: int) -> None:
-        """Have room for rows 0 to rows - 1."""
+        """Make room for `rows` rows."""
         if rows > len(self.records):
-            # Doubling stops where a shader can't see more.
-            most = self._device.properties.limits.maxStorageBufferRange // self.records.itemsize
-            grown = np.zeros(max(rows, min(2 * len(self.records), most)), self.records.dtype)
+            # Doubling ends at the largest buffer that a shader can access.
+            max_rows = self._device.properties.limits.maxStorageBufferRange // self.records.itemsize
+            grown = np.zeros(max(rows, min(2 * len(self.records), max_rows)), self.records.dtype)
             grown[: len(self.records)] = self.records
             self._keep(grown)
             self.mark_all()
 
     def set(self, row: int, *numbers: float) -> None:
-        """Write a row: the numbers of all its fields, in their order, those of several numbers one by one."""
+        """Write a row: the numbers of all its fields in order; fields with several numbers take them one by one."""
         self._packing.pack_into(self._bytes, row * self._size, *numbers)
         self.marked.add(row)
 
     def mark(self, rows: Iterable[int]) -> None:
-        """Say which rows of `records` were written."""
+        """Tell the table which rows of `records` were written."""
         self.marked.update(rows)
 
     def mark_all(self) -> None:
-        """Have everything uploaded again."""
+        """Mark all rows, so that they are uploaded again."""
         self.marked.update(range(len(self.records)))
 
     def replace(self) -> bool:
-        """Make a larger buffer if the records have outgrown it; True then."""
+        """Replace the buffer by a larger one if the records no longer fit; returns whether it was replaced."""
         if self.records.nbytes <= self.buffer.size:
             return False
         self.buffer.destroy()
@@ -77,7 +78,7 @@ class Table:
         return True
 
     def write(self) -> bool:
-        """Write the marked rows at once, on an idle device; False when its memory isn't mapped."""
+        """Write the marked rows directly, which needs an idle device; returns False if the memory isn't mapped."""
         if self._mapped is None:
             return False
         for begin, end in self._runs():
@@ -86,15 +87,15 @@ class Table:
         return True
 
     def upload(self, uploads: Uploads) -> None:
-        """Upload the marked rows, behind all work submitted so far."""
+        """Upload the marked rows after all work submitted so far."""
         for begin, end in self._runs():
             uploads.buffer(self.buffer, self._bytes[begin:end], begin)
         self.marked.clear()
 
     def _runs(self) -> list[tuple[int, int]]:
-        """Where marked rows that follow each other begin and end, in bytes."""
+        """The byte ranges (begin, end) of the marked rows; adjacent rows share a range."""
         size, first, last = self._size, min(self.marked), max(self.marked)
-        if last - first + 1 == len(self.marked):  # one run, as of a single row: most frames
+        if last - first + 1 == len(self.marked):  # one range, the usual case
             return [(first * size, (last + 1) * size)]
         rows = np.fromiter(self.marked, np.int64, len(self.marked))
         rows.sort()
@@ -107,21 +108,21 @@ class Table:
 
 
 class Rows(dict[Key, int]):
-    """A row number for each object that somebody uses: taken with its first user, freed with its last."""
+    """Assigns a row to each object in use: from its first user until its last user releases it."""
 
     def __init__(self) -> None:
         super().__init__()
         self._users: dict[Key, dict[Hashable, int]] = {}
         self._free: list[int] = []
         self.limit = 0
-        """One past the highest row ever used."""
+        """One more than the highest row ever used."""
 
     def users(self, key: Key) -> list[Any]:
-        """Who uses the object."""
+        """The users of an object."""
         return list(self._users.get(key, ()))
 
     def acquire(self, key: Key, user: Hashable) -> bool:
-        """Count one more use; True when the object is new here."""
+        """Add a use of an object; returns whether the object got a new row."""
         users = self._users.setdefault(key, {})
         users[user] = users.get(user, 0) + 1
         if key in self:
@@ -134,7 +135,7 @@ class Rows(dict[Key, int]):
         return True
 
     def release(self, key: Key, user: Hashable) -> bool:
-        """Count one use less; True when that was the last and the row is free again."""
+        """Remove a use of an object; returns whether it was the last use, which frees the row."""
         users = self._users[key]
         users[user] -= 1
         if users[user] == 0:

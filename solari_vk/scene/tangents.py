@@ -24,7 +24,7 @@ class TangentSpace:
     """Vertices split where tangents differ: row i is the given vertex source[i] with the tangent tangents[i]."""
 
     source: Integers  # (K,)
-    tangents: NDArray[np.float32]  # (K, 4): unit, orthogonal to the normal; w times cross(normal, xyz) is up the image
+    tangents: NDArray[np.float32]  # (K, 4): unit, orthogonal to the normal; w * cross(normal, xyz) points up the image
     indices: NDArray[np.uint32]  # (M, 3) into source
 
 
@@ -47,7 +47,7 @@ def generate_tangents(
         neighbor = _neighbors(welded, solid)
         preserving = _orient_without_uv(preserving, has_uv, neighbor)
         group = _groups(preserving, neighbor)
-        # A triangle without area takes no part: its corners join a group of the same vertex, if there is one.
+        # Triangles without area have no own groups: their corners join a group of the same vertex if there is one.
         first = np.full(len(welded_of), -1, np.int64)
         solid_corners = np.flatnonzero(np.repeat(solid & has_uv, 3))[::-1]
         first[welded.reshape(-1)[solid_corners]] = group[solid_corners]
@@ -60,19 +60,19 @@ def generate_tangents(
         summed: Floats = np.stack(
             [np.bincount(group, (weight * directions[..., axis]).reshape(-1), len(group)) for axis in range(3)], axis=1
         )
-    # Corners of one vertex and one group are one vertex of the result.
+    # All corners with the same vertex and group become one vertex of the result.
     split = corners * np.int64(len(corners)) + group
     _, first_corner, inverse = np.unique(split, return_index=True, return_inverse=True)
     source = corners[first_corner]
     tangent = _orthonormal(summed[group[first_corner]], normal[source])
-    # glTF's v points down the image, but the green channel of a normal map up.
+    # In glTF v increases downwards in the image, but the green channel of a normal map points upwards.
     sign = np.where(preserving[group[first_corner] // 3], -1.0, 1.0)
     result = np.hstack([tangent, sign[:, None]]).astype(np.float32)
     return TangentSpace(source, result, inverse.reshape(-1, 3).astype(np.uint32))
 
 
 def weld(rows: NDArray[Any]) -> Integers:
-    """A number (N,) for each row of floats (N, K), the same for rows that are exactly equal."""
+    """An index (N,) for each row of floats (N, K); exactly equal rows have the same index."""
     bits = np.ascontiguousarray(np.asarray(rows, np.float32) + np.float32(0)).view(np.uint32)  # + 0: -0 equals 0
     key = np.zeros(len(bits), np.uint64)
     for column in bits.T:
@@ -85,7 +85,7 @@ def weld(rows: NDArray[Any]) -> Integers:
 
 
 def _uv_directions(points: Floats, uv: Floats) -> tuple[Floats, NDArray[np.bool_], NDArray[np.bool_]]:
-    """Of each triangle: the direction in which u grows, whether uv keeps its winding, whether uv has an area."""
+    """For each triangle: the direction of increasing u, whether uv preserves the winding, whether uv has an area."""
     edge1, edge2 = points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
     (s1, t1), (s2, t2) = (uv[:, 1] - uv[:, 0]).T, (uv[:, 2] - uv[:, 0]).T
     area = s1 * t2 - t1 * s2
@@ -104,7 +104,7 @@ def _has_equal_corners(positions: Integers) -> NDArray[np.bool_]:
 
 
 def _neighbors(welded: Integers, solid: NDArray[np.bool_]) -> Integers:
-    """For each edge, corner i to i + 1 of a triangle, the edge (3 * triangle + corner) on its other side, or -1.
+    """For each edge, from corner i to i + 1 of a triangle, the edge (3 * triangle + corner) of its neighbor, or -1.
 
     Edges pair only when they run in opposite directions, the first with the first, where more than two meet.
     """
@@ -148,7 +148,7 @@ def _orient_without_uv(
 
 
 def _groups(preserving: NDArray[np.bool_], neighbor: Integers) -> Integers:
-    """The group of each corner (3M,), named by its least corner: connected components by union of least labels."""
+    """The group of each corner (3M,), named by its lowest corner: connected components by label propagation."""
     label = np.arange(len(preserving) * 3, dtype=np.int64)
     edge = np.flatnonzero(neighbor > np.arange(len(neighbor)))
     other = neighbor[edge]
@@ -173,7 +173,7 @@ def _next(corner: Integers) -> Integers:
 
 
 def _corner_angles(points: Floats, normals: Floats) -> Floats:
-    """The angle (M, 3) of each corner, measured in its normal's plane."""
+    """The angle (M, 3) of each corner, measured in the plane orthogonal to its normal."""
     before = _unit(_project(np.roll(points, 1, axis=1) - points, normals))
     after = _unit(_project(np.roll(points, -1, axis=1) - points, normals))
     angles: Floats = np.arccos(np.clip((before * after).sum(axis=-1), -1, 1))
@@ -186,7 +186,7 @@ def _project(vectors: Floats, normals: Floats) -> Floats:
 
 
 def _unit(vectors: Floats) -> Floats:
-    """Unit vectors; zero and not finite ones become zero."""
+    """The vectors with unit length; zero and non-finite vectors become zero."""
     largest = np.abs(vectors).max(axis=-1, keepdims=True)
     scaled = np.where((largest > 0) & np.isfinite(largest), vectors / np.where(largest > 0, largest, 1), 0)
     length = np.linalg.norm(scaled, axis=-1, keepdims=True)
@@ -195,7 +195,7 @@ def _unit(vectors: Floats) -> Floats:
 
 
 def _orthonormal(tangents: Floats, normals: Floats) -> Floats:
-    """Unit tangents orthogonal to the normals; where there is none, the axis least along the normal."""
+    """Unit tangents orthogonal to the normals. The axis least aligned with the normal replaces a missing tangent."""
     axes = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
     missing = np.linalg.norm(tangents, axis=1) < 1e-6
     return _unit(_project(np.where(missing[:, None], axes, tangents), normals))

@@ -24,7 +24,7 @@ _WRAP = {"repeat": "repeat", "mirrored_repeat": "mirror", "clamp_to_edge": "clam
 
 
 class Textures:
-    """Rows of `textures` for (Texture, sRGB) pairs; `bound` is the array of images and samplers."""
+    """The table `textures` with a row for each (Texture, sRGB) pair, and `bound`, the array of images and samplers."""
 
     def __init__(self, device: Device, record: np.dtype[Any], watcher: Any) -> None:
         self.table = Table(device, "textures", record)
@@ -39,7 +39,7 @@ class Textures:
         self._unlinked = False
         self._to_link: dict[tuple[Texture, bool], None] = {}
         self.bound: list[tuple[Image, Sampler]]
-        # What unused places of the array hold, so that none is ever empty.
+        # Fills unused elements of `bound`, because every element must be valid.
         self._white = device.image(1, 1, _FORMATS[False], "white texture")
         with device.uploads() as uploads:
             uploads.image(self._white, [np.full((1, 1, 4), 255, np.uint8)])
@@ -47,7 +47,7 @@ class Textures:
         self.bound = [self._blank]
 
     def acquire(self, texture: Texture, srgb: bool, material: Material) -> int:
-        """Use a texture; returns its row."""
+        """Add a use of a texture; returns its row."""
         key = (texture, srgb)
         if self.rows.acquire(key, material):
             texture.watch(self._watcher)
@@ -64,7 +64,7 @@ class Textures:
                 texture.unwatch(self._watcher)
 
     def change(self, changed: Texture | TextureImage) -> None:
-        """A texture or an image was edited."""
+        """Take note of an edit of a texture or an image."""
         for key in self.rows:
             if key[0] is changed:
                 self._to_link[key] = None
@@ -74,7 +74,7 @@ class Textures:
                     self._to_upload[image] = None
 
     def update(self) -> bool:
-        """Upload what is new or changed; True when `bound` is another one than before."""
+        """Upload new and changed images; returns whether `bound` has changed."""
         if not self._to_link and not self._to_upload and not self._unlinked:
             return False
         self._unlinked = False

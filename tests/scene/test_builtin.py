@@ -102,7 +102,7 @@ def test_many_lights_repeats_and_scales():
 
 
 def test_mistakes_name_what_there_is():
-    with pytest.raises(SolariError, match="no built-in scene 'cornell'; there are cornell_box, closed_box"):
+    with pytest.raises(SolariError, match=r"no built-in scene 'cornell'; did you mean 'cornell_box'\? there are cornell_box, closed_box"):
         builtin("cornell")
     with pytest.raises(SolariError, match="unexpected keyword argument 'colour'; it takes size, radiance"):
         builtin("cornell_box", colour=3)
