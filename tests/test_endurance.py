@@ -1,4 +1,4 @@
-"""A program that runs for long keeps its size: memory, handles, allocations."""
+"""Long runs don't leak memory, handles or allocations."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def resident_bytes() -> int:
 
 @pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="needs Linux's /proc")
 def test_a_thousand_frames_grow_nothing(device):
-    """Frames with and without edits of the scene: a moved instance, changed emission, instances that come and go."""
+    """Frames with and without edits: moved, added and removed instances, and changed emission."""
     rng = np.random.default_rng(0)
     scene = sv.builtin("cornell_box")
     renderer = sv.PathTracer(device, scene, (8, 8), max_bounces=1)
@@ -48,7 +48,7 @@ def test_a_thousand_frames_grow_nothing(device):
     run(1000)
     after, grown = state(), resident_bytes() - memory
     assert after[1:] == before[1:]
-    assert after[0] <= before[0] + 8  # objects whose turn to be destroyed has not come
+    assert after[0] <= before[0] + 8  # some objects are destroyed only with later submissions
     assert grown < 8e6
     renderer.close()
 

@@ -1,4 +1,4 @@
-"""The realtime renderer as an object: what its calls promise whatever the picture."""
+"""The interface of the realtime renderer, independent of the picture."""
 
 import gc
 import weakref
@@ -50,7 +50,7 @@ def test_a_mirrored_camera_shows_the_mirrored_picture(device, scene, gbuffer):
 
 
 def test_counters_by_name(device, scene):
-    """Of what raster draws and culls, and of the cache; names that merely begin like them are buffers' as ever."""
+    """Counters of rasterization, culling and the cache. Other names with the same beginning are buffers."""
     with sv.Renderer(device, scene, SIZE) as renderer:
         frame = renderer.render(scene.camera)
         names = ("drawn_first", "drawn_second", "frustum_culled", "occlusion_culled")
@@ -117,7 +117,7 @@ def test_a_renderer_that_fails_leaves_nothing(device, scene, monkeypatch):
 
 
 def test_motion_outlasts_more_instances(renderer, scene):
-    """The table of instances grows in the very frame in which one of them moves."""
+    """The table of instances grows in the same frame in which an instance moves."""
     renderer.settings.jitter = False
     moving = list(scene)[-1]
     renderer.render(scene.camera)
@@ -164,7 +164,7 @@ CAMERA_CHANGES = {
 
 
 def of_camera(camera, size):
-    """What the uniforms have to hold, by numpy."""
+    """The expected uniforms of a camera, computed by numpy."""
     placed = camera.transform.copy()
     placed[:3, :3] /= np.linalg.norm(placed[:3, :3], axis=0)
     tangent = np.tan(camera.vertical_fov / 2)
@@ -174,7 +174,7 @@ def of_camera(camera, size):
 
 @pytest.mark.parametrize("field", CAMERA_CHANGES)
 def test_uniforms_follow_the_camera(renderer, scene, field):
-    """Whatever is assigned, in the next frame, and as the one before in the one after it."""
+    """An assignment is in the uniforms of the next frame, and in the previous camera of the frame after that."""
     renderer.settings.jitter = False
     camera = sv.Camera(transform=scene.camera.transform)
 
@@ -213,7 +213,7 @@ def test_uniforms_follow_seed_history_and_frames(renderer, scene):
 
 
 def test_uniforms_outlast_other_blocks(renderer, scene):
-    """Shaders that are taken up may declare other blocks: everything has to be written to those."""
+    """Changed shaders may declare other uniform blocks, to which all values must be written."""
     renderer.settings.jitter, renderer.seed, renderer.view = False, 7, "depth"
     for _ in range(2):
         renderer.render(scene.camera)

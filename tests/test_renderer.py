@@ -59,7 +59,7 @@ def test_a_refused_resize_changes_nothing(device):
 
 
 def test_a_resize_that_fails_on_the_device_changes_nothing(device, monkeypatch):
-    """Also not the rows of a dispatch, which may have been fewer than at the start."""
+    """Also the number of rows in a dispatch stays, which may have been reduced since the start."""
     scene = sv.builtin("cornell_box")
     renderer = sv.PathTracer(device, scene, (8, 24), max_bounces=1)
     renderer._band_rows = 8
@@ -82,7 +82,7 @@ def test_a_resize_that_fails_on_the_device_changes_nothing(device, monkeypatch):
 
 @pytest.mark.parametrize("bands", [1, 3, 7])
 def test_dispatches_grow_towards_their_time(device, bands, monkeypatch):
-    """Whatever the number of bands: pictures that are quick to trace take more samples a dispatch."""
+    """With any number of bands, a dispatch takes more samples of pictures that are fast to trace."""
     monkeypatch.setattr("solari_vk.passes.pathtracer.MAX_FIRST_PIXELS", 16 * 8)
     scene = sv.builtin("cornell_box")
     renderer = sv.PathTracer(device, scene, (16, 8 * bands), max_bounces=0)
@@ -92,7 +92,7 @@ def test_dispatches_grow_towards_their_time(device, bands, monkeypatch):
 
 
 def test_dispatch_sizes_leave_the_picture_alone(device):
-    """The same bits, whether samples come one by one, in batches, or in bands of rows."""
+    """The picture has the same bits with samples one by one, in batches, and in bands of rows."""
     scene = sv.builtin("cornell_box")
     pictures = []
     for batch, rows in ((1, 21), (7, 21), (3, 8)):

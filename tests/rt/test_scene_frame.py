@@ -1,4 +1,4 @@
-"""SceneFrame and GLSL roots: a user's shaders beside the package's, over a scene that may be edited."""
+"""SceneFrame: custom shaders next to the package's, over a scene that is edited; and GLSL roots."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""RayTracer against a float64 ray-triangle test of every pair, and everything else that its documentation says."""
+"""RayTracer against a float64 ray-triangle test of all pairs, and the rest of its documented behaviour."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SOME = sv.Material()
 
 
 def soup(rng: np.random.Generator, count: int, size: float = 0.3) -> sv.Mesh:
-    """Triangles scattered at random, in an order that says nothing of where they are."""
+    """Randomly scattered triangles in random order."""
     corners = rng.uniform(-1, 1, (count, 1, 3)) + rng.normal(0, size, (count, 3, 3))
     return sv.Mesh(positions=corners.reshape(-1, 3).astype(np.float32))
 
@@ -31,7 +31,7 @@ def place(*position: float, matrix: Any = None) -> np.ndarray:
 
 
 def make_scene(rng: np.random.Generator) -> sv.Scene:
-    """Instances that move, mirror, shear and share a mesh, one with a mesh for rays of its own, one hidden."""
+    """Moved, mirrored and sheared instances that share a mesh; one has a ray_mesh, and one is invisible."""
     mesh, other = soup(rng, 60), soup(rng, 40)
     return sv.Scene(
         sv.Instance(mesh=mesh, material=SOME),
@@ -48,7 +48,7 @@ def make_rays(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndar
 
 
 def check(tracer: sv.RayTracer, scene: sv.Scene, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """Trace, and compare each field with the oracle where rays don't pass within rounding of an edge."""
+    """Trace, and compare each field with the oracle, except for rays that hit an edge within rounding."""
     origins, directions = origins.astype(np.float32), directions.astype(np.float32)
     hits = tracer.trace(origins, directions)
     world, exact, along = World(scene), origins.astype(np.float64), directions.astype(np.float64)
@@ -59,7 +59,7 @@ def check(tracer: sv.RayTracer, scene: sv.Scene, origins: np.ndarray, directions
     expected = np.where(found, world.instance[index], -1)
     triangle = np.where(found, world.triangle[index], -1)
     agree = (instance == expected) & (hits["primitive"] == triangle)
-    assert agree.mean() > 0.998  # the rest passes edges
+    assert agree.mean() > 0.998  # the others hit edges
     sure = agree & found
     assert found.mean() > 0.2
     assert (hits["t"][agree & ~found] == np.inf).all()
@@ -93,7 +93,7 @@ def test_any_hit_is_some_hit(device: Device) -> None:
         anything = tracer.trace(origins, directions, any_hit=True)
     assert np.array_equal(closest["instance"] >= 0, anything["instance"] >= 0)
     assert (anything["t"] >= closest["t"] - 1e-5).all()
-    assert (anything["t"] > closest["t"] + 1e-3).any()  # it does stop early
+    assert (anything["t"] > closest["t"] + 1e-3).any()  # the traversal stops early
 
 
 def test_triangles_have_the_users_numbers(device: Device) -> None:
@@ -133,7 +133,7 @@ def test_edits_are_taken_up(device: Device) -> None:
 
 
 def test_rays_without_sense_meet_nothing(device: Device) -> None:
-    scene = sv.builtin("closed_box")  # from inside, every other ray meets something
+    scene = sv.builtin("closed_box")  # rays that start inside hit something
     good = np.array([0.0, 0.0, 1.0])
     nan, inf = np.nan, np.inf
     cases = [((v, 0, 0), good) for v in (nan, inf, -inf)] + [((0, 0, 0), (0, v, 1)) for v in (nan, inf, -inf)]
@@ -200,7 +200,7 @@ def test_a_binder_is_shared_and_nothing_is_left(device: Device) -> None:
         assert tracer.trace((0, 0, 0), (0, 0, -1))["instance"] >= 0
         tracer.close()
         tracer.close()
-        binder.update()  # still alive
+        binder.update()  # the binder still works
         binder.destroy()
         device.wait_idle()
         assert device.live_objects - before <= 4

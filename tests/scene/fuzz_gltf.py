@@ -140,7 +140,7 @@ def mutate_json(content: dict[str, Any], generator: random.Random) -> bytes:
 
 
 def mutate_bytes(data: bytes, generator: random.Random) -> bytes:
-    """Flipped bytes, cut ends, lying headers, moved blocks."""
+    """Flip bytes, cut the end, write wrong headers, or move blocks."""
     mutant = bytearray(data)
     kind = generator.random()
     if kind < 0.6:
@@ -162,7 +162,7 @@ def mutant(writer: GltfWriter, whole: bytes, generator: random.Random) -> bytes:
     kind = generator.random()
     if kind < 0.55:
         return glb(mutate_json(writer.json, generator), bytes(writer.data))
-    if kind < 0.75:  # the binary part only, which JSON checks do not shield
+    if kind < 0.75:  # the binary part only, which the checks of the JSON don't cover
         return glb(json.dumps(writer.json).encode(), mutate_bytes(bytes(writer.data), generator))
     return mutate_bytes(whole, generator)
 
@@ -197,7 +197,7 @@ def main() -> None:
 
 
 def _peak_mib() -> int:
-    """This program's own peak: what getrusage tells on Linux includes the parent's before exec."""
+    """This process's peak memory; on Linux getrusage includes the parent's before exec."""
     status = Path("/proc/self/status")
     if status.exists():
         [line] = [line for line in status.read_text().splitlines() if line.startswith("VmHWM")]

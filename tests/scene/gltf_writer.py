@@ -17,7 +17,7 @@ TRIANGLE = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
 
 
 class GltfWriter:
-    """`json` is the file's content, to be changed at will; `data` its one buffer."""
+    """A glTF file: `json` is its content, which tests may change, and `data` its only buffer."""
 
     def __init__(self) -> None:
         self.data = bytearray()
@@ -68,7 +68,7 @@ class GltfWriter:
         self.json["scene"] = self.add("scenes", nodes=list(nodes))
 
     def finish(self) -> dict[str, Any]:
-        """The JSON with the buffer and, where there are none, a scene of all nodes."""
+        """The JSON with the buffer; if it has no scene, with a scene of all nodes."""
         if self.data:
             self.json.setdefault("buffers", [{"byteLength": len(self.data)}])
         if "scenes" not in self.json and "nodes" in self.json:

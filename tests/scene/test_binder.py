@@ -44,13 +44,13 @@ def make_transform(rng):
 
 
 def table(binder, name):
-    """What the device holds, read back."""
+    """The contents of a table on the device."""
     host = {t.name: t for t in binder._tables}[name]
     return host.buffer.read(host.records.dtype)
 
 
 def assert_mirrors(binder, scene):
-    """Every object's record on the device says what the object says."""
+    """Assert that every object's record on the device equals the object."""
     binder.update()
     instances, materials = table(binder, "instances"), table(binder, "materials")
     meshes, sources = table(binder, "meshes"), table(binder, "light_sources")
@@ -97,7 +97,7 @@ def assert_mirrors(binder, scene):
             assert record["light_index"] == NO_INDEX
     used = np.isin(np.arange(len(instances)), sorted(rows))
     ever = instances["id"] > 0
-    assert (instances["mesh"][ever & ~used] == NO_INDEX).all()  # nothing is drawn of what was removed
+    assert (instances["mesh"][ever & ~used] == NO_INDEX).all()  # removed instances aren't drawn
     assert len(set(instances["id"][used])) == len(rows)
     assert len(binder.lights.ids) == info["light_count"] == len(set(binder.lights.ids))
     assert all(image.handle is not None for image, _ in binder.resources["texture_images"])
@@ -144,7 +144,7 @@ def test_random_edits_are_mirrored(device, seed):
         assert_mirrors(binder, scene)
     binder.destroy()
     device.wait_idle()
-    assert device.live_objects <= objects + 4  # shared samplers stay
+    assert device.live_objects <= objects + 4  # shared samplers are kept
 
 
 def test_instances_can_leave_and_come_back(device):
@@ -266,7 +266,7 @@ def test_a_tlas_build_that_fails_leaves_the_one_before(device, monkeypatch):
 
 @pytest.mark.parametrize("staging", [False, True])
 def test_rays_meet_what_was_uploaded(any_device, staging):
-    """The TLAS is built from the records behind their upload, also when that has to be staged."""
+    """The TLAS is built after the upload of its records, with mapped memory and with staging buffers."""
     square = Mesh(positions=[[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], triangles=[[0, 1, 2], [0, 2, 3]])
     scene = Scene(Instance(mesh=square, material=Material(base_color_texture=make_texture(np.random.default_rng(0)))))
     camera = Camera.look_at((0, 0, 1), (0, 0, 0))
@@ -287,7 +287,7 @@ def test_fields_in_another_order_are_refused(device):
 
 
 def test_edits_reach_frames_in_flight(device):
-    """A picture shows an edit made while earlier frames still run."""
+    """A picture shows an edit that was made while earlier frames were still running."""
     square = Mesh(positions=[[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], triangles=[[0, 1, 2], [0, 2, 3]])
     instance = Instance(mesh=square, material=Material(emissive=1))
     scene = Scene(instance)
@@ -303,7 +303,7 @@ def test_edits_reach_frames_in_flight(device):
 
 
 def test_no_dead_texture_stays_bound(device):
-    """The last user of a texture goes; the renderer goes on, resized too."""
+    """A texture that loses its last user is unbound; the renderer continues, also after a resize."""
     rng = np.random.default_rng(0)
     textured = Instance(mesh=make_mesh(rng), material=Material(base_color_texture=make_texture(rng)))
     scene = Scene(Instance(mesh=make_mesh(rng), material=Material()), textured)

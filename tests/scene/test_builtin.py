@@ -1,4 +1,4 @@
-"""The generated scenes: shapes are closed and face the right way, arguments and names work, views are sensible."""
+"""The built-in scenes: meshes are closed and face the right way, arguments and names work, cameras show the scene."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_cornell_box_is_the_measured_one():
     np.testing.assert_allclose(geometric_normals(meshes["lamp"]), [(0, -1, 0)] * 2, atol=1e-6)
     areas = 0.5 * np.linalg.norm(np.cross(lamp[:, 1] - lamp[:, 0], lamp[:, 2] - lamp[:, 0]), axis=1)
     assert areas.sum() == pytest.approx(0.130 * 0.105, rel=1e-5)
-    # Every wall and block face is seen from the middle of the room, or looks away from its block.
+    # Every wall faces the centre of the room, and every face of a block faces away from the block.
     middle = np.array((0.278, 0.27, 0.28))
     for name in ("room", "left wall", "right wall"):
         centers = corners_of(meshes[name]).mean(axis=1)
@@ -102,7 +102,8 @@ def test_many_lights_repeats_and_scales():
 
 
 def test_mistakes_name_what_there_is():
-    with pytest.raises(SolariError, match=r"no built-in scene 'cornell'; did you mean 'cornell_box'\? there are cornell_box, closed_box"):
+    message = r"no built-in scene 'cornell'; did you mean 'cornell_box'\? there are cornell_box, closed_box"
+    with pytest.raises(SolariError, match=message):
         builtin("cornell")
     with pytest.raises(SolariError, match="unexpected keyword argument 'colour'; it takes size, radiance"):
         builtin("cornell_box", colour=3)

@@ -1,4 +1,4 @@
-"""What load_gltf takes over of a file's data: packings, accessors, triangles, normals."""
+"""The data that load_gltf reads: packings of the format, accessors, triangles, normals."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def load(writer: GltfWriter, tmp_path: Path, **options: Any) -> Scene:
 
 
 def load_mesh(writer: GltfWriter, tmp_path: Path) -> Mesh:
-    """The mesh of a file whose last mesh is to be shown."""
+    """The mesh that load_gltf makes of a writer's last mesh."""
     writer.node(mesh=len(writer.json["meshes"]) - 1)
     (instance,) = load(writer, tmp_path)
     return instance.mesh
@@ -89,7 +89,7 @@ def test_sparse_accessors(tmp_path: Path, based: bool, dtype: str) -> None:
     writer = GltfWriter()
     number = writer.accessor([[0, 0, 0], [5, 5, 5], [0, 1, 0]])
     accessor = writer.json["accessors"][number]
-    if not based:  # zeros underneath
+    if not based:  # a sparse accessor without a buffer view starts with zeros
         del accessor["bufferView"]
     replaced = {1: [1.0, 0, 0]} if based else {1: [1.0, 0, 0], 2: [0, 1.0, 0]}
     accessor["sparse"] = {
@@ -136,7 +136,7 @@ def test_triangle_modes(tmp_path: Path, mode: int, expected: list[list[int]], in
         writer.mesh({"POSITION": FIVE}, order, mode=mode)
     else:
         writer.mesh({"POSITION": [FIVE[i] for i in order]}, mode=mode)
-    # The last of the fan repeats its first vertex, so it has no area and is dropped, indexed or not kept.
+    # The last triangle of the fan repeats its first vertex: it has no area, and is dropped.
     mesh = load_mesh(writer, tmp_path)
     found = [t for t in corners(mesh) if np.cross(np.subtract(t[1], t[0]), np.subtract(t[2], t[0])).any()]
     wanted = [[FIVE[i] for i in t] for t in expected]

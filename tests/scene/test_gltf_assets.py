@@ -1,4 +1,4 @@
-"""Real files load, without a remark that is not true, and show."""
+"""Real files load with exactly the expected warnings, and are visible in pictures."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from solari_vk.scene.gltf import load_gltf
 
 _FOLDER = os.environ.get("SOLARI_VK_ASSETS")
 ASSETS = Path(_FOLDER) if _FOLDER else Path(__file__).parents[3] / "shared" / "assets"
-# Every remark that these files deserve; all other files deserve none.
+# The expected warnings; all other files must load without any.
 REMARKS = {
     "FlightHelmet": ["alphaMode BLEND is not supported: surfaces are opaque: material 5 'LensesMat'"],
     "Fox": [
@@ -26,7 +26,7 @@ REMARKS = {
     ],
     "SimpleSkin": ["animations are not played: the rest pose is shown: animation 0"],
 }
-# Files that can't be loaded, each with what the error must say.
+# Files that can't be loaded, each with its expected error.
 REFUSED = {"AnisotropyBarnLamp": "AnisotropyBarnLamp.gltf: image 1 is not a PNG or JPEG image"}
 FILES = sorted([*ASSETS.glob("*/*.glb"), *ASSETS.glob("*/*.gltf")]) if ASSETS.is_dir() else []
 

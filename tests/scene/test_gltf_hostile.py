@@ -23,7 +23,7 @@ GREY = np.full((2, 2, 3), 128)
 
 @pytest.fixture(autouse=True)
 def quick_and_small() -> Iterator[None]:
-    """Every test here ends within 5 s and with less than 300 MiB."""
+    """Assert that each test takes less than 5 s and 300 MiB."""
     tracemalloc.start()
     started = time.perf_counter()
     yield
@@ -42,7 +42,7 @@ def basic() -> GltfWriter:
 
 
 def refusal(tmp_path: Path, content: bytes | dict[str, Any], name: str = "file.glb") -> str:
-    """The message with which a file is refused, which names the file."""
+    """The message of the error for a file; it must name the file."""
     path = tmp_path / name
     path.write_bytes(content if isinstance(content, bytes) else json.dumps(content).encode())
     with pytest.raises(SolariError) as caught:
@@ -154,7 +154,7 @@ def test_buffers_without_their_data(tmp_path: Path, uri: Any, message: str) -> N
     assert message in refusal(tmp_path, content, "file.gltf")
 
 
-# ---- numbers that lie -------------------------------------------------------------------------------
+# ---- wrong numbers -------------------------------------------------------------------------------
 
 HUGE = 10**15
 Change = Callable[[dict[str, Any]], Any]
@@ -248,7 +248,7 @@ def test_nodes_with_two_parents_and_cycles(tmp_path: Path) -> None:
     assert "is reached twice" in refusal(tmp_path, content)
 
 
-# ---- small files that unfold ------------------------------------------------------------------------
+# ---- small files that expand ------------------------------------------------------------------------
 
 
 def test_a_mesh_of_many_primitives_on_many_nodes(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Materials, textures and extensions of glTF files, and that every remark about them is true."""
+"""Materials, textures and extensions of glTF files, and the warnings about them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ GREY = np.full((2, 2, 3), 128)
 
 
 def load(writer: GltfWriter, tmp_path: Path, **material: Any) -> tuple[Material, list[str]]:
-    """The material of a file with one triangle, and the remarks."""
+    """The material of a file with one triangle, and the warnings."""
     writer.mesh({"TEXCOORD_0": UVS}, material=writer.add("materials", **material))
     writer.node(mesh=0)
     scene = load_gltf(writer.save(tmp_path / "file.glb"))
@@ -206,7 +206,7 @@ def test_texture_transforms(tmp_path: Path) -> None:
     )  # fmt: skip
     assert material.emissive_texture is not None
     assert material.base_color_texture is not None
-    # u to the right becomes v up (down is positive), as the format's counter-clockwise.
+    # A counter-clockwise turn maps u, to the right, to v upwards (v is positive downwards).
     matrix = [[0, 4, 0.25], [-2, 0, 0.5]]
     np.testing.assert_allclose(material.emissive_texture.uv_transform, matrix, atol=1e-6)
     np.testing.assert_allclose(material.base_color_texture.uv_transform, np.eye(2, 3))
@@ -278,7 +278,7 @@ def test_tangents_follow_the_normal_maps_transform(tmp_path: Path) -> None:
     turned = extension("KHR_texture_transform", rotation=math.pi / 2)
     (instance,) = with_normal_map(tmp_path, {"NORMAL": NORMALS}, **turned)
     assert instance.mesh.tangents is not None
-    # u of the image is now along the mesh's v.
+    # The image's u now runs along the mesh's v.
     np.testing.assert_allclose(instance.mesh.tangents, [[0, 1, 0, -1]] * 3, atol=1e-6)
 
 

@@ -1,4 +1,4 @@
-"""What load_gltf makes of a file's nodes: instances, hierarchies, scenes, cameras, lights, rest poses."""
+"""The nodes that load_gltf reads: instances, hierarchies, scenes, cameras, lights, rest poses."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def load(writer: GltfWriter, tmp_path: Path, **options: Any) -> Scene:
     return load_gltf(writer.save(tmp_path / "file.glb"), **options)
 
 
-# ---- what is shared ---------------------------------------------------------------------------------
+# ---- shared objects ---------------------------------------------------------------------------------
 
 
 def test_nodes_share_meshes_and_materials(tmp_path: Path) -> None:
@@ -57,7 +57,7 @@ def test_hierarchies_of_trs_and_matrices(tmp_path: Path) -> None:
     mesh = writer.mesh()
     half = math.sqrt(0.5)
     leaf = writer.node(mesh=mesh, scale=[2, 3, -4], name="leaf")
-    turned = writer.node(children=[leaf], rotation=[0, 0, 2 * half, 2 * half])  # a quarter about z, not of unit length
+    turned = writer.node(children=[leaf], rotation=[0, 0, 2 * half, 2 * half])  # a quarter turn about z by a quaternion without unit length
     matrix = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 10, 20, 30, 1]
     writer.node(children=[turned], matrix=matrix, name="root")
     (instance,) = load(writer, tmp_path)
@@ -204,7 +204,7 @@ def test_skins_and_morphs_are_shown_in_their_rest_pose(tmp_path: Path) -> None:
     writer.json["meshes"][mesh]["weights"] = [2.0]
     joints = [writer.node(translation=[4, 0, 0]), writer.node(translation=[0, 6, 0])]
     shift = np.tile(np.eye(4), (2, 1, 1))
-    shift[:, 3, 2] = 1  # columns, as the format has them: one metre along z
+    shift[:, 3, 2] = 1  # the format stores columns: one metre along z
     bind = writer.accessor(shift.reshape(2, 16))
     skin = writer.add("skins", joints=joints, inverseBindMatrices=bind)
     writer.node(mesh=mesh, skin=skin, translation=[100, 0, 0])

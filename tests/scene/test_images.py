@@ -106,7 +106,7 @@ def test_every_level_is_the_average_of_its_area(size: tuple[int, int], srgb: boo
         assert level.dtype == np.uint8
         exact = area_average(exact, height, width)
         if srgb:
-            # The nearest code: the exact light lies between the middles to its neighbors.
+            # The nearest code: the exact light is between the midpoints to the neighboring codes.
             assert (exact[..., :3] >= linear(level[..., :3] - 0.502) - 1e-5).all()
             assert (exact[..., :3] <= linear(level[..., :3] + 0.502) + 1e-5).all()
             np.testing.assert_allclose(level[..., 3], exact[..., 3], atol=0.51)

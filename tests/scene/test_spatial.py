@@ -1,4 +1,4 @@
-"""Spatial order: a permutation that keeps neighbours together, whatever it is given."""
+"""The spatial order is a permutation that keeps neighbours together, for any points."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from solari_vk.scene.spatial import spatial_order
 
 
 def spread(points, run=16):
-    """Mean extent of runs of so many consecutive points."""
+    """The mean extent of runs of `size` consecutive points."""
     whole = points[: len(points) // run * run].reshape(-1, run, 3)
     return np.ptp(whole, axis=1).max(axis=1).mean()
 

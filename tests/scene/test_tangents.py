@@ -42,7 +42,7 @@ def by_corner(space: TangentSpace) -> Array:
 
 
 def transcription(positions: Array, normals: Array, uvs: Array, triangles: Array) -> Array:
-    """Tangents (M, 3, 4) by MikkTSpace's rules, a corner at a time, where all triangles have areas."""
+    """Tangents (M, 3, 4) by MikkTSpace's rules, computed corner by corner. All triangles must have an area."""
     corner_key = [[tuple(map(float, (*positions[i], *normals[i], *uvs[i]))) for i in t] for t in triangles]
     frames = []
     for t in triangles:
@@ -125,18 +125,18 @@ def test_a_square(uvs: Any, tangent: Any) -> None:
     space = generate_tangents(SQUARE, UP, np.array(uvs, np.float32), HALVES)
     np.testing.assert_allclose(space.tangents, [tangent] * 4, atol=1e-6)
     assert space.source[space.indices].tolist() == HALVES.tolist()
-    # The bitangent points to where the image goes up, which is where v falls.
+    # The bitangent points upwards in the image, the direction in which v decreases.
     bitangent = np.cross(UP[0], space.tangents[0, :3]) * space.tangents[0, 3]
     slope = np.linalg.lstsq(SQUARE[:, :2] - SQUARE[0, :2], np.float32(uvs)[:, 1] - np.float32(uvs)[0, 1], rcond=None)[0]
     assert bitangent[:2] @ slope < 0
 
 
 def test_the_mean_is_weighted_by_angle() -> None:
-    """Around one vertex, 90 degrees in which u runs along x and 45 degrees in which it runs elsewhere."""
+    """Two triangles share a vertex: u runs along x in one of 90 degrees, and diagonally in one of 45 degrees."""
     positions = np.float32([[0, 0, 0], [1, 0, 0], [0, 1, 0], [-1, 1, 0]])
     uvs = np.float32([[0, 0], [1, 0], [0, 1], [-1, 0]])
     # In the second triangle y = 1 - w, x = -w at the weight w of the last vertex: u = x, v = x + y.
-    second = np.array([1, -1]) / math.sqrt(2)  # where u grows and v stays
+    second = np.array([1, -1]) / math.sqrt(2)  # the direction in which u increases and v is constant
     expected = math.pi / 2 * np.array([1, 0]) + math.pi / 4 * second
     space = generate_tangents(positions, UP, uvs, np.array([[0, 1, 2], [0, 2, 3]]))
     assert len(space.source) == 4
@@ -172,7 +172,7 @@ def test_triangles_without_area_take_the_tangent_of_their_vertex() -> None:
 
 
 def test_nothing_to_go_by() -> None:
-    """Equal uvs everywhere, and zero normals: still unit tangents across the normal, still finite."""
+    """Equal uvs and zero normals still give finite unit tangents orthogonal to the normal."""
     space = generate_tangents(SQUARE, UP, np.zeros((4, 2), np.float32), HALVES)
     np.testing.assert_allclose(np.linalg.norm(space.tangents[:, :3], axis=1), 1)
     np.testing.assert_allclose((space.tangents[:, :3] * UP[space.source]).sum(axis=1), 0, atol=1e-6)
