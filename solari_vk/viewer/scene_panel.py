@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 from imgui_bundle import imgui
 
-from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material
+from solari_vk.scene.model import Camera, Instance, Light, Material
 from solari_vk.viewer.camera_control import rotation
 from solari_vk.viewer.session import Session
 
@@ -42,8 +43,7 @@ class ScenePanel:
         self._list("instances", list(scene.instances), self._instance)
         self._list("materials", list(materials), self._material)
         self._list("emissive instances", lights, lambda instance: self._material(instance.material))
-        suns = [light for light in scene.lights if isinstance(light, DirectionalLight)]
-        self._list("directional lights", suns, self._light)
+        self._list("lights", list(scene.lights), self._light)
         self._list("cameras", list(scene.cameras), self._camera)
         imgui.pop_item_width()
 
@@ -107,18 +107,19 @@ class ScenePanel:
         self._switch("double-sided", material, "double_sided")
         imgui.pop_id()
 
-    def _light(self, light: DirectionalLight) -> None:
-        changed, direction = imgui.drag_float3("direction", light.direction.tolist(), 0.01, -1, 1)
-        if changed and np.linalg.norm(direction) > 1e-3:
-            self._set(light, "direction", direction)
-        changed, lux = imgui.drag_float("lux", light.illuminance, max(0.01 * light.illuminance, 1.0), 0.0, 1e9, "%.4g")
-        if changed:
-            self._set(light, "illuminance", max(lux, 0.0))
-        self._color("colour", light, "color")
-        degrees = math.degrees(light.angular_diameter)
-        changed, degrees = imgui.slider_float("diameter in degrees", degrees, 0.01, 90.0, "%.2f")
-        if changed:
-            self._set(light, "angular_diameter", math.radians(degrees))
+    def _light(self, light: Light) -> None:
+        """Edit the numbers, vectors and the colour of a light of any kind."""
+        for field in dataclasses.fields(light):  # type: ignore[arg-type]  # each kind of light is a dataclass
+            value, label = getattr(light, field.name), field.name.replace("_", " ")
+            changed, edited = False, value
+            if field.name == "color":
+                self._color("colour", light, "color")
+            elif np.shape(value) == (3,):
+                changed, edited = imgui.drag_float3(label, value.tolist(), 0.01, format="%.4g")
+            elif isinstance(value, float):
+                changed, edited = imgui.drag_float(label, value, max(0.01 * abs(value), 1e-3), format="%.4g")
+            if changed:
+                self._set(light, field.name, edited)
 
     def _camera(self, camera: Camera) -> None:
         if imgui.button("go there"):
