@@ -243,3 +243,10 @@ def test_uniforms_are_written_after_an_error(renderer, scene, monkeypatch):
             if name != "jitter":
                 np.testing.assert_allclose(uniforms[f"{block}.{name}"], value, rtol=1e-6, atol=1e-6)
     assert not uniforms["this_frame.has_history"]
+
+
+def test_every_device_has_enough_uniform_blocks(renderer):
+    """Vulkan promises shaders 12 uniform buffers in one stage; the blocks of all passes count."""
+    blocks = {name.split(".")[0] for name in renderer._frame.uniforms._fields}
+    assert {"camera", "previous_camera", "this_frame", "display_settings"} < blocks
+    assert len(blocks) <= 12

@@ -9,12 +9,14 @@
 struct DirectionalLight {
     vec3 direction_to_light;
     float one_minus_cos_half_angle;  // precise even for disks as small as a star
-    // Differs from Solari: illuminance / (pi sin^2), so that a surface facing a wide disk gets just its illuminance
+    // Differs from Solari: illuminance / (pi sin^2), so that a surface facing a wide disk gets exactly its illuminance
     vec3 radiance;
     float solid_angle;
 };
 
-layout(set = 0, binding = LIGHT_RECORDS + LIGHT_DIRECTIONAL, scalar) readonly buffer DirectionalLightsBlock { DirectionalLight at[]; } directional_lights;
+layout(set = 0, binding = LIGHT_RECORDS + LIGHT_DIRECTIONAL, scalar) readonly buffer DirectionalLightsBlock {
+    DirectionalLight at[];
+} directional_lights;
 
 uint choose_part_directional(uint index, uint random) { return 0u; }
 

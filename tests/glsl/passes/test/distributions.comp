@@ -5,7 +5,8 @@
 
 layout(local_size_x = 64) in;
 
-layout(set = 1, binding = 20, scalar) readonly buffer ParametersBlock { uint at[]; } parameters;  // kind, seed, axis and cone
+// kind, seed, axis and cone
+layout(set = 1, binding = 20, scalar) readonly buffer ParametersBlock { uint at[]; } parameters;
 layout(set = 1, binding = 21, scalar) buffer DrawsBlock { vec3 at[]; } draws;
 
 void main() {

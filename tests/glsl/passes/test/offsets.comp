@@ -36,7 +36,8 @@ void main() {
     Instance other = instances.at[other_index];
     Mesh other_mesh = meshes.at[other.ray_mesh];
     uint other_triangle = rand_range_u(other_mesh.triangle_count, rng);
-    TrianglePoint end = resolve_triangle(other, other_mesh, other_triangle, sample_triangle_barycentrics(rand_vec2f(rng)));
+    vec2 barycentrics = sample_triangle_barycentrics(rand_vec2f(rng));
+    TrianglePoint end = resolve_triangle(other, other_mesh, other_triangle, barycentrics);
     ResolvedLightSample light = ResolvedLightSample(
         LIGHT_EMISSIVE_MESH, 1u, end.world_position, end.geometric_world_normal, end.ray_offset, vec3(1.0), 1.0
     );

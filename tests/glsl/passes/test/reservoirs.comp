@@ -31,7 +31,8 @@ layout(set = 1, binding = 170, scalar) readonly buffer MergesBlock { Merge at[];
 layout(set = 1, binding = 171, scalar) buffer MergedBlock { Merged at[]; } merged;
 layout(set = 1, binding = 172, scalar) readonly buffer StreamsBlock { Stream at[]; } streams;
 layout(set = 1, binding = 173, scalar) buffer ChosenBlock { Chosen at[]; } chosen;
-layout(set = 1, binding = 174, scalar) buffer PermutedBlock { ivec2 at[]; } permuted;  // 16 pictures, one a random number
+// 16 pictures, one for each random number
+layout(set = 1, binding = 174, scalar) buffer PermutedBlock { ivec2 at[]; } permuted;
 
 void main() {
     uint i = gl_GlobalInvocationID.x;
