@@ -8,6 +8,7 @@ from direct_light import direct_renderer
 from scipy import stats
 
 import solari_vk as sv
+from solari_vk.conformance.oracles.encodings import decode_octahedral, decode_rgb9e5, pcg_hash, pcg_step, rgb9e5_step
 from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.measure.statistics import chi_squared_p, sidak
 from solari_vk.scene import shapes
@@ -20,17 +21,8 @@ TILES, SAMPLES = 16, 512
 RNG = np.random.default_rng(7)
 
 
-def pcg(state):
-    """pcg() and the generator's step, uint32 arrays."""
-    with np.errstate(over="ignore"):
-        stepped = state * np.uint32(747796405) + np.uint32(2891336453)
-        word = ((stepped >> ((stepped >> np.uint32(28)) + np.uint32(4))) ^ stepped) * np.uint32(277803737)
-    return (word >> np.uint32(22)) ^ word, stepped
-
-
 def two_floats(seed):
-    first, state = pcg(seed)
-    return (first >> np.uint32(8)) * 2.0**-24, (pcg(state)[0] >> np.uint32(8)) * 2.0**-24
+    return (pcg_hash(seed) >> 8) * 2.0**-24, (pcg_hash(pcg_step(seed)) >> 8) * 2.0**-24
 
 
 class World:
@@ -82,20 +74,6 @@ class World:
         return directional, position, normal, radiance, inverse_pdf
 
 
-def decode_normals(bits):
-    f = np.stack([bits & 0xFFFF, bits >> 16], axis=-1) / 65534.0 * 2 - 1
-    z = 1 - np.abs(f).sum(axis=-1)
-    folded = (1 - np.abs(f[:, ::-1])) * np.where(f >= 0, 1, -1)
-    n = np.concatenate([np.where(z[:, None] >= 0, f, folded), z[:, None]], axis=1)
-    return n / np.linalg.norm(n, axis=1, keepdims=True)
-
-
-def decode_rgb9e5(bits):
-    """The colours, and half a step of their format."""
-    scale = 2.0 ** ((bits >> 27).astype(int) - 24)
-    return np.stack([bits >> shift & 511 for shift in (0, 9, 18)], axis=1) * scale[:, None], 0.5 * scale[:, None]
-
-
 @pytest.fixture
 def world():
     return World()
@@ -134,14 +112,14 @@ def test_samples_are_packed_as_they_resolve(world, tiled):
     assert stats.kstest((1 - np.cos(angles)) / (1 - np.cos(world.sun.angular_diameter / 2)), "uniform").pvalue > 1e-3
 
     normal[directional] = -toward
-    assert np.linalg.norm(decode_normals(packed["world_normal"]) - normal, axis=1).max() < 1e-4
+    assert np.linalg.norm(decode_octahedral(packed["world_normal"]) - normal, axis=1).max() < 1e-4
     np.testing.assert_allclose(packed["inverse_pdf"], inverse_pdf, rtol=1e-5)
     np.testing.assert_array_equal(packed["kind_and_data"] & 0xFF, directional)  # in the order of LIGHT_KINDS
     np.testing.assert_array_equal(packed["kind_and_data"] >> 8, samples["light_index"] == 1)  # double-sided
 
     exposed = radiance * world.scene.camera.exposure
-    stored, step = decode_rgb9e5(packed["radiance"])
-    assert (np.abs(stored - np.log2(1 + exposed)) <= 1.01 * step + 4e-6).all()
+    stored, half_step = decode_rgb9e5(packed["radiance"]), 0.5 * rgb9e5_step(packed["radiance"])[:, None]
+    assert (np.abs(stored - np.log2(1 + exposed)) <= 1.01 * half_step + 4e-6).all()
 
 
 def test_lights_and_triangles_are_uniform(world, tiled):
@@ -206,7 +184,7 @@ def test_log2_keeps_bright_and_saturated_light(tiled, brightness):
     camera = sv.Camera.look_at((0, 2, 6), (0, 0, 0), ev100=3.0)
     color = np.array((1.0, 0.5, 0.0005)) * brightness / camera.exposure
     scene = sv.Scene(sv.Instance(mesh=shapes.quad((0, 3, 0), (1, 0, 0), (0, 0, 1)), material=lamp(color)), camera)
-    stored, _ = decode_rgb9e5(tiled(scene)[1].ravel()["radiance"])
+    stored = decode_rgb9e5(tiled(scene)[1].ravel()["radiance"])
     kept = (2**stored - 1).mean(axis=0) / (color * camera.exposure)
     np.testing.assert_allclose(kept[:2], 1.0, atol=0.02)
     assert brightness == 1.0 or abs(kept[2] - 1) < 0.2

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from map_frame import ASKER, MapFrame
 
+from solari_vk.conformance.oracles.encodings import pcg4d, pcg_hash
 from solari_vk.gpu.shaders.patches import write_patched
 from solari_vk.scene.constants import NO_INDEX
 
@@ -30,30 +31,11 @@ def make_askers(key_count, asker_count, seed=0):
     return askers, cell
 
 
-def pcg4d(v):
-    """Of rows of four words; Jarzynski and Olano (2020)."""
-    x, y, z, w = (v.astype(np.uint32) * np.uint32(1664525) + np.uint32(1013904223)).T
-    for turn in range(2):
-        x = x + y * w
-        y = y + z * x
-        z = z + x * y
-        w = w + y * z
-        if turn == 0:
-            x, y, z, w = (n ^ n >> np.uint32(16) for n in (x, y, z, w))
-    return np.stack([x, y, z, w], axis=1)
-
-
-def pcg(v):
-    state = v * np.uint32(747796405) + np.uint32(2891336453)
-    word = (state >> ((state >> np.uint32(28)) + np.uint32(4)) ^ state) * np.uint32(277803737)
-    return word >> np.uint32(22) ^ word
-
-
 def expected_keys(askers):
     """Where the search begins, and the checksum."""
     position = np.floor(askers["position"] / askers["cell_size"][:, None]).astype(np.int32)
     normal = np.floor(askers["normal"] + 1e-4).astype(np.int32) @ np.array((1, 3, 9), np.int32)
-    kind = pcg(askers["cell_size"].view(np.uint32)) + normal.view(np.uint32)
+    kind = pcg_hash(askers["cell_size"].view(np.uint32)) + normal.view(np.uint32)
     hashed = pcg4d(np.concatenate([position.view(np.uint32), kind[:, None]], axis=1))
     return hashed[:, 0], np.maximum(hashed[:, 1], 1)
 
