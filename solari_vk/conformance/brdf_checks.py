@@ -15,6 +15,10 @@ from solari_vk.measure.statistics import chi_squared_p, sidak, standard_deviatio
 
 Floats = NDArray[np.floating[Any]]
 _SOURCE = ("energy and probability", "scene/brdf.glsl")
+_WEIGHT = Rule("the weight of a sample is f cos / pdf", *_SOURCE)
+_SAMPLES = Rule("samples are unit vectors with the pdf of brdf_pdf, and mirrors reflect exactly", *_SOURCE)
+_VALUES = Rule("values are finite, not negative, and 0 below the surface", *_SOURCE)
+_NUMBERS = Rule("samples hold no NaN, and their weights are below 30", *_SOURCE)
 _FURNACE_BAR = 0.005
 ROUGHNESS = np.concatenate([np.linspace(0, 0.12, 41), np.linspace(0.125, 1, 36)]).astype(np.float32)
 DEGREES = [0, 10, 25, 40, 55, 65, 72, 77, 80, 82, 84, 85]
@@ -48,7 +52,7 @@ def measure_furnace(shaders: ShaderRunner, metallic: float) -> Iterator[Measurem
     worst = np.abs(furnace(shaders, metallic) - 1)
     where = np.unravel_index(worst.argmax(), worst.shape)
     note = f"roughness {ROUGHNESS[where[0]]:g}, {DEGREES[where[1]]} degrees"
-    rule = Rule(f"white furnace, metallic {metallic:g}", *_SOURCE)
+    rule = Rule(f"a white surface reflects all light of a white furnace, metallic {metallic:g}", *_SOURCE)
     yield Measurement(rule, float(worst.max()), _FURNACE_BAR, "lost or gained", note)
 
 
@@ -114,12 +118,12 @@ def measure_draws(
         wi, weight, pdf, value = rows[:, 0], rows[:, 1], rows[:, 2, 0], rows[:, 3]
         valid = np.isfinite(rows[:, 2, 1]) & (wi[:, 2] > 0)
         off = np.abs(weight[valid] * pdf[valid, None] / np.maximum(value[valid], 1e-20) - 1).max()
-        yield Measurement(Rule("weight = f cos / pdf", *_SOURCE), float(off), 2e-3, "relative error", name)
+        yield Measurement(_WEIGHT, float(off), 2e-3, "relative error", name)
         wrong = [f"{what}, {name}" for what in _wrong_draws(rows, valid, roughness, wo)]
-        yield count_wrong(Rule("draws: unit vectors with the pdf of brdf_pdf, mirrors exact", *_SOURCE), wrong)
+        yield count_wrong(_SAMPLES, wrong)
         scale = max(roughness**2, 0.3 if metallic < 1 else 0.0)
         z = standard_deviations(chi_squared_p(*drawn_cells(shaders, material, wo, wi[valid], scale, count)))
-        yield Measurement(Rule(f"draws follow their density, {name}", *_SOURCE), z, bar, "standard deviations")
+        yield Measurement(Rule(f"samples follow brdf_pdf, {name}", *_SOURCE), z, bar, "standard deviations")
 
 
 def _wrong_draws(rows: Floats, valid: NDArray[np.bool_], roughness: float, wo: Floats) -> Iterator[str]:
@@ -175,14 +179,13 @@ def measure_numbers(shaders: ShaderRunner, count: int) -> Iterator[Measurement]:
     rows = brdf_runs.run(shaders, "evaluate", count, records, wo, wi)
     bad = ~np.isfinite(rows).all(axis=(1, 2)) | (rows[:, 1:] < 0).any(axis=(1, 2))
     bad |= below & (rows[:, [1, 3]] != 0).any(axis=(1, 2))
-    yield Measurement(Rule("values are finite, not negative, none below the surface", *_SOURCE), float(bad.sum()), 0.0,
-                      f"of {count:,}")  # fmt: skip
+    yield Measurement(_VALUES, float(bad.sum()), 0.0, f"of {count:,}")
     drawn = brdf_runs.run(shaders, "draw", count, records, wo)
     bad = np.isnan(drawn).any(axis=(1, 2)) | ~((drawn[:, 1] >= 0) & (drawn[:, 1] < 30)).all(axis=1)
-    yield Measurement(Rule("draws are numbers, weights bounded", *_SOURCE), float(bad.sum()), 0.0, f"of {count:,}")
+    yield Measurement(_NUMBERS, float(bad.sum()), 0.0, f"of {count:,}")
     wo, wi = random_directions(rng, count, 0), random_directions(rng, count, 0)
     records["perceptual_roughness"] = rng.uniform(0.1, 1, count)
-    for name, lobe in (("diffuse", 1), ("specular without multiple scattering", 3)):
+    for name, lobe in (("the diffuse lobe", 1), ("the specular lobe without multiple scattering", 3)):
         there = brdf_runs.run(shaders, "evaluate", count, records, wo, wi)[:, lobe] / wi[:, 2:]
         back = brdf_runs.run(shaders, "evaluate", count, records, wi, wo)[:, lobe] / wo[:, 2:]
         error = (np.abs(there - back) / (np.abs(back) + 1e-3)).max()

@@ -21,10 +21,12 @@ Floats = NDArray[np.floating]
 _WATERTIGHT = "no ray gets through"
 PLACES = ("plain", "turned and far", "stretched and mirrored", "small")
 _CUSTOM = Rule("TlasInstance: custom data and index tell many instances apart", WGPU, "wgpu's raytracing API")
-_EXTREME = Rule("sizes from 1e-6 to 1e6, at places up to 1e6 and 100,000 sizes away", VULKAN, "Ray Traversal")
-_NOT_FINITE = Rule("rays with NaN, infinite or zero parts end and hit nothing", SUITE, "ray_query.glsl")
-_REPLACED = Rule("a ray that hits nothing is given to Vulkan in their place", SUITE, "ray_query.glsl")
-_CAUGHT = Rule("the debug build counts each of these rays", SUITE, "ray_query.glsl")
+_EXTREME = Rule(
+    "triangles of sizes 1e-6 to 1e6 are hit up to 1e6 and 100,000 sizes from the origin", VULKAN, "Ray Traversal"
+)
+_NOT_FINITE = Rule("rays with NaN, infinite or zero components end and hit nothing", SUITE, "ray_query.glsl")
+_REPLACED = Rule("Vulkan gets a ray that hits nothing in place of each invalid ray", SUITE, "ray_query.glsl")
+_CAUGHT = Rule("the debug build counts each invalid ray", SUITE, "ray_query.glsl")
 _INVALID_RAY = next(row for row, text in enumerate(rt.RULES) if text.startswith("a ray with NaN"))
 
 
@@ -191,7 +193,7 @@ def measure_extreme_transforms(shaders: ShaderRunner) -> Iterator[Measurement]:
     rule = Rule(f"{_EXTREME.name}: t", VULKAN, _EXTREME.section)
     yield Measurement(rule, relative[0], 1e-6, "relative error", relative[1])
     for size, (_, off, bar, label) in metres.items():
-        rule = Rule(f"size {size:g} at all these places: distance of the hit", VULKAN, _EXTREME.section)
+        rule = Rule(f"size {size:g} at all these distances: error of the hit's position", VULKAN, _EXTREME.section)
         yield Measurement(rule, off, bar, "m", label)
 
 

@@ -34,9 +34,9 @@ def rules(scene: str) -> list[Rule]:
     """What is measured on a scene."""
     section = "Ray Closest Hit Determination"
     return [
-        Rule(f"{scene}: the closest hit is Embree's, but for edges", VULKAN, section),
-        Rule(f"{scene}: hits that differ at an edge", VULKAN, section),
-        Rule(f"{scene}: t of the same hit", VULKAN, section),
+        Rule(f"{scene}: the closest hit is Embree's, except at edges", VULKAN, section),
+        Rule(f"{scene}: few hits differ at edges", VULKAN, section),
+        Rule(f"{scene}: t of the hit is that of float64 arithmetic", VULKAN, section),
     ]
 
 

@@ -23,7 +23,7 @@ BAR = 0.01
 LAMP_CORNERS = np.array([(-0.6, 1.2, -0.4), (0.7, 1.2, -0.4), (0.7, 1.5, 0.5), (-0.6, 1.5, 0.5)])
 LAMP_RADIANCE = np.array((5.0, 3.0, 1.0))
 _ALBEDO = np.array((0.8, 0.5, 0.2))
-_CLOSED, _INVARIANT = "closed form", ("invariance", "the same light, told otherwise")
+_CLOSED, _INVARIANT = "closed form", ("invariance", "the same light, described differently")
 
 
 def floor_scene(material: sv.Material, *extra: Any) -> sv.Scene:
@@ -86,7 +86,7 @@ def measure_invariance(device: Device) -> Iterator[Measurement]:
     whole = picture(lamp_above())
     for name, other in (
         ("a lamp in two parts", picture(*parts, seed=1)),
-        ("its parts in another order", picture(*parts[::-1], seed=2)),
+        ("the same parts in another order", picture(*parts[::-1], seed=2)),
     ):
         yield from compare_picture(name, _INVARIANT, other, whole.mean, 1.5 * BAR, whole.variance)
     bright = picture(lamp_above(brightness=1024.0))

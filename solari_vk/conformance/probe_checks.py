@@ -21,7 +21,7 @@ from solari_vk.scene.matrices import by_columns
 _ORDER = list(INSTANCES)
 _GETTERS = Rule("OpRayQueryGetRayTMin, RayFlags, WorldRayOrigin, WorldRayDirection", VULKAN, "Ray Query")
 _OBJECT_RAY = Rule("OpRayQueryGetIntersectionObjectRayOrigin, Direction", VULKAN, "Ray Query")
-_NO_FAULTS = Rule("the debug build finds no fault with right queries", SUITE, "ray_query_debug.glsl")
+_NO_FAULTS = Rule("the debug build counts no fault in valid queries", SUITE, "ray_query_debug.glsl")
 _OPAQUE_BOX = Rule("OpRayQueryGetIntersectionCandidateAABBOpaque", VULKAN, "Ray Query")
 
 
@@ -90,7 +90,7 @@ def _measure(rays: np.ndarray, answers: np.ndarray) -> Iterator[Measurement]:
     for rule, items in rules.items():
         yield count_wrong(rule, [f"{item.probe.label} ({why})" for item in items if (why := item.wrong())])
     yield count_wrong(
-        call_rule("rayQueryProceed: ends, and stays ended"),
+        call_rule("rayQueryProceed returns false in the end, and again when called again"),
         [item.probe.label for item in checked if item.answer["proceeds_after_end"] or item.steps >= STEP_LIMIT],
     )
     for which in ("committed", "candidate"):

@@ -39,13 +39,15 @@ _LAYERS = (2.0, 3.0, 4.0, 5.0)
 _ANY_LAYER = Expected(TRIANGLE, None, primitive=None)
 
 _no_flag = flag_rule("no flag: opaque triangles are committed, others are candidates")
-_force = flag_rule("FORCE_OPAQUE: all are committed without a candidate")
-_force_no = flag_rule("FORCE_NO_OPAQUE: all are candidates")
-_first = flag_rule("TERMINATE_ON_FIRST_HIT: any one hit ends the search")
+_force = flag_rule("FORCE_OPAQUE: all triangles are committed without being candidates")
+_force_no = flag_rule("FORCE_NO_OPAQUE: all triangles are candidates")
+_first = flag_rule("TERMINATE_ON_FIRST_HIT: the first committed hit ends the search")
 _closest = flag_rule("SKIP_CLOSEST_HIT_SHADER: no effect on queries")
-_back, _front = flag_rule("CULL_BACK_FACING"), flag_rule("CULL_FRONT_FACING")
-_cull, _cull_no = flag_rule("CULL_OPAQUE"), flag_rule("CULL_NO_OPAQUE")
-_no_triangles, _no_boxes = flag_rule("SKIP_TRIANGLES"), flag_rule("SKIP_AABBS")
+_back, _front = (flag_rule(f"CULL_{side.upper()}_FACING: {side} faces are not hit") for side in ("back", "front"))
+_cull = flag_rule("CULL_OPAQUE: opaque geometry is not hit")
+_cull_no = flag_rule("CULL_NO_OPAQUE: geometry that isn't opaque is not hit")
+_no_triangles = flag_rule("SKIP_TRIANGLES: triangles are not hit")
+_no_boxes = flag_rule("SKIP_AABBS: AABBs are neither candidates nor hit")
 
 FLAGS = [
     Probe("opaque", _no_flag, "opaque", _HIT, action=PASS_OVER, candidates=0),
@@ -118,7 +120,7 @@ MASKS = [
 ]
 
 _least, _most = ray_rule("t_min: only points beyond it"), ray_rule("t_max: only points before it")
-_scale = ray_rule("dir: t counts lengths of it")
+_scale = ray_rule("dir: t is in units of its length")
 _EDGE = 1e-5
 RANGE = [
     Probe("just beyond t_min", _least, "opaque", _HIT, t_min=2 - _EDGE),
@@ -142,9 +144,9 @@ RANGE = [
     Probe("range of a long ray", _scale, "opaque", None, direction=(0, 0, -2), t_max=0.9),
 ]
 
-_facing = instance_rule("TRIANGLE_FLIP_FACING, and faces that transforms don't turn")
-_two = instance_rule("TRIANGLE_FACING_CULL_DISABLE")
-_override = instance_rule("FORCE_OPAQUE and FORCE_NO_OPAQUE of instances")
+_facing = instance_rule("TRIANGLE_FLIP_FACING swaps front and back, which transforms do not")
+_two = instance_rule("TRIANGLE_FACING_CULL_DISABLE: both faces are hit")
+_override = instance_rule("FORCE_OPAQUE and FORCE_NO_OPAQUE of an instance override its geometry")
 _active = instance_rule("an instance without a structure is never hit")
 INSTANCE_FLAGS = [
     Probe("flipped", _facing, "flipped", _BACK_HIT),
@@ -165,7 +167,7 @@ INSTANCE_FLAGS = [
 
 _index = hit_rule("instance_index, instance_custom_data, sbt_record_offset")
 _place = hit_rule("geometry_index, primitive_index")
-_moved = hit_rule("object_to_world, world_to_object: moved, turned, mirrored, sheared instances")
+_moved = hit_rule("object_to_world, world_to_object of moved, rotated, mirrored and sheared instances")
 GETTERS = [
     Probe("24 bits", _index, "all bits", _HIT),
     Probe("top and lowest bit", _index, "top bit", _HIT),
@@ -188,9 +190,12 @@ GETTERS = [
     Probe("inverted candidate", _moved, "inverted", _HIT, flags=FORCE_NO_OPAQUE, candidate=_HIT, candidates=1),
 ]
 
-_generate = call_rule("rayQueryGenerateIntersection")
-_candidate = call_rule("rayQueryProceed: a box is a candidate, whatever its opacity")
-_confirm, _end = call_rule("rayQueryConfirmIntersection"), call_rule("rayQueryTerminate")
+_generate = call_rule("rayQueryGenerateIntersection commits a hit that is the nearest so far")
+_candidate = call_rule("rayQueryProceed stops at each AABB, opaque or not")
+_confirm, _end = (
+    call_rule("rayQueryConfirmIntersection commits the candidate triangle"),
+    call_rule("rayQueryTerminate ends the search and keeps what is committed"),
+)
 _UP: dict[str, Any] = {"origin": (0.5, 0.5, 3.0)}
 _BALL = 2.5 - math.sqrt(3) / 4  # 0.25 beside the middle of a ball of radius 0.5
 CALLS = [

@@ -11,12 +11,14 @@ from solari_vk.conformance.rules import FAULT, NOT_RUN, RED, STATUSES, UNSUPPORT
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.report import device_facts, markdown_facts, markdown_table, text_table
 
-_LEGEND = (
-    "Written by `solari-vk conformance --markdown FILE`. A rule holds when what was measured is at most the bar;\n"
-    "where it was measured in several cases (runs), the worst is shown. The exit code is 0 when every rule holds, but\n"
-    "for known faults (listed with evidence, and with a bound above which they fail too), what the device has no\n"
-    "feature for, and what only the full profile measures. Whatever else couldn't be measured is an error."
-)
+_LEGEND = """\
+Written by `solari-vk conformance --markdown FILE`. A rule holds when the measured value is at most the bar. Where a
+rule is measured in several cases (runs), the table shows the worst. The exit code is 0 when every rule holds. Known
+faults (listed with evidence, and with a bound above which they fail too), rules that need a feature which the device
+lacks, and rules that only the full profile measures don't change it. Anything else that can't be measured is an error.
+
+Bars in standard errors or standard deviations are percentiles: a correct device exceeds them by chance in at most 1 %
+of runs. Relative errors of noisy means are the far end of the mean's 95 % interval."""
 _COLUMNS = ("rule", "document, section", "result", "measured", "bar", "runs")
 
 

@@ -67,8 +67,9 @@ def measure_ways(shaders: ShaderRunner, damage: Damage | None = None) -> Iterato
         # Two surfaces at one distance may come in either order.
         wrong = ~same_t | (~same & (np.abs(found["t"] - right["t"]) > 0))
         source = documents.get(way, (VULKAN, _STRUCTURES))
-        yield Measurement(Rule(f"hits as when fresh: {way}", *source), float(wrong.sum()), unit=f"of {len(right):,}")
-    rule = Rule("a compacted Blas is no larger", WGPU, _COMPACTION)
+        rule = Rule(f"hits equal those of a fresh structure: {way}", *source)
+        yield Measurement(rule, float(wrong.sum()), unit=f"of {len(right):,}")
+    rule = Rule("a compacted Blas is not larger than before", WGPU, _COMPACTION)
     yield Measurement(rule, max(after / before for before, after in sizes.values()), 1.0, "of the size before")
     hit_share = float((right["t"] >= 0).mean())
     assert 0.1 < hit_share < 1, f"the heap must be hit, and missed, not {hit_share:.2f}"
@@ -100,7 +101,8 @@ def measure_formats(shaders: ShaderRunner) -> Iterator[Measurement]:
         differs = (hits["primitive"] != right["primitive"]) | (np.abs(hits["t"] - right["t"]) > 1e-5)
         if differs.sum() > allowed:
             wrong.append(f"{name}: {differs.sum()} rays")
-    yield count_wrong(Rule("index formats, strides and geometry transforms", VULKAN, _STRUCTURES), wrong)
+    rule = Rule("index formats, vertex strides and geometry transforms give the same hits", VULKAN, _STRUCTURES)
+    yield count_wrong(rule, wrong)
 
 
 def measure_indices(shaders: ShaderRunner, damage: Damage | None = None) -> Iterator[Measurement]:
@@ -113,9 +115,9 @@ def measure_indices(shaders: ShaderRunner, damage: Damage | None = None) -> Iter
     with World(shaders.device, {"one": [Triangles(_FLAT)]}, placed, damage=damage) as world:
         hits = trace(shaders, world.tlas, origins, _DOWN)
     wrong = [hex(custom) for custom, hit in zip(customs, hits, strict=False) if hit["custom_data"] != custom]
-    yield count_wrong(Rule("TlasInstance: custom data of 24 bits", WGPU, _API), wrong)
+    yield count_wrong(Rule("TlasInstance.custom_data keeps its 24 bits", WGPU, _API), wrong)
     lost = [hex(mask) for mask, hit in zip(masks, hits[len(customs) :], strict=True) if hit["t"] < 0]
-    yield count_wrong(Rule("TlasInstance: mask of 8 bits", WGPU, _API), lost)
+    yield count_wrong(Rule("TlasInstance.mask keeps its 8 bits", WGPU, _API), lost)
 
 
 def measure_nothing(shaders: ShaderRunner) -> Iterator[Measurement]:
@@ -161,7 +163,7 @@ def measure_many_blases(shaders: ShaderRunner, count: int) -> Iterator[Measureme
                 world.place(instance_records(placed, addresses))
             hits = trace(shaders, world.tlas, origins, _DOWN)
         wrong = (hits["custom_data"] != np.arange(count)) | (np.abs(hits["t"] - expected) > 1e-4)
-        rule = Rule(f"many Blases in one call: {name}", WGPU, _API)
+        rule = Rule(f"many Blases are built in one call: {name}", WGPU, _API)
         yield Measurement(rule, float(wrong.sum()), unit=f"of {count}")
 
 
@@ -182,12 +184,12 @@ def measure_tlas_rebuilds(shaders: ShaderRunner, damage: Damage | None = None) -
             seen = np.flatnonzero(hits["t"] >= 0).tolist()
             if seen != members or hits["custom_data"][seen].tolist() != members:
                 wrong.append(f"build {step + 1}")
-    yield count_wrong(Rule("a Tlas holds what it was last built with", WGPU, _API), wrong)
+    yield count_wrong(Rule("a Tlas holds the instances that it was last built with, and no others", WGPU, _API), wrong)
 
 
 def large_tlas_rule(count: int) -> Rule:
     """What `measure_large_tlas` measures."""
-    return Rule(f"a Tlas of {count:,} instances", VULKAN, _STRUCTURES)
+    return Rule(f"each instance of a Tlas of {count:,} is hit", VULKAN, _STRUCTURES)
 
 
 def measure_large_tlas(shaders: ShaderRunner, count: int, damage: Damage | None = None) -> Iterator[Measurement]:

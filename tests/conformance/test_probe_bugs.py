@@ -80,7 +80,7 @@ RAY_BUGS = {
     "t_min dropped": (set_field(t_min=0.0), ["t_min"]),
     "t_max dropped": (set_field(t_max=np.inf), ["t_max"]),
     "range inclusive": (inclusive, ["t_min: only", "t_max: only"]),
-    "direction normalized": (normalized, ["dir: t counts", "RayIntersection.t, committed"]),
+    "direction normalized": (normalized, ["dir: t is", "RayIntersection.t, committed"]),
     "nothing confirmed": (without_action(probe_actions.CONFIRM), ["rayQueryConfirmIntersection"]),
     "nothing generated": (
         without_action(probe_actions.GENERATE_AT | probe_actions.GENERATE_SPHERE),
@@ -117,7 +117,7 @@ RECORD_BUGS = {
     "no record offset": (masked("sbt_offset_and_flags", 0xFF000000), ["sbt_record_offset, committed"]),
     "no instance flags": (
         masked("sbt_offset_and_flags", 0xFFFFFF),
-        ["FLIP_FACING", "FACING_CULL_DISABLE", "FORCE_OPAQUE and FORCE_NO_OPAQUE of instances"],
+        ["FLIP_FACING", "FACING_CULL_DISABLE", "FORCE_OPAQUE and FORCE_NO_OPAQUE of an instance override its geometry"],
     ),
     "matrix transposed": (transposed, ["object_to_world, world_to_object"]),
     "one place off": (shifted_by_one, ["instance_index"]),
@@ -164,7 +164,7 @@ SHADER_BUGS = {
     "barycentrics swapped": (QUERY, "BarycentricsEXT(query, COMMITTED)", "BarycentricsEXT(query, COMMITTED).yx",
                              "barycentrics, committed"),
     "boxes as triangles": (QUERY, ": RAY_QUERY_INTERSECTION_AABB;", ": RAY_QUERY_INTERSECTION_TRIANGLE;",
-                           "a box is a candidate"),
+                           "stops at each AABB"),
     "triangles as boxes": (QUERY, "return triangle ? RAY", "return !triangle ? RAY", "rayQueryConfirmIntersection"),
     "t a little off": (QUERY, "found.t = rayQueryGetIntersectionTEXT(query, COMMITTED)",
                        "found.t = 1.00001 * rayQueryGetIntersectionTEXT(query, COMMITTED)", "t, committed"),
@@ -185,7 +185,7 @@ def test_bug_in_a_shader_is_noticed(patched, name):
         expect_red(probe(shaders), first, second)
 
 
-RAYS, REPLACED = "end and hit nothing", "given to Vulkan"
+RAYS, REPLACED = "end and hit nothing", "in place of each invalid ray"
 RAY_CHECK_BUGS = {
     "t_min unchecked": ("desc.t_min >= 0.0 && ", "", RAYS),
     "range unchecked": ("&& desc.t_min <= desc.t_max;", ";", REPLACED),

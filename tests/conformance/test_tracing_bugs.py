@@ -28,7 +28,7 @@ def test_bugs_in_tracing_are_noticed(patched, monkeypatch):
     with patched(*bugs) as shaders:
         expect_red(bulk_checks.measure_many_instances(shaders, 300), "tell many instances apart")
         sizes = (f"size {size} at all" for size in ("1e-06", "1", "1e+06"))
-        expect_red(bulk_checks.measure_extreme_transforms(shaders), "100,000 sizes away: t", *sizes)
+        expect_red(bulk_checks.measure_extreme_transforms(shaders), "from the origin: t", *sizes)
         expect_red(bulk_checks.measure_not_finite(shaders), "end and hit nothing")
         if embree_checks.available():
             expect_red(embree_checks.measure(shaders, "instanced", 5000, small=True), "is Embree's")
@@ -39,7 +39,7 @@ def test_missed_extremes_are_noticed(patched):
     bug = (TRACE, "Ray ray = rays.at[index];", "Ray ray = rays.at[index];\n"
            "    ray.t_max = length(ray.direction) < 1e-3 ? 0.0 : ray.t_max;")  # fmt: skip
     with patched(bug) as shaders:
-        expect_red(bulk_checks.measure_extreme_transforms(shaders), "100,000 sizes away")
+        expect_red(bulk_checks.measure_extreme_transforms(shaders), "from the origin")
 
 
 def test_holes_are_noticed(shaders, monkeypatch):
@@ -110,16 +110,16 @@ def test_bugs_in_large_tlas_are_noticed(shaders):
     def beyond_16_bits(records):
         records["custom_index_and_mask"] &= np.uint32(0xFF00FFFF)
 
-    expect_red(structure_checks.measure_large_tlas(shaders, 70_000, beyond_16_bits), "a Tlas of 70,000 instances")
+    expect_red(structure_checks.measure_large_tlas(shaders, 70_000, beyond_16_bits), "a Tlas of 70,000")
 
 
 def test_bugs_in_structures_are_noticed(shaders, monkeypatch):
     def moved(records):
         records["transform"][3, 0, 3] += 0.01
 
-    expect_red(structure_checks.measure_ways(shaders, moved), *(f"fresh: {way}" for way in worlds.WAYS[1:]))
+    expect_red(structure_checks.measure_ways(shaders, moved), *(f"structure: {way}" for way in worlds.WAYS[1:]))
     half = masked("custom_index_and_mask", 0x0F7FFFFF)
-    expect_red(structure_checks.measure_indices(shaders, half), "custom data of 24 bits", "mask of 8 bits")
+    expect_red(structure_checks.measure_indices(shaders, half), "custom_data keeps", "mask keeps")
 
     def drop_last(records):
         records["custom_index_and_mask"][-1] = 0
