@@ -57,7 +57,8 @@ def test_hierarchies_of_trs_and_matrices(tmp_path: Path) -> None:
     mesh = writer.mesh()
     half = math.sqrt(0.5)
     leaf = writer.node(mesh=mesh, scale=[2, 3, -4], name="leaf")
-    turned = writer.node(children=[leaf], rotation=[0, 0, 2 * half, 2 * half])  # a quarter turn about z by a quaternion without unit length
+    # A quarter turn about z, by a quaternion without unit length.
+    turned = writer.node(children=[leaf], rotation=[0, 0, 2 * half, 2 * half])
     matrix = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 10, 20, 30, 1]
     writer.node(children=[turned], matrix=matrix, name="root")
     (instance,) = load(writer, tmp_path)
