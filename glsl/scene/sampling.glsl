@@ -55,8 +55,8 @@ LightContribution calculate_resolved_light_contribution(ResolvedLightSample ligh
 }
 
 // The radiance of all lights at infinity along a ray that met no surface, weighted by MIS against light samples.
-// `bounce_pdf` is the density of the ray's direction: INFINITY gives full weight, for paths without light samples; 0 gives
-// none.
+// `bounce_pdf` is the density of the ray's direction: INFINITY gives full weight, for paths without light samples;
+// 0 gives none.
 vec3 radiance_at_infinity(vec3 direction, float bounce_pdf) {
     vec3 radiance = vec3(0.0);
     for (uint i = scene_info.first_light_at_infinity; i < scene_info.light_count; i++) {
