@@ -114,12 +114,14 @@ def frames(device):
 
 
 def test_a_picture_is_the_mean_of_the_last_frames(done, frames):
-    _, path = done(*FRAMES, "--frames", 5, "--average", 3, "--aov", "di_diffuse,guides_depth", output="picture.npy")
-    taken = [(f["radiance"], f["di_diffuse"], f["guides_depth"]) for f in frames(7)]
+    names = "di_diffuse,guides_depth,albedo"
+    _, path = done(*FRAMES, "--frames", 5, "--average", 3, "--aov", names, output="picture.npy")
+    taken = [(f["radiance"], f["di_diffuse"], f["guides_depth"], f["albedo"]) for f in frames(7)]
     for name, index in (("npy", 0), ("di_diffuse.npy", 1)):
         mean = np.mean([values[index] for values in taken[4:]], axis=0, dtype=np.float64).astype(np.float32)
         np.testing.assert_array_equal(np.load(path.with_suffix(f".{name}")), mean)
-    np.testing.assert_array_equal(np.load(path.with_suffix(".guides_depth.npy")), taken[-1][2])
+    for name, index in (("guides_depth", 2), ("albedo", 3)):
+        np.testing.assert_array_equal(np.load(path.with_suffix(f".{name}.npy")), taken[-1][index])
 
 
 def test_a_view_is_the_last_frame_s(done, frames):
@@ -216,7 +218,7 @@ WRONG = [
     (BOX, ["--view", "smell"], ["smell", "base_color"]),
     (BOX, ["--view", "depth", "--average", "3"], ["--average", "one frame"]),
     (BOX, ["--view", "depth", "--aov", "di_diffuse"], ["--aov", "one frame"]),
-    (BOX, ["--aov", "albedo"], ["albedo", "guides_diffuse_albedo"]),
+    (BOX, ["--aov", "variance"], ["variance", "guides_diffuse_albedo"]),
     (BOX, ["--quality", "best"], ["best", "ultra"]),
     (BOX, ["--settings", "fog=1"], ["fog", "di_candidates"]),
     (BOX, ["--settings", "di_candidates"], ["name=value"]),

@@ -19,13 +19,6 @@ if TYPE_CHECKING:
     from solari_vk.renderer import Renderer
     from solari_vk.scene.model import Camera
 
-RADIANCE_AOVS = (
-    "emission", "diffuse_radiance", "specular_radiance", "di_diffuse", "di_specular", "gi_diffuse", "specular_gi",
-)  # fmt: skip
-AOVS = (
-    *RADIANCE_AOVS, "guides_diffuse_albedo", "guides_specular_albedo", "guides_normal_roughness", "guides_depth",
-    "guides_motion", "guides_specular_motion",
-)  # fmt: skip
 METERING_FRAMES = 4
 
 
@@ -33,10 +26,12 @@ def run(options: argparse.Namespace) -> None:
     """Render what the options ask for and write it."""
     import solari_vk as sv
     from solari_vk.output.movie import write_movie
+    from solari_vk.renderer import LIGHT
 
     is_movie = check_output(options)
     check_view(options)
-    names = names_of_aovs(options, AOVS)
+    names = names_of_aovs(options, tuple(n for n in sv.Renderer.OUTPUTS if n not in ("radiance", "display")))
+    averaged = ("radiance", *(name for name in names if name in LIGHT))
     settings = make_settings(options)
     subject = load(options)
     with tempfile.TemporaryDirectory() as folder:
@@ -49,7 +44,8 @@ def run(options: argparse.Namespace) -> None:
                 _meter(renderer, plan.cameras)
             total = renderer.frame_count + plan.frame_count
             with Progress("frames", total, options.time_limit) as progress:
-                written = _shoot(renderer, plan, options, names, subject.auto_exposure, progress)
+                mean = _Mean(renderer, averaged)
+                written = _shoot(renderer, plan, options, names, mean, subject.auto_exposure, progress)
         if is_movie:
             write_movie(options.output, written, options.fps)
     target = options.output if is_movie else written[-1]
@@ -76,11 +72,15 @@ def _expose(cameras: Sequence[Camera], radiance: NDArray[Any]) -> None:
 
 
 class _Mean:
-    """The mean of frames. Radiance is averaged in float64; any other output is the last frame's."""
+    """The mean of frames in float64. Outputs that are not in `averaged` are the last frame's."""
 
-    def __init__(self, renderer: Renderer, names: Sequence[str]) -> None:
-        self._renderer = renderer
-        self._sums: dict[str, Any] = dict.fromkeys(("radiance", *(n for n in names if n in RADIANCE_AOVS)), 0.0)
+    def __init__(self, renderer: Renderer, averaged: Sequence[str]) -> None:
+        self._renderer, self._averaged = renderer, averaged
+        self.reset()
+
+    def reset(self) -> None:
+        """Start another mean."""
+        self._sums: dict[str, Any] = dict.fromkeys(self._averaged, 0.0)
         self.count = 0
 
     def add(self) -> None:
@@ -97,14 +97,14 @@ class _Mean:
 
 
 def _shoot(
-    renderer: Renderer, plan: Plan, options: argparse.Namespace, names: Sequence[str], meters: bool, progress: Progress
-) -> list[Path]:
+    renderer: Renderer, plan: Plan, options: argparse.Namespace, names: Sequence[str], mean: _Mean, meters: bool,
+    progress: Progress,
+) -> list[Path]:  # fmt: skip
     """Render and write the pictures; returns their files. meters: the first picture decides the exposure of all.
 
     Ctrl-C or the time limit ends it with the pictures so far; the first one is written even if it is not complete.
     """
     written: list[Path] = []
-    mean = _Mean(renderer, names)
 
     def write(camera: Camera, target: Path) -> None:
         if meters and not written:
@@ -116,7 +116,7 @@ def _shoot(
         for _ in _frames(renderer, plan.cameras[0], plan.warm_up, progress):
             pass
         for camera, target in zip(plan.cameras, plan.targets, strict=True):
-            mean = _Mean(renderer, names)
+            mean.reset()
             for index in _frames(renderer, camera, plan.frames, progress):
                 if index >= plan.frames - plan.average:
                     mean.add()
