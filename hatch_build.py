@@ -1,7 +1,7 @@
 """Build hook: compiled shaders beside their sources, in the sdist and in the wheel.
 
-Without libshaderc a build still works: modules that came with an sdist are used as they are, and what is left is
-compiled by the user's libshaderc at run time. A shader that doesn't compile ends the build.
+A build without a GLSL compiler works too: modules that came with an sdist are used as they are, and the other shaders
+are compiled on the user's machine when they are first used. A shader that doesn't compile ends the build.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ NAMES = ("brdf_table", "brdf_averages")
 
 
 def stage() -> Stage:
-    """The table over cosine and roughness, then its averages over the cosine; the shader says how large."""
+    """The table over cosine and roughness, and its averages over the cosine. The shader defines the table's size."""
     shader = "passes/brdf_table/integrate.comp"
     size = int(reflect(compile_shader(shader), shader).constants["BRDF_TABLE_SIZE"].default)
     return Stage(

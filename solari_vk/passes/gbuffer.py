@@ -1,4 +1,4 @@
-"""The G-buffer: what every pixel shows, and where that was in the last frame; glsl/passes/gbuffer/."""
+"""The G-buffer: the surface that each pixel shows, and its position in the previous frame; glsl/passes/gbuffer/."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from solari_vk.gpu.frame.stages import Draw, DrawList, History, Pass, Stage
 from solari_vk.settings import Settings
 
 COUNTERS = ("drawn_first", "drawn_second", "frustum_culled", "occlusion_culled")
-"""Fields of `gbuffer_counters`, numbers of instances: drawn because they were visible in the last frame, drawn because
-those don't hide them, out of view, and hidden. Together these are all that the scene shows."""
+"""Fields of `gbuffer_counters`, numbers of instances: drawn because they were visible in the previous frame, drawn
+because those don't hide them, outside the frustum, and occluded. Their sum is the number of the scene's visible ones."""
 
 _DRAW_COUNT_BYTES = 4
 PREVIOUS_INSTANCES = "previous_instances"  # the rows stay valid when the table of instances grows
@@ -46,7 +46,8 @@ def last_stage(instance_capacity: int) -> Stage:
 def _raster_passes(
     size: tuple[int, int], settings: Settings, rows: int, levels: list[tuple[int, int]]
 ) -> list[Pass | Draw]:
-    """What was visible in the last frame is drawn, then what that doesn't hide; each pixel's surface is found once."""
+    """Draws the instances that were visible in the previous frame, then those that the first ones don't hide, and
+    resolves the surface of each pixel once."""
 
     def draw(number: int) -> list[Pass | Draw]:
         constants = {
@@ -75,7 +76,8 @@ def _raster_passes(
 
 
 def _pyramid_sizes(size: tuple[int, int]) -> list[tuple[int, int]]:
-    """Of the depth pyramid's levels from 1 on, each a quarter of the one below, up to a single texel."""
+    """The sizes of the depth pyramid's levels from 1 on: each has a quarter of the width and height of the one before,
+    and the last is a single texel."""
     sizes: list[tuple[int, int]] = []
     while not sizes or size != (1, 1):
         size = (-(-size[0] // 4), -(-size[1] // 4))

@@ -1,13 +1,15 @@
-"""Guide buffers, for denoisers; glsl/passes/guides/.
+"""Guide images for denoisers; glsl/passes/guides/.
 
-Of what each pixel shows: `guides_diffuse_albedo` and `guides_specular_albedo` (rgb; the latter the environment BRDF),
+For each pixel: `guides_diffuse_albedo` and `guides_specular_albedo` (rgb; the latter is the environment BRDF),
 `guides_normal_roughness` (world-space shading normal, perceptual roughness), `guides_depth` (near / distance along the
-view axis, 0: nothing), `guides_motion` and `guides_specular_motion` (uv of the last frame minus uv, without jitter).
+view axis, 0 without a surface), `guides_motion` and `guides_specular_motion` (uv in the previous frame minus uv,
+without jitter).
 
-With primary surface replacement a pixel of a smooth metal describes the first surface in its chain of mirrors that is
-none, as if it stood where it seems to: normal, depth and specular motion are the virtual ones. `guides_motion` stays
-the mirror's own; a denoiser with one motion takes `guides_specular_motion`, which goes with the depth in every pixel.
-Exact for flat mirrors; curved ones count as their tangent plane.
+With primary surface replacement, a pixel that shows a smooth metal describes the first surface in the chain of mirrors
+that is no mirror, at its virtual position: normal, depth and specular motion are those of the virtual surface.
+`guides_motion` remains the motion of the mirror itself. A denoiser that takes a single motion uses
+`guides_specular_motion`, which agrees with the depth in every pixel. Virtual positions are exact for flat mirrors; a
+curved mirror is replaced by its tangent plane.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ IMAGES = ("diffuse_albedo", "specular_albedo", "normal_roughness", "depth", "mot
 
 
 def stage(size: tuple[int, int], settings: Settings) -> Stage:
-    """The images, written from the G-buffer and, behind mirrors, from rays."""
+    """The images, computed from the G-buffer, and from rays where a pixel shows a mirror."""
     return Stage(
         "guides",
         images={f"guides_{name}": size for name in IMAGES},

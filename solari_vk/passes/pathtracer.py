@@ -28,15 +28,15 @@ FIRST_HIT_AOVS = (
     "instance_id",
 )
 AOVS = (*FIRST_HIT_AOVS, "variance")
-"""Outputs beside the radiance. Of what the middle of each pixel shows: depth along the view axis (metres, inf:
-nothing), position (metres), geometric_normal, shading_normal (world space, towards the camera), albedo,
-roughness_metallic (perceptual), emissive (radiance), instance_id (row, 2^32 - 1: nothing). Of all its samples:
-variance, that of the pixel's mean luminance."""
+"""Outputs beside the radiance. Those of FIRST_HIT_AOVS describe the surface at each pixel's center: depth along the
+view axis (metres, inf without a surface), position (metres), geometric_normal and shading_normal (world space, towards
+the camera), albedo, roughness_metallic (perceptual roughness), emissive (radiance) and instance_id (row, 2^32 - 1
+without a surface). variance is that of the mean luminance over all samples of the pixel."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What `PathTracer` documents. Raises SolariError for values out of range."""
+    """The options that `PathTracer` documents. Raises SolariError for values out of range."""
 
     max_bounces: int
     seed: int
@@ -62,7 +62,7 @@ class Settings:
 
 
 def trace_stage(size: tuple[int, int], rows: int, settings: Settings) -> Stage:
-    """Means over all pixels, and a dispatch over some rows: the uniform first_row says which."""
+    """The means of all pixels, and a dispatch over some rows, from the uniform first_row on."""
     pixels = size[0] * size[1]
     brdf = brdf_constants(settings)
     return Stage(
@@ -73,7 +73,7 @@ def trace_stage(size: tuple[int, int], rows: int, settings: Settings) -> Stage:
 
 
 def aov_stage(size: tuple[int, int], rows: int) -> Stage:
-    """What the middle of every pixel shows."""
+    """The surface at the center of every pixel."""
     pixels = size[0] * size[1]
     return Stage(
         "aov",
@@ -102,7 +102,7 @@ def read_mean(frame: Frame, size: tuple[int, int]) -> NDArray[np.float32]:
 
 
 def read_variance(frame: Frame, size: tuple[int, int], samples: int) -> NDArray[np.float32]:
-    """Variance of the mean luminance (height, width); inf for a single sample, of which nothing is known."""
+    """Variance of the mean luminance (height, width); inf after a single sample."""
     deviations = frame["luminance_deviations"].astype(np.float64)
     spread = deviations / (samples * (samples - 1)) if samples > 1 else np.full_like(deviations, np.inf)
     return spread.astype(np.float32).reshape(size[1], size[0])

@@ -1,4 +1,4 @@
-"""The way of a camera to the shaders: Camera -> Projection -> the uniform blocks `camera` and `previous_camera`.
+"""How a camera reaches the shaders: Camera -> Projection -> the uniform blocks `camera` and `previous_camera`.
 
 glsl/scene/camera.glsl declares the blocks and makes rays from them.
 """
@@ -27,7 +27,7 @@ def _halton(index: int, base: int) -> float:
 
 
 JITTERS = [(_halton(index, 2) - 0.5, _halton(index, 3) - 0.5) for index in range(1, 33)]
-"""Sample positions in successive frames, from the pixel's center, in pixels; after the last the first follows."""
+"""Sample positions in successive frames, relative to the pixel's center, in pixels. The sequence repeats."""
 
 
 class Projection(NamedTuple):

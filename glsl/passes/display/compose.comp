@@ -1,4 +1,4 @@
-// Adds up what the passes found for every pixel, and what is seen of lights themselves.
+// Adds up the radiance of all passes for each pixel, and the emission that is directly visible.
 #version 460
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"

@@ -1,4 +1,4 @@
-// The colour of the viewer's panels: a vertex's times a texture's, both in sRGB, as Dear ImGui blends them.
+// The color of the viewer's panels: vertex color times texture color, both in sRGB, as Dear ImGui blends them.
 #version 460
 
 layout(set = 0, binding = 0) uniform sampler2D image;
