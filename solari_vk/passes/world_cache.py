@@ -27,9 +27,9 @@ CELL_BUFFERS = (
 def stage(size: tuple[int, int], settings: Settings) -> Stage:
     """A map of settings.world_cache_cells cells with 80 bytes each; the picture's size is not used.
 
-    The buffer world_cache_counters tells of each frame how many cells are active, how many of them were updated, and
-    how many queries found no place in the map. One seed gives one picture as long as there are no such failures:
-    who comes first is who gets the last place.
+    The buffer world_cache_counters holds the numbers of active cells, of updated cells, and of queries that found no
+    free entry in the map. As long as the last is 0, one seed gives one picture; otherwise the entries go to the
+    queries that happen to be first.
     """
     cells = settings.world_cache_cells
     brdf = brdf_constants(settings)

@@ -1,0 +1,93 @@
+"""Each live setting changes what a frame computes, and so does the preset of Solari."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import solari_vk as sv
+from solari_vk.conformance.realtime import PARTS, make_renderer
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import cornell_box, place
+from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES
+
+SIZE = (24, 24)
+OUTPUTS = (*PARTS, "guides_normal_roughness")
+FEW = {"light_tile_count": 4, "light_tile_samples": 64, "world_cache_cells": 1 << 14}
+# Values that matter within a few small frames. Other numbers are halved, and choices and switches take another value.
+OTHER = {
+    "world_cache_change_exponent": 0.01, "world_cache_change_smoothing": 1.0,
+    "pure_metal": 0.2, "similarity_normal_cosine": 0.99, "spatial_tries": 1,
+    "world_cache_lifetime": 1, "world_cache_search_steps": 1, "world_cache_max_samples": 2,
+    "world_cache_ray_length": 0.3, "world_cache_update_cap": 100, "di_confidence_cap": 1.0, "gi_confidence_cap": 1.0,
+    "gi_jacobian_limit": 1.05, "specular_bounces": 1, "specular_reuse_roughness": 0.01, "specular_di_roughness": 0.6,
+}  # fmt: skip
+
+
+def scene_of_everything():
+    """A Cornell box with a mirror, a glossy metal, a smooth dielectric and a thin wall."""
+    scene = cornell_box()
+    for x, material in (
+        (-0.5, sv.Material(metallic=1.0, perceptual_roughness=0.0)),
+        (0.0, sv.Material(metallic=1.0, perceptual_roughness=0.35)),
+        (0.5, sv.Material(metallic=0.3, perceptual_roughness=0.3)),
+    ):
+        scene.add(sv.Instance(mesh=shapes.sphere(0.2, 16), material=material, transform=place(at=(x, 1.2, 0.7))))
+    wall = shapes.box((-0.01, 0, -0.3), (0.01, 0.8, 0.3))
+    scene.add(sv.Instance(mesh=wall, material=sv.Material(), transform=place(at=(0.07, 0, 0.7)), name="wall"))
+    return scene
+
+
+def results(renderer, scene):
+    """The outputs of a few frames, in the midst of which the lamp changes and the wall moves."""
+    lamp = next(item for item in scene if item.material.emits)
+    wall = next(item for item in scene if item.name == "wall")
+    emissive, transform = lamp.material.emissive, wall.transform
+    renderer.reset()
+    renderer.frame_count = 0  # the same random numbers each time
+    try:
+        for index in range(6):
+            frame = renderer.render(scene.camera)
+            if index == 3:
+                lamp.material.emissive = 0.3 * np.asarray(emissive)
+                wall.transform = place(at=(0.1, 0, 0.7))
+        return {name: np.array(frame[name]) for name in OUTPUTS}
+    finally:
+        lamp.material.emissive, wall.transform = emissive, transform
+
+
+def other_value(name):
+    default, field = DEFAULTS[name], FIELDS[name]
+    if field.choices:
+        return field.choices[1]
+    if isinstance(default, bool):
+        return not default
+    return OTHER.get(name, type(default)(default / 2))
+
+
+def test_every_live_setting_matters(device):
+    scene, idle = scene_of_everything(), []
+    with make_renderer(device, scene, SIZE, **FEW) as renderer:
+        before = results(renderer, scene)
+        again = results(renderer, scene)
+        assert all(np.array_equal(before[name], again[name]) for name in OUTPUTS), "the comparison is of one seed"
+        for name in (name for name, field in FIELDS.items() if not field.rebuilds):
+            unchanged = getattr(renderer.settings, name)
+            setattr(renderer.settings, name, other_value(name))
+            found = results(renderer, scene)
+            setattr(renderer.settings, name, unchanged)
+            if all(np.array_equal(found[key], value) for key, value in before.items()):
+                idle.append(name)
+    assert not idle
+
+
+def test_solaris_preset_is_another_frame(device):
+    """The parts of its light are finite and of the defaults' size, but not equal."""
+    scene = scene_of_everything()
+    with make_renderer(device, scene, SIZE, **FEW) as renderer:
+        ours = results(renderer, scene)
+    with make_renderer(device, scene, SIZE, **{**QUALITIES["solari"], **FEW}) as renderer:
+        solari = results(renderer, scene)
+    for name in PARTS:
+        assert np.isfinite(solari[name]).all()
+        assert 0.5 < solari[name].mean() / ours[name].mean() < 2, name
+        assert not np.array_equal(solari[name], ours[name])
