@@ -7,7 +7,7 @@ from solari_vk.settings import Settings
 
 COUNTERS = ("drawn_first", "drawn_second", "frustum_culled", "occlusion_culled")
 """Fields of `gbuffer_counters`, numbers of instances: drawn because they were visible in the previous frame, drawn
-because those don't hide them, outside the frustum, and occluded. Their sum is the number of the scene's visible ones."""
+because those don't hide them, outside the frustum, and occluded. Their sum is the number of visible instances."""
 
 _DRAW_COUNT_BYTES = 4
 PREVIOUS_INSTANCES = "previous_instances"  # the rows stay valid when the table of instances grows
