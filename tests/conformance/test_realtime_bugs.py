@@ -13,6 +13,7 @@ from solari_vk.conformance import (
     guide_checks,
     indirect_checks,
     light_tile_checks,
+    specular_checks,
     world_cache_checks,
 )
 from solari_vk.conformance.direct_checks import DIRECT, LIT, PENUMBRA, SHADOW, SIXTEENTHS, Profile
@@ -24,6 +25,7 @@ from solari_vk.gpu.shaders.patches import patched_shaders
 DI_INITIAL = "passes/restir_di/initial_and_temporal.comp"
 DI, GI = "passes/restir_di/spatial_and_shade.comp", "passes/restir_gi/initial_and_temporal.comp"
 RASTER, RESOLVE, PIXEL = (f"passes/gbuffer/{name}" for name in ("raster.vert", "resolve.comp", "pixel.glsl"))
+SPECULAR, LOBE = "passes/specular_gi/trace.comp", "passes/specular_gi/lobe.glsl"
 GI_SHADE = "passes/restir_gi/spatial_and_shade.comp"
 CULL, GATHER = "passes/gbuffer/cull.comp", "passes/world_cache/sample_indirect.comp"
 QUERY = "passes/world_cache/query.glsl"
@@ -152,8 +154,28 @@ BUGS = {
     "own sample merged twice": (measure_indirect, ["one bounce"], GI_SHADE,
                                 "gi_temporal_reservoirs.at[neighbor.y * camera.size.x + neighbor.x]", "reservoir"),
     "a hemisphere too few": (measure_indirect, ["one bounce"], GI, "? 2.0 * PI :", "? PI :"),
-    "no Fresnel in mirrors": (indirect_checks.measure_mirror, ["a mirror"], "passes/specular_gi/lobe.glsl",
+    "no Fresnel in mirrors": (specular_checks.measure_mirror, ["a mirror"], LOBE,
                               "specular_fresnel(brdf, wo.z), INFINITY", "vec3(1.0), INFINITY"),
+    "lights counted twice": (specular_checks.measure_gallery, ["four metals"], SPECULAR,
+                             "* power_heuristic(path.bounce_pdf, light_pdf)", ""),
+    "sun counted twice": (specular_checks.measure_gallery, ["four metals"], "scene/sampling.glsl",
+                          "* power_heuristic(bounce_pdf, light_pdf)", ""),
+    "light samples without weights": (specular_checks.measure_gallery, ["four metals"], SPECULAR,
+                                      "* power_heuristic(light.solid_angle_pdf, brdf_pdf(brdf, wo, wi))", ""),
+    "no Fresnel in mirrors of a gallery": (specular_checks.measure_gallery, ["off each"], LOBE,
+                                           "specular_fresnel(brdf, wo.z), INFINITY", "vec3(1.0), INFINITY"),
+    "no light samples": (specular_checks.measure_gallery, ["four metals"], SPECULAR,
+                         "if (!brdf.mirror || brdf.specular_probability < 1.0) {", "if (false) {"),
+    "roulette's survivors are not raised": (specular_checks.measure_gallery, ["four metals"], SPECULAR,
+                                            "path.throughput /= survival;", ""),
+    "no first lights": (specular_checks.measure_gallery, ["four metals"], SPECULAR,
+                        "_settings.di_roughness ? INFINITY : 0.0", "_settings.di_roughness ? 0.0 : 0.0"),
+    "pdf of another lobe": (specular_checks.measure_gallery, ["off each"], LOBE, "brdf.pdf_per_d * D_GGX",
+                            "1.1 * brdf.pdf_per_d * D_GGX"),
+    "paths never end early": (specular_checks.measure_termination, ["wider than a cell"], SPECULAR,
+                              "return spread_width > cell_size &&", "return false &&"),
+    "paths end at once": (specular_checks.measure_termination, ["narrower than a cell"], SPECULAR,
+                          "return spread_width > cell_size &&", "return"),
     "light for nothing": (measure_matte_box, ["matte walls keeps its"],
                           COMPOSE, "emitted + diffuse", "emitted + 1.08 * diffuse"),
     "a dark corner": (frame_checks.measure_light, ["no sixteenth"], *DARK_CORNER),
@@ -234,12 +256,12 @@ BUGS = {
 QUICK = ("mirrored instances inside out", "boxes' far side for their near one", "motion the wrong way",
          "sums that begin a block late", "cells live forever", "light for nothing", "divided by nothing",
          "tiles packed without exposure", "every tile alike", "lengths as depths", "light counted twice",
-         "a stop too bright", "motion shown twice")  # fmt: skip
+         "paths never end early", "paths end at once", "a stop too bright", "motion shown twice")  # fmt: skip
 
 
 # What test_seeds_without_effect_are_noticed sees red.
 OF_SEEDS = ("same bits", "another seed")
-MODULES = (gbuffer_checks, direct_checks, world_cache_checks, indirect_checks, frame_checks)
+MODULES = (gbuffer_checks, direct_checks, world_cache_checks, indirect_checks, specular_checks, frame_checks)
 
 
 @pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__.split(".")[-1])
