@@ -256,7 +256,7 @@ BUGS = {
 QUICK = ("mirrored instances inside out", "boxes' far side for their near one", "motion the wrong way",
          "sums that begin a block late", "cells live forever", "light for nothing", "divided by nothing",
          "tiles packed without exposure", "every tile alike", "lengths as depths", "light counted twice",
-         "paths never end early", "paths end at once", "a stop too bright", "motion shown twice")  # fmt: skip
+         "paths never end early", "a stop too bright", "motion shown twice")  # fmt: skip
 
 
 # What test_seeds_without_effect_are_noticed sees red.
