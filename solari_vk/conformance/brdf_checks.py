@@ -1,4 +1,4 @@
-"""The surface model: energy, draws against their density, weights, reciprocity, and numbers everywhere."""
+"""The surface model: energy, samples against their density, weights, reciprocity, and finite values."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ CASES = [  # perceptual roughness, metallic, degrees
     (0.5, 0.5, 20.0),
     (0.0, 0.0, 50.0),
 ]
-CELLS = (24, 32)  # of slope and turn of the half vector
-FINE = 12  # points a cell each way for the expected counts
+CELLS = (24, 32)  # cells over slope and turn of the half vector
+FINE = 12  # quadrature points of a cell along each axis
 
 
 def furnace(shaders: ShaderRunner, metallic: float, **constants: Any) -> Floats:
-    """Albedo (roughness, angle) of white in white light."""
+    """The albedo (roughness, angle) of a white surface."""
     wo = np.tile([brdf_runs.direction(d) for d in DEGREES], (len(ROUGHNESS), 1))
     roughness = np.repeat(ROUGHNESS, len(DEGREES))
     albedo = brdf_runs.albedo(shaders, brdf_runs.materials(metallic=metallic, roughness=roughness), wo, **constants)
@@ -48,7 +48,7 @@ def furnace(shaders: ShaderRunner, metallic: float, **constants: Any) -> Floats:
 
 
 def measure_furnace(shaders: ShaderRunner, metallic: float) -> Iterator[Measurement]:
-    """A white surface sends back all of white light, whatever its roughness and the angle."""
+    """A white surface reflects all light, whatever its roughness and the angle."""
     worst = np.abs(furnace(shaders, metallic) - 1)
     where = np.unravel_index(worst.argmax(), worst.shape)
     note = f"roughness {ROUGHNESS[where[0]]:g}, {DEGREES[where[1]]} degrees"
@@ -57,8 +57,9 @@ def measure_furnace(shaders: ShaderRunner, metallic: float) -> Iterator[Measurem
 
 
 def half_to_incoming(slope: Floats, turn: Floats, wo: Floats) -> tuple[Floats, Floats]:
-    """wi (N, 3) for half vectors by the tangent of their tilt and their turn, and the solid angle of wi per
-    d(slope) d(turn)."""
+    """Directions wi (N, 3) for half vectors, and the solid angle of wi per d(slope) d(turn).
+
+    `slope` is the tangent of the half vector's angle to the normal, `turn` its azimuth."""
     cos_h = 1 / np.sqrt(1 + slope**2)
     half = np.stack([slope * np.cos(turn), slope * np.sin(turn), np.ones_like(slope)], axis=-1) * cos_h[..., None]
     along = half @ wo
@@ -66,7 +67,9 @@ def half_to_incoming(slope: Floats, turn: Floats, wo: Floats) -> tuple[Floats, F
 
 
 def expected_shares(shaders: ShaderRunner, material: NDArray[Any], wo: Floats, scale: float) -> Floats:
-    """Probability of each cell (CELLS) from brdf_pdf: Gauss in the slope up to where wi sets, midpoints in the turn."""
+    """The probability of each cell (CELLS), integrated from brdf_pdf.
+
+    Gauss quadrature over the slope, up to where wi meets the horizon, and midpoints over the turn."""
     wo = wo.astype(np.float64)
     nodes, weights = np.polynomial.legendre.leggauss(FINE)
     turn = 2 * np.pi * (np.arange(CELLS[1] * FINE) + 0.5) / (CELLS[1] * FINE)
@@ -82,7 +85,7 @@ def expected_shares(shaders: ShaderRunner, material: NDArray[Any], wo: Floats, s
     pdf = brdf_runs.run(shaders, "evaluate", len(wi), material, wo, wi)[:, 2, 0]
     shares = (pdf * area).reshape(q.shape) * d_slope * (2 * np.pi / len(turn))
     shares = shares.sum(axis=1).reshape(CELLS[0], CELLS[1], FINE).sum(axis=2)
-    # the horizon may cut a corner of a cell between two turns: little is expected there, but it isn't impossible
+    # The horizon may cut the corner of a cell between two turns. Samples there are rare, but possible.
     reach = np.max([horizon, np.roll(horizon, 1), np.roll(horizon, -1)], axis=0).reshape(CELLS[1], FINE).max(axis=1)
     possible = np.arange(CELLS[0])[:, None] / CELLS[0] < reach + 1e-3
     return np.where(possible, np.maximum(shares, 1e-12), 0)
@@ -91,8 +94,9 @@ def expected_shares(shaders: ShaderRunner, material: NDArray[Any], wo: Floats, s
 def drawn_cells(
     shaders: ShaderRunner, material: NDArray[Any], wo: Floats, wi: Floats, scale: float, count: int
 ) -> tuple[Floats, Floats]:
-    """How many of `count` draws, of which wi (N, 3) are valid, fell into each cell, and how many should have. The last
-    cell holds the draws that were lost below the horizon, where there are any."""
+    """How many of `count` samples fell into each cell, and how many are expected. wi (N, 3) are the valid samples.
+
+    The last cell holds the samples below the horizon, if there are any."""
     half = wi.astype(np.float64) + wo
     half /= half[:, 2:]
     q = np.arctan(np.hypot(half[:, 0], half[:, 1]) / scale) * 2 / np.pi
@@ -109,7 +113,7 @@ def drawn_cells(
 def measure_draws(
     shaders: ShaderRunner, cases: Sequence[tuple[float, float, float]], count: int
 ) -> Iterator[Measurement]:
-    """Draws follow brdf_pdf, and weigh f cos / pdf."""
+    """Samples follow brdf_pdf, and their weights are f cos / pdf."""
     bar = standard_deviations(sidak(0.01, len(cases)))
     for roughness, metallic, degrees in cases:
         name = f"roughness {roughness:g}, metallic {metallic:g}, {degrees:g} degrees"
@@ -127,7 +131,7 @@ def measure_draws(
 
 
 def _wrong_draws(rows: Floats, valid: NDArray[np.bool_], roughness: float, wo: Floats) -> Iterator[str]:
-    """What is wrong with draws (N, 4, 3) of a dielectric mirror (roughness 0) or of any rough surface."""
+    """What is wrong with samples (N, 4, 3) of a dielectric mirror (roughness 0) or of any rough surface."""
     wi, weight, (pdf, drawn_pdf, probability) = rows[:, 0], rows[:, 1], rows[:, 2].T
     mirrored = np.isinf(drawn_pdf)
     if (np.abs(np.linalg.norm(wi[valid], axis=1) - 1) > 1e-5).any():
@@ -149,7 +153,7 @@ def _wrong_draws(rows: Floats, valid: NDArray[np.bool_], roughness: float, wo: F
 
 
 def random_directions(rng: np.random.Generator, count: int, edge_share: float = 0.2) -> NDArray[np.float32]:
-    """Unit vectors of the upper hemisphere, some of them grazing, straight up or nearly either."""
+    """Unit vectors of the upper hemisphere; some of them graze the surface or are close to the normal."""
     v = rng.normal(size=(count, 3))
     v[:, 2] = np.abs(v[:, 2])
     edges = rng.random(count) < edge_share
@@ -159,7 +163,7 @@ def random_directions(rng: np.random.Generator, count: int, edge_share: float = 
 
 
 def random_materials(rng: np.random.Generator, count: int) -> NDArray[Any]:
-    """Records of brdf_runs.MATERIAL, many of them at or next to an edge of what is allowed."""
+    """Records of brdf_runs.MATERIAL, many of them at or near the limits of their fields."""
     edges = np.array([0, 1e-20, 1e-3, 0.03, 0.031622776, 0.0316228, 0.032, 0.5, 0.999999, 1], np.float32)
     records = np.zeros(count, brdf_runs.MATERIAL)
     for name in ("metallic", "perceptual_roughness"):
@@ -170,7 +174,7 @@ def random_materials(rng: np.random.Generator, count: int) -> NDArray[Any]:
 
 
 def measure_numbers(shaders: ShaderRunner, count: int) -> Iterator[Measurement]:
-    """No NaN, no infinity, nothing negative, nothing through the surface; diffuse is reciprocal."""
+    """Values and samples are finite, not negative and not below the surface; both lobes are reciprocal."""
     rng = np.random.default_rng(5)
     records = random_materials(rng, count)
     wo, wi = random_directions(rng, count), random_directions(rng, count)
@@ -191,4 +195,4 @@ def measure_numbers(shaders: ShaderRunner, count: int) -> Iterator[Measurement]:
         error = (np.abs(there - back) / (np.abs(back) + 1e-3)).max()
         yield Measurement(Rule(f"{name} is reciprocal", *_SOURCE), float(error), 1e-3 if lobe == 3 else 1e-4,
                           "relative error")  # fmt: skip
-        records["metallic"], records["reflectance"] = 0, 0  # F0 = 0 has no factor for multiple scattering
+        records["metallic"], records["reflectance"] = 0, 0  # with F0 = 0 there is no multiple scattering

@@ -39,7 +39,7 @@ def materials(
 
 
 def direction(degrees: float, turn: float = 0.4) -> NDArray[np.float32]:
-    """A direction (3,) that far from the normal."""
+    """A direction (3,) at this angle from the normal; `turn` is its azimuth in radians."""
     angle = np.radians(degrees)
     return np.array([np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn), np.cos(angle)], np.float32)
 
@@ -48,7 +48,7 @@ def run(
     shaders: ShaderRunner, mode: str, count: int, materials: NDArray[Any], wo: ArrayLike, wi: ArrayLike | None = None,
     **constants: Any,
 ) -> NDArray[np.float32]:  # fmt: skip
-    """Rows (count, 4, 3) of brdf.comp."""
+    """The rows (count, 4, 3) that brdf.comp writes; constants are its specialization constants."""
     wo = np.atleast_2d(np.asarray(wo, np.float32))
     wi = np.zeros((1, 3), np.float32) if wi is None else np.atleast_2d(np.asarray(wi, np.float32))
     given = {"test_materials": materials, "outgoing": wo, "incoming": wi, **shaders.brdf_tables()}

@@ -1,4 +1,4 @@
-"""Many rays with plain truths: closed surfaces hold, instances are told apart, extreme sizes, rays that are none."""
+"""Many rays whose hits are known: closed surfaces, many instances, extreme sizes, and invalid rays."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ def trace(
     shaders: ShaderRunner, tlas: Tlas, origins: ArrayLike, directions: ArrayLike, *, t_min: ArrayLike = 0.0,
     t_max: ArrayLike = 1e30, flags: int = 0, cull_mask: int = 0xFF, box_t: float = 0.0,
 ) -> np.ndarray:  # fmt: skip
-    """The closest hits (N records of t, custom_data, instance, geometry, primitive; t < 0 is a miss) of N rays.
+    """The closest hits of N rays: records of t, custom_data, instance, geometry and primitive; t < 0 is a miss.
 
-    Boxes are hit at `box_t`; 0 passes them over.
+    Boxes are hit at `box_t`, or ignored when it is 0.
     """
     origins, directions = np.broadcast_arrays(np.atleast_2d(origins), np.atleast_2d(directions))
     rays = np.zeros(len(origins), shaders.element("conformance/trace", "rays"))
@@ -54,7 +54,7 @@ def turn(random: np.random.Generator) -> NDArray[np.float64]:
 
 
 def bumpy_ball(segments: int, bumps: float, seed: int = 0) -> NDArray[np.float32]:
-    """(T, 3, 3): a closed ball around the origin of `2 * segments^2` thin and uneven triangles, in spatial order."""
+    """About 2 * segments^2 thin, uneven triangles (T, 3, 3), in spatial order, that close a ball around the origin."""
     random = np.random.default_rng(seed)
     rings = segments
     polar, around = np.meshgrid(np.linspace(0, np.pi, rings + 1), np.arange(segments) * (2 * np.pi / segments),
@@ -86,11 +86,11 @@ def _place(name: str) -> NDArray[np.float64]:
 
 
 def measure_watertight(shaders: ShaderRunner) -> Iterator[Measurement]:
-    """Rays from inside a closed surface, and down on a fan around one vertex: at edges, and right at vertices."""
+    """Rays at the edges and the vertices of a closed surface, from inside, and of a fan around one vertex."""
     random = np.random.default_rng(7)
     angles = np.cumsum(random.uniform(0.2, 1.0, 200))
     angles *= 2 * np.pi / angles[-1]
-    # Flat enough that from above no triangle is seen from the side, where a ray beside an edge misses rightly.
+    # The fan is so flat that no triangle is seen edge-on from above, where a ray beside an edge may miss it.
     rim = np.stack([np.cos(angles), np.sin(angles), 0.2 * np.sin(3 * angles) - 0.2], 1)
     rim = rim * random.uniform(0.5, 2, (200, 1)) + (0.1, 0.2, 0.3)
     apex = np.tile((0.1, 0.2, 0.3), (200, 1))
@@ -121,7 +121,7 @@ def measure_watertight(shaders: ShaderRunner) -> Iterator[Measurement]:
 
 
 def _edge_points(corners: Floats, along: Floats, edges: Sequence[tuple[int, int]] = ((0, 1), (1, 2), (2, 0))) -> Floats:
-    """Points at these parts of triangles' edges."""
+    """Points on the edges of triangles; `along` gives their positions, from 0 to 1."""
     corners = corners.astype(np.float64)
     part = along[:, None, None]
     points = [corners[:, i] * (1 - part) + corners[:, j] * part for i, j in edges]
@@ -129,7 +129,7 @@ def _edge_points(corners: Floats, along: Floats, edges: Sequence[tuple[int, int]
 
 
 def measure_many_instances(shaders: ShaderRunner, count: int) -> Iterator[Measurement]:
-    """Small triangles in a loose heap, each looked at from close by."""
+    """Scattered small triangles, with a ray at each from close by."""
     random = np.random.default_rng(9)
     count = min(count, int(shaders.device.properties.acceleration.maxInstanceCount))
     side = int(np.ceil(count ** (1 / 3)))
@@ -151,8 +151,9 @@ def measure_many_instances(shaders: ShaderRunner, count: int) -> Iterator[Measur
 
 
 def _extreme_cases() -> Iterator[tuple[float, float, float]]:
-    """Sizes, stretches and places in metres. Farther off than 100,000 times a triangle's narrow side, a ray in float32
-    can't be aimed at it."""
+    """Sizes, stretches and distances from the origin, in metres.
+
+    A float32 ray can't be aimed at a triangle that lies farther off than 100,000 times its narrow side."""
     for exponent, stretch, far in itertools.product(range(-6, 7), (1.0, 1e3, 1e-3), (0.0, 1.0, 100.0, 1e4, 1e6)):
         size = 10.0**exponent
         if far <= 1e5 * size * min(stretch, 1.0):
@@ -160,11 +161,11 @@ def _extreme_cases() -> Iterator[tuple[float, float, float]]:
 
 
 def measure_extreme_transforms(shaders: ShaderRunner) -> Iterator[Measurement]:
-    """t against float64, relative to the rounding that a world-space ray brings with it, and in metres by size."""
+    """Compare t with float64: relative to the rounding of world-space rays, and in metres for three sizes."""
     random = np.random.default_rng(12)
     corners = np.array([[(-1, -1, 0), (1, -1, 0), (0, 1.5, 0)]])
     relative, missed = (0.0, ""), []
-    metres = dict.fromkeys((1e-6, 1.0, 1e6), (0.0, 0.0, 0.0, ""))  # as part of the bar, metres, the bar, where
+    metres = dict.fromkeys((1e-6, 1.0, 1e6), (0.0, 0.0, 0.0, ""))  # error / bar, error in metres, bar, case
     for size, stretch, far in _extreme_cases():
         matrix = np.zeros((3, 4))
         matrix[:, :3] = turn(random) @ np.diag((1.0, stretch, 1.0)) * size
@@ -186,7 +187,7 @@ def measure_extreme_transforms(shaders: ShaderRunner) -> Iterator[Measurement]:
         relative = max(relative, (error / max(1.5, np.abs(inverse).max() * np.abs(exact).max()), label))
         if size in metres:
             off = error * float(np.linalg.norm(direction))
-            # A ray at a slant to a stretched triangle makes more of what rounding its coordinates does.
+            # The factor allows for rays that meet stretched triangles at a slant, which magnifies rounding.
             bar = 256 * 2.0**-24 * float(max(np.abs(exact).max(), np.abs(origins).max()))
             metres[size] = max(metres[size], (off / bar, off, bar, label))
     yield count_wrong(_EXTREME, missed)
@@ -198,7 +199,7 @@ def measure_extreme_transforms(shaders: ShaderRunner) -> Iterator[Measurement]:
 
 
 def measure_not_finite(shaders: ShaderRunner) -> Iterator[Measurement]:
-    """Rays at a wall and a row of boxes, with one part after the other that is no number."""
+    """Rays at a wall and a box, each with another component that makes it invalid."""
     wall = np.array([[(-9, -9, 0), (9, -9, 0), (0, 9, 0)]])
     shapes: Shapes = {"wall": [Triangles(wall)], "box": [Boxes(np.array([[(-1, -1, 1), (1, 1, 2)]]))]}
     changes: dict[str, dict[int, float]] = {"a plain ray": {}, "an endless ray": {7: np.inf}}

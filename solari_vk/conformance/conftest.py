@@ -1,4 +1,4 @@
-"""Fixtures of the suite. Without `solari-vk conformance` around it, a run is set up from the environment."""
+"""Fixtures of the suite. Without the command `solari-vk conformance`, the environment sets a run up."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.fixture(scope="session")
 def suite(request: pytest.FixtureRequest) -> Suite:
-    """The run."""
+    """The suite that runs this test."""
     plugins = request.config.pluginmanager.get_plugins()
     return next(plugin for plugin in plugins if isinstance(plugin, Suite))
 
@@ -40,11 +40,11 @@ def shaders(device: Device) -> Iterator[ShaderRunner]:
 
 @pytest.fixture
 def rule(request: Any, suite: Suite) -> Recorder:
-    """rule(measurement or measurements): what the test has found."""
+    """Records what the test measures: rule(measurement) or rule(measurements)."""
     return suite.recorder(request.node)
 
 
 @pytest.fixture(scope="session")
 def full(suite: Suite) -> bool:
-    """Whether to measure ten times as much; what is measured only then is given to `rule.full_only` otherwise."""
+    """Whether this is the full profile, which measures more; `rule.full_only` records what others leave out."""
     return suite.full

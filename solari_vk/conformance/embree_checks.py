@@ -1,4 +1,4 @@
-"""Random rays against Embree: the same triangle, except where it is a matter of rounding."""
+"""Random rays against Embree: both must hit the same triangle, except where rounding decides."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from solari_vk.scene.matrices import transform_points
 from solari_vk.scene.spatial import spatial_order
 
 SCENES = ("soup", "instanced", "mesh of a million")
-_NEAR = 1e-4  # of the extent: so close to an edge either answer is right
+_NEAR = 1e-4  # of the extent: this close to an edge, both answers are right
 _BATCH = 1 << 18
 
 
@@ -31,7 +31,7 @@ def available() -> bool:
 
 
 def rules(scene: str) -> list[Rule]:
-    """What is measured on a scene."""
+    """The rules that `measure` measures on a scene."""
     section = "Ray Closest Hit Determination"
     return [
         Rule(f"{scene}: the closest hit is Embree's, except at edges", VULKAN, section),
@@ -64,7 +64,7 @@ def _scene(name: str, small: bool) -> tuple[dict[str, list[Triangles]], list[Pla
 
 
 class _Flat:
-    """All triangles in world space, with which instance and primitive each is."""
+    """All triangles in world space, with the instance and the primitive index of each."""
 
     def __init__(self, shapes: dict[str, list[Triangles]], placed: list[Placed]) -> None:
         corners, instance, primitive = [], [], []
@@ -87,7 +87,7 @@ class _Flat:
         return scene
 
     def meet(self, index: NDArray[Any], origins: NDArray[Any], directions: NDArray[Any]) -> tuple[Any, Any]:
-        """Float64 t to the planes of triangles (N,), and how far from their nearest edges' lines; inf for index -1."""
+        """Float64 t where rays meet the planes of triangles (N,), and the nearest edge's distance; inf for index -1."""
         t, edge = np.full(len(index), np.inf), np.full(len(index), np.inf)
         hit = np.flatnonzero(index >= 0)
         corners, origins, directions = self.corners[index[hit]], origins[hit], directions[hit]
@@ -108,7 +108,7 @@ def _dot(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
 
 
 def measure(shaders: ShaderRunner, scene: str, count: int, small: bool = False) -> Iterator[Measurement]:
-    """`count` random rays through the scene's bounds; small: through less of a scene, for tests."""
+    """Trace `count` random rays through the bounds of a scene. `small` asks for a smaller scene, for tests."""
     shapes, placed = _scene(scene, small)
     flat = _Flat(shapes, placed)
     oracle = flat.embree()

@@ -1,4 +1,4 @@
-"""Lights: closed forms for a lamp and a sun over a floor, and changes that must change nothing."""
+"""Lights: closed forms for a lamp and a sun over a floor, and changes that must not change the picture."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import rgb
 
-# Five standard errors of the mean fit beside the interval: other devices draw other noise.
+# Leaves room for five standard errors beside the interval, since other devices give other noise.
 BAR = 0.01
-# A tilted lamp above the floor, between it and the camera: its back is not seen by the camera.
+# A tilted lamp between the floor and the camera, which sees only its back side, through which lamps are invisible.
 LAMP_CORNERS = np.array([(-0.6, 1.2, -0.4), (0.7, 1.2, -0.4), (0.7, 1.5, 0.5), (-0.6, 1.5, 0.5)])
 LAMP_RADIANCE = np.array((5.0, 3.0, 1.0))
 _ALBEDO = np.array((0.8, 0.5, 0.2))
@@ -27,20 +27,20 @@ _CLOSED, _INVARIANT = "closed form", ("invariance", "the same light, described d
 
 
 def floor_scene(material: sv.Material, *extra: Any) -> sv.Scene:
-    """A floor of 8 m seen slantwise from 3 m: all of the picture is floor."""
+    """A floor 8 m wide, seen at a slant from a height of 3 m; it fills the picture."""
     floor = sv.Instance(mesh=shapes.quad((0, 0, 0), (0, 0, 4), (4, 0, 0)), material=material, name="floor")
     camera = sv.Camera.look_at((0.4, 3, 1.5), (0, 0, 0), vertical_fov=math.radians(50))
     return sv.Scene(floor, camera, *extra)
 
 
 def lamp_above(corners: ArrayLike = LAMP_CORNERS, brightness: float = 1.0) -> sv.Instance:
-    """A lamp of these corners with LAMP_RADIANCE times the brightness."""
+    """A lamp with these corners that emits LAMP_RADIANCE times `brightness`."""
     material = sv.Material(base_color=rgb(0), reflectance=rgb(0), emissive=rgb(LAMP_RADIANCE * brightness))
     return sv.Instance(mesh=shapes.polygons(corners), material=material, name="lamp")
 
 
 def lamp_on_lambert(scene: sv.Scene, size: int, albedo: NDArray[Any] = _ALBEDO) -> NDArray[Any]:
-    """What a picture (size, size, 3) of a Lambert floor under the lamp must be."""
+    """The picture (size, size, 3) of a Lambert floor under the lamp, by its closed form."""
     up = np.array([(0.0, 1.0, 0.0)])
     irradiance = closed_forms.over_pixels(
         scene.camera, size, lambda points: closed_forms.polygon_irradiance(points, up, LAMP_CORNERS, 1.0)
@@ -73,7 +73,7 @@ def measure_sun(device: Device, diameter: float, strategy: str) -> Iterator[Meas
 
 
 def measure_invariance(device: Device) -> Iterator[Measurement]:
-    """Lamps in parts, in another order, and brighter give the same picture, the same, and one as much brighter."""
+    """Split and reordered lamps give the same picture; a brighter lamp gives a picture brighter by its factor."""
     floor = sv.Material(base_color=rgb(_ALBEDO))
 
     def picture(*lamps: sv.Instance, seed: int = 0) -> Picture:

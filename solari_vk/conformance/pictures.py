@@ -1,4 +1,4 @@
-"""Path-traced pictures with measured variances, and how far they are from what they must be."""
+"""Path-traced pictures with measured variances, and their comparison with what is expected."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from solari_vk.scene.model import Camera, Scene
 
 @dataclass
 class Picture:
-    """Independent parts of one picture's samples, runs (R, h, w, 3): their mean, and the variance of that mean."""
+    """A picture as R independent parts of its samples, (R, h, w, 3)."""
 
     runs: NDArray[Any]
 
     @property
     def mean(self) -> NDArray[Any]:
-        """(h, w, 3) in float64."""
+        """The mean of the parts (h, w, 3), float64."""
         return self.runs.mean(axis=0, dtype=np.float64)  # type: ignore[no-any-return]
 
     @property
     def variance(self) -> NDArray[Any]:
-        """(h, w, 3): of the mean."""
+        """The variance of the mean (h, w, 3)."""
         return self.runs.var(axis=0, ddof=1, dtype=np.float64) / len(self.runs)  # type: ignore[no-any-return]
 
 
@@ -36,9 +36,9 @@ def take_picture(
     device: Device, scene: Scene, size: tuple[int, int] = (48, 48), samples: int = 64, *,
     runs: int = 8, camera: Camera | None = None, **settings: Any,
 ) -> Picture:  # fmt: skip
-    """A picture of `samples` a pixel, in all; settings are PathTracer's.
+    """Take a picture of `samples` per pixel in `runs` consecutive parts; settings are those of PathTracer.
 
-    The variance comes from the spread of consecutive parts of the samples, not from the renderer's own estimate.
+    The variance comes from the spread of the parts, not from the renderer's own estimate.
     """
     renderer = PathTracer(device, scene, size, **settings)
     try:
@@ -60,7 +60,7 @@ def compare_picture(
     name: str, source: tuple[str, str], made: Picture, expected: ArrayLike, bar: float,
     variance: ArrayLike = 0.0, tile: int = 8,
 ) -> list[Measurement]:  # fmt: skip
-    """Compare a picture with (h, w, 3) of some variance: the mean is within the bar, and no tile differs."""
+    """Compare a picture with `expected` (h, w, 3): the mean must lie within the bar, and no tile may differ."""
     found = compare(made.mean, made.variance, expected, variance, tile)
     mean, tiles = (Rule(f"{name}: {part}", *source) for part in ("mean", "tiles"))
     return [

@@ -1,4 +1,4 @@
-"""Vertex return: the positions of hit triangles' vertices, where the device has them."""
+"""Vertex return: the vertex positions of hit triangles, on devices that have them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ RULES = {
 
 
 def measure_positions(shaders: ShaderRunner) -> Iterator[Measurement]:
-    """Object-space positions of every triangle that a probe must hit, against the geometry (with its transform)."""
+    """Compare returned positions with the geometry, after its transform, for each triangle that a probe must hit."""
     rays = probe_rays(shaders.element("conformance/positions", "probes"))
     with World(shaders.device, SHAPES, list(INSTANCES.values())) as world:
         inputs = {"tlas": world.tlas, "probes": rays}
@@ -40,7 +40,7 @@ def measure_positions(shaders: ShaderRunner) -> Iterator[Measurement]:
 
 
 def _corners(probe: Probe, which: str) -> np.ndarray | None:
-    """The vertices (3, 3) that a probe must get; None when it needn't hit, or when several may be hit."""
+    """The vertices (3, 3) that a probe must get. None for probes without a hit, or with several possible hits."""
     hit = probe.committed
     if hit is None or hit.kind != TRIANGLE or hit.primitive is None or probe.action != CONFIRM:
         return None

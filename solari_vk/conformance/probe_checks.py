@@ -1,4 +1,4 @@
-"""Runs the probes in a world and holds the answers against the hand table and float64 closed forms."""
+"""Runs the probes and compares the answers with the table and with float64 closed forms."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _OPAQUE_BOX = Rule("OpRayQueryGetIntersectionCandidateAABBOpaque", VULKAN, "Ray 
 
 
 def probe_rays(dtype: np.dtype[Any]) -> np.ndarray:
-    """The probes as the shader takes them, rays in world space rounded to float32."""
+    """The probes as the shader takes them: rays in world space, rounded to float32."""
     records = np.zeros(len(PROBES), dtype)
     for record, probe in zip(records, PROBES, strict=True):
         matrix = INSTANCES[probe.on].matrix
@@ -44,7 +44,7 @@ STAGES = ("compute", "debug build", "fragment")
 def run_rays(
     shaders: ShaderRunner, world: World, rays: np.ndarray, stage: str = STAGES[0]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Answers (one a ray) in one of STAGES, and how often each rule of rt.RULES was broken: debug builds count it."""
+    """Answers, one for each ray, from one of STAGES, and how often the debug build found each of rt.RULES broken."""
     faults = np.zeros(len(rt.RULES), [("count", "<u4"), ("invocation", "<u4", 3)])
     inputs = {"tlas": world.tlas, "probes": rays}
     outputs: dict[str, int | np.ndarray] = {"answers": len(rays)}
@@ -70,7 +70,7 @@ def run_rays(
 def measure_probes(
     shaders: ShaderRunner, world: World, stage: str = STAGES[0], damage: Callable[[np.ndarray], None] | None = None
 ) -> Iterator[Measurement]:
-    """All rules that the probes measure; `damage` seeds bugs into the rays that are sent."""
+    """Measure all rules that the probes prove. `damage` changes the rays before they are sent, to seed bugs."""
     rays = probe_rays(shaders.element("conformance/probe", "probes"))
     sent = rays.copy()
     if damage is not None:
@@ -82,7 +82,7 @@ def measure_probes(
 
 
 def _measure(rays: np.ndarray, answers: np.ndarray) -> Iterator[Measurement]:
-    """All rules that the probes measure."""
+    """Compare answers with what the probes must find."""
     checked = [_Checked(*item) for item in zip(PROBES, rays, answers, strict=True)]
     rules: dict[Rule, list[_Checked]] = {}
     for item in checked:
@@ -125,7 +125,7 @@ _DISCRETE = ("instance_custom_data", "instance_index", "sbt_record_offset", "geo
 
 
 class _Checked:
-    """A probe with its ray, its answer, and the float64 truth about the instance that it meets."""
+    """A probe with its ray, its answer, and the float64 matrices of its instance."""
 
     def __init__(self, probe: Probe, ray: np.void, answer: np.void) -> None:
         self.probe, self.ray, self.answer = probe, ray, answer
@@ -137,11 +137,11 @@ class _Checked:
         self.direction = self.inverse @ ray["direction"].astype(np.float64)
 
     def expected(self, which: str) -> Expected | None:
-        """What the hand table says of the committed hit or of the only candidate."""
+        """What the table says of the committed hit or of the only candidate."""
         return self.probe.committed if which == "committed" else self.probe.candidate
 
     def wrong(self) -> str:
-        """What the answer has wrong, in words; empty when nothing."""
+        """What is wrong with the answer, in words; empty when nothing is."""
         probe, answer = self.probe, self.answer
         if self.steps == 0xFFFFFFFF:
             return "not run"
@@ -157,7 +157,7 @@ class _Checked:
                 continue
             found += [f"{which} {name}" for name in self.discrete(which)]
             allowed = probe.among if expected.t is None else (expected.t,)
-            # Rounding of world-space rays moves a tiny instance's t more than the float64 check, which knows of it.
+            # Rounding of world-space rays moves t on a tiny instance, which `errors` allows for; so this bar is wide.
             if allowed and not any(abs(got["t"] - t) <= 1e-3 * t for t in allowed):
                 found.append(f"{which} t = {got['t']:g}")
         if probe.candidates is not None and self.steps != probe.candidates:
@@ -170,7 +170,7 @@ class _Checked:
         return int(got["primitive"]) if expected.primitive is None else expected.primitive
 
     def discrete(self, which: str) -> list[str]:
-        """The names of whole-number members that are wrong."""
+        """The names of integer members that are wrong."""
         expected, got = self.expected(which), self.answer[which]
         assert expected is not None
         pairs = {
@@ -185,7 +185,7 @@ class _Checked:
         return [name for name, (value, right) in pairs.items() if value != right]
 
     def errors(self, which: str) -> dict[str, float]:
-        """Relative errors of the real-valued members."""
+        """The relative error of each floating-point member."""
         expected, got = self.expected(which), self.answer[which]
         assert expected is not None
         matrix = self.placed.matrix
@@ -207,11 +207,11 @@ class _Checked:
         return found
 
     def _coarseness(self) -> float:
-        """The magnitude whose rounding moves the object-space ray: its origin cancels against the instance's place."""
+        """The magnitude whose rounding moves the object-space ray: its origin and the translation cancel."""
         return float(np.abs(self.inverse).max() * np.abs(self.placed.matrix).max())
 
     def _meet(self, geometry: int, primitive: int) -> tuple[float, NDArray[np.float64]]:
-        """t and barycentrics at which the object-space ray meets the triangle's plane."""
+        """t and barycentrics where the object-space ray meets the plane of the triangle."""
         part = SHAPES[self.placed.shape][geometry]
         assert isinstance(part, Triangles)
         a, b, c = part.placed[primitive]
@@ -219,7 +219,7 @@ class _Checked:
         return float(t), np.array([u, v])
 
     def tells_its_ray(self) -> bool:
-        """Whether the query's getters of the ray return what it was given."""
+        """Whether the getters of the ray return the ray that was sent."""
         got, ray = self.answer, self.ray
         same = [
             got["t_min"] == ray["t_min"], got["flags"] == ray["flags"],
@@ -228,7 +228,7 @@ class _Checked:
         return all(map(bool, same))
 
     def tells_opaque_boxes(self) -> bool:
-        """Whether box candidates came with the opacity that geometry and flags give them."""
+        """Whether AABB candidates had the opacity that geometry and flags give them."""
         opaque = self.placed.shape == "opaque boxes" or self.probe.flags & 1
         return int(self.answer["opaque_boxes"]) == (int(self.answer["box_candidates"]) if opaque else 0)
 

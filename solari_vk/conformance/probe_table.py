@@ -1,4 +1,4 @@
-"""The hand table: every probe with what it must find. Heights are such that t is plain: triangles lie in z = 0."""
+"""The table of all probes, written by hand. Triangles lie in z = 0, so that t is the height of the ray's origin."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""The probes' scene, and the hand table of probes: rays with what the documents say that they must find.
+"""What a probe is, and the scene of all probes: a probe is a ray with what the documents say that it must find.
 
-Every probe is told in the object space of one instance, where its outcome is plain; the world keeps instances 10
-apart in x, far enough that a ray meets its own instance only.
+Each probe is described in the object space of one instance, where its result is easy to see. Instances lie 10 apart
+in x, so that a ray meets its own instance only.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ NONE, TRIANGLE, GENERATED, AABB = IntersectionKind
 
 
 def triangle(x: float = 0.0, z: float = 0.0) -> NDArray[np.float64]:
-    """(3, 3): (x, 0, z), (x + 2, 0, z), (x, 2, z), facing +z."""
+    """The triangle (x, 0, z), (x + 2, 0, z), (x, 2, z), which faces +z, as an array (3, 3)."""
     return np.array([(x, 0, z), (x + 2, 0, z), (x, 2, z)], np.float64)
 
 
@@ -104,7 +104,7 @@ INSTANCES = _instances()
 
 @dataclass(frozen=True)
 class Expected:
-    """What must be committed, or what the first candidate must be. t None: any of those in the probe's `among`."""
+    """The committed hit or the first candidate that a probe must find; t None allows any of its `among`."""
 
     kind: int
     t: float | None
@@ -117,8 +117,9 @@ class Expected:
 class Probe:
     """A ray in the object space of instance `on`, and what it must find there.
 
-    `committed` None means nothing. `candidate`, when given, is the first and only candidate; `candidates` how often the
-    traversal must stop, None where documents leave it open; `among` are the distances of which one must be found.
+    committed: the hit, None when there must be none. candidate: the only candidate, if it is to be checked.
+    candidates: how many candidates there must be, None where the documents leave it open. among: allowed distances,
+    where several hits are right.
     """
 
     label: str
@@ -159,5 +160,5 @@ def call_rule(name: str) -> Rule:
 
 
 def instance_rule(name: str) -> Rule:
-    """A rule of instance flags, which the wgpu document leaves out."""
+    """A rule of instance flags, which the wgpu document doesn't define."""
     return Rule(name, VULKAN, "VkGeometryInstanceFlagBitsKHR")

@@ -1,4 +1,4 @@
-"""The report of a run: a header about the device, and a table with a row a rule, as text, Markdown or HTML."""
+"""The report of a run: facts about the device and a table of rules, as text, Markdown or HTML."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Report:
             self.header["left out"] = ", ".join(left_out)
 
     def verdict(self) -> str:
-        """How many rules came out how."""
+        """How many rules there are of each status."""
         counts = Counter(row.status for row in self.rows)
         parts = [f"{counts[status]} {status}" for status in reversed(STATUSES) if counts[status]]
         return f"{len(self.rows)} rules: {', '.join(parts) or 'none measured'}"
@@ -62,18 +62,18 @@ class Report:
         return row.rule.name, source, row.status, row.measured, row.bar, str(row.runs)
 
     def _remarks(self) -> list[str]:
-        """What rows that aren't plain have to say."""
+        """The notes of all rows that have one."""
         return [f"{row.status}: {row.group}: {row.rule.name}: {row.note}" for row in self.rows if row.note]
 
     def text(self) -> str:
-        """Plain text, columns aligned."""
+        """The report as plain text with aligned columns."""
         lines = [f"{name + ':':11}{value}" for name, value in self.header.items()]
         for group, members in self._groups().items():
             lines += ["", group, *text_table(_COLUMNS, [self._cells(row) for row in members])]
         return "\n".join(lines + (["", *self._remarks()] if self._remarks() else []))
 
     def markdown(self) -> str:
-        """A page with a table a group."""
+        """The report as a Markdown page with a table for each group."""
         lines = ["# Conformance report", "", _LEGEND, "", *markdown_facts(self.header)]
         for group, members in self._groups().items():
             lines += ["", f"## {group}", "", *markdown_table(_COLUMNS, [self._cells(row) for row in members])]
@@ -85,7 +85,7 @@ class Report:
         return "\n".join(lines) + "\n"
 
     def html(self) -> str:
-        """A page of its own, without anything from elsewhere."""
+        """The report as a self-contained HTML page."""
         parts = [
             "<!doctype html><meta charset='utf-8'><title>Conformance report</title><style>body{font:14px sans-serif;"
             "margin:2em}table{border-collapse:collapse}td,th{border:1px solid #ccc;padding:2px 8px;text-align:left}"

@@ -9,14 +9,14 @@ from dataclasses import dataclass, field
 WGPU, VULKAN, SUITE = "wgpu ray tracing", "Vulkan 1.3", "solari_vk"
 PASS, FAIL, ERROR, FAULT, UNSUPPORTED = "pass", "FAIL", "ERROR", "known fault", "unsupported"
 NOT_RUN = "not run (full only)"
-# The worst first: what a row says when its rule was measured in several cases.
+# From the worst to the best: a row shows the worst status of its cases.
 STATUSES = (ERROR, FAIL, FAULT, NOT_RUN, UNSUPPORTED, PASS)
-RED = (ERROR, FAIL)  # what makes a run fail
+RED = (ERROR, FAIL)  # statuses that make a run fail
 
 
 @dataclass(frozen=True)
 class Rule:
-    """A sentence that must hold, and where it is from."""
+    """A sentence that must hold, with its source."""
 
     name: str
     document: str
@@ -25,7 +25,7 @@ class Rule:
 
 @dataclass(frozen=True)
 class Measurement:
-    """A rule measured once: it holds when `measured` is at most `bar`. `note` says what went wrong, and where."""
+    """A measured rule, which holds when `measured` is at most `bar`. `note` says what went wrong and where."""
 
     rule: Rule
     measured: float
@@ -35,7 +35,7 @@ class Measurement:
 
     @property
     def holds(self) -> bool:
-        """Whether the bar is kept; a NaN keeps none."""
+        """Whether `measured` is at most `bar`; false for NaN."""
         return self.measured <= self.bar
 
     def __str__(self) -> str:
@@ -45,7 +45,7 @@ class Measurement:
 
 @dataclass(frozen=True)
 class Outcome:
-    """A measurement, or why there is none, with the group and the case it was made in."""
+    """A measurement, or the reason why there is none, with its group and case."""
 
     group: str
     rule: Rule
@@ -57,7 +57,7 @@ class Outcome:
 
 @dataclass
 class Row:
-    """All that is known of one rule: the worst of its cases."""
+    """All outcomes of one rule; the report shows the worst."""
 
     group: str
     rule: Rule
@@ -65,7 +65,7 @@ class Row:
 
     @property
     def worst(self) -> Outcome:
-        """The outcome that decides: by status first, then by how much of its bar it uses."""
+        """The outcome with the worst status; among several, the one closest to its bar."""
         return min(self.outcomes, key=lambda outcome: (STATUSES.index(outcome.status), -_used(outcome)))
 
     @property
@@ -81,19 +81,19 @@ class Row:
 
     @property
     def bar(self) -> str:
-        """What it was held against."""
+        """The bar of the worst outcome."""
         return f"{self.worst.measurement.bar:.3g}" if self.worst.measurement else ""
 
     @property
     def note(self) -> str:
-        """What to know of a row that isn't plain: reason or note, and the case."""
+        """The reason or the note of the worst outcome, with its case; empty for a rule that simply holds."""
         worst = self.worst
         text = worst.reason or (worst.measurement.note if worst.measurement and worst.status != PASS else "")
         return f"{text} [{worst.case}]" if text and worst.case else text
 
     @property
     def runs(self) -> int:
-        """In how many cases it was measured."""
+        """The number of cases in which the rule was measured."""
         return sum(outcome.measurement is not None for outcome in self.outcomes)
 
 
@@ -105,7 +105,7 @@ def _used(outcome: Outcome) -> float:
 
 
 def rows(outcomes: Iterable[Outcome]) -> list[Row]:
-    """One row a rule, in the order in which groups and rules came up first."""
+    """One row for each rule, in the order in which groups and rules first appear."""
     found: dict[tuple[str, Rule], Row] = {}
     for outcome in outcomes:
         key = (outcome.group, outcome.rule)
@@ -115,7 +115,7 @@ def rows(outcomes: Iterable[Outcome]) -> list[Row]:
 
 
 def count_wrong(rule: Rule, wrong: Iterable[str]) -> Measurement:
-    """A rule that holds when nothing is wrong; the names of the first few that are make the note."""
+    """Measure a rule by the number of wrong cases; the note names the first few."""
     names = list(wrong)
     more = f" and {len(names) - 4} more" if len(names) > 4 else ""
     return Measurement(rule, float(len(names)), note=", ".join(names[:4]) + more)

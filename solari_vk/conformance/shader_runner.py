@@ -16,7 +16,7 @@ from solari_vk.passes import brdf_table
 
 
 class ShaderRunner:
-    """Passes of the package, or of `root` where it has them, each compiled once. A context manager."""
+    """Runs compute passes of `root`, or of the package, over arrays. A context manager that compiles each pass once."""
 
     def __init__(self, device: Device, root: Roots | None = None) -> None:
         self.device = device
@@ -46,7 +46,7 @@ class ShaderRunner:
         self, name: str, threads: int, inputs: Mapping[str, Any], outputs: Mapping[str, int | np.ndarray], *,
         header: str = "", constants: Mapping[str, Any] | None = None, uniforms: Mapping[str, Any] | None = None,
     ) -> dict[str, np.ndarray]:  # fmt: skip
-        """One dispatch of passes/NAME.comp: `run_steps` of a Pass with these arguments."""
+        """Dispatch passes/NAME.comp once; see `run_steps`."""
         step = Pass(name, threads=threads, header=header, constants=constants or {})
         return self.run_steps([step], inputs, outputs, uniforms=uniforms)
 
@@ -56,8 +56,8 @@ class ShaderRunner:
     ) -> dict[str, np.ndarray]:  # fmt: skip
         """Run steps in order and return the outputs by name.
 
-        Inputs are arrays, or buffers, images and structures to be bound as they are. Outputs are element counts, or
-        arrays of what the buffers hold before; those of a count have every bit set, so that what isn't written shows.
+        Inputs are arrays, or buffers, images and structures, which are bound as they are. Outputs are element counts or
+        initial contents. Buffers given by their count start with every bit set, so that unwritten elements show.
         """
         counts = {key: value if isinstance(value, int) else len(value) for key, value in outputs.items()}
         bound = dict(inputs)
@@ -79,7 +79,7 @@ class ShaderRunner:
             return {key: frame[key] for key in outputs}
 
     def _frame(self, stages: list[Stage], bound: Mapping[str, Any]) -> Frame:
-        """The frame of these steps, with its pipelines as they are and its resources renewed."""
+        """The frame of these steps: its pipelines are kept between runs, its resources are those of this run."""
         key = tuple((type(s), s.name, getattr(s, "header", ""), repr(getattr(s, "constants", 0)))
                     for s in stages[0].passes)  # fmt: skip
         if key not in self._frames:

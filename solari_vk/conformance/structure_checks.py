@@ -1,4 +1,4 @@
-"""Acceleration structures: ways of building that must agree, formats, indices, and what holds nothing."""
+"""Acceleration structures: ways of building that must agree, vertex formats, indices, and empty structures."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Damage = Callable[[np.ndarray], None]
 
 
 def _heap() -> tuple[Shapes, list[Placed], NDArray[np.float64], NDArray[np.float64]]:
-    """Balls and boxes turned through each other, and rays through the heap."""
+    """Many rotated balls that intersect each other, and rays through them."""
     random = np.random.default_rng(20)
     shapes: Shapes = {
         "ball": [Triangles(bumpy_ball(16, 0.1))],
@@ -48,7 +48,7 @@ def _heap() -> tuple[Shapes, list[Placed], NDArray[np.float64], NDArray[np.float
 
 
 def measure_ways(shaders: ShaderRunner, damage: Damage | None = None) -> Iterator[Measurement]:
-    """However structures were built, the same rays meet the same triangles at the same t. Also sizes."""
+    """The same rays meet the same triangles at the same t, however the structures were built. Also compares sizes."""
     shapes, placed, origins, directions = _heap()
     hits: dict[str, np.ndarray] = {}
     sizes: dict[str, tuple[int, int]] = {}
@@ -64,7 +64,7 @@ def measure_ways(shaders: ShaderRunner, damage: Damage | None = None) -> Iterato
         same_t = np.abs(found["t"] - right["t"]) <= 1e-5 * np.abs(right["t"])
         keys = ("custom_data", "instance", "geometry", "primitive")
         same = np.logical_and.reduce([found[key] == right[key] for key in keys])
-        # Two surfaces at one distance may come in either order.
+        # Where two surfaces lie at one distance, either may be the hit.
         wrong = ~same_t | (~same & (np.abs(found["t"] - right["t"]) > 0))
         source = documents.get(way, (VULKAN, _STRUCTURES))
         rule = Rule(f"hits equal those of a fresh structure: {way}", *source)
@@ -76,7 +76,7 @@ def measure_ways(shaders: ShaderRunner, damage: Damage | None = None) -> Iterato
 
 
 def measure_formats(shaders: ShaderRunner) -> Iterator[Measurement]:
-    """The same triangles with and without indices, strides and transforms are hit alike."""
+    """The same triangles give the same hits with and without indices, strides and transforms."""
     ball = bumpy_ball(12, 0.2)
     moved = translation(0.25, -0.5, 0.125)
     variants = {
@@ -96,7 +96,7 @@ def measure_formats(shaders: ShaderRunner) -> Iterator[Measurement]:
         with World(shaders.device, {"one": [variant]}, [Placed("one")]) as world:
             hits = trace(shaders, world.tlas, origins, directions)
         right = hits if right is None else right
-        # A transform rounds vertices anew, so that a ray at an edge may change sides.
+        # A transform rounds vertices, so that a ray at an edge may hit the neighbour.
         allowed = 4 if variant.transform is not None else 0
         differs = (hits["primitive"] != right["primitive"]) | (np.abs(hits["t"] - right["t"]) > 1e-5)
         if differs.sum() > allowed:
@@ -106,7 +106,7 @@ def measure_formats(shaders: ShaderRunner) -> Iterator[Measurement]:
 
 
 def measure_indices(shaders: ShaderRunner, damage: Damage | None = None) -> Iterator[Measurement]:
-    """Each of the 24 bits of custom data and the 8 of masks, alone."""
+    """Each bit of custom_data (24) and of masks (8) by itself."""
     customs = [1 << bit for bit in range(24)] + [0, 0xFFFFFF, 0xAAAAAA, 0x555555]
     masks = [1 << bit for bit in range(8)]
     placed = [Placed("one", translation(4.0 * i), custom=custom) for i, custom in enumerate(customs)]
@@ -121,7 +121,7 @@ def measure_indices(shaders: ShaderRunner, damage: Damage | None = None) -> Iter
 
 
 def measure_nothing(shaders: ShaderRunner) -> Iterator[Measurement]:
-    """Structures without anything in them, and primitives that are none."""
+    """Empty structures, degenerate triangles and NaN."""
     empty = np.zeros((0, 3, 3))
     point = np.full((1, 3, 3), 0.5)
     line = np.array([[(0, 0, 0), (1, 1, 0), (2, 2, 0)]])
@@ -149,7 +149,7 @@ def measure_nothing(shaders: ShaderRunner) -> Iterator[Measurement]:
 
 
 def measure_many_blases(shaders: ShaderRunner, count: int) -> Iterator[Measurement]:
-    """Many different structures in one call, in few and in many batches."""
+    """Many Blases in one call, in one batch and in many."""
     shapes = {f"blas {i}": [Triangles(_FLAT + np.array((0, 0, i % 7 * 0.5)))] for i in range(count)}
     placed = [Placed(name, translation(4.0 * i), custom=i) for i, name in enumerate(shapes)]
     origins = np.array([(4.0 * i + 0.5, 0.5, 5.0) for i in range(count)])
@@ -168,7 +168,7 @@ def measure_many_blases(shaders: ShaderRunner, count: int) -> Iterator[Measureme
 
 
 def measure_tlas_rebuilds(shaders: ShaderRunner, damage: Damage | None = None) -> Iterator[Measurement]:
-    """A Tlas built over fewer, more and other instances has those of the last build, and no others."""
+    """A Tlas is built again with fewer, more and other instances."""
     placed = [Placed("one", translation(4.0 * i), custom=i) for i in range(64)]
     origins = np.array([(4.0 * i + 0.5, 0.5, 1.0) for i in range(64)])
     wrong = []
@@ -188,12 +188,12 @@ def measure_tlas_rebuilds(shaders: ShaderRunner, damage: Damage | None = None) -
 
 
 def large_tlas_rule(count: int) -> Rule:
-    """What `measure_large_tlas` measures."""
+    """The rule that `measure_large_tlas` measures."""
     return Rule(f"each instance of a Tlas of {count:,} is hit", VULKAN, _STRUCTURES)
 
 
 def measure_large_tlas(shaders: ShaderRunner, count: int, damage: Damage | None = None) -> Iterator[Measurement]:
-    """More instances than 16 bits count."""
+    """More instances than 16 bits can number, with a ray at each."""
     side = int(np.ceil(np.sqrt(count)))
     places = np.stack(np.unravel_index(np.arange(count), (side, side)), 1) * 3.0
     places = places[spatial_order(np.pad(places, ((0, 0), (0, 1))))]

@@ -47,12 +47,12 @@ class Fault:
     case: str = "*"
 
     def explains(self, rule: Rule, case: str) -> bool:
-        """Whether it is about this rule in this case."""
+        """Whether the fault is about this rule in this case."""
         return fnmatchcase(rule.name, self.rule) and fnmatchcase(case, self.case)
 
 
 def known_faults(driver: str, file: Path = FOLDER / "known_faults.toml") -> list[Fault]:
-    """The faults known of a driver. Raises SolariError for an entry that lacks something."""
+    """The known faults of a driver. Raises SolariError for an incomplete entry."""
     listed = tomllib.loads(file.read_text(encoding="utf-8")).get("fault", [])
     try:
         return [fault for fault in (Fault(**entry) for entry in listed) if fault.driver in driver]
@@ -61,7 +61,7 @@ def known_faults(driver: str, file: Path = FOLDER / "known_faults.toml") -> list
 
 
 class Recorder:
-    """Given to a test as `rule`: takes measurements and turns them into outcomes of its group and case."""
+    """The fixture `rule` of a test: turns measurements into outcomes of the test's group and case."""
 
     def __init__(self, group: str, case: str, faults: Sequence[Fault]) -> None:
         self.group, self.case = group, case
@@ -82,15 +82,15 @@ class Recorder:
             self.outcomes.append(Outcome(self.group, made.rule, status, self.case, made, reason))
 
     def unsupported(self, rules: Rule | Iterable[Rule], feature: str) -> None:
-        """Record that the device has no feature that rules need."""
+        """Record that the device lacks a feature which the rules need."""
         self._note(rules, UNSUPPORTED, feature)
 
     def missing(self, rules: Rule | Iterable[Rule], needed: str) -> None:
-        """Record that rules can't be measured for want of something that isn't the device's: an error."""
+        """Record as an error that something which rules need is missing, other than a feature of the device."""
         self._note(rules, ERROR, needed)
 
     def full_only(self, rules: Rule | Iterable[Rule]) -> None:
-        """Record that only the full profile measures rules, and that this is another one."""
+        """Record that only the full profile measures the rules, and that this run has another profile."""
         self._note(rules, NOT_RUN, "--full measures it")
 
     def _note(self, rules: Rule | Iterable[Rule], status: str, reason: str) -> None:
@@ -98,7 +98,7 @@ class Recorder:
             self.outcomes.append(Outcome(self.group, rule, status, self.case, None, reason))
 
     def conclude(self) -> None:
-        """End the test as its outcomes say; one without any fails, for a test that measures nothing proves nothing."""
+        """End the test as its outcomes demand. A test without outcomes fails, since it proves nothing."""
         if not self.outcomes:
             pytest.fail("nothing was measured", pytrace=False)
         if found := self._text(*RED):
@@ -115,7 +115,7 @@ class Recorder:
 
 @dataclass(eq=False)
 class Suite:
-    """A run of the suite: what was asked for, and what came out."""
+    """A run of the suite: its options and its outcomes."""
 
     select: str | None = None
     full: bool = False
@@ -127,22 +127,22 @@ class Suite:
     started: float = field(default_factory=time.monotonic)
     _deselected: Counter[str] = field(default_factory=Counter)
     _left_out: list[str] = field(default_factory=list)
-    _is_part: bool = False  # of a session with other tests, where one line must do for the report
+    _is_part: bool = False  # other tests run in the session: the report is one line
     _device: Device | None = None
     _load: str = field(default_factory=host_load)
 
     @classmethod
     def from_environment(cls) -> Suite:
-        """For plain pytest: SOLARI_VK_CONFORMANCE=full measures more; SOLARI_VK_DEVICE chooses the device."""
+        """A suite for plain pytest: SOLARI_VK_CONFORMANCE=full measures more, SOLARI_VK_DEVICE chooses the device."""
         return cls(full=os.environ.get("SOLARI_VK_CONFORMANCE") == "full")
 
     @property
     def device(self) -> Device:
-        """The one device of the run, opened when first asked for. Raises DeviceError when none fits."""
+        """The device of the run, opened at the first use. Raises DeviceError when none fits."""
         return self.open()
 
     def open(self) -> Device:
-        """Open the device, unless it is; raises DeviceError when none fits."""
+        """Open the device if it isn't open yet. Raises DeviceError when none fits."""
         if self._device is None:
             self._device = Device(self.select)
             self.faults = known_faults(f"{self._device.properties.driver} {self._device.name}")
@@ -151,13 +151,13 @@ class Suite:
     def recorder(self, item: Any) -> Recorder:
         """The recorder of a test item."""
         call = getattr(item, "callspec", None)
-        self.open()  # whose known faults these are
+        self.open()  # so that its known faults are loaded
         made = Recorder(_group(item.path), call.id if call else "", self.faults)
         return item.stash.setdefault(_RECORDER, made)  # type: ignore[no-any-return]
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_call(self, item: pytest.Item) -> Generator[None, None, None]:
-        """After a test of the suite: validation messages, then its outcomes."""
+        """After a test of the suite, check for validation messages, then end it as its outcomes demand."""
         started = time.monotonic()
         yield
         recorder = item.stash.get(_RECORDER, None)
@@ -173,7 +173,7 @@ class Suite:
     def pytest_runtest_makereport(
         self, item: pytest.Item, call: Any
     ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-        """Gather a test's outcomes; one that raised something else than their verdict is an outcome as well."""
+        """Collect a test's outcomes. A test that ends in another error adds an outcome of its own."""
         recorder = item.stash.get(_RECORDER, None)
         measured = recorder.outcomes if recorder is not None and call.when == "call" else []
         item.user_properties.extend((outcome.rule.name, _figure(outcome)) for outcome in measured)
@@ -185,16 +185,16 @@ class Suite:
         return made
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
-        """A module that can't be imported measured nothing, which must not look like success."""
+        """Count a module that can't be imported as an error, since it measured nothing."""
         if report.failed:
             self._note_error(Path(report.nodeid), report.nodeid, report.longreprtext)
 
     def pytest_deselected(self, items: Sequence[Any]) -> None:
-        """Tests that an option such as -k left out."""
+        """Count the tests that an option such as -k left out."""
         self._deselected.update(_group(item.path) for item in items if FOLDER in item.path.parents)
 
     def pytest_collection_finish(self, session: Any) -> None:
-        """What of the suite isn't run, to be named in the report."""
+        """Note what of the suite isn't run, for the report."""
         own = [item for item in session.items if FOLDER in item.path.parents]
         self._is_part = len(own) < len(session.items)
         run = {_group(item.path) for item in own}
@@ -203,7 +203,7 @@ class Suite:
         self._left_out += [f"{count} tests of {name}" for name, count in self._deselected.items() if name in run]
 
     def pytest_sessionfinish(self, session: Any) -> None:
-        """A listed fault without a rule is one more error; and errors count, whatever pytest made of them."""
+        """Count a known fault that matches no rule as an error, and let errors decide the exit status."""
         if self._device is not None and not self._left_out:
             for fault in self.faults:
                 if not any(fault.explains(outcome.rule, outcome.case) for outcome in self.outcomes):
@@ -217,7 +217,7 @@ class Suite:
         self.outcomes.append(Outcome(_group(path), Rule(name, "", ""), ERROR, reason=last))
 
     def pytest_terminal_summary(self, terminalreporter: Any) -> None:
-        """The table, and the files that were asked for."""
+        """Print the report and write the files that were asked for."""
         if self._device is None:
             return
         seconds = time.monotonic() - self.started
@@ -233,7 +233,7 @@ class Suite:
                 terminalreporter.write_line(f"wrote {file}")
 
     def pytest_unconfigure(self) -> None:
-        """The end of the run."""
+        """Close the device."""
         if self._device is not None:
             self._device.close()
             self._device = None

@@ -1,4 +1,4 @@
-"""Acceleration structures: built in all ways, in all formats, large, many, and empty."""
+"""Acceleration structures: all ways of building, all formats; large, many and empty ones."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _CHECKS = {
 
 @pytest.mark.parametrize("measure", [pytest.param(check, id=name) for name, check in _CHECKS.items()])
 def test_structures(rule: Recorder, shaders: ShaderRunner, measure: Check) -> None:
-    """Everything that has one size."""
+    """The checks that need no size."""
     rule(measure(shaders))
 
 
@@ -34,7 +34,7 @@ def test_many_blases(rule: Recorder, shaders: ShaderRunner, full: bool) -> None:
 
 @pytest.mark.parametrize("count", [100_000, 1_000_000])
 def test_large_tlas(rule: Recorder, shaders: ShaderRunner, full: bool, count: int) -> None:
-    """A grid of instances, each of them looked at."""
+    """A grid of instances, with a ray at each."""
     most = int(shaders.device.properties.acceleration.maxInstanceCount)
     if count > most:
         rule.unsupported(checks.large_tlas_rule(count), f"maxInstanceCount is {most:,}")

@@ -1,4 +1,4 @@
-"""The surface model that all of the lighting goes through."""
+"""The surface model."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from solari_vk.conformance.suite import Recorder
 
 @pytest.mark.parametrize("metallic", [0.0, 0.5, 1.0])
 def test_white_furnace(rule: Recorder, shaders: ShaderRunner, metallic: float) -> None:
-    """Energy."""
+    """A white surface reflects all light."""
     rule(checks.measure_furnace(shaders, metallic))
 
 
 def test_draws(rule: Recorder, shaders: ShaderRunner) -> None:
-    """Sampling."""
+    """Samples follow their density."""
     rule(checks.measure_draws(shaders, checks.CASES, 1_000_000))
 
 
 def test_numbers(rule: Recorder, shaders: ShaderRunner) -> None:
-    """Finite everywhere."""
+    """Values and samples are finite and not negative."""
     rule(checks.measure_numbers(shaders, 1_000_000))

@@ -1,4 +1,4 @@
-"""Ray queries: the labelled probes, many rays against Embree, watertightness, and rays that are none."""
+"""Ray queries: probes, random rays against Embree, watertightness, extreme sizes and invalid rays."""
 
 from __future__ import annotations
 
@@ -40,17 +40,17 @@ def test_embree(rule: Recorder, shaders: ShaderRunner, full: bool, scene: str) -
 
 
 def test_watertight(rule: Recorder, shaders: ShaderRunner) -> None:
-    """No ray gets through a shared edge or vertex."""
+    """No ray passes between triangles that share an edge or a vertex."""
     rule(bulk_checks.measure_watertight(shaders))
 
 
 def test_many_instances(rule: Recorder, shaders: ShaderRunner, full: bool) -> None:
-    """Each of many instances is hit, and is told from the others."""
+    """Each of many instances is hit, and told apart from the others."""
     rule(bulk_checks.measure_many_instances(shaders, 100_000 if full else 20_000))
 
 
 def test_extreme_transforms(rule: Recorder, shaders: ShaderRunner) -> None:
-    """Sizes and places of many magnitudes."""
+    """Sizes and distances of many magnitudes."""
     rule(bulk_checks.measure_extreme_transforms(shaders))
 
 
@@ -60,7 +60,7 @@ def test_not_finite(rule: Recorder, shaders: ShaderRunner) -> None:
 
 
 def test_vertex_return(rule: Recorder, shaders: ShaderRunner) -> None:
-    """Vertex positions of hits, where the device returns them."""
+    """Vertex positions of hit triangles, if the device returns them."""
     if shaders.device.has_position_fetch:
         rule(position_checks.measure_positions(shaders))
     else:

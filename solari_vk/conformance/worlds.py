@@ -1,4 +1,4 @@
-"""Small worlds told in numpy, and the acceleration structures made of them: fresh, rebuilt, refitted or compacted."""
+"""Small worlds described in numpy, and their acceleration structures: fresh, rebuilt, refitted or compacted."""
 
 from __future__ import annotations
 
@@ -29,7 +29,9 @@ CULL_DISABLE, FLIP_FACING, INSTANCE_OPAQUE, INSTANCE_NO_OPAQUE = 1, 2, 4, 8
 
 @dataclass(frozen=True)
 class Triangles:
-    """corners (T, 3, 3) of triangles in object space before `transform` (3, 4); index_dtype: with an index buffer."""
+    """Corners (T, 3, 3) of triangles, in object space once `transform` (3, 4) is applied.
+
+    `index_dtype` asks for an index buffer of that type."""
 
     corners: NDArray[np.floating]
     opaque: bool = True
@@ -47,7 +49,7 @@ class Triangles:
 
 @dataclass(frozen=True)
 class Boxes:
-    """bounds (B, 2, 3): low and high corners in object space."""
+    """Boxes whose bounds (B, 2, 3) are their min and max corners in object space."""
 
     bounds: NDArray[np.floating]
     opaque: bool = False
@@ -56,7 +58,7 @@ class Boxes:
 
 @dataclass(frozen=True)
 class Placed:
-    """An instance: which shape, where (object to world, 3x4), and what its record says besides."""
+    """An instance: its shape, its object-to-world matrix (3, 4), and the other fields of its record."""
 
     shape: str
     transform: NDArray[np.floating] = field(default_factory=lambda: IDENTITY)
@@ -68,7 +70,7 @@ class Placed:
 
     @property
     def matrix(self) -> NDArray[np.float64]:
-        """Object to world (3, 4) in float64, of the float32 numbers that the device gets."""
+        """The object-to-world matrix (3, 4) that the device gets: rounded to float32, then as float64."""
         return np.asarray(self.transform, np.float32).astype(np.float64)
 
 
@@ -76,7 +78,7 @@ Shapes = Mapping[str, Sequence[Triangles | Boxes]]
 
 
 def instance_records(placed: Sequence[Placed], addresses: Mapping[str, int]) -> np.ndarray:
-    """INSTANCE_DTYPE records."""
+    """The instances as INSTANCE_DTYPE records; `addresses` are those of the Blases by shape."""
     records = np.zeros(len(placed), INSTANCE_DTYPE)
     if placed:
         records["transform"] = [item.transform for item in placed]
@@ -87,10 +89,10 @@ def instance_records(placed: Sequence[Placed], addresses: Mapping[str, int]) -> 
 
 
 class World:
-    """The structures of some shapes and instances in device memory, made one of WAYS. A context manager.
+    """The structures of some shapes and instances in device memory, built in one of WAYS. A context manager.
 
-    Rebuilt and refitted worlds first are built with vertices, boxes and instances elsewhere. `damage` changes the
-    instance records just before they are uploaded: how tests of the suite seed bugs.
+    Worlds that are rebuilt or refitted are first built with all vertices, boxes and instances moved elsewhere.
+    `damage` changes the instance records just before they are uploaded; tests of the suite seed bugs with it.
     """
 
     def __init__(
@@ -101,7 +103,7 @@ class World:
         self.placed = list(placed)
         self._open = ExitStack()
         self._uploads: list[tuple[Buffer, np.ndarray]] = []
-        self.sizes: dict[str, int] = {}  # of Blases before they were compacted
+        self.sizes: dict[str, int] = {}  # sizes of Blases before compaction
         update = way == REFITTED
         mode = UpdateMode.PREFER_UPDATE if update else UpdateMode.BUILD
         compact = way == COMPACTED
@@ -142,7 +144,7 @@ class World:
         vertices = np.asarray(part.corners, np.float32).reshape(-1, 3)
         indices = 0
         if part.index_dtype is not None:
-            # A shuffled vertex buffer: a driver that took no notice of the indices would be found out.
+            # The vertex buffer is shuffled, so that a driver that ignores the indices is found out.
             order = np.random.default_rng(5).permutation(len(vertices))
             inverse = np.empty_like(order)
             inverse[order] = np.arange(len(order))
@@ -177,7 +179,7 @@ class World:
         self.place(records, update=update)
 
     def _compact(self) -> None:
-        """Put compacted copies in the place of all structures, and free those."""
+        """Replace all Blases by compacted copies."""
         for blas in self.blases.values():
             blas.prepare_compaction()
         self.device.wait_idle()
@@ -205,14 +207,14 @@ class World:
 
 
 def _strided(rows: NDArray[np.float32], stride: int) -> NDArray[np.float32]:
-    """Rows `stride` bytes apart, with NaN between them that nothing may read."""
+    """Rows `stride` bytes apart. The gaps hold NaN, so that a driver that reads them is found out."""
     data = np.full((len(rows), stride // 4), np.nan, np.float32)
     data[:, : rows.shape[1]] = rows
     return data
 
 
 def translation(x: float, y: float = 0.0, z: float = 0.0) -> NDArray[np.float64]:
-    """A 3x4 matrix that only moves."""
+    """A translation matrix (3, 4)."""
     matrix = IDENTITY.copy()
     matrix[:, 3] = x, y, z
     return matrix

@@ -1,4 +1,4 @@
-"""The 28 bytes of a light tile's sample, decoded in float64, and what it then sends to a place."""
+"""The 28 bytes of a light tile's sample, decoded in float64, and the light that it sends to a point."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def half_step(colors: Floats) -> Floats:
 
 
 def step_and_rounding(logarithms: Floats) -> Floats:
-    """What packing may add to log2(1 + x) (N, 3): half a step, and what Vulkan lets log2 and the sum be off by."""
+    """The error that packing may add to log2(1 + x) (N, 3): half a step, and Vulkan's tolerances."""
     found: Floats = half_step(logarithms) + np.maximum(2.0**-21 + 2.0**-23, 2.0**-21 * logarithms)
     return found
 
@@ -48,8 +48,9 @@ def decode(packed: NDArray[Any]) -> LightSamples:
 
 
 def receive(samples: LightSamples, points: Floats) -> tuple[Floats, Floats]:
-    """Directions (N, 3) in which points (N, 3) see the samples, and irradiance (N, 1) but for their cosine there of
-    radiance 1, inverse pdf included."""
+    """Directions (N, 3) from points (N, 3) to the samples, and the irradiance (N, 1) of samples of radiance 1.
+
+    The irradiance includes the inverse pdf, but not the cosine at the points."""
     to_light = samples.position - np.where(samples.directional[:, None], 0, points)
     squared = (to_light**2).sum(axis=-1, keepdims=True)
     wi = to_light / np.sqrt(squared)
