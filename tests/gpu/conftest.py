@@ -1,4 +1,4 @@
-"""A GLSL root of a test's own; everything compiled from it is checked with spirv-val."""
+"""Devices that a test may break, and a GLSL root for a test's own shaders."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from pathlib import Path
 import pytest
 from shader_folder import ShaderFolder, check_spirv
 
+from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.shaders import shaderc
 
 
 @pytest.fixture
 def shaders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ShaderFolder]:
-    """An empty GLSL root and cache; each module compiled while the test runs goes through spirv-val."""
+    """An empty GLSL root and cache. Every module compiled during the test is checked with spirv-val."""
     monkeypatch.setenv("SOLARI_VK_CACHE", str(tmp_path / "cache"))
     made: list[tuple[bytes, str]] = []
     compile_source: Callable[..., bytes] = shaderc.compile_source
@@ -27,3 +28,10 @@ def shaders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ShaderF
     yield ShaderFolder(tmp_path / "glsl")
     for spirv, name in made:
         check_spirv(spirv, name)
+
+
+@pytest.fixture
+def own_device(any_device: None) -> Iterator[Device]:
+    """A device that the test may break."""
+    with Device(validation=True) as opened:
+        yield opened

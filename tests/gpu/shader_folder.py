@@ -1,4 +1,4 @@
-"""Shaders that a test writes for itself, and the check of what they compile to."""
+"""Shaders that tests write, and the validation of their SPIR-V."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ HEADER = "#version 460\n#extension GL_EXT_scalar_block_layout : require\n"
 
 
 def check_spirv(spirv: bytes, name: str) -> None:
-    """Fail when the module isn't valid for Vulkan 1.3 with scalar layout."""
+    """Fail if the module isn't valid for Vulkan 1.3 with scalar layout."""
     command = shutil.which("spirv-val")
     assert command, "spirv-val is missing: install spirv-tools"
     arguments = [command, "--target-env", "vulkan1.3", "--scalar-block-layout", "-"]
     done = subprocess.run(arguments, input=spirv, capture_output=True, check=False)
-    # An extension of 2023, which tools of before can't check; the driver does.
+    # Debian's spirv-val doesn't know this extension of 2023. The driver validates such modules.
     too_new = b"SPV_KHR_ray_tracing_position_fetch" in spirv and b"Invalid capability operand: 5391" in done.stderr
     assert done.returncode == 0 or too_new, f"{name}: {done.stderr.decode()}{done.stdout.decode()}"
 
 
 class ShaderFolder:
-    """Writes shaders below a folder. `write("demo", text)` makes passes/demo.comp, with the usual first lines."""
+    """Writes shaders below a folder. `write("demo", text)` writes passes/demo.comp with the usual first lines."""
 
     def __init__(self, root: Path) -> None:
         self.root = root

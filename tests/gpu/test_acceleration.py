@@ -36,7 +36,7 @@ def acceleration_device(any_device: None) -> Iterator[Device]:
 
 @pytest.fixture
 def made(acceleration_device: Device) -> Iterator[Callable[[Any], Any]]:
-    """Remembers resources, destroys them after the test, and checks that nothing else was left alive."""
+    """made(resource) destroys a resource after the test, which fails if other objects are left alive."""
     device = acceleration_device
     device.wait_idle()
     before = device.live_objects
@@ -50,7 +50,7 @@ def made(acceleration_device: Device) -> Iterator[Callable[[Any], Any]]:
     for resource in resources:
         resource.destroy()
     device.wait_idle()
-    # Staging chunks that stay in their pool are no leak.
+    # Staging chunks stay in their pool.
     assert device.live_objects - before <= 4
 
 
@@ -71,7 +71,7 @@ def quad_geometry(device: Device, made: Callable[[Any], Any], *corner: float, **
 
 
 def closest_hits(device: Device, blases: Sequence[Blas], origins: np.ndarray) -> np.ndarray:
-    """The conformance suite's hit records of rays down onto structures side by side, 2 apart in x."""
+    """Closest hits of rays along -z in a Tlas of these structures, which are placed 2 apart in x."""
     placed = [Placed(str(i), translation(2.0 * i)) for i in range(len(blases))]
     records = instance_records(placed, {str(i): blas.address for i, blas in enumerate(blases)})
     buffer, tlas = device.buffer(records.nbytes, "instances"), Tlas(device, len(blases))
@@ -114,7 +114,7 @@ def test_compaction_shrinks_and_changes_no_hit(
         made(Blas(device, [geometry], name=name, allow_compaction=name != "plain"))
         for name in ("loose", "tight", "plain")
     )
-    # Lavapipe reports the storage's size as the compacted one, so storage and report are made to differ here.
+    # Lavapipe reports the storage size as the compacted size, so the test makes the two differ.
     needed, wasteful = tight.size, tight.size + 100_000
     tight.create(wasteful)
     get_results = device.vk.vkGetQueryPoolResults
@@ -152,7 +152,7 @@ def test_batches_stay_within_the_scratch_budget(
     small = [made(Blas(device, [quad_geometry(device, made, 0.0, 0.0, 0.0)])) for _ in range(40)]
     large = made(Blas(device, [grid_geometry(device, made, 30)]))
     budget = 10 * blas_builds.scratch_size(device, small[0], False)
-    large.build_scratch_size = 2 * budget  # lavapipe asks the same for all
+    large.build_scratch_size = 2 * budget  # lavapipe reports the same scratch size for all
     batches: list[int] = []
     make_scratch = blas_builds.make_scratch
 
@@ -192,7 +192,7 @@ def test_scratch_is_aligned(acceleration_device: Device, made: Any, monkeypatch:
 def test_refitted_worlds_are_refitted_in_place(
     acceleration_device: Device, made: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The conformance suite proves that refitted structures give the hits of fresh ones: so they must be refitted."""
+    """The conformance suite compares hits of refitted worlds with fresh ones. Here: they really are refitted."""
     device = acceleration_device
     builds: list[tuple[str, int, bool]] = []
     record_build = device.vk.vkCmdBuildAccelerationStructuresKHR

@@ -1,4 +1,4 @@
-"""The compiler's calls, where it says errors are, its cache, and shipped modules."""
+"""The compiler: its functions, error positions, generated headers, cache, shipped modules, and both ways to shaderc."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ USER = '#include "lib/a.glsl"\n' + PLAIN + "void main() { values.at[0] = answer(
 
 @pytest.fixture
 def compilations(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """The names of the sources that the compiler was really asked for."""
+    """The names of the sources that the compiler has compiled."""
     asked: list[str] = []
     real = shaderc.compile_source
 
@@ -154,7 +154,7 @@ def test_a_generated_header_is_what_its_module_says_and_counts_for_the_cache(sha
 
 
 def test_generated_headers_reach_both_compilers_and_the_calls_of_pyshaderc(shaders, made):
-    """Two libraries may include one header, and a library may be found through another."""
+    """Two libraries include the same header, one of them through another library."""
     shaders.write("lib/a.glsl", '#ifndef A\n#define A\n#include "generated/made.glsl"\n#endif\n')
     path = shaders.write("user", '#include "lib/a.glsl"\n' + GENERATED)
     compiler.set_include_paths([shaders.root])
@@ -209,7 +209,7 @@ def test_enumerations_and_constants_are_exact():
 
 
 def test_modules_of_generated_headers_need_no_vulkan():
-    """Wheels are built where there is none; hatch_build.py imports the modules without the package's __init__."""
+    """Wheels are built on machines without Vulkan; hatch_build.py imports these modules without the package."""
     asked = set()
     for path in compiler.glsl_root().rglob("*"):
         if path.suffix.lstrip(".") in {*shaderc.STAGES, "glsl"}:
@@ -334,7 +334,7 @@ def test_build_from_the_command_line(shaders, tmp_path):
 
 @pytest.fixture
 def fresh_lookup():
-    """Forget which compiler was found, before and after."""
+    """Forget which compiler was found, before and after the test."""
     shaderc.library.cache_clear()
     shaderc.version.cache_clear()
     yield

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,13 +16,6 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device, list_devices
 from solari_vk.gpu.device.instance import Instance
 from solari_vk.gpu.device.recorded import Recorded
-
-
-@pytest.fixture
-def own_device(any_device: None) -> Iterator[Device]:
-    """A device that the test may break."""
-    with Device(validation=True) as opened:
-        yield opened
 
 
 def nothing(_: raw.CData) -> None:
@@ -144,7 +136,7 @@ def test_prepared_submission_is_fast_and_counts_on(any_device: None) -> None:
             times.append(time.perf_counter() - begin)
             device.wait(value)
         assert value == 200
-        assert np.median(times) < 100e-6  # about 5 microseconds; a busy machine gets room
+        assert np.median(times) < 100e-6  # about 5 microseconds, with a margin for busy machines
 
 
 def test_what_is_due_before_the_next_submission_runs_first_and_once(own_device: Device) -> None:
@@ -163,7 +155,7 @@ def test_what_is_due_before_the_next_submission_runs_first_and_once(own_device: 
 
 
 def value_writer(device: Device, target: Buffer, value: int) -> Recorded:
-    """Commands that fill a buffer when they are submitted."""
+    """Commands that fill a buffer with a value."""
 
     def record(cmd: raw.CData) -> None:
         device.vk.vkCmdPipelineBarrier2(cmd, full_barrier())
@@ -176,7 +168,7 @@ def value_writer(device: Device, target: Buffer, value: int) -> Recorded:
 def test_what_is_submitted_with_the_next_runs_ahead_of_it_and_once(own_device: Device) -> None:
     target = own_device.buffer(4, "target")
     one, two = (value_writer(own_device, target, value) for value in (1, 2))
-    target.fill(9)  # due earlier: stays ahead
+    target.fill(9)  # asked for first: runs first
     for writer in (one, two, one, two):
         writer.submit_with_next()
     assert own_device.submitted == 1
@@ -189,9 +181,9 @@ def test_what_is_submitted_with_the_next_runs_ahead_of_it_and_once(own_device: D
     assert destroyed == ["used by it"]
     before = own_device.submitted
     one.submit_with_next()
-    target.fill(3)  # recorded later: stays behind
+    target.fill(3)  # asked for later: runs later
     assert target.read(np.uint32).tolist() == [3]
-    assert own_device.submitted == before + 2  # writer and fill, read
+    assert own_device.submitted == before + 2  # one for the writer and the fill, one for the read
     two.submit_with_next()
     one.destroy()
     two.destroy()
@@ -259,7 +251,7 @@ def test_retired_objects_wait_for_the_work_that_uses_them(own_device: Device, mo
     assert destroyed == ["early"]
     own_device.retire(lambda: destroyed.append("next"), with_next=True)
     own_device.run(nothing)
-    assert destroyed == ["early"]  # one-time commands of the device itself are not the submission meant
+    assert destroyed == ["early"]  # the device's own one-time commands don't count as the next submission
     own_device.wait(own_device.submit([]))
     assert destroyed == ["early", "next"]
 
@@ -293,7 +285,7 @@ def test_core_validation_is_on_and_raises(own_device: Device) -> None:
         own_device.start(copy_too_much, "trouble")
     assert "VUID-vkCmdCopyBuffer" in str(caught.value)
     assert "source of trouble" in str(caught.value)  # the debug name
-    own_device.check_messages()  # raised once
+    own_device.check_messages()  # each message is raised once
 
 
 @pytest.mark.provokes_validation
@@ -333,7 +325,7 @@ def test_no_validation_unless_asked_for(any_device: None, monkeypatch: pytest.Mo
 
 
 def inject(device: Device, function: str, result: int) -> None:
-    """Have a function of the device return an error instead of being called."""
+    """Make a function of the device return this result instead of being called."""
     setattr(device.vk, function, raw._checked(lambda *_: result, function, device._on_error))
 
 
@@ -405,7 +397,7 @@ def test_close_destroys_what_the_owner_forgot(any_device: None) -> None:
         device.buffer(1000, "a")
         device.image(16, 16, raw.VK_FORMAT_R8G8B8A8_UNORM, "b", mip_levels=3).level_view(1)
         device.sampler()
-    # The autouse check sees a message for anything that is left.
+    # An autouse fixture fails if validation reports an object that is left.
 
 
 @pytest.mark.parametrize(

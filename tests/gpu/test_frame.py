@@ -55,7 +55,7 @@ def root(shaders):
 
 
 def chain(size: int = COUNT) -> Stage:
-    """Each pass needs the one before it; the order of reading is turned round, so that a race shows."""
+    """Each pass reads what the previous one wrote, in reverse order, so that a missing barrier gives wrong results."""
     passes = [Pass(name, threads=size) for name in ("fill_a", "a_to_b", "b_to_c")]
     return Stage("chain", buffers={"a": size, "b": size, "c": size}, passes=passes)
 
@@ -224,7 +224,7 @@ void main() {
 
 
 def number_fields(records: np.ndarray, first: int) -> int:
-    """Give every number in structured records another value, counting from `first`; returns the next."""
+    """Set the numbers in structured records to first, first + 1, ...; returns the next number."""
     if records.dtype.names is None:
         records[...] = np.arange(first, first + records.size).reshape(records.shape)
         return first + records.size
@@ -234,7 +234,7 @@ def number_fields(records: np.ndarray, first: int) -> int:
 
 
 def picked(r: np.ndarray) -> list[float]:
-    """What put_record picks."""
+    """The values that put_record writes."""
     values = [
         r["scalar"], r["two"][1], r["three"][2], r["four"][3], r["whole"], r["wholes"][2], r["number"],
         r["m2"][1, 0], r["m3"][2, 1], r["m4"][3, 2], r["m43"][3, 1], r["m23"][1, 2], r["list"][4], r["places"][1, 1],
@@ -413,7 +413,7 @@ def test_unknown_names_and_shapes(device, root):
 
 
 def test_host_time_per_frame(device, root):
-    """The budget is 0.2 ms without validation, which costs several times that: this finds a slip of order."""
+    """The budget is 0.2 ms without validation, which costs several times that; the bound is ten times the budget."""
     with Frame(device, [chain()], glsl_root=root) as frame:
         for _ in range(4):
             frame.submit()

@@ -1,4 +1,4 @@
-"""Bindings of many modules made one; sets filled by name; what doesn't fit is refused."""
+"""Bindings of several modules merged, descriptor sets written by name, and refused mistakes."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_bindless_textures_grow_while_frames_run(device, shaders):
     with Frame(device, stages, external={"textures": few}, glsl_root=shaders.root) as frame:
         frame.submit()
         np.testing.assert_allclose(frame["values"][:3, 0], np.arange(3) / 255, atol=1e-6)
-        # the same number and then many more, with the slots still in flight
+        # The same number of textures, then many more, while both slots are in flight.
         frame.bind({"textures": few[::-1]})
         frame.submit()
         frame.submit()

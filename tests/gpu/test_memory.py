@@ -1,4 +1,4 @@
-"""The allocator's bookkeeping, and that data goes up and comes back on every path."""
+"""The allocator, and uploads and reads of buffers and images with mapped and with staged memory."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MIB = 1 << 20
 
 @pytest.fixture(params=["mapped", "staging"])
 def path_device(any_device: None, request: pytest.FixtureRequest) -> Iterator[Device]:
-    """A device whose memory is mapped where it can be, and one that pretends it never is."""
+    """A device that maps its memory where it can, and one that stages everything."""
     with Device(validation=True, staging=request.param == "staging") as opened:
         yield opened
 
@@ -76,19 +76,13 @@ def test_random_use_never_overlaps_and_gives_everything_back(own_device: Device,
         most = max(most, memory.bytes_used)
         if step % 100 == 0:
             assert_disjoint(live)
-    # Fragmentation stays bounded: twice the peak and a block for each pool.
+    # Fragmentation is bounded by twice the peak and a block for each pool.
     assert memory.bytes_reserved <= 2 * most + 4 * BLOCK_SIZE
     assert memory.allocation_count <= 8 + memory.bytes_reserved // (32 * MIB)
     while live:
         memory.free(live.pop())
     assert memory.bytes_used == 0
-    assert memory.allocation_count <= 4  # one empty block a pool
-
-
-@pytest.fixture
-def own_device(any_device: None) -> Iterator[Device]:
-    with Device(validation=True) as opened:
-        yield opened
+    assert memory.allocation_count <= 4  # one empty block per pool
 
 
 def test_thousands_of_buffers_take_few_allocations(own_device: Device) -> None:
@@ -137,17 +131,17 @@ def test_memory_of_retired_objects_is_waited_for(own_device: Device, monkeypatch
     memory._heap_sizes = [60 * MIB] * len(memory._heap_sizes)
     own_device.start(nothing)
     with monkeypatch.context() as patch:
-        patch.setattr(Device, "completed", 0)  # as if the work still ran
+        patch.setattr(Device, "completed", 0)  # as if the work were still running
         first.destroy()
         assert memory.bytes_used > 0
-    second = own_device.buffer(55 * MIB, "second")  # fits only where the first was
+    second = own_device.buffer(55 * MIB, "second")  # fits only in the memory of the first
     with pytest.raises(DeviceError, match=r"buffer third: .* bytes of memory are needed, but of .* only .* are left"):
         own_device.buffer(55 * MIB, "third")
     second.destroy()
 
 
 def fake_allocator(flags: list[int]) -> Any:
-    """The choice of memory types on a device with these property flags."""
+    """An allocator for a device whose memory types have these property flags."""
     made = object.__new__(allocator_module.Allocator)
     made._type_flags = flags
     made._map_device_memory = True
@@ -242,12 +236,12 @@ def test_batches_are_one_submission(path_device: Device) -> None:
     path_device._completed = 0
     before = path_device.submitted
     with path_device.uploads() as batch:
-        batch._device.before_next_submit(nothing)  # not idle: all of them have to be staged
+        batch._device.before_next_submit(nothing)  # the device isn't idle, so all copies must be staged
         for i, buffer in enumerate(buffers):
             for part in range(16):
                 batch.buffer(buffer, np.full(64, i * 16 + part, np.uint32), part * 256)
         assert path_device.submitted == before
-    assert path_device.submitted == before + 2  # what was due before, and the batch
+    assert path_device.submitted == before + 2  # one for `nothing`, one for the batch
     for i, buffer in enumerate(buffers):
         assert np.array_equal(buffer.read(np.uint32), np.repeat(np.arange(i * 16, i * 16 + 16), 64))
 
@@ -309,7 +303,7 @@ def test_uploads_are_ordered_with_submitted_work(path_device: Device) -> None:
             vk.vkCmdCopyBuffer(cmd, source.handle, target.handle, 1, region)
 
     path_device.start(copy)
-    source.upload(np.full(MIB, 2, np.uint8))  # must not be seen by the copy that may still run
+    source.upload(np.full(MIB, 2, np.uint8))  # the copy, which may still run, must not read this
     assert (target.read() == 1).all()
     assert (source.read() == 2).all()
 
@@ -413,7 +407,7 @@ def test_formats_without_texel_arrays_are_refused(name: str) -> None:
 @pytest.mark.parametrize("storage", [False, True])
 def test_images_round_trip(path_device: Device, name: str, storage: bool) -> None:
     if storage and ("SRGB" in name or "PACK32" in name or "D32" in name):
-        return  # formats that devices need not write
+        return  # Vulkan requires no storage support for these formats
     usage = raw.VK_IMAGE_USAGE_STORAGE_BIT if storage else raw.VK_IMAGE_USAGE_SAMPLED_BIT
     image = path_device.image(37, 19, getattr(raw, name), name, usage=usage, mip_levels=6)
     assert image.layout == (raw.VK_IMAGE_LAYOUT_GENERAL if storage else raw.VK_IMAGE_LAYOUT_SHADER_READ_ONLY_OPTIMAL)
@@ -432,7 +426,7 @@ def test_many_images_in_one_batch(path_device: Device) -> None:
     with path_device.uploads() as batch:
         for i, image in enumerate(images):
             batch.image(image, [np.full((3, 5 + i, 4), i, np.uint8)])
-    assert path_device.submitted == before + 2  # first layouts of all, then all copies
+    assert path_device.submitted == before + 2  # one for all initial layouts, one for all copies
     assert all((image.read() == i).all() for i, image in enumerate(images))
 
 

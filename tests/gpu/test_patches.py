@@ -1,4 +1,4 @@
-"""Patched shaders: what is replaced, what is refused, and that nothing of it stays."""
+"""Patched shaders: replaced text, refused patches, and no effect after the context."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ void main() {
     if (i == 0u) { counts.at[0] = 77u; counts.at[1] = uniforms.count; }
 }
 """
-# Instance i covers columns i and up: one is nearer or farther than the one before, by depth_step.
+# Instance i covers the columns from i on; depth_step is the depth between successive instances.
 VERTEX = """#version 460
 #extension GL_EXT_scalar_block_layout : require
 #include "passes/bindings.glsl"
@@ -99,7 +99,7 @@ COLUMNS = np.arange(8)
 
 @pytest.mark.parametrize("counted", [True, False], ids=["counts from a buffer", "no drawIndirectCount"])
 def test_draws_what_the_buffer_says(device, root, counted, monkeypatch):
-    """As many as the device is told by itself, the nearest in front, each with its own first instance."""
+    """The count buffer decides how many draws there are, the nearest is visible, each has its own first instance."""
     if not counted:
         monkeypatch.setattr(device, "features", device.features - {"drawIndirectCount"})
     with Frame(device, [stage(Pass("commands", threads=4), draw())], glsl_root=root) as frame:
@@ -113,7 +113,7 @@ def test_draws_what_the_buffer_says(device, root, counted, monkeypatch):
 
 
 def test_faces(device, root):
-    """Counter-clockwise on the picture is the front."""
+    """Triangles that are counter-clockwise in the picture are front faces."""
     with Frame(device, [stage(Pass("commands", threads=4), draw())], glsl_root=root) as frame:
         assert (render(frame, 1, clockwise=0) == 10).all()
         assert (render(frame, 1, clockwise=1) == 0).all()
@@ -123,7 +123,7 @@ def test_faces(device, root):
 
 
 def test_history_reading_and_a_second_draw(device, root):
-    """Attachments swap like other images; what doesn't clear goes on where the first draw stopped, depth included."""
+    """Attachments may have history. A draw that doesn't clear continues on the colors and depths of the first draw."""
     again = draw(clears=False, constants={"base": 20})
     passes = [Pass("commands", threads=4), draw(), Pass("read", threads=SIZE), again]
     with Frame(device, [stage(*passes)], glsl_root=root) as frame:
@@ -144,7 +144,7 @@ def test_history_reading_and_a_second_draw(device, root):
 
 @pytest.mark.provokes_validation
 def test_synchronization_validation_sees_a_missing_barrier(device, root):
-    """Of commands that are drawn from; layers of 2023 don't follow attachments of dynamic rendering."""
+    """The missing barrier is that of the draw commands: Debian's layer doesn't track attachments here."""
     with Frame(device, [stage(Pass("commands", threads=4), draw())], glsl_root=root) as frame:
         frame._barriers[1] = None
         with pytest.raises(ValidationError, match="HAZARD"):
@@ -152,7 +152,7 @@ def test_synchronization_validation_sees_a_missing_barrier(device, root):
 
 
 def test_hot_rebuild(device, root, shaders):
-    """A changed fragment shader is taken up, a broken one leaves the frame as it was, and pixels stay on the device."""
+    """A changed fragment shader is used, a broken one changes nothing, and images keep their pixels."""
     with Frame(device, [stage(Pass("commands", threads=4), draw())], glsl_root=root) as frame:
         render(frame, 1)
         shaders.write("passes/draw.frag", FRAGMENT.replace("= base + instance", "= 2u * base"))

@@ -1,4 +1,4 @@
-"""The raw layer: structures own what they point to, constants are right, results are checked."""
+"""The raw layer: structures keep alive what they point to, constants are right, results are checked."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from solari_vk.gpu.device import raw
 
 
 def churn_memory() -> None:
-    """Collect garbage and overwrite what the allocator may have been given back."""
+    """Collect garbage, and overwrite memory that was freed."""
     gc.collect()
     for size in (4, 8, 16, 32, 64, 128, 256):
         blocks = [raw.ffi.new("char[]", b"\xff" * size) for _ in range(200)]
@@ -85,7 +85,7 @@ def test_structure_types_are_filled_in_and_unknown_fields_refused() -> None:
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        # Wrong or None in the package; values from the Vulkan registry.
+        # Values from the Vulkan registry for constants that are wrong or None in the package.
         ("VK_PIPELINE_BIND_POINT_RAY_TRACING_KHR", 1000165000),
         ("VK_STRUCTURE_TYPE_RAY_TRACING_PIPELINE_CREATE_INFO_KHR", 1000150015),
         ("VK_STRUCTURE_TYPE_RAY_TRACING_SHADER_GROUP_CREATE_INFO_KHR", 1000150016),
@@ -108,7 +108,7 @@ def test_no_enumerator_is_none() -> None:
         if name.startswith("VK_") and "MAX_ENUM" not in name and getattr(raw._package, name) is None:
             try:
                 assert isinstance(getattr(raw, name), int), name
-            except AttributeError:  # an alias of something that the header hasn't got
+            except AttributeError:  # an alias of a constant that the header lacks
                 continue
     with pytest.raises(AttributeError, match="VK_NO_SUCH_THING"):
         _ = raw.VK_NO_SUCH_THING
@@ -121,7 +121,7 @@ def test_ray_tracing_structure_types_are_repaired(type_name: str) -> None:
 
 
 def failing(result: int) -> tuple[raw.CData, raw.CData]:
-    """A function pointer like vkDeviceWaitIdle that returns a result, and what keeps it alive."""
+    """A function pointer of vkDeviceWaitIdle's type that returns a result, and the object that keeps it alive."""
     callback = raw.ffi.callback("VkResult(VkDevice)", lambda device: result)
     return raw.ffi.cast("PFN_vkVoidFunction", callback), callback
 

@@ -1,4 +1,4 @@
-"""Reflection: bindings, layouts, sizes, constants, and what an entry point reads and writes."""
+"""Reflection: bindings, layouts, sizes, constants, and the accesses of entry points."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def test_reads_through_a_reference_are_free_and_writes_refused(shaders):
 
 
 def test_kinds_counts_and_formats(shaders):
-    # an array without a length that is never indexed by a variable gets one from the compiler
+    # If no variable indexes it, the compiler gives an array without a length one.
     found = module(shaders, "void main() { a.at[0] = uint(texture(many[u.value], vec2(0)).x); }\n", "zero").bindings
     kinds = {name: (binding.kind, binding.count) for name, binding in found.items()}
     assert kinds == {

@@ -1,4 +1,4 @@
-"""Uniform blocks: several in one memory, quick writers, values that outlast another layout."""
+"""Uniform blocks: several in one array of bytes, fast writers, and values that are kept when the layout changes."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ void main() { result.at[0] = scale.factor * sum(pair); result.at[1] = pair.secon
 
 
 def test_shaders_see_their_blocks_frame_by_frame(device, shaders):
-    """A block of one struct without an instance name is called as the struct; a block that nothing reads is absent."""
+    """A block without an instance name that holds one struct has the struct's name. Unread blocks are absent."""
     shaders.write("blocks", BLOCKS)
     stage = Stage("blocks", buffers={"result": 2}, passes=[Pass("blocks", threads=1)])
     with Frame(device, [stage], glsl_root=shaders.root) as frame:
