@@ -26,12 +26,9 @@ OTHER = {
 def scene_of_everything():
     """A Cornell box with a mirror, a glossy metal, a smooth dielectric and a thin wall."""
     scene = cornell_box()
-    for x, material in (
-        (-0.5, sv.Material(metallic=1.0, perceptual_roughness=0.0)),
-        (0.0, sv.Material(metallic=1.0, perceptual_roughness=0.35)),
-        (0.5, sv.Material(metallic=0.3, perceptual_roughness=0.3)),
-    ):
-        scene.add(sv.Instance(mesh=shapes.sphere(0.2, 16), material=material, transform=place(at=(x, 1.2, 0.7))))
+    for x, y, metallic, roughness in ((0.45, 1.2, 1.0, 0.0), (0.0, 1.2, 1.0, 0.35), (0.2, 1.6, 0.3, 0.3)):
+        material = sv.Material(metallic=metallic, perceptual_roughness=roughness)
+        scene.add(sv.Instance(mesh=shapes.sphere(0.2, 16), material=material, transform=place(at=(x, y, 0.7))))
     wall = shapes.box((-0.01, 0, -0.3), (0.01, 0.8, 0.3))
     scene.add(sv.Instance(mesh=wall, material=sv.Material(), transform=place(at=(0.07, 0, 0.7)), name="wall"))
     return scene
@@ -81,7 +78,7 @@ def test_every_live_setting_matters(device):
 
 
 def test_solaris_preset_is_another_frame(device):
-    """The parts of its light are finite and of the defaults' size, but not equal."""
+    """All parts of its light are finite and other than by default, though about as bright together."""
     scene = scene_of_everything()
     with make_renderer(device, scene, SIZE, **FEW) as renderer:
         ours = results(renderer, scene)
@@ -89,5 +86,5 @@ def test_solaris_preset_is_another_frame(device):
         solari = results(renderer, scene)
     for name in PARTS:
         assert np.isfinite(solari[name]).all()
-        assert 0.5 < solari[name].mean() / ours[name].mean() < 2, name
         assert not np.array_equal(solari[name], ours[name])
+    assert 0.7 < sum(solari[name].mean() for name in PARTS) / sum(ours[name].mean() for name in PARTS) < 1.3
