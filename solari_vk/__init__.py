@@ -3,14 +3,13 @@
     import solari_vk as sv
 
     scene = sv.builtin("cornell_box")
-    with sv.Device() as device:
-        renderer = sv.Renderer(device, scene, (640, 360))
-        for _ in range(24):
-            frame = renderer.render(scene.camera)
-        radiance = frame["radiance"]
-    sv.save_image("cornell_box.png", radiance, exposure=scene.camera.exposure, tonemap="agx")
+    with sv.Device() as device, sv.Renderer(device, scene, (640, 360)) as renderer:
+        for _ in range(24):  # light accumulates over frames
+            frame = renderer.render()
+        radiance = frame["radiance"]  # (360, 640, 3) in cd/m^2
+        frame.save("cornell_box.png")
 
-Names are loaded when first used, so that importing the package is quick and needs no Vulkan.
+Names are imported on first use, so that importing the package is fast and needs no Vulkan.
 """
 
 from __future__ import annotations
@@ -24,16 +23,7 @@ _HOMES = {
     "errors": ("CallbackError", "DeviceError", "SolariError", "ValidationError"),
     "gpu.device.device": ("Device", "list_devices"),
     "gpu.frame.frame": ("Frame", "Pass", "Stage"),
-    "scene.model": (
-        "Camera",
-        "DirectionalLight",
-        "Instance",
-        "Material",
-        "Mesh",
-        "Scene",
-        "Texture",
-        "TextureImage",
-    ),
+    "scene.model": ("Camera", "DirectionalLight", "Instance", "Material", "Mesh", "Scene", "Texture", "TextureImage"),
     "scene.binder": ("SceneBinder",),
     "scene.gltf": ("load_gltf",),
     "scene.builtin": ("builtin",),
@@ -52,42 +42,11 @@ _MODULES = {"rt": "rt", "shapes": "scene.shapes"}
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
-    "CallbackError",
-    "Camera",
-    "Device",
-    "DeviceError",
-    "DirectionalLight",
-    "Frame",
-    "Instance",
-    "Material",
-    "Mesh",
-    "Pass",
-    "PathTracer",
-    "RayTracer",
-    "RenderedFrame",
-    "Renderer",
-    "Scene",
-    "SceneBinder",
-    "SceneFrame",
-    "Settings",
-    "SolariError",
-    "Stage",
-    "Texture",
-    "TextureImage",
-    "ValidationError",
-    "Viewer",
-    "__version__",
-    "auto_exposure",
-    "builtin",
-    "check_output",
-    "list_devices",
-    "load_gltf",
-    "rt",
-    "save_image",
-    "shapes",
-    "studio_lights",
-    "tonemap",
-]
+    "CallbackError", "Camera", "Device", "DeviceError", "DirectionalLight", "Frame", "Instance", "Material", "Mesh",
+    "Pass", "PathTracer", "RayTracer", "RenderedFrame", "Renderer", "Scene", "SceneBinder", "SceneFrame", "Settings",
+    "SolariError", "Stage", "Texture", "TextureImage", "ValidationError", "Viewer", "__version__", "auto_exposure",
+    "builtin", "check_output", "list_devices", "load_gltf", "rt", "save_image", "shapes", "studio_lights", "tonemap",
+]  # fmt: skip
 
 if TYPE_CHECKING:
     from solari_vk import rt

@@ -9,7 +9,7 @@ from solari_vk.scene.spatial import spatial_order
 
 
 def spread(points, run=16):
-    """The mean extent of runs of `size` consecutive points."""
+    """The mean extent of runs of `run` consecutive points."""
     whole = points[: len(points) // run * run].reshape(-1, run, 3)
     return np.ptp(whole, axis=1).max(axis=1).mean()
 
