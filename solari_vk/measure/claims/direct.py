@@ -41,7 +41,7 @@ def _light_tiles(bench: Workbench) -> Outcome:
     before, after = bench.compare(scene, bench.size(640, 360), variants, measure, di_candidates=32, **DIRECT_ONLY)
     return Outcome([
         Measure("DI's first pass", "ms", before[:, 0], after[:, 0], Faster(1.5)),
-        Measure("DI's first pass and the making of the tiles", "ms", before[:, 1], after[:, 1]),
+        Measure("DI's first pass, with the making of the tiles after", "ms", before[:, 0], after[:, 1]),
     ])  # fmt: skip
 
 

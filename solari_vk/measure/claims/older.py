@@ -11,9 +11,8 @@ _TRACE, _LOBE = "passes/specular_gi/trace.comp", "passes/specular_gi/lobe.glsl"
 # Bevy 0.17
 NO_TILES: tuple[Patch, ...] = (
     (_TILES, "    uint index = tile *", "    return draw_light_candidate(rng);\n    uint index = tile *"),
-    ("passes/light_tiles/generate.comp", "if (index >= light_tiles.at.length())", "if (true)"),
 )
-"""Each candidate of RIS is drawn and resolved in the pass that uses it."""
+"""Each candidate of RIS is drawn and resolved in the pass that uses it. The tiles are made all the same."""
 
 LINEAR_TILES: tuple[Patch, ...] = (
     (_TILES, " pack_radiance_log2_rgb9e5(resolved.radiance, this_frame.exposure)",
