@@ -30,7 +30,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def _find_reason_to_skip() -> str | None:
-    """Why there is no device at all; a device that doesn't fit is no reason, but a failure."""
+    """Why tests must be skipped: there is no Vulkan device. A device that lacks a feature is a failure instead."""
     try:
         if list_devices():
             return None
@@ -75,7 +75,7 @@ def no_validation_messages(request: pytest.FixtureRequest) -> Iterator[None]:
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Messages of the session device's own end."""
+    """Fail the session for validation messages while its device is destroyed."""
     if _messages:
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
         print("\nvalidation messages at the end of the session:\n" + "\n".join(_messages))

@@ -1,4 +1,4 @@
-"""The references against each other and against known values: an oracle that is wrong proves nothing."""
+"""The references against each other and against known values, since a wrong reference proves nothing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fixtures of the suite's own tests: its shaders as they are, and with seeded bugs."""
+"""Fixtures for tests of the suite: its shaders, unchanged and with seeded bugs."""
 
 from __future__ import annotations
 
@@ -32,6 +32,6 @@ def patched(device):
 
 @pytest.fixture(scope="session")
 def plain_device(any_device):
-    """A device without validation, for what an old layer hides."""
+    """A device without validation, for extensions that an old validation layer hides."""
     with Device(validation=False) as opened:
         yield opened

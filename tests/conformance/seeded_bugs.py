@@ -1,4 +1,4 @@
-"""Seeded bugs, and the rules that must be red with them. Every rule of the suite has one."""
+"""What tests with seeded bugs share: which rules fail. Every rule of the suite fails with some bug."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ import numpy as np
 
 
 def failing(measurements):
-    """The names of the rules that don't hold."""
+    """The names of the rules that fail."""
     return {measured.rule.name for measured in measurements if not measured.holds}
 
 
 def expect_red(measurements, *parts):
-    """Each part is in the name of a rule that fails."""
+    """Require that each part occurs in the name of a failing rule."""
     names = failing(measurements)
     for part in parts:
         assert any(part in name for name in names), f"{part} must fail; what fails is {sorted(names)}"
 
 
 def masked(field, mask):
-    """Damage to instance records: only these bits of a field are left."""
+    """Damage to instance records: clears all bits of a field outside the mask."""
 
     def damage(records):
         records[field] &= np.uint32(mask)

@@ -1,4 +1,4 @@
-"""The groups lights and path_tracer can fail; bugs of the group brdf are those of tests/glsl."""
+"""The rules of the groups lights and path_tracer fail with seeded bugs; tests/glsl has those of the group brdf."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from solari_vk.gpu.shaders.patches import patched_shaders
 
 
 def test_bugs_in_lights_are_noticed(device):
-    """A light's chance mistold."""
+    """Light samples get a wrong density."""
     bug = ("scene/sampling.glsl", "float inverse_light_pdf = float(", "float inverse_light_pdf = 1.0 + float(")
     with patched_shaders(bug):
         expect_red(light_checks.measure_lamp(device, "nee"), "floor, nee: mean", "floor, nee: tiles")
@@ -18,7 +18,7 @@ def test_bugs_in_lights_are_noticed(device):
 
 
 def test_bugs_in_the_path_tracer_are_noticed(device):
-    """Survivors' energy kept down, and rays that start where they are."""
+    """Roulette's survivors keep their throughput, and rays start without an offset."""
     bugs = [
         ("passes/pathtracer/trace.comp", "throughput /= survival;", ""),
         ("scene/surface.glsl", "16.0 * ROUNDING_UNIT * dot(world_reach", "0.0 * dot(world_reach"),

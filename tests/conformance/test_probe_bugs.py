@@ -1,4 +1,4 @@
-"""The labelled probes can fail: each flag, field and getter has a seeded bug."""
+"""The rules of the probes fail with seeded bugs: one for each flag, field and getter."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from seeded_bugs import expect_red, failing, masked
 from solari_vk.conformance import bulk_checks, probe_actions, probe_checks
 from solari_vk.conformance.probe_table import PROBES
 from solari_vk.conformance.probes import INSTANCES, SHAPES
+from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.conformance.worlds import World
+from solari_vk.gpu.frame import ray_query_constants
 from solari_vk.gpu.frame.ray_query_constants import RayFlags
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.patches import patched_shaders
@@ -132,7 +134,7 @@ def test_damaged_instance_record_is_noticed(shaders, name):
 
 
 def test_damaged_geometry_is_noticed(shaders):
-    """Opacity swapped, geometries and primitives in another order."""
+    """Opacity is inverted; geometries and primitives are in another order."""
     swapped = {name: [replace(part, opaque=not part.opaque) for part in parts] for name, parts in SHAPES.items()}
     expect_red(probe(shaders, shapes=swapped), "no flag", "CULL_OPAQUE", "CandidateAABBOpaque")
     reordered = SHAPES | {"many": SHAPES["many"][::-1], "two lists of boxes": SHAPES["two lists of boxes"][::-1]}
@@ -183,6 +185,14 @@ def test_bug_in_a_shader_is_noticed(patched, name):
     *bug, first, second = (*SHADER_BUGS[name], "") if len(SHADER_BUGS[name]) == 4 else SHADER_BUGS[name]
     with patched(tuple(bug)) as shaders:
         expect_red(probe(shaders), first, second)
+
+
+def test_another_number_for_boxes_is_noticed(device, monkeypatch):
+    """The numbers of kinds come from Python; the shaders compare with those that Vulkan has."""
+    header = ray_query_constants.glsl_header()
+    monkeypatch.setattr(ray_query_constants, "glsl_header", lambda: header.replace("AABB = 3u", "AABB = 2u"))
+    with ShaderRunner(device) as shaders:
+        expect_red(probe(shaders), "stops at each AABB")
 
 
 RAYS, REPLACED = "end and hit nothing", "in place of each invalid ray"

@@ -1,4 +1,4 @@
-"""Verdicts and reports say what was measured, both ways in run the suite, and nothing passes that wasn't measured."""
+"""Verdicts and reports say what was measured, the command and pytest run the suite, and nothing passes unmeasured."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FAULT = Fault("llvmpipe", "a r*", "seen with this and that", at_most=3.0)
 
 
 def verdict(recorder):
-    """What `conclude` raises, by its kind."""
+    """What `conclude` raises: its type's name and its text."""
     try:
         recorder.conclude()
     except (pytest.fail.Exception, pytest.skip.Exception, pytest.xfail.Exception) as raised:

@@ -1,4 +1,4 @@
-"""Bulk checks, vertex return and structures can fail."""
+"""The rules of bulk rays, vertex return and acceleration structures fail with seeded bugs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TRACE = "passes/conformance/trace.comp"
 
 
 def test_bugs_in_tracing_are_noticed(patched, monkeypatch):
-    """Off by one against Embree and many instances, t against float64, and rays that are none made whole."""
+    """Wrong primitives, t and custom data, and NaN in directions replaced by numbers."""
     bugs = [
         (TRACE, "hit.primitive_index)", "hit.primitive_index + 1u)"),
         (TRACE, "-1.0 : hit.t", "-1.0 : hit.t * 1.001"),
@@ -35,7 +35,7 @@ def test_bugs_in_tracing_are_noticed(patched, monkeypatch):
 
 
 def test_missed_extremes_are_noticed(patched):
-    """Nothing smaller than a thousandth is hit."""
+    """Rays with directions shorter than 0.001 hit nothing."""
     bug = (TRACE, "Ray ray = rays.at[index];", "Ray ray = rays.at[index];\n"
            "    ray.t_max = length(ray.direction) < 1e-3 ? 0.0 : ray.t_max;")  # fmt: skip
     with patched(bug) as shaders:
@@ -43,7 +43,7 @@ def test_missed_extremes_are_noticed(patched):
 
 
 def test_holes_are_noticed(shaders, monkeypatch):
-    """A closed surface and a fan without one triangle let rays through."""
+    """Rays pass through a closed surface and a fan that lack one triangle."""
     whole = worlds.Triangles
     monkeypatch.setattr(bulk_checks, "Triangles", lambda corners: whole(corners[1:]))
     expect_red(bulk_checks.measure_watertight(shaders), "closed surface: edges", "fan: edges")
@@ -53,7 +53,7 @@ POSITIONS = "passes/conformance/positions.comp"
 
 
 def changed_vertices(which, expression):
-    """A seeded bug: vertex i of those returned is this expression of `found` and i."""
+    """A seeded bug: returned vertex i is this expression of the found vertices and i."""
     getter, field = f"get{which}HitVertexPositions(query)", f"vertices.{which.lower()}"
     changed = f"for (int i = 0; i < 3; i++) {field}[i] = {expression}"
     return POSITIONS, f"{field} = {getter};", f"{{ vec3 found[3] = {getter}; {changed}; }}"
@@ -83,14 +83,14 @@ def test_bugs_in_vertex_return_are_noticed(patched, fetching, name):
     with patched(*POSITION_BUGS[name], device=fetching) as shaders:
         measured = list(position_checks.measure_positions(shaders))
     expect_red(measured, *(rule.name for rule in position_checks.RULES.values()))
-    if name == "in world space":  # a larger error than the known fault's isn't taken for it
+    if name == "in world space":  # an error larger than the known fault's is a failure
         recorder = Recorder("ray_queries", "", known_faults("llvmpipe Mesa 25.0"))
         recorder(measured)
         assert {outcome.status for outcome in recorder.outcomes} == {FAIL}
 
 
 def test_unplaced_vertices_are_noticed(fetching, monkeypatch):
-    """A driver that returns vertices before their geometry's transform, as if the table told of other triangles."""
+    """A driver that returns vertices without their geometry's transform fails; the table is changed to simulate it."""
     with ShaderRunner(fetching) as shaders:
         assert not failing(position_checks.measure_positions(shaders)) - {
             rule.name for (_, several), rule in position_checks.RULES.items() if several

@@ -1,4 +1,4 @@
-"""Runs this folder's shaders, which include the renderer's library, as it is or with seeded bugs."""
+"""Runs this folder's shaders, which include the renderer's library, unchanged or with seeded bugs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from solari_vk.gpu.shaders.patches import Patch, patched_shaders
 
 @pytest.fixture(scope="session")
 def shaders(device: Device) -> Iterator[ShaderRunner]:
-    """The shader library as it is."""
+    """A runner of the unchanged shader library."""
     with ShaderRunner(device, Path(__file__).parent) as runner:
         yield runner
 

@@ -1,4 +1,4 @@
-"""Values of the surface model, direction by direction, against the NumPy reference written without sight of it."""
+"""Values of the surface model for single directions, against the NumPy reference, which was written independently."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from solari_vk.conformance.brdf_checks import furnace, random_directions
 from solari_vk.measure.claims.older import LOBES_ADDED
 
 CASES = [
-    # base colour, metallic, perceptual roughness, reflectance; and how far the table's interpolation may be off
+    # base colour, metallic, perceptual roughness, reflectance, and the error allowed for the table's interpolation
     (0.8, 0.0, 0.3, 0.5, 2e-3),
     (0.8, 0.0, 0.9, 1.0, 2e-3),
     (0.6, 1.0, 0.2, 0.5, 2e-3),
@@ -44,7 +44,7 @@ def test_values(shaders, case):
 
 
 def test_table_holds_the_albedo(shaders):
-    """Nodes of the table against brute force: cosine is the square of the column's place."""
+    """Nodes of the table against brute force; the cosine is the square of the column's relative position."""
     table = shaders.brdf_tables()["brdf_table"].read(np.float32).reshape(64, 64, 2)
     for row in (8, 20, 40, 63):
         for column in (12, 30, 63):

@@ -1,4 +1,4 @@
-"""Distributions, each mapped back to the unit square, where it must be uniform."""
+"""Sampled distributions, each mapped back to the unit square, where it must be uniform."""
 
 from __future__ import annotations
 

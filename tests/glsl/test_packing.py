@@ -1,4 +1,4 @@
-"""Encodings against numpy: bit for bit where arithmetic is exact, within the format's own step elsewhere."""
+"""Encodings against numpy: bit for bit where arithmetic is exact, within a step of the format elsewhere."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reservoirs of direct light by enumeration: over everything that may be found, a merge's mean is exactly the sum."""
+"""Reservoirs of direct light by enumeration: over all random outcomes, the mean of a merge is exactly the sum."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def run(shaders, merges=(), streams=()):
 
 
 def initial_outcomes(targets, candidates):
-    """All that RIS over equally likely lights may end with: {light: [(probability, contribution weight), ...]}."""
+    """All outcomes of RIS over equally likely lights: a list of (light, probability, contribution weight)."""
     count = len(targets)
     outcomes = []
     for drawn in itertools.product(range(count), repeat=candidates):
@@ -88,7 +88,7 @@ def check_expectation(shaders, names=tuple(CASES)):
 
 
 def check_choices(shaders):
-    """How often each of the two is chosen, over many random numbers, and the weight that goes with it."""
+    """How often each of two samples is chosen, over many random numbers, and the weight that it then gets."""
     count = 40_000
     case = ((3.0, 5.0), (2.0, 0.7), (1.5, 2.5), (0.4, 3.0))
     cases = np.array([(*case, seed) for seed in range(count)], MERGE)
@@ -103,7 +103,7 @@ def check_choices(shaders):
 
 
 def check_streams(shaders):
-    """Number by number what the generator's stream chooses; zeros are never chosen."""
+    """The choice follows from the generator's numbers, one by one; weights of 0 are never chosen."""
     random = np.random.default_rng(4)
     streams = np.zeros(5000, STREAM)
     streams["weights"] = random.random((5000, 4)) * (random.random((5000, 4)) < 0.6)
@@ -126,7 +126,7 @@ def check_streams(shaders):
 
 
 def check_permutation(shaders):
-    """Its own inverse for each of the 16 shifts, and nothing leaves the picture or enters it from the other side."""
+    """The permutation is its own inverse for each of the 16 shifts, and no pixel leaves the picture or wraps around."""
     width, height = SIZE
     y, x = np.mgrid[:height, :width]
     pixels = np.stack([x, y], axis=-1)

@@ -1,5 +1,5 @@
-"""ReSTIR GI's merge is unbiased: summed over all that two pixels can find and choose, each sample point counts just as
-much as it is seen, whatever the geometry, the confidences and what stands between."""
+"""ReSTIR GI's merge is unbiased: over all samples and choices of two pixels, the expected contribution of each sample
+point is the solid angle in which the first pixel sees it, for any geometry, confidences and occluders."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from solari_vk.scene.model import Instance, Scene
 from solari_vk.scene.shapes import quad
 
 POINTS = 5  # sample points of a scene
-CHOICES = 512  # of the random number
+CHOICES = 512  # values of the random number
 SCENES = 8
 JACOBIAN_LIMIT = 10.0
 BLOCKER = {"center": (0.3, 0.0, 0.5), "half_u": (0.35, 0.0, 0.1), "half_v": (0.0, 3.0, 0.0)}
@@ -23,7 +23,7 @@ def unit(v):
 
 
 class World:
-    """Two pixels on the floor, points above that face down, and a blocker that hides some of them from either."""
+    """Two pixels on the floor, sample points above that face down, and an occluder between them."""
 
     def __init__(self, seed):
         rng = np.random.default_rng(seed)
@@ -32,10 +32,10 @@ class World:
         self.normals = np.float32(unit(self.geometric + 0.3 * rng.normal(size=(2, 3))))
         self.points = np.float32(np.c_[rng.uniform(-1.5, 1.5, (POINTS, 2)), 10 ** rng.uniform(-0.5, 0.3, POINTS)])
         near = self.positions + np.float32([0.05, 0.05, 0.2])
-        self.points[:2] = near  # so near to one pixel that shifts stretch them beyond the limit
+        self.points[:2] = near  # so close to one pixel that the Jacobian of a shift exceeds its limit
         self.point_normals = np.float32(unit(np.float32([0, 0, -1]) + 0.5 * rng.normal(size=(POINTS, 3))))
         self.radiance = np.float32(rng.uniform(0.1, 2, (POINTS, 3)))
-        self.radiance[-1] = 0  # found, but dark
+        self.radiance[-1] = 0  # a black sample point
         self.confidence = np.float32(rng.uniform(0.5, 8, 2))
         to_pixel = self.positions[:, None] - self.points[None]  # pixel, point
         distance = np.linalg.norm(to_pixel, axis=-1)
@@ -54,7 +54,7 @@ class World:
 
 
 def reservoirs(world, pixel, dtype):
-    """What one pixel may find, all equally likely: nothing, or any point that it sees."""
+    """The equally likely reservoirs of one pixel: an empty one, and one for each point that it sees."""
     points = np.flatnonzero(world.visible[pixel])
     found = np.zeros(1 + len(points), dtype)
     found["confidence_weight"] = world.confidence[pixel]
@@ -67,7 +67,7 @@ def reservoirs(world, pixel, dtype):
 
 
 def merge_all(shaders, worlds):
-    """All cases, which world each is of, and what each merges to for every choice, (cases, CHOICES)."""
+    """All cases, the world of each, and the merged reservoirs for every choice, (cases, CHOICES)."""
     case_type, pixel_type = (shaders.element("test/gi_merge", name) for name in ("cases", "pixels"))
     cases, owners = [], []
     for index, world in enumerate(worlds):
@@ -100,7 +100,7 @@ def check_unbiased(shaders):
     total = cases["found"]["confidence_weight"] + cases["other_found"]["confidence_weight"]
     assert np.allclose(merged["confidence_weight"], total[:, None])
     edges = np.linspace(0, 1, CHOICES + 1)
-    odds = np.diff(edges**2 * (3 - 2 * edges))  # choices are closest where rare outcomes lie
+    odds = np.diff(edges**2 * (3 - 2 * edges))  # the grid of choices is densest where rare outcomes lie
     seen_by_one = 0
     for index, world in enumerate(worlds):
         own = merged[owners == index]
@@ -108,7 +108,7 @@ def check_unbiased(shaders):
             chosen = (own["sample_point_world_position"] == world.points[point]).all(axis=-1)
             weights = own["unbiased_contribution_weight"] * chosen
             mean = (weights @ odds).mean()
-            grid_error = weights.max(axis=1).mean() * odds.max() / 2  # a threshold lies anywhere between two choices
+            grid_error = weights.max(axis=1).mean() * odds.max() / 2  # the exact threshold lies between two choices
             expected = world.solid_angle[0, point] * world.visible[0, point] * world.lit[point]
             what = f"world {index}, point {point}: {mean}, not {expected}"
             assert abs(mean - expected) <= grid_error + 1e-3 * expected, what

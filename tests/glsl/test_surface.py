@@ -1,4 +1,4 @@
-"""MIS weights at infinity, bases, bent normals, and surfaces of meshes with nothing right about them."""
+"""MIS weights of infinite densities, bases, bent normals, and surfaces of degenerate meshes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What tests of acceleration structures share: short ways to make them, and a check that nothing is left alive."""
+"""Fixtures for tests of acceleration structures: short ways to make them, and a check that nothing leaks."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def shaders(device: Device) -> Iterator[ShaderRunner]:
 
 
 class World:
-    """Makes structures by name on one device and destroys all of them in the end."""
+    """Makes structures and buffers on one device, and destroys all of them in the end."""
 
     def __init__(self, shaders: ShaderRunner) -> None:
         self.device, self._shaders = shaders.device, shaders
@@ -57,11 +57,11 @@ class World:
         return buffer
 
     def trace(self, tlas: rt.Tlas, origins: Any = CENTER, directions: Any = DOWN, **options: Any) -> np.ndarray:
-        """The closest hits, see `conformance.bulk_checks.trace`: t < 0 is a miss."""
+        """The closest hits; t < 0 is a miss. See `conformance.bulk_checks.trace`."""
         return bulk_checks.trace(self._shaders, tlas, origins, directions, **options)
 
     def is_hit(self, tlas: rt.Tlas) -> bool:
-        """Whether the ray down at the quad hits."""
+        """Whether a ray from CENTER hits the quad."""
         return bool(self.trace(tlas)["t"][0] == 5)
 
     def close(self) -> None:
@@ -82,7 +82,7 @@ def world(device: Device, shaders: ShaderRunner) -> Iterator[World]:
 
 @pytest.fixture
 def built(world: World) -> Callable[..., tuple[rt.Blas, rt.Tlas]]:
-    """A Blas over a quad and a Tlas over it, built."""
+    """built(...) -> a built Blas over a quad, and a built Tlas over it."""
 
     def make(**options: Any) -> tuple[rt.Blas, rt.Tlas]:
         blas, tlas = world.blas(name="quad", **options), world.tlas(name="top")

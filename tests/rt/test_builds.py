@@ -1,4 +1,4 @@
-"""Build calls: what is built is what rays meet, refitted or rebuilt as asked for."""
+"""Build calls: rays hit what was built, and structures are refitted or rebuilt as requested."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def test_facing_flags_of_instances(world: Any) -> None:
 
 @pytest.fixture
 def modes(device: Any, monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """The modes of all builds recorded: 0 build, 1 update."""
+    """The modes of all recorded builds: 0 is a build, 1 an update."""
     seen: list[int] = []
     original = device.vk.vkCmdBuildAccelerationStructuresKHR
 
@@ -193,7 +193,7 @@ def test_compaction_by_callback_and_by_polling(world: Any, built: Any) -> None:
     assert compacted.compacted
     assert not blas.compacted
     assert 0 < compacted.size <= compacted.built_size == blas.size
-    world.build([world.entry(blas, rt.Triangles(quad(40)))])  # the new one is independent of the old one
+    world.build([world.entry(blas, rt.Triangles(quad(40)))])  # must not change the compacted Blas
     assert not blas.ready_for_compaction
     blas.destroy()
     world.build((), [rt.TlasPackage(tlas, [rt.TlasInstance(compacted, shifted(1))])])
@@ -204,7 +204,7 @@ def test_a_rebuild_cancels_a_pending_compaction(world: Any, built: Any, monkeypa
     blas, _ = built()
     told: list[str] = []
     with monkeypatch.context() as slow:
-        slow.setattr(world.device, "collect", lambda: None)  # as if the device were still at work
+        slow.setattr(world.device, "collect", lambda: None)  # as if the device were still busy
         blas.prepare_compaction(lambda: told.append("called"))
         assert not blas.ready_for_compaction
         world.build([world.entry(blas)])
@@ -221,7 +221,7 @@ def test_the_new_structure_has_the_size_that_the_device_tells(
 ) -> None:
     blas, tlas = world.blas(), world.tlas()
     needed = blas.size
-    blas.create(needed + 50_000)  # lavapipe never finds anything to save, so a part is added that can be
+    blas.create(needed + 50_000)  # lavapipe never saves anything, so that the storage is enlarged first
     get_results = device.vk.vkGetQueryPoolResults
 
     def report(handle: Any, pool: Any, first: int, count: int, size: int, target: Any, *rest: int) -> None:

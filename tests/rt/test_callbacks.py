@@ -1,4 +1,4 @@
-"""Callbacks of prepare_compaction: where they are called, and what becomes of what they raise."""
+"""Callbacks of prepare_compaction: when they are called, and what happens to their exceptions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from solari_vk.gpu.device import uploads
 
 
 def out_of_memory_once(device: sv.Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The allocator waits for what is being freed, and tries again."""
+    """Simulate an allocation that fails once: the allocator waits for pending frees and tries again."""
     real, tries = device.memory._allocate, []
 
     def allocate(*arguments: Any) -> Any:
@@ -34,7 +34,7 @@ def out_of_memory_once(device: sv.Device, monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_callbacks_never_run_inside_a_device_call(world: Any, built: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whatever the device has finished, and wherever it is heard of, the user's function waits for its own call."""
+    """Callbacks run only when the user polls or waits, whichever call notices that the device has finished."""
     device, inside, told = world.device, [], []
     blas, tlas = built()
     for name in ("vkQueueSubmit2", "vkCmdBuildAccelerationStructuresKHR", "vkWaitSemaphores"):
@@ -52,7 +52,7 @@ def test_callbacks_never_run_inside_a_device_call(world: Any, built: Any, monkey
         "out of memory": lambda: out_of_memory_once(device, monkeypatch),
     }
     monkeypatch.setattr(uploads, "FLUSH_SIZE", 4)
-    monkeypatch.setattr(sv.Device, "idle", False)  # or a mapped buffer is written at once
+    monkeypatch.setattr(sv.Device, "idle", False)  # else a mapped buffer is written at once
     other, buffer = world.blas(), world.buffer([1, 2, 3])
     at = TriangleGeometry(world.buffer(quad()).address, 6, 2)
     for name, call in calls.items():
@@ -74,7 +74,7 @@ def test_every_callback_is_called_and_what_they_raise_comes_out_together(
     blases = [world.blas(name=f"number {i}") for i in range(4)]
     world.build([world.entry(blas) for blas in blases])
     completed = device.completed
-    monkeypatch.setattr(sv.Device, "completed", completed)  # as if it were at work, so that all are done at once
+    monkeypatch.setattr(sv.Device, "completed", completed)  # as if the device were busy, so that all finish at once
 
     def fail(i: int) -> None:
         told.append(i)
@@ -90,8 +90,8 @@ def test_every_callback_is_called_and_what_they_raise_comes_out_together(
     assert told == [0, 1, 2, 3]
     assert [str(error) for error in caught.value.exceptions] == ["mine 0", "mine 2"]
     assert all("Blas number" in error.__notes__[0] for error in caught.value.exceptions)
-    device.wait_idle()  # they come out once
-    for blas in blases:  # and the device is as it would be without them
+    device.wait_idle()  # each exception is raised once
+    for blas in blases:  # and the device still works
         assert blas.ready_for_compaction
         world.keep(blas.compact())
     _, tlas = built()

@@ -1,6 +1,6 @@
 """The debug build of scene/ray_query.glsl: each broken rule of the document is counted and harmless.
 
-Queries that break no rule, wrong rays among them, are the conformance suite's.
+The conformance suite proves queries that break no rule, and invalid rays.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ void main() {
     kinds.at[0] = hit.kind + uint(corners[0].x > 1e30);
 }
 """
-OPAQUE, GLASS, BOX, NOTHING = 0.6, 2.6, 6.6, 8.6  # where rays start in x, and what they meet
+OPAQUE, GLASS, BOX, NOTHING = 0.6, 2.6, 6.6, 8.6  # the x at which rays start, by what they hit
 
 
 def start(x: float, flags: int = 0) -> str:
@@ -92,7 +92,7 @@ RunCase = Callable[..., tuple[int, list[rt.RayQueryFault]]]
 
 @pytest.fixture(scope="module")
 def shader_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A GLSL root with one shader of all cases and one of those with vertices; RIGHT is the last case of both."""
+    """A GLSL root with a shader of CASES and one of POSITION_CASES; RIGHT is the last case of both."""
     folder = tmp_path_factory.mktemp("cases")
     (folder / "passes").mkdir()
     for name, cases in (("cases", CASES), ("position_cases", POSITION_CASES)):
@@ -104,7 +104,7 @@ def shader_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def run_case(shader_folder: Path) -> Iterator[RunCase]:
-    """run_case(device, number, name="cases") -> the kind of what was found, and the faults counted."""
+    """run_case(device, number, name="cases") -> the kind of the hit, and the counted faults."""
     made: list[Any] = []
     tops: dict[Device, rt.Tlas] = {}
 
@@ -180,7 +180,7 @@ def test_the_flag_says_what_the_device_can(device: Device) -> None:
 
 
 def test_the_guide_says_which_rays_are_checked() -> None:
-    """The renderer's own rays go to Vulkan as they are, and whoever debugs a shader must know."""
+    """The renderer's own rays go to Vulkan unchecked, which users who debug a shader must know."""
     root = Path(__file__).parents[2]
     assert "ray_query.glsl" not in (root / "glsl/scene/trace.glsl").read_text()
     guide = (root / "docs/ray_tracing.md").read_text(encoding="utf-8")
@@ -190,7 +190,7 @@ def test_the_guide_says_which_rays_are_checked() -> None:
 
 # ---- seeded bugs ------------------------------------------------------------------------------------
 
-MUTANTS = {  # text, what is put in its place, and the rule whose cases must fail
+MUTANTS = {  # the text, its replacement, and the rule whose cases must fail
     "faults not counted": ("ray_query_faults.at[fault].count, 1u)", "ray_query_faults.at[fault].count, 0u)",
                            "committed_while_candidate"),
     "a fault's effect": ("return kept;", "return true;", "candidate_while_committed"),

@@ -1,4 +1,4 @@
-"""Everything that must not reach Vulkan is refused with an error that names the object and the rule."""
+"""What must not reach Vulkan is refused with an error that names the object and the rule."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_rebuilt_under_an_old_top(world: Any, built: Any) -> None:
     world.build([world.entry(blas)])
     with refused("use of Tlas top, built over Blas quad, which was built again since: build the Tlas again"):
         world.trace(tlas)
-    world.build([world.entry(blas)], top(blas, tlas))  # together is right
+    world.build([world.entry(blas)], top(blas, tlas))  # in one call
     assert world.is_hit(tlas)
 
 
@@ -159,7 +159,7 @@ def test_another_device(world: Any, built: Any) -> None:
 
 
 def test_seeded_bugs_in_the_order_are_noticed(world: Any, built: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A rebuilt Blas that isn't seen, custom data of 25 bits, a compaction that a rebuild doesn't cancel."""
+    """Rebuilt Blases are accepted, custom data has 25 bits, and a rebuild doesn't cancel a compaction."""
     usable = rt.Tlas.check_usable
 
     def lenient(tlas: rt.Tlas) -> None:
@@ -344,7 +344,7 @@ def test_a_build_after_an_error_works(world: Any, built: Any) -> None:
 
 
 def test_arrays_are_copied_when_they_are_checked() -> None:
-    """What changes in the caller's arrays afterwards never reaches the device."""
+    """Later changes of the caller's arrays never reach the device."""
     positions, indices = np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.uint32)
     triangles = rt.Triangles(positions, indices)
     boxes = np.array([[0, 0, 0, 1, 1, 1]], np.float32)

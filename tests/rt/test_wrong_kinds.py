@@ -1,4 +1,4 @@
-"""A wrong kind of thing is refused where it is given, with an error that names it and says what to give instead."""
+"""Arguments of a wrong type are refused at once, with an error that names them and says what to give instead."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ def test_an_edited_instance_is_refused_before_anything_is_built(world: Any) -> N
 
 
 def test_what_was_checked_in_arrays_stays(world: Any) -> None:
-    """Neither the caller's arrays nor what `TlasInstances` shows of its own lead to what is built."""
+    """Changing the caller's arrays or the public attributes of `TlasInstances` doesn't change what is built."""
     blas, blases, transforms = world.blas(), [world.blas()], np.array([shifted()], np.float32)
     instances = rt.TlasInstances(blases, transforms)
     transforms[:], blases[0] = np.nan, "x"

@@ -1,1 +1,1 @@
-"""Independent references, written from the papers and the specification only, never from the shaders."""
+"""What tests share: independent references, written from papers and specifications, scenes and checks."""

@@ -1,10 +1,10 @@
-"""Measurements of the conformance suite in tests: all must hold, or some rules must fail."""
+"""Measurements of the conformance suite in tests."""
 
 from __future__ import annotations
 
 
 def hold(measurements):
-    """Each measurement keeps its bar; returns the measurements."""
+    """Require that all measurements hold, and return them."""
     found = list(measurements)
     for measured in found:
         print(measured)

@@ -1,4 +1,4 @@
-"""Who is hit: Embree over a Scene, a float64 ray-triangle test, and the rays of a camera's pixels."""
+"""Which triangles rays hit: Embree over a Scene, a float64 ray-triangle test, and the rays of a camera's pixels."""
 
 from __future__ import annotations
 

@@ -16,5 +16,5 @@ def quad(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> np.ndarray:
 
 
 def shifted(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> np.ndarray:
-    """A transform (3, 4) that moves."""
+    """A translation (3, 4)."""
     return np.array([[1, 0, 0, x], [0, 1, 0, y], [0, 0, 1, z]], np.float32)

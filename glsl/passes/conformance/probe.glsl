@@ -1,5 +1,5 @@
-// One ray query run as a probe asks, with everything that can be got from it written down: what the first candidate
-// was, what was committed in the end, and how often the traversal stopped on the way.
+// Runs one ray query as a probe asks and writes down all that it returns: the first candidate, the committed hit, and
+// how many candidates there were.
 #ifndef CONFORMANCE_PROBE_GLSL
 #define CONFORMANCE_PROBE_GLSL
 
@@ -34,13 +34,13 @@ struct Found {  // RayIntersection, and Vulkan's object-space ray
 };
 
 struct Answer {
-    uint steps;                 // how often rayQueryProceed said that there is a candidate
+    uint steps;                 // how often rayQueryProceed returned true
     uint triangle_candidates;
     uint box_candidates;
-    uint opaque_boxes;          // box candidates that came as opaque
+    uint opaque_boxes;          // AABB candidates that were opaque
     uint seen_primitives;       // bit i: primitive i was a candidate
     uint proceeds_after_end;
-    float t_min;                // the ray as the query tells it
+    float t_min;                // the ray as the getters return it
     uint flags;
     vec3 world_origin;
     vec3 world_direction;
@@ -58,7 +58,7 @@ Found found_of(RayIntersection hit, vec3 object_origin, vec3 object_direction) {
                  hit.object_to_world, hit.world_to_object, object_origin, object_direction);
 }
 
-// The first t > t_min at which an object-space ray meets the ball around a point; negative when it doesn't.
+// The smallest t > t_min at which an object-space ray meets the ball of radius 0.5 around a point; negative for a miss.
 float sphere_t(vec3 origin, vec3 direction, vec3 center, float t_min) {
     vec3 from_center = origin - center;
     float a = dot(direction, direction), b = dot(from_center, direction);
