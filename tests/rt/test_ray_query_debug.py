@@ -184,8 +184,8 @@ def test_the_guide_says_which_rays_are_checked() -> None:
     root = Path(__file__).parents[2]
     assert "ray_query.glsl" not in (root / "glsl/scene/trace.glsl").read_text()
     guide = (root / "docs/ray_tracing.md").read_text(encoding="utf-8")
-    assert "`RAY_QUERY_DEBUG` does not see rays traced through `scene/trace.glsl`" in guide
-    assert "There is no `scene.trace(rays)`, since a scene knows no device" in guide
+    assert "`RAY_QUERY_DEBUG` doesn't check rays traced with `scene/trace.glsl`" in guide
+    assert "There is no `scene.trace(rays)`, because a scene isn't tied to a device" in guide
 
 
 # ---- seeded bugs ------------------------------------------------------------------------------------
