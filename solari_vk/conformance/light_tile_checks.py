@@ -41,7 +41,9 @@ Samples = NDArray[Any]
 _EACH = sv.Settings().light_tile_samples
 _MOST = NormalDist().inv_cdf(0.9999)
 COLOR = np.array((1.0, 0.3, 0.0))
-EXPOSED = np.geomspace(1e-4, 1e9, 16)[:, None] * COLOR  # of the lamps (16, 3), in units of white
+SATURATED = np.array((1.0, 0.5, 5e-4))
+# Radiance of the lamps (16, 3) in units of white.
+EXPOSED = np.geomspace(1e-4, 1e9, 16)[:, None] * np.where(np.arange(16)[:, None] % 2, SATURATED, COLOR)
 HALF_SIDE = 0.1
 BALL = 10.0
 EV100, LUX, SUN_ANGLE = 9.7, 100_000.0, 0.0093

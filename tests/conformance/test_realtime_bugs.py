@@ -192,6 +192,8 @@ BUGS = {
                                     "resolved.kind |", ""),
     "every tile alike": (light_tile_checks.measure_tiles, ["all lights", "no sample is twice", "nor scroll"], GENERATE,
                          "uvec2(index / samples_each,", "uvec2(0u,"),
+    "every frame alike": (light_tile_checks.measure_tiles, ["no sample is twice", "nor scroll"], GENERATE,
+                          "this_frame.index, this_frame.seed", "0u, this_frame.seed"),
     "seeds summed": (light_tile_checks.measure_tiles, ["no sample is twice"], GENERATE, "uint rng = seed_rng(",
                      "uint rng = index + 1024u * this_frame.index; seed_rng("),
     "light bled into black": (light_tile_checks.measure_tiles, ["without light"], TILES,
