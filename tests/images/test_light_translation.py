@@ -1,4 +1,4 @@
-"""Lights that come, go and change places between frames: what reservoirs hold of them keeps its meaning."""
+"""Lights that are added, removed or reordered between frames: the samples in the reservoirs stay valid."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place
 from solari_vk.scene.constants import NO_INDEX
 
-# of one luminance, so that each is chosen as often
+# of equal luminance, so that each is chosen equally often
 RED, GREEN, BLUE = (9.0 * np.eye(3) / np.array((0.2126, 0.7152, 0.0722))).tolist()
 SIZE, RUNS = (48, 48), 16
 # at this size a radius of 30 pixels would make all pixels share a few samples
@@ -22,7 +22,7 @@ QUAD = shapes.quad((0, 0, 0), (0.3, 0, 0), (0, 0, 0.3))
 
 
 def hang(color, x, scale=1.0):
-    """A lamp that shines down on the floor."""
+    """A lamp at height 2 that emits downwards."""
     return sv.Instance(mesh=QUAD, material=lamp(color), transform=place((scale, 1, scale), (x, 2, 0)))
 
 
@@ -34,18 +34,18 @@ def floor():
 
 
 def means(renderer, scene, frames):
-    """Mean light (3,) of each of so many frames."""
+    """The mean direct light of each frame, (frames, 3)."""
     return np.stack([direct_light(renderer.render(scene.camera)).mean(axis=(0, 1)) for _ in range(frames)])
 
 
 def settled(device, scene):
-    """What frames that know of no other make of the scene, (3,)."""
+    """The mean direct light (3,) of the scene without reuse between frames or pixels."""
     with direct_renderer(device, scene, SIZE, di_temporal=False, di_spatial=False) as renderer:
         return means(renderer, scene, 128).mean(axis=0)
 
 
 def replicate(renderer, run):
-    """What `run()` returns after a reset with each of RUNS seeds."""
+    """The results of run(), called after a reset with each of RUNS seeds."""
     observations = []
     for seed in range(RUNS):
         renderer.seed = seed
@@ -61,8 +61,10 @@ def assert_agree(observations, expected, bar):
 
 
 def check_removal(device, scene):
-    """The first of three lights goes, and the last takes its place in the list: none of its light is left in the very
-    next frame, none of the others' is missing or doubled."""
+    """Removes the first of three lights, whose index the last one takes.
+
+    The next frame has none of the removed light, and the others' light is neither missing nor doubled.
+    """
     lamps = [scene.add(hang(color, x)) for color, x in ((RED, -1), (GREEN, 0), (BLUE, 1))]
     with direct_renderer(device, scene, SIZE, **SETTINGS) as renderer:
 
@@ -72,7 +74,7 @@ def check_removal(device, scene):
             assert (means(renderer, scene, 12)[-1] > 0).all()
             scene.remove(lamps[0])
             after = means(renderer, scene, 6)
-            assert (after[:, 0] == 0).all(), "a light that is gone shines on"
+            assert (after[:, 0] == 0).all(), "a removed light still shines"
             return after.mean(axis=0)[1:]
 
         observations = replicate(renderer, run)
@@ -80,7 +82,7 @@ def check_removal(device, scene):
 
 
 def check_addition(device, scene):
-    """A light that wasn't there is as bright in its first frames as ever after, and the old one stays as it is."""
+    """An added light has its full brightness in its first frames, and the other light keeps its own."""
     scene.add(hang(RED, -1))
     new = hang(GREEN, 1)
     with direct_renderer(device, scene, SIZE, **SETTINGS) as renderer:
@@ -98,7 +100,7 @@ def check_addition(device, scene):
 
 
 def check_changing_places(device, scene):
-    """In every frame one of nine lights goes and another comes: all are always as bright as they should be."""
+    """In every frame one of nine lights is removed and added again; all keep the right brightness."""
     lamps = [scene.add(hang(color, 0.5 * i - 2)) for i, color in enumerate((RED, GREEN, BLUE) * 3)]
     with direct_renderer(device, scene, SIZE, **SETTINGS) as renderer:
 
@@ -107,7 +109,7 @@ def check_changing_places(device, scene):
             observed = []
             for gone in lamps:
                 scene.remove(gone)
-                scene.add(gone)  # at the end of the list, with a number of its own
+                scene.add(gone)  # at the end of the list, with a new id
                 observed.append(means(renderer, scene, 1)[0])
             return np.mean(observed, axis=0)
 
@@ -116,7 +118,7 @@ def check_changing_places(device, scene):
 
 
 def check_growth(device, scene):
-    """Samples of the last frames stay right when the area that they stand for changes."""
+    """Samples of earlier frames stay valid when the area of their light changes."""
     only = scene.add(hang(GREEN, 0.3))
     with direct_renderer(device, scene, SIZE, **SETTINGS) as renderer:
 
@@ -130,15 +132,15 @@ def check_growth(device, scene):
     assert_agree(observations, settled(device, scene)[1:2], 0.02)
 
 
-def test_removed_lights_are_gone_at_once(device, floor):
+def test_removed_lights_are_dark_at_once(device, floor):
     check_removal(device, floor)
 
 
-def test_added_lights_are_seen_at_once(device, floor):
+def test_added_lights_are_bright_at_once(device, floor):
     check_addition(device, floor)
 
 
-def test_lights_that_change_places_keep_their_samples(device, floor):
+def test_lights_that_change_indices_keep_their_samples(device, floor):
     check_changing_places(device, floor)
 
 
@@ -146,7 +148,7 @@ def test_a_light_that_grows_is_right_at_once(device, floor):
     check_growth(device, floor)
 
 
-def test_all_lights_go_and_come_back(device, floor):
+def test_all_lights_are_removed_and_added_again(device, floor):
     sun = sv.DirectionalLight(direction=(0.1, -1, 0), illuminance=3.0, angular_diameter=0.3)
     light = floor.add(hang(GREEN, 0))
     with direct_renderer(device, floor, SIZE) as renderer:
@@ -163,7 +165,7 @@ def test_all_lights_go_and_come_back(device, floor):
 
 
 def test_many_lights_shrink_to_one(device, floor):
-    """What was sampled on lights far down the list is let go, and no other light is taken for it."""
+    """Samples of removed lights with high indices are dropped, and not mistaken for samples of another light."""
     lamps = [floor.add(hang(RED, 0.01 * i - 1.5, scale=0.1)) for i in range(299)]
     last = floor.add(hang(BLUE, 0))
     with direct_renderer(device, floor, SIZE) as renderer:
@@ -187,7 +189,7 @@ MUTANTS = {
         "= light_translation.at[reservoir.light_sample.light_index];",
         "= reservoir.light_sample.light_index;",
     ),
-    "confidence of what is gone dropped": (
+    "confidence of removed lights dropped": (
         check_removal,
         RESERVOIR,
         "vec2 confidences = vec2(first.confidence, second.confidence);",
