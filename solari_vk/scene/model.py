@@ -54,7 +54,7 @@ Item = TypeVar("Item", bound=Instance | Light | Camera)
 
 
 class Scene(Observable):
-    """Instances, lights and cameras. Emissive instances are lights without further ado.
+    """Instances, lights and cameras. Instances with an emissive material are lights too.
 
     `instances`, `lights` and `cameras` are collections by number or name, in the order in which objects were added;
     `add` and `remove` take objects of all three. Meshes and materials come with the instances that use them.

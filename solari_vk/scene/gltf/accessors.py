@@ -1,4 +1,4 @@
-"""Accessors: typed arrays out of a glTF file's buffers, of every type, packing and sparseness."""
+"""Accessors: typed arrays from a glTF file's buffers, for all component types, packings and sparse accessors."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ LARGEST_WITHOUT_DATA = 2**24
 
 
 class Accessors:
-    """Decodes accessors, each once."""
+    """Decodes accessors, and keeps the results."""
 
     def __init__(self, document: Document) -> None:
         self._document = document
         self._floats: dict[int, NDArray[np.float32]] = {}
 
     def floats(self, index: int, user: Entry, kinds: tuple[str, ...]) -> NDArray[np.float32]:
-        """Finite float32 values (count, components); integers are normalized where the accessor says so.
+        """Finite float32 values (count, components); integers are normalized if the accessor is.
 
         Matrices have one row of components, in the file's column order.
         """
@@ -63,7 +63,7 @@ class Accessors:
         return self._document.item("accessor", index, user).integer("count")
 
     def has_data(self, index: int, user: Entry) -> bool:
-        """Whether anything but zeros can be in it."""
+        """Whether the accessor can have values other than zero."""
         entry = self._document.item("accessor", index, user)
         return "bufferView" in entry or "sparse" in entry
 
@@ -137,7 +137,7 @@ def _strided(
     column_size: int,
     stride: int | None,
 ) -> NDArray[Any]:
-    """Elements (count, columns * rows) as a view of the bytes where that is possible, alignment or not."""
+    """Elements (count, columns * rows) as a view of the bytes if possible; they need not be aligned."""
     size = column_size * (columns - 1) + rows * dtype.itemsize
     step = column_size * columns if stride is None else stride
     if step < size:

@@ -1,4 +1,4 @@
-"""The rest pose of morphed and skinned meshes, baked into their vertices: the picture before any animation."""
+"""The rest pose of morphed and skinned meshes, baked into their vertices."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ Vertices = dict[str, NDArray[np.float32]]  # by attribute: "POSITION", "NORMAL",
 
 @dataclass(frozen=True)
 class Pose:
-    """How a node deforms its mesh. key tells whether two poses are the same."""
+    """How a node deforms its mesh. Poses are the same if their keys are equal."""
 
     key: Any = None
     weights: tuple[float, ...] = ()
-    joints: NDArray[np.float64] | None = None  # (J, 4, 4): world from the mesh's vertices
+    joints: NDArray[np.float64] | None = None  # (J, 4, 4), from vertices to world space
 
 
 def morph(vertices: Vertices, targets: Sequence[Entry], weights: Sequence[float], accessors: Accessors) -> Vertices:
@@ -65,7 +65,7 @@ def skin(vertices: Vertices, attributes: Entry, joints: NDArray[np.float64], acc
     result = dict(vertices)
     result["POSITION"] = (_apply(linear, vertices["POSITION"]) + blended[:, :3, 3]).astype(np.float32)
     if "NORMAL" in vertices:
-        # The cofactors turn normals as the inverse transpose does, also where a joint is singular.
+        # The cofactor matrix rotates normals like the inverse transpose, and exists for singular joints too.
         cofactors = np.cross(linear[:, [1, 2, 0]], linear[:, [2, 0, 1]])
         result["NORMAL"] = _apply(cofactors, _unit(vertices["NORMAL"])).astype(np.float32)
     if "TANGENT" in vertices:

@@ -1,4 +1,4 @@
-"""A glTF file opened: its JSON, the buffers it names, and nothing outside its own folder."""
+"""The content of a glTF file: its JSON and its buffers. Files outside its folder are never read."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ _PLURALS = {"mesh": "meshes"}
 
 
 class Document:
-    """The file's JSON as `Entry` objects and its binary data as byte arrays, each read when first used."""
+    """The file's JSON as `Entry` objects and its binary data as byte arrays, each read on first use."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
         self.file = clean(str(path))
-        # Not more than a file that is what it seems can hold: a .glb says so itself, other JSON has its limit.
+        # Read at most what a valid file can have: a .glb declares its size, JSON has a limit.
         head = _read_regular(self.path, self.file, 12)
         glb = head[:4] == _GLB_MAGIC.to_bytes(4, "little") and len(head) == 12
-        most = max(struct.unpack_from("<I", head, 8)[0], 20) if glb else LARGEST_JSON + 1
-        data = _read_regular(self.path, self.file, most)
+        max_bytes = max(struct.unpack_from("<I", head, 8)[0], 20) if glb else LARGEST_JSON + 1
+        data = _read_regular(self.path, self.file, max_bytes)
         self._binary: Bytes | None = None
         if len(data) >= 4 and struct.unpack_from("<I", data)[0] == _GLB_MAGIC:
             text, self._binary = self._split_glb(data)
@@ -51,7 +51,7 @@ class Document:
     # ---- the JSON -----------------------------------------------------------------------------------
 
     def error(self, text: str) -> SolariError:
-        """The exception to raise about the file as a whole."""
+        """The exception for a fault of the whole file."""
         return SolariError(f"{self.file}: {text}")
 
     def _split_glb(self, data: bytes) -> tuple[bytes, Bytes | None]:
@@ -109,7 +109,7 @@ class Document:
                 raise self.error(f"glTF {shown(version)} is asked for; only 2.0 can be read: export it as glTF 2.0")
 
     def array(self, kind: str) -> list[Any]:
-        """All of a kind ("node", "mesh", ...), as they stand in the JSON."""
+        """All objects of a kind ("node", "mesh", ...), as in the JSON."""
         plural = _PLURALS.get(kind, kind + "s")
         given = self.root.data.get(plural, [])
         if not isinstance(given, list):
@@ -117,7 +117,7 @@ class Document:
         return given
 
     def item(self, kind: str, index: int, user: Entry) -> Entry:
-        """The index-th object of a kind; `user` is who names it."""
+        """The index-th object of a kind; `user` is the object that refers to it."""
         found = self._items.get((kind, index))
         if found is None:
             array = self.array(kind)
@@ -134,7 +134,7 @@ class Document:
     # ---- the binary data ----------------------------------------------------------------------------
 
     def charge(self, size: int, user: Entry) -> None:
-        """Count decoded bytes and refuse a small file that unfolds into a very large one."""
+        """Add to the count of decoded bytes. Raises SolariError if a small file expands to a very large size."""
         self._decoded_bytes += size
         if self._decoded_bytes > 32 * 2**20 + 16 * self.held_bytes:
             raise user.error(
@@ -143,7 +143,7 @@ class Document:
             )
 
     def view(self, index: int, user: Entry) -> tuple[Bytes, int | None]:
-        """The bytes of a buffer view and its stride, None where elements are packed."""
+        """The bytes of a buffer view and its stride, None if its elements are packed."""
         view = self.item("bufferView", index, user)
         stride = view.integer("byteStride", low=4, high=252) if "byteStride" in view else None
         number = view.integer("buffer")
@@ -185,10 +185,10 @@ class Document:
         return np.frombuffer(_read_regular(path, f"{self.file}: {entry.place}: {shown(uri)}", length), np.uint8)
 
     def resource_path(self, entry: Entry) -> Path:
-        """The file that an object's 'uri' names, refused when it lies outside the glTF's own folder."""
+        """The file that an object's 'uri' names, which must be inside the glTF's own folder."""
         uri = entry.text("uri")
         folder = Path(os.path.realpath(self.path)).parent
-        # Some exporters do not percent-encode, so the name as written is tried too.
+        # Some exporters don't percent-encode names, so the name is tried as it is written, too.
         for name in dict.fromkeys((unquote(uri), uri)):
             inside = not (re.match(r"[A-Za-z][A-Za-z0-9+.-]*:", name) or name[:1] in ("/", "\\", "~"))
             if not inside or "\\" in name or "\0" in name or not name:
@@ -230,9 +230,9 @@ def _decode_data_uri(uri: str, entry: Entry) -> Bytes:
 
 
 def _read_regular(path: Path, who: str, length: int | None = None) -> bytes:
-    """The first `length` bytes of a file; pipes, devices and folders are refused, since they may never end."""
+    """The first `length` bytes of a file; pipes, devices and folders are refused, because they may never end."""
     try:
-        # Not blocking, so that opening a pipe nobody writes to returns.
+        # Non-blocking, because opening a pipe without a writer would block.
         with open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb") as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
                 raise SolariError(f"{who}: not a file that can be read: give the path of a glTF file")

@@ -39,7 +39,7 @@ Part = tuple[str, Mesh, Material]
 
 
 def load_gltf(path: str | os.PathLike[str], *, scene: int | str | None = None) -> Scene:
-    """Load a scene, by number or name, of a .gltf or .glb file; by default the one the file chooses.
+    """Load a scene of a .gltf or .glb file, by index or name; by default the file's default scene.
 
     Deforming meshes are taken in their rest pose. A sun has the real one's angular size, which glTF does not
     say. `Scene.warnings` tells what the file asks for and the renderer can't show, each by name. SolariError
@@ -86,12 +86,12 @@ class _Loader:
         return self._scene
 
     def _check_instance_count(self, placed: dict[int, PlacedNode]) -> None:
-        """Refuse a small file that unfolds into very many instances, before any is made."""
+        """Raise SolariError if a small file expands to too many instances, before they are created."""
         count = 0
         for node in placed.values():
             if "mesh" in node.entry:
                 count += repeat_count(node, self._primitives.accessors) * len(self._primitives_of(node))
-                # A gpu instance is at least twelve bytes of a buffer.
+                # Each instance of EXT_mesh_gpu_instancing has at least twelve bytes in a buffer.
                 allowed = SPARE_INSTANCES + len(placed) + self._document.held_bytes // 12
                 if count > allowed:
                     raise node.entry.error(f"brings the scene above {allowed} instances of primitives; split the file")
@@ -104,7 +104,7 @@ class _Loader:
                 )
 
     def _remark_unseen_extensions(self) -> None:
-        """What the file says it uses, is not supported, and stands where nothing else looks (materials do)."""
+        """Report unsupported extensions that the file uses, except those of materials, which are reported there."""
         named = " ".join(self._report.lines())
         for name in self._document.root.texts("extensionsUsed"):
             known = name in SUPPORTED_EXTENSIONS or name == "KHR_xmp_json_ld" or name.startswith("KHR_materials_")
@@ -140,7 +140,7 @@ class _Loader:
     def _add_meshes(self, node: PlacedNode, placed: dict[int, PlacedNode]) -> None:
         mesh = self._document.item("mesh", node.entry.integer("mesh"), node.entry)
         pose = self._pose(node, mesh, placed)
-        # The joints alone say where a skinned mesh is.
+        # The position of a skinned mesh follows from its joints alone.
         worlds = repeated(node, self._primitives.accessors) if pose.joints is None else np.eye(4)[None]
         parts = self._parts(node, mesh, pose)
         name = node.entry.name or mesh.name or mesh.place
@@ -156,7 +156,7 @@ class _Loader:
                 )
 
     def _parts(self, node: PlacedNode, mesh: Entry, pose: Pose) -> list[Part]:
-        """The meshes and materials of a mesh's primitives that have a surface, and what tells their names apart."""
+        """The meshes and materials of a mesh's primitives that have a surface, and suffixes for their names."""
         key = (node.entry.integer("mesh"), pose.key)
         if key not in self._parts_made:
             primitives = self._primitives_of(node)

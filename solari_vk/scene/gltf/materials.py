@@ -1,4 +1,4 @@
-"""Materials of a glTF file, with what their extensions say about emission and reflection.
+"""Materials of a glTF file, with their extensions for emission and reflection.
 
 Occlusion textures are left aside without a remark: they stand in for light that a ray tracer computes.
 """
@@ -30,12 +30,12 @@ _NEUTRAL_FIELDS = {
     "KHR_materials_volume": "thicknessFactor",
 }
 _READ = ("KHR_materials_emissive_strength", "KHR_materials_ior", "KHR_materials_specular")
-HIGHEST_F0 = 0.16  # that a reflectance of 1 stands for
+HIGHEST_F0 = 0.16  # for a reflectance of 1
 
 
 @dataclass
 class LoadedMaterial:
-    """A material and what its meshes have to bring along."""
+    """A material, and what its meshes must have."""
 
     material: Material
     number: int | None = None
@@ -51,7 +51,7 @@ class _Parsed:
 
 
 class Materials:
-    """Makes the model's materials, each once."""
+    """Creates the materials of the scene, and keeps them."""
 
     def __init__(self, document: Document, report: Report) -> None:
         self._document = document
@@ -60,7 +60,7 @@ class Materials:
         self._loaded: dict[int | None, LoadedMaterial] = {}
 
     def load(self, users: dict[int, Entry]) -> None:
-        """Load these materials (number: who names it) and all their images."""
+        """Load these materials (index: the object that refers to it) and all their images."""
         parsed = {index: self._parse(self._document.item("material", index, user)) for index, user in users.items()}
         self._textures.decode([slot for one in parsed.values() for slot in one.slots.values()])
         for index, one in parsed.items():
@@ -68,7 +68,7 @@ class Materials:
 
     def __getitem__(self, index: int | None) -> LoadedMaterial:
         if index is None and None not in self._loaded:
-            # The format's default: metallic and rough.
+            # The default material of glTF is metallic and rough.
             self._loaded[None] = LoadedMaterial(
                 Material(base_color=np.ones(3, np.float32), metallic=1.0, perceptual_roughness=1.0, name="default")
             )
@@ -83,7 +83,7 @@ class Materials:
             "emissive_texture": self._textures.slot(entry, "emissiveTexture"),
         }
         slots = {name: slot for name, slot in found.items() if slot is not None}
-        # A mesh has one set of uvs: the first texture's.
+        # A mesh has one set of uvs, which is that of its first texture.
         uv_set = next((slot.uv_set for slot in slots.values()), 0)
         for name, slot in list(slots.items()):
             if slot.uv_set != uv_set:
@@ -125,7 +125,7 @@ class Materials:
         index = 1.5 if ior is None else ior.number("ior", 1.5, low=0)
         if 0 < index < 1:
             raise entry.wrong("extensions", "without an 'ior' between 0 and 1")
-        # An index of 0 is the format's word for full reflection.
+        # In glTF an index of 0 stands for full reflection.
         f0 = np.full(3, ((index - 1) / (index + 1)) ** 2 if index > 0 else 1.0)
         if specular is not None:
             factor = specular.number("specularFactor", 1.0, low=0, high=1)
@@ -155,7 +155,7 @@ class Materials:
                 self._report.add(f"the extension {name} is not supported and was ignored", entry.place)
 
     def _remark_alpha(self, entry: Entry, alpha: float, slot: Slot | None) -> None:
-        """A remark when something would be seen through the surface."""
+        """Report a material through which something would be visible."""
         mode = entry.text("alphaMode", "OPAQUE", ("OPAQUE", "MASK", "BLEND"))
         cutoff = entry.number("alphaCutoff", 0.5, low=0)
         least = alpha * (int(self._textures.image(slot).pixels[..., 3].min()) / 255 if slot else 1.0)

@@ -1,4 +1,4 @@
-"""The node hierarchy of a glTF file: what stands where in one of its scenes."""
+"""The node hierarchy of a glTF file."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class PlacedNode:
 
 
 def roots(document: Document, which: int | str | None) -> tuple[list[int], Entry]:
-    """The root nodes of a scene by number or name (by default the file's choice), and who names them."""
+    """The root nodes of a scene by index or name (the file's default one otherwise), and what refers to them."""
     scenes = document.array("scene")
     if which is None:
         if not scenes:
@@ -48,7 +48,7 @@ def roots(document: Document, which: int | str | None) -> tuple[list[int], Entry
 
 
 def _orphans(document: Document) -> list[int]:
-    """Without scenes: all nodes that are nobody's children."""
+    """The roots of a file without scenes: all nodes without a parent."""
     count = len(document.array("node"))
     children: set[int] = set()
     for number in range(count):
@@ -88,7 +88,7 @@ def _walk_all(
 
 
 def _local_matrix(entry: Entry) -> Matrix:
-    """Parent from node."""
+    """The matrix from the node's space to its parent's."""
     if "matrix" in entry:
         matrix: Matrix = np.array(entry.numbers("matrix", _IDENTITY)).reshape(4, 4).T
         if np.allclose(matrix[3], (0, 0, 0, 1), rtol=0, atol=1e-5):
@@ -131,7 +131,7 @@ def _rotation(x: Any, y: Any, z: Any, w: Any) -> list[list[Any]]:
 
 
 def _repetitions(node: PlacedNode, accessors: Accessors) -> tuple[int, dict[str, NDArray[Any]]]:
-    """How often a node's mesh is there, and the accessors of EXT_mesh_gpu_instancing, if any."""
+    """The number of instances of a node's mesh, and the accessors of EXT_mesh_gpu_instancing, if any."""
     instancing = node.entry.extension("EXT_mesh_gpu_instancing")
     attributes = instancing.entry("attributes") if instancing else None
     found: dict[str, NDArray[Any]] = {}
@@ -148,7 +148,7 @@ def _repetitions(node: PlacedNode, accessors: Accessors) -> tuple[int, dict[str,
 
 
 def repeat_count(node: PlacedNode, accessors: Accessors) -> int:
-    """How often a node's mesh is there."""
+    """The number of instances of a node's mesh."""
     return _repetitions(node, accessors)[0]
 
 
@@ -169,7 +169,7 @@ def repeated(node: PlacedNode, accessors: Accessors) -> Matrix:
 def joint_matrices(
     document: Document, accessors: Accessors, node: PlacedNode, placed: dict[int, PlacedNode], report: Report
 ) -> Matrix | None:
-    """World from vertex (J, 4, 4) of each joint of a node's skin; None without one or (reported) without joints."""
+    """Matrices (J, 4, 4) of a node's joints, from vertices to world space; None without skin or (reported) joints."""
     index = node.entry.index("skin")
     if index is None:
         return None
@@ -192,7 +192,7 @@ def joint_matrices(
 
 
 def upright(world: Matrix) -> Matrix | None:
-    """The matrix without scale and shear, keeping where -z looks and what is above; None without a direction."""
+    """The matrix without scale and shear, with the same view along -z and the same up; None if that is degenerate."""
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         back, up = world[:3, 2].copy(), world[:3, 1].copy()
         back /= np.linalg.norm(back)

@@ -22,7 +22,7 @@ _HARMLESS = ("KHR_materials_variants", "KHR_draco_mesh_compression", "KHR_xmp_js
 
 
 class Primitives:
-    """Makes the model's meshes; primitives of the same data share one."""
+    """Creates the meshes of the scene; primitives with the same data share a mesh."""
 
     def __init__(self, document: Document, report: Report) -> None:
         self._document = document
@@ -35,7 +35,7 @@ class Primitives:
         return self._accessors
 
     def mesh(self, primitive: Entry, name: str, material: LoadedMaterial, pose: Pose) -> Mesh | None:
-        """The primitive as a mesh fit for a material, or None (reported) when it has no surface."""
+        """The primitive as a mesh fit for a material, or None (reported) if it has no surface."""
         attributes = primitive.entry("attributes")
         if attributes is None:
             raise primitive.error("has no 'attributes'; export the file again")
@@ -110,7 +110,7 @@ class Primitives:
             "TEXCOORD": (attributes.index(f"TEXCOORD_{material.uv_set}"), ("VEC2",)),
         }
         if wanted["NORMAL"][0] is None:
-            del wanted["TANGENT"]  # the format's rule: they belong to normals that are not there
+            del wanted["TANGENT"]  # as glTF demands: tangents need the normals that they were made for
         count = self._accessors.count(position, attributes)
         vertices = {}
         for name, (index, kinds) in wanted.items():
@@ -169,7 +169,7 @@ class Primitives:
             tangents = _fit_tangents(tangents, normals)
         if material.normal_map is not None and tangents is None and uvs is not None:
             shading = normals
-            if shading is None:  # flat: every corner has its triangle's normal
+            if shading is None:  # flat shading: every corner has the normal of its triangle
                 positions, uvs = positions[triangles].reshape(-1, 3), uvs[triangles].reshape(-1, 2)
                 shading = np.repeat(_unit(cross), 3, axis=0).astype(np.float32)
                 triangles = np.arange(len(positions), dtype=np.uint32).reshape(-1, 3)
@@ -183,7 +183,7 @@ class Primitives:
 
 def _compact(triangles: NDArray[np.uint32], count: int) -> tuple[NDArray[Any], NDArray[np.uint32]]:
     """The vertices that triangles use, ascending, and the triangles over only these."""
-    if count > 4 * triangles.size:  # a small part of a large buffer that many primitives share
+    if count > 4 * triangles.size:  # the primitive uses a small part of a large shared buffer
         used, compact = np.unique(triangles, return_inverse=True)
         return used, compact.reshape(-1, 3).astype(np.uint32)
     flags = np.zeros(count, bool)
@@ -192,13 +192,13 @@ def _compact(triangles: NDArray[np.uint32], count: int) -> tuple[NDArray[Any], N
 
 
 def _area_vectors(positions: NDArray[np.float32], triangles: NDArray[np.uint32]) -> NDArray[np.float64]:
-    """Normals of the triangles, twice their area long."""
+    """Normals of the triangles, whose lengths are twice the areas."""
     a, b, c = (positions[triangles[:, i]].astype(np.float64) for i in range(3))
     return np.cross(b - a, c - a)
 
 
 def _unit(vectors: NDArray[Any]) -> NDArray[np.float64]:
-    """Unit vectors, zero where there is no direction."""
+    """The vectors with unit length; zero vectors stay zero."""
     doubles = vectors.astype(np.float64)
     length = np.linalg.norm(doubles, axis=1, keepdims=True)
     unit: NDArray[np.float64] = np.where(length > 1e-30, doubles / np.where(length > 1e-30, length, 1), 0)
@@ -206,7 +206,7 @@ def _unit(vectors: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def _fit_tangents(tangents: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Unit tangents with w = -1 or 1; some direction across the normal where there is none."""
+    """Unit tangents with w = -1 or 1. Any direction orthogonal to the normal replaces a missing tangent."""
     fitted = np.empty(tangents.shape, np.float32)
     fitted[:, :3] = _unit(tangents[:, :3])
     fitted[:, 3] = np.where(tangents[:, 3] < 0, -1, 1)

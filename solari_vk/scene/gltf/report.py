@@ -1,4 +1,4 @@
-"""What a file asks for that could not be taken over: each thing once, with how often and where."""
+"""What a loader could not use of a file: one line for each kind of problem, with the places."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ NAMES_SHOWN = 3
 
 
 class Report:
-    """Collects remarks; the same remark about many objects becomes one line."""
+    """Collects remarks. The same remark about many objects is one line."""
 
     def __init__(self) -> None:
         self._places: dict[str, dict[str, None]] = {}
 
     def add(self, remark: str, place: str) -> None:
-        """Note the remark about the object at that place, once."""
+        """Add a remark about the object at a place."""
         self._places.setdefault(remark, {})[place] = None
 
     def lines(self) -> list[str]:
-        """One line for each remark, in the order in which they came up."""
+        """One line for each remark, in the order of their first occurrence."""
         result = []
         for remark, places in self._places.items():
             more = len(places) - NAMES_SHOWN

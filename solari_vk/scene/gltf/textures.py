@@ -1,4 +1,4 @@
-"""Images, samplers and texture slots of a glTF file; each image is decoded once, several at a time."""
+"""Images, samplers and texture slots of a glTF file; images are decoded once, in parallel."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Choice = TypeVar("Choice")
 
 @dataclass(frozen=True)
 class Slot:
-    """Where a material uses a texture: its number, the set of uvs, and the 2x3 matrix that maps them."""
+    """A material's use of a texture: its index, the set of uvs, and the 2x3 matrix that maps them."""
 
     entry: Entry
     texture: int
@@ -41,7 +41,7 @@ class Slot:
 
 
 class Textures:
-    """Makes the model's textures; equal uses share one object."""
+    """Creates the textures of the scene; equal uses share a texture."""
 
     def __init__(self, document: Document, report: Report) -> None:
         self._document = document
@@ -52,7 +52,7 @@ class Textures:
         self._pixel_count = 0
 
     def slot(self, user: Entry, key: str) -> Slot | None:
-        """The texture that an object names under a key; None without one, or (reported) without a usable image."""
+        """The texture under a key of an object; None without a texture, or (reported) without a usable image."""
         info = user.entry(key)
         if info is None:
             return None
@@ -74,7 +74,7 @@ class Textures:
         scale_u, scale_v = transform.numbers("scale", (1.0, 1.0), low=-1e9, high=1e9)
         angle = transform.number("rotation", 0.0, low=-1e9, high=1e9)
         cos, sin = math.cos(angle), math.sin(angle)
-        # Counter-clockwise as seen in the image, whose v points down.
+        # A counter-clockwise turn in the image, where v increases downwards.
         matrix = (cos * scale_u, sin * scale_v, u, -sin * scale_u, cos * scale_v, v)
         return Slot(info, index, image, transform.integer("texCoord", uv_set, high=255), matrix)
 
@@ -106,7 +106,7 @@ class Textures:
             self._images[index] = self._by_source[self._source(self._document.item("image", index, slot.entry))]
 
     def _source(self, entry: Entry) -> tuple[str, str | int]:
-        """What tells whether two images are the same."""
+        """A key of an image; equal keys mean the same image."""
         if "uri" not in entry:
             return "view", entry.integer("bufferView")
         uri = entry.text("uri")

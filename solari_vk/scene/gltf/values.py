@@ -1,4 +1,4 @@
-"""Typed access to a glTF file's JSON: every wrong type or range becomes an error that names its place."""
+"""Typed access to a glTF file's JSON: wrong types and ranges become errors that name the place."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any
 
 from solari_vk.errors import SolariError
 
-LARGEST_INTEGER = 2**53  # the largest that JSON carries safely
+LARGEST_INTEGER = 2**53  # the largest that JSON represents exactly in all programs
 
 
 def shown(value: Any) -> str:
-    """A value for a message: short, on one line, whatever it is."""
+    """Any value for a message: short, on one line."""
     if isinstance(value, (dict, list)):
         return f"{'an object' if isinstance(value, dict) else 'a list'} of {len(value)}"
     text = repr(value) if isinstance(value, str) else str(value)
@@ -26,7 +26,7 @@ def clean(text: str) -> str:
 
 
 class Entry:
-    """One JSON object of the file and where it stands, such as "node 5 'arm'"."""
+    """A JSON object of the file and its place, such as "node 5 'arm'"."""
 
     __slots__ = ("data", "file", "place")
 
@@ -38,7 +38,7 @@ class Entry:
             raise self.error(f"is {shown(data)} where the format wants a JSON object")
 
     def error(self, text: str) -> SolariError:
-        """The exception to raise about this object."""
+        """The exception for a fault of this object."""
         return SolariError(f"{self.file}: {self.place} {text}")
 
     def wrong(self, key: str, wanted: str) -> SolariError:
@@ -51,7 +51,7 @@ class Entry:
 
     @property
     def name(self) -> str:
-        """Its name, empty when it has none."""
+        """The name of the object, empty if it has none."""
         return self.text("name", "")
 
     def integer(self, key: str, default: int | None = None, *, low: int = 0, high: int = LARGEST_INTEGER) -> int:
@@ -65,7 +65,7 @@ class Entry:
         return value
 
     def index(self, key: str) -> int | None:
-        """The number of another object, or None when the field is absent."""
+        """The index of another object, or None if the field is absent."""
         return self.integer(key) if key in self.data else None
 
     def number(
@@ -108,7 +108,7 @@ class Entry:
         return clean(value)
 
     def flag(self, key: str, default: bool) -> bool:
-        """true or false."""
+        """A field that is true or false."""
         value = self.data.get(key, default)
         if not isinstance(value, bool):
             raise self.wrong(key, "true or false")
@@ -135,19 +135,19 @@ class Entry:
         return [Entry(self.file, f"{self.place}, {kind} {number}", value) for number, value in enumerate(given)]
 
     def extension(self, name: str) -> Entry | None:
-        """What an extension says about this object, or None."""
+        """The data of an extension for this object, or None."""
         extensions = self.entry("extensions")
         return extensions.entry(name) if extensions else None
 
     def extensions(self) -> Iterator[str]:
-        """The names of the extensions that say something about this object."""
+        """The names of the extensions with data for this object."""
         extensions = self.entry("extensions")
         if extensions:
             yield from map(clean, extensions.data)
 
 
 def _within(value: Any, low: float, high: float) -> float | None:
-    """The finite number if it lies in the range, else None; rounding errors of exporters are forgiven."""
+    """The finite number if it lies in the range, else None; rounding errors of exporters are tolerated."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return None
     try:
