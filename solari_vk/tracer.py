@@ -39,13 +39,13 @@ class RayTracer(SceneUser):
         self._revision = -1
         self.instances: dict[int, Instance] = {}
         self._buffers: dict[str, Buffer] = {}
-        self._views: dict[str, NDArray[Any]] = {}
+        self._mapped: dict[str, NDArray[Any]] = {}
         try:
             bindings = reflect(compile_shader(SHADER), SHADER).bindings
             for name in ARRAYS:
                 dtype = _host_type(bindings[name].element)
                 self._buffers[name] = device.buffer(2 * BATCH * dtype.itemsize, name, host=True)
-                self._views[name] = self._buffers[name].view(dtype)
+                self._mapped[name] = self._buffers[name].view(dtype)
         except BaseException:
             self.close()
             raise
@@ -79,18 +79,18 @@ class RayTracer(SceneUser):
         self._update()
         frame = self.frame(any_hit)
         count = len(rays["ray_origins"])
-        hits = np.empty(count, self._views["ray_hits"].dtype)
+        hits = np.empty(count, self._mapped["ray_hits"].dtype)
         pending: tuple[int, slice, slice] | None = None
         for number, start in enumerate(range(0, count, BATCH)):
             batch = slice(start, min(start + BATCH, count))
             first = number % 2 * BATCH
-            place = slice(first, first + batch.stop - batch.start)
+            span = slice(first, first + batch.stop - batch.start)
             with np.errstate(over="ignore"):  # overflow gives infinity, as documented
                 for name, values in rays.items():
-                    self._views[name][place] = values[batch]
+                    self._mapped[name][span] = values[batch]
             frame.uniforms["ray_batch.first"] = first
             frame.uniforms["ray_batch.count"] = batch.stop - batch.start
-            submitted = (frame.submit(), batch, place)
+            submitted = (frame.submit(), batch, span)
             if pending is not None:  # fetch a batch while the next one is traced
                 self._fetch(hits, *pending)
             pending = submitted
@@ -98,10 +98,10 @@ class RayTracer(SceneUser):
             self._fetch(hits, *pending)
         return hits.reshape(shape)
 
-    def _fetch(self, hits: NDArray[Any], value: int, batch: slice, place: slice) -> None:
+    def _fetch(self, hits: NDArray[Any], value: int, batch: slice, span: slice) -> None:
         self.device.await_value(value)
         # as bytes: numpy copies records field by field
-        hits[batch].view(np.uint8)[:] = self._views["ray_hits"][place].view(np.uint8)
+        hits[batch].view(np.uint8)[:] = self._mapped["ray_hits"][span].view(np.uint8)
 
     def frame(self, any_hit: bool) -> SceneFrame:
         """The frame that traces a batch of the rays in the buffers."""
@@ -144,7 +144,7 @@ class RayTracer(SceneUser):
             buffer.destroy()
         self._frames.clear()
         self._buffers.clear()
-        self._views.clear()
+        self._mapped.clear()
         super().close()
 
 
