@@ -19,7 +19,7 @@ SHADER_SUFFIXES = {".glsl", ".comp", ".vert", ".frag"}
 SHADERS = sorted(path for path in GLSL.rglob("*") if path.suffix in TEXT and path.is_file())
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
-# Each part of the package with the parts that it may import; gpu/ is given by folder, "" is the package itself.
+# The parts of the package, each with the parts it may import. The parts of gpu/ are its folders; "" is the package.
 # `scene` and `passes` meet in GLSL only.
 GPU = {"gpu.device", "gpu.shaders", "gpu.frame", "gpu.acceleration"}
 LIBRARY = {
@@ -56,7 +56,7 @@ GLSL_MAY_INCLUDE = {
     "passes": r"common/|scene/|passes/",
 }
 
-# DESIGN's bound is about 250 lines. What counts are lines that say something, and "about" is a tenth.
+# Files should have about 250 lines; blank lines don't count, and a tenth more is accepted.
 LONGEST, LONGEST_TEST = 275, 500
 
 MACHINE_PATH = re.compile(r"(?<![\w.)}\]])/(?:home|root|Users|work|mnt|tmp)/\w")

@@ -60,7 +60,7 @@ def test_random_use_never_overlaps_and_gives_everything_back(own_device: Device,
     memory = own_device.memory
     rng = random.Random(seed)
     live: list[Allocation] = []
-    most = 0
+    peak = 0
     for step in range(3000):
         grow = rng.random() < (0.65 if step % 600 < 300 else 0.35)
         if grow or not live:
@@ -73,11 +73,11 @@ def test_random_use_never_overlaps_and_gives_everything_back(own_device: Device,
         else:
             memory.free(live.pop(rng.randrange(len(live))))
         assert memory.bytes_used == sum(a.size for a in live)
-        most = max(most, memory.bytes_used)
+        peak = max(peak, memory.bytes_used)
         if step % 100 == 0:
             assert_disjoint(live)
     # Fragmentation is bounded by twice the peak and a block for each pool.
-    assert memory.bytes_reserved <= 2 * most + 4 * BLOCK_SIZE
+    assert memory.bytes_reserved <= 2 * peak + 4 * BLOCK_SIZE
     assert memory.allocation_count <= 8 + memory.bytes_reserved // (32 * MIB)
     while live:
         memory.free(live.pop())

@@ -77,8 +77,8 @@ def root(shaders):
     return shaders.root
 
 
-def draw(culls_backs=True, most=4, **fields) -> Draw:
-    lists = [DrawList("commands", "counts", most, count_offset=4, culls_backs=culls_backs)]
+def draw(culls_backs=True, max_count=4, **fields) -> Draw:
+    lists = [DrawList("commands", "counts", max_count, count_offset=4, culls_backs=culls_backs)]
     return Draw("draw", **{"draws": lists, "colors": ("who", "color"), "depth": "nearest"} | fields)
 
 

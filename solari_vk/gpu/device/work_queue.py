@@ -87,10 +87,12 @@ class WorkQueue(LogicalDevice):
             self.flush()
         value = self.submitted + 1
         submission.signal.value = value
-        info = submission.info_behind(tuple(self._with_next)) if self._with_next else submission.info
+        ahead = self._with_next
+        info = submission.info_behind(tuple(ahead)) if ahead else submission.info
         self.vk.vkQueueSubmit2(self.queue, 1, info, raw.NULL)
         self.submitted = value
-        self._with_next.clear()
+        if ahead:
+            ahead.clear()
         if self._retired_with_next and not internal:
             self._retired.extend((value, destroy) for destroy in self._retired_with_next)
             self._retired_with_next.clear()
