@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from solari_vk import rt
 from solari_vk.conformance.probe_actions import CONFIRM
 from solari_vk.conformance.probe_checks import probe_rays
 from solari_vk.conformance.probe_table import PROBES
@@ -21,12 +22,13 @@ RULES = {
 }
 
 
-def measure_positions(shaders: ShaderRunner) -> Iterator[Measurement]:
+def measure_positions(shaders: ShaderRunner, header: str = "") -> Iterator[Measurement]:
     """Compare returned positions with the geometry, after its transform, for each triangle that a probe must hit."""
     rays = probe_rays(shaders.element("conformance/positions", "probes"))
     with World(shaders.device, SHAPES, list(INSTANCES.values())) as world:
         inputs = {"tlas": world.tlas, "probes": rays}
-        found = shaders.run("conformance/positions", len(rays), inputs, {"corners": len(rays)})["corners"]
+        outputs = {"corners": len(rays), **(rt.FAULT_BUFFERS if header else {})}
+        found = shaders.run("conformance/positions", len(rays), inputs, outputs, header=header)["corners"]
     for (which, several), rule in RULES.items():
         worst, label = 0.0, ""
         for probe, got in zip(PROBES, found, strict=True):

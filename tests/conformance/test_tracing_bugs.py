@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from seeded_bugs import expect_red, failing, masked
 
+from solari_vk import rt
 from solari_vk.conformance import bulk_checks, embree_checks, position_checks, structure_checks, worlds
 from solari_vk.conformance.rules import FAIL
 from solari_vk.conformance.shader_runner import ShaderRunner
@@ -87,6 +88,12 @@ def test_bugs_in_vertex_return_are_noticed(patched, fetching, name):
         recorder = Recorder("ray_queries", "", known_faults("llvmpipe Mesa 25.0"))
         recorder(measured)
         assert {outcome.status for outcome in recorder.outcomes} == {FAIL}
+
+
+def test_debug_build_returns_the_same_vertices(fetching):
+    with ShaderRunner(fetching) as shaders:
+        release, debug = (list(position_checks.measure_positions(shaders, h)) for h in ("", rt.RAY_QUERY_DEBUG))
+    assert release == debug
 
 
 def test_unplaced_vertices_are_noticed(fetching, monkeypatch):
