@@ -110,7 +110,8 @@ def measure_closed_box(device: Device, walls: str, effort: Effort = BOX_FAST) ->
     yield measure_tiles(Rule(f"{name} keeps it in each sixteenth", *_FRAME), found, expected, 0.1, effort)
 
 
-LIGHT_FAST, LIGHT_FULL = (Effort(), 0.05, 0.1), (Effort(16, 24, 4 * JITTER_PERIOD, 4096), 0.02, 0.05)
+LIGHT_FAST = (Effort(16, samples=4096), 0.02, 0.05)
+LIGHT_FULL = (Effort(16, 24, 4 * JITTER_PERIOD, 4096), 0.02, 0.05)
 
 
 def measure_light(device: Device, profile: tuple[Effort, float, float] = LIGHT_FAST) -> Iterator[Measurement]:

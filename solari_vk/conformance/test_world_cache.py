@@ -17,6 +17,6 @@ def test_fixed_point(rule: Recorder, device: Device, full: bool) -> None:
     rule(checks.measure_fixed_point(device, full))
 
 
-def test_leak(rule: Recorder, device: Device, full: bool) -> None:
+def test_leak(rule: Recorder, device: Device) -> None:
     """Walls thinner than its cells."""
-    rule(checks.measure_leak(device, checks.WALLS + (checks.MORE_WALLS if full else ())))
+    rule(checks.measure_leak(device))

@@ -24,11 +24,6 @@ from solari_vk.measure.statistics import sixteenths
 from solari_vk.scene.builtin import cornell_box
 
 
-def test_cornell_box(device):
-    """Its light where no lamp is seen, with the lamp on and out."""
-    hold(frame_checks.measure_light(device, (Effort(16, samples=4096), 0.02, 0.05)))
-
-
 @pytest.mark.slow  # many cells
 def test_lights_off_in_a_sphere_grid(device):
     scene = sv.builtin("sphere_grid")
@@ -36,11 +31,6 @@ def test_lights_off_in_a_sphere_grid(device):
         for _ in range(20):
             renderer.render(scene.camera)
         hold(frame_checks.measure_lights_off(renderer, scene))
-
-
-@pytest.mark.parametrize("walls", frame_checks.QUICK_BOXES)
-def test_energy_is_kept_in_a_closed_box(device, walls):
-    hold(frame_checks.measure_closed_box(device, walls))
 
 
 @pytest.mark.slow  # noisier paths: minutes each
@@ -82,11 +72,6 @@ def test_glossy_scenes(device, name):
     with make_renderer(device, scene) as renderer:
         found = run_pictures(renderer, scene.camera, effort, lambda frame: frame["radiance"])
     hold([measure_mean(WHOLE, found, expected, 0.05, effort), measure_tiles(TILES, found, expected, 0.12, effort)])
-
-
-@pytest.mark.parametrize(("x", "turn", "bar"), world_cache_checks.WALLS + world_cache_checks.MORE_WALLS)
-def test_nothing_leaks_through_a_thin_wall(device, x, turn, bar):
-    hold(world_cache_checks.measure_leak(device, [(x, turn, bar)]))
 
 
 @pytest.mark.slow  # shows what the test above can miss

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from direct_light import direct_renderer
 from scipy import stats
+from support.direct_light import direct_renderer
 
 import solari_vk as sv
 from solari_vk.conformance.oracles.encodings import decode_octahedral, decode_rgb9e5, pcg_hash, pcg_step

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from direct_light import direct_light, direct_renderer
+from support.direct_light import direct_light, direct_renderer
 
 import solari_vk as sv
 from solari_vk.gpu.shaders.patches import patched_shaders

@@ -234,7 +234,12 @@ MUTANTS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", MUTANTS)
+# One of each check; the others compile pipelines with rays anew.
+QUICK = ("no 1 / pi", "unknown: the path ends", "parts of a cell are one", "cells never grow", "lives are halved",
+         "albedo: metals black")  # fmt: skip
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in QUICK else [pytest.mark.slow]) for n in MUTANTS])
 def test_seeded_bug_is_noticed(device, tmp_path, name):
     check, file, old, new = MUTANTS[name]
     root = write_patched(tmp_path, (f"passes/world_cache/{file}", old, new))
