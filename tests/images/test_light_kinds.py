@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from direct_light import direct_light, direct_renderer
+from support.direct_light import direct_light, direct_renderer
 
 import solari_vk as sv
 from solari_vk.gpu.shaders import compiler
