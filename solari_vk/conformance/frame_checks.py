@@ -89,7 +89,7 @@ def measure_finite(device: Device) -> Iterator[Measurement]:
     yield Measurement(FINITE, float(wrong), 0.0, "values are not finite, or negative")
 
 
-BOX_FAST, BOX_FULL = Effort(8, 20, 12, 128), Effort(16, 24, 2 * JITTER_PERIOD, 512)
+BOX_FAST, BOX_FULL = Effort(16, 20, 12, 128), Effort(16, 24, 2 * JITTER_PERIOD, 512)
 
 
 def measure_closed_box(device: Device, walls: str, effort: Effort = BOX_FAST) -> Iterator[Measurement]:
