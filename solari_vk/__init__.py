@@ -63,16 +63,7 @@ if TYPE_CHECKING:
     from solari_vk.scene.binder import SceneBinder
     from solari_vk.scene.builtin import builtin
     from solari_vk.scene.gltf import load_gltf
-    from solari_vk.scene.model import (
-        Camera,
-        DirectionalLight,
-        Instance,
-        Material,
-        Mesh,
-        Scene,
-        Texture,
-        TextureImage,
-    )
+    from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material, Mesh, Scene, Texture, TextureImage
     from solari_vk.scene.studio import studio_lights
     from solari_vk.settings import Settings
     from solari_vk.tracer import RayTracer

@@ -142,10 +142,7 @@ class Geometry:
         record["bounds_min"], record["bounds_max"] = low, high
         self.table.mark([self.rows[mesh]])
         return TriangleGeometry(
-            positions=offsets[0],
-            position_count=len(mesh.positions),
-            indices=offsets[1],
-            triangle_count=len(triangles),
+            positions=offsets[0], position_count=len(mesh.positions), indices=offsets[1], triangle_count=len(triangles)
         )
 
     def destroy(self) -> None:

@@ -11,15 +11,19 @@ from typing import Any
 
 import numpy as np
 
+from solari_vk.scene.gltf import load_gltf
+from solari_vk.scene.model import Scene
+
 COMPONENTS = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
 KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 TRIANGLE = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
 
 
 class GltfWriter:
-    """A glTF file: `json` is its content, which tests may change, and `data` its only buffer."""
+    """A glTF file: `json` (which tests may change) and `data`, its only buffer. `load` saves it to `path` first."""
 
-    def __init__(self) -> None:
+    def __init__(self, path: Path | None = None) -> None:
+        self.path = path
         self.data = bytearray()
         self.json: dict[str, Any] = {"asset": {"version": "2.0"}}
 
@@ -68,9 +72,11 @@ class GltfWriter:
         self.json["scene"] = self.add("scenes", nodes=list(nodes))
 
     def finish(self) -> dict[str, Any]:
-        """The JSON with the buffer; if it has no scene, with a scene of all nodes."""
+        """The JSON with the buffer; by default with a node for each mesh, and a scene of all nodes."""
         if self.data:
             self.json.setdefault("buffers", [{"byteLength": len(self.data)}])
+        if "meshes" in self.json:
+            self.json.setdefault("nodes", [{"mesh": number} for number in range(len(self.json["meshes"]))])
         if "scenes" not in self.json and "nodes" in self.json:
             children = {c for node in self.json["nodes"] for c in node.get("children", [])}
             self.scene(*(n for n in range(len(self.json["nodes"])) if n not in children))
@@ -78,6 +84,9 @@ class GltfWriter:
 
     def glb(self) -> bytes:
         return glb(json.dumps(self.finish()).encode(), bytes(self.data))
+
+    def load(self, **options: Any) -> Scene:
+        return load_gltf(self.save(self.path), **options)
 
     def save(self, path: Path, packing: str = "glb") -> Path:
         """Write as "glb", "embedded" (a data URI) or "external" (a .bin beside it)."""

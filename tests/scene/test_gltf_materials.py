@@ -2,64 +2,51 @@
 
 from __future__ import annotations
 
+import base64
 import math
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from gltf_writer import GltfWriter, encoded
 
 from solari_vk.errors import SolariError
-from solari_vk.scene.gltf import load_gltf
-from solari_vk.scene.model import Material, Scene
 
 UVS = [[0, 0], [1, 0], [0, 1]]
 NORMALS = [[0, 0, 1]] * 3
 GREY = np.full((2, 2, 3), 128)
 
 
-def load(writer: GltfWriter, tmp_path: Path, **material: Any) -> tuple[Material, list[str]]:
+def load(writer, **material):
     """The material of a file with one triangle, and the warnings."""
     writer.mesh({"TEXCOORD_0": UVS}, material=writer.add("materials", **material))
-    writer.node(mesh=0)
-    scene = load_gltf(writer.save(tmp_path / "file.glb"))
-    return next(iter(scene)).material, scene.warnings
+    scene = writer.load()
+    return scene.instances[0].material, scene.warnings
 
 
-def extension(name: str, **fields: Any) -> dict[str, Any]:
+def extension(name, **fields):
     return {"extensions": {name: fields}}
 
 
-def test_factors_and_defaults(tmp_path: Path) -> None:
+def test_factors_and_defaults(writer):
+    pbr = {"baseColorFactor": [0.1, 0.2, 0.3, 1], "metallicFactor": 0.4, "roughnessFactor": 1.0000000149}
+    bright = extension("KHR_materials_emissive_strength", emissiveStrength=100)
     material, warnings = load(
-        GltfWriter(),
-        tmp_path,
-        name="paint",
-        pbrMetallicRoughness={
-            "baseColorFactor": [0.1, 0.2, 0.3, 1], "metallicFactor": 0.4, "roughnessFactor": 1.0000000149,
-        },
-        emissiveFactor=[1, 0.5, 0],
-        doubleSided=True,
-        **extension("KHR_materials_emissive_strength", emissiveStrength=100),
-    )  # fmt: skip
+        writer, name="paint", pbrMetallicRoughness=pbr, emissiveFactor=[1, 0.5, 0], doubleSided=True, **bright
+    )
     assert (material.name, material.double_sided, material.metallic) == ("paint", True, 0.4)
     np.testing.assert_allclose(material.base_color, [0.1, 0.2, 0.3], rtol=1e-6)
     assert material.perceptual_roughness == 1, "exporters' rounding is forgiven"
     assert material.emissive.tolist() == [100, 50, 0]
     np.testing.assert_allclose(material.reflectance, 0.5, rtol=1e-6)
     assert warnings == []
-    plain, _ = load(GltfWriter(), tmp_path)
+    plain, _ = load(GltfWriter(writer.path))
     assert (plain.metallic, plain.perceptual_roughness, plain.base_color.tolist()) == (1, 1, [1, 1, 1])
 
 
-def test_primitives_without_material_get_the_formats_default(tmp_path: Path) -> None:
-    writer = GltfWriter()
+def test_primitives_without_material_get_the_formats_default(writer):
     writer.mesh()
     writer.mesh({"POSITION": [[0, 0, 0], [2, 0, 0], [0, 1, 0]]})
-    writer.node(mesh=0)
-    writer.node(mesh=1)
-    first, second = load_gltf(writer.save(tmp_path / "file.glb"))
+    first, second = writer.load()
     assert first.material is second.material
     assert (first.material.metallic, first.material.perceptual_roughness) == (1, 1)
 
@@ -74,8 +61,8 @@ def test_primitives_without_material_get_the_formats_default(tmp_path: Path) -> 
      ({"KHR_materials_specular": {"specularColorFactor": [3] * 3}, "KHR_materials_ior": {"ior": 1.5}}, 0.12, 0),
      ({"KHR_materials_specular": {"specularTexture": {"index": 0}}}, 0.04, 1)],
 )  # fmt: skip
-def test_reflectance(tmp_path: Path, fields: dict[str, Any], f0: Any, remarks: int) -> None:
-    material, warnings = load(GltfWriter(), tmp_path, extensions=fields)
+def test_reflectance(writer, fields, f0, remarks):
+    material, warnings = load(writer, extensions=fields)
     np.testing.assert_allclose(0.16 * material.reflectance**2, np.broadcast_to(f0, 3), rtol=1e-5, atol=1e-9)
     assert len(warnings) == remarks
 
@@ -88,12 +75,9 @@ def test_reflectance(tmp_path: Path, fields: dict[str, Any], f0: Any, remarks: i
      ("KHR_materials_sheen", {"sheenColorFactor": [0, 0, 0]}, False),
      ("KHR_materials_sheen", {"sheenColorFactor": [0, 0.5, 0]}, True), ("VENDOR_sparkle", {}, True)],
 )  # fmt: skip
-def test_material_extensions_are_reported_when_they_matter(
-    tmp_path: Path, name: str, fields: dict[str, Any], influences: bool
-) -> None:
-    writer = GltfWriter()
+def test_material_extensions_are_reported_when_they_matter(writer, name, fields, influences):
     writer.add("materials", name="unused", **extension(name, **fields))
-    _, warnings = load(writer, tmp_path, name="used", **extension(name, **fields))
+    _, warnings = load(writer, name="used", **extension(name, **fields))
     assert len(warnings) == influences
     if influences:
         assert name in warnings[0]
@@ -102,19 +86,16 @@ def test_material_extensions_are_reported_when_they_matter(
 
 
 @pytest.mark.parametrize("name", ["KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_texture_basisu"])
-def test_required_extensions_must_be_supported(tmp_path: Path, name: str) -> None:
-    writer = GltfWriter()
+def test_required_extensions_must_be_supported(writer, name):
     writer.json["extensionsRequired"] = ["KHR_mesh_quantization", name]
     with pytest.raises(SolariError, match=f"file.glb: the file requires the extension {name}, which is not supported"):
-        load(writer, tmp_path)
+        load(writer)
 
 
-def test_optional_draco_without_fallback_is_left_out_by_name(tmp_path: Path) -> None:
-    writer = GltfWriter()
-    number = writer.add("accessors", componentType=5126, count=3, type="VEC3")
-    writer.mesh({"POSITION": number}, **extension("KHR_draco_mesh_compression", bufferView=0))
-    writer.node(mesh=0)
-    scene = load_gltf(writer.save(tmp_path / "file.glb"))
+def test_optional_draco_without_fallback_is_left_out_by_name(writer):
+    position = writer.add("accessors", componentType=5126, count=3, type="VEC3")
+    writer.mesh({"POSITION": position}, **extension("KHR_draco_mesh_compression", bufferView=0))
+    scene = writer.load()
     assert not scene.instances
     assert "KHR_draco_mesh_compression" in scene.warnings[0]
 
@@ -125,87 +106,69 @@ def test_optional_draco_without_fallback_is_left_out_by_name(tmp_path: Path) -> 
      ("OPAQUE", 0.1, None, False), ("BLEND", 1.0, 255, False), ("BLEND", 1.0, 254, True), ("MASK", 1.0, 140, False),
      ("MASK", 0.9, 140, True)],
 )  # fmt: skip
-def test_alpha_is_reported_when_something_shows_through(
-    tmp_path: Path, mode: str, factor: float, texture: int | None, influences: bool
-) -> None:
-    writer = GltfWriter()
-    pbr: dict[str, Any] = {"baseColorFactor": [1, 1, 1, factor]}
+def test_alpha_is_reported_when_something_shows_through(writer, mode, factor, texture, influences):
+    pbr = {"baseColorFactor": [1, 1, 1, factor]}
     if texture is not None:
         pbr["baseColorTexture"] = {"index": writer.image(np.full((2, 2, 4), texture))}
-    _, warnings = load(writer, tmp_path, alphaMode=mode, pbrMetallicRoughness=pbr)
+    _, warnings = load(writer, alphaMode=mode, pbrMetallicRoughness=pbr)
     assert warnings == [f"alphaMode {mode} is not supported: surfaces are opaque: material 0"] * influences
 
 
 @pytest.mark.parametrize("value", [255, 128])
-def test_vertex_colors_are_reported_unless_white(tmp_path: Path, value: int) -> None:
-    writer = GltfWriter()
-    color = writer.accessor([[255, 255, value, 255]] * 3, "u1", normalized=True)
-    writer.mesh({"COLOR_0": color})
-    writer.node(mesh=0)
-    warnings = load_gltf(writer.save(tmp_path / "file.glb")).warnings
-    assert len(warnings) == (value != 255)
+def test_vertex_colors_are_reported_unless_white(writer, value):
+    writer.mesh({"COLOR_0": writer.accessor([[255, 255, value, 255]] * 3, "u1", normalized=True)})
+    assert len(writer.load().warnings) == (value != 255)
 
 
 # ---- textures ---------------------------------------------------------------------------------------
 
 
-def test_texture_slots_share_images(tmp_path: Path) -> None:
-    writer = GltfWriter()
+def test_texture_slots_share_images(writer):
     texture = writer.image(GREY)
-    other = writer.add("textures", source=0, sampler=writer.add("samplers", wrapS=33071, wrapT=33648, magFilter=9728,
-                                                                minFilter=9729))  # fmt: skip
+    sampler = writer.add("samplers", wrapS=33071, wrapT=33648, magFilter=9728, minFilter=9729)
+    other = writer.add("textures", source=0, sampler=sampler)
+    slot = {"index": texture}
     material, warnings = load(
-        writer, tmp_path,
-        pbrMetallicRoughness={"baseColorTexture": {"index": texture}, "metallicRoughnessTexture": {"index": texture}},
-        emissiveTexture={"index": other}, emissiveFactor=[1, 1, 1], occlusionTexture={"index": texture},
+        writer, pbrMetallicRoughness={"baseColorTexture": slot, "metallicRoughnessTexture": slot},
+        emissiveTexture={"index": other}, emissiveFactor=[1, 1, 1], occlusionTexture=slot,
     )  # fmt: skip
     base, emissive = material.base_color_texture, material.emissive_texture
-    assert base is not None
-    assert emissive is not None
     assert base is material.metallic_roughness_texture
     assert base is not emissive
     assert base.image is emissive.image
     assert base.image.pixels.tolist() == [[[128, 128, 128, 255]] * 2] * 2
-    assert (base.wrap_u, base.wrap_v, base.magnification, base.minification, base.mipmaps) == (
-        "repeat", "repeat", "linear", "linear", True,
-    )  # fmt: skip
-    assert (emissive.wrap_u, emissive.wrap_v, emissive.magnification, emissive.minification, emissive.mipmaps) == (
-        "clamp_to_edge", "mirrored_repeat", "nearest", "linear", False,
-    )  # fmt: skip
+    for texture, expected in (
+        (base, ("repeat", "repeat", "linear", "linear", True)),
+        (emissive, ("clamp_to_edge", "mirrored_repeat", "nearest", "linear", False)),
+    ):
+        found = texture.wrap_u, texture.wrap_v, texture.magnification, texture.minification, texture.mipmaps
+        assert found == expected
     assert warnings == []
 
 
 @pytest.mark.parametrize("packing", ["embedded", "external"])
-def test_images_by_uri(tmp_path: Path, packing: str) -> None:
-    writer = GltfWriter()
+def test_images_by_uri(writer, packing):
     file = encoded(GREY, "JPEG")
     if packing == "embedded":
-        import base64
-
         uri = "data:image/jpeg;base64," + base64.b64encode(file).decode()
     else:
-        (tmp_path / "a b").mkdir()
-        (tmp_path / "a b" / "grey.jpg").write_bytes(file)
+        (writer.path.parent / "a b").mkdir()
+        (writer.path.parent / "a b" / "grey.jpg").write_bytes(file)
         uri = "a%20b/grey.jpg"
     textures = [writer.add("textures", source=writer.add("images", uri=uri)) for _ in range(2)]
-    material, _ = load(writer, tmp_path, emissiveTexture={"index": textures[0]}, normalTexture={"index": textures[1]})
-    assert material.emissive_texture is not None
-    assert material.normal_texture is not None
+    material, _ = load(writer, emissiveTexture={"index": textures[0]}, normalTexture={"index": textures[1]})
     assert material.emissive_texture.image is material.normal_texture.image, "one file is one image"
     assert abs(int(material.emissive_texture.image.pixels[0, 0, 0]) - 128) <= 1
 
 
-def test_texture_transforms(tmp_path: Path) -> None:
-    writer = GltfWriter()
+def test_texture_transforms(writer):
     texture = writer.image(GREY)
     transform = {"offset": [0.25, 0.5], "rotation": math.pi / 2, "scale": [2, 4], "texCoord": 0}
     material, warnings = load(
-        writer, tmp_path,
+        writer,
         emissiveTexture={"index": texture, "texCoord": 1, **extension("KHR_texture_transform", **transform)},
         pbrMetallicRoughness={"baseColorTexture": {"index": texture}},
     )  # fmt: skip
-    assert material.emissive_texture is not None
-    assert material.base_color_texture is not None
     # A counter-clockwise turn maps u, to the right, to v upwards (v is positive downwards).
     matrix = [[0, 4, 0.25], [-2, 0, 0.5]]
     np.testing.assert_allclose(material.emissive_texture.uv_transform, matrix, atol=1e-6)
@@ -213,8 +176,7 @@ def test_texture_transforms(tmp_path: Path) -> None:
     assert warnings == []
 
 
-def test_a_second_set_of_uvs(tmp_path: Path) -> None:
-    writer = GltfWriter()
+def test_a_second_set_of_uvs(writer):
     texture = writer.image(GREY)
     slots = {
         "pbrMetallicRoughness": {"baseColorTexture": {"index": texture, "texCoord": 1}},
@@ -222,13 +184,10 @@ def test_a_second_set_of_uvs(tmp_path: Path) -> None:
     }
     writer.mesh({"TEXCOORD_0": UVS, "TEXCOORD_1": [[5, 5]] * 3}, material=writer.add("materials", **slots))
     writer.mesh({"TEXCOORD_0": UVS}, material=0)
-    writer.node(mesh=0)
-    writer.node(mesh=1)
-    scene = load_gltf(writer.save(tmp_path / "file.glb"))
+    scene = writer.load()
     first, second = scene
     assert first.material.emissive_texture is None
     assert first.material.base_color_texture is not None
-    assert first.mesh.uvs is not None
     assert first.mesh.uvs.tolist() == [[5, 5]] * 3
     assert second.mesh.uvs is None
     assert scene.warnings == [
@@ -237,62 +196,52 @@ def test_a_second_set_of_uvs(tmp_path: Path) -> None:
     ]
 
 
-def test_textures_in_other_formats_are_reported(tmp_path: Path) -> None:
-    writer = GltfWriter()
+def test_textures_in_other_formats_are_reported(writer):
     texture = writer.add("textures", name="wood", **extension("KHR_texture_basisu", source=0))
-    material, warnings = load(writer, tmp_path, emissiveTexture={"index": texture})
+    material, warnings = load(writer, emissiveTexture={"index": texture})
     assert material.emissive_texture is None
     expected = "textures have no image in a format that can be read (KHR_texture_basisu) and are left out"
     assert warnings == [f"{expected}: texture 0 'wood'"]
 
 
-def test_damaged_images_name_their_place(tmp_path: Path) -> None:
-    writer = GltfWriter()
+def test_damaged_images_name_their_place(writer):
     noise = np.random.default_rng(2).integers(0, 255, (9, 9, 3))
     image = writer.add("images", bufferView=writer.view(encoded(noise)[:99]), name="bark")
     texture = writer.add("textures", source=image)
     with pytest.raises(SolariError, match=r"file\.glb: image 0 'bark' is a damaged image"):
-        load(writer, tmp_path, emissiveTexture={"index": texture})
+        load(writer, emissiveTexture={"index": texture})
 
 
 # ---- tangents ---------------------------------------------------------------------------------------
 
 
-def with_normal_map(tmp_path: Path, attributes: dict[str, Any], **slot: Any) -> Scene:
-    writer = GltfWriter()
-    material = writer.add("materials", normalTexture={"index": writer.image(GREY), "scale": 0.5, **slot})
-    writer.mesh({"TEXCOORD_0": UVS, **attributes}, material=material)
-    writer.node(mesh=0)
-    return load_gltf(writer.save(tmp_path / "file.glb"))
-
-
-def test_tangents_are_made_for_normal_maps(tmp_path: Path) -> None:
-    (instance,) = with_normal_map(tmp_path, {"NORMAL": NORMALS})
+def mesh_with_normal_map(writer, attributes, **slot):
+    """The mesh that is loaded for a material with a normal map."""
+    slot = {"index": writer.image(GREY), "scale": 0.5, **slot}
+    writer.mesh({"TEXCOORD_0": UVS, **attributes}, material=writer.add("materials", normalTexture=slot))
+    (instance,) = writer.load()
     assert instance.material.normal_scale == 0.5
-    assert instance.mesh.tangents is not None
-    # v points down in the image, so the bitangent (up) is along -y: cross(z, x) = y times -1.
-    np.testing.assert_allclose(instance.mesh.tangents, [[1, 0, 0, -1]] * 3, atol=1e-6)
+    return instance.mesh
 
 
-def test_tangents_follow_the_normal_maps_transform(tmp_path: Path) -> None:
-    turned = extension("KHR_texture_transform", rotation=math.pi / 2)
-    (instance,) = with_normal_map(tmp_path, {"NORMAL": NORMALS}, **turned)
-    assert instance.mesh.tangents is not None
-    # The image's u now runs along the mesh's v.
-    np.testing.assert_allclose(instance.mesh.tangents, [[0, 1, 0, -1]] * 3, atol=1e-6)
+TURN = extension("KHR_texture_transform", rotation=math.pi / 2)
 
 
-def test_flat_meshes_get_tangents_too(tmp_path: Path) -> None:
-    (instance,) = with_normal_map(tmp_path, {})
-    assert instance.mesh.normals is None
-    assert instance.mesh.tangents is not None
-    np.testing.assert_allclose(instance.mesh.tangents, [[1, 0, 0, -1]] * 3, atol=1e-6)
+@pytest.mark.parametrize(
+    ("attributes", "slot", "tangent"),
+    [({"NORMAL": NORMALS}, {}, [1, 0, 0, -1]),  # v points down in the image, so the bitangent (up) is along -y
+     ({"NORMAL": NORMALS}, TURN, [0, 1, 0, -1]),  # the image's u runs along the mesh's v
+     ({}, {}, [1, 0, 0, -1])],
+)  # fmt: skip
+def test_tangents_are_made_for_normal_maps(writer, attributes, slot, tangent):
+    mesh = mesh_with_normal_map(writer, attributes, **slot)
+    assert (mesh.normals is None) == (not attributes)
+    np.testing.assert_allclose(mesh.tangents, [tangent] * 3, atol=1e-6)
 
 
-def test_given_tangents_are_kept(tmp_path: Path) -> None:
+def test_given_tangents_are_kept(writer):
     given = [[0, 2, 0, 1], [0, 1, 0, -1], [0, 0, 0, 0]]
-    (instance,) = with_normal_map(tmp_path, {"NORMAL": NORMALS, "TANGENT": given})
-    assert instance.mesh.tangents is not None
-    assert instance.mesh.tangents[:2].tolist() == [[0, 1, 0, 1], [0, 1, 0, -1]]
-    assert abs(instance.mesh.tangents[2] @ [0, 0, 1, 0]) < 1e-6
-    assert np.linalg.norm(instance.mesh.tangents[2, :3]) == pytest.approx(1)
+    mesh = mesh_with_normal_map(writer, {"NORMAL": NORMALS, "TANGENT": given})
+    assert mesh.tangents[:2].tolist() == [[0, 1, 0, 1], [0, 1, 0, -1]]
+    assert abs(mesh.tangents[2] @ [0, 0, 1, 0]) < 1e-6
+    assert np.linalg.norm(mesh.tangents[2, :3]) == pytest.approx(1)

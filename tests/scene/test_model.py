@@ -10,16 +10,7 @@ import numpy as np
 import pytest
 
 from solari_vk.errors import SolariError
-from solari_vk.scene.model import (
-    Camera,
-    DirectionalLight,
-    Instance,
-    Material,
-    Mesh,
-    Scene,
-    Texture,
-    TextureImage,
-)
+from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material, Mesh, Scene, Texture, TextureImage
 from solari_vk.scene.observed import Observable
 
 TRIANGLE = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]

@@ -132,8 +132,7 @@ class Materials:
             f0 = np.minimum(f0 * specular.numbers("specularColorFactor", (1.0, 1.0, 1.0), low=0), 1) * factor
             if factor < 1:
                 self._report.add(
-                    "KHR_materials_specular: specularFactor does not lower reflections at grazing angles",
-                    entry.place,
+                    "KHR_materials_specular: specularFactor does not lower reflections at grazing angles", entry.place
                 )
             if "specularTexture" in specular or "specularColorTexture" in specular:
                 self._report.add("KHR_materials_specular: its textures are not supported and are left out", entry.place)
