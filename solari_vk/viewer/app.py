@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.errors import DeviceError, SolariError, ValidationError
+from solari_vk.errors import SolariError, ValidationError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.swapchain import Swapchain
@@ -26,7 +26,7 @@ from solari_vk.viewer.presenter import Presenter
 from solari_vk.viewer.reload import Sources
 from solari_vk.viewer.scaling import ScaleControl
 from solari_vk.viewer.session import Session
-from solari_vk.viewer.window import Window, checked_size
+from solari_vk.viewer.window import Window
 
 CPU_FPS, GPU_FPS = 7.0, 60.0  # the default frame rate that the scale "auto" aims at
 MAX_STEP = 0.25  # seconds that the camera flies in one frame at most, however long the frame took
@@ -66,13 +66,11 @@ class Viewer(Session):
         load: Callable[[], Scene] | None = None,
         folder: str | Path = ".",
     ) -> None:
-        size = checked_size(size)
         if fps is None:
             fps = CPU_FPS if device.properties.kind == "cpu" else GPU_FPS
         if not fps > 0:
             raise SolariError(f"the viewer's fps must be more than 0, not {fps!r}")
         scale_control = ScaleControl(scale, 1 / fps)
-        camera = camera or scene.camera_for(size[0] / size[1])
         sources = Sources(scene, Path(source) if source else None, load)
         with ExitStack() as undo:
             window = Window(size, "solari_vk")
@@ -83,10 +81,9 @@ class Viewer(Session):
             undo.callback(self._presenter.close)
             pictures = Pictures(device, scene, Settings() if settings is None else settings, seed, mode)
             undo.callback(pictures.close)
-            super().__init__(
-                window, pictures, CameraControl(camera, _extent(scene)), scale_control, sources,
-                source=source, source_options=source_options, folder=Path(folder),
-            )  # fmt: skip
+            camera_control = CameraControl(camera or scene.camera_for(size[0] / size[1]), _extent(scene))
+            super().__init__(window, pictures, camera_control, scale_control, sources,
+                             source=source, source_options=source_options, folder=Path(folder))  # fmt: skip
             self.controls = Controls(self.camera_control, self.act)
             self.overlay = self._open_overlay() if overlay else None
             if self.overlay is not None:
@@ -123,7 +120,9 @@ class Viewer(Session):
     def step(self, on_frame: Callable[[Viewer, float], None] | None = None) -> bool:
         """Handle input, render a frame and show it. Returns False when the window shows nothing now."""
         visible = 0 not in self.window.pixels
-        self._take_events(0.0 if visible else HIDDEN_WAIT)
+        events = self.window.take_events(0.0 if visible else HIDDEN_WAIT)
+        keys, mouse = (True, True) if self.overlay is None else self.overlay.take_events(events)
+        self.controls.handle(events, takes_keys=keys, takes_mouse=mouse)
         now = time.perf_counter()
         seconds, self._last = now - self._last, now
         self.camera_control.advance(min(seconds, MAX_STEP))
@@ -153,11 +152,6 @@ class Viewer(Session):
             raise SolariError("the window shows nothing that can be read")
         return pixels
 
-    def _take_events(self, wait: float) -> None:
-        events = self.window.take_events(wait)
-        keys, mouse = (True, True) if self.overlay is None else self.overlay.take_events(events)
-        self.controls.handle(events, takes_keys=keys, takes_mouse=mouse)
-
     def _render(self, size: tuple[int, int]) -> None:
         """Render. A fault of the scene or of the shaders is shown, and the last picture stays."""
         try:
@@ -173,14 +167,9 @@ class Viewer(Session):
 
     def _draw(self, commands: raw.CData, index: int) -> None:
         """Record the drawing of the panels over an image of the swapchain."""
-        if self.overlay is None:
-            return
-        try:
-            self.overlay.draw(commands, self._swapchain, index)
-        except (DeviceError, ValidationError):
-            raise
-        except (SolariError, OSError) as error:
-            self.report("panels", error)
+        if self.overlay is not None:
+            with self.showing_mistakes("panels"):
+                self.overlay.draw(commands, self._swapchain, index)
 
     def _show_wait(self) -> None:
         """Say that the first picture takes long, since a driver may compile for a minute."""

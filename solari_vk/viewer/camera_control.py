@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from typing import Any
@@ -17,40 +18,32 @@ TURN = 0.005  # radians for each unit that the cursor moves
 MAX_ELEVATION = math.radians(89)  # of the view direction above and below the horizon
 FASTER = 4.0  # factor of the speed while shift is held
 WHEEL = 1.25  # factor of the speed for each notch of the wheel
-# Directions in camera space, except that "up" and "down" are the world's.
-DIRECTIONS = {
-    "forward": (0, 0, -1),
-    "back": (0, 0, 1),
-    "left": (-1, 0, 0),
-    "right": (1, 0, 0),
-    "up": (0, 1, 0),
-    "down": (0, -1, 0),
-}
+# Directions in camera space and in the world's.
+DIRECTIONS = {"forward": (0, 0, -1), "back": (0, 0, 1), "left": (-1, 0, 0), "right": (1, 0, 0)}
+WORLD_DIRECTIONS = {"up": (0, 1, 0), "down": (0, -1, 0)}
 
 
 class CameraControl:
     """Moves `camera`, a copy of the given one. `speed` is in metres a second; it starts at a quarter of the extent."""
 
     def __init__(self, camera: Camera, extent: float = 1.0) -> None:
-        self.home = copy_of(camera)
-        self.camera = copy_of(camera)
+        self.home, self.camera = dataclasses.replace(camera), dataclasses.replace(camera)
         self.home_speed = self.speed = max(extent, 1e-6) / 4
         self.held: set[str] = set()
-        """The names of the DIRECTIONS whose keys are down."""
+        """The names of the directions whose keys are down."""
         self.fast = False
 
     def advance(self, seconds: float) -> None:
         """Fly in the directions that are held, for this many seconds."""
-        if not self.held:
-            return
-        camera = np.zeros(3)
-        world = np.zeros(3)
+        turn, direction = self.camera.transform[:3, :3], np.zeros(3)
         for name in self.held:
-            (world if name in ("up", "down") else camera)[:] += DIRECTIONS[name]
-        direction = self.camera.transform[:3, :3] @ camera + world
+            direction += WORLD_DIRECTIONS[name] if name in WORLD_DIRECTIONS else turn @ DIRECTIONS[name]
         length = float(np.linalg.norm(direction))
         if length > 1e-9:
-            self._move(direction * (self.speed * (FASTER if self.fast else 1.0) * seconds / length))
+            distance = self.speed * (FASTER if self.fast else 1.0) * seconds
+            transform = self.camera.transform.copy()
+            transform[:3, 3] += direction * (distance / length)
+            self._assign(transform)
 
     def change_speed(self, notches: float) -> None:
         """Change the speed by notches of the wheel; a positive number is faster."""
@@ -82,7 +75,7 @@ class CameraControl:
 
     def reset(self) -> None:
         """Return to the first pose and speed."""
-        self.camera = copy_of(self.home)
+        self.camera = dataclasses.replace(self.home)
         self.speed = self.home_speed
 
     def copy_pose(self) -> str:
@@ -110,22 +103,11 @@ class CameraControl:
         transform[:3, 3] = center + turn @ (transform[:3, 3] - center)
         self._assign(transform)
 
-    def _move(self, offset: NDArray[np.float64]) -> None:
-        transform = self.camera.transform.copy()
-        transform[:3, 3] += offset
-        self._assign(transform)
-
     def _assign(self, transform: NDArray[np.float64]) -> None:
         # A camera that flies for hours must not reach infinity; there is nothing to see that far away.
         limit = 1e6 * max(self.home_speed, 1.0)
         transform[:3, 3] = np.clip(transform[:3, 3], -limit, limit)
         self.camera.transform = transform
-
-
-def copy_of(camera: Camera) -> Camera:
-    """A new camera with the same fields."""
-    fields = ("transform", "vertical_fov", "near", "ev100", "jitter", "name")
-    return Camera(**{name: getattr(camera, name) for name in fields})
 
 
 def rotation(axis: NDArray[np.float64], angle: float) -> NDArray[np.float64]:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 
-from solari_vk.errors import SolariError
+from solari_vk.errors import DeviceError, SolariError, ValidationError
 
 MESSAGE_SECONDS = 6.0
 
@@ -43,12 +44,18 @@ class Messages:
         if self.faults.pop(place, None) == self.message != "":
             self.message = next(iter(self.faults.values()), "")
 
-    def attempt(self, change: Callable[[], object]) -> None:
-        """Call `change`; a SolariError is shown."""
+    @contextmanager
+    def showing_mistakes(self, place: str = "") -> Iterator[None]:
+        """Show a mistake of the user instead of raising it: as a fault of a place, or without one until other news."""
         try:
-            change()
-        except SolariError as error:
-            self.warn(str(error))
+            yield
+        except (DeviceError, ValidationError):
+            raise
+        except (SolariError, OSError) as error:
+            if place:
+                self.report(place, error)
+            else:
+                self.warn(str(error))
 
     def end_message(self) -> None:
         """Once a message's time is over, show the fault that lasts, or nothing."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 from typing import Any
 
@@ -19,19 +20,13 @@ from solari_vk.viewer.window import Event
 MARGIN, WIDTH = 8, 360  # of the panels' window, in window coordinates
 DIVIDER_WIDTH = 9
 _BARE = imgui.WindowFlags_.no_decoration | imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_move
-_NAMED = {
-    glfw.KEY_TAB: "tab", glfw.KEY_LEFT: "left_arrow", glfw.KEY_RIGHT: "right_arrow", glfw.KEY_UP: "up_arrow",
-    glfw.KEY_DOWN: "down_arrow", glfw.KEY_PAGE_UP: "page_up", glfw.KEY_PAGE_DOWN: "page_down", glfw.KEY_HOME: "home",
-    glfw.KEY_END: "end", glfw.KEY_INSERT: "insert", glfw.KEY_DELETE: "delete", glfw.KEY_BACKSPACE: "backspace",
-    glfw.KEY_SPACE: "space", glfw.KEY_ENTER: "enter", glfw.KEY_ESCAPE: "escape", glfw.KEY_KP_ENTER: "keypad_enter",
-    glfw.KEY_A: "a", glfw.KEY_C: "c", glfw.KEY_V: "v", glfw.KEY_X: "x", glfw.KEY_Y: "y", glfw.KEY_Z: "z",
+# GLFW's and ImGui's names of keys differ in these two points, and for keys that text fields don't use.
+_KEYS = {
+    getattr(glfw, code): key for name, key in imgui.Key.__members__.items()
+    if hasattr(glfw, code := "KEY_" + name.removesuffix("_arrow").replace("keypad", "kp").upper())
 }  # fmt: skip
-_KEYS = {code: getattr(imgui.Key, name) for code, name in _NAMED.items()}  # the keys of ImGui's text fields
-_MODIFIERS = {
-    glfw.MOD_CONTROL: imgui.Key.mod_ctrl,
-    glfw.MOD_SHIFT: imgui.Key.mod_shift,
-    glfw.MOD_ALT: imgui.Key.mod_alt,
-}
+_MODIFIERS = {getattr(glfw, f"MOD_{name}"): getattr(imgui.Key, f"mod_{short}")
+              for name, short in (("CONTROL", "ctrl"), ("SHIFT", "shift"), ("ALT", "alt"))}  # fmt: skip
 
 
 class Overlay:
@@ -145,12 +140,9 @@ class Overlay:
         imgui.set_next_window_pos(imgui.ImVec2(size[0] / 2, size[1] / 2), 0, imgui.ImVec2(0.5, 0.5))
         imgui.begin("keys", None, _BARE | imgui.WindowFlags_.always_auto_resize)
         if imgui.begin_table("keys", 2):
-            for keys, meaning in KEYS_HELP:
-                imgui.table_next_row()
+            for text in itertools.chain.from_iterable(KEYS_HELP):
                 imgui.table_next_column()
-                imgui.text_unformatted(keys)
-                imgui.table_next_column()
-                imgui.text_unformatted(meaning)
+                imgui.text_unformatted(text)
             imgui.end_table()
         imgui.end()
 

@@ -90,29 +90,26 @@ class OverlayRenderer:
         indices = self._buffer("indices", slot, data.total_idx_count * _INDEX_BYTES)
         self.device.vk.vkCmdBindIndexBuffer(commands, indices.handle, 0, _INDEX_TYPE)
         scale = 2 / np.array((data.display_size.x, data.display_size.y))
-        translation = -1 - scale * (data.display_pos.x, data.display_pos.y)
-        self._pipeline.bind(commands, vertices=vertices.address, scale=scale, translation=translation)
+        self._pipeline.bind(commands, vertices=vertices.address, scale=scale)
         first_vertex = first_index = 0
         for part in data.cmd_lists:
             _copy(part.vtx_buffer, _VERTEX_BYTES, vertices, first_vertex)
             _copy(part.idx_buffer, _INDEX_BYTES, indices, first_index)
             for command in part.cmd_buffer:
-                self._draw(commands, command, data, extent, first_index, first_vertex)
+                self._draw(commands, command, data.framebuffer_scale, extent, first_index, first_vertex)
             first_vertex += part.vtx_buffer.size()
             first_index += part.idx_buffer.size()
 
     def _draw(
-        self, commands: raw.CData, command: Any, data: Any, extent: tuple[int, int], first_index: int, first_vertex: int
-    ) -> None:
-        texture = self._textures.get(command.get_tex_id())
-        position, factor = data.display_pos, data.framebuffer_scale
-        clip = command.clip_rect
-        left, right = (int(min(max((x - position.x) * factor.x, 0), extent[0])) for x in (clip.x, clip.z))
-        top, bottom = (int(min(max((y - position.y) * factor.y, 0), extent[1])) for y in (clip.y, clip.w))
+        self, commands: raw.CData, command: Any, factor: Any, extent: tuple[int, int], first_index: int,
+        first_vertex: int,
+    ) -> None:  # fmt: skip
+        texture, clip = self._textures.get(command.get_tex_id()), command.clip_rect
+        left, right = (int(min(max(x * factor.x, 0), extent[0])) for x in (clip.x, clip.z))
+        top, bottom = (int(min(max(y * factor.y, 0), extent[1])) for y in (clip.y, clip.w))
         if texture is None or right <= left or bottom <= top:
             return
         vk = self.device.vk
-        assert self._pipeline is not None
         area = {"width": right - left, "height": bottom - top}
         vk.vkCmdSetScissor(commands, 0, 1, raw.struct("VkRect2D", offset={"x": left, "y": top}, extent=area))
         texture[1].bind(commands, raw.VK_PIPELINE_BIND_POINT_GRAPHICS)
@@ -139,9 +136,8 @@ class OverlayRenderer:
         number = texture.get_tex_id()
         if number not in self._textures:
             number = next(i for i in count(1) if i not in self._textures)
-            image = self.device.image(
-                texture.width, texture.height, raw.VK_FORMAT_R8G8B8A8_UNORM, f"overlay texture {number}"
-            )
+            name, format = f"overlay texture {number}", raw.VK_FORMAT_R8G8B8A8_UNORM
+            image = self.device.image(texture.width, texture.height, format, name)
             self._textures[number] = image, self._pipeline.new_set(image)
             texture.set_tex_id(number)
         pixels = texture.get_pixels_array().reshape(texture.height, texture.width, 4)
@@ -155,7 +151,6 @@ class OverlayRenderer:
         """Free everything once the submitted work is done. Safe to call twice."""
         for buffer in self._buffers.values():
             buffer.destroy()
-        self._buffers.clear()
         for number in list(self._textures):
             self._destroy(number)
         if self._pipeline is not None:

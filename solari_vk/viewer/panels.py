@@ -128,12 +128,10 @@ class Panels:
             imgui.text("this device has no timestamps")
             return
         if imgui.begin_table("times", 3, imgui.TableFlags_.row_bg):
-            imgui.table_setup_column("pass", imgui.TableColumnFlags_.width_stretch, 2)
-            imgui.table_setup_column("ms", imgui.TableColumnFlags_.width_stretch, 0.7)
-            imgui.table_setup_column("history", imgui.TableColumnFlags_.width_stretch, 1.3)
+            for title, share in (("pass", 2), ("ms", 0.7), ("history", 1.3)):
+                imgui.table_setup_column(title, imgui.TableColumnFlags_.width_stretch, share)
             imgui.table_headers_row()
             for name, history in self._times.items():
-                imgui.table_next_row()
                 imgui.table_next_column()
                 imgui.text_unformatted(name)
                 imgui.table_next_column()
@@ -188,7 +186,8 @@ class Panels:
             if imgui.small_button(f"reset##{name}"):
                 edited = default
         if edited != value:
-            self._session.attempt(lambda: setattr(settings, name, edited))
+            with self._session.showing_mistakes():
+                setattr(settings, name, edited)
 
 
 def choose(label: str, current: str, choices: tuple[str, ...]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import copy
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -100,7 +100,7 @@ class Pictures:
         self._build = build
         if wanted == build:
             self._refused = None
-        self.camera = copy.copy(camera)
+        self.camera = dataclasses.replace(camera)
 
     def _built(self, name: str, build: Build) -> Build | None:
         """What a picture was last built for."""

@@ -24,11 +24,9 @@ class ScaleControl:
         try:
             self.scale = STEPS[len(STEPS) * 2 // 3] if self.auto else float(scale)
         except (TypeError, ValueError):
-            raise SolariError(f"the scale is auto or a number from {MIN_SCALE:g} to 1, not {scale!r}") from None
+            self.scale = math.nan
         if not MIN_SCALE <= self.scale <= 1:
             raise SolariError(f"the scale is auto or a number from {MIN_SCALE:g} to 1, not {scale!r}")
-        if not target > 0:
-            raise SolariError(f"the time of a frame must be more than 0 seconds, not {target:g}")
         self._times: list[float] = []
         self._known: dict[float, float] = {}  # the latest measured time of each scale
         self._settling = SETTLE

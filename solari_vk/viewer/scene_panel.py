@@ -129,7 +129,8 @@ class ScenePanel:
     # ---- fields -------------------------------------------------------------------------------------
 
     def _set(self, item: Any, field: str, value: Any) -> None:
-        self._session.attempt(lambda: setattr(item, field, value))
+        with self._session.showing_mistakes():
+            setattr(item, field, value)
 
     def _switch(self, label: str, item: Any, field: str) -> None:
         changed, value = imgui.checkbox(label, getattr(item, field))

@@ -6,7 +6,6 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from solari_vk.errors import DeviceError, SolariError, ValidationError
 from solari_vk.scene.model import Camera
 from solari_vk.viewer.camera_control import CameraControl
 from solari_vk.viewer.messages import Messages
@@ -83,14 +82,9 @@ class Session(Messages):
 
     def _reload(self, place: str, load: Callable[[], object]) -> bool:
         self.faults.pop(place, None)  # a fault that is still there is reported again
-        try:
+        with self.showing_mistakes(place):
             load()
-        except (DeviceError, ValidationError):
-            raise
-        except (SolariError, OSError) as error:
-            self.report(place, error)
-            return False
-        return True
+        return place not in self.faults
 
     def _load_file(self) -> None:
         if self._sources.load_again():

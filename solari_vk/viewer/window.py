@@ -40,7 +40,7 @@ class Window:
         global _windows
         self.events: list[Event] = []
         self._handle: Any = None
-        size = checked_size(size)
+        width, height = _checked_size(size)
         self._error: str = ""
         self._before_fullscreen: tuple[int, int, int, int] | None = None
         glfw.set_error_callback(self._note_error)
@@ -50,7 +50,7 @@ class Window:
         glfw.default_window_hints()
         glfw.window_hint(glfw.CLIENT_API, glfw.NO_API)
         glfw.window_hint(glfw.SCALE_TO_MONITOR, False)
-        self._handle = glfw.create_window(*size, title, None, None)
+        self._handle = glfw.create_window(width, height, title, None, None)
         if not self._handle:
             error = self._error
             self._release()
@@ -187,7 +187,7 @@ class Window:
             self._release()
 
 
-def checked_size(size: tuple[int, int]) -> tuple[int, int]:
+def _checked_size(size: tuple[int, int]) -> tuple[int, int]:
     """A window's size as two ints. Raises SolariError for anything else."""
     try:
         width, height = (operator.index(side) for side in size)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from gltf_writer import GltfWriter
+from support.gltf_writer import GltfWriter
 
 
 @pytest.fixture

@@ -1,6 +1,6 @@
 """Loads mutated glTF files and prints what went wrong; run by test_gltf_fuzz.py in a process with limits.
 
-    python fuzz_gltf.py FOLDER COUNT SEED
+    PYTHONPATH=tests python tests/scene/fuzz_gltf.py FOLDER COUNT SEED
 
 Every mutant must load or raise SolariError, within five seconds; the last line counts both.
 """
@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from gltf_writer import TRIANGLE, GltfWriter, glb
+from support.gltf_writer import TRIANGLE, GltfWriter, glb
 
 from solari_vk.errors import SolariError
 from solari_vk.scene.gltf import load_gltf

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from gltf_writer import TRIANGLE
+from support.gltf_writer import TRIANGLE
 
 from solari_vk.scene.gltf import load_gltf
 

@@ -11,7 +11,7 @@ import zlib
 
 import numpy as np
 import pytest
-from gltf_writer import TRIANGLE, encoded, glb
+from support.gltf_writer import TRIANGLE, encoded, glb
 
 from solari_vk.errors import SolariError
 from solari_vk.scene.gltf import load_gltf

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from gltf_writer import GltfWriter, encoded
+from support.gltf_writer import GltfWriter, encoded
 
 from solari_vk.errors import SolariError
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from gltf_writer import TRIANGLE
+from support.gltf_writer import TRIANGLE
 
 from solari_vk.errors import SolariError
 from solari_vk.scene.gltf import load_gltf

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gltf_writer import encoded
 from numpy.typing import NDArray
 from PIL import Image
+from support.gltf_writer import encoded
 
 from solari_vk.errors import SolariError
 from solari_vk.scene.images import decode_image, mip_chain

@@ -12,6 +12,7 @@ import glfw
 import numpy as np
 import pytest
 from PIL import Image
+from support.gltf_writer import GltfWriter
 from viewer_tools import click, press, read_exr, type_keys
 
 import solari_vk as sv
@@ -63,13 +64,18 @@ def test_flying_moves_the_picture(open_viewer):
 
 def test_pose_goes_through_the_clipboard(open_viewer):
     viewer = open_viewer(**FLAT)
+    given = sv.builtin("cornell_box").camera.transform
     viewer.camera_control.look(40, 10)
-    moved = viewer.camera.transform
+    viewer.camera_control.expose(2)
+    moved, ev100 = viewer.camera.transform, viewer.camera.ev100
+    assert (viewer.scene.camera.transform == given).all(), "the user moves a copy"
     type_keys(viewer, glfw.KEY_C, modifiers=glfw.MOD_CONTROL)
-    assert json.loads(viewer.window.clipboard)["transform"] == moved.tolist()
+    assert (sv.Camera.from_pose(json.loads(viewer.window.clipboard)).transform == moved).all()
     type_keys(viewer, glfw.KEY_R)
+    assert (viewer.camera.transform == viewer.camera_control.home.transform).all()
     type_keys(viewer, glfw.KEY_V, modifiers=glfw.MOD_CONTROL)
     assert (viewer.camera.transform == moved).all()
+    assert viewer.camera.ev100 == ev100
     viewer.window.clipboard = "not a pose"
     type_keys(viewer, glfw.KEY_V, modifiers=glfw.MOD_CONTROL)
     assert "no camera pose" in viewer.message
@@ -83,9 +89,11 @@ def test_help_without_panels_is_printed(open_viewer, capfd):
 
 def test_scene_cameras_by_number(open_viewer):
     viewer = open_viewer(**FLAT)
-    viewer.scene.add(sv.Camera.look_at((1, 1, 3), (1, 1, 0)))
+    viewer.scene.add(sv.Camera.look_at((1, 1, 3), (1, 1, 0), ev100=5, vertical_fov=0.5))
     type_keys(viewer, glfw.KEY_2)
     assert viewer.camera.transform[:3, 3] == pytest.approx((1, 1, 3))
+    assert viewer.camera.vertical_fov == 0.5
+    assert viewer.camera.ev100 == viewer.camera_control.home.ev100, "the user's exposure stays"
     type_keys(viewer, glfw.KEY_9)
     assert "no camera 9" in viewer.message
 
@@ -354,22 +362,10 @@ def test_a_window_is_resized_while_a_shader_is_broken(open_viewer, shaders):
 
 def write_triangle(path, color):
     """A glTF of a triangle that emits light, with its positions in a separate file."""
-    positions = np.array([(-1, -1, 0), (1, -1, 0), (0, 1, 0)], "<f4")
-    path.with_suffix(".bin").write_bytes(positions.tobytes())
-    primitive = {"attributes": {"POSITION": 0}, "material": 0}
-    document = {
-        "asset": {"version": "2.0"},
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [primitive]}],
-        "materials": [{"emissiveFactor": color, "pbrMetallicRoughness": {"baseColorFactor": [0, 0, 0, 1]}}],
-        "accessors": [
-            {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [-1, -1, 0], "max": [1, 1, 0]}
-        ],
-        "bufferViews": [{"buffer": 0, "byteLength": 36}],
-        "buffers": [{"uri": path.with_suffix(".bin").name, "byteLength": 36}],
-    }
-    path.write_text(json.dumps(document))
+    file = GltfWriter()
+    black = file.add("materials", emissiveFactor=color, pbrMetallicRoughness={"baseColorFactor": [0, 0, 0, 1]})
+    file.node(mesh=file.mesh({"POSITION": [(-1, -1, 0), (1, -1, 0), (0, 1, 0)]}, material=black))
+    file.save(path, "external")
 
 
 def test_files_are_reloaded_and_broken_ones_reported(open_viewer, tmp_path, monkeypatch):
@@ -377,9 +373,8 @@ def test_files_are_reloaded_and_broken_ones_reported(open_viewer, tmp_path, monk
     path = tmp_path / "model.gltf"
     write_triangle(path, [1, 0, 0])
     camera = sv.Camera.look_at((0, 0, 4), (0, 0, 0))
-    viewer = open_viewer(
-        sv.load_gltf(path), **FLAT, camera=camera, source=str(path), load=lambda: sv.load_gltf(path)
-    )
+    load = lambda: sv.load_gltf(path)  # noqa: E731
+    viewer = open_viewer(load(), **FLAT, camera=camera, source=str(path), load=load)
     viewer.run(frames=2)
     assert tuple(viewer.pictures.radiance()[32, 32]) == pytest.approx((1, 0, 0))
     whole = path.read_text()

@@ -71,5 +71,3 @@ def test_a_fixed_scale_stays():
 def test_other_scales_are_refused(scale):
     with pytest.raises(sv.SolariError, match="scale"):
         ScaleControl(scale)
-    with pytest.raises(sv.SolariError, match="seconds"):
-        ScaleControl("auto", 0)

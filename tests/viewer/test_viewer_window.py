@@ -238,12 +238,6 @@ def test_closed_viewers_answer(open_viewer):
             call()
 
 
-@pytest.mark.parametrize("size", [(-1, 5), (0, 0), (64.5, 3), (64,), 5, (2**31, 2), None])
-def test_sizes_that_no_window_has(device, screen, size):
-    with pytest.raises(sv.SolariError, match="whole numbers"):
-        sv.Viewer(device, sv.builtin("cornell_box"), size=size)
-
-
 def test_the_device_may_close_first(screen):
     device = sv.Device(validation=True)
     viewer = sv.Viewer(device, sv.builtin("cornell_box"), size=(64, 48), mode="reference", scale=0.5)
@@ -272,14 +266,11 @@ def test_fullscreen(open_viewer, screen):
 
 
 def test_wrong_options_are_refused(device, screen):
-    scene = sv.builtin("cornell_box")
-    for options, words in (
-        ({"mode": "fast"}, "mode"),
-        ({"scale": 3}, "scale"),
-        ({"fps": 0}, "fps"),
-    ):
+    sizes = ((-1, 5), (0, 0), (64.5, 3), (64,), 5, (2**31, 2), None)
+    wrong = [({"mode": "fast"}, "mode"), ({"scale": 3}, "scale"), ({"fps": 0}, "fps")]
+    for options, words in (*wrong, *(({"size": size}, "whole numbers") for size in sizes)):
         with pytest.raises(sv.SolariError, match=words):
-            sv.Viewer(device, scene, size=(64, 64), **options)
+            sv.Viewer(device, sv.builtin("cornell_box"), **{"size": (64, 64), **options})
 
 
 def test_no_screen_is_a_plain_error(device, monkeypatch):

@@ -13,7 +13,6 @@ layout(buffer_reference, scalar) readonly buffer Vertices { Vertex at[]; };
 layout(push_constant, scalar) uniform Placement {
     Vertices vertices;
     vec2 scale;
-    vec2 translation;
 } placement;
 
 layout(location = 0) out vec2 uv;
@@ -23,5 +22,5 @@ void main() {
     Vertex vertex = placement.vertices.at[gl_VertexIndex];
     uv = vertex.uv;
     color = unpackUnorm4x8(vertex.color);
-    gl_Position = vec4(vertex.position * placement.scale + placement.translation, 0.0, 1.0);
+    gl_Position = vec4(vertex.position * placement.scale - 1.0, 0.0, 1.0);
 }
