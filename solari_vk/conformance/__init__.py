@@ -1,7 +1,7 @@
 """A suite that says whether a driver, and this package on it, keeps the rules of the documents it follows.
 
 Run it with `solari-vk conformance` or `pytest --pyargs solari_vk.conformance`. Every check measures something and
-holds it against a bar; the report has a row a rule, with the document and section that the rule is from. A group is a
-test module. What a device can't do is named as unsupported; faults of drivers that are known are listed with their
-evidence in known_faults.toml, and a fault listed there that is gone fails too.
+holds it against a bar; the report has a row a rule, with the document and section that the rule is from. The table of
+groups.py names all checks. What a device can't do is named as unsupported; faults of drivers that are known are listed
+with their evidence in known_faults.toml, and a fault listed there that is gone fails too.
 """

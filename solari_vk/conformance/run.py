@@ -5,14 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from solari_vk.conformance.groups import GROUPS
 from solari_vk.errors import SolariError
 
 FOLDER = Path(__file__).resolve().parent
-
-
-def groups() -> list[str]:
-    """The names of the groups: the suite's test modules."""
-    return sorted(path.stem.removeprefix("test_") for path in FOLDER.glob("test_*.py"))
 
 
 def run(
@@ -23,9 +19,9 @@ def run(
 
     Raises SolariError for an unknown group or without pytest, DeviceError when no device fits.
     """
-    unknown = [name for name in only if name not in groups()]
+    unknown = [name for name in only if name not in GROUPS]
     if unknown:
-        raise SolariError(f"--only {unknown[0]}: there is no such group; there are {', '.join(groups())}")
+        raise SolariError(f"--only {unknown[0]}: there is no such group; there are {', '.join(GROUPS)}")
     for file in (junit, markdown, html):
         if file is not None and not file.resolve().parent.is_dir():
             raise SolariError(f"{file}: there is no folder {file.resolve().parent}")
@@ -35,10 +31,9 @@ def run(
         raise SolariError("the conformance suite runs with pytest: pip install solari-vk[test]") from error
     from solari_vk.conformance.suite import Suite
 
-    suite = Suite(select, full, markdown, html)
+    suite = Suite(select, full, only, markdown, html)
     suite.open()  # without a device there is no point in collecting tests
-    arguments = ["-c", str(FOLDER / "pytest.ini"), "--rootdir", str(FOLDER)]
-    arguments += [str(FOLDER / f"test_{name}.py") for name in only or groups()]
+    arguments = ["-c", str(FOLDER / "pytest.ini"), "--rootdir", str(FOLDER), str(FOLDER)]
     if junit is not None:
         arguments += ["--junitxml", str(junit.resolve())]
     return 0 if pytest.main(arguments, plugins=[suite]) == pytest.ExitCode.OK else 1

@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from solari_vk.conformance import report
+from solari_vk.conformance.groups import GROUPS
 from solari_vk.conformance.rules import (
     ERROR,
     FAIL,
@@ -119,6 +120,7 @@ class Suite:
 
     select: str | None = None
     full: bool = False
+    only: Sequence[str] = ()
     markdown: Path | None = None
     html: Path | None = None
     outcomes: list[Outcome] = field(default_factory=list)
@@ -150,10 +152,14 @@ class Suite:
 
     def recorder(self, item: Any) -> Recorder:
         """The recorder of a test item."""
-        call = getattr(item, "callspec", None)
         self.open()  # so that its known faults are loaded
-        made = Recorder(_group(item.path), call.id if call else "", self.faults)
+        made = Recorder(_group(item), item.callspec.params["case"], self.faults)
         return item.stash.setdefault(_RECORDER, made)  # type: ignore[no-any-return]
+
+    def pytest_collection_modifyitems(self, config: pytest.Config, items: list[Any]) -> None:
+        """Leave out the groups that weren't asked for."""
+        if self.only:
+            items[:] = [item for item in items if _group(item) in self.only]
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_call(self, item: pytest.Item) -> Generator[None, None, None]:
@@ -166,8 +172,6 @@ class Suite:
             self.device.check_messages()
             self.spent[recorder.group] = self.spent.get(recorder.group, 0.0) + time.monotonic() - started
             recorder.conclude()
-        elif FOLDER in item.path.parents:
-            pytest.fail("a test of the suite takes the fixture `rule`, and gives it what it measured", pytrace=False)
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(
@@ -180,27 +184,21 @@ class Suite:
         made = yield
         self.outcomes.extend(measured)
         told = bool(measured) if made.skipped else any(outcome.status in RED for outcome in measured)
-        if (made.failed or made.skipped) and FOLDER in item.path.parents and not told:
-            self._note_error(item.path, item.name, made.longreprtext)
+        if (made.failed or made.skipped) and _group(item) and not told:
+            last = (made.longreprtext.strip().splitlines() or ["failed"])[-1]
+            self.outcomes.append(Outcome(_group(item), Rule(item.name, "", ""), ERROR, reason=last))
         return made
 
-    def pytest_collectreport(self, report: pytest.CollectReport) -> None:
-        """Count a module that can't be imported as an error, since it measured nothing."""
-        if report.failed:
-            self._note_error(Path(report.nodeid), report.nodeid, report.longreprtext)
-
     def pytest_deselected(self, items: Sequence[Any]) -> None:
-        """Count the tests that an option such as -k left out."""
-        self._deselected.update(_group(item.path) for item in items if FOLDER in item.path.parents)
+        """Count the checks that an option such as -k left out."""
+        self._deselected.update(group for item in items if (group := _group(item)))
 
     def pytest_collection_finish(self, session: Any) -> None:
         """Note what of the suite isn't run, for the report."""
-        own = [item for item in session.items if FOLDER in item.path.parents]
-        self._is_part = len(own) < len(session.items)
-        run = {_group(item.path) for item in own}
-        present = {_group(file) for file in FOLDER.glob("test_*.py")}
-        self._left_out = [f"group {name}" for name in sorted(present - run)]
-        self._left_out += [f"{count} tests of {name}" for name, count in self._deselected.items() if name in run]
+        run = {_group(item) for item in session.items}
+        self._is_part = "" in run
+        self._left_out = [f"group {name}" for name in GROUPS if name not in run]
+        self._left_out += [f"{count} checks of {name}" for name, count in self._deselected.items() if name in run]
 
     def pytest_sessionfinish(self, session: Any) -> None:
         """Count a known fault that matches no rule as an error, and let errors decide the exit status."""
@@ -211,10 +209,6 @@ class Suite:
                     self.outcomes.append(Outcome("known_faults.toml", Rule(fault.rule, "", ""), ERROR, reason=reason))
         if session.exitstatus == pytest.ExitCode.OK and any(outcome.status in RED for outcome in self.outcomes):
             session.exitstatus = pytest.ExitCode.TESTS_FAILED
-
-    def _note_error(self, path: Path, name: str, text: str) -> None:
-        last = (text.strip().splitlines() or ["failed"])[-1]
-        self.outcomes.append(Outcome(_group(path), Rule(name, "", ""), ERROR, reason=last))
 
     def pytest_terminal_summary(self, terminalreporter: Any) -> None:
         """Print the report and write the files that were asked for."""
@@ -239,8 +233,9 @@ class Suite:
             self._device = None
 
 
-def _group(path: Path) -> str:
-    return path.stem.removeprefix("test_")
+def _group(item: Any) -> str:
+    """The group of a test item; empty for a test that isn't the suite's."""
+    return item.callspec.params["group"] if item.path.parent == FOLDER else ""
 
 
 def _figure(outcome: Outcome) -> str:

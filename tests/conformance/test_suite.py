@@ -104,63 +104,52 @@ def test_pytest_runs_the_same(any_device, tmp_path):
     assert "TlasInstance.custom_data keeps its 24 bits" in done.stdout
 
 
-WITHOUT_EMBREE = """
-import sys
+def run_suite(folder, preparation, *options):
+    """A Python process that prepares `groups` and `made`, a Suite, and runs the suite with pytest."""
+    program = f"""
+import pytest, sys
 sys.modules["embreex"] = None
-import pytest
-sys.exit(pytest.main(["--pyargs", "solari_vk.conformance", "-k", "test_embree"]))
+from solari_vk.conformance import groups, suite
+from solari_vk.conformance.rules import Measurement, Rule
+made = suite.Suite()
+made.open()
+made.faults = []
+{preparation}
+options = ["-p", "no:cacheprovider", "--pyargs", "solari_vk.conformance", *{options}]
+sys.exit(pytest.main(options, plugins=[made]))
 """
-
-
-def run_python(program, folder):
     return subprocess.run([sys.executable, "-c", program], cwd=folder, capture_output=True, text=True, check=False)
 
 
 def test_missing_embree_is_red(any_device, tmp_path):
-    done = run_python(WITHOUT_EMBREE, tmp_path)
+    done = run_suite(tmp_path, "", "-k", "embree")
     assert done.returncode == 1, done.stdout + done.stderr
     for scene in embree_checks.SCENES:
         assert f"ERROR: ray_queries: {embree_checks.rules(scene)[0].name}: needs embreex" in done.stdout
     (left_out,) = [line for line in done.stdout.splitlines() if line.startswith("left out:")]
-    assert "tests of ray_queries" in left_out
+    assert "checks of ray_queries" in left_out
 
 
-IN_THE_SUITE = """
-import pytest, sys
-from pathlib import Path
-from solari_vk.conformance import suite
-suite.FOLDER = Path.cwd()
-made = suite.Suite()
-made.device
-made.faults = []
-code = pytest.main(["-q", "-p", "no:cacheprovider", "-p", "solari_vk.conformance.conftest", "."], plugins=[made])
-sys.exit(code)
-"""
-GROUPS = {
-    "without rule": ("def test_it(device): pass", "takes the fixture `rule`"),
-    "nothing measured": ("def test_it(rule): pass", "nothing was measured"),
-    "skipped": ("import pytest\ndef test_it(rule): pytest.skip('no time')", "no time"),
-    "broken": ("import nonsense", "No module named 'nonsense'"),
+UNMEASURED = {
+    "nothing measured": ("[]", "nothing was measured"),
+    "skipped": ("pytest.skip('no time')", "no time"),
+    "broken": ("1 / 0", "ZeroDivisionError"),
 }
 
 
-@pytest.mark.parametrize("name", GROUPS)
+@pytest.mark.parametrize("name", UNMEASURED)
 def test_groups_that_measure_nothing_are_red(any_device, tmp_path, name):
-    module, expected = GROUPS[name]
-    (tmp_path / "test_made_up.py").write_text(module)
-    done = run_python(IN_THE_SUITE, tmp_path)
+    measured, expected = UNMEASURED[name]
+    done = run_suite(tmp_path, f"groups.GROUPS = {{'made_up': {{'it': lambda run: {measured}}}}}")
     assert done.returncode not in (0, 3), done.stdout + done.stderr
     (line,) = [line for line in done.stdout.splitlines() if line.startswith("ERROR: made_up: ")]
     assert expected in line
 
 
 def test_fault_of_no_rule_is_red(any_device, tmp_path):
-    (tmp_path / "test_made_up.py").write_text(
-        "from solari_vk.conformance.rules import *\ndef test_it(rule): rule(Measurement(Rule('one', 'a', 'b'), 0.0))\n"
-    )
-    assert run_python(IN_THE_SUITE, tmp_path).returncode == 0
-    listed = IN_THE_SUITE.replace("faults = []", "faults = [suite.Fault('', 'no such rule', 'evidence', 1.0)]")
-    done = run_python(listed, tmp_path)
+    one = "suite.GROUPS = groups.GROUPS = {'made_up': {'it': lambda run: Measurement(Rule('one', 'a', 'b'), 0.0)}}"
+    assert run_suite(tmp_path, one).returncode == 0
+    done = run_suite(tmp_path, one + "\nmade.faults = [suite.Fault('', 'no such rule', 'evidence', 1.0)]")
     assert done.returncode == 1, done.stdout
     assert "ERROR: known_faults.toml: no such rule" in done.stdout
 

@@ -86,7 +86,7 @@ def test_seeded_bug_is_noticed(expect_failure, name):
 
 
 def test_without_a_bug_the_same_checks_hold(shaders):
-    """The control of the mutants above, with the same efforts; `conformance/test_brdf.py` runs all cases."""
+    """The control of the mutants above, with the same efforts; the suite's group `brdf` runs all cases."""
     for metallic in (0.0, 1.0):
         furnace(shaders, metallic)
     for case in (GLOSSY, (0.04, 1.0, 30.0), (0.6, 0.0, 75.0)):

@@ -1,0 +1,190 @@
+"""The groups of the suite: what each of them measures, and in which cases."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from solari_vk.conformance import (
+    brdf_checks,
+    bulk_checks,
+    direct_checks,
+    display_checks,
+    embree_checks,
+    frame_checks,
+    gbuffer_checks,
+    guide_checks,
+    indirect_checks,
+    light_checks,
+    light_tile_checks,
+    path_checks,
+    position_checks,
+    probe_checks,
+    specular_checks,
+    structure_checks,
+    world_cache_checks,
+)
+from solari_vk.conformance.probes import INSTANCES, SHAPES, call_rule
+from solari_vk.conformance.rules import Measurement
+from solari_vk.conformance.shader_runner import ShaderRunner
+from solari_vk.conformance.worlds import FRESH, WAYS, World
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame.raster import NEEDED
+
+if TYPE_CHECKING:
+    from solari_vk.conformance.suite import Recorder
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a check may use: the suite's shaders with their device, the profile, and what records missing features."""
+
+    rule: Recorder
+    shaders: ShaderRunner
+    full: bool
+
+    @property
+    def device(self) -> Device:
+        """The device under test."""
+        return self.shaders.device
+
+
+Measure = Callable[[Run], Iterable[Measurement]]
+
+
+def _cases(name: str, measure: Callable[..., Iterable[Measurement]], *cases: Any) -> dict[str, Measure]:
+    """measure(run, case), or measure(run, *case) for tuples, under names with the case."""
+
+    def bind(*values: Any) -> Measure:
+        return lambda run: measure(run, *values)
+
+    given = [case if isinstance(case, tuple) else (case,) for case in cases]
+    return {"-".join(map(str, (name, *values))): bind(*values) for values in given}
+
+
+def _probes(run: Run, way: str, stage: str = probe_checks.STAGES[0]) -> Iterable[Measurement]:
+    missing = [feature for feature in NEEDED if feature not in run.device.features]
+    if stage == "fragment" and missing:
+        run.rule.unsupported(call_rule("ray queries in fragment shaders"), missing[0])
+        return
+    with World(run.device, SHAPES, list(INSTANCES.values()), way) as world:
+        yield from probe_checks.measure_probes(run.shaders, world, stage)
+
+
+def _embree(run: Run, scene: str) -> Iterable[Measurement]:
+    if embree_checks.available():
+        return embree_checks.measure(run.shaders, scene, 10_000_000 if run.full else 100_000)
+    run.rule.missing(embree_checks.rules(scene), "needs embreex: pip install solari-vk[test]")
+    return ()
+
+
+def _vertex_return(run: Run) -> Iterable[Measurement]:
+    if run.device.has_position_fetch:
+        return position_checks.measure_positions(run.shaders)
+    layer = " (hidden by the validation layer)" if run.device.validation else ""
+    run.rule.unsupported(position_checks.RULES.values(), "rayTracingPositionFetch" + layer)
+    return ()
+
+
+def _large_tlas(run: Run, count: int) -> Iterable[Measurement]:
+    limit = int(run.device.properties.acceleration.maxInstanceCount)
+    if count > limit:
+        run.rule.unsupported(structure_checks.large_tlas_rule(count), f"maxInstanceCount is {limit:,}")
+    elif count > 100_000 and not run.full:
+        run.rule.full_only(structure_checks.large_tlas_rule(count))
+    else:
+        return structure_checks.measure_large_tlas(run.shaders, count)
+    return ()
+
+
+# Each light strategy; random directions almost never meet the small sun, so that "brdf" leaves it out.
+_SUNS = [(0.0093, "mis"), (0.0093, "nee"), (0.8, "mis"), (0.8, "nee"), (0.8, "brdf")]
+_WHITE_WALLS = [(roughness, metallic) for roughness in (0.0, 0.15, 0.5, 1.0) for metallic in (0.0, 1.0)]
+
+GROUPS: dict[str, dict[str, Measure]] = {
+    "acceleration_structures": {
+        "ways": lambda run: structure_checks.measure_ways(run.shaders),
+        "formats": lambda run: structure_checks.measure_formats(run.shaders),
+        "indices": lambda run: structure_checks.measure_indices(run.shaders),
+        "nothing": lambda run: structure_checks.measure_nothing(run.shaders),
+        "rebuilds": lambda run: structure_checks.measure_tlas_rebuilds(run.shaders),
+        "many_blases": lambda run: structure_checks.measure_many_blases(run.shaders, 2000 if run.full else 500),
+        **_cases("large_tlas", _large_tlas, 100_000, 1_000_000),
+    },
+    "brdf": {
+        **_cases("white_furnace", lambda run, metallic: brdf_checks.measure_furnace(run.shaders, metallic),
+                 0.0, 0.5, 1.0),
+        "draws": lambda run: brdf_checks.measure_draws(run.shaders, brdf_checks.CASES, 1_000_000),
+        "numbers": lambda run: brdf_checks.measure_numbers(run.shaders, 1_000_000),
+    },
+    "display": {
+        "picture": lambda run: display_checks.measure_picture(run.device),
+        "views": lambda run: display_checks.measure_views(run.device),
+    },
+    "frame": {
+        "determinism": lambda run: frame_checks.measure_determinism(run.device),
+        "finite": lambda run: frame_checks.measure_finite(run.device),
+        **_cases("closed_box", lambda run, walls: frame_checks.measure_closed_box(
+            run.device, walls, frame_checks.BOX_FULL if run.full else frame_checks.BOX_FAST),
+            *frame_checks.QUICK_BOXES),
+        "light": lambda run: frame_checks.measure_light(
+            run.device, frame_checks.LIGHT_FULL if run.full else frame_checks.LIGHT_FAST),
+    },
+    "gbuffer": {
+        **_cases("raster", lambda run, scene: gbuffer_checks.measure_raster(
+            run.device, gbuffer_checks.make_scene(scene)), *gbuffer_checks.SCENES),
+        **_cases("motion", lambda run, way: gbuffer_checks.measure_motion(run.device, way), "raster", "traced"),
+        "culling": lambda run: gbuffer_checks.measure_culling(run.device),
+    },
+    "guides": {
+        **_cases("mirrors", lambda run, name: guide_checks.measure_mirrors(run.device, name), *guide_checks.MIRRORS),
+        "range": lambda run: guide_checks.measure_range(run.device),
+        "parts": lambda run: guide_checks.measure_parts(run.device),
+    },
+    "light_tiles": {
+        "tiles": lambda run: light_tile_checks.measure_tiles(run.device),
+        "contribution": lambda run: light_tile_checks.measure_contribution(run.device, run.shaders),
+        "noise": lambda run: light_tile_checks.measure_noise(run.device),
+    },
+    "lights": {
+        **_cases("lamp", lambda run, strategy: light_checks.measure_lamp(run.device, strategy), "mis", "nee", "brdf"),
+        **_cases("sun", lambda run, *case: light_checks.measure_sun(run.device, *case), *_SUNS),
+        "invariance": lambda run: light_checks.measure_invariance(run.device),
+    },
+    "path_tracer": {
+        **_cases("series", lambda run, bounces: path_checks.measure_series(run.device, bounces), 0, 1, 5),
+        **_cases("white_box", lambda run, *case: path_checks.measure_white_box(run.device, *case), *_WHITE_WALLS),
+        "light_tight": lambda run: path_checks.measure_light_tight(run.device),
+        "seeds": lambda run: path_checks.measure_seeds(run.device),
+    },
+    "ray_queries": {
+        **_cases("probes", _probes, *WAYS),
+        **_cases("probes", _probes, *((FRESH, stage) for stage in probe_checks.STAGES[1:])),
+        **_cases("embree", _embree, *embree_checks.SCENES),
+        "watertight": lambda run: bulk_checks.measure_watertight(run.shaders),
+        "many_instances": lambda run: bulk_checks.measure_many_instances(run.shaders, 100_000 if run.full else 70_000),
+        "extreme_transforms": lambda run: bulk_checks.measure_extreme_transforms(run.shaders),
+        "not_finite": lambda run: bulk_checks.measure_not_finite(run.shaders),
+        "vertex_return": _vertex_return,
+    },
+    "restir_di": {
+        "direct": lambda run: direct_checks.measure_direct(
+            run.device, direct_checks.FULL if run.full else direct_checks.FAST),
+        "changes": lambda run: direct_checks.measure_changes(run.device, run.full),
+    },
+    "restir_gi": {
+        "indirect": lambda run: indirect_checks.measure_indirect(
+            run.device, indirect_checks.FULL if run.full else indirect_checks.FAST),
+    },
+    "specular_gi": {
+        "mirror": lambda run: specular_checks.measure_mirror(run.device),
+        "gallery": lambda run: specular_checks.measure_gallery(run.device),
+        "termination": lambda run: specular_checks.measure_termination(run.device),
+    },
+    "world_cache": {
+        "map": lambda run: world_cache_checks.measure_world_cache(run.device),
+        "fixed_point": lambda run: world_cache_checks.measure_fixed_point(run.device, run.full),
+        "leak": lambda run: world_cache_checks.measure_leak(run.device),
+    },
+}  # fmt: skip
