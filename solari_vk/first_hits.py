@@ -16,7 +16,7 @@ from solari_vk.scene.projection import CameraUniforms, Projection
 
 
 class FirstHits:
-    """Traces one ray through the centre of each pixel, on demand.
+    """Traces one ray through the center of each pixel, on demand.
 
     The results show the scene as the binder holds it when they are computed.
     """

@@ -33,7 +33,7 @@ class RenderedFrame:
     """The results of one frame as numpy arrays, by name, until the renderer renders its next frame.
 
     `frame["radiance"]` is linear radiance (height, width, 3) in cd/m^2; `np.asarray(frame)` is the same.
-    `frame["depth"]` and the other names of `pathtracer.FIRST_HIT_AOVS` describe what is visible at the centre of each
+    `frame["depth"]` and the other names of `pathtracer.FIRST_HIT_AOVS` describe what is visible at the center of each
     pixel; they are computed on demand. `keys()` lists all of these names. Buffers and images of the renderer's shaders
     can be read by their names too. Reading a result waits for the frame and returns a copy.
 
@@ -85,7 +85,7 @@ class RenderedFrame:
         return self._renderer.binder.instances
 
     def mask(self, instance: Instance | str) -> NDArray[np.bool_]:
-        """Whether pixels show an instance at their centre, (height, width). instance: the object or its name."""
+        """Whether pixels show an instance at their center, (height, width). instance: the object or its name."""
         if isinstance(instance, str):
             instance = self._renderer.binder.scene.instances[instance]
         ids = [number for number, other in self.instances.items() if other is instance]

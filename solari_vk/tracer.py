@@ -61,7 +61,7 @@ class RayTracer(SceneUser):
     ) -> NDArray[Any]:
         """The nearest hit of each ray.
 
-        origins (..., 3) are in metres; directions (..., 3) may have any length. t_min and t_max (...) bound the ray, in
+        origins (..., 3) are in meters; directions (..., 3) may have any length. t_min and t_max (...) bound the ray, in
         multiples of its direction. All four are broadcast against each other and converted to float32, where values
         beyond the range become infinite. any_hit: return any hit instead of the nearest, which is faster if only
         occlusion matters. A ray with a NaN, an infinite origin or direction, a direction of zero length or a negative
@@ -69,7 +69,7 @@ class RayTracer(SceneUser):
 
         Returns records (...) with the fields t (inf without a hit), instance (a key of `instances`, -1 without a hit),
         primitive (the index of the triangle in the ray_mesh or mesh, -1 without a hit), barycentrics (2) of the second
-        and third vertex, front_face, position (3) in metres, and normal (3), the triangle's unit normal on its front
+        and third vertex, front_face, position (3) in meters, and normal (3), the triangle's unit normal on its front
         side. Raises SolariError for arrays whose shapes don't fit each other.
         """
         if self._closed:

@@ -30,7 +30,7 @@ def angle_between(a, b):
 # ---- orbits -----------------------------------------------------------------------------------------
 
 
-def test_an_orbit_goes_around_its_centre():
+def test_an_orbit_goes_around_its_center():
     center = np.array((1.0, 1.0, 0.0))
     cameras = orbit(CAMERA, center, 12)
     np.testing.assert_allclose(cameras[0].transform, CAMERA.transform, atol=1e-12)
@@ -38,7 +38,7 @@ def test_an_orbit_goes_around_its_centre():
         assert angle_between(before, after) == pytest.approx(30)
         assert np.linalg.norm(position(after) - center) == pytest.approx(np.linalg.norm(position(CAMERA) - center))
         assert position(after)[1] == pytest.approx(2)
-        # the centre keeps its position in the picture
+        # the center keeps its position in the picture
         np.testing.assert_allclose((center - position(after)) @ after.transform[:3, :3],
                                    (center - position(CAMERA)) @ CAMERA.transform[:3, :3], atol=1e-12)  # fmt: skip
         assert (after.vertical_fov, after.near, after.ev100) == (CAMERA.vertical_fov, CAMERA.near, CAMERA.ev100)

@@ -21,8 +21,8 @@ RADIANCE = np.exp(np.random.default_rng(1).normal(0, 2, (6, 9, 3))).astype(np.fl
 
 @pytest.mark.parametrize("name", list(CURVES))
 def test_curves_rise_from_black_to_white(name: str) -> None:
-    grey = np.geomspace(1e-6, 1e6, 400, dtype=np.float32)[:, None].repeat(3, axis=1)
-    mapped = tonemap(grey, curve=name)
+    gray = np.geomspace(1e-6, 1e6, 400, dtype=np.float32)[:, None].repeat(3, axis=1)
+    mapped = tonemap(gray, curve=name)
     assert mapped.dtype == np.float32
     assert (np.diff(mapped, axis=0) >= -1e-6).all()
     assert mapped.min() >= 0
@@ -64,7 +64,7 @@ def test_srgb_round_trip() -> None:
 
 
 @pytest.mark.parametrize("luminance", [1e-6, 1.0, 5e8])
-def test_auto_exposure_shows_the_average_as_middle_grey(luminance: float) -> None:
+def test_auto_exposure_shows_the_average_as_middle_gray(luminance: float) -> None:
     ev100 = auto_exposure(np.full((4, 4, 3), luminance))
     assert luminance / (1.2 * 2**ev100) == pytest.approx(0.18)
 

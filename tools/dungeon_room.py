@@ -19,7 +19,7 @@ from solari_vk.scene.builtin import place
 
 FLAME = (60.0, 24.0, 6.0)  # radiance
 
-# piece, position in metres, rotation about y in degrees
+# piece, position in meters, rotation about y in degrees
 PIECES = (
     *(("floor_tile_large", (x, 0, z), 0) for x in (-4, 0, 4) for z in (-4, 0, 4) if (x, z) != (4, -4)),
     ("floor_tile_large_rocks", (4, 0, -4), 0),

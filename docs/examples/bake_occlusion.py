@@ -18,7 +18,7 @@ def centers(instance):
 
 
 def bake(device, scene, samples=256, reach=1.0):
-    """For each instance how open its triangles' fronts are, 0 to 1, to a distance of `reach` metres."""
+    """For each instance how open its triangles' fronts are, 0 to 1, to a distance of `reach` meters."""
     parts = [centers(instance) for instance in scene]
     count = sum(len(positions) for positions, _ in parts)
     stage = sv.Stage("bake", buffers={"points": count, "openness": count}, passes=[sv.Pass("occlusion", threads=count)])

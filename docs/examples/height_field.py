@@ -6,7 +6,7 @@ import solari_vk as sv
 
 
 def mesh_of(heights, spacing):
-    """A mesh of heights (rows, columns) in metres that lie `spacing` metres apart, the first at the origin."""
+    """A mesh of heights (rows, columns) in meters that lie `spacing` meters apart, the first at the origin."""
     rows, columns = heights.shape
     z, x = np.mgrid[:rows, :columns] * spacing
     positions = np.stack([x, heights, z], axis=-1).reshape(-1, 3)

@@ -8,7 +8,7 @@ import solari_vk as sv
 
 CHANNELS, STEPS = 64, 1024
 ELEVATIONS = np.radians(np.linspace(-25, 15, CHANNELS))
-RANGE, NOISE = 60.0, 0.01  # metres: the farthest echo, and one standard deviation of a distance
+RANGE, NOISE = 60.0, 0.01  # meters: the farthest echo, and one standard deviation of a distance
 
 
 def scan(tracer, position, seed=0):

@@ -4,7 +4,7 @@ import solari_vk as sv
 
 
 def coverage(frame):
-    """For each instance that is seen: the share of the picture's pixels and the nearest depth in metres."""
+    """For each instance that is seen: the share of the picture's pixels and the nearest depth in meters."""
     depth, found = frame["depth"], {}
     for instance in frame.instances.values():
         mask = frame.mask(instance)

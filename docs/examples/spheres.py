@@ -10,7 +10,7 @@ from solari_vk import rt
 
 
 def render(device, spheres, size=(320, 180)):
-    """A picture (height, width, 3) of spheres (N, 4), each a centre and a radius, seen from z = 5 along -z."""
+    """A picture (height, width, 3) of spheres (N, 4), each a center and a radius, seen from z = 5 along -z."""
     spheres = np.asarray(spheres, np.float32)
     boxes = rt.Aabbs(np.hstack([spheres[:, :3] - spheres[:, 3:], spheres[:, :3] + spheres[:, 3:]]))
     blas, tlas = rt.create_blas(device, [boxes], name="spheres"), rt.create_tlas(device, 1)

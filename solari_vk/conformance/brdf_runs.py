@@ -28,7 +28,7 @@ def glsl_header() -> str:
 def materials(
     base_color: ArrayLike = 1.0, reflectance: ArrayLike = 0.5, metallic: ArrayLike = 0.0, roughness: ArrayLike = 0.5
 ) -> NDArray[Any]:
-    """Records of the broadcast arguments; colours may be numbers or (..., 3)."""
+    """Records of the broadcast arguments; colors may be numbers or (..., 3)."""
     shape = np.broadcast_shapes(np.shape(metallic), np.shape(roughness), np.shape(base_color)[:-1], (1,))
     records = np.zeros(shape, MATERIAL)
     for name, value in (("metallic", metallic), ("perceptual_roughness", roughness)):

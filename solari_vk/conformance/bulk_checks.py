@@ -151,7 +151,7 @@ def measure_many_instances(shaders: ShaderRunner, count: int) -> Iterator[Measur
 
 
 def _extreme_cases() -> Iterator[tuple[float, float, float]]:
-    """Sizes, stretches and distances from the origin, in metres.
+    """Sizes, stretches and distances from the origin, in meters.
 
     A float32 ray can't be aimed at a triangle that lies farther off than 100,000 times its narrow side."""
     for exponent, stretch, far in itertools.product(range(-6, 7), (1.0, 1e3, 1e-3), (0.0, 1.0, 100.0, 1e4, 1e6)):
@@ -161,11 +161,11 @@ def _extreme_cases() -> Iterator[tuple[float, float, float]]:
 
 
 def measure_extreme_transforms(shaders: ShaderRunner) -> Iterator[Measurement]:
-    """Compare t with float64: relative to the rounding of world-space rays, and in metres for three sizes."""
+    """Compare t with float64: relative to the rounding of world-space rays, and in meters for three sizes."""
     random = np.random.default_rng(12)
     corners = np.array([[(-1, -1, 0), (1, -1, 0), (0, 1.5, 0)]])
     relative, missed = (0.0, ""), []
-    metres = dict.fromkeys((1e-6, 1.0, 1e6), (0.0, 0.0, 0.0, ""))  # error / bar, error in metres, bar, case
+    meters = dict.fromkeys((1e-6, 1.0, 1e6), (0.0, 0.0, 0.0, ""))  # error / bar, error in meters, bar, case
     for size, stretch, far in _extreme_cases():
         matrix = np.zeros((3, 4))
         matrix[:, :3] = turn(random) @ np.diag((1.0, stretch, 1.0)) * size
@@ -185,15 +185,15 @@ def measure_extreme_transforms(shaders: ShaderRunner) -> Iterator[Measurement]:
         direction = directions[0].astype(np.float32).astype(np.float64)
         error = float(abs(hit["t"] + origin[2] / (inverse @ direction)[2]))
         relative = max(relative, (error / max(1.5, np.abs(inverse).max() * np.abs(exact).max()), label))
-        if size in metres:
+        if size in meters:
             off = error * float(np.linalg.norm(direction))
             # The factor allows for rays that meet stretched triangles at a slant, which magnifies rounding.
             bar = 256 * 2.0**-24 * float(max(np.abs(exact).max(), np.abs(origins).max()))
-            metres[size] = max(metres[size], (off / bar, off, bar, label))
+            meters[size] = max(meters[size], (off / bar, off, bar, label))
     yield count_wrong(_EXTREME, missed)
     rule = Rule(f"{_EXTREME.name}: t", VULKAN, _EXTREME.section)
     yield Measurement(rule, relative[0], 1e-6, "relative error", relative[1])
-    for size, (_, off, bar, label) in metres.items():
+    for size, (_, off, bar, label) in meters.items():
         rule = Rule(f"size {size:g} at all these distances: error of the hit's position", VULKAN, _EXTREME.section)
         yield Measurement(rule, off, bar, "m", label)
 

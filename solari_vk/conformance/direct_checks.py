@@ -118,7 +118,7 @@ def measure_direct(device: Device, profile: Profile = FAST) -> Iterator[Measurem
 # ---- lights that come and go ------------------------------------------------------------------------
 
 
-_LAMPS, _BESIDE = 3, 3.0  # how many, and metres between them
+_LAMPS, _BESIDE = 3, 3.0  # how many, and meters between them
 _AFTER = 3  # frames that are looked at after a change
 # At this size a radius of 30 pixels would make all pixels share a few samples.
 _STEADY: dict[str, Any] = {"di_spatial_radius": 4.0, "di_candidates": 32, "di_confidence_cap": 4.0}

@@ -81,7 +81,7 @@ def measure_picture(device: Device) -> Iterator[Measurement]:
             exposed = frame["radiance"] * np.float32(exposure)
             expected = encode_srgb(tone_mapping.CURVES[tonemap](exposed))
             error = np.abs(codes - expected).max() if len(np.unique(codes)) > 50 else np.inf
-            # Vulkan allows either neighbouring code when a value is converted to 8 bits.
+            # Vulkan allows either neighboring code when a value is converted to 8 bits.
             yield Measurement(CURVES.get(tonemap, SRGB), float(error), 1.0, "codes", f"EV100 {ev100:g}")
 
 
@@ -111,7 +111,7 @@ _VIRIDIS = np.array([(68, 1, 84), (58, 82, 139), (33, 145, 140), (94, 201, 98), 
 
 
 def _is_viridis(codes: Image) -> NDArray[np.bool_]:
-    """Whether codes (N, 3) are interpolated between neighbouring colors of _VIRIDIS."""
+    """Whether codes (N, 3) are interpolated between neighboring colors of _VIRIDIS."""
     share = np.linspace(0, 4, 1025)
     ramp = np.stack([np.interp(share, np.arange(5), channel) for channel in _VIRIDIS.T], axis=-1)
     found: NDArray[np.bool_] = np.abs(codes[:, None] - ramp).max(axis=-1).min(axis=-1) <= 2

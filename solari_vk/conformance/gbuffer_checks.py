@@ -46,7 +46,7 @@ def make_scene(name: str) -> sv.Scene:
 # ---- raster and rays --------------------------------------------------------------------------------
 
 
-def _neighbours_alike(values: NDArray[Any]) -> NDArray[np.bool_]:
+def _neighbors_alike(values: NDArray[Any]) -> NDArray[np.bool_]:
     """Where all 3x3 pixels around one have the same value (h, w)."""
     rows = np.pad(values, 1, mode="edge")
     height, width = values.shape
@@ -65,9 +65,9 @@ def measure_raster(device: Device, scene: sv.Scene, size: tuple[int, int] = SIZE
     for name, tolerance in _TOLERANCES.items():
         apart = np.abs(raster[name] - traced[name])
         differs |= (apart.reshape(*differs.shape, -1) > tolerance).any(axis=-1)
-    # Raster snaps vertices to a grid within the pixel, so that a pixel's centre may lie on either side of an edge.
+    # Raster snaps vertices to a grid within the pixel, so that a pixel's center may lie on either side of an edge.
     normals = np.round(traced["geometric_normal"] * 500).astype(np.int64) @ (1, 1 << 12, 1 << 24)
-    inside = _neighbours_alike(traced["instance"] << 40 | normals)
+    inside = _neighbors_alike(traced["instance"] << 40 | normals)
     wrong = float(differs[inside].sum()) if inside.mean() > 0.2 else math.inf
     yield Measurement(INSIDE, wrong, 0.0, f"of {inside.sum():,} pixels differ")
     yield Measurement(RASTER, float(differs.mean()), 0.01, "of pixels differ")

@@ -22,13 +22,13 @@ from solari_vk.scene.matrices import transform_directions
 Image = NDArray[Any]
 _PSR, _GUIDES = ("Solari in Bevy 0.19", "primary surface replacement"), (SUITE, "Guides")
 METAL = Rule("metals have no diffuse albedo", *_GUIDES)
-DIFFUSE = Rule("diffuse albedo is the paint's colour", *_GUIDES)
+DIFFUSE = Rule("diffuse albedo is the paint's color", *_GUIDES)
 SPECULAR = Rule("a white metal's specular albedo is 1", *_GUIDES)
 RANGE = Rule("odd scenes give finite guides, unit normals or none, roughness from 0 to 1", *_GUIDES)
 SUM = Rule("diffuse, specular and emission add up to the radiance", *_GUIDES)
 BEFORE = Rule("emission is the lamp's radiance at any exposure", *_GUIDES)
 SIZE = (48, 48)
-PAINT, GOLD, WHITE_METAL, PLASTIC = (0.25, 0.5, 0.75), 0.35, 0.55, 0.7  # a colour; roughnesses that tell pixels apart
+PAINT, GOLD, WHITE_METAL, PLASTIC = (0.25, 0.5, 0.75), 0.35, 0.55, 0.7  # a color; roughnesses that tell pixels apart
 # Mirrors in the order in which they are seen: where, facing which way, and half a side. The G-buffer's normals hold
 # directions of whole numbers that add up to 2047 exactly.
 MIRRORS = {
@@ -45,7 +45,7 @@ class Setup(NamedTuple):
 
     @classmethod
     def of(cls, name: str, moved: float) -> Setup:
-        """The mirrors of a name, and a camera before the first, all of them moved by some centimetres."""
+        """The mirrors of a name, and a camera before the first, all of them moved by some centimeters."""
         aside = moved * np.array((0.04, -0.03, 0.02))
         mirrors = [
             _look(np.subtract(at, aside), np.asarray(facing) / 2047 - aside, half) for at, facing, half in MIRRORS[name]

@@ -64,7 +64,7 @@ def make_renderer(
 
 
 def get_jitter(renderer: Renderer) -> Image:
-    """Where in the pixel the last frame's samples lie: (x, y) from its centre, in pixels."""
+    """Where in the pixel the last frame's samples lie: (x, y) from its center, in pixels."""
     return np.array(renderer._frame.uniforms["camera.jitter"], np.float64)
 
 

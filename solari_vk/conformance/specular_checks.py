@@ -160,9 +160,9 @@ def _counted(step: Pass | Draw | Step) -> Pass | Draw | Step:
 
 
 def measure_termination(device: Device) -> Iterator[Measurement]:
-    """Rays of a pixel that shows a metal wall, four metres from matte walls of a lit room.
+    """Rays of a pixel that shows a metal wall, four meters from matte walls of a lit room.
 
-    Off rough metal, the first ray's cone is metres wide where it ends: that ray is the path's only one. Off a mirror
+    Off rough metal, the first ray's cone is meters wide where it ends: that ray is the path's only one. Off a mirror
     the cone has no width: the path looks for a light there and goes on.
     """
     room = sv.Instance(mesh=shapes.box((-2, -2, -2), (2, 2, 2), inward=True), material=matte(0.7))

@@ -96,7 +96,7 @@ def measure_formats(shaders: ShaderRunner) -> Iterator[Measurement]:
         with World(shaders.device, {"one": [variant]}, [Placed("one")]) as world:
             hits = trace(shaders, world.tlas, origins, directions)
         right = hits if right is None else right
-        # A transform rounds vertices, so that a ray at an edge may hit the neighbour.
+        # A transform rounds vertices, so that a ray at an edge may hit the neighbor.
         allowed = 4 if variant.transform is not None else 0
         differs = (hits["primitive"] != right["primitive"]) | (np.abs(hits["t"] - right["t"]) > 1e-5)
         if differs.sum() > allowed:

@@ -79,7 +79,7 @@ def measure_fixed_point(device: Device, full: bool = False) -> Iterator[Measurem
     yield measured if min(counts) > 500 else Measurement(FIXED_POINT, math.inf, bar, note=f"{min(counts)} cells only")
 
 
-# Metres by which the wall is off the cells' grid, degrees by which it is turned, and the bar.
+# Meters by which the wall is off the cells' grid, degrees by which it is turned, and the bar.
 WALLS = (
     (0.0, 0, 0.001), (0.075, 0, 0.002), (0.03, 0, 0.002), (0.1, 0, 0.002), (0.0, 45, 0.01), (0.05, 20, 0.01),
 )  # fmt: skip

@@ -111,7 +111,7 @@ def _interpolate(
 ) -> NDArray[np.float64]:
     """Cubic Hermite curves through values (n, ...) at times (n,), evaluated at wanted_times (m,).
 
-    The slope at a pose is that of the parabola through the pose and its neighbours.
+    The slope at a pose is that of the parabola through the pose and its neighbors.
     """
     slopes = np.gradient(values, times, axis=0)
     first = np.clip(np.searchsorted(times, wanted_times, side="right") - 1, 0, len(times) - 2)

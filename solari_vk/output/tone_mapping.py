@@ -17,7 +17,7 @@ from solari_vk.gpu.shaders import headers
 
 Colors = NDArray[np.float32]
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)  # of linear Rec. 709
-MIDDLE_GREY = 0.18
+MIDDLE_GRAY = 0.18
 MAX_EXPOSED = 1e6  # brighter colors are clipped to this first, so that no curve overflows
 
 ACES_EXPOSURE = 0.6
@@ -124,7 +124,7 @@ def encode_picture(radiance: ArrayLike, *, exposure: float = 1.0, curve: str = "
 
 
 def auto_exposure(radiance: ArrayLike) -> float:
-    """The EV100 that shows the log-average luminance of radiance (..., 3), in cd/m^2, as middle grey, 0.18.
+    """The EV100 that shows the log-average luminance of radiance (..., 3), in cd/m^2, as middle gray, 0.18.
 
     Pixels that are black, or a million times darker than the mean, are left out, so that a black background does not
     brighten the picture. Returns 0 for a picture without light.
@@ -135,4 +135,4 @@ def auto_exposure(radiance: ArrayLike) -> float:
         return 0.0
     luminance = luminance[luminance >= 1e-6 * luminance.mean()]
     average = np.exp(np.log(luminance).mean())
-    return float(np.clip(np.log2(average / (1.2 * MIDDLE_GREY)), -100, 100))
+    return float(np.clip(np.log2(average / (1.2 * MIDDLE_GRAY)), -100, 100))

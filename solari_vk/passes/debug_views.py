@@ -47,7 +47,7 @@ _GROUPS = (
     }),
     ViewGroup("G-buffer", _IF_SURFACE, {
         "shading_normal": (
-            "shading normal, x, y, z as red, green, blue; grey is 0.", "show_direction(surface.world_normal)"
+            "shading normal, x, y, z as red, green, blue; gray is 0.", "show_direction(surface.world_normal)"
         ),
         "geometric_normal": (
             "the triangle's own normal, in the same colors.", "show_direction(surface.geometric_world_normal)"
@@ -55,7 +55,7 @@ _GROUPS = (
         "depth": ("distance; the colors repeat each time it doubles.", "show_depth(imageLoad(depth, at).x)"),
         "instance": ("a color for each instance.", "show_number(instances.at[surface.instance].id)"),
         "motion": (
-            "motion; grey is at rest, red moves to the right, green down, by up to 8 pixels.",
+            "motion; gray is at rest, red moves to the right, green down, by up to 8 pixels.",
             "show_motion(imageLoad(motion_vectors, at).xy)",
         ),
     }),

@@ -29,7 +29,7 @@ FIRST_HIT_AOVS = (
 )
 AOVS = (*FIRST_HIT_AOVS, "variance")
 """Outputs beside the radiance. Those of FIRST_HIT_AOVS describe the surface at each pixel's center: depth along the
-view axis (metres, inf without a surface), position (metres), geometric_normal and shading_normal (world space, towards
+view axis (meters, inf without a surface), position (meters), geometric_normal and shading_normal (world space, towards
 the camera), albedo, roughness_metallic (perceptual roughness), emissive (radiance) and instance_id (row, 2^32 - 1
 without a surface). variance is that of the mean luminance over all samples of the pixel."""
 

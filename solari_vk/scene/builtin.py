@@ -1,6 +1,6 @@
 """Procedural scenes for tests, pictures and measurements; the same arguments give the same scene.
 
-Each function returns a Scene with one camera, whose ev100 suits the picture. Lengths are in metres and emission is in
+Each function returns a Scene with one camera, whose ev100 suits the picture. Lengths are in meters and emission is in
 cd/m^2. `builtin(name)` makes a scene by name.
 """
 
@@ -24,7 +24,7 @@ EV100_OF_UNIT_EXPOSURE = -math.log2(1.2)  # the exposure factor is 1
 
 
 def rgb(value: ArrayLike) -> FloatArray:
-    """One number or three as a colour (3,)."""
+    """One number or three as a color (3,)."""
     return np.broadcast_to(np.asarray(value, np.float32), (3,))
 
 
@@ -39,7 +39,7 @@ def lamp(radiance: ArrayLike, name: str = "lamp", **fields: Any) -> Material:
 
 
 def place(scale: ArrayLike = 1.0, at: ArrayLike = (0, 0, 0), turn: float = 0.0) -> NDArray[np.float64]:
-    """The matrix (4, 4) that scales, then turns about y by `turn` radians, then moves to `at` in metres."""
+    """The matrix (4, 4) that scales, then turns about y by `turn` radians, then moves to `at` in meters."""
     transform = np.eye(4)
     cosine, sine = math.cos(turn), math.sin(turn)
     rotation = np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]])
@@ -51,9 +51,9 @@ def place(scale: ArrayLike = 1.0, at: ArrayLike = (0, 0, 0), turn: float = 0.0) 
 def cornell_box(size: float = 2.0, radiance: ArrayLike = (17.0, 12.0, 4.0)) -> Scene:
     """The Cornell box as measured at Cornell (graphics.cornell.edu/online/box/data.html).
 
-    The measured box, 548.8 mm high, is scaled to `size` metres of height; it stands on y = 0, its open
+    The measured box, 548.8 mm high, is scaled to `size` meters of height; it stands on y = 0, its open
     side at z = 0 and towards -z, where the camera is. The lamp, 130 x 105 mm of the measured box, fills a
-    hole in the ceiling, so nothing overlaps. Colours are the usual Rec. 709 rendition of the measured
+    hole in the ceiling, so nothing overlaps. Colors are the usual Rec. 709 rendition of the measured
     spectra (McGuire's CornellBox-Original), and all surfaces are matte.
     """
     scale = size / 548.8
@@ -100,10 +100,10 @@ def cornell_box(size: float = 2.0, radiance: ArrayLike = (17.0, 12.0, 4.0)) -> S
 
 
 def closed_box(albedo: float = 0.5, emission: float = 1.0, size: float = 2.0) -> Scene:
-    """The inside of a cube of `size` metres whose walls all emit `emission` and reflect `albedo`.
+    """The inside of a cube of `size` meters whose walls all emit `emission` and reflect `albedo`.
 
     With Lambert walls the radiance after k bounces is emission (1 - albedo^(k+1)) / (1 - albedo), the same
-    everywhere. The camera is off the centre, so that no symmetry hides a mistake.
+    everywhere. The camera is off the center, so that no symmetry hides a mistake.
     """
     half = np.full(3, size / 2)
     walls = Instance(
@@ -124,9 +124,9 @@ def closed_box(albedo: float = 0.5, emission: float = 1.0, size: float = 2.0) ->
 def many_lights(
     sphere_count: int = 441, box_count: int = 8000, extent: float = 60.0, sphere_segments: int = 12, seed: int = 1
 ) -> Scene:
-    """Coloured emissive spheres in a square grid over a plane with random boxes.
+    """Colored emissive spheres in a square grid over a plane with random boxes.
 
-    The plane is `extent` metres wide; the grid of spheres (21 x 21 by default) fills it at 2 to 4 m of height.
+    The plane is `extent` meters wide; the grid of spheres (21 x 21 by default) fills it at 2 to 4 m of height.
     Boxes are 0.2 to 1.2 m wide and 0.2 to 2 m high. All boxes share one mesh, and so do all spheres.
     """
     if min(sphere_count, box_count) < 0 or not extent > 0:
@@ -165,7 +165,7 @@ def many_lights(
 
 
 def mirror_hall(length: float = 8.0) -> Scene:
-    """A hall 4 m wide, 3 m high and `length` metres long with facing mirrors on both long sides.
+    """A hall 4 m wide, 3 m high and `length` meters long with facing mirrors on both long sides.
 
     Three balls (red matte, gold, glass-like black) stand between them under a strip of light. The
     mirrors are metals of roughness 0 and reflect 95 %.

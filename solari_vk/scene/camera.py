@@ -21,7 +21,7 @@ from solari_vk.scene.observed import Checked, checked
 def _look_at(
     camera: Camera | type[Camera], position: ArrayLike, target: ArrayLike, up: ArrayLike = (0, 1, 0), **fields: Any
 ) -> Camera:
-    """A camera at a position that looks at a target, each (3,) in metres. fields: further arguments of the constructor.
+    """A camera at a position that looks at a target, each (3,) in meters. fields: further arguments of the constructor.
 
     `Camera.look_at(...)` creates a camera; `camera.look_at(...)` moves the camera and returns it. Raises SolariError if
     position and target are equal, and if up is parallel to the view.
@@ -57,8 +57,8 @@ class _Placing:
 class Camera(Checked):
     """A perspective camera looking along its -z axis, +y up.
 
-    transform is world from camera, (4, 4), or just a position (3,) in metres. vertical_fov is in radians
-    (`math.radians(45)`). near is the distance in metres from which on things are seen. ev100 is the exposure value at
+    transform is world from camera, (4, 4), or just a position (3,) in meters. vertical_fov is in radians
+    (`math.radians(45)`). near is the distance in meters from which on things are seen. ev100 is the exposure value at
     ISO 100: pictures show radiance / (1.2 * 2^ev100). jitter (2,) shifts the picture, in pixels.
     """
 
@@ -94,7 +94,7 @@ class Camera(Checked):
     ) -> Camera:
         """A camera that looks along `direction` and sees the whole of a box, such as `scene.bounds`.
 
-        bounds: the minimum and the maximum corner of the box, (3,) each, in metres. direction (3,) must not be
+        bounds: the minimum and the maximum corner of the box, (3,) each, in meters. direction (3,) must not be
         vertical. aspect is width / height of the picture. With a margin of 1 the box touches the picture's edges.
         fields: further arguments of the constructor.
         """

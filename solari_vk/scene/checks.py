@@ -17,7 +17,7 @@ from solari_vk.scene.observed import Checked
 FloatArray = NDArray[np.float32]
 WRAP_MODES = ("repeat", "mirrored_repeat", "clamp_to_edge")
 FILTERS = ("linear", "nearest")
-LARGEST_COORDINATE = 1e18  # metres: the areas of larger triangles overflow
+LARGEST_COORDINATE = 1e18  # meters: the areas of larger triangles overflow
 LARGEST_RADIANCE = 1e18  # cd/m^2: products along a path must not overflow
 LARGEST_TRANSFORM = 1e12  # the product of three axes must not overflow
 
@@ -51,7 +51,7 @@ def array(
 
 
 def pixels(value: Any) -> NDArray[np.uint8]:
-    """A read-only RGBA image (height, width, 4) with 8 bits per channel, from an RGBA, an RGB or a grey image."""
+    """A read-only RGBA image (height, width, 4) with 8 bits per channel, from an RGBA, an RGB or a gray image."""
     given = np.asarray(value)
     if given.ndim == 2:
         given = np.stack([given] * 3, axis=-1)
@@ -72,7 +72,7 @@ def refuse_not_finite(array: NDArray[Any]) -> None:
 
 
 def color(low: float = 0.0, high: float = math.inf) -> Callable[[Any], FloatArray]:
-    """A color: three values within a range, or a single number for grey."""
+    """A color: three values within a range, or a single number for gray."""
 
     def convert(value: ArrayLike) -> FloatArray:
         with np.errstate(over="ignore"):

@@ -69,7 +69,7 @@ class Geometry:
         return self._blases[mesh]
 
     def center(self, mesh: Mesh) -> NDArray[np.float32]:
-        """The centre (3,) of an uploaded mesh's bounds, in object space."""
+        """The center (3,) of an uploaded mesh's bounds, in object space."""
         return self._centers[mesh]
 
     def area(self, mesh: Mesh) -> float:

@@ -41,10 +41,10 @@ def decode(image: Any, who: str) -> Pixels:
     """The pixels (height, width, 4) of an opened image; 16-bit values are rounded to 8, no color profile applied."""
     try:
         if image.mode in ("I;16", "I;16B", "I;16L", "I"):
-            # Pillow's own conversion of 16-bit grey to RGBA clips at 255.
-            grey = np.asarray(image).astype(np.uint32)
-            pixels = np.full((*grey.shape, 4), 255, np.uint8)
-            pixels[..., :3] = ((grey * 255 + 32_767) // 65_535)[..., None]
+            # Pillow's own conversion of 16-bit gray to RGBA clips at 255.
+            gray = np.asarray(image).astype(np.uint32)
+            pixels = np.full((*gray.shape, 4), 255, np.uint8)
+            pixels[..., :3] = ((gray * 255 + 32_767) // 65_535)[..., None]
             return pixels
         return np.asarray(image if image.mode == "RGBA" else image.convert("RGBA"))
     except MemoryError:

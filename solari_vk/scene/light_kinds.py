@@ -35,7 +35,7 @@ from solari_vk.gpu.shaders import headers
 from solari_vk.scene.model import DirectionalLight, Instance
 
 AT_SURFACES, AT_INFINITY, NEVER = "at surfaces", "at infinity", "never"
-SHADOW_DISTANCE = 10.0  # metres from a sun's shadows to what casts them, roughly: how far they move when the sun turns
+SHADOW_DISTANCE = 10.0  # meters from a sun's shadows to what casts them, roughly: how far they move when the sun turns
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,8 @@ class LightKind:
     name: part of the names of files, functions and constants in GLSL. source: the class of the scene's objects.
     met_by_rays: where rays meet such a light without having chosen it: AT_SURFACES, AT_INFINITY or NEVER.
     buffer: the buffer of its records, whose fields `record` gives; None: the light's index is its instance's row.
-    power: luminous flux in lumens, roughly, of a light and an area in square metres: that of an emissive surface, for
-    all other kinds that of the scene's cross-section. position: a point (3,) in metres that moves when the light does,
+    power: luminous flux in lumens, roughly, of a light and an area in square meters: that of an emissive surface, for
+    all other kinds that of the scene's cross-section. position: a point (3,) in meters that moves when the light does,
     None for instances, whose geometry says it.
     """
 
@@ -72,7 +72,7 @@ def _directional_record(light: DirectionalLight) -> dict[str, Any]:
         "direction_to_light": -light.direction,
         "one_minus_cos_half_angle": one_minus_cos,
         # Divided by the disk's cosine-weighted integral, pi sin^2, not by its solid angle: a surface that faces the
-        # light's centre then receives the stated illuminance however wide the disk is.
+        # light's center then receives the stated illuminance however wide the disk is.
         "radiance": light.color * (light.illuminance / (math.pi * math.sin(half_angle) ** 2)),
         "solid_angle": 2 * math.pi * one_minus_cos,
     }

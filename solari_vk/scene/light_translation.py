@@ -78,7 +78,7 @@ class LightTranslation:
         """Update the buffers for a frame with these lights. Returns True if the buffers were replaced.
 
         ids, powers, positions: of each row of `light_sources`. An array that is the same object as in the previous call
-        is taken to be unchanged. cell_size: of the world cache, in metres.
+        is taken to be unchanged. cell_size: of the world cache, in meters.
         """
         self.change *= CHANGE_DECAY
         if self.change <= MIN_CHANGE:

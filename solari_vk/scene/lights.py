@@ -51,7 +51,7 @@ class Lights:
         self._emissive_positions = np.zeros((16, 3))
         self._positions_changed = True
         self.positions: NDArray[np.float64] = np.zeros((0, 3))
-        """A point of each row of `sources`, (N, 3) in metres, that moves with the light. Each change makes a new
+        """A point of each row of `sources`, (N, 3) in meters, that moves with the light. Each change makes a new
         array."""
 
     @property
@@ -68,7 +68,7 @@ class Lights:
     ) -> Instance | None:
         """Add, update or remove the instance of that row. Returns the instance whose index changed, if any.
 
-        area: of the instance's surface in the world, in square metres. position: of its centre.
+        area: of the instance's surface in the world, in square meters. position: of its center.
         """
         index = self._index.get(instance)
         if emits:
@@ -127,7 +127,7 @@ class Lights:
         self._power_of[light] = power
 
     def update(self, lit_area: Callable[[], float]) -> None:
-        """Write what the changes entail. lit_area(): the scene's cross-section, roughly, in square metres."""
+        """Write what the changes entail. lit_area(): the scene's cross-section, roughly, in square meters."""
         others = [(kind, light) for kind, lights in self._others.items() for light in lights]
         if self._changed or self._positions_changed:
             emissive = self._emissive_positions[: len(self._emissive)]

@@ -13,7 +13,7 @@ from solari_vk.scene.table import Rows, Table
 from solari_vk.scene.textures import Textures
 
 NUMBERS = ("base_color", "perceptual_roughness", "emissive", "metallic", "reflectance", "normal_scale")
-# A material's textures: the field of the material and of the record, and whether its colours are sRGB.
+# A material's textures: the field of the material and of the record, and whether its colors are sRGB.
 TEXTURE_SLOTS = {
     "base_color_texture": True,
     "metallic_roughness_texture": False,

@@ -24,29 +24,29 @@ from solari_vk.scene.observed import Observable
 
 
 class Bounds(NamedTuple):
-    """An axis-aligned box: its corners `low` and `high`, (3,) each, in metres."""
+    """An axis-aligned box: its corners `low` and `high`, (3,) each, in meters."""
 
     low: NDArray[np.float64]
     high: NDArray[np.float64]
 
     @property
     def center(self) -> NDArray[np.float64]:
-        """The centre, (3,) in metres."""
+        """The center, (3,) in meters."""
         return (self.low + self.high) / 2
 
     @property
     def size(self) -> NDArray[np.float64]:
-        """The lengths of the sides, (3,) in metres."""
+        """The lengths of the sides, (3,) in meters."""
         return self.high - self.low
 
     @property
     def radius(self) -> float:
-        """The radius of the sphere around the box: half its diagonal, in metres."""
+        """The radius of the sphere around the box: half its diagonal, in meters."""
         return float(np.linalg.norm(self.size)) / 2
 
     @property
     def corners(self) -> NDArray[np.float64]:
-        """The eight corners, (8, 3) in metres."""
+        """The eight corners, (8, 3) in meters."""
         return np.array(list(product(*zip(self.low, self.high, strict=True))))
 
 

@@ -2,8 +2,8 @@
 
 Plain data over numpy, no GPU. Objects are their own handles: assign to a field at any time and every
 renderer of the scene takes up the change. Arrays are copied in, checked and made read-only, so that a
-change is always an assignment. World space is glTF's: right-handed, y up, metres; matrices act on
-column vectors. Colours are linear Rec. 709.
+change is always an assignment. World space is glTF's: right-handed, y up, meters; matrices act on
+column vectors. Colors are linear Rec. 709.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ SUN_ANGULAR_DIAMETER = 0.00930842  # radians, mean over the year
 class Mesh(Checked):
     """Triangles in object space, whose front faces are counter-clockwise.
 
-    positions (N, 3) in metres. triangles (M, 3): rows of `positions`; by default each three positions are a triangle.
+    positions (N, 3) in meters. triangles (M, 3): rows of `positions`; by default each three positions are a triangle.
     normals (N, 3): by default those of the triangles. uvs (N, 2): v increases downwards, as in glTF. tangents (N, 4):
     w is the bitangent's sign; by default they are computed from the uvs. `vertices`, `faces` and `indices` are other
     names of positions and triangles. Raises SolariError for arrays that don't fit each other.
@@ -58,7 +58,7 @@ class Mesh(Checked):
 
     @classmethod
     def from_trimesh(cls, mesh: Any, *, smooth: bool = False) -> Mesh:
-        """A mesh from a `trimesh.Trimesh`, whose unit is taken as metres; with its uvs if it has any.
+        """A mesh from a `trimesh.Trimesh`, whose unit is taken as meters; with its uvs if it has any.
 
         smooth: use trimesh's vertex normals; otherwise triangles are flat. v is flipped, since in trimesh it increases
         upwards.
@@ -93,7 +93,7 @@ class Mesh(Checked):
 
 @checked
 class TextureImage(Checked):
-    """An image with 8 bits per channel: RGBA (height, width, 4), RGB (height, width, 3) or grey (height, width).
+    """An image with 8 bits per channel: RGBA (height, width, 4), RGB (height, width, 3) or gray (height, width).
 
     `pixels` is always RGBA. Materials decide by the kind of the texture whether it is sRGB.
     """
@@ -141,12 +141,12 @@ class Texture(Checked):
 class Material(Checked):
     """A metallic-roughness surface, as in glTF.
 
-    Colours are linear, (3,); one number stands for grey. base_color, metallic, perceptual_roughness and reflectance
-    are in [0, 1]. `roughness` is another name of perceptual_roughness, as in glTF and modelling programs; the alpha of
+    Colors are linear, (3,); one number stands for gray. base_color, metallic, perceptual_roughness and reflectance
+    are in [0, 1]. `roughness` is another name of perceptual_roughness, as in glTF and modeling programs; the alpha of
     the GGX distribution is its square. A dielectric's F0 is 0.16 reflectance^2; a reflectance of 0.5 is glass. emissive
     is radiance in cd/m^2.
 
-    A texture is a Texture, a TextureImage or an array of pixels. Textures multiply the values: base colour and emissive
+    A texture is a Texture, a TextureImage or an array of pixels. Textures multiply the values: base color and emissive
     are sRGB; the metallic-roughness texture has roughness in green and metallic in blue; normals are in tangent space,
     with z computed from x and y. A double-sided material is visible, and emits, on both sides. The back side of other
     materials is invisible to cameras, but blocks all other rays. Raises SolariError for values out of range.
@@ -198,7 +198,7 @@ class Instance(Checked):
     """A mesh with a material at a place in the world.
 
     transform is the matrix from object to world space, (4, 4) or (3, 4); it may mirror, shear and scale, but must be
-    invertible. A vector (3,) stands for a position in metres. ray_mesh: a simpler mesh that rays hit instead of `mesh`.
+    invertible. A vector (3,) stands for a position in meters. ray_mesh: a simpler mesh that rays hit instead of `mesh`.
     An instance that isn't visible neither blocks nor emits light. Raises SolariError for a singular transform.
     """
 

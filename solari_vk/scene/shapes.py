@@ -38,13 +38,13 @@ def polygons(*corners: ArrayLike, name: str = "") -> Mesh:
 
 
 def quad(center: ArrayLike, half_u: ArrayLike, half_v: ArrayLike, name: str = "") -> Mesh:
-    """A parallelogram around a centre, facing cross(half_u, half_v); the half edges are (3,) in metres."""
+    """A parallelogram around a center, facing cross(half_u, half_v); the half edges are (3,) in meters."""
     c, u, v = (np.asarray(x, np.float64) for x in (center, half_u, half_v))
     return polygons([c - u - v, c + u - v, c + u + v, c - u + v], name=name)
 
 
 def facing_quad(center: ArrayLike, half_side: float, target: ArrayLike = (0, 0, 0)) -> Mesh:
-    """A square with a centre (3,) that faces a target (3,), which must not be straight above or below the centre."""
+    """A square with a center (3,) that faces a target (3,), which must not be straight above or below the center."""
     normal = np.asarray(target, np.float64) - np.asarray(center, np.float64)
     normal /= np.linalg.norm(normal)
     side = np.cross((0.0, 1.0, 0.0), normal)
@@ -53,7 +53,7 @@ def facing_quad(center: ArrayLike, half_side: float, target: ArrayLike = (0, 0, 
 
 
 def box(low: ArrayLike = (-0.5, -0.5, -0.5), high: ArrayLike = (0.5, 0.5, 0.5), inward: bool = False) -> Mesh:
-    """An axis-aligned box of 12 triangles facing outward, or inward as a room does; sides in metres."""
+    """An axis-aligned box of 12 triangles facing outward, or inward as a room does; sides in meters."""
     corner_low, corner_high = np.asarray(low, np.float64), np.asarray(high, np.float64)
     center, half = (corner_low + corner_high) / 2, (corner_high - corner_low) / 2
     faces = []

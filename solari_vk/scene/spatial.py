@@ -1,4 +1,4 @@
-"""An order of points in which neighbours in space are neighbours in memory.
+"""An order of points in which neighbors in space are neighbors in memory.
 
 Lavapipe (Mesa 25.0) builds its trees over primitives and instances in the given order and halves the list at each
 level; with a random order, rays are a hundred times slower than with this order. Other drivers sort primitives

@@ -18,7 +18,7 @@ def studio_lights(scene: Scene, *, ev100: float = 0.0, ground: bool = True, came
 
     Key (from the camera's left, above), fill (right, a quarter as bright) and rim (behind) are squares as
     wide as half the scene, two of its radii away; the lights are as bright as pictures of that ev100 need.
-    Without a camera the front is +z. The ground is matte grey, 20 radii wide, just under the scene.
+    Without a camera the front is +z. The ground is matte gray, 20 radii wide, just under the scene.
     """
     bounds = scene.bounds
     center, radius = bounds.center, bounds.radius
@@ -41,7 +41,7 @@ def studio_lights(scene: Scene, *, ev100: float = 0.0, ground: bool = True, came
 
 
 def _heading(camera: Camera | None, center: NDArray[np.float64]) -> float:
-    """The camera's angle about the y axis as seen from a centre, in radians; 0 without a camera."""
+    """The camera's angle about the y axis as seen from a center, in radians; 0 without a camera."""
     if camera is None:
         return 0.0
     x, _, z = camera.transform[:3, 3] - center

@@ -16,7 +16,7 @@ from solari_vk.scene.matrices import by_columns
 from solari_vk.scene.model import Material, Texture, TextureImage
 from solari_vk.scene.table import Rows, Table
 
-ImageKey = tuple[TextureImage, bool]  # the image, and whether its colours are sRGB
+ImageKey = tuple[TextureImage, bool]  # the image, and whether its colors are sRGB
 DescriptorKey = tuple[TextureImage, bool, tuple[tuple[str, Any], ...]]
 
 _FORMATS = {True: raw.VK_FORMAT_R8G8B8A8_SRGB, False: raw.VK_FORMAT_R8G8B8A8_UNORM}

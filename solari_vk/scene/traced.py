@@ -33,7 +33,7 @@ class TracedInstances:
         self.count = 0
         self._device = device
         self._indices: dict[int, int] = {}  # index of the record of each row
-        self._mesh_centers: dict[int, NDArray[np.float32]] = {}  # centre of each row's mesh, in object space
+        self._mesh_centers: dict[int, NDArray[np.float32]] = {}  # center of each row's mesh, in object space
         self._end = 0  # number of records, including those of removed rows
         self._sorted = True
         self._moved = 0
@@ -44,7 +44,7 @@ class TracedInstances:
         self, row: int, transform: Sequence[float], mesh_center: NDArray[np.float32], visible: bool, double_sided: bool,
         address: int,
     ) -> None:  # fmt: skip
-        """Set a row: world from object (12 numbers, row by row), the mesh's centre (3,), and its BLAS's address."""
+        """Set a row: world from object (12 numbers, row by row), the mesh's center (3,), and its BLAS's address."""
         index = self._indices.get(row)
         if index is None:
             index = self._indices[row] = self._end
@@ -63,7 +63,7 @@ class TracedInstances:
         self._sorted = False
 
     def _centers(self, rows: NDArray[np.int64]) -> NDArray[np.float64]:
-        """The centres of instances (N, 3), in world space."""
+        """The centers of instances (N, 3), in world space."""
         transforms = self.table.records["transform"][[self._indices[row] for row in rows.tolist()]].astype(np.float64)
         mesh_centers = np.array([self._mesh_centers[row] for row in rows.tolist()])
         centers: NDArray[np.float64] = np.einsum("nij,nj->ni", transforms[:, :, :3], mesh_centers) + transforms[:, :, 3]
@@ -73,7 +73,7 @@ class TracedInstances:
         return np.fromiter(self._indices, np.int64, len(self._indices))
 
     def lit_area(self) -> float:
-        """The area of a disk around the instances' centres, in square metres; at least 1."""
+        """The area of a disk around the instances' centers, in square meters; at least 1."""
         if not self._indices:
             return 1.0
         return max(float(np.square(np.ptp(self._centers(self._rows()), axis=0)).sum()) * np.pi / 4, 1.0)

@@ -1,6 +1,6 @@
 """Presets of the realtime lighting: what differs from the defaults of `Settings`.
 
-`solari` restores the behaviours of Solari in Bevy 0.19 from which the defaults differ; docs/accuracy.md says what of
+`solari` restores the behaviors of Solari in Bevy 0.19 from which the defaults differ; docs/accuracy.md says what of
 Bevy it leaves out.
 """
 

@@ -57,7 +57,7 @@ class Settings:
     )
     permutation_sampling: bool = setting(True, "reuse", "Permute pixels in temporal reuse: less correlation.")
     spatial_tries: int = setting(
-        5, "reuse", "Attempts to find a similar neighbour. More: less noise, slower.", low=1, high=32
+        5, "reuse", "Attempts to find a similar neighbor. More: less noise, slower.", low=1, high=32
     )
     spatial_radius_halving: bool = setting(True, "reuse", "Halve the search radius after each failed attempt.")
 
@@ -75,10 +75,10 @@ class Settings:
         low=1 << 10, high=1 << 26, rebuilds=True
     )  # fmt: skip
     world_cache_cell_size: float = setting(
-        0.15, "world_cache", "Size of the finest cells in metres. Less: sharper, slower, noisier.", low=1e-6, high=1e6
+        0.15, "world_cache", "Size of the finest cells in meters. Less: sharper, slower, noisier.", low=1e-6, high=1e6
     )
     world_cache_lod_distance: float = setting(
-        15.0, "world_cache", "Distance in metres at which cells have twice the finest size. More: finer cells.",
+        15.0, "world_cache", "Distance in meters at which cells have twice the finest size. More: finer cells.",
         low=1e-6, high=1e9
     )  # fmt: skip
     world_cache_lod_sharpness: float = setting(
@@ -112,7 +112,7 @@ class Settings:
         32, "world_cache", "Light samples from which a cell chooses. More: less noise, slower.", low=1, high=1024
     )
     world_cache_ray_length: float = setting(
-        50.0, "world_cache", "Length of a cell's rays in metres. Less: faster, darker.", low=1e-3, high=1e9
+        50.0, "world_cache", "Length of a cell's rays in meters. Less: faster, darker.", low=1e-3, high=1e9
     )
     world_cache_update_cap: int = setting(
         40_000, "world_cache", "Cells that are updated in a frame, at random and on average. Less: faster, more lag.",
@@ -127,7 +127,7 @@ class Settings:
     )  # fmt: skip
     world_cache_surfaces: str = setting(
         "whole", "world_cache", "What a surface reflects of the light in the cache: what its whole material reflects, "
-        "mirrors included; or its base colour, as if everything were diffuse (Solari).", choices=("whole", "diffuse")
+        "mirrors included; or its base color, as if everything were diffuse (Solari).", choices=("whole", "diffuse")
     )  # fmt: skip
 
     # ---- ReSTIR DI
@@ -135,7 +135,7 @@ class Settings:
         8, "restir_di", "Light samples from which a pixel chooses. More: less noise.", low=1, high=1024
     )
     di_temporal: bool = setting(True, "restir_di", "Reuse samples of the previous frame.")
-    di_spatial: bool = setting(True, "restir_di", "Reuse a sample of a neighbour.")
+    di_spatial: bool = setting(True, "restir_di", "Reuse a sample of a neighbor.")
     di_initial_visibility: bool = setting(
         False, "restir_di", "Drop an occluded sample before reuse (Solari: on): less noise, but shadows grow halos."
     )
@@ -147,18 +147,18 @@ class Settings:
         20.0, "restir_di", "Largest confidence of history, in frames. More: less noise, more lag.", low=1, high=1e4
     )
     di_spatial_radius: float = setting(
-        30.0, "restir_di", "Radius in pixels within which a neighbour is searched. More: fewer blotches.",
+        30.0, "restir_di", "Radius in pixels within which a neighbor is searched. More: fewer blotches.",
         low=1, high=1e4
     )  # fmt: skip
 
     # ---- ReSTIR GI
     gi_temporal: bool = setting(True, "restir_gi", "Reuse samples of the previous frame.")
-    gi_spatial: bool = setting(True, "restir_gi", "Reuse a sample of a neighbour.")
+    gi_spatial: bool = setting(True, "restir_gi", "Reuse a sample of a neighbor.")
     gi_confidence_cap: float = setting(
         8.0, "restir_gi", "Largest confidence of history, in frames. More: less noise, more lag.", low=1, high=1e4
     )
     gi_spatial_radius: float = setting(
-        30.0, "restir_gi", "Radius in pixels within which a neighbour is searched. More: fewer blotches.",
+        30.0, "restir_gi", "Radius in pixels within which a neighbor is searched. More: fewer blotches.",
         low=1, high=1e4
     )  # fmt: skip
     gi_jacobian_limit: float = setting(
@@ -170,7 +170,7 @@ class Settings:
     )  # fmt: skip
     gi_visibility: str = setting(
         "both", "restir_gi", "Which visibility a merge tests: that of each sample from both pixels; or only that of a "
-        "neighbour's sample from this pixel, which loses light at the edges of indirect shadows (Solari).",
+        "neighbor's sample from this pixel, which loses light at the edges of indirect shadows (Solari).",
         choices=("both", "neighbor")
     )  # fmt: skip
     gi_refresh: bool = setting(

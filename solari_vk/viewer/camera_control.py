@@ -24,7 +24,7 @@ WORLD_DIRECTIONS = {"up": (0, 1, 0), "down": (0, -1, 0)}
 
 
 class CameraControl:
-    """Moves `camera`, a copy of the given one. `speed` is in metres a second; it starts at a quarter of the extent."""
+    """Moves `camera`, a copy of the given one. `speed` is in meters a second; it starts at a quarter of the extent."""
 
     def __init__(self, camera: Camera, extent: float = 1.0) -> None:
         self.home, self.camera = dataclasses.replace(camera), dataclasses.replace(camera)

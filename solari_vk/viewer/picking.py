@@ -45,7 +45,7 @@ def pick_at(pictures: Pictures, x: float, y: float) -> Pick | None:
 def point_at(
     camera: Camera, size: tuple[int, int], pixel: tuple[float, float], view_depth: float
 ) -> NDArray[np.float64]:
-    """The point in world space behind a position in pixels, `view_depth` metres along the view axis."""
+    """The point in world space behind a position in pixels, `view_depth` meters along the view axis."""
     slope = np.tan(camera.vertical_fov / 2)
     across = (2 * pixel[0] / size[0] - 1) * slope * size[0] / size[1]
     up = (1 - 2 * pixel[1] / size[1]) * slope

@@ -90,7 +90,7 @@ class ScenePanel:
 
     def _material(self, material: Material) -> None:
         imgui.push_id(id(material) & 0x7FFFFFFF)
-        self._color("base colour", material, "base_color")
+        self._color("base color", material, "base_color")
         self._slider("metallic", material, "metallic")
         self._slider("roughness", material, "perceptual_roughness")
         reflectance = float(material.reflectance.mean())
@@ -108,12 +108,12 @@ class ScenePanel:
         imgui.pop_id()
 
     def _light(self, light: Light) -> None:
-        """Edit the numbers, vectors and the colour of a light of any kind."""
+        """Edit the numbers, vectors and the color of a light of any kind."""
         for field in dataclasses.fields(light):  # type: ignore[arg-type]  # each kind of light is a dataclass
             value, label = getattr(light, field.name), field.name.replace("_", " ")
             changed, edited = False, value
             if field.name == "color":
-                self._color("colour", light, "color")
+                self._color("color", light, "color")
             elif np.shape(value) == (3,):
                 changed, edited = imgui.drag_float3(label, value.tolist(), 0.01, format="%.4g")
             elif isinstance(value, float):
@@ -143,7 +143,7 @@ class ScenePanel:
             self._set(item, field, min(max(value, 0.0), 1.0))
 
     def _color(self, label: str, item: Any, field: str) -> None:
-        """Edit a colour. The numbers are linear, as in the scene, so the swatch beside them looks darker."""
+        """Edit a color. The numbers are linear, as in the scene, so the swatch beside them looks darker."""
         changed, value = imgui.color_edit3(label, getattr(item, field).tolist(), imgui.ColorEditFlags_.float)
         if changed:
             self._set(item, field, np.clip(value, 0, 1))

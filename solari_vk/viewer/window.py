@@ -107,7 +107,7 @@ class Window:
 
     @property
     def pixels(self) -> tuple[int, int]:
-        """Width and height in pixels; (0, 0) while the window is minimised."""
+        """Width and height in pixels; (0, 0) while the window is minimized."""
         if self.closed or glfw.get_window_attrib(self.handle, glfw.ICONIFIED):
             return (0, 0)
         width, height = glfw.get_framebuffer_size(self.handle)

@@ -11,7 +11,7 @@ from solari_vk.conformance.brdf_checks import furnace, random_directions
 from solari_vk.measure.claims.older import LOBES_ADDED
 
 CASES = [
-    # base colour, metallic, perceptual roughness, reflectance, and the error allowed for the table's interpolation
+    # base color, metallic, perceptual roughness, reflectance, and the error allowed for the table's interpolation
     (0.8, 0.0, 0.3, 0.5, 2e-3),
     (0.8, 0.0, 0.9, 1.0, 2e-3),
     (0.6, 1.0, 0.2, 0.5, 2e-3),

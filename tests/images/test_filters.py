@@ -16,13 +16,13 @@ WIDTH, HEIGHT, SAMPLES = 12, 48, 256
 
 
 def blackman_harris(x):
-    """Nuttall's four terms over [-1.5, 1.5] pixels, not normalised."""
+    """Nuttall's four terms over [-1.5, 1.5] pixels, not normalized."""
     turn = math.pi * x / 1.5
     return 0.35875 + 0.48829 * np.cos(turn) + 0.14128 * np.cos(2 * turn) + 0.01168 * np.cos(3 * turn)
 
 
 def share(pixel_filter, distance):
-    """How much of a filter lies beyond a vertical edge `distance` pixels to the right of its centre."""
+    """How much of a filter lies beyond a vertical edge `distance` pixels to the right of its center."""
     if pixel_filter == "box":
         return min(max(0.5 - distance, 0.0), 1.0)
     if pixel_filter == "gaussian":  # round, cut off at 4 standard deviations of half a pixel

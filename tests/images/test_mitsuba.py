@@ -33,9 +33,9 @@ def test_cornell_box_is_mitsubas(picture, name, samples, bar):
 @pytest.mark.parametrize("name", CASES)
 def test_stored_reference_is_what_mitsuba_renders(name):
     scene, lambert = CASES[name]()
-    mitsuba = mitsuba_scene.select_variant(vectorised=not lambert)
+    mitsuba = mitsuba_scene.select_variant(vectorized=not lambert)
     if mitsuba is None:
-        pytest.skip("the vectorised Mitsuba needs LLVM 19 (Debian: libllvm19)")
+        pytest.skip("the vectorized Mitsuba needs LLVM 19 (Debian: libllvm19)")
     if not lambert:
         mitsuba_scene.register_bsdf(mitsuba)
     reference = load(name)

@@ -1,4 +1,4 @@
-"""ReSTIR DI against the path tracer: options that change no mean, older behaviours that do, and what frames keep."""
+"""ReSTIR DI against the path tracer: options that change no mean, older behaviors that do, and what frames keep."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from solari_vk.scene.builtin import cornell_box, lamp, many_lights, matte
 from solari_vk.scene.constants import NO_INDEX
 
 SIDE = 48
-CENTRES = {"gbuffer": "traced", "jitter": False}  # samples at the pixels' centres, as the path tracer's below
+CENTERS = {"gbuffer": "traced", "jitter": False}  # samples at the pixels' centers, as the path tracer's below
 # Less reuse than by default, so that few frames tell: frames are less alike, and what is biased is no less so.
 LITTLE_REUSE = {"di_confidence_cap": 4.0, "di_spatial_radius": 12.0}
 
 
-def trace_centres(device, scene, samples):
-    """The path tracer's direct light, with all samples at the pixels' centres: without the noise of edges."""
+def trace_centers(device, scene, samples):
+    """The path tracer's direct light, with all samples at the pixels' centers: without the noise of edges."""
     with mock.patch.dict(pathtracer.PIXEL_FILTERS, box=0.0):
         one, none = (trace(device, scene, samples, (SIDE, SIDE), max_bounces=count) for count in (1, 0))
     return one - none
@@ -43,16 +43,16 @@ def trace_centres(device, scene, samples):
 def cornell(device):
     """The scene, its direct light, and the part of the lamp that each pixel sees."""
     scene = cornell_box()
-    return scene, trace_centres(device, scene, 1024), find_lit_share(device, scene, SIDE)
+    return scene, trace_centers(device, scene, 1024), find_lit_share(device, scene, SIDE)
 
 
 def renderer_of(device, scene, size=(SIDE, SIDE), **settings):
-    return make_renderer(device, scene, size, **ALONE, **(CENTRES | settings))
+    return make_renderer(device, scene, size, **ALONE, **(CENTERS | settings))
 
 
 def observe(device, scene, observed=16, **settings):
     """The mean over the last frames of 16 independent runs (16, SIDE, SIDE, 3)."""
-    return observe_direct(device, scene, SIDE, Effort(16, 24, observed), **(CENTRES | settings))
+    return observe_direct(device, scene, SIDE, Effort(16, 24, observed), **(CENTERS | settings))
 
 
 def assert_within(observations, truth, bar, what=""):
@@ -71,7 +71,7 @@ def test_full_profile(device):
     hold(measure_direct(device, FULL))
 
 
-# Behaviours of Solari and bounds of the relative error that each has in the Cornell box, all of it and its penumbra.
+# Behaviors of Solari and bounds of the relative error that each has in the Cornell box, all of it and its penumbra.
 BIASED = {
     "initial visibility": ({"di_initial_visibility": True}, (), (-0.10, -0.03), (-0.35, -0.12)),
     "order of 0.17": ({"di_initial_visibility": True}, VISIBILITY_FED_FORWARD, (-0.35, -0.05), (-0.80, -0.25)),
@@ -80,7 +80,7 @@ BIASED = {
 
 
 @pytest.mark.parametrize("name", BIASED)
-def test_solaris_behaviours_are_biased(device, cornell, name):
+def test_solaris_behaviors_are_biased(device, cornell, name):
     """The shadows of 0.17 grow halos, and so do those of candidates that are tested before they are reused."""
     settings, patches, everywhere, in_penumbra = BIASED[name]
     scene, truth, share = cornell
@@ -99,12 +99,12 @@ def test_solaris_behaviours_are_biased(device, cornell, name):
 ], ids=lambda settings: next(iter(settings)))  # fmt: skip
 def test_no_option_but_those_changes_the_mean(device, cornell, settings):
     scene, truth, _ = cornell
-    bar = 0.02 if "jitter" in settings else 0.01  # the reference's samples lie at the pixels' centres
+    bar = 0.02 if "jitter" in settings else 0.01  # the reference's samples lie at the pixels' centers
     assert_within(observe(device, scene, 8, **(LITTLE_REUSE | settings)), truth, bar)
 
 
 def mixed_scene():
-    """A gloss floor under a wide sun of one colour and lamps of others, one of them seen from behind."""
+    """A gloss floor under a wide sun of one color and lamps of others, one of them seen from behind."""
     glossy = sv.Material(base_color=(0.5, 0.3, 0.7), perceptual_roughness=0.6, metallic=0.4)
     scene = sv.Scene(
         sv.Instance(mesh=shapes.quad((0, 0, 0), (0, 0, 3), (3, 0, 0)), material=glossy),
@@ -122,7 +122,7 @@ def mixed_scene():
 def test_suns_and_lamps_on_a_glossy_floor(device):
     """Each channel for itself, with both lobes."""
     scene = mixed_scene()
-    truth = trace_centres(device, scene, 4096)
+    truth = trace_centers(device, scene, 4096)
     observations = observe(device, scene, 96, light_tile_count=128, di_candidates=32, **LITTLE_REUSE)
     assert replicates(sixteenths(observations), sixteenths(truth), 0.01)[0] == 0
     for channel in range(3):
@@ -147,7 +147,7 @@ def test_highlights_choose_their_lights(device):
 @pytest.mark.slow  # 441 lamps: what is close to one is found so seldom that thousands of frames tell 1 %
 def test_many_lights(device):
     scene = many_lights()
-    truth = trace_centres(device, scene, 4096)
+    truth = trace_centers(device, scene, 4096)
     tiles_as_shipped = {"light_tile_count": 128, "light_tile_samples": 1024}
     observations = observe(device, scene, 400, di_candidates=32, **tiles_as_shipped, **LITTLE_REUSE)
     assert_within(observations, truth, 0.01)
@@ -191,7 +191,7 @@ def test_confidence_is_capped_and_begins_anew(device):
         assert (renderer.render(scene.camera)["di_reservoirs"]["confidence"][exists] == 1).all()
 
 
-def test_halving_the_radius_finds_more_neighbours(device):
+def test_halving_the_radius_finds_more_neighbors(device):
     scene = many_lights(sphere_count=16, box_count=400, extent=12.0, sphere_segments=6)
     missing = {}
     for halving in (True, False):

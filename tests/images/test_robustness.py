@@ -25,7 +25,7 @@ def test_seed_decides_the_picture(tracer):
 
 
 def test_different_frames_and_pixels_are_independent(tracer):
-    """Noise of neighbours, and of seeds next to each other, is uncorrelated."""
+    """Noise of neighbors, and of seeds next to each other, is uncorrelated."""
     scene = builtin("closed_box")
     noise = [fresh(tracer, scene, 1, (64, 64), seed=s, max_bounces=2)[..., 0].astype(np.float64) for s in (1, 2, 3)]
     noise = [n - n.mean() for n in noise]

@@ -25,7 +25,7 @@ def schlick(color, cosine):
 
 
 def glowing_shapes():
-    """Balls and a square that glow in many colours, before a mirror in the plane z = -2."""
+    """Balls and a square that glow in many colors, before a mirror in the plane z = -2."""
     random = np.random.default_rng(7)
     scene = Scene(Instance(mesh=shapes.quad((0, 0, -2.0), (9.0, 0, 0), (0, 9.0, 0)), material=GOLD, name="mirror"))
     for at in random.uniform((-3, -2, 2), (3, 2, 5), (12, 3)):

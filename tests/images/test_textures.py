@@ -148,10 +148,10 @@ def test_near_textures_use_the_finest_level(tracer):
 
 @pytest.mark.parametrize(("degrees", "distance"), [(0, 2), (0, 4.7), (60, 2), (75, 3)])
 def test_level_of_detail(tracer, monkeypatch, degrees, distance):
-    """Each level of a 256 x 256 image has a grey of its own: the level seen is that of a pixel's narrow axis."""
+    """Each level of a 256 x 256 image has a gray of its own: the level seen is that of a pixel's narrow axis."""
     levels = 9
-    greys = (encode_srgb(np.arange(levels) / levels) * 255).round().astype(np.uint8)
-    made = lambda *_: [np.full((256 >> k, 256 >> k, 4), greys[k], np.uint8) for k in range(levels)]  # noqa: E731
+    grays = (encode_srgb(np.arange(levels) / levels) * 255).round().astype(np.uint8)
+    made = lambda *_: [np.full((256 >> k, 256 >> k, 4), grays[k], np.uint8) for k in range(levels)]  # noqa: E731
     monkeypatch.setattr("solari_vk.scene.textures.mip_chain", made)
     texture = sv.Texture(image=sv.TextureImage(pixels=made()[0]))
     turn = math.radians(degrees)
@@ -159,7 +159,7 @@ def test_level_of_detail(tracer, monkeypatch, degrees, distance):
     mesh = shapes.quad((0, 0, -distance), across, (0, 1, 0))
     renderer = look(tracer, sv.Material(base_color=1.0, base_color_texture=texture), mesh, (32, 32), 1)
     seen = renderer["albedo"][15:17, 15:17, 0].mean() * levels
-    expected = math.log2(256 / 2 * distance / 32)  # texels a metre, times a pixel's height there
+    expected = math.log2(256 / 2 * distance / 32)  # texels a meter, times a pixel's height there
     assert abs(seen - expected) < 0.1
 
 

@@ -126,7 +126,7 @@ def test_many_may_be_done_at_once(world: Any, built: Any, monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize("how", ["build", "destroy"])
-def test_a_callback_that_is_due_can_still_be_cancelled(world: Any, built: Any, how: str) -> None:
+def test_a_callback_that_is_due_can_still_be_canceled(world: Any, built: Any, how: str) -> None:
     blas, _ = built()
     told: list[str] = []
     blas.prepare_compaction(lambda: told.append("called"))

@@ -1,4 +1,4 @@
-"""RayTracer against a float64 ray-triangle test of all pairs, and the rest of its documented behaviour."""
+"""RayTracer against a float64 ray-triangle test of all pairs, and the rest of its documented behavior."""
 
 from __future__ import annotations
 

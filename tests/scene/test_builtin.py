@@ -76,7 +76,7 @@ def test_cornell_box_is_the_measured_one():
     np.testing.assert_allclose(geometric_normals(meshes["lamp"]), [(0, -1, 0)] * 2, atol=1e-6)
     areas = 0.5 * np.linalg.norm(np.cross(lamp[:, 1] - lamp[:, 0], lamp[:, 2] - lamp[:, 0]), axis=1)
     assert areas.sum() == pytest.approx(0.130 * 0.105, rel=1e-5)
-    # Every wall faces the centre of the room, and every face of a block faces away from the block.
+    # Every wall faces the center of the room, and every face of a block faces away from the block.
     middle = np.array((0.278, 0.27, 0.28))
     for name in ("room", "left wall", "right wall"):
         centers = corners_of(meshes[name]).mean(axis=1)
@@ -105,8 +105,8 @@ def test_mistakes_name_what_there_is():
     message = r"no built-in scene 'cornell'; did you mean 'cornell_box'\? there are cornell_box, closed_box"
     with pytest.raises(SolariError, match=message):
         builtin("cornell")
-    with pytest.raises(SolariError, match="unexpected keyword argument 'colour'; it takes size, radiance"):
-        builtin("cornell_box", colour=3)
+    with pytest.raises(SolariError, match="unexpected keyword argument 'color'; it takes size, radiance"):
+        builtin("cornell_box", color=3)
     with pytest.raises(SolariError, match="negative"):
         builtin("many_lights", box_count=-1)
     with pytest.raises(SolariError, match="at least 1"):

@@ -189,8 +189,8 @@ def test_roughness_has_two_names() -> None:
 
 
 def test_textures_are_made_of_pixels() -> None:
-    grey = np.full((2, 3), 7, np.uint8)
-    material = Material(base_color_texture=grey, normal_texture=TextureImage(np.zeros((1, 1, 3), np.uint8)))
+    gray = np.full((2, 3), 7, np.uint8)
+    material = Material(base_color_texture=gray, normal_texture=TextureImage(np.zeros((1, 1, 3), np.uint8)))
     assert isinstance(material.base_color_texture, Texture)
     assert material.base_color_texture.image.pixels.tolist() == [[[7, 7, 7, 255]] * 3] * 2
     with pytest.raises(SolariError, match="pixels must be integers, not float64: give 8-bit pixels"):

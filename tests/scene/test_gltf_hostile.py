@@ -16,7 +16,7 @@ from support.gltf_writer import TRIANGLE, encoded, glb
 from solari_vk.errors import SolariError
 from solari_vk.scene.gltf import load_gltf
 
-GREY = np.full((2, 2, 3), 128)
+GRAY = np.full((2, 2, 3), 128)
 
 
 @pytest.fixture(autouse=True)
@@ -105,7 +105,7 @@ def show_image(basic, **image):
      "link.bin", "linked/secret.bin", "\\\\host\\share", "~/x", ".", "", "a\0b", "file%00"],
 )  # fmt: skip
 def test_uris_outside_the_folder(tmp_path, basic, kind, uri):
-    (tmp_path / "secret.bin").write_bytes(encoded(GREY) * 10)
+    (tmp_path / "secret.bin").write_bytes(encoded(GRAY) * 10)
     folder = tmp_path / "folder"
     (folder / "sub").mkdir(parents=True)
     (folder / "link.bin").symlink_to(tmp_path / "secret.bin")
@@ -212,7 +212,7 @@ def test_wrong_fields(basic, change, message):
     ("mesh", "message"),
     [({"attributes": {"POSITION": [[0, 0, 0], [1, np.nan, 0], [0, 1, 0]]}}, "element 1"),
      ({"attributes": {"POSITION": [[0, 0, 0], [1, np.inf, 0], [0, 1, 0]]}}, "element 1"),
-     ({"attributes": {"POSITION": [[0, 0, 0], [1, 1e30, 0], [0, 1, 0]]}}, "1e+18 metres"),
+     ({"attributes": {"POSITION": [[0, 0, 0], [1, 1e30, 0], [0, 1, 0]]}}, "1e+18 meters"),
      ({"indices": [0, 1, 3]}, "mesh 0, primitive 0 names vertex 3 (accessor 1) but has only 3")],
 )  # fmt: skip
 def test_wrong_positions_and_indices(writer, mesh, message):
@@ -275,7 +275,7 @@ def test_accessors_without_data(writer):
 
 @pytest.mark.parametrize("size", [(16385, 1), (1, 20000), (2**31 - 1, 2**31 - 1), (12000, 12000), (0, 5)])
 def test_giant_images(basic, size):
-    file = bytearray(encoded(GREY))
+    file = bytearray(encoded(GRAY))
     file[16:24] = struct.pack(">II", *size)
     file[29:33] = struct.pack(">I", zlib.crc32(file[12:29]))
     show_image(basic, bufferView=basic.view(bytes(file)), name="sky")

@@ -13,7 +13,7 @@ from solari_vk.errors import SolariError
 
 UVS = [[0, 0], [1, 0], [0, 1]]
 NORMALS = [[0, 0, 1]] * 3
-GREY = np.full((2, 2, 3), 128)
+GRAY = np.full((2, 2, 3), 128)
 
 
 def load(writer, **material):
@@ -124,7 +124,7 @@ def test_vertex_colors_are_reported_unless_white(writer, value):
 
 
 def test_texture_slots_share_images(writer):
-    texture = writer.image(GREY)
+    texture = writer.image(GRAY)
     sampler = writer.add("samplers", wrapS=33071, wrapT=33648, magFilter=9728, minFilter=9729)
     other = writer.add("textures", source=0, sampler=sampler)
     slot = {"index": texture}
@@ -148,13 +148,13 @@ def test_texture_slots_share_images(writer):
 
 @pytest.mark.parametrize("packing", ["embedded", "external"])
 def test_images_by_uri(writer, packing):
-    file = encoded(GREY, "JPEG")
+    file = encoded(GRAY, "JPEG")
     if packing == "embedded":
         uri = "data:image/jpeg;base64," + base64.b64encode(file).decode()
     else:
         (writer.path.parent / "a b").mkdir()
-        (writer.path.parent / "a b" / "grey.jpg").write_bytes(file)
-        uri = "a%20b/grey.jpg"
+        (writer.path.parent / "a b" / "gray.jpg").write_bytes(file)
+        uri = "a%20b/gray.jpg"
     textures = [writer.add("textures", source=writer.add("images", uri=uri)) for _ in range(2)]
     material, _ = load(writer, emissiveTexture={"index": textures[0]}, normalTexture={"index": textures[1]})
     assert material.emissive_texture.image is material.normal_texture.image, "one file is one image"
@@ -162,7 +162,7 @@ def test_images_by_uri(writer, packing):
 
 
 def test_texture_transforms(writer):
-    texture = writer.image(GREY)
+    texture = writer.image(GRAY)
     transform = {"offset": [0.25, 0.5], "rotation": math.pi / 2, "scale": [2, 4], "texCoord": 0}
     material, warnings = load(
         writer,
@@ -177,7 +177,7 @@ def test_texture_transforms(writer):
 
 
 def test_a_second_set_of_uvs(writer):
-    texture = writer.image(GREY)
+    texture = writer.image(GRAY)
     slots = {
         "pbrMetallicRoughness": {"baseColorTexture": {"index": texture, "texCoord": 1}},
         "emissiveTexture": {"index": texture},
@@ -217,7 +217,7 @@ def test_damaged_images_name_their_place(writer):
 
 def mesh_with_normal_map(writer, attributes, **slot):
     """The mesh that is loaded for a material with a normal map."""
-    slot = {"index": writer.image(GREY), "scale": 0.5, **slot}
+    slot = {"index": writer.image(GRAY), "scale": 0.5, **slot}
     writer.mesh({"TEXCOORD_0": UVS, **attributes}, material=writer.add("materials", normalTexture=slot))
     (instance,) = writer.load()
     assert instance.material.normal_scale == 0.5

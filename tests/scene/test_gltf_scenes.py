@@ -158,7 +158,7 @@ def test_skins_and_morphs_are_shown_in_their_rest_pose(writer):
     writer.json["meshes"][mesh]["weights"] = [2.0]
     joints = [writer.node(translation=[4, 0, 0]), writer.node(translation=[0, 6, 0])]
     shift = np.tile(np.eye(4), (2, 1, 1))
-    shift[:, 3, 2] = 1  # the format stores columns: one metre along z
+    shift[:, 3, 2] = 1  # the format stores columns: one meter along z
     skin = writer.add("skins", joints=joints, inverseBindMatrices=writer.accessor(shift.reshape(2, 16)))
     writer.node(mesh=mesh, skin=skin, translation=[100, 0, 0])
     channel = {"sampler": 0, "target": {"node": joints[0], "path": "scale"}}

@@ -39,8 +39,8 @@ def test_transparent_palettes() -> None:
 
 
 def test_sixteen_bits_are_rounded_to_eight() -> None:
-    grey = np.array([[0, 257, 32768, 65535, 128 * 257, 255]], np.uint16)
-    found = decode_image(file_of(Image.fromarray(grey)))
+    gray = np.array([[0, 257, 32768, 65535, 128 * 257, 255]], np.uint16)
+    found = decode_image(file_of(Image.fromarray(gray)))
     assert found[0, :, 0].tolist() == [0, 1, 128, 255, 128, 1]
     assert (found[..., 3] == 255).all()
     assert (found[..., 1] == found[..., 0]).all()

@@ -107,7 +107,7 @@ def test_transforms_of_any_usual_size_and_three_rows(scale: float) -> None:
     assert instance(transform=matrix[:3]).transform.tolist() == matrix.tolist()
 
 
-def test_colors_may_be_grey_and_textures_take_words() -> None:
+def test_colors_may_be_gray_and_textures_take_words() -> None:
     assert Material(base_color=0.25, reflectance=[0, 0.5, 1]).base_color.tolist() == [0.25] * 3
     image = TextureImage(pixels=np.zeros((1, 1, 4), np.uint8))
     assert Texture(image=image, wrap_u="clamp_to_edge").uv_transform.tolist() == np.eye(2, 3).tolist()
@@ -150,7 +150,7 @@ def test_updates_are_all_or_nothing() -> None:
     for fields, message in (
         ({"uvs": [[0, 0]] * 3, "normals": "x"}, "Mesh 'wall': normals"),
         ({"uvs": [[0, 0]] * 3, "positions": [*TRIANGLE, [1, 1, 1]], "triangles": [[0, 1, 2]]}, "uvs has 3 rows"),
-        ({"uvs": [[0, 0]] * 3, "colour": 1}, "has no field 'colour'; there are positions, triangles"),
+        ({"uvs": [[0, 0]] * 3, "color": 1}, "has no field 'color'; there are positions, triangles"),
     ):
         with pytest.raises(SolariError, match=message):
             made.update(**fields)

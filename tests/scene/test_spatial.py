@@ -1,4 +1,4 @@
-"""The spatial order is a permutation that keeps neighbours together, for any points."""
+"""The spatial order is a permutation that keeps neighbors together, for any points."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_points_may_coincide(points):
     np.testing.assert_array_equal(np.sort(spatial_order(points)), np.arange(50))
 
 
-def test_neighbours_stay_together():
+def test_neighbors_stay_together():
     points = np.random.default_rng(0).random((20_000, 3))
     ideal = (16 / len(points)) ** (1 / 3)  # the side of a cube that holds sixteen
     assert spread(points) > 0.9

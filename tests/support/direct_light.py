@@ -1,4 +1,4 @@
-"""Direct light alone: renderers of ReSTIR DI, with samples at the pixels' centres."""
+"""Direct light alone: renderers of ReSTIR DI, with samples at the pixels' centers."""
 
 from __future__ import annotations
 

@@ -11,9 +11,9 @@ from support.references import BOUNCES, CASES, FOLDER, SIZE, fingerprint
 
 
 def main():
-    mitsuba = mitsuba_scene.select_variant(vectorised=True)
+    mitsuba = mitsuba_scene.select_variant(vectorized=True)
     if mitsuba is None:
-        return "the vectorised Mitsuba needs LLVM 19 (Debian: libllvm19)"
+        return "the vectorized Mitsuba needs LLVM 19 (Debian: libllvm19)"
     mitsuba_scene.register_bsdf(mitsuba)
     FOLDER.mkdir(exist_ok=True)
     for name, case in CASES.items():

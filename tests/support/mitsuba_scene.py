@@ -1,7 +1,7 @@
 """A solari_vk Scene (no textures, no suns) as a Mitsuba 3 scene, with Lambert or our own BRDF.
 
 Our BRDF is the NumPy oracle's, written as a Mitsuba BSDF: evaluation as in support.brdf with its albedo
-tables, sampling by Mitsuba's own visible-normal and cosine sampling. Its vectorised form needs the variant
+tables, sampling by Mitsuba's own visible-normal and cosine sampling. Its vectorized form needs the variant
 llvm_ad_rgb, and so LLVM 19 (Debian: libllvm19); scalar_rgb renders the Lambert scenes.
 """
 
@@ -17,16 +17,16 @@ from solari_vk.scene.matrices import transform_points
 from support.brdf import Surface
 
 
-def select_variant(vectorised):
-    """Import Mitsuba in a variant; None when the vectorised one is asked for and LLVM 19 is missing."""
-    if vectorised and "DRJIT_LIBLLVM_PATH" not in os.environ:
+def select_variant(vectorized):
+    """Import Mitsuba in a variant; None when the vectorized one is asked for and LLVM 19 is missing."""
+    if vectorized and "DRJIT_LIBLLVM_PATH" not in os.environ:
         found = glob("/usr/lib/*/libLLVM.so.19*") + glob("/usr/lib/*/libLLVM-19.so*")
         if not found:
             return None
         os.environ["DRJIT_LIBLLVM_PATH"] = found[0]
     import mitsuba
 
-    mitsuba.set_variant("llvm_ad_rgb" if vectorised else "scalar_rgb")
+    mitsuba.set_variant("llvm_ad_rgb" if vectorized else "scalar_rgb")
     return mitsuba
 
 

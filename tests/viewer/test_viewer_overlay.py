@@ -192,7 +192,7 @@ def test_the_scene_can_be_edited(open_viewer, replace):
         drag_float3=lambda label, value, *_, **__: (label == "position", [x + 0.01 for x in value]),
         drag_float=lambda label, value, *_, **__: (label in ("illuminance", "cd/m2"), value + 1),
         slider_float=lambda label, value, *_, **__: (label == "roughness", 0.75),
-        color_edit3=lambda label, *_: (label == "base colour", [0.1, 0.2, 0.3]),
+        color_edit3=lambda label, *_: (label == "base color", [0.1, 0.2, 0.3]),
     )
     viewer.step()
     assert sun.illuminance > 5

@@ -26,7 +26,7 @@ def grab(viewer, screen):
 
 
 def stretched(pixels, size):
-    """Bilinear filtering with texel centres at + 0.5 and clamped edges, which is how Vulkan's linear blits filter."""
+    """Bilinear filtering with texel centers at + 0.5 and clamped edges, which is how Vulkan's linear blits filter."""
     values = pixels.astype(np.float64)
     for axis, count in ((0, size[1]), (1, size[0])):
         at = np.clip((np.arange(count) + 0.5) * values.shape[axis] / count - 0.5, 0, values.shape[axis] - 1)

@@ -52,7 +52,7 @@ vec3 show_light_tiles(uvec2 pixel) {
 struct ShownCell {
     bool exists;      // otherwise the fields below `size` are 0
     uint checksum;
-    float size;       // in metres
+    float size;       // in meters
     vec3 irradiance;
     float sample_count;
     uint life;

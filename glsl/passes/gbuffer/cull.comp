@@ -16,7 +16,7 @@ layout(constant_id = 2) const bool occlusion_culling = true;
 struct ViewBox {
     vec3 center;
     mat3 half_axes;
-    float rounding;  // distance in metres by which rounding may move vertices out of the box
+    float rounding;  // distance in meters by which rounding may move vertices out of the box
 };
 
 ViewBox find_view_box(mat4x3 world_from_object, Mesh mesh) {

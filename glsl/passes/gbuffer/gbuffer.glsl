@@ -11,7 +11,7 @@ struct GBufferSurface {
     bool exists;
     uint instance;
     vec3 world_position;
-    float view_depth;  // metres along the view axis
+    float view_depth;  // meters along the view axis
     vec3 world_normal;            // shading normal, bent to face the camera
     vec3 geometric_world_normal;  // faces the camera
     // Rays leave from world_position + ray_offset * geometric_world_normal. Always 0 in surfaces of the previous frame.

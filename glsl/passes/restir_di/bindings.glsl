@@ -11,7 +11,7 @@ layout(set = 1, binding = 56, scalar) readonly buffer PreviousDiReservoirsBlock 
 } previous_di_reservoirs;
 layout(set = 1, binding = 57, scalar) buffer DiTemporalReservoirsBlock { DiReservoir at[]; } di_temporal_reservoirs;
 
-// For debug views: the index of the spatial neighbour, or NO_INDEX when none was found; whether the chosen light is
+// For debug views: the index of the spatial neighbor, or NO_INDEX when none was found; whether the chosen light is
 // visible.
 layout(set = 1, binding = 58, scalar) buffer DiOutcomesBlock { uvec2 at[]; } di_outcomes;
 

@@ -1,4 +1,4 @@
-// ReSTIR DI, second half: merges a pixel's reservoir with that of a neighbour, keeps the result for the next frame,
+// ReSTIR DI, second half: merges a pixel's reservoir with that of a neighbor, keeps the result for the next frame,
 // and only then tests whether the chosen light is visible, and shades. Bitterli et al., "Spatiotemporal Reservoir
 // Resampling for Real-Time Ray Tracing with Dynamic Direct Lighting" (2020).
 #version 460
@@ -22,7 +22,7 @@ bool is_seen(GBufferSurface surface, ResolvedLightSample resolved) {
     return trace_light_visibility(origin, resolved);
 }
 
-// Returns the index of the neighbour, or NO_INDEX when no tried pixel is similar.
+// Returns the index of the neighbor, or NO_INDEX when no tried pixel is similar.
 uint merge_with_neighbor(uvec2 pixel, GBufferSurface surface, inout DiReservoir reservoir) {
     uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
     uvec2 neighbor;

@@ -7,7 +7,7 @@
 #include "scene/brdf.glsl"
 #include "scene/sampling.glsl"
 
-// The specular lobe where DI shades it, without colour and multiple scattering, which would cost time and change
+// The specular lobe where DI shades it, without color and multiple scattering, which would cost time and change
 // little.
 float specular_target(GBufferSurface surface, vec3 dielectric_f0, vec3 world_wi) {
     ResolvedMaterial material = surface.material;
@@ -23,7 +23,7 @@ float specular_target(GBufferSurface surface, vec3 dielectric_f0, vec3 world_wi)
 }
 
 // About the luminance that the surface reflects of the sample. Differs from Solari, which takes the diffuse lobe
-// alone (di_target=matte): that seldom chooses the lights of highlights. Specular colours count as diffuse too, with
+// alone (di_target=matte): that seldom chooses the lights of highlights. Specular colors count as diffuse too, with
 // a minimum, so that the target is positive for each light that the BRDF reflects.
 float di_target(GBufferSurface surface, ResolvedLightSample resolved) {
     LightContribution light = calculate_resolved_light_contribution(resolved, surface.world_position);

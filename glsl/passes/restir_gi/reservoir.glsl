@@ -51,7 +51,7 @@ float reconnection_jacobian(GBufferSurface from, GBufferSurface to, GiReservoir 
     return max(jacobian, 1.0 / jacobian) <= restir_gi_settings.jacobian_limit ? jacobian : 0.0;
 }
 
-// The MIS weight (generalised balance heuristic) of a sample that `own` found and that `other` could have found too.
+// The MIS weight (generalized balance heuristic) of a sample that `own` found and that `other` could have found too.
 // The sample's radiance is the same for both and cancels.
 float gi_mis_weight(GBufferSurface own, GiReservoir reservoir, GBufferSurface other, float other_confidence_weight) {
     vec3 point = reservoir.sample_point_world_position;

@@ -1,4 +1,4 @@
-// ReSTIR GI, second half: merges a pixel's reservoir with that of a neighbour, keeps the result for the next frame,
+// ReSTIR GI, second half: merges a pixel's reservoir with that of a neighbor, keeps the result for the next frame,
 // and shades. Ouyang et al., "ReSTIR GI: Path Resampling for Real-Time Path Tracing" (HPG 2021).
 #version 460
 #include "passes/bindings.glsl"

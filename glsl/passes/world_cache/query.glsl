@@ -23,7 +23,7 @@ const float EYE_HEIGHT = 0.05;
 // of cells.
 //
 // Differs from Solari, whose cells extend through thin walls: here a point uses a cell only if it sees the cell's
-// centre. A cell with a wall through it is divided into parts, and a point uses the part of the first landmark that
+// center. A cell with a wall through it is divided into parts, and a point uses the part of the first landmark that
 // it sees.
 WorldCacheKey choose_key(vec3 world_position, vec3 normal, float cell_size, inout uint rng) {
     vec2 jitter = world_cache_settings.jitter * cell_size * sample_disk(rand_vec2f(rng));
@@ -74,7 +74,7 @@ WorldCacheResult query_world_cache(
 // ---- reflection -------------------------------------------------------------------------------------
 
 // The share of uniform incoming light that a surface reflects towards a direction. Differs from Solari, which takes
-// the base colour (world_cache_surfaces=diffuse) and so ignores the specular lobe of dielectrics and makes metals
+// the base color (world_cache_surfaces=diffuse) and so ignores the specular lobe of dielectrics and makes metals
 // diffuse.
 vec3 surface_albedo(ResolvedMaterial material, float cosine) {
     if (brdf_lambert || world_cache_settings.surfaces == WORLD_CACHE_SURFACES_DIFFUSE) { return material.base_color; }

@@ -47,7 +47,7 @@ def sun_radiance(illuminance: float, angular_diameter: float) -> float:
 
 
 def sun_irradiance(illuminance: float, angular_diameter: float, cos_incidence: float) -> float:
-    """Irradiance of a surface that sees the whole disk; the mean cosine over the disk is the cosine at its centre."""
+    """Irradiance of a surface that sees the whole disk; the mean cosine over the disk is the cosine at its center."""
     return sun_radiance(illuminance, angular_diameter) * math.pi * math.sin(angular_diameter / 2) ** 2 * cos_incidence
 
 

@@ -61,7 +61,7 @@ def _mix(values: ArrayLike, rounds: Iterable[tuple[int, int, int]]) -> Words:
 
 
 def encode_rgb9e5(colors: ArrayLike) -> Words:
-    """Codes (...) of colours (..., 3) (EXT_texture_shared_exponent, rounding to the nearest)."""
+    """Codes (...) of colors (..., 3) (EXT_texture_shared_exponent, rounding to the nearest)."""
     clamped = np.clip(np.asarray(colors, np.float64), 0, RGB9E5_MAX)
     largest = clamped.max(axis=-1, keepdims=True)
     exponent = np.maximum(-16, np.floor(np.log2(np.maximum(largest, 1e-30))).astype(int)) + 16
@@ -71,13 +71,13 @@ def encode_rgb9e5(colors: ArrayLike) -> Words:
 
 
 def decode_rgb9e5(codes: NDArray[np.integer[Any]]) -> Floats:
-    """Colours (..., 3) of 9 bits a channel and 5 of exponent (EXT_texture_shared_exponent)."""
+    """Colors (..., 3) of 9 bits a channel and 5 of exponent (EXT_texture_shared_exponent)."""
     mantissas = np.stack([codes >> shift & 511 for shift in (0, 9, 18)], axis=-1)
     return np.asarray(mantissas * rgb9e5_step(codes)[..., None])
 
 
 def rgb9e5_step(codes: NDArray[np.integer[Any]]) -> Floats:
-    """The distance between neighbouring values of each code's channels."""
+    """The distance between neighboring values of each code's channels."""
     return np.asarray(np.ldexp(1.0, (codes >> 27).astype(np.int32) - 24))
 
 

@@ -14,7 +14,7 @@ Floats = NDArray[np.floating[Any]]
 
 
 def half_step(colors: Floats) -> Floats:
-    """Half of the distance (N, 1) between neighbours in rgb9e5 around colours (N, 3)."""
+    """Half of the distance (N, 1) between neighbors in rgb9e5 around colors (N, 3)."""
     _, exponent = np.frexp(colors.max(axis=-1, keepdims=True))  # of a mantissa from 1/2 to 1
     found: Floats = np.ldexp(1.0, np.maximum(exponent - 1, -16) - 9)
     return found

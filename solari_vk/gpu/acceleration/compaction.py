@@ -72,7 +72,7 @@ def copy_compacted(device: Device, copies: Sequence[tuple[raw.CData, raw.CData]]
 
 
 class Preparation:
-    """The state of a `Blas.prepare_compaction`: ready once the device has finished, unless it was cancelled."""
+    """The state of a `Blas.prepare_compaction`: ready once the device has finished, unless it was canceled."""
 
     def __init__(
         self, device: Device, structure: raw.CData, description: str, callback: Callable[[], None] | None
@@ -81,7 +81,7 @@ class Preparation:
         self._device = device
         self._description = description
         self._callback = callback
-        self._cancelled = False
+        self._canceled = False
         self._query = SizeQuery(device, [structure])
 
     def start(self) -> None:
@@ -90,14 +90,14 @@ class Preparation:
 
     @property
     def ready(self) -> bool:
-        """Whether the size is known and the preparation wasn't cancelled."""
+        """Whether the size is known and the preparation wasn't canceled."""
         if not self.size and not self._device.closed:
             self._device.collect()
-        return self.size > 0 and not self._cancelled
+        return self.size > 0 and not self._canceled
 
     def cancel(self) -> None:
         """Never become ready, and don't call the callback."""
-        self._cancelled = True
+        self._canceled = True
 
     def _finish(self) -> None:
         """Fetch the size and queue the user's callback. Runs when the device has finished, maybe during another build.
@@ -106,7 +106,7 @@ class Preparation:
         """
         if self._device.closed:
             return
-        if self._cancelled:
+        if self._canceled:
             self._query.drop()
             return
         (self.size,) = self._query.fetch()
@@ -114,6 +114,6 @@ class Preparation:
             self._device.callbacks.add(f"prepare_compaction of {self._description}", self._tell)
 
     def _tell(self) -> None:
-        """Call the user's callback, unless the preparation was cancelled in the meantime."""
-        if self._callback is not None and not self._cancelled:
+        """Call the user's callback, unless the preparation was canceled in the meantime."""
+        if self._callback is not None and not self._canceled:
             self._callback()

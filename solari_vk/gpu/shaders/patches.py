@@ -1,4 +1,4 @@
-"""Shaders with some text replaced: seeded bugs of the tests, earlier behaviours that the claims compare with."""
+"""Shaders with some text replaced: seeded bugs of the tests, earlier behaviors that the claims compare with."""
 
 from __future__ import annotations
 

@@ -116,10 +116,10 @@ def _cells_left_of(renderer: Renderer, x: float) -> float:
     return float((renderer["world_cache_bounds"][alive, 0] < x).sum())
 
 
-def _advanced(camera: Camera, metres: float) -> Camera:
+def _advanced(camera: Camera, meters: float) -> Camera:
     """The camera moved along its view."""
     transform = np.array(camera.transform)
-    transform[:3, 3] -= metres * transform[:3, 2]
+    transform[:3, 3] -= meters * transform[:3, 2]
     return dataclasses.replace(camera, transform=transform)
 
 
@@ -217,7 +217,7 @@ def _leaks(bench: Workbench) -> Outcome:
         [("leaks", "Indirect light of the room cut by a thin wall, 3 EV brighter: Solari 0.18's cells, 0.19's, and "
           "ours.", side_by_side([shown[0], shown[2], shown[3]], brighter))],
         "With the rule for short rays came finer cells, 0.15 m instead of 0.25, and a later change of levels. Cells "
-        "grow here as if the room were seen from tens of metres (`world_cache_lod_distance=2`), and the wall lies "
+        "grow here as if the room were seen from tens of meters (`world_cache_lod_distance=2`), and the wall lies "
         "within cells. Ours (`world_cache_leak_prevention=landmarks`) divides a cell by what is seen of it.",
     )  # fmt: skip
 

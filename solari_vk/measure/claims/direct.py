@@ -185,8 +185,8 @@ def _without_neighbor(bench: Workbench) -> Outcome:
 
         variants = [Variant({"spatial_radius_halving": halving}) for halving in (False, True)]
         before, after = bench.compare(scene, bench.size(640, 360), variants, measure, **DIRECT_ONLY)
-        measures.append(Measure(f"pixels without neighbour, {name}", "", before, after, Falls(1.5)))
-        caption = f"Pink: no valid neighbour in {name}, with a fixed radius and with halving."
+        measures.append(Measure(f"pixels without neighbor, {name}", "", before, after, Falls(1.5)))
+        caption = f"Pink: no valid neighbor in {name}, with a fixed radius and with halving."
         pictures.append((f"neighbors_{name}", caption, join(masks[:2], 1)))
     return Outcome(measures, pictures)
 
@@ -203,6 +203,6 @@ CLAIMS = (
           CORNELL, "0.17's order", "0.18's order", _unbiased),
     Claim("di_merge", "balance heuristic", "0.18", "The balance heuristic is slightly brighter, as the reference is.",
           CORNELL, "constant weights", "balance heuristic", _balance),
-    Claim("spatial_radius", "radius halving", "0.19", "Halving the radius leaves far fewer pixels without a neighbour.",
+    Claim("spatial_radius", "radius halving", "0.19", "Halving the radius leaves far fewer pixels without a neighbor.",
           "many_lights and sphere_grid 640x360", "fixed radius", "halved after each failure", _without_neighbor),
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Behaviours of Solari in Bevy 0.17 and 0.18 that the shaders no longer have, as patches for `patched_shaders`."""
+"""Behaviors of Solari in Bevy 0.17 and 0.18 that the shaders no longer have, as patches for `patched_shaders`."""
 
 from __future__ import annotations
 

@@ -80,7 +80,7 @@ class Primitives:
                 vertices = skin(vertices, attributes, pose.joints, self._accessors)
         positions = vertices["POSITION"]
         if len(positions) and not np.abs(positions).max() <= checks.LARGEST_COORDINATE:
-            raise primitive.error(f"reaches further than {checks.LARGEST_COORDINATE:g} metres; scale it down")
+            raise primitive.error(f"reaches further than {checks.LARGEST_COORDINATE:g} meters; scale it down")
 
         distinct = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
         triangles = triangles[distinct]
