@@ -196,7 +196,7 @@ def test_other_texts_are_refused_as_poses(control, text):
 # ---- a window without a screen ----------------------------------------------------------------------
 
 
-def test_windows_are_minimised():
+def test_windows_are_minimized():
     """On GLFW's null platform: the X server of the other tests has no window manager."""
     glfw.init_hint(glfw.PLATFORM, glfw.PLATFORM_NULL)
     try:
@@ -211,41 +211,3 @@ def test_windows_are_minimised():
         window.close()
     finally:
         glfw.init_hint(glfw.PLATFORM, glfw.ANY_PLATFORM)
-<<<<<<< HEAD
-=======
-
-
-def test_null_window_resizes_and_minimizes(null_window):
-    assert null_window.pixels == (200, 100)
-    glfw.set_window_size(null_window.handle, 320, 90)
-    assert null_window.size == null_window.pixels == (320, 90)
-    glfw.iconify_window(null_window.handle)
-    assert null_window.pixels == (0, 0)
-    glfw.restore_window(null_window.handle)
-    assert null_window.pixels == (320, 90)
-
-
-def test_null_window_fullscreen_and_back(null_window):
-    null_window.toggle_fullscreen()
-    mode = glfw.get_video_mode(glfw.get_primary_monitor())
-    assert null_window.size == (mode.size.width, mode.size.height)
-    null_window.toggle_fullscreen()
-    assert null_window.size == (200, 100)
-
-
-def test_null_window_clipboard_and_events(null_window):
-    null_window.clipboard = "pose"
-    assert null_window.clipboard == "pose"
-    glfw.focus_window(null_window.handle)
-    assert all(event.kind in ("focus", "cursor") for event in null_window.take_events())
-    assert null_window.take_events() == []
-    null_window.wants_to_close = True
-    assert null_window.wants_to_close
-
-
-def test_closing_twice_and_two_windows(null_window):
-    other = Window((64, 64), "other")
-    other.close()
-    other.close()
-    assert null_window.pixels == (200, 100), "GLFW goes on for the other window"
->>>>>>> 027a848 (American spelling throughout: color, neighbor, center, gray, meters)
