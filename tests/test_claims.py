@@ -1,4 +1,4 @@
-"""The claims table: every row runs at a tiny size, verdicts follow from numbers, and every claim has its row."""
+"""The claims: each runs at a tiny size, and verdicts follow from numbers."""
 
 from __future__ import annotations
 
@@ -9,65 +9,50 @@ import pytest
 
 from solari_vk.cli import main
 from solari_vk.errors import SolariError
+from solari_vk.gpu.shaders.compiler import compile_shader
+from solari_vk.gpu.shaders.patches import patched_shaders
+from solari_vk.measure.claims import older
 from solari_vk.measure.claims.report import line, number, page
 from solari_vk.measure.claims.run import CLAIMS
 from solari_vk.measure.claims.specular import structural_error
 from solari_vk.measure.claims.verdict import (
-    Claim,
-    EndsBelow,
-    Falls,
-    Faster,
-    GrowsAtMost,
-    Keeps,
+    RISES,
     Measure,
     Outcome,
-    Rises,
+    ends_below,
+    falls,
+    faster,
+    grows_at_most,
+    keeps,
     select,
-)
+)  # fmt: skip
 from solari_vk.measure.claims.workbench import Workbench, grow
 from solari_vk.measure.frame import error
 from solari_vk.measure.subjects import from_file, glowing
 
-# What the posts claim, a row each, and how many pairs are measured for it.
-ROWS = {
-    "light tiles": 1,
-    "energy loss": 1,
-    "DI order": 2,
-    "balance heuristic": 1,
-    "cache lag": 1,
-    "cache lifetime": 1,
-    "cache update": 2,
-    "mirror BRDF": 1,
-    "layering": 1,
-    "light leaks": 1,
-    "radius halving": 1,
-    "smooth metals": 1,
-    "path termination": 1,
-}
 
-# ---- the table --------------------------------------------------------------------------------------
+class Unpatched(Workbench):
+    """Measures with the shaders as they are, so that the driver need not compile those of each patch."""
+
+    def renderer(self, scene, size, patches=(), **settings):
+        return super().renderer(scene, size, **settings)
+
+    def reference(self, scene, size, samples, patches=(), **options):
+        return super().reference(scene, size, samples, **options)
 
 
-def test_every_claim_has_its_row():
-    rows = [claim.row for claim in CLAIMS]
-    assert {row: rows.count(row) for row in rows} == ROWS
-    names = [claim.name for claim in CLAIMS]
-    assert len(set(names)) == len(names)
-    assert {claim.post for claim in CLAIMS} == {"0.17", "0.18", "0.19"}
-
-
-@pytest.fixture(scope="module")
-def bench(device):
-    return Workbench(device, quick=True, say=lambda text: None)
+@pytest.fixture(scope="module", params=[Unpatched, pytest.param(Workbench, marks=pytest.mark.slow)])
+def bench(device, request):
+    return request.param(device, quick=True, say=lambda text: None)
 
 
 @pytest.mark.parametrize("claim", CLAIMS, ids=lambda claim: claim.name)
-def test_row_runs(bench, claim):
+def test_claim_runs(bench, claim):
     """Numbers are finite, or `Measure` refuses them; at this size they decide nothing."""
     outcome = claim.measure(bench)
     assert outcome.untestable or any(measure.criterion is not None for measure in outcome.measures)
     for measure in outcome.measures:
-        assert len(measure.runs_before) == len(bench.seeds)
+        assert len(measure.before) == len(bench.seeds)
         assert line(measure)
     for _, caption, pixels in outcome.pictures:
         assert caption
@@ -75,6 +60,16 @@ def test_row_runs(bench, claim):
         assert pixels.ndim == 3
     otherwise = ("does not reproduce, because ", "cannot be tested here, because ")
     assert outcome.verdict.startswith("reproduces" if outcome.reproduces else otherwise)
+
+
+def test_patches_are_glsl():
+    """All at once, in shaders that use them; each patch must find its text."""
+    every = [patch for name, patches in vars(older).items() if name.isupper() and name[0] != "_" for patch in patches]
+    assert len(every) == 13
+    with patched_shaders(*every):
+        for name in ("restir_di/initial_and_temporal", "restir_di/spatial_and_shade", "world_cache/blend",
+                     "world_cache/sample_indirect", "specular_gi/trace"):  # fmt: skip
+            assert compile_shader(f"passes/{name}.comp")
 
 
 def test_select():
@@ -88,23 +83,23 @@ def test_select():
 
 
 @pytest.mark.parametrize(("criterion", "before", "after", "holds"), [
-    (Falls(2.0), [10, 11, 10], [4, 4, 4.2], True),
-    (Falls(2.0), [10, 11, 10], [6, 6, 6.2], False),
-    (Falls(2.0), [-0.5, -0.51, -0.5], [0.01, -0.02, 0.01], True),  # errors: signs don't count
-    (Falls(20.0), [300, 310, 305], [0, 0, 0], True),
-    (Falls(1.0), [1, 1, 1], [1, 1, 1], True),  # nothing scatters: what is not worse holds
-    (Falls(1.0), [1, 1, 1.1], [1.5, 1.4, 1.6], False),
-    (Faster(2.0), [10, 30, 20], [4, 11, 7.5], True),  # both of a pair slowed by what else runs
-    (Faster(2.0), [10, 30, 20], [6, 18, 12], False),
-    (Rises(), [0.95, 0.96, 0.95], [0.99, 1.0, 1.0], True),
-    (Rises(), [1.0, 1.0, 1.01], [0.9, 0.91, 0.9], False),
-    (Keeps(0.02), [1, 1.001, 0.999], [1.004, 1.003, 1.005], True),
-    (Keeps(0.02), [1, 1.001, 0.999], [0.95, 0.951, 0.952], False),
-    (GrowsAtMost(2.0), [0.1, 0.11, 0.1], [0.15, 0.15, 0.16], True),
-    (GrowsAtMost(2.0), [0.1, 0.11, 0.1], [0.35, 0.35, 0.36], False),
-    (EndsBelow(0.02), [0.3, 0.3, 0.31], [-0.005, 0.004, 0.0], True),
-    (EndsBelow(0.02), [0.3, 0.3, 0.31], [-0.2, -0.21, -0.2], False),
-], ids=str)  # fmt: skip
+    (falls(2.0), [10, 11, 10], [4, 4, 4.2], True),
+    (falls(2.0), [10, 11, 10], [6, 6, 6.2], False),
+    (falls(2.0), [-0.5, -0.51, -0.5], [0.01, -0.02, 0.01], True),  # errors: signs don't count
+    (falls(20.0), [300, 310, 305], [0, 0, 0], True),
+    (falls(1.0), [1, 1, 1], [1, 1, 1], True),  # nothing scatters: what is not worse holds
+    (falls(1.0), [1, 1, 1.1], [1.5, 1.4, 1.6], False),
+    (faster(2.0), [10, 30, 20], [4, 11, 7.5], True),  # both of a pair slowed by what else runs
+    (faster(2.0), [10, 30, 20], [6, 18, 12], False),
+    (RISES, [0.95, 0.96, 0.95], [0.99, 1.0, 1.0], True),
+    (RISES, [1.0, 1.0, 1.01], [0.9, 0.91, 0.9], False),
+    (keeps(0.02), [1, 1.001, 0.999], [1.004, 1.003, 1.005], True),
+    (keeps(0.02), [1, 1.001, 0.999], [0.95, 0.951, 0.952], False),
+    (grows_at_most(2.0), [0.1, 0.11, 0.1], [0.15, 0.15, 0.16], True),
+    (grows_at_most(2.0), [0.1, 0.11, 0.1], [0.35, 0.35, 0.36], False),
+    (ends_below(0.02), [0.3, 0.3, 0.31], [-0.005, 0.004, 0.0], True),
+    (ends_below(0.02), [0.3, 0.3, 0.31], [-0.2, -0.21, -0.2], False),
+])  # fmt: skip
 def test_criteria(criterion, before, after, holds):
     measure = Measure("it", "", before, after, criterion)
     assert (measure.failure() == "") == holds
@@ -113,15 +108,15 @@ def test_criteria(criterion, before, after, holds):
 
 def test_noise_decides_nothing():
     """When the mean meets the criterion but its interval doesn't, the claim is not reproduced for want of runs."""
-    measure = Measure("time", "ms", [10, 30, 20], [9, 10, 11], Falls(1.5))
+    measure = Measure("time", "ms", [10, 30, 20], [9, 10, 11], falls(1.5))
     assert measure.failure() == "time: the spread of 3 runs is too wide to tell"
-    single = Measure("time", "ms", [30], [1], Falls(1.5))
+    single = Measure("time", "ms", [30], [1], falls(1.5))
     assert "too wide" in single.failure()
 
 
 def test_verdict_names_what_failed():
-    good = Measure("error", "", [1, 1.1], [0.1, 0.1], Falls(1.5))
-    bad = Measure("time", "ms", [1, 1], [3, 3], Falls(1.5))
+    good = Measure("error", "", [1, 1.1], [0.1, 0.1], falls(1.5))
+    bad = Measure("time", "ms", [1, 1], [3, 3], falls(1.5))
     told = Measure("cells", "", [1, 1], [9, 9])
     assert Outcome([good, told]).verdict == "reproduces"
     outcome = Outcome([good, bad, told])
@@ -168,7 +163,7 @@ def test_structural_error_sees_through_noise():
 def test_page(device):
     claim = CLAIMS[0]
     outcome = Outcome(
-        [Measure("time", "ms", [2.0, 2.2], [1.0, 1.0], Falls(1.5))],
+        [Measure("time", "ms", [2.0, 2.2], [1.0, 1.0], falls(1.5))],
         [("picture", "What it shows.", np.zeros((2, 2, 3), np.uint8))],
         note="A note.",
     )
@@ -204,7 +199,7 @@ def test_scene_of_a_script(tmp_path):
     )
     subject = from_file(tmp_path / "made.py:3.0")
     assert subject.name == "made"
-    assert subject.scene.bounds[1, 1] == pytest.approx(3.0)
+    assert subject.scene.bounds.high[1] == pytest.approx(3.0)
 
 
 def test_glowing_keeps_its_geometry():
@@ -221,7 +216,3 @@ def test_when_the_path_tracer_is_there():
     assert error.seconds_to_reach(curve, 0.5) == pytest.approx(2.0)
     assert error.seconds_to_reach(curve, 0.35) == pytest.approx(math.sqrt(8) * (0.5 / 0.35) / math.sqrt(2), rel=0.02)
     assert error.seconds_to_reach(curve, 0.025) == pytest.approx(40.0)
-
-
-def test_claim_is_data():
-    assert all(isinstance(claim, Claim) and claim.says and claim.scene for claim in CLAIMS)

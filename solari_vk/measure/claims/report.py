@@ -6,6 +6,9 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.claims.verdict import Claim, Measure, Outcome
 from solari_vk.measure.report import device_facts, markdown_facts, markdown_table
@@ -23,18 +26,21 @@ def number(value: float) -> str:
     return f"{value:.{max(0, 2 - math.floor(math.log10(abs(value))))}f}"
 
 
-def with_spread(values: Sequence[float], unit: str) -> str:
-    """The mean, the half width of its 95 % interval and the unit."""
-    mean, half_width = interval(values)
-    half_width = half_width if half_width > 1e-9 * abs(mean) else 0.0  # rounding is no spread
-    spread = f" ± {number(half_width)}" if math.isfinite(half_width) else ""
-    return f"{number(mean)}{spread} {unit}".rstrip()
+def numbers(measure: Measure) -> tuple[str, str, str]:
+    """The means before and after, each with the half width of its 95 % interval and its unit; and their ratio."""
+
+    def with_spread(values: NDArray[np.float64]) -> str:
+        mean, half_width = interval(values)
+        half_width = half_width if half_width > 1e-9 * abs(mean) else 0.0  # rounding is no spread
+        spread = f" ± {number(half_width)}" if math.isfinite(half_width) else ""
+        return f"{number(mean)}{spread} {measure.unit}".rstrip()
+
+    return with_spread(measure.before), with_spread(measure.after), number(measure.ratio)
 
 
 def line(measure: Measure) -> str:
     """A measure as one line of text."""
-    before, after = (with_spread(v, measure.unit) for v in (measure.runs_before.tolist(), measure.runs_after.tolist()))
-    return f"{measure.what}: {before} -> {after} (ratio {number(measure.ratio)})"
+    return "{}: {} -> {} (ratio {})".format(measure.what, *numbers(measure))
 
 
 def page(results: Results, device: Device, load: str, runs: int, folder: str | None) -> str:
@@ -51,10 +57,8 @@ def page(results: Results, device: Device, load: str, runs: int, folder: str | N
     rows = []
     for claim, outcome in results:
         first = outcome.measures[0]
-        before, after = (with_spread(v.tolist(), first.unit) for v in (first.runs_before, first.runs_after))
         verdict = "reproduces" if outcome.reproduces else f"**{outcome.verdict.partition(',')[0]}**"
-        cells = (f"[{claim.name}](#{claim.name})", claim.post, first.what, before, after, number(first.ratio), verdict)
-        rows.append(cells)
+        rows.append((f"[{claim.name}](#{claim.name})", claim.post, first.what, *numbers(first), verdict))
     head = ("claim", "post", "what is compared", "before", "after", "ratio", "verdict")
     lines += markdown_table(head, rows, (3, 4, 5))
     for claim, outcome in results:
@@ -70,9 +74,8 @@ def _section(claim: Claim, outcome: Outcome, folder: str | None) -> list[str]:
     ]  # fmt: skip
     rows = []
     for measure in outcome.measures:
-        before, after = (with_spread(v.tolist(), measure.unit) for v in (measure.runs_before, measure.runs_after))
         met = "" if measure.criterion is None else measure.criterion.text + (": no" if measure.failure() else ": yes")
-        rows.append((measure.what, before, after, number(measure.ratio), met))
+        rows.append((measure.what, *numbers(measure), met))
     lines += markdown_table(("measure", "before", "after", "ratio", "criterion"), rows, (1, 2, 3))
     verdict = outcome.verdict
     lines += ["", f"**{verdict[0].upper()}{verdict[1:]}.**"]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from solari_vk.gpu.shaders.patches import Patch
 from solari_vk.measure.claims.older import CLAMPED_GGX, LOBES_ADDED, TERMINATION_BY_ROUGHNESS
 from solari_vk.measure.claims.scenes import ball_in_white, mirror_wall, white_room
-from solari_vk.measure.claims.verdict import Claim, EndsBelow, Falls, Faster, GrowsAtMost, Keeps, Measure, Outcome
+from solari_vk.measure.claims.verdict import Claim, Measure, Outcome, ends_below, falls, faster, grows_at_most, keeps
 from solari_vk.measure.claims.workbench import Picture, Variant, Workbench, grow, mean_of, side_by_side
 from solari_vk.measure.frame.passes import frame_times
 from solari_vk.reference import PathTracer
@@ -22,12 +22,9 @@ WRONG = 0.05  # relative error of a pixel that is seen as a speck or as part of 
 
 def _materials(bench: Workbench, scene: Scene, size: tuple[int, int]) -> NDArray[np.float32]:
     """Perceptual roughness and metallic of what each pixel shows (height, width, 2); NaN where nothing is."""
-    tracer = PathTracer(bench.device, scene, size)
-    try:
+    with PathTracer(bench.device, scene, size) as tracer:
         tracer.render(scene.camera, samples=1)
         return np.where(np.isfinite(tracer["depth"])[..., None], tracer["roughness_metallic"], np.nan)
-    finally:
-        tracer.close()
 
 
 # ---- mirrors ----------------------------------------------------------------------------------------
@@ -58,7 +55,7 @@ def _mirror(bench: Workbench) -> Outcome:
     before, after = bench.compare(scene, size, variants, measure, di=False, gi=False, world_cache=False)
     return Outcome(
         [
-            Measure(f"pixels of the mirror more than {WRONG:.0%} too dark", "", before[:, 0], after[:, 0], Falls(2.0)),
+            Measure(f"pixels of the mirror more than {WRONG:.0%} too dark", "", before[:, 0], after[:, 0], falls(2.0)),
             Measure(f"pixels more than {WRONG:.0%} too bright", "", before[:, 1], after[:, 1]),
             Measure("mean error of a pixel", "", before[:, 2], after[:, 2]),
         ],
@@ -115,8 +112,8 @@ def _layering(bench: Workbench) -> Outcome:
     measures = []
     for i, where in enumerate(("white furnace, worst ring of a ball", "white room after 4 bounces")):
         measures += [
-            Measure(f"{where}: sum, product", "", added[:, i], product[:, i], Falls(1.0)),
-            Measure(f"{where}: product, ours", "", product[:, i], ours[:, i], EndsBelow(0.02)),
+            Measure(f"{where}: sum, product", "", added[:, i], product[:, i], falls(1.0)),
+            Measure(f"{where}: product, ours", "", product[:, i], ours[:, i], ends_below(0.02)),
         ]
     note = "Errors of energy, by the path tracer, which evaluates the same BRDF as the realtime passes."
     return Outcome(measures, note=note)
@@ -140,8 +137,8 @@ def _skip_metals(bench: Workbench) -> Outcome:
     before, after = bench.compare(scene, size, variants, measure)
     return Outcome(
         [
-            Measure("GI passes", "ms", before[:, 0], after[:, 0], Faster(1.0)),
-            Measure("mean of the picture", "", before[:, 1], after[:, 1], Keeps(0.02)),
+            Measure("GI passes", "ms", before[:, 0], after[:, 0], faster(1.0)),
+            Measure("mean of the picture", "", before[:, 1], after[:, 1], keeps(0.02)),
         ],
         note=f"{share:.0%} of the pixels show smooth metal.",
     )
@@ -162,8 +159,8 @@ def _termination(bench: Workbench) -> Outcome:
     variants = [Variant(patches=TERMINATION_BY_ROUGHNESS), Variant(), Variant({"specular_termination": "spread"})]
     before, after, ours = bench.compare(scene, size, variants, measure)
     return Outcome([
-        Measure("specular pass", "ms", before[:, 0], after[:, 0], Faster(1.0)),
-        Measure("error of glossy surfaces, blocks of 4x4 pixels", "", before[:, 1], after[:, 1], GrowsAtMost(1.25)),
+        Measure("specular pass", "ms", before[:, 0], after[:, 0], faster(1.0)),
+        Measure("error of glossy surfaces, blocks of 4x4 pixels", "", before[:, 1], after[:, 1], grows_at_most(1.25)),
         Measure("error of their energy", "", before[:, 2], after[:, 2]),
         Measure("specular pass: 0.19, ours", "ms", after[:, 0], ours[:, 0]),
         Measure("error of glossy surfaces: 0.19, ours", "", after[:, 1], ours[:, 1]),
@@ -186,13 +183,13 @@ def structural_error(picture: Picture, truth: Picture, mask: NDArray[np.bool_], 
 
 
 CLAIMS = (
-    Claim("mirror_brdf", "mirror BRDF", "0.19", "A BRDF of its own for mirrors removes their faults, black lines.",
+    Claim("mirror_brdf", "0.19", "A BRDF of its own for mirrors removes their faults, black lines.",
           "a slanted mirror in a glowing room, single frames of 192x144", "GGX clamped to roughness 0.001",
           "mirror BRDF", _mirror),
-    Claim("layering", "layering", "0.19", "Adding both lobes makes energy; Fresnel factors in and out are closer.",
+    Claim("layering", "0.19", "Adding both lobes makes energy; Fresnel factors in and out are closer.",
           "a white ball in white light 32x32; a white room 24x24", "the first named", "the last named", _layering),
-    Claim("skip_metals", "smooth metals", "0.19", "Skipping GI on smooth metals saves time and changes nothing.",
+    Claim("skip_metals", "0.19", "Skipping GI on smooth metals saves time and changes nothing.",
           "mirror_hall 96x54", "off", "on", _skip_metals),
-    Claim("termination", "path termination", "0.19", "Ending paths by their cumulative spread is faster, and no worse.",
+    Claim("termination", "0.19", "Ending paths by their cumulative spread is faster, and no worse.",
           "sphere_grid 192x96", "by the surface's roughness", "by the path's spread", _termination),
 )  # fmt: skip

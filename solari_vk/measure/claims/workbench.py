@@ -24,7 +24,6 @@ Picture = NDArray[np.float64]
 # The frame without guides and display, so that their shaders need not be compiled.
 LIGHT = ("gbuffer/", "light_tiles/", "world_cache/", "restir_di/", "restir_gi/", "specular_gi/", "display/compose")
 SOLARI = {**QUALITIES["solari"], "gbuffer": "traced"}
-CACHE_UPDATE = ("world_cache/sample_direct", "world_cache/sample_indirect", "world_cache/blend")
 
 
 @dataclass(frozen=True)
@@ -69,22 +68,16 @@ class Workbench:
         chosen: dict[str, Any] = {**SOLARI, **few, **settings}
         with every_barrier(), patched_shaders(*patches):  # barriers keep a pass's time apart from that of another
             renderer = PartialRenderer(self.device, scene, size, Settings(**chosen), passes=LIGHT)
-        try:
+        with renderer:
             yield renderer
-        finally:
-            renderer.close()
 
     def reference(
         self, scene: Scene, size: tuple[int, int], samples: int, patches: Sequence[Patch] = (), **options: Any
     ) -> Picture:
         """The path tracer's picture (height, width, 3), by default with the layering of Solari's preset."""
         options = {"layering": SOLARI["layering"], **options}
-        with patched_shaders(*patches):
-            tracer = PathTracer(self.device, scene, size, **options)
-            try:
-                return tracer.render(scene.camera, samples=self.count(samples, 16))["radiance"].astype(np.float64)
-            finally:
-                tracer.close()
+        with patched_shaders(*patches), PathTracer(self.device, scene, size, **options) as tracer:
+            return tracer.render(scene.camera, samples=self.count(samples, 16))["radiance"].astype(np.float64)
 
     def direct_reference(self, scene: Scene, size: tuple[int, int], samples: int) -> Picture:
         """Light that surfaces reflect straight from lights (height, width, 3); what lights themselves emit is 0."""
