@@ -57,11 +57,9 @@ def _parser() -> argparse.ArgumentParser:
     for name, run, what in (
         ("settings", _settings, "list the settings and qualities, with meaning, range and default"),
         ("views", _views, "list the debug views, with meaning"),
+        ("info", _info, "list devices and what each lacks, the shader compiler, the cache"),
     ):
         commands.add_parser(name, help=what).set_defaults(run=run)
-
-    info = commands.add_parser("info", help="list devices and what each lacks, the shader compiler, the cache")
-    info.set_defaults(run=_info)
 
     bench.add_parser(commands)
 

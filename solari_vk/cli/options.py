@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable
 from typing import Any
+
+from solari_vk.errors import unknown_name
 
 
 def add_device_option(parser: Any, default: Any = None) -> None:
@@ -34,7 +37,7 @@ def add_scene_options(parser: Any, window_size: tuple[int, int] | None = None) -
 
 def add_realtime_options(parser: Any) -> None:
     """Add the options of the realtime renderer, with None for those that are not given."""
-    parser.add_argument("--view", metavar="NAME", help="a debug view: `solari-vk views` lists them (picture)")
+    parser.add_argument("--view", type=view, metavar="NAME", help="a debug view; `solari-vk views` lists all (picture)")
     parser.add_argument("--quality", metavar="NAME", help="a preset: `solari-vk settings` lists them (medium)")
     parser.add_argument("--settings", action="append", metavar="KEY=VALUE",
                         help="change a setting: `solari-vk settings` lists them (repeatable)")
@@ -55,9 +58,20 @@ def tonemap(text: str) -> str:
     """A tone mapping's name."""
     from solari_vk.output.tone_mapping import TONEMAPS
 
-    if text not in TONEMAPS:
-        raise argparse.ArgumentTypeError(f"there is no tone mapping {text!r}; there are {', '.join(TONEMAPS)}")
-    return text
+    return _known("tone mapping", text, TONEMAPS)
+
+
+def view(text: str) -> str:
+    """A debug view's name."""
+    from solari_vk.passes.debug_views import DEBUG_VIEWS
+
+    return _known("view", text, DEBUG_VIEWS)
+
+
+def _known(what: str, name: str, names: Iterable[str]) -> str:
+    if name not in names:
+        raise argparse.ArgumentTypeError(str(unknown_name(f"there is no {what}", name, names)))
+    return name
 
 
 def positive(text: str) -> int:

@@ -38,10 +38,7 @@ def run(options: argparse.Namespace) -> None:
     """Show the window until it is closed."""
     import solari_vk as sv
     from solari_vk.output.picture import write_png
-    from solari_vk.passes.debug_views import DEBUG_VIEWS
 
-    if options.view not in DEBUG_VIEWS:
-        raise SolariError(f"--view {options.view}: there is no such view; there are {', '.join(DEBUG_VIEWS)}")
     if options.screenshot is not None:
         sv.check_output(options.screenshot)
         if options.screenshot.suffix.lower() != ".png" or options.frames is None:

@@ -14,9 +14,14 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.device.swapchain import Swapchain
 from solari_vk.gpu.frame.descriptors import DescriptorSets
+from solari_vk.gpu.frame.graphics import Targets
+from solari_vk.gpu.frame.interface import Interface
+from solari_vk.gpu.frame.pipelines import Pipelines
 from solari_vk.gpu.frame.raster import rendering
-from solari_vk.viewer.overlay_pipeline import OverlayPipeline
+from solari_vk.gpu.shaders.compiler import compile_shader
+from solari_vk.gpu.shaders.spirv import reflect
 
+_GRAPHICS = raw.VK_PIPELINE_BIND_POINT_GRAPHICS
 _VERTEX_BYTES, _INDEX_BYTES = imgui.VERTEX_SIZE, imgui.INDEX_SIZE
 _INDEX_TYPE = raw.VK_INDEX_TYPE_UINT32 if _INDEX_BYTES == 4 else raw.VK_INDEX_TYPE_UINT16
 
@@ -26,7 +31,7 @@ class OverlayRenderer:
 
     def __init__(self, device: Device) -> None:
         self.device = device
-        self._pipeline: OverlayPipeline | None = None
+        self._pipeline: _Pipeline | None = None
         self._broken = False  # no pipeline could be made, and another try would take as long
         self._textures: dict[int, tuple[Image, DescriptorSets]] = {}
         self._buffers: dict[tuple[str, int], Buffer] = {}  # by name and by the swapchain's slot
@@ -68,7 +73,7 @@ class OverlayRenderer:
 
     def _make_pipeline(self, format: int) -> None:
         """Replace the pipeline and its descriptor sets. The old ones stay in use after an error."""
-        pipeline = OverlayPipeline(self.device, format)
+        pipeline = _Pipeline(self.device, format)
         if self._pipeline is not None:
             self._pipeline.close()
         self._pipeline = pipeline
@@ -112,7 +117,7 @@ class OverlayRenderer:
         vk = self.device.vk
         area = {"width": right - left, "height": bottom - top}
         vk.vkCmdSetScissor(commands, 0, 1, raw.struct("VkRect2D", offset={"x": left, "y": top}, extent=area))
-        texture[1].bind(commands, raw.VK_PIPELINE_BIND_POINT_GRAPHICS)
+        texture[1].bind(commands, _GRAPHICS)
         vk.vkCmdDrawIndexed(
             commands, command.elem_count, 1, first_index + command.idx_offset, first_vertex + command.vtx_offset, 0
         )
@@ -155,6 +160,46 @@ class OverlayRenderer:
             self._destroy(number)
         if self._pipeline is not None:
             self._pipeline.close()
+
+
+class _Pipeline:
+    """Draws blended, clipped triangles of one texture each over images of a VkFormat."""
+
+    def __init__(self, device: Device, format: int) -> None:
+        self.format = format
+        self._device = device
+        self._sampler = device.sampler(mipmap="none", wrap_u="clamp", wrap_v="clamp")
+        paths = [f"passes/viewer/overlay.{suffix}" for suffix in ("vert", "frag")]
+        modules = [reflect(compile_shader(path), path) for path in paths]
+        self._placement = modules[0].push_constants
+        self._interface = Interface(device, modules)
+        self._pipelines = Pipelines(device)
+        targets = Targets((format,), blends=True)
+        try:
+            _, self._handle = self._pipelines.graphics("overlay", modules, {}, self._interface, targets)
+        except BaseException:
+            self.close()
+            raise
+
+    def bind(self, commands: raw.CData, **placement: Any) -> None:
+        """Record the pipeline's binding, and the values of overlay.vert's push constants."""
+        vk, pushed = self._device.vk, np.zeros(1, self._placement)
+        for field, value in placement.items():
+            pushed[field] = value
+        vk.vkCmdBindPipeline(commands, _GRAPHICS, self._handle)
+        layout, data = self._interface.pipeline_layout, raw.ffi.from_buffer(pushed)
+        vk.vkCmdPushConstants(commands, layout, raw.VK_SHADER_STAGE_ALL, 0, pushed.nbytes, data)
+
+    def new_set(self, image: Image) -> DescriptorSets:
+        """Descriptor sets for a texture."""
+        sets = DescriptorSets(self._interface, [0, 0])
+        sets.write({"image": (image, self._sampler)})
+        return sets
+
+    def close(self) -> None:
+        """Free the pipeline when the work submitted so far is done. Safe to call twice."""
+        self._pipelines.destroy()
+        self._interface.destroy()
 
 
 def _copy(source: Any, item_bytes: int, target: Buffer, first: int) -> None:

@@ -163,11 +163,8 @@ class Pictures:
         parts = self.parts()
         if not parts:
             raise SolariError("there is no picture yet")
-        columns = [
-            part.image.read()[:, round(part.begin * part.image.width) : round(part.end * part.image.width), :3]
-            for part in parts
-        ]
-        return np.concatenate(columns, axis=1)
+        images = (part.image.read()[:, slice(*part.columns(part.image.width)), :3] for part in parts)
+        return np.concatenate(list(images), axis=1)
 
     def radiance(self) -> NDArray[np.float32]:
         """Radiance (height, width, 3) of the latest picture, in the mode "split" of the realtime one."""
@@ -187,10 +184,8 @@ class Pictures:
             return None
         assert self.realtime is not None
         assert self.reference is not None
-        images = (self.realtime.resource("display"), self.reference.display)
-        shown = [image.read()[..., :3] / 255.0 for image in images]
-        renderers = (self.realtime, self.reference.tracer)
-        found, truth = (float(item["radiance"].mean(dtype=np.float64)) for item in renderers)
+        shown = [image.read()[..., :3] / 255.0 for image in (self.realtime.resource("display"), self.reference.display)]
+        found, truth = (float(r["radiance"].mean(dtype=np.float64)) for r in (self.realtime, self.reference.tracer))
         if shown[0].shape != shown[1].shape or not truth > 0:
             return None
         return float(np.sqrt(((shown[0] - shown[1]) ** 2).mean())), found / truth - 1
@@ -208,12 +203,9 @@ class Pictures:
     @property
     def timings(self) -> dict[str, float]:
         """GPU milliseconds of each pass in the last finished frame."""
-        found: dict[str, float] = {}
-        if self.realtime is not None and self.mode != "reference":
-            found |= self.realtime.timings
-        if self.reference is not None and self.mode != "realtime":
-            found |= self.reference.tracer.timings
-        return found
+        realtime = self.realtime.timings if self.realtime is not None and self.mode != "reference" else {}
+        reference = self.reference.tracer.timings if self.reference is not None and self.mode != "realtime" else {}
+        return realtime | reference
 
     def close(self) -> None:
         """Free everything once the submitted work is done. Safe to call twice."""

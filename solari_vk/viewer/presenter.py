@@ -37,6 +37,11 @@ class Part:
     begin: float = 0.0
     end: float = 1.0
 
+    def columns(self, width: int, min_count: int = 0) -> tuple[int, int]:
+        """The first of the part's columns in an image of this width, and the column behind the last one."""
+        begin, end = min(round(self.begin * width), width - min_count), round(self.end * width)
+        return begin, max(end, begin + min_count)
+
 
 class Presenter:
     """Shows images of any size in a window, with linear filtering. `close` frees what it made.
@@ -126,16 +131,14 @@ class Presenter:
         first = parts[0].image
         composed = self._composed
         if composed is None or (composed.width, composed.height) != (first.width, first.height):
-            if composed is not None:
-                composed.destroy()
-                self._composed = None
+            self._destroy_composed()
             usage = raw.VK_IMAGE_USAGE_STORAGE_BIT  # keeps it in a layout that copies write and read
             composed = self.device.image(first.width, first.height, first.format, "window parts", usage=usage)
             self._composed = composed
         for part in parts:
-            image, target = part.image, _columns(part, first.width)
+            image, target = part.image, part.columns(first.width)
             if target[0] < target[1]:
-                blit = _blit(_columns(part, image.width, min_count=1), image.height, target, first.height)
+                blit = _blit(part.columns(image.width, min_count=1), image.height, target, first.height)
                 self.device.vk.vkCmdBlitImage(
                     commands, image.handle, image.layout, composed.handle, composed.layout, 1, blit,
                     raw.VK_FILTER_LINEAR,
@@ -145,27 +148,22 @@ class Presenter:
 
     def close(self) -> None:
         """Free everything once the submitted work is done. Safe to call twice."""
+        self._destroy_composed()
+        self._pool.destroy()
+
+    def _destroy_composed(self) -> None:
         if self._composed is not None:
             self._composed.destroy()
             self._composed = None
-        self._pool.destroy()
-
-
-def _columns(part: Part, width: int, min_count: int = 0) -> tuple[int, int]:
-    """The first column of a part in an image of this width, and the column behind its last one."""
-    begin, end = min(round(part.begin * width), width - min_count), round(part.end * width)
-    return begin, max(end, begin + min_count)
 
 
 def _blit(source: tuple[int, int], source_height: int, target: tuple[int, int], target_height: int) -> raw.CData:
     """A VkImageBlit from columns to columns over the whole height."""
     blit = raw.struct("VkImageBlit", srcSubresource=_LAYER, dstSubresource=_LAYER)
-    for offsets, columns, height in (
-        (blit.srcOffsets, source, source_height),
-        (blit.dstOffsets, target, target_height),
-    ):
-        offsets[0].x, offsets[1].x = columns
-        offsets[1].y, offsets[1].z = height, 1
+    blit.srcOffsets[0].x, blit.srcOffsets[1].x = source
+    blit.dstOffsets[0].x, blit.dstOffsets[1].x = target
+    blit.srcOffsets[1].y, blit.dstOffsets[1].y = source_height, target_height
+    blit.srcOffsets[1].z = blit.dstOffsets[1].z = 1
     return blit
 
 

@@ -201,7 +201,6 @@ def test_headless_run_shows_the_renderers_own_picture(screen, tmp_path, capfd):
     [
         (["builtin:nothing"], "nothing"),
         (["missing.gltf"], "missing.gltf"),
-        (["builtin:cornell_box", "--view", "nonsense"], "--view nonsense"),
         (["builtin:cornell_box", "--scale", "7"], "scale"),
         (["builtin:cornell_box", "--settings", "di_candidates=x"], "di_candidates"),
         (["builtin:cornell_box", "--screenshot", "x.exr", "--frames", "1"], "--screenshot"),
