@@ -1,4 +1,4 @@
-"""Fixtures of the path tracer's proofs: path tracers that are closed, and pictures with measured variances."""
+"""Fixtures for tests of the path tracer: path tracers that close themselves, and pictures with measured variances."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The path tracer against what can be written down: closed boxes, a lamp over a floor, the sun."""
+"""The path tracer against closed-form solutions: closed boxes, a lamp over a floor, the sun."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BAR = 0.005
 
 
 def expect(picture, expected, what="", bar=BAR):
-    """The picture's global mean is within the bar with 95 % confidence, and no 8x8 tile differs significantly."""
+    """Require that the mean is within the bar with 95 % confidence, and that no 8x8 tile differs significantly."""
     expected = np.broadcast_to(expected, picture.mean.shape)
     result = compare(picture.mean, picture.variance, expected, np.zeros_like(expected), tile=8)
     print(what, result)
@@ -71,7 +71,7 @@ def lamp_over_surface(surface, points, eye, resolution=24):
     normal = np.cross(edge_u, edge_v)
     area = np.linalg.norm(normal)
     weight = (weights[:, None] * weights).reshape(-1) * area
-    swap = [0, 2, 1]  # the floor's normal is y, the oracle's z; both frames are isotropic
+    swap = [0, 2, 1]  # from the floor's frame, whose normal is y, to the oracle's, whose normal is z
     to_eye = eye - points
     to_eye /= np.linalg.norm(to_eye, axis=1, keepdims=True)
     to_lamp = lamp[None] - points[:, None]
@@ -95,7 +95,7 @@ def lamp_over_surface(surface, points, eye, resolution=24):
     ],
 )
 def test_lamp_over_our_materials(picture, roughness, metallic, reflectance, layering):
-    """Single bounce off a glossy floor against quadrature with the NumPy BRDF."""
+    """Compares a single bounce off a glossy floor with quadrature of the NumPy BRDF."""
     color = np.array((0.9, 0.5, 0.15))
     material = sv.Material(base_color=color, perceptual_roughness=roughness, metallic=metallic, reflectance=reflectance)
     scene = floor_scene(material, lamp_above())
@@ -108,7 +108,7 @@ def test_lamp_over_our_materials(picture, roughness, metallic, reflectance, laye
 
 @pytest.mark.parametrize(
     ("diameter", "strategy"),
-    [(0.0093, "mis"), (0.0093, "nee"), (0.8, "mis"), (0.8, "nee"), (0.8, "brdf")],  # directions never meet a small sun
+    [(0.0093, "mis"), (0.0093, "nee"), (0.8, "mis"), (0.8, "nee"), (0.8, "brdf")],  # BRDF samples never hit a small sun
 )
 def test_sun_over_lambert_floor(picture, diameter, strategy):
     sun = sv.DirectionalLight(
@@ -129,7 +129,8 @@ def test_sun_disk_is_seen_with_its_radiance_and_size(picture):
     camera = sv.Camera.look_at((0, 1, 0), (0, 1, -1), vertical_fov=1.0)
     made = picture(scene, (64, 64), 64, camera=camera)
     radiance = closed_forms.sun_radiance(100, 0.5)
-    # The disk's radius in the picture: tan(0.25) of tan(0.5) of half its height; its lower part is cut by no floor.
+    # The disk's radius in the picture is tan(0.25) / tan(0.5) of half the picture's height. Only the upper half of the
+    # disk is measured, because the floor may cover the lower half.
     share = math.pi * (math.tan(0.25) / math.tan(0.5)) ** 2 / 4
     assert made.mean[32, 32] == pytest.approx(radiance, rel=1e-5)
     upper = made.mean[:32, :, 0].mean() / radiance
@@ -138,7 +139,7 @@ def test_sun_disk_is_seen_with_its_radiance_and_size(picture):
 
 @pytest.mark.slow
 def test_seeds_are_unbiased_and_independent(tracer):
-    """P-REPL over 24 seeds: the lamp's closed form, and a global mean that spreads as independent pixels would."""
+    """The mean of 24 seeds is the closed form, and their global means vary as those of independent pixels would."""
     scene = floor_scene(sv.Material(base_color=1.0), lamp_above())
     runs = []
     for seed in range(24):

@@ -1,4 +1,4 @@
-"""Scenes that change: how soon frames follow things that move, cameras that jump, and edits."""
+"""Scenes that change: how soon frames follow moving objects, jumping cameras and edits."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import cornell_box, lamp, matte, place
 
 SEEDS = 4
-STOPPED = 8  # frames after which nothing of a motion may be seen
+STOPPED = 8  # number of frames after a motion's end when no trail of it may be left
 
 
 # ---- motion -----------------------------------------------------------------------------------------
 
 
 def swing_lamp(scene, step):
-    """The lamp of a Cornell box goes along under the ceiling."""
+    """Move the lamp of a Cornell box along the ceiling."""
     find(scene, "lamp").transform = place(at=(-0.6 + 0.08 * step, -0.05, 0.0))
 
 
 def slide_block(scene, step):
-    """The short block goes to and fro before the tall one."""
+    """Move the short block sideways in front of the tall one."""
     find(scene, "short block").transform = place(at=(0.06 * step, 0.15, 0.0))
 
 
-# Slow: as long as the other one.
+# The second motion takes as long as the first, so only the slow profile runs it.
 @pytest.mark.parametrize("move", [swing_lamp, pytest.param(slide_block, marks=pytest.mark.slow)])
 def test_what_moves_leaves_no_trail(device, move):
-    """During the motion a frame shows the present, as bright as the path tracer's of that moment; eight frames after it
-    stopped nothing of the past is left.
+    """A frame during the motion is as bright as the path tracer's picture of the same scene, and contains little of
+    earlier pictures. Eight frames after the motion stopped, it contains almost nothing of them.
 
-    What is left is measured along the difference of the pictures then and now, over independent runs.
+    `left_of` measures how much of an earlier picture a frame contains; the frames are means over independent runs.
     """
     scene = cornell_box()
     moving, stopped = [], []
@@ -79,18 +79,19 @@ ELSEWHERE = sv.Camera.look_at((0.3, 1.6, 0.4), (1.3, 0.3, 1.6), vertical_fov=1.2
 
 
 def test_a_cut_with_reset_is_a_new_renderers_frame(device):
-    """Bit by bit: nothing is left of the frames before, neither in pixels nor in the world cache."""
+    """After a cut with reset(), frames equal those of a new renderer bit by bit: nothing of earlier frames is left,
+    neither in pixels nor in the world cache."""
     scene = cornell_box()
     with make_renderer(device, scene) as renderer, make_renderer(device, scene) as new:
         settle(renderer, scene.camera, 12)
         renderer.reset()
-        new.frame_count = renderer.frame_count  # it numbers random sequences
+        new.frame_count = renderer.frame_count  # the frame count seeds the random numbers
         for frame in range(6):
             assert not differing(renderer.render(ELSEWHERE), new.render(ELSEWHERE)), frame
 
 
 def test_a_jump_without_reset_recovers(device):
-    """Within 30 frames the picture is that of a renderer that has been there all along."""
+    """30 frames after the camera jumped, the picture is the path tracer's, with nothing of the earlier view in it."""
     scene = cornell_box()
     jumped = []
     with make_renderer(device, scene) as renderer:
@@ -121,7 +122,7 @@ def small_lamp(index):
 
 
 def edit(scene, extra, step):
-    """Lights and things come, go and change places in the lists, so that rows and ids are given anew."""
+    """Add, remove and reorder lights and other instances, so that rows are reused; move one, and recolor another."""
     if step % 3 == 0:
         scene.add(extra[step // 3 % 3])
     if step % 5 == 1:
@@ -138,8 +139,8 @@ def edit(scene, extra, step):
     find(scene, "left wall").material.base_color = (0.6, 0.02 * step % 1, 0.1)
 
 
-def test_edits_end_in_the_truth(device):
-    """After many edits between frames, the picture is the path tracer's of what the scene has become."""
+def test_after_many_edits_the_picture_is_right(device):
+    """After many edits between frames, the picture is as bright as the path tracer's picture of the edited scene."""
     found = []
     scene = cornell_box()
     extra = [small_lamp(index) for index in range(3)]
@@ -163,7 +164,8 @@ def test_edits_end_in_the_truth(device):
 
 
 def test_renderers_that_share_a_scene_do_not_disturb_each_other(device):
-    """Two cameras of two sizes over one binder, edited in between: each frame has the bits that it has alone."""
+    """Two renderers of different sizes and cameras share a binder, and the scene is edited between frames: each frame
+    equals, bit by bit, the frame of a renderer that has the scene to itself."""
     sizes, views = (SIZE, (24, 16)), (cornell_box().camera, ELSEWHERE)
     alone = []
     for size, camera in zip(sizes, views, strict=True):
@@ -186,7 +188,8 @@ def test_renderers_that_share_a_scene_do_not_disturb_each_other(device):
 
 
 def test_resize_is_a_new_renderers_frame(device):
-    """Smaller, larger and back, each bit by bit; the world cache begins anew as well."""
+    """After a resize to a smaller size, to a larger one and back, frames equal those of a new renderer bit by bit. The
+    world cache is emptied too."""
     scene = cornell_box()
     with make_renderer(device, scene) as renderer:
         settle(renderer, scene.camera, 4)
@@ -200,7 +203,7 @@ def test_resize_is_a_new_renderers_frame(device):
 
 
 def test_an_empty_scene_that_is_filled_and_emptied(device):
-    """From nothing to a lit ball, and back to nothing at all."""
+    """The scene goes from empty to a lit ball and back to empty."""
     scene = sv.Scene()
     camera = sv.Camera.look_at((0, 0, 3), (0, 0, 0))
     ball = sv.Instance(mesh=shapes.sphere(0.5, 12), material=matte(0.5))
@@ -208,9 +211,9 @@ def test_an_empty_scene_that_is_filled_and_emptied(device):
     with make_renderer(device, scene) as renderer:
         assert not settle(renderer, camera, 3)["radiance"].any()
         scene.add(ball)
-        assert not settle(renderer, camera, 3)["radiance"].any(), "there is no light yet"
+        assert not settle(renderer, camera, 3)["radiance"].any(), "a ball without a light isn't black"
         scene.add(glow)
         assert add_up(settle(renderer, camera, 6)).mean() > 0.002
         scene.remove(ball)
         scene.remove(glow)
-        assert not renderer.render(camera)["radiance"].any(), "nothing is seen where nothing is"
+        assert not renderer.render(camera)["radiance"].any(), "the empty scene isn't black"

@@ -1,4 +1,5 @@
-"""Pictures that must be the same: by any light strategy, for split, permuted and brighter lights, at any scale."""
+"""Pictures that must agree: with all light strategies, with split, permuted and brighter lights, at all scales, and for
+transforms that are baked into vertices."""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ SETTINGS = {"max_bounces": 3}
 
 
 def room(lamps=None, *suns):
-    """A 4 x 3 x 4 m room, without ceiling when suns are given, with a rough ball, a glossy one and a metal box."""
+    """A room of 4 x 3 x 4 m with a glossy ball, a metal box and lamps; with suns, only its floor and back wall."""
     scene = sv.Scene()
     walls = shapes.box((-2, 0, -2), (2, 3, 2), inward=True)
     if suns:
@@ -76,7 +77,7 @@ def test_strategies_agree_under_wide_suns(picture):
         sv.DirectionalLight(direction=(-1, -2, -0.5), illuminance=20, color=(1, 0.9, 0.7), angular_diameter=1.0),
         sv.DirectionalLight(direction=(1, -1, -1), illuminance=5, color=(0.5, 0.7, 1), angular_diameter=0.6),
     ]
-    # Lamps and suns together: which of both kinds is sampled enters every weight.
+    # With lamps and suns together, the probability of choosing each kind enters every weight.
     scene = room(default_lamps(), *suns)
     mis, nee, brdf = (
         picture(scene, (48, 48), 128, seed=seed, light_strategy=strategy, **SETTINGS)
@@ -107,7 +108,7 @@ def test_radiance_scales(picture):
 
 @pytest.mark.parametrize("scale", [1e-3, 1e4])
 def test_scaled_scenes_give_the_same_picture(picture, pictures, scale):
-    """Same seed: nearly every pixel is the same number, but for rays that pass an edge on the other side."""
+    """With one seed, nearly all pixels are equal; rounding moves only a few rays to the other side of an edge."""
     if "unscaled" not in pictures:
         pictures["unscaled"] = picture(cornell_box(), (48, 48), 64, seed=5, **SETTINGS)
     scaled = picture(cornell_box(size=2 * scale), (48, 48), 64, seed=5, **SETTINGS)
@@ -120,7 +121,8 @@ def test_scaled_scenes_give_the_same_picture(picture, pictures, scale):
 
 
 def mirrored(scene, mirror, proper):
-    """The scene reflected by a matrix; the camera stays a proper rotation (the picture flips) or not (it stays)."""
+    """The scene and its camera, reflected by a matrix. proper: keep the camera's transform a rotation, which flips the
+    picture; otherwise the camera is mirrored too, and the picture stays the same."""
     other = sv.Scene()
     for instance in scene:
         other.add(sv.Instance(mesh=instance.mesh, material=instance.material, transform=mirror @ instance.transform))
@@ -139,14 +141,15 @@ def test_mirrored_world_and_camera(picture, pictures, proper):
 
 
 def baked(instance):
-    """The same surface with its transform in its vertices; mirrored ones keep their front by turning triangles."""
+    """The same surface with the transform applied to its vertices. Mirroring reverses triangles, so that fronts stay
+    fronts."""
     linear = instance.transform[:3, :3]
     mesh = instance.mesh
     triangles = mesh.triangles if np.linalg.det(linear) > 0 else mesh.triangles[:, ::-1]
     return sv.Instance(
         mesh=sv.Mesh(
             positions=mesh.positions @ linear.T + instance.transform[:3, 3],
-            # Not unit vectors: they are interpolated as the instance's are, which turn after interpolation.
+            # Not normalized, because shaders interpolate an instance's normals before they transform them.
             normals=mesh.normals @ np.linalg.inv(linear),
             uvs=mesh.uvs,
             indices=triangles,
@@ -170,8 +173,8 @@ TRANSFORMS = {
 }
 
 
-def test_instances_are_as_their_baked_meshes(picture, tracer):
-    """Two emit: lights are transformed as surfaces are, and shine from the same side."""
+def test_instances_equal_their_baked_meshes(picture, tracer):
+    """Two of the instances are lights, since lights have their own code for transforms."""
     ball = shapes.sphere(0.7, 16)
     paint = sv.Material(base_color=(0.5, 0.7, 0.3), perceptual_roughness=0.4)
     made = []

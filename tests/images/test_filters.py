@@ -1,4 +1,4 @@
-"""Pixel filters: an edge between light and dark, seen across it, draws the filter's cumulative distribution."""
+"""Pixel filters: the pixels across an edge between light and dark show the filter's cumulative distribution."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ def blackman_harris(x):
 
 
 def share(pixel_filter, distance):
-    """How much of a filter lies beyond a vertical edge `distance` pixels to the right of its center."""
+    """The share of a filter to the right of a vertical edge, which is `distance` pixels to the right of its center."""
     if pixel_filter == "box":
         return min(max(0.5 - distance, 0.0), 1.0)
-    if pixel_filter == "gaussian":  # round, cut off at 4 standard deviations of half a pixel
+    if pixel_filter == "gaussian":  # radial; its standard deviation is half a pixel, its radius 4 of them
         radial = lambda r: r * math.exp(-2 * r * r) * 2 * math.acos(min(max(distance / r, -1), 1))  # noqa: E731
         inside = integrate.quad(radial, 0, 2, points=[min(max(abs(distance), 1e-9), 2)])[0]
         return inside / (2 * math.pi * integrate.quad(lambda r: r * math.exp(-2 * r * r), 0, 2)[0])
@@ -37,9 +37,9 @@ def share(pixel_filter, distance):
 
 @pytest.mark.parametrize("pixel_filter", ["box", "gaussian", "blackman_harris"])
 def test_an_edge_draws_the_filter(device, pixel_filter):
-    """Light fills the picture to the right of 0.3 pixels from the middle."""
+    """The picture is bright to the right of an edge 0.3 pixels right of its center, and black to the left."""
     edge = 0.3
-    pixel = 2 * math.tan(math.radians(15)) / HEIGHT  # at distance 1
+    pixel = 2 * math.tan(math.radians(15)) / HEIGHT  # a pixel's size at distance 1
     bright = shapes.quad((edge * pixel + 5, 0, -1), (5, 0, 0), (0, 5, 0))
     scene = sv.Scene(sv.Instance(mesh=bright, material=lamp(1.0)))
     camera = sv.Camera(vertical_fov=math.radians(30))

@@ -1,4 +1,4 @@
-"""One seed, one picture: whole frames bit by bit, whatever the order of threads and the number of barriers."""
+"""The seed determines whole frames bit by bit, for any order of threads and any number of barriers."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ SCENES = {"cornell_box": {}, "many_lights": {"box_count": 300, "sphere_count": 4
 
 
 def take(device, name, seed=3):
-    """Outputs of the frames of a new renderer, and of some after a reset."""
+    """The outputs of FRAMES frames of a new renderer and of 3 frames after a reset."""
     scene = sv.builtin(name, **SCENES[name])
-    # The map as large as in use: keys that find no place are those that come last, which hangs on the order of threads.
+    # The map has its default size: in an overfull map, the order of threads decides which keys find no entry.
     with make_renderer(device, scene, seed=seed, world_cache_cells=1 << 20) as renderer:
         frames = [snapshot(renderer.render(scene.camera)) for _ in range(FRAMES)]
         assert renderer["world_cache/insert_failures"] == 0
@@ -23,11 +23,11 @@ def take(device, name, seed=3):
         return frames + [snapshot(renderer.render(scene.camera)) for _ in range(3)]
 
 
-# Slow: a third scene takes as long as both others.
+# The third scene takes as long as the other two, so only the slow profile runs it.
 @pytest.mark.parametrize("name", ["cornell_box", "many_lights", pytest.param("sphere_grid", marks=pytest.mark.slow)])
 def test_one_seed_gives_the_same_bits(device, name, monkeypatch):
-    """Of every output: in two new renderers, after a reset, and with a barrier before every pass. The fixture `device`
-    sees to it that validation and synchronization validation have nothing to say in any of them."""
+    """Every output has the same bits in another new renderer and with a barrier before every pass, also after a reset.
+    The fixture `device` checks that validation and synchronization validation report nothing."""
     first = take(device, name)
     for barriers in ("", "all"):
         monkeypatch.setenv("SOLARI_VK_BARRIERS", barriers)

@@ -1,4 +1,4 @@
-"""Whatever the scene and the settings: every frame is finite, and no light is negative."""
+"""With random scenes and settings, every frame is finite and no radiance is negative."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ def check(renderer, frame, what):
 
 
 def run(device, numbers, **built_in):
-    """Combinations of these numbers, in one renderer: after some of them history goes on, and after others it's cut."""
+    """Check one random combination of scene and settings per number, all in one renderer. Two of three combinations
+    start with a reset, the others keep the history."""
     scene = sv.Scene()
     with make_renderer(device, scene, (8, 8), **FEW, **built_in) as renderer:
         for number in numbers:
@@ -50,7 +51,7 @@ def test_frames_are_finite(device):
     run(device, range(QUICK_COUNT))
 
 
-@pytest.mark.slow  # minutes: builds the pipelines of every way to make them
+@pytest.mark.slow  # takes minutes: each way to build a renderer compiles its own pipelines
 @pytest.mark.parametrize("built_in", [{"gbuffer": "traced"}, {"occlusion_culling": False},
                                       {"layering": "fresnel_product", "frustum_culling": False},
                                       {"lambert": True, "gbuffer": "traced"}], ids=str)  # fmt: skip
@@ -58,6 +59,6 @@ def test_frames_are_finite_however_they_are_built(device, built_in):
     run(device, range(COUNT, COUNT + 50), **built_in)
 
 
-@pytest.mark.slow  # minutes: the rest of a thousand combinations
+@pytest.mark.slow  # takes minutes
 def test_a_thousand_combinations_are_finite(device):
     run(device, range(QUICK_COUNT, COUNT))

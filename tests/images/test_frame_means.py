@@ -1,4 +1,4 @@
-"""The whole frame against the path tracer: no light lost, none made, none that leaks; replicated runs (P-REPL)."""
+"""The mean of whole frames against the path tracer, over independent runs: no light is lost, added or leaked."""
 
 from __future__ import annotations
 
@@ -33,19 +33,19 @@ def test_lights_off_in_a_sphere_grid(device):
         hold(frame_checks.measure_lights_off(renderer, scene))
 
 
-@pytest.mark.slow  # noisier paths: minutes each
+@pytest.mark.slow  # takes minutes each: these walls need more paths
 @pytest.mark.parametrize("walls", [name for name in frame_checks.BOXES if name not in frame_checks.QUICK_BOXES])
 def test_energy_is_kept_in_a_closed_glossy_box(device, walls):
     hold(frame_checks.measure_closed_box(device, walls, Effort(16, 24, 96, 256)))
 
 
 def of_ball(frame):
-    """The mean of the pixels that show nothing that glows."""
+    """The mean radiance (3,) of the pixels whose surface doesn't emit."""
     return frame["radiance"][~frame["emission"][..., :3].any(axis=-1)].mean(axis=0)
 
 
-# perceptual roughness and metallic of balls, runs, frames of each, and the bar. Mirrors need no average, for each of
-# their rays has the white sky's radiance. Slow: a minute each.
+# Perceptual roughness and metallic of a ball, the number of runs, the frames of each run, and the bar. Mirrors need few
+# frames, because each of their rays has the white sky's radiance. The others take a minute each and are slow tests.
 BALLS = {
     "mirror": (0.0, 1.0, 4, 8, 1e-3), "smooth metal": (0.1, 1.0, 4, 8, 2e-3), "matte": (1.0, 0.0, 16, 64, 0.03),
     "plastic": (0.4, 0.0, 16, 64, 0.03), "lacquer": (0.0, 0.0, 16, 64, 0.03), "rough metal": (0.8, 1.0, 16, 64, 0.03),
@@ -56,7 +56,7 @@ BALLS = {
     "ball", [pytest.param(name, marks=[pytest.mark.slow] if row[2] > 4 else []) for name, row in BALLS.items()]
 )
 def test_white_furnace(device, ball):
-    """A white ball under a white sky can't be told from it: the frame neither makes light nor loses any."""
+    """A white ball has the radiance of the white sky around it: the frame neither adds nor loses light."""
     roughness, metallic, runs, observed, bar = BALLS[ball]
     scene, effort = ball_in_white(roughness, metallic), Effort(runs, 24, observed)
     with make_renderer(device, scene, world_cache_cell_size=4.0) as renderer:
@@ -64,7 +64,7 @@ def test_white_furnace(device, ball):
     hold([measure_mean(WHOLE, found, 1.0, bar, effort)])
 
 
-@pytest.mark.slow  # over a minute of processor time: tens of thousands of cells and three million paths
+@pytest.mark.slow  # takes over a minute of processor time: tens of thousands of cells and three million paths
 @pytest.mark.parametrize("name", ["sphere_grid", "mirror_hall"])
 def test_glossy_scenes(device, name):
     scene, effort = sv.builtin(name), Effort(16, 24, 12)
@@ -74,16 +74,16 @@ def test_glossy_scenes(device, name):
     hold([measure_mean(WHOLE, found, expected, 0.05, effort), measure_tiles(TILES, found, expected, 0.12, effort)])
 
 
-@pytest.mark.slow  # shows what the test above can miss
+@pytest.mark.slow
 def test_undivided_cells_leak(device):
-    """The bars above can be missed."""
+    """A control of conformance's rule about leaks: with undivided cells its measurement fails."""
     (leak,) = world_cache_checks.measure_leak(device, [(0.075, 0, 0.01)], world_cache_leak_prevention="finest")
     assert not leak.holds
 
 
 @pytest.mark.slow  # a million cells, each with two rays a frame
 def test_an_overfull_cache_shows_no_patches(device):
-    """More cells than the largest map of the defaults has: no tile is black, and no light is made."""
+    """With more cells than the default map holds, no tile loses its light, and no light is added."""
     scene, size = cornell_box(), (64, 64)
     expected = trace_reflected(device, scene, 256, size)
     cells = sv.Settings().world_cache_cells

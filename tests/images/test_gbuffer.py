@@ -1,5 +1,5 @@
-"""The G-buffer: what is packed is what the scene says; which instances are drawn, which rows have a past; and rays that
-leave its surfaces."""
+"""The G-buffer: its values are the scene's, the right instances are drawn, rows of new instances have no history, and
+rays leave its surfaces."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def renderer_of(device, scene, size=SIZE, **settings):
 
 
 def take(device, scene, camera=None, size=SIZE, **settings):
-    """The decoded values of one frame."""
+    """The decoded values of the G-buffer of one frame, and its jitter."""
     with renderer_of(device, scene, size, **settings) as renderer:
         return gbuffer.decode(renderer.render(camera or scene.camera)) | {"jitter": get_jitter(renderer)}
 
@@ -43,7 +43,7 @@ def take(device, scene, camera=None, size=SIZE, **settings):
 
 @pytest.mark.parametrize("name", ["closed_box", "many_lights", "mirror_hall", "thin_wall"])
 def test_raster_equals_rays(device, name):
-    """Conformance shows it for other scenes."""
+    """The raster and the traced G-buffer agree; the conformance suite proves it for further scenes."""
     hold(gbuffer_checks.measure_raster(device, gbuffer_checks.make_scene(name)))
 
 
@@ -63,7 +63,7 @@ def test_sizes(device, size):
 
 
 def test_raster_draws_its_own_mesh(device):
-    """Rays meet the mesh that is given for rays, pixels show the other one."""
+    """The raster G-buffer shows an instance's mesh, while rays hit its ray_mesh."""
     proxied, plain = material_zoo(), material_zoo()
     for instance in proxied.instances:
         instance.ray_mesh = shapes.box((-0.1, -0.1, -0.1), (0.1, 0.1, 0.1))
@@ -76,7 +76,7 @@ def test_raster_draws_its_own_mesh(device):
 
 @pytest.mark.parametrize("way", ["raster", "traced"])
 def test_values_are_the_scenes(device, way):
-    """A quad that fills the picture, seen at a slant: everything follows from the scene in closed form."""
+    """All values of a slanted quad that fills the picture are compared with closed forms."""
     material = sv.Material(
         base_color=(0.9, 0.05, 0.4), metallic=0.75, perceptual_roughness=0.3, reflectance=0.6, emissive=(7, 0.5, 100)
     )
@@ -109,7 +109,7 @@ def test_an_empty_scene_has_no_surfaces(device, way):
 
 
 def test_near_plane_cuts(device):
-    """Neither raster nor rays show what is nearer than the near plane."""
+    """Neither raster nor rays show surfaces in front of the near plane."""
     scene = sv.Scene(sv.Instance(mesh=shapes.sphere(1.0, 24), material=matte(0.5)))
     scene.add(sv.Instance(mesh=shapes.box((-4, -4, -4), (4, 4, 4), inward=True), material=matte(0.2)))
     scene.add(sv.Camera.look_at((0, 0, 1.5), (0, 0, 0), near=0.6, vertical_fov=math.radians(90)))
@@ -123,7 +123,8 @@ def test_near_plane_cuts(device):
 
 
 def check_counts(device):
-    """A wall in front of a row of boxes: one box is seen, those behind the wall and those beside the view are not."""
+    """One box stands in front of a wall, others behind the wall and outside the view. Compares the counts of drawn,
+    occluded and culled instances while the camera turns away and back, and without occlusion culling."""
     wall = sv.Instance(mesh=shapes.quad((0, 0, 0), (9, 0, 0), (0, 9, 0)), material=matte(0.5), name="wall")
     scene = sv.Scene(wall)
     for at in ((0, 0, 2), *((x, 0.3, -4 - x) for x in range(-2, 3)), (30, 0, 0), (0, 0, 30)):
@@ -153,7 +154,7 @@ def test_counts(device):
 
 
 def check_rows(device):
-    """An instance that takes the row of a removed one has no previous frame: it counts as having stood still."""
+    """An instance that takes the row of a removed one has no previous transform, so that its motion is 0."""
     mesh, material = shapes.box(), matte(0.5)
     first = sv.Instance(mesh=mesh, material=material, transform=place(1.0, (-1, 0, 0)))
     scene, camera = sv.Scene(first), sv.Camera.look_at((0, 0, 5), (0, 0, 0))
@@ -172,7 +173,7 @@ def check_rows(device):
         assert (found["motion"] == 0).all()
         assert found["instance"][32, 66] == 0
         assert found["instance"][32, 30] == NO_INDEX
-        for y in range(-9, 9):  # more than there are rows
+        for y in range(-9, 9):  # more instances than the tables have rows, so that the tables grow
             scene.add(sv.Instance(mesh=mesh, material=material, transform=place(0.1, (0, y, 0))))
         found = render()
         assert len(np.unique(found["instance"])) > 3
@@ -213,7 +214,7 @@ void main() {
 
 
 class LeavingRays(PartialRenderer):
-    """The G-buffer, and rays from each pixel's surface."""
+    """Renders the G-buffer, then traces rays from the surface of each pixel."""
 
     def _stages(self, size):
         leave = Pass("test/leave", threads=size)
@@ -222,14 +223,15 @@ class LeavingRays(PartialRenderer):
 
 @pytest.fixture
 def leaving(tmp_path, monkeypatch):
-    """Put the shader of LeavingRays among the shaders."""
+    """Add the shader of LeavingRays to the shader sources."""
     (tmp_path / "passes/test").mkdir(parents=True)
     (tmp_path / "passes/test/leave.comp").write_text(LEAVE % RAYS)
     monkeypatch.setattr(compiler, "overlays", [*compiler.overlays, tmp_path])
 
 
 def check_offsets(device, way="raster", scale=1.0):
-    """A tilted square of two triangles, 200 wide, seen from 0.05 away, near the world's origin and far from it."""
+    """No ray that leaves a tilted square hits it again. The square is 200 wide, is seen from 0.05 away, and lies at
+    several distances from the world's origin."""
     normal = np.array((math.sin(0.5) * 0.6, math.cos(0.5), math.sin(0.5) * 0.8))
     u = np.cross(normal, (0, 0, 1))
     u /= np.linalg.norm(u)
@@ -255,7 +257,7 @@ def test_rays_leave_their_surface(device, leaving, way, scale):
 
 # ---- seeded bugs ------------------------------------------------------------------------------------
 
-# Those that conformance notices are in tests/conformance/test_realtime_bugs.py.
+# tests/conformance/test_realtime_bugs.py has the bugs that the conformance suite notices.
 MUTANTS = {
     "snapped points not put back": (
         test_values_are_the_scenes, "pixel.glsl", "cosine < -1e-3 ? t : hit.t", "0.999 * hit.t",

@@ -1,4 +1,4 @@
-"""Guide buffers: of ordinary surfaces as the path tracer sees them, of mirrors as a camera behind them sees."""
+"""Guide images against the path tracer's AOVs and closed forms, and what they hold at mirrors."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from solari_vk.scene.builtin import builtin, matte, rgb
 from solari_vk.scene.model import Camera, Instance, Material, Scene
 
 SIZE = (64, 48)
-PIXEL = 1 / 16  # how far off a motion vector may be
+PIXEL = 1 / 16  # the largest error of a motion vector, in pixels
 MIRROR = Material(base_color=rgb(0.9), metallic=1.0, perceptual_roughness=0.0, name="mirror")
 
 
 @pytest.fixture
 def guides(device):
-    """guides(scene, **settings) -> a renderer of guides alone, closed when the test ends."""
+    """guides(scene, **settings) -> a renderer that computes only guides, closed when the test ends."""
     made = []
 
     def make(scene, **settings):
@@ -36,7 +36,7 @@ def guides(device):
 
 @pytest.mark.parametrize("scene_name", ["cornell_box", "sphere_grid"])
 def test_guides_of_ordinary_surfaces_are_the_path_tracers(guides, device, scene_name):
-    """With replacement off, mirrors too; within what the G-buffer and these formats keep."""
+    """Without primary surface replacement, this includes mirrors. The bounds are the formats' precision."""
     scene = builtin(scene_name)
     frame = guides(scene, primary_surface_replacement=False).render(scene.camera)
     tracer = sv.PathTracer(device, scene, SIZE)
@@ -59,7 +59,7 @@ def test_guides_of_ordinary_surfaces_are_the_path_tracers(guides, device, scene_
 
 
 def test_specular_albedo_is_the_directional_albedo(guides):
-    """A white metal's is 1 at every angle and roughness, a smooth dielectric's is Fresnel's (Schlick)."""
+    """It is 1 for a white metal at every angle and roughness, and Schlick's Fresnel term for a smooth dielectric."""
     scene = Scene()
     camera = Camera.look_at((0, 1.0, 4), (0, 0, 0), vertical_fov=0.6)
     for column in range(4):
@@ -87,7 +87,7 @@ def test_specular_albedo_is_the_directional_albedo(guides):
 
 
 def test_an_empty_sky_in_a_mirror_turns_with_the_camera(guides):
-    """What is infinitely far moves when the camera turns, not when the camera moves; it has no depth and no albedo."""
+    """The reflected sky moves when the camera turns, not when the camera moves; it has no depth and no albedo."""
     scene = Scene(Instance(mesh=shapes.quad((0, 0, 0), (2, 0, 0), (0, 2, 0)), material=MIRROR))
     renderer = guides(scene)
     near = Camera.look_at((0, 0, 2), (0, 0, 0), vertical_fov=0.9)

@@ -1,7 +1,7 @@
-"""A kind of light needs a row of LIGHT_KINDS, a class and a GLSL file, and nothing else.
+"""A new kind of light needs only a row of LIGHT_KINDS, a class and a GLSL file.
 
-Two kinds that the package doesn't have are added here in that way: a point light, which rays never meet, and a sky,
-which rays meet at infinity.
+The tests add two kinds that the package doesn't have: a point light, which rays never hit, and a sky, which rays meet
+at infinity.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from solari_vk.scene.objects import FloatArray, Light, checked
 
 @checked
 class PointLight(Light):
-    """`intensity` in cd, the same in all directions."""
+    """A light at a point; `intensity` in cd is the same in all directions."""
 
     position: FloatArray
     intensity: float
@@ -65,7 +65,7 @@ uint shown_id_point(uint index) { return 1000u + index; }
 
 @checked
 class Sky(Light):
-    """`radiance` in cd/m^2, the same from all directions."""
+    """Light from all directions; `radiance` is in cd/m^2."""
 
     radiance: float
     name: str = ""
@@ -127,19 +127,19 @@ def scene(tmp_path, monkeypatch):
 
 
 def assert_lit(radiance):
-    """Illuminance of the three lights on the floor below the point light, reflected."""
+    """Require the radiance that the floor reflects of all three lights, below the point light."""
     expected = ALBEDO / np.pi * (INTENSITY / HEIGHT**2 + np.pi * RADIANCE + 1.0)
     assert radiance.mean() == pytest.approx(expected, rel=0.01)
 
 
 @pytest.mark.parametrize("strategy", ["mis", "nee"])
-def test_the_path_tracer_takes_up_two_new_kinds(device, scene, strategy):
+def test_the_path_tracer_renders_two_new_kinds(device, scene, strategy):
     with sv.PathTracer(device, scene, SIZE, max_bounces=1, light_strategy=strategy, lambert=True) as tracer:
         assert_lit(tracer.render(scene.camera, samples=64)["radiance"])
     scene.remove(scene.lights[-1])
 
 
-def test_restir_di_takes_up_two_new_kinds(device, scene):
+def test_restir_di_renders_two_new_kinds(device, scene):
     with direct_renderer(device, scene, SIZE, di_temporal=False, di_spatial=False) as renderer:
         frames = [direct_light(renderer.render(scene.camera)) for _ in range(32)]
         kinds = renderer["light_tiles"]["kind_and_data"] & 0xFF

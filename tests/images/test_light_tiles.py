@@ -1,4 +1,4 @@
-"""Light tiles against numpy: what their samples resolve to. solari_vk.conformance.light_tile_checks proves the rest."""
+"""Light tiles: their resolved samples against numpy. solari_vk.conformance.light_tile_checks proves the rest."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def random_numbers(seeds):
 
 
 class World:
-    """Emissive meshes, one double-sided and one mirrored, and a sun. `emissive` are in the order of the lights."""
+    """A scene of emissive meshes, one double-sided, one mirrored, and a sun. `emissive` has the order of the lights."""
 
     def __init__(self):
         soup = sv.Mesh(positions=RNG.normal(size=(21, 3)), indices=np.arange(21).reshape(-1, 3))
@@ -49,7 +49,7 @@ class World:
         return len(self.emissive) + 1
 
     def resolve(self, samples):
-        """Position or direction, normal, radiance and inverse pdf of samples of the lights, in float64."""
+        """Position (or direction to the sun), normal, radiance and inverse pdf of light samples, in float64."""
         count = len(samples)
         position, normal, radiance = (np.zeros((count, 3)) for _ in range(3))
         inverse_pdf = np.zeros(count)
@@ -82,7 +82,7 @@ def world():
 
 @pytest.fixture
 def tiled(device, world):
-    """tiled(**settings) returns the samples and the packed samples of a frame, (tiles, samples per tile) each."""
+    """tiled(**settings) -> the samples and the packed samples of a frame, (tiles, samples per tile) each."""
     def render(**settings):
         settings = {"light_tile_count": TILES, "light_tile_samples": SAMPLES} | settings
         with direct_renderer(device, world.scene, (8, 8), **settings) as renderer:
@@ -108,8 +108,8 @@ def test_samples_are_packed_as_they_resolve(world, tiled):
     normal[directional] = -toward
     assert np.linalg.norm(decode_octahedral(packed["world_normal"]) - normal, axis=1).max() < 1e-4
     np.testing.assert_allclose(packed["inverse_pdf"], inverse_pdf, rtol=1e-5)
-    np.testing.assert_array_equal(packed["kind_and_data"] & 0xFF, directional)  # in the order of LIGHT_KINDS
-    np.testing.assert_array_equal(packed["kind_and_data"] >> 8, samples["light_index"] == 1)  # double-sided
+    np.testing.assert_array_equal(packed["kind_and_data"] & 0xFF, directional)  # 0 and 1 are rows of LIGHT_KINDS
+    np.testing.assert_array_equal(packed["kind_and_data"] >> 8, samples["light_index"] == 1)  # light 1 is double-sided
 
     expected = np.log2(1 + radiance * world.scene.camera.exposure)
     assert (np.abs(decode_rgb9e5(packed["radiance"]) - expected) <= step_and_rounding(expected)).all()

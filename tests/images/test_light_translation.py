@@ -13,10 +13,10 @@ from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place
 from solari_vk.scene.constants import NO_INDEX
 
-# of equal luminance, so that each is chosen equally often
+# The colors have equal luminance, so that each lamp is chosen equally often.
 RED, GREEN, BLUE = (9.0 * np.eye(3) / np.array((0.2126, 0.7152, 0.0722))).tolist()
 SIZE, RUNS = (48, 48), 16
-# at this size a radius of 30 pixels would make all pixels share a few samples
+# In a picture this small, the default radius of 30 pixels would make all pixels share a few samples.
 SETTINGS = {"di_spatial_radius": 4.0}
 QUAD = shapes.quad((0, 0, 0), (0.3, 0, 0), (0, 0, 0.3))
 
@@ -39,13 +39,13 @@ def means(renderer, scene, frames):
 
 
 def settled(device, scene):
-    """The mean direct light (3,) of the scene without reuse between frames or pixels."""
+    """The scene's mean direct light (3,), rendered without reuse between frames or pixels."""
     with direct_renderer(device, scene, SIZE, di_temporal=False, di_spatial=False) as renderer:
         return means(renderer, scene, 128).mean(axis=0)
 
 
 def replicate(renderer, run):
-    """The results of run(), called after a reset with each of RUNS seeds."""
+    """Call run() for each of RUNS seeds, after a reset, and return its results."""
     observations = []
     for seed in range(RUNS):
         renderer.seed = seed
@@ -61,7 +61,7 @@ def assert_agree(observations, expected, bar):
 
 
 def check_removal(device, scene):
-    """Removes the first of three lights, whose index the last one takes.
+    """Removes the first of three lights, whose index the third one takes.
 
     The next frame has none of the removed light, and the others' light is neither missing nor doubled.
     """
@@ -82,7 +82,7 @@ def check_removal(device, scene):
 
 
 def check_addition(device, scene):
-    """An added light has its full brightness in its first frames, and the other light keeps its own."""
+    """An added light has its full brightness from its first frame on, and the other light keeps its brightness."""
     scene.add(hang(RED, -1))
     new = hang(GREEN, 1)
     with direct_renderer(device, scene, SIZE, **SETTINGS) as renderer:
@@ -100,7 +100,7 @@ def check_addition(device, scene):
 
 
 def check_changing_places(device, scene):
-    """In every frame one of nine lights is removed and added again; all keep the right brightness."""
+    """Each frame removes one of nine lights and adds it again; all keep the right brightness."""
     lamps = [scene.add(hang(color, 0.5 * i - 2)) for i, color in enumerate((RED, GREEN, BLUE) * 3)]
     with direct_renderer(device, scene, SIZE, **SETTINGS) as renderer:
 

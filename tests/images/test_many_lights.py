@@ -1,4 +1,4 @@
-"""No limit at 65,536: neither for lights nor for the triangles of one."""
+"""There is no limit of 65,536, neither for lights nor for the triangles of a light."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def floor_under(*lamps):
 
 
 def render(device, scene):
-    """Radiance of the floor by light sampling alone, and the standard error of its mean."""
+    """The mean radiance of the floor, rendered with light samples only, and its standard error."""
     with_lights = sv.PathTracer(device, scene, (32, 32), max_bounces=1, lambert=True, light_strategy="nee")
     radiance = with_lights.render(scene.camera, samples=64)["radiance"]
     error = math.sqrt(with_lights["variance"].mean() / radiance[..., 0].size)
@@ -38,7 +38,7 @@ def render(device, scene):
 
 @pytest.fixture(scope="module")
 def expected(device):
-    """The same square light as two triangles."""
+    """The floor's radiance under a square light of only two triangles."""
     mesh = sv.Mesh(positions=grid_of_triangles(1, 1.0)[0], indices=grid_of_triangles(1, 1.0)[1])
     return render(device, floor_under(sv.Instance(mesh=mesh, material=lamp(3.0))))
 
@@ -53,7 +53,7 @@ def test_a_light_of_many_triangles(device, expected):
 
 
 def test_many_lights(device, expected):
-    """Seventy thousand instances, each a light of its own, tile the same square; the last ones count as the first."""
+    """Seventy thousand instances, each a light, tile the same square. A limit on indices would lose the last ones."""
     side = 265
     half = 1 / side
     mesh, material = shapes.quad((0, 0, 0), (half, 0, 0), (0, 0, half)), lamp(3.0)

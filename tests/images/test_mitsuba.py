@@ -1,4 +1,4 @@
-"""The Cornell box against Mitsuba 3, Lambert and with our BRDF written as a Mitsuba BSDF.
+"""The Cornell box against Mitsuba 3, with Lambert surfaces, and with our BRDF written as a Mitsuba BSDF.
 
 The references are stored with their variances and a fingerprint of the scene they show
 (`python -m support.make_references` in tests/ renders them anew). A small live render checks that
@@ -20,7 +20,7 @@ from solari_vk.measure.statistics import compare
 )
 @pytest.mark.parametrize("name", CASES)
 def test_cornell_box_is_mitsubas(picture, name, samples, bar):
-    """Every 16x16 tile within statistical error, and the global mean's 95 % interval within the bar."""
+    """Each 16x16 tile differs by no more than statistical error; the mean's 95 % interval is within the bar."""
     scene, lambert = CASES[name]()
     reference = load(name)
     assert reference["fingerprint"] == fingerprint(scene), "the scene changed: python -m support.make_references"

@@ -1,4 +1,4 @@
-"""Seeded bugs: each is put into a copy of the shaders, and the proof that should notice it must fail."""
+"""Seeded bugs in copies of the path tracer's shaders: the test that should notice a bug must fail."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def closed_surface(picture, tracer):
 
 
 def baked_instances(picture, tracer):
-    estimators.test_instances_are_as_their_baked_meshes(picture, tracer)
+    estimators.test_instances_equal_their_baked_meshes(picture, tracer)
 
 
 def embree(picture, tracer):

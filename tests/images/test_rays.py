@@ -1,4 +1,4 @@
-"""Who is seen where: camera rays against Embree, and closed surfaces that nothing gets out of."""
+"""Camera rays against Embree's, and closed surfaces that no ray leaves or enters."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SIZE = 192
 
 
 def jumble():
-    """Spheres and boxes turned, mirrored, scaled and sheared, through each other."""
+    """Spheres and boxes that intersect each other, with random rotations, mirrorings, scales and shears."""
     random = np.random.default_rng(11)
     scene = sv.Scene()
     for i in range(60):
@@ -36,7 +36,7 @@ SCENES = {
 
 
 def cameras_in(scene, count, seed):
-    """Cameras around and inside the scene's bounds."""
+    """Random cameras inside the scene's bounds and around them."""
     random = np.random.default_rng(seed)
     low, high = scene.bounds
     for _ in range(count):
@@ -47,10 +47,11 @@ def cameras_in(scene, count, seed):
 
 @pytest.mark.parametrize("name", SCENES)
 def test_camera_rays_hit_what_embree_hits(tracer, name):
-    """1e5 rays in all; a difference counts unless it is within 1e-4 of the extent of an edge, or equally far."""
+    """The instances and distances of 1e5 rays are Embree's. Rays may differ that hit two surfaces at equal distance, or
+    hit near an edge, within 1e-4 of the scene's extent."""
     scene = SCENES[name]()
     for instance in scene:
-        instance.material.update(double_sided=True)  # Embree knows no culling
+        instance.material.update(double_sided=True)  # the Embree rays aren't culled
     world = rays.World(scene)
     low, high = scene.bounds
     extent = float(np.linalg.norm(high - low))
@@ -73,7 +74,7 @@ def test_camera_rays_hit_what_embree_hits(tracer, name):
         points = origins + np.where(hit, distance, 0)[:, None] * directions
         near_edge = np.zeros(len(hits), bool)
         near_edge[hit] = rays.edge_distance(world.corners[hits[hit]], points[hit]) < 1e-4 * extent
-        # Two surfaces in one place: either is right.
+        # Where two surfaces coincide, either is right.
         coincident = both & (np.abs(found - distance) <= 1e-6 * (extent + distance))
         wrong += int((differs & ~near_edge & ~coincident).sum())
         total += len(hits)
@@ -89,18 +90,19 @@ def test_camera_rays_hit_what_embree_hits(tracer, name):
 
 
 def blob(bumps):
-    """A closed ball seen from inside, of long, thin and tiny triangles, whose vertices stand in and out by a part."""
+    """A closed ball whose fronts face inward, with long, thin and tiny triangles. Vertices are moved in and out by at
+    most `bumps` times the radius."""
     mesh = shapes.sphere(1.0, 48)
     random = np.random.default_rng(2)
     _, same = np.unique(mesh.positions, axis=0, return_inverse=True)
-    # Less towards the poles, where triangles are small and bumps would be spikes.
+    # Bumps are lower towards the poles, where triangles are small and bumps would become spikes.
     height = bumps * np.hypot(mesh.positions[:, 0], mesh.positions[:, 2])
     radius = 1 + height * random.uniform(-1, 1, same.max() + 1)[same.reshape(-1)]
     return sv.Mesh(positions=mesh.positions * radius[:, None], indices=mesh.triangles[:, ::-1])
 
 
 def all_around_suns():
-    """Two suns whose disks cover the whole sphere: whatever escapes is seen as bright."""
+    """Two suns whose disks cover all directions, so that each ray that meets no surface is bright."""
     for direction in ((0.3, 1, 0.2), (-0.3, -1, -0.2)):
         yield sv.DirectionalLight(direction=direction, illuminance=1e6, angular_diameter=math.pi)
 
@@ -116,7 +118,7 @@ PLACES = {
 
 
 def inside(mesh, transform):
-    """A white closed surface with suns all around outside, and a camera in its middle."""
+    """A white closed surface with a camera at its center, and suns in all directions around it."""
     scene = sv.Scene(sv.Instance(mesh=mesh, material=matte(1.0), transform=transform), *all_around_suns())
     camera_transform = np.eye(4)
     camera_transform[:3, 3] = transform[:3, 3]
@@ -126,10 +128,10 @@ def inside(mesh, transform):
 
 @pytest.mark.parametrize("where", PLACES)
 def test_nothing_escapes_from_a_closed_surface(tracer, where):
-    """One bounced ray through an edge, or one shadow ray through the wall, would be light.
+    """A single bounced ray through an edge, or a shadow ray through the wall, would give light.
 
-    The bumps are gentle: in a crease sharper than a right angle an origin moved off one side comes to lie
-    beyond the other, for any renderer that moves origins.
+    The bumps are low: in a crease sharper than a right angle, an origin that is moved off one side can pass through the
+    other. That limits every renderer that moves origins.
     """
     scene = inside(blob(0.03), PLACES[where])
     renderer = tracer(scene, (64, 64), max_bounces=4, lambert=True)
@@ -140,14 +142,14 @@ def test_nothing_escapes_from_a_closed_surface(tracer, where):
 
 @pytest.mark.parametrize("where", PLACES)
 def test_camera_rays_find_no_gap_between_spikes(tracer, where):
-    """A ray through a gap would see a sun: 1e6 rays at edges of all kinds."""
+    """Of 1e6 rays at edges of all kinds, none passes through a gap, where it would see a sun."""
     scene = inside(blob(0.3), PLACES[where])
     renderer = tracer(scene, (256, 256), max_bounces=0, lambert=True)
     assert (renderer.render(scene.camera, samples=16)["radiance"] == 0).all()
 
 
 def test_suns_are_seen_outside(tracer):
-    """The test above would fail with light: without the surface everything is bright."""
+    """A control of the tests above: without the surface, everything is bright."""
     renderer = tracer(sv.Scene(*all_around_suns()), (16, 16), max_bounces=0)
     assert (renderer.render(sv.Camera(), samples=1)["radiance"] > 0).all()
 
@@ -159,15 +161,15 @@ def test_thin_wall_keeps_its_dark_side_black(tracer):
     x = renderer["position"][..., 0]
     wall = renderer["instance_id"] == 1
     room = (renderer["instance_id"] == 0) | wall
-    # Away from the wall's own pixels, whose samples fall on both of its sides.
+    # Excludes the pixels at the wall itself, whose samples fall on both sides of it.
     dark, lit = room & (x > 0.1), room & (x < -0.1)
     assert dark.sum() > 500
     assert (radiance[dark] == 0).all()
     assert np.median(radiance[lit]) > 0.1
 
 
-def test_culling_of_camera_rays_and_only_of_those(tracer):
-    """A single-sided wall with its back to the camera is looked through, but stops light and shows in mirrors."""
+def test_backs_are_culled_for_camera_rays_only(tracer):
+    """The camera sees through the back of a single-sided wall, but that back still stops the sun's light."""
     wall = sv.Instance(mesh=shapes.quad((0, 0, -2), (-9, 0, 0), (0, 9, 0)), material=matte(0.8), name="wall")
     back = sv.Instance(mesh=shapes.quad((0, 0, -4), (9, 0, 0), (0, 9, 0)), material=matte(0.8), name="back")
     lamp = sv.DirectionalLight(direction=(0, 0, -1), illuminance=100)

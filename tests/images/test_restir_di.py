@@ -1,4 +1,4 @@
-"""ReSTIR DI against the path tracer: options that change no mean, older behaviors that do, and what frames keep."""
+"""ReSTIR DI against the path tracer: options that don't change the mean, behaviors of Solari that do, and history."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from solari_vk.scene.builtin import cornell_box, lamp, many_lights, matte
 from solari_vk.scene.constants import NO_INDEX
 
 SIDE = 48
-CENTERS = {"gbuffer": "traced", "jitter": False}  # samples at the pixels' centers, as the path tracer's below
-# Less reuse than by default, so that few frames tell: frames are less alike, and what is biased is no less so.
+CENTERS = {"gbuffer": "traced", "jitter": False}  # samples lie at pixel centers, as in trace_centers
+# Less reuse than by default: frames are less correlated, so that fewer of them suffice, and a bias would stay as large.
 LITTLE_REUSE = {"di_confidence_cap": 4.0, "di_spatial_radius": 12.0}
 
 
 def trace_centers(device, scene, samples):
-    """The path tracer's direct light, with all samples at the pixels' centers: without the noise of edges."""
+    """The path tracer's direct light, with all samples at pixel centers, so that edges add no noise."""
     with mock.patch.dict(pathtracer.PIXEL_FILTERS, box=0.0):
         one, none = (trace(device, scene, samples, (SIDE, SIDE), max_bounces=count) for count in (1, 0))
     return one - none
@@ -41,7 +41,7 @@ def trace_centers(device, scene, samples):
 
 @pytest.fixture(scope="module")
 def cornell(device):
-    """The scene, its direct light, and the part of the lamp that each pixel sees."""
+    """The Cornell box, its direct light, and the share of the lamp that each pixel sees."""
     scene = cornell_box()
     return scene, trace_centers(device, scene, 1024), find_lit_share(device, scene, SIDE)
 
@@ -51,7 +51,7 @@ def renderer_of(device, scene, size=(SIDE, SIDE), **settings):
 
 
 def observe(device, scene, observed=16, **settings):
-    """The mean over the last frames of 16 independent runs (16, SIDE, SIDE, 3)."""
+    """The mean of the last `observed` frames in each of 16 independent runs, (16, SIDE, SIDE, 3)."""
     return observe_direct(device, scene, SIDE, Effort(16, 24, observed), **(CENTERS | settings))
 
 
@@ -61,17 +61,18 @@ def assert_within(observations, truth, bar, what=""):
 
 
 def test_no_sixteenth_of_a_cornell_box_differs(device, cornell):
-    """The means, in light, penumbra and shadow, are proved by conformance."""
+    """No tile of 4 x 4 differs from the path tracer. The conformance suite proves the means in light, penumbra and
+    shadow."""
     scene, truth, _ = cornell
     assert replicates(sixteenths(observe(device, scene, 48)), sixteenths(truth), 0.01) == (0, True)
 
 
-@pytest.mark.slow  # two thousand frames
+@pytest.mark.slow  # takes two thousand frames
 def test_full_profile(device):
     hold(measure_direct(device, FULL))
 
 
-# Behaviors of Solari and bounds of the relative error that each has in the Cornell box, all of it and its penumbra.
+# Behaviors of Solari, and between which bounds their relative error lies in the whole Cornell box and in its penumbra.
 BIASED = {
     "initial visibility": ({"di_initial_visibility": True}, (), (-0.10, -0.03), (-0.35, -0.12)),
     "order of 0.17": ({"di_initial_visibility": True}, VISIBILITY_FED_FORWARD, (-0.35, -0.05), (-0.80, -0.25)),
@@ -81,7 +82,8 @@ BIASED = {
 
 @pytest.mark.parametrize("name", BIASED)
 def test_solaris_behaviors_are_biased(device, cornell, name):
-    """The shadows of 0.17 grow halos, and so do those of candidates that are tested before they are reused."""
+    """Each behavior loses light, most of it in penumbras: testing the visibility of samples before they are merged, and
+    merge weights that ignore the target functions."""
     settings, patches, everywhere, in_penumbra = BIASED[name]
     scene, truth, share = cornell
     with patched_shaders(*patches):
@@ -97,14 +99,14 @@ def test_solaris_behaviors_are_biased(device, cornell, name):
     {"di_temporal": False}, {"di_spatial": False}, {"permutation_sampling": False},
     {"spatial_radius_halving": False}, {"jitter": True},
 ], ids=lambda settings: next(iter(settings)))  # fmt: skip
-def test_no_option_but_those_changes_the_mean(device, cornell, settings):
+def test_other_options_do_not_change_the_mean(device, cornell, settings):
     scene, truth, _ = cornell
-    bar = 0.02 if "jitter" in settings else 0.01  # the reference's samples lie at the pixels' centers
+    bar = 0.02 if "jitter" in settings else 0.01  # the reference has no jitter
     assert_within(observe(device, scene, 8, **(LITTLE_REUSE | settings)), truth, bar)
 
 
 def mixed_scene():
-    """A gloss floor under a wide sun of one color and lamps of others, one of them seen from behind."""
+    """A glossy floor under a wide sun and lamps of different colors, one of them double-sided."""
     glossy = sv.Material(base_color=(0.5, 0.3, 0.7), perceptual_roughness=0.6, metallic=0.4)
     scene = sv.Scene(
         sv.Instance(mesh=shapes.quad((0, 0, 0), (0, 0, 3), (3, 0, 0)), material=glossy),
@@ -120,7 +122,7 @@ def mixed_scene():
 
 
 def test_suns_and_lamps_on_a_glossy_floor(device):
-    """Each channel for itself, with both lobes."""
+    """Direct light of both lobes is unbiased in each color channel."""
     scene = mixed_scene()
     truth = trace_centers(device, scene, 4096)
     observations = observe(device, scene, 96, light_tile_count=128, di_candidates=32, **LITTLE_REUSE)
@@ -130,7 +132,7 @@ def test_suns_and_lamps_on_a_glossy_floor(device):
 
 
 def test_highlights_choose_their_lights(device):
-    """With the BRDF in the target, polished metal under small lamps is far less noisy than as if it were matte."""
+    """On polished metal under small lamps, a target with the whole BRDF has far less noise than the diffuse target."""
     scene = mixed_scene()
     next(iter(scene)).material.update(perceptual_roughness=0.3, metallic=1.0)
     noise = {}
@@ -144,7 +146,7 @@ def test_highlights_choose_their_lights(device):
     assert noise["brdf"] < 0.5 * noise["matte"]
 
 
-@pytest.mark.slow  # 441 lamps: what is close to one is found so seldom that thousands of frames tell 1 %
+@pytest.mark.slow  # close to one of 441 lamps, that lamp is sampled so seldom that 1 % takes thousands of frames
 def test_many_lights(device):
     scene = many_lights()
     truth = trace_centers(device, scene, 4096)
@@ -166,7 +168,7 @@ def test_smooth_surfaces_leave_their_specular_light_to_rays(device):
     assert rough > 0
 
 
-def test_switched_off_it_leaves_nothing(device):
+def test_switched_off_it_outputs_nothing(device):
     scene = cornell_box()
     with renderer_of(device, scene) as renderer:
         renderer.render(scene.camera)
@@ -178,7 +180,7 @@ def test_switched_off_it_leaves_nothing(device):
         assert (frame["di_outcomes"] == (NO_INDEX, 0)).all()
 
 
-def test_confidence_is_capped_and_begins_anew(device):
+def test_confidence_is_capped_and_reset(device):
     scene = cornell_box()
     with renderer_of(device, scene, di_confidence_cap=6.0, di_spatial=False) as renderer:
         for _ in range(10):

@@ -1,4 +1,4 @@
-"""ReSTIR GI by itself: without the world cache it is one indirect bounce, which the path tracer knows exactly."""
+"""ReSTIR GI without the world cache: one indirect bounce, which the path tracer can render alone."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ BRIEF = Effort(16, 24, 16)
 
 
 def renderer_of(device, scene, **settings):
-    """A renderer of indirect light alone, of one bounce."""
+    """A renderer that computes only one bounce of indirect light."""
     return make_renderer(
         device, scene, passes=SPECULAR, world_cache=False, di=False, specular=False, gbuffer="traced", **settings
     )
@@ -48,14 +48,15 @@ def test_visibility_as_in_solari_loses_light(device, cornell):
 
 
 @pytest.mark.parametrize(("temporal", "spatial"), [(False, False), (True, False), (False, True)])
-def test_each_reuse_alone_is_the_path_tracers(device, cornell, temporal, spatial):
+def test_each_reuse_alone_is_unbiased(device, cornell, temporal, spatial):
     scene, expected = cornell
     found = observe_indirect(device, scene, BRIEF, gi_temporal=temporal, gi_spatial=spatial)
     hold([measure_mean(INDIRECT, found, expected, 0.04, BRIEF), measure_significance(SIXTEENTHS, found, expected)])
 
 
-def test_skipping_smooth_metals_leaves_no_trace(device):
-    scene = closed_box()  # no wall's plane meets the sphere, so that no wall reuses its samples
+def test_skipping_smooth_metals_changes_no_light(device):
+    # The sphere touches no wall's plane. So its pixels and the walls' are never similar, and share no samples.
+    scene = closed_box()
     metal = Material(base_color=(0.9, 0.6, 0.3), metallic=1.0, perceptual_roughness=0.2)
     scene.add(Instance(mesh=sphere(), material=metal, transform=place(0.3, at=(-0.2, -0.1, -0.3))))
     found, confidence = [], []
@@ -71,7 +72,7 @@ def test_skipping_smooth_metals_leaves_no_trace(device):
     assert np.array_equal(*found)
 
 
-def test_confidence_grows_to_its_cap_and_starts_anew(device):
+def test_confidence_grows_to_its_cap_and_is_reset(device):
     scene = cornell_box()
     with renderer_of(device, scene, gi_spatial=False, gi_confidence_cap=5.0) as renderer:
         for count in range(1, 10):
@@ -81,7 +82,7 @@ def test_confidence_grows_to_its_cap_and_starts_anew(device):
         assert set(np.unique(renderer.render(scene.camera)["gi_reservoirs"]["confidence_weight"])) <= {0, 1}
 
 
-def test_off_is_nothing_at_all(device):
+def test_switched_off_it_outputs_nothing(device):
     scene = cornell_box()
     with renderer_of(device, scene) as renderer:
         renderer.render(scene.camera)

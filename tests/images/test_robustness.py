@@ -1,4 +1,4 @@
-"""Determinism, restarts, calibrated variance, and finite pictures of broken or extreme scenes."""
+"""The path tracer's determinism, restarts after edits, variance estimate, and finite pictures of broken scenes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_seed_decides_the_picture(tracer):
 
 
 def test_different_frames_and_pixels_are_independent(tracer):
-    """Noise of neighbors, and of seeds next to each other, is uncorrelated."""
+    """The noise of neighboring pixels is uncorrelated, and so is that of successive seeds."""
     scene = builtin("closed_box")
     noise = [fresh(tracer, scene, 1, (64, 64), seed=s, max_bounces=2)[..., 0].astype(np.float64) for s in (1, 2, 3)]
     noise = [n - n.mean() for n in noise]
@@ -82,7 +82,7 @@ EDITS = [
 
 @pytest.mark.parametrize("edit", EDITS, ids=lambda edit: edit.__name__)
 def test_edits_restart_the_picture(tracer, edit):
-    """After an edit the picture is exactly that of a new renderer, with nothing of the old scene left."""
+    """After an edit, the picture equals that of a new renderer bit by bit."""
     scene = cornell_box()
     renderer = tracer(scene, (32, 32), seed=3)
     before = renderer.render(scene.camera, samples=3)["radiance"].copy()
@@ -93,7 +93,7 @@ def test_edits_restart_the_picture(tracer, edit):
 
 
 def test_variance_is_calibrated(picture, tracer):
-    """The estimated variance of the pixel mean is that of independent parts, over light, shadow and lamp."""
+    """The estimated variance of pixel means agrees with that over independent runs, in three parts of the picture."""
     scene, settings = cornell_box(), {"seed": 5, "max_bounces": 3}
     made = picture(scene, (32, 32), 24 * 16, runs=24, **settings)
     renderer = tracer(scene, (32, 32), **settings)
@@ -123,7 +123,7 @@ def all_finite(tracer, scene, camera=None, samples=8, **settings):
 
 
 def test_degenerate_triangles_are_harmless(tracer):
-    """Points, lines and slivers in a mesh change nothing; as lights they give nothing."""
+    """Meshes of points, lines and slivers don't change the picture, and give no light when they are emissive."""
     plain = cornell_box()
     broken = cornell_box()
     random = np.random.default_rng(1)
@@ -181,7 +181,7 @@ def test_extreme_lights_and_no_lights(tracer):
 
 
 def test_camera_in_odd_places(tracer):
-    """On a wall, in a lamp's plane, within a block, and far away."""
+    """Pictures are finite from a wall's surface, a lamp's plane, the inside of a block, and far away."""
     scene = cornell_box()
     for eye in ((1.0, 0.0, 1.0), (1.0, 2.0, 1.0), (0.65, 0.3, 0.6), (1e5, 1e5, -1e5)):
         camera = sv.Camera.look_at(eye, (1.0, 0.9, 1.1))

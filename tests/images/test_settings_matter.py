@@ -13,7 +13,7 @@ from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES
 SIZE = (24, 24)
 OUTPUTS = (*PARTS, "guides_normal_roughness")
 FEW = {"light_tile_count": 4, "light_tile_samples": 64, "world_cache_cells": 1 << 14}
-# Values that matter within a few small frames. Other numbers are halved, and choices and switches take another value.
+# Values that change a few small frames. All other numbers are halved, and choices and switches take another value.
 OTHER = {
     "world_cache_change_exponent": 0.01, "world_cache_change_smoothing": 1.0,
     "pure_metal": 0.2, "similarity_normal_cosine": 0.99, "spatial_tries": 1,
@@ -35,7 +35,7 @@ def scene_of_everything():
 
 
 def results(renderer, scene):
-    """The outputs of a few frames, in the midst of which the lamp changes and the wall moves."""
+    """The outputs of the last of six frames, after the lamp has changed and the wall has moved."""
     lamp = next(item for item in scene if item.material.emits)
     wall = next(item for item in scene if item.name == "wall")
     emissive, transform = lamp.material.emissive, wall.transform
@@ -78,7 +78,7 @@ def test_every_live_setting_matters(device):
 
 
 def test_solaris_preset_is_another_frame(device):
-    """All parts of its light are finite and other than by default, though about as bright together."""
+    """Every part of its light is finite and differs from the default frame, and the sum is about as bright."""
     scene = scene_of_everything()
     with make_renderer(device, scene, SIZE, **FEW) as renderer:
         ours = results(renderer, scene)

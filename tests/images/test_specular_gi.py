@@ -1,4 +1,4 @@
-"""Specular GI: mirrors pixel by pixel in closed form, and boxes of metal against the path tracer."""
+"""Specular GI: mirrors against closed forms for each pixel, and boxes of metal against the path tracer."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material, 
 
 # ---- mirrors ----------------------------------------------------------------------------------------
 
-
 GOLD = Material(base_color=rgb((0.9, 0.6, 0.3)), metallic=1.0, perceptual_roughness=0.0, name="gold")
 
 
@@ -25,7 +24,7 @@ def schlick(color, cosine):
 
 
 def glowing_shapes():
-    """Balls and a square that glow in many colors, before a mirror in the plane z = -2."""
+    """Emissive balls and an emissive square in many colors, in front of a mirror in the plane z = -2."""
     random = np.random.default_rng(7)
     scene = Scene(Instance(mesh=shapes.quad((0, 0, -2.0), (9.0, 0, 0), (0, 9.0, 0)), material=GOLD, name="mirror"))
     for at in random.uniform((-3, -2, 2), (3, 2, 5), (12, 3)):
@@ -37,14 +36,15 @@ def glowing_shapes():
 
 
 def test_a_flat_mirror_shows_the_mirrored_cameras_picture(device):
-    """Pixel by pixel what the camera behind the mirror sees, times Fresnel; lights are met directly, and once."""
+    """Each pixel has the emission that the mirrored camera sees, times Fresnel: the mirror's rays find the lights, and
+    DI doesn't add them again."""
     size = (48, 36)
     scene = glowing_shapes()
     camera = Camera.look_at((0.3, -0.3, 1.5), (0.1, 0.1, -2.0), vertical_fov=1.2)
     made, _ = take_frames(device, scene, size, 2, camera=camera, jitter=False, specular_bounces=1)
     left_to_di, _ = take_frames(device, scene, size, 2, camera=camera, jitter=False, specular_bounces=1,
                                 specular_di_roughness=0.0, specular_reuse_roughness=0.0)  # fmt: skip
-    mirrored = np.diag((1, 1, -1, 1)) @ camera.transform @ np.diag((-1, 1, 1, 1))  # turned about: no rotation without
+    mirrored = np.diag((1, 1, -1, 1)) @ camera.transform @ np.diag((-1, 1, 1, 1))  # flipped in x to stay a rotation
     mirrored[2, 3] -= 4.0
     scene.remove(next(instance for instance in scene if instance.name == "mirror"))
     tracer = sv.PathTracer(device, scene, size)
@@ -57,12 +57,13 @@ def test_a_flat_mirror_shows_the_mirrored_cameras_picture(device):
     assert len(np.unique(emissive[..., 0])) > 8
     wrong = ~np.isclose(made, expected, rtol=0.03, atol=0.02).all(axis=-1)
     assert wrong.sum() <= 3, f"{wrong.sum()} pixels differ"
-    assert left_to_di.mean() > 0.9 * made.mean(), "DI never has the lights of mirrors"
+    assert left_to_di.mean() > 0.9 * made.mean(), "DI left no light to the mirror's rays"
 
 
 @pytest.mark.parametrize("mirrors", [1, 2])
 def test_mirrors_show_the_suns_disk(device, mirrors):
-    """A mirror on the floor, and another upright behind it; mirrors don't count as surfaces of a path."""
+    """The sun's disk is seen in a mirror on the floor, and via a second, upright mirror behind it. One bounce suffices,
+    because mirrors don't count as bounces."""
     size = (48, 48)
     scene = Scene(Instance(mesh=shapes.quad((0, 0, 0), (0, 0, 9), (9, 0, 0)), material=GOLD))
     turned = np.array((1, -1, 1))
@@ -85,7 +86,8 @@ def test_mirrors_show_the_suns_disk(device, mirrors):
 
 
 def test_the_mirror_brdf_is_exact_where_clamped_ggx_is_not(device):
-    """A ball in a white furnace: Solari 0.18 gains and loses what rounding leaves of a lobe so narrow."""
+    """A mirror ball in a white furnace. Solari 0.18 computes mirrors as GGX lobes of roughness 0.001, which are so
+    narrow that rounding adds and loses light."""
     size = (48, 48)
     around = Instance(mesh=shapes.box((-9, -9, -9), (9, 9, 9), inward=True), material=lamp(1.0))
     ball = Instance(mesh=shapes.sphere(1.0, 64), material=GOLD)
@@ -95,20 +97,20 @@ def test_the_mirror_brdf_is_exact_where_clamped_ggx_is_not(device):
         clamped, _ = take_frames(device, Scene(around, ball), size, 2, camera=camera, jitter=False)
     directions = camera_rays(camera, *size)[1]
     along = -3.0 * directions[..., 2]
-    apart = np.sqrt(9.0 - along**2)  # of the ray from the ball's middle
+    apart = np.sqrt(9.0 - along**2)  # distance of the ray from the ball's center
     expected = schlick(GOLD.base_color, np.sqrt(1 - apart**2))
     np.testing.assert_allclose(mirror, expected, rtol=0.02)
     ratio = clamped / mirror
-    assert ratio.min() < 0.8, "no black lines to be rid of"
+    assert ratio.min() < 0.8, "clamped GGX has no dark pixels"
     assert ratio.max() > 1.2
 
 
-# ---- energy, and all else ---------------------------------------------------------------------------
+# ---- energy, and settings ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("perceptual_roughness", [0.0, 0.3, 0.7])
 def test_a_glowing_box_of_metal(device, perceptual_roughness):
-    """Walls emit 1 and reflect about half, over many bounces; the path tracer's own box is proved elsewhere."""
+    """Walls emit 1 and reflect about half of the light over many bounces; the path tracer gives the reference."""
     scene = closed_box(albedo=0.5)
     walls = next(iter(scene))
     walls.material.update(base_color=rgb(0.5), metallic=1.0, perceptual_roughness=perceptual_roughness)
@@ -120,7 +122,7 @@ def test_a_glowing_box_of_metal(device, perceptual_roughness):
 
 
 def test_solaris_termination_has_light(device):
-    """The cone of a path that begins at the camera, as in Solari."""
+    """Specular GI has light when the path's cone starts at the camera, as in Solari."""
     settings = {"specular_bounces": 3, "specular_termination": "camera_spread"}
     made, _ = take_frames(device, metal_gallery(), (24, 24), 3, **settings)
     assert made.mean() > 0.05

@@ -1,4 +1,4 @@
-"""Textures: the right way up, the right channels, wrapped, transformed and minified as they should be."""
+"""Textures: orientation, channels, wrapping, transforms, levels of detail and normal maps."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def srgb_to_linear(value):
 
 
 def four_colors(**fields):
-    """Red top left, green top right, blue bottom left, white bottom right, as the file's rows are."""
+    """A texture of four texels: red and green in the file's first row, blue and white in the second."""
     pixels = np.full((2, 2, 4), 255, np.uint8)
     pixels[0, 0, :3], pixels[0, 1, :3], pixels[1, 0, :3], pixels[1, 1, :3] = (
         (255, 0, 0),
@@ -39,7 +39,7 @@ def flat(r, g, b, size=4):
 
 
 def look(tracer, material, mesh=QUAD, size=(32, 32), samples=4, **settings):
-    """A renderer that has rendered the quad, which just fills the picture."""
+    """A renderer that has rendered a mesh with this material; QUAD exactly fills the picture."""
     scene = sv.Scene(sv.Instance(mesh=mesh, material=material))
     renderer = tracer(scene, size, **settings)
     renderer.render(sv.Camera(vertical_fov=2 * math.atan(0.5)), samples=samples)
@@ -47,7 +47,7 @@ def look(tracer, material, mesh=QUAD, size=(32, 32), samples=4, **settings):
 
 
 def quadrants(image):
-    """Means of the four quarters, row 0 at the top: (2, 2, 3)."""
+    """The mean colors of the picture's four quarters, (2, 2, 3); row 0 is the top."""
     h, w = image.shape[0] // 2, image.shape[1] // 2
     inner = image[..., :3].reshape(2, h, 2, w, 3)[:, 2:-2, :, 2:-2]
     return inner.mean(axis=(1, 3))
@@ -57,7 +57,7 @@ COLORS = srgb_to_linear([[(255, 0, 0), (0, 255, 0)], [(0, 0, 255), (200, 100, 50
 
 
 def test_base_color_orientation_and_srgb(tracer):
-    """v = 0 is the image's first row (glTF), and it is at the quad's lower edge."""
+    """v = 0, which is the quad's lower edge, shows the image's first row, as glTF says."""
     material = sv.Material(base_color=(1, 1, 0.5), base_color_texture=four_colors())
     albedo = quadrants(look(tracer, material)["albedo"])
     np.testing.assert_allclose(albedo, COLORS[::-1] * (1, 1, 0.5), atol=2e-3)
@@ -72,7 +72,7 @@ def test_emissive_texture_is_seen_and_lights(tracer):
 
 @pytest.mark.parametrize("strategy", ["nee", "brdf"])
 def test_textured_lamp_lights_by_its_texels(picture, strategy):
-    """The light on the floor below is the quarter-wise sum, by Lambert's formula."""
+    """The light on the floor is the sum over the lamp's four texels, by Lambert's formula for polygons."""
     from solari_vk.conformance.oracles.closed_forms import polygon_irradiance
 
     corners = np.array([(-1, 1, 1), (-1, 1, -1), (1, 1, -1), (1, 1, 1)])
@@ -93,7 +93,7 @@ def test_textured_lamp_lights_by_its_texels(picture, strategy):
 
 
 def test_metallic_roughness_channels(tracer):
-    """Green is roughness, blue is metallic, linear; red counts for nothing."""
+    """Green is roughness and blue is metallic, both linear; red is ignored."""
     material = sv.Material(perceptual_roughness=0.5, metallic=1.0, metallic_roughness_texture=flat(255, 102, 51))
     values = look(tracer, material)["roughness_metallic"]
     np.testing.assert_allclose(values[16, 16, :2], (0.5 * 0.4, 0.2), atol=2e-3)
@@ -101,7 +101,7 @@ def test_metallic_roughness_channels(tracer):
 
 @pytest.mark.parametrize(("wrap", "expected"), [("repeat", 0), ("mirrored_repeat", 1), ("clamp_to_edge", 1)])
 def test_wrapping(tracer, wrap, expected):
-    """u from 0 to 1 moved by 1: the left half shows the texel that the mode says."""
+    """With u moved by 1, the left half shows the texel that the wrap mode selects."""
     move = np.array([(1, 0, 1), (0, 1, 0)])
     texture = four_colors(wrap_u=wrap, wrap_v=wrap, uv_transform=move)
     albedo = quadrants(look(tracer, sv.Material(base_color=1.0, base_color_texture=texture))["albedo"])
@@ -109,7 +109,7 @@ def test_wrapping(tracer, wrap, expected):
 
 
 def test_uv_transform_turns(tracer):
-    """(u, v) to (v, 1 - u): a quarter turn."""
+    """A uv transform from (u, v) to (v, 1 - u) turns the picture by 90 degrees."""
     texture = four_colors(uv_transform=np.array([(0, 1, 0), (-1, 0, 1)]))
     albedo = quadrants(look(tracer, sv.Material(base_color=1.0, base_color_texture=texture))["albedo"])
     expected = np.empty((2, 2, 3))
@@ -127,7 +127,7 @@ def checker(mipmaps):
 
 
 def test_mips_average_in_linear_light(tracer):
-    """256 x 256 checks on 15 x 15 pixels: one ray each sees their linear mean; without mips it sees a pattern."""
+    """A checkerboard of 256 x 256 texels on 15 x 15 pixels shows its linear mean, with one ray per pixel."""
     smooth, rough = (
         look(tracer, sv.Material(base_color=1.0, base_color_texture=checker(m)), size=(15, 15), samples=1)["albedo"]
         for m in (True, False)
@@ -137,7 +137,7 @@ def test_mips_average_in_linear_light(tracer):
 
 
 def test_near_textures_use_the_finest_level(tracer):
-    """Magnified, the same checks are black and white."""
+    """The same checkerboard is black and white when it is magnified."""
     mesh = sv.Mesh(positions=QUAD.positions, normals=QUAD.normals, uvs=QUAD.uvs * (4 / 256), indices=QUAD.indices)
     texture = checker(True)
     texture.update(magnification="nearest")
@@ -148,7 +148,7 @@ def test_near_textures_use_the_finest_level(tracer):
 
 @pytest.mark.parametrize(("degrees", "distance"), [(0, 2), (0, 4.7), (60, 2), (75, 3)])
 def test_level_of_detail(tracer, monkeypatch, degrees, distance):
-    """Each level of a 256 x 256 image has a gray of its own: the level seen is that of a pixel's narrow axis."""
+    """Each level of the image has its own gray, which shows the level in use: that of the footprint's narrow axis."""
     levels = 9
     grays = (encode_srgb(np.arange(levels) / levels) * 255).round().astype(np.uint8)
     made = lambda *_: [np.full((256 >> k, 256 >> k, 4), grays[k], np.uint8) for k in range(levels)]  # noqa: E731
@@ -159,7 +159,7 @@ def test_level_of_detail(tracer, monkeypatch, degrees, distance):
     mesh = shapes.quad((0, 0, -distance), across, (0, 1, 0))
     renderer = look(tracer, sv.Material(base_color=1.0, base_color_texture=texture), mesh, (32, 32), 1)
     seen = renderer["albedo"][15:17, 15:17, 0].mean() * levels
-    expected = math.log2(256 / 2 * distance / 32)  # texels a meter, times a pixel's height there
+    expected = math.log2(256 / 2 * distance / 32)  # texels per meter times the pixel's height there
     assert abs(seen - expected) < 0.1
 
 
@@ -169,10 +169,10 @@ MIRRORED = [np.diag(signs) for signs in ((1, 1, 1, 1), (-1, 1, 1, 1), (1, -1, 1,
 @pytest.mark.parametrize("given_tangents", [False, True])
 @pytest.mark.parametrize("transform", MIRRORED, ids=["as is", "x", "y", "x and y", "z"])
 def test_normal_map_on_mirrored_instances(tracer, transform, given_tangents):
-    """The map turns with its surface: the shading normal is the mirror image of that of the unmirrored instance."""
+    """The shading normal of a mirrored instance is the mirror image of that of the unmirrored one."""
     fields = {name: getattr(QUAD, name) for name in ("positions", "normals", "uvs", "indices")}
     fields["positions"] = fields["positions"] + np.array((0, 0, 2), np.float32)
-    if given_tangents:  # u grows along +x; glTF's bitangent points to where v falls
+    if given_tangents:  # u grows along +x; glTF's bitangent points towards smaller v
         fields["tangents"] = np.tile((1, 0, 0, -1), (4, 1))
     mesh = sv.Mesh(**fields)
     material = sv.Material(normal_texture=flat(204, 89, 0), double_sided=True)
@@ -185,19 +185,19 @@ def test_normal_map_on_mirrored_instances(tracer, transform, given_tangents):
         renderer.render(sv.Camera(vertical_fov=2 * math.atan(0.4)), samples=1)
         normals.append(renderer["shading_normal"][4, 4])
     expected = transform[:3, :3] @ normals[0]
-    expected *= np.sign(expected[2])  # seen from behind, it is the back's
+    expected *= np.sign(expected[2])  # a back's normal is negated
     np.testing.assert_allclose(normals[1], expected, atol=1e-5)
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5, -1.0])
 def test_normal_map(tracer, scale):
-    """x along growing u, y along growing texture rows' opposite (glTF's green up), z rebuilt from both."""
+    """Red points along growing u, green towards smaller v (glTF), and z is computed from both."""
     material = sv.Material(normal_texture=flat(204, 89, 0), normal_scale=scale)
     renderer = look(tracer, material)
     x, y = (204 / 255 * 2 - 1), (89 / 255 * 2 - 1)
     tangent = np.array((x * scale, y * scale, math.sqrt(1 - x * x - y * y)))
     seen = renderer["shading_normal"][16, 16, :3]
-    # On this quad u grows along +x and v along +y (the image's rows run upwards), so the bitangent is -y.
+    # On this quad u grows along +x and v along +y, so the bitangent is -y.
     expected = np.array((tangent[0], -tangent[1], tangent[2])) / np.linalg.norm(tangent)
     np.testing.assert_allclose(seen, expected, atol=5e-3)
     np.testing.assert_allclose(renderer["geometric_normal"][16, 16, :3], (0, 0, 1), atol=1e-5)

@@ -1,4 +1,4 @@
-"""Debug views: those that the suite doesn't compare with their buffers, and that looking at a view changes no frame.
+"""Debug views that the conformance suite doesn't compare with their buffers; and showing a view changes no frame.
 
 solari_vk.conformance.display_checks proves the colors of the picture and of all other views.
 """
@@ -26,11 +26,11 @@ def make_scene() -> sv.Scene:
 
 
 def make_settings() -> sv.Settings:
-    return sv.Settings(world_cache_lod_distance=0.5)  # so that cells of several sizes are in view
+    return sv.Settings(world_cache_lod_distance=0.5)  # makes cells of several sizes visible
 
 
 def cameras(scene: sv.Scene, count: int) -> list[sv.Camera]:
-    """Cameras along a straight path, so that motion isn't zero."""
+    """Cameras along a straight path, so that motion vectors aren't zero."""
     steps = [scene.camera.transform.copy() for _ in range(count)]
     for index, transform in enumerate(steps):
         transform[0, 3] += 0.02 * index
@@ -87,7 +87,7 @@ def test_the_debug_view_writes_only_the_display(frames):
 
 
 def test_views_change_no_frame(device):
-    """A run that shows another view in each frame has the same radiance as one that shows none."""
+    """A run that shows another view in each frame has the same radiance as a run that shows none."""
     runs = []
     for views in (list(DEBUG_VIEWS), ["picture"] * len(DEBUG_VIEWS)):
         scene = make_scene()

@@ -1,1 +1,1 @@
-"""What tests share: independent references, written from papers and specifications, scenes and checks."""
+"""Code that tests share: scenes, checks, and reference implementations from papers and specifications."""

@@ -104,16 +104,16 @@ def directional_albedo_terms(alpha, cos_o, resolution=256):
 
 
 def multi_scattering(f0, single_albedo):
-    """The factor that returns what single scattering loses."""
+    """The factor for single scattering that adds the energy of multiple scattering."""
     return 1 + f0 * (1 / single_albedo - 1)
 
 
 class Layer:
-    """The specular layer of one roughness: its albedo at any angle, interpolated from exact values."""
+    """The specular layer of one roughness; interpolates its albedo at any angle from exact values."""
 
     def __init__(self, alpha, nodes=160, resolution=160):
         self.alpha = alpha
-        # Denser towards grazing angles, where the albedo turns quickly.
+        # Nodes are denser at grazing angles, where the albedo changes fastest.
         self.cosines = np.linspace(0.01, 1, nodes) ** 2
         terms = np.array([directional_albedo_terms(alpha, float(c), resolution) for c in self.cosines])
         self.a, self.b = terms[:, 0], terms[:, 1]
@@ -129,14 +129,14 @@ class Layer:
         return (f0 * a + b) * multi_scattering(f0, a + b)
 
     def average_albedo(self, f0):
-        """2 times the integral of E mu over mu in [0, 1]."""
+        """The cosine-weighted average: 2 times the integral of E(mu) mu over mu in [0, 1]."""
         nodes, weights = np.polynomial.legendre.leggauss(128)
         mu, weights = (nodes + 1) / 2, weights / 2
         return 2 * (self.albedo(mu, f0) * (mu * weights)[:, None]).sum(axis=0)
 
 
 class Surface:
-    """One material's whole BRDF."""
+    """The BRDF of one material, with both lobes."""
 
     def __init__(self, base_color=0.8, metallic=0.0, perceptual_roughness=0.5, reflectance=0.5, layering="conserving"):
         self.base_color = np.broadcast_to(np.asarray(base_color, np.float64), (3,))
@@ -148,7 +148,7 @@ class Surface:
 
     @classmethod
     def of(cls, material, **fields):
-        """From a solari_vk Material without textures."""
+        """The BRDF of a solari_vk Material without textures."""
         names = ("base_color", "metallic", "perceptual_roughness", "reflectance")
         return cls(**{name: getattr(material, name) for name in names}, **fields)
 
@@ -175,7 +175,7 @@ class Surface:
         return np.where(above[..., None], (1 - self.metallic) * dielectric + self.metallic * metal, 0)
 
     def albedo(self, cos_o):
-        """Directional albedo (3,) in closed terms: what a white furnace must show."""
+        """Directional albedo (3,), which is the radiance of the surface in a white furnace."""
         cos_o = np.asarray(cos_o, np.float64)
         specular = self.layer.albedo(cos_o, self.dielectric_f0)
         diffuse = self.base_color * (1 - specular)
@@ -183,7 +183,7 @@ class Surface:
 
 
 def bounded_vndf_pdf(wo, wi, alpha):
-    """Density per solid angle of wi, sampled by Eto and Tokuyoshi 2023 (isotropic).
+    """Density in solid angle with which bounded VNDF sampling chooses wi (Eto and Tokuyoshi 2023, isotropic).
 
     It integrates over the upper hemisphere to the share of samples that are valid, at most 1.
     """

@@ -1,4 +1,4 @@
-"""Direct light alone: renderers of ReSTIR DI, with samples at the pixels' centers."""
+"""Renderers that compute only direct light, by ReSTIR DI with samples at pixel centers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whole realtime frames in tests: which outputs two frames share, and how much of an earlier picture is left."""
+"""Comparisons of realtime frames: which outputs differ, and how much of an earlier picture a frame contains."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def find(scene, name):
 
 
 def settle(renderer, camera, frames=30):
-    """The last of so many frames."""
+    """Render this many frames, and return the last one."""
     for _ in range(frames):
         frame = renderer.render(camera)
     return frame
@@ -30,7 +30,7 @@ def differing(first, other):
 
 
 def left_of(before, now, picture):
-    """The part of the difference between an earlier picture and the present truth that a picture still shows: 1 when it
-    is the earlier picture, 0 when nothing of that is left."""
+    """How much of an earlier picture `before` a picture contains: 0 when it equals the reference `now`, 1 when it
+    equals `before`, and in between by projection onto their difference."""
     difference = before - now
     return float(((picture - now) * difference).sum() / (difference**2).sum())

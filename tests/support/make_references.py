@@ -1,4 +1,4 @@
-"""Render the stored Mitsuba references anew: `python -m support.make_references` in tests/ (needs LLVM 19)."""
+"""Renders the stored Mitsuba references again: `python -m support.make_references` in tests/ (needs LLVM 19)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measurements of the conformance suite in tests."""
+"""Assertions on measurements of the conformance suite."""
 
 from __future__ import annotations
 

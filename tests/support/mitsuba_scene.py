@@ -97,7 +97,7 @@ _surfaces: list[tuple] = []
 
 
 def _key(material):
-    """A number that stands for a material's BRDF, since plugin properties hold no Python objects."""
+    """An id for a material's BRDF, because a plugin's properties can't hold Python objects."""
     key = (
         tuple(map(float, material.base_color)),
         material.metallic,
@@ -152,7 +152,7 @@ def register_bsdf(mi):
             return values
 
         def value_and_pdf(self, wo_in, wi_in):
-            """f cos and pdf; Mitsuba calls the viewer's direction wi, here it is wo_in."""
+            """The BRDF times cosine, and the pdf. Mitsuba's wi is the direction to the viewer, which is wo_in here."""
             sign = dr.sign(wo_in.z)
             wo, wi = wo_in * sign, wi_in * sign
             above = (wo.z > 0) & (wi.z > 0)
@@ -217,7 +217,7 @@ def render(mi, mitsuba_scene, batches, samples, seed=0):
     """
     images = []
     for batch in range(batches):
-        # Far apart, since the scalar variants number their blocks on from the seed.
+        # Seeds are far apart, because scalar variants seed a picture's blocks with successive numbers.
         image = mi.render(mitsuba_scene, spp=samples, seed=(seed * 1000 + batch) * 65_537 % 2**32)
         images.append(np.array(image, np.float64))
     stack = np.stack(images)

@@ -1,5 +1,5 @@
-"""Scenes and settings drawn at random, most of them odd: degenerate triangles, lights without area, huge and tiny
-scales, extreme emission, insides of mirrors, nothing at all."""
+"""Random scenes and settings, most of them unusual: degenerate triangles, lights without area, huge and tiny scales,
+extreme emission, cameras inside mirrors, empty scenes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import solari_vk as sv
 from solari_vk.scene import shapes
 from solari_vk.settings import DEFAULTS, FIELDS
 
-# The most of what costs time.
+# Upper limits of settings that cost time.
 MOST = {"di_candidates": 64, "world_cache_candidates": 64, "world_cache_search_steps": 16, "specular_bounces": 12}
 
 
@@ -52,7 +52,7 @@ def random_material(random):
 def random_transform(random, scale):
     axes = np.linalg.qr(random.normal(size=(3, 3)))[0]
     kind = random.random()
-    if kind < 0.3:  # mirrored, or of very unlike sizes along its axes
+    if kind < 0.3:  # mirrored, or scaled very differently along its axes
         axes = axes @ np.diag(random.choice((-1, 1), 3) * 10.0 ** random.uniform(-3, 0.5, 3))
     elif kind < 0.6:
         axes = np.eye(3)
@@ -89,7 +89,7 @@ def random_items(random):
 
 
 def random_settings(random, settings):
-    """Give every live setting its default or another value, from one end of what it may be to the other."""
+    """Set each live setting to its default or to a random value of its whole range."""
     for name, field in FIELDS.items():
         if field.rebuilds:
             continue

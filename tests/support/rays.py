@@ -1,4 +1,4 @@
-"""Which triangles rays hit: Embree over a Scene, a float64 ray-triangle test, and the rays of a camera's pixels."""
+"""References for ray tracing: Embree over a Scene, a ray-triangle test in float64, and a camera's rays."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class World:
         self._embree = None
 
     def embree_hits(self, origins, directions):
-        """The index into `corners` that Embree reports for each ray (N,), -1 for a miss."""
+        """The index into `corners` of the triangle that Embree finds for each ray (N,); -1 for a miss."""
         if self._embree is None:
             from embreex.mesh_construction import TriangleMesh
             from embreex.rtcore_scene import EmbreeScene
@@ -51,7 +51,7 @@ class World:
         return self._embree.run(origins.astype(np.float32), directions.astype(np.float32))
 
     def distance_to(self, hits, origins, directions):
-        """Float64 distances (N,) along the rays to the planes of the triangles they hit; inf for misses."""
+        """Distances (N,) along the rays to the planes of the triangles that they hit, in float64; inf for misses."""
         distance = np.full(len(hits), np.inf)
         hit = hits >= 0
         normal, corner = self.normals[hits[hit]], self.corners[hits[hit], 0]
@@ -79,7 +79,7 @@ def intersect(corners, origins, directions):
 
 
 def closest_by_brute_force(corners, origins, directions):
-    """Index of the closest triangle for each ray, -1 for none: every pair tested in float64."""
+    """The index of the closest triangle for each ray, -1 for none, from testing all pairs in float64."""
     best = np.full(len(origins), np.inf)
     index = np.full(len(origins), -1)
     for i, triangle in enumerate(corners):

@@ -1,4 +1,4 @@
-"""The stored Mitsuba pictures: which scenes they show, and reading and making them."""
+"""The stored Mitsuba pictures: their scenes, and how to load them."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ CASES = {"lambert": lambert_box, "glossy": glossy_box}
 
 
 def fingerprint(scene):
-    """A hash of all that the picture shows, rounded so that platforms agree."""
+    """A hash of the scene's geometry, materials and camera, rounded so that all platforms agree."""
     digest = hashlib.sha256()
     for instance in scene:
         material = instance.material
@@ -52,6 +52,6 @@ def fingerprint(scene):
 
 
 def load(name):
-    """mean and variance (h, w, 3) of the stored picture, and its scene's fingerprint."""
+    """The stored picture's mean and variance (height, width, 3), and its scene's fingerprint."""
     with np.load(FOLDER / f"{name}.npz") as stored:
         return {"mean": stored["mean"], "variance": stored["variance"], "fingerprint": str(stored["fingerprint"])}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 CENTER = np.array([0.6, 0.3, 5.0])
-"""5 above the first triangle of `quad()`."""
+"""A point at distance 5 above the first triangle of `quad()`."""
 DOWN = np.array([0.0, 0.0, -1.0])
 
 

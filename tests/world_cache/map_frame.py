@@ -1,4 +1,4 @@
-"""The world cache's passes that trace no rays, and one that inserts keys, over arrays that a test uploads."""
+"""Runs the world cache's passes that trace no rays, and a pass that inserts keys, over arrays that a test uploads."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ ASKER = np.dtype([("position", "f4", 3), ("normal", "f4", 3), ("cell_size", "f4"
 
 
 class MapFrame:
-    """A context manager. `askers`: an array of ASKER for each frame's end, where those with rng 0 stay silent."""
+    """A context manager for frames that decay, compact and blend cells, then insert a key for each asker.
+
+    askers: an array of ASKER, which describes a query; elements with rng 0 make none.
+    """
 
     def __init__(self, device, cells, askers=None, glsl_root=None, **settings):
         self.askers = np.zeros(1, ASKER) if askers is None else askers

@@ -1,4 +1,4 @@
-"""What the world cache holds against closed forms, lifetimes, overfull maps, determinism; and seeded bugs."""
+"""The world cache's light against closed forms, lifetimes, overfull maps, determinism, leaks; and seeded bugs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from solari_vk.scene.projection import CameraUniforms
 from solari_vk.settings import uniform_values
 from solari_vk.settings.layering import LAYERINGS
 
-ALBEDO = 0.5  # of closed_box, whose walls emit 1: so 2 arrives everywhere, and of it 1 is reflected
+ALBEDO = 0.5  # of closed_box, whose walls emit 1: a radiance of 2 arrives everywhere, and half of it is reflected
 CASE = np.dtype([("base_color", "f4", 3), ("reflectance", "f4"), ("perceptual_roughness", "f4"), ("metallic", "f4"),
                  ("cosine", "f4")])  # fmt: skip
 
@@ -27,13 +27,13 @@ def settings(**changed):
     return sv.Settings(**{"lambert": True, "world_cache_cells": 1 << 14, "world_cache_search_steps": 16, **changed})
 
 
-# Enough to notice the bugs below. The observation of one seed has a standard deviation of 0.8 %, so that without a bug
-# the bar would be missed about once in 10 million: not once in 20 times 4 seeds, where the interval reached 3.6 %.
+# Enough to notice the bugs below. The observation of one seed has a standard deviation of 0.8 %, so that correct
+# shaders miss the bar about once in 10 million runs. The widest interval of 20 measured runs reached 3.6 %.
 BRIEF = {"seeds": 4, "bar": 0.05, "warm_up": 20}
 
 
 def check_fixed_point(device, root=None, *, seeds=16, bar=0.02, warm_up=40, **changed):
-    """Answers are what a closed box reflects, from replicated runs: the 95 % interval lies inside the bar."""
+    """Require that queries return what a closed box reflects: the 95 % interval over seeds is within the bar."""
     with CacheFrame(device, sv.builtin("closed_box", size=4.0), settings(**changed), glsl_root=root) as frame:
         observations = []
         for seed in range(seeds):
@@ -45,24 +45,25 @@ def check_fixed_point(device, root=None, *, seeds=16, bar=0.02, warm_up=40, **ch
 
 
 def test_fixed_point(device):
-    """With the settings as shipped."""
+    """The cache converges to the right light with the default blend."""
     check_fixed_point(device, warm_up=24)
 
 
 def test_fixed_point_of_short_means(device):
-    """A mean over few frames gets there sooner, and where it gets does not depend on how many: control of the bugs."""
+    """Means over fewer frames converge sooner, to the same light. This is the control of the seeded bugs."""
     check_fixed_point(device, **BRIEF)
     check_fixed_point(device, **BRIEF, world_cache_change_exponent=10, world_cache_max_samples=6)
 
 
 @pytest.mark.slow
 def test_fixed_point_of_long_runs(device):
-    """The adaptive blend forgets the brightest samples sooner than the others: about 1 % is lost here."""
+    """After 100 frames the light is still within the bar, though the adaptive blend loses about 1 %, because it forgets
+    the brightest samples sooner than the others."""
     check_fixed_point(device, warm_up=100)
 
 
 def test_without_the_cache_there_is_one_bounce(device):
-    """No cells, and what a single light sample gives: half of what the walls emit."""
+    """Without cells, a query returns direct light from one light sample: half of what the walls emit."""
     with CacheFrame(device, sv.builtin("closed_box"), settings(world_cache=False)) as frame:
         answers = np.concatenate([frame.run()["answers"][:, 0] for _ in range(8)])
         assert frame.counters == {"active_cells": 0, "updates": 0, "insert_failures": 0}
@@ -71,8 +72,8 @@ def test_without_the_cache_there_is_one_bounce(device):
     assert abs(answers.mean() - ALBEDO) < 4 * error < 0.2
 
 
-def test_cells_die_when_nobody_asks(device):
-    """After their lifetime, although they go on asking each other."""
+def test_cells_die_without_queries(device):
+    """Cells die after their lifetime without queries from outside, although they query each other."""
     check_death(device)
 
 
@@ -88,7 +89,7 @@ def check_death(device, root=None):
 
 
 def test_an_overfull_map_loses_no_light(device):
-    """A fifth of the places that are asked for: paths go on where the cache has none."""
+    """The map holds a fifth of the cells that are queried: where the cache has no value, paths continue."""
     check_overfull(device)
 
 
@@ -100,12 +101,13 @@ def check_overfull(device, root=None):
         assert frame.counters["insert_failures"] > 100
         assert frame.counters["active_cells"] > 1000
     assert np.isfinite(answers).all()
-    assert (answers > 0).mean() > 0.9, "more than light samples on the same wall"
-    assert abs(answers.mean() - 2 * ALBEDO) < 0.06, "a path of unknown hits ends some time"
+    assert (answers > 0).mean() > 0.9, "queries that found no cell have no light"
+    assert abs(answers.mean() - 2 * ALBEDO) < 0.06, "paths without cells have wrong light"
 
 
 def test_one_seed_one_cache(device):
-    """The cells of two runs are alike bit by bit, also with a barrier before every pass; another seed's are not."""
+    """Two runs with one seed have the same cells bit by bit, also with a barrier before every pass; another seed gives
+    other cells."""
     runs = []
     for seed, barriers in ((0, False), (0, True), (1, False)):
         scene = sv.builtin("cornell_box")
@@ -148,7 +150,8 @@ def check_albedo(device, root=None, layering="conserving"):
 
 
 def test_cells_double_with_distance(device):
-    """Two levels, the coarser as often as the fraction of the level to the power of the sharpness says."""
+    """A point gets one of two sizes. The probability of the larger is level_fraction^sharpness, where level = log2(1 +
+    distance / lod_distance)."""
     check_sizes(device)
     check_sizes(device, sharpness=1.0)
 
@@ -179,7 +182,7 @@ def check_sizes(device, root=None, sharpness=3.0):
 
 
 def light_behind_a_wall(device, prevention="landmarks", root=None, x=0.0):
-    """What is found behind the wall at x, where all the light is before it."""
+    """The mean light of queries behind a wall at x, while all light is in front of the wall."""
     scene = sv.builtin("thin_wall")
     wall = next(item for item in scene if item.name == "wall")
     wall.transform = place(at=(x, 0, 0))
@@ -192,13 +195,13 @@ def light_behind_a_wall(device, prevention="landmarks", root=None, x=0.0):
 
 
 def check_thin_wall(device, root=None):
-    """On the cells' grid, and within cells."""
+    """Require darkness behind walls that lie on the grid of cells, and behind walls within cells."""
     for x in (0.0, 0.075):
         assert light_behind_a_wall(device, root=root, x=x) < 1e-3, x
 
 
 def test_thin_wall(device):
-    """Where all the light is on the wall's other side, nothing is found in the cache unless cells span the wall."""
+    """No light leaks through a thin wall. As a control, light leaks with cells that extend through the wall."""
     check_thin_wall(device)
     assert light_behind_a_wall(device, "finest", x=0.075) > 5e-3
 
@@ -234,7 +237,7 @@ MUTANTS = {
 }  # fmt: skip
 
 
-# One of each check; the others compile pipelines with rays anew.
+# One bug for each check, because each bug compiles pipelines with ray queries.
 QUICK = ("no 1 / pi", "unknown: the path ends", "parts of a cell are one", "cells never grow", "lives are halved",
          "albedo: metals black")  # fmt: skip
 

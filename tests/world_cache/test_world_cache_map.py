@@ -1,4 +1,4 @@
-"""The world cache's hash map against a dict, its compaction at the edges, its blend against numpy; and seeded bugs."""
+"""The world cache's hash map, compaction, lifetimes and blend against dict and numpy; and seeded bugs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ SIZES = np.array((0.25, 0.5), np.float32)
 
 
 def make_askers(key_count, asker_count, seed=0):
-    """Askers of so many cells, each asked for about as often, in random order; and the number of each one's cell."""
+    """Random queries of `key_count` cells, about equally many of each, in random order; and the index of each query's
+    cell."""
     random = np.random.default_rng(seed)
     side = 11
     cell = np.concatenate([np.arange(key_count), random.integers(0, key_count, asker_count - key_count)])
@@ -32,7 +33,7 @@ def make_askers(key_count, asker_count, seed=0):
 
 
 def expected_keys(askers):
-    """Where the search begins, and the checksum."""
+    """The entry at which each query's search begins (before the modulo), and the key's checksum."""
     position = np.floor(askers["position"] / askers["cell_size"][:, None]).astype(np.int32)
     normal = np.floor(askers["normal"] + 1e-4).astype(np.int32) @ np.array((1, 3, 9), np.int32)
     kind = pcg_hash(askers["cell_size"].view(np.uint32)) + normal.view(np.uint32)
@@ -44,7 +45,7 @@ def expected_keys(askers):
 
 
 def check_map(device, root=None):
-    """Many threads for few cells, in a map that is nearly full: every cell is there once, where its search finds it."""
+    """Many threads insert few cells into a nearly full map: each cell exists once, where a search for its key ends."""
     cells, keys = 1024, 800
     askers, cell = make_askers(keys, 20_000)
     with MapFrame(device, cells, askers, root, world_cache_search_steps=64) as frame:
@@ -56,12 +57,12 @@ def check_map(device, root=None):
     assert (answers["cell"] != NO_INDEX).all()
     place = {}
     for number, at in zip(cell, answers["cell"], strict=True):
-        assert place.setdefault(number, at) == at, "one cell in two places"
-    assert len(set(place.values())) == keys == np.count_nonzero(checksums), "two cells in one place"
+        assert place.setdefault(number, at) == at, "one key has two entries"
+    assert len(set(place.values())) == keys == np.count_nonzero(checksums), "two keys share an entry"
     np.testing.assert_array_equal(checksums[answers["cell"]], checksum)
     away = (answers["cell"] - first) % cells
     assert away.max() < 64
-    assert (answers["cell"] < first % cells).any(), "no search came to the end of the map"
+    assert (answers["cell"] < first % cells).any(), "no search wrapped around the end of the map"
     corner = np.floor(askers["position"] / askers["cell_size"][:, None]) * askers["cell_size"][:, None]
     np.testing.assert_array_equal(bounds[answers["cell"], :3], corner)
     np.testing.assert_array_equal(bounds[answers["cell"], 3], askers["cell_size"])
@@ -71,7 +72,7 @@ def check_map(device, root=None):
 
 
 def check_full_map(device, root=None):
-    """Four times as many keys as places: who finds none is told so, and all places tried are taken by others."""
+    """With four times as many keys as entries, some queries get NO_INDEX: their search finds only other keys."""
     cells, steps = 1024, 3
     askers, cell = make_askers(4 * cells, 20_000)
     with MapFrame(device, cells, askers, root, world_cache_search_steps=steps) as frame:
@@ -85,11 +86,11 @@ def check_full_map(device, root=None):
     assert (tried != 0).all()
     assert (tried != answers["checksum"][lost, None]).all()
     for number in np.unique(cell):
-        assert len(set(answers["cell"][cell == number])) == 1, "some found a cell that others did not"
+        assert len(set(answers["cell"][cell == number])) == 1, "queries of one cell found different entries"
 
 
 def check_holes(device, root=None):
-    """A cell is found again after a cell that stood before it in its search died."""
+    """A cell is still found after the cells in earlier entries of its search died."""
     askers, _ = make_askers(800, 800)
     with MapFrame(device, 1024, askers, root, world_cache_search_steps=64) as frame:
         before = frame.run()["answers"]["cell"]
@@ -105,7 +106,7 @@ def check_holes(device, root=None):
 
 
 def check_points(device, root=None):
-    """Each cell's point is that of one asker, any of them, and the same one in whatever order they come."""
+    """Each cell's point is that of one of its queries, and the order of queries doesn't decide which."""
     askers, cell = make_askers(300, 20_000)
     surfaces = []
     for order in (np.arange(len(askers)), np.random.default_rng(3).permutation(len(askers))):
@@ -118,7 +119,7 @@ def check_points(device, root=None):
     step = 2 * askers["cell_size"] / 255
     is_mine = (apart <= 0.505 * step[:, None]).all(axis=1)
     chosen = np.unique(cell[is_mine])
-    assert len(chosen) == 300, "a cell's point is none of its askers'"
+    assert len(chosen) == 300, "a cell's point is none of its queries'"
     np.testing.assert_allclose(surfaces[0]["normal"], askers["normal"], atol=1e-3)
     height = np.sum((surfaces[0]["position"] - askers["position"]) * askers["normal"], axis=1)[is_mine]
     assert (np.abs(height) <= surfaces[0]["offset"][is_mine]).all(), "the offset does not cover the rounding"
@@ -152,7 +153,7 @@ def check_compaction(device, root=None):
 
 
 def check_reset(device, root=None):
-    """Without history the map is empty; a cell is there for as many frames as it was given."""
+    """Without history the map is empty; a cell exists for as many frames as its life."""
     askers, _ = make_askers(100, 400)
     askers["life"] = 3
     with MapFrame(device, 1024, askers, root, world_cache_search_steps=64) as frame:
@@ -197,7 +198,7 @@ def check_blend(device, root=None, exponent=1 / 8, cap=1 << 20):
     untouched = (found == irradiance).all(axis=1)
     updated = ~untouched
     np.testing.assert_array_equal(found[updated, 3], count[updated])
-    np.testing.assert_allclose(found[updated, :3], blended[updated], rtol=2e-4)  # pow's precision
+    np.testing.assert_allclose(found[updated, :3], blended[updated], rtol=2e-4)  # the precision of pow
     moved = deltas + ((blended - old) @ weights - deltas) / 8
     np.testing.assert_allclose(found_deltas[updated], moved[updated], rtol=1e-3, atol=1e-4)
     share = updated.mean()
@@ -213,7 +214,7 @@ def test_full_map(device):
     check_full_map(device)
 
 
-def test_holes_that_the_dead_leave(device):
+def test_search_continues_after_dead_cells(device):
     check_holes(device)
 
 
@@ -234,7 +235,7 @@ def test_blend(device, exponent):
     check_blend(device, exponent=exponent)
 
 
-def test_updates_above_the_cap(device):
+def test_number_of_updates_is_capped(device):
     check_blend(device, cap=700)
 
 

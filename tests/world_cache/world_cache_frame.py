@@ -1,4 +1,4 @@
-"""Frames of nothing but light tiles, the world cache and a pass that asks it, over a scene."""
+"""Runs light tiles, the world cache and a pass that queries the cache, over a scene."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ CELL_ARRAYS = ("checksums", "life", "irradiance", "bounds", "points", "votes", "
 
 
 class CacheFrame:
-    """A context manager. `glsl_root`: a patched library; `asks`: how many questions a frame."""
+    """A context manager for frames over a scene. asks: the number of queries in a frame. glsl_root: the folder of
+    patched shaders."""
 
     def __init__(self, device, scene, settings=None, *, asks=4096, seed=0, first_ray=0, glsl_root=None, barriers=False):
         self.settings = settings or sv.Settings(lambert=True, world_cache_cells=1 << 14)
@@ -45,7 +46,7 @@ class CacheFrame:
         self.seed, self._fresh = seed, True
 
     def run(self, frames=1, camera=None):
-        """So many frames more; with the setting `gi` off nobody asks but cells."""
+        """Run this many frames. With the setting `gi` off, only cells query the cache."""
         uniforms = self.frame.uniforms
         uniforms.update(uniform_values(self.settings))
         camera = camera or self.scene.camera
@@ -62,7 +63,7 @@ class CacheFrame:
         return self
 
     def __getitem__(self, name) -> Any:
-        """answers, or an array of the cells."""
+        """An output: "answers", "ray_counts", or the buffer of the world cache with this name."""
         return self.frame[name if name in ("answers", "ray_counts") else f"world_cache_{name}"]
 
     @property

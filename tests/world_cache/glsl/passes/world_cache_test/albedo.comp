@@ -1,4 +1,4 @@
-// What a surface reflects under uniform light, and the same summed over directions.
+// The albedo that the world cache uses for a surface, and the sum of its BRDF over directions.
 #version 460
 #include "passes/world_cache/query.glsl"
 

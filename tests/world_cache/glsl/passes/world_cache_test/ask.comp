@@ -1,4 +1,5 @@
-// Asks the world cache as pixels do: where rays end that leave, evenly spread, what the camera's position sees.
+// Queries the world cache as pixels do, at the ends of rays: each first ray starts at the camera in a uniform random
+// direction, and the second ray leaves the surface that the first one hits.
 #version 460
 #include "passes/world_cache/query.glsl"
 
@@ -6,7 +7,7 @@ layout(set = 1, binding = 128, scalar) buffer AnswersBlock { vec3 at[]; } answer
 
 layout(local_size_x = 64) in;
 
-// 0: at the end of the second ray; 1: of the first.
+// 0: query at the end of the second ray; 1: at the end of the first.
 layout(constant_id = 10) const uint first_ray = 0u;
 
 void main() {

@@ -1,4 +1,4 @@
-// Inserts a key a thread and votes for its point.
+// Each thread inserts a cell and offers its surface point to the cell.
 #version 460
 #include "passes/world_cache/map.glsl"
 
@@ -6,14 +6,14 @@ struct Asker {
     vec3 position;
     vec3 normal;
     float cell_size;
-    uint rng;  // 0: does not ask
+    uint rng;  // 0: no query
     uint life;
 };
 struct Answer {
     uint cell;
     uint first;
     uint checksum;
-    vec3 position;  // of last frame's surface
+    vec3 position;  // of the point that represented the cell in the previous frame
     vec3 normal;
     float offset;
 };

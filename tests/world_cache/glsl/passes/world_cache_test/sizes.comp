@@ -1,4 +1,4 @@
-// The sizes of the cells that places ask for.
+// The sizes of the cells that are queried at given positions.
 #version 460
 #include "passes/world_cache/query.glsl"
 
