@@ -8,28 +8,24 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 import solari_vk as sv
-from solari_vk.gpu.device.device import Device
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs/examples"
 EXAMPLES = sorted(path.stem for path in FOLDER.glob("*.py"))
 
 
-def load(name: str) -> Any:
+def load(name):
     spec = importlib.util.spec_from_file_location(name, FOLDER / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
 
 
-def test_all_are_there_and_short() -> None:
+def test_all_are_there_and_short():
     rays = ["acoustics", "bake_occlusion", "height_field", "lidar", "spheres"]
     assert sorted([*rays, "materials", "objects", "seeds", "turntable"]) == EXAMPLES
     for path in [*FOLDER.glob("*.py"), *FOLDER.rglob("*.comp")]:
@@ -37,7 +33,7 @@ def test_all_are_there_and_short() -> None:
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_runs_as_a_program(any_device: None, name: str, tmp_path: Path) -> None:
+def test_runs_as_a_program(any_device, name, tmp_path):
     command = [sys.executable, str(FOLDER / f"{name}.py")]
     environment = os.environ | {"PYTHONPATH": str(FOLDER.parents[1])}
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
@@ -45,7 +41,7 @@ def test_runs_as_a_program(any_device: None, name: str, tmp_path: Path) -> None:
     assert len(list(tmp_path.iterdir())) == 1
 
 
-def test_the_guide_runs(any_device: None, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_guide_runs(any_device, capsys):
     guide = FOLDER.parent / "ray_tracing.md"
     text = guide.read_text(encoding="utf-8")
     for block in re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL):
@@ -55,7 +51,7 @@ def test_the_guide_runs(any_device: None, capsys: pytest.CaptureFixture[str]) ->
         assert (guide.parent / target).is_file(), target
 
 
-def test_lidar_measures_distances(device: Device) -> None:
+def test_lidar_measures_distances(device):
     lidar = load("lidar")
     with sv.RayTracer(device, sv.builtin("closed_box", size=4.0)) as tracer:
         hits, points = lidar.scan(tracer, np.array([0.5, -0.3, 0.2]))
@@ -66,7 +62,7 @@ def test_lidar_measures_distances(device: Device) -> None:
     assert np.abs(points).max(axis=1).std() > lidar.NOISE / 3
 
 
-def test_acoustics_decay_as_eyring_says(device: Device) -> None:
+def test_acoustics_decay_as_eyring_says(device):
     acoustics = load("acoustics")
     source, listener, side, absorption = np.array([-1, 0, 1]), np.array([1, 0.5, -1]), 4.0, 0.2
     with sv.RayTracer(device, sv.builtin("closed_box", size=side)) as tracer:
@@ -82,7 +78,7 @@ def test_acoustics_decay_as_eyring_says(device: Device) -> None:
     assert measured == pytest.approx(eyring, rel=0.1)
 
 
-def test_occlusion_of_closed_open_and_half_hidden_points(device: Device) -> None:
+def test_occlusion_of_closed_open_and_half_hidden_points(device):
     bake = load("bake_occlusion").bake
     closed = bake(device, sv.builtin("closed_box"), reach=100.0)
     assert all((part == 0).all() for part in closed)
@@ -96,7 +92,7 @@ def test_occlusion_of_closed_open_and_half_hidden_points(device: Device) -> None
     assert bake(device, alone, samples=64, reach=1e-3)[0].tolist() == [1]  # the wall is out of reach
 
 
-def test_spheres_are_where_their_equation_says(device: Device) -> None:
+def test_spheres_are_where_their_equation_says(device):
     rng = np.random.default_rng(7)
     spheres = np.hstack([rng.uniform(-1.5, 1.5, (30, 3)), rng.uniform(0.1, 0.4, (30, 1))]).astype(np.float32)
     width, height = 64, 36
@@ -119,7 +115,7 @@ def test_spheres_are_where_their_equation_says(device: Device) -> None:
     assert wrong.mean() < 0.004  # silhouettes
 
 
-def test_a_turntable_turns(device: Device) -> None:
+def test_a_turntable_turns(device):
     turntable = load("turntable")
     radiance = turntable.turn(device, turntable.still_life(), views=2, size=(12, 16), frames=4)
     assert radiance.shape == (16, 24, 3)
@@ -128,7 +124,7 @@ def test_a_turntable_turns(device: Device) -> None:
     assert np.abs(left - right).mean() > 0.1 * left.mean()
 
 
-def test_materials_differ_on_their_ball(device: Device) -> None:
+def test_materials_differ_on_their_ball(device):
     materials = load("materials")
     white, red = sv.Material(base_color=0.9, roughness=1.0), sv.Material(base_color=(0.9, 0, 0), roughness=1.0)
     radiance, of_white, of_red = materials.compare(device, white, red, size=24, samples=16)
@@ -137,7 +133,7 @@ def test_materials_differ_on_their_ball(device: Device) -> None:
     assert of_red[1] < 0.2 * of_white[1]
 
 
-def test_heights_are_those_of_the_array(device: Device) -> None:
+def test_heights_are_those_of_the_array(device):
     height_field = load("height_field")
     heights = np.random.default_rng(1).uniform(0, 1, (5, 7))
     scene = sv.Scene()
@@ -149,7 +145,7 @@ def test_heights_are_those_of_the_array(device: Device) -> None:
     np.testing.assert_allclose(found, (heights[:-1, :-1] + heights[1:, 1:]) / 2, atol=1e-4)
 
 
-def test_objects_cover_the_picture(device: Device) -> None:
+def test_objects_cover_the_picture(device):
     scene = sv.builtin("cornell_box")
     with sv.PathTracer(device, scene, (24, 24)) as tracer:
         frame = tracer.render(samples=1)
@@ -159,7 +155,7 @@ def test_objects_cover_the_picture(device: Device) -> None:
     assert sum(share for share, _ in found.values()) == pytest.approx(1 - nothing)
 
 
-def test_seeds_vary_as_they_tell(device: Device) -> None:
+def test_seeds_vary_as_they_tell(device):
     seeds = load("seeds")
     found, told = seeds.pictures(device, sv.builtin("cornell_box"), range(8), size=(16, 16), samples=16)
     measured = (found @ seeds.LUMINANCE).var(axis=0, ddof=1).mean()

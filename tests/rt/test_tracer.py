@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 from support.rays import World, closest_by_brute_force, intersect
@@ -16,13 +14,13 @@ from solari_vk.scene.binder import SceneBinder
 SOME = sv.Material()
 
 
-def soup(rng: np.random.Generator, count: int, size: float = 0.3) -> sv.Mesh:
+def soup(rng, count, size=0.3):
     """Randomly scattered triangles in random order."""
     corners = rng.uniform(-1, 1, (count, 1, 3)) + rng.normal(0, size, (count, 3, 3))
     return sv.Mesh(positions=corners.reshape(-1, 3).astype(np.float32))
 
 
-def place(*position: float, matrix: Any = None) -> np.ndarray:
+def place(*position, matrix=None):
     transform = np.eye(4)
     transform[:3, 3] = position
     if matrix is not None:
@@ -30,7 +28,7 @@ def place(*position: float, matrix: Any = None) -> np.ndarray:
     return transform
 
 
-def make_scene(rng: np.random.Generator) -> sv.Scene:
+def make_scene(rng):
     """Moved, mirrored and sheared instances that share a mesh; one has a ray_mesh, and one is invisible."""
     mesh, other = soup(rng, 60), soup(rng, 40)
     return sv.Scene(
@@ -42,12 +40,12 @@ def make_scene(rng: np.random.Generator) -> sv.Scene:
     )
 
 
-def make_rays(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
+def make_rays(rng, count):
     origins = rng.uniform(-2, 5, (count, 3))
     return origins, rng.uniform(-1, 4, (count, 3)) - origins  # of any length
 
 
-def check(tracer: sv.RayTracer, scene: sv.Scene, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+def check(tracer, scene, origins, directions):
     """Trace, and compare each field with the oracle, except for rays that hit an edge within rounding."""
     origins, directions = origins.astype(np.float32), directions.astype(np.float32)
     hits = tracer.trace(origins, directions)
@@ -77,14 +75,14 @@ def check(tracer: sv.RayTracer, scene: sv.Scene, origins: np.ndarray, directions
     return hits
 
 
-def test_closest_hits_are_those_of_float64(device: Device) -> None:
+def test_closest_hits_are_those_of_float64(device):
     rng = np.random.default_rng(1)
     scene = make_scene(rng)
     with sv.RayTracer(device, scene) as tracer:
         check(tracer, scene, *make_rays(rng, 4000))
 
 
-def test_any_hit_is_some_hit(device: Device) -> None:
+def test_any_hit_is_some_hit(device):
     rng = np.random.default_rng(2)
     scene = make_scene(rng)
     origins, directions = make_rays(rng, 4000)
@@ -96,7 +94,7 @@ def test_any_hit_is_some_hit(device: Device) -> None:
     assert (anything["t"] > closest["t"] + 1e-3).any()  # the traversal stops early
 
 
-def test_triangles_have_the_users_numbers(device: Device) -> None:
+def test_triangles_have_the_users_numbers(device):
     rng = np.random.default_rng(3)
     cells = rng.permutation(400)
     x, y = cells % 20, cells // 20
@@ -112,7 +110,7 @@ def test_triangles_have_the_users_numbers(device: Device) -> None:
         assert np.array_equal(hits["primitive"], np.arange(400)[::-1])
 
 
-def test_edits_are_taken_up(device: Device) -> None:
+def test_edits_are_taken_up(device):
     rng = np.random.default_rng(4)
     scene = make_scene(rng)
     rays = make_rays(rng, 1500)
@@ -132,7 +130,7 @@ def test_edits_are_taken_up(device: Device) -> None:
         assert (tracer.trace(*rays)["instance"] == -1).all()
 
 
-def test_rays_without_sense_meet_nothing(device: Device) -> None:
+def test_rays_without_sense_meet_nothing(device):
     scene = sv.builtin("closed_box")  # rays that start inside hit something
     good = np.array([0.0, 0.0, 1.0])
     nan, inf = np.nan, np.inf
@@ -149,7 +147,7 @@ def test_rays_without_sense_meet_nothing(device: Device) -> None:
         assert not any(miss[name].any() for name in ("barycentrics", "position", "normal"))
 
 
-def test_limits_of_rays(device: Device) -> None:
+def test_limits_of_rays(device):
     mesh = sv.Mesh(positions=np.array([[-9, -9, 0], [9, -9, 0], [0, 9, 0]], np.float32))
     scene = sv.Scene(*(sv.Instance(mesh=mesh, material=SOME, transform=place(0, 0, -z)) for z in (2.0, 4.0)))
     with sv.RayTracer(device, scene) as tracer:
@@ -158,7 +156,7 @@ def test_limits_of_rays(device: Device) -> None:
 
 
 @pytest.mark.parametrize("count", [0, 1, 63, 64, 65, 128, 129, 1000])
-def test_batches_join_without_seams(device: Device, monkeypatch: pytest.MonkeyPatch, count: int) -> None:
+def test_batches_join_without_seams(device, monkeypatch, count):
     monkeypatch.setattr(tracer_module, "BATCH", 64)
     corners = np.array([[0, 0, 0], [0.9, 0, 0], [0, 0.9, 0]]) + np.arange(1000)[:, None, None] * np.array([1.0, 0, 0])
     scene = sv.Scene(sv.Instance(mesh=sv.Mesh(positions=corners.reshape(-1, 3).astype(np.float32)), material=SOME))
@@ -167,7 +165,7 @@ def test_batches_join_without_seams(device: Device, monkeypatch: pytest.MonkeyPa
     assert np.array_equal(hits["primitive"], np.arange(count))
 
 
-def test_shapes_and_types(device: Device) -> None:
+def test_shapes_and_types(device):
     with sv.RayTracer(device, sv.builtin("closed_box")) as tracer:
         assert tracer.trace((0, 0, 0), (0, 0, 1)).shape == ()
         assert tracer.trace(np.zeros((4, 1, 3)), np.ones((5, 3), int)).shape == (4, 5)
@@ -186,12 +184,12 @@ def test_shapes_and_types(device: Device) -> None:
         ((np.zeros(3), None), "directions"),
     ],
 )
-def test_arrays_that_do_not_fit(device: Device, arguments: Any, message: str) -> None:
+def test_arrays_that_do_not_fit(device, arguments, message):
     with sv.RayTracer(device, sv.Scene()) as tracer, pytest.raises(sv.SolariError, match=f"trace: .*{message}"):
         tracer.trace(*arguments[:2], **({"t_min": arguments[2]} if len(arguments) > 2 else {}))
 
 
-def test_a_binder_is_shared_and_nothing_is_left(device: Device) -> None:
+def test_a_binder_is_shared_and_nothing_is_left(device):
     device.wait_idle()
     scene, before = sv.builtin("closed_box"), device.live_objects
     for _ in range(3):
@@ -206,7 +204,7 @@ def test_a_binder_is_shared_and_nothing_is_left(device: Device) -> None:
         assert device.live_objects - before <= 4
 
 
-def test_with_memory_that_is_not_mapped(any_device: None) -> None:
+def test_with_memory_that_is_not_mapped(any_device):
     with Device(validation=True, staging=True) as device, sv.RayTracer(device, sv.builtin("closed_box")) as tracer:
         hits = tracer.trace(np.zeros((1000, 3)), np.random.default_rng(5).normal(size=(1000, 3)))
         assert (hits["instance"] >= 0).all()

@@ -21,20 +21,34 @@ from solari_vk.scene.model import DirectionalLight, Instance, Material, Mesh, Sc
 from solari_vk.scene.table import Table
 
 
+@pytest.fixture
+def rng():
+    return np.random.default_rng(0)
+
+
+@pytest.fixture
+def scene(rng):
+    """A scene with one instance."""
+    return Scene(make_instance(rng))
+
+
+@pytest.fixture
+def binder(device, scene):
+    made = SceneBinder(device, scene)
+    yield made
+    made.destroy()
+
+
+def make_instance(rng, **material):
+    return Instance(mesh=make_mesh(rng), material=Material(**material))
+
+
 def make_mesh(rng, triangles=1):
     return Mesh(positions=rng.normal(size=(3 * triangles, 3)), normals=np.tile([0, 0, 1], (3 * triangles, 1)))
 
 
 def make_texture(rng):
     return Texture(image=TextureImage(pixels=rng.integers(0, 256, (*rng.integers(1, 9, 2), 4))))
-
-
-def make_material(rng):
-    emissive = rng.choice([0.0, 2.0])
-    texture = make_texture(rng) if rng.random() < 0.3 else None
-    return Material(
-        base_color=rng.random(3), emissive=emissive, base_color_texture=texture, double_sided=rng.random() < 0.5
-    )
 
 
 def make_transform(rng):
@@ -111,7 +125,10 @@ def test_random_edits_are_mirrored(device, seed):
     objects = device.live_objects
     binder = SceneBinder(device, scene)
     meshes = [make_mesh(rng, triangles) for triangles in (1, 2, 5)]
-    materials = [make_material(rng) for _ in range(4)]
+    materials = [
+        Material(base_color=rng.random(3), emissive=rng.choice([0.0, 2.0]), double_sided=rng.random() < 0.5,
+                 base_color_texture=rng.choice([None, make_texture(rng)])) for _ in range(4)
+    ]  # fmt: skip
 
     def add():
         ray_mesh = rng.choice(meshes) if rng.random() < 0.3 else None
@@ -147,27 +164,22 @@ def test_random_edits_are_mirrored(device, seed):
     assert device.live_objects <= objects + 4  # shared samplers are kept
 
 
-def test_instances_can_leave_and_come_back(device):
-    rng = np.random.default_rng(0)
-    scene = Scene(*(Instance(mesh=make_mesh(rng), material=Material(emissive=1)) for _ in range(40)))
-    binder = SceneBinder(device, scene)
+def test_instances_can_leave_and_come_back(rng, scene, binder):
+    for _ in range(39):
+        scene.add(make_instance(rng, emissive=1))
     assert_mirrors(binder, scene)
     first = list(scene)[:25]
-    for instance in first:
-        scene.remove(instance)
-    assert_mirrors(binder, scene)
-    for instance in first:
-        scene.add(instance)
-    assert_mirrors(binder, scene)
+    for edit in (scene.remove, scene.add):
+        for instance in first:
+            edit(instance)
+        assert_mirrors(binder, scene)
     assert binder._instance_rows.limit == 40
-    binder.destroy()
 
 
-def test_a_small_change_uploads_little(device, monkeypatch):
-    rng = np.random.default_rng(0)
-    mesh, material = make_mesh(rng), Material()
-    scene = Scene(*(Instance(mesh=mesh, material=material) for _ in range(5000)))
-    binder = SceneBinder(device, scene)
+def test_a_small_change_uploads_little(rng, scene, binder, monkeypatch):
+    first = scene.instances[0]
+    for _ in range(5000):
+        scene.add(Instance(mesh=first.mesh, material=first.material))
     binder.update()
     sizes = []
     find_runs = Table._runs
@@ -178,36 +190,28 @@ def test_a_small_change_uploads_little(device, monkeypatch):
         return runs
 
     monkeypatch.setattr(Table, "_runs", note)
-    next(iter(scene)).transform = make_transform(rng)
+    first.transform = make_transform(rng)
     binder.update()
     assert 0 < sum(sizes) < 500
     sizes.clear()
     binder.update()
     assert not sizes
-    binder.destroy()
 
 
-def test_two_binders_see_the_same_changes(device):
-    rng = np.random.default_rng(0)
-    scene = Scene(Instance(mesh=make_mesh(rng), material=Material()))
-    binders = [SceneBinder(device, scene), SceneBinder(device, scene)]
+def test_two_binders_see_the_same_changes(device, rng, scene, binder):
+    other = SceneBinder(device, scene)
     for _ in range(3):
-        scene.add(Instance(mesh=make_mesh(rng), material=Material(emissive=1)))
-        for binder in binders:
-            assert_mirrors(binder, scene)
-    for binder in binders:
-        binder.destroy()
+        scene.add(make_instance(rng, emissive=1))
+        assert_mirrors(binder, scene)
+        assert_mirrors(other, scene)
+    other.destroy()
 
 
-def test_a_failed_update_is_tried_again(device, monkeypatch):
-    rng = np.random.default_rng(0)
-    scene = Scene(Instance(mesh=make_mesh(rng), material=Material()))
-    binder = SceneBinder(device, scene)
-
+def test_a_failed_update_is_tried_again(rng, scene, binder, monkeypatch):
     upload, find_runs = Uploads.buffer, Table._runs
     for calls in range(1, 30):
         for _ in range(17):
-            scene.add(Instance(mesh=make_mesh(rng), material=Material(emissive=1)))
+            scene.add(make_instance(rng, emissive=1))
         left = [calls]
 
         def failing(function, left=left):
@@ -225,56 +229,48 @@ def test_a_failed_update_is_tried_again(device, monkeypatch):
             with pytest.raises(SolariError, match="out of memory") if calls < 17 else contextlib.suppress(SolariError):
                 binder.update()
         assert_mirrors(binder, scene)
-    binder.destroy()
+
+
+def fail_to_add(scene, binder, rng, monkeypatch, kind, method):
+    """Add an instance in an update that fails, and remove it."""
+    assert_mirrors(binder, scene)
+    instance = scene.add(make_instance(rng, emissive=1))
+    with monkeypatch.context() as patch:
+        patch.setattr(kind, method, lambda *_, **__: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            binder.update()
+    scene.remove(instance)
 
 
 @pytest.mark.parametrize("count", [1, 16])  # tables begin with 16 rows
-def test_what_never_arrived_can_be_removed(device, monkeypatch, count):
-    rng = np.random.default_rng(0)
-    scene = Scene(*(Instance(mesh=make_mesh(rng), material=Material()) for _ in range(count)))
-    binder = SceneBinder(device, scene)
+def test_what_never_arrived_can_be_removed(rng, scene, binder, monkeypatch, count):
+    for _ in range(count - 1):
+        scene.add(make_instance(rng))
+    fail_to_add(scene, binder, rng, monkeypatch, Uploads, "buffer")
     assert_mirrors(binder, scene)
-    instance = Instance(mesh=make_mesh(rng), material=Material(emissive=1))
-    scene.add(instance)
-    with monkeypatch.context() as patch:
-        patch.setattr(Uploads, "buffer", lambda *_: 1 / 0)
-        with pytest.raises(ZeroDivisionError):
-            binder.update()
-    scene.remove(instance)
-    assert_mirrors(binder, scene)
-    binder.destroy()
 
 
-def test_a_tlas_build_that_fails_leaves_the_one_before(device, monkeypatch):
-    rng = np.random.default_rng(0)
-    scene = Scene(Instance(mesh=make_mesh(rng), material=Material()))
-    binder = SceneBinder(device, scene)
-    assert_mirrors(binder, scene)
-    instance = Instance(mesh=make_mesh(rng), material=Material())
-    scene.add(instance)
-    with monkeypatch.context() as patch:
-        patch.setattr(Tlas, "_record", lambda *_, **__: 1 / 0)
-        with pytest.raises(ZeroDivisionError):
-            binder.update()
-    scene.remove(instance)
+def test_a_tlas_build_that_fails_leaves_the_one_before(device, rng, scene, binder, monkeypatch):
+    fail_to_add(scene, binder, rng, monkeypatch, Tlas, "_record")
     before = binder._traced._build
     assert before._commands._pool._token in device._owned
     assert_mirrors(binder, scene)  # as many instances as before, so that the old commands fit
     assert binder._traced._build is before
-    binder.destroy()
+
+
+SQUARE = Mesh(positions=[[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], triangles=[[0, 1, 2], [0, 2, 3]])
 
 
 @pytest.mark.parametrize("staging", [False, True])
-def test_rays_meet_what_was_uploaded(any_device, staging):
+def test_rays_meet_what_was_uploaded(any_device, rng, staging):
     """The TLAS is built after the upload of its records, with mapped memory and with staging buffers."""
-    square = Mesh(positions=[[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], triangles=[[0, 1, 2], [0, 2, 3]])
-    scene = Scene(Instance(mesh=square, material=Material(base_color_texture=make_texture(np.random.default_rng(0)))))
+    scene = Scene(Instance(mesh=SQUARE, material=Material(base_color_texture=make_texture(rng))))
     camera = Camera.look_at((0, 0, 1), (0, 0, 0))
     with Device(staging=staging) as device:
         renderer = PathTracer(device, scene, (4, 4), max_bounces=0)
         renderer.render(camera, samples=1)
         assert (renderer["instance_id"] == 0).all()
-        scene.add(Instance(mesh=square, material=Material(), transform=np.diag([0.1, 0.1, 0.1, 1])))
+        scene.add(Instance(mesh=SQUARE, material=Material(), transform=np.diag([0.1, 0.1, 0.1, 1])))
         next(iter(scene)).visible = False
         renderer.render(camera, samples=1)
         assert set(renderer["instance_id"].ravel().tolist()) <= {1, NO_INDEX}
@@ -288,50 +284,39 @@ def test_fields_in_another_order_are_refused(device):
 
 def test_edits_reach_frames_in_flight(device):
     """A picture shows an edit that was made while earlier frames were still running."""
-    square = Mesh(positions=[[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], triangles=[[0, 1, 2], [0, 2, 3]])
-    instance = Instance(mesh=square, material=Material(emissive=1))
-    scene = Scene(instance)
+    instance = Instance(mesh=SQUARE, material=Material(emissive=1))
     camera = Camera.look_at((0, 0, 1), (0, 0, 0))
-    renderer = PathTracer(device, scene, (64, 64), max_bounces=0)
-    for turn in range(10):
-        shown = turn % 2 == 0
-        for _ in range(3):
-            renderer.advance(camera)
-        instance.transform = np.eye(4) + (0 if shown else 50) * np.eye(4, k=3)
-        assert (renderer.render(camera, samples=1)["radiance"] > 0).all() == shown
-    renderer.close()
+    with PathTracer(device, Scene(instance), (64, 64), max_bounces=0) as renderer:
+        for turn in range(10):
+            shown = turn % 2 == 0
+            for _ in range(3):
+                renderer.advance(camera)
+            instance.transform = np.eye(4) + (0 if shown else 50) * np.eye(4, k=3)
+            assert (renderer.render(camera, samples=1)["radiance"] > 0).all() == shown
 
 
-def test_no_dead_texture_stays_bound(device):
+def test_no_dead_texture_stays_bound(device, rng, scene):
     """A texture that loses its last user is unbound; the renderer continues, also after a resize."""
-    rng = np.random.default_rng(0)
-    textured = Instance(mesh=make_mesh(rng), material=Material(base_color_texture=make_texture(rng)))
-    scene = Scene(Instance(mesh=make_mesh(rng), material=Material()), textured)
+    textured = scene.add(make_instance(rng, base_color_texture=make_texture(rng)))
     camera = Camera.look_at((0, 0, 5), (0, 0, 0))
-    renderer = PathTracer(device, scene, (4, 4), max_bounces=0)
-    renderer.render(camera, samples=1)
-    scene.remove(textured)
-    renderer.render(camera, samples=1)
-    assert renderer["depth"].shape == (4, 4)
-    renderer.resize((5, 5))
-    assert renderer.render(camera, samples=1)["radiance"].shape == (5, 5, 3)
-    renderer.close()
-
-
-def test_renderers_share_a_binder(device):
-    rng = np.random.default_rng(0)
-    scene = Scene(Instance(mesh=make_mesh(rng), material=Material()))
-    camera = Camera.look_at((0, 0, 5), (0, 0, 0))
-    binder = SceneBinder(device, scene)
-    first, second = (PathTracer(device, binder, (4, 4), max_bounces=0) for _ in range(2))
-    for renderer in (first, second):
+    with PathTracer(device, scene, (4, 4), max_bounces=0) as renderer:
+        renderer.render(camera, samples=1)
+        scene.remove(textured)
         renderer.render(camera, samples=1)
         assert renderer["depth"].shape == (4, 4)
-    for _ in range(40):  # tables are replaced
-        scene.add(Instance(mesh=make_mesh(rng), material=Material()))
-    first.render(camera, samples=1)
-    assert second["depth"].shape == (4, 4)
-    assert second.render(camera, samples=2)["radiance"].shape == (4, 4, 3)
-    for renderer in (first, second):
-        renderer.close()
-    binder.destroy()
+        renderer.resize((5, 5))
+        assert renderer.render(camera, samples=1)["radiance"].shape == (5, 5, 3)
+
+
+def test_renderers_share_a_binder(device, rng, scene, binder):
+    camera = Camera.look_at((0, 0, 5), (0, 0, 0))
+    first, second = (PathTracer(device, binder, (4, 4), max_bounces=0) for _ in range(2))
+    with first, second:
+        for renderer in (first, second):
+            renderer.render(camera, samples=1)
+            assert renderer["depth"].shape == (4, 4)
+        for _ in range(40):  # tables are replaced
+            scene.add(make_instance(rng))
+        first.render(camera, samples=1)
+        assert second["depth"].shape == (4, 4)
+        assert second.render(camera, samples=2)["radiance"].shape == (4, 4, 3)

@@ -34,7 +34,7 @@ pytestmark = pytest.mark.skipif(not FILES, reason="no assets: set SOLARI_VK_ASSE
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
-def test_assets_load(path: Path) -> None:
+def test_assets_load(path):
     if path.stem in REFUSED:
         with pytest.raises(sv.SolariError, match=REFUSED[path.stem]):
             load_gltf(path)
@@ -46,7 +46,7 @@ def test_assets_load(path: Path) -> None:
 
 
 @pytest.mark.skipif(not (ASSETS / "FlightHelmet").is_dir(), reason="no FlightHelmet among the assets")
-def test_flight_helmet() -> None:
+def test_flight_helmet():
     scene = load_gltf(ASSETS / "FlightHelmet" / "FlightHelmet.gltf")
     assert len(scene.instances) == 6
     materials = {instance.material for instance in scene}
@@ -61,7 +61,7 @@ def test_flight_helmet() -> None:
 
 
 @pytest.mark.skipif(not (ASSETS / "Fox").is_dir(), reason="no Fox among the assets")
-def test_the_fox_stands_on_its_paws() -> None:
+def test_the_fox_stands_on_its_paws():
     low, high = load_gltf(ASSETS / "Fox" / "Fox.glb").bounds
     assert abs(low[1]) < 1
     assert high[1] - low[1] == pytest.approx(79, abs=2)
@@ -80,7 +80,7 @@ def render(device, scene, camera):
 
 @pytest.mark.parametrize(("name", "least"), [("FlightHelmet/FlightHelmet.gltf", 5), ("CornellBox/CornellBox.glb", 5),
                                              ("Fox/Fox.glb", 2)])  # fmt: skip
-def test_they_show(device, name, least) -> None:
+def test_they_show(device, name, least):
     if not (ASSETS / name).is_file():
         pytest.skip(f"no {name} among the assets")
     scene = load_gltf(ASSETS / name)
@@ -91,7 +91,7 @@ def test_they_show(device, name, least) -> None:
     assert render(device, scene, camera) >= least
 
 
-def test_a_room_of_the_dungeon_kit_shows(device) -> None:
+def test_a_room_of_the_dungeon_kit_shows(device):
     kit = ASSETS / "kaykit_dungeon"
     if not kit.is_dir():
         pytest.skip("no dungeon kit among the assets")

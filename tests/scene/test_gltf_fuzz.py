@@ -14,7 +14,7 @@ PARTS, COUNT = 4, 600  # fixed seeds, 2,400 files
 
 
 @pytest.mark.parametrize("part", range(PARTS))
-def test_mutated_files(tmp_path: Path, part: int) -> None:
+def test_mutated_files(tmp_path, part):
     script = Path(__file__).with_name("fuzz_gltf.py")
     # Threads of the linear algebra library would only reserve memory.
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(sys.path)}

@@ -4,38 +4,34 @@ from __future__ import annotations
 
 import gc
 import math
-from typing import Any
 
 import numpy as np
 import pytest
 
 from solari_vk.errors import SolariError
-from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material, Mesh, Scene, Texture, TextureImage
-from solari_vk.scene.observed import Observable
+from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material, Mesh, Texture, TextureImage
 
 TRIANGLE = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
 
 
-def mesh(**fields: Any) -> Mesh:
+def mesh(**fields):
     return Mesh(**{"positions": TRIANGLE, **fields})
 
 
-def instance(**fields: Any) -> Instance:
-    return Instance(**{"mesh": mesh(), "material": Material(), **fields})
-
-
 class Notes:
-    def __init__(self) -> None:
-        self.seen: list[Observable] = []
+    """A watcher."""
 
-    def note(self, changed: Observable) -> None:
+    def __init__(self):
+        self.seen = []
+
+    def note(self, changed):
         self.seen.append(changed)
 
 
 # ---- fields -----------------------------------------------------------------------------------------
 
 
-def test_arrays_are_copied_converted_and_frozen() -> None:
+def test_arrays_are_copied_converted_and_frozen():
     given = np.array(TRIANGLE, np.float64)
     made = mesh(positions=given, triangles=[[0, 1, 2]])
     given[:] = 9
@@ -46,7 +42,7 @@ def test_arrays_are_copied_converted_and_frozen() -> None:
     assert mesh().triangles.tolist() == [[0, 1, 2]]
 
 
-REFUSED: list[tuple[type, dict[str, Any], str]] = [
+REFUSED = [
     (Mesh, {"positions": [[0, 0]]}, r"positions must have the shape \(N, 3\), not \(1, 2\)"),
     (Mesh, {"positions": [[0, 0, math.nan]] * 3}, r"must be finite, but element \(0, 2\) is nan"),
     (Mesh, {"positions": [[0, 0, 1e60]] * 3}, "must be finite"),
@@ -84,7 +80,7 @@ REFUSED: list[tuple[type, dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("kind", "fields", "message"), REFUSED)
-def test_refused_fields(kind: type, fields: dict[str, Any], message: str) -> None:
+def test_refused_fields(kind, fields, message):
     with pytest.raises(SolariError, match=message):
         kind(**fields)
 
@@ -95,19 +91,19 @@ def test_refused_fields(kind: type, fields: dict[str, Any], message: str) -> Non
      (np.full((4, 4), math.nan), "finite"), (np.zeros((4, 4)), "affine"), (np.diag([1e300, 1, 1, 1]), "within 1e"),
      (np.ones((3, 4)), "invertible"), ("x", "transform")],
 )  # fmt: skip
-def test_refused_transforms(transform: Any, message: str) -> None:
+def test_refused_transforms(transform, message):
     with pytest.raises(SolariError, match=message):
-        instance(transform=transform)
+        Instance(mesh(), transform=transform)
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1, 1e4, -1])
-def test_transforms_of_any_usual_size_and_three_rows(scale: float) -> None:
+def test_transforms_of_any_usual_size_and_three_rows(scale):
     matrix = np.diag([scale, 1, 1, 1])
     matrix[:3, 3] = [1e4, 0, 0]
-    assert instance(transform=matrix[:3]).transform.tolist() == matrix.tolist()
+    assert Instance(mesh(), transform=matrix[:3]).transform.tolist() == matrix.tolist()
 
 
-def test_colors_may_be_gray_and_textures_take_words() -> None:
+def test_colors_may_be_gray_and_textures_take_words():
     assert Material(base_color=0.25, reflectance=[0, 0.5, 1]).base_color.tolist() == [0.25] * 3
     image = TextureImage(pixels=np.zeros((1, 1, 4), np.uint8))
     assert Texture(image=image, wrap_u="clamp_to_edge").uv_transform.tolist() == np.eye(2, 3).tolist()
@@ -120,7 +116,7 @@ def test_colors_may_be_gray_and_textures_take_words() -> None:
 # ---- changes ----------------------------------------------------------------------------------------
 
 
-def test_watchers_are_told_once_for_every_change() -> None:
+def test_watchers_are_told_once_for_every_change():
     notes, material = Notes(), Material()
     material.watch(notes)
     material.watch(notes)
@@ -132,7 +128,7 @@ def test_watchers_are_told_once_for_every_change() -> None:
     assert len(notes.seen) == 2
 
 
-def test_watchers_are_held_weakly() -> None:
+def test_watchers_are_held_weakly():
     notes, other, material = Notes(), Notes(), Material()
     material.watch(notes)
     material.watch(other)
@@ -144,7 +140,7 @@ def test_watchers_are_held_weakly() -> None:
     assert not material._watchers
 
 
-def test_updates_are_all_or_nothing() -> None:
+def test_updates_are_all_or_nothing():
     notes, made = Notes(), mesh(name="wall")
     made.watch(notes)
     for fields, message in (
@@ -162,84 +158,45 @@ def test_updates_are_all_or_nothing() -> None:
     assert notes.seen == [made]
 
 
-def test_misspelt_fields_are_refused() -> None:
+def test_misspelt_fields_are_refused():
     with pytest.raises(SolariError, match=r"no field 'metalic'; did you mean 'metallic'. there are base_color"):
-        Material().metalic = 1  # type: ignore[attr-defined]
+        Material().metalic = 1
+    with pytest.raises(SolariError, match=r"Camera has no field 'fov'; did you mean 'vertical_fov'"):
+        Camera(fov=1.0)
 
 
-def test_objects_are_their_own_handles() -> None:
-    assert mesh() != mesh()
+def test_objects_are_their_own_handles():
     assert len({mesh(), mesh()}) == 2
-
-
-# ---- scenes -----------------------------------------------------------------------------------------
-
-
-def test_scenes_hold_items_in_order_and_tell_of_each() -> None:
-    first, second = instance(name="first"), instance(name="second")
-    sun, camera = DirectionalLight(direction=[0, -1, 0]), Camera()
-    notes, scene = Notes(), Scene(first, name="room")
-    scene.watch(notes)
-    assert scene.add(second) is second
-    scene.add(sun)
-    scene.add(camera)
-    assert list(scene) == [first, second]
-    assert (list(scene.lights), list(scene.cameras), scene.camera) == ([sun], [camera], camera)
-    scene.remove(first)
-    scene.add(first)
-    assert list(scene) == [second, first]
-    assert notes.seen == [second, sun, camera, first, first]
-
-
-def test_scenes_refuse_what_they_can_not_hold() -> None:
-    box = instance(name="box")
-    scene = Scene(box, name="room")
-    with pytest.raises(SolariError, match="Instance 'box' is in the scene already"):
-        scene.add(box)
-    with pytest.raises(SolariError, match="Instance is not in the scene"):
-        scene.remove(instance())
-    with pytest.raises(SolariError, match="holds instances, lights and cameras, not Material"):
-        scene.add(Material())  # type: ignore[call-overload]
-    with pytest.raises(SolariError, match="no visible instance"):
-        _ = Scene().bounds
-
-
-def test_bounds() -> None:
-    turned = np.array([[0, -2, 0, 5], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
-    scene = Scene(instance(transform=turned), instance(visible=False, transform=turned * 9 - 8 * np.diag([0, 0, 0, 1])))
-    assert np.array(scene.bounds).tolist() == [[3, 0, 0], [5, 1, 0]]
 
 
 # ---- cameras ----------------------------------------------------------------------------------------
 
 
-def test_look_at() -> None:
-    camera = Camera.look_at([1, 2, 3], [1, 2, -7], vertical_fov=1, name="eye")
-    expected = np.eye(4)
-    expected[:3, 3] = [1, 2, 3]
-    np.testing.assert_allclose(camera.transform, expected)
+def test_look_at():
+    camera = Camera.look_at([1, 2, 3], [1, 2, -7], vertical_fov=1, name="eye", ev100=3)
+    np.testing.assert_allclose(camera.transform, [[1, 0, 0, 1], [0, 1, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]])
     assert (camera.vertical_fov, camera.name) == (1, "eye")
-    down = Camera.look_at([0, 5, 0], [0, 0, 0], up=[0, 0, -1])
-    np.testing.assert_allclose(down.transform[:3, :3] @ [0, 0, -1], [0, -1, 0])
+    assert camera.look_at([0, 5, 0], [0, 0, 0], up=[0, 0, -1], vertical_fov=0.5) is camera, "moves the camera"
+    np.testing.assert_allclose(camera.transform[:3, 2:], [[0, 0], [1, 5], [0, 0]])
+    assert (camera.ev100, camera.vertical_fov) == (3, 0.5)
     for position, target in (([0, 0, 0], [0, 0, 0]), ([0, 5, 0], [0, 0, 0])):
         with pytest.raises(SolariError, match="must differ, and up must not lie along the view"):
             Camera.look_at(position, target)
 
 
-def test_exposure() -> None:
+def test_exposure():
     assert Camera(ev100=0).exposure == pytest.approx(1 / 1.2)
     assert Camera(ev100=3).exposure == pytest.approx(1 / 9.6)
 
 
-def test_poses_round_trip() -> None:
+def test_poses_round_trip():
     camera = Camera.look_at([1, 2, 3], [4, 5, 7], ev100=2)
     again = Camera.from_pose(camera.pose())
     np.testing.assert_allclose(again.transform, camera.transform)
     assert again.vertical_fov == pytest.approx(camera.vertical_fov)
     assert again.ev100 == 2
-    np.testing.assert_allclose(
-        Camera.from_pose({"position": [1, 2, 3], "target": [4, 5, 7]}).transform, camera.transform
-    )
+    aimed = Camera.from_pose({"position": [1, 2, 3], "target": [4, 5, 7]})
+    np.testing.assert_allclose(aimed.transform, camera.transform)
 
 
 @pytest.mark.parametrize(
@@ -248,6 +205,6 @@ def test_poses_round_trip() -> None:
      ({"position": "x", "target": [0, 0, 0]}, "needs"), ({"transform": [[1]]}, "shape"),
      ({"position": [0, 0, 1], "target": [0, 0, 0], "vertical_fov_degrees": 200}, "vertical_fov")],
 )  # fmt: skip
-def test_poses_that_make_no_camera(pose: Any, message: str) -> None:
+def test_poses_that_make_no_camera(pose, message):
     with pytest.raises(SolariError, match=message):
         Camera.from_pose(pose)

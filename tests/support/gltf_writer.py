@@ -113,9 +113,11 @@ def glb(text: bytes, binary: bytes) -> bytes:
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
-def encoded(pixels: Any, format: str = "PNG", **options: Any) -> bytes:
+def encoded(picture: Any, format: str = "PNG", **options: Any) -> bytes:
+    """The bytes of a file. picture: a PIL image, or pixels (h, w, c)."""
     from PIL import Image
 
     file = io.BytesIO()
-    Image.fromarray(np.asarray(pixels, np.uint8)).save(file, format=format, **options)
+    image = picture if isinstance(picture, Image.Image) else Image.fromarray(np.asarray(picture, np.uint8))
+    image.save(file, format=format, **options)
     return file.getvalue()
