@@ -53,11 +53,6 @@ def decode(image: Any, who: str) -> Pixels:
         raise SolariError(f"{who} is a damaged image ({_short(error)}): save it again") from None
 
 
-def decode_image(data: bytes | memoryview, who: str = "the image") -> Pixels:
-    """The pixels (height, width, 4) of a PNG or JPEG file's bytes; SolariError when it is neither, damaged or huge."""
-    return decode(open_image(data, who), who)
-
-
 def _too_large(who: str, size: str = "is too large; ") -> str:
     return (
         f"{who} {size}at most {LARGEST_SIDE} a side and {LARGEST_PIXEL_COUNT >> 20} Mi pixels in all are read: "

@@ -11,7 +11,12 @@ from solari_vk import tracer as tracer_module
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.binder import SceneBinder
 
-SOME = sv.Material()
+CORNERS = np.array([[0, 0, 0], [0.9, 0, 0], [0, 0.9, 0]])
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(1)
 
 
 def soup(rng, count, size=0.3):
@@ -20,23 +25,19 @@ def soup(rng, count, size=0.3):
     return sv.Mesh(positions=corners.reshape(-1, 3).astype(np.float32))
 
 
-def place(*position, matrix=None):
-    transform = np.eye(4)
-    transform[:3, 3] = position
-    if matrix is not None:
-        transform[:3, :3] = matrix
-    return transform
+def place(*position, matrix=((1, 0, 0), (0, 1, 0), (0, 0, 1))):
+    return np.column_stack([matrix, position])
 
 
 def make_scene(rng):
     """Moved, mirrored and sheared instances that share a mesh; one has a ray_mesh, and one is invisible."""
     mesh, other = soup(rng, 60), soup(rng, 40)
     return sv.Scene(
-        sv.Instance(mesh=mesh, material=SOME),
-        sv.Instance(mesh=mesh, material=SOME, transform=place(3, 0, 0, matrix=np.diag([-1, 1, 1]))),
-        sv.Instance(mesh=other, material=SOME, transform=place(0, 3, 0), visible=False),
-        sv.Instance(mesh=mesh, ray_mesh=other, material=SOME, transform=place(0, 3, 0)),
-        sv.Instance(mesh=other, material=SOME, transform=place(3, 3, 0, matrix=[[1, 0.5, 0], [0, 2, 0], [0.1, 0, -1]])),
+        sv.Instance(mesh=mesh),
+        sv.Instance(mesh=mesh, transform=place(3, 0, 0, matrix=np.diag([-1, 1, 1]))),
+        sv.Instance(mesh=other, transform=place(0, 3, 0), visible=False),
+        sv.Instance(mesh=mesh, ray_mesh=other, transform=place(0, 3, 0)),
+        sv.Instance(mesh=other, transform=place(3, 3, 0, matrix=[[1, 0.5, 0], [0, 2, 0], [0.1, 0, -1]])),
     )
 
 
@@ -75,15 +76,13 @@ def check(tracer, scene, origins, directions):
     return hits
 
 
-def test_closest_hits_are_those_of_float64(device):
-    rng = np.random.default_rng(1)
+def test_closest_hits_are_those_of_float64(device, rng):
     scene = make_scene(rng)
     with sv.RayTracer(device, scene) as tracer:
         check(tracer, scene, *make_rays(rng, 4000))
 
 
-def test_any_hit_is_some_hit(device):
-    rng = np.random.default_rng(2)
+def test_any_hit_is_some_hit(device, rng):
     scene = make_scene(rng)
     origins, directions = make_rays(rng, 4000)
     with sv.RayTracer(device, scene) as tracer:
@@ -94,14 +93,11 @@ def test_any_hit_is_some_hit(device):
     assert (anything["t"] > closest["t"] + 1e-3).any()  # the traversal stops early
 
 
-def test_triangles_have_the_users_numbers(device):
-    rng = np.random.default_rng(3)
-    cells = rng.permutation(400)
-    x, y = cells % 20, cells // 20
-    corners = np.array([[0, 0, 0], [0.9, 0, 0], [0, 0.9, 0]]) + np.stack([x, y, 0 * x], -1)[:, None]
-    mesh = sv.Mesh(positions=corners.reshape(-1, 3).astype(np.float32))
-    scene = sv.Scene(sv.Instance(mesh=mesh, material=SOME))
-    with sv.RayTracer(device, scene) as tracer:
+def test_triangles_have_the_users_numbers(device, rng):
+    x, y = np.divmod(rng.permutation(400), 20)
+    corners = CORNERS + np.stack([x, y, 0 * x], -1)[:, None]
+    mesh = sv.Mesh(positions=corners.reshape(-1, 3))
+    with sv.RayTracer(device, sv.Scene(sv.Instance(mesh))) as tracer:
         hits = tracer.trace(corners.mean(axis=1) + np.array([0, 0, 2]), (0, 0, -2))
         assert np.array_equal(hits["primitive"], np.arange(400))
         assert (hits["t"] == 1).all()
@@ -110,8 +106,7 @@ def test_triangles_have_the_users_numbers(device):
         assert np.array_equal(hits["primitive"], np.arange(400)[::-1])
 
 
-def test_edits_are_taken_up(device):
-    rng = np.random.default_rng(4)
+def test_edits_are_taken_up(device, rng):
     scene = make_scene(rng)
     rays = make_rays(rng, 1500)
     with sv.RayTracer(device, scene) as tracer:
@@ -121,7 +116,7 @@ def test_edits_are_taken_up(device):
         check(tracer, scene, *rays)
         scene.remove(second)
         mesh = soup(rng, 30)
-        added = [scene.add(sv.Instance(mesh=mesh, material=SOME, transform=place(i % 5, i // 5, 1))) for i in range(30)]
+        added = [scene.add(sv.Instance(mesh=mesh, transform=place(i % 5, i // 5, 1))) for i in range(30)]
         hits = check(tracer, scene, *rays)  # more than the first TLAS holds
         assert {tracer.instances[row] for row in set(hits["instance"].tolist()) - {-1}} & set(added)
         assert second not in tracer.instances.values()
@@ -149,7 +144,7 @@ def test_rays_without_sense_meet_nothing(device):
 
 def test_limits_of_rays(device):
     mesh = sv.Mesh(positions=np.array([[-9, -9, 0], [9, -9, 0], [0, 9, 0]], np.float32))
-    scene = sv.Scene(*(sv.Instance(mesh=mesh, material=SOME, transform=place(0, 0, -z)) for z in (2.0, 4.0)))
+    scene = sv.Scene(*(sv.Instance(mesh=mesh, transform=place(0, 0, -z)) for z in (2.0, 4.0)))
     with sv.RayTracer(device, scene) as tracer:
         hits = tracer.trace((0, 0, 0), (0, 0, -2), t_min=[0, 1.5, 2.5, 0], t_max=[9, 9, 9, 0.5])
     assert hits["t"].tolist() == [1, 2, np.inf, np.inf]
@@ -158,9 +153,8 @@ def test_limits_of_rays(device):
 @pytest.mark.parametrize("count", [0, 1, 63, 64, 65, 128, 129, 1000])
 def test_batches_join_without_seams(device, monkeypatch, count):
     monkeypatch.setattr(tracer_module, "BATCH", 64)
-    corners = np.array([[0, 0, 0], [0.9, 0, 0], [0, 0.9, 0]]) + np.arange(1000)[:, None, None] * np.array([1.0, 0, 0])
-    scene = sv.Scene(sv.Instance(mesh=sv.Mesh(positions=corners.reshape(-1, 3).astype(np.float32)), material=SOME))
-    with sv.RayTracer(device, scene) as tracer:
+    corners = CORNERS + np.arange(1000)[:, None, None] * np.array([1.0, 0, 0])
+    with sv.RayTracer(device, sv.Scene(sv.Instance(sv.Mesh(corners.reshape(-1, 3))))) as tracer:
         hits = tracer.trace(corners.mean(axis=1)[:count] + np.array([0, 0, 1]), (0, 0, -1))
     assert np.array_equal(hits["primitive"], np.arange(count))
 
@@ -204,9 +198,9 @@ def test_a_binder_is_shared_and_nothing_is_left(device):
         assert device.live_objects - before <= 4
 
 
-def test_with_memory_that_is_not_mapped(any_device):
+def test_with_memory_that_is_not_mapped(any_device, rng):
     with Device(validation=True, staging=True) as device, sv.RayTracer(device, sv.builtin("closed_box")) as tracer:
-        hits = tracer.trace(np.zeros((1000, 3)), np.random.default_rng(5).normal(size=(1000, 3)))
+        hits = tracer.trace(np.zeros((1000, 3)), rng.normal(size=(1000, 3)))
         assert (hits["instance"] >= 0).all()
 
 

@@ -8,7 +8,11 @@ from PIL import Image
 from support.gltf_writer import encoded
 
 from solari_vk.errors import SolariError
-from solari_vk.scene.images import decode_image, mip_chain
+from solari_vk.scene.images import decode, mip_chain, open_image
+
+
+def decode_image(data, who="the image"):
+    return decode(open_image(data, who), who)
 
 
 @pytest.mark.parametrize("mode", ["L", "LA", "P", "RGB", "RGBA", "1"])

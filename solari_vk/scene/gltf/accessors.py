@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.scene.gltf.document import Bytes, Document
+from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.values import Entry
 
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -15,6 +15,20 @@ _SHAPES = {
     "SCALAR": (1, 1), "VEC2": (1, 2), "VEC3": (1, 3), "VEC4": (1, 4), "MAT2": (2, 2), "MAT3": (3, 3), "MAT4": (4, 4),
 }  # fmt: skip
 LARGEST_WITHOUT_DATA = 2**24
+
+
+class _Layout(NamedTuple):
+    """How an element lies in memory: in columns of numbers, of which scalars and vectors have one."""
+
+    dtype: np.dtype[Any]
+    columns: int = 1
+    rows: int = 1
+
+    @property
+    def column_size(self) -> int:
+        """Bytes from one column to the next. Every column of a matrix starts at a multiple of four bytes."""
+        size = self.rows * self.dtype.itemsize
+        return size if self.columns == 1 else -(-size // 4) * 4
 
 
 class Accessors:
@@ -75,29 +89,23 @@ class Accessors:
 
     def _decode(self, entry: Entry) -> NDArray[Any]:
         count = entry.integer("count")
-        dtype = _component(entry)
-        columns, rows = _SHAPES[entry.text("type", None, tuple(_SHAPES))]
-        # Every column of a matrix starts at a multiple of four bytes.
-        column_size = rows * dtype.itemsize if columns == 1 else -(-rows * dtype.itemsize // 4) * 4
-        view_index = entry.index("bufferView")
+        layout = _Layout(_component(entry), *_SHAPES[entry.text("type", None, tuple(_SHAPES))])
+        width = layout.columns * layout.rows
         if count == 0:
-            return np.zeros((0, columns * rows), dtype)
-        if view_index is None:
+            return np.zeros((0, width), layout.dtype)
+        if "bufferView" in entry:
+            array = self._read(entry, count, layout)
+            self._document.charge(array.nbytes, entry)
+        else:
             if count > LARGEST_WITHOUT_DATA:
                 raise entry.error(f"has {count} elements but no data; at most {LARGEST_WITHOUT_DATA} are allowed")
-            self._document.charge(count * columns * rows * dtype.itemsize, entry)
-            array = np.zeros((count, columns * rows), dtype)
-        else:
-            data, stride = self._document.view(view_index, entry)
-            offset = entry.integer("byteOffset", 0)
-            array = _strided(entry, data, offset, count, dtype, columns, rows, column_size, stride)
-            self._document.charge(array.nbytes, entry)
+            self._document.charge(count * width * layout.dtype.itemsize, entry)
+            array = np.zeros((count, width), layout.dtype)
         sparse = entry.entry("sparse")
-        return array if sparse is None else self._replace(entry, sparse, array, columns, rows, column_size)
+        return array if sparse is None else self._replace(sparse, array, layout)
 
-    def _replace(
-        self, entry: Entry, sparse: Entry, array: NDArray[Any], columns: int, rows: int, column_size: int
-    ) -> NDArray[Any]:
+    def _replace(self, sparse: Entry, array: NDArray[Any], layout: _Layout) -> NDArray[Any]:
+        """The array with the rows that a sparse accessor replaces."""
         count = sparse.integer("count", high=len(array))
         where, what = sparse.entry("indices"), sparse.entry("values")
         if where is None or what is None:
@@ -107,16 +115,31 @@ class Accessors:
         kind = _component(where)
         if kind.kind != "u":
             raise where.wrong("componentType", "an unsigned integer type")
-        data, _ = self._document.view(where.integer("bufferView"), where)
-        indices = _strided(where, data, where.integer("byteOffset", 0), count, kind, 1, 1, kind.itemsize, None)[:, 0]
+        indices = self._read(where, count, _Layout(kind))[:, 0]
         if int(indices.max()) >= len(array):
             raise where.error(f"names element {indices.max()} of {len(array)}; export the file again")
-        data, _ = self._document.view(what.integer("bufferView"), what)
-        offset = what.integer("byteOffset", 0)
-        values = _strided(what, data, offset, count, array.dtype, columns, rows, column_size, None)
         replaced = array.copy()
-        replaced[indices] = values
+        replaced[indices] = self._read(what, count, layout)
         return replaced
+
+    def _read(self, entry: Entry, count: int, layout: _Layout) -> NDArray[Any]:
+        """Elements (count, columns * rows) as a view of the bytes if possible; they need not be aligned."""
+        data, stride = self._document.view(entry.integer("bufferView"), entry)
+        offset = entry.integer("byteOffset", 0)
+        dtype, columns, rows = layout
+        size = layout.column_size * (columns - 1) + rows * dtype.itemsize
+        step = stride or layout.column_size * columns
+        if step < size:
+            raise entry.error(f"has elements of {size} bytes in a view with a stride of {step}; export the file again")
+        needed = offset + (count - 1) * step + size
+        if needed > len(data):
+            raise entry.error(
+                f"needs {needed} bytes for its {count} elements but its buffer view has {len(data)}; "
+                "the file is truncated or damaged: export it again"
+            )
+        strides = (step, layout.column_size, dtype.itemsize)
+        elements: NDArray[Any] = np.ndarray((count, columns, rows), dtype, data, offset, strides)
+        return elements.reshape(count, columns * rows)
 
 
 def _component(entry: Entry) -> np.dtype[Any]:
@@ -124,30 +147,3 @@ def _component(entry: Entry) -> np.dtype[Any]:
     if code not in _COMPONENTS:
         raise entry.wrong("componentType", "5120 to 5123, 5125 or 5126")
     return np.dtype(_COMPONENTS[code])
-
-
-def _strided(
-    entry: Entry,
-    data: Bytes,
-    offset: int,
-    count: int,
-    dtype: np.dtype[Any],
-    columns: int,
-    rows: int,
-    column_size: int,
-    stride: int | None,
-) -> NDArray[Any]:
-    """Elements (count, columns * rows) as a view of the bytes if possible; they need not be aligned."""
-    size = column_size * (columns - 1) + rows * dtype.itemsize
-    step = column_size * columns if stride is None else stride
-    if step < size:
-        raise entry.error(f"has elements of {size} bytes in a view with a stride of {step}; export the file again")
-    needed = offset + (count - 1) * step + size
-    if needed > len(data):
-        raise entry.error(
-            f"needs {needed} bytes for its {count} elements but its buffer view has {len(data)}; "
-            "the file is truncated or damaged: export it again"
-        )
-    strides = (step, column_size, dtype.itemsize)
-    elements: NDArray[Any] = np.ndarray((count, columns, rows), dtype, data, offset, strides)
-    return elements.reshape(count, columns * rows)

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from solari_vk.scene import checks
+from solari_vk.scene.gltf.accessors import Accessors
 from solari_vk.scene.gltf.deform import Pose
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.materials import Materials
-from solari_vk.scene.gltf.nodes import PlacedNode, joint_matrices, repeat_count, repeated, roots, upright, walk
+from solari_vk.scene.gltf.nodes import PlacedNode, joint_matrices, repeated, repetitions, roots, upright, walk
 from solari_vk.scene.gltf.primitives import Primitives
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry, shown
@@ -57,7 +58,8 @@ class _Loader:
     def __init__(self, document: Document) -> None:
         self._document = document
         self._report = Report()
-        self._primitives = Primitives(document, self._report)
+        self._accessors = Accessors(document)
+        self._primitives = Primitives(self._accessors, self._report)
         self._materials = Materials(document, self._report)
         self._mesh_primitives: dict[int, list[Entry]] = {}
         self._parts_made: dict[Any, list[Part]] = {}
@@ -68,12 +70,13 @@ class _Loader:
         self._check_required()
         first, owner = roots(self._document, which)
         self._scene.name = owner.name or self._document.path.stem
-        self._remark_extensions(owner if owner is not self._document.root else None, ())
+        if owner is not self._document.root:
+            self._report.add_extensions(owner)
         placed = walk(self._document, first, owner)
         self._check_instance_count(placed)
-        self._load_materials(placed)
+        self._load_materials()
         for node in placed.values():
-            self._remark_extensions(node.entry, _NODE_EXTENSIONS)
+            self._report.add_extensions(node.entry, _NODE_EXTENSIONS)
             if "mesh" in node.entry:
                 self._add_meshes(node, placed)
             if node.visible and "camera" in node.entry:
@@ -90,7 +93,7 @@ class _Loader:
         count = 0
         for node in placed.values():
             if "mesh" in node.entry:
-                count += repeat_count(node, self._primitives.accessors) * len(self._primitives_of(node))
+                count += repetitions(node, self._accessors)[0] * len(self._primitives_of(node))
                 # Each instance of EXT_mesh_gpu_instancing has at least twelve bytes in a buffer.
                 allowed = SPARE_INSTANCES + len(placed) + self._document.held_bytes // 12
                 if count > allowed:
@@ -107,14 +110,9 @@ class _Loader:
         """Report unsupported extensions that the file uses, except those of materials, which are reported there."""
         named = " ".join(self._report.lines())
         for name in self._document.root.texts("extensionsUsed"):
-            known = name in SUPPORTED_EXTENSIONS or name == "KHR_xmp_json_ld" or name.startswith("KHR_materials_")
+            known = name in SUPPORTED_EXTENSIONS or name.startswith("KHR_materials_")
             if not known and name not in named:
                 self._report.add(f"the extension {shown(name)[1:-1]} is not supported and was ignored", "the file")
-
-    def _remark_extensions(self, entry: Entry | None, handled: tuple[str, ...]) -> None:
-        for name in entry.extensions() if entry else ():
-            if name not in handled and entry:
-                self._report.add(f"the extension {name} is not supported and was ignored", entry.place)
 
     # ---- meshes -------------------------------------------------------------------------------------
 
@@ -122,26 +120,24 @@ class _Loader:
         number = node.entry.integer("mesh")
         if number not in self._mesh_primitives:
             mesh = self._document.item("mesh", number, node.entry)
-            self._remark_extensions(mesh, ("KHR_xmp_json_ld",))
+            self._report.add_extensions(mesh, ("KHR_xmp_json_ld",))
             self._mesh_primitives[number] = mesh.entries("primitives", "primitive")
         return self._mesh_primitives[number]
 
-    def _load_materials(self, placed: dict[int, PlacedNode]) -> None:
+    def _load_materials(self) -> None:
+        """Load the materials of the meshes that `_check_instance_count` has found."""
         users: dict[int, Entry] = {}
-        seen: set[int] = set()
-        for node in placed.values():
-            if "mesh" in node.entry and (number := node.entry.integer("mesh")) not in seen:
-                seen.add(number)
-                for primitive in self._primitives_of(node):
-                    if (material := primitive.index("material")) is not None:
-                        users.setdefault(material, primitive)
+        for primitives in self._mesh_primitives.values():
+            for primitive in primitives:
+                if (material := primitive.index("material")) is not None:
+                    users.setdefault(material, primitive)
         self._materials.load(users)
 
     def _add_meshes(self, node: PlacedNode, placed: dict[int, PlacedNode]) -> None:
         mesh = self._document.item("mesh", node.entry.integer("mesh"), node.entry)
         pose = self._pose(node, mesh, placed)
         # The position of a skinned mesh follows from its joints alone.
-        worlds = repeated(node, self._primitives.accessors) if pose.joints is None else np.eye(4)[None]
+        worlds = repeated(node, self._accessors) if pose.joints is None else np.eye(4)[None]
         parts = self._parts(node, mesh, pose)
         name = node.entry.name or mesh.name or mesh.place
         for world in worlds:
@@ -151,9 +147,7 @@ class _Loader:
                 self._report.add("nodes whose transform is singular or not affine have no surface", node.entry.place)
                 continue
             for suffix, shape, material in parts:
-                self._scene.add(
-                    Instance(mesh=shape, material=material, transform=world, visible=node.visible, name=name + suffix)
-                )
+                self._scene.add(Instance(shape, material, world, visible=node.visible, name=name + suffix))
 
     def _parts(self, node: PlacedNode, mesh: Entry, pose: Pose) -> list[Part]:
         """The meshes and materials of a mesh's primitives that have a surface, and suffixes for their names."""
@@ -171,7 +165,7 @@ class _Loader:
 
     def _pose(self, node: PlacedNode, mesh: Entry, placed: dict[int, PlacedNode]) -> Pose:
         """The rest pose of a node's mesh."""
-        joints = joint_matrices(self._document, self._primitives.accessors, node, placed, self._report)
+        joints = joint_matrices(self._document, self._accessors, node, placed, self._report)
         owner = node.entry if "weights" in node.entry else mesh
         given = owner.data.get("weights", [])
         if not isinstance(given, list):
@@ -219,7 +213,7 @@ class _Loader:
         direction = upright(node.world)
         if kind != "directional":
             if intensity > 0 and any(color):
-                self._report.add(f"{kind} lights are not supported and are left out", f"{node.entry.place}")
+                self._report.add(f"{kind} lights are not supported and are left out", node.entry.place)
         elif direction is None:
             self._report.add("lights whose node's transform is singular are left out", node.entry.place)
         else:

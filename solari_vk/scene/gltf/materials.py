@@ -5,7 +5,7 @@ Occlusion textures are left aside without a remark: they stand in for light that
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -38,16 +38,9 @@ class LoadedMaterial:
     """A material, and what its meshes must have."""
 
     material: Material
-    number: int | None = None
     uv_set: int = 0
     has_textures: bool = False
     normal_map: Slot | None = None
-
-
-@dataclass
-class _Parsed:
-    entry: Entry
-    slots: dict[str, Slot] = field(default_factory=dict)
 
 
 class Materials:
@@ -62,9 +55,9 @@ class Materials:
     def load(self, users: dict[int, Entry]) -> None:
         """Load these materials (index: the object that refers to it) and all their images."""
         parsed = {index: self._parse(self._document.item("material", index, user)) for index, user in users.items()}
-        self._textures.decode([slot for one in parsed.values() for slot in one.slots.values()])
+        self._textures.decode([slot for _, slots in parsed.values() for slot in slots.values()])
         for index, one in parsed.items():
-            self._loaded[index] = self._make(index, one)
+            self._loaded[index] = self._make(*one)
 
     def __getitem__(self, index: int | None) -> LoadedMaterial:
         if index is None and None not in self._loaded:
@@ -74,7 +67,8 @@ class Materials:
             )
         return self._loaded[index]
 
-    def _parse(self, entry: Entry) -> _Parsed:
+    def _parse(self, entry: Entry) -> tuple[Entry, dict[str, Slot]]:
+        """The entry, and its slots by the fields of Material."""
         pbr = _pbr(entry)
         found = {
             "base_color_texture": self._textures.slot(pbr, "baseColorTexture"),
@@ -89,10 +83,9 @@ class Materials:
             if slot.uv_set != uv_set:
                 self._report.add("textures on a second set of uvs are not supported and are left out", slot.entry.place)
                 del slots[name]
-        return _Parsed(entry, slots)
+        return entry, slots
 
-    def _make(self, index: int, parsed: _Parsed) -> LoadedMaterial:
-        entry, slots = parsed.entry, parsed.slots
+    def _make(self, entry: Entry, slots: dict[str, Slot]) -> LoadedMaterial:
         pbr = _pbr(entry)
         base_color = pbr.numbers("baseColorFactor", (1.0, 1.0, 1.0, 1.0), low=0, high=1)
         strength = entry.extension("KHR_materials_emissive_strength")
@@ -117,7 +110,7 @@ class Materials:
             **textures,
         )
         uv_set = next((slot.uv_set for slot in slots.values()), 0)
-        return LoadedMaterial(material, index, uv_set, bool(slots), normal)
+        return LoadedMaterial(material, uv_set, bool(slots), normal)
 
     def _reflectance(self, entry: Entry) -> NDArray[np.float32]:
         """The reflectance whose F0, 0.16 reflectance^2, is that of the index of refraction and the specular color."""

@@ -59,19 +59,12 @@ def _orphans(document: Document) -> list[int]:
     return found
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def walk(document: Document, first: list[int], owner: Entry) -> dict[int, PlacedNode]:
     """All nodes below some roots by number, parents first, in the file's order."""
     placed: dict[int, PlacedNode] = {}
     identity = np.eye(4)
     waiting: list[tuple[int, Matrix, bool, Entry]] = [(number, identity, True, owner) for number in reversed(first)]
-    with np.errstate(over="ignore", invalid="ignore"):
-        _walk_all(document, waiting, placed)
-    return placed
-
-
-def _walk_all(
-    document: Document, waiting: list[tuple[int, Matrix, bool, Entry]], placed: dict[int, PlacedNode]
-) -> None:
     while waiting:
         number, parent, visible, user = waiting.pop()
         entry = document.item("node", number, user)
@@ -85,6 +78,7 @@ def _walk_all(
         visible = visible and (visibility is None or visibility.flag("visible", True))
         placed[number] = PlacedNode(number, entry, world, visible)
         waiting.extend((child, world, visible, entry) for child in reversed(entry.integers("children")))
+    return placed
 
 
 def _local_matrix(entry: Entry) -> Matrix:
@@ -107,17 +101,16 @@ def _local_matrix(entry: Entry) -> Matrix:
     )
 
 
-def compose(translations: Matrix, rotations: Matrix, scales: Matrix) -> Matrix:
+def _compose(translations: Matrix, rotations: Matrix, scales: Matrix) -> Matrix:
     """Matrices (N, 4, 4) from translations (N, 3), quaternions (N, 4: x y z w) and scales (N, 3).
 
     A quaternion of zero length gives a singular matrix.
     """
     length = np.linalg.norm(rotations, axis=1, keepdims=True)
     x, y, z, w = (rotations / np.where(length > 0, length, 1)).T
-    matrices = np.zeros((len(translations), 4, 4))
+    matrices = np.tile(np.eye(4), (len(translations), 1, 1))
     matrices[:, :3, :3] = np.moveaxis(np.array(_rotation(x, y, z, w)), 2, 0) * scales[:, None, :]
     matrices[:, :3, 3] = translations
-    matrices[:, 3, 3] = 1
     return matrices
 
 
@@ -130,42 +123,38 @@ def _rotation(x: Any, y: Any, z: Any, w: Any) -> list[list[Any]]:
     ]
 
 
-def _repetitions(node: PlacedNode, accessors: Accessors) -> tuple[int, dict[str, NDArray[Any]]]:
+def repetitions(node: PlacedNode, accessors: Accessors) -> tuple[int, dict[str, NDArray[Any]]]:
     """The number of instances of a node's mesh, and the accessors of EXT_mesh_gpu_instancing, if any."""
     instancing = node.entry.extension("EXT_mesh_gpu_instancing")
     attributes = instancing.entry("attributes") if instancing else None
-    found: dict[str, NDArray[Any]] = {}
     if attributes is None:
-        return 1, found
+        return 1, {}
+    found = {}
     for name, kind in (("TRANSLATION", "VEC3"), ("ROTATION", "VEC4"), ("SCALE", "VEC3")):
         index = attributes.index(name)
         if index is not None:
             found[name] = accessors.floats(index, attributes, (kind,))
-    counts = {len(values) for values in found.values()}
+    counts = {len(values) for values in found.values()} or {1}
     if len(counts) > 1:
         raise attributes.error(f"has accessors of different lengths {sorted(counts)}; export the file again")
-    return (counts.pop() if counts else 1), found
+    return counts.pop(), found
 
 
-def repeat_count(node: PlacedNode, accessors: Accessors) -> int:
-    """The number of instances of a node's mesh."""
-    return _repetitions(node, accessors)[0]
-
-
+@np.errstate(over="ignore", invalid="ignore")
 def repeated(node: PlacedNode, accessors: Accessors) -> Matrix:
     """World matrices (N, 4, 4) of a node's mesh: one, or those of EXT_mesh_gpu_instancing."""
-    count, attributes = _repetitions(node, accessors)
+    count, attributes = repetitions(node, accessors)
     if not attributes:
         return node.world[None]
     found = {name: values.astype(np.float64) for name, values in attributes.items()}
-    with np.errstate(over="ignore", invalid="ignore"):
-        return node.world @ compose(
-            found.get("TRANSLATION", np.zeros((count, 3))),
-            found.get("ROTATION", np.tile((0.0, 0.0, 0.0, 1.0), (count, 1))),
-            found.get("SCALE", np.ones((count, 3))),
-        )
+    return node.world @ _compose(
+        found.get("TRANSLATION", np.zeros((count, 3))),
+        found.get("ROTATION", np.tile((0.0, 0.0, 0.0, 1.0), (count, 1))),
+        found.get("SCALE", np.ones((count, 3))),
+    )
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def joint_matrices(
     document: Document, accessors: Accessors, node: PlacedNode, placed: dict[int, PlacedNode], report: Report
 ) -> Matrix | None:
@@ -187,17 +176,15 @@ def joint_matrices(
     bind = accessors.floats(inverse, skin, ("MAT4",))
     if len(bind) < len(joints):
         raise skin.error(f"has {len(bind)} inverse bind matrices for {len(joints)} joints; export the file again")
-    with np.errstate(over="ignore", invalid="ignore"):
-        return matrices @ bind[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1)
+    return matrices @ bind[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1)
 
 
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def upright(world: Matrix) -> Matrix | None:
     """The matrix without scale and shear, with the same view along -z and the same up; None if that is degenerate."""
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        back, up = world[:3, 2].copy(), world[:3, 1].copy()
-        back /= np.linalg.norm(back)
-        right = np.cross(up, back)
-        right /= np.linalg.norm(right)
+    back = world[:3, 2] / np.linalg.norm(world[:3, 2])
+    right = np.cross(world[:3, 1], back)
+    right /= np.linalg.norm(right)
     result = np.eye(4)
     result[:3, :3] = np.stack([right, np.cross(back, right), back], axis=1)
     result[:3, 3] = world[:3, 3]

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from solari_vk.scene import checks
 from solari_vk.scene.gltf.accessors import Accessors
 from solari_vk.scene.gltf.deform import Pose, Vertices, morph, skin
-from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.materials import LoadedMaterial
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry
@@ -24,15 +23,10 @@ _HARMLESS = ("KHR_materials_variants", "KHR_draco_mesh_compression", "KHR_xmp_js
 class Primitives:
     """Creates the meshes of the scene; primitives with the same data share a mesh."""
 
-    def __init__(self, document: Document, report: Report) -> None:
-        self._document = document
+    def __init__(self, accessors: Accessors, report: Report) -> None:
+        self._accessors = accessors
         self._report = report
-        self._accessors = Accessors(document)
         self._meshes: dict[Any, Mesh | None] = {}
-
-    @property
-    def accessors(self) -> Accessors:
-        return self._accessors
 
     def mesh(self, primitive: Entry, name: str, material: LoadedMaterial, pose: Pose) -> Mesh | None:
         """The primitive as a mesh fit for a material, or None (reported) if it has no surface."""
@@ -53,9 +47,7 @@ class Primitives:
         return self._meshes[key]
 
     def _remark(self, primitive: Entry, attributes: Entry, material: LoadedMaterial) -> None:
-        for name in primitive.extensions():
-            if name not in _HARMLESS:
-                self._report.add(f"the extension {name} is not supported and was ignored", primitive.place)
+        self._report.add_extensions(primitive, _HARMLESS)
         color = attributes.index("COLOR_0")
         if color is not None and not (self._accessors.floats(color, attributes, ("VEC3", "VEC4")) == 1).all():
             self._report.add("vertex colors (COLOR_0) are not supported and are ignored", primitive.place)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from itertools import islice
+
+from solari_vk.scene.gltf.values import Entry
 
 NAMES_SHOWN = 3
 
@@ -16,6 +19,12 @@ class Report:
     def add(self, remark: str, place: str) -> None:
         """Add a remark about the object at a place."""
         self._places.setdefault(remark, {})[place] = None
+
+    def add_extensions(self, entry: Entry, handled: Iterable[str] = ()) -> None:
+        """Add a remark about each extension of an object that isn't handled."""
+        for name in entry.extensions():
+            if name not in handled:
+                self.add(f"the extension {name} is not supported and was ignored", entry.place)
 
     def lines(self) -> list[str]:
         """One line for each remark, in the order of their first occurrence."""

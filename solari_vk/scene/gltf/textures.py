@@ -64,9 +64,7 @@ class Textures:
             remark = f"no image in a format that can be read ({why})" if why else "no image"
             self._report.add(f"textures have {remark} and are left out", texture.place)
             return None
-        for name in info.extensions():
-            if name != "KHR_texture_transform":
-                self._report.add(f"the extension {name} is not supported and was ignored", info.place)
+        self._report.add_extensions(info, ("KHR_texture_transform",))
         transform = info.extension("KHR_texture_transform")
         if transform is None:
             return Slot(info, index, image, uv_set)

@@ -74,9 +74,7 @@ class Entry:
         """A finite number in a range; without a default the field is required."""
         value = _within(self.data.get(key, default), low, high)
         if value is None:
-            bounds = f" from {low:g}" if low > -math.inf else ""
-            bounds += f" to {high:g}" if high < math.inf else ""
-            raise self.wrong(key, f"a finite number{bounds}")
+            raise self.wrong(key, f"a finite number{_bounds(low, high)}")
         return value
 
     def numbers(
@@ -90,8 +88,7 @@ class Entry:
             fitting = tuple(v for value in given if (v := _within(value, low, high)) is not None)
             if len(fitting) == len(default):
                 return fitting
-        bounds = f" from {low:g} to {high:g}" if high < math.inf else (f" from {low:g}" if low > -math.inf else "")
-        raise self.wrong(key, f"a list of {len(default)} finite numbers{bounds}")
+        raise self.wrong(key, f"a list of {len(default)} finite numbers{_bounds(low, high)}")
 
     def integers(self, key: str) -> list[int]:
         """A list of whole numbers from 0, empty when the field is absent."""
@@ -144,6 +141,10 @@ class Entry:
         extensions = self.entry("extensions")
         if extensions:
             yield from map(clean, extensions.data)
+
+
+def _bounds(low: float, high: float) -> str:
+    return (f" from {low:g}" if low > -math.inf else "") + (f" to {high:g}" if high < math.inf else "")
 
 
 def _within(value: Any, low: float, high: float) -> float | None:
