@@ -103,18 +103,16 @@ def glsl_header() -> str:
         "KINDS_AT_INFINITY": sum(1 << i for i, kind in enumerate(LIGHT_KINDS) if kind.met_by_rays == AT_INFINITY),
         "KINDS_MET_BY_RAYS": sum(1 << i for i, kind in enumerate(LIGHT_KINDS) if kind.met_by_rays != NEVER),
     }
-    return "\n".join(
-        [
-            headers.enumeration("LIGHT", every),
-            headers.constants(**masks),  # bit i says whether the kind i is one of them
-            *(f'#include "scene/lights/{name}.glsl"' for name in every),
-            _choose("uint choose_part", "uint random", every),
-            _choose("ResolvedLightSample resolve_light", "uint part, vec2 u, float inverse_light_pdf", every),
-            _choose("float emission_cosine", "float cosine", every, argument="data"),
-            _choose("uint shown_id", "", every),
-            _choose("MetLight meet_light", "vec3 direction", at_infinity),
-        ]
-    )
+    return "\n".join([
+        headers.enumeration("LIGHT", every),
+        headers.constants(**masks),  # bit i says whether the kind i is one of them
+        *(f'#include "scene/lights/{name}.glsl"' for name in every),
+        _choose("uint choose_part", "uint random", every),
+        _choose("ResolvedLightSample resolve_light", "uint part, vec2 u, float inverse_light_pdf", every),
+        _choose("float emission_cosine", "float cosine", every, argument="data"),
+        _choose("uint shown_id", "", every),
+        _choose("MetLight meet_light", "vec3 direction", at_infinity),
+    ])
 
 
 def _choose(function: str, parameters: str, kinds: list[str], argument: str = "index") -> str:

@@ -34,7 +34,9 @@ def test_several_geometries_of_every_format(world: Any) -> None:
         ),
     ]
     blas, tlas = world.blas(geometries), world.tlas(1)
-    world.build([rt.BlasBuildEntry(blas, geometries)], [rt.TlasPackage(tlas, [rt.TlasInstance(blas, EYE, 0xFFFFFF)])])
+    world.build(
+        [rt.BlasBuildEntry(blas, geometries)], [rt.TlasPackage(tlas, [rt.TlasInstance(blas, EYE, 0xFFFFFF)])]
+    )
     hits = world.trace(tlas, [[2 * i + 0.6, 0.3, 5] for i in range(6)])
     assert hits["t"] == pytest.approx([5, 5, 5.5, 5, 4, -1])
     assert hits["geometry"][:5].tolist() == [0, 1, 2, 3, 4]

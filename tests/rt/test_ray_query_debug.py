@@ -73,10 +73,8 @@ CASES: list[tuple[str, str]] = [  # the rule and what breaks it
     ("confirm_without_candidate", CONFIRM),
     ("confirm_without_candidate", proceed(OPAQUE) + CONFIRM),
     ("terminate_before_initialize", "rayQueryTerminate(query);"),
-    *(
-        ("contradicting_flags", start(OPAQUE, flags) + "rayQueryProceed(query); " + COMMITTED)
-        for flags in CONTRADICTIONS
-    ),
+    *(("contradicting_flags", start(OPAQUE, flags) + "rayQueryProceed(query); " + COMMITTED)
+      for flags in CONTRADICTIONS),
 ]
 COMMITTED_CORNERS = "corners = getCommittedHitVertexPositions(query);"
 CANDIDATE_CORNERS = "corners = getCandidateHitVertexPositions(query);"
