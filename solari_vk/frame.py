@@ -88,13 +88,18 @@ class SceneFrame(SceneUser, Frame):
         """As `Frame.rebuild`; external resources are added to the scene's."""
         super().rebuild(stages, None if external is None else {**self.binder.resources, **external})
 
+    def apply_edits(self) -> None:
+        """Apply the scene's edits, for the next frame."""
+        binder = self.binder
+        binder.update()
+        if binder.version != self._bound_version:
+            self._bound_version = binder.version
+            self.bind(binder.resources)
+
     def submit(self, before: Sequence[raw.CData] = ()) -> int:
         """Apply the scene's edits and run the next frame; returns the device's timeline value."""
-        self.binder.update()
-        if self.binder.version != self._bound_version:
-            self._bound_version = self.binder.version
-            self.bind(self.binder.resources)
-        return super().submit(before)
+        self.apply_edits()
+        return Frame.submit(self, before)
 
     def close(self) -> None:
         """Free everything. Safe to call twice."""

@@ -40,6 +40,8 @@ class RenderedFrame:
     Raises SolariError for an unknown name, after a later frame has been rendered, and after the renderer was closed.
     """
 
+    __slots__ = ("_projection", "_renderer", "_submission", "camera", "size")
+
     def __init__(self, renderer: PictureRenderer, camera: Camera, projection: Projection, submission: int) -> None:
         self._renderer = renderer
         self._projection = projection

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from solari_vk.errors import SolariError, unknown_name
 from solari_vk.frame import SceneFrame
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.frame.frame import Stage
+from solari_vk.gpu.frame.frame import Frame, Stage
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes import (
     display,
@@ -112,8 +112,9 @@ class Renderer(PictureRenderer):
         camera: by default the scene's. Light accumulates over frames; the picture of a still camera settles after about
         24 frames. Call `reset` at a cut. Raises SolariError for a wrong camera or an invalid scene.
         """
-        camera = self._camera_or_default(camera)
-        self.binder.update()
+        if not isinstance(camera, Camera):
+            camera = self._camera_or_default(camera)
+        self._frame.apply_edits()
         seen = (self.size, self.settings, self.settings.revision, self.binder.version, self._debug_view, self._tonemap,
                 self._frame.uniforms.version)  # fmt: skip
         if seen != self._settings_seen:
@@ -126,7 +127,7 @@ class Renderer(PictureRenderer):
             self._frame.bind(self._lights.buffers)
         try:
             projection = self._write_uniforms(camera)
-            submission = self._frame.submit()
+            submission = Frame.submit(self._frame)  # the scene's edits are applied already
         except BaseException:
             self.reset()  # the history on the device doesn't belong to the cameras and lights recorded here
             raise

@@ -50,11 +50,7 @@ MAY_IMPORT = {
     "__main__": {"cli"},
     "": {"viewer", *LIBRARY},
 }
-GLSL_MAY_INCLUDE = {
-    "common": r"common/",
-    "scene": r"common/|scene/",
-    "passes": r"common/|scene/|passes/",
-}
+GLSL_MAY_INCLUDE = {"common": r"common/", "scene": r"common/|scene/", "passes": r"common/|scene/|passes/"}
 
 # Files should have about 250 lines; blank lines don't count, and a tenth more is accepted.
 LONGEST, LONGEST_TEST = 275, 500

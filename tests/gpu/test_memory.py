@@ -97,9 +97,7 @@ def test_thousands_of_buffers_take_few_allocations(own_device: Device) -> None:
     assert own_device.memory.bytes_used == 0
 
 
-def test_create_and_destroy_in_turn_asks_the_driver_once(
-    own_device: Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_create_and_destroy_in_turn_asks_the_driver_once(own_device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     calls = []
     allocate = own_device.vk.vkAllocateMemory
     monkeypatch.setattr(own_device.vk, "vkAllocateMemory", lambda *args: (calls.append(1), allocate(*args))[1])

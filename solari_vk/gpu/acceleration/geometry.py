@@ -14,10 +14,7 @@ from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
 
 AABB_DTYPE = np.dtype([("minimum", "<f4", 3), ("maximum", "<f4", 3)])
-_INDEX_TYPES = {
-    np.dtype(np.uint16): raw.VK_INDEX_TYPE_UINT16,
-    np.dtype(np.uint32): raw.VK_INDEX_TYPE_UINT32,
-}
+_INDEX_TYPES = {np.dtype(np.uint16): raw.VK_INDEX_TYPE_UINT16, np.dtype(np.uint32): raw.VK_INDEX_TYPE_UINT32}
 
 
 @dataclass(frozen=True)
@@ -114,11 +111,7 @@ def refit_keys(geometries: Sequence[Geometry]) -> list[tuple[object, ...]]:
 
 def _format(geometry: Geometry) -> dict[str, object]:
     """The properties that a structure is created with and no build may change."""
-    common = {
-        "kind": "boxes",
-        "opaque": geometry.opaque,
-        "no_duplicate_any_hit": geometry.no_duplicate_any_hit,
-    }
+    common = {"kind": "boxes", "opaque": geometry.opaque, "no_duplicate_any_hit": geometry.no_duplicate_any_hit}
     if isinstance(geometry, AabbGeometry):
         return common
     return common | {

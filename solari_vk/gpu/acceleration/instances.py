@@ -133,9 +133,7 @@ def make_records(transforms: Any, custom_data: Any, mask: Any, flags: Any, count
     matrices = _affine(transforms)
     try:
         matrices = np.broadcast_to(matrices, (count, 3, 4))
-        custom, masks, bits = (
-            np.broadcast_to(np.asarray(value), (count,)) for value in (custom_data, mask, flags)
-        )
+        custom, masks, bits = (np.broadcast_to(np.asarray(value), (count,)) for value in (custom_data, mask, flags))
     except ValueError as error:
         raise SolariError(f"instances: give one value for all, or a sequence of {count} ({error})") from error
     _check(matrices, custom, masks, bits)

@@ -96,9 +96,7 @@ class Tlas(Structure):
             [raw.struct("VkAccelerationStructureBuildRangeInfoKHR", primitiveCount=count)],
         )
         vk.vkCmdPipelineBarrier2(cmd, full_barrier())
-        vk.vkCmdBuildAccelerationStructuresKHR(
-            cmd, 1, self.build_info(self._scratch_address, update=update), ranges
-        )
+        vk.vkCmdBuildAccelerationStructuresKHR(cmd, 1, self.build_info(self._scratch_address, update=update), ranges)
         vk.vkCmdPipelineBarrier2(cmd, full_barrier())
 
     def _note(self, count: int, at: int, *, update: bool = False, blases: Iterable[Blas] = ()) -> None:

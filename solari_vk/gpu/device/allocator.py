@@ -174,9 +174,7 @@ class Allocator:
                 f"{left:,} are left: use a smaller scene or picture"
             )
         flags = raw.struct("VkMemoryAllocateFlagsInfo", flags=raw.VK_MEMORY_ALLOCATE_DEVICE_ADDRESS_BIT)
-        info = raw.struct(
-            "VkMemoryAllocateInfo", pNext=flags, allocationSize=size, memoryTypeIndex=pool.memory_type
-        )
+        info = raw.struct("VkMemoryAllocateInfo", pNext=flags, allocationSize=size, memoryTypeIndex=pool.memory_type)
         out = raw.ffi.new("VkDeviceMemory*")
         try:
             device.vk.vkAllocateMemory(device.handle, info, raw.NULL, out)

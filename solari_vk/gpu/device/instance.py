@@ -55,10 +55,7 @@ class Instance:
             )
         self.extensions = frozenset(extensions)
         application = raw.struct(
-            "VkApplicationInfo",
-            pApplicationName="solari_vk",
-            pEngineName="solari_vk",
-            apiVersion=raw.api_version(1, 3),
+            "VkApplicationInfo", pApplicationName="solari_vk", pEngineName="solari_vk", apiVersion=raw.api_version(1, 3)
         )
         create = raw.struct(
             "VkInstanceCreateInfo",

@@ -77,9 +77,7 @@ class Storage:
         if self.handle is None:
             raise SolariError(f"{action} of buffer {self.name}, which was destroyed")
         if offset < 0 or size < 0 or offset + size > self.size:
-            raise SolariError(
-                f"{action} of buffer {self.name}: bytes {offset:,} to {offset + size:,} of {self.size:,}"
-            )
+            raise SolariError(f"{action} of buffer {self.name}: bytes {offset:,} to {offset + size:,} of {self.size:,}")
 
     def _typed_range(self, dtype: Any, count: int, offset: int, action: str) -> tuple[np.dtype[Any], int]:
         """The dtype and the element count, checked; a negative count means all elements from the offset on."""

@@ -51,12 +51,7 @@ class Pipelines:
         return self._pipeline(name, modules, constants, interface, targets)
 
     def _pipeline(
-        self,
-        name: str,
-        modules: Sequence[Module],
-        constants: Constants,
-        interface: Interface,
-        targets: Targets | None,
+        self, name: str, modules: Sequence[Module], constants: Constants, interface: Interface, targets: Targets | None
     ) -> tuple[PipelineKey, raw.CData]:
         specializations, values = _specializations(name, modules, constants)
         digests = tuple(hashlib.sha256(module.spirv).digest() for module in modules)

@@ -38,10 +38,10 @@ def header_text(include: str, where: str) -> bytes:
     except ModuleNotFoundError as error:
         if error.name is None or not name.startswith(error.name):
             raise
-        raise CompilationError(f"{where}: error: \"{include}\": there is no module {name}") from None
+        raise CompilationError(f'{where}: error: "{include}": there is no module {name}') from None
     make = getattr(module, "glsl_header", None)
     if make is None:
-        raise CompilationError(f"{where}: error: \"{include}\": the module {name} has no function glsl_header()")
+        raise CompilationError(f'{where}: error: "{include}": the module {name} has no function glsl_header()')
     guard = "GENERATED_" + re.sub(r"\W", "_", path).upper() + "_GLSL"
     return f"#ifndef {guard}\n#define {guard}\n{make()}\n#endif\n".encode()
 

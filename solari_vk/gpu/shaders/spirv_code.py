@@ -122,9 +122,7 @@ class AccessAnalysis:
         used, read, written = self._effects(function, ())
         return Accesses(frozenset(used), frozenset(read), frozenset(written))
 
-    def _effects(
-        self, function: int, arguments: tuple[frozenset[int], ...]
-    ) -> tuple[set[int], set[int], set[int]]:
+    def _effects(self, function: int, arguments: tuple[frozenset[int], ...]) -> tuple[set[int], set[int], set[int]]:
         """Used, read and written variables of a function that is called with pointers to these variables."""
         key = (function, arguments)
         if key in self._done:
