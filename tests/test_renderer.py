@@ -13,25 +13,18 @@ def scene():
     return sv.builtin("cornell_box")
 
 
-@pytest.mark.parametrize("size", [640, (1, 2, 3), (float("nan"), 2), (0, 5), (5, -1), (16384, 16384), ("a", 2), None])
-def test_sizes_it_refuses(device, scene, size):
+@pytest.mark.parametrize("kind", [sv.PathTracer, sv.Renderer])
+@pytest.mark.parametrize("size", [640, (1, 2, 3), (float("nan"), 2), (4.5, 4), (0, 5), (5, -1), (1 << 20, 1 << 20),
+                                  ("a", 2), None])  # fmt: skip
+def test_sizes_they_refuse(device, scene, kind, size):
     live = device.live_objects
-    with pytest.raises(sv.SolariError, match="PathTracer"):
-        sv.PathTracer(device, scene, size)
+    with pytest.raises(sv.SolariError, match=f"{kind.__name__}: "):
+        kind(device, scene, size)
     assert device.live_objects == live
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("seed", "a"),
-        ("seed", -1),
-        ("max_bounces", 1.5),
-        ("light_strategy", "x"),
-        ("layering", "x"),
-        ("pixel_filter", 3),
-    ],
-)
+@pytest.mark.parametrize(("name", "value"), [("seed", "a"), ("seed", -1), ("max_bounces", 1.5), ("light_strategy", "x"),
+                                             ("layering", "x"), ("pixel_filter", 3)])  # fmt: skip
 def test_settings_it_refuses(device, scene, name, value):
     with pytest.raises(sv.SolariError, match=name):
         sv.PathTracer(device, scene, (4, 4), **{name: value})

@@ -70,8 +70,10 @@ def test_a_wrong_scene_is_one_line(capsys):
 
 def test_size_measures_another_checkout(tmp_path):
     sources = {
-        "solari_vk/__init__.py": "", "solari_vk/a.py": "from solari_vk import b\n",
-        "solari_vk/b.py": "def f():\n    import solari_vk.a\n", "solari_vk/c.py": "import solari_vk.a\n",
+        "solari_vk/__init__.py": "", "solari_vk/a.py": "from solari_vk import b, f\n",
+        "solari_vk/b.py": "def f():\n    import solari_vk.c\n", "solari_vk/c.py": "import solari_vk.a\n",
+        "solari_vk/d.py": "import solari_vk.a\nimport solari_vk.e\n", "solari_vk/e.py": "import solari_vk.d\n",
+        "solari_vk/f.py": "",
         "glsl/x/y.comp": f"{'/' * 121}\n{'/' * 120}\n", "tests/test_x.py": "def test_x():\n    pass\n",
     }  # fmt: skip
     for name, text in sources.items():
@@ -79,7 +81,8 @@ def test_size_measures_another_checkout(tmp_path):
         (tmp_path / name).write_text(text)
     done = subprocess.run([sys.executable, TOOLS / "size.py", tmp_path], capture_output=True, text=True, check=True)
     lines = [" ".join(line.split()) for line in done.stdout.splitlines()]
-    for line in ("4 solari_vk", "2 glsl/x", "8 solari_vk + glsl + tests", "import circles: 1, the longest of 2 modules",
-                 "solari_vk.a solari_vk.b", "GLSL lines over 120 columns: 1", "2 solari_vk/b.py"):  # fmt: skip
+    for line in ("7 solari_vk", "2 glsl/x", "11 solari_vk + glsl + tests", "GLSL lines over 120 columns: 1",
+                 "import circles: 2, the longest of 3 modules", "solari_vk.a solari_vk.b solari_vk.c",
+                 "solari_vk.d solari_vk.e", "2 solari_vk/b.py"):  # fmt: skip
         assert line in lines
     assert lines[-1].startswith("tests: 1 test collected")

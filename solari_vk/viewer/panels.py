@@ -58,7 +58,8 @@ class Panels:
         camera = session.camera
         changed, value = imgui.slider_float("EV100", camera.ev100, -10, 20)
         if changed:
-            camera.ev100 = min(max(value, -100.0), 100.0)
+            with session.showing_mistakes():
+                camera.ev100 = value
         changed, degrees = imgui.slider_float("field of view", math.degrees(camera.vertical_fov), 5, 120, "%.0f deg")
         if changed and 0.1 < degrees < 179:
             camera.vertical_fov = math.radians(degrees)

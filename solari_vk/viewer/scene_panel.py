@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from imgui_bundle import imgui
+from numpy.typing import NDArray
 
 from solari_vk.scene.model import Camera, Instance, Light, Material
 from solari_vk.viewer.camera_control import rotation
@@ -64,7 +65,7 @@ class ScenePanel:
         imgui.push_id(id(instance) & 0x7FFFFFFF)
         triangles = len(instance.mesh.triangles)
         imgui.text(f"{instance.mesh.describe()}: {triangles:,} triangles")
-        self._switch("visible", instance, "visible")
+        self._edit(instance, "visible", imgui.checkbox("visible", instance.visible))
         self._transform(instance)
         if imgui.tree_node(f"material: {instance.material.name or 'unnamed'}###material"):
             self._material(instance.material)
@@ -85,65 +86,54 @@ class ScenePanel:
                 transform[:3, :3] = rotation(axis, math.radians(angle)) @ transform[:3, :3]
         if scaled and factor > 0:
             transform[:3, :3] *= factor
-        if moved or turned or scaled:
-            self._set(instance, "transform", transform)
+        self._edit(instance, "transform", (moved or turned or scaled, transform))
 
     def _material(self, material: Material) -> None:
         imgui.push_id(id(material) & 0x7FFFFFFF)
-        self._color("base color", material, "base_color")
-        self._slider("metallic", material, "metallic")
-        self._slider("roughness", material, "perceptual_roughness")
-        reflectance = float(material.reflectance.mean())
-        changed, value = imgui.slider_float("reflectance", reflectance, 0, 1)
-        if changed:
-            self._set(material, "reflectance", [min(max(value, 0.0), 1.0)] * 3)
+        self._edit(material, "base_color", color("base color", material.base_color))
+        self._edit(material, "metallic", share("metallic", material.metallic))
+        self._edit(material, "perceptual_roughness", share("roughness", material.perceptual_roughness))
+        self._edit(material, "reflectance", share("reflectance", float(material.reflectance.mean())))
         strength = float(material.emissive.max())
         tint = (material.emissive / strength if strength > 0 else np.ones(3)).tolist()
         tinted, tint = imgui.color_edit3("emission", tint, imgui.ColorEditFlags_.float)
         speed = max(0.01 * strength, 0.05)
         changed, strength = imgui.drag_float("cd/m2", strength, speed, 0.0, 1e9, "%.4g")
-        if tinted or changed:
-            self._set(material, "emissive", np.maximum(tint, 0) * max(strength, 0.0))
-        self._switch("double-sided", material, "double_sided")
+        self._edit(material, "emissive", (tinted or changed, np.maximum(tint, 0) * max(strength, 0.0)))
+        self._edit(material, "double_sided", imgui.checkbox("double-sided", material.double_sided))
         imgui.pop_id()
 
     def _light(self, light: Light) -> None:
         """Edit the numbers, vectors and the color of a light of any kind."""
         for field in dataclasses.fields(light):  # type: ignore[arg-type]  # each kind of light is a dataclass
             value, label = getattr(light, field.name), field.name.replace("_", " ")
-            changed, edited = False, value
             if field.name == "color":
-                self._color("color", light, "color")
+                self._edit(light, "color", color("color", value))
             elif np.shape(value) == (3,):
-                changed, edited = imgui.drag_float3(label, value.tolist(), 0.01, format="%.4g")
+                self._edit(light, field.name, imgui.drag_float3(label, value.tolist(), 0.01, format="%.4g"))
             elif isinstance(value, float):
-                changed, edited = imgui.drag_float(label, value, max(0.01 * abs(value), 1e-3), format="%.4g")
-            if changed:
-                self._set(light, field.name, edited)
+                speed = max(0.01 * abs(value), 1e-3)
+                self._edit(light, field.name, imgui.drag_float(label, value, speed, format="%.4g"))
 
     def _camera(self, camera: Camera) -> None:
         if imgui.button("go there"):
             self._session.camera_control.take(camera)
             self._session.pictures.cut()
 
-    # ---- fields -------------------------------------------------------------------------------------
+    def _edit(self, item: Any, field: str, edited: tuple[bool, Any]) -> None:
+        """Assign what a widget returned, whether it was changed and its value, to a field."""
+        if edited[0]:
+            with self._session.showing_mistakes():
+                setattr(item, field, edited[1])
 
-    def _set(self, item: Any, field: str, value: Any) -> None:
-        with self._session.showing_mistakes():
-            setattr(item, field, value)
 
-    def _switch(self, label: str, item: Any, field: str) -> None:
-        changed, value = imgui.checkbox(label, getattr(item, field))
-        if changed:
-            self._set(item, field, value)
+def share(label: str, value: float) -> tuple[bool, float]:
+    """A slider from 0 to 1."""
+    edited: tuple[bool, float] = imgui.slider_float(label, value, 0, 1, flags=imgui.SliderFlags_.always_clamp)
+    return edited
 
-    def _slider(self, label: str, item: Any, field: str) -> None:
-        changed, value = imgui.slider_float(label, getattr(item, field), 0, 1)
-        if changed:
-            self._set(item, field, min(max(value, 0.0), 1.0))
 
-    def _color(self, label: str, item: Any, field: str) -> None:
-        """Edit a color. The numbers are linear, as in the scene, so the swatch beside them looks darker."""
-        changed, value = imgui.color_edit3(label, getattr(item, field).tolist(), imgui.ColorEditFlags_.float)
-        if changed:
-            self._set(item, field, np.clip(value, 0, 1))
+def color(label: str, value: NDArray[np.float32]) -> tuple[bool, NDArray[np.float64]]:
+    """An editor of a color. The numbers are linear, as in the scene, so the swatch beside them looks darker."""
+    changed, edited = imgui.color_edit3(label, value.tolist(), imgui.ColorEditFlags_.float)
+    return changed, np.clip(edited, 0, 1)

@@ -30,15 +30,10 @@ def screen() -> Iterator[str]:
     with os.fdopen(read) as pipe:
         name = f":{pipe.readline().strip()}"
     assert name != ":", "Xvfb does not start"
-    before = os.environ.get("DISPLAY"), os.environ.get("WAYLAND_DISPLAY")
-    os.environ["DISPLAY"] = name
-    os.environ.pop("WAYLAND_DISPLAY", None)
-    yield name
-    for variable, value in zip(("DISPLAY", "WAYLAND_DISPLAY"), before, strict=True):
-        if value is None:
-            os.environ.pop(variable, None)
-        else:
-            os.environ[variable] = value
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("DISPLAY", name)
+        patch.delenv("WAYLAND_DISPLAY", raising=False)
+        yield name
     server.terminate()
     server.wait()
 

@@ -37,6 +37,10 @@ def stretched(pixels, size):
     return values
 
 
+def no_memory(*_):
+    raise sv.DeviceError("no more memory")
+
+
 def test_the_screen_shows_the_rendered_picture(open_viewer, screen):
     viewer = open_viewer(overlay=False)
     viewer.run(frames=3)
@@ -156,13 +160,9 @@ def test_other_failures_are_errors(open_viewer, monkeypatch):
 def test_a_swapchain_that_could_not_be_made_is_made_later(open_viewer, monkeypatch):
     viewer = open_viewer(overlay=False)
     viewer.run(frames=2)
-
-    def fail(*_):
-        raise sv.DeviceError("no more memory")
-
     for name in ("_create", "_take_images"):
         size = (70, 40) if name == "_create" else (50, 60)
-        monkeypatch.setattr(Swapchain, name, fail)
+        monkeypatch.setattr(Swapchain, name, no_memory)
         glfw.set_window_size(viewer.window.handle, *size)
         with pytest.raises(sv.DeviceError, match="memory"):
             viewer.run(frames=20)
@@ -177,11 +177,7 @@ def test_what_the_window_shows_is_read_in_a_few_tries(open_viewer, monkeypatch):
     acquire, refused = viewer._swapchain.acquire, [None, None]
     monkeypatch.setattr(viewer._swapchain, "acquire", lambda: refused.pop() if refused else acquire())
     assert (viewer.capture() == viewer.pictures.pixels()).all()
-
-    def fail(*_):
-        raise sv.DeviceError("no more memory")
-
-    monkeypatch.setattr(viewer._swapchain, "present", fail)
+    monkeypatch.setattr(viewer._swapchain, "present", no_memory)
     with pytest.raises(sv.DeviceError, match="memory"):  # the fixture checks that this leaves nothing on the device
         viewer.capture()
 
