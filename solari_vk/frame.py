@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from typing import Any, Protocol, Self, TypeVar
+from typing import Any, Self
 
 from solari_vk.gpu.acceleration.checks import check_kind
 from solari_vk.gpu.device import raw
@@ -12,15 +12,6 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Frame, Stage
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Scene
-
-
-class Closable(Protocol):
-    """Has a method that frees its resources."""
-
-    def close(self) -> None: ...
-
-
-Owned = TypeVar("Owned", bound=Closable)
 
 
 class SceneUser:
@@ -41,11 +32,6 @@ class SceneUser:
         else:
             self.binder = SceneBinder(device, scene)
             self._owned.callback(self.binder.destroy)
-
-    def _own(self, item: Owned) -> Owned:
-        """Return an object that `close` will close, before all objects that are owned already."""
-        self._owned.callback(item.close)
-        return item
 
     def close(self) -> None:
         """Free everything on the device. Safe to call twice."""

@@ -63,7 +63,7 @@ class PathTracer(PictureRenderer):
             self._shown: tuple[Any, ...] | None = None  # scene, size and camera of the picture
             self._begin_adapting(pathtracer.max_rows(self.size), 0)
             stages = self._stages(self.size)
-            self._frame = self._own(SceneFrame(device, self.binder, stages, external=self._tables))
+            self._frame = self._owned.enter_context(SceneFrame(device, self.binder, stages, external=self._tables))
         except BaseException:
             self.close()
             raise

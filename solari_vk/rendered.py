@@ -7,6 +7,7 @@ import os
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -170,8 +171,8 @@ class PictureRenderer(SceneUser, ABC):
         try:
             self.binder.update()
             table, self._tables = brdf_table.compute(device)
-            self._own(table)
-            self.first_hits = self._own(FirstHits(device, self.binder, self._tables))
+            self._owned.enter_context(table)
+            self.first_hits = self._owned.enter_context(closing(FirstHits(device, self.binder, self._tables)))
         except BaseException:
             self._owned.close()
             raise

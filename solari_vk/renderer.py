@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+from contextlib import closing
 from typing import Any
 
 import numpy as np
@@ -75,9 +76,10 @@ class Renderer(PictureRenderer):
             self.frame_count = 0
             self._has_history = False
             self._settings_seen: tuple[Any, ...] = ()  # what the settings in the uniforms were written from
-            self._lights = self._own(LightTranslation(device))
+            self._lights = self._owned.enter_context(closing(LightTranslation(device)))
             external = self._tables | self._lights.buffers
-            self._frame = self._own(SceneFrame(device, self.binder, self._stages(self.size), external=external))
+            frame = SceneFrame(device, self.binder, self._stages(self.size), external=external)
+            self._frame = self._owned.enter_context(frame)
             self._camera_uniforms = CameraUniforms(self._frame.uniforms)
             self._this_frame = self._frame.uniforms.writer("this_frame", THIS_FRAME)
             self._built = self._build_key()

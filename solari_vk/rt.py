@@ -37,33 +37,11 @@ from solari_vk.gpu.frame.ray_query_faults import (
 )
 
 __all__ = [
-    "FAULT_BUFFERS",
-    "RAY_QUERY_DEBUG",
-    "RULES",
-    "AabbSize",
-    "Aabbs",
-    "Blas",
-    "BlasBuildEntry",
-    "BufferSlice",
-    "BuildCall",
-    "BuildOptions",
-    "InstanceFlags",
-    "IntersectionKind",
-    "RayFlags",
-    "RayQueryFault",
-    "Tlas",
-    "TlasInstance",
-    "TlasInstances",
-    "TlasPackage",
-    "TriangleSize",
-    "Triangles",
-    "UpdateMode",
-    "build_acceleration_structures",
-    "check_ray_queries",
-    "create_blas",
-    "create_tlas",
-    "ray_query_faults",
-]
+    "FAULT_BUFFERS", "RAY_QUERY_DEBUG", "RULES", "AabbSize", "Aabbs", "Blas", "BlasBuildEntry", "BufferSlice",
+    "BuildCall", "BuildOptions", "InstanceFlags", "IntersectionKind", "RayFlags", "RayQueryFault", "Tlas",
+    "TlasInstance", "TlasInstances", "TlasPackage", "TriangleSize", "Triangles", "UpdateMode",
+    "build_acceleration_structures", "check_ray_queries", "create_blas", "create_tlas", "ray_query_faults",
+]  # fmt: skip
 
 
 def create_blas(

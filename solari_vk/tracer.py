@@ -33,7 +33,6 @@ class RayTracer(SceneUser):
 
     def __init__(self, device: Device, scene: Scene | SceneBinder) -> None:
         super().__init__(device, scene)
-        self._closed = False
         self._frames: dict[bool, SceneFrame] = {}
         self._orders: dict[int, NDArray[np.int64]] = {}
         self._revision = -1
@@ -72,7 +71,7 @@ class RayTracer(SceneUser):
         and third vertex, front_face, position (3) in meters, and normal (3), the triangle's unit normal on its front
         side. Raises SolariError for arrays whose shapes don't fit each other.
         """
-        if self._closed:
+        if not self._buffers:
             raise SolariError("RayTracer.trace: the ray tracer is closed; make a new one")
         check_switch(any_hit, "trace: any_hit")
         shape, rays = _broadcast(origins, directions, t_min, t_max)
@@ -137,7 +136,6 @@ class RayTracer(SceneUser):
 
     def close(self) -> None:
         """Free everything on the device. Safe to call twice."""
-        self._closed = True
         for frame in self._frames.values():
             frame.close()
         for buffer in self._buffers.values():

@@ -184,7 +184,7 @@ class SceneBinder:
         if emits:
             mesh = instance.ray_mesh or instance.mesh
             (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = instance.transform.tolist()
-            p, q, r = self._geometry.center(mesh).tolist()
+            p, q, r = self._geometry.centers[mesh].tolist()
             position = a * p + b * q + c * r + x, d * p + e * q + f * r + y, g * p + h * q + i * r + z
             volume = abs(a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g))
             area = volume ** (2 / 3) * self._geometry.area(mesh)
@@ -213,8 +213,8 @@ class SceneBinder:
             self._materials.rows[material], NO_INDEX if light is None else light, self._ids[instance],
         )  # fmt: skip
         self._traced.write(
-            row, (a, b, c, x, d, e, f, y, g, h, i, z), self._geometry.center(ray_mesh), visible, material.double_sided,
-            self._geometry.blas(ray_mesh).address,
+            row, (a, b, c, x, d, e, f, y, g, h, i, z), self._geometry.centers[ray_mesh], visible, material.double_sided,
+            self._geometry.blases[ray_mesh].address,
         )  # fmt: skip
 
     # ---- from records to the device -----------------------------------------------------------------

@@ -80,22 +80,16 @@ def cornell_box(size: float = 2.0, radiance: ArrayLike = (17.0, 12.0, 4.0)) -> S
     short = [(130, 65), (82, 225), (240, 272), (290, 114)]
     tall = [(423, 247), (265, 296), (314, 456), (472, 406)]
     scene = Scene(name="cornell_box")
-    scene.add(Instance(mesh=mesh(floor, back, *around, name="room"), material=matte(white, "white"), name="room"))
-    scene.add(Instance(mesh=mesh(left, name="left"), material=matte(red, "red"), name="left wall"))
-    scene.add(Instance(mesh=mesh(right, name="right"), material=matte(green, "green"), name="right wall"))
+    scene.add(mesh(floor, back, *around, name="room"), matte(white, "white"), name="room")
+    scene.add(mesh(left, name="left"), matte(red, "red"), name="left wall")
+    scene.add(mesh(right, name="right"), matte(green, "green"), name="right wall")
     blocks = matte(white, "block")
-    scene.add(Instance(mesh=block(short, 165, "short"), material=blocks, name="short block"))
-    scene.add(Instance(mesh=block(tall, 330, "tall"), material=blocks, name="tall block"))
-    scene.add(Instance(mesh=mesh(hole, name="lamp"), material=lamp(radiance), name="lamp"))
-    scene.add(
-        Camera.look_at(
-            scale * np.array((278, 273, -800)),
-            scale * np.array((278, 273, 0)),
-            vertical_fov=2 * math.atan(0.0125 / 0.035),
-            near=0.005 * size,
-            ev100=-1.0,
-        )
-    )
+    scene.add(block(short, 165, "short"), blocks, name="short block")
+    scene.add(block(tall, 330, "tall"), blocks, name="tall block")
+    scene.add(mesh(hole, name="lamp"), lamp(radiance), name="lamp")
+    eye, target = scale * np.array((278, 273, -800)), scale * np.array((278, 273, 0))
+    fov = 2 * math.atan(0.0125 / 0.035)
+    scene.add(Camera.look_at(eye, target, vertical_fov=fov, near=0.005 * size, ev100=-1.0))
     return scene
 
 
@@ -106,18 +100,11 @@ def closed_box(albedo: float = 0.5, emission: float = 1.0, size: float = 2.0) ->
     everywhere. The camera is off the center, so that no symmetry hides a mistake.
     """
     half = np.full(3, size / 2)
-    walls = Instance(
-        mesh=shapes.box(-half, half, inward=True),
-        material=matte(albedo, "glowing wall", emissive=rgb(emission)),
-        name="walls",
-    )
-    final = emission / max(1 - albedo, 0.05)
-    camera = Camera.look_at(
-        size * np.array((0.13, 0.07, 0.21)),
-        size * np.array((-0.4, -0.3, -0.5)),
-        vertical_fov=math.radians(90),
-        ev100=EV100_OF_UNIT_EXPOSURE + math.log2(max(2 * final, 1e-6)),
-    )
+    material = matte(albedo, "glowing wall", emissive=rgb(emission))
+    walls = Instance(mesh=shapes.box(-half, half, inward=True), material=material, name="walls")
+    ev100 = EV100_OF_UNIT_EXPOSURE + math.log2(max(2 * emission / max(1 - albedo, 0.05), 1e-6))
+    eye, target = size * np.array((0.13, 0.07, 0.21)), size * np.array((-0.4, -0.3, -0.5))
+    camera = Camera.look_at(eye, target, vertical_fov=math.radians(90), ev100=ev100)
     return Scene(walls, camera, name="closed_box")
 
 
@@ -135,7 +122,7 @@ def many_lights(
     scene = Scene(name="many_lights")
     half = extent / 2
     ground = shapes.quad((0, 0, 0), (0, 0, half), (half, 0, 0), name="ground")
-    scene.add(Instance(mesh=ground, material=matte(0.6, "ground"), name="ground"))
+    scene.add(ground, matte(0.6, "ground"), name="ground")
     cube = shapes.box()
     paints = [
         Material(
@@ -150,7 +137,7 @@ def many_lights(
         width, height, depth = random.uniform((0.2, 0.2, 0.2), (1.2, 2.0, 1.2))
         x, z = random.uniform(-half, half, 2)
         transform = place((width, height, depth), (x, height / 2, z), random.uniform(0, math.pi))
-        scene.add(Instance(mesh=cube, material=paints[int(random.integers(len(paints)))], transform=transform))
+        scene.add(cube, paints[int(random.integers(len(paints)))], transform)
     ball = shapes.sphere(0.15, sphere_segments)
     colors = [colorsys.hsv_to_rgb(i / 24, 0.7, 1.0) for i in range(24)]
     glows = [lamp(400.0 * np.asarray(color), f"glow {i}") for i, color in enumerate(colors)]
@@ -158,7 +145,7 @@ def many_lights(
     for i in range(sphere_count):
         x, z = ((np.array((i % side, i // side)) + 0.5) / side - 0.5) * extent
         glow = glows[int(random.integers(len(glows)))]
-        scene.add(Instance(mesh=ball, material=glow, transform=place(at=(x, random.uniform(2, 4), z))))
+        scene.add(ball, glow, (x, random.uniform(2, 4), z))
     eye, target = (0, 0.16 * extent, 0.48 * extent), (0, 0, 0.1 * extent)
     scene.add(Camera.look_at(eye, target, vertical_fov=math.radians(50), ev100=2.5))
     return scene
@@ -177,9 +164,9 @@ def mirror_hall(length: float = 8.0) -> Scene:
     for side in (-1.0, 1.0):
         # The mirrors are 1 cm in front of the walls and smaller than them, so that the walls frame the reflections.
         mesh = shapes.quad((side * 1.99, 1.5, 0), (0, 0, side * (length / 2 - 0.2)), (0, 1.3, 0), name="mirror")
-        scene.add(Instance(mesh=mesh, material=mirror, name="mirror"))
+        scene.add(mesh, mirror, name="mirror")
     strip = shapes.quad((0, 2.98, 0), (0.25, 0, 0), (0, 0, length / 2 - 1), name="strip light")
-    scene.add(Instance(mesh=strip, material=lamp((12.0, 11.0, 9.5)), name="strip light"))
+    scene.add(strip, lamp((12.0, 11.0, 9.5)), name="strip light")
     ball = shapes.sphere(0.5, 48)
     balls = (
         Material(base_color=rgb((0.7, 0.08, 0.05)), perceptual_roughness=0.7, name="red"),
@@ -187,7 +174,7 @@ def mirror_hall(length: float = 8.0) -> Scene:
         Material(base_color=rgb(0.02), perceptual_roughness=0.0, name="black glass"),
     )
     for x, z, material in zip((-0.7, 0.6, -0.3), (-1.5, 0.0, 1.3), balls, strict=True):
-        scene.add(Instance(mesh=ball, material=material, transform=place(at=(x, 0.5, z)), name=material.name))
+        scene.add(ball, material, (x, 0.5, z), name=material.name)
     scene.add(Camera.look_at((1.3, 1.6, length / 2 - 0.6), (-0.9, 1.0, -0.5), vertical_fov=math.radians(65), ev100=0.5))
     return scene
 
@@ -220,23 +207,17 @@ def sphere_grid(columns: int = 8, rows: int = 3, base_color: ArrayLike = (0.9, 0
     ball = shapes.sphere(0.45, 48)
     for row in range(rows):
         for column in range(columns):
-            material = Material(
-                base_color=rgb(base_color),
-                perceptual_roughness=column / max(columns - 1, 1),
-                metallic=row / max(rows - 1, 1),
-            )
+            roughness, metallic = column / max(columns - 1, 1), row / max(rows - 1, 1)
+            material = Material(base_color=rgb(base_color), perceptual_roughness=roughness, metallic=metallic)
             at = (column - (columns - 1) / 2, row + 0.5, 0)
-            scene.add(Instance(mesh=ball, material=material, transform=place(at=at), name=f"ball {column} {row}"))
+            scene.add(ball, material, at, name=f"ball {column} {row}")
     width = float(columns + rows)
     floor = [(-2 * width, 0, -1), (-2 * width, 0, 2 * width), (2 * width, 0, 2 * width), (2 * width, 0, -1)]
     wall = [(-2 * width, 0, -1), (2 * width, 0, -1), (2 * width, 2 * width, -1), (-2 * width, 2 * width, -1)]
-    scene.add(Instance(mesh=shapes.polygons(floor, wall, name="stage"), material=matte(0.4, "stage"), name="stage"))
-    for name, x, half, radiance in (
-        ("soft lamp", -width, 0.35 * width, 9.0),
-        ("small lamp", width, 0.08 * width, 60.0),
-    ):
-        mesh = shapes.facing_quad((x, width, width), half)
-        scene.add(Instance(mesh=mesh, material=lamp(radiance), name=name))
+    scene.add(shapes.polygons(floor, wall, name="stage"), matte(0.4, "stage"), name="stage")
+    for name, x, half, radiance in (("soft lamp", -width, 0.35, 9.0), ("small lamp", width, 0.08, 60.0)):
+        mesh = shapes.facing_quad((x, width, width), half * width)
+        scene.add(mesh, lamp(radiance), name=name)
     distance = 0.5 * max(columns / 1.6, rows) / math.tan(math.radians(15)) + 1.2
     eye, target = (0, rows / 2 + 0.6, distance), (0, rows / 2, 0)
     scene.add(Camera.look_at(eye, target, vertical_fov=math.radians(30), ev100=0.3))

@@ -31,10 +31,12 @@ class Geometry:
         self._device = device
         self._watcher = watcher
         self._buffers: dict[Mesh, Buffer] = {}
-        self._centers: dict[Mesh, NDArray[np.float32]] = {}
+        self.centers: dict[Mesh, NDArray[np.float32]] = {}
+        """The center (3,) of each uploaded mesh's bounds, in object space."""
         self._areas: dict[Mesh, float] = {}  # surface area; computed on demand
         self._orders: dict[Mesh, NDArray[np.int64]] = {}
-        self._blases: dict[Mesh, Blas] = {}
+        self.blases: dict[Mesh, Blas] = {}
+        """The acceleration structure of each traced mesh, as of the latest `update`."""
         self._to_upload: dict[Mesh, None] = {}
 
     def acquire(self, mesh: Mesh, user: Observable, *, traced: bool) -> None:
@@ -47,14 +49,14 @@ class Geometry:
 
     def release(self, mesh: Mesh, user: Observable, *, traced: bool) -> None:
         """Undo one `acquire`."""
-        if traced and self._ray_users.release(mesh, user) and mesh in self._blases:
-            self._blases.pop(mesh).destroy()
+        if traced and self._ray_users.release(mesh, user) and mesh in self.blases:
+            self.blases.pop(mesh).destroy()
         if self.rows.release(mesh, user):
             mesh.unwatch(self._watcher)
             self._to_upload.pop(mesh, None)
             if mesh in self._buffers:
                 self._buffers.pop(mesh).destroy()
-                del self._centers[mesh], self._orders[mesh]
+                del self.centers[mesh], self._orders[mesh]
                 self._areas.pop(mesh, None)
 
     def change(self, mesh: Mesh) -> list[Any]:
@@ -63,14 +65,6 @@ class Geometry:
             return []
         self._to_upload[mesh] = None
         return self.rows.users(mesh)
-
-    def blas(self, mesh: Mesh) -> Blas:
-        """The acceleration structure of a traced mesh, which `update` has built."""
-        return self._blases[mesh]
-
-    def center(self, mesh: Mesh) -> NDArray[np.float32]:
-        """The center (3,) of an uploaded mesh's bounds, in object space."""
-        return self._centers[mesh]
 
     def area(self, mesh: Mesh) -> float:
         """The surface area of an uploaded mesh, in object space."""
@@ -96,9 +90,9 @@ class Geometry:
                     blases[mesh] = Blas(self._device, [geometry], name=mesh.name or "mesh")
         build_blases(self._device, list(blases.values()))
         for mesh, blas in blases.items():
-            if mesh in self._blases:
-                self._blases[mesh].destroy()
-            self._blases[mesh] = blas
+            if mesh in self.blases:
+                self.blases[mesh].destroy()
+            self.blases[mesh] = blas
         self._to_upload.clear()
 
     def _upload(self, mesh: Mesh, uploads: Uploads) -> TriangleGeometry:
@@ -108,7 +102,7 @@ class Geometry:
         order = self._orders[mesh] = spatial_order(corners.mean(axis=1))
         triangles = triangles[order]
         low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-        self._centers[mesh] = (low + high) / 2
+        self.centers[mesh] = (low + high) / 2
         self._areas.pop(mesh, None)
         parts = [mesh.positions, triangles]
         flags = 0
@@ -147,7 +141,7 @@ class Geometry:
 
     def destroy(self) -> None:
         """Free everything."""
-        for blas in self._blases.values():
+        for blas in self.blases.values():
             blas.destroy()
         for buffer in self._buffers.values():
             buffer.destroy()

@@ -115,10 +115,8 @@ class Scene(Observable):
     ) -> Any:
         """Add an object and return it. For a mesh, add and return an instance with a material and a transform."""
         if isinstance(item, Mesh):
-            placed = Instance(item, material or Material(), name=name)
-            if transform is not None:
-                placed.update(transform=transform)
-            return self._instances.add(placed)
+            given: dict[str, Any] = {} if transform is None else {"transform": transform}
+            return self._instances.add(Instance(item, material or Material(), name=name, **given))
         if material is not None or transform is not None or name:
             raise SolariError(f"{self.describe()}: material, transform and name are given with a mesh only")
         return self._holder(item).add(item)
@@ -172,8 +170,7 @@ class Scene(Observable):
                 positions = instance.mesh.positions
                 if instance.mesh not in boxes:
                     boxes[instance.mesh] = Bounds(positions.min(axis=0), positions.max(axis=0)).corners
-                box = boxes[instance.mesh]
-                corners.append(transform_points(instance.transform, box))
+                corners.append(transform_points(instance.transform, boxes[instance.mesh]))
         if not corners:
             raise SolariError(f"{self.describe()} has no visible instance, so it has no bounds")
         every = np.concatenate(corners)

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
 from solari_vk.scene import checks
-from solari_vk.scene.camera import Camera as Camera
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.observed import Checked, checked
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from solari_vk.errors import SolariError
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte
-from solari_vk.scene.model import Camera, Instance, Scene
+from solari_vk.scene.model import Camera, Scene
 
 
 def studio_lights(scene: Scene, *, ev100: float = 0.0, ground: bool = True, camera: Camera | None = None) -> Scene:
@@ -32,11 +32,11 @@ def studio_lights(scene: Scene, *, ev100: float = 0.0, ground: bool = True, came
         angle, up = turn + math.radians(heading), math.radians(height)
         toward = np.array((math.sin(angle) * math.cos(up), math.sin(up), math.cos(angle) * math.cos(up)))
         mesh = shapes.facing_quad(center + distance * toward, half_side, center)
-        scene.add(Instance(mesh=mesh, material=lamp(key * strength, f"{name} light"), name=f"{name} light"))
+        scene.add(mesh, lamp(key * strength, f"{name} light"), name=f"{name} light")
     if ground:
         at = np.array((center[0], bounds.low[1] - 1e-3 * radius, center[2]))
         mesh = shapes.quad(at, (0, 0, 10 * radius), (10 * radius, 0, 0), name="ground")
-        scene.add(Instance(mesh=mesh, material=matte(0.35, "ground"), name="ground"))
+        scene.add(mesh, matte(0.35, "ground"), name="ground")
     return scene
 
 

@@ -85,7 +85,7 @@ def assert_mirrors(binder, scene):
         np.testing.assert_array_equal(by_columns(record["world_from_object"]), transform)
         np.testing.assert_array_equal(ray["transform"], transform)
         assert ray["custom_index_and_mask"] == row | (0xFF000000 if instance.visible else 0)
-        assert ray["blas_address"] == binder._geometry.blas(instance.ray_mesh or instance.mesh).address
+        assert ray["blas_address"] == binder._geometry.blases[instance.ray_mesh or instance.mesh].address
         assert (record["mesh"] == NO_INDEX) == (not instance.visible)
         drawn = [("mesh", instance.mesh)] if instance.visible else []
         for name, mesh in (*drawn, ("ray_mesh", instance.ray_mesh or instance.mesh)):

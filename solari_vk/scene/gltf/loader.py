@@ -229,6 +229,3 @@ class _Loader:
                 if target is not None and target.index("node") in placed:
                     self._report.add("animations are not played: the rest pose is shown", animation.place)
                     break
-
-
-__all__ = ["SUPPORTED_EXTENSIONS", "load_gltf"]
