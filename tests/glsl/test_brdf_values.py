@@ -21,7 +21,8 @@ CASES = [
 ]
 
 
-def check_values(shaders, base_color, metallic, roughness, reflectance, bar):
+@pytest.mark.parametrize(("base_color", "metallic", "roughness", "reflectance", "bar"), CASES)
+def test_values(shaders, base_color, metallic, roughness, reflectance, bar):
     rng = np.random.default_rng(1)
     count = 2000
     wo, wi = random_directions(rng, count), random_directions(rng, count)
@@ -36,11 +37,6 @@ def check_values(shaders, base_color, metallic, roughness, reflectance, bar):
     surface = Surface(base_color, metallic, roughness, reflectance)
     expected = surface.value(wo.astype(float), wi.astype(float)) * wi[:, 2:]
     assert np.abs(seen / expected - 1).max() < bar
-
-
-@pytest.mark.parametrize("case", CASES, ids=str)
-def test_values(shaders, case):
-    check_values(shaders, *case)
 
 
 def test_table_holds_the_albedo(shaders):

@@ -24,12 +24,12 @@ def turns(x, y):
     return np.arctan2(y, x) / (2 * np.pi) % 1
 
 
-def check_disk(shaders):
+def test_disk(shaders):
     d, _ = draw(shaders, 0)
     assert uniform_p(d[:, 0] ** 2 + d[:, 1] ** 2, turns(d[:, 0], d[:, 1])) > sidak(0.01, 8)
 
 
-def check_hemispheres(shaders):
+def test_hemispheres(shaders):
     for kind, power in ((1, 2), (2, 1)):
         d, _ = draw(shaders, kind)
         assert np.abs(np.linalg.norm(d, axis=1) - 1).max() < 1e-6
@@ -37,14 +37,16 @@ def check_hemispheres(shaders):
         assert uniform_p(d[:, 2] ** power, turns(d[:, 0], d[:, 1])) > sidak(0.01, 8)
 
 
-def check_barycentrics(shaders):
+def test_barycentrics(shaders):
     d, _ = draw(shaders, 4)
     rest = 1 - d[:, 0] - d[:, 1]
     assert rest.min() > -1e-6
     assert uniform_p((1 - rest) ** 2, d[:, 0] / np.maximum(1 - rest, 1e-12)) > sidak(0.01, 8)
 
 
-def check_cone(shaders, cone, axis):
+@pytest.mark.parametrize("axis", AXES)
+@pytest.mark.parametrize("cone", CONES)
+def test_cone(shaders, cone, axis):
     count = COUNT // 4
     d, axis = draw(shaders, 3, axis, cone, count)
     assert np.abs(np.linalg.norm(d, axis=1) - 1).max() < 1e-6
@@ -58,21 +60,3 @@ def check_cone(shaders, cone, axis):
         assert uniform_p(np.minimum(share, 1), turns(apart @ first, apart @ second)) > sidak(0.01, 20)
     else:
         assert abs(share.mean() - 0.5) < 0.02
-
-
-def test_disk(shaders):
-    check_disk(shaders)
-
-
-def test_hemispheres(shaders):
-    check_hemispheres(shaders)
-
-
-def test_barycentrics(shaders):
-    check_barycentrics(shaders)
-
-
-@pytest.mark.parametrize("cone", CONES)
-def test_cone(shaders, cone):
-    for axis in AXES:
-        check_cone(shaders, cone, axis)

@@ -25,7 +25,7 @@ def inputs():
     return colors, directions, values
 
 
-def check(shaders):
+def test_packings(shaders):
     colors, directions, values = inputs()
     count = len(colors)
     given = {"colors": colors, "directions": directions, "values": values}
@@ -53,7 +53,3 @@ def check(shaders):
     assert ((given_codes == codes) | between).all()
     assert (given_codes[:256] == np.arange(256)[:, None]).all()
     assert np.abs(unpacked[:, 4] - given_codes / 255).max() < 1e-7
-
-
-def test_packings(shaders):
-    check(shaders)

@@ -9,7 +9,7 @@ from solari_vk.conformance.oracles.encodings import pcg3d, pcg4d, pcg_hash, pcg_
 LARGEST = 0xFFFFFFFF
 
 
-def check(shaders):
+def test_generators(shaders):
     words = np.random.default_rng(1).integers(0, 2**32, (1000, 4), dtype=np.uint32)
     words[:3] = [[0, 0, 0, 0], [LARGEST] * 4, [1, 1, 1, 1]]
     count = len(words)
@@ -24,7 +24,3 @@ def check(shaders):
         assert (out["numbers"][k::8] == number).all()
         assert (out["floats"][k::8] == (number >> 8) / 2**24).all()
         assert (out["ranged"][k::8] == number * words[:, 1] >> 32).all()
-
-
-def test_generators_bit_for_bit(shaders):
-    check(shaders)

@@ -48,7 +48,8 @@ def make_instances(kind, scale, rng):
         yield Instance(mesh=mesh, material=Material(), transform=transform_of(kind, rng, scale))
 
 
-def check(shaders, scale):
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e5])
+def test_offsets(shaders, scale):
     rng = np.random.default_rng(2)
     scene = Scene(*(instance for kind in KINDS for instance in make_instances(kind, scale, rng)))
     binder = SceneBinder(shaders.device, scene)
@@ -66,8 +67,3 @@ def check(shaders, scale):
         assert own_count == 0, f"{kind}: {own_count:.0f} of {COUNT} rays met the triangle they left"
         assert end_count == 0, f"{kind}: {end_count:.0f} of {COUNT} shadow rays met an end of theirs"
     assert np.median(relative) < 1e-4, "offsets stay far below what is visible"
-
-
-@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e5])
-def test_no_ray_meets_its_own_ends(shaders, scale):
-    check(shaders, scale)

@@ -63,9 +63,10 @@ CASES = {
 CONFIDENCES = [(1.0, 20.0), (1.0, 1.0), (1.0, 0.0), (21.0, 3.0)]
 
 
-def check_expectation(shaders, names=tuple(CASES)):
+@pytest.mark.parametrize("name", CASES)
+def test_merge(shaders, name):
     """The mean of target times weight over all outcomes is the sum of targets: what reuse must not change."""
-    for name, confidences in itertools.product(names, CONFIDENCES):
+    for confidences in CONFIDENCES:
         here, there = (np.array(targets) for targets in CASES[name])
         cases, chances = [], []
         for (a, chance_a, weight_a), (b, chance_b, weight_b) in itertools.product(
@@ -87,7 +88,7 @@ def check_expectation(shaders, names=tuple(CASES)):
         assert abs(mean - here.sum()) <= 1e-5 * here.sum() + 1e-7, (name, confidences)
 
 
-def check_choices(shaders):
+def test_choices(shaders):
     """How often each of two samples is chosen, over many random numbers, and the weight that it then gets."""
     count = 40_000
     case = ((3.0, 5.0), (2.0, 0.7), (1.5, 2.5), (0.4, 3.0))
@@ -102,7 +103,7 @@ def check_choices(shaders):
     np.testing.assert_allclose(out["weight"], (first + second) / np.where(picked, h2, h1), rtol=1e-5)
 
 
-def check_streams(shaders):
+def test_streams(shaders):
     """The choice follows from the generator's numbers, one by one; weights of 0 are never chosen."""
     random = np.random.default_rng(4)
     streams = np.zeros(5000, STREAM)
@@ -125,7 +126,7 @@ def check_streams(shaders):
     assert (out["index"][nothing] == NEITHER).all()
 
 
-def check_permutation(shaders):
+def test_permutation(shaders):
     """The permutation is its own inverse for each of the 16 shifts, and no pixel leaves the picture or wraps around."""
     width, height = SIZE
     y, x = np.mgrid[:height, :width]
@@ -142,63 +143,32 @@ def check_permutation(shaders):
     assert len(np.unique(moved, axis=0)) == 16, "the blocks lie elsewhere in other frames"
 
 
-def test_a_merge_is_unbiased_over_all_outcomes(shaders):
-    check_expectation(shaders)
-
-
 def test_constant_weights_are_biased_where_supports_differ(patched):
     with patched(*CONSTANT_WEIGHTS) as constant:
-        check_expectation(constant, ["alike", "unlike"])
+        test_merge(constant, "alike")
+        test_merge(constant, "unlike")
         with pytest.raises(AssertionError):
-            check_expectation(constant, ["zeros"])
-
-
-def test_choices_are_as_likely_as_their_weights(shaders):
-    check_choices(shaders)
-
-
-def test_streams_of_weights(shaders):
-    check_streams(shaders)
-
-
-def test_the_permutation_is_its_own_inverse(shaders):
-    check_permutation(shaders)
+            test_merge(constant, "zeros")
 
 
 RESERVOIR, REUSE = "passes/restir_di/reservoir.glsl", "passes/reuse.glsl"
 MUTANTS = {
-    "confidence ignored": (check_choices, RESERVOIR, "confidences * targets;", "targets;"),
-    "targets swapped": (check_expectation, RESERVOIR, "vec2(there.y, here.y)", "vec2(here.y, there.y)"),
-    "sum not divided": (
-        check_expectation,
-        RESERVOIR,
-        "target > 0.0 ? weight_sum / target",
-        "target > 0.0 ? weight_sum",
-    ),
-    "confidence not added": (
-        check_expectation,
-        RESERVOIR,
-        "= first.confidence + second.confidence",
-        "= first.confidence",
-    ),
-    "zeros are chosen": (check_streams, RESERVOIR, "* weight_sum < weight", "* weight_sum <= weight"),
-    "latest preferred": (
-        check_streams,
-        RESERVOIR,
-        "rand_f(rng) * weight_sum <",
-        "rand_f(rng) * rand_f(rng) * weight_sum <",
-    ),
-    "wraps at the edge": (
-        check_permutation,
-        REUSE,
-        "return is_inside_picture(partner) ? partner : pixel;",
-        "return abs(partner) % ivec2(camera.size);",
-    ),
-    "no shift back": (check_permutation, REUSE, "((pixel + shift) ^ 3) - shift", "(pixel + shift) ^ 3"),
-}
+    "confidence ignored": (test_choices, (), RESERVOIR, "confidences * targets;", "targets;"),
+    "targets swapped": (test_merge, ("unlike",), RESERVOIR, "vec2(there.y, here.y)", "vec2(here.y, there.y)"),
+    "sum not divided": (test_merge, ("unlike",), RESERVOIR, "target > 0.0 ? weight_sum / target",
+                        "target > 0.0 ? weight_sum"),
+    "confidence not added": (test_merge, ("unlike",), RESERVOIR, "= first.confidence + second.confidence",
+                             "= first.confidence"),
+    "zeros are chosen": (test_streams, (), RESERVOIR, "* weight_sum < weight", "* weight_sum <= weight"),
+    "latest preferred": (test_streams, (), RESERVOIR, "rand_f(rng) * weight_sum <",
+                         "rand_f(rng) * rand_f(rng) * weight_sum <"),
+    "wraps at the edge": (test_permutation, (), REUSE, "return is_inside_picture(partner) ? partner : pixel;",
+                          "return abs(partner) % ivec2(camera.size);"),
+    "no shift back": (test_permutation, (), REUSE, "((pixel + shift) ^ 3) - shift", "(pixel + shift) ^ 3"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", MUTANTS)
 def test_a_seeded_bug_is_noticed(expect_failure, name):
-    check, *patch = MUTANTS[name]
-    expect_failure(tuple(patch), check)
+    check, arguments, *patch = MUTANTS[name]
+    expect_failure(tuple(patch), check, *arguments)

@@ -35,10 +35,8 @@ struct Found {  // RayIntersection, and Vulkan's object-space ray
 
 struct Answer {
     uint steps;                 // how often rayQueryProceed returned true
-    uint triangle_candidates;
     uint box_candidates;
     uint opaque_boxes;          // AABB candidates that were opaque
-    uint seen_primitives;       // bit i: primitive i was a candidate
     uint proceeds_after_end;
     float t_min;                // the ray as the getters return it
     uint flags;
@@ -72,7 +70,7 @@ void run_probe(uint index) {
     Probe probe = probes.at[index];
     Found none = Found(RAY_QUERY_INTERSECTION_NONE, -1.0, 0u, 0u, 0u, 0u, 0u, vec2(-1.0), 0u, mat4x3(0.0), mat4x3(0.0),
                        vec3(0.0), vec3(0.0));
-    Answer answer = Answer(0u, 0u, 0u, 0u, 0u, 0u, -1.0, 0u, vec3(0.0), vec3(0.0), none, none);
+    Answer answer = Answer(0u, 0u, 0u, 0u, -1.0, 0u, vec3(0.0), vec3(0.0), none, none);
     RAY_QUERY(query);
     rayQueryInitialize(query, tlas, RayDesc(probe.flags, probe.cull_mask, probe.t_min, probe.t_max, probe.origin,
                                             probe.direction));
@@ -80,7 +78,6 @@ void run_probe(uint index) {
         RayIntersection candidate = rayQueryGetCandidateIntersection(query);
         vec3 object_origin = rayQueryGetIntersectionObjectRayOriginEXT(query, false);
         vec3 object_direction = rayQueryGetIntersectionObjectRayDirectionEXT(query, false);
-        answer.seen_primitives |= 1u << (candidate.primitive_index & 31u);
         if (answer.steps == 0u) answer.candidate = found_of(candidate, object_origin, object_direction);
         answer.steps++;
         if (candidate.kind == RAY_QUERY_INTERSECTION_AABB) {
@@ -97,7 +94,6 @@ void run_probe(uint index) {
                 if (t > probe.t_min && t < probe.t_max) rayQueryGenerateIntersection(query, t);
             }
         } else {
-            answer.triangle_candidates++;
             bool odd = (probe.action & CONFIRM_ODD) != 0u && (candidate.primitive_index & 1u) == 1u;
             if ((probe.action & CONFIRM) != 0u || odd) rayQueryConfirmIntersection(query);
         }
