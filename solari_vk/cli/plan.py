@@ -6,13 +6,11 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from solari_vk.errors import SolariError
-
-if TYPE_CHECKING:
-    from solari_vk.scene.model import Camera
-    from solari_vk.settings import Settings
+from solari_vk.output import movie, picture
+from solari_vk.scene.model import Camera
+from solari_vk.settings import Settings
 
 STILL_FRAMES, ANIMATION_AVERAGE = 48, 4
 
@@ -38,8 +36,6 @@ class Plan:
 
 def check_output(options: argparse.Namespace) -> bool:
     """Returns whether the output is a movie. Raises SolariError when it can't be written."""
-    from solari_vk.output import movie, picture
-
     output: Path = options.output
     if output.suffix.lower() not in movie.SUFFIXES:
         picture.check_output(output)
@@ -66,8 +62,6 @@ def check_view(options: argparse.Namespace) -> None:
 
 def make_settings(options: argparse.Namespace) -> Settings:
     """The settings of --quality, changed by --settings."""
-    from solari_vk.settings import Settings
-
     settings = Settings.preset(options.quality)
     for text in options.settings:
         settings.update(text)

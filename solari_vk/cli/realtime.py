@@ -5,47 +5,43 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from solari_vk.cli.plan import Plan, check_output, check_view, make_plan, make_settings
 from solari_vk.cli.progress import Progress, Stopped
 from solari_vk.cli.subject import load, names_of_aovs
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from solari_vk.renderer import Renderer
-    from solari_vk.scene.model import Camera
+from solari_vk.gpu.device.device import Device
+from solari_vk.output.movie import write_movie
+from solari_vk.output.picture import save_image, write_png
+from solari_vk.output.tone_mapping import auto_exposure
+from solari_vk.renderer import LIGHT, Renderer
+from solari_vk.scene.model import Camera
 
 METERING_FRAMES = 4
 
 
 def run(options: argparse.Namespace) -> None:
     """Render what the options ask for and write it."""
-    import solari_vk as sv
-    from solari_vk.output.movie import write_movie
-    from solari_vk.renderer import LIGHT
-
     is_movie = check_output(options)
     check_view(options)
-    names = names_of_aovs(options, tuple(n for n in sv.Renderer.OUTPUTS if n not in ("radiance", "display")))
-    averaged = ("radiance", *(name for name in names if name in LIGHT))
+    names = names_of_aovs(options, tuple(n for n in Renderer.OUTPUTS if n not in ("radiance", "display")))
     settings = make_settings(options)
     subject = load(options)
     with tempfile.TemporaryDirectory() as folder:
         plan = make_plan(options, subject.cameras, Path(folder) if is_movie else None)
-        with sv.Device(options.device, validation=options.validation or None) as device:
+        with Device(options.device, validation=options.validation or None) as device:
             print(f"rendering {options.source} with {device.name}", file=sys.stderr)
-            renderer = sv.Renderer(device, subject.scene, options.size, settings, seed=options.seed)
+            renderer = Renderer(device, subject.scene, options.size, settings, seed=options.seed)
             renderer.view, renderer.tonemap = options.view, options.tonemap
             if subject.auto_exposure:
                 _meter(renderer, plan.cameras)
-            total = renderer.frame_count + plan.frame_count
-            with Progress("frames", total, options.time_limit) as progress:
-                mean = _Mean(renderer, averaged)
-                written = _shoot(renderer, plan, options, names, mean, subject.auto_exposure, progress)
+            with Progress("frames", renderer.frame_count + plan.frame_count, options.time_limit) as progress:
+                written = _Shooting(renderer, plan, options, names, subject.auto_exposure, progress).run()
         if is_movie:
             write_movie(options.output, written, options.fps)
     target = options.output if is_movie else written[-1]
@@ -64,87 +60,73 @@ def _meter(renderer: Renderer, cameras: Sequence[Camera]) -> None:
 
 
 def _expose(cameras: Sequence[Camera], radiance: NDArray[Any]) -> None:
-    from solari_vk.output.tone_mapping import auto_exposure
-
     ev100 = auto_exposure(radiance)
     for camera in cameras:
         camera.ev100 = ev100
 
 
-class _Mean:
-    """The mean of frames in float64. Outputs that are not in `averaged` are the last frame's."""
+class _Shooting:
+    """Renders and writes the pictures of a plan. meters: the first picture decides the exposure of all.
 
-    def __init__(self, renderer: Renderer, averaged: Sequence[str]) -> None:
-        self._renderer, self._averaged = renderer, averaged
-        self.reset()
+    Radiance and its parts are the mean of a picture's last frames, in float64; other outputs are the last frame's.
+    """
 
-    def reset(self) -> None:
-        """Start another mean."""
-        self._sums: dict[str, Any] = dict.fromkeys(self._averaged, 0.0)
-        self.count = 0
+    def __init__(
+        self, renderer: Renderer, plan: Plan, options: argparse.Namespace, names: Sequence[str], meters: bool,
+        progress: Progress,
+    ) -> None:  # fmt: skip
+        self._renderer, self._plan, self._options, self._names = renderer, plan, options, names
+        self._meters, self._progress = meters, progress
+        self._written: list[Path] = []
+        self._begin_mean()
 
-    def add(self) -> None:
-        """Add the renderer's latest frame."""
+    def run(self) -> list[Path]:
+        """The files of the pictures. Ctrl-C or the time limit ends it with the pictures so far, at least one."""
+        plan = self._plan
+        try:
+            self._render(plan.cameras[0], plan.warm_up, averaged=0)
+            for camera, target in zip(plan.cameras, plan.targets, strict=True):
+                self._begin_mean()
+                self._render(camera, plan.frames, plan.average)
+                self._write(camera, target)
+        except Stopped as stopped:
+            print(stopped, file=sys.stderr)
+            if not self._written:
+                if not self._count:
+                    self._add_frame()
+                self._write(plan.cameras[0], plan.targets[0])
+        return self._written
+
+    def _begin_mean(self) -> None:
+        self._sums: dict[str, Any] = dict.fromkeys(["radiance", *(name for name in self._names if name in LIGHT)], 0.0)
+        self._count = 0
+
+    def _add_frame(self) -> None:
         for name in self._sums:
             self._sums[name] = self._sums[name] + self._renderer[name].astype("float64")
-        self.count += 1
+        self._count += 1
 
-    def __getitem__(self, name: str) -> Any:
+    def _render(self, camera: Camera, count: int, averaged: int) -> None:
+        """Render `count` frames; the last ones of them count for the mean."""
+        for index in range(count):
+            self._renderer.render(camera)
+            if index >= count - averaged:
+                self._add_frame()
+            self._progress(self._renderer.frame_count)
+
+    def _result(self, name: str) -> NDArray[Any]:
         if name in self._sums:
-            return (self._sums[name] / self.count).astype("float32")
+            return np.asarray(self._sums[name] / self._count, np.float32)
         values = self._renderer[name]
-        return values / 255.0 if values.dtype == "uint8" else values
+        return values / 255.0 if values.dtype == np.uint8 else values
 
-
-def _shoot(
-    renderer: Renderer, plan: Plan, options: argparse.Namespace, names: Sequence[str], mean: _Mean, meters: bool,
-    progress: Progress,
-) -> list[Path]:  # fmt: skip
-    """Render and write the pictures; returns their files. meters: the first picture decides the exposure of all.
-
-    Ctrl-C or the time limit ends it with the pictures so far; the first one is written even if it is not complete.
-    """
-    written: list[Path] = []
-
-    def write(camera: Camera, target: Path) -> None:
-        if meters and not written:
-            _expose(plan.cameras, mean["radiance"])
-        _write(target, renderer, camera, options, mean, names)
-        written.append(target)
-
-    try:
-        for _ in _frames(renderer, plan.cameras[0], plan.warm_up, progress):
-            pass
-        for camera, target in zip(plan.cameras, plan.targets, strict=True):
-            mean.reset()
-            for index in _frames(renderer, camera, plan.frames, progress):
-                if index >= plan.frames - plan.average:
-                    mean.add()
-            write(camera, target)
-    except Stopped as stopped:
-        print(stopped, file=sys.stderr)
-        if not written:
-            if not mean.count:
-                mean.add()
-            write(plan.cameras[0], plan.targets[0])
-    return written
-
-
-def _frames(renderer: Renderer, camera: Camera, count: int, progress: Progress) -> Iterator[int]:
-    """Render `count` frames and yield the index of each."""
-    for index in range(count):
-        renderer.render(camera)
-        yield index
-        progress(renderer.frame_count)
-
-
-def _write(
-    target: Path, renderer: Renderer, camera: Camera, options: argparse.Namespace, mean: _Mean, names: Sequence[str]
-) -> None:
-    from solari_vk.output.picture import save_image, write_png
-
-    if options.view != "picture":
-        write_png(target, renderer["display"][..., :3])
-        return
-    layers = {name: mean[name] for name in names}
-    save_image(target, mean["radiance"], exposure=camera.exposure, tonemap=options.tonemap, layers=layers)
+    def _write(self, camera: Camera, target: Path) -> None:
+        radiance, options = self._result("radiance"), self._options
+        if self._meters and not self._written:
+            _expose(self._plan.cameras, radiance)
+        if options.view != "picture":
+            write_png(target, self._renderer["display"][..., :3])
+        else:
+            layers = {name: self._result(name) for name in self._names}
+            save_image(target, radiance, exposure=camera.exposure, tonemap=options.tonemap, layers=layers)
+        self._written.append(target)

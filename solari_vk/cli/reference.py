@@ -5,23 +5,21 @@ from __future__ import annotations
 import argparse
 import sys
 
+import solari_vk as sv
 from solari_vk.cli.progress import Progress, Stopped
 from solari_vk.cli.subject import load, names_of_aovs
 
 
 def run(options: argparse.Namespace) -> None:
     """Render a picture and write it."""
-    import solari_vk as sv
-
     sv.check_output(options.output)
     names = names_of_aovs(options, sv.PathTracer.OUTPUTS[1:])
     subject = load(options)
     camera = subject.cameras[0]
     with sv.Device(options.device, validation=options.validation or None) as device:
         print(f"rendering {options.source} with {device.name}", file=sys.stderr)
-        renderer = sv.PathTracer(
-            device, subject.scene, options.size, seed=options.seed, max_bounces=options.max_bounces
-        )
+        choices = {"seed": options.seed, "max_bounces": options.max_bounces}
+        renderer = sv.PathTracer(device, subject.scene, options.size, **choices)
         with Progress("samples a pixel", options.samples, options.time_limit) as progress:
             try:
                 renderer.render(camera, samples=options.samples, progress=progress)

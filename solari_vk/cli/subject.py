@@ -8,12 +8,11 @@ import math
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import solari_vk as sv
 from solari_vk.errors import SolariError
-
-if TYPE_CHECKING:
-    from solari_vk.scene.model import Camera, Scene
+from solari_vk.output.animation import load_path, orbit
+from solari_vk.scene.model import Camera, Scene
 
 ORBIT_PICTURES = 48
 
@@ -40,8 +39,6 @@ class Subject:
 
 def load(options: argparse.Namespace) -> Subject:
     """The scene, the cameras and the exposure that the options ask for."""
-    import solari_vk as sv
-
     builtin = options.source.startswith("builtin:")
     if builtin:
         if options.scene is not None:
@@ -72,8 +69,6 @@ def load(options: argparse.Namespace) -> Subject:
 
 def _path(options: argparse.Namespace, scene: Scene, camera: Camera) -> list[Camera]:
     """The cameras of an animation that starts at `camera`. Call it before added lights widen the scene's bounds."""
-    from solari_vk.output.animation import load_path, orbit
-
     kind, colon, sweep = options.animate.partition(":")
     if kind != "orbit":
         return load_path(options.animate, camera, fps=options.fps, count=options.frames)
@@ -88,8 +83,6 @@ def _path(options: argparse.Namespace, scene: Scene, camera: Camera) -> list[Cam
 
 def _find_camera(scene: Scene, text: str | None, aspect: float) -> Camera:
     """The camera that an option names; without the option the scene's own for pictures of an aspect."""
-    from solari_vk.scene.model import Camera
-
     if text is None:
         return scene.camera_for(aspect)
     if text.isdecimal():

@@ -4,16 +4,10 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from solari_vk.cli.options import add_realtime_options, add_scene_options, positive
-from solari_vk.cli.plan import make_settings
-from solari_vk.cli.subject import load
 from solari_vk.errors import SolariError
-
-if TYPE_CHECKING:
-    from solari_vk.cli.subject import Subject
-    from solari_vk.gpu.device.device import Device
 
 
 def add_parser(commands: Any) -> None:
@@ -37,6 +31,8 @@ def add_parser(commands: Any) -> None:
 def run(options: argparse.Namespace) -> None:
     """Show the window until it is closed."""
     import solari_vk as sv
+    from solari_vk.cli.plan import make_settings
+    from solari_vk.cli.subject import load
     from solari_vk.output.picture import write_png
 
     if options.screenshot is not None:
@@ -48,8 +44,9 @@ def run(options: argparse.Namespace) -> None:
     words = ["--lights", options.lights] + (["--scene", options.scene] if options.scene else [])
     is_file = not options.source.startswith("builtin:")
     with sv.Device(options.device, validation=options.validation or None) as device:
-        if subject.auto_exposure:
-            _meter(device, subject)
+        if subject.auto_exposure:  # by a small picture
+            with sv.PathTracer(device, subject.scene, (96, 54)) as tracer:
+                subject.cameras[0].ev100 = sv.auto_exposure(tracer.render(subject.cameras[0], samples=16))
         with sv.Viewer(
             device, subject.scene, size=options.size, camera=subject.cameras[0], mode=options.mode,
             scale=options.scale, fps=options.fps, settings=settings, seed=options.seed,
@@ -60,11 +57,3 @@ def run(options: argparse.Namespace) -> None:
             viewer.run(frames=options.frames)
             if options.screenshot is not None:
                 write_png(options.screenshot, viewer.capture())
-
-
-def _meter(device: Device, subject: Subject) -> None:
-    """Choose the exposure by a small picture."""
-    import solari_vk as sv
-
-    with sv.PathTracer(device, subject.scene, (96, 54)) as tracer:
-        subject.cameras[0].ev100 = sv.auto_exposure(tracer.render(subject.cameras[0], samples=16))
