@@ -149,7 +149,7 @@ BUGS = {
                                         "? 2.0 * PI :", "? PI / 0.6 :"),
     "radiance where irradiance is": (measure_indirect, ["one bounce"], QUERY, "vec3 reflectance = INVERSE_PI * ",
                                      "vec3 reflectance = "),
-    "contribution weight forgotten": (measure_indirect, ["one bounce"], GI_SHADE,
+    "contribution weight forgotten": (measure_indirect, ["no sixteenth's"], GI_SHADE,
                                       "* reservoir.unbiased_contribution_weight", ""),
     "own sample merged twice": (measure_indirect, ["one bounce"], GI_SHADE,
                                 "gi_temporal_reservoirs.at[neighbor.y * camera.size.x + neighbor.x]", "reservoir"),
