@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 
 import pytest
 
@@ -14,22 +13,22 @@ from solari_vk.errors import DeviceError
 from solari_vk.gpu.device import instance as instance_module
 from solari_vk.gpu.device.device import Device, list_devices
 
-_messages: list[str] = []
-_devices: list[Device] = []
+_messages = []
+_devices = []
 
 
-def pytest_configure(config: pytest.Config) -> None:
+def pytest_configure(config):
     config.addinivalue_line("markers", "provokes_validation: the test makes validation messages on purpose")
     note = instance_module.note_message
 
-    def note_and_log(messages: list[str], text: str) -> None:
+    def note_and_log(messages, text):
         _messages.append(text)
         note(messages, text)
 
     instance_module.note_message = note_and_log
 
 
-def _find_reason_to_skip() -> str | None:
+def _find_reason_to_skip():
     """Why tests must be skipped: there is no Vulkan device. A device that lacks a feature is a failure instead."""
     try:
         if list_devices():
@@ -40,7 +39,7 @@ def _find_reason_to_skip() -> str | None:
 
 
 @pytest.fixture(scope="session")
-def any_device() -> None:
+def any_device():
     """Skip without a Vulkan device; with SOLARI_VK_REQUIRE_DEVICE=1 that is a failure."""
     reason = _find_reason_to_skip()
     if reason is not None:
@@ -50,7 +49,7 @@ def any_device() -> None:
 
 
 @pytest.fixture(scope="session")
-def device(any_device: None) -> Iterator[Device]:
+def device(any_device):
     """A device with core and synchronization validation, shared by the session."""
     opened = Device(validation=True)
     _devices.append(opened)
@@ -60,7 +59,7 @@ def device(any_device: None) -> Iterator[Device]:
 
 
 @pytest.fixture(autouse=True)
-def no_validation_messages(request: pytest.FixtureRequest) -> Iterator[None]:
+def no_validation_messages(request):
     """Fail the test that raised a validation message, whoever caught the exception."""
     _messages.clear()
     yield
@@ -74,7 +73,7 @@ def no_validation_messages(request: pytest.FixtureRequest) -> Iterator[None]:
         assert messages, "the test was to provoke validation, but there was no message"
 
 
-def pytest_sessionfinish(session: pytest.Session) -> None:
+def pytest_sessionfinish(session):
     """Fail the session for validation messages while its device is destroyed."""
     if _messages:
         session.exitstatus = pytest.ExitCode.TESTS_FAILED

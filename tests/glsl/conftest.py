@@ -2,34 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from solari_vk.conformance.shader_runner import ShaderRunner
-from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.shaders.patches import Patch, patched_shaders
+from solari_vk.gpu.shaders.patches import patched_shaders
 
 
 @pytest.fixture(scope="session")
-def shaders(device: Device) -> Iterator[ShaderRunner]:
+def shaders(device):
     """A runner of the unchanged shader library."""
     with ShaderRunner(device, Path(__file__).parent) as runner:
         yield runner
 
 
-Patched = Callable[..., AbstractContextManager[ShaderRunner]]
-
-
 @pytest.fixture
-def patched(device: Device) -> Patched:
+def patched(device):
     """patched(*patches): the shader library with patches, as a context."""
 
     @contextmanager
-    def make(*patches: Patch) -> Iterator[ShaderRunner]:
+    def make(*patches):
         with patched_shaders(*patches), ShaderRunner(device, Path(__file__).parent) as runner:
             yield runner
 
@@ -37,10 +31,10 @@ def patched(device: Device) -> Patched:
 
 
 @pytest.fixture
-def expect_failure(patched: Patched) -> Callable[..., None]:
+def expect_failure(patched):
     """expect_failure(patch, check, ...): check(runner of the patched library, ...) must find something wrong."""
 
-    def expect(patch: Patch, check: Callable[..., None], *arguments: Any) -> None:
+    def expect(patch, check, *arguments):
         with patched(patch) as mutant, pytest.raises(AssertionError):
             check(mutant, *arguments)
 

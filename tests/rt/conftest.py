@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,11 +11,10 @@ from support.structures import CENTER, DOWN, quad
 from solari_vk import rt
 from solari_vk.conformance import bulk_checks
 from solari_vk.conformance.shader_runner import ShaderRunner
-from solari_vk.gpu.device.device import Device
 
 
 @pytest.fixture(scope="session")
-def shaders(device: Device) -> Iterator[ShaderRunner]:
+def shaders(device):
     """The suite's shaders; pipelines and staging chunks exist already, so that tests can count what is alive."""
     with ShaderRunner(device) as runner:
         nothing = rt.create_tlas(device, 1)
@@ -30,47 +28,47 @@ def shaders(device: Device) -> Iterator[ShaderRunner]:
 class World:
     """Makes structures and buffers on one device, and destroys all of them in the end."""
 
-    def __init__(self, shaders: ShaderRunner) -> None:
+    def __init__(self, shaders):
         self.device, self._shaders = shaders.device, shaders
         self._made: list[Any] = []
 
-    def keep(self, item: Any) -> Any:
+    def keep(self, item):
         self._made.append(item)
         return item
 
-    def blas(self, geometries: Sequence[Any] | None = None, **options: Any) -> rt.Blas:
+    def blas(self, geometries=None, **options):
         return self.keep(rt.create_blas(self.device, geometries or [rt.Triangles(quad())], **options))
 
-    def tlas(self, max_instances: int = 4, **options: Any) -> rt.Tlas:
+    def tlas(self, max_instances=4, **options):
         return self.keep(rt.create_tlas(self.device, max_instances, **options))
 
-    def entry(self, blas: rt.Blas, *geometries: Any) -> rt.BlasBuildEntry:
+    def entry(self, blas, *geometries):
         return rt.BlasBuildEntry(blas, geometries or [rt.Triangles(quad())])
 
-    def build(self, blases: Sequence[Any] = (), tlases: Sequence[Any] = ()) -> int:
+    def build(self, blases=(), tlases=()):
         return rt.build_acceleration_structures(self.device, blases, tlases)
 
-    def buffer(self, array: Any, dtype: Any = np.float32) -> Any:
+    def buffer(self, array, dtype=np.float32):
         data = np.ascontiguousarray(array, dtype)
         buffer = self.keep(self.device.buffer(data.nbytes, "data"))
         buffer.upload(data)
         return buffer
 
-    def trace(self, tlas: rt.Tlas, origins: Any = CENTER, directions: Any = DOWN, **options: Any) -> np.ndarray:
+    def trace(self, tlas, origins=CENTER, directions=DOWN, **options):
         """The closest hits; t < 0 is a miss. See `conformance.bulk_checks.trace`."""
         return bulk_checks.trace(self._shaders, tlas, origins, directions, **options)
 
-    def is_hit(self, tlas: rt.Tlas) -> bool:
+    def is_hit(self, tlas):
         """Whether a ray from CENTER hits the quad."""
         return bool(self.trace(tlas)["t"][0] == 5)
 
-    def close(self) -> None:
+    def close(self):
         for item in self._made:
             item.destroy()
 
 
 @pytest.fixture
-def world(device: Device, shaders: ShaderRunner) -> Iterator[World]:
+def world(device, shaders):
     device.wait_idle()
     before = device.live_objects
     made = World(shaders)
@@ -81,10 +79,10 @@ def world(device: Device, shaders: ShaderRunner) -> Iterator[World]:
 
 
 @pytest.fixture
-def built(world: World) -> Callable[..., tuple[rt.Blas, rt.Tlas]]:
+def built(world):
     """built(...) -> a built Blas over a quad, and a built Tlas over it."""
 
-    def make(**options: Any) -> tuple[rt.Blas, rt.Tlas]:
+    def make(**options):
         blas, tlas = world.blas(name="quad", **options), world.tlas(name="top")
         world.build([world.entry(blas)], [rt.TlasPackage(tlas, [rt.TlasInstance(blas)])])
         return blas, tlas

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 from support.structures import quad
@@ -17,11 +15,11 @@ from solari_vk.gpu.acceleration.geometry import TriangleGeometry
 from solari_vk.gpu.device import uploads
 
 
-def out_of_memory_once(device: sv.Device, monkeypatch: pytest.MonkeyPatch) -> None:
+def out_of_memory_once(device, monkeypatch):
     """Simulate an allocation that fails once: the allocator waits for pending frees and tries again."""
     real, tries = device.memory._allocate, []
 
-    def allocate(*arguments: Any) -> Any:
+    def allocate(*arguments):
         tries.append(1)
         if len(tries) == 1:
             raise DeviceError("full")
@@ -33,7 +31,7 @@ def out_of_memory_once(device: sv.Device, monkeypatch: pytest.MonkeyPatch) -> No
     assert len(tries) == 2
 
 
-def test_callbacks_never_run_inside_a_device_call(world: Any, built: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_callbacks_never_run_inside_a_device_call(world, built, monkeypatch):
     """Callbacks run only when the user polls or waits, whichever call notices that the device has finished."""
     device, inside, told = world.device, [], []
     blas, tlas = built()
@@ -67,16 +65,14 @@ def test_callbacks_never_run_inside_a_device_call(world: Any, built: Any, monkey
     assert len(calls) == 9
 
 
-def test_every_callback_is_called_and_what_they_raise_comes_out_together(
-    world: Any, built: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_callback_is_called_and_what_they_raise_comes_out_together(world, built, monkeypatch):
     device, told = world.device, []
     blases = [world.blas(name=f"number {i}") for i in range(4)]
     world.build([world.entry(blas) for blas in blases])
     completed = device.completed
     monkeypatch.setattr(sv.Device, "completed", completed)  # as if the device were busy, so that all finish at once
 
-    def fail(i: int) -> None:
+    def fail(i):
         told.append(i)
         if i % 2 == 0:
             raise ValueError(f"mine {i}")
@@ -98,12 +94,12 @@ def test_every_callback_is_called_and_what_they_raise_comes_out_together(
     assert world.is_hit(tlas)
 
 
-def test_interrupting_a_callback_leaves_the_others_due(world: Any) -> None:
+def test_interrupting_a_callback_leaves_the_others_due(world):
     device, told = world.device, []
     blases = [world.blas() for _ in range(3)]
     world.build([world.entry(blas) for blas in blases])
 
-    def stop() -> None:
+    def stop():
         raise KeyboardInterrupt
 
     for blas, callback in zip(blases, (lambda: told.append(0), stop, lambda: told.append(2)), strict=True):
@@ -115,7 +111,7 @@ def test_interrupting_a_callback_leaves_the_others_due(world: Any) -> None:
     assert told == [0, 2]
 
 
-def test_many_may_be_done_at_once(world: Any, built: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_many_may_be_done_at_once(world, built, monkeypatch):
     blas, _ = built()
     with monkeypatch.context() as slow:
         slow.setattr(sv.Device, "completed", world.device.completed)
@@ -126,9 +122,9 @@ def test_many_may_be_done_at_once(world: Any, built: Any, monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize("how", ["build", "destroy"])
-def test_a_callback_that_is_due_can_still_be_canceled(world: Any, built: Any, how: str) -> None:
+def test_a_callback_that_is_due_can_still_be_canceled(world, built, how):
     blas, _ = built()
-    told: list[str] = []
+    told = []
     blas.prepare_compaction(lambda: told.append("called"))
     world.device.await_value(world.device.submitted)
     assert blas.ready_for_compaction
@@ -140,13 +136,13 @@ def test_a_callback_that_is_due_can_still_be_canceled(world: Any, built: Any, ho
     assert told == []
 
 
-def test_a_callback_may_build_wait_and_prepare_anew(world: Any, built: Any) -> None:
+def test_a_callback_may_compact_build_wait_and_prepare_anew(world, built):
     device, told = world.device, []
     blas, tlas = built()
 
-    def again() -> None:
-        told.append("first")
-        small = world.keep(blas.compact())
+    def again():
+        small = world.keep(blas.compact("small"))
+        told.append(small.name)
         world.build((), [rt.TlasPackage(tlas, [rt.TlasInstance(small)])])
         blas.prepare_compaction(lambda: told.append("second"))
         device.wait_idle()
@@ -154,12 +150,12 @@ def test_a_callback_may_build_wait_and_prepare_anew(world: Any, built: Any) -> N
 
     blas.prepare_compaction(again)
     device.wait_idle()
-    assert told == ["first", "second", "after waiting"]
+    assert told == ["small", "second", "after waiting"]
     assert world.is_hit(tlas)
 
 
-def test_callbacks_of_a_closed_device_are_dropped(any_device: None) -> None:
-    told: list[int] = []
+def test_callbacks_of_a_closed_device_are_dropped(any_device):
+    told = []
     with sv.Device(validation=True) as device:
         blas = rt.create_blas(device, [rt.Triangles(quad())])
         rt.build_acceleration_structures(device, [rt.BlasBuildEntry(blas, [rt.Triangles(quad())])])

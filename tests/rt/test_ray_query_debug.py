@@ -5,9 +5,7 @@ The conformance suite proves queries that break no rule, and invalid rays.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from support.structures import quad, shifted
@@ -41,11 +39,11 @@ void main() {
 OPAQUE, GLASS, BOX, NOTHING = 0.6, 2.6, 6.6, 8.6  # the x at which rays start, by what they hit
 
 
-def start(x: float, flags: int = 0) -> str:
+def start(x, flags=0):
     return f"rayQueryInitialize(query, tlas, down({x}, {flags}u)); "
 
 
-def proceed(x: float) -> str:
+def proceed(x):
     return start(x) + "rayQueryProceed(query); "
 
 
@@ -57,7 +55,7 @@ RIGHT = start(GLASS) + (
     f"while (rayQueryProceed(query)) {{ {CANDIDATE} {CONFIRM} }} rayQueryProceed(query); {COMMITTED}"
 )
 CONTRADICTIONS = (0x3, 0x41, 0x82, 0xC0, 0x30, 0x110, 0x300)
-CASES: list[tuple[str, str]] = [  # the rule and what breaks it
+CASES = [  # the rule and what breaks it
     ("get_before_proceed", COMMITTED),
     ("get_before_proceed", start(OPAQUE) + COMMITTED),
     ("get_before_proceed", start(OPAQUE) + CANDIDATE),
@@ -73,8 +71,10 @@ CASES: list[tuple[str, str]] = [  # the rule and what breaks it
     ("confirm_without_candidate", CONFIRM),
     ("confirm_without_candidate", proceed(OPAQUE) + CONFIRM),
     ("terminate_before_initialize", "rayQueryTerminate(query);"),
-    *(("contradicting_flags", start(OPAQUE, flags) + "rayQueryProceed(query); " + COMMITTED)
-      for flags in CONTRADICTIONS),
+    *(
+        ("contradicting_flags", start(OPAQUE, flags) + "rayQueryProceed(query); " + COMMITTED)
+        for flags in CONTRADICTIONS
+    ),
 ]
 COMMITTED_CORNERS = "corners = getCommittedHitVertexPositions(query);"
 CANDIDATE_CORNERS = "corners = getCandidateHitVertexPositions(query);"
@@ -87,11 +87,9 @@ POSITION_CASES = [
 ]
 FETCH = "#define RAY_QUERY_VERTEX_RETURN\n"
 
-RunCase = Callable[..., tuple[int, list[rt.RayQueryFault]]]
-
 
 @pytest.fixture(scope="module")
-def shader_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def shader_folder(tmp_path_factory):
     """A GLSL root with a shader of CASES and one of POSITION_CASES; RIGHT is the last case of both."""
     folder = tmp_path_factory.mktemp("cases")
     (folder / "passes").mkdir()
@@ -103,12 +101,12 @@ def shader_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def run_case(shader_folder: Path) -> Iterator[RunCase]:
+def run_case(shader_folder):
     """run_case(device, number, name="cases") -> the kind of the hit, and the counted faults."""
-    made: list[Any] = []
-    tops: dict[Device, rt.Tlas] = {}
+    made = []
+    tops = {}
 
-    def make_tlas(device: Device) -> rt.Tlas:
+    def make_tlas(device):
         geometries = [rt.Triangles(quad()), rt.Triangles(quad(), opaque=False), rt.Aabbs([[0, 0, 0, 1, 1, 1]])]
         blases = [rt.create_blas(device, [geometry]) for geometry in geometries]
         tlas = rt.create_tlas(device, 3)
@@ -118,7 +116,7 @@ def run_case(shader_folder: Path) -> Iterator[RunCase]:
         made.extend([*blases, tlas])
         return tlas
 
-    def run(device: Device, number: int, name: str = "cases") -> tuple[int, list[rt.RayQueryFault]]:
+    def run(device, number, name="cases"):
         if device not in tops:
             tops[device] = make_tlas(device)
         header = rt.RAY_QUERY_DEBUG if name == "cases" else FETCH + rt.RAY_QUERY_DEBUG
@@ -137,7 +135,7 @@ def run_case(shader_folder: Path) -> Iterator[RunCase]:
         item.destroy()
 
 
-def check_case(run_case: RunCase, device: Device, number: int, name: str = "cases") -> None:
+def check_case(run_case, device, number, name="cases"):
     cases = CASES if name == "cases" else POSITION_CASES
     kind, faults = run_case(device, number, name)
     assert [fault.rule for fault in faults] == [FAULTS[cases[number][0]]]
@@ -146,23 +144,23 @@ def check_case(run_case: RunCase, device: Device, number: int, name: str = "case
     assert kind == rt.IntersectionKind.NONE
 
 
-def check_rule(run_case: RunCase, device: Device, rule: str) -> None:
+def check_rule(run_case, device, rule):
     for number, (broken, _) in enumerate(CASES):
         if broken == rule:
             check_case(run_case, device, number)
 
 
 @pytest.mark.parametrize("number", range(len(CASES)), ids=lambda number: f"{number}-{CASES[number][0]}")
-def test_a_broken_rule_is_counted_and_harmless(run_case: RunCase, device: Device, number: int) -> None:
+def test_a_broken_rule_is_counted_and_harmless(run_case, device, number):
     check_case(run_case, device, number)
 
 
-def test_a_right_query_breaks_no_rule(run_case: RunCase, device: Device) -> None:
+def test_a_right_query_breaks_no_rule(run_case, device):
     assert run_case(device, len(CASES)) == (rt.IntersectionKind.TRIANGLE, [])
 
 
 @pytest.fixture(scope="module")
-def fetching(any_device: None) -> Iterator[Device]:
+def fetching(any_device):
     """A device that returns vertices; the validation layer installed here is older than the extension."""
     with Device(validation=False) as device:
         if not device.has_position_fetch:
@@ -171,15 +169,15 @@ def fetching(any_device: None) -> Iterator[Device]:
 
 
 @pytest.mark.parametrize("number", range(len(POSITION_CASES)))
-def test_broken_rules_of_vertex_return(run_case: RunCase, fetching: Device, number: int) -> None:
+def test_broken_rules_of_vertex_return(run_case, fetching, number):
     check_case(run_case, fetching, number, "position_cases")
 
 
-def test_the_flag_says_what_the_device_can(device: Device) -> None:
+def test_the_flag_says_what_the_device_can(device):
     assert device.has_position_fetch == ("rayTracingPositionFetch" in device.features)
 
 
-def test_the_guide_says_which_rays_are_checked() -> None:
+def test_the_guide_says_which_rays_are_checked():
     """The renderer's own rays go to Vulkan unchecked, which users who debug a shader must know."""
     root = Path(__file__).parents[2]
     assert "ray_query.glsl" not in (root / "glsl/scene/trace.glsl").read_text()
@@ -218,7 +216,7 @@ MUTANTS = {  # the text, its replacement, and the rule whose cases must fail
 
 
 @pytest.mark.parametrize("name", MUTANTS)
-def test_seeded_bugs_are_noticed(run_case: RunCase, device: Device, name: str) -> None:
+def test_seeded_bugs_are_noticed(run_case, device, name):
     old, new, rule = MUTANTS[name]
     with patched_shaders(("scene/ray_query_debug.glsl", old, new)), pytest.raises(AssertionError):
         check_rule(run_case, device, rule)
