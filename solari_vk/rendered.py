@@ -224,8 +224,8 @@ class PictureRenderer(SceneUser, ABC):
         """Raise SolariError if a frame's results are no longer on the device. name: the result that is asked for."""
         if self._latest is frame:
             return
-        what = "was closed" if self._closed else "has rendered a later one"
-        raise SolariError(f"read '{name}' earlier: this frame's {type(self).__name__} {what}")
+        what = "was closed" if self._closed else "has rendered a later frame"
+        raise SolariError(f"'{name}' must be read earlier: this frame's {type(self).__name__} {what}")
 
     def close(self) -> None:
         """Free everything on the device. Safe to call twice."""
@@ -236,7 +236,7 @@ class PictureRenderer(SceneUser, ABC):
         if camera is None:
             return self.binder.scene.camera_for(self.size[0] / self.size[1])
         if not isinstance(camera, Camera):
-            raise SolariError(f"{type(self).__name__}: a Camera is needed, not {camera!r}")
+            raise SolariError(f"{type(self).__name__}: camera must be a Camera, not {camera!r}")
         return camera
 
     def _checked_size(self, size: tuple[int, int]) -> tuple[int, int]:

@@ -233,7 +233,7 @@ class Renderer(PictureRenderer):
             if counter in (counters.dtype.names or ()):
                 return np.asarray(counters[counter])
         elif counter in gbuffer.COUNTERS and stage == "gbuffer":
-            raise SolariError(f"Renderer: no '{name}': only gbuffer=raster counts what is drawn and culled")
+            raise SolariError(f"Renderer: there is no '{name}': only gbuffer=raster counts drawn and culled instances")
         resource = "depth" if name == "gbuffer_depth" else name.replace("/", "_")
         if resource not in self._frame:
             raise unknown_name("Renderer: there is no result", name, self.OUTPUTS)

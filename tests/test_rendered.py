@@ -69,10 +69,10 @@ def test_frames_go_with_the_next_and_with_their_renderer(device, kind):
     renderer, first = render(device, kind, sv.builtin("cornell_box"))
     second = renderer.render() if kind is sv.Renderer else renderer.render(samples=3)
     for name in ("radiance", "depth"):
-        with pytest.raises(sv.SolariError, match=f"read '{name}' earlier: this frame's {kind.__name__} has"):
+        with pytest.raises(sv.SolariError, match=f"'{name}' must be read earlier: this frame's {kind.__name__} has"):
             first[name]
     renderer.close()
-    with pytest.raises(sv.SolariError, match=r"read 'depth' earlier: .* was closed"):
+    with pytest.raises(sv.SolariError, match=r"'depth' must be read earlier: .* was closed"):
         second["depth"]
     with pytest.raises(sv.SolariError, match="render before asking"):
         renderer["radiance"]

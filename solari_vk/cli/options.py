@@ -48,9 +48,9 @@ def size(text: str) -> tuple[int, int]:
     try:
         width, height = (int(part) for part in text.lower().split("x"))
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is no size such as 640x360") from None
+        raise argparse.ArgumentTypeError(f"{text!r} is not a size: give one such as 640x360") from None
     if not (1 <= width <= 16384 and 1 <= height <= 16384):
-        raise argparse.ArgumentTypeError("a size is 1x1 to 16384x16384 pixels")
+        raise argparse.ArgumentTypeError("a size must be from 1x1 to 16384x16384 pixels")
     return width, height
 
 

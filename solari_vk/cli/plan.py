@@ -43,7 +43,7 @@ def check_output(options: argparse.Namespace) -> bool:
     if options.animate is None:
         raise SolariError(f"{output}: {output.suffix} is for animations: give --animate, or write a .png")
     if options.aov:
-        raise SolariError(f"--aov: a movie has no room for them: write numbered files, such as {output.stem}.exr")
+        raise SolariError(f"--aov: a movie can't hold AOVs: write numbered files, such as {output.stem}.exr")
     picture.check_output(output, movie.SUFFIXES)
     movie.check_encoder(output)
     return True
@@ -54,7 +54,7 @@ def check_view(options: argparse.Namespace) -> None:
     if options.view == "picture":
         return
     if options.output.suffix.lower() in (".exr", ".npy"):
-        raise SolariError(f"--view {options.view}: a debug view is a picture: write a .png, or take numbers by --aov")
+        raise SolariError(f"--view {options.view}: a debug view is a picture: write a .png, or use --aov for numbers")
     for name in ("average", "aov"):
         if getattr(options, name):
             raise SolariError(f"--{name}: a debug view shows one frame")

@@ -42,7 +42,7 @@ def load(options: argparse.Namespace) -> Subject:
     builtin = options.source.startswith("builtin:")
     if builtin:
         if options.scene is not None:
-            raise SolariError(f"--scene {options.scene}: a built-in scene has only one")
+            raise SolariError(f"--scene {options.scene}: a built-in scene has only one: leave the option out")
         scene = sv.builtin(options.source.removeprefix("builtin:"))
     else:
         which = options.scene
@@ -94,5 +94,5 @@ def _find_camera(scene: Scene, text: str | None, aspect: float) -> Camera:
     try:
         pose = json.loads(text if text.lstrip().startswith("{") else Path(text).read_text())
     except (OSError, ValueError) as error:
-        raise SolariError(f"--camera {text}: no camera's name, pose as JSON or file with a pose ({error})") from None
+        raise SolariError(f"--camera {text}: not a camera's name, a pose as JSON or a file of one ({error})") from None
     return Camera.from_pose(pose)

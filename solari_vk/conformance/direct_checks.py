@@ -32,11 +32,11 @@ from solari_vk.scene.matrices import transform_directions
 
 _DI = (SUITE, "ReSTIR DI")
 DIRECT = Rule("direct light of a Cornell box", *_DI)
-SIXTEENTHS = Rule("direct light of each sixteenth of a Cornell box", *_DI)
+SIXTEENTHS = Rule("direct light of a Cornell box in each of 4 x 4 tiles", *_DI)
 LIT = Rule("direct light where all of the lamp is seen", *_DI)
 PENUMBRA = Rule("direct light where part of the lamp is seen", *_DI)
 SHADOW = Rule("no direct light where nothing of the lamp is seen", *_DI)
-CHANGES = Rule("lights that come and go leave the others' light as it was", *_DI)
+CHANGES = Rule("adding and removing lights leaves the others' light unchanged", *_DI)
 # In frames that see nothing but what lights send straight to surfaces.
 ALONE: dict[str, Any] = {"passes": DIRECT_PASSES, "gi": False, "specular": False, "world_cache": False}
 _SHARE_RAYS = 64  # pairs of a point in the pixel and one on the lamp

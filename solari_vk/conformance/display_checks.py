@@ -21,17 +21,17 @@ from solari_vk.scene.builtin import cornell_box, lamp, rgb
 
 Image = NDArray[Any]
 _DEBUG_VIEWS = (SUITE, "Debug views")
-EXPOSURE = Rule("white is 1.2 * 2^EV100 cd/m^2, and display is linear", "ISO 12232", "saturation-based speed")
-SRGB = Rule("without a tone curve, the sRGB transfer function", "IEC 61966-2-1", "8 bits")
+EXPOSURE = Rule("white is 1.2 * 2^EV100 cd/m^2, and exposure is linear", "ISO 12232", "saturation-based speed")
+SRGB = Rule("colors without tone mapping have the sRGB transfer function", "IEC 61966-2-1", "8 bits")
 CURVES = {
-    "reinhard": Rule("Reinhard's curve, of luminance", "Reinhard et al. 2002", "equation 3"),
-    "aces": Rule("the ACES filmic curve", "Narkowicz 2015", "ACES Filmic Tone Mapping Curve"),
-    "agx": Rule("the AgX curve", "Wrensch 2023", "Minimal AgX Implementation"),
+    "reinhard": Rule("Reinhard's tone mapping of luminance", "Reinhard et al. 2002", "equation 3"),
+    "aces": Rule("the ACES filmic tone mapping", "Narkowicz 2015", "ACES Filmic Tone Mapping Curve"),
+    "agx": Rule("the AgX tone mapping", "Wrensch 2023", "Minimal AgX Implementation"),
 }
 SHOWN = Rule("every debug view shows more than one color", *_DEBUG_VIEWS)
 LIGHT = Rule("views of light show the parts of radiance", *_DEBUG_VIEWS)
 SURFACE = Rule("views of surfaces and guides show their buffers", *_DEBUG_VIEWS)
-NUMBERS = Rule("numbers are shown in the colors of Viridis", *_DEBUG_VIEWS)
+NUMBERS = Rule("views of numbers use the colors of Viridis", *_DEBUG_VIEWS)
 COLUMNS, ROWS = 16, 12
 EV100, EXPOSURES = 6.0, (3.0, 6.0, 9.0)
 SIZE = (32, 24)

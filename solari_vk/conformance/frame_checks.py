@@ -27,14 +27,14 @@ from solari_vk.scene.builtin import closed_box, cornell_box, lamp, place, rgb
 
 _FRAME = (SUITE, "Renderer")
 SEED = Rule("a seed gives the same bits of every frame", *_FRAME)
-OTHER_SEED = Rule("another seed gives other noise", *_FRAME)
-FINITE = Rule("odd scenes give finite frames", *_FRAME)
+OTHER_SEED = Rule("another seed gives different noise", *_FRAME)
+FINITE = Rule("random scenes give finite frames", *_FRAME)
 WHOLE = Rule("a Cornell box is as bright as the path tracer's", *_FRAME)
-TILES = Rule("no sixteenth of a Cornell box differs much from the path tracer's", *_FRAME)
-OFF = Rule("light that is switched off is gone after ten frames", *_FRAME)
-ALL_OFF = Rule("of light that is switched off a trace is left after twenty frames", *_FRAME)
-# Perceptual roughness, metallic, and pixels a side: enough that the interval is half of the bar. More frames would
-# hardly narrow it, since those of a run share the cache's noise.
+TILES = Rule("each of 4 x 4 tiles of a Cornell box is close to the path tracer's", *_FRAME)
+OFF = Rule("little light is left ten frames after all lamps are switched off", *_FRAME)
+ALL_OFF = Rule("almost no light is left twenty frames after all lamps are switched off", *_FRAME)
+# Perceptual roughness, metallic, and pixels per side: enough pixels that the interval is half of the bar. More frames
+# would hardly narrow it, because the frames of a run share the cache's noise.
 BOXES = {
     "matte": (1.0, 0.0, 32), "mirror": (0.0, 1.0, 16), "plastic": (0.3, 0.0, 32), "rough metal": (0.7, 1.0, 32),
     "glossy metal": (0.3, 1.0, 32),
@@ -105,9 +105,10 @@ def measure_closed_box(device: Device, walls: str, effort: Effort = BOX_FAST) ->
     with make_renderer(device, scene, (side, side)) as renderer:
         found = run_pictures(renderer, scene.camera, effort, lambda f: np.asarray(f["radiance"], np.float64))
     name = f"a closed box of {walls} walls"
-    yield measure_mean(Rule(f"{name} keeps its energy", *_FRAME), found, expected, 0.03, effort)
-    # Four standard errors of the noisiest sixteenth of matte walls.
-    yield measure_tiles(Rule(f"{name} keeps it in each sixteenth", *_FRAME), found, expected, 0.1, effort)
+    yield measure_mean(Rule(f"{name} is as bright as the path tracer's", *_FRAME), found, expected, 0.03, effort)
+    # The bar is four standard errors of the noisiest tile of matte walls.
+    rule = Rule(f"each of 4 x 4 tiles of {name} is close to the path tracer's", *_FRAME)
+    yield measure_tiles(rule, found, expected, 0.1, effort)
 
 
 LIGHT_FAST = (Effort(16, samples=4096), 0.02, 0.05)
@@ -131,7 +132,7 @@ def measure_light(device: Device, profile: tuple[Effort, float, float] = LIGHT_F
 
 
 def measure_lights_off(renderer: Renderer, scene: sv.Scene) -> Iterator[Measurement]:
-    """What is left of the light of a renderer's next frames when all lamps are out."""
+    """Switches all lamps off, and measures the share of light that is left in later frames."""
     lit = float(np.mean([add_up(renderer.render(scene.camera)).mean() for _ in range(4)]))
     for instance in scene:
         instance.material.emissive = rgb(0.0)

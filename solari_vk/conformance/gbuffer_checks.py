@@ -23,10 +23,10 @@ from solari_vk.scene.builtin import builtin, matte, place
 from solari_vk.scene.matrices import transform_points
 
 _GBUFFER = (SUITE, "G-buffer")
-INSIDE = Rule("raster finds inside facets what rays find", *_GBUFFER)
-RASTER = Rule("raster finds at edges what rays find, or what is a pixel beside", *_GBUFFER)
+INSIDE = Rule("raster and traced G-buffers agree inside triangles", *_GBUFFER)
+RASTER = Rule("raster and traced G-buffers agree at edges within a pixel", *_GBUFFER)
 MOTION = Rule("motion vectors follow the camera and moving instances", *_GBUFFER)
-CULLING = Rule("culling drops nothing that is seen", *_GBUFFER)
+CULLING = Rule("culling drops nothing that is visible", *_GBUFFER)
 COUNTED = Rule("each visible instance is counted once: drawn, or culled for one reason", *_GBUFFER)
 SIZE = (96, 64)
 MAX_MOTION_ERROR = 1 / 16  # pixels

@@ -22,9 +22,9 @@ from solari_vk.scene.matrices import transform_directions
 Image = NDArray[Any]
 _PSR, _GUIDES = ("Solari in Bevy 0.19", "primary surface replacement"), (SUITE, "Guides")
 METAL = Rule("metals have no diffuse albedo", *_GUIDES)
-DIFFUSE = Rule("diffuse albedo is the paint's color", *_GUIDES)
+DIFFUSE = Rule("diffuse albedo of a dielectric is its base color", *_GUIDES)
 SPECULAR = Rule("a white metal's specular albedo is 1", *_GUIDES)
-RANGE = Rule("odd scenes give finite guides, unit normals or none, roughness from 0 to 1", *_GUIDES)
+RANGE = Rule("random scenes give finite guides, unit or zero normals, and roughness from 0 to 1", *_GUIDES)
 SUM = Rule("diffuse, specular and emission add up to the radiance", *_GUIDES)
 BEFORE = Rule("emission is the lamp's radiance at any exposure", *_GUIDES)
 SIZE = (48, 48)
@@ -143,7 +143,7 @@ def measure_mirrors(device: Device, name: str) -> Iterator[Measurement]:
     for what, (error, bar, unit) in errors.items():
         # Rays and raster may find an edge a pixel apart.
         worst = np.quantile(np.abs(error).reshape(*SIZE, -1).max(axis=-1), 0.98)
-        rule = Rule(f"{name}: {what} as of a camera behind", *_PSR)
+        rule = Rule(f"{name}: {what} equal those of the mirrored camera", *_PSR)
         yield Measurement(rule, float(worst), bar, f"{unit} in 98 % of pixels")
     for guides in (shown, seen):
         yield from _measure_materials(guides, name)

@@ -22,7 +22,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.scene.builtin import cornell_box
 
 INDIRECT = Rule("one bounce of indirect light in a Cornell box", SUITE, "ReSTIR GI")
-SIXTEENTHS = Rule("no sixteenth's indirect light differs significantly from the path tracer's", SUITE, "ReSTIR GI")
+SIXTEENTHS = Rule("no tile of 4 x 4 differs significantly from the path tracer's indirect light", SUITE, "ReSTIR GI")
 
 
 SIZE = (48, 48)

@@ -91,4 +91,5 @@ def measure_invariance(device: Device) -> Iterator[Measurement]:
         yield from compare_picture(name, _INVARIANT, other, whole.mean, 3 * BAR, whole.variance)
     bright = picture(lamp_above(brightness=1024.0))
     error = np.abs(bright.mean / (1024 * whole.mean) - 1).max()
-    yield Measurement(Rule("a lamp 1024 times as bright", *_INVARIANT), float(error), 1e-5, "relative error")
+    rule = Rule("a lamp 1024 times as bright gives 1024 times the radiance", *_INVARIANT)
+    yield Measurement(rule, float(error), 1e-5, "relative error")

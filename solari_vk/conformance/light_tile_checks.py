@@ -26,14 +26,14 @@ from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place, rgb
 
 _0_17, _0_18 = ("Solari in Bevy 0.17", "Presampling Lights"), ("Solari in Bevy 0.18", "Energy Loss Bug")
-ENCODED = Rule("log2 rgb9e5 keeps 1e-4 to 1e9 of white within half a step", *_0_18)
-SUN = Rule("a sun of 100,000 lux keeps its light at EV100 9.7", *_0_18)
-BLACK = Rule("a channel without light stays without", *_0_18)
-DENSITY = Rule("inverse densities are count times area, a sun's count times solid angle", *_0_17)
+ENCODED = Rule("packed radiance from 1e-4 to 1e9 times white is exact within half a step of log2 rgb9e5", *_0_18)
+SUN = Rule("a sun of 100,000 lux isn't clipped at EV100 9.7", *_0_18)
+BLACK = Rule("a color channel of 0 stays 0", *_0_18)
+DENSITY = Rule("1 / pdf of a sample is the number of lights times area, or times solid angle for a sun", *_0_17)
 KIND = Rule("a packed sample has its light's kind", SUITE, "Light tiles")
-CHOICE = Rule("all lights are as likely, and all triangles of a light", *_0_17)
-UNIQUE = Rule("no sample is twice in the tiles of four frames", *_0_17)
-SCROLL = Rule("tiles and frames don't repeat each other, nor scroll", *_0_17)
+CHOICE = Rule("all lights are equally likely, and all triangles of a light", *_0_17)
+UNIQUE = Rule("the tiles of four frames hold no sample twice", *_0_17)
+SCROLL = Rule("samples are uncorrelated within tiles, between tiles and between frames", *_0_17)
 CONTRIBUTION = Rule("a packed sample lights a floor as the light itself does", *_0_17)
 NOISE = Rule("choosing by tiles is no noisier than resolving each candidate", SUITE, "Light tiles")
 Floats = NDArray[np.floating[Any]]
@@ -104,7 +104,7 @@ def _measure_packing(named: Samples, packed: Samples, exposure: float) -> Iterat
 
 
 def _measure_choice(named: Samples, ball_triangles: int) -> Iterator[Measurement]:
-    """Against chance."""
+    """Tests whether lights, triangles and random numbers are chosen independently and with the right probabilities."""
     triangles = np.array([2] * len(EXPOSED) + [ball_triangles, 1])
     first = np.cumsum(triangles) - triangles
     observed = np.bincount((first[named["light_index"]] + named["part"]).ravel(), minlength=triangles.sum())

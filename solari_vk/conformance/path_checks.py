@@ -75,4 +75,4 @@ def measure_seeds(device: Device) -> Iterator[Measurement]:
     first, again, other = (picture.mean for picture in pictures)
     yield Measurement(Rule("a seed gives the same bits", *_TRACER), float((first != again).sum()), 0.0, "values differ")
     same = float((first == other).all(axis=-1).mean())
-    yield Measurement(Rule("another seed gives other noise", *_TRACER), same, 0.9, "of pixels are the same")
+    yield Measurement(Rule("another seed gives different noise", *_TRACER), same, 0.9, "of pixels are the same")

@@ -21,7 +21,7 @@ from solari_vk.scene.matrices import by_columns
 _ORDER = list(INSTANCES)
 _GETTERS = Rule("OpRayQueryGetRayTMin, RayFlags, WorldRayOrigin, WorldRayDirection", VULKAN, "Ray Query")
 _OBJECT_RAY = Rule("OpRayQueryGetIntersectionObjectRayOrigin, Direction", VULKAN, "Ray Query")
-_NO_FAULTS = Rule("the debug build counts no fault in valid queries", SUITE, "ray_query_debug.glsl")
+_NO_FAULTS = Rule("the debug build reports no fault for valid queries", SUITE, "ray_query_debug.glsl")
 _OPAQUE_BOX = Rule("OpRayQueryGetIntersectionCandidateAABBOpaque", VULKAN, "Ray Query")
 
 

@@ -22,10 +22,10 @@ from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material, 
 
 _SPECULAR = (SUITE, "Specular GI")
 MIRROR = Rule("a mirror in a white room is as bright as its Fresnel term", *_SPECULAR)
-GLOSSY = Rule("paths of the specular lobe, off four metals", *_SPECULAR)
-PANEL = Rule("paths of the specular lobe, off each of a mirror, a smooth, a glossy and a rough metal", *_SPECULAR)
+GLOSSY = Rule("specular light of four metals is the path tracer's", *_SPECULAR)
+PANEL = Rule("specular light of each metal (mirror, smooth, glossy, rough) is the path tracer's", *_SPECULAR)
 ENDS = Rule("a path that spreads wider than a cell ends in the world cache", *_SPECULAR)
-GOES_ON = Rule("a path that is narrower than a cell goes on", *_SPECULAR)
+GOES_ON = Rule("a path that is narrower than a cell continues", *_SPECULAR)
 # No cache, no reuse, no lights left to DI: the pass is then a path tracer of the specular lobe, and unbiased.
 UNBIASED: dict[str, Any] = {
     "gbuffer": "traced", "world_cache": False, "specular_bounces": 16, "specular_di_roughness": 1.0,

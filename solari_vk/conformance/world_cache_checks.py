@@ -17,11 +17,11 @@ from solari_vk.renderer import Renderer
 from solari_vk.scene.builtin import closed_box, cornell_box, place, thin_wall
 
 _CACHE = (SUITE, "World cache")
-LIST = Rule("the list of active cells is the map's living cells, in its order", *_CACHE)
-ONCE = Rule("every key is in one place", *_CACHE)
-DEATH = Rule("cells die when nobody asks", *_CACHE)
-FIXED_POINT = Rule("a closed box's cells reach the series' fixed point", *_CACHE)
-LEAK = Rule("nothing leaks through a thin wall", *_CACHE)
+LIST = Rule("the list of active cells holds the map's living cells in the map's order", *_CACHE)
+ONCE = Rule("every key has exactly one entry", *_CACHE)
+DEATH = Rule("cells die when they are no longer queried", *_CACHE)
+FIXED_POINT = Rule("the cells of a closed box converge to the sum of all bounces", *_CACHE)
+LEAK = Rule("no light leaks through a thin wall", *_CACHE)
 
 
 def measure_world_cache(device: Device) -> Iterator[Measurement]:

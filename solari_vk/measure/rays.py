@@ -77,7 +77,7 @@ def _trace(device: Device, report: Report, seconds: float, name: str) -> None:
         plain.submit()
         hits = tracer.trace(origins, directions)
         if not np.array_equal(plain["plain_distances"], hits["t"]):
-            raise SolariError(f"{name}: the kernels that are compared don't find the same distances")
+            raise SolariError(f"{name}: the compared kernels find different distances")
         works: list[Work] = [
             plain.submit, lambda: _run_kernel(tracer, count // BATCH), lambda: tracer.trace(origins, directions),
         ]  # fmt: skip

@@ -162,7 +162,7 @@ def affine_transform(value: ArrayLike) -> NDArray[np.float64]:
     lengths = math.hypot(a, d, g) * math.hypot(b, e, h) * math.hypot(c, f, i)
     determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
     if abs(determinant) <= 1e-9 * lengths:  # also if an axis has zero length
-        raise ValueError("must be invertible: a scale of zero (or three axes in a plane) has no surface to light")
+        raise ValueError("must be invertible: no axis may have a scale of 0, and the axes may not lie in one plane")
     matrix.setflags(write=False)
     return matrix
 

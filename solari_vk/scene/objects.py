@@ -76,9 +76,12 @@ class Mesh(Checked):
         by_default = self.triangles is None or self.triangles is self._default_triangles
         if by_default:
             if count == 0 or count % 3:
-                raise SolariError(f"{self.describe()}: {count} positions without triangles make no whole triangles")
+                raise SolariError(
+                    f"{self.describe()}: without triangles, the number of positions must be a positive multiple of 3, "
+                    f"not {count}"
+                )
         elif len(self.triangles) == 0 or int(self.triangles.max()) >= count:
-            raise SolariError(f"{self.describe()}: triangles must name rows of positions, 0 to {count - 1}")
+            raise SolariError(f"{self.describe()}: triangles must be rows of positions, 0 to {count - 1}")
         for name in ("normals", "uvs", "tangents"):
             attribute = getattr(self, name)
             if attribute is not None and len(attribute) != count:

@@ -23,7 +23,7 @@ def studio_lights(scene: Scene, *, ev100: float = 0.0, ground: bool = True, came
     bounds = scene.bounds
     center, radius = bounds.center, bounds.radius
     if not radius > 0:
-        raise SolariError(f"{scene.describe()} is a single point: there is nothing to light")
+        raise SolariError(f"{scene.describe()} is a single point: a studio needs geometry with a size")
     turn = _heading(camera, center)
     half_side, distance = 0.5 * radius, 2.5 * radius
     # White paint that faces the key light is shown as about 0.9 = exposure * E / pi, with E = L * area / distance^2.

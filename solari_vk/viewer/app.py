@@ -149,7 +149,7 @@ class Viewer(Session):
             raise SolariError("the window is closed")
         pixels = self._presenter.capture(self.pictures.parts(), self._draw)
         if pixels is None:
-            raise SolariError("the window shows nothing that can be read")
+            raise SolariError("the window shows no frame that can be read")
         return pixels
 
     def _render(self, size: tuple[int, int]) -> None:

@@ -122,7 +122,7 @@ def test_timeline_counts_submissions(own_device: Device) -> None:
     own_device.wait(second)
     assert own_device.completed == second
     assert own_device.idle
-    with pytest.raises(DeviceError, match="waiting for submission 99"):
+    with pytest.raises(DeviceError, match="wait for submission 99"):
         own_device.wait(99)
 
 

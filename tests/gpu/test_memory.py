@@ -173,7 +173,7 @@ def test_choice_of_memory_type(flags: list[int], host: bool, allowed: int, expec
 
 
 def test_no_memory_type_is_an_error() -> None:
-    with pytest.raises(DeviceError, match="thing: the device has no mappable memory"):
+    with pytest.raises(DeviceError, match="thing: the device has no suitable type of mappable memory"):
         fake_allocator([LOCAL])._choose_type(1, "thing", True)
 
 
@@ -433,7 +433,7 @@ def test_images_that_cannot_be_are_refused(device: Device) -> None:
     for width, height, levels in ((0, 5, 1), (5, 0, 1), (1 << 20, 5, 1), (16, 16, 6), (16, 16, 0)):
         with pytest.raises(DeviceError, match=f"image odd of {width} x {height}"):
             device.image(width, height, rgba, "odd", mip_levels=levels)
-    with pytest.raises(DeviceError, match=r"image srgb of 4 x 4 in VK_FORMAT_R8G8B8A8_SRGB: the device can't use"):
+    with pytest.raises(DeviceError, match=r"image srgb of 4 x 4 in VK_FORMAT_R8G8B8A8_SRGB: .* doesn't support"):
         device.image(4, 4, raw.VK_FORMAT_R8G8B8A8_SRGB, "srgb", usage=raw.VK_IMAGE_USAGE_STORAGE_BIT)
     image = device.image(4, 4, rgba, "strict", mip_levels=2)
     good = [np.zeros((4, 4, 4), np.uint8), np.zeros((2, 2, 4), np.uint8)]

@@ -171,7 +171,7 @@ def test_compaction_of_what_cannot_be(world, built):
     blas.prepare_compaction()
     world.device.wait_idle()
     compacted = world.keep(blas.compact("tight"))
-    with refused("compaction of Blas tight: it is compacted"):
+    with refused("compaction of Blas tight: it is already compacted"):
         compacted.prepare_compaction()
     with refused("compaction of Blas tight, which isn't ready"):
         compacted.compact()
@@ -194,7 +194,7 @@ def test_twice_and_too_many(world, built):
         world.build([world.entry(blas), world.entry(blas)])
     with refused("the same Tlas twice in one build: top"):
         world.build((), [*top(blas, tlas), *top(blas, tlas)])
-    with refused("build of Tlas top: 5 instances, made for 4"):
+    with refused("build of Tlas top: 5 instances, but it was made for 4"):
         world.build([world.entry(blas)], [rt.TlasPackage(tlas, [rt.TlasInstance(blas)] * 5)])
     with refused("made for"):
         world.build([world.entry(blas, rt.Triangles(np.concatenate([quad(), quad()])))])
@@ -213,18 +213,18 @@ def test_twice_and_too_many(world, built):
 @pytest.mark.parametrize(
     ("size", "given", "message"),
     [
-        (rt.TriangleSize(6), [rt.Triangles(quad())] * 2, "2 geometries, made for 1"),
-        (rt.TriangleSize(6), [rt.Aabbs(np.zeros((1, 6)))], "geometry 0: kind is boxes, made for triangles"),
-        (rt.AabbSize(1), [rt.Triangles(quad())], "geometry 0: kind is triangles, made for boxes"),
-        (rt.AabbSize(1), [rt.Aabbs(np.zeros((2, 6)))], "geometry 0: count is 2, made for 1"),
-        (rt.TriangleSize(3), [rt.Triangles(quad())], "geometry 0: position_count is 6, made for 3"),
-        (rt.TriangleSize(6), [rt.Triangles(quad(), opaque=False)], "geometry 0: opaque is False, made for True"),
+        (rt.TriangleSize(6), [rt.Triangles(quad())] * 2, "2 geometries, but it was made for 1"),
+        (rt.TriangleSize(6), [rt.Aabbs(np.zeros((1, 6)))], "geometry 0: kind is boxes, but it was made for triangles"),
+        (rt.AabbSize(1), [rt.Triangles(quad())], "geometry 0: kind is triangles, but it was made for boxes"),
+        (rt.AabbSize(1), [rt.Aabbs(np.zeros((2, 6)))], "geometry 0: count is 2, but it was made for 1"),
+        (rt.TriangleSize(3), [rt.Triangles(quad())], "geometry 0: position_count is 6, but it was made for 3"),
+        (rt.TriangleSize(6), [rt.Triangles(quad(), opaque=False)], "geometry 0: opaque is False, but"),
         (rt.TriangleSize(6), [rt.Triangles(quad(), no_duplicate_any_hit=True)], "no_duplicate_any_hit is True"),
-        (rt.TriangleSize(6), [rt.Triangles(quad(), [[0, 1, 2]])], "indices is uint32, made for none"),
-        (rt.TriangleSize(6, 3), [rt.Triangles(quad())], "indices is none, made for uint32"),
-        (rt.TriangleSize(6, 3, np.uint16), [rt.Triangles(quad(), [[0, 1, 2]])], "indices is uint32, made for uint16"),
-        (rt.TriangleSize(6, 3), [rt.Triangles(quad(), [[0, 1, 2]] * 2)], "triangle_count is 2, made for 1"),
-        (rt.TriangleSize(6), [rt.Triangles(quad(), transform=shifted())], "transform is given, made for none"),
+        (rt.TriangleSize(6), [rt.Triangles(quad(), [[0, 1, 2]])], "indices is uint32, but it was made for none"),
+        (rt.TriangleSize(6, 3), [rt.Triangles(quad())], "indices is none, but it was made for uint32"),
+        (rt.TriangleSize(6, 3, np.uint16), [rt.Triangles(quad(), [[0, 1, 2]])], "indices is uint32, but"),
+        (rt.TriangleSize(6, 3), [rt.Triangles(quad(), [[0, 1, 2]] * 2)], "triangle_count is 2, but it was made for 1"),
+        (rt.TriangleSize(6), [rt.Triangles(quad(), transform=shifted())], "transform is given, but"),
     ],
 )
 def test_data_that_does_not_fit_the_sizes(world, size, given, message):
@@ -239,7 +239,7 @@ def test_data_that_does_not_fit_the_sizes(world, size, given, message):
         (lambda: rt.Triangles(np.zeros((3, 2))), r"positions: the shape is \(3, 2\), not \(N, 3\)"),
         (lambda: rt.Triangles(np.full((3, 3), np.nan)), r"positions: element \(0, 0\) is not finite"),
         (lambda: rt.Triangles(np.full((3, 3), 1e39)), "positions: .* not finite"),
-        (lambda: rt.Triangles(np.zeros((4, 3))), "4 corners, which is no multiple of 3"),
+        (lambda: rt.Triangles(np.zeros((4, 3))), "the number of corners must be a multiple of 3, not 4"),
         (lambda: rt.Triangles(quad(), [[0, 1, 6]]), "6 is out of range: there are 6 positions"),
         (lambda: rt.Triangles(quad(), [[0, 1, -1]]), "whole numbers from 0"),
         (lambda: rt.Triangles(quad(), [[0.0, 1, 2]]), "whole numbers from 0 .* not float64"),
@@ -267,8 +267,8 @@ def test_geometry_that_makes_no_sense(make, message):
         ({"transform": shifted(np.nan)}, "the transform is not finite"),
         ({"transform": np.eye(4)[:3] * 1e39}, "the transform is not finite"),
         ({"transform": np.zeros((3, 4))}, "the transform is not invertible"),
-        ({"flags": 16}, "can't be"),
-        ({"flags": 12}, "FORCE_OPAQUE|FORCE_NO_OPAQUE.* can't be"),
+        ({"flags": 16}, "are unknown or contradict"),
+        ({"flags": 12}, "FORCE_OPAQUE|FORCE_NO_OPAQUE.* are unknown or contradict"),
     ],
 )
 def test_instances_that_make_no_sense(world, options, message):

@@ -104,7 +104,9 @@ class Blas(Structure):
             raise SolariError(f"compaction of {self.describe()}: the callback is {show(callback)}: give a function")
         if not self.built or self.compacted or not self.allow_compaction:
             why = "it was made without allow_compaction" if not self.allow_compaction else "it was never built"
-            raise SolariError(f"compaction of {self.describe()}: {'it is compacted' if self.compacted else why}")
+            raise SolariError(
+                f"compaction of {self.describe()}: {'it is already compacted' if self.compacted else why}"
+            )
         self._drop_preparation()
         self._preparation = Preparation(self.device, self.handle, self.describe(), callback)
         self._preparation.start()

@@ -59,7 +59,9 @@ def check_builds(device: Device, builds: Sequence[BlasBuild]) -> None:
         blas = build.blas
         blas.check_alive("build", device)
         if blas.compacted:
-            raise SolariError(f"build of Blas {blas.name}, which was compacted: make a new one")
+            raise SolariError(
+                f"build of Blas {blas.name}, which was compacted and can't be built again: make a new one"
+            )
         if build.update:
             blas.check_update()
     seen: set[int] = set()

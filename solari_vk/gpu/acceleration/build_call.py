@@ -84,7 +84,9 @@ class BuildCall:
             tlas, count = package.tlas, len(package.instances)
             tlas.check_alive("build", self._device)
             if count > tlas.max_instances:
-                raise SolariError(f"build of {tlas.describe()}: {count:,} instances, made for {tlas.max_instances:,}")
+                raise SolariError(
+                    f"build of {tlas.describe()}: {count:,} instances, but it was made for {tlas.max_instances:,}"
+                )
 
     def _check_order(self, blases: Iterable[Blas], tlas: Tlas) -> None:
         built_here = {id(entry.blas) for entry in self._entries}

@@ -57,7 +57,7 @@ def numbers(given: Any, what: str) -> NDArray[Any]:
         array = np.asarray(given)
         if array.dtype.kind == "O":
             if any(item is None for item in array.flat):
-                raise TypeError("None is among them")  # numpy would convert it to NaN
+                raise TypeError("None is not a number")  # numpy would convert it to NaN
             array = array.astype(np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise SolariError(f"{what} must be numbers in rows of equal length: {error}") from error

@@ -124,16 +124,20 @@ def _format(geometry: Geometry) -> dict[str, object]:
 def check_fit(made_for: Sequence[Geometry], geometries: Sequence[Geometry], where: str) -> None:
     """Raise SolariError unless these geometries can be built in a structure that was created for `made_for`."""
     if len(geometries) != len(made_for):
-        raise SolariError(f"build of {where}: {len(geometries)} geometries, made for {len(made_for)}")
+        raise SolariError(f"build of {where}: {len(geometries)} geometries, but it was made for {len(made_for)}")
     for i, (wanted, given) in enumerate(zip(made_for, geometries, strict=True)):
         expected, found = _format(wanted), _format(given)
         for key, value in expected.items():
             if found.get(key) != value:
-                raise SolariError(f"build of {where}, geometry {i}: {key} is {found.get(key)}, made for {value}")
+                raise SolariError(
+                    f"build of {where}, geometry {i}: {key} is {found.get(key)}, but it was made for {value}"
+                )
         for field in ("position_count", "triangle_count", "count"):
             limit, count = getattr(wanted, field, 0), getattr(given, field, 0)
             if count > limit:
-                raise SolariError(f"build of {where}, geometry {i}: {field} is {count:,}, made for {limit:,}")
+                raise SolariError(
+                    f"build of {where}, geometry {i}: {field} is {count:,}, but it was made for {limit:,}"
+                )
 
 
 def check_index_type(given: Any, where: str) -> None:
@@ -143,7 +147,7 @@ def check_index_type(given: Any, where: str) -> None:
     except TypeError:
         fits = False
     if not fits:
-        raise SolariError(f"{where}: index_dtype {show(given)}, not uint16 or uint32")
+        raise SolariError(f"{where}: index_dtype must be uint16 or uint32, not {show(given)}")
 
 
 def _check_types(geometry: Any, where: str) -> None:
@@ -172,7 +176,9 @@ def check_geometries(device: Device, geometries: Sequence[Geometry], name: str) 
         raise SolariError(f"{where}: {total:,} primitives; this device takes {limits.maxPrimitiveCount:,} at most")
     for i, geometry in enumerate(geometries):
         if geometry.primitive_count < 0:
-            raise SolariError(f"{where}, geometry {i}: {geometry.primitive_count} primitives")
+            raise SolariError(
+                f"{where}, geometry {i}: the number of primitives must not be negative, like {geometry.primitive_count}"
+            )
         if isinstance(geometry, AabbGeometry):
             aligned = {"boxes": (geometry.boxes, 8), "stride": (geometry.stride, 8)}
         else:

@@ -47,7 +47,8 @@ def _check(transforms: NDArray[Any], custom_data: NDArray[Any], mask: NDArray[An
     flags = flags.astype(np.int64)
     wrong = (flags < 0) | (flags > 0xF) | (flags & 0xC == 0xC)
     if wrong.any():
-        raise SolariError(f"instance: {InstanceFlags(int(flags[wrong][0]))!r} can't be{where(wrong)}")
+        found = InstanceFlags(int(flags[wrong][0]))
+        raise SolariError(f"instance: the flags {found!r} are unknown or contradict each other{where(wrong)}")
     with np.errstate(over="ignore", invalid="ignore"):
         linear = transforms[:, :, :3].astype(np.float32).astype(np.float64)
         wrong = np.logical_not(np.isfinite(transforms.astype(np.float32)).all(axis=(1, 2)))

@@ -131,7 +131,7 @@ class Triangles:
         if self.transform is not None and not isinstance(self.transform, BufferSlice):
             put("transform", _floats("transform", self.transform, (3, 4)))
         if self._corner_count % 3:
-            raise SolariError(f"triangles: {self._corner_count} corners, which is no multiple of 3")
+            raise SolariError(f"triangles: the number of corners must be a multiple of 3, not {self._corner_count}")
 
     @property
     def _corner_count(self) -> int:

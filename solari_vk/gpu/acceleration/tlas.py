@@ -79,7 +79,9 @@ class Tlas(Structure):
     def _record(self, cmd: raw.CData, instances: int, count: int, *, update: bool = False) -> None:
         self.check_alive("build")
         if not 0 <= count <= self.max_instances:
-            raise SolariError(f"build of Tlas {self.name}: {count:,} instances, made for {self.max_instances:,}")
+            raise SolariError(
+                f"build of Tlas {self.name}: {count:,} instances, but it was made for {self.max_instances:,}"
+            )
         if update:
             self.check_update()
             if count != self.instance_count:
@@ -87,7 +89,9 @@ class Tlas(Structure):
                     f"refit of Tlas {self.name}: {count:,} instances, but it was built with {self.instance_count:,}"
                 )
         if count and (instances <= 0 or instances % 16):
-            raise SolariError(f"build of Tlas {self.name}: instances at {instances:#x}, not a 16-byte aligned address")
+            raise SolariError(
+                f"build of Tlas {self.name}: the instances' address {instances:#x} is not a multiple of 16"
+            )
         # Without instances there is no buffer, but the address must be valid all the same.
         self._geometries[0].geometry.instances.data.deviceAddress = instances if count else self._scratch_address & ~15
         vk = self.device.vk

@@ -142,7 +142,7 @@ class Allocator:
             for i, flags in enumerate(self._type_flags):
                 if allowed >> i & 1 and flags & wanted == wanted:
                     return i
-        raise DeviceError(f"{name}: the device has no {'mappable' if host else 'device'} memory that fits")
+        raise DeviceError(f"{name}: the device has no suitable type of {'mappable' if host else 'device'} memory")
 
     def _pool(self, memory_type: int, host: bool, image: bool) -> Pool:
         key = (memory_type, host, image)

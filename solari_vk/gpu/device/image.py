@@ -106,10 +106,10 @@ class Image:
                 out,
             )
         except DeviceError as error:
-            raise DeviceError(f"{what}: the device can't use this format that way ({error})") from error
+            raise DeviceError(f"{what}: the device doesn't support this format with this usage ({error})") from error
         extent = out.maxExtent
         if not (0 < self.width <= extent.width and 0 < self.height <= extent.height):
-            raise DeviceError(f"{what}: this device's images are 1 x 1 to {extent.width} x {extent.height}")
+            raise DeviceError(f"{what}: this device supports sizes from 1 x 1 to {extent.width} x {extent.height}")
         if not 0 < self.mip_levels <= min(max(self.width, self.height).bit_length(), out.maxMipLevels):
             raise DeviceError(f"{what}: it can't have {self.mip_levels} mip levels")
 

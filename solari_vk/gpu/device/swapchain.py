@@ -168,7 +168,7 @@ class Swapchain:
     def _create(self, capabilities: raw.CData, extent: tuple[int, int], old: raw.CData) -> None:
         device = self.device
         if not capabilities.supportedUsageFlags & raw.VK_IMAGE_USAGE_TRANSFER_DST_BIT:
-            raise DeviceError(f"{device.name} can't copy pictures to this window")
+            raise DeviceError(f"{device.name} can't copy pictures to this window: choose another device")
         self.format, color_space = self._choose_format()
         self.readable = bool(capabilities.supportedUsageFlags & raw.VK_IMAGE_USAGE_TRANSFER_SRC_BIT)
         count = max(capabilities.minImageCount, FRAMES) + 1
@@ -203,7 +203,7 @@ class Swapchain:
         for format in _FORMATS:
             if (format, raw.VK_COLOR_SPACE_SRGB_NONLINEAR_KHR) in offered:
                 return format, raw.VK_COLOR_SPACE_SRGB_NONLINEAR_KHR
-        raise DeviceError(f"{device.name}: this window has no 8-bit sRGB format")
+        raise DeviceError(f"{device.name}: this window has no 8-bit sRGB format: choose another device")
 
     def _take_images(self) -> None:
         device = self.device

@@ -192,7 +192,7 @@ class WorkQueue(LogicalDevice):
         if self.lost:
             raise DeviceError(f"{self.name} was lost: make a new Device")
         if value > self.submitted:
-            raise DeviceError(f"waiting for submission {value}, but only {self.submitted} were made")
+            raise DeviceError(f"wait for submission {value}, but there were only {self.submitted} submissions")
         if self._completed < value:
             self._wait_value[0] = value
             while self.vk.vkWaitSemaphores(self.handle, self._wait_info, _WAIT_SLICE) != raw.VK_SUCCESS:

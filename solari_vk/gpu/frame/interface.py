@@ -163,7 +163,10 @@ class Interface:
         for binding in self._bindless:
             needed = len(resources.get(binding.name, ())) if binding else 0
             if needed > self.bindless_limit:
-                raise SolariError(f"{needed:,} textures, but this device takes at most {self.bindless_limit:,} at once")
+                raise SolariError(
+                    f"the scene has {needed:,} textures, but this device supports at most "
+                    f"{self.bindless_limit:,} at once"
+                )
             room = max(_BINDLESS_MIN, 1 << max(needed - 1, 0).bit_length()) if binding else 0
             counts.append(min(room, self.bindless_limit))
         return counts

@@ -35,7 +35,9 @@ def check_draw(device: Device, name: str, item: Draw, interface: Interface) -> N
     limit = device.properties.limits.maxDrawIndirectCount
     for draws in item.draws:
         if not 0 < draws.max_count <= limit:
-            raise SolariError(f"pass {name}: {draws.max_count:,} draws, but this device does 1 to {limit:,} at once")
+            raise SolariError(
+                f"pass {name}: {draws.max_count:,} draws, but this device supports 1 to {limit:,} at once"
+            )
 
 
 @contextmanager

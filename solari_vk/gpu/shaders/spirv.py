@@ -51,7 +51,7 @@ def reflect(spirv: bytes, name: str = "shader") -> Module:
     try:
         return _Reader(spirv, name).module()
     except (KeyError, IndexError, ValueError, TypeError, OverflowError, RecursionError) as error:
-        raise SolariError(f"{name}: the SPIR-V module is damaged or not understood ({error!r})") from error
+        raise SolariError(f"{name}: the SPIR-V module is damaged or uses unsupported features ({error!r})") from error
 
 
 class _Reader:

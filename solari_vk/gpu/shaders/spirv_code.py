@@ -68,7 +68,7 @@ def instructions(spirv: bytes, name: str) -> list[Instruction]:
     """Decode a module. Raises SolariError if the bytes aren't a SPIR-V module."""
     words = np.frombuffer(spirv[: len(spirv) & ~3], np.uint32).tolist()
     if len(words) < 5 or words[0] != MAGIC:
-        raise SolariError(f"{name}: this is no SPIR-V module")
+        raise SolariError(f"{name}: this is not a SPIR-V module")
     decoded, position = [], 5
     while position < len(words):
         count = words[position] >> 16

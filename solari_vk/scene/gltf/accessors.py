@@ -117,7 +117,7 @@ class Accessors:
             raise where.wrong("componentType", "an unsigned integer type")
         indices = self._read(where, count, _Layout(kind))[:, 0]
         if int(indices.max()) >= len(array):
-            raise where.error(f"names element {indices.max()} of {len(array)}; export the file again")
+            raise where.error(f"refers to element {indices.max()}, but there are {len(array)}; export the file again")
         replaced = array.copy()
         replaced[indices] = self._read(what, count, layout)
         return replaced

@@ -34,7 +34,9 @@ def morph(vertices: Vertices, targets: Sequence[Entry], weights: Sequence[float]
                 continue
             moved = accessors.floats(index, target, ("VEC3",))
             if len(moved) != len(vertices[name]):
-                raise target.error(f"moves {len(moved)} vertices of {len(vertices[name])}; export the file again")
+                raise target.error(
+                    f"moves {len(moved)} vertices, but there are {len(vertices[name])}; export the file again"
+                )
             sum_of_both = result[name].copy()
             sum_of_both[:, :3] += np.float32(weight) * moved
             result[name] = sum_of_both
@@ -55,7 +57,9 @@ def skin(vertices: Vertices, attributes: Entry, joints: NDArray[np.float64], acc
         for column in range(4):
             used = weights[:, column] != 0
             if used.any() and int(indices[used, column].max()) >= len(joints):
-                raise attributes.error(f"names joint {indices[used, column].max()} of a skin of {len(joints)}")
+                raise attributes.error(
+                    f"refers to joint {indices[used, column].max()}, but the skin has {len(joints)} joints"
+                )
             blended[used] += weights[used, column, None, None] * joints[indices[used, column]]
             total += weights[:, column]
         number += 1

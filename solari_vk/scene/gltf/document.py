@@ -62,7 +62,7 @@ class Document:
             raise self.error(f"this is a glTF {version} file; only glTF 2.0 can be read: convert or export it again")
         if length > len(data):
             raise self.error(
-                f"the .glb header promises {length} bytes but the file has {len(data)}; it is truncated: "
+                f"the .glb header says {length} bytes, but the file has {len(data)}; it is truncated: "
                 "copy or download it again"
             )
         text: bytes | None = None
@@ -72,7 +72,7 @@ class Document:
             size, kind = struct.unpack_from("<II", data, offset)
             if size > length - offset - 8:
                 raise self.error(
-                    f"the .glb chunk at byte {offset} promises {size} bytes but {length - offset - 8} are left; "
+                    f"the .glb chunk at byte {offset} says {size} bytes, but {length - offset - 8} are left; "
                     "the file is truncated or damaged: copy or download it again"
                 )
             if text is None:
@@ -88,7 +88,9 @@ class Document:
 
     def _parse(self, text: bytes) -> Any:
         if len(text) > LARGEST_JSON:
-            raise self.error(f"the JSON has {len(text)} bytes; more than {LARGEST_JSON} are not read: put data in .bin")
+            raise self.error(
+                f"the JSON has {len(text)} bytes, but at most {LARGEST_JSON} are read: put data in a .bin file"
+            )
         try:
             return json.loads(text.decode("utf-8-sig"), parse_constant=_refuse_constant)
         except RecursionError:
@@ -96,7 +98,7 @@ class Document:
         except ValueError as error:
             raise self.error(
                 f"neither a .glb file nor the JSON of a .gltf file ({shown(clean(str(error)))}); "
-                "give a glTF 2.0 file that is whole"
+                "give a complete glTF 2.0 file"
             ) from None
 
     def _check_version(self) -> None:
@@ -106,7 +108,7 @@ class Document:
         for key in ("version", "minVersion"):
             version = asset.text(key, "2.0" if key == "minVersion" else None)
             if version.split(".")[0] != "2" or (key == "minVersion" and version != "2.0"):
-                raise self.error(f"glTF {shown(version)} is asked for; only 2.0 can be read: export it as glTF 2.0")
+                raise self.error(f"the file needs glTF {shown(version)}; only 2.0 can be read: export it as glTF 2.0")
 
     def array(self, kind: str) -> list[Any]:
         """All objects of a kind ("node", "mesh", ...), as in the JSON."""
@@ -123,7 +125,7 @@ class Document:
             array = self.array(kind)
             if not 0 <= index < len(array):
                 raise user.error(
-                    f"names {kind} {shown(index)}, but the file has only {len(array)} of them; export the file again"
+                    f"refers to {kind} {shown(index)}, but the file has only {len(array)}; export the file again"
                 )
             found = Entry(self.file, f"{kind} {index}", array[index])
             if found.name:
@@ -170,7 +172,9 @@ class Document:
             remark = next((f" ({name} would make its data)" for name in user.extensions()), "")
             raise entry.error(f"has no data: neither a 'uri' nor a .glb chunk holds it{remark}; export the file again")
         if len(data) < length:
-            raise entry.error(f"promises {length} bytes but its data has {len(data)}: the file is truncated")
+            raise entry.error(
+                f"says {length} bytes, but its data has {len(data)}: the file is truncated; copy or export it again"
+            )
         return data[:length]
 
     def resource(self, entry: Entry, length: int | None = None) -> Bytes:
@@ -213,7 +217,7 @@ class Document:
 
 
 def _refuse_constant(name: str) -> None:
-    raise ValueError(f"{name} is no JSON number")
+    raise ValueError(f"{name} is not a JSON number")
 
 
 def _decode_data_uri(uri: str, entry: Entry) -> Bytes:
@@ -235,7 +239,7 @@ def _read_regular(path: Path, who: str, length: int | None = None) -> bytes:
         # Non-blocking, because opening a pipe without a writer would block.
         with open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb") as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                raise SolariError(f"{who}: not a file that can be read: give the path of a glTF file")
+                raise SolariError(f"{who}: not a readable file: give the path of a glTF file")
             return file.read(-1 if length is None else length)
     except FileNotFoundError:
         raise SolariError(f"{who}: there is no such file: check the path") from None

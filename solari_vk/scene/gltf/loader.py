@@ -204,7 +204,9 @@ class _Loader:
             self._lights = extension.entries("lights", "light") if extension else []
         number = user.integer("light") if user else 0
         if number >= len(self._lights):
-            raise node.entry.error(f"names light {shown(number)}, but the file has only {len(self._lights)} of them")
+            raise node.entry.error(
+                f"refers to light {shown(number)}, but the file has only {len(self._lights)} of them"
+            )
         light = self._lights[number]
         name = node.entry.name or light.name
         kind = light.text("type", None, ("directional", "point", "spot"))

@@ -72,7 +72,7 @@ class Primitives:
                 vertices = skin(vertices, attributes, pose.joints, self._accessors)
         positions = vertices["POSITION"]
         if len(positions) and not np.abs(positions).max() <= checks.LARGEST_COORDINATE:
-            raise primitive.error(f"reaches further than {checks.LARGEST_COORDINATE:g} meters; scale it down")
+            raise primitive.error(f"has coordinates above {checks.LARGEST_COORDINATE:g} meters; scale it down")
 
         distinct = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
         triangles = triangles[distinct]
@@ -120,7 +120,7 @@ class Primitives:
             corners = self._accessors.integers(index, primitive, ("SCALAR",))[:, 0].astype(np.uint32)
             if len(corners) and int(corners.max()) >= count:
                 raise primitive.error(
-                    f"names vertex {corners.max()} (accessor {index}) but has only {count}; export the file again"
+                    f"refers to vertex {corners.max()} (accessor {index}), but has only {count}; export the file again"
                 )
         if mode == 4:
             whole = len(corners) // 3 * 3
