@@ -15,7 +15,6 @@ from solari_vk.gpu.shaders.spirv import reflect
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE, GLSL = ROOT / "solari_vk", ROOT / "glsl"
 TEXT = {".py", ".glsl", ".comp", ".vert", ".frag", ".toml", ".md", ".sh", ""}
-SHADER_SUFFIXES = {".glsl", ".comp", ".vert", ".frag"}
 SHADERS = sorted(path for path in GLSL.rglob("*") if path.suffix in TEXT and path.is_file())
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
@@ -167,12 +166,7 @@ def test_the_scene_reaches_no_pass():
 
 
 def test_shader_lines_have_at_most_120_columns():
-    folders = (GLSL, ROOT / "tests", ROOT / "docs")
-    long = []
-    for path in (path for folder in folders for path in folder.rglob("*") if path.suffix in SHADER_SUFFIXES):
-        lines = path.read_text(encoding="utf-8").splitlines()
-        long += [f"{path.relative_to(ROOT)}:{number}" for number, line in enumerate(lines, 1) if len(line) > 120]
-    assert not long, f"longer lines: {', '.join(long)}"
+    assert SIZE["wide_lines"](ROOT) == []
 
 
 @pytest.mark.parametrize("path", SHADERS, ids=lambda path: str(path.relative_to(GLSL)))

@@ -14,7 +14,8 @@ from collections import Counter
 from pathlib import Path
 
 FOLDERS = ("solari_vk", "glsl", "tests", "tools", "docs")
-SUFFIXES = {".py", ".glsl", ".comp", ".vert", ".frag", ".sh", ".md", ""}
+SHADER_SUFFIXES = {".glsl", ".comp", ".vert", ".frag"}
+SUFFIXES = {".py", ".sh", ".md", "", *SHADER_SUFFIXES}
 WIDEST = 120  # columns of a GLSL line
 
 
@@ -62,7 +63,7 @@ def line_counts(root: Path) -> dict[Path, int]:
 def wide_lines(root: Path) -> list[str]:
     """FILE:LINE of the GLSL lines that have more than WIDEST columns."""
     return [f"{path.relative_to(root)}:{number}"
-            for path in sorted((root / "glsl").rglob("*")) if path.suffix in SUFFIXES and path.is_file()
+            for folder in FOLDERS for path in sorted((root / folder).rglob("*")) if path.suffix in SHADER_SUFFIXES
             for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
             if len(line) > WIDEST]  # fmt: skip
 
