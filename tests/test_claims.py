@@ -197,9 +197,9 @@ def test_scene_of_a_script(tmp_path):
     (tmp_path / "made.py").write_text(
         "import solari_vk as sv\ndef made(path):\n    return sv.builtin('cornell_box', size=float(path.name))\n"
     )
-    subject = from_file(tmp_path / "made.py:3.0")
-    assert subject.name == "made"
-    assert subject.scene.bounds.high[1] == pytest.approx(3.0)
+    scene = from_file(tmp_path / "made.py:3.0")
+    assert scene.name == "made"
+    assert scene.bounds.high[1] == pytest.approx(3.0)
 
 
 def test_glowing_keeps_its_geometry():

@@ -40,8 +40,7 @@ def take_picture(
 
     The variance comes from the spread of the parts, not from the renderer's own estimate.
     """
-    renderer = PathTracer(device, scene, size, **settings)
-    try:
+    with PathTracer(device, scene, size, **settings) as renderer:
         view = camera or scene.camera
         part = max(samples // runs, 1)
         sums = [np.zeros((size[1], size[0], 3))]
@@ -52,8 +51,6 @@ def take_picture(
             assert np.isfinite(image).all()
             sums.append(image * np.float64(run * part))
         return Picture(np.diff(np.stack(sums), axis=0) / part)
-    finally:
-        renderer.close()
 
 
 def compare_picture(

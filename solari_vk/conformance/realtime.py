@@ -81,11 +81,8 @@ def trace(
     **settings: Any,
 ) -> Image:  # fmt: skip
     """The path tracer's picture (h, w, 3)."""
-    tracer = PathTracer(device, scene, size, **settings)
-    try:
+    with PathTracer(device, scene, size, **settings) as tracer:
         return np.asarray(tracer.render(camera or scene.camera, samples=samples), np.float64)
-    finally:
-        tracer.close()
 
 
 def trace_reflected(

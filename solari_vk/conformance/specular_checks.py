@@ -115,12 +115,9 @@ def trace_variance(
     device: Device, scene: Scene, size: tuple[int, int], samples: int, camera: Camera | None = None
 ) -> tuple[Image, Image]:
     """The path tracer's picture (h, w, 3), and the variance (h, w) of its luminance."""
-    tracer = sv.PathTracer(device, scene, size)
-    try:
+    with sv.PathTracer(device, scene, size) as tracer:
         frame = tracer.render(camera or scene.camera, samples=samples)
         return frame["radiance"].astype(np.float64), frame["variance"].astype(np.float64)
-    finally:
-        tracer.close()
 
 
 def relative_error(mean: Image, variance: Image, truth: Image, truth_variance: Image) -> tuple[float, float]:

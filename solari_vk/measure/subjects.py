@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import math
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,32 +19,23 @@ from solari_vk.scene.studio import studio_lights
 BUILTIN = ("cornell_box", "many_lights")
 
 
-@dataclass
-class Subject:
-    """A scene with its camera, and its name in tables."""
-
-    name: str
-    scene: Scene
-    camera: Camera
-
-
-def subjects(files: list[Path]) -> list[Subject]:
+def subjects(files: list[Path]) -> list[Scene]:
     """The built-in scenes of BUILTIN, and those in files."""
-    found = [Subject(name, scene := builtin(name), scene.camera) for name in BUILTIN]
-    return found + [from_file(path) for path in files]
+    return [*map(builtin, BUILTIN), *map(from_file, files)]
 
 
-def from_file(path: Path) -> Subject:
+def from_file(path: Path) -> Scene:
     """The scene of a glTF file, or of SCRIPT.py:PATH: the script's function of the same name makes it from PATH.
 
     A scene without a camera or a light gets one. Raises SolariError for a file that can't be loaded.
     """
     script, colon, argument = str(path).partition(".py:")
     scene = _from_script(Path(f"{script}.py"), Path(argument)) if colon else load_gltf(path)
+    scene.name = Path(script).stem if colon else path.stem
     camera = scene.camera_for(16 / 9)
     if not scene.lights and not any(item.material.emits for item in scene):
         studio_lights(scene, camera=camera)
-    return Subject(Path(script).stem if colon else path.stem, scene, camera)
+    return scene
 
 
 def _from_script(script: Path, argument: Path) -> Scene:

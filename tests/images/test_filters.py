@@ -43,9 +43,8 @@ def test_an_edge_draws_the_filter(device, pixel_filter):
     bright = shapes.quad((edge * pixel + 5, 0, -1), (5, 0, 0), (0, 5, 0))
     scene = sv.Scene(sv.Instance(mesh=bright, material=lamp(1.0)))
     camera = sv.Camera(vertical_fov=math.radians(30))
-    renderer = sv.PathTracer(device, scene, (WIDTH, HEIGHT), max_bounces=0, pixel_filter=pixel_filter)
-    columns = renderer.render(camera, samples=SAMPLES)["radiance"][..., 1].mean(axis=0)
-    renderer.close()
+    with sv.PathTracer(device, scene, (WIDTH, HEIGHT), max_bounces=0, pixel_filter=pixel_filter) as tracer:
+        columns = tracer.render(camera, samples=SAMPLES)["radiance"][..., 1].mean(axis=0)
     expected = np.array([share(pixel_filter, edge - (x + 0.5 - WIDTH / 2)) for x in range(WIDTH)])
     deviation = np.sqrt(np.maximum(expected * (1 - expected), 1e-6) / (SAMPLES * HEIGHT))
     bound = stats.norm.isf(0.005 / WIDTH / 2)

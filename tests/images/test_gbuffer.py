@@ -122,7 +122,7 @@ def test_near_plane_cuts(device):
 # ---- what is drawn, and what has a past --------------------------------------------------------------
 
 
-def check_counts(device):
+def test_counts(device):
     """One box stands in front of a wall, others behind the wall and outside the view. Compares the counts of drawn,
     occluded and culled instances while the camera turns away and back, and without occlusion culling."""
     wall = sv.Instance(mesh=shapes.quad((0, 0, 0), (9, 0, 0), (0, 9, 0)), material=matte(0.5), name="wall")
@@ -139,21 +139,11 @@ def check_counts(device):
             renderer.render(view)
             seen.append([int(renderer[f"gbuffer/{name}"]) for name in COUNTERS])
     assert seen == [
-        [0, 7, 2, 0],
-        [7, 0, 2, 0],
-        [2, 0, 2, 5],
-        [0, 1, 8, 0],
-        [1, 0, 8, 0],
-        [0, 7, 2, 0],
-        [7, 0, 2, 0],
-    ]
+        [0, 7, 2, 0], [7, 0, 2, 0], [2, 0, 2, 5], [0, 1, 8, 0], [1, 0, 8, 0], [0, 7, 2, 0], [7, 0, 2, 0],
+    ]  # fmt: skip
 
 
-def test_counts(device):
-    check_counts(device)
-
-
-def check_rows(device):
+def test_rows_of_new_instances_have_no_history(device):
     """An instance that takes the row of a removed one has no previous transform, so that its motion is 0."""
     mesh, material = shapes.box(), matte(0.5)
     first = sv.Instance(mesh=mesh, material=material, transform=place(1.0, (-1, 0, 0)))
@@ -181,10 +171,6 @@ def check_rows(device):
         for instance in list(scene.instances):
             scene.remove(instance)
         assert (render()["instance"] == NO_INDEX).all()
-
-
-def test_rows_of_other_instances_have_no_past(device):
-    check_rows(device)
 
 
 # ---- rays that leave surfaces -----------------------------------------------------------------------
@@ -229,7 +215,9 @@ def leaving(tmp_path, monkeypatch):
     monkeypatch.setattr(compiler, "overlays", [*compiler.overlays, tmp_path])
 
 
-def check_offsets(device, way="raster", scale=1.0):
+@pytest.mark.parametrize("way", ["raster", "traced"])
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_rays_leave_their_surface(device, leaving, way, scale):
     """No ray that leaves a tilted square hits it again. The square is 200 wide, is seen from 0.05 away, and lies at
     several distances from the world's origin."""
     normal = np.array((math.sin(0.5) * 0.6, math.cos(0.5), math.sin(0.5) * 0.8))
@@ -249,30 +237,32 @@ def check_offsets(device, way="raster", scale=1.0):
         assert blocked == 0, f"{blocked} of {there.sum() * RAYS} rays never left, {far} from the origin"
 
 
-@pytest.mark.parametrize("way", ["raster", "traced"])
-@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
-def test_rays_leave_their_surface(device, leaving, way, scale):
-    check_offsets(device, way, scale)
-
-
 # ---- seeded bugs ------------------------------------------------------------------------------------
+
+def values(device):
+    test_values_are_the_scenes(device, "raster")
+
+
+def leaving_rays(device):
+    test_rays_leave_their_surface(device, None, "raster", 1.0)
+
 
 # tests/conformance/test_realtime_bugs.py has the bugs that the conformance suite notices.
 MUTANTS = {
-    "snapped points not put back": (
-        test_values_are_the_scenes, "pixel.glsl", "cosine < -1e-3 ? t : hit.t", "0.999 * hit.t",
-    ),
+    "snapped points not put back": (values, "pixel.glsl", "cosine < -1e-3 ? t : hit.t", "0.999 * hit.t"),
     "visibility of rows, not of instances": (
-        check_rows, "cull.comp", "visible_instances.at[row] == instance.id", "visible_instances.at[row] != 0u",
+        test_rows_of_new_instances_have_no_history, "cull.comp", "visible_instances.at[row] == instance.id",
+        "visible_instances.at[row] != 0u",
     ),
     "rows remembered, not instances": (
-        check_rows, "gbuffer.glsl", "previous.id == instances.at[instance_index].id", "previous.id != 0u",
+        test_rows_of_new_instances_have_no_history, "gbuffer.glsl",
+        "previous.id == instances.at[instance_index].id", "previous.id != 0u",
     ),
-    "nothing is ever hidden": (check_counts, "cull.comp", "/ nearest * 1.0001 <", "/ nearest * 1e9 <"),
-    "nothing is ever out of view": (check_counts, "cull.comp", "&& is_outside_frustum(box)", "&& box.rounding < 0.0"),
-    "all is drawn twice": (check_counts, "cull.comp", "draws = visible && !was_visible", "draws = visible"),
+    "nothing is ever hidden": (test_counts, "cull.comp", "/ nearest * 1.0001 <", "/ nearest * 1e9 <"),
+    "nothing is ever out of view": (test_counts, "cull.comp", "&& is_outside_frustum(box)", "&& box.rounding < 0.0"),
+    "all is drawn twice": (test_counts, "cull.comp", "draws = visible && !was_visible", "draws = visible"),
     "offset of the point alone": (
-        check_offsets, "gbuffer.glsl", "+ world_ray_offset(reach, m, cofactors, object_normal)", "",
+        leaving_rays, "gbuffer.glsl", "+ world_ray_offset(reach, m, cofactors, object_normal)", "",
     ),
 }  # fmt: skip
 
@@ -281,4 +271,4 @@ MUTANTS = {
 def test_seeded_bug_is_noticed(device, leaving, name):
     check, file, old, new = MUTANTS[name]
     with patched_shaders((f"passes/gbuffer/{file}", old, new)), pytest.raises(AssertionError):
-        check(device, *(["raster"] if check is test_values_are_the_scenes else []))
+        check(device)

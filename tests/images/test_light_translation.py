@@ -8,6 +8,7 @@ from support.direct_light import direct_light, direct_renderer
 
 import solari_vk as sv
 from solari_vk.gpu.shaders.patches import patched_shaders
+from solari_vk.measure.replication import replicate
 from solari_vk.measure.statistics import replicates
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place
@@ -44,108 +45,82 @@ def settled(device, scene):
         return means(renderer, scene, 128).mean(axis=0)
 
 
-def replicate(renderer, run):
-    """Call run() for each of RUNS seeds, after a reset, and return its results."""
-    observations = []
-    for seed in range(RUNS):
-        renderer.seed = seed
-        renderer.reset()
-        observations.append(run())
-    return np.stack(observations)
-
-
 def assert_agree(observations, expected, bar):
     rejected, within = replicates(observations / expected, np.ones(len(expected)), bar)
     assert rejected == 0, (observations.mean(axis=0), expected)
     assert within, (observations.mean(axis=0), expected)
 
 
-def check_removal(device, scene):
+def test_removed_lights_are_dark_at_once(device, floor):
     """Removes the first of three lights, whose index the third one takes.
 
     The next frame has none of the removed light, and the others' light is neither missing nor doubled.
     """
-    lamps = [scene.add(hang(color, x)) for color, x in ((RED, -1), (GREEN, 0), (BLUE, 1))]
-    with direct_renderer(device, scene, SIZE, **SETTINGS) as renderer:
+    lamps = [floor.add(hang(color, x)) for color, x in ((RED, -1), (GREEN, 0), (BLUE, 1))]
+    with direct_renderer(device, floor, SIZE, **SETTINGS) as renderer:
 
         def run():
-            if lamps[0] not in scene.instances:
-                scene.add(lamps[0])
-            assert (means(renderer, scene, 12)[-1] > 0).all()
-            scene.remove(lamps[0])
-            after = means(renderer, scene, 6)
+            if lamps[0] not in floor.instances:
+                floor.add(lamps[0])
+            assert (means(renderer, floor, 12)[-1] > 0).all()
+            floor.remove(lamps[0])
+            after = means(renderer, floor, 6)
             assert (after[:, 0] == 0).all(), "a removed light still shines"
             return after.mean(axis=0)[1:]
 
-        observations = replicate(renderer, run)
-    assert_agree(observations, settled(device, scene)[1:], 0.04)
-
-
-def check_addition(device, scene):
-    """An added light has its full brightness from its first frame on, and the other light keeps its brightness."""
-    scene.add(hang(RED, -1))
-    new = hang(GREEN, 1)
-    with direct_renderer(device, scene, SIZE, **SETTINGS) as renderer:
-
-        def run():
-            means(renderer, scene, 12)
-            scene.add(new)
-            after = means(renderer, scene, 2).mean(axis=0)[:2]
-            scene.remove(new)
-            return after
-
-        observations = replicate(renderer, run)
-    scene.add(new)
-    assert_agree(observations, settled(device, scene)[:2], 0.04)
-
-
-def check_changing_places(device, scene):
-    """Each frame removes one of nine lights and adds it again; all keep the right brightness."""
-    lamps = [scene.add(hang(color, 0.5 * i - 2)) for i, color in enumerate((RED, GREEN, BLUE) * 3)]
-    with direct_renderer(device, scene, SIZE, **SETTINGS) as renderer:
-
-        def run():
-            means(renderer, scene, 9)
-            observed = []
-            for gone in lamps:
-                scene.remove(gone)
-                scene.add(gone)  # at the end of the list, with a new id
-                observed.append(means(renderer, scene, 1)[0])
-            return np.mean(observed, axis=0)
-
-        observations = replicate(renderer, run)
-    assert_agree(observations, settled(device, scene), 0.04)
-
-
-def check_growth(device, scene):
-    """Samples of earlier frames stay valid when the area of their light changes."""
-    only = scene.add(hang(GREEN, 0.3))
-    with direct_renderer(device, scene, SIZE, **SETTINGS) as renderer:
-
-        def run():
-            only.transform = place((0.25, 1, 0.25), (0.3, 2, 0))
-            means(renderer, scene, 8)
-            only.transform = place(1.0, (0.3, 2, 0))
-            return means(renderer, scene, 1)[0][1:2]
-
-        observations = replicate(renderer, run)
-    assert_agree(observations, settled(device, scene)[1:2], 0.02)
-
-
-def test_removed_lights_are_dark_at_once(device, floor):
-    check_removal(device, floor)
+        observations = replicate(renderer, RUNS, run)
+    assert_agree(observations, settled(device, floor)[1:], 0.04)
 
 
 def test_added_lights_are_bright_at_once(device, floor):
-    check_addition(device, floor)
+    """An added light has its full brightness from its first frame on, and the other light keeps its brightness."""
+    floor.add(hang(RED, -1))
+    new = hang(GREEN, 1)
+    with direct_renderer(device, floor, SIZE, **SETTINGS) as renderer:
+
+        def run():
+            means(renderer, floor, 12)
+            floor.add(new)
+            after = means(renderer, floor, 2).mean(axis=0)[:2]
+            floor.remove(new)
+            return after
+
+        observations = replicate(renderer, RUNS, run)
+    floor.add(new)
+    assert_agree(observations, settled(device, floor)[:2], 0.04)
 
 
 def test_lights_that_change_indices_keep_their_samples(device, floor):
-    check_changing_places(device, floor)
+    """Each frame removes one of nine lights and adds it again; all keep the right brightness."""
+    lamps = [floor.add(hang(color, 0.5 * i - 2)) for i, color in enumerate((RED, GREEN, BLUE) * 3)]
+    with direct_renderer(device, floor, SIZE, **SETTINGS) as renderer:
+
+        def run():
+            means(renderer, floor, 9)
+            observed = []
+            for gone in lamps:
+                floor.remove(gone)
+                floor.add(gone)  # at the end of the list, with a new id
+                observed.append(means(renderer, floor, 1)[0])
+            return np.mean(observed, axis=0)
+
+        observations = replicate(renderer, RUNS, run)
+    assert_agree(observations, settled(device, floor), 0.04)
 
 
 def test_a_light_that_grows_is_right_at_once(device, floor):
-    check_growth(device, floor)
+    """Samples of earlier frames stay valid when the area of their light changes."""
+    only = floor.add(hang(GREEN, 0.3))
+    with direct_renderer(device, floor, SIZE, **SETTINGS) as renderer:
+
+        def run():
+            only.transform = place((0.25, 1, 0.25), (0.3, 2, 0))
+            means(renderer, floor, 8)
+            only.transform = place(1.0, (0.3, 2, 0))
+            return means(renderer, floor, 1)[0][1:2]
+
+        observations = replicate(renderer, RUNS, run)
+    assert_agree(observations, settled(device, floor)[1:2], 0.02)
 
 
 def test_all_lights_are_removed_and_added_again(device, floor):
@@ -184,24 +159,19 @@ INITIAL = "passes/restir_di/initial_and_temporal.comp"
 RESERVOIR, TARGET = "passes/restir_di/reservoir.glsl", "passes/restir_di/target.glsl"
 MUTANTS = {
     "not translated": (
-        check_removal,
-        INITIAL,
-        "= light_translation.at[reservoir.light_sample.light_index];",
-        "= reservoir.light_sample.light_index;",
+        test_removed_lights_are_dark_at_once, INITIAL,
+        "= light_translation.at[reservoir.light_sample.light_index];", "= reservoir.light_sample.light_index;",
     ),
     "confidence of removed lights dropped": (
-        check_removal,
-        RESERVOIR,
+        test_removed_lights_are_dark_at_once, RESERVOIR,
         "vec2 confidences = vec2(first.confidence, second.confidence);",
         "vec2 confidences = vec2(first.confidence, here.y > 0.0 ? second.confidence : 0.0);",
     ),
     "new lights taken for old": (
-        check_addition,
-        TARGET,
-        "light_index == NO_INDEX || previous_light.at[light_index] == NO_INDEX",
-        "light_index == NO_INDEX",
+        test_added_lights_are_bright_at_once, TARGET,
+        "light_index == NO_INDEX || previous_light.at[light_index] == NO_INDEX", "light_index == NO_INDEX",
     ),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", MUTANTS)

@@ -9,15 +9,16 @@ import pytest
 
 import solari_vk as sv
 from solari_vk.scene import shapes
-from solari_vk.scene.builtin import lamp, matte
+from solari_vk.scene.builtin import lamp, matte, place
 
 
-def grid_of_triangles(side, height):
-    """A square of 2 side^2 triangles over [-1, 1]^2, facing down."""
+def triangle_grid(side):
+    """A square of 2 side^2 triangles over [-1, 1]^2 at height 1, facing down."""
     x, z = np.meshgrid(np.linspace(-1, 1, side + 1), np.linspace(-1, 1, side + 1))
     first = (np.arange(side)[:, None] * (side + 1) + np.arange(side)).ravel()
     corners = np.stack([first, first + 1, first + side + 1, first + 1, first + side + 2, first + side + 1], axis=1)
-    return np.stack([x, np.full_like(x, height), z], axis=-1).reshape(-1, 3), corners.reshape(-1, 3)
+    positions = np.stack([x, np.ones_like(x), z], axis=-1).reshape(-1, 3)
+    return sv.Mesh(positions=positions, indices=corners.reshape(-1, 3))
 
 
 def floor_under(*lamps):
@@ -29,24 +30,20 @@ def floor_under(*lamps):
 
 def render(device, scene):
     """The mean radiance of the floor, rendered with light samples only, and its standard error."""
-    with_lights = sv.PathTracer(device, scene, (32, 32), max_bounces=1, lambert=True, light_strategy="nee")
-    radiance = with_lights.render(scene.camera, samples=64)["radiance"]
-    error = math.sqrt(with_lights["variance"].mean() / radiance[..., 0].size)
-    with_lights.close()
-    return float(radiance[..., 1].mean()), error
+    with sv.PathTracer(device, scene, (32, 32), max_bounces=1, lambert=True, light_strategy="nee") as tracer:
+        radiance = tracer.render(samples=64)["radiance"]
+        return float(radiance[..., 1].mean()), math.sqrt(tracer["variance"].mean() / radiance[..., 0].size)
 
 
 @pytest.fixture(scope="module")
 def expected(device):
     """The floor's radiance under a square light of only two triangles."""
-    mesh = sv.Mesh(positions=grid_of_triangles(1, 1.0)[0], indices=grid_of_triangles(1, 1.0)[1])
-    return render(device, floor_under(sv.Instance(mesh=mesh, material=lamp(3.0))))
+    return render(device, floor_under(sv.Instance(mesh=triangle_grid(1), material=lamp(3.0))))
 
 
 def test_a_light_of_many_triangles(device, expected):
-    positions, indices = grid_of_triangles(300, 1.0)
-    assert len(indices) > 2 * 65_536
-    mesh = sv.Mesh(positions=positions, indices=indices)
+    mesh = triangle_grid(300)
+    assert len(mesh.triangles) > 2 * 65_536
     value, error = render(device, floor_under(sv.Instance(mesh=mesh, material=lamp(3.0))))
     assert abs(value - expected[0]) < 4 * math.hypot(error, expected[1])
     assert math.hypot(error, expected[1]) < 0.005 * value
@@ -61,8 +58,6 @@ def test_many_lights(device, expected):
     lamps = []
     for x in np.linspace(-1 + half, 1 - half, side):
         for z in np.linspace(-1 + half, 1 - half, side):
-            transform = np.eye(4)
-            transform[:3, 3] = x, 1.0, z
-            lamps.append(sv.Instance(mesh=mesh, material=material, transform=transform))
+            lamps.append(sv.Instance(mesh=mesh, material=material, transform=place(at=(x, 1.0, z))))
     value, error = render(device, floor_under(*lamps))
     assert abs(value - expected[0]) < 4 * math.hypot(error, expected[1])

@@ -1,4 +1,4 @@
-"""The path tracer's determinism, restarts after edits, variance estimate, and finite pictures of broken scenes."""
+"""The path tracer's restarts after edits, variance estimate, and finite pictures of broken scenes."""
 
 from __future__ import annotations
 
@@ -14,14 +14,6 @@ AOVS = ("depth", "position", "geometric_normal", "shading_normal", "albedo", "ro
 
 def fresh(tracer, scene, samples=4, size=(32, 32), camera=None, **settings):
     return tracer(scene, size, **settings).render(camera or scene.camera, samples=samples)["radiance"]
-
-
-def test_seed_decides_the_picture(tracer):
-    scene = cornell_box()
-    renderer = tracer(scene, (32, 32), seed=7)
-    first = renderer.render(scene.camera, samples=4)["radiance"].copy()
-    np.testing.assert_array_equal(first, fresh(tracer, scene, seed=7))
-    assert (first != fresh(tracer, scene, seed=8)).mean() > 0.3
 
 
 def test_different_frames_and_pixels_are_independent(tracer):
@@ -69,15 +61,9 @@ def edit_camera(scene):
 
 
 EDITS = [
-    edit_material,
-    edit_transform,
-    edit_remove,
-    edit_add,
-    edit_light_radiance,
-    edit_hide,
-    edit_new_sun,
-    edit_camera,
-]
+    edit_material, edit_transform, edit_remove, edit_add, edit_light_radiance,
+    edit_hide, edit_new_sun, edit_camera,
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("edit", EDITS, ids=lambda edit: edit.__name__)

@@ -47,12 +47,9 @@ def test_a_flat_mirror_shows_the_mirrored_cameras_picture(device):
     mirrored = np.diag((1, 1, -1, 1)) @ camera.transform @ np.diag((-1, 1, 1, 1))  # flipped in x to stay a rotation
     mirrored[2, 3] -= 4.0
     scene.remove(next(instance for instance in scene if instance.name == "mirror"))
-    tracer = sv.PathTracer(device, scene, size)
-    try:
+    with sv.PathTracer(device, scene, size) as tracer:
         tracer.render(Camera(transform=mirrored, vertical_fov=1.2, near=0.01), samples=1)
         emissive = tracer["emissive"][:, ::-1]
-    finally:
-        tracer.close()
     expected = emissive * schlick(GOLD.base_color, np.abs(camera_rays(camera, *size)[1][..., 2]))
     assert len(np.unique(emissive[..., 0])) > 8
     wrong = ~np.isclose(made, expected, rtol=0.03, atol=0.02).all(axis=-1)

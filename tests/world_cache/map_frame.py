@@ -21,7 +21,7 @@ class MapFrame:
     askers: an array of ASKER, which describes a query; elements with rng 0 make none.
     """
 
-    def __init__(self, device, cells, askers=None, glsl_root=None, **settings):
+    def __init__(self, device, cells, askers=None, **settings):
         self.askers = np.zeros(1, ASKER) if askers is None else askers
         self._buffer = device.buffer(self.askers.nbytes, "askers")
         self.ask(self.askers)
@@ -29,8 +29,7 @@ class MapFrame:
         passes = [step for step in full.passes if "sample" not in step.name]
         passes.append(Pass("world_cache_test/insert", threads=len(self.askers)))
         stage = dataclasses.replace(full, passes=passes, buffers={**full.buffers, "answers": len(self.askers)})
-        roots = [*([glsl_root] if glsl_root else []), SHADERS]
-        self.frame = Frame(device, [stage], external={"askers": self._buffer}, glsl_root=roots)
+        self.frame = Frame(device, [stage], external={"askers": self._buffer}, glsl_root=SHADERS)
         self.frame.uniforms.update(uniform_values(sv.Settings(**settings)))
         self.frame.uniforms["this_frame.has_history"] = 1
 

@@ -10,7 +10,7 @@ from world_cache_frame import SHADERS, CacheFrame
 
 import solari_vk as sv
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
-from solari_vk.gpu.shaders.patches import write_patched
+from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.measure.statistics import relative_interval
 from solari_vk.passes import brdf_table
 from solari_vk.scene.builtin import place
@@ -32,9 +32,9 @@ def settings(**changed):
 BRIEF = {"seeds": 4, "bar": 0.05, "warm_up": 20}
 
 
-def check_fixed_point(device, root=None, *, seeds=16, bar=0.02, warm_up=40, **changed):
+def check_fixed_point(device, *, seeds=16, bar=0.02, warm_up=40, **changed):
     """Require that queries return what a closed box reflects: the 95 % interval over seeds is within the bar."""
-    with CacheFrame(device, sv.builtin("closed_box", size=4.0), settings(**changed), glsl_root=root) as frame:
+    with CacheFrame(device, sv.builtin("closed_box", size=4.0), settings(**changed)) as frame:
         observations = []
         for seed in range(seeds):
             frame.reset(seed)
@@ -72,13 +72,9 @@ def test_without_the_cache_there_is_one_bounce(device):
     assert abs(answers.mean() - ALBEDO) < 4 * error < 0.2
 
 
-def test_cells_die_without_queries(device):
+def test_cell_death(device):
     """Cells die after their lifetime without queries from outside, although they query each other."""
-    check_death(device)
-
-
-def check_death(device, root=None):
-    with CacheFrame(device, sv.builtin("closed_box"), settings(), glsl_root=root) as frame:
+    with CacheFrame(device, sv.builtin("closed_box"), settings()) as frame:
         frame.run(12)
         assert frame.counters["active_cells"] > 1000
         frame.settings.gi = False
@@ -88,14 +84,10 @@ def check_death(device, root=None):
         assert frame.counters["active_cells"] == 0
 
 
-def test_an_overfull_map_loses_no_light(device):
+def test_overfull_map(device):
     """The map holds a fifth of the cells that are queried: where the cache has no value, paths continue."""
-    check_overfull(device)
-
-
-def check_overfull(device, root=None):
     few = settings(world_cache_cells=1 << 10, world_cache_search_steps=3)
-    with CacheFrame(device, sv.builtin("closed_box", size=4.0), few, glsl_root=root) as frame:
+    with CacheFrame(device, sv.builtin("closed_box", size=4.0), few) as frame:
         frame.run(40)
         answers = np.concatenate([frame.run()["answers"][:, 0] for _ in range(16)])
         assert frame.counters["insert_failures"] > 100
@@ -125,10 +117,6 @@ def test_one_seed_one_cache(device):
 
 @pytest.mark.parametrize("layering", ["conserving", "fresnel_product"])
 def test_albedo_is_what_the_brdf_reflects(device, layering):
-    check_albedo(device, layering=layering)
-
-
-def check_albedo(device, root=None, layering="conserving"):
     grid = np.array(list(itertools.product((0.02, 0.3, 0.7, 1.0), (0.0, 0.5, 1.0), (0.1, 0.5, 0.95))))
     cases = np.zeros(len(grid), CASE)
     cases["base_color"], cases["reflectance"] = (0.9, 0.5, 0.1), 0.7
@@ -140,8 +128,7 @@ def check_albedo(device, root=None, layering="conserving"):
     constants = {"brdf_layering": LAYERINGS.index(layering)}
     albedo_pass = Pass("world_cache_test/albedo", threads=len(cases), constants=constants)
     stage = Stage("albedo", buffers={"albedos": 2 * len(cases)}, passes=[albedo_pass])
-    roots = [*([root] if root else []), SHADERS]
-    with Frame(device, [stage], external={"cases": buffer, **tables}, glsl_root=roots) as frame:
+    with Frame(device, [stage], external={"cases": buffer, **tables}, glsl_root=SHADERS) as frame:
         frame.submit()
         ours, summed = frame["albedos"].reshape(-1, 2, 3).swapaxes(0, 1)
     table.close()
@@ -149,14 +136,10 @@ def check_albedo(device, root=None, layering="conserving"):
     np.testing.assert_allclose(ours[: len(cases)], summed[: len(cases)], rtol=0.015, atol=0.003)
 
 
-def test_cells_double_with_distance(device):
+@pytest.mark.parametrize("sharpness", [3.0, 1.0])
+def test_cells_double_with_distance(device, sharpness):
     """A point gets one of two sizes. The probability of the larger is level_fraction^sharpness, where level = log2(1 +
     distance / lod_distance)."""
-    check_sizes(device)
-    check_sizes(device, sharpness=1.0)
-
-
-def check_sizes(device, root=None, sharpness=3.0):
     count, eye = 4096, np.array((1.0, 2.0, 3.0))
     distances = np.array([0.0, 2.0, 6.0, 15.0, 23.0, 40.0, 160.0, 1000.0])
     directions = np.random.default_rng(1).normal(size=(len(distances), count, 3))
@@ -165,8 +148,7 @@ def check_sizes(device, root=None, sharpness=3.0):
     buffer = device.buffer(places.nbytes, "places")
     buffer.upload(places)
     stage = Stage("sizes", buffers={"sizes": len(places)}, passes=[Pass("world_cache_test/sizes", threads=len(places))])
-    roots = [*([root] if root else []), SHADERS]
-    with Frame(device, [stage], external={"places": buffer}, glsl_root=roots) as frame:
+    with Frame(device, [stage], external={"places": buffer}, glsl_root=SHADERS) as frame:
         frame.uniforms.update(uniform_values(settings(world_cache_lod_sharpness=sharpness)))
         CameraUniforms(frame.uniforms).write(sv.Camera.look_at(eye, (0, 2, 3)), (8, 8))
         frame.submit()
@@ -181,58 +163,65 @@ def check_sizes(device, root=None, sharpness=3.0):
     assert (error <= 4 * np.sqrt(share * (1 - share) / count) + 1e-3).all(), np.round(error, 4)
 
 
-def light_behind_a_wall(device, prevention="landmarks", root=None, x=0.0):
+def light_behind_a_wall(device, prevention="landmarks", x=0.0):
     """The mean light of queries behind a wall at x, while all light is in front of the wall."""
     scene = sv.builtin("thin_wall")
     wall = next(item for item in scene if item.name == "wall")
     wall.transform = place(at=(x, 0, 0))
     before, behind = (sv.Camera.look_at((eye, 1.0, 0.0), (2 * eye, 1, 0)) for eye in (-0.7, 0.7))
-    with CacheFrame(device, scene, settings(world_cache_leak_prevention=prevention), glsl_root=root) as frame:
+    with CacheFrame(device, scene, settings(world_cache_leak_prevention=prevention)) as frame:
         for _ in range(15):
             frame.run(1, before)
             frame.run(1, behind)
         return np.mean([frame.run(1, behind)["answers"].mean() for _ in range(4)])
 
 
-def check_thin_wall(device, root=None):
-    """Require darkness behind walls that lie on the grid of cells, and behind walls within cells."""
-    for x in (0.0, 0.075):
-        assert light_behind_a_wall(device, root=root, x=x) < 1e-3, x
-
-
 def test_thin_wall(device):
     """No light leaks through a thin wall. As a control, light leaks with cells that extend through the wall."""
-    check_thin_wall(device)
+    for x in (0.0, 0.075):
+        assert light_behind_a_wall(device, x=x) < 1e-3, x
     assert light_behind_a_wall(device, "finest", x=0.075) > 5e-3
 
 
+def fixed_point(device):
+    check_fixed_point(device, **BRIEF)
+
+
+def albedo(device):
+    test_albedo_is_what_the_brdf_reflects(device, "conserving")
+
+
+def sizes(device):
+    test_cells_double_with_distance(device, 3.0)
+
+
 MUTANTS = {
-    "no 1 / pi": (check_fixed_point, "query.glsl", "vec3 reflectance = INVERSE_PI * ",
+    "no 1 / pi": (fixed_point, "query.glsl", "vec3 reflectance = INVERSE_PI * ",
                   "vec3 reflectance = "),
-    "indirect without pi": (check_fixed_point, "sample_indirect.comp", "PI * gathered", "gathered"),
-    "direct: 1 / M dropped": (check_fixed_point, "sample_direct.comp",
+    "indirect without pi": (fixed_point, "sample_indirect.comp", "PI * gathered", "gathered"),
+    "direct: 1 / M dropped": (fixed_point, "sample_direct.comp",
                               "(float(world_cache_settings.candidates) * chosen_target)", "chosen_target"),
-    "direct: no cosine": (check_fixed_point, "sample_direct.comp", "light.received_radiance * (cosine * inverse_pdf)",
+    "direct: no cosine": (fixed_point, "sample_direct.comp", "light.received_radiance * (cosine * inverse_pdf)",
                           "light.received_radiance * inverse_pdf"),
-    "direct: measure swapped": (check_fixed_point, "sample_direct.comp", "float weight = target * light.inverse_pdf;",
+    "direct: measure swapped": (fixed_point, "sample_direct.comp", "float weight = target * light.inverse_pdf;",
                                 "float weight = target / max(light.solid_angle_pdf, 1e-6);"),
-    "indirect forgotten": (check_fixed_point, "sample_indirect.comp", "PI * gathered", "1e-9 * gathered"),
-    "unknown: the path ends": (check_overfull, "query.glsl", "if (cached.found || frame_settings.world_cache == 0u)",
+    "indirect forgotten": (fixed_point, "sample_indirect.comp", "PI * gathered", "1e-9 * gathered"),
+    "unknown: the path ends": (test_overfull_map, "query.glsl", "if (cached.found || frame_settings.world_cache == 0u)",
                                "if (true)"),
-    "unknown: the next ray without pi": (check_overfull, "query.glsl", "throughput *= PI;", ""),
-    "walls that hide nothing": (check_thin_wall, "query.glsl", "dot(way, normal) * normal, 1.0)) { break; }",
+    "unknown: the next ray without pi": (test_overfull_map, "query.glsl", "throughput *= PI;", ""),
+    "walls that hide nothing": (test_thin_wall, "query.glsl", "dot(way, normal) * normal, 1.0)) { break; }",
                                 "dot(way, normal) * normal, 1e-3)) { break; }"),
-    "parts of a cell are one": (check_thin_wall, "query.glsl", "landmark < 2u ? key : part_of_cell(key, landmark)",
+    "parts of a cell are one": (test_thin_wall, "query.glsl", "landmark < 2u ? key : part_of_cell(key, landmark)",
                                 "key"),
-    "cells never grow": (check_sizes, "map.glsl", "int(level) + (", "0 * int(level) + ("),
-    "levels turn at once": (check_sizes, "map.glsl", "pow(part, world_cache_settings.lod_sharpness)",
+    "cells never grow": (sizes, "map.glsl", "int(level) + (", "0 * int(level) + ("),
+    "levels turn at once": (sizes, "map.glsl", "pow(part, world_cache_settings.lod_sharpness)",
                             "pow(part, 1e-9 * world_cache_settings.lod_sharpness)"),
-    "lives are halved": (check_death, "query.glsl", "atomicMax(world_cache_life.at[cell], lifetime)",
+    "lives are halved": (test_cell_death, "query.glsl", "atomicMax(world_cache_life.at[cell], lifetime)",
                          "atomicMax(world_cache_life.at[cell], lifetime / 2u)"),
-    "cells keep each other alive": (check_death, "sample_indirect.comp", "world_cache_samples.at[thread].life;",
+    "cells keep each other alive": (test_cell_death, "sample_indirect.comp", "world_cache_samples.at[thread].life;",
                                     "world_cache_settings.lifetime;"),
-    "albedo: metals black": (check_albedo, "query.glsl", "specular_albedo(material.base_color, ab), ", "vec3(0.0), "),
-    "albedo: nothing under the layer": (check_albedo, "query.glsl", "dielectric + through * material.base_color",
+    "albedo: metals black": (albedo, "query.glsl", "specular_albedo(material.base_color, ab), ", "vec3(0.0), "),
+    "albedo: nothing under the layer": (albedo, "query.glsl", "dielectric + through * material.base_color",
                                         "dielectric"),
 }  # fmt: skip
 
@@ -243,8 +232,7 @@ QUICK = ("no 1 / pi", "unknown: the path ends", "parts of a cell are one", "cell
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in QUICK else [pytest.mark.slow]) for n in MUTANTS])
-def test_seeded_bug_is_noticed(device, tmp_path, name):
+def test_seeded_bug_is_noticed(device, name):
     check, file, old, new = MUTANTS[name]
-    root = write_patched(tmp_path, (f"passes/world_cache/{file}", old, new))
-    with pytest.raises(AssertionError):
-        check(device, root, **(BRIEF if check is check_fixed_point else {}))
+    with patched_shaders((f"passes/world_cache/{file}", old, new)), pytest.raises(AssertionError):
+        check(device)

@@ -7,7 +7,7 @@ import pytest
 from map_frame import ASKER, MapFrame
 
 from solari_vk.conformance.oracles.encodings import pcg4d, pcg_hash
-from solari_vk.gpu.shaders.patches import write_patched
+from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.scene.constants import NO_INDEX
 
 NORMALS = np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, 0, -1), (0.6, 0.64, 0.48), (-0.6, 0.64, -0.48)], np.float32)
@@ -44,11 +44,11 @@ def expected_keys(askers):
 # ---- the map ----------------------------------------------------------------------------------------
 
 
-def check_map(device, root=None):
+def test_map(device):
     """Many threads insert few cells into a nearly full map: each cell exists once, where a search for its key ends."""
     cells, keys = 1024, 800
     askers, cell = make_askers(keys, 20_000)
-    with MapFrame(device, cells, askers, root, world_cache_search_steps=64) as frame:
+    with MapFrame(device, cells, askers, world_cache_search_steps=64) as frame:
         answers = frame.run()["answers"]
         checksums, bounds, life = frame["checksums"], frame["bounds"], frame["life"]
     first, checksum = expected_keys(askers)
@@ -71,11 +71,11 @@ def check_map(device, root=None):
     np.testing.assert_array_equal(life, longest)
 
 
-def check_full_map(device, root=None):
+def test_full_map(device):
     """With four times as many keys as entries, some queries get NO_INDEX: their search finds only other keys."""
     cells, steps = 1024, 3
     askers, cell = make_askers(4 * cells, 20_000)
-    with MapFrame(device, cells, askers, root, world_cache_search_steps=steps) as frame:
+    with MapFrame(device, cells, askers, world_cache_search_steps=steps) as frame:
         answers, checksums = frame.run()["answers"], frame["checksums"]
     lost = answers["cell"] == NO_INDEX
     assert np.count_nonzero(checksums) <= cells
@@ -89,10 +89,10 @@ def check_full_map(device, root=None):
         assert len(set(answers["cell"][cell == number])) == 1, "queries of one cell found different entries"
 
 
-def check_holes(device, root=None):
+def test_holes(device):
     """A cell is still found after the cells in earlier entries of its search died."""
     askers, _ = make_askers(800, 800)
-    with MapFrame(device, 1024, askers, root, world_cache_search_steps=64) as frame:
+    with MapFrame(device, 1024, askers, world_cache_search_steps=64) as frame:
         before = frame.run()["answers"]["cell"]
         away = (before - expected_keys(askers)[0]) % 1024 > 0
         assert away.any()
@@ -105,12 +105,12 @@ def check_holes(device, root=None):
     np.testing.assert_array_equal(again[away], before[away])
 
 
-def check_points(device, root=None):
+def test_points(device):
     """Each cell's point is that of one of its queries, and the order of queries doesn't decide which."""
     askers, cell = make_askers(300, 20_000)
     surfaces = []
     for order in (np.arange(len(askers)), np.random.default_rng(3).permutation(len(askers))):
-        with MapFrame(device, 1024, askers[order], root, world_cache_search_steps=64) as frame:
+        with MapFrame(device, 1024, askers[order], world_cache_search_steps=64) as frame:
             answers = frame.run().run()["answers"]
         surfaces.append(answers[np.argsort(order)])
     for name in ("position", "normal", "offset"):
@@ -130,13 +130,13 @@ def check_points(device, root=None):
 # ---- compaction -------------------------------------------------------------------------------------
 
 
-def check_compaction(device, root=None):
+def test_compaction(device):
     random = np.random.default_rng(1)
     for cells in (1024, 2048, 1 << 17):
         patterns = [[], [0], [cells - 1], [15, 16], [1023], range(1000, cells), range(cells)]
         patterns += [range(count) for count in (63, 64, 65)]
         patterns += [np.flatnonzero(random.random(cells) < density) for density in (0.01, 0.5)]
-        with MapFrame(device, cells, None, root) as frame:
+        with MapFrame(device, cells, None) as frame:
             for active in patterns:
                 active = np.array(active, np.uint32)
                 checksums, life = np.zeros(cells, np.uint32), np.zeros(cells, np.uint32)
@@ -152,11 +152,11 @@ def check_compaction(device, root=None):
                 np.testing.assert_array_equal(frame["life"], life - (life > 0))
 
 
-def check_reset(device, root=None):
+def test_lives(device):
     """Without history the map is empty; a cell exists for as many frames as its life."""
     askers, _ = make_askers(100, 400)
     askers["life"] = 3
-    with MapFrame(device, 1024, askers, root, world_cache_search_steps=64) as frame:
+    with MapFrame(device, 1024, askers, world_cache_search_steps=64) as frame:
         active = lambda: int(frame.run()["counters"]["active_cells"])  # noqa: E731
         assert active() == 0
         askers["rng"] = 0
@@ -173,7 +173,8 @@ def check_reset(device, root=None):
 # ---- blend ------------------------------------------------------------------------------------------
 
 
-def check_blend(device, root=None, exponent=1 / 8, cap=1 << 20):
+@pytest.mark.parametrize(("exponent", "cap"), [(1 / 8, 1 << 20), (1.0, 1 << 20), (10.0, 1 << 20), (1 / 8, 700)])
+def test_blend(device, exponent, cap):
     cells, random = 2048, np.random.default_rng(2)
     irradiance = random.lognormal(0, 2, (cells, 4)).astype(np.float32)
     irradiance[:, 3] = random.integers(0, 40, cells)
@@ -182,7 +183,7 @@ def check_blend(device, root=None, exponent=1 / 8, cap=1 << 20):
     samples = np.zeros(cells, [("irradiance", "f4", 3), ("life", "u4")])
     samples["irradiance"] = random.lognormal(0, 2, (cells, 3))
     changed = {"world_cache_change_exponent": exponent, "world_cache_update_cap": cap}
-    with MapFrame(device, cells, None, root, **changed) as frame:
+    with MapFrame(device, cells, None, **changed) as frame:
         frame.upload(
             checksums=random.integers(1, 2**32, cells, dtype=np.uint32), life=np.full(cells, 9, np.uint32),
             irradiance=irradiance, luminance_deltas=deltas, samples=samples,
@@ -206,75 +207,49 @@ def check_blend(device, root=None, exponent=1 / 8, cap=1 << 20):
     assert abs(share - expected) <= 4 * np.sqrt(expected * (1 - expected) / cells), share
 
 
-def test_map_under_contention(device):
-    check_map(device)
+def blend(device):
+    test_blend(device, 1 / 8, 1 << 20)
 
 
-def test_full_map(device):
-    check_full_map(device)
-
-
-def test_search_continues_after_dead_cells(device):
-    check_holes(device)
-
-
-def test_points_of_cells(device):
-    check_points(device)
-
-
-def test_compaction(device):
-    check_compaction(device)
-
-
-def test_lives_and_reset(device):
-    check_reset(device)
-
-
-@pytest.mark.parametrize("exponent", [1 / 8, 1.0, 10.0])
-def test_blend(device, exponent):
-    check_blend(device, exponent=exponent)
-
-
-def test_number_of_updates_is_capped(device):
-    check_blend(device, cap=700)
+def blend_above_the_cap(device):
+    test_blend(device, 1 / 8, 700)
 
 
 MUTANTS = {
-    "search doesn't wrap": (check_map, "map.glsl", "(key.first + search_step) & uint(",
+    "search doesn't wrap": (test_map, "map.glsl", "(key.first + search_step) & uint(",
                             "key.first % 1024u + search_step & uint(1023 + "),
-    "insert without comparing": (check_map, "map.glsl",
+    "insert without comparing": (test_map, "map.glsl",
                                  "if (existing == EMPTY_CELL || existing == key.checksum) { cell = entry; }",
                                  "cell = entry;"),
-    "insert isn't atomic": (check_map, "map.glsl",
+    "insert isn't atomic": (test_map, "map.glsl",
                             "atomicCompSwap(world_cache_checksums.at[entry], EMPTY_CELL, key.checksum);",
                             "world_cache_checksums.at[entry]; world_cache_checksums.at[entry] = key.checksum;"),
-    "size isn't in the key": (check_map, "map.glsl", "pcg(floatBitsToUint(cell_size)) + ", ""),
-    "normal isn't in the key": (check_map, "map.glsl", "uint(normal.x + 3 * normal.y + 9 * normal.z)", "0u"),
-    "a step too many": (check_full_map, "map.glsl",
+    "size isn't in the key": (test_map, "map.glsl", "pcg(floatBitsToUint(cell_size)) + ", ""),
+    "normal isn't in the key": (test_map, "map.glsl", "uint(normal.x + 3 * normal.y + 9 * normal.z)", "0u"),
+    "a step too many": (test_full_map, "map.glsl",
                         "cell == NO_INDEX && search_step < world_cache_settings.search_steps;",
                         "cell == NO_INDEX && search_step < world_cache_settings.search_steps + 1u;"),
-    "search ends at a hole": (check_holes, "map.glsl", "empty_step = min(empty_step, i); }",
+    "search ends at a hole": (test_holes, "map.glsl", "empty_step = min(empty_step, i); }",
                               "empty_step = min(empty_step, i); return NO_INDEX; }"),
-    "point: last writer": (check_points, "map.glsl", "atomicMax(world_cache_votes.at[cell].position, ",
+    "point: last writer": (test_points, "map.glsl", "atomicMax(world_cache_votes.at[cell].position, ",
                            "world_cache_votes.at[cell].position = ("),
-    "point: not shuffled": (check_points, "map.glsl", "payload * 0x3779B1u & 0xFFFFFFu", "payload"),
-    "point: offset halved": (check_points, "map.glsl", "(0.5 / 255.0)", "(0.25 / 255.0)"),
-    "scan: off by one": (check_compaction, "scan.comp", "thread >= reach ?", "thread > reach ?"),
-    "scan: inclusive": (check_compaction, "scan.comp", "sums[thread] - sum;", "sums[thread];"),
-    "scan: a block too few": (check_compaction, "scan.comp", "min(first + blocks_each, block_count)",
+    "point: not shuffled": (test_points, "map.glsl", "payload * 0x3779B1u & 0xFFFFFFu", "payload"),
+    "point: offset halved": (test_points, "map.glsl", "(0.5 / 255.0)", "(0.25 / 255.0)"),
+    "scan: off by one": (test_compaction, "scan.comp", "thread >= reach ?", "thread > reach ?"),
+    "scan: inclusive": (test_compaction, "scan.comp", "sums[thread] - sum;", "sums[thread];"),
+    "scan: a block too few": (test_compaction, "scan.comp", "min(first + blocks_each, block_count)",
                               "min(first + blocks_each, block_count - 1u)"),
-    "dispatch: rounded down": (check_compaction, "scan.comp", "(total + GROUP_SIZE - 1u) /", "total /"),
-    "a frame too many": (check_reset, "decay.comp", "life == 0u ||", "cell > 1024u && life == 0u ||"),
-    "blend: a sample too many": (check_blend, "blend.comp", "old.w + YOUNG_GROWTH", "old.w + 1.0"),
-    "blend: change not relative": (check_blend, "blend.comp", " / max(luminance(old.rgb), 1e-30)", ""),
-    "cap: by half": (lambda device, root: check_blend(device, root, cap=700), "update.glsl",
+    "dispatch: rounded down": (test_compaction, "scan.comp", "(total + GROUP_SIZE - 1u) /", "total /"),
+    "a frame too many": (test_lives, "decay.comp", "life == 0u ||", "cell > 1024u && life == 0u ||"),
+    "blend: a sample too many": (blend, "blend.comp", "old.w + YOUNG_GROWTH", "old.w + 1.0"),
+    "blend: change not relative": (blend, "blend.comp", " / max(luminance(old.rgb), 1e-30)", ""),
+    "cap: by half": (blend_above_the_cap, "update.glsl",
                      "rand_f(rng) * float(", "0.5 * rand_f(rng) * float("),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", MUTANTS)
-def test_seeded_bug_is_noticed(device, tmp_path, name):
+def test_seeded_bug_is_noticed(device, name):
     check, file, old, new = MUTANTS[name]
-    root = write_patched(tmp_path, (f"passes/world_cache/{file}", old, new))
-    with pytest.raises(AssertionError):
-        check(device, root)
+    with patched_shaders((f"passes/world_cache/{file}", old, new)), pytest.raises(AssertionError):
+        check(device)

@@ -19,10 +19,9 @@ CELL_ARRAYS = ("checksums", "life", "irradiance", "bounds", "points", "votes", "
 
 
 class CacheFrame:
-    """A context manager for frames over a scene. asks: the number of queries in a frame. glsl_root: the folder of
-    patched shaders."""
+    """A context manager for frames over a scene. asks: the number of queries in a frame."""
 
-    def __init__(self, device, scene, settings=None, *, asks=4096, seed=0, first_ray=0, glsl_root=None, barriers=False):
+    def __init__(self, device, scene, settings=None, *, asks=4096, seed=0, first_ray=0, barriers=False):
         self.settings = settings or sv.Settings(lambert=True, world_cache_cells=1 << 14)
         self.scene = scene
         self.seed = seed
@@ -38,9 +37,8 @@ class CacheFrame:
             Stage("ask", buffers={"answers": asks, "ray_counts": 6},
                   passes=[Pass("world_cache_test/ask", threads=asks, constants=constants)]),
         ]  # fmt: skip
-        roots = [*([glsl_root] if glsl_root else []), SHADERS]
         external = {**self.binder.resources, **tables}
-        self.frame = Frame(device, stages, external=external, glsl_root=roots, barrier_every_pass=barriers)
+        self.frame = Frame(device, stages, external=external, glsl_root=SHADERS, barrier_every_pass=barriers)
 
     def reset(self, seed):
         self.seed, self._fresh = seed, True

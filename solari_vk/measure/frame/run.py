@@ -10,7 +10,7 @@ from pathlib import Path
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.frame import costs, error, passes
 from solari_vk.measure.report import Report, check_page, milliseconds
-from solari_vk.measure.subjects import Subject, glowing, hilly, subjects
+from solari_vk.measure.subjects import glowing, hilly, subjects
 from solari_vk.measure.timing import every_barrier
 from solari_vk.renderer import Renderer
 from solari_vk.scene.binder import SceneBinder
@@ -47,28 +47,28 @@ def run(select: str | None, files: list[Path], *, markdown: Path | None = None, 
         print(f"wrote {markdown}")
 
 
-def _passes(device: Device, report: Report, chosen: list[Subject], size: Size, frames: int) -> None:
+def _passes(device: Device, report: Report, chosen: list[Scene], size: Size, frames: int) -> None:
     """Time and rays of each pass, and the frame against bare ray queries."""
     times: dict[str, dict[str, float]] = {}
     rays: dict[str, dict[str, float]] = {}
     ratios: dict[str, tuple[float, float]] = {}
     named = f"{size[0]}x{size[1]}"
     warm_up = 1 if frames <= 2 else 10
-    for subject in chosen:
-        report.progress(f"{subject.name} {named}: passes, rays")
-        binder = SceneBinder(device, subject.scene)
-        found = passes.count_rays(device, binder, subject.camera, size, warm_up, 2)
+    for scene in chosen:
+        report.progress(f"{scene.name} {named}: passes, rays")
+        binder = SceneBinder(device, scene)
+        found = passes.count_rays(device, binder, scene.camera, size, warm_up, 2)
         with every_barrier():
             apart = Renderer(device, binder, size, Settings())
         with apart:
-            times[subject.name] = passes.frame_times(apart, subject.camera, warm_up, frames)
+            times[scene.name] = passes.frame_times(apart, scene.camera, warm_up, frames)
         with Renderer(device, binder, size, Settings()) as renderer:
-            passes.frame_times(renderer, subject.camera, 0, warm_up)
+            passes.frame_times(renderer, scene.camera, 0, warm_up)
             whole = sum(found.values()) * size[0] * size[1]
-            ratios[subject.name] = passes.against_bare_rays(renderer, subject.camera, whole, frames)
-        rays[subject.name] = found
+            ratios[scene.name] = passes.against_bare_rays(renderer, scene.camera, whole, frames)
+        rays[scene.name] = found
         binder.destroy()
-    names = [subject.name for subject in chosen]
+    names = [scene.name for scene in chosen]
     rows: dict[str, None] = {name: None for spent in times.values() for name in spent if name != "frame"}
     table = [[row, *(milliseconds(times[name].get(row, 0.0)) for name in names)] for row in rows]
     table.append(["all passes", *(milliseconds(sum(v for k, v in times[n].items() if k != "frame")) for n in names)])
