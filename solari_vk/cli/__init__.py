@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import sys
 import traceback
+from itertools import groupby
 from pathlib import Path
 
 from solari_vk.cli import bench, render, view
@@ -82,12 +83,10 @@ def _parser() -> argparse.ArgumentParser:
 def _settings(options: argparse.Namespace) -> None:
     from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES, allowed
 
-    section = ""
-    for name, field in FIELDS.items():
-        if field.section != section:
-            section = field.section
-            print(f"{section}:")
-        print(f"  {name}={DEFAULTS[name]}  {allowed(name)}\n      {field.meaning}")
+    for section, names in groupby(FIELDS, key=lambda name: FIELDS[name].section):
+        print(f"{section}:")
+        for name in names:
+            print(f"  {name}={DEFAULTS[name]}  {allowed(name)}\n      {FIELDS[name].meaning}")
     print("qualities and the settings that they change:")
     for name, values in QUALITIES.items():
         print(f"  {name}: {' '.join(f'{key}={value}' for key, value in values.items()) or 'the defaults'}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -31,7 +32,7 @@ class Panels:
         self._session = session
         self._scene = ScenePanel(session)
         self._times: dict[str, Any] = {}
-        self._slow: dict[str, str] = {}
+        self._slow: list[str] = []
         self._slow_at = 0.0
         self._rays = (0.0, 0)
 
@@ -77,7 +78,7 @@ class Panels:
             imgui.text_wrapped(f"picked: {instance.describe()}, {instance.material.describe()}")
             imgui.text(f"at {point[0]:.4g}, {point[1]:.4g}, {point[2]:.4g}")
         self._update_slow()
-        for text in self._slow.values():
+        for text in self._slow:
             imgui.text_wrapped(text)
         for label, action in (("screenshot", "screenshot"), ("reset camera", "reset"), ("help", "help")):
             if imgui.button(label):
@@ -90,25 +91,24 @@ class Panels:
         now = time.perf_counter()
         if now - self._slow_at < SLOW_INTERVAL:
             return
-        self._slow_at, self._slow = now, {}
+        self._slow_at, self._slow = now, []
         pictures = self._session.pictures
         if not pictures.ready:
             return
         error = pictures.error()
         if error is not None:
-            self._slow["error"] = f"error: {100 * error[0]:.1f} % of white, {100 * error[1]:+.1f} % of the mean"
+            self._slow.append(f"error: {100 * error[0]:.1f} % of white, {100 * error[1]:+.1f} % of the mean")
         if pictures.reference is not None and pictures.mode != "realtime":
-            self._slow["samples"] = f"reference: {pictures.reference.tracer.samples} samples a pixel"
+            self._slow.append(f"reference: {pictures.reference.tracer.samples} samples a pixel")
         count = pictures.ray_count()
         before, self._rays = self._rays, (now, count)
         if count > before[1] and before[0]:
-            self._slow["rays"] = f"{(count - before[1]) / (now - before[0]) / 1e6:.2f} million rays/s"
+            self._slow.append(f"{(count - before[1]) / (now - before[0]) / 1e6:.2f} million rays/s")
         if pictures.realtime is not None and pictures.mode != "reference":
             cells = int(pictures.realtime["world_cache/active_cells"])
-            capacity = self._session.settings.world_cache_cells
             failures = int(pictures.realtime["world_cache/insert_failures"])
-            use = f"{cells:,} cells, {100 * cells / capacity:.1f} %"
-            self._slow["cache"] = f"world cache: {use}; {failures} points found no cell"
+            share = 100 * cells / self._session.settings.world_cache_cells
+            self._slow.append(f"world cache: {cells:,} cells, {share:.1f} %; {failures} points found no cell")
 
     # ---- time ---------------------------------------------------------------------------------------
 
@@ -154,17 +154,11 @@ class Panels:
             hint("Set everything to this quality.")
             imgui.same_line()
         imgui.new_line()
-        section, is_open = "", False
-        for name, field in FIELDS.items():
-            if field.section != section:
-                if is_open:
-                    imgui.tree_pop()
-                section = field.section
-                is_open = imgui.tree_node(section)
-            if is_open:
-                self._setting(name)
-        if is_open:
-            imgui.tree_pop()
+        for section, names in groupby(FIELDS, key=lambda name: FIELDS[name].section):
+            if imgui.tree_node(section):
+                for name in names:
+                    self._setting(name)
+                imgui.tree_pop()
 
     def _setting(self, name: str) -> None:
         settings, field = self._session.settings, FIELDS[name]
