@@ -80,9 +80,7 @@ def measure_fixed_point(device: Device, full: bool = False) -> Iterator[Measurem
 
 
 # Meters by which the wall is off the cells' grid, degrees by which it is turned, and the bar.
-WALLS = (
-    (0.0, 0, 0.001), (0.075, 0, 0.002), (0.03, 0, 0.002), (0.1, 0, 0.002), (0.0, 45, 0.01), (0.05, 20, 0.01),
-)  # fmt: skip
+WALLS = ((0.0, 0, 0.001), (0.075, 0, 0.002), (0.03, 0, 0.002), (0.1, 0, 0.002), (0.0, 45, 0.01), (0.05, 20, 0.01))
 
 
 def measure_leak(

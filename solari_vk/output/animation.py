@@ -30,11 +30,7 @@ def orbit(camera: Camera, center: ArrayLike, count: int, sweep_degrees: float | 
     pivot = np.asarray(center, np.float64)
     cameras = []
     for turn in turns:
-        rotation = np.array([
-            [math.cos(turn), 0, math.sin(turn)],
-            [0, 1, 0],
-            [-math.sin(turn), 0, math.cos(turn)],
-        ])  # fmt: skip
+        rotation = np.array([[math.cos(turn), 0, math.sin(turn)], [0, 1, 0], [-math.sin(turn), 0, math.cos(turn)]])
         transform = camera.transform.copy()
         transform[:3, :3] = rotation @ camera.transform[:3, :3]
         transform[:3, 3] = pivot + rotation @ (camera.transform[:3, 3] - pivot)
@@ -120,8 +116,7 @@ def _interpolate(
     t = (wanted_times - times[first]).reshape(shape) / step
     start, end = values[first], values[first + 1]
     return np.asarray(
-        start
-        + (3 * t**2 - 2 * t**3) * (end - start)
+        start + (3 * t**2 - 2 * t**3) * (end - start)
         + step * (t * (1 - t) ** 2 * slopes[first] + t**2 * (t - 1) * slopes[first + 1])
     )
 

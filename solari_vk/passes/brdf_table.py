@@ -19,10 +19,7 @@ def stage() -> Stage:
     return Stage(
         "brdf_table",
         buffers={"brdf_table": size * size, "brdf_averages": size},
-        passes=[
-            Pass("brdf_table/integrate", threads=(size, size)),
-            Pass("brdf_table/average", threads=size),
-        ],
+        passes=[Pass("brdf_table/integrate", threads=(size, size)), Pass("brdf_table/average", threads=size)],
     )
 
 

@@ -18,15 +18,9 @@ from solari_vk.settings.layering import LAYERINGS, brdf_constants
 LARGEST_PIXEL_BYTES = 12  # of a pixel in any one buffer: three floats
 MAX_FIRST_PIXELS = 1 << 20  # of a first dispatch, before anything is measured
 FIRST_HIT_AOVS = (
-    "depth",
-    "position",
-    "geometric_normal",
-    "shading_normal",
-    "albedo",
-    "roughness_metallic",
-    "emissive",
+    "depth", "position", "geometric_normal", "shading_normal", "albedo", "roughness_metallic", "emissive",
     "instance_id",
-)
+)  # fmt: skip
 AOVS = (*FIRST_HIT_AOVS, "variance")
 """Outputs beside the radiance. Those of FIRST_HIT_AOVS describe the surface at each pixel's center: depth along the
 view axis (meters, inf without a surface), position (meters), geometric_normal and shading_normal (world space, towards
@@ -46,19 +40,15 @@ class Settings:
     lambert: bool
 
     def __post_init__(self) -> None:
-        for name, choices in (
-            ("light_strategy", LIGHT_STRATEGIES),
-            ("layering", LAYERINGS),
-            ("pixel_filter", tuple(PIXEL_FILTERS)),
-        ):
-            if getattr(self, name) not in choices:
-                known = ", ".join(choices)
-                raise SolariError(f"PathTracer: {name} must be one of {known}, not {getattr(self, name)!r}")
+        choices = {"light_strategy": LIGHT_STRATEGIES, "layering": LAYERINGS, "pixel_filter": tuple(PIXEL_FILTERS)}
+        for name, known in choices.items():
+            if (value := getattr(self, name)) not in known:
+                raise SolariError(f"PathTracer: {name} must be one of {', '.join(known)}, not {value!r}")
         for name in ("max_bounces", "seed"):
-            if not isinstance(getattr(self, name), int):
-                raise SolariError(f"PathTracer: {name} must be a whole number, not {getattr(self, name)!r}")
-            if not 0 <= getattr(self, name) < 2**32:
-                raise SolariError(f"PathTracer: {name} must lie between 0 and 2^32 - 1, not {getattr(self, name)}")
+            if not isinstance(value := getattr(self, name), int):
+                raise SolariError(f"PathTracer: {name} must be a whole number, not {value!r}")
+            if not 0 <= value < 2**32:
+                raise SolariError(f"PathTracer: {name} must lie between 0 and 2^32 - 1, not {value}")
 
 
 def trace_stage(size: tuple[int, int], rows: int, settings: Settings) -> Stage:

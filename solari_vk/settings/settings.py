@@ -34,9 +34,7 @@ class Settings:
         choices=("raster", "traced"), rebuilds=True
     )  # fmt: skip
     frustum_culling: bool = setting(True, "frame", "Skip instances outside the view when rasterizing.", rebuilds=True)
-    occlusion_culling: bool = setting(
-        True, "frame", "Skip instances that others hide when rasterizing.", rebuilds=True
-    )
+    occlusion_culling: bool = setting(True, "frame", "Skip instances that others hide when rasterizing.", rebuilds=True)
     layering: str = setting(
         "conserving", "frame", "How the specular layer dims the diffuse one below it: so that all energy is kept, or "
         "by a product of Fresnel terms, which loses some (Solari).", choices=LAYERINGS, rebuilds=True

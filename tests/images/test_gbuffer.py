@@ -138,9 +138,7 @@ def test_counts(device):
                 renderer.settings.occlusion_culling, view = False, camera
             renderer.render(view)
             seen.append([int(renderer[f"gbuffer/{name}"]) for name in COUNTERS])
-    assert seen == [
-        [0, 7, 2, 0], [7, 0, 2, 0], [2, 0, 2, 5], [0, 1, 8, 0], [1, 0, 8, 0], [0, 7, 2, 0], [7, 0, 2, 0],
-    ]  # fmt: skip
+    assert seen == [[0, 7, 2, 0], [7, 0, 2, 0], [2, 0, 2, 5], [0, 1, 8, 0], [1, 0, 8, 0], [0, 7, 2, 0], [7, 0, 2, 0]]
 
 
 def test_rows_of_new_instances_have_no_history(device):

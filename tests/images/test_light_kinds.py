@@ -25,11 +25,7 @@ class PointLight(Light):
     intensity: float
     name: str = ""
 
-    _converters = {
-        "name": checks.text,
-        "position": checks.array(3),
-        "intensity": checks.number(0, 1e15),
-    }
+    _converters = {"name": checks.text, "position": checks.array(3), "intensity": checks.number(0, 1e15)}
 
 
 POINT = light_kinds.LightKind(

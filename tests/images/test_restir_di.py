@@ -10,13 +10,7 @@ import pytest
 from support.measured import hold
 
 import solari_vk as sv
-from solari_vk.conformance.direct_checks import (
-    ALONE,
-    FULL,
-    find_lit_share,
-    measure_direct,
-    observe_direct,
-)
+from solari_vk.conformance.direct_checks import ALONE, FULL, find_lit_share, measure_direct, observe_direct
 from solari_vk.conformance.realtime import Effort, make_renderer, trace
 from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.measure.claims.older import CONSTANT_WEIGHTS, VISIBILITY_FED_FORWARD
@@ -166,18 +160,6 @@ def test_smooth_surfaces_leave_their_specular_light_to_rays(device):
         rough = renderer.render(scene.camera)["di_specular"][floor].sum()
     assert smooth == 0, "the floor's roughness is 0.36"
     assert rough > 0
-
-
-def test_switched_off_it_outputs_nothing(device):
-    scene = cornell_box()
-    with renderer_of(device, scene) as renderer:
-        renderer.render(scene.camera)
-        renderer.settings.di = False
-        frame = renderer.render(scene.camera)
-        for name in ("di_diffuse", "di_specular"):
-            assert (frame[name] == 0).all()
-        assert (frame["di_reservoirs"]["confidence"] == 0).all()
-        assert (frame["di_outcomes"] == (NO_INDEX, 0)).all()
 
 
 def test_confidence_is_capped_and_reset(device):

@@ -80,15 +80,3 @@ def test_confidence_grows_to_its_cap_and_is_reset(device):
             assert confidence.max() == min(count, 6)
         renderer.reset()
         assert set(np.unique(renderer.render(scene.camera)["gi_reservoirs"]["confidence_weight"])) <= {0, 1}
-
-
-def test_switched_off_it_outputs_nothing(device):
-    scene = cornell_box()
-    with renderer_of(device, scene) as renderer:
-        renderer.render(scene.camera)
-        renderer.settings.gi = False
-        frame = renderer.render(scene.camera)
-        assert not frame["gi_diffuse"].any()
-        assert not frame["gi_reservoirs"]["confidence_weight"].any()
-        renderer.settings.gi = True
-        assert renderer.render(scene.camera)["gi_diffuse"].any()

@@ -8,6 +8,7 @@ import solari_vk as sv
 from solari_vk.conformance.realtime import PARTS, make_renderer
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, place
+from solari_vk.scene.constants import NO_INDEX
 from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES
 
 SIZE = (24, 24)
@@ -75,6 +76,25 @@ def test_every_live_setting_matters(device):
             if all(np.array_equal(found[key], value) for key, value in before.items()):
                 idle.append(name)
     assert not idle
+
+
+def test_what_is_off_outputs_nothing(device):
+    scene = scene_of_everything()
+    with make_renderer(device, scene, SIZE, **FEW) as renderer:
+        for name, outputs in {
+            "di": ("di_diffuse", "di_specular"), "gi": ("gi_diffuse",), "specular": ("specular_gi",),
+        }.items():  # fmt: skip
+            assert all(renderer.render()[output].any() for output in outputs)
+            setattr(renderer.settings, name, False)
+            frame = renderer.render()
+            assert not any(frame[output].any() for output in outputs)
+            if name == "di":
+                assert not frame["di_reservoirs"]["confidence"].any()
+                assert (frame["di_outcomes"] == (NO_INDEX, 0)).all()
+            if name == "gi":
+                assert not frame["gi_reservoirs"]["confidence_weight"].any()
+            setattr(renderer.settings, name, True)
+            assert all(renderer.render()[output].any() for output in outputs)
 
 
 def test_solaris_preset_is_another_frame(device):

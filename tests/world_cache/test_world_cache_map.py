@@ -243,8 +243,7 @@ MUTANTS = {
     "a frame too many": (test_lives, "decay.comp", "life == 0u ||", "cell > 1024u && life == 0u ||"),
     "blend: a sample too many": (blend, "blend.comp", "old.w + YOUNG_GROWTH", "old.w + 1.0"),
     "blend: change not relative": (blend, "blend.comp", " / max(luminance(old.rgb), 1e-30)", ""),
-    "cap: by half": (blend_above_the_cap, "update.glsl",
-                     "rand_f(rng) * float(", "0.5 * rand_f(rng) * float("),
+    "cap: by half": (blend_above_the_cap, "update.glsl", "rand_f(rng) * float(", "0.5 * rand_f(rng) * float("),
 }  # fmt: skip
 
 
