@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 from support import brdf, rays
 
+from solari_vk.conformance import embree_checks
 from solari_vk.conformance.oracles import closed_forms, encodings
 from solari_vk.measure import statistics
 from solari_vk.scene import shapes
@@ -37,21 +38,12 @@ def test_white_furnace_is_white_by_brute_force(metallic):
         for cosine in (0.15, 0.8):
             values = surface.value(direction(cosine), wi)
             np.testing.assert_allclose((values * (wi[..., 2:] * solid[..., None])).sum(axis=(0, 1)), 1, atol=5e-4)
-            np.testing.assert_allclose(surface.albedo(cosine), 1, atol=1e-6)
 
 
 def test_diffuse_is_reciprocal():
     surface = brdf.Surface((0.3, 0.6, 0.9), 0.0, 0.4)
     wo, wi = direction(0.2), np.array((0.0, 0.8, 0.6))
     np.testing.assert_allclose(surface.diffuse(wo, wi), surface.diffuse(wi, wo))
-
-
-def test_bounded_pdf_is_the_valid_share():
-    wi, solid = brdf.hemisphere_grid(700, 700)
-    for alpha, cosine in ((0.3, 0.2), (0.8, 0.7), (0.3, 1.0)):
-        total = (brdf.bounded_vndf_pdf(direction(cosine), wi, alpha) * solid).sum()
-        unbounded = brdf.directional_albedo_terms(alpha, cosine)
-        assert sum(unbounded) - 0.01 < total <= 1 + 1e-4
 
 
 def test_polygon_irradiance_is_the_integral():
@@ -101,7 +93,8 @@ def test_embree_brute_force_and_camera_agree():
     assert (embree == brute).mean() > 0.999
     assert 0.1 < (embree >= 0).mean() < 0.9
     same = embree == brute
-    np.testing.assert_allclose(world.distance_to(embree, origins, directions)[same], distance[same], rtol=1e-9)
+    found, _ = embree_checks.meet(world.corners, embree, origins, directions)
+    np.testing.assert_allclose(found[same], distance[same], rtol=1e-9)
     hit = (embree >= 0) & same
     assert (np.einsum("ij,ij->i", world.normals[embree[hit]], directions[hit]) < 0).all(), "mirrored fronts"
 

@@ -63,44 +63,33 @@ def _scene(name: str, small: bool) -> tuple[dict[str, list[Triangles]], list[Pla
     return shapes, placed
 
 
-class _Flat:
-    """All triangles in world space, with the instance and the primitive index of each."""
+def embree_scene(corners: NDArray[Any]) -> Any:
+    """Embree's scene of triangles (T, 3, 3); its `run(origins, directions)` gives the closest one's index, or -1."""
+    scene = importlib.import_module("embreex.rtcore_scene").EmbreeScene(robust=True)
+    vertices = corners.reshape(-1, 3).astype(np.float32)
+    indices = np.arange(len(vertices), dtype=np.int32).reshape(-1, 3)
+    importlib.import_module("embreex.mesh_construction").TriangleMesh(scene, vertices, indices)
+    return scene
 
-    def __init__(self, shapes: dict[str, list[Triangles]], placed: list[Placed]) -> None:
-        corners, instance, primitive = [], [], []
-        for index, item in enumerate(placed):
-            local = shapes[item.shape][0].placed
-            corners.append(transform_points(item.matrix, local))
-            instance.append(np.full(len(local), index))
-            primitive.append(np.arange(len(local)))
-        self.corners = np.concatenate(corners)
-        self.instance, self.primitive = np.concatenate(instance), np.concatenate(primitive)
-        self.first = np.concatenate([[0], np.cumsum([len(part) for part in corners])])[:-1]
-        self.low, self.high = self.corners.min(axis=(0, 1)), self.corners.max(axis=(0, 1))
-        self.extent = float(np.linalg.norm(self.high - self.low))
 
-    def embree(self) -> Any:
-        scene = importlib.import_module("embreex.rtcore_scene").EmbreeScene(robust=True)
-        vertices = self.corners.reshape(-1, 3).astype(np.float32)
-        indices = np.arange(len(vertices), dtype=np.int32).reshape(-1, 3)
-        importlib.import_module("embreex.mesh_construction").TriangleMesh(scene, vertices, indices)
-        return scene
-
-    def meet(self, index: NDArray[Any], origins: NDArray[Any], directions: NDArray[Any]) -> tuple[Any, Any]:
-        """Float64 t where rays meet the planes of triangles (N,), and the nearest edge's distance; inf for index -1."""
-        t, edge = np.full(len(index), np.inf), np.full(len(index), np.inf)
-        hit = np.flatnonzero(index >= 0)
-        corners, origins, directions = self.corners[index[hit]], origins[hit], directions[hit]
-        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            t[hit] = _dot(corners[:, 0] - origins, normal) / _dot(directions, normal)
-            points = origins + t[hit, None] * directions
-        for i in range(3):
-            along = corners[:, (i + 1) % 3] - corners[:, i]
-            part = np.clip(_dot(points - corners[:, i], along) / np.maximum(_dot(along, along), 1e-300), 0, 1)
-            apart = np.linalg.norm(points - corners[:, i] - part[:, None] * along, axis=1)
-            edge[hit] = np.fmin(edge[hit], apart)
-        return t, edge
+def meet(
+    corners: NDArray[Any], index: NDArray[Any], origins: NDArray[Any], directions: NDArray[Any]
+) -> tuple[Any, Any]:
+    """Float64 t where rays meet the planes of triangles (N,), and the nearest edge's distance; inf for index -1."""
+    t, edge = np.full(len(index), np.inf), np.full(len(index), np.inf)
+    hit = np.flatnonzero(index >= 0)
+    hits = corners[index[hit]], origins[hit], directions[hit]
+    corners, origins, directions = (values.astype(np.float64) for values in hits)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t[hit] = _dot(corners[:, 0] - origins, normal) / _dot(directions, normal)
+        points = origins + t[hit, None] * directions
+    for i in range(3):
+        along = corners[:, (i + 1) % 3] - corners[:, i]
+        part = np.clip(_dot(points - corners[:, i], along) / np.maximum(_dot(along, along), 1e-300), 0, 1)
+        apart = np.linalg.norm(points - corners[:, i] - part[:, None] * along, axis=1)
+        edge[hit] = np.fmin(edge[hit], apart)
+    return t, edge
 
 
 def _dot(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
@@ -110,34 +99,37 @@ def _dot(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
 def measure(shaders: ShaderRunner, scene: str, count: int, small: bool = False) -> Iterator[Measurement]:
     """Trace `count` random rays through the bounds of a scene. `small` asks for a smaller scene, for tests."""
     shapes, placed = _scene(scene, small)
-    flat = _Flat(shapes, placed)
-    oracle = flat.embree()
+    parts = [transform_points(item.matrix, shapes[item.shape][0].placed) for item in placed]
+    corners = np.concatenate(parts)
+    first = np.concatenate([[0], np.cumsum([len(part) for part in parts])])  # each instance's first triangle
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    middle, half, extent = (low + high) / 2, (high - low) / 2, float(np.linalg.norm(high - low))
+    oracle = embree_scene(corners)
     random = np.random.default_rng(16)
     unexcused = excused = 0
     worst = 0.0
     with World(shaders.device, shapes, placed) as world:
         for start in range(0, count, _BATCH):
             size = min(_BATCH, count - start)
-            middle, half = (flat.low + flat.high) / 2, (flat.high - flat.low) / 2
             origins = (middle + random.uniform(-1.5, 1.5, (size, 3)) * half).astype(np.float32)
             targets = middle + random.uniform(-0.9, 0.9, (size, 3)) * half
             directions = (targets - origins).astype(np.float32)
             directions /= np.linalg.norm(directions, axis=1, keepdims=True)
             hits = trace(shaders, world.tlas, origins, directions)
-            found = np.where(hits["t"] < 0, -1, flat.first[np.minimum(hits["instance"], len(placed) - 1)]
-                             + np.minimum(hits["primitive"], len(flat.corners)))  # fmt: skip
-            found = np.minimum(found, len(flat.corners) - 1)
+            found = np.where(hits["t"] < 0, -1, first[np.minimum(hits["instance"], len(placed) - 1)]
+                             + np.minimum(hits["primitive"], len(corners)))  # fmt: skip
+            found = np.minimum(found, len(corners) - 1)
             right = oracle.run(origins, directions)
-            t_found, edge_found = flat.meet(found, origins.astype(np.float64), directions.astype(np.float64))
-            t_right, edge_right = flat.meet(right, origins.astype(np.float64), directions.astype(np.float64))
+            t_found, edge_found = meet(corners, found, origins, directions)
+            t_right, edge_right = meet(corners, right, origins, directions)
             differs = found != right
             with np.errstate(invalid="ignore"):
-                level = np.abs(t_found - t_right) <= 1e-6 * flat.extent
-            at_edge = np.fmin(edge_found, edge_right) <= _NEAR * flat.extent
+                level = np.abs(t_found - t_right) <= 1e-6 * extent
+            at_edge = np.fmin(edge_found, edge_right) <= _NEAR * extent
             unexcused += int((differs & ~at_edge & ~level).sum())
             excused += int((differs & (at_edge | level)).sum())
             same = ~differs & (found >= 0)
-            worst = max(worst, float(np.abs(hits["t"] - t_found)[same].max(initial=0)) / flat.extent)
+            worst = max(worst, float(np.abs(hits["t"] - t_found)[same].max(initial=0)) / extent)
     rule, edges, distance = rules(scene)
     yield Measurement(rule, unexcused / count, 1e-4, f"of {count:,} rays")
     yield Measurement(edges, excused / count, 1e-3, f"of {count:,} rays")

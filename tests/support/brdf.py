@@ -80,9 +80,8 @@ def visible_normals(wo, u, v, alpha):
 @lru_cache(maxsize=4096)
 def directional_albedo_terms(alpha, cos_o, resolution=256):
     """(A, B) with E(F0) = F0 A + B, single scattering, by quadrature over visible normals."""
-    weight_at = schlick_weight
     if alpha <= MIRROR_ALPHA:
-        weight = float(weight_at(cos_o))
+        weight = float(schlick_weight(cos_o))
         return 1 - weight, weight
     nodes, weights = np.polynomial.legendre.leggauss(resolution)
     nodes, weights = (nodes + 1) / 2, weights / 2
@@ -98,7 +97,7 @@ def directional_albedo_terms(alpha, cos_o, resolution=256):
     above = cos_i > 0
     safe_i = np.where(above, cos_i, 1)
     value = np.where(above, smith_g2(cos_o, safe_i, alpha) / smith_g1(cos_o, alpha), 0)
-    weight = weight_at(cos_d)
+    weight = schlick_weight(cos_d)
     area = du[:, None] / resolution
     return float((value * (1 - weight) * area).sum()), float((value * weight * area).sum())
 
@@ -146,12 +145,6 @@ class Surface:
         self.layer = Layer(self.alpha)
         self.layering = layering
 
-    @classmethod
-    def of(cls, material, **fields):
-        """The BRDF of a solari_vk Material without textures."""
-        names = ("base_color", "metallic", "perceptual_roughness", "reflectance")
-        return cls(**{name: getattr(material, name) for name in names}, **fields)
-
     def diffuse(self, wo, wi):
         f0, layer = self.dielectric_f0, self.layer
         if self.layering == "conserving":
@@ -174,36 +167,12 @@ class Surface:
         above = (wo[..., 2] > 0) & (wi[..., 2] > 0)
         return np.where(above[..., None], (1 - self.metallic) * dielectric + self.metallic * metal, 0)
 
-    def albedo(self, cos_o):
-        """Directional albedo (3,), which is the radiance of the surface in a white furnace."""
-        cos_o = np.asarray(cos_o, np.float64)
-        specular = self.layer.albedo(cos_o, self.dielectric_f0)
-        diffuse = self.base_color * (1 - specular)
-        return (1 - self.metallic) * (diffuse + specular) + self.metallic * self.layer.albedo(cos_o, self.base_color)
 
-
-def bounded_vndf_pdf(wo, wi, alpha):
-    """Density in solid angle with which bounded VNDF sampling chooses wi (Eto and Tokuyoshi 2023, isotropic).
-
-    It integrates over the upper hemisphere to the share of samples that are valid, at most 1.
-    """
-    half = half_vector(wo, wi)
-    density = ggx(half[..., 2], alpha)
-    sine = np.hypot(wo[..., 0], wo[..., 1])
-    stretched = alpha * sine
-    length = np.hypot(stretched, wo[..., 2])
-    s = 1 + sine
-    k = (1 - alpha**2) * s**2 / (s**2 + (alpha * wo[..., 2]) ** 2)
-    return density / (2 * (k * wo[..., 2] + length))
-
-
-def hemisphere_grid(rows=512, columns=256, power=1.0):
-    """Midpoint directions over the upper hemisphere and their solid angles; power > 1 is denser at the zenith."""
-    u = (np.arange(rows) + 0.5) / rows
-    edges = (np.pi / 2) * (np.arange(rows + 1) / rows) ** power
-    theta = (np.pi / 2) * u**power
-    phi = (np.arange(columns) + 0.5) * 2 * np.pi / columns
+def hemisphere_grid(rows, columns):
+    """Midpoint directions (rows, columns, 3) over the upper hemisphere, and their solid angles."""
+    edges = np.pi / 2 * np.arange(rows + 1) / rows
     solid = (np.cos(edges[:-1]) - np.cos(edges[1:])) * 2 * np.pi / columns
-    theta, phi = np.meshgrid(theta, phi, indexing="ij")
+    phi = (np.arange(columns) + 0.5) * 2 * np.pi / columns
+    theta, phi = np.meshgrid((edges[:-1] + edges[1:]) / 2, phi, indexing="ij")
     directions = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
     return directions, np.broadcast_to(solid[:, None], theta.shape)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from solari_vk.conformance import embree_checks
 from solari_vk.conformance.oracles.closed_forms import camera_rays as camera_rays
 from solari_vk.scene.matrices import transform_points
 
@@ -35,31 +36,13 @@ class World:
         normals = np.cross(b - a, c - a) * np.concatenate(flips)[:, None]
         length = np.linalg.norm(normals, axis=1, keepdims=True)
         self.normals = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
-        self.areas = length[:, 0] / 2
         self._embree = None
 
     def embree_hits(self, origins, directions):
-        """The index into `corners` of the triangle that Embree finds for each ray (N,); -1 for a miss."""
+        """The index into `corners` that Embree reports for each ray (N,), -1 for a miss."""
         if self._embree is None:
-            from embreex.mesh_construction import TriangleMesh
-            from embreex.rtcore_scene import EmbreeScene
-
-            self._embree = EmbreeScene(robust=True)
-            count = len(self.corners) * 3
-            vertices = self.corners.reshape(-1, 3).astype(np.float32)
-            TriangleMesh(self._embree, vertices, np.arange(count, dtype=np.int32).reshape(-1, 3))
+            self._embree = embree_checks.embree_scene(self.corners)
         return self._embree.run(origins.astype(np.float32), directions.astype(np.float32))
-
-    def distance_to(self, hits, origins, directions):
-        """Distances (N,) along the rays to the planes of the triangles that they hit, in float64; inf for misses."""
-        distance = np.full(len(hits), np.inf)
-        hit = hits >= 0
-        normal, corner = self.normals[hits[hit]], self.corners[hits[hit], 0]
-        with np.errstate(divide="ignore"):
-            distance[hit] = np.einsum("ij,ij->i", corner - origins[hit], normal) / np.einsum(
-                "ij,ij->i", directions[hit], normal
-            )
-        return distance
 
 
 def intersect(corners, origins, directions):
@@ -87,15 +70,3 @@ def closest_by_brute_force(corners, origins, directions):
         closer = np.nan_to_num(t, nan=np.inf) < best
         best[closer], index[closer] = t[closer], i
     return index, best
-
-
-def edge_distance(corners, points):
-    """Distance (N,) from points in triangles' planes to the nearest edge of their triangle."""
-    least = np.full(len(points), np.inf)
-    for i in range(3):
-        start, end = corners[:, i], corners[:, (i + 1) % 3]
-        along = end - start
-        part = np.einsum("ij,ij->i", points - start, along) / np.maximum((along**2).sum(axis=1), 1e-300)
-        nearest = start + np.clip(part, 0, 1)[:, None] * along
-        least = np.minimum(least, np.linalg.norm(points - nearest, axis=1))
-    return least
