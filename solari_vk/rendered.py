@@ -97,20 +97,21 @@ class RenderedFrame:
     def save(
         self,
         path: str | os.PathLike[str],
-        layers: Sequence[str] = (),
+        layers: str | Sequence[str] = (),
         *,
         exposure: float | str | None = None,
         tonemap: str | None = None,
     ) -> None:
         """Write the picture as a .png, or radiance in cd/m^2 as an .exr or .npy.
 
-        layers: names of further results, which become channels of an .exr, otherwise .npy files beside the picture.
+        layers: the name of a further result, or several, which become channels of an .exr, otherwise .npy files beside
+        the picture.
         exposure: the factor by which the .png multiplies radiance, by default the camera's; "auto" chooses it by the
         picture. tonemap: the tone curve of the .png, by default the renderer's. While the renderer shows a debug view,
         a .png holds `frame["display"]`. Warns of a .png in which nothing can be seen. Raises SolariError for an unknown
         name or suffix, and for a file that can't be written.
         """
-        renderer = self._renderer
+        renderer, layers = self._renderer, (layers,) if isinstance(layers, str) else layers
         is_png = Path(path).suffix.lower() == ".png"
         if renderer.view != "picture" and is_png:
             write_png(Path(path), self["display"][..., :3])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 from contextlib import closing
-from typing import Any
+from typing import Any, Never
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,7 @@ from solari_vk.settings import Settings, uniform_values
 
 THIS_FRAME = ("index", "seed", "has_history", "exposure", "lighting_change")  # fields of the uniform block
 LIGHT = (*display.PARTS[:-1], "di_diffuse", "di_specular", "gi_diffuse", "specular_gi")  # parts of the radiance
+_GIVE_SETTINGS = "give settings=Settings.preset('solari'), or settings=Settings(name=value)"
 COUNTING = ("gbuffer", "world_cache")  # stages with a buffer of counters, NAME_counters
 
 
@@ -49,7 +50,7 @@ class Renderer(PictureRenderer):
 
     The scene may be edited between calls of `render`. Several renderers may share a scene; given one SceneBinder, they
     share its memory on the device too. `close` frees the renderer's memory on the device; closing the device frees it
-    as well. Raises SolariError for a size that the device can't hold and for a wrong seed.
+    as well. Raises SolariError for a size that the device can't hold, a wrong seed and an unknown option.
     """
 
     OUTPUTS = ("radiance", *pathtracer.FIRST_HIT_AOVS, *LIGHT, *(f"guides_{name}" for name in guides.IMAGES), "display")
@@ -65,7 +66,12 @@ class Renderer(PictureRenderer):
         *,
         seed: int = 0,
         count_rays: bool = False,
+        **unknown: Never,
     ) -> None:
+        for name in unknown:
+            raise SolariError(f"Renderer has no option {name!r}: {_GIVE_SETTINGS}")
+        if not isinstance(settings, Settings | None):
+            raise SolariError(f"Renderer: settings must be a Settings, not {settings!r}: {_GIVE_SETTINGS}")
         self.settings = Settings() if settings is None else settings
         self.seed = seed
         self.count_rays = count_rays

@@ -199,7 +199,7 @@ def test_scene_of_a_script(tmp_path):
     )
     scene = from_file(tmp_path / "made.py:3.0")
     assert scene.name == "made"
-    assert scene.bounds.high[1] == pytest.approx(3.0)
+    assert scene.bounds.max[1] == pytest.approx(3.0)
 
 
 def test_glowing_keeps_its_geometry():

@@ -97,6 +97,12 @@ def test_wrong_seeds_and_sizes_are_refused(renderer):
     assert renderer.size == SIZE
 
 
+def test_options_that_are_settings_are_refused(device, scene):
+    for options in ({"quality": "solari"}, {"settings": "solari"}):
+        with pytest.raises(sv.SolariError, match=r"Renderer.*: give settings=Settings.preset\('solari'\), or"):
+            sv.Renderer(device, scene, SIZE, **options)
+
+
 def test_a_closed_renderer_has_no_timings(device, scene):
     made = sv.Renderer(device, scene, SIZE)
     made.render(scene.camera)

@@ -43,7 +43,7 @@ def test_first_hits_are_the_same_from_both(device):
     with realtime, reference:
         for name in FIRST_HIT_AOVS:
             np.testing.assert_array_equal(first[name], second[name], err_msg=name)
-        np.testing.assert_allclose(second["position"][..., 2].max(), scene.bounds.high[2], atol=1e-3)
+        np.testing.assert_allclose(second["position"][..., 2].max(), scene.bounds.max[2], atol=1e-3)
         scene.camera.look_at((1, 1, -2), (1, 1, 0))
         np.testing.assert_array_equal(first["depth"], second["depth"], err_msg="the camera that was rendered with")
         moved = realtime.render()
@@ -87,6 +87,8 @@ def test_frames_are_saved(device, kind, tmp_path):
         frame.save(tmp_path / "a.npy", ["depth"])
         np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), radiance)
         np.testing.assert_array_equal(np.load(tmp_path / "a.depth.npy"), frame["depth"])
+        frame.save(tmp_path / "one.npy", "depth")
+        np.testing.assert_array_equal(np.load(tmp_path / "one.depth.npy"), frame["depth"])
         frame.save(tmp_path / "a.exr", frame.keys())
         frame.save(tmp_path / "a.png")
         sv.save_image(tmp_path / "b.png", radiance, exposure=scene.camera.exposure)

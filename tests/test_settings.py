@@ -89,6 +89,11 @@ def test_text():
 
 
 def test_unknown_names():
+    for settle in (lambda name: sv.Settings(**{name: 1}), lambda name: sv.Settings().update(f"{name}=1")):
+        with pytest.raises(sv.SolariError, match="no setting 'di_spatia'; did you mean 'di_spatial'"):
+            settle("di_spatia")
+        with pytest.raises(sv.SolariError, match=r"no setting 'quality'; Settings.preset\('solari'\) gives"):
+            settle("quality")
     with pytest.raises(sv.SolariError, match=r"fog.*di_candidates"):
         sv.Settings().fog = 1  # type: ignore[attr-defined]
     with pytest.raises(sv.SolariError, match="fog"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any, Generic, SupportsIndex, TypeVar, overload
+from typing import Any, Generic, NoReturn, SupportsIndex, TypeVar, overload
 
 from solari_vk.errors import SolariError, unknown_name
 from solari_vk.scene.observed import Checked
@@ -19,6 +19,8 @@ class Collection(Generic[Item]):
     takes an object or a name. A loop over a collection may add and remove objects; it visits those that were there when
     it began. Raises SolariError for a number out of range and for an unknown name.
     """
+
+    _REPLACE = "assign another one to the instances that use it"
 
     def __init__(self, what: str, items: Iterable[Item] = ()) -> None:
         self._what = what
@@ -58,6 +60,9 @@ class Collection(Generic[Item]):
                 f"there is no {self._what} {key}: the scene has {count}" + (f", 0 to {count - 1}" if count else "")
             ) from None
 
+    def __setitem__(self, key: object, item: object) -> NoReturn:
+        raise SolariError(f"a {self._what} can't be replaced by assigning to {key!r}: {self._REPLACE}")
+
     def __len__(self) -> int:
         return len(self._items)
 
@@ -73,6 +78,8 @@ class Collection(Generic[Item]):
 
 class Items(Collection[Item]):
     """A collection to which objects are added, each at most once, and from which they are removed."""
+
+    _REPLACE = "change its fields, or remove it and add another one"
 
     def __init__(self, what: str, kinds: tuple[type, ...], changed: Callable[[Any], None]) -> None:
         super().__init__(what)
@@ -102,6 +109,11 @@ class Items(Collection[Item]):
         del self._items[found]
         self._list = None
         self._changed(found)
+
+    def clear(self) -> None:
+        """Remove all objects."""
+        for item in self:
+            self.remove(item)
 
     __delitem__ = remove
 

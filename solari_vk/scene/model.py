@@ -24,20 +24,20 @@ from solari_vk.scene.observed import Observable
 
 
 class Bounds(NamedTuple):
-    """An axis-aligned box: its corners `low` and `high`, (3,) each, in meters."""
+    """An axis-aligned box: its corners `min` and `max`, (3,) each, in meters."""
 
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
+    min: NDArray[np.float64]
+    max: NDArray[np.float64]
 
     @property
     def center(self) -> NDArray[np.float64]:
         """The center, (3,) in meters."""
-        return (self.low + self.high) / 2
+        return (self.min + self.max) / 2
 
     @property
     def size(self) -> NDArray[np.float64]:
         """The lengths of the sides, (3,) in meters."""
-        return self.high - self.low
+        return self.max - self.min
 
     @property
     def radius(self) -> float:
@@ -47,7 +47,7 @@ class Bounds(NamedTuple):
     @property
     def corners(self) -> NDArray[np.float64]:
         """The eight corners, (8, 3) in meters."""
-        return np.array(list(product(*zip(self.low, self.high, strict=True))))
+        return np.array(list(product(*zip(self.min, self.max, strict=True))))
 
 
 Item = TypeVar("Item", bound=Instance | Light | Camera)
@@ -121,9 +121,20 @@ class Scene(Observable):
             raise SolariError(f"{self.describe()}: material, transform and name are given with a mesh only")
         return self._holder(item).add(item)
 
-    def remove(self, item: Instance | Light | Camera) -> None:
-        """Remove an object from the scene. It can be added again."""
-        self._holder(item).remove(item)
+    def remove(self, item: Instance | Light | Camera | str) -> None:
+        """Remove an object from the scene. It can be added again.
+
+        item: the object, or a name: the first instance with this name is removed, else the first light, else camera.
+        Raises SolariError for an object and a name that the scene doesn't have.
+        """
+        if isinstance(item, str):
+            holders = (self._instances, self._lights, self._cameras)
+            named: Any = next((holder for holder in holders if item in holder), None)
+            if named is None:
+                raise unknown_name("there is no object", item, [name for holder in holders for name in holder.names])
+            named.remove(item)
+        else:
+            self._holder(item).remove(item)
 
     def _holder(self, item: Any) -> Items[Any]:
         for holder in (self._instances, self._lights, self._cameras):

@@ -60,8 +60,13 @@ class Mesh(Checked):
         """A mesh from a `trimesh.Trimesh`, whose unit is taken as meters; with its uvs if it has any.
 
         smooth: use trimesh's vertex normals; otherwise triangles are flat. v is flipped, since in trimesh it increases
-        upwards.
+        upwards. Raises SolariError for an object of another kind.
         """
+        if not all(hasattr(mesh, name) for name in ("vertices", "faces", "visual", "metadata")):
+            raise SolariError(
+                f"Mesh.from_trimesh: a trimesh.Trimesh is needed, not {type(mesh).__name__}; "
+                "trimesh.Scene.to_mesh() makes one of a trimesh.Scene"
+            )
         uvs = getattr(mesh.visual, "uv", None)
         return cls(
             mesh.vertices,
@@ -200,8 +205,9 @@ class Instance(Checked):
     """A mesh with a material at a place in the world.
 
     transform is the matrix from object to world space, (4, 4) or (3, 4); it may mirror, shear and scale, but must be
-    invertible. A vector (3,) stands for a position in meters. ray_mesh: a simpler mesh that rays hit instead of `mesh`.
-    An instance that isn't visible neither blocks nor emits light. Raises SolariError for a singular transform.
+    invertible. A vector (3,) stands for a position in meters. It is read-only: to move an instance, assign a new one,
+    such as `move @ instance.transform`. ray_mesh: a simpler mesh that rays hit instead of `mesh`. An instance
+    that isn't visible neither blocks nor emits light. Raises SolariError for a singular transform.
     """
 
     mesh: Mesh

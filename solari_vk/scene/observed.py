@@ -6,7 +6,7 @@ import functools
 import operator
 import weakref
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar, Protocol, TypeVar, dataclass_transform
 
 import numpy as np
@@ -60,6 +60,7 @@ class Checked(Observable):
 
     _converters: ClassVar[Mapping[str, Callable[[Any], Any]]] = {}
     _aliases: ClassVar[Mapping[str, str]] = {}  # other names of fields
+    _names: ClassVar[Mapping[str, None]] = {}  # the fields, in order; `checked` sets it
     _ready = False
     name: str
 
@@ -95,22 +96,20 @@ class Checked(Observable):
     @classmethod
     def _by_field(cls, given: dict[str, Any]) -> dict[str, Any]:
         """Replace aliases by the fields' names. Raises SolariError for an unknown name, and for a field given twice."""
-        known = cls.__dataclass_fields__  # type: ignore[attr-defined]
-        if given.keys() <= known.keys():
+        if given.keys() <= cls._names.keys():
             return given
-        fields: dict[str, Any] = {}
-        for name, value in given.items():
+        names: dict[str, str] = {}  # by field: the name that was given
+        for name in given:
             field = cls._aliases.get(name, name)
-            if field not in known:
-                raise unknown_name(f"{cls.__name__} has no field", name, [*known, *cls._aliases])
-            if field in fields:
-                raise SolariError(f"{cls.__name__}: {name} is another name of {field}: give one of them")
-            fields[field] = value
-        return fields
+            if field not in cls._names:
+                raise unknown_name(f"{cls.__name__} has no field", name, [*cls._names, *cls._aliases])
+            if field in names:
+                raise SolariError(f"{cls.__name__}: {names[field]} and {name} name the same field: give one of them")
+            names[field] = name
+        return {field: given[name] for field, name in names.items()}
 
     def __repr__(self) -> str:
-        fields = ((name, getattr(self, name)) for name in type(self).__dataclass_fields__)  # type: ignore[attr-defined]
-        return f"{type(self).__name__}({', '.join(f'{name}={_shown(value)}' for name, value in fields)})"
+        return f"{type(self).__name__}({', '.join(f'{name}={_shown(getattr(self, name))}' for name in self._names)})"
 
     def _validate(self) -> None:
         """Raise SolariError if fields don't fit together."""
@@ -123,6 +122,7 @@ Kind = TypeVar("Kind", bound=type[Checked])
 def checked(kind: Kind) -> Kind:
     """Make a subclass of Checked a dataclass, compared by identity, whose constructor takes aliases of fields too."""
     dataclass(eq=False, repr=False)(kind)
+    kind._names = dict.fromkeys(field.name for field in fields(kind))  # type: ignore[arg-type]
     init: Callable[..., None] = kind.__init__
 
     @functools.wraps(init)

@@ -34,7 +34,7 @@ def studio_lights(scene: Scene, *, ev100: float = 0.0, ground: bool = True, came
         mesh = shapes.facing_quad(center + distance * toward, half_side, center)
         scene.add(mesh, lamp(key * strength, f"{name} light"), name=f"{name} light")
     if ground:
-        at = np.array((center[0], bounds.low[1] - 1e-3 * radius, center[2]))
+        at = np.array((center[0], bounds.min[1] - 1e-3 * radius, center[2]))
         mesh = shapes.quad(at, (0, 0, 10 * radius), (10 * radius, 0, 0), name="ground")
         scene.add(mesh, matte(0.35, "ground"), name="ground")
     return scene

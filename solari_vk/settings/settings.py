@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, unknown_name
 from solari_vk.settings.field import Field, setting
 from solari_vk.settings.layering import LAYERINGS
 from solari_vk.settings.presets import QUALITIES as QUALITIES
@@ -199,6 +199,12 @@ class Settings:
     revision = 0
     """A number that grows with each change."""
 
+    def __new__(cls, *_: Any, **fields: Any) -> Settings:
+        for name in fields:
+            if name not in FIELDS:
+                raise _unknown(name)
+        return super().__new__(cls)
+
     def __setattr__(self, name: str, value: Any) -> None:
         checked = _check(name, value)
         object.__setattr__(self, "revision", self.revision + 1)
@@ -215,7 +221,7 @@ class Settings:
         """Set the named fields, or all without names, to their defaults."""
         for name in names or FIELDS:
             if name not in FIELDS:
-                raise SolariError(_unknown(name))
+                raise _unknown(name)
             setattr(self, name, DEFAULTS[name])
 
     def update(self, text: str) -> None:
@@ -225,7 +231,7 @@ class Settings:
         if not equals:
             raise SolariError(f"Settings: {text!r} is not of the form name=value")
         if name not in FIELDS:
-            raise SolariError(_unknown(name))
+            raise _unknown(name)
         text = value.strip()
         if isinstance(DEFAULTS[name], bool):
             if text.lower() not in _SWITCH:
@@ -245,8 +251,11 @@ FIELDS: dict[str, Field] = {field.name: field.metadata["field"] for field in dat
 DEFAULTS: dict[str, Any] = {field.name: field.default for field in dataclasses.fields(Settings)}
 
 
-def _unknown(name: str) -> str:
-    return f"Settings: there is no setting '{name}'; the settings are {', '.join(FIELDS)}"
+def _unknown(name: str) -> SolariError:
+    if name in ("quality", "preset", *QUALITIES):
+        hint = "Settings.preset('solari') gives the settings of a quality"
+        return SolariError(f"Settings: there is no setting '{name}'; {hint}")
+    return unknown_name("Settings: there is no setting", name, FIELDS)
 
 
 def allowed(name: str) -> str:
@@ -264,7 +273,7 @@ def allowed(name: str) -> str:
 def _check(name: str, value: Any) -> Any:
     """The value in its field's type. Raises SolariError for an unknown field or a value out of range."""
     if name not in FIELDS:
-        raise SolariError(_unknown(name))
+        raise _unknown(name)
     field, default = FIELDS[name], DEFAULTS[name]
     wrong = SolariError(f"Settings: {name} must be {allowed(name)}, not {value!r}")
     if field.choices or isinstance(default, bool):

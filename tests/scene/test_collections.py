@@ -75,6 +75,11 @@ def test_scenes_hold_objects_in_order_and_tell_of_changes():
     assert seen == [sun, camera, floor, floor, wall, camera]
     scene.instances.remove(0)
     assert not scene.instances
+    scene.add(wall)
+    scene.remove("wall")
+    scene.lights.clear()
+    assert seen[-3:] == [wall, wall, sun]
+    assert not scene.lights
     for item in scene_of(*"abc"):
         scene.add(item)
     for item in scene.instances:  # a loop may remove what it goes over
@@ -90,6 +95,8 @@ def test_scenes_refuse_what_they_can_not_hold():
     scene.remove(box)
     with pytest.raises(SolariError, match="Instance 'box' is not in the scene"):
         scene.remove(box)
+    with pytest.raises(SolariError, match=r"there is no object 'boxy'; did you mean 'box'\? there are box, sun"):
+        scene_of("box", "sun").remove("boxy")
     with pytest.raises(SolariError, match="a light is needed, not Camera"):
         scene.lights.add(Camera())
     with pytest.raises(SolariError, match="holds instances, lights and cameras, not Material"):
@@ -104,6 +111,10 @@ def test_collections_cannot_be_replaced_or_misspelt():
         scene.instances = []
     with pytest.raises(SolariError, match=r"Scene has no field 'enviroment'; there are name, camera"):
         scene.enviroment = 1
+    with pytest.raises(SolariError, match="a camera can't be replaced by assigning to 0: change its fields"):
+        scene.cameras[0] = Camera()
+    with pytest.raises(SolariError, match="assign another one to the instances that use it"):
+        scene.materials["paint of floor"] = Material()
     assert not hasattr(scene.materials, "add"), "materials come with the instances that use them"
 
 
@@ -139,6 +150,7 @@ def test_bounds():
     mesh, far = Mesh(TRIANGLE), turned * 9 - 8 * np.diag([0, 0, 0, 1])
     scene = Scene(Instance(mesh, transform=turned), Instance(mesh, visible=False, transform=far))
     assert np.array(scene.bounds).tolist() == [[3, 0, 0], [5, 1, 0]]
+    assert (scene.bounds.min.tolist(), scene.bounds.max.tolist()) == ([3, 0, 0], [5, 1, 0])
     bounds = Scene(Instance(shapes.box((0, 0, 0), (2, 4, 4)))).bounds
     assert (bounds.center.tolist(), bounds.size.tolist(), bounds.radius) == ([1, 2, 2], [2, 4, 4], 3)
     assert bounds.corners.shape == (8, 3)
@@ -171,6 +183,8 @@ def test_default_triangles_follow_the_positions():
 
 def test_a_mesh_from_trimesh():
     trimesh = pytest.importorskip("trimesh")
+    with pytest.raises(SolariError, match=r"a trimesh.Trimesh is needed, not Scene; trimesh.Scene.to_mesh"):
+        Mesh.from_trimesh(trimesh.Scene())
     ball = trimesh.creation.icosphere(subdivisions=1)
     flat, smooth = Mesh.from_trimesh(ball), Mesh.from_trimesh(ball, smooth=True)
     np.testing.assert_allclose(flat.positions, ball.vertices, atol=1e-6)
@@ -188,8 +202,10 @@ def test_roughness_has_two_names():
     material.roughness = 0.4
     material.update(roughness=0.5)
     assert material.perceptual_roughness == 0.5
-    with pytest.raises(SolariError, match="is another name of perceptual_roughness: give one of them"):
+    with pytest.raises(SolariError, match="roughness and perceptual_roughness name the same field: give one"):
         Material(roughness=0.3, perceptual_roughness=0.3)
+    with pytest.raises(SolariError, match="Mesh: indices and faces name the same field"):
+        Mesh(TRIANGLE, indices=[[0, 1, 2]], faces=[[0, 1, 2]])
     with pytest.raises(SolariError, match="perceptual_roughness must be a finite number between 0 and 1"):
         material.roughness = 2
 

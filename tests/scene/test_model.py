@@ -159,6 +159,9 @@ def test_updates_are_all_or_nothing():
 
 
 def test_misspelt_fields_are_refused():
+    with pytest.raises(SolariError, match=r"no field '_default_triangles'; .*there are positions, triangles"):
+        mesh(_default_triangles=None)
+    assert "_default" not in repr(mesh())
     with pytest.raises(SolariError, match=r"no field 'metalic'; did you mean 'metallic'. there are base_color"):
         Material().metalic = 1
     with pytest.raises(SolariError, match=r"Camera has no field 'fov'; did you mean 'vertical_fov'"):
