@@ -65,3 +65,11 @@ def open_viewer(screen, device, held):
     for viewer in opened:
         viewer.close()
     assert held() == before, "the viewer left something on the device"
+
+
+@pytest.fixture
+def viewer(open_viewer):
+    """A viewer without panels that has shown two frames of the path tracer's picture."""
+    opened = open_viewer(overlay=False)
+    opened.run(frames=2)
+    return opened

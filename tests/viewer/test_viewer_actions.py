@@ -27,8 +27,7 @@ FLAT = {"overlay": False, "size": (64, 64)}
 # ---- keys -------------------------------------------------------------------------------------------
 
 
-def test_views_and_tone_mappings_go_round(open_viewer):
-    viewer = open_viewer(**FLAT)
+def test_views_and_tone_mappings_go_round(viewer):
     type_keys(viewer, *[glfw.KEY_V] * len(DEBUG_VIEWS), *[glfw.KEY_T] * (len(TONEMAPS) + 1))
     assert viewer.pictures.view == "picture"
     assert viewer.pictures.tonemap == TONEMAPS[(TONEMAPS.index("agx") + 1) % len(TONEMAPS)]
@@ -36,9 +35,7 @@ def test_views_and_tone_mappings_go_round(open_viewer):
     assert viewer.pictures.view == list(DEBUG_VIEWS)[-1]
 
 
-def test_brighter_is_brighter(open_viewer):
-    viewer = open_viewer(**FLAT)
-    viewer.run(frames=1)
+def test_brighter_is_brighter(viewer):
     before = viewer.pictures.pixels().mean()
     type_keys(viewer, *[glfw.KEY_EQUAL] * 3)
     assert viewer.camera.ev100 == pytest.approx(viewer.camera_control.home.ev100 - 1)
@@ -47,9 +44,7 @@ def test_brighter_is_brighter(open_viewer):
     assert viewer.camera.ev100 == viewer.camera_control.home.ev100
 
 
-def test_flying_moves_the_picture(open_viewer):
-    viewer = open_viewer(**FLAT)
-    viewer.run(frames=2)
+def test_flying_moves_the_picture(viewer):
     assert viewer.pictures.reference.tracer.samples >= 2
     viewer.window.events.append(press(glfw.KEY_W))
     viewer.run(frames=3)
@@ -61,8 +56,7 @@ def test_flying_moves_the_picture(open_viewer):
     viewer.run()
 
 
-def test_pose_goes_through_the_clipboard(open_viewer):
-    viewer = open_viewer(**FLAT)
+def test_pose_goes_through_the_clipboard(viewer):
     given = sv.builtin("cornell_box").camera.transform
     viewer.camera_control.look(40, 10)
     viewer.camera_control.expose(2)
@@ -80,14 +74,12 @@ def test_pose_goes_through_the_clipboard(open_viewer):
     assert "no camera pose" in viewer.message
 
 
-def test_help_without_panels_is_printed(open_viewer, capfd):
-    viewer = open_viewer(**FLAT)
+def test_help_without_panels_is_printed(viewer, capfd):
     type_keys(viewer, glfw.KEY_H)
     assert "fly" in capfd.readouterr().err
 
 
-def test_scene_cameras_by_number(open_viewer):
-    viewer = open_viewer(**FLAT)
+def test_scene_cameras_by_number(viewer):
     viewer.scene.add(sv.Camera.look_at((1, 1, 3), (1, 1, 0), ev100=5, vertical_fov=0.5))
     type_keys(viewer, glfw.KEY_2)
     assert viewer.camera.transform[:3, 3] == pytest.approx((1, 1, 3))
@@ -153,9 +145,7 @@ def refuse_with(text):
     return refuse
 
 
-def test_a_fault_of_a_frame_is_shown_and_the_picture_stays(open_viewer, monkeypatch):
-    viewer = open_viewer(**FLAT)
-    viewer.run(frames=2)
+def test_a_fault_of_a_frame_is_shown_and_the_picture_stays(viewer, monkeypatch):
     before = viewer.capture()
     monkeypatch.setattr(viewer.pictures, "render", refuse_with("the scene is too large"))
     viewer.run(frames=3)
@@ -171,9 +161,7 @@ def test_a_fault_of_a_frame_is_shown_and_the_picture_stays(open_viewer, monkeypa
     assert viewer.message == ""
 
 
-def test_a_fault_of_the_scene_refuses_no_size(open_viewer, monkeypatch):
-    viewer = open_viewer(**FLAT)
-    viewer.run(frames=2)
+def test_a_fault_of_the_scene_refuses_no_size(viewer, monkeypatch):
     monkeypatch.setattr(viewer.pictures.binder, "update", refuse_with("a light without a size"))
     glfw.set_window_size(viewer.window.handle, 70, 50)
     viewer.run(frames=3)
@@ -276,9 +264,7 @@ def changed(text, pattern, new):
     return found
 
 
-def test_shaders_are_reloaded_and_errors_shown(open_viewer, shaders):
-    viewer = open_viewer(**FLAT)
-    viewer.run(frames=2)
+def test_shaders_are_reloaded_and_errors_shown(shaders, viewer):
     shader = shaders / "passes" / "display" / "show.comp"
     right = shader.read_text()
     assert viewer.pictures.pixels().max() > 100
@@ -328,9 +314,7 @@ def test_shaders_and_file_are_reloaded_each_by_itself(open_viewer, shaders, capf
     assert "the file is gone" in told
 
 
-def test_a_window_is_resized_while_a_shader_is_broken(open_viewer, shaders):
-    viewer = open_viewer(**FLAT)
-    viewer.run(frames=2)
+def test_a_window_is_resized_while_a_shader_is_broken(shaders, viewer):
     shader = shaders / "passes" / "pathtracer" / "trace.comp"
     right = shader.read_text()
     shader.write_text(right + "broken")
@@ -341,7 +325,7 @@ def test_a_window_is_resized_while_a_shader_is_broken(open_viewer, shaders):
     samples = viewer.pictures.reference.tracer.samples
     viewer.run(frames=2)
     assert viewer.pictures.reference.tracer.samples > samples, "the last good pipelines and size stay in use"
-    assert viewer.pictures.size == (64, 64)
+    assert viewer.pictures.size == (96, 64)
     assert viewer.capture().shape == (50, 100, 3)
     assert "trace.comp" in viewer.message
     viewer.act("pick", (50, 25))

@@ -35,9 +35,7 @@ def no_memory(*_):
     raise sv.DeviceError("no more memory")
 
 
-def test_the_screen_shows_the_rendered_picture(open_viewer, screen):
-    viewer = open_viewer(overlay=False)
-    viewer.run(frames=3)
+def test_the_screen_shows_the_rendered_picture(viewer, screen):
     shown = grab(viewer, screen)
     assert shown.shape == (64, 96, 3)
     assert shown.max() > 100
@@ -74,8 +72,7 @@ def test_the_window_waits_for_the_picture(open_viewer, monkeypatch):
     assert barriers[:2] == ["full_barrier", "layout_barrier"], "a barrier of the window's image orders no other memory"
 
 
-def test_windows_are_resized(open_viewer, screen):
-    viewer = open_viewer(overlay=False)
+def test_windows_are_resized(viewer, screen):
     for size in ((150, 40), (33, 71), (1, 1), (200, 150)):
         glfw.set_window_size(viewer.window.handle, *size)
         viewer.run(frames=3)
@@ -84,14 +81,12 @@ def test_windows_are_resized(open_viewer, screen):
     assert (grab(viewer, screen) == viewer.pictures.pixels()).all()
 
 
-def test_hidden_windows_wait(open_viewer, monkeypatch):
-    viewer = open_viewer(overlay=False)
-    viewer.run(frames=1)
+def test_hidden_windows_wait(viewer, monkeypatch):
     monkeypatch.setattr(Window, "pixels", (0, 0))
     assert not viewer.step()
     viewer.run(frames=2)
-    assert viewer.frame_count == 1
-    with pytest.raises(sv.SolariError, match="nothing"):
+    assert viewer.frame_count == 2
+    with pytest.raises(sv.SolariError, match="shows no frame"):
         viewer.capture()
     monkeypatch.undo()
     viewer.run(frames=2)
@@ -100,10 +95,8 @@ def test_hidden_windows_wait(open_viewer, monkeypatch):
 
 @pytest.mark.parametrize("function", ["vkAcquireNextImageKHR", "vkQueuePresentKHR", "vkCreateSwapchainKHR"])
 @pytest.mark.parametrize("failure", ["VK_ERROR_SURFACE_LOST_KHR", "VK_ERROR_OUT_OF_DATE_KHR", "VK_SUBOPTIMAL_KHR"])
-def test_failures_that_a_new_swapchain_mends_are_no_errors(open_viewer, monkeypatch, function, failure):
+def test_failures_that_a_new_swapchain_mends_are_no_errors(viewer, monkeypatch, function, failure):
     """Make the call and report it as failed, which is the harder case for an acquired image."""
-    viewer = open_viewer(overlay=False)
-    viewer.run(frames=2)
     before = viewer._swapchain.generation
     look_up = raw.lib.vkGetInstanceProcAddr
     left = [function]
@@ -139,9 +132,7 @@ def test_failures_that_a_new_swapchain_mends_are_no_errors(open_viewer, monkeypa
     assert (viewer.capture() == viewer.pictures.pixels()).all()
 
 
-def test_other_failures_are_errors(open_viewer, monkeypatch):
-    viewer = open_viewer(overlay=False)
-    viewer.run(frames=1)
+def test_other_failures_are_errors(viewer, monkeypatch):
     failure = raw.VK_ERROR_OUT_OF_DEVICE_MEMORY
     monkeypatch.setattr(Swapchain, "_call", lambda *_: raw.check(failure, "vkQueuePresentKHR"))
     with pytest.raises(sv.DeviceError, match="out of memory"):
@@ -151,9 +142,7 @@ def test_other_failures_are_errors(open_viewer, monkeypatch):
     assert (viewer.capture() == viewer.pictures.pixels()).all()
 
 
-def test_a_swapchain_that_could_not_be_made_is_made_later(open_viewer, monkeypatch):
-    viewer = open_viewer(overlay=False)
-    viewer.run(frames=2)
+def test_a_swapchain_that_could_not_be_made_is_made_later(viewer, monkeypatch):
     for name in ("_create", "_take_images"):
         size = (70, 40) if name == "_create" else (50, 60)
         monkeypatch.setattr(Swapchain, name, no_memory)
@@ -165,9 +154,7 @@ def test_a_swapchain_that_could_not_be_made_is_made_later(open_viewer, monkeypat
         assert viewer.capture().shape == (size[1], size[0], 3)
 
 
-def test_what_the_window_shows_is_read_in_a_few_tries(open_viewer, monkeypatch):
-    viewer = open_viewer(overlay=False)
-    viewer.run(frames=2)
+def test_what_the_window_shows_is_read_in_a_few_tries(viewer, monkeypatch):
     acquire, refused = viewer._swapchain.acquire, [None, None]
     monkeypatch.setattr(viewer._swapchain, "acquire", lambda: refused.pop() if refused else acquire())
     assert (viewer.capture() == viewer.pictures.pixels()).all()
