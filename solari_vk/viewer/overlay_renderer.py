@@ -176,7 +176,7 @@ class _Pipeline:
         self._pipelines = Pipelines(device)
         targets = Targets((format,), blends=True)
         try:
-            _, self._handle = self._pipelines.graphics("overlay", modules, {}, self._interface, targets)
+            _, self._handle = self._pipelines.pipeline("overlay", modules, {}, self._interface, targets)
         except BaseException:
             self.close()
             raise

@@ -16,17 +16,17 @@ from solari_vk.gpu.shaders import shaderc
 def shaders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ShaderFolder]:
     """An empty GLSL root and cache. Every module compiled during the test is checked with spirv-val."""
     monkeypatch.setenv("SOLARI_VK_CACHE", str(tmp_path / "cache"))
-    made: list[tuple[bytes, str]] = []
+    folder = ShaderFolder(tmp_path / "glsl")
     compile_source: Callable[..., bytes] = shaderc.compile_source
 
     def compile_and_keep(source: bytes, stage: str, name: str, *arguments: object, **options: object) -> bytes:
         spirv = compile_source(source, stage, name, *arguments, **options)
-        made.append((spirv, name))
+        folder.compiled.append((spirv, name))
         return spirv
 
     monkeypatch.setattr(shaderc, "compile_source", compile_and_keep)
-    yield ShaderFolder(tmp_path / "glsl")
-    for spirv, name in made:
+    yield folder
+    for spirv, name in folder.compiled:
         check_spirv(spirv, name)
 
 

@@ -21,10 +21,14 @@ def check_spirv(spirv: bytes, name: str) -> None:
 
 
 class ShaderFolder:
-    """Writes shaders below a folder. `write("demo", text)` writes passes/demo.comp with the usual first lines."""
+    """Writes shaders below a folder. `write("demo", text)` writes passes/demo.comp with the usual first lines.
+
+    `compiled`: the modules that were compiled during the test, with the names of their sources.
+    """
 
     def __init__(self, root: Path) -> None:
         self.root = root
+        self.compiled: list[tuple[bytes, str]] = []
         (root / "passes").mkdir(parents=True, exist_ok=True)
 
     def write(self, name: str, text: str) -> Path:

@@ -28,16 +28,9 @@ from solari_vk.gpu.device.device import Device
 DOWN = np.array([0.0, 0.0, -1.0])
 
 
-@pytest.fixture(scope="module")
-def acceleration_device(any_device: None) -> Iterator[Device]:
-    with Device(validation=True) as opened:
-        yield opened
-
-
 @pytest.fixture
-def made(acceleration_device: Device) -> Iterator[Callable[[Any], Any]]:
+def made(device: Device) -> Iterator[Callable[[Any], Any]]:
     """made(resource) destroys a resource after the test, which fails if other objects are left alive."""
-    device = acceleration_device
     device.wait_idle()
     before = device.live_objects
     resources: list[Any] = []
@@ -105,10 +98,7 @@ def grid_geometry(device: Device, made: Any, cells: int) -> TriangleGeometry:
     )
 
 
-def test_compaction_shrinks_and_changes_no_hit(
-    acceleration_device: Device, made: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    device = acceleration_device
+def test_compaction_shrinks_and_changes_no_hit(device, made, monkeypatch):
     geometry = grid_geometry(device, made, 40)
     loose, tight, plain = (
         made(Blas(device, [geometry], name=name, allow_compaction=name != "plain"))
@@ -145,10 +135,7 @@ def test_compaction_shrinks_and_changes_no_hit(
         build_blases(device, [tight])
 
 
-def test_batches_stay_within_the_scratch_budget(
-    acceleration_device: Device, made: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    device = acceleration_device
+def test_batches_stay_within_the_scratch_budget(device, made, monkeypatch):
     small = [made(Blas(device, [quad_geometry(device, made, 0.0, 0.0, 0.0)])) for _ in range(40)]
     large = made(Blas(device, [grid_geometry(device, made, 30)]))
     budget = 10 * blas_builds.scratch_size(device, small[0], False)
@@ -172,8 +159,7 @@ def test_batches_stay_within_the_scratch_budget(
     assert (hits["t"] > 0).all()
 
 
-def test_scratch_is_aligned(acceleration_device: Device, made: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    device = acceleration_device
+def test_scratch_is_aligned(device: Device, made: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(structure, "_alignment", lambda _: 4096)
     blases = [made(Blas(device, [quad_geometry(device, made, 0.0, 0.0, 0.0)])) for _ in range(5)]
     seen: list[int] = []
@@ -189,11 +175,8 @@ def test_scratch_is_aligned(acceleration_device: Device, made: Any, monkeypatch:
     assert all(address % 4096 == 0 for address in seen)
 
 
-def test_refitted_worlds_are_refitted_in_place(
-    acceleration_device: Device, made: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_refitted_worlds_are_refitted_in_place(device, made, monkeypatch):
     """The conformance suite compares hits of refitted worlds with fresh ones. Here: they really are refitted."""
-    device = acceleration_device
     builds: list[tuple[str, int, bool]] = []
     record_build = device.vk.vkCmdBuildAccelerationStructuresKHR
 
@@ -211,8 +194,8 @@ def test_refitted_worlds_are_refitted_in_place(
     device.wait_idle()
 
 
-def test_a_build_made_again_counts_when_it_is_submitted(acceleration_device: Device, made: Any) -> None:
-    tlas = made(Tlas(acceleration_device, 1))
+def test_a_build_made_again_counts_when_it_is_submitted(device: Device, made: Any) -> None:
+    tlas = made(Tlas(device, 1))
     build = made(TlasBuild(tlas, 0, 0))
     with pytest.raises(SolariError, match="never built"):
         tlas.check_usable()
@@ -220,11 +203,10 @@ def test_a_build_made_again_counts_when_it_is_submitted(acceleration_device: Dev
         build.submit()
         tlas.check_usable()
         assert tlas.build_count == count
-    acceleration_device.wait_idle()
+    device.wait_idle()
 
 
-def test_repeated_builds_leave_nothing_behind(acceleration_device: Device, made: Any) -> None:
-    device = acceleration_device
+def test_repeated_builds_leave_nothing_behind(device: Device, made: Any) -> None:
     geometry = quad_geometry(device, made, 0.0, 0.0, 0.0)
     counts = []
     for _ in range(6):
@@ -240,8 +222,7 @@ def test_repeated_builds_leave_nothing_behind(acceleration_device: Device, made:
     assert len(set(counts)) == 1
 
 
-def test_mistakes_are_refused_before_vulkan_sees_them(acceleration_device: Device, made: Any) -> None:
-    device = acceleration_device
+def test_mistakes_are_refused_before_vulkan_sees_them(device: Device, made: Any) -> None:
     good = quad_geometry(device, made, 0.0, 0.0, 0.0)
     box = AabbGeometry(upload(device, made, np.zeros(6, np.float32)).address, 1)
     wrong: list[tuple[str, list[Any]]] = [
@@ -273,8 +254,7 @@ def test_mistakes_are_refused_before_vulkan_sees_them(acceleration_device: Devic
         build_blases(device, [blas])
 
 
-def test_tlas_mistakes_are_refused(acceleration_device: Device, made: Any) -> None:
-    device = acceleration_device
+def test_tlas_mistakes_are_refused(device: Device, made: Any) -> None:
     limit = device.properties.acceleration.maxInstanceCount
     for count in (-1, limit + 1):
         with pytest.raises(SolariError, match=f"Tlas many of {count:,} instances"):

@@ -26,20 +26,6 @@ LIBRARY = "#ifndef L\n#define L\nuint answer() { return 42u; }\n#endif\n"
 USER = '#include "lib/a.glsl"\n' + PLAIN + "void main() { values.at[0] = answer(); }\n"
 
 
-@pytest.fixture
-def compilations(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """The names of the sources that the compiler has compiled."""
-    asked: list[str] = []
-    real = shaderc.compile_source
-
-    def note(source: bytes, stage: str, name: str, *arguments: object, **options: object) -> bytes:
-        asked.append(name)
-        return real(source, stage, name, *arguments, **options)
-
-    monkeypatch.setattr(shaderc, "compile_source", note)
-    return asked
-
-
 def entry_points() -> list[str]:
     root = compiler.glsl_root()
     return sorted(p.relative_to(root).as_posix() for p in root.rglob("*") if p.suffix.lstrip(".") in shaderc.STAGES)
@@ -123,11 +109,6 @@ def test_empty_main_keeps_its_declarations(shaders):
     assert set(reflect(compile_shader("passes/layout.comp", root=shaders.root)).bindings) == {"values"}
 
 
-def test_missing_shader(shaders):
-    with pytest.raises(SolariError, match=r"no shader passes/none\.comp"):
-        compile_shader("passes/none.comp", root=shaders.root)
-
-
 # ---- generated headers ------------------------------------------------------------------------------
 
 GENERATED = '#include "generated/made.glsl"\n' + PLAIN + "void main() { values.at[0] = MADE; }\n"
@@ -142,13 +123,13 @@ def made(monkeypatch: pytest.MonkeyPatch) -> types.ModuleType:
     return module
 
 
-def test_a_generated_header_is_what_its_module_says_and_counts_for_the_cache(shaders, compilations, made):
+def test_a_generated_header_is_what_its_module_says_and_counts_for_the_cache(shaders, made):
     shaders.write("user", GENERATED)
     first = compile_shader("passes/user.comp", root=shaders.root)
     assert compile_shader("passes/user.comp", root=shaders.root) == first
     made.glsl_header = lambda: headers.constants(MADE=6)
     assert compile_shader("passes/user.comp", root=shaders.root) != first
-    assert len(compilations) == 2
+    assert len(shaders.compiled) == 2
     shaders.write("user", GENERATED.replace("MADE", "6u"))
     assert reflect(compile_shader("passes/user.comp", root=shaders.root)).main.writes == {"values"}
 
@@ -180,21 +161,6 @@ def test_a_header_that_no_module_makes_is_an_error_with_file_and_line(shaders, m
         shaders.write("user", f'\n\n#include "generated/{name}.glsl"\nvoid main() {{}}\n')
         with pytest.raises(CompilationError, match=rf"passes/user\.comp:5: error: .*{words}"):
             compile_shader("passes/user.comp", root=shaders.root)
-
-
-def test_shipped_modules_follow_generated_headers(shaders, monkeypatch, made):
-    shaders.write("user", GENERATED)
-    compiler.build_all(shaders.root, shaders.root)
-
-    def no_compiler(*_: object, **__: object) -> bytes:
-        raise SolariError("no GLSL compiler")
-
-    monkeypatch.setattr(shaderc, "compile_source", no_compiler)
-    monkeypatch.setattr(shaderc, "version", no_compiler)
-    compile_shader("passes/user.comp", root=shaders.root)
-    made.glsl_header = lambda: headers.constants(MADE=6)
-    with pytest.raises(SolariError, match="no GLSL compiler"):
-        compile_shader("passes/user.comp", root=shaders.root)
 
 
 def test_enumerations_and_constants_are_exact():
@@ -232,30 +198,25 @@ for name in sys.argv[2:]:
 # ---- cache ------------------------------------------------------------------------------------------
 
 
-def test_cache_follows_the_include_closure(shaders, compilations):
+def test_cache_follows_the_include_closure_and_the_compiler(shaders, monkeypatch):
     shaders.write("lib/a.glsl", LIBRARY)
     shaders.write("user", USER)
     first = compile_shader("passes/user.comp", root=shaders.root)
     assert compile_shader("passes/user.comp", root=shaders.root) == first
-    assert len(compilations) == 1
+    assert len(shaders.compiled) == 1
     shaders.write("lib/a.glsl", LIBRARY.replace("42u", "43u"))
     assert compile_shader("passes/user.comp", root=shaders.root) != first
-    assert len(compilations) == 2
+    assert len(shaders.compiled) == 2
     shaders.write("lib/unrelated.glsl", "changed")
     compile_shader("passes/user.comp", root=shaders.root)
-    assert len(compilations) == 2
-
-
-def test_cache_follows_the_compiler(shaders, compilations, monkeypatch):
-    shaders.write("user", PLAIN + "void main() { values.at[0] = 1u; }\n")
-    compile_shader("passes/user.comp", root=shaders.root)
+    assert len(shaders.compiled) == 2
     monkeypatch.setattr(shaderc, "version", lambda: "another compiler")
     compile_shader("passes/user.comp", root=shaders.root)
-    assert len(compilations) == 2
+    assert len(shaders.compiled) == 3
 
 
 @pytest.mark.parametrize("damage", [lambda b: b[:-4], lambda b: b"", lambda b: b[:40] + b"\xff" + b[41:]])
-def test_damaged_cache_entries_are_made_again(shaders, compilations, damage):
+def test_damaged_cache_entries_are_made_again(shaders, damage):
     shaders.write("user", PLAIN + "void main() { values.at[0] = 1u; }\n")
     good = compile_shader("passes/user.comp", root=shaders.root)
     folder = shader_cache.cache_folder()
@@ -263,18 +224,18 @@ def test_damaged_cache_entries_are_made_again(shaders, compilations, damage):
     (entry,) = folder.glob("*.spv")
     entry.write_bytes(damage(entry.read_bytes()))
     assert compile_shader("passes/user.comp", root=shaders.root) == good
-    assert len(compilations) == 2
+    assert len(shaders.compiled) == 2
     assert compile_shader("passes/user.comp", root=shaders.root) == good
-    assert len(compilations) == 2
+    assert len(shaders.compiled) == 2
     assert not list(folder.glob("*.tmp"))
 
 
-def test_cache_off_and_not_writable(shaders, compilations, monkeypatch, tmp_path):
+def test_cache_off_and_not_writable(shaders, monkeypatch, tmp_path):
     shaders.write("user", PLAIN + "void main() { values.at[0] = 1u; }\n")
     monkeypatch.setenv("SOLARI_VK_CACHE", "off")
     compile_shader("passes/user.comp", root=shaders.root)
     compile_shader("passes/user.comp", root=shaders.root)
-    assert len(compilations) == 2
+    assert len(shaders.compiled) == 2
     (tmp_path / "file").write_text("in the way")
     monkeypatch.setenv("SOLARI_VK_CACHE", str(tmp_path / "file" / "cache"))
     with pytest.warns(UserWarning, match="SOLARI_VK_CACHE"):
@@ -284,8 +245,9 @@ def test_cache_off_and_not_writable(shaders, compilations, monkeypatch, tmp_path
 # ---- shipped modules --------------------------------------------------------------------------------
 
 
-def test_shipped_modules_need_no_compiler(shaders, monkeypatch):
-    shaders.write("lib/a.glsl", LIBRARY)
+def test_shipped_modules_need_no_compiler(shaders, monkeypatch, made):
+    """They are used only for exactly the sources, headers and generated headers that they were made from."""
+    shaders.write("lib/a.glsl", '#include "generated/made.glsl"\n' + LIBRARY)
     shaders.write("user", USER)
     assert compiler.build_all(shaders.root, shaders.root) == ["passes/user.comp"]
     index = json.loads((shaders.root / "shipped.json").read_text())
@@ -302,12 +264,17 @@ def test_shipped_modules_need_no_compiler(shaders, monkeypatch):
         assert reflect(compile_shader("passes/user.comp", root=shaders.root)).main.writes == {"values"}
     with pytest.raises(SolariError, match="no GLSL compiler"):
         compile_shader("passes/user.comp", header="const bool X = true;", root=shaders.root)
-    shaders.write("lib/a.glsl", LIBRARY.replace("42u", "43u"))
+    with monkeypatch.context() as patch:
+        patch.setattr(made, "glsl_header", lambda: headers.constants(MADE=6))
+        with pytest.raises(SolariError, match="no GLSL compiler"):
+            compile_shader("passes/user.comp", root=shaders.root)
+    compile_shader("passes/user.comp", root=shaders.root)
+    shaders.write("lib/a.glsl", '#include "generated/made.glsl"\n' + LIBRARY.replace("42u", "43u"))
     with pytest.raises(SolariError, match="no GLSL compiler"):
         compile_shader("passes/user.comp", root=shaders.root)
 
 
-def test_damaged_shipped_module_is_compiled_instead(shaders, compilations):
+def test_damaged_shipped_module_is_compiled_instead(shaders):
     shaders.write("user", PLAIN + "void main() { values.at[0] = 1u; }\n")
     compiler.build_all(shaders.root, shaders.root)
     good = (shaders.root / "passes/user.comp.spv").read_bytes()
@@ -405,8 +372,3 @@ def test_library_and_command_agree(shaders, libshaderc, monkeypatch, fresh_looku
         shaderc.version.cache_clear()
     assert modules[0] == modules[1]
     assert logs[0] == logs[1] != []
-
-
-def test_glsl_root_is_found():
-    assert (compiler.glsl_root() / "scene" / "bindings.glsl").is_file()
-    assert isinstance(compiler.glsl_root(), Path)

@@ -108,7 +108,7 @@ def test_properties_are_filled_in(device: Device) -> None:
     assert properties.max_buffer_size >= 1 << 30
     assert properties.acceleration.minAccelerationStructureScratchOffsetAlignment >= 1
     assert properties.acceleration.maxInstanceCount >= (1 << 24) - 1
-    assert properties.timestamp_period > 0
+    assert properties.limits.timestampPeriod > 0
     assert {"rayQuery", "bufferDeviceAddress", "scalarBlockLayout"} <= device.features
 
 
@@ -249,11 +249,6 @@ def test_retired_objects_wait_for_the_work_that_uses_them(own_device: Device, mo
     monkeypatch.undo()
     own_device.wait(value)
     assert destroyed == ["early"]
-    own_device.retire(lambda: destroyed.append("next"), with_next=True)
-    own_device.run(nothing)
-    assert destroyed == ["early"]  # the device's own one-time commands don't count as the next submission
-    own_device.wait(own_device.submit([]))
-    assert destroyed == ["early", "next"]
 
 
 def test_a_thousand_cycles_leave_nothing_behind(own_device: Device) -> None:
@@ -403,16 +398,12 @@ def test_close_destroys_what_the_owner_forgot(any_device: None) -> None:
 @pytest.mark.parametrize(
     ("kind", "object_type"),
     [
-        ("image_view", raw.VK_OBJECT_TYPE_IMAGE_VIEW),
-        ("VkImageView"[2:], raw.VK_OBJECT_TYPE_IMAGE_VIEW),
-        ("acceleration_structure", raw.VK_OBJECT_TYPE_ACCELERATION_STRUCTURE_KHR),
+        ("ImageView", raw.VK_OBJECT_TYPE_IMAGE_VIEW),
         ("AccelerationStructureKHR", raw.VK_OBJECT_TYPE_ACCELERATION_STRUCTURE_KHR),
         ("DescriptorSetLayout", raw.VK_OBJECT_TYPE_DESCRIPTOR_SET_LAYOUT),
     ],
 )
-def test_object_kinds_are_spelled_either_way(
-    device: Device, kind: str, object_type: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_names_reach_vulkan_with_the_kind_of_object(device, kind, object_type, monkeypatch):
     named = []
     monkeypatch.setattr(
         device.vk, "vkSetDebugUtilsObjectNameEXT", lambda _, info: named.append((info.objectType, info.objectHandle))

@@ -109,7 +109,6 @@ class Blas(Structure):
             )
         self._drop_preparation()
         self._preparation = Preparation(self.device, self.handle, self.describe(), callback)
-        self._preparation.start()
 
     @property
     def ready_for_compaction(self) -> bool:

@@ -119,17 +119,16 @@ class BuildCall:
         used: Sequence[Sequence[Blas]],
     ) -> None:
         at = clock.tick()
-        placed = [[source.place(uploader) for source in entry.geometries] for entry in self._entries]
-        for entry, geometries in zip(self._entries, placed, strict=True):
-            entry.blas.set_geometries(geometries)
-            entry.blas.ensure_storage()
-        records = []
-        for blases, table in gathered:
-            addresses = [0 if blas is None else blas.address for blas in blases]
-            table["blas_address"] = np.array(addresses, np.uint64)
-            records.append((uploader.place("instances", table, table.itemsize)[0] if len(table) else 0, table))
         with uploader.uploads:
-            pass  # submits what was placed
+            placed = [[source.place(uploader) for source in entry.geometries] for entry in self._entries]
+            for entry, geometries in zip(self._entries, placed, strict=True):
+                entry.blas.set_geometries(geometries)
+                entry.blas.ensure_storage()
+            records = []
+            for blases, table in gathered:
+                addresses = [0 if blas is None else blas.address for blas in blases]
+                table["blas_address"] = np.array(addresses, np.uint64)
+                records.append((uploader.place("instances", table, table.itemsize)[0] if len(table) else 0, table))
         for batch in batches([BlasBuild(entry.blas, entry.blas.refits) for entry in self._entries]):
             submit_batch(self._device, batch, at)
 

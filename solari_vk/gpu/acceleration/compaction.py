@@ -83,10 +83,7 @@ class Preparation:
         self._callback = callback
         self._canceled = False
         self._query = SizeQuery(device, [structure])
-
-    def start(self) -> None:
-        """Have the size fetched when the device has finished, possibly at once."""
-        self._device.retire(self._finish)
+        device.retire(self._finish)
 
     @property
     def ready(self) -> bool:

@@ -183,7 +183,7 @@ class Allocator:
         self.allocation_count += 1
         self._heap_reserved[heap] += size
         memory = out[0]
-        device.name_object("device_memory", memory, f"memory type {pool.memory_type}, {size >> 20} MiB")
+        device.name_object("DeviceMemory", memory, f"memory type {pool.memory_type}, {size >> 20} MiB")
         pointer = None
         if pool.mapped:
             mapping = raw.ffi.new("void**")

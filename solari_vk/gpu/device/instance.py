@@ -9,15 +9,9 @@ from solari_vk.gpu.device.physical import PhysicalDevice
 VALIDATION_LAYER = "VK_LAYER_KHRONOS_validation"
 # Enabled where present: a window may be opened later, and debug names and labels cost next to nothing.
 OPTIONAL_EXTENSIONS = (
-    "VK_EXT_debug_utils",
-    "VK_KHR_surface",
-    "VK_KHR_xcb_surface",
-    "VK_KHR_xlib_surface",
-    "VK_KHR_wayland_surface",
-    "VK_KHR_win32_surface",
-    "VK_EXT_metal_surface",
-    "VK_EXT_headless_surface",
-)
+    "VK_EXT_debug_utils", "VK_KHR_surface", "VK_KHR_xcb_surface", "VK_KHR_xlib_surface", "VK_KHR_wayland_surface",
+    "VK_KHR_win32_surface", "VK_EXT_metal_surface", "VK_EXT_headless_surface",
+)  # fmt: skip
 # Extensions that validation layers in use may not know, and the header version that introduced each.
 _EXTENSION_VERSIONS = {"VK_KHR_ray_tracing_position_fetch": raw.api_version(1, 3, 249)}
 
@@ -27,7 +21,7 @@ class Instance:
 
     def __init__(self, validation: bool = False) -> None:
         self.messages: list[str] = []
-        functions = raw.global_functions()
+        functions = raw.instance_functions(raw.NULL)
         layers_present = _layer_versions(functions)
         layers = [VALIDATION_LAYER] if validation else []
         if validation and VALIDATION_LAYER not in layers_present:
@@ -41,7 +35,7 @@ class Instance:
             for name, version in _EXTENSION_VERSIONS.items()
             if validation and layers_present[VALIDATION_LAYER] < version
         )
-        present = _extension_names(functions, None)
+        present = _extension_names(functions)
         extensions = [name for name in OPTIONAL_EXTENSIONS if name in present]
         chain = None
         if validation:
@@ -120,7 +114,6 @@ def _layer_versions(functions: raw.Functions) -> dict[str, int]:
     return {raw.ffi.string(layer.layerName).decode(): int(layer.specVersion) for layer in layers}
 
 
-def _extension_names(functions: raw.Functions, layer: str | None) -> set[str]:
-    name = raw.NULL if layer is None else raw.ffi.new("char[]", layer.encode())
-    items = raw.enumerate_items(functions.vkEnumerateInstanceExtensionProperties, "VkExtensionProperties", name)
+def _extension_names(functions: raw.Functions) -> set[str]:
+    items = raw.enumerate_items(functions.vkEnumerateInstanceExtensionProperties, "VkExtensionProperties", raw.NULL)
     return {raw.ffi.string(item.extensionName).decode() for item in items}

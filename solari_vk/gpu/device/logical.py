@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -97,10 +98,11 @@ class LogicalDevice:
         return "VK_EXT_debug_utils" in self._instance.extensions
 
     def name_object(self, kind: str, handle: raw.CData, name: str) -> None:
-        """Name a handle for debuggers and validation messages; kind: "buffer", "image_view", "ImageView", ..."""
+        """Name a handle for debuggers and validation messages; kind: its type without Vk, such as "ImageView"."""
         if not name or not self._has_debug_utils:
             return
-        object_type = getattr(raw, "VK_OBJECT_TYPE_" + _upper_snake(kind))
+        spaced = re.sub("(?<=[a-z])(?=[A-Z])", "_", kind).upper()
+        object_type = getattr(raw, f"VK_OBJECT_TYPE_{spaced.removesuffix('KHR').removesuffix('_')}")
         info = raw.struct(
             "VkDebugUtilsObjectNameInfoEXT",
             objectType=object_type,
@@ -125,9 +127,3 @@ class LogicalDevice:
             text = "\n".join(self.messages)
             self.messages.clear()
             raise ValidationError(text)
-
-
-def _upper_snake(kind: str) -> str:
-    """"ImageView" and "image_view" as Vulkan's object types spell them: IMAGE_VIEW."""
-    spaced = "".join("_" + c if c.isupper() and i and kind[i - 1].islower() else c for i, c in enumerate(kind))
-    return spaced.upper().removesuffix("KHR").rstrip("_")

@@ -24,71 +24,38 @@ _STRUCTURES = {
 }
 REQUIRED_FEATURES: dict[str, tuple[str, ...]] = {
     "12": (
-        "bufferDeviceAddress",
-        "descriptorIndexing",
-        "runtimeDescriptorArray",
-        "descriptorBindingPartiallyBound",
-        "descriptorBindingVariableDescriptorCount",
-        "descriptorBindingSampledImageUpdateAfterBind",
-        "descriptorBindingStorageBufferUpdateAfterBind",
-        "descriptorBindingUpdateUnusedWhilePending",
-        "shaderSampledImageArrayNonUniformIndexing",
-        "scalarBlockLayout",
-        "timelineSemaphore",
-        "hostQueryReset",
+        "bufferDeviceAddress", "descriptorIndexing", "runtimeDescriptorArray", "descriptorBindingPartiallyBound",
+        "descriptorBindingVariableDescriptorCount", "descriptorBindingSampledImageUpdateAfterBind",
+        "descriptorBindingStorageBufferUpdateAfterBind", "descriptorBindingUpdateUnusedWhilePending",
+        "shaderSampledImageArrayNonUniformIndexing", "scalarBlockLayout", "timelineSemaphore", "hostQueryReset",
     ),
     "13": ("synchronization2", "maintenance4", "dynamicRendering"),
     "VK_KHR_acceleration_structure": ("accelerationStructure",),
     "VK_KHR_ray_query": ("rayQuery",),
-}
+}  # fmt: skip
 OPTIONAL_FEATURES: dict[str, tuple[str, ...]] = {
     "core": (
-        "multiDrawIndirect",
-        "drawIndirectFirstInstance",
-        "samplerAnisotropy",
-        "shaderInt64",
-        "shaderInt16",
-        "shaderStorageImageReadWithoutFormat",
-        "shaderStorageImageWriteWithoutFormat",
-        "shaderStorageImageExtendedFormats",
-        "shaderSampledImageArrayDynamicIndexing",
-        "shaderStorageImageArrayDynamicIndexing",
-        "shaderStorageBufferArrayDynamicIndexing",
-        "shaderUniformBufferArrayDynamicIndexing",
-        "fragmentStoresAndAtomics",
-        "vertexPipelineStoresAndAtomics",
-        "independentBlend",
-        "fillModeNonSolid",
-        "depthClamp",
-        "textureCompressionBC",
+        "multiDrawIndirect", "drawIndirectFirstInstance", "samplerAnisotropy", "shaderInt64", "shaderInt16",
+        "shaderStorageImageReadWithoutFormat", "shaderStorageImageWriteWithoutFormat",
+        "shaderStorageImageExtendedFormats", "shaderSampledImageArrayDynamicIndexing",
+        "shaderStorageImageArrayDynamicIndexing", "shaderStorageBufferArrayDynamicIndexing",
+        "shaderUniformBufferArrayDynamicIndexing", "fragmentStoresAndAtomics", "vertexPipelineStoresAndAtomics",
+        "independentBlend", "fillModeNonSolid", "depthClamp", "textureCompressionBC",
     ),
     "11": ("shaderDrawParameters", "storageBuffer16BitAccess"),
     "12": (
-        "drawIndirectCount",
-        "shaderFloat16",
-        "shaderInt8",
-        "storageBuffer8BitAccess",
-        "shaderBufferInt64Atomics",
-        "samplerFilterMinmax",
-        "shaderStorageBufferArrayNonUniformIndexing",
-        "shaderStorageImageArrayNonUniformIndexing",
-        "descriptorBindingStorageImageUpdateAfterBind",
-        "vulkanMemoryModel",
-        "vulkanMemoryModelDeviceScope",
-        "shaderOutputLayer",
-        "shaderOutputViewportIndex",
+        "drawIndirectCount", "shaderFloat16", "shaderInt8", "storageBuffer8BitAccess", "shaderBufferInt64Atomics",
+        "samplerFilterMinmax", "shaderStorageBufferArrayNonUniformIndexing",
+        "shaderStorageImageArrayNonUniformIndexing", "descriptorBindingStorageImageUpdateAfterBind",
+        "vulkanMemoryModel", "vulkanMemoryModelDeviceScope", "shaderOutputLayer", "shaderOutputViewportIndex",
     ),
     "13": (
-        "shaderDemoteToHelperInvocation",
-        "shaderTerminateInvocation",
-        "shaderZeroInitializeWorkgroupMemory",
-        "shaderIntegerDotProduct",
-        "subgroupSizeControl",
-        "computeFullSubgroups",
+        "shaderDemoteToHelperInvocation", "shaderTerminateInvocation", "shaderZeroInitializeWorkgroupMemory",
+        "shaderIntegerDotProduct", "subgroupSizeControl", "computeFullSubgroups",
     ),
     "VK_KHR_acceleration_structure": ("descriptorBindingAccelerationStructureUpdateAfterBind",),
     "VK_KHR_ray_tracing_position_fetch": ("rayTracingPositionFetch",),
-}
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -106,7 +73,7 @@ class DeviceReport:
 
 @dataclass(frozen=True)
 class DeviceProperties:
-    """A device's identity and limits. `limits`, `core11` to `core13` and `acceleration` are Vulkan structures."""
+    """A device's identity and limits. `limits`, `core12` and `acceleration` are Vulkan structures."""
 
     name: str
     kind: str
@@ -114,12 +81,8 @@ class DeviceProperties:
     driver: str
     api_version: tuple[int, int, int]
     limits: Any
-    core11: Any
     core12: Any
-    core13: Any
     acceleration: Any
-    timestamp_period: float
-    """Nanoseconds per tick of a timestamp."""
     max_buffer_size: int
     max_allocation_size: int
     _owners: tuple[Any, ...]
@@ -166,11 +129,8 @@ class PhysicalDevice:
             driver=driver or f"version {core.driverVersion:#x}",
             api_version=version,
             limits=core.limits,
-            core11=core11,
             core12=core12,
-            core13=core13,
             acceleration=acceleration,
-            timestamp_period=core.limits.timestampPeriod,
             max_buffer_size=core13.maxBufferSize,
             max_allocation_size=core11.maxMemoryAllocationSize,
             _owners=(everything, plain),

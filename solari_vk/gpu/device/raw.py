@@ -194,13 +194,8 @@ def _checked(function: Any, name: str, on_error: Callable[[int], None] | None) -
     return call
 
 
-def global_functions() -> Functions:
-    """Functions that need no instance, such as vkCreateInstance."""
-    return Functions(lambda name: lib.vkGetInstanceProcAddr(NULL, name))
-
-
 def instance_functions(instance: CData) -> Functions:
-    """Functions of one instance."""
+    """Functions of one instance; with NULL those that need none, such as vkCreateInstance."""
     return Functions(lambda name: lib.vkGetInstanceProcAddr(instance, name))
 
 

@@ -36,7 +36,6 @@ class Storage:
         self.device = device = memory.device
         self.size = int(size_bytes)
         self.name = name
-        self.usage = usage
         limit = min(device.properties.max_buffer_size, device.properties.max_allocation_size)
         if not 0 <= self.size <= limit:
             raise DeviceError(

@@ -7,27 +7,23 @@ from collections.abc import Sequence
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import ALL_COMMANDS
 
-Semaphore = tuple[raw.CData, int, int]
-"""A semaphore with its timeline value (0 for a binary one) and the stages that wait for it or signal it."""
-
 
 class Submission:
-    """A VkSubmitInfo2 built once. Submitting it changes its timeline value in place, which costs microseconds."""
+    """A VkSubmitInfo2 built once. Submitting it changes its timeline value in place, which costs microseconds.
+
+    waits, signals: binary semaphores that all commands wait for or signal.
+    """
 
     def __init__(
         self,
         timeline: raw.CData,
         command_buffers: Sequence[raw.CData],
-        waits: Sequence[Semaphore] = (),
-        signals: Sequence[Semaphore] = (),
+        waits: Sequence[raw.CData] = (),
+        signals: Sequence[raw.CData] = (),
     ) -> None:
         self._commands = tuple(command_buffers)
-        self.waits = raw.array("VkSemaphoreSubmitInfo", [_semaphore(*wait) for wait in waits])
-        self.signals = raw.array(
-            "VkSemaphoreSubmitInfo",
-            [_semaphore(timeline, 0, ALL_COMMANDS), *(_semaphore(*signal) for signal in signals)],
-        )
-        self.signal = self.signals[0]
+        self._waits, self._signals = _semaphores(waits), _semaphores([timeline, *signals])
+        self.signal = self._signals[0]
         self._counts = len(waits), 1 + len(signals)
         self.info = self._info(())
         self._ahead: tuple[raw.CData, ...] = ()
@@ -38,11 +34,11 @@ class Submission:
         return raw.struct(
             "VkSubmitInfo2",
             waitSemaphoreInfoCount=self._counts[0],
-            pWaitSemaphoreInfos=self.waits,
+            pWaitSemaphoreInfos=self._waits,
             commandBufferInfoCount=len(commands),
             pCommandBufferInfos=commands,
             signalSemaphoreInfoCount=self._counts[1],
-            pSignalSemaphoreInfos=self.signals,
+            pSignalSemaphoreInfos=self._signals,
         )
 
     def info_behind(self, ahead: tuple[raw.CData, ...]) -> raw.CData:
@@ -52,5 +48,6 @@ class Submission:
         return self._info_behind
 
 
-def _semaphore(semaphore: raw.CData, value: int, stages: int) -> raw.CData:
-    return raw.struct("VkSemaphoreSubmitInfo", semaphore=semaphore, value=value, stageMask=stages)
+def _semaphores(items: Sequence[raw.CData]) -> raw.CData:
+    infos = [raw.struct("VkSemaphoreSubmitInfo", semaphore=item, stageMask=ALL_COMMANDS) for item in items]
+    return raw.array("VkSemaphoreSubmitInfo", infos)

@@ -8,7 +8,6 @@ from typing import Any
 
 from solari_vk.errors import DeviceError
 from solari_vk.gpu.device import raw
-from solari_vk.gpu.device.barriers import ALL_COMMANDS
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.submission import Submission
 
@@ -94,9 +93,7 @@ class Swapchain:
         wait, signal = self._acquired[self._frame], self._drawn[index]
         key = index, self._frame, *(int(raw.ffi.cast("uintptr_t", item)) for item in commands)
         if key not in self._submissions:
-            self._submissions[key] = self.device.submission(
-                commands, waits=[(wait, 0, ALL_COMMANDS)], signals=[(signal, 0, ALL_COMMANDS)]
-            )
+            self._submissions[key] = self.device.submission(commands, waits=[wait], signals=[signal])
         value = self._values[self._frame] = self.device.submit_prepared(self._submissions[key])
         info = raw.struct(
             "VkPresentInfoKHR",

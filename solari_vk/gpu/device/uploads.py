@@ -1,4 +1,4 @@
-"""Uploads: many small copies into buffers and images, gathered into one submission or one command buffer."""
+"""Uploads: many small copies into buffers and images, gathered into one submission."""
 
 from __future__ import annotations
 
@@ -95,14 +95,13 @@ class _Copies:
 class Uploads:
     """A batch of uploads. As a context manager it submits once at its end, in order with other submissions.
 
-    `record` instead puts the copies into a command buffer of the caller. Data is copied when `buffer` or `image` is
-    called, so arrays may change afterwards. Work submitted later sees the new contents.
+    Data is copied when `buffer` or `image` is called, so arrays may change afterwards. Work submitted later sees the
+    new contents.
     """
 
     def __init__(self, staging: StagingPool) -> None:
         self._staging = staging
         self._device = staging.device
-        self._submits = False
         self._reset()
 
     def _reset(self) -> None:
@@ -113,7 +112,6 @@ class Uploads:
         self._images: list[tuple[Storage, ImageTarget, list[tuple[int, int]]]] = []
 
     def __enter__(self) -> Uploads:
-        self._submits = True
         return self
 
     def __exit__(self, kind: object, *_: object) -> None:
@@ -123,8 +121,7 @@ class Uploads:
             self._give_back()
 
     @property
-    def empty(self) -> bool:
-        """Whether there is no copy to record."""
+    def _empty(self) -> bool:
         return not self._copies and not self._images
 
     def buffer(self, buffer: Storage, data: Any, offset: int = 0) -> None:
@@ -132,7 +129,7 @@ class Uploads:
         source = as_bytes(data)
         buffer.check_range(offset, source.size, "upload")
         # While the device is idle nothing reads a mapped buffer, so the host may write to it directly.
-        if self._submits and self.empty and buffer.mapped and self._device.idle:
+        if self._empty and buffer.mapped and self._device.idle:
             buffer.write(source, offset)
             return
         for position in range(0, source.size, CHUNK_SIZE):
@@ -157,11 +154,6 @@ class Uploads:
         self._images.append((chunk, image, [(start + begin, level) for level, begin in enumerate(starts[:-1])]))
         self._flush_when_large()
 
-    def record(self, command_buffer: raw.CData) -> None:
-        """Record the copies with their barriers. The command buffer must be part of the next submission."""
-        self._record(command_buffer)
-        self._give_back(with_next=True)
-
     def _stage(self, source: np.ndarray) -> tuple[Storage, int]:
         """Copy bytes into a chunk; returns the chunk and the offset in it."""
         start = -(-self._used // _ALIGNMENT) * _ALIGNMENT
@@ -174,21 +166,21 @@ class Uploads:
         return self._chunks[-1], start
 
     def _flush_when_large(self) -> None:
-        if self._submits and self._staged > FLUSH_SIZE:
+        if self._staged > FLUSH_SIZE:
             # Two parts at most are in memory: the one that the device copies and the one that is being filled.
             self._device.await_value(max(self._submit() - 1, 0))
 
     def _submit(self) -> int:
-        if self.empty:
+        if self._empty:
             return self._device.submitted
         value = self._device.start(self._record, "uploads")
         self._give_back()
         return value
 
-    def _give_back(self, *, with_next: bool = False) -> None:
+    def _give_back(self) -> None:
         """Return the chunks to the pool when the submission that reads them is done."""
         for chunk in self._chunks:
-            self._device.retire(partial(self._staging.give, chunk), with_next=with_next)
+            self._device.retire(partial(self._staging.give, chunk))
         self._reset()
 
     def _record(self, cmd: raw.CData) -> None:

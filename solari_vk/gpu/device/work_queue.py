@@ -10,7 +10,7 @@ from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import host_read_barrier
 from solari_vk.gpu.device.callbacks import Callbacks
 from solari_vk.gpu.device.logical import LogicalDevice
-from solari_vk.gpu.device.submission import Semaphore, Submission
+from solari_vk.gpu.device.submission import Submission
 
 _WAIT_SLICE = 100_000_000  # nanoseconds: Python handles Ctrl-C between slices
 
@@ -26,7 +26,6 @@ class WorkQueue(LogicalDevice):
         self._owned: dict[int, Callable[[], None]] = {}
         self._next_token = 0
         self._retired: deque[tuple[int, Callable[[], None]]] = deque()
-        self._retired_with_next: list[Callable[[], None]] = []
         self._collecting = False
         self._before_next: list[Callable[[raw.CData], None]] = []
         self._with_next: dict[raw.CData, None] = {}
@@ -50,11 +49,7 @@ class WorkQueue(LogicalDevice):
     # ---- submissions --------------------------------------------------------------------------------
 
     def submission(
-        self,
-        command_buffers: Sequence[raw.CData],
-        *,
-        waits: Sequence[Semaphore] = (),
-        signals: Sequence[Semaphore] = (),
+        self, command_buffers: Sequence[raw.CData], waits: Sequence[raw.CData] = (), signals: Sequence[raw.CData] = ()
     ) -> Submission:
         """A submission for `submit_prepared`, which can be submitted many times."""
         return Submission(self.timeline, command_buffers, waits, signals)
@@ -93,9 +88,6 @@ class WorkQueue(LogicalDevice):
         self.submitted = value
         if ahead:
             ahead.clear()
-        if self._retired_with_next and not internal:
-            self._retired.extend((value, destroy) for destroy in self._retired_with_next)
-            self._retired_with_next.clear()
         if self._retired:
             self.collect()
         if self.messages:
@@ -141,7 +133,7 @@ class WorkQueue(LogicalDevice):
             self.vk.vkFreeCommandBuffers(self.handle, self._pool, 1, buffers)
 
         try:
-            self.name_object("command_buffer", commands, name)
+            self.name_object("CommandBuffer", commands, name)
             begin = raw.struct("VkCommandBufferBeginInfo", flags=raw.VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT)
             self.vk.vkBeginCommandBuffer(commands, begin)
             with self.label(commands, name or "one-time commands"):
@@ -236,17 +228,14 @@ class WorkQueue(LogicalDevice):
     @property
     def live_objects(self) -> int:
         """How many owned objects exist, including those that wait for their destruction."""
-        return len(self._owned) + len(self._retired) + len(self._retired_with_next)
+        return len(self._owned) + len(self._retired)
 
-    def retire(self, destroy: Callable[[], None], *, with_next: bool = False) -> None:
-        """Call `destroy` when all work submitted so far is done; with_next: when the next submission is done, too."""
+    def retire(self, destroy: Callable[[], None]) -> None:
+        """Call `destroy` when all work submitted so far, or due with the next submission, is done."""
         if self.closed:
             raise DeviceError(f"{self.name} was closed")
-        if with_next:
-            self._retired_with_next.append(destroy)
-        else:
-            self._retired.append((self.submitted + bool(self._with_next), destroy))
-            self.collect()
+        self._retired.append((self.submitted + bool(self._with_next), destroy))
+        self.collect()
 
     def collect(self) -> None:
         """Destroy the retired objects that the device no longer uses. Calls no callback."""
@@ -268,10 +257,9 @@ class WorkQueue(LogicalDevice):
         while wait(self.handle, self._wait_info, _WAIT_SLICE) == raw.VK_TIMEOUT and not (self.lost and waited > 10):
             waited += 1
         retired = [destroy for _, destroy in self._retired]
-        for destroy in [*retired, *self._retired_with_next, *reversed(self._owned.values())]:
+        for destroy in [*retired, *reversed(self._owned.values())]:
             destroy()
         self._retired.clear()
-        self._retired_with_next.clear()
         self._owned.clear()
         self.callbacks.clear()
 

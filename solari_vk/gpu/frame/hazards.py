@@ -7,8 +7,10 @@ the barrier.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import operator
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 from solari_vk.gpu.device import raw
 
@@ -83,7 +85,8 @@ def plan_barriers(steps: Sequence[Accesses], every_step: bool = False) -> list[B
 
     Work before the first step must be ordered already.
     """
-    target = _union(masks for step in steps for part in (step.reads, step.writes) for masks in part.values())
+    parts = [part for step in steps for part in (step.reads, step.writes)]
+    target = reduce(operator.or_, (masks for part in parts for masks in part.values()), NOTHING)
     barriers: list[Barrier | None] = []
     pending = _Pending()
     for at, step in enumerate(steps):
@@ -125,10 +128,3 @@ class _Pending:
             self._writers[name] = step.name
             self.stages |= masks.stages
             self.access |= masks.access
-
-
-def _union(masks: Iterable[Masks]) -> Masks:
-    total = NOTHING
-    for item in masks:
-        total |= item
-    return total

@@ -35,24 +35,14 @@ class Pipelines:
         self._cache_token = device.own(lambda: device.vk.vkDestroyPipelineCache(device.handle, self._cache, raw.NULL))
         self._made: dict[PipelineKey, tuple[raw.CData, int]] = {}
 
-    def compute(
-        self, name: str, module: Module, constants: Constants, interface: Interface
-    ) -> tuple[PipelineKey, raw.CData]:
-        """The pipeline of a module with these specialization constants, and the key that keeps it in `retain`.
-
-        Raises SolariError for a constant that the module doesn't have.
-        """
-        return self._pipeline(name, [module], constants, interface, None)
-
-    def graphics(
-        self, name: str, modules: Sequence[Module], constants: Constants, interface: Interface, targets: Targets
-    ) -> tuple[PipelineKey, raw.CData]:
-        """The pipeline of a vertex and a fragment shader; otherwise as `compute`."""
-        return self._pipeline(name, modules, constants, interface, targets)
-
-    def _pipeline(
+    def pipeline(
         self, name: str, modules: Sequence[Module], constants: Constants, interface: Interface, targets: Targets | None
     ) -> tuple[PipelineKey, raw.CData]:
+        """A pipeline with these specialization constants, and the key that keeps it in `retain`.
+
+        modules: a compute shader, or with `targets` a vertex and a fragment shader. Raises SolariError for a constant
+        that no module has.
+        """
         specializations, values = _specializations(name, modules, constants)
         digests = tuple(hashlib.sha256(module.spirv).digest() for module in modules)
         layout = interface.pipeline_layout
@@ -70,7 +60,7 @@ class Pipelines:
                     make = device.vk.vkCreateGraphicsPipelines
                 make(device.handle, self._cache, 1, info, raw.NULL, out)
             pipeline = out[0]
-            device.name_object("pipeline", pipeline, name)
+            device.name_object("Pipeline", pipeline, name)
             token = device.own(lambda: device.vk.vkDestroyPipeline(device.handle, pipeline, raw.NULL))
             self._made[key] = pipeline, token
         return key, self._made[key][0]

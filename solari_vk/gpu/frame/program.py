@@ -98,8 +98,10 @@ class Program:
 
 def _shaders(item: Pass | Draw | Step) -> list[tuple[str, str]]:
     """Path and header of each module of a pass: its keys in `Program.modules`."""
-    suffixes = {Pass: ("comp",), Draw: ("vert", "frag")}.get(type(item), ())
-    return [] if isinstance(item, Step) else [(f"passes/{item.name}.{suffix}", item.header) for suffix in suffixes]
+    if isinstance(item, Step):
+        return []
+    suffixes = ("vert", "frag") if isinstance(item, Draw) else ("comp",)
+    return [(f"passes/{item.name}.{suffix}", item.header) for suffix in suffixes]
 
 
 class ProgramBuilder:
@@ -146,21 +148,19 @@ class ProgramBuilder:
         if isinstance(item, Step):
             return BuiltStep(name, item)
         modules = tuple(program.modules[key] for key in _shaders(item))
+        targets, groups = None, (0, 0, 0)
         if isinstance(item, Draw):
             check_draw(self._device, name, item, program.interface)
             colors = (image_format(program.interface[image].image_format) for image in item.colors)
             targets = Targets(tuple(colors), image_format(DEPTH_FORMAT))
-            key, pipeline = self._pipelines.graphics(name, modules, item.constants, program.interface, targets)
-        else:
-            key, pipeline = self._pipelines.compute(name, modules[0], item.constants, program.interface)
+        key, pipeline = self._pipelines.pipeline(name, modules, item.constants, program.interface, targets)
         program.pipeline_keys.add(key)
-        groups = self._groups(name, item, modules[0]) if isinstance(item, Pass) else (0, 0, 0)
+        if isinstance(item, Pass) and item.threads is not None:
+            groups = self._groups(name, item, modules[0])
         return BuiltStep(name, item, modules, pipeline, groups)
 
     def _groups(self, name: str, item: Pass, module: Module) -> tuple[int, int, int]:
-        if item.threads is None:
-            return (0, 0, 0)
-        threads = (item.threads,) if isinstance(item.threads, int) else tuple(item.threads)
+        threads = (item.threads,) if isinstance(item.threads, int) else tuple(item.threads or ())
         if not 1 <= len(threads) <= 3 or min(threads) < 1:
             raise SolariError(f"pass {name}: threads are one to three whole numbers above 0, not {item.threads!r}")
         sizes = module.local_size(item.constants)

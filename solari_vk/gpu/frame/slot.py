@@ -151,7 +151,7 @@ class Slot:
             raw.VK_QUERY_RESULT_64_BIT,
         )  # fmt: skip
         mask = np.uint64((1 << self._device.timestamp_bits) - 1)
-        spans = (np.diff(ticks) & mask).astype(np.float64) * self._device.properties.timestamp_period * 1e-6
+        spans = (np.diff(ticks) & mask).astype(np.float64) * self._device.properties.limits.timestampPeriod * 1e-6
         return {step.name: float(span) for step, span in zip(self._program.steps, spans, strict=True)}
 
     def destroy(self) -> None:

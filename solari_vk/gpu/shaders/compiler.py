@@ -18,6 +18,7 @@ import re
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -87,15 +88,18 @@ def compile_into_spirv(
         if value not in known:
             raise SolariError(f"unknown {what} {value!r}: take one of {', '.join(known)}")
     source = raw.encode() if isinstance(raw, str) else bytes(raw)
-    name = os.fspath(filepath)
-    folders = [Path(name).parent, *map(Path, _include_paths)]
+    return _compile_text(
+        source, stage, os.fspath(filepath), _include_paths, language=language, optimization=optimization,
+        suppress_warnings=suppress_warnings, warnings_as_errors=warnings_as_errors,
+    )  # fmt: skip
+
+
+def _compile_text(source: bytes, stage: str, name: str, include_paths: Sequence[str], **options: Any) -> bytes:
+    folders = [Path(name).parent, *map(Path, include_paths)]
     included = shader_cache.closure(folders, Path(name).name, source)
     generated = {path: text for path, text in included.items() if headers.is_generated(path)}
     try:
-        spirv = shaderc.compile_source(
-            source, stage, name, _include_paths, generated, language=language, optimization=optimization,
-            suppress_warnings=suppress_warnings, warnings_as_errors=warnings_as_errors,
-        )  # fmt: skip
+        spirv = shaderc.compile_source(source, stage, name, include_paths, generated, **options)
     except shaderc.Failure as failure:
         raise CompilationError(_with_source_lines(str(failure), name, source, generated)) from None
     return _without_lines(spirv)
@@ -173,18 +177,13 @@ def compile_shader(path: str, *, header: str = "", root: Roots | None = None) ->
 
 def _compile(folders: Sequence[Path], file: Path, header: str) -> bytes:
     source = _with_header(file.read_text(encoding="utf-8"), header, file)
-    stage = file.suffix.lstrip(".")
-    before = list(_include_paths)
-    set_include_paths(folders)
+    arguments = source.encode(), file.suffix.lstrip("."), os.fspath(file), list(map(os.fspath, folders))
     try:
-        optimization = "zero" if _EMPTY_MAIN.search(source) else "performance"
-        return compile_into_spirv(source, stage, file, optimization=optimization)
+        return _compile_text(*arguments, optimization="zero" if _EMPTY_MAIN.search(source) else "performance")
     except CompilationError as error:
         if _TOO_NEW not in str(error):
             raise
-        return compile_into_spirv(source, stage, file, optimization="zero")
-    finally:
-        set_include_paths(before)
+        return _compile_text(*arguments, optimization="zero")
 
 
 def _with_header(source: str, header: str, file: Path) -> str:

@@ -219,23 +219,15 @@ def _by_command(
             file = Path(folder, path)
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(text)
-        paths = [folder, *include_paths]
-        done = _run_glslc(source, stage, name, paths, language, optimization, suppress_warnings, warnings_as_errors)
+        command = [
+            _glslc(), f"-fshader-stage={stage}", "-x", language, "--target-env=vulkan1.3", "--target-spv=spv1.6", "-g",
+            {"zero": "-O0", "size": "-Os", "performance": "-O"}[optimization],
+            *(("-w",) if suppress_warnings else ()), *(("-Werror",) if warnings_as_errors else ()),
+            *(f"-I{path}" for path in (os.path.dirname(name) or ".", folder, *include_paths)), "-o", "-", "-",
+        ]  # fmt: skip
+        done = subprocess.run(command, input=source, capture_output=True, check=False)
     if done.returncode != 0:
         log = done.stderr.decode(errors="replace").replace("<stdin>:", f"{name}:").replace("glslc: error: ", "error: ")
         log = log.replace(folder + os.sep, "")  # generated headers are called by the paths that include them
         raise Failure(re.sub(r"(?m)^\d+ (error|warning)s?.* generated\.$", "", log))
     return done.stdout
-
-
-def _run_glslc(
-    source: bytes, stage: str, name: str, include_paths: Sequence[str], language: str, optimization: str,
-    suppress_warnings: bool, warnings_as_errors: bool,
-) -> subprocess.CompletedProcess[bytes]:  # fmt: skip
-    command = [
-        _glslc(), f"-fshader-stage={stage}", "-x", language, "--target-env=vulkan1.3", "--target-spv=spv1.6", "-g",
-        {"zero": "-O0", "size": "-Os", "performance": "-O"}[optimization],
-        *(("-w",) if suppress_warnings else ()), *(("-Werror",) if warnings_as_errors else ()),
-        "-I", os.path.dirname(name) or ".", *(part for path in include_paths for part in ("-I", path)), "-o", "-", "-",
-    ]  # fmt: skip
-    return subprocess.run(command, input=source, capture_output=True, check=False)

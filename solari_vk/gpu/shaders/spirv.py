@@ -15,7 +15,6 @@ import numpy as np
 from solari_vk.errors import SolariError
 from solari_vk.gpu.shaders import spirv_code as code
 from solari_vk.gpu.shaders.module import Binding, Entry, Module, SpecConstant
-from solari_vk.gpu.shaders.spirv_code import Accesses
 
 __all__ = ["Binding", "Entry", "Module", "SpecConstant", "reflect"]
 
@@ -97,9 +96,9 @@ class _Reader:
         analysis = code.AccessAnalysis(self.code, self.name)
         entries = {}
         for words in self.entry_points:
-            entry, found = code.text(words[2:]), analysis.entry(words[1])
+            entry, found = code.text(words[2:]), analysis.effects(words[1])
             entries[entry] = Entry(entry, _MODELS.get(words[0], f"model {words[0]}"), *(
-                frozenset(bound[variable].name for variable in part) for part in _parts(found)))  # fmt: skip
+                frozenset(bound[variable].name for variable in part) for part in found))  # fmt: skip
         pushed = [pointer for _, pointer, storage in self.variables if storage == code.STORAGE_PUSH_CONSTANT]
         return Module(
             self.name, self.spirv, {binding.name: binding for binding in bound.values()}, self._spec_constants(),
@@ -234,10 +233,6 @@ class _Reader:
                 ids = [self.decorations.get((word, _DECORATION_SPEC_ID), (None,))[0] for word in words]
                 return tuple((self._value(word), spec_id) for word, spec_id in zip(words, ids, strict=True))
         return ()
-
-
-def _parts(accesses: Accesses) -> tuple[frozenset[int], frozenset[int], frozenset[int]]:
-    return accesses.used, accesses.read, accesses.written
 
 
 def _repeated(dtype: np.dtype[Any], count: int) -> np.dtype[Any]:

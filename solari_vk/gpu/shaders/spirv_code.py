@@ -47,15 +47,6 @@ class Instruction(NamedTuple):
     words: list[int]
 
 
-@dataclass(frozen=True)
-class Accesses:
-    """Ids of the variables that an entry point uses, reads and writes. Asking for a length or a size is a use only."""
-
-    used: frozenset[int]
-    read: frozenset[int]
-    written: frozenset[int]
-
-
 @dataclass
 class Function:
     """A function: the ids of its parameters, and its instructions."""
@@ -117,13 +108,11 @@ class AccessAnalysis:
                     self._made_by[words[1]] = item
                     self._type_of[words[1]] = words[0]
 
-    def entry(self, function: int) -> Accesses:
-        """The variables that an entry point and the functions it calls use, read and write."""
-        used, read, written = self._effects(function, ())
-        return Accesses(frozenset(used), frozenset(read), frozenset(written))
+    def effects(self, function: int, arguments: tuple[frozenset[int], ...] = ()) -> tuple[set[int], set[int], set[int]]:
+        """The ids of the variables that a function and those it calls use, read and write.
 
-    def _effects(self, function: int, arguments: tuple[frozenset[int], ...]) -> tuple[set[int], set[int], set[int]]:
-        """Used, read and written variables of a function that is called with pointers to these variables."""
+        arguments: the variables that its parameters may point to. Asking for a length or a size is a use only.
+        """
         key = (function, arguments)
         if key in self._done:
             return self._done[key]
@@ -132,7 +121,7 @@ class AccessAnalysis:
         roots = _Roots(self._variables, self._made_by, dict(zip(body.parameters, arguments, strict=True)))
         for op, words in body.body:
             if op == _OP_CALL:
-                inner = self._effects(words[2], tuple(roots.of(argument) for argument in words[3:]))
+                inner = self.effects(words[2], tuple(roots.of(argument) for argument in words[3:]))
                 for mine, theirs in zip((used, read, written), inner, strict=True):
                     mine |= theirs
                 continue
