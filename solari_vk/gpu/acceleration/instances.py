@@ -101,13 +101,9 @@ class TlasInstances:
     """
 
     def __init__(
-        self,
-        blases: Blas | Sequence[Blas | None],
-        transforms: Any,
-        custom_data: Any = 0,
-        mask: Any = 0xFF,
+        self, blases: Blas | Sequence[Blas | None], transforms: Any, custom_data: Any = 0, mask: Any = 0xFF,
         flags: Any = InstanceFlags.NONE,
-    ) -> None:
+    ) -> None:  # fmt: skip
         matrices = _affine(transforms)
         if isinstance(blases, Blas):
             blases = [blases] * len(matrices)

@@ -79,16 +79,9 @@ class Structure:
     """
 
     def __init__(
-        self,
-        device: Device,
-        kind: int,
-        options: BuildOptions,
-        geometries: Sequence[raw.CData],
-        counts: list[int],
-        name: str,
-        *,
-        more_flags: int = 0,
-    ) -> None:
+        self, device: Device, kind: int, options: BuildOptions, geometries: Sequence[raw.CData], counts: list[int],
+        name: str, *, more_flags: int = 0,
+    ) -> None:  # fmt: skip
         check_kind(name, str, "acceleration structure: the name", "give a string")
         self.device = device
         self.name = name

@@ -58,15 +58,9 @@ class Tlas(Structure):
         self._scratch, self._scratch_address = make_scratch(device, scratch_bytes, f"{name} scratch")
 
     def record_build(
-        self,
-        cmd: raw.CData,
-        instances: int,
-        count: int,
-        *,
-        update: bool = False,
-        blases: Iterable[Blas] = (),
+        self, cmd: raw.CData, instances: int, count: int, *, update: bool = False, blases: Iterable[Blas] = (),
         at: int | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Record a build over `count` records at a device address (16-byte aligned), with its barriers.
 
         It runs after everything before it and before everything after it. `update` refits after transforms changed; the

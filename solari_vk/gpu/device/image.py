@@ -28,16 +28,9 @@ class Image:
     """
 
     def __init__(
-        self,
-        staging: StagingPool,
-        width: int,
-        height: int,
-        format: int,
-        name: str,
-        *,
-        usage: int = raw.VK_IMAGE_USAGE_SAMPLED_BIT,
-        mip_levels: int = 1,
-    ) -> None:
+        self, staging: StagingPool, width: int, height: int, format: int, name: str, *,
+        usage: int = raw.VK_IMAGE_USAGE_SAMPLED_BIT, mip_levels: int = 1,
+    ) -> None:  # fmt: skip
         self.device = device = staging.device
         memory = staging.memory
         self._staging = staging

@@ -15,16 +15,9 @@ class Sampler:
     """
 
     def __init__(
-        self,
-        device: WorkQueue,
-        *,
-        magnify: str = "linear",
-        minify: str = "linear",
-        mipmap: str = "linear",
-        wrap_u: str = "repeat",
-        wrap_v: str = "repeat",
-        anisotropy: float = 1.0,
-    ) -> None:
+        self, device: WorkQueue, *, magnify: str = "linear", minify: str = "linear", mipmap: str = "linear",
+        wrap_u: str = "repeat", wrap_v: str = "repeat", anisotropy: float = 1.0,
+    ) -> None:  # fmt: skip
         filters = {"nearest": raw.VK_FILTER_NEAREST, "linear": raw.VK_FILTER_LINEAR}
         modes = {
             "nearest": raw.VK_SAMPLER_MIPMAP_MODE_NEAREST,

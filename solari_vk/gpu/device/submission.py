@@ -15,12 +15,9 @@ class Submission:
     """
 
     def __init__(
-        self,
-        timeline: raw.CData,
-        command_buffers: Sequence[raw.CData],
-        waits: Sequence[raw.CData] = (),
+        self, timeline: raw.CData, command_buffers: Sequence[raw.CData], waits: Sequence[raw.CData] = (),
         signals: Sequence[raw.CData] = (),
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._commands = tuple(command_buffers)
         self._waits, self._signals = _semaphores(waits), _semaphores([timeline, *signals])
         self.signal = self._signals[0]

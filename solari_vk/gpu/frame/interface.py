@@ -114,7 +114,8 @@ class Interface:
         try:
             return self.bindings[name]
         except KeyError:
-            raise SolariError(f"no shader has a resource {name}; there are {_listed(self.bindings)}") from None
+            known = ", ".join(sorted(self.bindings)) or "none"
+            raise SolariError(f"no shader has a resource {name}; there are {known}") from None
 
     def fits(self, bindings: Mapping[str, Binding], modules: Iterable[Module]) -> bool:
         """Whether modules with these merged bindings can use this interface as it is."""
@@ -174,7 +175,3 @@ class Interface:
     def destroy(self) -> None:
         """Destroy the layouts when the work submitted so far is done. Safe to call twice."""
         self.device.release(self._token)
-
-
-def _listed(names: Iterable[str]) -> str:
-    return ", ".join(sorted(names)) or "none"

@@ -66,14 +66,9 @@ def compile_file_into_spirv(
 
 
 def compile_into_spirv(
-    raw: bytes | str,
-    stage: str,
-    filepath: str | os.PathLike[str],
-    language: str = "glsl",
-    optimization: str = "size",
-    suppress_warnings: bool = False,
-    warnings_as_errors: bool = False,
-) -> bytes:
+    raw: bytes | str, stage: str, filepath: str | os.PathLike[str], language: str = "glsl", optimization: str = "size",
+    suppress_warnings: bool = False, warnings_as_errors: bool = False,
+) -> bytes:  # fmt: skip
     """SPIR-V of source text, with the names of variables and members.
 
     `stage` is vert, tesc, tese, geom, frag, comp, or a ray tracing stage such as rgen. Errors show `filepath`, and its
