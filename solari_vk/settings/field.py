@@ -23,6 +23,6 @@ class Field:
     rebuilds: bool = False
 
 
-def setting(default: Any, section: str, meaning: str, **more: Any) -> Any:
+def setting(section: str, default: Any, meaning: str, **more: Any) -> Any:
     """A dataclass field with this default that is described by a Field."""
     return dataclasses.field(default=default, metadata={"field": Field(section, meaning, **more)})

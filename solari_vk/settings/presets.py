@@ -10,33 +10,19 @@ from typing import Any
 
 QUALITIES: dict[str, dict[str, Any]] = {
     "low": {
-        "di_candidates": 4,
-        "world_cache_cell_size": 0.3,
-        "world_cache_candidates": 8,
-        "world_cache_update_cap": 10_000,
+        "di_candidates": 4, "world_cache_cell_size": 0.3, "world_cache_candidates": 8, "world_cache_update_cap": 10_000,
         "specular_bounces": 2,
     },
     "medium": {},
     "high": {"di_candidates": 16, "world_cache_cell_size": 0.1, "world_cache_max_samples": 64, "specular_bounces": 4},
     "ultra": {
-        "di_candidates": 32,
-        "world_cache_cell_size": 0.05,
-        "world_cache_max_samples": 128,
-        "world_cache_update_cap": 200_000,
-        "specular_bounces": 8,
-        "gi_confidence_cap": 16.0,
+        "di_candidates": 32, "world_cache_cell_size": 0.05, "world_cache_max_samples": 128,
+        "world_cache_update_cap": 200_000, "specular_bounces": 8, "gi_confidence_cap": 16.0,
     },
     "solari": {
-        "layering": "fresnel_product",
-        "world_cache_search_steps": 3,
-        "world_cache_relight": False,
-        "world_cache_leak_prevention": "finest",
-        "world_cache_surfaces": "diffuse",
-        "di_initial_visibility": True,
-        "di_target": "matte",
-        "gi_jacobian_limit": 1.2,
-        "gi_visibility": "neighbor",
-        "gi_refresh": False,
+        "layering": "fresnel_product", "world_cache_search_steps": 3, "world_cache_relight": False,
+        "world_cache_leak_prevention": "finest", "world_cache_surfaces": "diffuse", "di_initial_visibility": True,
+        "di_target": "matte", "gi_jacobian_limit": 1.2, "gi_visibility": "neighbor", "gi_refresh": False,
         "specular_termination": "camera_spread",
     },
-}
+}  # fmt: skip

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from solari_vk.errors import SolariError, unknown_name
 from solari_vk.settings.field import Field, setting
 from solari_vk.settings.layering import LAYERINGS
 from solari_vk.settings.presets import QUALITIES as QUALITIES
+
+_frame, _reuse, _tiles, _cache, _di, _gi, _specular = (partial(setting, section) for section in (
+    "frame", "reuse", "light_tiles", "world_cache", "restir_di", "restir_gi", "specular_gi",
+))  # fmt: skip
 
 
 @dataclass
@@ -22,179 +27,143 @@ class Settings:
     """
 
     # ---- what is computed
-    di: bool = setting(True, "frame", "Direct light (ReSTIR DI).")
-    gi: bool = setting(True, "frame", "Indirect light of diffuse surfaces (ReSTIR GI).")
-    specular: bool = setting(
-        True, "frame", "Light by the specular lobe: indirect light, and on smooth surfaces lights."
-    )  # fmt: skip
-    world_cache: bool = setting(True, "frame", "The radiance cache; without it indirect light is one bounce of direct.")
-    jitter: bool = setting(True, "frame", "Move samples within the pixel from frame to frame, for antialiasing.")
-    gbuffer: str = setting(
-        "raster", "frame", "How the surface of a pixel is found: by rasterization or by rays.",
-        choices=("raster", "traced"), rebuilds=True
-    )  # fmt: skip
-    frustum_culling: bool = setting(True, "frame", "Skip instances outside the view when rasterizing.", rebuilds=True)
-    occlusion_culling: bool = setting(True, "frame", "Skip instances that others hide when rasterizing.", rebuilds=True)
-    layering: str = setting(
-        "conserving", "frame", "How the specular layer dims the diffuse one below it: so that all energy is kept, or "
-        "by a product of Fresnel terms, which loses some (Solari).", choices=LAYERINGS, rebuilds=True
-    )  # fmt: skip
-    pure_metal: float = setting(
-        0.9999, "frame", "Metallic above which a surface counts as having no diffuse lobe. Less: faster, less exact.",
-        low=0, high=1
-    )  # fmt: skip
-    lambert: bool = setting(False, "frame", "Every surface is Lambertian, to compare with closed forms.", rebuilds=True)
+    di: bool = _frame(True, "Direct light (ReSTIR DI).")
+    gi: bool = _frame(True, "Indirect light of diffuse surfaces (ReSTIR GI).")
+    specular: bool = _frame(True, "Light by the specular lobe: indirect light, and on smooth surfaces lights.")
+    world_cache: bool = _frame(True, "The radiance cache; without it indirect light is one bounce of direct.")
+    jitter: bool = _frame(True, "Move samples within the pixel from frame to frame, for antialiasing.")
+    gbuffer: str = _frame(
+        "raster", "How the surface of a pixel is found: by rasterization or by rays.",
+        choices=("raster", "traced"), rebuilds=True)  # fmt: skip
+    frustum_culling: bool = _frame(True, "Skip instances outside the view when rasterizing.", rebuilds=True)
+    occlusion_culling: bool = _frame(True, "Skip instances that others hide when rasterizing.", rebuilds=True)
+    layering: str = _frame(
+        "conserving", "How the specular layer dims the diffuse one below it: so that all energy is kept, or by a "
+        "product of Fresnel terms, which loses some (Solari).", choices=LAYERINGS, rebuilds=True)  # fmt: skip
+    pure_metal: float = _frame(
+        0.9999, "Metallic above which a surface counts as having no diffuse lobe. Less: faster, less exact.",
+        low=0, high=1)  # fmt: skip
+    lambert: bool = _frame(False, "Every surface is Lambertian, to compare with closed forms.", rebuilds=True)
 
     # ---- reuse between pixels, in DI and GI
-    similarity_plane_distance: float = setting(
-        0.003, "reuse", "Largest distance of a pixel from the tangent plane of another that reuses its samples, over "
-        "the view depth. More: less noise at small features, more blur of contact shadows.", low=1e-6, high=1.0
-    )  # fmt: skip
-    similarity_normal_cosine: float = setting(
-        0.0, "reuse", "Cosine of the largest angle between two normals. More: less blur, more noise.", low=-1, high=1
+    similarity_plane_distance: float = _reuse(
+        0.003, "Largest distance of a pixel from the tangent plane of another that reuses its samples, over the view "
+        "depth. More: less noise at small features, more blur of contact shadows.", low=1e-6, high=1.0)  # fmt: skip
+    similarity_normal_cosine: float = _reuse(
+        0.0, "Cosine of the largest angle between two normals. More: less blur, more noise.", low=-1, high=1
     )
-    permutation_sampling: bool = setting(True, "reuse", "Permute pixels in temporal reuse: less correlation.")
-    spatial_tries: int = setting(
-        5, "reuse", "Attempts to find a similar neighbor. More: less noise, slower.", low=1, high=32
-    )
-    spatial_radius_halving: bool = setting(True, "reuse", "Halve the search radius after each failed attempt.")
+    permutation_sampling: bool = _reuse(True, "Permute pixels in temporal reuse: less correlation.")
+    spatial_tries: int = _reuse(5, "Attempts to find a similar neighbor. More: less noise, slower.", low=1, high=32)
+    spatial_radius_halving: bool = _reuse(True, "Halve the search radius after each failed attempt.")
 
     # ---- light tiles
-    light_tile_count: int = setting(
-        128, "light_tiles", "Tiles per frame. More: less correlation.", low=1, high=4096, rebuilds=True
-    )
-    light_tile_samples: int = setting(
-        1024, "light_tiles", "Light samples per tile. More: less correlation.", low=1, high=65536, rebuilds=True
+    light_tile_count: int = _tiles(128, "Tiles per frame. More: less correlation.", low=1, high=4096, rebuilds=True)
+    light_tile_samples: int = _tiles(
+        1024, "Light samples per tile. More: less correlation.", low=1, high=65536, rebuilds=True
     )
 
     # ---- world cache
-    world_cache_cells: int = setting(
-        1 << 20, "world_cache", "Cells of the hash map, a power of two. Less: less memory; light is lost when full.",
-        low=1 << 10, high=1 << 26, rebuilds=True
-    )  # fmt: skip
-    world_cache_cell_size: float = setting(
-        0.15, "world_cache", "Size of the finest cells in meters. Less: sharper, slower, noisier.", low=1e-6, high=1e6
+    world_cache_cells: int = _cache(
+        1 << 20, "Cells of the hash map, a power of two. Less: less memory; light is lost when full.",
+        low=1 << 10, high=1 << 26, rebuilds=True)  # fmt: skip
+    world_cache_cell_size: float = _cache(
+        0.15, "Size of the finest cells in meters. Less: sharper, slower, noisier.", low=1e-6, high=1e6
     )
-    world_cache_lod_distance: float = setting(
-        15.0, "world_cache", "Distance in meters at which cells have twice the finest size. More: finer cells.",
-        low=1e-6, high=1e9
-    )  # fmt: skip
-    world_cache_lod_sharpness: float = setting(
-        3.0, "world_cache", "Exponent of the probability of the coarser level. More: finer cells, harder edges "
-        "between levels.", low=0.01, high=100
-    )  # fmt: skip
-    world_cache_lifetime: int = setting(
-        10, "world_cache", "Frames for which a cell lives without queries. More: steadier, more cells.",
-        low=1, high=1000
-    )  # fmt: skip
-    world_cache_search_steps: int = setting(
-        8, "world_cache", "Entries of the map that a key may take (Solari: 3). Less: faster, full sooner.",
-        low=1, high=64
-    )  # fmt: skip
-    world_cache_max_samples: int = setting(
-        32, "world_cache", "Frames in a cell's mean. More: less noise, more lag.", low=1, high=4096
+    world_cache_lod_distance: float = _cache(
+        15.0, "Distance in meters at which cells have twice the finest size. More: finer cells.", low=1e-6, high=1e9
     )
-    world_cache_change_exponent: float = setting(
-        0.125, "world_cache", "Exponent of a cell's relative change in the adaptive blend. Less: forgets at smaller "
-        "changes.", low=0.01, high=10
-    )  # fmt: skip
-    world_cache_change_smoothing: float = setting(
-        0.125, "world_cache", "Weight of the newest frame in a cell's change. More: quicker, noisier.",
-        low=0.001, high=1
-    )  # fmt: skip
-    world_cache_relight: bool = setting(
-        True, "world_cache", "Forget as large a share of the past as the share of the lights' power that changed "
-        "(Solari: off)."
-    )  # fmt: skip
-    world_cache_candidates: int = setting(
-        32, "world_cache", "Light samples from which a cell chooses. More: less noise, slower.", low=1, high=1024
+    world_cache_lod_sharpness: float = _cache(
+        3.0, "Exponent of the probability of the coarser level. More: finer cells, harder edges between levels.",
+        low=0.01, high=100)  # fmt: skip
+    world_cache_lifetime: int = _cache(
+        10, "Frames for which a cell lives without queries. More: steadier, more cells.", low=1, high=1000
     )
-    world_cache_ray_length: float = setting(
-        50.0, "world_cache", "Length of a cell's rays in meters. Less: faster, darker.", low=1e-3, high=1e9
+    world_cache_search_steps: int = _cache(
+        8, "Entries of the map that a key may take (Solari: 3). Less: faster, full sooner.", low=1, high=64
     )
-    world_cache_update_cap: int = setting(
-        40_000, "world_cache", "Cells that are updated in a frame, at random and on average. Less: faster, more lag.",
-        low=1, high=1 << 26
-    )  # fmt: skip
-    world_cache_jitter: float = setting(
-        0.5, "world_cache", "Random offset of a query, in cells. More: hides the grid, blurs.", low=0, high=2
+    world_cache_max_samples: int = _cache(32, "Frames in a cell's mean. More: less noise, more lag.", low=1, high=4096)
+    world_cache_change_exponent: float = _cache(
+        0.125, "Exponent of a cell's relative change in the adaptive blend. Less: forgets at smaller changes.",
+        low=0.01, high=10)  # fmt: skip
+    world_cache_change_smoothing: float = _cache(
+        0.125, "Weight of the newest frame in a cell's change. More: quicker, noisier.", low=0.001, high=1
     )
-    world_cache_leak_prevention: str = setting(
-        "landmarks", "world_cache", "How light is kept from leaking through walls: rays shorter than a cell ask the "
-        "finest cells (Solari); with landmarks, walls also divide cells.", choices=("landmarks", "finest")
-    )  # fmt: skip
-    world_cache_surfaces: str = setting(
-        "whole", "world_cache", "What a surface reflects of the light in the cache: what its whole material reflects, "
-        "mirrors included; or its base color, as if everything were diffuse (Solari).", choices=("whole", "diffuse")
+    world_cache_relight: bool = _cache(
+        True, "Forget as large a share of the past as the share of the lights' power that changed (Solari: off)."
+    )
+    world_cache_candidates: int = _cache(
+        32, "Light samples from which a cell chooses. More: less noise, slower.", low=1, high=1024
+    )
+    world_cache_ray_length: float = _cache(
+        50.0, "Length of a cell's rays in meters. Less: faster, darker.", low=1e-3, high=1e9
+    )
+    world_cache_update_cap: int = _cache(
+        40_000, "Cells that are updated in a frame, at random and on average. Less: faster, more lag.",
+        low=1, high=1 << 26)  # fmt: skip
+    world_cache_jitter: float = _cache(
+        0.5, "Random offset of a query, in cells. More: hides the grid, blurs.", low=0, high=2
+    )
+    world_cache_leak_prevention: str = _cache(
+        "landmarks", "How light is kept from leaking through walls: rays shorter than a cell ask the finest cells "
+        "(Solari); with landmarks, walls also divide cells.", choices=("landmarks", "finest"))  # fmt: skip
+    world_cache_surfaces: str = _cache(
+        "whole", "What a surface reflects of the light in the cache: what its whole material reflects, mirrors "
+        "included; or its base color, as if everything were diffuse (Solari).", choices=("whole", "diffuse")
     )  # fmt: skip
 
     # ---- ReSTIR DI
-    di_candidates: int = setting(
-        8, "restir_di", "Light samples from which a pixel chooses. More: less noise.", low=1, high=1024
+    di_candidates: int = _di(8, "Light samples from which a pixel chooses. More: less noise.", low=1, high=1024)
+    di_temporal: bool = _di(True, "Reuse samples of the previous frame.")
+    di_spatial: bool = _di(True, "Reuse a sample of a neighbor.")
+    di_initial_visibility: bool = _di(
+        False, "Drop an occluded sample before reuse (Solari: on): less noise, but shadows grow halos."
     )
-    di_temporal: bool = setting(True, "restir_di", "Reuse samples of the previous frame.")
-    di_spatial: bool = setting(True, "restir_di", "Reuse a sample of a neighbor.")
-    di_initial_visibility: bool = setting(
-        False, "restir_di", "Drop an occluded sample before reuse (Solari: on): less noise, but shadows grow halos."
+    di_target: str = _di(
+        "brdf", "Choose lights by the whole BRDF, or as if all surfaces were diffuse (Solari).",
+        choices=("brdf", "matte"))  # fmt: skip
+    di_confidence_cap: float = _di(
+        20.0, "Largest confidence of history, in frames. More: less noise, more lag.", low=1, high=1e4
     )
-    di_target: str = setting(
-        "brdf", "restir_di", "Choose lights by the whole BRDF, or as if all surfaces were diffuse (Solari).",
-        choices=("brdf", "matte")
-    )  # fmt: skip
-    di_confidence_cap: float = setting(
-        20.0, "restir_di", "Largest confidence of history, in frames. More: less noise, more lag.", low=1, high=1e4
+    di_spatial_radius: float = _di(
+        30.0, "Radius in pixels within which a neighbor is searched. More: fewer blotches.", low=1, high=1e4
     )
-    di_spatial_radius: float = setting(
-        30.0, "restir_di", "Radius in pixels within which a neighbor is searched. More: fewer blotches.",
-        low=1, high=1e4
-    )  # fmt: skip
 
     # ---- ReSTIR GI
-    gi_temporal: bool = setting(True, "restir_gi", "Reuse samples of the previous frame.")
-    gi_spatial: bool = setting(True, "restir_gi", "Reuse a sample of a neighbor.")
-    gi_confidence_cap: float = setting(
-        8.0, "restir_gi", "Largest confidence of history, in frames. More: less noise, more lag.", low=1, high=1e4
+    gi_temporal: bool = _gi(True, "Reuse samples of the previous frame.")
+    gi_spatial: bool = _gi(True, "Reuse a sample of a neighbor.")
+    gi_confidence_cap: float = _gi(
+        8.0, "Largest confidence of history, in frames. More: less noise, more lag.", low=1, high=1e4
     )
-    gi_spatial_radius: float = setting(
-        30.0, "restir_gi", "Radius in pixels within which a neighbor is searched. More: fewer blotches.",
-        low=1, high=1e4
-    )  # fmt: skip
-    gi_jacobian_limit: float = setting(
-        10.0, "restir_gi", "Largest Jacobian, or inverse of it, of a sample that is merged (Solari: 1.2). Less: more "
-        "noise.", low=1, high=1e6
-    )  # fmt: skip
-    gi_skip_smooth_metals: bool = setting(
-        True, "restir_gi", "Trace no diffuse ray for smooth metals, which have no diffuse lobe."
-    )  # fmt: skip
-    gi_visibility: str = setting(
-        "both", "restir_gi", "Which visibility a merge tests: that of each sample from both pixels; or only that of a "
-        "neighbor's sample from this pixel, which loses light at the edges of indirect shadows (Solari).",
-        choices=("both", "neighbor")
-    )  # fmt: skip
-    gi_refresh: bool = setting(
-        True, "restir_gi", "Query the world cache again for the samples of the previous frame, so that GI follows "
-        "changes of light as fast as the cache (Solari: off)."
-    )  # fmt: skip
+    gi_spatial_radius: float = _gi(
+        30.0, "Radius in pixels within which a neighbor is searched. More: fewer blotches.", low=1, high=1e4
+    )
+    gi_jacobian_limit: float = _gi(
+        10.0, "Largest Jacobian, or inverse of it, of a sample that is merged (Solari: 1.2). Less: more noise.",
+        low=1, high=1e6)  # fmt: skip
+    gi_skip_smooth_metals: bool = _gi(True, "Trace no diffuse ray for smooth metals, which have no diffuse lobe.")
+    gi_visibility: str = _gi(
+        "both", "Which visibility a merge tests: that of each sample from both pixels; or only that of a neighbor's "
+        "sample from this pixel, which loses light at the edges of indirect shadows (Solari).",
+        choices=("both", "neighbor"))  # fmt: skip
+    gi_refresh: bool = _gi(
+        True, "Query the world cache again for the samples of the previous frame, so that GI follows changes of light "
+        "as fast as the cache (Solari: off).")  # fmt: skip
 
     # ---- specular GI
-    specular_bounces: int = setting(
-        3, "specular_gi", "Surfaces that a path may visit before it ends in the cache. More: truer, slower.",
-        low=1, high=64
-    )  # fmt: skip
-    specular_reuse_roughness: float = setting(
-        0.4, "specular_gi", "Roughness above which surfaces reuse the sample of ReSTIR GI, and up to which GI skips "
-        "metals. More: sharper reflections, slower.", low=0, high=1
-    )  # fmt: skip
-    specular_di_roughness: float = setting(
-        0.0225, "specular_gi", "Roughness up to which specular rays find the lights; above it DI shades them. More: "
-        "noisier where lights are small.", low=0, high=1
-    )  # fmt: skip
-    specular_termination: str = setting(
-        "spread", "specular_gi", "A path ends in the cache when its cone is wider than a cell. The cone begins at the "
-        "surface that the pixel shows; or at the camera, with rays longer than sqrt(3) cells (Solari).",
-        choices=("spread", "camera_spread")
-    )  # fmt: skip
-    primary_surface_replacement: bool = setting(True, "specular_gi", "Guides describe the surface that a mirror shows.")
+    specular_bounces: int = _specular(
+        3, "Surfaces that a path may visit before it ends in the cache. More: truer, slower.", low=1, high=64
+    )
+    specular_reuse_roughness: float = _specular(
+        0.4, "Roughness above which surfaces reuse the sample of ReSTIR GI, and up to which GI skips metals. More: "
+        "sharper reflections, slower.", low=0, high=1)  # fmt: skip
+    specular_di_roughness: float = _specular(
+        0.0225, "Roughness up to which specular rays find the lights; above it DI shades them. More: noisier where "
+        "lights are small.", low=0, high=1)  # fmt: skip
+    specular_termination: str = _specular(
+        "spread", "A path ends in the cache when its cone is wider than a cell. The cone begins at the surface that "
+        "the pixel shows; or at the camera, with rays longer than sqrt(3) cells (Solari).",
+        choices=("spread", "camera_spread"))  # fmt: skip
+    primary_surface_replacement: bool = _specular(True, "Guides describe the surface that a mirror shows.")
 
     revision = 0
     """A number that grows with each change."""

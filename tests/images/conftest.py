@@ -24,7 +24,7 @@ def tracer(device):
         renderer.close()
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def picture(device):
     """picture(scene, size, samples, runs=8, camera=None, **settings of PathTracer) -> Picture; see take_picture."""
     return functools.partial(take_picture, device)

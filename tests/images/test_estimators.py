@@ -54,21 +54,19 @@ def same(first, second, bar, what="", tile=8):
 
 
 @pytest.fixture(scope="module")
-def pictures():
-    """Pictures that several tests compare with."""
-    return {}
+def reference(picture):
+    return picture(room(), (48, 48), 256, seed=1, **SETTINGS)
 
 
-def reference(pictures, picture):
-    if "mis" not in pictures:
-        pictures["mis"] = picture(room(), (48, 48), 256, seed=1, **SETTINGS)
-    return pictures["mis"]
+@pytest.fixture(scope="module")
+def unscaled(picture):
+    return picture(cornell_box(), (48, 48), 64, seed=5, **SETTINGS)
 
 
 @pytest.mark.parametrize("strategy", ["nee", "brdf"])
-def test_strategies_agree(picture, pictures, strategy):
+def test_strategies_agree(picture, reference, strategy):
     other = picture(room(), (48, 48), 256, seed=2, light_strategy=strategy, **SETTINGS)
-    same(other, reference(pictures, picture), 0.015, strategy)
+    same(other, reference, 0.015, strategy)
 
 
 def test_strategies_agree_under_wide_suns(picture):
@@ -87,16 +85,13 @@ def test_strategies_agree_under_wide_suns(picture):
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1e4])
-def test_scaled_scenes_give_the_same_picture(picture, pictures, scale):
+def test_scaled_scenes_give_the_same_picture(picture, unscaled, scale):
     """With one seed, nearly all pixels are equal; rounding moves only a few rays to the other side of an edge."""
-    if "unscaled" not in pictures:
-        pictures["unscaled"] = picture(cornell_box(), (48, 48), 64, seed=5, **SETTINGS)
     scaled = picture(cornell_box(size=2 * scale), (48, 48), 64, seed=5, **SETTINGS)
-    base = pictures["unscaled"]
-    relative = np.abs(scaled.mean - base.mean) / (base.mean + 1e-3)
-    print(scale, scaled.mean.mean() / base.mean.mean() - 1, (relative > 1e-3).mean())
-    assert scaled.mean.mean() == pytest.approx(base.mean.mean(), rel=0.003)
-    same(scaled, base, 0.03)
+    relative = np.abs(scaled.mean - unscaled.mean) / (unscaled.mean + 1e-3)
+    print(scale, scaled.mean.mean() / unscaled.mean.mean() - 1, (relative > 1e-3).mean())
+    assert scaled.mean.mean() == pytest.approx(unscaled.mean.mean(), rel=0.003)
+    same(scaled, unscaled, 0.03)
     assert (relative > 0.05).mean() < 0.02
 
 
@@ -113,11 +108,11 @@ def mirrored(scene, mirror, proper):
 
 
 @pytest.mark.parametrize("proper", [True, False])
-def test_mirrored_world_and_camera(picture, pictures, proper):
+def test_mirrored_world_and_camera(picture, reference, proper):
     made = picture(mirrored(room(), np.diag((-1.0, 1, 1, 1)), proper), (48, 48), 128, seed=6, **SETTINGS)
     if proper:
         made.runs = made.runs[:, :, ::-1]
-    same(made, reference(pictures, picture), 0.015, f"proper {proper}")
+    same(made, reference, 0.015, f"proper {proper}")
 
 
 def baked(instance):
