@@ -80,22 +80,16 @@ def _camera(transform: Image) -> sv.Camera:
 
 def things() -> list[sv.Instance]:
     """What a camera at the origin sees: a wall, two balls of metal and a box; the box is last."""
-    metals = (rgb((0.9, 0.6, 0.2)), GOLD, -0.9), (rgb(1.0), WHITE_METAL, 0.9)
+    ball, box = shapes.sphere(0.8, 32), shapes.box()
+    gold = sv.Material(base_color=rgb((0.9, 0.6, 0.2)), metallic=1.0, perceptual_roughness=GOLD)
+    white = sv.Material(base_color=rgb(1.0), metallic=1.0, perceptual_roughness=WHITE_METAL)
+    paint = sv.Material(base_color=rgb(PAINT), perceptual_roughness=PLASTIC)
     return [
         sv.Instance(mesh=shapes.quad((0, 0, -12), (6, 0, 0), (0, 6, 0)), material=sv.Material(base_color=rgb(0.3))),
-        *(
-            sv.Instance(
-                mesh=shapes.sphere(0.8, 32),
-                material=sv.Material(base_color=color, metallic=1.0, perceptual_roughness=roughness),
-                transform=place(1.0, (x, 0.6, -9)),
-            )
-            for color, roughness, x in metals
-        ),
-        sv.Instance(
-            mesh=shapes.box(), material=sv.Material(base_color=rgb(PAINT), perceptual_roughness=PLASTIC),
-            transform=place(1.0, (0, -0.8, -8.5), 0.5),
-        ),
-    ]  # fmt: skip
+        sv.Instance(mesh=ball, material=gold, transform=place(at=(-0.9, 0.6, -9))),
+        sv.Instance(mesh=ball, material=white, transform=place(at=(0.9, 0.6, -9))),
+        sv.Instance(mesh=box, material=paint, transform=place(1.0, (0, -0.8, -8.5), 0.5)),
+    ]
 
 
 def _read(frame: RenderedFrame) -> dict[str, Image]:

@@ -8,27 +8,20 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
+from solari_vk.conformance.display_checks import decode_srgb
 from solari_vk.output.tone_mapping import encode_srgb
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import matte
 
 QUAD = shapes.quad((0, 0, -2), (1, 0, 0), (0, 1, 0))  # uv (0, 0) at its lower left, (1, 1) at the upper right
-
-
-def srgb_to_linear(value):
-    value = np.asarray(value, np.float64) / 255
-    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+CODES = np.array([[(255, 0, 0), (0, 255, 0)], [(0, 0, 255), (200, 100, 50)]])
+COLORS = decode_srgb(CODES)
 
 
 def four_colors(**fields):
-    """A texture of four texels: red and green in the file's first row, blue and white in the second."""
+    """A texture of four texels: red and green in the file's first row, blue and brown in the second."""
     pixels = np.full((2, 2, 4), 255, np.uint8)
-    pixels[0, 0, :3], pixels[0, 1, :3], pixels[1, 0, :3], pixels[1, 1, :3] = (
-        (255, 0, 0),
-        (0, 255, 0),
-        (0, 0, 255),
-        (200, 100, 50),
-    )
+    pixels[..., :3] = CODES
     return sv.Texture(
         image=sv.TextureImage(pixels=pixels), magnification="nearest", minification="nearest", mipmaps=False, **fields
     )
@@ -51,9 +44,6 @@ def quadrants(image):
     h, w = image.shape[0] // 2, image.shape[1] // 2
     inner = image[..., :3].reshape(2, h, 2, w, 3)[:, 2:-2, :, 2:-2]
     return inner.mean(axis=(1, 3))
-
-
-COLORS = srgb_to_linear([[(255, 0, 0), (0, 255, 0)], [(0, 0, 255), (200, 100, 50)]])
 
 
 def test_base_color_orientation_and_srgb(tracer):
