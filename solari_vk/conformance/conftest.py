@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import pytest
 
+from solari_vk.conformance.groups import Run
 from solari_vk.conformance.shader_runner import ShaderRunner
-from solari_vk.conformance.suite import Recorder, Suite
-from solari_vk.gpu.device.device import Device
+from solari_vk.conformance.suite import Suite
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -26,25 +25,13 @@ def suite(request: pytest.FixtureRequest) -> Suite:
 
 
 @pytest.fixture(scope="session")
-def device(suite: Suite) -> Device:
-    """The device under test."""
-    return suite.device
-
-
-@pytest.fixture(scope="session")
-def shaders(device: Device) -> Iterator[ShaderRunner]:
-    """Runs passes/NAME.comp of the package over arrays."""
-    with ShaderRunner(device) as made:
+def shaders(suite: Suite) -> Iterator[ShaderRunner]:
+    """The suite's shaders on the device under test."""
+    with ShaderRunner(suite.device) as made:
         yield made
 
 
 @pytest.fixture
-def rule(request: Any, suite: Suite) -> Recorder:
-    """Records what the test measures: rule(measurement) or rule(measurements)."""
-    return suite.recorder(request.node)
-
-
-@pytest.fixture(scope="session")
-def full(suite: Suite) -> bool:
-    """Whether this is the full profile, which measures more; `rule.full_only` records what others leave out."""
-    return suite.full
+def run(request: pytest.FixtureRequest, suite: Suite, shaders: ShaderRunner) -> Run:
+    """What the check of this test may use."""
+    return Run(suite.recorder(request.node), shaders, suite.full)

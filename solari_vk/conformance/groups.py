@@ -26,7 +26,7 @@ from solari_vk.conformance import (
     world_cache_checks,
 )
 from solari_vk.conformance.probes import INSTANCES, SHAPES, call_rule
-from solari_vk.conformance.rules import Measurement
+from solari_vk.conformance.rules import ERROR, NOT_RUN, UNSUPPORTED, Measurement
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.conformance.worlds import FRESH, WAYS, World
 from solari_vk.gpu.device.device import Device
@@ -66,7 +66,7 @@ def _cases(name: str, measure: Callable[..., Iterable[Measurement]], *cases: Any
 def _probes(run: Run, way: str, stage: str = probe_checks.STAGES[0]) -> Iterable[Measurement]:
     missing = [feature for feature in NEEDED if feature not in run.device.features]
     if stage == "fragment" and missing:
-        run.rule.unsupported(call_rule("ray queries in fragment shaders"), missing[0])
+        run.rule.unmeasured(call_rule("ray queries in fragment shaders"), UNSUPPORTED, missing[0])
         return
     with World(run.device, SHAPES, list(INSTANCES.values()), way) as world:
         yield from probe_checks.measure_probes(run.shaders, world, stage)
@@ -75,7 +75,7 @@ def _probes(run: Run, way: str, stage: str = probe_checks.STAGES[0]) -> Iterable
 def _embree(run: Run, scene: str) -> Iterable[Measurement]:
     if embree_checks.available():
         return embree_checks.measure(run.shaders, scene, 10_000_000 if run.full else 100_000)
-    run.rule.missing(embree_checks.rules(scene), "needs embreex: pip install solari-vk[test]")
+    run.rule.unmeasured(embree_checks.rules(scene), ERROR, "needs embreex: pip install solari-vk[test]")
     return ()
 
 
@@ -83,16 +83,16 @@ def _vertex_return(run: Run) -> Iterable[Measurement]:
     if run.device.has_position_fetch:
         return position_checks.measure_positions(run.shaders)
     layer = " (hidden by the validation layer)" if run.device.validation else ""
-    run.rule.unsupported(position_checks.RULES.values(), "rayTracingPositionFetch" + layer)
+    run.rule.unmeasured(position_checks.RULES.values(), UNSUPPORTED, "rayTracingPositionFetch" + layer)
     return ()
 
 
 def _large_tlas(run: Run, count: int) -> Iterable[Measurement]:
     limit = int(run.device.properties.acceleration.maxInstanceCount)
     if count > limit:
-        run.rule.unsupported(structure_checks.large_tlas_rule(count), f"maxInstanceCount is {limit:,}")
+        run.rule.unmeasured(structure_checks.large_tlas_rule(count), UNSUPPORTED, f"maxInstanceCount is {limit:,}")
     elif count > 100_000 and not run.full:
-        run.rule.full_only(structure_checks.large_tlas_rule(count))
+        run.rule.unmeasured(structure_checks.large_tlas_rule(count), NOT_RUN, "--full measures it")
     else:
         return structure_checks.measure_large_tlas(run.shaders, count)
     return ()

@@ -39,13 +39,13 @@ def lamp_above(corners: ArrayLike = LAMP_CORNERS, brightness: float = 1.0) -> sv
     return sv.Instance(mesh=shapes.polygons(corners), material=material, name="lamp")
 
 
-def lamp_on_lambert(scene: sv.Scene, size: int, albedo: NDArray[Any] = _ALBEDO) -> NDArray[Any]:
+def lamp_on_lambert(scene: sv.Scene, size: int) -> NDArray[Any]:
     """The picture (size, size, 3) of a Lambert floor under the lamp, by its closed form."""
     up = np.array([(0.0, 1.0, 0.0)])
     irradiance = closed_forms.over_pixels(
         scene.camera, size, lambda points: closed_forms.polygon_irradiance(points, up, LAMP_CORNERS, 1.0)
     )
-    radiance: NDArray[Any] = irradiance * LAMP_RADIANCE * albedo / math.pi
+    radiance: NDArray[Any] = irradiance * LAMP_RADIANCE * _ALBEDO / math.pi
     return radiance
 
 

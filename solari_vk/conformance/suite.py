@@ -82,19 +82,8 @@ class Recorder:
                 reason = f"known_faults.toml lists it up to {fault.at_most:g} only: it grew worse"
             self.outcomes.append(Outcome(self.group, made.rule, status, self.case, made, reason))
 
-    def unsupported(self, rules: Rule | Iterable[Rule], feature: str) -> None:
-        """Record that the device lacks a feature which the rules need."""
-        self._note(rules, UNSUPPORTED, feature)
-
-    def missing(self, rules: Rule | Iterable[Rule], needed: str) -> None:
-        """Record as an error that something which rules need is missing, other than a feature of the device."""
-        self._note(rules, ERROR, needed)
-
-    def full_only(self, rules: Rule | Iterable[Rule]) -> None:
-        """Record that only the full profile measures the rules, and that this run has another profile."""
-        self._note(rules, NOT_RUN, "--full measures it")
-
-    def _note(self, rules: Rule | Iterable[Rule], status: str, reason: str) -> None:
+    def unmeasured(self, rules: Rule | Iterable[Rule], status: str, reason: str) -> None:
+        """Record why rules aren't measured: UNSUPPORTED by the device, NOT_RUN in this profile, or an ERROR."""
         for rule in [rules] if isinstance(rules, Rule) else rules:
             self.outcomes.append(Outcome(self.group, rule, status, self.case, None, reason))
 

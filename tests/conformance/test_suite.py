@@ -11,7 +11,7 @@ import pytest
 from solari_vk.cli import main
 from solari_vk.conformance import embree_checks
 from solari_vk.conformance.report import Report
-from solari_vk.conformance.rules import NOT_RUN, Measurement, Outcome, Rule, rows
+from solari_vk.conformance.rules import ERROR, NOT_RUN, UNSUPPORTED, Measurement, Outcome, Rule, rows
 from solari_vk.conformance.suite import Fault, Recorder, known_faults
 from solari_vk.errors import SolariError
 
@@ -45,12 +45,10 @@ def test_verdicts():
 
 def test_what_is_not_measured_never_passes():
     assert verdict(Recorder("group", "", [])) == ("Failed", "nothing was measured")
-    for method, reason, expected in (
-        ("unsupported", "someFeature", "Skipped"), ("missing", "embreex", "Failed"), ("full_only", None, "Skipped"),
-    ):  # fmt: skip
+    for status, expected in ((UNSUPPORTED, "Skipped"), (ERROR, "Failed"), (NOT_RUN, "Skipped")):
         recorder = Recorder("group", "", [])
-        getattr(recorder, method)(RULE, *([reason] if reason else []))
-        assert verdict(recorder) == (expected, f"a rule ({reason or '--full measures it'})")
+        recorder.unmeasured(RULE, status, "the reason")
+        assert verdict(recorder) == (expected, "a rule (the reason)")
         assert rows(recorder.outcomes)[0].status != "pass"
         recorder(BAD)
         assert verdict(recorder)[0] == "Failed"
