@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from seeded_bugs import expect_red
+from seeded_bugs import expect_red, failing
 
 from solari_vk.conformance import (
     direct_checks,
@@ -16,7 +16,6 @@ from solari_vk.conformance import (
     specular_checks,
     world_cache_checks,
 )
-from solari_vk.conformance.direct_checks import DIRECT, LIT, PENUMBRA, SHADOW, SIXTEENTHS, Profile
 from solari_vk.conformance.realtime import Effort
 from solari_vk.conformance.rules import Rule
 from solari_vk.conformance.shader_runner import ShaderRunner
@@ -47,13 +46,8 @@ def measure_two_mirrors(device):
     return guide_checks.measure_mirrors(device, "two mirrors")
 
 
-def measure_direct(device):
-    """Briefly: what the bugs do is larger than these bars."""
-    bars = {DIRECT: 0.02, SIXTEENTHS: 0.1, LIT: 0.02, PENUMBRA: 0.04, SHADOW: 0.01}
-    return direct_checks.measure_direct(device, Profile(32, Effort(), bars))
-
-
 def measure_indirect(device):
+    """With less effort than the suite takes: the bugs are larger than this bar."""
     return indirect_checks.measure_indirect(device, (Effort(), 0.06))
 
 
@@ -110,19 +104,20 @@ BUGS = {
                            "draws = visible"),
     "nothing is hidden": (gbuffer_checks.measure_culling, ["culling drops"], CULL,
                           "nearest * 1.0001 < farthest", "nearest * 1e9 < farthest"),
-    "lights counted once too often": (measure_direct, ["of a Cornell box", "all of the lamp"],
+    "lights counted once too often": (direct_checks.measure_direct, ["of a Cornell box", "all of the lamp"],
                                       DI, "float(scene_info.light_count) *", "float(scene_info.light_count + 1u) *"),
-    "1/M dropped": (measure_direct, ["of a Cornell box", "all of the lamp", "each sixteenth"], DI_INITIAL,
+    "1/M dropped": (direct_checks.measure_direct, ["of a Cornell box", "all of the lamp", "each sixteenth"], DI_INITIAL,
                     " / float(restir_di_settings.candidates)", ""),
-    "pdf of the light's point dropped": (measure_direct, ["of a Cornell box", "all of the lamp"], DI,
+    "pdf of the light's point dropped": (direct_checks.measure_direct, ["of a Cornell box", "all of the lamp"], DI,
                                          "light.inverse_pdf / float(scene_info.light_count) *", "1.0 *"),
     "visibility kept for the next frame": (
-        measure_direct, ["of a Cornell box", "part of the lamp"], DI, "    di_reservoirs.at[index] = reservoir;",
+        direct_checks.measure_direct, ["of a Cornell box", "part of the lamp"], DI,
+        "    di_reservoirs.at[index] = reservoir;",
         "    if (reservoir.unbiased_contribution_weight > 0.0 && !is_seen(surface, resolve_light_sample("
         "reservoir.light_sample))) { reservoir.unbiased_contribution_weight = 0.0; }\n"
         "    di_reservoirs.at[index] = reservoir;",
     ),
-    "no shadows": (measure_direct, ["part of the lamp", "nothing of the lamp"], DI,
+    "no shadows": (direct_checks.measure_direct, ["part of the lamp", "nothing of the lamp"], DI,
                    "is_seen(surface, resolved)) {", "true) {"),
     "lights not translated": (direct_checks.measure_changes, ["come and go"], DI_INITIAL,
                               "= light_translation.at[reservoir.light_sample.light_index];",
@@ -291,3 +286,8 @@ def test_seeds_without_effect_are_noticed(device, monkeypatch):
     seeds = iter(range(3))
     monkeypatch.setattr(frame_checks, "_take", lambda device, seed: take(device, next(seeds)))
     expect_red(frame_checks.measure_determinism(device), OF_SEEDS[0])
+
+
+def test_brief_check_of_indirect_light_holds_without_a_bug(device):
+    """The control of the bugs that `measure_indirect` notices."""
+    assert not failing(measure_indirect(device))
