@@ -1,4 +1,4 @@
-"""A suite that says whether a driver, and this package on it, keeps the rules of the documents it follows.
+"""A suite that measures whether a driver, and this package on it, follows the specifications.
 
 Run it with `solari-vk conformance` or `pytest --pyargs solari_vk.conformance`. Every check measures something and
 holds it against a bar; the report has a row a rule, with the document and section that the rule is from. The table of

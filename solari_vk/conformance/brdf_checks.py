@@ -1,4 +1,4 @@
-"""The surface model: energy, samples against their density, weights, reciprocity, and finite values."""
+"""The surface model: energy, the distribution and weights of samples, reciprocity, and finite values."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def furnace(shaders: ShaderRunner, metallic: float, **constants: Any) -> Floats:
 
 
 def measure_furnace(shaders: ShaderRunner, metallic: float) -> Iterator[Measurement]:
-    """A white surface reflects all light, whatever its roughness and the angle."""
+    """A white surface reflects all light, at each roughness and angle."""
     worst = np.abs(furnace(shaders, metallic) - 1)
     where = np.unravel_index(worst.argmax(), worst.shape)
     note = f"roughness {ROUGHNESS[where[0]]:g}, {DEGREES[where[1]]} degrees"

@@ -1,4 +1,4 @@
-"""Drives passes/conformance/brdf.comp: materials and directions in, draws, values or albedos out."""
+"""Runs passes/conformance/brdf.comp, which computes samples, values or albedos of materials for given directions."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ RESULT_COUNT = 4  # vectors that the shader writes for each row
 
 
 def glsl_header() -> str:
-    """MODE_DRAW and so on, and RESULT_COUNT."""
+    """The modes of brdf.comp, such as MODE_DRAW, and RESULT_COUNT as GLSL constants."""
     return enumeration("MODE", MODES) + "\n" + glsl_constants(RESULT_COUNT=RESULT_COUNT)
 
 

@@ -86,7 +86,7 @@ def _place(name: str) -> NDArray[np.float64]:
 
 
 def measure_watertight(shaders: ShaderRunner) -> Iterator[Measurement]:
-    """Rays at the edges and the vertices of a closed surface, from inside, and of a fan around one vertex."""
+    """Traces rays at edges and vertices: from the inside of a closed surface, and at a fan of triangles."""
     random = np.random.default_rng(7)
     angles = np.cumsum(random.uniform(0.2, 1.0, 200))
     angles *= 2 * np.pi / angles[-1]
@@ -129,7 +129,7 @@ def _edge_points(corners: Floats, along: Floats, edges: Sequence[tuple[int, int]
 
 
 def measure_many_instances(shaders: ShaderRunner, count: int) -> Iterator[Measurement]:
-    """Scattered small triangles, with a ray at each from close by."""
+    """Traces a ray from close by at each of many small, scattered triangles."""
     random = np.random.default_rng(9)
     count = min(count, int(shaders.device.properties.acceleration.maxInstanceCount))
     side = int(np.ceil(count ** (1 / 3)))
@@ -199,7 +199,7 @@ def measure_extreme_transforms(shaders: ShaderRunner) -> Iterator[Measurement]:
 
 
 def measure_not_finite(shaders: ShaderRunner) -> Iterator[Measurement]:
-    """Rays at a wall and a box, each with another component that makes it invalid."""
+    """Traces rays at a wall and a box, each made invalid by another component."""
     wall = np.array([[(-9, -9, 0), (9, -9, 0), (0, 9, 0)]])
     shapes: Shapes = {"wall": [Triangles(wall)], "box": [Boxes(np.array([[(-1, -1, 1), (1, 1, 2)]]))]}
     changes: dict[str, dict[int, float]] = {"a plain ray": {}, "an endless ray": {7: np.inf}}

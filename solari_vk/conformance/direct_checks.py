@@ -1,4 +1,4 @@
-"""Direct light by ReSTIR DI: a Cornell box in light, penumbra and shadow, and lights that come and go."""
+"""Direct light by ReSTIR DI: a Cornell box in light, penumbra and shadow, and lights that are added and removed."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ LIT = Rule("direct light where all of the lamp is seen", *_DI)
 PENUMBRA = Rule("direct light where part of the lamp is seen", *_DI)
 SHADOW = Rule("no direct light where nothing of the lamp is seen", *_DI)
 CHANGES = Rule("adding and removing lights leaves the others' light unchanged", *_DI)
-# In frames that see nothing but what lights send straight to surfaces.
+# Passes and settings for frames that contain only direct light.
 ALONE: dict[str, Any] = {"passes": DIRECT_PASSES, "gi": False, "specular": False, "world_cache": False}
 _SHARE_RAYS = 64  # pairs of a point in the pixel and one on the lamp
 
 
 class Profile(NamedTuple):
-    """Pixels a side, how much is measured, and the bars."""
+    """The picture's width and height in pixels, the effort of the measurement, and the bars."""
 
     side: int
     effort: Effort
@@ -57,7 +57,7 @@ FULL = Profile(96, Effort(16, 24, 4 * JITTER_PERIOD, 2048), _FULL_BARS)
 
 
 def read_direct(frame: RenderedFrame) -> Image:
-    """What surfaces reflect of light that comes straight from lights (h, w, 3)."""
+    """The direct light that surfaces reflect (h, w, 3)."""
     return add_up(frame, "di_diffuse", "di_specular")
 
 
@@ -100,7 +100,7 @@ def observe_direct(device: Device, scene: sv.Scene, side: int, effort: Effort, *
 
 
 def measure_direct(device: Device, profile: Profile = FAST) -> Iterator[Measurement]:
-    """What arrives straight from the lamp, against one bounce of the path tracer: in all, and by how much is seen."""
+    """Compares direct light with one bounce of the path tracer: in all pixels, and by the visible share of the lamp."""
     side, effort, bars = profile
     scene = cornell_box()
     expected, shown = trace_direct(device, scene, effort.samples, side)
@@ -118,14 +118,14 @@ def measure_direct(device: Device, profile: Profile = FAST) -> Iterator[Measurem
 # ---- lights that come and go ------------------------------------------------------------------------
 
 
-_LAMPS, _BESIDE = 3, 3.0  # how many, and meters between them
-_AFTER = 3  # frames that are looked at after a change
-# At this size a radius of 30 pixels would make all pixels share a few samples.
+_LAMPS, _BESIDE = 3, 3.0  # the number of lamps, and the distance between them in meters
+_AFTER = 3  # number of frames measured after a change
+# In a picture this small, the default radius of 30 pixels would make all pixels share a few samples.
 _STEADY: dict[str, Any] = {"di_spatial_radius": 4.0, "di_candidates": 32, "di_confidence_cap": 4.0}
 
 
 def _row_of_lamps() -> sv.Scene:
-    """Lamps in a row over a floor, too far apart to light each other's third of the picture."""
+    """Lamps in a row over a floor. They are so far apart that each one lights only its third of the picture."""
     ground = sv.Instance(mesh=shapes.quad((0, 0, 0), (0, 0, 9), (9, 0, 0)), material=matte(0.5), name="floor")
     half_height = math.atan(_BESIDE / 2 / 6)
     camera = sv.Camera.look_at((0, 6, 0), (0, 0, 0), up=(0, 0, -1), vertical_fov=2 * half_height)

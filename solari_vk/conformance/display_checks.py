@@ -1,4 +1,4 @@
-"""The displayed picture: exposure, sRGB, tone curves over sixteen stops; debug views against the buffers they show."""
+"""The displayed picture: exposure, sRGB and tone mapping over sixteen stops; debug views against their buffers."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def room() -> sv.Scene:
 
 
 def measure_views(device: Device) -> Iterator[Measurement]:
-    """Every view in a frame of its own; the camera moves between frames."""
+    """Renders each view in a frame of its own, and compares it with its buffers; the camera moves between frames."""
     scene, constant = room(), []
     if unknown := {*_LIGHT, *_SURFACE, *_NUMBERS} - set(DEBUG_VIEWS):
         raise SolariError(f"there are no views {', '.join(sorted(unknown))}: these rules need their new names")

@@ -75,7 +75,7 @@ def embree_scene(corners: NDArray[Any]) -> Any:
 def meet(
     corners: NDArray[Any], index: NDArray[Any], origins: NDArray[Any], directions: NDArray[Any]
 ) -> tuple[Any, Any]:
-    """Float64 t where rays meet the planes of triangles (N,), and the nearest edge's distance; inf for index -1."""
+    """t at the planes of triangles (N,) in float64, and the distance to the nearest edge; inf for index -1."""
     t, edge = np.full(len(index), np.inf), np.full(len(index), np.inf)
     hit = np.flatnonzero(index >= 0)
     hits = corners[index[hit]], origins[hit], directions[hit]

@@ -1,4 +1,4 @@
-"""The realtime frame as a whole: one seed gives one picture, all is finite, no light is made or kept."""
+"""The realtime frame as a whole: determinism, finite values, energy, and light that is switched off."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ BOXES = {
     "matte": (1.0, 0.0, 32), "mirror": (0.0, 1.0, 16), "plastic": (0.3, 0.0, 32), "rough metal": (0.7, 1.0, 32),
     "glossy metal": (0.3, 1.0, 32),
 }  # fmt: skip
-# Glossy materials so near to lights have heavy tails: they need an effort of minutes.
+# Glossy materials this close to lights have noise with heavy tails, which takes minutes to average.
 QUICK_BOXES = ("matte", "mirror")
 
 
@@ -55,7 +55,7 @@ def _take(device: Device, seed: int) -> list[bytes]:
 
 
 def measure_determinism(device: Device) -> Iterator[Measurement]:
-    """Two renderers of a seed, and one of another."""
+    """Compares two renderers with the same seed, and one with another seed."""
     first, again, other = (_take(device, seed) for seed in (5, 5, 6))
     differ = sum(a != b for a, b in zip(first, again, strict=True))
     yield Measurement(SEED, float(differ), 0.0, f"of {len(first)} results differ")
@@ -63,7 +63,7 @@ def measure_determinism(device: Device) -> Iterator[Measurement]:
 
 
 def odd_scene() -> sv.Scene:
-    """Slivers, points, a light without area, normals of no length, huge and tiny things, a mirror, blinding light."""
+    """Slivers, points, a light without area, zero normals, huge and tiny instances, a mirror, and extreme radiance."""
     points = np.array([(0, 0, 0), (1, 0, 0), (0.5, 1e-7, 0), (0.3, 0.3, 0.3), (0.3, 0.3, 0.3), (0.3, 0.3, 0.3)])
     spoiled = sv.Mesh(positions=points, normals=np.zeros((6, 3), np.float32))
     scene = cornell_box(radiance=(1e8, 1e-3, 0))
@@ -77,7 +77,7 @@ def odd_scene() -> sv.Scene:
 
 
 def measure_finite(device: Device) -> Iterator[Measurement]:
-    """A scene of all that is odd, one without light, and none."""
+    """Checks frames of `odd_scene`, of a scene without light, and of an empty scene."""
     scenes = {"odd": odd_scene(), "dark": cornell_box(radiance=0.0), "empty": sv.Scene(sv.Camera())}
     wrong = 0
     for scene in scenes.values():
@@ -93,7 +93,7 @@ BOX_FAST, BOX_FULL = Effort(16, 20, 12, 128), Effort(16, 24, 2 * JITTER_PERIOD, 
 
 
 def measure_closed_box(device: Device, walls: str, effort: Effort = BOX_FAST) -> Iterator[Measurement]:
-    """Walls that emit 1 and reflect half: the frame adds no energy and loses none, in all and in each sixteenth."""
+    """Walls emit 1 and reflect half of the light: frames are as bright as the path tracer's, also in each tile."""
     scene = closed_box()
     roughness, metallic, side = BOXES[walls]
     material = next(iter(scene)).material
@@ -116,9 +116,9 @@ LIGHT_FULL = (Effort(16, 24, 4 * JITTER_PERIOD, 4096), 0.02, 0.05)
 
 
 def measure_light(device: Device, profile: tuple[Effort, float, float] = LIGHT_FAST) -> Iterator[Measurement]:
-    """The Cornell box's light where no lamp is seen, and what is left of it when the lamp is out.
+    """The Cornell box's light in pixels without a visible lamp, and the light that is left when the lamp is off.
 
-    profile: how much is measured, the bar of the mean, and the bar of a sixteenth.
+    profile: the effort of the measurement, the bar of the mean, and the bar of each tile.
     """
     effort, bar, tile_bar = profile
     scene = cornell_box()

@@ -1,4 +1,4 @@
-"""The G-buffer: raster against rays, motion vectors against the scene's own motion, and culling against none."""
+"""The G-buffer: raster against rays, motion vectors against the scene's motion, culling on against off."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ CULLING = Rule("culling drops nothing that is visible", *_GBUFFER)
 COUNTED = Rule("each visible instance is counted once: drawn, or culled for one reason", *_GBUFFER)
 SIZE = (96, 64)
 MAX_MOTION_ERROR = 1 / 16  # pixels
-# What the packed values may differ by, since rounding falls to either side of a code.
+# The largest difference of packed values that rounding to either neighboring code can cause.
 _TOLERANCES = {
     "color": 4e-3, "perceptual_roughness": 1.01 / 255, "emissive": 0.02, "metallic": 1.01 / 255, "normal": 2e-3,
     "geometric_normal": 1e-4, "motion": 1e-6, "reflectance": 0.0, "instance": 0.0,
@@ -39,7 +39,7 @@ SCENES = ("material_zoo", "cornell_box", "sphere_grid")
 
 
 def make_scene(name: str) -> sv.Scene:
-    """A built-in scene, or the zoo of materials."""
+    """A built-in scene, or `material_zoo`."""
     return material_zoo() if name == "material_zoo" else builtin(name)
 
 
@@ -55,7 +55,7 @@ def _neighbors_alike(values: NDArray[Any]) -> NDArray[np.bool_]:
 
 
 def measure_raster(device: Device, scene: sv.Scene, size: tuple[int, int] = SIZE) -> Iterator[Measurement]:
-    """Every value of the G-buffer, drawn and traced."""
+    """Compares all values of the raster G-buffer with the traced one."""
     found = []
     for way in ("raster", "traced"):
         with make_renderer(device, scene, size, passes=GBUFFER, gbuffer=way) as renderer:
@@ -77,7 +77,7 @@ def measure_raster(device: Device, scene: sv.Scene, size: tuple[int, int] = SIZE
 
 
 def measure_motion(device: Device, way: str = "raster") -> Iterator[Measurement]:
-    """A camera that moves, turns and zooms over things that move, turn, grow and are mirrored, with jitter."""
+    """Measures motion vectors while camera and instances move, turn and scale, with jitter and mirrored instances."""
     random, scene = np.random.default_rng(4), material_zoo()
     scene.add(sv.Instance(mesh=shapes.sphere(0.2, 12), material=matte(0.3), transform=place(1.0, (0, 0.5, 0.5))))
     *moving, _, _ = scene.instances
@@ -116,7 +116,7 @@ _VARIANTS = {
 
 
 def _change(scene: sv.Scene, random: np.random.Generator, number: int) -> None:
-    """Move some things; now and then replace one, so that another takes its row, and hide or show another."""
+    """Move some instances. In some frames also replace one, so that the new one gets its row, or hide or show one."""
     instances = list(scene.instances)
     for _ in range(5):
         moved = instances[random.integers(WALLS, len(instances))]
@@ -144,7 +144,7 @@ def measure_culling(device: Device, frame_count: int = 32) -> Iterator[Measureme
         }
         for number in range(frame_count):
             eye, target = (at + random.uniform(-0.2, 0.2, 3) for at in (eye, target))
-            if number % 7 == 6:  # a cut: what was visible in the frame before says nothing
+            if number % 7 == 6:  # a cut: visibility in the previous frame says nothing about this one
                 eye, target = random.uniform(-9, 9, 3), random.uniform(-3, 3, 3)
             camera = sv.Camera.look_at(eye, target, vertical_fov=random.uniform(1.0, 1.6))
             _change(scene, random, number)

@@ -1,4 +1,4 @@
-"""Scenes for the G-buffer: surfaces of every kind, and things that hide each other; how things are moved at random."""
+"""Scenes for the G-buffer: surfaces of every kind, instances that occlude each other, and random motion."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ import solari_vk as sv
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place, rgb
 
-WALLS = 30  # of `walled`: its first instances
+WALLS = 30  # the number of walls, which are the first instances of `walled`
 
 
 def turned(transform: NDArray[Any], random: np.random.Generator, angle: float, shift: float) -> NDArray[Any]:
-    """The transform (4, 4) turned about its own origin, scaled by up to 5 % and moved, at random."""
+    """The transform (4, 4) after a random rotation about its origin, a scale of up to 5 %, and a translation."""
     result = transform.copy()
     axes, _ = np.linalg.qr(np.eye(3) + random.uniform(-angle, angle, (3, 3)))
     result[:3, :3] = axes * np.sign(np.diag(axes)) @ result[:3, :3] * random.uniform(0.95, 1.05)
@@ -61,7 +61,7 @@ def material_zoo() -> sv.Scene:
 
 
 def walled(random: np.random.Generator, count: int = 280) -> sv.Scene:
-    """Things of all sizes between walls that hide them, mirrored or sheared; every second one sticks in a wall."""
+    """Instances of all sizes, mirrored or sheared, between walls that occlude them; half of them intersect a wall."""
     meshes = (shapes.sphere(0.5, 10), shapes.box(), shapes.quad((0, 0, 0), (0.5, 0, 0), (0, 0.5, 0)))
     materials = [matte(0.5), matte((0.8, 0.3, 0.1)), matte((0.2, 0.4, 0.9), double_sided=True)]
     scene, hosts = sv.Scene(), []

@@ -1,4 +1,4 @@
-"""Guide buffers: what mirrors show against a camera behind them, albedos, ranges, and the parts of the light."""
+"""Guide images: those in mirrors against a mirrored camera's, albedos, ranges, and the parts of the radiance."""
 
 from __future__ import annotations
 
@@ -28,9 +28,10 @@ RANGE = Rule("random scenes give finite guides, unit or zero normals, and roughn
 SUM = Rule("diffuse, specular and emission add up to the radiance", *_GUIDES)
 BEFORE = Rule("emission is the lamp's radiance at any exposure", *_GUIDES)
 SIZE = (48, 48)
-PAINT, GOLD, WHITE_METAL, PLASTIC = (0.25, 0.5, 0.75), 0.35, 0.55, 0.7  # a color; roughnesses that tell pixels apart
-# Mirrors in the order in which they are seen: where, facing which way, and half a side. The G-buffer's normals hold
-# directions of whole numbers that add up to 2047 exactly.
+# A color, and the roughnesses of three materials, by which their pixels are recognized.
+PAINT, GOLD, WHITE_METAL, PLASTIC = (0.25, 0.5, 0.75), 0.35, 0.55, 0.7
+# Mirrors in the order in which the camera sees them: position, normal, and half of the side's length. The normals'
+# components are whole numbers that add up to 2047, so that the G-buffer holds the normals exactly.
 MIRRORS = {
     "one mirror": [((0, 0, 0), (300, 150, 1597), 2.0)],
     "two mirrors": [((0, 0, 0), (-1023, 0, 1024), 1.5), ((-3, 0, 0), (1024, 20, -1003), 3.0)],
@@ -38,14 +39,14 @@ MIRRORS = {
 
 
 class Setup(NamedTuple):
-    """A moment: world from camera, and world from each mirror, whose normal is its z axis."""
+    """The transforms of one frame: world from camera, and world from each mirror, whose normal is its z axis."""
 
     camera: Image
     mirrors: list[Image]
 
     @classmethod
     def of(cls, name: str, moved: float) -> Setup:
-        """The mirrors of a name, and a camera before the first, all of them moved by some centimeters."""
+        """The mirrors with this name and a camera in front of the first one, all moved by some centimeters."""
         aside = moved * np.array((0.04, -0.03, 0.02))
         mirrors = [
             _look(np.subtract(at, aside), np.asarray(facing) / 2047 - aside, half) for at, facing, half in MIRRORS[name]
@@ -54,7 +55,7 @@ class Setup(NamedTuple):
 
     @property
     def reflection(self) -> Image:
-        """Where things seem to be, from where they are: the mirrors' Householder reflections, the first one last."""
+        """Virtual from real positions: the mirrors' Householder reflections; the first mirror's is applied last."""
         chain = np.eye(4)
         for mirror in self.mirrors:
             normal = mirror[:3, 2] / np.linalg.norm(mirror[:3, 2])
@@ -65,7 +66,7 @@ class Setup(NamedTuple):
         return chain
 
     def camera_behind(self) -> sv.Camera:
-        """The camera that sees without mirrors what the camera sees in them."""
+        """The mirrored camera, which sees directly what the camera sees in the mirrors."""
         return _camera(np.linalg.inv(self.reflection) @ self.camera)
 
 
@@ -93,13 +94,13 @@ def things() -> list[sv.Instance]:
 
 
 def _read(frame: RenderedFrame) -> dict[str, Image]:
-    """The guides, albedos in codes of 8 bits."""
+    """The guides; albedos are 8-bit codes."""
     found = {name: np.squeeze(frame[f"guides_{name}"]).astype(np.float64) for name in IMAGES}
     return {name: values[..., :3] if "albedo" in name else values for name, values in found.items()}
 
 
 def _take(device: Device, before: Setup, now: Setup) -> tuple[dict[str, Image], dict[str, Image]]:
-    """The guides of the second of two moments: in mirrors, and from behind without them."""
+    """The guides of the second of two frames: through mirrors, and of the mirrored camera without mirrors."""
     seen_from, scene = now.camera_behind().transform, sv.Scene()
     for thing in (seen := things()):
         scene.add(thing).update(transform=seen_from @ thing.transform)
@@ -122,7 +123,7 @@ def _take(device: Device, before: Setup, now: Setup) -> tuple[dict[str, Image], 
 
 
 def measure_mirrors(device: Device, name: str) -> Iterator[Measurement]:
-    """What mirrors show is what a camera behind them sees, while all move; and materials, seen both ways."""
+    """Guides in mirrors equal those of the mirrored camera while everything moves, and hold the right materials."""
     before, now = Setup.of(name, 1.0), Setup.of(name, 0.0)
     shown, seen = _take(device, before, now)
     shown_normal, seen_normal = (guides["normal_roughness"][..., :3] for guides in (shown, seen))
@@ -135,7 +136,7 @@ def measure_mirrors(device: Device, name: str) -> Iterator[Measurement]:
         "specular motion": ((shown["specular_motion"] - seen["motion"]) * SIZE, 1 / 16, "of a pixel"),
     }
     for what, (error, bar, unit) in errors.items():
-        # Rays and raster may find an edge a pixel apart.
+        # Rays and raster may find an edge in neighboring pixels.
         worst = np.quantile(np.abs(error).reshape(*SIZE, -1).max(axis=-1), 0.98)
         rule = Rule(f"{name}: {what} equal those of the mirrored camera", *_PSR)
         yield Measurement(rule, float(worst), bar, f"{unit} in 98 % of pixels")
@@ -144,7 +145,7 @@ def measure_mirrors(device: Device, name: str) -> Iterator[Measurement]:
 
 
 def _measure_materials(guides: dict[str, Image], name: str) -> Iterator[Measurement]:
-    """What balls and box are made of, wherever they are seen."""
+    """Checks the guides of balls and box against their materials."""
 
     def of(image: str, roughness: float) -> Image:
         pixels = guides[image][np.abs(guides["normal_roughness"][..., 3] - roughness) < 0.004]
@@ -158,7 +159,7 @@ def _measure_materials(guides: dict[str, Image], name: str) -> Iterator[Measurem
 
 
 def measure_range(device: Device) -> Iterator[Measurement]:
-    """Whatever denoisers divide by or look up."""
+    """Checks the ranges of values by which denoisers divide, or which they use for lookups."""
     scene, wrong = odd_scene(), 0
     with make_renderer(device, scene, (24, 24), passes=GUIDES, **{**OFF, "jitter": True}) as renderer:
         for _ in range(4):
@@ -173,7 +174,7 @@ def measure_range(device: Device) -> Iterator[Measurement]:
 
 
 def measure_parts(device: Device) -> Iterator[Measurement]:
-    """A Cornell box: parts are of the radiance, and so before exposure."""
+    """In a Cornell box, the parts add up to the radiance and don't depend on exposure."""
     scene, color = cornell_box(), np.array((17.0, 12.0, 4.0))
     apart, off = [], []
     with make_renderer(device, scene, jitter=False) as renderer:

@@ -1,4 +1,4 @@
-"""Indirect light: a bounce of it by ReSTIR GI."""
+"""One bounce of indirect light by ReSTIR GI."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ SIXTEENTHS = Rule("no tile of 4 x 4 differs significantly from the path tracer's
 
 
 SIZE = (48, 48)
-# How much is measured, and the bar.
+# The effort of the measurement, and the bar.
 Profile = tuple[Effort, float]
 FAST: Profile = (Effort(16, 24, 64, 2048), 0.03)
 FULL: Profile = (Effort(16, 24, 256, 8192), 0.0075)
 
 
 def trace_second_bounce(device: Device, scene: sv.Scene, samples: int) -> Image:
-    """What the path tracer finds with two bounces and not with one (h, w, 3)."""
+    """The path tracer's picture with two bounces minus that with one (h, w, 3)."""
     two, one = (trace(device, scene, samples, SIZE, max_bounces=count) for count in (2, 1))
     return two - one
 
 
 def observe_indirect(device: Device, scene: sv.Scene, effort: Effort, **settings: Any) -> Image:
-    """Indirect light of independent runs (runs, h, w, 3), without the cache: of one bounce."""
+    """One bounce of indirect light in independent runs (runs, h, w, 3), rendered without the world cache."""
     with make_renderer(device, scene, SIZE, passes=SPECULAR, world_cache=False, di=False, **settings) as renderer:
         return run_pictures(renderer, scene.camera, effort, lambda frame: add_up(frame, "gi_diffuse", "specular_gi"))
 

@@ -1,4 +1,4 @@
-"""Light tiles: who is in them, what 28 bytes keep of a light, and that choosing by them is choosing by the lights."""
+"""Light tiles: the distribution and packing of their samples, and direct light that uses them."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ ALONE: dict[str, Any] = {**OFF, "di": True, "di_temporal": False, "di_spatial": 
 
 
 def lamps_above(exposed: Floats, lux: float = LUX) -> sv.Scene:
-    """A white floor under a grid of lamps (N, 3), a glowing ball and the sun: lights 0 to N - 1, N and N + 1."""
+    """A white floor under a grid of lamps of radiance `exposed` (N, 3), an emissive ball and the sun, in this order."""
     scene = floor_scene(matte(1.0))
     scene.camera.ev100 = EV100
     scene.add(sv.DirectionalLight(direction=rgb((0.3, -1, 0.2)), illuminance=lux, angular_diameter=SUN_ANGLE))
@@ -64,7 +64,7 @@ def lamps_above(exposed: Floats, lux: float = LUX) -> sv.Scene:
 
 
 def _take_tiles(renderer: Renderer, frames: int) -> tuple[Samples, Samples]:
-    """What samples name, and what is packed of them, (frames, tiles, samples a tile) each."""
+    """The light samples and their packed records, (frames, tiles, samples per tile) each."""
     taken = []
     for _ in range(frames):
         frame = renderer.render(renderer.binder.scene.camera)
@@ -74,7 +74,7 @@ def _take_tiles(renderer: Renderer, frames: int) -> tuple[Samples, Samples]:
 
 
 def measure_tiles(device: Device) -> Iterator[Measurement]:
-    """The tiles of four frames."""
+    """Measures the samples of four frames."""
     scene = lamps_above(EXPOSED)
     with make_renderer(device, scene, (8, 8), **OFF) as renderer:
         named, packed = _take_tiles(renderer, 4)
@@ -83,7 +83,7 @@ def measure_tiles(device: Device) -> Iterator[Measurement]:
 
 
 def _measure_packing(named: Samples, packed: Samples, exposure: float) -> Iterator[Measurement]:
-    """Against what lights are."""
+    """Compares packed records with the lights of the scene."""
     light, count = named["light_index"], len(EXPOSED) + 2
     sun = closed_forms.sun_radiance(LUX, SUN_ANGLE) * exposure
     exposed = np.concatenate([EXPOSED, [(BALL,) * 3, (sun,) * 3]])[light]
@@ -123,7 +123,7 @@ def _measure_choice(named: Samples, ball_triangles: int) -> Iterator[Measurement
 
 
 def measure_contribution(device: Device, shaders: ShaderRunner) -> Iterator[Measurement]:
-    """ReSTIR DI of one candidate shades by the light that a sample names: against what is packed of the same sample."""
+    """Compares ReSTIR DI with one candidate, which shades with the light itself, with the packed record's light."""
     scene, size = lamps_above(EXPOSED), (32, 32)
     with make_renderer(device, scene, size, **ALONE, di_candidates=1) as renderer:
         named, packed = (taken.ravel() for taken in _take_tiles(renderer, 1))
@@ -134,7 +134,7 @@ def measure_contribution(device: Device, shaders: ShaderRunner) -> Iterator[Meas
     origins, directions = (rays.reshape(-1, 3)[there] for rays in closed_forms.camera_rays(scene.camera, *size))
     points = origins - directions * (origins[:, 1:2] / directions[:, 1:2])
     wi, share = packed_lights.receive(chosen, points)
-    z_up = [0, 2, 1]  # as brdf.comp has normals
+    z_up = [0, 2, 1]  # the normal is z in brdf.comp
     material = brdf_runs.materials(1.0, 0.0, 0.0, 1.0)
     brdf = brdf_runs.run(shaders, "evaluate", len(wi), material, -directions[:, z_up], wi[:, z_up])[:, 1]
     logarithms = np.log2(1 + lit[there] * scene.camera.exposure / (share * brdf))
@@ -143,7 +143,7 @@ def measure_contribution(device: Device, shaders: ShaderRunner) -> Iterator[Meas
 
 
 def measure_noise(device: Device) -> Iterator[Measurement]:
-    """Candidates as they are unpacked decide as well as the lights themselves: the same variance of direct light."""
+    """Choosing by packed records gives direct light with the same variance as choosing by the lights themselves."""
     scene = lamps_above(np.geomspace(3.0, 300.0, 12)[:, None] * COLOR, lux=1000.0)
     variances = []
     for patches in ((), NO_TILES):

@@ -53,12 +53,13 @@ PLACES = {
 
 
 def measure_light_tight(device: Device, places: Sequence[str] = tuple(PLACES)) -> Iterator[Measurement]:
-    """Suns all around a closed surface, and a camera inside: what is lit got light through a wall."""
+    """Suns surround a closed surface with a camera inside: all light in the picture leaked through a wall."""
     suns = [
         sv.DirectionalLight(direction=rgb(direction), illuminance=1e6, angular_diameter=math.pi)
         for direction in ((0.3, 1, 0.2), (-0.3, -1, -0.2))
     ]
-    # Faces inward, and the bumps are gentle: a crease sharper than a right angle is open to origins moved off it.
+    # The surface faces inward. Its bumps are low: in a crease sharper than a right angle, an origin that is moved off
+    # one side can pass through the other.
     corners = bumpy_ball(40, 0.01)
     for name in places:
         mesh = sv.Mesh(positions=corners[:, ::-1].reshape(-1, 3))
@@ -70,7 +71,7 @@ def measure_light_tight(device: Device, places: Sequence[str] = tuple(PLACES)) -
 
 
 def measure_seeds(device: Device) -> Iterator[Measurement]:
-    """The same seed gives the same bits, another one other noise."""
+    """The same seed gives the same bits; another seed gives different noise."""
     pictures = [take_picture(device, sv.builtin("cornell_box"), (32, 32), 8, runs=2, seed=seed) for seed in (5, 5, 6)]
     first, again, other = (picture.mean for picture in pictures)
     yield Measurement(Rule("a seed gives the same bits", *_TRACER), float((first != again).sum()), 0.0, "values differ")

@@ -1,11 +1,11 @@
-"""What a ray-query probe does at candidates: bits, which may be combined."""
+"""Bits that say what a ray-query probe does at candidates; they can be combined."""
 
 from __future__ import annotations
 
 from solari_vk.gpu.shaders.headers import constants
 
 PASS_OVER = 0
-"""Look at the candidate and go on."""
+"""Ignore the candidate and continue."""
 CONFIRM = 1
 """Confirm candidate triangles."""
 CONFIRM_ODD = 2
@@ -15,14 +15,14 @@ GENERATE_AT = 4
 GENERATE_SPHERE = 8
 """Generate a hit where the ray meets the ball of radius 0.5 in each unit box."""
 TERMINATE = 16
-"""End the query at the first candidate, after what the other bits ask."""
+"""End the query at the first candidate, after the actions of the other bits."""
 
 NEARER = 32
 """With GENERATE_AT: each hit is 1 nearer than the one before, so that the last one is committed."""
 STEP_LIMIT = 4096
-"""Not a bit: a probe gives up after so many candidates, since a traversal without an end is a finding, not a hang."""
+"""Not a bit: a probe stops after this many candidates, so that an endless traversal is reported instead of hanging."""
 
 
 def glsl_header() -> str:
-    """All of them, by the same names."""
+    """The actions as GLSL constants with the same names."""
     return constants(**{name: value for name, value in globals().items() if name.isupper()})

@@ -44,7 +44,7 @@ STAGES = ("compute", "debug build", "fragment")
 def run_rays(
     shaders: ShaderRunner, world: World, rays: np.ndarray, stage: str = STAGES[0]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Answers, one for each ray, from one of STAGES, and how often the debug build found each of rt.RULES broken."""
+    """The answer of each ray in one of STAGES, and how often the debug build found each of rt.RULES broken."""
     faults = np.zeros(len(rt.RULES), [("count", "<u4"), ("invocation", "<u4", 3)])
     inputs = {"tlas": world.tlas, "probes": rays}
     outputs: dict[str, int | np.ndarray] = {"answers": len(rays)}
@@ -137,7 +137,7 @@ class _Checked:
         self.direction = self.inverse @ ray["direction"].astype(np.float64)
 
     def expected(self, which: str) -> Expected | None:
-        """What the table says of the committed hit or of the only candidate."""
+        """The expected committed hit, or the expected single candidate, from the table."""
         return self.probe.committed if which == "committed" else self.probe.candidate
 
     def wrong(self) -> str:
@@ -207,7 +207,7 @@ class _Checked:
         return found
 
     def _coarseness(self) -> float:
-        """The magnitude whose rounding moves the object-space ray: its origin and the translation cancel."""
+        """The magnitude whose rounding error moves the object-space ray, as the origin and the translation cancel."""
         return float(np.abs(self.inverse).max() * np.abs(self.placed.matrix).max())
 
     def _meet(self, geometry: int, primitive: int) -> tuple[float, NDArray[np.float64]]:

@@ -197,7 +197,7 @@ _confirm, _end = (
     call_rule("rayQueryTerminate ends the search and keeps what is committed"),
 )
 _UP: dict[str, Any] = {"origin": (0.5, 0.5, 3.0)}
-_BALL = 2.5 - math.sqrt(3) / 4  # 0.25 beside the middle of a ball of radius 0.5
+_BALL = 2.5 - math.sqrt(3) / 4  # 0.25 beside the center of a ball of radius 0.5
 CALLS = [
     Probe("box passed over", _candidate, "boxes", None, action=PASS_OVER, candidate=Expected(AABB, None), **_UP),
     Probe("opaque box", _candidate, "opaque boxes", None, action=PASS_OVER, candidate=Expected(AABB, None), **_UP),

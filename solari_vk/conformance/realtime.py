@@ -1,4 +1,4 @@
-"""Realtime frames for the suite: small renderers, and replicated runs against the path tracer."""
+"""Realtime frames for the suite: small renderers, and independent runs against the path tracer."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import Settings
 
 Image = NDArray[Any]
-# Fewer tiles and cells than in use, for speed: no mean hangs on them.
+# Fewer tiles and cells than by default, for speed; they don't change means.
 SMALL: dict[str, Any] = {"light_tile_count": 16, "world_cache_cells": 1 << 18}
 PARTS = ("di_diffuse", "di_specular", "gi_diffuse", "specular_gi")
-# Nothing but surfaces and what is seen of lights, each pixel at its middle.
+# Settings for frames with only surfaces and visible emission, sampled at pixel centers.
 OFF: dict[str, Any] = {"di": False, "gi": False, "specular": False, "world_cache": False, "jitter": False}
-# What a frame computes of one part of the light, and nothing else.
+# The passes that compute one part of the light.
 GBUFFER = ("gbuffer/",)
 DIRECT = (*GBUFFER, "light_tiles/", "restir_di/")
 INDIRECT = (*GBUFFER, "light_tiles/", "world_cache/", "restir_gi/")
 SPECULAR = (*INDIRECT, "specular_gi/")
 GUIDES = (*GBUFFER, "guides/")
-JITTER_PERIOD = 32  # frames after which samples have been all over the pixel: edges then add no noise
+JITTER_PERIOD = 32  # number of frames after which samples cover the pixel evenly, so that edges add no noise
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is measured: independent runs, frames before and those observed in each, and the path tracer's samples.
+    """The effort of a measurement: independent runs, their warm-up and observed frames, the path tracer's samples.
 
-    Frames of a run are much alike, so that runs tell more than frames.
+    Frames of a run are correlated, so more runs reduce noise more than more frames.
     """
 
     runs: int = 8
@@ -64,7 +64,7 @@ def make_renderer(
 
 
 def get_jitter(renderer: Renderer) -> Image:
-    """Where in the pixel the last frame's samples lie: (x, y) from its center, in pixels."""
+    """The offset of the latest frame's samples from pixel centers, (x, y) in pixels."""
     return np.array(renderer._frame.uniforms["camera.jitter"], np.float64)
 
 
@@ -97,19 +97,19 @@ def trace_reflected(
 
 
 def run_pictures(renderer: Renderer, camera: Camera, effort: Effort, read: Callable[[RenderedFrame], Image]) -> Image:
-    """What `read` finds in independent runs, the mean over each one's observed frames: (runs, ...)."""
+    """The mean of `read(frame)` over the observed frames of each independent run: (runs, ...)."""
     return observe_runs(renderer, camera, read, runs=effort.runs, warm_up=effort.warm_up, observed=effort.observed)
 
 
 def measure_mean(rule: Rule, observations: Image, expected: Image | float, bar: float, effort: Effort) -> Measurement:
-    """The 95 % interval of the mean's relative error: how far from 0 it reaches."""
+    """Measures the end of the 95 % interval of the mean's relative error that is farther from 0."""
     error, half_width = relative_interval(observations, expected)
     note = f"{error:+.2%} +- {half_width:.2%}"
     return Measurement(rule, abs(error) + half_width, bar, f"relative error, {effort}", note)
 
 
 def measure_tiles(rule: Rule, observations: Image, expected: Image, bar: float, effort: Effort) -> Measurement:
-    """The largest relative error of a sixteenth of the picture, pictures being square."""
+    """Measures the largest relative error of 4 x 4 tiles of a square picture."""
     found, right = (sixteenths(image).mean(axis=-1) for image in (observations.mean(axis=0), expected))
     errors = found / right - 1
     note = f"tiles {np.round(100 * errors, 1).tolist()} %"
@@ -117,7 +117,7 @@ def measure_tiles(rule: Rule, observations: Image, expected: Image, bar: float, 
 
 
 def measure_significance(rule: Rule, observations: Image, expected: Image) -> Measurement:
-    """The largest Student's t of a channel of a sixteenth, against what one of 1,000 unbiased renderers exceeds."""
+    """Measures the largest Student's t of 4 x 4 tiles and their channels; chance exceeds the bar once in 1,000 runs."""
     found, right = sixteenths(observations), sixteenths(expected)
     error = found.std(axis=0, ddof=1) / len(found) ** 0.5
     t = float((np.abs(found.mean(axis=0) - right) / (error + 1e-7 * right + 1e-30)).max())

@@ -1,4 +1,4 @@
-"""Reflections by specular GI: a mirror in closed form, metals of all kinds, and where paths end in the world cache."""
+"""Specular GI: a mirror against its closed form, metals against the path tracer, and where paths end."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ GLOSSY = Rule("specular light of four metals is the path tracer's", *_SPECULAR)
 PANEL = Rule("specular light of each metal (mirror, smooth, glossy, rough) is the path tracer's", *_SPECULAR)
 ENDS = Rule("a path that spreads wider than a cell ends in the world cache", *_SPECULAR)
 GOES_ON = Rule("a path that is narrower than a cell continues", *_SPECULAR)
-# No cache, no reuse, no lights left to DI: the pass is then a path tracer of the specular lobe, and unbiased.
+# Without cache, reuse and lights left to DI, the pass is an unbiased path tracer of the specular lobe.
 UNBIASED: dict[str, Any] = {
     "gbuffer": "traced", "world_cache": False, "specular_bounces": 16, "specular_di_roughness": 1.0,
     "specular_reuse_roughness": 1.0,
@@ -57,7 +57,7 @@ def measure_mirror(device: Device) -> Iterator[Measurement]:
     across = (2 * (np.arange(24) + 0.5) / 24 - 1) * math.tan(0.6)
     cosine = 1 / np.sqrt(1 + across[None, :] ** 2 + across[:, None] ** 2)
     expected = color + (1 - color) * (1 - cosine[..., None]) ** 5
-    # Of the mean: single pixels also show the faint sheen of the walls.
+    # The mean is measured, because single pixels also show the faint sheen of the walls.
     error = np.abs(found.mean(axis=(0, 1)) / expected.mean(axis=(0, 1)) - 1).max()
     yield Measurement(MIRROR, float(error), 0.01, "relative error")
 
@@ -101,7 +101,7 @@ def metal_gallery() -> Scene:
 def take_frames(
     device: Device, scene: Scene, size: tuple[int, int], count: int, camera: Camera | None = None, **settings: Any
 ) -> tuple[Image, Image]:
-    """The mean of so many independent frames of specular GI alone (h, w, 3), and the variance of that mean."""
+    """The mean of independent frames with only specular GI (h, w, 3), and the variance of that mean."""
     total = squares = np.zeros(())
     with make_renderer(device, scene, size, passes=_PATHS, **{**UNBIASED, **settings}) as renderer:
         for _ in range(count):
@@ -157,10 +157,10 @@ def _counted(step: Pass | Draw | Step) -> Pass | Draw | Step:
 
 
 def measure_termination(device: Device) -> Iterator[Measurement]:
-    """Rays of a pixel that shows a metal wall, four meters from matte walls of a lit room.
+    """Counts the rays of a pixel that shows a metal wall, four meters from matte walls of a lit room.
 
-    Off rough metal, the first ray's cone is meters wide where it ends: that ray is the path's only one. Off a mirror
-    the cone has no width: the path looks for a light there and goes on.
+    The first ray from rough metal has a cone meters wide at its end, so that the path ends there. The cone from a
+    mirror has no width, so that the path samples a light there and continues.
     """
     room = sv.Instance(mesh=shapes.box((-2, -2, -2), (2, 2, 2), inward=True), material=matte(0.7))
     light = sv.Instance(mesh=shapes.quad((0, 1.9, 0), (1, 0, 0), (0, 0, 1)), material=lamp(5.0))
@@ -169,7 +169,7 @@ def measure_termination(device: Device) -> Iterator[Measurement]:
     for perceptual_roughness in (0.6, 0.0):
         metal = sv.Material(base_color=rgb(0.9), metallic=1.0, perceptual_roughness=perceptual_roughness)
         wall = sv.Instance(mesh=shapes.quad((0, 0, -1.9), (2, 0, 0), (0, 2, 0)), material=metal)
-        # "finest", for the search of landmarks would trace rays of its own.
+        # "finest", because the search for landmarks would trace further rays.
         settings = sv.Settings(**SMALL, specular_reuse_roughness=1.0, world_cache_leak_prevention="finest")
         scene = sv.Scene(room, light, wall, camera)
         with _Counting(device, scene, (16, 16), settings, passes=SPECULAR) as renderer:

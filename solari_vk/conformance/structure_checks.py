@@ -121,7 +121,7 @@ def measure_indices(shaders: ShaderRunner, damage: Damage | None = None) -> Iter
 
 
 def measure_nothing(shaders: ShaderRunner) -> Iterator[Measurement]:
-    """Empty structures, degenerate triangles and NaN."""
+    """Empty structures, degenerate triangles and NaN vertices are never hit."""
     empty = np.zeros((0, 3, 3))
     point = np.full((1, 3, 3), 0.5)
     line = np.array([[(0, 0, 0), (1, 1, 0), (2, 2, 0)]])
@@ -149,7 +149,7 @@ def measure_nothing(shaders: ShaderRunner) -> Iterator[Measurement]:
 
 
 def measure_many_blases(shaders: ShaderRunner, count: int) -> Iterator[Measurement]:
-    """Many Blases in one call, in one batch and in many."""
+    """Builds many Blases in one call, in one batch and in several."""
     shapes = {f"blas {i}": [Triangles(_FLAT + np.array((0, 0, i % 7 * 0.5)))] for i in range(count)}
     placed = [Placed(name, translation(4.0 * i), custom=i) for i, name in enumerate(shapes)]
     origins = np.array([(4.0 * i + 0.5, 0.5, 5.0) for i in range(count)])

@@ -1,4 +1,4 @@
-"""Light transport that can be written down: polygons over a floor, the sun's disk, a closed box."""
+"""Closed forms of light transport: polygons over a floor, the sun's disk, a closed box."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ def pcg_step(state: ArrayLike) -> Words:
 
 
 def pcg_output(state: ArrayLike) -> Words:
-    """The numbers that states give (RXS-M-XS)."""
+    """The generator's output for its states (the RXS-M-XS permutation)."""
     words = _words(state)
     mixed = ((words >> ((words >> 28) + 4)) ^ words) * _words([277803737])
     return np.asarray((mixed >> 22) ^ mixed)
@@ -82,7 +82,7 @@ def rgb9e5_step(codes: NDArray[np.integer[Any]]) -> Floats:
 
 
 def decode_octahedral(codes: NDArray[np.integer[Any]], bits: int = 16) -> Floats:
-    """Unit vectors (..., 3) of two numbers of so many bits (Cigolle et al. 2014).
+    """Unit vectors (..., 3) from codes of two numbers with this many bits each (Cigolle et al. 2014).
 
     The largest code but one is 1, so that axes are exact.
     """

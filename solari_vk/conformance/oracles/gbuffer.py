@@ -1,4 +1,4 @@
-"""What a frame's G-buffer says, decoded in float64, and where its pixels lie in the world."""
+"""A frame's G-buffer, decoded in float64, and the world positions of its pixels."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def decode(frame: Mapping[str, Any] | Any) -> dict[str, Image]:
 
 
 def world_positions(camera: Camera, depth: Image, jitter: Image) -> Image:
-    """Where pixels' surfaces lie (h, w, 3); those without one lie very far away. jitter: (x, y), in pixels."""
+    """World positions of pixels' surfaces (h, w, 3), very far away without a surface. jitter: (x, y), in pixels."""
     height, width = depth.shape
     origin, directions = closed_forms.camera_rays(camera, width, height, (0.5 + jitter[0], 0.5 + jitter[1]))
     distance = np.where(depth > 0, camera.near / np.where(depth > 0, depth, 1.0), 1e9)
@@ -49,7 +49,7 @@ def world_positions(camera: Camera, depth: Image, jitter: Image) -> Image:
 
 
 def project(camera: Camera, positions: Image) -> Image:
-    """Where world positions (h, w, 3) lie in a picture of h x w pixels, (h, w, 2) in pixels from the top left."""
+    """Positions (h, w, 2) in the picture, in pixels from the top left, of world positions (h, w, 3)."""
     size = np.array(positions.shape[1::-1])
     view = (positions - camera.transform[:3, 3]) @ np.linalg.inv(camera.transform[:3, :3]).T
     slope = np.tan(camera.vertical_fov / 2) * np.array((size[0] / size[1], -1.0))
