@@ -24,7 +24,7 @@ _CUSTOM = Rule("hits return the custom data and index of each of many instances"
 _EXTREME = Rule(
     "triangles of sizes 1e-6 to 1e6 are hit up to 1e6 and 100,000 sizes from the origin", VULKAN, "Ray Traversal"
 )
-_NOT_FINITE = Rule("invalid rays (NaN, infinity, no direction, empty range) hit nothing", SUITE, "ray_query.glsl")
+_NOT_FINITE = Rule("only invalid rays (NaN, infinity, no direction, empty range) hit nothing", SUITE, "ray_query.glsl")
 _REPLACED = Rule("Vulkan gets a ray that hits nothing in place of each invalid ray", SUITE, "ray_query.glsl")
 _CAUGHT = Rule("the debug build counts each invalid ray", SUITE, "ray_query.glsl")
 _INVALID_RAY = next(row for row, text in enumerate(rt.RULES) if text.startswith("a ray with NaN"))

@@ -115,7 +115,7 @@ def measure_direct(device: Device, profile: Profile = FAST) -> Iterator[Measurem
     yield Measurement(SHADOW, left, bars[SHADOW], f"of the picture's light, {effort}")
 
 
-# ---- lights that come and go ------------------------------------------------------------------------
+# ---- lights that are added and removed --------------------------------------------------------------
 
 
 _LAMPS, _BESIDE = 3, 3.0  # the number of lamps, and the distance between them in meters

@@ -28,7 +28,7 @@ from solari_vk.scene.builtin import closed_box, cornell_box, lamp, place, rgb
 _FRAME = (SUITE, "Renderer")
 SEED = Rule("a seed gives the same bits of every frame", *_FRAME)
 OTHER_SEED = Rule("another seed gives different noise", *_FRAME)
-FINITE = Rule("random scenes give finite frames", *_FRAME)
+FINITE = Rule("degenerate and extreme scenes give finite frames", *_FRAME)
 WHOLE = Rule("a Cornell box is as bright as the path tracer's", *_FRAME)
 TILES = Rule("each of 4 x 4 tiles of a Cornell box is close to the path tracer's", *_FRAME)
 OFF = Rule("little light is left ten frames after all lamps are switched off", *_FRAME)

@@ -122,4 +122,4 @@ def measure_significance(rule: Rule, observations: Image, expected: Image) -> Me
     error = found.std(axis=0, ddof=1) / len(found) ** 0.5
     t = float((np.abs(found.mean(axis=0) - right) / (error + 1e-7 * right + 1e-30)).max())
     bar = student_quantile(len(found) - 1, 1 - 0.001 / right.size)
-    return Measurement(rule, t, bar, "standard errors", f"{right.size} sixteenths and channels, {len(found)} runs")
+    return Measurement(rule, t, bar, "standard errors", f"{right.size} tiles and channels, {len(found)} runs")

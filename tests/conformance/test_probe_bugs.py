@@ -195,7 +195,7 @@ def test_another_number_for_boxes_is_noticed(device, monkeypatch):
         expect_red(probe(shaders), "stops at each AABB")
 
 
-RAYS, REPLACED = "end and hit nothing", "in place of each invalid ray"
+RAYS, REPLACED = "empty range) hit nothing", "in place of each invalid ray"
 RAY_CHECK_BUGS = {
     "t_min unchecked": ("desc.t_min >= 0.0 && ", "", RAYS),
     "range unchecked": ("&& desc.t_min <= desc.t_max;", ";", REPLACED),
