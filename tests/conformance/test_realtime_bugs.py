@@ -106,7 +106,7 @@ BUGS = {
                           "nearest * 1.0001 < farthest", "nearest * 1e9 < farthest"),
     "lights counted once too often": (direct_checks.measure_direct, ["of a Cornell box", "all of the lamp"],
                                       DI, "float(scene_info.light_count) *", "float(scene_info.light_count + 1u) *"),
-    "1/M dropped": (direct_checks.measure_direct, ["of a Cornell box", "all of the lamp", "each of 4 x 4 tiles"], DI_INITIAL,
+    "1/M dropped": (direct_checks.measure_direct, ["of a Cornell box", "all of the lamp", "4 x 4 tiles"], DI_INITIAL,
                     " / float(restir_di_settings.candidates)", ""),
     "pdf of the light's point dropped": (direct_checks.measure_direct, ["of a Cornell box", "all of the lamp"], DI,
                                          "light.inverse_pdf / float(scene_info.light_count) *", "1.0 *"),
