@@ -35,27 +35,13 @@ def scene_of(mi, scene, width, height, *, bounces, lambert, camera=None):
     camera = camera or scene.camera
     # Mitsuba looks along +z with +x to the left; ours looks along -z with +x to the right.
     to_world = camera.transform @ np.diag((-1.0, 1.0, -1.0, 1.0))
-    parts = {
-        "type": "scene",
-        "integrator": {"type": "path", "max_depth": bounces + 1, "rr_depth": 1000},
-        "sensor": {
-            "type": "perspective",
-            "fov": float(np.degrees(camera.vertical_fov)),
-            "fov_axis": "y",
-            "near_clip": 1e-3,
-            "far_clip": 1e6,
-            "to_world": mi.ScalarTransform4f(to_world),
-            "film": {
-                "type": "hdrfilm",
-                "width": width,
-                "height": height,
-                "rfilter": {"type": "box"},
-                "pixel_format": "rgb",
-                "component_format": "float32",
-            },
-            "sampler": {"type": "independent"},
-        },
-    }
+    film = {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"}, "pixel_format": "rgb",
+            "component_format": "float32"}  # fmt: skip
+    sensor = {"type": "perspective", "fov": float(np.degrees(camera.vertical_fov)), "fov_axis": "y", "near_clip": 1e-3,
+              "far_clip": 1e6, "to_world": mi.ScalarTransform4f(to_world), "film": film,
+              "sampler": {"type": "independent"}}  # fmt: skip
+    integrator = {"type": "path", "max_depth": bounces + 1, "rr_depth": 1000}
+    parts = {"type": "scene", "integrator": integrator, "sensor": sensor}
     for index, instance in enumerate(scene):
         if instance.visible:
             parts[f"shape{index}"] = _mesh(mi, instance, f"shape{index}", lambert)
@@ -98,12 +84,8 @@ _surfaces: list[tuple] = []
 
 def _key(material):
     """An id for a material's BRDF, because a plugin's properties can't hold Python objects."""
-    key = (
-        tuple(map(float, material.base_color)),
-        material.metallic,
-        material.perceptual_roughness,
-        tuple(map(float, material.reflectance)),
-    )
+    colors = (tuple(map(float, color)) for color in (material.base_color, material.reflectance))
+    key = (*colors, material.metallic, material.perceptual_roughness)
     if key not in _surfaces:
         _surfaces.append(key)
     return _surfaces.index(key)
@@ -111,7 +93,7 @@ def _key(material):
 
 @lru_cache
 def _surface(key):
-    color, metallic, roughness, reflectance = _surfaces[key]
+    color, reflectance, metallic, roughness = _surfaces[key]
     return Surface(color, metallic, roughness, reflectance)
 
 
