@@ -136,13 +136,9 @@ class RenderedFrame:
 def _warn_of_exposure(picture: NDArray[Any]) -> None:
     """Warn if nothing can be seen in a picture after exposure."""
     if not picture.any():
-        text = (
-            "the picture is black: the scene's lights don't reach it. Lights are DirectionalLight, instances with an "
-        )
-        warnings.warn(f"{text}emissive material, and studio_lights(scene)", stacklevel=3)
-        return
-    typical = float(np.median(picture[picture > 0]))
-    if not DARKEST < typical < BRIGHTEST:
+        text = "is black: the scene's lights don't reach it. Lights are DirectionalLight, instances with an emissive "
+        warnings.warn(f"the picture {text}material, and studio_lights(scene)", stacklevel=3)
+    elif not DARKEST < (typical := float(np.median(picture[picture > 0]))) < BRIGHTEST:
         text = f"the picture is far too {'bright' if typical > 1 else 'dark'}"
         warnings.warn(f'{text}: set camera.ev100, or save it with exposure="auto"', stacklevel=3)
 

@@ -22,7 +22,6 @@ from solari_vk.scene.gltf.values import Entry, clean, shown
 Bytes = NDArray[np.uint8]
 LARGEST_JSON = 256 * 2**20
 _GLB_MAGIC, _JSON_CHUNK, _BIN_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
-_PLURALS = {"mesh": "meshes"}
 
 
 class Document:
@@ -112,11 +111,7 @@ class Document:
 
     def array(self, kind: str) -> list[Any]:
         """All objects of a kind ("node", "mesh", ...), as in the JSON."""
-        plural = _PLURALS.get(kind, kind + "s")
-        given = self.root.data.get(plural, [])
-        if not isinstance(given, list):
-            raise self.root.wrong(plural, "a list of objects")
-        return given
+        return self.root.values("meshes" if kind == "mesh" else kind + "s", "objects")
 
     def item(self, kind: str, index: int, user: Entry) -> Entry:
         """The index-th object of a kind; `user` is the object that refers to it."""

@@ -167,10 +167,8 @@ class _Loader:
         """The rest pose of a node's mesh."""
         joints = joint_matrices(self._document, self._accessors, node, placed, self._report)
         owner = node.entry if "weights" in node.entry else mesh
-        given = owner.data.get("weights", [])
-        if not isinstance(given, list):
-            raise owner.wrong("weights", "a list of numbers")
-        weights = owner.numbers("weights", (0.0,) * len(given), low=-1e6, high=1e6)
+        count = len(owner.values("weights", "numbers"))
+        weights = owner.numbers("weights", (0.0,) * count, low=-1e6, high=1e6)
         key = (weights if any(weights) else None, None if joints is None else node.number)
         return Pose(None if key == (None, None) else key, weights, joints)
 

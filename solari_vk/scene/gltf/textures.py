@@ -27,6 +27,7 @@ _MINIFICATION = {
 _OTHER_SOURCES = ("KHR_texture_basisu", "EXT_texture_webp", "EXT_texture_avif", "MSFT_texture_dds")
 
 Choice = TypeVar("Choice")
+Source = tuple[str, str | int]  # equal sources are the same image
 
 
 @dataclass(frozen=True)
@@ -47,9 +48,7 @@ class Textures:
         self._document = document
         self._report = report
         self._images: dict[int, TextureImage] = {}
-        self._by_source: dict[tuple[str, str | int], TextureImage] = {}
         self._textures: dict[tuple[int, tuple[float, ...]], Texture] = {}
-        self._pixel_count = 0
 
     def slot(self, user: Entry, key: str) -> Slot | None:
         """The texture under a key of an object; None without a texture, or (reported) without a usable image."""
@@ -77,40 +76,39 @@ class Textures:
         return Slot(info, index, image, transform.integer("texCoord", uv_set, high=255), matrix)
 
     def decode(self, slots: list[Slot]) -> None:
-        """Read the images of these slots."""
-        wanted = {slot.image: slot for slot in slots if slot.image not in self._images}
+        """Read the images of all slots of the scene; images with the same source are one."""
+        entries = {slot.image: self._document.item("image", slot.image, slot.entry) for slot in slots}
+        sources = {index: self._source(entry) for index, entry in entries.items()}
         opened = {}
-        for index, slot in wanted.items():
-            entry = self._document.item("image", index, slot.entry)
-            source = self._source(entry)
-            if source in self._by_source:
-                self._images[index] = self._by_source[source]
-            elif source not in opened:
-                image = images.open_image(self._bytes(entry, source), f"{entry.file}: {entry.place}")
-                self._pixel_count += image.width * image.height
-                if self._pixel_count > LARGEST_TOTAL_PIXEL_COUNT:
-                    limit = LARGEST_TOTAL_PIXEL_COUNT >> 20
-                    raise entry.error(f"brings the file's images above {limit} Mi pixels in all: scale them down")
-                opened[source] = (image, entry)
-        with ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1)) as pool:
-            decoded = {
-                source: pool.submit(images.decode, image, f"{entry.file}: {entry.place}")
-                for source, (image, entry) in opened.items()
-            }
-            for source, (_, entry) in opened.items():
-                name = entry.name or (str(source[1]) if source[0] == "file" else entry.place)
-                self._by_source[source] = TextureImage(pixels=decoded[source].result(), name=os.path.basename(name))
-        for index, slot in wanted.items():
-            self._images[index] = self._by_source[self._source(self._document.item("image", index, slot.entry))]
+        pixel_count = 0
+        for index, source in sources.items():
+            if source in opened:
+                continue
+            entry = entries[index]
+            image = images.open_image(self._bytes(entry, source), f"{entry.file}: {entry.place}")
+            pixel_count += image.width * image.height
+            if pixel_count > LARGEST_TOTAL_PIXEL_COUNT:
+                limit = LARGEST_TOTAL_PIXEL_COUNT >> 20
+                raise entry.error(f"brings the file's images above {limit} Mi pixels in all: scale them down")
+            opened[source] = (image, entry)
 
-    def _source(self, entry: Entry) -> tuple[str, str | int]:
-        """A key of an image; equal keys mean the same image."""
+        def decoded(source: Source) -> TextureImage:
+            image, entry = opened[source]
+            name = entry.name or (str(source[1]) if source[0] == "file" else entry.place)
+            pixels = images.decode(image, f"{entry.file}: {entry.place}")
+            return TextureImage(pixels=pixels, name=os.path.basename(name))
+
+        with ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1)) as pool:
+            made = dict(zip(opened, pool.map(decoded, opened), strict=True))
+        self._images = {index: made[source] for index, source in sources.items()}
+
+    def _source(self, entry: Entry) -> Source:
         if "uri" not in entry:
             return "view", entry.integer("bufferView")
         uri = entry.text("uri")
         return ("data", uri) if uri[:5].lower() == "data:" else ("file", str(self._document.resource_path(entry)))
 
-    def _bytes(self, entry: Entry, source: tuple[str, str | int]) -> bytes:
+    def _bytes(self, entry: Entry, source: Source) -> bytes:
         if isinstance(source[1], int):
             return self._document.view(source[1], entry)[0].tobytes()
         return self._document.resource(entry).tobytes()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from solari_vk.errors import SolariError
@@ -90,12 +90,16 @@ class Entry:
                 return fitting
         raise self.wrong(key, f"a list of {len(default)} finite numbers{_bounds(low, high)}")
 
+    def values(self, key: str, wanted: str, fits: Callable[[Any], bool] = lambda value: True) -> list[Any]:
+        """A list whose values all fit, empty when the field is absent. wanted: names the values in the error."""
+        given = self.data.get(key, [])
+        if not isinstance(given, list) or not all(map(fits, given)):
+            raise self.wrong(key, f"a list of {wanted}")
+        return given
+
     def integers(self, key: str) -> list[int]:
         """A list of whole numbers from 0, empty when the field is absent."""
-        given = self.data.get(key, [])
-        if not isinstance(given, list) or any(type(value) is not int or value < 0 for value in given):
-            raise self.wrong(key, "a list of whole numbers from 0")
-        return given
+        return self.values(key, "whole numbers from 0", lambda value: type(value) is int and value >= 0)
 
     def text(self, key: str, default: str | None = None, choices: tuple[str, ...] = ()) -> str:
         """A string; without a default the field is required."""
@@ -113,10 +117,7 @@ class Entry:
 
     def texts(self, key: str) -> list[str]:
         """A list of strings, empty when the field is absent."""
-        given = self.data.get(key, [])
-        if not isinstance(given, list) or not all(isinstance(value, str) for value in given):
-            raise self.wrong(key, "a list of texts")
-        return [clean(value) for value in given]
+        return [clean(value) for value in self.values(key, "texts", lambda value: isinstance(value, str))]
 
     def entry(self, key: str) -> Entry | None:
         """An object inside this one, or None when the field is absent."""
@@ -126,9 +127,7 @@ class Entry:
 
     def entries(self, key: str, kind: str) -> list[Entry]:
         """The objects of a list inside this one, empty when the field is absent."""
-        given = self.data.get(key, [])
-        if not isinstance(given, list):
-            raise self.wrong(key, "a list of objects")
+        given = self.values(key, "objects")
         return [Entry(self.file, f"{self.place}, {kind} {number}", value) for number, value in enumerate(given)]
 
     def extension(self, name: str) -> Entry | None:
