@@ -53,14 +53,9 @@ class SceneFrame(SceneUser, Frame):
     """
 
     def __init__(
-        self,
-        device: Device,
-        scene: Scene | SceneBinder,
-        stages: Sequence[Stage],
-        *,
-        external: Mapping[str, Any] | None = None,
-        **options: Any,
-    ) -> None:
+        self, device: Device, scene: Scene | SceneBinder, stages: Sequence[Stage], *,
+        external: Mapping[str, Any] | None = None, **options: Any,
+    ) -> None:  # fmt: skip
         SceneUser.__init__(self, device, scene)
         try:
             self.binder.update()

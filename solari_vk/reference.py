@@ -98,13 +98,9 @@ class PathTracer(PictureRenderer):
     # ---- rendering ----------------------------------------------------------------------------------
 
     def render(
-        self,
-        camera: Camera | None = None,
-        samples: int = 256,
-        *,
-        time_limit: float | None = None,
+        self, camera: Camera | None = None, samples: int = 256, *, time_limit: float | None = None,
         progress: Callable[[int], None] | None = None,
-    ) -> RenderedFrame:
+    ) -> RenderedFrame:  # fmt: skip
         """Refine the picture until it has `samples` samples per pixel, and return it.
 
         camera: by default the scene's. Samples of earlier calls count, unless the camera, the scene or the size has

@@ -50,14 +50,9 @@ class RayTracer(SceneUser):
             raise
 
     def trace(
-        self,
-        origins: ArrayLike,
-        directions: ArrayLike,
-        *,
-        t_min: ArrayLike = 0.0,
-        t_max: ArrayLike = np.inf,
+        self, origins: ArrayLike, directions: ArrayLike, *, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf,
         any_hit: bool = False,
-    ) -> NDArray[Any]:
+    ) -> NDArray[Any]:  # fmt: skip
         """The nearest hit of each ray.
 
         origins (..., 3) are in meters; directions (..., 3) may have any length. t_min and t_max (...) bound the ray, in

@@ -83,15 +83,9 @@ class Camera(Checked):
 
     @classmethod
     def framing(
-        cls,
-        bounds: tuple[NDArray[np.float64], NDArray[np.float64]],
-        direction: ArrayLike = (-0.45, -0.3, -1.0),
-        *,
-        aspect: float = 1.0,
-        vertical_fov: float = math.radians(35),
-        margin: float = 1.1,
-        **fields: Any,
-    ) -> Camera:
+        cls, bounds: tuple[NDArray[np.float64], NDArray[np.float64]], direction: ArrayLike = (-0.45, -0.3, -1.0), *,
+        aspect: float = 1.0, vertical_fov: float = math.radians(35), margin: float = 1.1, **fields: Any,
+    ) -> Camera:  # fmt: skip
         """A camera that looks along `direction` and sees the whole of a box, such as `scene.bounds`.
 
         bounds: the minimum and the maximum corner of the box, (3,) each, in meters. direction (3,) must not be
