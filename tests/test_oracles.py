@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 from support import brdf, rays
+from support.encodings import encode_rgb9e5, pcg_hash
+from support.statistics import assert_equal, holm, replicates
 
 from solari_vk.conformance import embree_checks
 from solari_vk.conformance.oracles import closed_forms, encodings
@@ -68,13 +70,13 @@ def test_small_sun_gives_its_illuminance():
 
 def test_encodings():
     # Known values: pcg's first output for seed 0, and the limits of the extension.
-    assert encodings.pcg_hash(0) == 129708002
-    assert encodings.encode_rgb9e5((1, 1, 1)) == 256 | 256 << 9 | 256 << 18 | 16 << 27
-    limits = encodings.decode_rgb9e5(encodings.encode_rgb9e5((65408, 0, 1e9)))
+    assert pcg_hash(0) == 129708002
+    assert encode_rgb9e5((1, 1, 1)) == 256 | 256 << 9 | 256 << 18 | 16 << 27
+    limits = encodings.decode_rgb9e5(encode_rgb9e5((65408, 0, 1e9)))
     np.testing.assert_array_equal(limits, (65408, 0, 65408))
     random = np.random.default_rng(3)
     colors = random.random((200, 3)) * 10.0 ** random.uniform(-4, 4, (200, 1))
-    error = np.abs(encodings.decode_rgb9e5(encodings.encode_rgb9e5(colors)) - colors)
+    error = np.abs(encodings.decode_rgb9e5(encode_rgb9e5(colors)) - colors)
     assert (error <= colors.max(axis=1, keepdims=True) / 512 + 2.0**-25).all()
     codes = np.array([32767 | 32767 << 16, 65534 | 32767 << 16, 32767 | 0 << 16, 0 | 0 << 16])
     np.testing.assert_array_equal(encodings.decode_octahedral(codes), [(0, 0, 1), (1, 0, 0), (0, -1, 0), (0, 0, -1)])
@@ -105,7 +107,7 @@ def test_statistics_reject_what_is_wrong_and_only_that():
     assert statistics.chi_squared_p(random.poisson(expected), expected) > 0.001
     assert statistics.chi_squared_p(random.poisson(expected * np.linspace(0.8, 1.2, 1000)), expected) < 1e-6
     assert statistics.chi_squared_p([1, 10], [0, 11]) == 0
-    np.testing.assert_array_equal(statistics.holm([0.001, 0.04, 0.03, 0.2], 0.05), [True, False, False, False])
+    np.testing.assert_array_equal(holm([0.001, 0.04, 0.03, 0.2], 0.05), [True, False, False, False])
     truth = np.ones((64, 64, 3))
     rejections = 0
     for _ in range(100):
@@ -115,10 +117,10 @@ def test_statistics_reject_what_is_wrong_and_only_that():
     assert rejections <= 4
     biased = statistics.compare(1.02 * truth, np.full(truth.shape, 0.01), truth, np.zeros(truth.shape))
     with pytest.raises(AssertionError):
-        biased.assert_equal(0.003)
+        assert_equal(biased, 0.003)
     runs = 1 + random.normal(scale=0.01, size=(16, 20))
-    assert statistics.replicates(runs, np.ones(20), 0.005) == (0, True)
-    assert statistics.replicates(runs * 1.02, np.ones(20), 0.005)[1] is False
+    assert replicates(runs, np.ones(20), 0.005) == (0, True)
+    assert replicates(runs * 1.02, np.ones(20), 0.005)[1] is False
 
 
 def test_distributions_are_scipys():

@@ -17,15 +17,6 @@ float unpack_unorm(uint bits, uint bit_count) {
     return float(bits & max_code) / float(max_code);
 }
 
-uint pack_4x8_unorm(vec4 v) {
-    return pack_unorm(v.x, 8u) | pack_unorm(v.y, 8u) << 8u | pack_unorm(v.z, 8u) << 16u | pack_unorm(v.w, 8u) << 24u;
-}
-
-vec4 unpack_4x8_unorm(uint bits) {
-    return vec4(unpack_unorm(bits, 8u), unpack_unorm(bits >> 8u, 8u), unpack_unorm(bits >> 16u, 8u),
-                unpack_unorm(bits >> 24u, 8u));
-}
-
 // ---- unit vectors -----------------------------------------------------------------------------------
 
 vec2 octahedral_wrap(vec2 v) {
@@ -60,10 +51,9 @@ vec3 unpack_octahedral(uint bits, uint bits_each) {
 uint pack_octahedral_2x16(vec3 direction) { return pack_octahedral(direction, 16u); }
 vec3 unpack_octahedral_2x16(uint bits) { return unpack_octahedral(bits, 16u); }
 
-// 24 bits of direction below 8 bits of flags.
-uint pack_octahedral_24(vec3 direction, uint flags) { return pack_octahedral(direction, 12u) | flags << 24u; }
+// 12 bits each; the upper 8 bits are 0.
+uint pack_octahedral_24(vec3 direction) { return pack_octahedral(direction, 12u); }
 vec3 unpack_octahedral_24(uint bits) { return unpack_octahedral(bits, 12u); }
-uint unpack_octahedral_24_flags(uint bits) { return bits >> 24u; }
 
 // ---- shared exponent: EXT_texture_shared_exponent, 9 bits a color, 5 of exponent ---------------------
 

@@ -68,14 +68,6 @@ def chi_squared_p(observed: ArrayLike, expected: ArrayLike, min_expected: float 
     return min(math.fsum(terms) + (math.erfc(math.sqrt(x)) if odd else 0.0), 1.0)
 
 
-def uniform_p(x: Floats, y: Floats, cells: int = 40) -> float:
-    """The p value of points (N,) in the unit square against the uniform density; 0 with any outside."""
-    if min(x.min(), y.min()) < -1e-6 or max(x.max(), y.max()) > 1 + 1e-6:
-        return 0.0
-    counts, _, _ = np.histogram2d(np.clip(x, 0, 1), np.clip(y, 0, 1), cells, [[0, 1], [0, 1]])
-    return chi_squared_p(counts, np.full(counts.shape, len(x) / counts.size))
-
-
 def standard_deviations(p_value: float) -> float:
     """How many standard deviations above its mean a normal variable has this one-sided p value; infinite for 0."""
     if 0 < p_value < 1:
@@ -89,18 +81,6 @@ def standard_deviations(p_value: float) -> float:
 def sidak(alpha: float, count: int) -> float:
     """The level of each of `count` independent tests for a family-wise level alpha."""
     return float(1 - (1 - alpha) ** (1 / max(count, 1)))
-
-
-def holm(p_values: ArrayLike, alpha: float) -> NDArray[np.bool_]:
-    """Which hypotheses Holm's step-down procedure rejects, boolean (N,)."""
-    values = np.ravel(np.asarray(p_values, np.float64))
-    order = np.argsort(values)
-    rejected = np.zeros(len(values), bool)
-    for rank, index in enumerate(order):
-        if values[index] > alpha / (len(values) - rank):
-            break
-        rejected[index] = True
-    return rejected
 
 
 # ---- runs -------------------------------------------------------------------------------------------
@@ -118,21 +98,6 @@ def relative_interval(observations: ArrayLike, expected: ArrayLike) -> tuple[flo
     """Relative error of the mean of runs (R, ...) against the mean of `expected`, and its 95 % half width."""
     runs = np.asarray(observations, np.float64)
     return interval(runs.reshape(len(runs), -1).mean(axis=1) / float(np.mean(np.asarray(expected, np.float64))) - 1)
-
-
-def replicates(observations: ArrayLike, expected: ArrayLike, bar: float, alpha: float = ALPHA) -> tuple[int, bool]:
-    """P-REPL over independent runs (R, ...) against (...): Holm's rejections, and whether the mean is within the bar.
-
-    Each cell is a Student t test over the runs. The mean is within the bar when the 95 % interval of its relative
-    error is.
-    """
-    runs = np.asarray(observations, np.float64)
-    cells = runs.reshape(len(runs), -1)
-    truth = np.broadcast_to(np.asarray(expected, np.float64), runs.shape[1:]).ravel()
-    error = cells.std(axis=0, ddof=1) / math.sqrt(len(runs))
-    t = (cells.mean(axis=0) - truth) / np.maximum(error, 1e-7 * np.abs(truth) + 1e-30)
-    mean, half_width = relative_interval(runs, truth)
-    return int(holm(student_p(t, len(runs) - 1), alpha).sum()), abs(mean) + half_width <= bar
 
 
 # ---- pictures ---------------------------------------------------------------------------------------
@@ -187,11 +152,6 @@ class Comparison:
     def reach(self) -> float:
         """How far from 0 the interval of the relative difference reaches."""
         return abs(self.relative) + self.relative_half_width
-
-    def assert_equal(self, bar: float, what: str = "") -> None:
-        """No tile differs significantly, and the interval of the global relative difference lies inside the bar."""
-        assert self.max_z <= self.z_bar, f"{what}: {self}"
-        assert self.reach <= bar, f"{what}: {self}"
 
     def __str__(self) -> str:
         return (

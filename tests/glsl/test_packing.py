@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from support.encodings import RGB9E5_MAX, encode_rgb9e5
 
-from solari_vk.conformance.oracles.encodings import RGB9E5_MAX, decode_rgb9e5, encode_rgb9e5, rgb9e5_step
+from solari_vk.conformance.oracles.encodings import decode_rgb9e5, rgb9e5_step
 
 EXPOSURE = 0.25
 
@@ -20,8 +21,8 @@ def inputs():
     axes = np.concatenate([np.eye(3), -np.eye(3), [[1, 1, 0], [-1, 1, 0], [0, -1, -1], [1e-7, -1e-7, -1]]])
     directions[: len(axes)] = axes
     directions = (directions / np.linalg.norm(directions, axis=1, keepdims=True)).astype(np.float32)
-    values = rng.uniform(-0.1, 1.1, (count, 4)).astype(np.float32)
-    values[:256] = (np.arange(256) / 255)[:, None]
+    values = rng.uniform(-0.1, 1.1, count).astype(np.float32)
+    values[:256] = np.arange(256) / 255
     return colors, directions, values
 
 
@@ -45,11 +46,9 @@ def test_packings(shaders):
         angle = np.linalg.norm(unpacked[:, column, :3] - directions, axis=1)
         assert angle.max() < bound
         assert (unpacked[:6, column, :3] == directions[:6]).all(), "the axes are exact"
-    assert (unpacked[:, 3, 3] == np.arange(count) % 256).all()
 
     codes = np.floor(np.clip(values.astype(np.float64), 0, 1) * 255 + 0.5).astype(np.uint32)
-    given_codes = np.stack([packed[:, 4] >> 8 * k & 255 for k in range(4)], axis=1)
     between = np.abs((np.clip(values.astype(np.float64), 0, 1) * 255) % 1 - 0.5) < 1e-4
-    assert ((given_codes == codes) | between).all()
-    assert (given_codes[:256] == np.arange(256)[:, None]).all()
-    assert np.abs(unpacked[:, 4] - given_codes / 255).max() < 1e-7
+    assert ((packed[:, 4] == codes) | between).all()
+    assert (packed[:256, 4] == np.arange(256)).all()
+    assert np.abs(unpacked[:, 4, 0] - packed[:, 4] / 255).max() < 1e-7

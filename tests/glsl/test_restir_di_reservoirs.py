@@ -7,8 +7,8 @@ import itertools
 import numpy as np
 import pytest
 from scipy import stats
+from support.encodings import pcg_hash, pcg_step
 
-from solari_vk.conformance.oracles.encodings import pcg_hash, pcg_step
 from solari_vk.measure.claims.older import CONSTANT_WEIGHTS
 
 NEITHER = 0xFFFFFFFF

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from support import brdf
+from support.statistics import assert_equal, replicates
 
 import solari_vk as sv
 from solari_vk.conformance.light_checks import LAMP_CORNERS, LAMP_RADIANCE, floor_scene, lamp_above
@@ -14,7 +15,7 @@ from solari_vk.conformance.oracles import closed_forms
 from solari_vk.conformance.oracles.closed_forms import over_pixels
 from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.measure.claims.older import LOBES_ADDED
-from solari_vk.measure.statistics import compare, replicates, tile_means
+from solari_vk.measure.statistics import compare, tile_means
 
 
 def lamp_over_surface(surface, points, eye, resolution=24):
@@ -61,7 +62,7 @@ def test_lamp_over_our_materials(picture, roughness, metallic, reflectance, laye
     surface = brdf.Surface(color, metallic, roughness, reflectance, layering)
     eye = scene.camera.transform[:3, 3]
     expected = over_pixels(scene.camera, 16, lambda points: lamp_over_surface(surface, points, eye))
-    compare(made.mean, made.variance, expected, tile=8).assert_equal(0.01)
+    assert_equal(compare(made.mean, made.variance, expected, tile=8), 0.01)
 
 
 def test_sun_disk_is_seen_with_its_radiance_and_size(picture):

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from support.statistics import assert_equal
 
 import solari_vk as sv
 from solari_vk.measure.statistics import compare
@@ -50,7 +51,7 @@ def default_lamps():
 def same(first, second, bar, what="", tile=8):
     result = compare(first.mean, first.variance, second.mean, second.variance, tile)
     print(what, result)
-    result.assert_equal(bar, what)
+    assert_equal(result, bar, what)
 
 
 @pytest.fixture(scope="module")

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy import stats
 from support.direct_light import direct_renderer
+from support.encodings import pcg_hash, pcg_step
 
 import solari_vk as sv
-from solari_vk.conformance.oracles.encodings import decode_octahedral, decode_rgb9e5, pcg_hash, pcg_step
+from solari_vk.conformance.oracles.encodings import decode_octahedral, decode_rgb9e5
 from solari_vk.conformance.oracles.packed_lights import step_and_rounding
 from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.scene import shapes

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from support.direct_light import direct_light, direct_renderer
+from support.statistics import replicates
 
 import solari_vk as sv
 from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.measure.replication import replicate
-from solari_vk.measure.statistics import replicates
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place
 from solari_vk.scene.constants import NO_INDEX

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from support import mitsuba_scene
 from support.references import BOUNCES, CASES, SIZE, fingerprint, load
+from support.statistics import assert_equal
 
 from solari_vk.measure.statistics import compare
 
@@ -27,7 +28,7 @@ def test_cornell_box_is_mitsubas(picture, name, samples, bar):
     made = picture(scene, (SIZE, SIZE), samples, max_bounces=BOUNCES, lambert=lambert)
     result = compare(made.mean, made.variance, reference["mean"], reference["variance"])
     print(name, result)
-    result.assert_equal(bar, name)
+    assert_equal(result, bar, name)
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -43,5 +44,5 @@ def test_stored_reference_is_what_mitsuba_renders(name):
     mean, variance = mitsuba_scene.render(mitsuba, live, 8, 8, seed=99)
     result = compare(mean, variance, reference["mean"], reference["variance"])
     print(name, result)
-    result.assert_equal(0.05, name)
+    assert_equal(result, 0.05, name)
     assert np.isfinite(mean).all()

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from map_frame import ASKER, MapFrame
+from support.encodings import pcg4d, pcg_hash
 
-from solari_vk.conformance.oracles.encodings import pcg4d, pcg_hash
 from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.scene.constants import NO_INDEX
 

@@ -30,7 +30,7 @@ vec3 show_share(float share) {
 }
 
 // A random color for each number, never black.
-vec3 show_number(uint number) { return 0.2 + 0.8 * unpack_4x8_unorm(pcg(number)).rgb; }
+vec3 show_number(uint number) { return 0.2 + 0.8 * unpackUnorm4x8(pcg(number)).rgb; }
 
 vec3 show_direction(vec3 direction) { return 0.5 + 0.5 * direction; }
 

@@ -41,7 +41,7 @@ uvec4 pack_gbuffer(ResolvedMaterial material, vec3 emissive, vec3 world_normal) 
         pack_rgb9e5(emissive * this_frame.exposure),
         pack_unorm(reflectance, 8u) | pack_unorm(material.metallic, 8u) << 8u
             | fine.x << 16u | fine.y << 21u | fine.z << 27u,
-        pack_octahedral_24(world_normal, 0u)
+        pack_octahedral_24(world_normal)
     );
 }
 

@@ -104,7 +104,7 @@ void vote_for_point(uint cell, vec4 bounds, vec3 world_position, vec3 world_norm
     vec4 grown = grow_bounds(bounds);
     vec3 within = (world_position - grown.xyz) / grown.w;
     uint position = pack_unorm(within.x, 8u) | pack_unorm(within.y, 8u) << 8u | pack_unorm(within.z, 8u) << 16u;
-    uint normal = pack_octahedral_24(world_normal, 0u);
+    uint normal = pack_octahedral_24(world_normal);
     atomicMax(world_cache_votes.at[cell].position, priority << 24u | shuffle_24(position));
     atomicMax(world_cache_votes.at[cell].normal, priority << 24u | shuffle_24(normal));
 }

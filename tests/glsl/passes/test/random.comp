@@ -6,7 +6,7 @@
 layout(local_size_x = 64) in;
 
 layout(set = 1, binding = 20, scalar) readonly buffer WordsBlock { uvec4 at[]; } words;
-layout(set = 1, binding = 21, scalar) buffer HashesBlock { uint at[]; } hashes;    // pcg, pcg3d, pcg4d, seed: 9 each
+layout(set = 1, binding = 21, scalar) buffer HashesBlock { uint at[]; } hashes;    // pcg, pcg4d, seed: 6 each
 layout(set = 1, binding = 22, scalar) buffer NumbersBlock { uint at[]; } numbers;  // a sequence of 8 each
 layout(set = 1, binding = 23, scalar) buffer FloatsBlock { float at[]; } floats;   // the same sequence
 layout(set = 1, binding = 24, scalar) buffer RangedBlock { uint at[]; } ranged;    // and in [0, words.y)
@@ -15,13 +15,11 @@ void main() {
     uint i = gl_GlobalInvocationID.x;
     if (i >= words.at.length()) { return; }
     uvec4 word = words.at[i];
-    hashes.at[9u * i] = pcg(word.x);
-    uvec3 three = pcg3d(word.xyz);
+    hashes.at[6u * i] = pcg(word.x);
     uvec4 four = pcg4d(word);
-    for (uint k = 0u; k < 3u; k++) { hashes.at[9u * i + 1u + k] = three[k]; }
-    for (uint k = 0u; k < 4u; k++) { hashes.at[9u * i + 4u + k] = four[k]; }
+    for (uint k = 0u; k < 4u; k++) { hashes.at[6u * i + 1u + k] = four[k]; }
     uint rng = seed_rng(word.xy, word.z, word.w);
-    hashes.at[9u * i + 8u] = rng;
+    hashes.at[6u * i + 5u] = rng;
     uint float_rng = rng, range_rng = rng;
     for (uint k = 0u; k < 8u; k++) {
         numbers.at[8u * i + k] = rand_u(rng);
