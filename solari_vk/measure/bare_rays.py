@@ -1,4 +1,4 @@
-"""Kernels that trace rays and do little else: what the renderers are compared with."""
+"""Kernels that only trace rays, as baselines for the renderers."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ choose between the kinds. Each NAME.glsl defines:
         The factor of a sample's radiance times projected area towards a receiver: `data` is the sample's, `cosine` the
         cosine between its normal and the direction to the receiver.
     uint shown_id_NAME(uint index)
-        A number that stays the same while other lights come and go; debug views give each number a color.
+        A number that stays the same while other lights are added and removed; debug views give each number a color.
     MetLight meet_NAME(uint index, vec3 direction)
         Kinds at infinity only: what a ray in this direction meets if it meets no surface.
 

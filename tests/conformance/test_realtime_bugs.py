@@ -256,21 +256,21 @@ QUICK = ("mirrored instances inside out", "boxes' far side for their near one", 
          "paths never end early", "a stop too bright", "motion shown twice")  # fmt: skip
 
 
-# What test_seeds_without_effect_are_noticed sees red.
+# The rules that fail in test_seeds_without_effect_are_noticed.
 OF_SEEDS = ("same bits", "another seed")
 MODULES = (gbuffer_checks, direct_checks, world_cache_checks, indirect_checks, specular_checks, frame_checks)
 
 
 @pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__.split(".")[-1])
 def test_every_rule_has_a_bug(module):
-    """Of those that are constants of their module."""
+    """Each Rule that is a constant of its module has a seeded bug that makes it fail."""
     parts = [part for _, parts, *_ in BUGS.values() for part in parts] + list(OF_SEEDS)
     rules = [rule.name for rule in vars(module).values() if isinstance(rule, Rule)]
     assert rules
     assert not [name for name in rules if not any(part in name for part in parts)]
 
 
-# Slow: those that need many frames, or pipelines with rays made anew.
+# The other bugs are slow, because they need many frames or new pipelines with ray queries.
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in QUICK else [pytest.mark.slow]) for n in BUGS])
 def test_bug_is_noticed(device, name):
     measure, parts, *bug = BUGS[name]

@@ -48,8 +48,8 @@ def test_table_holds_the_albedo(shaders):
             np.testing.assert_allclose(table[row, column], (a, b), atol=1e-3)
 
 
-def test_solaris_layerings_are_off_as_told(shaders, patched):
-    """0.18 adds both lobes and gains, 0.19 multiplies Fresnel terms and loses."""
+def test_solaris_layerings_have_the_known_errors(shaders, patched):
+    """Solari 0.18 adds both lobes, which gains energy; 0.19 multiplies Fresnel terms, which loses energy."""
     with patched(*LOBES_ADDED) as adding:
         assert 1.4 < furnace(adding, 0.0, brdf_layering=1).max() < 1.7
     assert 0.3 < furnace(shaders, 0.0, brdf_layering=1).min() < 0.5

@@ -48,8 +48,8 @@ def initial_outcomes(targets, candidates):
     return outcomes
 
 
-# Targets of each light at the pixel, and at the other one. The last light of "gone" is there no more, the first of
-# "new" is there only now; "apart" have no light in common.
+# Targets of each light at this pixel and at the other one. In "gone" the last light was removed, in "new" the first one
+# was added; in "apart" the two pixels have no light in common.
 CASES = {
     "alike": ([1.0, 2.0, 3.0], [1.0, 2.0, 3.0]),
     "unlike": ([1.0, 0.2, 3.0], [5.0, 2.0, 0.1]),
@@ -65,7 +65,7 @@ CONFIDENCES = [(1.0, 20.0), (1.0, 1.0), (1.0, 0.0), (21.0, 3.0)]
 
 @pytest.mark.parametrize("name", CASES)
 def test_merge(shaders, name):
-    """The mean of target times weight over all outcomes is the sum of targets: what reuse must not change."""
+    """The mean of target times weight over all outcomes is the sum of targets, with and without reuse."""
     for confidences in CONFIDENCES:
         here, there = (np.array(targets) for targets in CASES[name])
         cases, chances = [], []

@@ -176,7 +176,7 @@ def test_scratch_is_aligned(device: Device, made: Any, monkeypatch: pytest.Monke
 
 
 def test_refitted_worlds_are_refitted_in_place(device, made, monkeypatch):
-    """The conformance suite compares hits of refitted worlds with fresh ones. Here: they really are refitted."""
+    """Builds are refits when they should be. The conformance suite compares the hits of refitted structures."""
     builds: list[tuple[str, int, bool]] = []
     record_build = device.vk.vkCmdBuildAccelerationStructuresKHR
 

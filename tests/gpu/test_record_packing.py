@@ -1,4 +1,4 @@
-"""Fields of a record packed from plain numbers are what numpy makes of them."""
+"""Records packed from plain numbers have the same bytes as those that numpy packs."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What must not reach Vulkan is refused with an error that names the object and the rule."""
+"""Invalid calls are refused before Vulkan sees them, with an error that names the object and the rule."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-// Runs one ray query as a probe asks and writes down all that it returns: the first candidate, the committed hit, and
-// how many candidates there were.
+// Runs the ray query of a probe and records its results: the first candidate, the committed hit, and the number of
+// candidates.
 #ifndef CONFORMANCE_PROBE_GLSL
 #define CONFORMANCE_PROBE_GLSL
 

@@ -1,4 +1,4 @@
-// What the display is asked for, and the picture that it makes.
+// The display's settings, and its output picture.
 #ifndef PASSES_DISPLAY_BINDINGS_GLSL
 #define PASSES_DISPLAY_BINDINGS_GLSL
 

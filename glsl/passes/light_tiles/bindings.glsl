@@ -1,4 +1,4 @@
-// What the light tiles hold: light samples, drawn and resolved ahead of the passes that choose among them.
+// The light tiles: light samples, drawn and resolved before the passes that choose among them.
 #ifndef PASSES_LIGHT_TILES_BINDINGS_GLSL
 #define PASSES_LIGHT_TILES_BINDINGS_GLSL
 

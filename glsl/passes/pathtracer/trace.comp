@@ -20,7 +20,7 @@ float hit_weight(float bounce_pdf, float light_pdf) {
     return light_pdf == 0.0 ? 1.0 : power_heuristic(bounce_pdf, light_pdf);
 }
 
-// The density of a bounce that MIS sees: INFINITY where light samples count nothing, 0 where they count alone.
+// The density of a bounce as MIS uses it: INFINITY gives light samples no weight, 0 gives them all the weight.
 float mis_pdf(float pdf) {
     if (path_sampling.light_strategy == LIGHT_STRATEGY_BRDF || pdf == INFINITY) { return INFINITY; }
     return path_sampling.light_strategy == LIGHT_STRATEGY_NEE ? 0.0 : pdf;

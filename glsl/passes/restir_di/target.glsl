@@ -7,8 +7,8 @@
 #include "scene/brdf.glsl"
 #include "scene/sampling.glsl"
 
-// The specular lobe where DI shades it, without color and multiple scattering, which would cost time and change
-// little.
+// The specular lobe, if DI shades it. Color and multiple scattering are left out, because they would cost time and
+// change little.
 float specular_target(GBufferSurface surface, vec3 dielectric_f0, vec3 world_wi) {
     ResolvedMaterial material = surface.material;
     if (brdf_lambert || restir_di_settings.target == DI_TARGET_MATTE) { return 0.0; }

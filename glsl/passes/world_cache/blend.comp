@@ -5,9 +5,9 @@
 
 layout(local_size_x = GROUP_SIZE) in;
 
-// How much a frame adds to the sample count of a cell that has fewer than the maximum. Differs from Solari, where it
-// is 1: what a young cell sees comes from other young cells, which lack later bounces. With less than 1 its first
-// samples are soon outweighed, and multi-bounce light arrives several times as fast.
+// What a frame adds to the sample count of a cell below the maximum. Differs from Solari, where it is 1: young cells
+// receive light from other young cells, which still lack later bounces. With less than 1, later samples soon outweigh
+// a cell's first ones, and multi-bounce light arrives several times as fast.
 const float YOUNG_GROWTH = 0.25;
 
 void main() {
@@ -22,7 +22,7 @@ void main() {
     float change = saturate(abs(delta) / max(luminance(old.rgb), 1e-30));
     float changing_max_samples = mix(max_samples, 1.0, pow(change, world_cache_settings.change_exponent));
     float share = 1.0 / min(sample_count, changing_max_samples);
-    // Differs from Solari: how much the lights changed is known, and needn't be guessed from noise.
+    // Differs from Solari: uses the known change of the lights instead of estimating it from noisy samples.
     if (world_cache_settings.relight != 0u) { share = max(share, this_frame.lighting_change); }
     vec3 blended = mix(old.rgb, world_cache_samples.at[thread].irradiance, share);
     world_cache_irradiance.at[cell] = vec4(blended, sample_count);

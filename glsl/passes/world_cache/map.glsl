@@ -27,7 +27,7 @@ struct WorldCacheKey {
     uint checksum;
 };
 
-// A little more than rounding errors, so that all of a surface along the grid lies on one side of it.
+// Slightly larger than rounding errors, so that a surface on a plane of the grid lies wholly on one side of it.
 const float GRID_MARGIN = 0.0001;
 
 WorldCacheKey make_world_cache_key(vec3 world_position, vec3 world_normal, float cell_size) {

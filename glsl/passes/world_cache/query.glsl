@@ -15,8 +15,8 @@ struct WorldCacheResult {
     vec3 irradiance;
 };
 
-// Visibility of landmarks is tested from this high above the surface, in cells, so that bumps of the surface hide
-// nothing.
+// Visibility of landmarks is tested from this height above the surface, in cell sizes, so that bumps of the surface
+// occlude nothing.
 const float EYE_HEIGHT = 0.05;
 
 // The key of the cell in which a point is looked up. The point is jittered in the tangent plane, which hides the grid
@@ -103,7 +103,7 @@ vec3 sample_irradiance(ResolvedRayHitFull hit, inout uint rng) {
     return trace_light_visibility(origin, light_sample) ? irradiance : vec3(0.0);
 }
 
-const uint MAX_CACHE_MISSES = 4u;  // consecutive hits of a path for which the cache has no value
+const uint MAX_CACHE_MISSES = 4u;  // maximum of consecutive hits of a path for which the cache has no value
 
 struct GatheredLight {
     HitPastMirrors first;

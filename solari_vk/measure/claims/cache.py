@@ -1,4 +1,4 @@
-"""Claims about the world cache: how fast it follows light, how long cells live, what updates cost, what leaks."""
+"""Claims about the world cache: its response to changed light, cells' lifetimes, the cost of updates, and leaks."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ NO_CAP = 1 << 26
 LEFT = 0.05  # share of the light below which it counts as gone
 NOISE_FRAMES = 16
 SLOW = 4  # seeds of claims that take long
-SETTLED = 136  # frames until cells have as many samples as they may
+SETTLED = 136  # frames until cells reach the maximum of their sample count
 FEW = {"light_tile_count": 8, "world_cache_cells": 1 << 16}  # enough for small scenes
 
 # ---- blend ------------------------------------------------------------------------------------------
@@ -40,7 +40,7 @@ def cell_noise(history: list[tuple[NDArray[np.uint32], NDArray[np.float32]]]) ->
 
 
 def _fade(renderer: Renderer, scene: Scene, max_frames: int) -> float:
-    """Frames until indirect light is gone once all lamps are off, which are on again afterwards."""
+    """Switch all lamps off, count frames until indirect light is gone, and switch the lamps on again."""
     full = float(mean_of(renderer, scene.camera, 4, ("gi_diffuse",)).mean())
     emissive = {item.material: item.material.emissive for item in scene if item.material.emits}
     try:

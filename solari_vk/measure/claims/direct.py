@@ -64,7 +64,7 @@ def _encoding(bench: Workbench) -> Outcome:
 
 
 def lit_share(bench: Workbench, scene: Scene, size: tuple[int, int]) -> Picture:
-    """How much of the light that each pixel faces isn't hidden, (height, width); NaN where there is none."""
+    """The unoccluded share of the light that each pixel faces, (height, width); NaN where it faces none."""
     alone: dict[str, Any] = {**DIRECT_ONLY, **UNTESTED, "di_candidates": 1, "di_temporal": False, "di_spatial": False}
     seen = tried = np.zeros(size[::-1])
     with bench.renderer(scene, size, **alone) as renderer:
@@ -92,7 +92,7 @@ def _direct_light(bench: Workbench) -> dict[str, Outcome]:
     pictures: list[Picture] = []
 
     def measure(renderer: Renderer) -> list[float]:
-        """Relative errors of the light in penumbras, of that in lit pixels next to them, and of all."""
+        """Relative errors of the light in penumbras, in lit pixels next to penumbras, and in the whole picture."""
         run(renderer, scene.camera, bench.count(WARM_UP))
         picture = mean_of(renderer, scene.camera, bench.count(8), DIRECT)
         pictures.append(picture)

@@ -12,7 +12,7 @@ _TRACE, _LOBE = "passes/specular_gi/trace.comp", "passes/specular_gi/lobe.glsl"
 NO_TILES: tuple[Patch, ...] = (
     (_TILES, "    uint index = tile *", "    return draw_light_candidate(rng);\n    uint index = tile *"),
 )
-"""Each candidate of RIS is drawn and resolved in the pass that uses it. The tiles are made all the same."""
+"""Each candidate of RIS is drawn and resolved in the pass that uses it. The tiles are still generated, but not read."""
 
 LINEAR_TILES: tuple[Patch, ...] = (
     (_TILES, " pack_radiance_log2_rgb9e5(resolved.radiance, this_frame.exposure)",
@@ -25,7 +25,7 @@ LINEAR_TILES: tuple[Patch, ...] = (
 CONSTANT_WEIGHTS: tuple[Patch, ...] = (
     ("passes/restir_di/reservoir.glsl", "vec2 weights = confidences * targets;", "vec2 weights = confidences;"),
 )
-"""ReSTIR DI merges by confidence alone."""
+"""ReSTIR DI's merge weights are the confidences, without the targets."""
 
 VISIBILITY_FED_FORWARD: tuple[Patch, ...] = (
     (_SHADE_DI, "    reservoir = merge_di_reservoirs(reservoir, other, here, there, rng);\n",
@@ -81,7 +81,7 @@ float lobe_spread(float roughness) {"""),
 """Mirrors are GGX of roughness 0.001, sampled in the mirrored direction."""
 
 NO_SHORT_RAY_RULE: tuple[Patch, ...] = (("passes/world_cache/query.glsl", "if (ray_t < cell_size) {", "if (false) {"),)
-"""World cache queries of short rays take cells as large as any other."""
+"""World cache queries of short rays use the same cell size as those of long rays."""
 
 TERMINATION_BY_ROUGHNESS: tuple[Patch, ...] = (
     (_TRACE, "return spread_width > cell_size && ray_t > (as_solari ? sqrt(3.0) : 1.0) * cell_size;",

@@ -35,7 +35,7 @@ def _mirror(bench: Workbench) -> Outcome:
     size = bench.size(192, 144)
     truth = bench.reference(scene, size, 64)
     roughness, metallic = np.moveaxis(_materials(bench, scene, size), -1, 0)
-    # away from edges, where pixels differ by where within them samples lie
+    # excludes edges, where a pixel depends on the positions of its samples
     levels = np.where((roughness == 0) & (metallic == 1), truth.mean(axis=-1), np.nan)
     inside = ~grow(~np.isfinite(levels), 2) & (_spread_around(levels) < 1e-3)
     shown: list[Picture] = []
@@ -66,7 +66,7 @@ def _mirror(bench: Workbench) -> Outcome:
 
 
 def _spread_around(levels: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How far values differ within two pixels, relative to the value; infinite next to nothing."""
+    """The range of values within two pixels, relative to the value; infinite next to pixels without a value."""
     padded = np.pad(levels, 2, constant_values=np.nan)
     windows = np.lib.stride_tricks.sliding_window_view(padded, (5, 5))
     with np.errstate(invalid="ignore"):

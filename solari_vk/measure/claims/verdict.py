@@ -35,7 +35,7 @@ class Criterion:
 
 
 def _mean_sign(values: Values) -> float:
-    """Runs that scatter to both sides of 0 count as 0 when their mean's sign is taken out."""
+    """The sign of the mean. Multiplied by it, runs that scatter around 0 average to about 0, unlike absolute values."""
     return 1.0 if values.mean() >= 0 else -1.0
 
 

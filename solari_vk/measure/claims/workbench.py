@@ -1,4 +1,4 @@
-"""What all claims are measured with: renderers of Solari's preset, variants in turns, references and pictures."""
+"""Tools for measuring claims: renderers with Solari's preset, variants that take turns, references and pictures."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Workbench:
         self._known: dict[str, Any] = {}
 
     def once(self, name: str, make: Callable[[], Any]) -> Any:
-        """What `make` returned when this name was first asked for: a result that several claims share."""
+        """The cached result of `make()` under this name, for results that several claims share."""
         if name not in self._known:
             self._known[name] = make()
         return self._known[name]
@@ -145,7 +145,7 @@ def join(pictures: Sequence[NDArray[np.uint8]], scale: int = 2) -> NDArray[np.ui
 
 
 def grow(mask: NDArray[np.bool_], steps: int) -> NDArray[np.bool_]:
-    """The mask and all pixels that are at most so many steps to a side away from it."""
+    """The mask, grown by this many pixels to each side."""
     for _ in range(steps):
         padded = np.pad(mask, 1)
         mask = mask | padded[:-2, 1:-1] | padded[2:, 1:-1] | padded[1:-1, :-2] | padded[1:-1, 2:]
