@@ -181,7 +181,7 @@ def test_normal_map_on_mirrored_instances(tracer, transform, given_tangents):
 
 @pytest.mark.parametrize("scale", [1.0, 0.5, -1.0])
 def test_normal_map(tracer, scale):
-    """Red points along growing u, green towards smaller v (glTF), and z is computed from both."""
+    """Red is the normal along increasing u, green along decreasing v (glTF); z is computed from both."""
     material = sv.Material(normal_texture=flat(204, 89, 0), normal_scale=scale)
     renderer = look(tracer, material)
     x, y = (204 / 255 * 2 - 1), (89 / 255 * 2 - 1)

@@ -12,29 +12,29 @@ from solari_vk.gpu.frame.frame import Frame, Pass
 from solari_vk.passes import world_cache
 from solari_vk.settings import uniform_values
 
-ASKER = np.dtype([("position", "f4", 3), ("normal", "f4", 3), ("cell_size", "f4"), ("rng", "u4"), ("life", "u4")])
+QUERY = np.dtype([("position", "f4", 3), ("normal", "f4", 3), ("cell_size", "f4"), ("rng", "u4"), ("life", "u4")])
 
 
 class MapFrame:
-    """A context manager for frames that decay, compact and blend cells, then insert a key for each asker.
+    """A context manager for frames that decay, compact and blend cells, then insert the key of each query.
 
-    askers: an array of ASKER, which describes a query; elements with rng 0 make none.
+    queries: an array of QUERY; elements with rng 0 are skipped.
     """
 
-    def __init__(self, device, cells, askers=None, **settings):
-        self.askers = np.zeros(1, ASKER) if askers is None else askers
-        self._buffer = device.buffer(self.askers.nbytes, "askers")
-        self.ask(self.askers)
+    def __init__(self, device, cells, queries=None, **settings):
+        self.queries = np.zeros(1, QUERY) if queries is None else queries
+        self._buffer = device.buffer(self.queries.nbytes, "queries")
+        self.ask(self.queries)
         full = world_cache.stage((1, 1), sv.Settings(world_cache_cells=cells))
         passes = [step for step in full.passes if "sample" not in step.name]
-        passes.append(Pass("world_cache_test/insert", threads=len(self.askers)))
-        stage = dataclasses.replace(full, passes=passes, buffers={**full.buffers, "answers": len(self.askers)})
-        self.frame = Frame(device, [stage], external={"askers": self._buffer}, glsl_root=SHADERS)
+        passes.append(Pass("world_cache_test/insert", threads=len(self.queries)))
+        stage = dataclasses.replace(full, passes=passes, buffers={**full.buffers, "answers": len(self.queries)})
+        self.frame = Frame(device, [stage], external={"queries": self._buffer}, glsl_root=SHADERS)
         self.frame.uniforms.update(uniform_values(sv.Settings(**settings)))
         self.frame.uniforms["this_frame.has_history"] = 1
 
-    def ask(self, askers):
-        self._buffer.upload(askers)
+    def ask(self, queries):
+        self._buffer.upload(queries)
 
     def upload(self, **arrays):
         for name, values in arrays.items():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from map_frame import ASKER, MapFrame
+from map_frame import QUERY, MapFrame
 from support.encodings import pcg4d, pcg_hash
 
 from solari_vk.gpu.shaders.patches import patched_shaders
@@ -14,29 +14,29 @@ NORMALS = np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, 0, -1), (0.6, 0.64, 0.
 SIZES = np.array((0.25, 0.5), np.float32)
 
 
-def make_askers(key_count, asker_count, seed=0):
+def make_queries(key_count, query_count, seed=0):
     """Random queries of `key_count` cells, about equally many of each, in random order; and the index of each query's
     cell."""
     random = np.random.default_rng(seed)
     side = 11
-    cell = np.concatenate([np.arange(key_count), random.integers(0, key_count, asker_count - key_count)])
+    cell = np.concatenate([np.arange(key_count), random.integers(0, key_count, query_count - key_count)])
     random.shuffle(cell)
     normal, size, place = cell % 6, cell // 6 % 2, cell // 12
     corner = np.stack([place % side, place // side % side, place // side**2], axis=1) - side // 2
-    askers = np.zeros(asker_count, ASKER)
-    askers["cell_size"] = SIZES[size]
-    askers["normal"] = NORMALS[normal]
-    askers["position"] = (corner + random.uniform(0.01, 0.99, (asker_count, 3))) * askers["cell_size"][:, None]
-    askers["rng"] = random.integers(1, 2**32, asker_count)
-    askers["life"] = random.integers(1, 10, asker_count)
-    return askers, cell
+    queries = np.zeros(query_count, QUERY)
+    queries["cell_size"] = SIZES[size]
+    queries["normal"] = NORMALS[normal]
+    queries["position"] = (corner + random.uniform(0.01, 0.99, (query_count, 3))) * queries["cell_size"][:, None]
+    queries["rng"] = random.integers(1, 2**32, query_count)
+    queries["life"] = random.integers(1, 10, query_count)
+    return queries, cell
 
 
-def expected_keys(askers):
+def expected_keys(queries):
     """The entry at which each query's search begins (before the modulo), and the key's checksum."""
-    position = np.floor(askers["position"] / askers["cell_size"][:, None]).astype(np.int32)
-    normal = np.floor(askers["normal"] + 1e-4).astype(np.int32) @ np.array((1, 3, 9), np.int32)
-    kind = pcg_hash(askers["cell_size"].view(np.uint32)) + normal.view(np.uint32)
+    position = np.floor(queries["position"] / queries["cell_size"][:, None]).astype(np.int32)
+    normal = np.floor(queries["normal"] + 1e-4).astype(np.int32) @ np.array((1, 3, 9), np.int32)
+    kind = pcg_hash(queries["cell_size"].view(np.uint32)) + normal.view(np.uint32)
     hashed = pcg4d(np.concatenate([position.view(np.uint32), kind[:, None]], axis=1))
     return hashed[:, 0], np.maximum(hashed[:, 1], 1)
 
@@ -47,11 +47,11 @@ def expected_keys(askers):
 def test_map(device):
     """Many threads insert few cells into a nearly full map: each cell exists once, where a search for its key ends."""
     cells, keys = 1024, 800
-    askers, cell = make_askers(keys, 20_000)
-    with MapFrame(device, cells, askers, world_cache_search_steps=64) as frame:
+    queries, cell = make_queries(keys, 20_000)
+    with MapFrame(device, cells, queries, world_cache_search_steps=64) as frame:
         answers = frame.run()["answers"]
         checksums, bounds, life = frame["checksums"], frame["bounds"], frame["life"]
-    first, checksum = expected_keys(askers)
+    first, checksum = expected_keys(queries)
     np.testing.assert_array_equal(answers["first"], first)
     np.testing.assert_array_equal(answers["checksum"], checksum)
     assert (answers["cell"] != NO_INDEX).all()
@@ -63,19 +63,19 @@ def test_map(device):
     away = (answers["cell"] - first) % cells
     assert away.max() < 64
     assert (answers["cell"] < first % cells).any(), "no search wrapped around the end of the map"
-    corner = np.floor(askers["position"] / askers["cell_size"][:, None]) * askers["cell_size"][:, None]
+    corner = np.floor(queries["position"] / queries["cell_size"][:, None]) * queries["cell_size"][:, None]
     np.testing.assert_array_equal(bounds[answers["cell"], :3], corner)
-    np.testing.assert_array_equal(bounds[answers["cell"], 3], askers["cell_size"])
+    np.testing.assert_array_equal(bounds[answers["cell"], 3], queries["cell_size"])
     longest = np.zeros(cells, int)
-    np.maximum.at(longest, answers["cell"], askers["life"])
+    np.maximum.at(longest, answers["cell"], queries["life"])
     np.testing.assert_array_equal(life, longest)
 
 
 def test_full_map(device):
     """With four times as many keys as entries, some queries get NO_INDEX: their search finds only other keys."""
     cells, steps = 1024, 3
-    askers, cell = make_askers(4 * cells, 20_000)
-    with MapFrame(device, cells, askers, world_cache_search_steps=steps) as frame:
+    queries, cell = make_queries(4 * cells, 20_000)
+    with MapFrame(device, cells, queries, world_cache_search_steps=steps) as frame:
         answers, checksums = frame.run()["answers"], frame["checksums"]
     lost = answers["cell"] == NO_INDEX
     assert np.count_nonzero(checksums) <= cells
@@ -91,39 +91,39 @@ def test_full_map(device):
 
 def test_holes(device):
     """A cell is still found after the cells in earlier entries of its search died."""
-    askers, _ = make_askers(800, 800)
-    with MapFrame(device, 1024, askers, world_cache_search_steps=64) as frame:
+    queries, _ = make_queries(800, 800)
+    with MapFrame(device, 1024, queries, world_cache_search_steps=64) as frame:
         before = frame.run()["answers"]["cell"]
-        away = (before - expected_keys(askers)[0]) % 1024 > 0
+        away = (before - expected_keys(queries)[0]) % 1024 > 0
         assert away.any()
         life = np.zeros(1024, np.uint32)
         life[before[away]] = 5
         frame.upload(life=life)  # all others die
-        askers["rng"][~away] = 0
-        frame.ask(askers)
+        queries["rng"][~away] = 0
+        frame.ask(queries)
         again = frame.run()["answers"]["cell"]
     np.testing.assert_array_equal(again[away], before[away])
 
 
 def test_points(device):
     """Each cell's point is that of one of its queries, and the order of queries doesn't decide which."""
-    askers, cell = make_askers(300, 20_000)
+    queries, cell = make_queries(300, 20_000)
     surfaces = []
-    for order in (np.arange(len(askers)), np.random.default_rng(3).permutation(len(askers))):
-        with MapFrame(device, 1024, askers[order], world_cache_search_steps=64) as frame:
+    for order in (np.arange(len(queries)), np.random.default_rng(3).permutation(len(queries))):
+        with MapFrame(device, 1024, queries[order], world_cache_search_steps=64) as frame:
             answers = frame.run().run()["answers"]
         surfaces.append(answers[np.argsort(order)])
     for name in ("position", "normal", "offset"):
         np.testing.assert_array_equal(surfaces[0][name], surfaces[1][name])
-    apart = np.abs(surfaces[0]["position"] - askers["position"])
-    step = 2 * askers["cell_size"] / 255
+    apart = np.abs(surfaces[0]["position"] - queries["position"])
+    step = 2 * queries["cell_size"] / 255
     is_mine = (apart <= 0.505 * step[:, None]).all(axis=1)
     chosen = np.unique(cell[is_mine])
     assert len(chosen) == 300, "a cell's point is none of its queries'"
-    np.testing.assert_allclose(surfaces[0]["normal"], askers["normal"], atol=1e-3)
-    height = np.sum((surfaces[0]["position"] - askers["position"]) * askers["normal"], axis=1)[is_mine]
+    np.testing.assert_allclose(surfaces[0]["normal"], queries["normal"], atol=1e-3)
+    height = np.sum((surfaces[0]["position"] - queries["position"]) * queries["normal"], axis=1)[is_mine]
     assert (np.abs(height) <= surfaces[0]["offset"][is_mine]).all(), "the offset does not cover the rounding"
-    within = (surfaces[0]["position"] / askers["cell_size"][:, None] % 1)[np.unique(cell, return_index=True)[1]]
+    within = (surfaces[0]["position"] / queries["cell_size"][:, None] % 1)[np.unique(cell, return_index=True)[1]]
     np.testing.assert_allclose(within.mean(axis=0), 0.5, atol=4 * np.sqrt(1 / 12 / 300))
 
 
@@ -154,13 +154,13 @@ def test_compaction(device):
 
 def test_lives(device):
     """Without history the map is empty; a cell exists for as many frames as its life."""
-    askers, _ = make_askers(100, 400)
-    askers["life"] = 3
-    with MapFrame(device, 1024, askers, world_cache_search_steps=64) as frame:
+    queries, _ = make_queries(100, 400)
+    queries["life"] = 3
+    with MapFrame(device, 1024, queries, world_cache_search_steps=64) as frame:
         active = lambda: int(frame.run()["counters"]["active_cells"])  # noqa: E731
         assert active() == 0
-        askers["rng"] = 0
-        frame.ask(askers)
+        queries["rng"] = 0
+        frame.ask(queries)
         assert [active() for _ in range(5)] == [100, 100, 100, 0, 0]
         frame.upload(checksums=np.ones(1024, np.uint32), life=np.full(1024, 9, np.uint32))
         assert active() == 1024

@@ -33,7 +33,7 @@ SUPPORTED_EXTENSIONS = (
     "KHR_xmp_json_ld",
 )
 _NODE_EXTENSIONS = ("EXT_mesh_gpu_instancing", "KHR_lights_punctual", "KHR_node_visibility", "KHR_xmp_json_ld")
-# Instances that a file may make on top of one for each node and each gpu instance.
+# A file may have this many instances more than it has nodes and instances of EXT_mesh_gpu_instancing together.
 SPARE_INSTANCES = 2**17
 
 Part = tuple[str, Mesh, Material]

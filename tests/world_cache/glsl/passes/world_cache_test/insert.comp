@@ -2,7 +2,7 @@
 #version 460
 #include "passes/world_cache/map.glsl"
 
-struct Asker {
+struct Query {
     vec3 position;
     vec3 normal;
     float cell_size;
@@ -17,17 +17,17 @@ struct Answer {
     vec3 normal;
     float offset;
 };
-layout(set = 1, binding = 128, scalar) readonly buffer AskersBlock { Asker at[]; } askers;
+layout(set = 1, binding = 128, scalar) readonly buffer QueriesBlock { Query at[]; } queries;
 layout(set = 1, binding = 129, scalar) buffer AnswersBlock { Answer at[]; } answers;
 
 layout(local_size_x = 64) in;
 
 void main() {
     uint index = gl_GlobalInvocationID.x;
-    if (index >= askers.at.length()) { return; }
-    Asker asker = askers.at[index];
-    if (asker.rng == 0u) { return; }
-    WorldCacheKey key = make_world_cache_key(asker.position, asker.normal, asker.cell_size);
+    if (index >= queries.at.length()) { return; }
+    Query query = queries.at[index];
+    if (query.rng == 0u) { return; }
+    WorldCacheKey key = make_world_cache_key(query.position, query.normal, query.cell_size);
     uint cell = insert_world_cache_cell(key);
     Answer answer = Answer(cell, key.first, key.checksum, vec3(0.0), vec3(0.0), 0.0);
     if (cell != NO_INDEX) {
@@ -35,8 +35,8 @@ void main() {
         answer.position = surface.world_position;
         answer.normal = surface.geometric_world_normal;
         answer.offset = surface.ray_offset;
-        atomicMax(world_cache_life.at[cell], asker.life);
-        vote_for_point(cell, key.bounds, asker.position, asker.normal, asker.rng);
+        atomicMax(world_cache_life.at[cell], query.life);
+        vote_for_point(cell, key.bounds, query.position, query.normal, query.rng);
     }
     answers.at[index] = answer;
 }
