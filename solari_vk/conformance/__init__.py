@@ -3,5 +3,5 @@
 Run it with `solari-vk conformance` or `pytest --pyargs solari_vk.conformance`. Every check measures something and
 holds it against a bar; the report has a row a rule, with the document and section that the rule is from. The table of
 groups.py names all checks. What a device can't do is named as unsupported; faults of drivers that are known are listed
-with their evidence in known_faults.toml, and a fault listed there that is gone fails too.
+with their evidence in known_faults.toml, and the run fails when a fault that is listed there no longer occurs.
 """

@@ -57,7 +57,7 @@ def compare_picture(
     name: str, source: tuple[str, str], made: Picture, expected: ArrayLike, bar: float,
     variance: ArrayLike = 0.0, tile: int = 8,
 ) -> list[Measurement]:  # fmt: skip
-    """Compare a picture with `expected` (h, w, 3): the mean must lie within the bar, and no tile may differ."""
+    """Compare a picture with `expected` (h, w, 3): the mean within the bar, and each tile within statistical error."""
     found = compare(made.mean, made.variance, expected, variance, tile)
     mean, tiles = (Rule(f"{name}: {part}", *source) for part in ("mean", "tiles"))
     return [

@@ -29,7 +29,7 @@ def rgb(value: ArrayLike) -> FloatArray:
 
 
 def matte(color: ArrayLike, name: str = "", **fields: Any) -> Material:
-    """A material as close to Lambertian as possible: rough, with F0 = 0. A faint sheen remains at grazing angles."""
+    """A nearly Lambertian material: rough, with F0 = 0. A faint sheen remains at grazing angles."""
     return Material(base_color=rgb(color), perceptual_roughness=1.0, reflectance=rgb(0), name=name, **fields)
 
 

@@ -132,7 +132,7 @@ class Outcome:
 
     @property
     def verdict(self) -> str:
-        """One sentence without its full stop."""
+        """The verdict as a sentence, without the final period."""
         if self.untestable:
             return f"cannot be tested here, because {self.untestable}"
         failures = [text for measure in self.measures if (text := measure.failure())]
