@@ -180,7 +180,8 @@ GROUPS: dict[str, dict[str, Measure]] = {
     "specular_gi": {
         "mirror": lambda run: specular_checks.measure_mirror(run.device),
         "gallery": lambda run: specular_checks.measure_gallery(run.device),
-        "termination": lambda run: specular_checks.measure_termination(run.device),
+        **_cases("termination", lambda run, name: specular_checks.measure_termination(run.device, name),
+                 *specular_checks.PATH_CASES),
     },
     "world_cache": {
         "map": lambda run: world_cache_checks.measure_world_cache(run.device),

@@ -26,6 +26,9 @@ GLOSSY = Rule("specular light of four metals is the path tracer's", *_SPECULAR)
 PANEL = Rule("specular light of each metal (mirror, smooth, glossy, rough) is the path tracer's", *_SPECULAR)
 ENDS = Rule("a path that spreads wider than a cell ends in the world cache", *_SPECULAR)
 GOES_ON = Rule("a path that is narrower than a cell continues", *_SPECULAR)
+CAMERA_CONE = Rule("Solari's rule: a path whose cone from the camera is wider than a cell ends at once", *_SPECULAR)
+CAMERA_LOBE = Rule("Solari's rule: a path from a mirror ends when a matte wall has widened its cone", *_SPECULAR)
+CAMERA_LENGTH = Rule("Solari's rule: a path continues after a ray shorter than sqrt(3) cells", *_SPECULAR)
 # Without cache, reuse and lights left to DI, the pass is an unbiased path tracer of the specular lobe.
 UNBIASED: dict[str, Any] = {
     "gbuffer": "traced", "world_cache": False, "specular_bounces": 16, "specular_di_roughness": 1.0,
@@ -142,6 +145,27 @@ def measure_gallery(device: Device, frames: int = 2500) -> Iterator[Measurement]
 # ---- where paths end --------------------------------------------------------------------------------
 
 
+@dataclasses.dataclass
+class PathCase:
+    """A metal wall, and a bar for the rays of specular GI in each of its pixels."""
+
+    rule: Rule
+    perceptual_roughness: float
+    max_rays: float = math.inf
+    min_rays: float = 0.0
+    cell_size: float = 0.15
+
+
+# The cone of the first ray is meters wide at its end for roughness 0.6, 0.1 to 0.3 m for 0.3, and 0 for a mirror.
+PATH_CASES = {
+    "spread": (PathCase(ENDS, 0.6, max_rays=1.1), PathCase(GOES_ON, 0.3, min_rays=1.3),
+               PathCase(GOES_ON, 0.0, min_rays=2.0)),
+    "camera_spread": (PathCase(CAMERA_CONE, 0.6, max_rays=1.1), PathCase(CAMERA_CONE, 0.3, max_rays=1.1),
+                      PathCase(GOES_ON, 0.0, min_rays=2.0), PathCase(CAMERA_LOBE, 0.0, max_rays=4.0),
+                      PathCase(CAMERA_LENGTH, 1.0, min_rays=2.1, cell_size=1.5)),
+}  # fmt: skip
+
+
 class _Counting(PartialRenderer):
     """Counts the rays of specular GI alone, in row 0 of `ray_counts`."""
 
@@ -156,28 +180,33 @@ def _counted(step: Pass | Draw | Step) -> Pass | Draw | Step:
     return step
 
 
-def measure_termination(device: Device) -> Iterator[Measurement]:
-    """Counts the rays of a pixel that shows a metal wall, four meters from matte walls of a lit room.
+def measure_termination(device: Device, termination: str) -> Iterator[Measurement]:
+    """Rays for each pixel of a metal wall in a lit room, by one of the rules of `specular_termination`."""
+    for case in PATH_CASES[termination]:
+        rays = _count_rays(
+            device, case.perceptual_roughness, specular_termination=termination, world_cache_cell_size=case.cell_size
+        )
+        note = f"{termination}, perceptual roughness {case.perceptual_roughness}: {rays:.2f} rays a pixel"
+        if case.min_rays > 0.0:
+            yield Measurement(case.rule, case.min_rays - rays, 0.0, "rays a pixel too few", note)
+        else:
+            yield Measurement(case.rule, rays, case.max_rays, "rays a pixel", note)
 
-    The first ray from rough metal has a cone meters wide at its end, so that the path ends there. The cone from a
-    mirror has no width, so that the path samples a light there and continues.
-    """
+
+def _count_rays(device: Device, perceptual_roughness: float, **settings: Any) -> float:
+    """Rays of specular GI for each pixel that shows the wall, two to four meters from the room's matte walls."""
     room = sv.Instance(mesh=shapes.box((-2, -2, -2), (2, 2, 2), inward=True), material=matte(0.7))
     light = sv.Instance(mesh=shapes.quad((0, 1.9, 0), (1, 0, 0), (0, 0, 1)), material=lamp(5.0))
     camera = sv.Camera.look_at((0, 0, 1.5), (0, 0, -1.9), vertical_fov=0.8)
-    rays = {}
-    for perceptual_roughness in (0.6, 0.0):
-        metal = sv.Material(base_color=rgb(0.9), metallic=1.0, perceptual_roughness=perceptual_roughness)
-        wall = sv.Instance(mesh=shapes.quad((0, 0, -1.9), (2, 0, 0), (0, 2, 0)), material=metal)
-        # "finest", because the search for landmarks would trace further rays.
-        settings = sv.Settings(**SMALL, specular_reuse_roughness=1.0, world_cache_leak_prevention="finest")
-        scene = sv.Scene(room, light, wall, camera)
-        with _Counting(device, scene, (16, 16), settings, passes=SPECULAR) as renderer:
-            counts = []
-            for _ in range(12):
-                renderer.render(camera)
-                counts.append(int(renderer["ray_counts"][0]))
-        rays[perceptual_roughness] = (counts[-1] - counts[3]) / (8 * 16**2)
-    note = f"{rays[0.6]:.2f} rays a pixel off rough metal, {rays[0.0]:.2f} off a mirror"
-    yield Measurement(ENDS, rays[0.6], 1.1, "rays a pixel", note)
-    yield Measurement(GOES_ON, 2.0 - rays[0.0], 0.0, "rays a pixel too few", note)
+    metal = sv.Material(base_color=rgb(0.9), metallic=1.0, perceptual_roughness=perceptual_roughness)
+    wall = sv.Instance(mesh=shapes.quad((0, 0, -1.9), (2, 0, 0), (0, 2, 0)), material=metal)
+    # "finest", because the search for landmarks would trace further rays.
+    chosen = sv.Settings(
+        **{**SMALL, **settings}, specular_bounces=8, specular_reuse_roughness=1.0, world_cache_leak_prevention="finest"
+    )
+    with _Counting(device, sv.Scene(room, light, wall, camera), (16, 16), chosen, passes=SPECULAR) as renderer:
+        counts = []
+        for _ in range(12):
+            renderer.render(camera)
+            counts.append(int(renderer["ray_counts"][0]))
+    return (counts[-1] - counts[3]) / (8 * 16**2)

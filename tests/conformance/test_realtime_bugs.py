@@ -51,6 +51,14 @@ def measure_indirect(device):
     return indirect_checks.measure_indirect(device, (Effort(), 0.06))
 
 
+def measure_termination(device):
+    return specular_checks.measure_termination(device, "spread")
+
+
+def measure_solaris_termination(device):
+    return specular_checks.measure_termination(device, "camera_spread")
+
+
 def measure_matte_box(device):
     return frame_checks.measure_closed_box(device, "matte")
 
@@ -167,10 +175,19 @@ BUGS = {
                         "_settings.di_roughness ? INFINITY : 0.0", "_settings.di_roughness ? 0.0 : 0.0"),
     "pdf of another lobe": (specular_checks.measure_gallery, ["each metal"], LOBE, "brdf.pdf_per_d * D_GGX",
                             "1.1 * brdf.pdf_per_d * D_GGX"),
-    "paths never end early": (specular_checks.measure_termination, ["wider than a cell"], SPECULAR,
+    "paths never end early": (measure_termination, ["wider than a cell ends in"], SPECULAR,
                               "return spread_width > cell_size &&", "return false &&"),
-    "paths end at once": (specular_checks.measure_termination, ["narrower than a cell"], SPECULAR,
+    "paths end at once": (measure_termination, ["narrower than a cell"], SPECULAR,
                           "return spread_width > cell_size &&", "return"),
+    "every cone begins at the camera": (measure_termination, ["narrower than a cell"], SPECULAR,
+                                        "if (specular_gi_settings.termination == SPECULAR_TERMINATION_CAMERA_SPREAD) {",
+                                        "if (true) {"),
+    "the camera's cone has no width": (measure_solaris_termination, ["cone from the camera"], SPECULAR,
+                                       "widen_as_solari(0.0, distance,", "widen_as_solari(0.0, 0.0,"),
+    "cells are not crossed diagonally": (measure_solaris_termination, ["sqrt(3) cells"], SPECULAR,
+                                         "(as_solari ? sqrt(3.0) : 1.0)", "1.0"),
+    "hit surfaces don't widen the cone": (measure_solaris_termination, ["matte wall has widened"], SPECULAR,
+                                          "if (as_solari) { path.spread_width =", "if (false) { path.spread_width ="),
     "light for nothing": (measure_matte_box, ["matte walls is as bright"],
                           COMPOSE, "emitted + diffuse", "emitted + 1.08 * diffuse"),
     "a dark corner": (frame_checks.measure_light, ["each of 4 x 4 tiles"], *DARK_CORNER),
