@@ -22,18 +22,19 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 # `scene` and `passes` meet in GLSL only.
 GPU = {"gpu.device", "gpu.shaders", "gpu.frame", "gpu.acceleration"}
 LIBRARY = {
-    "errors", "settings", "output", "scene", "passes", "rt", "frame", "first_hits", "rendered", "tracer", "reference",
-    "renderer", *GPU,
+    "color", "errors", "settings", "output", "scene", "passes", "rt", "frame", "first_hits", "rendered", "tracer",
+    "reference", "renderer", *GPU,
 }  # fmt: skip
 MAY_IMPORT = {
+    "color": set(),
     "errors": set(),
     "settings": {"errors", "gpu.shaders"},
-    "output": {"errors", "gpu.shaders", "scene"},
+    "output": {"color", "errors", "gpu.shaders", "scene"},
     "gpu.device": {"errors"},
     "gpu.shaders": {"errors"},
     "gpu.frame": {"errors", "gpu.device", "gpu.shaders"},
     "gpu.acceleration": {"errors", "gpu.device"},
-    "scene": {"errors", *GPU},
+    "scene": {"color", "errors", *GPU},
     "passes": {"errors", "settings", "gpu.device", "gpu.shaders", "gpu.frame"},
     "rt": {"errors", *GPU},
     "frame": {"errors", "scene", *GPU},

@@ -2,6 +2,8 @@
 #ifndef COMMON_MATH_GLSL
 #define COMMON_MATH_GLSL
 
+#include "generated/color.glsl"
+
 const float PI = 3.14159265358979;
 const float INVERSE_PI = 0.318309886183791;
 const float INFINITY = 1.0 / 0.0;
@@ -11,7 +13,7 @@ float saturate(float x) { return clamp(x, 0.0, 1.0); }
 float square(float x) { return x * x; }
 float safe_sqrt(float x) { return sqrt(max(x, 0.0)); }
 float max_component(vec3 v) { return max(v.x, max(v.y, v.z)); }
-float luminance(vec3 color) { return dot(color, vec3(0.2126, 0.7152, 0.0722)); }
+float luminance(vec3 color) { return dot(color, LUMINANCE_WEIGHTS); }
 
 // Returns v normalized, or the fallback where v has no direction. Scales v first, so that squares neither underflow nor
 // overflow.

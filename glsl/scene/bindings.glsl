@@ -46,7 +46,7 @@ struct Material {
     float perceptual_roughness;
     vec3 emissive;      // radiance
     float metallic;
-    vec3 reflectance;   // F0 of the dielectric is 0.16 times its square
+    vec3 reflectance;   // see reflectance_f0
     float normal_scale;
     uint base_color_texture;          // into textures, or NO_INDEX
     uint metallic_roughness_texture;

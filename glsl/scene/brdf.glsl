@@ -36,6 +36,9 @@ struct BrdfSample {
     bool diffuse;  // whether the diffuse lobe proposed wi; weight and pdf are those of both lobes, except for a mirror
 };
 
+// The Fresnel reflectance of a dielectric at normal incidence.
+vec3 reflectance_f0(vec3 reflectance) { return 0.16 * reflectance * reflectance; }
+
 // The directional albedo of GGX with multiple scattering, from the single-scattering albedo F0 A + B. Fdez-Aguero, "A
 // Multiple-Scattering Microfacet Model for Real-Time Image-based Lighting" (JCGT 2019).
 vec3 specular_albedo(vec3 f0, vec2 ab) {
@@ -48,7 +51,7 @@ Brdf prepare_brdf(ResolvedMaterial material, vec3 wo) {
     brdf.roughness = material.roughness;
     brdf.perceptual_roughness = material.perceptual_roughness;
     brdf.mirror = material.roughness <= MIRROR_ROUGHNESS;
-    brdf.dielectric_f0 = 0.16 * material.reflectance * material.reflectance;
+    brdf.dielectric_f0 = reflectance_f0(material.reflectance);
     brdf.metal_f0 = material.base_color;
     brdf.diffuse_color = material.base_color * (1.0 - material.metallic);
     brdf.specular_probability = 0.0;

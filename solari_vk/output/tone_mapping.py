@@ -12,11 +12,12 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from solari_vk.color import LUMINANCE_WEIGHTS
 from solari_vk.errors import SolariError
 from solari_vk.gpu.shaders import headers
 
 Colors = NDArray[np.float32]
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)  # of linear Rec. 709
+LUMINANCE = np.array(LUMINANCE_WEIGHTS, np.float32)
 MIDDLE_GRAY = 0.18
 MAX_EXPOSED = 1e6  # brighter colors are clipped to this first, so that no curve overflows
 

@@ -31,6 +31,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.color import LUMINANCE_WEIGHTS
 from solari_vk.gpu.shaders import headers
 from solari_vk.scene.model import DirectionalLight, Instance
 
@@ -61,8 +62,7 @@ class LightKind:
 
 def luminance(color: NDArray[np.float32]) -> float:
     """Of a linear Rec. 709 color (3,)."""
-    red, green, blue = color.tolist()
-    return 0.2126 * red + 0.7152 * green + 0.0722 * blue  # type: ignore[no-any-return]
+    return float(sum(weight * channel for weight, channel in zip(LUMINANCE_WEIGHTS, color.tolist(), strict=True)))
 
 
 def _directional_record(light: DirectionalLight) -> dict[str, Any]:

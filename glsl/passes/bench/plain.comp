@@ -1,7 +1,6 @@
 // Traces rays from buffers and writes the distance of each hit, nothing else: the baseline of `RayTracer.trace`.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
-#include "scene/bindings.glsl"
 #include "scene/trace.glsl"
 
 layout(local_size_x = 64) in;

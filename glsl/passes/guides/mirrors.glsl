@@ -5,7 +5,6 @@
 
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
-#include "scene/trace.glsl"
 
 // The plane of a mirror. It reflects points by Householder's reflection, x - 2 n (n . (x - point)).
 struct MirrorPlane {

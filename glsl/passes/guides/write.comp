@@ -28,7 +28,7 @@ struct Guides {
 vec3 environment_brdf(ResolvedMaterial material, float NdotV) {
     vec2 ab = material.roughness <= MIRROR_ROUGHNESS
         ? mirror_albedo(NdotV) : lookup_brdf_table(NdotV, material.perceptual_roughness);
-    vec3 dielectric = specular_albedo(0.16 * material.reflectance * material.reflectance, ab);
+    vec3 dielectric = specular_albedo(reflectance_f0(material.reflectance), ab);
     return mix(dielectric, specular_albedo(material.base_color, ab), material.metallic);
 }
 

@@ -7,10 +7,8 @@
 #ifndef PASSES_RESTIR_DI_RESERVOIR_GLSL
 #define PASSES_RESTIR_DI_RESERVOIR_GLSL
 
-#include "common/math.glsl"
 #include "common/random.glsl"
 #include "scene/sampling.glsl"
-#include "passes/bindings.glsl"
 
 struct DiReservoir {
     LightSample light_sample;          // light_index NO_INDEX: empty

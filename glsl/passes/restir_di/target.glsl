@@ -28,7 +28,7 @@ float specular_target(GBufferSurface surface, vec3 dielectric_f0, vec3 world_wi)
 float di_target(GBufferSurface surface, ResolvedLightSample resolved) {
     LightContribution light = calculate_resolved_light_contribution(resolved, surface.world_position);
     if (!(dot(light.wi, surface.geometric_world_normal) > 0.0)) { return 0.0; }
-    vec3 dielectric_f0 = 0.16 * surface.material.reflectance * surface.material.reflectance;
+    vec3 dielectric_f0 = reflectance_f0(surface.material.reflectance);
     vec3 color = max(surface.material.base_color + (1.0 - surface.material.metallic) * dielectric_f0, 0.01);
     float cosine = max(dot(light.wi, surface.world_normal), 0.0);
     float inverse_pdf = light.inverse_pdf / float(max(scene_info.light_count, 1u));  // over a sample's random numbers

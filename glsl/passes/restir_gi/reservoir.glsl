@@ -15,7 +15,8 @@ GiReservoir empty_gi_reservoir(float confidence_weight) {
     return GiReservoir(vec3(0.0), SEEN_IN_MIRROR, vec3(0.0), vec3(0.0), confidence_weight, 0.0);
 }
 
-// The reservoir that shades the pixel in this frame. Its sample is visible from the pixel.
+// The reservoir that shades the pixel in this frame. Its sample is visible from the pixel, except with
+// gi_visibility=neighbor, which tests samples of spatial neighbors only: a temporal sample may be hidden by now.
 GiReservoir load_gi_reservoir(uvec2 pixel) { return gi_reservoirs.at[pixel.y * camera.size.x + pixel.x]; }
 
 // Whether the pixel needs no reservoir: its surface has no diffuse lobe, and is too smooth to reuse the reservoir for
@@ -71,7 +72,7 @@ bool trace_sample_visibility(GBufferSurface surface, GiReservoir reservoir) {
 }
 
 // Merges the reservoir of another pixel into that of this pixel. `choice` is a random number in [0, 1). With
-// `retest`, the result is visible from this pixel.
+// `retest`, the other pixel's sample counts only if it is visible from this pixel.
 //
 // MIS weights and the choice use targets without visibility. Differs from Solari (gi_visibility=neighbor), where a
 // sample that the other pixel can't see keeps a weight below 1, which loses light at the edges of indirect shadows:

@@ -3,7 +3,6 @@
 #define PASSES_SPECULAR_GI_LOBE_GLSL
 
 #include "common/math.glsl"
-#include "passes/bindings.glsl"
 #include "scene/brdf.glsl"
 #include "scene/microfacet.glsl"
 
@@ -18,6 +17,12 @@ BrdfSample sample_specular_brdf(Brdf brdf, vec3 wo, inout uint rng) {
 // radiance cache (SHARC). Differs from SHARC: squares add up over a path, and the cone goes on widening after a mirror.
 float lobe_spread(float roughness) {
     float a2 = square(min(roughness, 0.99));
+    return 0.5 * a2 / (1.0 - a2);
+}
+
+// The same with Solari's clamp, which limits the square of the roughness.
+float solari_lobe_spread(float roughness) {
+    float a2 = min(square(roughness), 0.99);
     return 0.5 * a2 / (1.0 - a2);
 }
 

@@ -60,7 +60,7 @@ bool leave_surface(inout Path path, BrdfSample next, Brdf brdf, mat3 frame, vec3
 // Solari's rule for the cone's width: over each ray, the square of the width grows by the spread of the lobe at the
 // ray's end.
 float widen_as_solari(float spread_width, float ray_t, float roughness) {
-    return sqrt(square(spread_width) + square(ray_t) * lobe_spread(roughness));
+    return sqrt(square(spread_width) + square(ray_t) * solari_lobe_spread(roughness));
 }
 
 // Whether a path may end in the world cache: its cone is wider and its last ray longer than a cell, so that cells

@@ -80,7 +80,7 @@ vec3 surface_albedo(ResolvedMaterial material, float cosine) {
     if (brdf_lambert || world_cache_settings.surfaces == WORLD_CACHE_SURFACES_DIFFUSE) { return material.base_color; }
     vec2 ab = material.roughness <= MIRROR_ROUGHNESS
         ? mirror_albedo(cosine) : lookup_brdf_table(cosine, material.perceptual_roughness);
-    vec3 f0 = 0.16 * material.reflectance * material.reflectance;
+    vec3 f0 = reflectance_f0(material.reflectance);
     vec3 dielectric = specular_albedo(f0, ab);
     vec3 through = 1.0 - dielectric;
     if (brdf_layering == LAYERING_FRESNEL_PRODUCT) {

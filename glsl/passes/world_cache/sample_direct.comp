@@ -8,7 +8,7 @@
 #include "scene/light_visibility.glsl"
 #include "scene/sampling.glsl"
 
-layout(local_size_x = 64) in;
+layout(local_size_x = GROUP_SIZE) in;
 
 vec3 sample_direct_irradiance(WorldCacheSurface surface, inout uint rng) {
     uint tile = choose_light_tile(rng);

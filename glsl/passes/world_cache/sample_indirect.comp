@@ -5,7 +5,7 @@
 #include "passes/world_cache/query.glsl"
 #include "passes/world_cache/update.glsl"
 
-layout(local_size_x = 64) in;
+layout(local_size_x = GROUP_SIZE) in;
 
 void main() {
     uint thread = thread_index(INVOCATION_INDEX);
