@@ -18,7 +18,7 @@ from solari_vk.conformance.realtime import (
     add_up,
     make_renderer,
     measure_mean,
-    measure_tiles,
+    measure_picture_tiles,
     run_pictures,
     trace,
 )
@@ -106,7 +106,7 @@ def measure_direct(device: Device, profile: Profile = FAST) -> Iterator[Measurem
     expected, shown = trace_direct(device, scene, effort.samples, side)
     found = observe_direct(device, scene, side, effort) * shown[..., None]
     yield measure_mean(DIRECT, found, expected, bars[DIRECT], effort)
-    yield measure_tiles(SIXTEENTHS, found, expected, bars[SIXTEENTHS], effort)
+    yield measure_picture_tiles(SIXTEENTHS, found, expected, bars[SIXTEENTHS], effort)
     share = np.where(shown, find_lit_share(device, scene, side), np.nan)
     for rule, pixels in ((LIT, share == 1), (PENUMBRA, (share > 0) & (share < 1))):
         yield measure_mean(rule, found[:, pixels], expected[pixels], bars[rule], effort)

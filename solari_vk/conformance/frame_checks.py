@@ -14,7 +14,7 @@ from solari_vk.conformance.realtime import (
     add_up,
     make_renderer,
     measure_mean,
-    measure_tiles,
+    measure_picture_tiles,
     run_pictures,
     trace,
     trace_reflected,
@@ -108,7 +108,7 @@ def measure_closed_box(device: Device, walls: str, effort: Effort = BOX_FAST) ->
     yield measure_mean(Rule(f"{name} is as bright as the path tracer's", *_FRAME), found, expected, 0.03, effort)
     # The bar is four standard errors of the noisiest tile of matte walls.
     rule = Rule(f"each of 4 x 4 tiles of {name} is close to the path tracer's", *_FRAME)
-    yield measure_tiles(rule, found, expected, 0.1, effort)
+    yield measure_picture_tiles(rule, found, expected, 0.1, effort)
 
 
 LIGHT_FAST = (Effort(16, samples=4096), 0.02, 0.05)
@@ -128,7 +128,7 @@ def measure_light(device: Device, profile: tuple[Effort, float, float] = LIGHT_F
         found = run_pictures(renderer, scene.camera, effort, add_up) * shown
         yield from measure_lights_off(renderer, scene)
     yield measure_mean(WHOLE, found, expected, bar, effort)
-    yield measure_tiles(TILES, found, expected, tile_bar, effort)
+    yield measure_picture_tiles(TILES, found, expected, tile_bar, effort)
 
 
 def measure_lights_off(renderer: Renderer, scene: sv.Scene) -> Iterator[Measurement]:

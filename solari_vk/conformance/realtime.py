@@ -108,7 +108,7 @@ def measure_mean(rule: Rule, observations: Image, expected: Image | float, bar: 
     return Measurement(rule, abs(error) + half_width, bar, f"relative error, {effort}", note)
 
 
-def measure_tiles(rule: Rule, observations: Image, expected: Image, bar: float, effort: Effort) -> Measurement:
+def measure_picture_tiles(rule: Rule, observations: Image, expected: Image, bar: float, effort: Effort) -> Measurement:
     """Measures the largest relative error of 4 x 4 tiles of a square picture."""
     found, right = (sixteenths(image).mean(axis=-1) for image in (observations.mean(axis=0), expected))
     errors = found / right - 1

@@ -195,6 +195,16 @@ def test_another_number_for_boxes_is_noticed(device, monkeypatch):
         expect_red(probe(shaders), "stops at each AABB")
 
 
+def test_another_number_for_a_flag_is_noticed(shaders):
+    """The numbers of flags come from Python too: CULL_OPAQUE has that of CULL_NO_OPAQUE."""
+
+    def renumber(rays):
+        rays["flags"][rays["flags"] == RayFlags.CULL_OPAQUE] = RayFlags.CULL_NO_OPAQUE
+
+    expect_red(probe(shaders, rays=renumber), "CULL_OPAQUE: opaque")
+
+
+
 RAYS, REPLACED = "empty range) hit nothing", "in place of each invalid ray"
 RAY_CHECK_BUGS = {
     "t_min unchecked": ("desc.t_min >= 0.0 && ", "", RAYS),

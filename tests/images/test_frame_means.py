@@ -14,7 +14,7 @@ from solari_vk.conformance.realtime import (
     add_up,
     make_renderer,
     measure_mean,
-    measure_tiles,
+    measure_picture_tiles,
     run_pictures,
     trace,
     trace_reflected,
@@ -71,7 +71,8 @@ def test_glossy_scenes(device, name):
     expected = trace(device, scene, 512, max_bounces=64)
     with make_renderer(device, scene) as renderer:
         found = run_pictures(renderer, scene.camera, effort, lambda frame: frame["radiance"])
-    hold([measure_mean(WHOLE, found, expected, 0.05, effort), measure_tiles(TILES, found, expected, 0.12, effort)])
+    tiles = measure_picture_tiles(TILES, found, expected, 0.12, effort)
+    hold([measure_mean(WHOLE, found, expected, 0.05, effort), tiles])
 
 
 @pytest.mark.slow
