@@ -13,10 +13,12 @@ from solari_vk.measure.claims.scenes import sunlit_yard
 from solari_vk.measure.claims.verdict import RISES, Claim, Measure, Outcome, ends_below, falls, faster
 from solari_vk.measure.claims.workbench import Picture, Variant, Workbench, grow, join, mean_of, run, side_by_side
 from solari_vk.measure.frame.passes import frame_times
+from solari_vk.output.tone_mapping import LUMINANCE
 from solari_vk.renderer import Renderer
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.constants import NO_INDEX
-from solari_vk.scene.model import Scene
+from solari_vk.scene.light_kinds import KIND_INDEX
+from solari_vk.scene.model import DirectionalLight, Scene
 
 DIRECT_ONLY = {"gi": False, "specular": False, "world_cache": False}
 UNTESTED = {"di_initial_visibility": False}  # candidates are reused before their visibility is known
@@ -40,20 +42,37 @@ def _light_tiles(bench: Workbench) -> Outcome:
     ])  # fmt: skip
 
 
+def _sun_in_tiles(renderer: Renderer, scene: Scene, encoding: str) -> float:
+    """The relative error of the luminance that the light tiles hold of the scene's sun."""
+    tiles = renderer["light_tiles"]
+    packed = tiles["radiance"][tiles["kind_and_data"] & 0xFF == KIND_INDEX["directional"]].reshape(-1, 1)
+    mantissas = packed >> np.array((0, 9, 18), np.uint32) & 0x1FF
+    values = mantissas * 2.0 ** ((packed >> 27).astype(np.float64) - 24)
+    held = (np.exp2(values) - 1 if encoding == "log2" else values) / scene.camera.exposure
+    sun = next(light for light in scene.lights if isinstance(light, DirectionalLight))
+    radiance = sun.color * sun.illuminance / (np.pi * np.sin(sun.angular_diameter / 2) ** 2)
+    return float((held @ LUMINANCE).mean() / (radiance @ LUMINANCE) - 1)
+
+
 def _encoding(bench: Workbench) -> Outcome:
     scene = sunlit_yard()
     size = bench.size(64, 64)
     truth = bench.direct_reference(scene, size, 256)
 
-    def measure(renderer: Renderer) -> float:
+    def measure(renderer: Renderer) -> list[float]:
         run(renderer, scene.camera, bench.count(WARM_UP))
         picture = mean_of(renderer, scene.camera, bench.count(40, 4), DIRECT)
-        return float(picture.mean() / truth.mean() - 1)
+        in_tiles = [_sun_in_tiles(renderer, scene, encoding) for encoding in ("linear", "log2")]
+        return [float(picture.mean() / truth.mean() - 1), *in_tiles]
 
     variants = [Variant(patches=LINEAR_TILES), Variant()]
-    linear, log2 = bench.compare(scene, size, variants, measure, di_initial_visibility=False, **DIRECT_ONLY)
+    before, after = bench.compare(scene, size, variants, measure, di_initial_visibility=False, **DIRECT_ONLY)
+    linear, log2 = before[:, 0], after[:, 0]
     return Outcome(
-        [Measure("error of the picture's energy", "", linear, log2)],
+        [
+            Measure("error of the picture's energy", "", linear, log2),
+            Measure("error of the sun's luminance in the tiles", "", before[:, 1], after[:, 2]),
+        ],
         untestable="what tiles hold only decides which sample is chosen, and the chosen sample is resolved anew from "
         "the light itself, so that no encoding loses energy: the picture is off by "
         f"{linear.mean():+.2%} with linear tiles and by {log2.mean():+.2%} with log2",
