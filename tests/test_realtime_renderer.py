@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
+from solari_vk.gpu.frame.frame import Frame
 
 SIZE = (16, 12)
 
@@ -235,7 +236,7 @@ def test_uniforms_are_written_after_an_error(renderer, scene, monkeypatch):
     renderer.render(scene.camera)
     uniforms = renderer._frame.uniforms
     with monkeypatch.context() as patch:
-        patch.setattr(renderer._frame, "submit", lambda: 1 / 0)
+        patch.setattr(Frame, "submit", lambda _: 1 / 0)
         for _ in range(2):
             with pytest.raises(ZeroDivisionError):
                 renderer.render(sv.Camera(transform=scene.camera.transform, near=7.0))

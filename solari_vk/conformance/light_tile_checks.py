@@ -39,7 +39,7 @@ NOISE = Rule("choosing by tiles is no noisier than resolving each candidate", SU
 Floats = NDArray[np.floating[Any]]
 Samples = NDArray[Any]
 _EACH = sv.Settings().light_tile_samples
-_MOST = NormalDist().inv_cdf(0.9999)
+_MAX_Z = NormalDist().inv_cdf(0.9999)
 COLOR = np.array((1.0, 0.3, 0.0))
 SATURATED = np.array((1.0, 0.5, 5e-4))
 # Radiance of the lamps (16, 3) in units of white.
@@ -110,7 +110,7 @@ def _measure_choice(named: Samples, ball_triangles: int) -> Iterator[Measurement
     observed = np.bincount((first[named["light_index"]] + named["part"]).ravel(), minlength=triangles.sum())
     expected = np.repeat(named.size / (len(triangles) * triangles), triangles)
     z = standard_deviations(chi_squared_p(observed, expected))
-    yield Measurement(CHOICE, z, _MOST, "standard deviations")
+    yield Measurement(CHOICE, z, _MAX_Z, "standard deviations")
     yield Measurement(UNIQUE, float(named.size - len(np.unique(named))), 0.0, f"of {named.size:,} again")
     seeds = named["seed"] / 2.0**32 - 0.5
     pairs = {
@@ -119,7 +119,7 @@ def _measure_choice(named: Samples, ball_triangles: int) -> Iterator[Measurement
     }  # fmt: skip
     for name, (a, b) in pairs.items():
         z = abs(float((a * b).sum())) / math.sqrt(float((a**2).sum() * (b**2).sum()) / a.size)
-        yield Measurement(SCROLL, z, _MOST, "standard deviations", name)
+        yield Measurement(SCROLL, z, _MAX_Z, "standard deviations", name)
 
 
 def measure_contribution(device: Device, shaders: ShaderRunner) -> Iterator[Measurement]:

@@ -10,7 +10,7 @@ from solari_vk.scene import shapes
 from solari_vk.settings import DEFAULTS, FIELDS
 
 # Upper limits of settings that cost time.
-MOST = {"di_candidates": 64, "world_cache_candidates": 64, "world_cache_search_steps": 16, "specular_bounces": 12}
+MAX_VALUES = {"di_candidates": 64, "world_cache_candidates": 64, "world_cache_search_steps": 16, "specular_bounces": 12}
 
 
 def _spoiled_meshes():
@@ -100,9 +100,9 @@ def random_settings(random, settings):
             elif isinstance(default, bool):
                 value = not default
             else:
-                most = min(field.high, MOST.get(name, 1e6))
-                least = max(field.low, 1e-6)
-                value = float(np.clip(np.exp(random.uniform(np.log(least), np.log(most))), least, most))
+                high = min(field.high, MAX_VALUES.get(name, 1e6))
+                low = max(field.low, 1e-6)
+                value = float(np.clip(np.exp(random.uniform(np.log(low), np.log(high))), low, high))
                 if isinstance(default, int):
                     value = round(value)
         if getattr(settings, name) != value:

@@ -194,8 +194,8 @@ def test_blend(device, exponent, cap):
     old, new = irradiance[:, :3].astype(float), samples["irradiance"].astype(float)
     count = np.minimum(np.where(irradiance[:, 3] > 0, irradiance[:, 3] + 0.25, 1), 32)
     change = np.clip(np.abs(deltas) / np.maximum(old @ weights, 1e-30), 0, 1)
-    most = 32 - 31 * change**exponent
-    blended = old + (new - old) / np.minimum(count, most)[:, None]
+    max_count = 32 - 31 * change**exponent
+    blended = old + (new - old) / np.minimum(count, max_count)[:, None]
     untouched = (found == irradiance).all(axis=1)
     updated = ~untouched
     np.testing.assert_array_equal(found[updated, 3], count[updated])

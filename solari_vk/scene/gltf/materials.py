@@ -150,8 +150,8 @@ class Materials:
         """Report a material through which something would be visible."""
         mode = entry.text("alphaMode", "OPAQUE", ("OPAQUE", "MASK", "BLEND"))
         cutoff = entry.number("alphaCutoff", 0.5, low=0)
-        least = alpha * (int(self._textures.image(slot).pixels[..., 3].min()) / 255 if slot else 1.0)
-        if least < {"OPAQUE": 0.0, "MASK": cutoff, "BLEND": 1.0}[mode]:
+        min_alpha = alpha * (int(self._textures.image(slot).pixels[..., 3].min()) / 255 if slot else 1.0)
+        if min_alpha < {"OPAQUE": 0.0, "MASK": cutoff, "BLEND": 1.0}[mode]:
             self._report.add(f"alphaMode {mode} is not supported: surfaces are opaque", entry.place)
 
 
