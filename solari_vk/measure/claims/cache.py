@@ -218,7 +218,7 @@ CLAIMS = (
     Claim("cache_lag", "0.18", "An adaptive blend follows light fast, and is stable at rest.",
           "cornell_box 64x64, lamp switched off", "fixed blend", "adaptive blend", _lag),
     Claim("cache_lifetime", "0.18", "Cells no longer keep each other alive once the camera has left.",
-          "two rooms 40 m apart, 64x64", "atomicStore of the full life", "atomicMax of the asker's life", _lifetime),
+          "two rooms 40 m apart, 64x64", "atomicStore of the full life", "atomicMax of the querier's life", _lifetime),
     Claim("cache_update", "0.18", "Lifetimes, short rays, coarser far cells: 1.42 to 0.09 ms (16x).",
           "a street of 240 m, half of it flown along, 64x36", "store, rays without end, 30 m",
           "max, rays of 50 m, cells double at 15 m", _update_cost),
