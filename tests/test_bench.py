@@ -65,3 +65,22 @@ def test_nothing_to_trace_is_no_ratio(device):
     away = Camera.look_at((0, 0, 9), (0, 0, 99))
     with Renderer(device, scene, (8, 8)) as renderer:
         assert all(np.isnan(against_bare_rays(renderer, away, 1.0, 1)))
+
+
+def test_quick_page_of_the_frame(any_device, tmp_path):
+    """The page has every section, pictures are written, and every figure is a positive number."""
+    page, pictures = tmp_path / "page.md", tmp_path / "pictures"
+    assert main(["bench", "frame", "--quick", "--markdown", str(page), "--pictures", str(pictures)]) == 0
+    lines = page.read_text().splitlines()
+    titles = [line[3:].partition(",")[0] for line in lines if line.startswith("## ")]
+    assert titles == [
+        "Passes at 16x16", "Rays per pixel at 16x16", "Against bare rays at 16x16", "Path tracer at 16x16", "Start",
+        "Python's time for a frame", "Growth with pixels", "Growth with triangles", "Growth with instances",
+        "Growth with lights", "Memory of a frame", "relMSE over frames", "relMSE of the path tracer",
+    ]  # fmt: skip
+    tracer = lines[lines.index("## Path tracer at 16x16") + 4].split(" | ")
+    samples, rays, bare, ratio = (float(cell.strip(" |")) for cell in tracer[1:])
+    assert rays > samples > 0
+    assert bare > 0
+    assert abs(ratio - rays / bare) < 0.1
+    assert sorted(path.name for path in pictures.iterdir()) == ["cornell_box.png", "many_lights.png"]

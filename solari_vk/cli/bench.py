@@ -32,6 +32,8 @@ def add_parser(commands: Any) -> None:
     frame.set_defaults(run=_frame)
     frame.add_argument("files", nargs="*", type=Path, help="glTF files to measure beside the built-in scenes")
 
+    frame.add_argument("--pictures", type=Path, metavar="FOLDER", help="write a picture of each scene")
+
     for part in (claims, frame):
         part.add_argument("--quick", action="store_true", help="tiny pictures and few runs, only to try the command")
     claims.add_argument("--seeds", type=positive, metavar="N", help="independent runs of each comparison (5)")
@@ -60,4 +62,5 @@ def _claims(options: argparse.Namespace) -> None:
 def _frame(options: argparse.Namespace) -> None:
     from solari_vk.measure.frame.run import run
 
-    run(options.device, options.files, markdown=options.markdown, quick=options.quick)
+    run(options.device, options.files, markdown=options.markdown, pictures=options.pictures,
+        quick=options.quick)  # fmt: skip

@@ -86,5 +86,21 @@ def glowing(emissive: int, triangles: int = 100_000) -> Scene:
     return scene
 
 
+def scattered(count: int) -> Scene:
+    """A lamp over `count` instances of one tetrahedron on a square."""
+    corners = np.array([(1, 1, 1), (-1, -1, 1), (-1, 1, -1), (1, -1, -1)], np.float32)
+    mesh = Mesh(positions=corners, triangles=np.array([(0, 1, 2), (0, 3, 1), (0, 2, 3), (1, 3, 2)]))
+    side = math.ceil(math.sqrt(count))
+    transforms = np.tile(np.eye(4) * (0.4 / side), (count, 1, 1))
+    transforms[:, 3, 3] = 1
+    index = np.arange(count)
+    transforms[:, 0, 3], transforms[:, 2, 3] = 2 * (index % side) / side - 1, 2 * (index // side) / side - 1
+    scene = hilly(2)
+    material = matte(0.6, "tetrahedron")
+    for transform in transforms:
+        scene.add(Instance(mesh=mesh, material=material, transform=transform))
+    return scene
+
+
 def _above() -> Camera:
     return Camera.look_at((0, 1.1, 0.9), (0, 0, 0), vertical_fov=math.radians(60))

@@ -38,6 +38,15 @@ def best_seconds(device: Device, work: Work, total: float) -> float:
     return min(times)
 
 
+def warm(device: Device, work: Work, runs: int, total: float) -> None:
+    """Run some work at least `runs` times and for `total` seconds: idle GPUs need a second to raise their clock."""
+    until = time.perf_counter() + total
+    while runs > 0 or time.perf_counter() < until:
+        work()
+        device.wait_idle()
+        runs -= 1
+
+
 @contextmanager
 def every_barrier() -> Iterator[None]:
     """Frames that are made in this context put a barrier before each pass. Without it, passes that don't depend on each

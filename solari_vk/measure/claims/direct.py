@@ -48,7 +48,8 @@ def _sun_in_tiles(renderer: Renderer, scene: Scene, encoding: str) -> float:
     packed = tiles["radiance"][tiles["kind_and_data"] & 0xFF == KIND_INDEX["directional"]].reshape(-1, 1)
     mantissas = packed >> np.array((0, 9, 18), np.uint32) & 0x1FF
     values = mantissas * 2.0 ** ((packed >> 27).astype(np.float64) - 24)
-    held = (np.exp2(values) - 1 if encoding == "log2" else values) / scene.camera.exposure
+    with np.errstate(over="ignore"):  # tiles of the other encoding are read too
+        held = (np.exp2(values) - 1 if encoding == "log2" else values) / scene.camera.exposure
     sun = next(light for light in scene.lights if isinstance(light, DirectionalLight))
     radiance = sun.color * sun.illuminance / (np.pi * np.sin(sun.angular_diameter / 2) ** 2)
     return float((held @ LUMINANCE).mean() / (radiance @ LUMINANCE) - 1)

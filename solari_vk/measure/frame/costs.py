@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,6 +16,7 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
 from solari_vk.measure.frame.passes import frame_times
+from solari_vk.measure.frame.plan import Plan, Size
 from solari_vk.measure.timing import seconds
 from solari_vk.renderer import Renderer
 from solari_vk.scene.builtin import builtin
@@ -22,10 +26,39 @@ from solari_vk.settings import Settings
 # ---- growth -----------------------------------------------------------------------------------------
 
 
-def frame_time(device: Device, scene: Scene, size: tuple[int, int], frames: int) -> float:
+def frame_time(device: Device, scene: Scene, size: Size, plan: Plan) -> float:
     """Milliseconds of a frame of a new renderer, after a warm-up that fills its cells and reservoirs."""
     with Renderer(device, scene, size, Settings()) as renderer:
-        return frame_times(renderer, scene.camera, 10 if frames > 2 else 1, frames)["frame"]
+        return frame_times(renderer, scene.camera, plan.warm_up_frames, plan.growth_frames, plan.seconds)["frame"]
+
+
+# ---- start ------------------------------------------------------------------------------------------
+
+_START = """
+import sys, time
+import solari_vk as sv
+with sv.Device(sys.argv[1]) as device:
+    scene, started = sv.builtin("cornell_box"), time.perf_counter()
+    renderer = sv.Renderer(device, scene, (256, 256))
+    made = time.perf_counter()
+    renderer.render().wait()
+    print(made - started, time.perf_counter() - made)
+"""
+NO_CACHES = {
+    "MESA_SHADER_CACHE_DISABLE": "true", "__GL_SHADER_DISK_CACHE": "0", "SOLARI_VK_PIPELINE_CACHE": "off",
+}  # fmt: skip
+
+
+def start_seconds(device: Device, *, cold: bool) -> tuple[float, float]:
+    """Seconds that a new process needs to make a renderer, and to finish its first frame.
+
+    cold: without the pipelines that the driver and the package keep on disk.
+    """
+    command = [sys.executable, "-c", _START, device.properties.uuid]
+    environment = {**os.environ, **(NO_CACHES if cold else {})}
+    printed = subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout
+    made, first = map(float, printed.split())
+    return made, first
 
 
 # ---- memory -----------------------------------------------------------------------------------------

@@ -9,17 +9,17 @@ from pathlib import Path
 
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.frame import costs, error, passes
+from solari_vk.measure.frame.plan import Plan, Size, plan_for
 from solari_vk.measure.report import Report, check_page, milliseconds
-from solari_vk.measure.subjects import glowing, hilly, subjects
-from solari_vk.measure.timing import every_barrier
+from solari_vk.measure.subjects import glowing, hilly, scattered, subjects
+from solari_vk.measure.timing import every_barrier, warm
 from solari_vk.renderer import Renderer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.model import Scene
 from solari_vk.settings import Settings
 
-Size = tuple[int, int]
-SIZES = ((256, 256), (640, 360))
+GBUFFERS = ("raster", "traced")
 HOST_AIM, BARE_AIM = 0.2, 2.0
 INTRO = (
     "Written by `solari-vk bench frame FILES --markdown FILE`. The times of passes are GPU timestamps, medians over "
@@ -27,45 +27,60 @@ INTRO = (
 )
 
 
-def run(select: str | None, files: list[Path], *, markdown: Path | None = None, quick: bool = False) -> None:
-    """Measure and print everything. markdown: a page to write too. quick: small pictures and few frames.
+def run(
+    select: str | None, files: list[Path], *, markdown: Path | None = None,
+    pictures: Path | None = None, quick: bool = False,
+) -> None:  # fmt: skip
+    """Measure and print everything.
 
-    Raises SolariError for files that can't be loaded, and without a folder for the page.
+    rays: see Device. markdown: a page to write too. pictures: a folder for the last frame of each scene. quick: small
+    pictures and few frames. Raises SolariError for files that can't be loaded, and without a folder for the page.
     """
     check_page(markdown)
+    if pictures is not None:
+        pictures.mkdir(parents=True, exist_ok=True)
     chosen = subjects(files)
     with Device(select) as device:
         report = Report(device, markdown, "The realtime frame in figures", INTRO)
-        sizes = ((16, 16), (32, 18)) if quick else SIZES
-        for size in sizes:
-            _passes(device, report, chosen, size, 2 if quick else 6)
-        _host(device, report, 10 if quick else 200)
-        _growth(device, report, quick)
+        plan = plan_for(device, quick=quick)
+        for size in plan.sizes:
+            _passes(device, report, chosen, size, plan, pictures)
+        _path_tracer(device, report, chosen, plan)
+        _start(device, report, plan)
+        _host(device, report, plan.host_frames)
+        _growth(device, report, plan)
         _memory(device, report)
-        _error(device, report, quick)
+        _error(device, report, plan)
     if markdown is not None:
         print(f"wrote {markdown}")
 
 
-def _passes(device: Device, report: Report, chosen: list[Scene], size: Size, frames: int) -> None:
-    """Time and rays of each pass, and the frame against bare ray queries."""
+def _passes(device: Device, report: Report, chosen: list[Scene], size: Size, plan: Plan, pictures: Path | None) -> None:
+    """Time and rays of each pass, and the frame against bare rays."""
     times: dict[str, dict[str, float]] = {}
     rays: dict[str, dict[str, float]] = {}
     ratios: dict[str, tuple[float, float]] = {}
     named = f"{size[0]}x{size[1]}"
-    warm_up = 1 if frames <= 2 else 10
+    streams: dict[str, dict[str, float]] = {}
     for scene in chosen:
         report.progress(f"{scene.name} {named}: passes, rays")
         binder = SceneBinder(device, scene)
-        found = passes.count_rays(device, binder, scene.camera, size, warm_up, 2)
+        found = passes.count_rays(device, binder, scene.camera, size, plan.warm_up_frames, 2)
         with every_barrier():
             apart = Renderer(device, binder, size, Settings())
         with apart:
-            times[scene.name] = passes.frame_times(apart, scene.camera, warm_up, frames)
-        with Renderer(device, binder, size, Settings()) as renderer:
-            passes.frame_times(renderer, scene.camera, 0, warm_up)
-            whole = sum(found.values()) * size[0] * size[1]
-            ratios[scene.name] = passes.against_bare_rays(renderer, scene.camera, whole, frames)
+            times[scene.name] = passes.frame_times(apart, scene.camera, plan.warm_up_frames, plan.frames, plan.seconds)
+        whole = sum(found.values()) * size[0] * size[1]
+        streams[scene.name] = {}
+        for way in GBUFFERS:
+            with Renderer(device, binder, size, Settings(gbuffer=way)) as renderer:
+                warm(device, lambda: renderer.render(scene.camera), plan.warm_up_frames, plan.seconds)  # noqa: B023
+                streams[scene.name][way] = passes.streamed_time(renderer, scene.camera, plan.frames)
+                if way != Settings().gbuffer:
+                    continue
+                ratios[scene.name] = passes.against_bare_rays(renderer, scene.camera, whole, plan.frames)
+                if pictures is not None and size == plan.sizes[0]:
+                    renderer.render(scene.camera).save(pictures / f"{scene.name}.png")
         rays[scene.name] = found
         binder.destroy()
     names = [scene.name for scene in chosen]
@@ -73,19 +88,26 @@ def _passes(device: Device, report: Report, chosen: list[Scene], size: Size, fra
     table = [[row, *(milliseconds(times[name].get(row, 0.0)) for name in names)] for row in rows]
     table.append(["all passes", *(milliseconds(sum(v for k, v in times[n].items() if k != "frame")) for n in names)])
     table.append(["frame, from call to done", *(milliseconds(times[name]["frame"]) for name in names)])
+    for way in GBUFFERS:
+        table.append([f"frame in a stream, {way} G-buffer", *(milliseconds(streams[name][way]) for name in names)])
     report.table(f"Passes at {named}, milliseconds", ["pass", *names], table,
-                 "With a barrier before each pass, so that its time includes no work of another pass.")  # fmt: skip
+                 "With a barrier before each pass, so that its time includes no work of another pass. In a stream, "
+                 "frames are submitted without waiting for the previous one and without those barriers.")  # fmt: skip
 
     table = [[row, *(f"{rays[name][row]:.2f}" for name in names)] for row in rays[names[0]]]
     table.append(["all", *(f"{sum(rays[name].values()):.2f}" for name in names)])
-    report.table(f"Rays per pixel at {named}", ["pass", *names], table,
-                 "A pass that reads the world cache counts the rays that it traces for the query.")
+    report.table(
+        f"Rays per pixel at {named}",
+        ["pass", *names],
+        table,
+        "A pass that reads the world cache counts the rays that it traces for the query.",
+    )
 
     table = [
-        ["bare ray queries, million a second", *(f"{ratios[name][1]:.3f}" for name in names)],
+        ["bare rays, million a second", *(f"{ratios[name][1]:.3f}" for name in names)],
         ["time of the frame / time of as many bare rays", *(f"{ratios[name][0]:.2f}" for name in names)],
     ]
-    report.table(f"Against bare ray queries at {named}", ["", *names], table, _why_slow(names, times, rays, ratios))
+    report.table(f"Against bare rays at {named}", ["", *names], table, _why_slow(names, times, rays, ratios))
 
 
 def _why_slow(
@@ -113,6 +135,33 @@ def _why_slow(
     return " ".join(lines)
 
 
+def _path_tracer(device: Device, report: Report, chosen: list[Scene], plan: Plan) -> None:
+    size = plan.sizes[0]
+    rows = []
+    for scene in chosen:
+        report.progress(f"{scene.name}: path tracer")
+        binder = SceneBinder(device, scene)
+        samples, rays, bare = passes.path_tracer_speed(device, binder, scene.camera, size, plan.seconds)
+        millions = (f"{value / 1e6:,.2f}" for value in (samples, rays, bare))
+        rows.append([scene.name, *millions, f"{rays / bare:.2f}"])
+        binder.destroy()
+    report.table(f"Path tracer at {size[0]}x{size[1]}",
+                 ["scene", "million samples a second", "million rays", "million bare rays", "rays / bare rays"], rows,
+                 "The path tracer traces camera, bounce and shadow rays; the bare rays are bounces.")  # fmt: skip
+
+
+def _start(device: Device, report: Report, plan: Plan) -> None:
+    """The time to make a renderer and its first frame, with and without compiled pipelines."""
+    rows = []
+    for name, cold in (("nothing compiled", True), ("compiled before", False), ("compiled before, again", False)):
+        if cold and not plan.cold_start:
+            continue
+        report.progress(f"start: {name}")
+        rows.append([name, *(f"{value:.2f}" for value in costs.start_seconds(device, cold=cold))])
+    report.table("Start, cornell_box 256x256", ["pipelines", "Renderer made, s", "first frame, s"], rows,
+                 "Each in a new process. The driver's own cache is off or on with the package's.")  # fmt: skip
+
+
 def _host(device: Device, report: Report, frames: int) -> None:
     report.progress("host time")
     found = costs.host_times(device, frames)
@@ -124,28 +173,27 @@ def _host(device: Device, report: Report, frames: int) -> None:
                  "the processor's caches of Python's data, which makes these calls slower.")  # fmt: skip
 
 
-def _growth(device: Device, report: Report, quick: bool) -> None:
-    """The time of a frame against pixels, triangles and lights."""
-    frames, size = (2, (16, 16)) if quick else (5, (128, 128))
-    named, triangles = f"{size[0]}x{size[1]}", 1_000 if quick else 100_000
+def _growth(device: Device, report: Report, plan: Plan) -> None:
+    """The time of a frame against pixels, triangles, instances and lights."""
+    size = plan.growth_size
+    named, triangles = f"{size[0]}x{size[1]}", plan.lights[-1]
     box = builtin("cornell_box")
-    sides = (16, 32) if quick else (128, 256, 512)
-    counts = (100, 1_000) if quick else (1_000, 10_000, 100_000, 1_000_000)
-    emissive = (8, triangles) if quick else (8, 100, 1_000, 10_000, triangles)
     tables: tuple[tuple[str, str, str, Sequence[int], Callable[[int], tuple[Scene, Size]]], ...] = (
         ("Growth with pixels, cornell_box", "pixels", "Light tiles and the cache's map are fixed costs.",
-         [side * side for side in sides], lambda pixels: (box, (math.isqrt(pixels), math.isqrt(pixels)))),
+         [side * side for side in plan.sides], lambda pixels: (box, (math.isqrt(pixels), math.isqrt(pixels)))),
         (f"Growth with triangles, {named}", "triangles", "A height field under one lamp.",
-         counts, lambda count: (hilly(count), size)),
+         plan.triangles, lambda count: (hilly(count), size)),
+        (f"Growth with instances, {named}", "instances", "Tetrahedra on a square under one lamp.",
+         plan.instances, lambda count: (scattered(count), size)),
         (f"Growth with lights, {named}", "emissive triangles",
          f"Of {triangles:,} triangles over a floor this many emit, evenly spread and with the same power in all.",
-         emissive, lambda count: (glowing(count, triangles), size)),
+         plan.lights, lambda count: (glowing(count, triangles), size)),
     )  # fmt: skip
     for title, what, note, cases, make in tables:
         times = []
         for count in cases:
             report.progress(f"growth: {count:,} {what}")
-            times.append(costs.frame_time(device, *make(count), frames))
+            times.append(costs.frame_time(device, *make(count), plan))
         rows = [[f"{count:,}", milliseconds(spent), f"{count / cases[0]:,.1f}", f"{spent / times[0]:.2f}"]
                 for count, spent in zip(cases, times, strict=True)]  # fmt: skip
         report.table(title, [what, "ms a frame", "count / first count", "time / first time"], rows, note)
@@ -162,16 +210,16 @@ def _memory(device: Device, report: Report) -> None:
                  "its acceleration structures are not included.")  # fmt: skip
 
 
-def _error(device: Device, report: Report, quick: bool) -> None:
+def _error(device: Device, report: Report, plan: Plan) -> None:
     """relMSE of the realtime picture over frames and seconds, beside the path tracer's."""
-    scene = builtin("cornell_box")
-    size, frames, warm_up = ((16, 16), 4, 1) if quick else ((64, 64), 256, 16)
+    scene, size, frames = builtin("cornell_box"), plan.error_size, plan.error_frames
+    warm_up = min(16, frames // 4)
     report.progress("error: the reference")
-    truth, samples = error.reference(device, scene, size, 16 if quick else 4096, 60.0)
+    truth, samples = error.reference(device, scene, size, plan.reference_samples, 60.0)
     report.progress("error: realtime")
     realtime = error.realtime_curve(device, scene, size, truth, frames, warm_up)
     report.progress("error: path tracer")
-    traced = error.path_tracer_curve(device, scene, size, truth, realtime[-1][1], 16 if quick else 1024)
+    traced = error.path_tracer_curve(device, scene, size, truth, realtime[-1][1], plan.reference_samples // 4)
     rows = []
     for index, seconds, single, mean in realtime:
         rows.append([f"{index}", f"{seconds:.2f}"])
@@ -182,8 +230,14 @@ def _error(device: Device, report: Report, quick: bool) -> None:
     named = f"cornell_box {size[0]}x{size[1]}"
     report.table(
         f"relMSE over frames, {named}",
-        ["frame", "seconds so far", "of this frame", "path tracer reaches it after, s",
-         f"of the mean since frame {warm_up}", "path tracer reaches it after, s"],
+        [
+            "frame",
+            "seconds so far",
+            "of this frame",
+            "path tracer reaches it after, s",
+            f"of the mean since frame {warm_up}",
+            "path tracer reaches it after, s",
+        ],
         rows,
         f"Against {samples} samples of the path tracer. One frame's error no longer falls once its history is full; "
         "the error of the mean of frames falls until the bias is left. Frames share samples, so for the mean of many "
