@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+import functools
+import inspect
+from collections.abc import Callable, Iterable
+from typing import ParamSpec
+
+Parameters = ParamSpec("Parameters")
 
 MAX_NAMES = 40  # that a message lists
 
@@ -43,3 +48,23 @@ def unknown_name(what: str, name: object, known: Iterable[str]) -> SolariError:
     rest = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
     there = f"there are {', '.join(names[:MAX_NAMES])}{rest}" if names else "there are none"
     return SolariError(f"{what} {name!r}; {hint}{there}")
+
+
+def checked_keywords(hint: str = "") -> Callable[[Callable[Parameters, None]], Callable[Parameters, None]]:
+    """A decorator of constructors: an unknown keyword raises the error of `unknown_name`, with a hint at its end."""
+
+    def decorate(init: Callable[Parameters, None]) -> Callable[Parameters, None]:
+        parameters = list(inspect.signature(init).parameters.values())[1:]
+        known = [p.name for p in parameters if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)]
+
+        @functools.wraps(init)
+        def checked(*given: Parameters.args, **options: Parameters.kwargs) -> None:
+            for name in options:
+                if name not in known:
+                    error = unknown_name(f"{type(given[0]).__name__} has no option", name, known)
+                    raise SolariError(f"{error}{hint and f'; {hint}'}")
+            init(*given, **options)
+
+        return checked
+
+    return decorate

@@ -70,7 +70,7 @@ class SceneFrame(SceneUser, Frame):
         super().rebuild(stages, None if external is None else {**self.binder.resources, **external})
 
     def apply_edits(self) -> None:
-        """Apply the scene's edits, for the next frame."""
+        """Apply the scene's edits before the next frame, for callers that need to see the edited scene first."""
         binder = self.binder
         binder.update()
         if binder.version != self._bound_version:
@@ -80,7 +80,11 @@ class SceneFrame(SceneUser, Frame):
     def submit(self, before: Sequence[raw.CData] = ()) -> int:
         """Apply the scene's edits and run the next frame; returns the device's timeline value."""
         self.apply_edits()
-        return Frame.submit(self, before)
+        return self.submit_applied(before)
+
+    def submit_applied(self, before: Sequence[raw.CData] = ()) -> int:
+        """As `submit`, but for a scene whose edits `apply_edits` has applied already."""
+        return super().submit(before)
 
     def close(self) -> None:
         """Free everything. Safe to call twice."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.errors import SolariError, unknown_name
+from solari_vk.errors import SolariError, checked_keywords, unknown_name
 from solari_vk.frame import SceneFrame
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
@@ -42,6 +42,7 @@ class PathTracer(PictureRenderer):
     LARGEST_PIXEL_BYTES = pathtracer.LARGEST_PIXEL_BYTES
     IN_IMAGES = False
 
+    @checked_keywords()
     def __init__(
         self,
         device: Device,

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import operator
 from contextlib import closing
-from typing import Any, Never
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.errors import SolariError, unknown_name
+from solari_vk.errors import SolariError, checked_keywords, unknown_name
 from solari_vk.frame import SceneFrame
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.frame.frame import Frame, Stage
+from solari_vk.gpu.frame.frame import Stage
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes import (
     display,
@@ -57,6 +57,7 @@ class Renderer(PictureRenderer):
     LARGEST_PIXEL_BYTES = 64
     IN_IMAGES = True
 
+    @checked_keywords(_GIVE_SETTINGS)
     def __init__(
         self,
         device: Device,
@@ -66,12 +67,9 @@ class Renderer(PictureRenderer):
         *,
         seed: int = 0,
         count_rays: bool = False,
-        **unknown: Never,
     ) -> None:
-        for name in unknown:
-            raise SolariError(f"Renderer has no option {name!r}: {_GIVE_SETTINGS}")
         if not isinstance(settings, Settings | None):
-            raise SolariError(f"Renderer: settings must be a Settings, not {settings!r}: {_GIVE_SETTINGS}")
+            raise SolariError(f"Renderer: settings must be a Settings, not {settings!r}; {_GIVE_SETTINGS}")
         self.settings = Settings() if settings is None else settings
         self.seed = seed
         self.count_rays = count_rays
@@ -135,7 +133,7 @@ class Renderer(PictureRenderer):
             self._frame.bind(self._lights.buffers)
         try:
             projection = self._write_uniforms(camera)
-            submission = Frame.submit(self._frame)  # the scene's edits are applied already
+            submission = self._frame.submit_applied()
         except BaseException:
             self.reset()  # the history on the device doesn't belong to the cameras and lights recorded here
             raise

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, checked_keywords
 from solari_vk.frame import SceneFrame, SceneUser
 from solari_vk.gpu.acceleration.checks import check_switch, numbers
 from solari_vk.gpu.device.barriers import host_read_barrier
@@ -31,6 +31,7 @@ class RayTracer(SceneUser):
     instance's ray_mesh where it has one, and pass through invisible instances.
     """
 
+    @checked_keywords()
     def __init__(self, device: Device, scene: Scene | SceneBinder) -> None:
         super().__init__(device, scene)
         self._frames: dict[bool, SceneFrame] = {}

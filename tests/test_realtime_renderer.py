@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
-from solari_vk.gpu.frame.frame import Frame
 
 SIZE = (16, 12)
 
@@ -98,10 +97,9 @@ def test_wrong_seeds_and_sizes_are_refused(renderer):
     assert renderer.size == SIZE
 
 
-def test_options_that_are_settings_are_refused(device, scene):
-    for options in ({"quality": "solari"}, {"settings": "solari"}):
-        with pytest.raises(sv.SolariError, match=r"Renderer.*: give settings=Settings.preset\('solari'\), or"):
-            sv.Renderer(device, scene, SIZE, **options)
+def test_settings_of_another_type_are_refused(device, scene):
+    with pytest.raises(sv.SolariError, match=r"Renderer: .*; give settings=Settings.preset\('solari'\), or"):
+        sv.Renderer(device, scene, SIZE, "solari")
 
 
 def test_a_closed_renderer_has_no_timings(device, scene):
@@ -236,7 +234,7 @@ def test_uniforms_are_written_after_an_error(renderer, scene, monkeypatch):
     renderer.render(scene.camera)
     uniforms = renderer._frame.uniforms
     with monkeypatch.context() as patch:
-        patch.setattr(Frame, "submit", lambda _: 1 / 0)
+        patch.setattr(sv.SceneFrame, "submit_applied", lambda _: 1 / 0)
         for _ in range(2):
             with pytest.raises(ZeroDivisionError):
                 renderer.render(sv.Camera(transform=scene.camera.transform, near=7.0))

@@ -19,6 +19,27 @@ def render(device, kind, scene, **options):
     return renderer, renderer.render() if kind is sv.Renderer else renderer.render(samples=2)
 
 
+@pytest.mark.parametrize(
+    ("kind", "option", "words"),
+    [
+        (sv.Renderer, "quality", r"no option 'quality'; .*; give settings=Settings.preset\('solari'\), or"),
+        (sv.Renderer, "sed", "did you mean 'seed'"),
+        (sv.PathTracer, "quality", "PathTracer has no option 'quality'; there are device, scene, size, max_bounces, "),
+        (sv.PathTracer, "max_bounce", "did you mean 'max_bounces'"),
+        (sv.RayTracer, "any_hit", "RayTracer has no option 'any_hit'; there are device, scene$"),
+        (sv.SceneFrame, "glsl_rot", "SceneFrame has no option 'glsl_rot'; did you mean 'glsl_root'"),
+        (sv.Device, "validate", "did you mean 'validation'"),
+        (sv.Viewer, "frames", "Viewer has no option 'frames'; there are device, "),
+        (sv.Settings, "di_candidate", "no setting 'di_candidate'; did you mean 'di_candidates'"),
+    ],
+)
+def test_unknown_options_are_refused(device, kind, option, words):
+    scene = sv.Scene()
+    given = {sv.Device: [], sv.Settings: [], sv.RayTracer: [device, scene], sv.SceneFrame: [device, scene, []]}
+    with pytest.raises(sv.SolariError, match=words):
+        kind(*given.get(kind, [device, scene, SIZE]), **{option: 1})
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_results_by_name(device, kind):
     renderer, frame = render(device, kind, sv.builtin("cornell_box"))

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from solari_vk.scene.matrices import unit
 from solari_vk.scene.observed import Checked
 
 FloatArray = NDArray[np.float32]
@@ -104,13 +105,11 @@ def direction(value: ArrayLike) -> FloatArray:
     if given.shape != (3,):
         raise ValueError(f"must have the shape (3,), not {given.shape}")
     refuse_not_finite(given)
-    largest = np.abs(given).max()
-    if largest == 0:
+    if not given.any():
         raise ValueError("must not be zero")
-    given /= largest
-    unit = (given / np.linalg.norm(given)).astype(np.float32)
-    unit.setflags(write=False)
-    return unit
+    found = unit(given).astype(np.float32)
+    found.setflags(write=False)
+    return found
 
 
 def text(value: Any) -> str:

@@ -1,11 +1,47 @@
-"""Affine matrices: numpy holds them by rows (3x4 or 4x4, for column vectors), GLSL by columns."""
+"""Vectors, rotations and affine matrices: numpy holds matrices by rows (for column vectors), GLSL by columns."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+
+def unit(vectors: ArrayLike) -> NDArray[np.float64]:
+    """Vectors (..., N) with their lengths made 1. Zero vectors, and those with an infinity or a NaN, become zero."""
+    given = np.asarray(vectors, np.float64)
+    largest = np.abs(given).max(axis=-1, keepdims=True)
+    fits = (largest > 0) & np.isfinite(largest)
+    scaled = np.where(fits, given, 0) / np.where(fits, largest, 1)  # else the squares could overflow
+    lengths = np.linalg.norm(scaled, axis=-1, keepdims=True)
+    found: NDArray[np.float64] = scaled / np.where(fits, lengths, 1)
+    return found
+
+
+def orthogonal(normals: NDArray[Any]) -> NDArray[np.float64]:
+    """A unit vector orthogonal to each of the normals (N, 3)."""
+    least_aligned = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
+    return unit(np.cross(least_aligned, normals))
+
+
+def rotation(axis: ArrayLike, angle: float) -> NDArray[np.float64]:
+    """The matrix (3, 3) of a rotation by an angle in radians about an axis (3,) of any length."""
+    x, y, z = math.sin(angle / 2) * unit(axis)
+    return np.array(quaternion_rotation(x, y, z, math.cos(angle / 2)))
+
+
+def quaternion_rotation(x: Any, y: Any, z: Any, w: Any) -> list[list[Any]]:
+    """The rows of the rotation matrix of a unit quaternion. Each component is one number, or an array of many.
+
+    A zero quaternion gives zeros.
+    """
+    return [
+        [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
+    ]
 
 
 def transform_points(matrix: NDArray[Any], points: NDArray[Any]) -> NDArray[Any]:

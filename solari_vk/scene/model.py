@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, TypeVar, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.errors import SolariError, unknown_name
+from solari_vk.errors import SolariError, checked_keywords, unknown_name
 from solari_vk.scene.camera import Camera as Camera
 from solari_vk.scene.collection import Collection, Items
 from solari_vk.scene.matrices import transform_points
@@ -61,6 +61,7 @@ class Scene(Observable):
     Iterating over a scene gives its instances.
     """
 
+    @checked_keywords()
     def __init__(self, *items: Instance | Light | Camera, name: str = "") -> None:
         self.name = name
         self._instances: Items[Instance] = Items("instance", (Instance,), self._notify)

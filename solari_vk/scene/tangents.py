@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.scene.matrices import orthogonal, unit
+
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 _TINY = float(np.finfo(np.float32).tiny)
@@ -56,7 +58,7 @@ def generate_tangents(
         group[flat_corners] = np.where(known >= 0, known, group[flat_corners])
 
         weight = _corner_angles(position[triangles], normal[triangles]) * (solid & has_uv)[:, None]
-        directions = _unit(_project(along_u[:, None, :], normal[triangles]))
+        directions = unit(_project(along_u[:, None, :], normal[triangles]))
         summed: Floats = np.stack(
             [np.bincount(group, (weight * directions[..., axis]).reshape(-1), len(group)) for axis in range(3)], axis=1
         )
@@ -174,8 +176,8 @@ def _next(corner: Integers) -> Integers:
 
 def _corner_angles(points: Floats, normals: Floats) -> Floats:
     """The angle (M, 3) of each corner, measured in the plane orthogonal to its normal."""
-    before = _unit(_project(np.roll(points, 1, axis=1) - points, normals))
-    after = _unit(_project(np.roll(points, -1, axis=1) - points, normals))
+    before = unit(_project(np.roll(points, 1, axis=1) - points, normals))
+    after = unit(_project(np.roll(points, -1, axis=1) - points, normals))
     angles: Floats = np.arccos(np.clip((before * after).sum(axis=-1), -1, 1))
     return angles
 
@@ -185,17 +187,7 @@ def _project(vectors: Floats, normals: Floats) -> Floats:
     return inside
 
 
-def _unit(vectors: Floats) -> Floats:
-    """The vectors with unit length; zero and non-finite vectors become zero."""
-    largest = np.abs(vectors).max(axis=-1, keepdims=True)
-    scaled = np.where((largest > 0) & np.isfinite(largest), vectors / np.where(largest > 0, largest, 1), 0)
-    length = np.linalg.norm(scaled, axis=-1, keepdims=True)
-    unit: Floats = scaled / np.where(length > 0, length, 1)
-    return unit
-
-
 def _orthonormal(tangents: Floats, normals: Floats) -> Floats:
-    """Unit tangents orthogonal to the normals. The axis least aligned with the normal replaces a missing tangent."""
-    axes = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
-    missing = np.linalg.norm(tangents, axis=1) < 1e-6
-    return _unit(_project(np.where(missing[:, None], axes, tangents), normals))
+    """Unit tangents orthogonal to the normals. Any direction orthogonal to the normal replaces a missing tangent."""
+    missing = np.linalg.norm(tangents, axis=1, keepdims=True) < 1e-6
+    return np.where(missing, orthogonal(normals), unit(_project(tangents, normals)))

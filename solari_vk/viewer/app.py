@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.errors import SolariError, ValidationError
+from solari_vk.errors import SolariError, ValidationError, checked_keywords
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.swapchain import Swapchain
@@ -48,6 +48,7 @@ class Viewer(Session):
     can't draw in it. Later faults, such as a broken shader, are shown in the window.
     """
 
+    @checked_keywords()
     def __init__(
         self,
         device: Device,

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.errors import SolariError
+from solari_vk.scene.matrices import rotation
 from solari_vk.scene.model import Camera
 
 UP = np.array((0.0, 1.0, 0.0))
@@ -99,7 +100,7 @@ class CameraControl:
         limit = max(MAX_ELEVATION, abs(elevation))
         raised = min(max(elevation - TURN * down, -limit), limit) - elevation
         turn = rotation(UP, -TURN * right) @ rotation(transform[:3, 0], raised)
-        transform[:3, :3] = _orthonormal(turn @ transform[:3, :3])
+        transform[:3, :3] = _orthogonalized(turn @ transform[:3, :3])
         transform[:3, 3] = center + turn @ (transform[:3, 3] - center)
         self._assign(transform)
 
@@ -110,17 +111,9 @@ class CameraControl:
         self.camera.transform = transform
 
 
-def rotation(axis: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
-    """The matrix (3, 3) of a rotation, by Rodrigues' formula; angle in radians, axis of any length."""
-    x, y, z = axis / np.linalg.norm(axis)
-    cross = np.array(((0, -z, y), (z, 0, -x), (-y, x, 0)))
-    matrix: NDArray[np.float64] = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * (cross @ cross)
-    return matrix
-
-
-def _orthonormal(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The nearest rotation to a matrix that rounding has changed; scaled axes keep their lengths."""
+def _orthogonalized(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The nearest matrix with orthogonal axes of the same lengths: removes what rounding adds in each turn."""
     lengths = np.linalg.norm(matrix, axis=0)
     left, _, right = np.linalg.svd(matrix / lengths)
-    rotation: NDArray[np.float64] = (left @ right) * lengths
-    return rotation
+    nearest: NDArray[np.float64] = (left @ right) * lengths
+    return nearest

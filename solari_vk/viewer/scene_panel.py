@@ -11,8 +11,8 @@ import numpy as np
 from imgui_bundle import imgui
 from numpy.typing import NDArray
 
+from solari_vk.scene.matrices import rotation
 from solari_vk.scene.model import Camera, Instance, Light, Material
-from solari_vk.viewer.camera_control import rotation
 from solari_vk.viewer.session import Session
 
 LABELS = 100  # width of the labels behind the fields

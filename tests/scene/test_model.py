@@ -103,6 +103,12 @@ def test_transforms_of_any_usual_size_and_three_rows(scale):
     assert Instance(mesh(), transform=matrix[:3]).transform.tolist() == matrix.tolist()
 
 
+@pytest.mark.parametrize("length", [1e-300, 1.0, 1e300])
+def test_directions_of_any_length_become_unit_vectors(length):
+    light = DirectionalLight(direction=np.array((3.0, 0.0, -4.0)) * length)
+    assert light.direction == pytest.approx((0.6, 0.0, -0.8))
+
+
 def test_colors_may_be_gray_and_textures_take_words():
     assert Material(base_color=0.25, reflectance=[0, 0.5, 1]).base_color.tolist() == [0.25] * 3
     image = TextureImage(pixels=np.zeros((1, 1, 4), np.uint8))

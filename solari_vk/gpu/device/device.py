@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from typing import Any
 
+from solari_vk.errors import checked_keywords
 from solari_vk.gpu.device.allocator import Allocator
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.image import Image
@@ -27,6 +28,7 @@ class Device(WorkQueue):
     Raises DeviceError when no device fits, saying what each one lacks.
     """
 
+    @checked_keywords()
     def __init__(
         self, select: str | int | None = None, *, validation: bool | None = None, staging: bool | None = None
     ) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.errors import SolariError
+from solari_vk.errors import SolariError, checked_keywords
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.command_pool import CommandPool
@@ -56,6 +56,7 @@ class Frame:
     Raises SolariError if a shader's resource is neither declared by a stage nor external.
     """
 
+    @checked_keywords()
     def __init__(
         self, device: Device, stages: Sequence[Stage], *, external: Mapping[str, Any] | None = None,
         barrier_every_pass: bool | None = None, glsl_root: Roots | None = None,

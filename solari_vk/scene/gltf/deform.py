@@ -71,7 +71,7 @@ def skin(vertices: Vertices, attributes: Entry, joints: NDArray[np.float64], acc
     if "NORMAL" in vertices:
         # The cofactor matrix rotates normals like the inverse transpose, and exists for singular joints too.
         cofactors = np.cross(linear[:, [1, 2, 0]], linear[:, [2, 0, 1]])
-        result["NORMAL"] = _apply(cofactors, _unit(vertices["NORMAL"])).astype(np.float32)
+        result["NORMAL"] = _apply(cofactors, vertices["NORMAL"]).astype(np.float32)
     if "TANGENT" in vertices:
         tangents = vertices["TANGENT"].copy()
         tangents[:, :3] = _apply(linear, tangents[:, :3]).astype(np.float32)
@@ -82,8 +82,3 @@ def skin(vertices: Vertices, attributes: Entry, joints: NDArray[np.float64], acc
 def _apply(matrices: NDArray[np.float64], vectors: NDArray[np.float32]) -> NDArray[np.float64]:
     product: NDArray[np.float64] = np.einsum("nij,nj->ni", matrices, vectors)
     return product
-
-
-def _unit(vectors: NDArray[np.float32]) -> NDArray[np.float32]:
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return (vectors / np.where(length > 0, length, 1)).astype(np.float32)

@@ -13,6 +13,7 @@ from solari_vk.scene.gltf.accessors import Accessors
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry, shown
+from solari_vk.scene.matrices import quaternion_rotation
 
 Matrix = NDArray[np.float64]
 _IDENTITY = tuple(np.eye(4).reshape(-1).tolist())
@@ -94,7 +95,7 @@ def _local_matrix(entry: Entry) -> Matrix:
     quaternion = entry.numbers("rotation", (0.0, 0.0, 0.0, 1.0))
     scale = entry.numbers("scale", (1.0, 1.0, 1.0))
     length = math.hypot(*quaternion) or 1.0
-    turned = _rotation(*(part / length for part in quaternion))
+    turned = quaternion_rotation(*(part / length for part in quaternion))
     return np.array(
         [[*(a * b for a, b in zip(row, scale, strict=True)), x] for row, x in zip(turned, position, strict=True)]
         + [[0.0, 0.0, 0.0, 1.0]]
@@ -109,18 +110,9 @@ def _compose(translations: Matrix, rotations: Matrix, scales: Matrix) -> Matrix:
     length = np.linalg.norm(rotations, axis=1, keepdims=True)
     x, y, z, w = (rotations / np.where(length > 0, length, 1)).T
     matrices = np.tile(np.eye(4), (len(translations), 1, 1))
-    matrices[:, :3, :3] = np.moveaxis(np.array(_rotation(x, y, z, w)), 2, 0) * scales[:, None, :]
+    matrices[:, :3, :3] = np.moveaxis(np.array(quaternion_rotation(x, y, z, w)), 2, 0) * scales[:, None, :]
     matrices[:, :3, 3] = translations
     return matrices
-
-
-def _rotation(x: Any, y: Any, z: Any, w: Any) -> list[list[Any]]:
-    """Rows of the rotation matrix of a quaternion: floats, or arrays of many; zeros for a zero quaternion."""
-    return [
-        [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
-    ]
 
 
 def repetitions(node: PlacedNode, accessors: Accessors) -> tuple[int, dict[str, NDArray[Any]]]:

@@ -13,6 +13,7 @@ from solari_vk.scene.gltf.deform import Pose, Vertices, morph, skin
 from solari_vk.scene.gltf.materials import LoadedMaterial
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry
+from solari_vk.scene.matrices import orthogonal, unit
 from solari_vk.scene.model import Mesh
 from solari_vk.scene.tangents import generate_tangents
 
@@ -138,18 +139,18 @@ class Primitives:
     def _unit_normals(
         self, normals: NDArray[np.float32], triangles: NDArray[np.uint32], cross: NDArray[np.float64], place: Entry
     ) -> NDArray[np.float32]:
-        unit = _unit(normals)
-        missing = ~unit.any(axis=1)
+        fitted = unit(normals)
+        missing = ~fitted.any(axis=1)
         if missing.any():
             self._report.add("normals of zero length are replaced by those of the triangles around", place.place)
-            faces = _unit(
+            faces = unit(
                 np.stack([
                     np.bincount(triangles.reshape(-1), np.repeat(cross[:, axis], 3), len(normals)) for axis in range(3)
                 ], axis=1)
             )  # fmt: skip
             faces[~faces.any(axis=1)] = (0, 1, 0)
-            unit[missing] = faces[missing]
-        return unit.astype(np.float32)
+            fitted[missing] = faces[missing]
+        return fitted.astype(np.float32)
 
     def _with_tangents(
         self, vertices: Vertices, triangles: NDArray[np.uint32], cross: NDArray[np.float64], name: str,
@@ -163,7 +164,7 @@ class Primitives:
             shading = normals
             if shading is None:  # flat shading: every corner has the normal of its triangle
                 positions, uvs = positions[triangles].reshape(-1, 3), uvs[triangles].reshape(-1, 2)
-                shading = np.repeat(_unit(cross), 3, axis=0).astype(np.float32)
+                shading = np.repeat(unit(cross), 3, axis=0).astype(np.float32)
                 triangles = np.arange(len(positions), dtype=np.uint32).reshape(-1, 3)
             linear = np.reshape(material.normal_map.uv_transform, (2, 3))[:, :2]
             split = generate_tangents(positions, shading, uvs @ linear.T, triangles)
@@ -189,21 +190,11 @@ def _area_vectors(positions: NDArray[np.float32], triangles: NDArray[np.uint32])
     return np.cross(b - a, c - a)
 
 
-def _unit(vectors: NDArray[Any]) -> NDArray[np.float64]:
-    """The vectors with unit length; zero vectors stay zero."""
-    doubles = vectors.astype(np.float64)
-    length = np.linalg.norm(doubles, axis=1, keepdims=True)
-    unit: NDArray[np.float64] = np.where(length > 1e-30, doubles / np.where(length > 1e-30, length, 1), 0)
-    return unit
-
-
 def _fit_tangents(tangents: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.float32]:
     """Unit tangents with w = -1 or 1. Any direction orthogonal to the normal replaces a missing tangent."""
     fitted = np.empty(tangents.shape, np.float32)
-    fitted[:, :3] = _unit(tangents[:, :3])
+    fitted[:, :3] = unit(tangents[:, :3])
     fitted[:, 3] = np.where(tangents[:, 3] < 0, -1, 1)
     missing = ~fitted[:, :3].any(axis=1)
-    if missing.any():
-        axes = np.eye(3)[np.argmin(np.abs(normals[missing]), axis=1)]
-        fitted[missing, :3] = _unit(np.cross(axes, normals[missing]))
+    fitted[missing, :3] = orthogonal(normals[missing])
     return fitted
