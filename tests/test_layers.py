@@ -22,16 +22,17 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 # `scene` and `passes` meet in GLSL only.
 GPU = {"gpu.device", "gpu.shaders", "gpu.frame", "gpu.acceleration"}
 LIBRARY = {
-    "color", "errors", "settings", "output", "scene", "passes", "rt", "frame", "first_hits", "rendered", "tracer",
-    "reference", "renderer", *GPU,
+    "color", "disk_cache", "errors", "settings", "output", "scene", "passes", "rt", "frame", "first_hits", "rendered",
+    "tracer", "reference", "renderer", *GPU,
 }  # fmt: skip
 MAY_IMPORT = {
     "color": set(),
     "errors": set(),
     "settings": {"errors", "gpu.shaders"},
     "output": {"color", "errors", "gpu.shaders", "scene"},
-    "gpu.device": {"errors"},
-    "gpu.shaders": {"errors"},
+    "disk_cache": set(),
+    "gpu.device": {"disk_cache", "errors"},
+    "gpu.shaders": {"disk_cache", "errors"},
     "gpu.frame": {"errors", "gpu.device", "gpu.shaders"},
     "gpu.acceleration": {"errors", "gpu.device"},
     "scene": {"color", "errors", *GPU},

@@ -103,16 +103,16 @@ def _views(options: argparse.Namespace) -> None:
 
 
 def _info(options: argparse.Namespace) -> None:
-    from solari_vk import __version__
+    from solari_vk import __version__, disk_cache
     from solari_vk.gpu.device.device import list_devices
-    from solari_vk.gpu.shaders import shader_cache, shaderc
+    from solari_vk.gpu.shaders import shaderc
 
     print(f"solari_vk {__version__}")
     try:
         print(f"compiler: {shaderc.version().split(' ')[0]}")
     except SolariError as error:
         print(f"compiler: {error}")
-    folder = shader_cache.cache_folder()
+    folder = disk_cache.folder()
     modules = list(folder.glob("*.spv")) if folder and folder.is_dir() else []
     size = sum(module.stat().st_size for module in modules)
     print(f"cache: {folder}, {len(modules)} shaders, {size / 1e6:.1f} MB" if folder else "cache: off")

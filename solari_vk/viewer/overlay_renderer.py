@@ -16,7 +16,7 @@ from solari_vk.gpu.device.swapchain import Swapchain
 from solari_vk.gpu.frame.descriptors import DescriptorSets
 from solari_vk.gpu.frame.graphics import Targets
 from solari_vk.gpu.frame.interface import Interface
-from solari_vk.gpu.frame.pipelines import Pipelines
+from solari_vk.gpu.frame.pipelines import PipelineInfo, Pipelines
 from solari_vk.gpu.frame.raster import rendering
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
@@ -174,9 +174,9 @@ class _Pipeline:
         self._placement = modules[0].push_constants
         self._interface = Interface(device, modules)
         self._pipelines = Pipelines(device)
-        targets = Targets((format,), blends=True)
+        wanted = PipelineInfo("overlay", modules, {}, Targets((format,), blends=True))
         try:
-            _, self._handle = self._pipelines.pipeline("overlay", modules, {}, self._interface, targets)
+            [(_, self._handle)] = self._pipelines.make([wanted], self._interface)
         except BaseException:
             self.close()
             raise

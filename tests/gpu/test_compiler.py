@@ -16,8 +16,9 @@ from pathlib import Path
 import pytest
 from shader_folder import check_spirv
 
+from solari_vk import disk_cache
 from solari_vk.errors import SolariError
-from solari_vk.gpu.shaders import compiler, headers, shader_cache, shaderc
+from solari_vk.gpu.shaders import compiler, headers, shaderc
 from solari_vk.gpu.shaders.compiler import CompilationError, compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
 
@@ -219,7 +220,7 @@ def test_cache_follows_the_include_closure_and_the_compiler(shaders, monkeypatch
 def test_damaged_cache_entries_are_made_again(shaders, damage):
     shaders.write("user", PLAIN + "void main() { values.at[0] = 1u; }\n")
     good = compile_shader("passes/user.comp", root=shaders.root)
-    folder = shader_cache.cache_folder()
+    folder = disk_cache.folder()
     assert folder is not None
     (entry,) = folder.glob("*.spv")
     entry.write_bytes(damage(entry.read_bytes()))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from functools import cached_property
 from typing import Any
 
 from solari_vk.errors import checked_keywords
@@ -11,6 +12,7 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.device.instance import Instance
 from solari_vk.gpu.device.physical import DeviceReport
+from solari_vk.gpu.device.pipeline_cache import PipelineCache
 from solari_vk.gpu.device.sampler import Sampler
 from solari_vk.gpu.device.uploads import StagingPool, Uploads
 from solari_vk.gpu.device.work_queue import WorkQueue
@@ -52,6 +54,11 @@ class Device(WorkQueue):
         if key not in self._samplers:
             self._samplers[key] = Sampler(self, **options)
         return self._samplers[key]
+
+    @cached_property
+    def pipeline_cache(self) -> PipelineCache:
+        """What all pipelines of the device are created with."""
+        return PipelineCache(self)
 
     def uploads(self) -> Uploads:
         """A batch of uploads: `with device.uploads() as uploads:` makes one submission at its end."""

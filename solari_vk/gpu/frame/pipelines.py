@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from solari_vk.errors import SolariError
+from solari_vk.errors import DeviceError, SolariError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.graphics import Targets, graphics_create_info
@@ -26,44 +29,90 @@ _STAGES = {
 }
 
 
+@dataclass(frozen=True)
+class PipelineInfo:
+    """What a pass needs: a compute shader, or with `targets` a vertex and a fragment shader, and their constants."""
+
+    name: str
+    modules: Sequence[Module]
+    constants: Constants
+    targets: Targets | None = None
+
+
 class Pipelines:
-    """The pipelines made so far, with one VkPipelineCache."""
+    """The pipelines made so far."""
 
     def __init__(self, device: Device) -> None:
         self._device = device
-        self._cache = device.create("VkPipelineCache", raw.struct("VkPipelineCacheCreateInfo"), "pipeline cache")
-        self._cache_token = device.own(lambda: device.vk.vkDestroyPipelineCache(device.handle, self._cache, raw.NULL))
         self._made: dict[PipelineKey, tuple[raw.CData, int]] = {}
 
-    def pipeline(
-        self, name: str, modules: Sequence[Module], constants: Constants, interface: Interface, targets: Targets | None
-    ) -> tuple[PipelineKey, raw.CData]:
-        """A pipeline with these specialization constants, and the key that keeps it in `retain`.
+    def make(self, wanted: Sequence[PipelineInfo], interface: Interface) -> list[tuple[PipelineKey, raw.CData]]:
+        """A pipeline for each pass, and the key that keeps it in `retain`. Missing ones are created in threads.
 
-        modules: a compute shader, or with `targets` a vertex and a fragment shader. Raises SolariError for a constant
-        that no module has.
+        Raises SolariError for a constant that no module has, DeviceError naming the pass if the driver fails.
         """
-        specializations, values = _specializations(name, modules, constants)
-        digests = tuple(hashlib.sha256(module.spirv).digest() for module in modules)
         layout = interface.pipeline_layout
-        key = (*digests, targets, tuple(sorted(values.items())), int(raw.ffi.cast("uintptr_t", layout)))
-        if key not in self._made:
-            device = self._device
-            out = raw.ffi.new("VkPipeline*")
-            with ExitStack() as shaders:
-                stages = [self._stage(shaders, name, *pair) for pair in zip(modules, specializations, strict=True)]
-                if targets is None:
-                    info = raw.struct("VkComputePipelineCreateInfo", stage=stages[0], layout=layout)
-                    make = device.vk.vkCreateComputePipelines
-                else:
-                    info = graphics_create_info(stages, targets, layout)
-                    make = device.vk.vkCreateGraphicsPipelines
-                make(device.handle, self._cache, 1, info, raw.NULL, out)
-            pipeline = out[0]
-            device.name_object("Pipeline", pipeline, name)
-            token = device.own(lambda: device.vk.vkDestroyPipeline(device.handle, pipeline, raw.NULL))
-            self._made[key] = pipeline, token
-        return key, self._made[key][0]
+        keys: list[PipelineKey] = []
+        missing: dict[PipelineKey, tuple[str, Callable[[], raw.CData]]] = {}
+        with ExitStack() as shaders:
+            for item in wanted:
+                specializations, values = _specializations(item.name, item.modules, item.constants)
+                digests = tuple(hashlib.sha256(module.spirv).digest() for module in item.modules)
+                handle = int(raw.ffi.cast("uintptr_t", layout))
+                keys.append((*digests, item.targets, tuple(sorted(values.items())), handle))
+                if keys[-1] not in self._made and keys[-1] not in missing:
+                    stages = [self._stage(shaders, item.name, *pair)
+                              for pair in zip(item.modules, specializations, strict=True)]  # fmt: skip
+                    missing[keys[-1]] = item.name, self._creation(stages, item.targets, layout)
+            self._create(missing)
+        return [(key, self._made[key][0]) for key in keys]
+
+    def _creation(self, stages: list[raw.CData], targets: Targets | None, layout: raw.CData) -> Callable[[], raw.CData]:
+        """A function for another thread that creates a pipeline."""
+        device, cache = self._device, self._device.pipeline_cache.handle
+        if targets is None:
+            info = raw.struct("VkComputePipelineCreateInfo", stage=stages[0], layout=layout)
+            create = device.vk.vkCreateComputePipelines
+        else:
+            info = graphics_create_info(stages, targets, layout)
+            create = device.vk.vkCreateGraphicsPipelines
+        out = raw.ffi.new("VkPipeline*")
+
+        def run() -> raw.CData:
+            create(device.handle, cache, 1, info, raw.NULL, out)
+            return out[0]
+
+        return run
+
+    def _create(self, missing: Mapping[PipelineKey, tuple[str, Callable[[], raw.CData]]]) -> None:
+        """Create pipelines in as many threads as there are processors: drivers compile for up to seconds."""
+        if not missing:
+            return
+        threads = ThreadPoolExecutor(os.cpu_count())
+        futures: dict[PipelineKey, Future[raw.CData]] = {}
+        try:
+            for key, (_, create) in missing.items():
+                futures[key] = threads.submit(create)
+            wait(futures.values())
+        finally:  # after Ctrl-C too, because the threads use the shader modules
+            threads.shutdown(cancel_futures=True)
+            done = [(key, future) for key, future in futures.items() if not future.cancelled()]
+            failures = [failed for key, future in done if (failed := self._keep(key, missing[key][0], future))]
+        if failures:
+            raise failures[0]
+        self._device.pipeline_cache.save()
+
+    def _keep(self, key: PipelineKey, name: str, future: Future[raw.CData]) -> DeviceError | None:
+        """Keep what a thread has created; returns the error if it has failed."""
+        device = self._device
+        try:
+            pipeline = future.result()
+        except DeviceError as error:
+            return DeviceError(f"pass {name}: {error}")
+        device.name_object("Pipeline", pipeline, name)
+        token = device.own(lambda: device.vk.vkDestroyPipeline(device.handle, pipeline, raw.NULL))
+        self._made[key] = pipeline, token
+        return None
 
     def _stage(self, shaders: ExitStack, name: str, module: Module, specialization: raw.CData | None) -> raw.CData:
         """A VkPipelineShaderStageCreateInfo, valid until `shaders` closes."""
@@ -88,7 +137,6 @@ class Pipelines:
     def destroy(self) -> None:
         """Destroy everything when the work submitted so far is done. Safe to call twice."""
         self.retain(set())
-        self._device.release(self._cache_token)
 
 
 def _specializations(

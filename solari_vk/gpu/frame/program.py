@@ -14,7 +14,7 @@ from solari_vk.gpu.frame import hazards
 from solari_vk.gpu.frame.graphics import Targets
 from solari_vk.gpu.frame.hazards import Accesses, Masks
 from solari_vk.gpu.frame.interface import Interface, merge_bindings
-from solari_vk.gpu.frame.pipelines import PipelineKey, Pipelines
+from solari_vk.gpu.frame.pipelines import PipelineInfo, PipelineKey, Pipelines
 from solari_vk.gpu.frame.raster import check_draw
 from solari_vk.gpu.frame.resources import DEPTH_FORMAT, image_format
 from solari_vk.gpu.frame.stages import Draw, Pass, Stage, Step
@@ -104,6 +104,16 @@ def _shaders(item: Pass | Draw | Step) -> list[tuple[str, str]]:
     return [(f"passes/{item.name}.{suffix}", item.header) for suffix in suffixes]
 
 
+def _named(items: Sequence[Pass | Draw | Step]) -> dict[str, Pass | Draw | Step]:
+    """The items by unique names: those that occur several times are numbered."""
+    total, seen = Counter(item.name for item in items), Counter[str]()
+    named = {}
+    for item in items:
+        seen[item.name] += 1
+        named[item.name if total[item.name] == 1 else f"{item.name} #{seen[item.name]}"] = item
+    return named
+
+
 class ProgramBuilder:
     """Builds programs; each reuses what didn't change since the previous one."""
 
@@ -124,13 +134,15 @@ class ProgramBuilder:
         else:
             interface = Interface(self._device, list(modules.values()))
         program = Program(interface, [], modules, set())
-        seen: Counter[str] = Counter()
-        total = Counter(item.name for item in items)
         try:
-            for item in items:
-                seen[item.name] += 1
-                name = item.name if total[item.name] == 1 else f"{item.name} #{seen[item.name]}"
-                program.steps.append(self._step(name, item, program))
+            named = _named(items)
+            wanted = {name: self._pipeline_info(name, item, program) for name, item in named.items()
+                      if not isinstance(item, Step)}  # fmt: skip
+            made = dict(zip(wanted, self._pipelines.make(list(wanted.values()), interface), strict=True))
+            program.pipeline_keys.update(key for key, _ in made.values())
+            for name, item in named.items():
+                pipeline = made[name][1] if name in made else None
+                program.steps.append(self._step(name, item, program, pipeline))
         except BaseException:
             self.discard(program, old)
             raise
@@ -144,17 +156,17 @@ class ProgramBuilder:
             modules[path, header] = known if known and known.spirv == spirv else reflect(spirv, path)
         return modules
 
-    def _step(self, name: str, item: Pass | Draw | Step, program: Program) -> BuiltStep:
-        if isinstance(item, Step):
-            return BuiltStep(name, item)
-        modules = tuple(program.modules[key] for key in _shaders(item))
-        targets, groups = None, (0, 0, 0)
+    def _pipeline_info(self, name: str, item: Pass | Draw, program: Program) -> PipelineInfo:
+        targets = None
         if isinstance(item, Draw):
             check_draw(self._device, name, item, program.interface)
             colors = (image_format(program.interface[image].image_format) for image in item.colors)
             targets = Targets(tuple(colors), image_format(DEPTH_FORMAT))
-        key, pipeline = self._pipelines.pipeline(name, modules, item.constants, program.interface, targets)
-        program.pipeline_keys.add(key)
+        return PipelineInfo(name, [program.modules[key] for key in _shaders(item)], item.constants, targets)
+
+    def _step(self, name: str, item: Pass | Draw | Step, program: Program, pipeline: raw.CData) -> BuiltStep:
+        modules = tuple(program.modules[key] for key in _shaders(item))
+        groups = (0, 0, 0)
         if isinstance(item, Pass) and item.threads is not None:
             groups = self._groups(name, item, modules[0])
         return BuiltStep(name, item, modules, pipeline, groups)

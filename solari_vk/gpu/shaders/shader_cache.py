@@ -5,23 +5,20 @@ Both are found by a hash of all the text that a shader is made from, so a stale 
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
 import os
 import re
-import sys
-import tempfile
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 
+from solari_vk import disk_cache
 from solari_vk.gpu.shaders import headers
 
 _INCLUDE = re.compile(rb'^[ \t]*#[ \t]*include[ \t]+["<]([^">\n]+)[">]', re.MULTILINE)
 _INDEX = "shipped.json"
-_OFF = ("", "0", "off", "no")
 
 
 def closure(roots: Sequence[Path], path: str, source: bytes | None = None) -> dict[str, bytes]:
@@ -119,55 +116,11 @@ def shipped(root: Path, key: str) -> bytes | None:
 # ---- cache ------------------------------------------------------------------------------------------
 
 
-def cache_folder() -> Path | None:
-    """The folder of the cache: SOLARI_VK_CACHE, else the platform's; None if SOLARI_VK_CACHE turns the cache off."""
-    named = os.environ.get("SOLARI_VK_CACHE")
-    if named is not None:
-        return None if named.strip().lower() in _OFF else Path(named)
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / "Caches" / "solari_vk"
-    if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA", Path.home())) / "solari_vk" / "cache"
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "solari_vk"
-
-
 def cached(key: str, compiler: str, make: Callable[[], bytes]) -> bytes:
-    """The module with this source key from the cache; one that isn't there is made and stored.
-
-    An entry is the SHA-256 of the module, then the module, so a damaged entry is noticed and made again. A cache that
-    can't be written only gives a warning.
-    """
-    folder = cache_folder()
-    if folder is None:
-        return make()
-    file = folder / (hashlib.sha256(f"{key} {compiler}".encode()).hexdigest() + ".spv")
-    try:
-        entry = file.read_bytes()
-        if len(entry) > 32 and hashlib.sha256(entry[32:]).digest() == entry[:32]:
-            return entry[32:]
-    except OSError:
-        pass
-    spirv = make()
-    try:
-        _write(file, hashlib.sha256(spirv).digest() + spirv)
-    except OSError as error:
-        warnings.warn(
-            f"compiled shaders can't be kept in {folder} ({error.strerror}); set SOLARI_VK_CACHE to a folder that can "
-            "be written, or to 'off'",
-            stacklevel=3,
-        )
+    """The module with this source key from the cache on disk; one that isn't there is made and stored."""
+    name = hashlib.sha256(f"{key} {compiler}".encode()).hexdigest() + ".spv"
+    spirv = disk_cache.load(name)
+    if spirv is None:
+        spirv = make()
+        disk_cache.store(name, spirv)
     return spirv
-
-
-def _write(file: Path, content: bytes) -> None:
-    """Write a file atomically: another process sees all of it or nothing."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=file.parent, suffix=".tmp")
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(content)
-        os.replace(temporary, file)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            os.unlink(temporary)
-        raise

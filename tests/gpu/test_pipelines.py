@@ -1,0 +1,235 @@
+"""Pipelines: created in threads, and cached on disk by device and driver."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from shader_folder import ShaderFolder
+
+from solari_vk import disk_cache
+from solari_vk.errors import DeviceError
+from solari_vk.gpu.device import pipeline_cache, raw
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame import pipelines
+from solari_vk.gpu.frame.frame import Frame, Pass, Stage
+
+COUNT = 6
+TEXT = """layout(local_size_x = 1) in;
+layout(constant_id = 0) const uint FACTOR = 1;
+layout(set = 1, binding = {0}, scalar) buffer Block{0} {{ uint at[]; }} out_{0};
+void main() {{ out_{0}.at[0] = FACTOR * ({0}u + 1u); }}
+"""
+
+
+@pytest.fixture
+def stage(shaders: ShaderFolder) -> Stage:
+    """Passes that each write a buffer of their own. The last two share a shader with different constants."""
+    for number in range(COUNT):
+        shaders.write(f"write_{number}", TEXT.format(number))
+    passes = [Pass(f"write_{number}", threads=1) for number in range(COUNT)]
+    passes += [Pass(f"write_{COUNT - 1}", threads=1, constants={"FACTOR": 7})]
+    return Stage("writes", buffers={f"out_{number}": 1 for number in range(COUNT)}, passes=passes)
+
+
+def results(device: Device, stage: Stage, shaders: ShaderFolder) -> list[int]:
+    with Frame(device, [stage], glsl_root=shaders.root) as frame:
+        frame.submit()
+        return [int(frame[f"out_{number}"][0]) for number in range(COUNT)]
+
+
+EXPECTED = [*range(1, COUNT), 7 * COUNT]
+
+
+def watch(device: Device, monkeypatch: pytest.MonkeyPatch, call: Callable[..., int]) -> None:
+    """Replace the device's vkCreateComputePipelines by `call(the real function, its arguments...)`."""
+    real = device.vk.vkCreateComputePipelines
+    monkeypatch.setattr(device.vk, "vkCreateComputePipelines", lambda *arguments: call(real, *arguments))
+
+
+def test_pipelines_are_created_at_the_same_time(own_device, stage, shaders, monkeypatch):
+    monkeypatch.setattr(os, "cpu_count", lambda: COUNT + 1)
+    together, threads = threading.Barrier(COUNT + 1), set()
+
+    def create(real: Callable[..., int], *arguments: Any) -> int:
+        together.wait(timeout=20)  # breaks unless all pipelines are being created now
+        threads.add(threading.get_ident())
+        return real(*arguments)
+
+    watch(own_device, monkeypatch, create)
+    assert results(own_device, stage, shaders) == EXPECTED
+    assert len(threads) == COUNT + 1
+
+
+def test_same_pipelines_are_created_once(own_device, stage, shaders, monkeypatch):
+    created = []
+
+    def create(real: Callable[..., int], *arguments: Any) -> int:
+        created.append(arguments[2])
+        return real(*arguments)
+
+    watch(own_device, monkeypatch, create)
+    doubled = Stage("writes", buffers=stage.buffers, passes=[*stage.passes, *stage.passes])
+    assert results(own_device, doubled, shaders) == EXPECTED
+    assert created == [1] * (COUNT + 1)
+
+
+def test_a_failure_names_its_pass_and_leaves_nothing(own_device, stage, shaders, monkeypatch):
+    """The first pass whose pipeline fails is named, though the others are made meanwhile."""
+    order = iter(range(COUNT + 1))
+
+    def create(real: Callable[..., int], *arguments: Any) -> int:
+        return raw.check(raw.VK_ERROR_OUT_OF_DEVICE_MEMORY, "call") if next(order) in (2, 4) else real(*arguments)
+
+    monkeypatch.setattr(os, "cpu_count", lambda: 1)  # so that they are created in the order of the passes
+    results(own_device, stage, shaders)
+    own_device.wait_idle()
+    objects = own_device.live_objects
+    watch(own_device, monkeypatch, create)
+    with pytest.raises(DeviceError, match=r"^pass write_2: .*VK_ERROR_OUT_OF_DEVICE_MEMORY"):
+        Frame(own_device, [stage], glsl_root=shaders.root)
+    own_device.wait_idle()
+    assert own_device.live_objects == objects
+
+
+def test_an_interrupt_waits_for_the_threads_and_leaves_nothing(own_device, stage, shaders, monkeypatch):
+    """What a thread uses must not be destroyed before the thread ends."""
+    waiting, started, ended = threading.Event(), [], []
+
+    def wait(futures: Any) -> None:
+        waiting.set()
+        real_wait(futures)
+
+    def create(real: Callable[..., int], *arguments: Any) -> int:
+        started.append(1)
+        assert waiting.wait(20)
+        if len(started) == 1:
+            signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
+        time.sleep(0.2)
+        result = real(*arguments)
+        ended.append(1)
+        return result
+
+    results(own_device, stage, shaders)
+    own_device.wait_idle()
+    objects, real_wait = own_device.live_objects, pipelines.wait
+    monkeypatch.setattr(os, "cpu_count", lambda: 1)
+    monkeypatch.setattr(pipelines, "wait", wait)
+    watch(own_device, monkeypatch, create)
+    with pytest.raises(KeyboardInterrupt):
+        Frame(own_device, [stage], glsl_root=shaders.root)
+    assert len(ended) == len(started)
+    own_device.wait_idle()
+    assert own_device.live_objects == objects
+
+
+# ---- on disk ----------------------------------------------------------------------------------------
+
+
+def initial_data(monkeypatch: pytest.MonkeyPatch, stage: Stage, shaders: ShaderFolder) -> bytes:
+    """The data that a new device's pipeline cache begins with, while a frame runs on the device."""
+    found = []
+    create = Device.create
+
+    def look(device: Device, type_name: str, info: raw.CData, name: str) -> raw.CData:
+        if type_name == "VkPipelineCache":
+            found.append(raw.ffi.buffer(info.pInitialData, info.initialDataSize)[:] if info.initialDataSize else b"")
+        return create(device, type_name, info, name)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Device, "create", look)
+        with Device(validation=True) as device:
+            assert results(device, stage, shaders) == EXPECTED
+            assert results(device, stage, shaders) == EXPECTED
+    (data,) = found  # one cache for all frames of a device
+    return data
+
+
+def entries() -> list[Path]:
+    folder = disk_cache.folder()
+    assert folder is not None
+    return list(folder.glob("*.pipelines"))
+
+
+def test_the_cache_outlives_the_device(any_device, stage, shaders, monkeypatch):
+    assert initial_data(monkeypatch, stage, shaders) == b""
+    (file,) = entries()
+    kept = disk_cache.load(file.name)
+    assert kept is not None
+    assert kept[:4] == (32).to_bytes(4, "little")
+    assert initial_data(monkeypatch, stage, shaders) == kept
+    assert not list(file.parent.glob("*.tmp"))
+
+
+def with_hash(content: bytes) -> bytes:
+    return hashlib.sha256(content).digest() + content
+
+
+def other_device(entry: bytes) -> bytes:
+    """The entry with another pipelineCacheUUID."""
+    return with_hash(entry[32:48] + bytes(255 - byte for byte in entry[48:64]) + entry[64:])
+
+
+@pytest.mark.parametrize(
+    "damage", [lambda b: b[:-1], lambda b: b"", lambda b: b[:50] + bytes([b[50] ^ 1]) + b[51:], other_device],
+    ids=["truncated", "empty", "changed", "of another device"],
+)  # fmt: skip
+def test_a_useless_file_is_replaced(any_device, stage, shaders, monkeypatch, damage):
+    initial_data(monkeypatch, stage, shaders)
+    (file,) = entries()
+    good = file.read_bytes()
+    file.write_bytes(damage(good))
+    assert initial_data(monkeypatch, stage, shaders) == b""
+    assert file.read_bytes() == good
+    assert initial_data(monkeypatch, stage, shaders) == good[32:]
+
+
+def test_a_file_that_has_grown_too_large_is_begun_anew(any_device, stage, shaders, monkeypatch):
+    initial_data(monkeypatch, stage, shaders)
+    monkeypatch.setattr(pipeline_cache, "MAX_BYTES", 1)
+    assert initial_data(monkeypatch, stage, shaders) == b""
+
+
+def test_each_driver_version_has_its_own_file(own_device, shaders, monkeypatch):
+    names = set()
+    real = own_device.instance_vk.vkGetPhysicalDeviceProperties
+    for version in range(3):
+
+        def get(handle: raw.CData, out: raw.CData, version: int = version) -> None:
+            real(handle, out)
+            out.driverVersion = version
+
+        monkeypatch.setattr(own_device.instance_vk, "vkGetPhysicalDeviceProperties", get)
+        names.add(pipeline_cache.PipelineCache(own_device).entry)
+    assert len(names) == 3
+
+
+def test_a_write_that_fails_keeps_the_entry_before(shaders, monkeypatch):
+    disk_cache.store("entry", b"before")
+
+    def fail(*_: object) -> None:
+        raise OSError(28, "no space left")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", fail)
+        with pytest.warns(UserWarning, match=r"can't be kept in .* \(no space left\)"):
+            disk_cache.store("entry", b"after")
+    assert disk_cache.load("entry") == b"before"
+    folder = disk_cache.folder()
+    assert folder is not None
+    assert [file.name for file in folder.iterdir()] == ["entry"]
+
+
+def test_the_cache_can_be_off(any_device, stage, shaders, monkeypatch, tmp_path):
+    monkeypatch.setenv("SOLARI_VK_CACHE", "off")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert initial_data(monkeypatch, stage, shaders) == b""
+    assert initial_data(monkeypatch, stage, shaders) == b""
+    assert not list(tmp_path.rglob("*.pipelines"))
