@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -13,28 +14,39 @@ from solari_vk.conformance.oracles import closed_forms
 from solari_vk.conformance.pictures import take_picture
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.gpu.device.device import Device
+from solari_vk.scene import shapes
 from solari_vk.scene.builtin import closed_box, matte, place, rgb
 
 BAR = 0.005
-_SERIES = ("closed form", "geometric series in a closed box")
+_SERIES = ("closed form", "geometric series in a closed room")
 _TRACER = (SUITE, "PathTracer")
 
 
 def measure_series(
     device: Device, bounces: int, strategies: Sequence[str] = ("mis", "nee", "brdf")
 ) -> Iterator[Measurement]:
-    """Le (1 + rho + ... + rho^k) everywhere in a closed Lambert box, whatever the strategy."""
+    """Le (1 + rho + ... + rho^k) everywhere in a closed Lambert room, whatever the strategy.
+
+    Light samples alone are measured in a ball. Close to an edge between two walls, one sample can be brighter than all
+    others together: their variance is infinite, and the probability of such a sample grows with the square of the angle
+    between the walls. In a box 0.5 % is often exceeded; in this ball in 1 of 2,000, and one standard deviation
+    is 0.06 %.
+    """
     albedo, emission = np.array((0.3, 0.5, 0.7)), np.array((2.0, 1.0, 0.25))
     expected = closed_forms.closed_box_radiance(emission, albedo, bounces)
     for strategy in strategies:
-        scene = closed_box()
-        next(iter(scene)).material.update(base_color=albedo, emissive=emission)
-        made = take_picture(device, scene, (32, 32), 512, max_bounces=bounces, lambert=True, light_strategy=strategy)
-        mean = made.mean.mean(axis=(0, 1)) if bounces else made.mean
-        # Emission is exact in every pixel. Light samples alone have a heavy tail at the walls they lie in.
-        bar = 1e-6 if bounces == 0 else 4 * BAR if strategy == "nee" else BAR
-        rule = Rule(f"closed box after {bounces} bounces, {strategy}", *_SERIES)
-        yield Measurement(rule, float(np.abs(mean / expected - 1).max()), bar, "relative error")
+        scene, shape, samples = closed_box(), "box", 512
+        if strategy == "nee":
+            ball = shapes.sphere(segments=128)
+            scene.instances[0].mesh = sv.Mesh(ball.positions, ball.triangles[:, ::-1])  # faces inward
+            shape, samples = "ball", 128
+        scene.materials[0].update(base_color=albedo, emissive=emission)
+        options: dict[str, Any] = {"max_bounces": bounces, "lambert": True, "light_strategy": strategy}
+        made = take_picture(device, scene, (32, 32), samples, **options)
+        mean = made.mean.mean(axis=(0, 1)) if bounces else made.mean  # emission alone is exact in every pixel
+        rule = Rule(f"closed {shape} after {bounces} bounces, {strategy}", *_SERIES)
+        error = float(np.abs(mean / expected - 1).max())
+        yield Measurement(rule, error, BAR if bounces else 1e-6, "relative error")
 
 
 def measure_white_box(device: Device, roughness: float, metallic: float) -> Iterator[Measurement]:

@@ -17,6 +17,13 @@ def test_bugs_in_lights_are_noticed(device):
         expect_red(light_checks.measure_invariance(device), "in two parts")
 
 
+def test_a_small_bias_of_light_samples_is_noticed(device):
+    """Light samples are 2 % too bright."""
+    bug = ("scene/sampling.glsl", "float inverse_light_pdf = float(", "float inverse_light_pdf = 1.02 * float(")
+    with patched_shaders(bug):
+        expect_red(path_checks.measure_series(device, 1, ["nee"]), "after 1 bounces, nee")
+
+
 def test_bugs_in_the_path_tracer_are_noticed(device):
     """Roulette's survivors keep their throughput, and rays start without an offset."""
     bugs = [
