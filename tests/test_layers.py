@@ -8,13 +8,15 @@ from pathlib import Path
 
 import pytest
 
+from solari_vk.gpu.shaders import shaderc
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.headers import header_text, is_generated
 from solari_vk.gpu.shaders.spirv import reflect
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE, GLSL = ROOT / "solari_vk", ROOT / "glsl"
-TEXT = {".py", ".glsl", ".comp", ".vert", ".frag", ".toml", ".md", ".sh", ""}
+STAGES = {"." + stage for stage in shaderc.STAGES}
+TEXT = {".py", ".glsl", *STAGES, ".toml", ".md", ".sh", ""}
 SHADERS = sorted(path for path in GLSL.rglob("*") if path.suffix in TEXT and path.is_file())
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
@@ -127,18 +129,21 @@ def reached(path: Path) -> set[Path]:
 
 
 TRACE = GLSL / "scene" / "trace.glsl"
-ENTRY_POINTS = [path for path in SHADERS if path.suffix in (".comp", ".vert", ".frag")]
+ENTRY_POINTS = [path for path in SHADERS if path.suffix in STAGES]
 SUITE = GLSL / "passes" / "conformance"
 
 
 def test_only_trace_names_ray_queries():
-    """Passes trace by trace.glsl, which another backend replaces. ray_query.glsl and its debug build have the functions
+    """Passes trace by trace.glsl, by queries or by pipelines. ray_query.glsl and its debug build have the functions
     of the wgpu document, for users and the suite; no pass of the renderer reaches them."""
     word = re.compile(r"rayQuery\w*EXT|GL_EXT_ray_query")
     found = [path for path in SHADERS if word.search(path.read_text(encoding="utf-8"))]
     library = [path for path in found if SUITE not in path.parents]
     queries = [GLSL / "scene" / name for name in ("ray_query.glsl", "ray_query_debug.glsl")]
     assert library == [*queries, TRACE]
+    word = re.compile(r"rayPayload\w*EXT|traceRayEXT|GL_EXT_ray_tracing\b")
+    found = [path for path in SHADERS if word.search(path.read_text(encoding="utf-8"))]
+    assert {path for path in found if SUITE not in path.parents} == {*TRACE.parent.glob("trace.*")}
     users = [path for path in ENTRY_POINTS if not reached(path).isdisjoint(queries)]
     assert users
     assert all(SUITE in path.parents for path in users)

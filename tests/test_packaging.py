@@ -12,8 +12,10 @@ from pathlib import Path
 
 import pytest
 
+from solari_vk.gpu.shaders import shaderc
+
 ROOT = Path(__file__).resolve().parents[1]
-STAGES = {".comp", ".vert", ".frag"}
+STAGES = {"." + stage for stage in shaderc.STAGES}
 NO_COMPILER = {"SOLARI_VK_SHADERC": os.devnull, "PATH": "", "SOLARI_VK_CACHE": "off"}
 PARTS = ["solari_vk", "glsl", "tests", "tools", "docs", "pyproject.toml", "hatch_build.py", "README.md", "LICENSE"]
 

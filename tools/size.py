@@ -14,7 +14,7 @@ from collections import Counter
 from pathlib import Path
 
 FOLDERS = ("solari_vk", "glsl", "tests", "tools", "docs")
-SHADER_SUFFIXES = {".glsl", ".comp", ".vert", ".frag"}
+SHADER_SUFFIXES = {".glsl", ".comp", ".vert", ".frag", ".rgen", ".rmiss", ".rchit", ".rahit", ".rint"}
 SUFFIXES = {".py", ".sh", ".md", "", *SHADER_SUFFIXES}
 WIDEST = 120  # columns of a GLSL line
 

@@ -176,7 +176,7 @@ class _Pipeline:
         self._pipelines = Pipelines(device)
         wanted = PipelineInfo("overlay", modules, {}, Targets((format,), blends=True))
         try:
-            [(_, self._handle)] = self._pipelines.make([wanted], self._interface)
+            [(_, self._made)] = self._pipelines.make([wanted], self._interface)
         except BaseException:
             self.close()
             raise
@@ -186,7 +186,7 @@ class _Pipeline:
         vk, pushed = self._device.vk, np.zeros(1, self._placement)
         for field, value in placement.items():
             pushed[field] = value
-        vk.vkCmdBindPipeline(commands, _GRAPHICS, self._handle)
+        vk.vkCmdBindPipeline(commands, _GRAPHICS, self._made.handle)
         layout, data = self._interface.pipeline_layout, raw.ffi.from_buffer(pushed)
         vk.vkCmdPushConstants(commands, layout, raw.VK_SHADER_STAGE_ALL, 0, pushed.nbytes, data)
 

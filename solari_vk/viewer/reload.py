@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
+from solari_vk.gpu.shaders import shaderc
 from solari_vk.gpu.shaders.compiler import glsl_root
 from solari_vk.scene.model import Scene
 
 INTERVAL = 0.5  # seconds between two checks
-SHADERS = {".glsl", ".comp", ".vert", ".frag"}
+SHADERS = {".glsl", *("." + stage for stage in shaderc.STAGES)}
 
 Stamps = dict[Path, tuple[int, int]]
 

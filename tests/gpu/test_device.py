@@ -25,9 +25,13 @@ def nothing(_: raw.CData) -> None:
 # ---- choice -----------------------------------------------------------------------------------------
 
 
-def fake(index: int, name: str, kind: str, missing: tuple[str, ...] = ()) -> Any:
+def fake(
+    index: int, name: str, kind: str, missing: tuple[str, ...] = (), ways: tuple[str, ...] = ("auto", "query")
+) -> Any:
     properties = SimpleNamespace(name=name, kind=kind, uuid=f"0000000{index}-0000-0000-0000-00000000000{index}")
-    return SimpleNamespace(index=index, properties=properties, missing=list(missing))
+    return SimpleNamespace(
+        index=index, properties=properties, lacks=lambda rays: [*missing, *(() if rays in ways else (f"no {rays}",))]
+    )
 
 
 MACHINE = [
@@ -66,6 +70,51 @@ def test_refused_choice_lists_every_device_and_what_it_lacks(select: str | int) 
     assert text.count("fits") == 4
 
 
+@pytest.mark.parametrize(("rays", "index"), [("auto", 3), ("query", 3), ("pipeline", 5)])
+def test_choice_by_the_way_to_trace(rays: str, index: int) -> None:
+    machine = [*MACHINE, fake(5, "Server Card", "discrete gpu", (), ("auto", "pipeline"))]
+    assert physical.choose(machine, None, rays).index == index
+    with pytest.raises(DeviceError, match=r"fits with rays='pipeline'[^:]*:\n.*llvmpipe .*: lacks no pipeline"):
+        physical.choose(MACHINE, None, "pipeline")
+
+
+def test_real_devices_trace_in_the_way_asked_for(any_device: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    with Device(rays="pipeline") as device:
+        assert (device.rays, "VK_KHR_ray_query" in device.extensions) == ("pipeline", False)
+        assert {"rayTracingPipeline", "rayTracingPipelineTraceRaysIndirect"} <= device.features
+        assert device.properties.ray_pipelines.shaderGroupHandleSize == 32
+    monkeypatch.setenv("SOLARI_VK_RAYS", "pipeline")
+    with Device() as by_environment, Device(rays="auto") as auto, Device(rays="query") as query:
+        assert [opened.rays for opened in (by_environment, auto, query)] == ["pipeline", "query", "query"]
+        assert "VK_KHR_ray_tracing_pipeline" not in query.extensions
+        assert "rayTracingPipeline" not in query.features
+    with pytest.raises(SolariError, match="rays is 'both': take one of auto, query, pipeline"):
+        Device(rays="both")
+    monkeypatch.setenv("SOLARI_VK_RAYS", "raster")
+    with pytest.raises(SolariError, match="SOLARI_VK_RAYS is 'raster': take one of auto, query, pipeline"):
+        Device()
+
+
+@pytest.mark.parametrize(
+    ("hidden", "rays"), [("VK_KHR_ray_query", "pipeline"), ("VK_KHR_ray_tracing_pipeline", "query")]
+)
+def test_auto_takes_the_way_that_the_device_has(
+    any_device: None, monkeypatch: pytest.MonkeyPatch, hidden: str, rays: str
+) -> None:
+    def devices(self: Instance) -> list[physical.PhysicalDevice]:
+        handles = raw.enumerate_items(self.vk.vkEnumeratePhysicalDevices, "VkPhysicalDevice", self.handle)
+        lacks = self.unknown_to_layer | {hidden}
+        return [physical.PhysicalDevice(self.vk, handle, i, lacks) for i, handle in enumerate(handles)]
+
+    monkeypatch.setattr(Instance, "devices", devices)
+    with Device() as device:
+        assert device.rays == rays
+    other = "query" if rays == "pipeline" else "pipeline"
+    with pytest.raises(DeviceError, match=f"with rays='{other}'(.|\n)*: lacks {hidden}"):
+        Device(rays=other)
+    assert all(not report.missing and report.missing_rays[other] == [hidden] for report in list_devices())
+
+
 def test_no_device_at_all_says_what_to_install() -> None:
     with pytest.raises(DeviceError, match="no Vulkan device: install"):
         physical.choose([], None)
@@ -94,9 +143,9 @@ def test_missing_features_are_named(any_device: None, monkeypatch: pytest.Monkey
     instance = Instance()
     try:
         for found in instance.devices():
-            assert "VK_XYZ_none" in found.missing
+            assert "VK_XYZ_none" in found.lacks()
             if "sparseResidency16Samples" not in found.features["core"]:
-                assert "feature sparseResidency16Samples" in found.missing
+                assert "feature sparseResidency16Samples" in found.lacks()
     finally:
         instance.close()
 

@@ -30,7 +30,10 @@ struct WorldCacheSample {
     uint life;
 };
 layout(set = 1, binding = 49, scalar) buffer WorldCacheSamplesBlock { WorldCacheSample at[]; } world_cache_samples;
-layout(set = 1, binding = 50, scalar) buffer WorldCacheDispatchBlock { uvec3 group_count; } world_cache_dispatch;
+layout(set = 1, binding = 50, scalar) buffer WorldCacheDispatchBlock {
+    uvec3 group_count;
+    uvec3 thread_count;  // the same in threads, for ray pipelines
+} world_cache_dispatch;
 
 // Counters of this frame.
 layout(set = 1, binding = 51, scalar) buffer WorldCacheCountersBlock {

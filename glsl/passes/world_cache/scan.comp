@@ -35,6 +35,8 @@ void main() {
         uint total = sums[thread];
         world_cache_counters.active_cells = total;
         uint groups = (total + GROUP_SIZE - 1u) / GROUP_SIZE;
-        world_cache_dispatch.group_count = uvec3(min(groups, ROW_GROUPS), (groups + ROW_GROUPS - 1u) / ROW_GROUPS, 1u);
+        uvec3 group_count = uvec3(min(groups, ROW_GROUPS), (groups + ROW_GROUPS - 1u) / ROW_GROUPS, 1u);
+        world_cache_dispatch.group_count = group_count;
+        world_cache_dispatch.thread_count = group_count * uvec3(GROUP_SIZE, 1u, 1u);
     }
 }

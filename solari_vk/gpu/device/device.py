@@ -19,7 +19,7 @@ from solari_vk.gpu.device.work_queue import WorkQueue
 
 
 class Device(WorkQueue):
-    """A Vulkan 1.3 device with ray queries, opened. Use it in one thread; a context manager.
+    """A Vulkan 1.3 device that traces rays, opened. Use it in one thread; a context manager.
 
     Submitting, waiting and deferred destruction are those of `WorkQueue`.
 
@@ -27,14 +27,17 @@ class Device(WorkQueue):
     validation: core and synchronization validation; by default on when SOLARI_VK_VALIDATION=1. Extensions
     newer than the installed layer, such as position fetch, are off while validation is on.
     staging: treat device memory as not mappable, as on a discrete GPU; by default SOLARI_VK_STAGING=1.
-    Raises DeviceError when no device fits, saying what each one lacks.
+    rays: how shaders trace: "query" (VK_KHR_ray_query), "pipeline" (VK_KHR_ray_tracing_pipeline), or "auto", which
+    takes queries where the device has them; by default SOLARI_VK_RAYS, else "auto". The attribute `rays` says which.
+    Raises DeviceError when no device fits, saying what each one lacks, and SolariError for another value of `rays`.
     """
 
     @checked_keywords()
     def __init__(
-        self, select: str | int | None = None, *, validation: bool | None = None, staging: bool | None = None
-    ) -> None:
-        super().__init__(select, _flag("SOLARI_VK_VALIDATION") if validation is None else validation)
+        self, select: str | int | None = None, *, validation: bool | None = None, staging: bool | None = None,
+        rays: str | None = None,
+    ) -> None:  # fmt: skip
+        super().__init__(select, _flag("SOLARI_VK_VALIDATION") if validation is None else validation, rays)
         self.staging = _flag("SOLARI_VK_STAGING") if staging is None else staging
         self.memory = Allocator(self, map_device_memory=not self.staging)
         self.staging_pool = StagingPool(self.memory)

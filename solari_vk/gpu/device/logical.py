@@ -7,11 +7,13 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from solari_vk.errors import DeviceError, ValidationError
+from solari_vk.errors import DeviceError, SolariError, ValidationError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.instance import Instance
 from solari_vk.gpu.device.physical import (
+    AUTO,
     OPTIONAL_EXTENSIONS,
+    RAYS,
     REQUIRED_EXTENSIONS,
     DeviceProperties,
     PhysicalDevice,
@@ -21,21 +23,30 @@ from solari_vk.gpu.device.physical import (
 
 
 class LogicalDevice:
-    """A VkDevice with one queue. `vk` has its functions, `properties`, `features` and `extensions` what it can do."""
+    """A VkDevice with one queue. `vk` has its functions, `properties`, `features` and `extensions` what it can do.
 
-    def __init__(self, select: str | int | None, validation: bool) -> None:
+    `rays`: how shaders trace rays on it, "query" or "pipeline". The features of the other way are off.
+    """
+
+    def __init__(self, select: str | int | None, validation: bool, rays: str | None) -> None:
+        self.rays = (os.environ.get("SOLARI_VK_RAYS") or AUTO) if rays is None else rays
+        if self.rays not in (AUTO, *RAYS):
+            where = "SOLARI_VK_RAYS" if rays is None else "rays"
+            raise SolariError(f"{where} is {self.rays!r}: take one of {', '.join((AUTO, *RAYS))}")
         self.validation = validation
         self.lost = False
         self.closed = False
         self._instance = Instance(validation)
         try:
             wanted = os.environ.get("SOLARI_VK_DEVICE") or None if select is None else select
-            self._open(choose(self._instance.devices(), wanted))
+            self._open(choose(self._instance.devices(), wanted, self.rays))
         except BaseException:
             self._instance.close()
             raise
 
     def _open(self, chosen: PhysicalDevice) -> None:
+        if self.rays == AUTO:
+            self.rays = next(rays for rays, missing in chosen.missing_rays.items() if not missing)
         self.instance = self._instance.handle
         self.instance_vk = self._instance.vk
         self.messages = self._instance.messages
@@ -47,8 +58,8 @@ class LogicalDevice:
         optional = [name for name in OPTIONAL_EXTENSIONS if name in chosen.extensions]
         if "VK_KHR_surface" not in self._instance.extensions and "VK_KHR_swapchain" in optional:
             optional.remove("VK_KHR_swapchain")
-        self.extensions = frozenset([*REQUIRED_EXTENSIONS, *optional])
-        enabled = chosen.enabled_features()
+        self.extensions = frozenset([*REQUIRED_EXTENSIONS, RAYS[self.rays], *optional])
+        enabled = chosen.enabled_features(self.rays)
         self.features = frozenset(name for names in enabled.values() for name in names)
         self.has_position_fetch = "rayTracingPositionFetch" in self.features
         queue = raw.struct(

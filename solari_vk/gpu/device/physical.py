@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import uuid
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from solari_vk.errors import DeviceError
 from solari_vk.gpu.device import raw
 
-REQUIRED_EXTENSIONS = ("VK_KHR_acceleration_structure", "VK_KHR_deferred_host_operations", "VK_KHR_ray_query")
+REQUIRED_EXTENSIONS = ("VK_KHR_acceleration_structure", "VK_KHR_deferred_host_operations")
+RAYS = {"query": "VK_KHR_ray_query", "pipeline": "VK_KHR_ray_tracing_pipeline"}
+"""The ways to trace rays, the preferred one first, and the extension of each. A device is opened for one of them."""
+AUTO = "auto"
 OPTIONAL_EXTENSIONS = ("VK_KHR_ray_tracing_position_fetch", "VK_KHR_swapchain", "VK_EXT_memory_budget")
 
 # The feature structures in the order of their pNext chain. Keys that are extension names need that extension.
@@ -20,6 +24,7 @@ _STRUCTURES = {
     "13": "VkPhysicalDeviceVulkan13Features",
     "VK_KHR_acceleration_structure": "VkPhysicalDeviceAccelerationStructureFeaturesKHR",
     "VK_KHR_ray_query": "VkPhysicalDeviceRayQueryFeaturesKHR",
+    "VK_KHR_ray_tracing_pipeline": "VkPhysicalDeviceRayTracingPipelineFeaturesKHR",
     "VK_KHR_ray_tracing_position_fetch": "VkPhysicalDeviceRayTracingPositionFetchFeaturesKHR",
 }
 REQUIRED_FEATURES: dict[str, tuple[str, ...]] = {
@@ -32,6 +37,7 @@ REQUIRED_FEATURES: dict[str, tuple[str, ...]] = {
     "13": ("synchronization2", "maintenance4", "dynamicRendering"),
     "VK_KHR_acceleration_structure": ("accelerationStructure",),
     "VK_KHR_ray_query": ("rayQuery",),
+    "VK_KHR_ray_tracing_pipeline": ("rayTracingPipeline", "rayTracingPipelineTraceRaysIndirect"),
 }  # fmt: skip
 OPTIONAL_FEATURES: dict[str, tuple[str, ...]] = {
     "core": (
@@ -54,13 +60,17 @@ OPTIONAL_FEATURES: dict[str, tuple[str, ...]] = {
         "shaderIntegerDotProduct", "subgroupSizeControl", "computeFullSubgroups",
     ),
     "VK_KHR_acceleration_structure": ("descriptorBindingAccelerationStructureUpdateAfterBind",),
+    "VK_KHR_ray_tracing_pipeline": ("rayTraversalPrimitiveCulling",),
     "VK_KHR_ray_tracing_position_fetch": ("rayTracingPositionFetch",),
 }  # fmt: skip
 
 
 @dataclass(frozen=True)
 class DeviceReport:
-    """A device as `solari-vk info` lists it; `missing` is empty if the package can use the device."""
+    """A device as `solari-vk info` lists it; `missing` is empty if the package can use the device.
+
+    `missing_rays`: what the device lacks for each way to trace rays ("query", "pipeline").
+    """
 
     index: int
     name: str
@@ -69,11 +79,13 @@ class DeviceReport:
     driver: str
     api_version: tuple[int, int, int]
     missing: list[str]
+    missing_rays: dict[str, list[str]]
 
 
 @dataclass(frozen=True)
 class DeviceProperties:
-    """A device's identity and limits. `limits`, `core12` and `acceleration` are Vulkan structures."""
+    """A device's identity and limits. `limits`, `core12`, `acceleration` and `ray_pipelines` are Vulkan structures;
+    the last is zero without VK_KHR_ray_tracing_pipeline."""
 
     name: str
     kind: str
@@ -83,6 +95,7 @@ class DeviceProperties:
     limits: Any
     core12: Any
     acceleration: Any
+    ray_pipelines: Any
     max_buffer_size: int
     max_allocation_size: int
     _owners: tuple[Any, ...]
@@ -105,14 +118,20 @@ class PhysicalDevice:
         self.properties = self._query_properties(vk)
         self.queue_family, self.timestamp_bits = self._find_queue_family(vk)
         self.features = self._query_features(vk)
-        self.missing = self._find_missing()
+        self.missing_rays = {rays: self._lacks_of([extension]) for rays, extension in RAYS.items()}
 
     def _query_properties(self, vk: raw.Functions) -> DeviceProperties:
         plain = raw.ffi.new("VkPhysicalDeviceProperties*")
         vk.vkGetPhysicalDeviceProperties(self.handle, plain)
         version = (plain.apiVersion >> 22, plain.apiVersion >> 12 & 0x3FF, plain.apiVersion & 0xFFF)
         acceleration = raw.struct("VkPhysicalDeviceAccelerationStructurePropertiesKHR")
-        last = acceleration if "VK_KHR_acceleration_structure" in self.extensions else None
+        ray_pipelines = raw.struct("VkPhysicalDeviceRayTracingPipelinePropertiesKHR")
+        last = None
+        for extension, structure in (
+            ("VK_KHR_acceleration_structure", acceleration), (RAYS["pipeline"], ray_pipelines)
+        ):  # fmt: skip
+            if extension in self.extensions:
+                structure.pNext, last = last or raw.NULL, structure
         core13 = raw.struct("VkPhysicalDeviceVulkan13Properties", pNext=last)
         # Structures of a Vulkan version that the device doesn't support must not be in the chain.
         core12 = raw.struct("VkPhysicalDeviceVulkan12Properties", pNext=core13 if version >= (1, 3) else last)
@@ -131,6 +150,7 @@ class PhysicalDevice:
             limits=core.limits,
             core12=core12,
             acceleration=acceleration,
+            ray_pipelines=ray_pipelines,
             max_buffer_size=core13.maxBufferSize,
             max_allocation_size=core11.maxMemoryAllocationSize,
             _owners=(everything, plain),
@@ -161,36 +181,49 @@ class PhysicalDevice:
     def _groups(self) -> list[str]:
         return [group for group in _STRUCTURES if not group.startswith("VK_") or group in self.extensions]
 
-    def _find_missing(self) -> list[str]:
-        """What the package requires and this device lacks, in words."""
+    def lacks(self, rays: str = AUTO) -> list[str]:
+        """What the device lacks, in words, to trace rays in this way; empty if it fits. "auto": in any way."""
         missing = []
         if (version := self.properties.api_version) < (1, 3):
             missing.append(f"Vulkan 1.3 (it has {version[0]}.{version[1]}.{version[2]})")
-        missing += [name for name in REQUIRED_EXTENSIONS if name not in self.extensions]
-        if self.features:
-            missing += [
-                f"feature {name}"
-                for group, names in REQUIRED_FEATURES.items()
-                if group in self.features
-                for name in names
-                if name not in self.features[group]
-            ]
+        missing += self._lacks_of([*REQUIRED_EXTENSIONS, *(group for group in _STRUCTURES if group[:2] != "VK")])
         if self.queue_family < 0:
             missing.append("a queue for graphics and compute")
+        if rays != AUTO:
+            return missing + self.missing_rays[rays]
+        if all(self.missing_rays.values()):
+            missing.append(" or ".join(" with ".join(names) for names in self.missing_rays.values()))
         return missing
 
-    def enabled_features(self) -> dict[str, tuple[str, ...]]:
-        """For each feature structure, the required features and those optional ones that the device has."""
+    def _lacks_of(self, groups: Sequence[str]) -> list[str]:
+        """The extensions among these groups of features, and the required features of the groups, that it lacks."""
+        extensions = [group for group in groups if group.startswith("VK_") and group not in self.extensions]
+        return extensions + [
+            f"feature {name}"
+            for group in groups
+            if group in self.features
+            for name in REQUIRED_FEATURES.get(group, ())
+            if name not in self.features[group]
+        ]
+
+    def enabled_features(self, rays: str) -> dict[str, tuple[str, ...]]:
+        """For each feature structure, the required features and those optional ones that the device has.
+
+        Without those of the other way to trace rays, so that validation reports its use.
+        """
         return {
             group: REQUIRED_FEATURES.get(group, ())
             + tuple(name for name in OPTIONAL_FEATURES.get(group, ()) if name in self.features[group])
             for group in self._groups()
+            if group not in RAYS.values() or group == RAYS[rays]
         }
 
     def report(self) -> DeviceReport:
         """This device as a row of `list_devices`."""
         p = self.properties
-        return DeviceReport(self.index, p.name, p.kind, p.uuid, p.driver, p.api_version, self.missing)
+        return DeviceReport(
+            self.index, p.name, p.kind, p.uuid, p.driver, p.api_version, self.lacks(), self.missing_rays
+        )
 
 
 def feature_chain(features: dict[str, tuple[str, ...]]) -> tuple[raw.CData, dict[str, raw.CData]]:
@@ -205,21 +238,26 @@ def feature_chain(features: dict[str, tuple[str, ...]]) -> tuple[raw.CData, dict
     return chain, parts
 
 
-def choose(devices: list[PhysicalDevice], select: str | int | None) -> PhysicalDevice:
+def choose(devices: list[PhysicalDevice], select: str | int | None, rays: str = AUTO) -> PhysicalDevice:
     """The device that `select` names (part of its name, its index or its UUID), or else the best suitable one.
 
-    If there is none, raises DeviceError listing every device and what it lacks.
+    rays: the way to trace that the device must have. If there is none, raises DeviceError listing every device and
+    what it lacks.
     """
     found = devices if select is None else _matching(devices, str(select).strip())
-    fitting = [device for device in found if not device.missing]
+    fitting = [device for device in found if not device.lacks(rays)]
     order = ["discrete gpu", "integrated gpu", "virtual gpu"]
     fitting.sort(key=lambda device: order.index(device.properties.kind) if device.properties.kind in order else 9)
     if fitting:
         return fitting[0]
     if not devices:
-        raise DeviceError("there is no Vulkan device: install a driver that has VK_KHR_ray_query")
+        raise DeviceError(f"there is no Vulkan device: install a driver that has {' or '.join(RAYS.values())}")
     wanted = "no Vulkan device fits" if select is None else f"no fitting Vulkan device is called {select!r}"
-    raise DeviceError(f"{wanted} (SOLARI_VK_DEVICE or select= takes a name, index or UUID):\n" + _describe(devices))
+    if rays != AUTO:
+        wanted += f" with rays={rays!r}"
+    raise DeviceError(
+        f"{wanted} (SOLARI_VK_DEVICE or select= takes a name, index or UUID):\n" + _describe(devices, rays)
+    )
 
 
 def _matching(devices: list[PhysicalDevice], select: str) -> list[PhysicalDevice]:
@@ -231,9 +269,9 @@ def _matching(devices: list[PhysicalDevice], select: str) -> list[PhysicalDevice
     return by_index or [d for d in devices if wanted in d.properties.name.lower()]
 
 
-def _describe(devices: list[PhysicalDevice]) -> str:
+def _describe(devices: list[PhysicalDevice], rays: str) -> str:
     return "\n".join(
         f"  {d.index}: {d.properties.name} ({d.properties.uuid}): "
-        + (f"lacks {', '.join(d.missing)}" if d.missing else "fits")
+        + (f"lacks {', '.join(missing)}" if (missing := d.lacks(rays)) else "fits")
         for d in devices
     )

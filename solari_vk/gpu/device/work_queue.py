@@ -18,8 +18,8 @@ _WAIT_SLICE = 100_000_000  # nanoseconds: Python handles Ctrl-C between slices
 class WorkQueue(LogicalDevice):
     """A device with its queue. Every submission increments the timeline; waiting means waiting for a timeline value."""
 
-    def __init__(self, select: str | int | None, validation: bool) -> None:
-        super().__init__(select, validation)
+    def __init__(self, select: str | int | None, validation: bool, rays: str | None) -> None:
+        super().__init__(select, validation, rays)
         self.submitted = 0
         self._completed = 0
         self._host_synced = 0

@@ -35,6 +35,8 @@ NOTHING = Masks(0, 0)
 # Without uniform reads: the host writes uniform blocks, and each submission makes host writes visible.
 SHADER_READ = Masks(_COMPUTE, raw.VK_ACCESS_2_SHADER_READ_BIT | raw.VK_ACCESS_2_ACCELERATION_STRUCTURE_READ_BIT_KHR)
 SHADER_WRITE = Masks(_COMPUTE, raw.VK_ACCESS_2_SHADER_WRITE_BIT)
+RAY_READ = Masks(raw.VK_PIPELINE_STAGE_2_RAY_TRACING_SHADER_BIT_KHR, SHADER_READ.access)
+RAY_WRITE = Masks(RAY_READ.stages, SHADER_WRITE.access)
 DRAW_READ = Masks(_DRAWING, SHADER_READ.access)
 DRAW_WRITE = Masks(_DRAWING, SHADER_WRITE.access)
 # Clears and depth tests count as writes; an attachment that is written may also be read.

@@ -1,4 +1,4 @@
-"""Compute and graphics pipelines, kept by what they are made from, so that only what changed is made again."""
+"""Compute, graphics and ray pipelines, kept by what they are made from, so that only what changed is made again."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.graphics import Targets, graphics_create_info
 from solari_vk.gpu.frame.interface import Interface
+from solari_vk.gpu.frame.ray_pipelines import RayGroups, ShaderBindingTable, ray_create_info
 from solari_vk.gpu.shaders.spirv import Module
 
 Constants = Mapping[str, "int | float | bool"]
@@ -26,17 +27,37 @@ _STAGES = {
     "comp": raw.VK_SHADER_STAGE_COMPUTE_BIT,
     "vert": raw.VK_SHADER_STAGE_VERTEX_BIT,
     "frag": raw.VK_SHADER_STAGE_FRAGMENT_BIT,
+    "rgen": raw.VK_SHADER_STAGE_RAYGEN_BIT_KHR,
+    "rmiss": raw.VK_SHADER_STAGE_MISS_BIT_KHR,
+    "rchit": raw.VK_SHADER_STAGE_CLOSEST_HIT_BIT_KHR,
+    "rahit": raw.VK_SHADER_STAGE_ANY_HIT_BIT_KHR,
+    "rint": raw.VK_SHADER_STAGE_INTERSECTION_BIT_KHR,
+}
+_BIND_POINTS = {
+    type(None): raw.VK_PIPELINE_BIND_POINT_COMPUTE,
+    Targets: raw.VK_PIPELINE_BIND_POINT_GRAPHICS,
+    RayGroups: raw.VK_PIPELINE_BIND_POINT_RAY_TRACING_KHR,
 }
 
 
 @dataclass(frozen=True)
 class PipelineInfo:
-    """What a pass needs: a compute shader, or with `targets` a vertex and a fragment shader, and their constants."""
+    """What a pass needs: a compute shader; with `Targets` a vertex and a fragment shader; with `RayGroups` the shaders
+    that the groups number; and their constants."""
 
     name: str
     modules: Sequence[Module]
     constants: Constants
-    targets: Targets | None = None
+    kind: Targets | RayGroups | None = None
+
+
+@dataclass(frozen=True)
+class Pipeline:
+    """A VkPipeline, the point to which it is bound, and the shader binding table of a ray pipeline."""
+
+    handle: raw.CData
+    bind_point: int
+    table: ShaderBindingTable | None
 
 
 class Pipelines:
@@ -44,47 +65,54 @@ class Pipelines:
 
     def __init__(self, device: Device) -> None:
         self._device = device
-        self._made: dict[PipelineKey, tuple[raw.CData, int]] = {}
+        self._made: dict[PipelineKey, tuple[Pipeline, int]] = {}
 
-    def make(self, wanted: Sequence[PipelineInfo], interface: Interface) -> list[tuple[PipelineKey, raw.CData]]:
+    def make(self, wanted: Sequence[PipelineInfo], interface: Interface) -> list[tuple[PipelineKey, Pipeline]]:
         """A pipeline for each pass, and the key that keeps it in `retain`. Missing ones are created in threads.
 
         Raises SolariError for a constant that no module has, DeviceError naming the pass if the driver fails.
         """
         layout = interface.pipeline_layout
         keys: list[PipelineKey] = []
-        missing: dict[PipelineKey, tuple[str, Callable[[], raw.CData]]] = {}
+        missing: dict[PipelineKey, tuple[PipelineInfo, Callable[[], raw.CData]]] = {}
         with ExitStack() as shaders:
             for item in wanted:
                 specializations, values = _specializations(item.name, item.modules, item.constants)
                 digests = tuple(hashlib.sha256(module.spirv).digest() for module in item.modules)
                 handle = int(raw.ffi.cast("uintptr_t", layout))
-                keys.append((*digests, item.targets, tuple(sorted(values.items())), handle))
+                keys.append((*digests, item.kind, tuple(sorted(values.items())), handle))
                 if keys[-1] not in self._made and keys[-1] not in missing:
                     stages = [self._stage(shaders, item.name, *pair)
                               for pair in zip(item.modules, specializations, strict=True)]  # fmt: skip
-                    missing[keys[-1]] = item.name, self._creation(stages, item.targets, layout)
+                    missing[keys[-1]] = item, self._creation(stages, item.kind, layout)
             self._create(missing)
         return [(key, self._made[key][0]) for key in keys]
 
-    def _creation(self, stages: list[raw.CData], targets: Targets | None, layout: raw.CData) -> Callable[[], raw.CData]:
+    def _creation(
+        self, stages: list[raw.CData], kind: Targets | RayGroups | None, layout: raw.CData
+    ) -> Callable[[], raw.CData]:
         """A function for another thread that creates a pipeline."""
         device, cache = self._device, self._device.pipeline_cache.handle
-        if targets is None:
+        before: tuple[raw.CData, ...] = (device.handle,)
+        if kind is None:
             info = raw.struct("VkComputePipelineCreateInfo", stage=stages[0], layout=layout)
             create = device.vk.vkCreateComputePipelines
-        else:
-            info = graphics_create_info(stages, targets, layout)
+        elif isinstance(kind, Targets):
+            info = graphics_create_info(stages, kind, layout)
             create = device.vk.vkCreateGraphicsPipelines
+        else:
+            info = ray_create_info(stages, kind, layout)
+            create = device.vk.vkCreateRayTracingPipelinesKHR
+            before = (device.handle, raw.NULL)  # no deferred operation
         out = raw.ffi.new("VkPipeline*")
 
         def run() -> raw.CData:
-            create(device.handle, cache, 1, info, raw.NULL, out)
+            create(*before, cache, 1, info, raw.NULL, out)
             return out[0]
 
         return run
 
-    def _create(self, missing: Mapping[PipelineKey, tuple[str, Callable[[], raw.CData]]]) -> None:
+    def _create(self, missing: Mapping[PipelineKey, tuple[PipelineInfo, Callable[[], raw.CData]]]) -> None:
         """Create pipelines in as many threads as there are processors: drivers compile for up to seconds."""
         if not missing:
             return
@@ -102,16 +130,18 @@ class Pipelines:
             raise failures[0]
         self._device.pipeline_cache.save()
 
-    def _keep(self, key: PipelineKey, name: str, future: Future[raw.CData]) -> DeviceError | None:
+    def _keep(self, key: PipelineKey, item: PipelineInfo, future: Future[raw.CData]) -> DeviceError | None:
         """Keep what a thread has created; returns the error if it has failed."""
-        device = self._device
+        device, table = self._device, None
         try:
-            pipeline = future.result()
+            handle = future.result()
         except DeviceError as error:
-            return DeviceError(f"pass {name}: {error}")
-        device.name_object("Pipeline", pipeline, name)
-        token = device.own(lambda: device.vk.vkDestroyPipeline(device.handle, pipeline, raw.NULL))
-        self._made[key] = pipeline, token
+            return DeviceError(f"pass {item.name}: {error}")
+        device.name_object("Pipeline", handle, item.name)
+        token = device.own(lambda: device.vk.vkDestroyPipeline(device.handle, handle, raw.NULL))
+        if isinstance(item.kind, RayGroups):
+            table = ShaderBindingTable(device, handle, item.kind, item.name)
+        self._made[key] = Pipeline(handle, _BIND_POINTS[type(item.kind)], table), token
         return None
 
     def _stage(self, shaders: ExitStack, name: str, module: Module, specialization: raw.CData | None) -> raw.CData:
@@ -132,7 +162,10 @@ class Pipelines:
     def retain(self, used: set[PipelineKey]) -> None:
         """Destroy all other pipelines when the work submitted so far is done."""
         for key in [key for key in self._made if key not in used]:
-            self._device.release(self._made.pop(key)[1])
+            pipeline, token = self._made.pop(key)
+            self._device.release(token)
+            if pipeline.table is not None:
+                pipeline.table.destroy()
 
     def destroy(self) -> None:
         """Destroy everything when the work submitted so far is done. Safe to call twice."""

@@ -8,29 +8,35 @@ from dataclasses import dataclass
 from typing import Any
 
 from solari_vk.errors import SolariError
-from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame import hazards
 from solari_vk.gpu.frame.graphics import Targets
 from solari_vk.gpu.frame.hazards import Accesses, Masks
 from solari_vk.gpu.frame.interface import Interface, merge_bindings
-from solari_vk.gpu.frame.pipelines import PipelineInfo, PipelineKey, Pipelines
+from solari_vk.gpu.frame.pipelines import Pipeline, PipelineInfo, PipelineKey, Pipelines
 from solari_vk.gpu.frame.raster import check_draw
+from solari_vk.gpu.frame.ray_pipelines import RayGroups, check_launch
 from solari_vk.gpu.frame.resources import DEPTH_FORMAT, image_format
-from solari_vk.gpu.frame.stages import Draw, Pass, Stage, Step
+from solari_vk.gpu.frame.stages import Draw, HitGroup, Pass, RayPass, Stage, Step
 from solari_vk.gpu.shaders.compiler import Roots, compile_shader
 from solari_vk.gpu.shaders.spirv import Module, reflect
+
+# The shaders that all ray generation shaders share which trace by scene/trace.glsl.
+SHARED_MISS, SHARED_HIT = "scene/trace.rmiss", HitGroup("scene/trace.rchit")
 
 
 @dataclass(frozen=True)
 class BuiltStep:
-    """A pass or a draw with its modules, pipeline and workgroup counts, or other commands. `name` is unique."""
+    """A pass or a draw with its modules and pipeline, or other commands. `name` is unique.
+
+    `counts`: a compute pass's workgroups, a ray pipeline's threads.
+    """
 
     name: str
     item: Pass | Draw | Step
     modules: tuple[Module, ...] = ()
-    pipeline: raw.CData = None
-    groups: tuple[int, int, int] = (0, 0, 0)
+    pipeline: Pipeline | None = None
+    counts: tuple[int, int, int] = (0, 0, 0)
 
 
 @dataclass(frozen=True)
@@ -78,6 +84,8 @@ class Program:
                     target[resource] = target.get(resource, hazards.NOTHING) | how
 
             shader = (hazards.SHADER_READ, hazards.SHADER_WRITE)
+            if step.pipeline is not None and step.pipeline.table is not None:
+                shader = (hazards.RAY_READ, hazards.RAY_WRITE)
             if isinstance(item, Step):
                 add(reads, item.reads, hazards.ANY_READ)
                 add(writes, item.writes, hazards.ANY_WRITE)
@@ -96,12 +104,25 @@ class Program:
         return found
 
 
-def _shaders(item: Pass | Draw | Step) -> list[tuple[str, str]]:
-    """Path and header of each module of a pass: its keys in `Program.modules`."""
-    if isinstance(item, Step):
-        return []
-    suffixes = ("vert", "frag") if isinstance(item, Draw) else ("comp",)
-    return [(f"passes/{item.name}.{suffix}", item.header) for suffix in suffixes]
+@dataclass(frozen=True)
+class _Shaders:
+    """The modules of a step, by path and header, and the groups that those of a ray pipeline form."""
+
+    keys: Sequence[tuple[str, str]] = ()
+    groups: RayGroups | None = None
+
+    @classmethod
+    def of_rays(cls, path: str, misses: Sequence[str], hits: Sequence[HitGroup], header: str, shared: str) -> _Shaders:
+        """A ray generation shader at `path` with its miss and hit shaders, which have the header `shared`."""
+        paths = dict.fromkeys(misses)
+        for hit in hits:
+            paths |= dict.fromkeys(filter(None, (hit.closest_hit, hit.any_hit, hit.intersection)))
+        number = {other: index for index, other in enumerate(paths, 1)}
+        groups = RayGroups(
+            tuple(number[miss] for miss in misses),
+            tuple((number.get(h.closest_hit), number.get(h.any_hit), number.get(h.intersection)) for h in hits),
+        )
+        return cls([(path, header), *((other, shared) for other in paths)], groups)
 
 
 def _named(items: Sequence[Pass | Draw | Step]) -> dict[str, Pass | Draw | Step]:
@@ -127,7 +148,8 @@ class ProgramBuilder:
         items = [item for stage in stages for item in stage.passes]
         if not items:
             raise SolariError("a frame needs at least one pass")
-        modules = self._modules([key for item in items for key in _shaders(item)], old)
+        modules: dict[tuple[str, str], Module] = {}
+        named = {name: (item, self._shaders(item, modules, old)) for name, item in _named(items).items()}
         merged = merge_bindings(modules.values())
         if old is not None and old.interface.fits(merged, modules.values()):
             interface = old.interface
@@ -135,48 +157,73 @@ class ProgramBuilder:
             interface = Interface(self._device, list(modules.values()))
         program = Program(interface, [], modules, set())
         try:
-            named = _named(items)
-            wanted = {name: self._pipeline_info(name, item, program) for name, item in named.items()
+            wanted = {name: self._pipeline_info(name, item, shaders, program) for name, (item, shaders) in named.items()
                       if not isinstance(item, Step)}  # fmt: skip
             made = dict(zip(wanted, self._pipelines.make(list(wanted.values()), interface), strict=True))
             program.pipeline_keys.update(key for key, _ in made.values())
-            for name, item in named.items():
-                pipeline = made[name][1] if name in made else None
-                program.steps.append(self._step(name, item, program, pipeline))
+            for name, (item, _) in named.items():
+                program.steps.append(BuiltStep(name, item) if isinstance(item, Step) else
+                                     self._step(item, wanted[name], made[name][1]))  # fmt: skip
         except BaseException:
             self.discard(program, old)
             raise
         return program
 
-    def _modules(self, keys: Sequence[tuple[str, str]], old: Program | None) -> dict[tuple[str, str], Module]:
-        modules: dict[tuple[str, str], Module] = {}
-        for path, header in dict.fromkeys(keys):
-            spirv = compile_shader(path, header=header, root=self._root)
+    def _shaders(
+        self, item: Pass | Draw | Step, modules: dict[tuple[str, str], Module], old: Program | None
+    ) -> _Shaders:
+        """The shaders of a step, whose modules are added to `modules`."""
+        if isinstance(item, Step):
+            return _Shaders()
+        path = f"passes/{item.name}"
+        if isinstance(item, RayPass):
+            if self._device.rays != "pipeline":
+                raise SolariError(
+                    f"pass {item.name}: it has hit and miss shaders of its own, but this device traces by ray queries: "
+                    "open it with rays='pipeline'"
+                )
+            found = _Shaders.of_rays(f"{path}.rgen", item.misses, item.hits, item.header, item.header)
+        elif isinstance(item, Draw):
+            found = _Shaders([(f"{path}.vert", item.header), (f"{path}.frag", item.header)])
+        else:
+            found = _Shaders([(f"{path}.comp", item.header)])
+            if self._module(*found.keys[0], modules, old).main.stage == "rgen":
+                found = _Shaders.of_rays(f"{path}.comp", [SHARED_MISS], [SHARED_HIT], item.header, "")
+        for key in found.keys:
+            self._module(*key, modules, old)
+        return found
+
+    def _module(self, path: str, header: str, modules: dict[tuple[str, str], Module], old: Program | None) -> Module:
+        if (path, header) not in modules:
+            ray_pipelines = self._device.rays == "pipeline"
+            spirv = compile_shader(path, header=header, root=self._root, ray_pipelines=ray_pipelines)
             known = old.modules.get((path, header)) if old else None
             modules[path, header] = known if known and known.spirv == spirv else reflect(spirv, path)
-        return modules
+        return modules[path, header]
 
-    def _pipeline_info(self, name: str, item: Pass | Draw, program: Program) -> PipelineInfo:
-        targets = None
+    def _pipeline_info(self, name: str, item: Pass | Draw, shaders: _Shaders, program: Program) -> PipelineInfo:
+        kind: Targets | RayGroups | None = shaders.groups
         if isinstance(item, Draw):
             check_draw(self._device, name, item, program.interface)
             colors = (image_format(program.interface[image].image_format) for image in item.colors)
-            targets = Targets(tuple(colors), image_format(DEPTH_FORMAT))
-        return PipelineInfo(name, [program.modules[key] for key in _shaders(item)], item.constants, targets)
+            kind = Targets(tuple(colors), image_format(DEPTH_FORMAT))
+        return PipelineInfo(name, [program.modules[key] for key in shaders.keys], item.constants, kind)
 
-    def _step(self, name: str, item: Pass | Draw | Step, program: Program, pipeline: raw.CData) -> BuiltStep:
-        modules = tuple(program.modules[key] for key in _shaders(item))
-        groups = (0, 0, 0)
+    def _step(self, item: Pass | Draw, info: PipelineInfo, pipeline: Pipeline) -> BuiltStep:
+        counts = (0, 0, 0)
         if isinstance(item, Pass) and item.threads is not None:
-            groups = self._groups(name, item, modules[0])
-        return BuiltStep(name, item, modules, pipeline, groups)
+            counts = self._counts(info.name, item, info.modules[0])
+        return BuiltStep(info.name, item, tuple(info.modules), pipeline, counts)
 
-    def _groups(self, name: str, item: Pass, module: Module) -> tuple[int, int, int]:
+    def _counts(self, name: str, item: Pass, module: Module) -> tuple[int, int, int]:
         threads = (item.threads,) if isinstance(item.threads, int) else tuple(item.threads or ())
         if not 1 <= len(threads) <= 3 or min(threads) < 1:
             raise SolariError(f"pass {name}: threads are one to three whole numbers above 0, not {item.threads!r}")
-        sizes = module.local_size(item.constants)
-        x, y, z = (-(-count // size) for count, size in zip((*threads, 1, 1)[:3], sizes, strict=True))
+        x, y, z = (*threads, 1, 1)[:3]
+        if module.main.stage == "rgen":
+            check_launch(self._device, name, (x, y, z))
+            return x, y, z
+        x, y, z = (-(-count // size) for count, size in zip((x, y, z), module.local_size(item.constants), strict=True))
         limit = tuple(self._device.properties.limits.maxComputeWorkGroupCount)
         if x > limit[0] or y > limit[1] or z > limit[2]:
             raise SolariError(f"pass {name}: {(x, y, z)} workgroups, but this device runs at most {limit}")

@@ -13,10 +13,13 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.descriptors import BufferRange, DescriptorSets
 from solari_vk.gpu.frame.hazards import Barrier
-from solari_vk.gpu.frame.program import Program
+from solari_vk.gpu.frame.pipelines import Pipeline
+from solari_vk.gpu.frame.program import BuiltStep, Program
 from solari_vk.gpu.frame.raster import record_draw
 from solari_vk.gpu.frame.stages import Draw, Pass
 from solari_vk.gpu.frame.uniforms import Uniforms
+
+GROUP_COUNT_BYTES = 12  # an indirect buffer holds three workgroup counts, then three thread counts
 
 
 class Slot:
@@ -89,10 +92,10 @@ class Slot:
                         ),
                     )  # fmt: skip
                 if isinstance(step.item, Pass):
-                    self._bind(bound, raw.VK_PIPELINE_BIND_POINT_COMPUTE, step.pipeline)
-                    self._dispatch(step.item, step.groups)
+                    self._bind(bound, step.pipeline)
+                    self._dispatch(step, step.item)
                 elif isinstance(step.item, Draw):
-                    self._bind(bound, raw.VK_PIPELINE_BIND_POINT_GRAPHICS, step.pipeline)
+                    self._bind(bound, step.pipeline)
                     record_draw(self._device, commands, step.item, self._bound)
                 else:
                     step.item.record(commands)
@@ -109,20 +112,28 @@ class Slot:
             self._sets = DescriptorSets(program.interface, counts)
         self._sets.write(self._bound)
 
-    def _bind(self, bound: set[int], point: int, pipeline: raw.CData) -> None:
+    def _bind(self, bound: set[int], pipeline: Pipeline | None) -> None:
         """Bind a pipeline, and the descriptor sets if its bind point isn't in `bound` yet."""
-        if point not in bound:
-            assert self._sets is not None
-            self._sets.bind(self.commands, point)
-            bound.add(point)
-        self._device.vk.vkCmdBindPipeline(self.commands, point, pipeline)
+        assert pipeline is not None
+        assert self._sets is not None
+        if pipeline.bind_point not in bound:
+            self._sets.bind(self.commands, pipeline.bind_point)
+            bound.add(pipeline.bind_point)
+        self._device.vk.vkCmdBindPipeline(self.commands, pipeline.bind_point, pipeline.handle)
 
-    def _dispatch(self, item: Pass, groups: tuple[int, int, int]) -> None:
-        vk = self._device.vk
-        if item.indirect is None:
-            vk.vkCmdDispatch(self.commands, *groups)
+    def _dispatch(self, step: BuiltStep, item: Pass) -> None:
+        vk, commands = self._device.vk, self.commands
+        table = step.pipeline.table if step.pipeline else None
+        arguments = self._bound[item.indirect] if item.indirect is not None else None
+        if table is not None and arguments is not None:
+            address = arguments.address + item.indirect_offset + GROUP_COUNT_BYTES
+            vk.vkCmdTraceRaysIndirectKHR(commands, *table.regions, address)
+        elif table is not None:
+            vk.vkCmdTraceRaysKHR(commands, *table.regions, *step.counts)
+        elif arguments is not None:
+            vk.vkCmdDispatchIndirect(commands, arguments.handle, item.indirect_offset)
         else:
-            vk.vkCmdDispatchIndirect(self.commands, self._bound[item.indirect].handle, item.indirect_offset)
+            vk.vkCmdDispatch(commands, *step.counts)
 
     # ---- timestamps
 

@@ -31,6 +31,9 @@ class Pass:
     Give either `threads`, the invocations in x, y and z, which are rounded up to whole workgroups, or `indirect`, the
     name of a buffer with the three workgroup counts at byte `indirect_offset`. `constants` are values of specialization
     constants by name. `header` is GLSL for a variant, put before the shader's first declaration.
+
+    On a device that traces rays by pipelines a shader that traces is launched with exactly `threads` invocations; with
+    `indirect`, with the three thread counts that follow the workgroup counts in the buffer.
     """
 
     name: str
@@ -43,6 +46,31 @@ class Pass:
     def __post_init__(self) -> None:
         if (self.threads is None) == (self.indirect is None):
             raise SolariError(f"pass {self.name}: give either threads or indirect")
+
+
+@dataclass(frozen=True)
+class HitGroup:
+    """The shaders that run where a ray meets a geometry: their paths below the GLSL root, "" for none.
+
+    A group with an intersection shader is for AABBs, another one for triangles.
+    """
+
+    closest_hit: str = ""
+    any_hit: str = ""
+    intersection: str = ""
+
+
+@dataclass(frozen=True)
+class RayPass(Pass):
+    """One launch of the ray generation shader glsl/passes/NAME.rgen, which traces by miss and hit shaders of its own.
+
+    `misses` are the paths of miss shaders below the GLSL root. `misses` and `hits` are the records of the shader
+    binding table in their order; a shader or a group may appear several times. `constants` and `header` are those of
+    all shaders of the pass. Only for devices that trace rays by pipelines.
+    """
+
+    misses: Sequence[str] = ()
+    hits: Sequence[HitGroup] = ()
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,9 @@ the package, else that of the cache on disk, else it runs the compiler. All modu
 Reflection needs the names, which shaderc's optimizer strips unless debug information is on. So debug information is
 always on, and the rest of it (line numbers, source text) is removed afterwards.
 
+For devices that trace rays by pipelines, compute shaders that trace are compiled as ray generation shaders; the module
+`ray_generation` documents it.
+
 `#include "generated/settings.glsl"` includes what the Python function `solari_vk.settings.glsl_header()` returns; the
 module `headers` documents it. These texts take part in the keys of the cache and of shipped modules like any file.
 """
@@ -23,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from solari_vk.errors import CompilationError, SolariError
-from solari_vk.gpu.shaders import headers, shader_cache, shaderc
+from solari_vk.gpu.shaders import headers, ray_generation, shader_cache, shaderc
 
 __all__ = [
     "CompilationError", "build_all", "compile_file_into_spirv", "compile_into_spirv", "compile_shader", "glsl_root",
@@ -130,15 +133,9 @@ _OP_STRING, _OP_SOURCE, _OP_LINE, _OP_NO_LINE, _OP_MODULE_PROCESSED, _OP_SOURCE_
 
 def _without_lines(spirv: bytes) -> bytes:
     """The module without line numbers, source text and file names: shipped modules must not contain paths."""
-    words = np.frombuffer(spirv, np.uint32)
-    pieces, position = [words[:5]], 5
     dropped = {_OP_STRING, _OP_SOURCE, _OP_LINE, _OP_NO_LINE, _OP_MODULE_PROCESSED, _OP_SOURCE_CONTINUED}
-    while position < len(words):
-        first = int(words[position])
-        if first & 0xFFFF not in dropped:
-            pieces.append(words[position : position + (first >> 16)])
-        position += first >> 16
-    return np.concatenate(pieces).tobytes()
+    kept = [words for words in ray_generation.instructions(spirv) if int(words[0]) & 0xFFFF not in dropped]
+    return np.concatenate([np.frombuffer(spirv[:20], np.uint32), *kept]).tobytes()
 
 
 # ---- the package's own shaders ----------------------------------------------------------------------
@@ -151,43 +148,69 @@ _OPTIONS = f"performance {shaderc.VULKAN_1_3:x} {shaderc.SPIRV_1_6:x}"
 _DIRECTIVE = re.compile(r"^\s*#\s*(version|extension)\b")
 
 
-def compile_shader(path: str, *, header: str = "", root: Roots | None = None) -> bytes:
+def compile_shader(path: str, *, header: str = "", root: Roots | None = None, ray_pipelines: bool = False) -> bytes:
     """SPIR-V of the shader at `path` below a GLSL root ("passes/x/trace.comp"); the suffix is the stage.
 
     `header` is text for a variant, put after the #version and #extension lines. The shader and its includes are looked
-    up in `root`, one folder or several, and then in the package's folder. Raises CompilationError; SolariError if there
-    is no such file, or if neither a compiler nor a shipped module for exactly these sources is there.
+    up in `root`, one folder or several, and then in the package's folder. `ray_pipelines`: for a device that traces
+    rays by pipelines. Raises CompilationError; SolariError if there is no such file, if neither a compiler nor a
+    shipped module for exactly these sources is there, or for ray queries that no pipeline can replace.
     """
     folders = roots(root)
+    spirv = _module(folders, path, header)
+    if not ray_pipelines or not ray_generation.uses_ray_queries(spirv):
+        return spirv
+    if not path.endswith(".comp") or ray_generation.TRACE not in shader_cache.closure(folders, path):
+        raise SolariError(f"{path}: {ray_generation.OWN_QUERIES}")
+    try:
+        spirv = _module(folders, path, header, traces=True)
+    except CompilationError as error:
+        raise CompilationError(f"{path}: {ray_generation.HINT}.\n{error}") from None
+    if ray_generation.uses_ray_queries(spirv):
+        raise SolariError(f"{path}: {ray_generation.OWN_QUERIES}")
+    return spirv
+
+
+def _key(folders: Sequence[Path], path: str, header: str, traces: bool) -> str:
+    return shader_cache.source_key(folders, path, header, f"{_OPTIONS} {ray_generation.DEFINE}" if traces else _OPTIONS)
+
+
+def _module(folders: Sequence[Path], path: str, header: str, traces: bool = False) -> bytes:
+    """The module of a shader; `traces`: as a ray generation shader."""
     file = next((found for base in folders if (found := base / path).is_file()), None)
     if file is None:
         raise SolariError(f"there is no shader {path} in {', '.join(map(str, folders))}")
-    source_key = shader_cache.source_key(folders, path, header, _OPTIONS)
+    source_key = _key(folders, path, header, traces)
     for base in folders:
         shipped = shader_cache.shipped(base, source_key)
         if shipped is not None:
             return shipped
-    return shader_cache.cached(source_key, shaderc.version(), lambda: _compile(folders, file, header))
+    return shader_cache.cached(source_key, shaderc.version(), lambda: _compile(folders, file, header, traces))
 
 
-def _compile(folders: Sequence[Path], file: Path, header: str) -> bytes:
-    source = _with_header(file.read_text(encoding="utf-8"), header, file)
-    arguments = source.encode(), file.suffix.lstrip("."), os.fspath(file), list(map(os.fspath, folders))
+def _compile(folders: Sequence[Path], file: Path, header: str, traces: bool) -> bytes:
+    source, stage = file.read_text(encoding="utf-8"), file.suffix.lstrip(".")
+    if traces:
+        source, stage = ray_generation.without_local_size(source), "rgen"
+    source = _with_header(source, header, file, f"#define {ray_generation.DEFINE}\n" if traces else "")
+    arguments = source.encode(), stage, os.fspath(file), list(map(os.fspath, folders))
     try:
-        return _compile_text(*arguments, optimization="zero" if _EMPTY_MAIN.search(source) else "performance")
+        spirv = _compile_text(*arguments, optimization="zero" if _EMPTY_MAIN.search(source) else "performance")
+        return ray_generation.without_unused_ray_queries(spirv)
     except CompilationError as error:
         if _TOO_NEW not in str(error):
             raise
         return _compile_text(*arguments, optimization="zero")
 
 
-def _with_header(source: str, header: str, file: Path) -> str:
-    if not header:
+def _with_header(source: str, header: str, file: Path, define: str) -> str:
+    if not header and not define:
         return source
     lines = source.splitlines(keepends=True)
     at = max((number for number, line in enumerate(lines, 1) if _DIRECTIVE.match(line)), default=0)
     name = file.as_posix()
-    return "".join((*lines[:at], f'#line 1 "{name} (header)"\n{header}\n#line {at + 1} "{name}"\n', *lines[at:]))
+    added = f'{define}#line 1 "{name} (header)"\n{header}\n#line {at + 1} "{name}"\n'
+    return "".join((*lines[:at], added, *lines[at:]))
 
 
 def build_all(root: str | os.PathLike[str], out: str | os.PathLike[str]) -> list[str]:
@@ -196,10 +219,16 @@ def build_all(root: str | os.PathLike[str], out: str | os.PathLike[str]) -> list
     Returns the paths below `root`. `out` is the root itself, with modules beside their sources, or another folder.
     """
     base, made = Path(root), {}
-    for file in sorted(path for path in base.rglob("*") if path.suffix.lstrip(".") in shaderc.STAGES):
-        made[file.relative_to(base).as_posix()] = compile_shader(file.relative_to(base).as_posix(), root=base)
-    shader_cache.ship(base, Path(out), made, _OPTIONS)
-    return list(made)
+    folders = roots(base)
+    paths = sorted(path for path in base.rglob("*") if path.suffix.lstrip(".") in shaderc.STAGES)
+    for path in (file.relative_to(base).as_posix() for file in paths):
+        spirv = compile_shader(path, root=base)
+        made[f"{path}.spv"] = _key(folders, path, "", False), spirv
+        if ray_generation.uses_ray_queries(spirv) and ray_generation.TRACE in shader_cache.closure(folders, path):
+            spirv = compile_shader(path, root=base, ray_pipelines=True)
+            made[f"{path}.rgen.spv"] = _key(folders, path, "", True), spirv
+    shader_cache.ship(Path(out), made)
+    return [file.relative_to(base).as_posix() for file in paths]
 
 
 if __name__ == "__main__":

@@ -75,15 +75,13 @@ def source_key(roots: Sequence[Path], path: str, header: str, options: str) -> s
 # ---- shipped ----------------------------------------------------------------------------------------
 
 
-def ship(root: Path, out: Path, modules: Mapping[str, bytes], options: str) -> None:
-    """Write modules, given as {shader's path: SPIR-V}, to PATH.spv below `out`, and their index."""
+def ship(out: Path, modules: Mapping[str, tuple[str, bytes]]) -> None:
+    """Write modules, given as {path below `out`: (source key, SPIR-V)}, and their index."""
     index = {}
-    for path, spirv in modules.items():
-        file = out / f"{path}.spv"
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_bytes(spirv)
-        key = source_key([root], path, "", options)
-        index[key] = {"file": f"{path}.spv", "sha256": hashlib.sha256(spirv).hexdigest()}
+    for path, (key, spirv) in modules.items():
+        (out / path).parent.mkdir(parents=True, exist_ok=True)
+        (out / path).write_bytes(spirv)
+        index[key] = {"file": path, "sha256": hashlib.sha256(spirv).hexdigest()}
     out.mkdir(parents=True, exist_ok=True)
     (out / _INDEX).write_text(json.dumps(index, indent=1, sort_keys=True) + "\n", encoding="utf-8")
 

@@ -1,0 +1,75 @@
+"""Compute shaders as ray generation shaders, for devices that trace rays by pipelines.
+
+A shader that traces rays is one whose module has ray queries left after it was optimized. It is compiled a second time
+with RAY_PIPELINES defined, which makes scene/trace.glsl trace by a ray pipeline. The number of threads of such a shader
+is given when it is launched, so its declaration of a local size is removed.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+DEFINE = "RAY_PIPELINES"
+TRACE = "scene/trace.glsl"
+HINT = (
+    "it traces rays, so that a device that traces by pipelines runs it as a ray generation shader: read the index of "
+    "the invocation from INVOCATION_INDEX, declare the local size in the shader's own file, and use no shared memory "
+    "and no barrier"
+)
+OWN_QUERIES = (
+    "it has ray queries of its own, which need a device with VK_KHR_ray_query, opened with rays='query'; "
+    f"shaders that trace by {TRACE} run on any device"
+)
+_LOCAL_SIZE = re.compile(r"\blayout\s*\([^()]*\blocal_size_[^()]*\)\s*in\s*;")
+_OP_EXTENSION, _OP_CAPABILITY, _OP_TYPE_RAY_QUERY, _OP_TYPE_ACCELERATION_STRUCTURE = 10, 17, 4472, 5341
+_CAPABILITY_RAY_QUERY, _EXTENSION = 4472, b"SPV_KHR_ray_query\0"
+
+
+def without_local_size(source: str) -> str:
+    """The text of a compute shader without its local size; its lines keep their numbers."""
+    return _LOCAL_SIZE.sub(lambda found: "\n" * found[0].count("\n"), source)
+
+
+def instructions(spirv: bytes) -> Iterator[np.ndarray[Any, np.dtype[np.uint32]]]:
+    """The words of each instruction; the first holds the length above 16 bits of opcode."""
+    words = np.frombuffer(spirv, np.uint32)
+    position = 5
+    while position < len(words):
+        length = int(words[position]) >> 16
+        yield words[position : position + length]
+        position += length
+
+
+def uses_ray_queries(spirv: bytes) -> bool:
+    """Whether a module declares the capability of ray queries."""
+    return any(_is_capability(words) for words in _preamble(spirv))
+
+
+def without_unused_ray_queries(spirv: bytes) -> bytes:
+    """The module without the capability of ray queries, if it includes scene/trace.glsl but traces nothing."""
+    if not uses_ray_queries(spirv):
+        return spirv
+    kept = [np.frombuffer(spirv[:20], np.uint32)]
+    for words in instructions(spirv):
+        if words[0] & 0xFFFF in (_OP_TYPE_RAY_QUERY, _OP_TYPE_ACCELERATION_STRUCTURE):
+            return spirv
+        is_extension = words[0] & 0xFFFF == _OP_EXTENSION and words[1:].tobytes().startswith(_EXTENSION)
+        if not is_extension and not _is_capability(words):
+            kept.append(words)
+    return np.concatenate(kept).tobytes()
+
+
+def _preamble(spirv: bytes) -> Iterator[np.ndarray[Any, np.dtype[np.uint32]]]:
+    """The capabilities, with which a module begins."""
+    for words in instructions(spirv):
+        if words[0] & 0xFFFF != _OP_CAPABILITY:
+            return
+        yield words
+
+
+def _is_capability(words: np.ndarray[Any, np.dtype[np.uint32]]) -> bool:
+    return bool(words[0] & 0xFFFF == _OP_CAPABILITY and words[1] == _CAPABILITY_RAY_QUERY)

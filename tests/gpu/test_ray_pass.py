@@ -1,0 +1,124 @@
+"""Passes with ray generation, miss and hit shaders of their own, and the shader binding table behind them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from shader_folder import HEADER
+
+from solari_vk import rt
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame.frame import Frame, HitGroup, Pass, RayPass, Stage
+
+RAYS = """#extension GL_EXT_ray_tracing : require
+struct Ray { vec3 origin; uint offset; uint stride; uint miss; };
+layout(set = 0, binding = 0) uniform accelerationStructureEXT tlas;
+layout(set = 1, binding = 0, scalar) readonly buffer RaysBlock { Ray at[]; } rays;
+layout(set = 1, binding = 1, scalar) buffer FoundBlock { uint at[]; } found;
+"""
+GENERATE = (
+    RAYS
+    + """layout(location = 0) rayPayloadEXT uint payload;
+void main() {
+    uint i = gl_LaunchIDEXT.y * gl_LaunchSizeEXT.x + gl_LaunchIDEXT.x;
+    Ray ray = rays.at[i];
+    payload = 1u;
+    traceRayEXT(tlas, 0u, 0xFFu, ray.offset, ray.stride, ray.miss, ray.origin, 0.0, vec3(0, 0, -1), 100.0, 0);
+    found.at[i] = payload;
+}
+"""
+)
+PAYLOAD = "#extension GL_EXT_ray_tracing : require\nlayout(location = 0) rayPayloadInEXT uint payload;\n"
+ADDS = "layout(constant_id = 0) const uint ADDED = 0u;\nvoid main() {{ payload = payload * {} + ADDED; }}\n"
+SHADERS = {
+    "passes/demo.rgen": GENERATE,
+    "passes/demo/miss.rmiss": PAYLOAD + ADDS.format("2u"),
+    "passes/demo/other.rmiss": PAYLOAD + ADDS.format("3u"),
+    "passes/demo/hit.rchit": PAYLOAD + ADDS.format("5u"),
+    "passes/demo/other.rchit": PAYLOAD + ADDS.format("7u"),
+    "passes/demo/left.rahit": PAYLOAD
+    + "void main() { payload *= 11u; if (gl_InstanceCustomIndexEXT == 1) { ignoreIntersectionEXT; } }\n",
+    "passes/demo/box.rint": "#extension GL_EXT_ray_tracing : require\n"
+    + "void main() { reportIntersectionEXT(gl_RayTminEXT + 2.0, 0u); }\n",
+}
+MISSES = ["passes/demo/miss.rmiss", "passes/demo/other.rmiss"]
+HITS = [
+    HitGroup("passes/demo/hit.rchit"),
+    HitGroup("passes/demo/other.rchit"),
+    HitGroup("passes/demo/hit.rchit", "passes/demo/left.rahit"),
+    HitGroup("passes/demo/other.rchit", intersection="passes/demo/box.rint"),
+    HitGroup(),
+]
+RAY = np.dtype([("origin", "f4", 3), ("offset", "u4"), ("stride", "u4"), ("miss", "u4")])
+
+
+@pytest.fixture(scope="module")
+def ray_device(any_device: None) -> Iterator[Device]:
+    with Device(validation=True, rays="pipeline") as opened:
+        yield opened
+        opened.wait_idle()
+
+
+@pytest.fixture(scope="module")
+def tlas(ray_device: Device) -> Iterator[rt.Tlas]:
+    """Two triangles, one behind the other in two geometries, at x 0; the same with index 1 at x 10; a box at x 20."""
+    near, far = (np.array([(-1, -1, z), (1, -1, z), (0, 1, z)], np.float32) for z in (0, -1))
+    triangles = [rt.Triangles(part, opaque=False, no_duplicate_any_hit=True) for part in (near, far)]
+    boxes = [rt.Aabbs(np.array([(-1, -1, -1, 1, 1, 1)], np.float32), opaque=False)]
+    blases = [rt.create_blas(ray_device, geometry) for geometry in (triangles, boxes)]
+    made = rt.create_tlas(ray_device, 3)
+    at = [np.hstack([np.eye(3), [[x], [0], [0]]]) for x in (0, 10, 20)]
+    instances = [
+        rt.TlasInstance(blases[0], at[0]),
+        rt.TlasInstance(blases[0], at[1], 1),
+        rt.TlasInstance(blases[1], at[2]),
+    ]
+    entries = [rt.BlasBuildEntry(blases[0], triangles), rt.BlasBuildEntry(blases[1], boxes)]
+    rt.build_acceleration_structures(ray_device, entries, [rt.TlasPackage(made, instances)])
+    yield made
+    for structure in (made, *blases):
+        structure.destroy()
+
+
+# where the ray starts (x, z), its record offset, record stride and miss index; and what its shaders return
+CASES = {
+    "miss": ((50, 5, 0, 0, 0), 2),
+    "second miss": ((50, 5, 0, 0, 1), 3),
+    "first geometry, first record": ((0, 5, 0, 0, 0), 5),
+    "first geometry, second record": ((0, 5, 1, 0, 0), 7),
+    "first geometry, stride": ((0, 5, 0, 1, 0), 5),
+    "second geometry, stride": ((0, -0.5, 0, 1, 0), 7),
+    "second geometry, offset and stride": ((0, -0.5, 1, 3, 0), 1),
+    "any-hit lets both triangles of instance 1 through": ((10, 5, 2, 0, 1), 11 * 11 * 3),
+    "box": ((20, 5, 3, 0, 0), 7),
+}
+
+
+def run(device: Device, root: Any, tlas: rt.Tlas, item: Pass) -> np.ndarray:
+    """What the rays of CASES return."""
+    rays = np.array([((x, 0, z), *records) for (x, z, *records), _ in CASES.values()], RAY)
+    stage = Stage("demo", buffers={"rays": len(rays), "found": len(rays)}, passes=[item])
+    with Frame(device, [stage], external={"tlas": tlas}, glsl_root=root) as frame:
+        frame.resource("rays").upload(rays)
+        frame.submit()
+        return frame["found"]
+
+
+@pytest.fixture
+def root(shaders):
+    for path, text in SHADERS.items():
+        shaders.write(path, HEADER + text)
+    return shaders.root
+
+
+def test_rays_run_the_shaders_of_their_records(ray_device, root, tlas):
+    wanted = [value for _, value in CASES.values()]
+    for threads in (len(CASES), (3, 3)):
+        found = run(ray_device, root, tlas, RayPass("demo", threads=threads, misses=MISSES, hits=HITS))
+        assert dict(zip(CASES, found.tolist(), strict=True)) == dict(zip(CASES, wanted, strict=True))
+    constant = RayPass("demo", threads=len(CASES), misses=MISSES, hits=HITS, constants={"ADDED": 1000})
+    found = run(ray_device, root, tlas, constant)
+    np.testing.assert_array_equal(found, [value + (1000 if value > 1 else 0) for value in wanted])
