@@ -144,7 +144,7 @@ def _thirds(picture: Image) -> Image:
 def measure_changes(device: Device, full: bool = False) -> Iterator[Measurement]:
     """The first of three lamps goes, so that the list closes up, and comes back as its last: the frames right after
     are as bright as the path tracer's beneath each lamp, and nothing is left of what the first one gave."""
-    side, runs, bar = (48, 16, 0.02) if full else (24, 8, 0.04)
+    side, runs, bar = (48, 48, 0.02) if full else (24, 32, 0.025)
     scene, size = _row_of_lamps(), (_LAMPS * side, side)
     first = next(instance for instance in scene if instance.name == "lamp 0")
     all_on = _thirds(trace(device, scene, 1024, size, max_bounces=1))
