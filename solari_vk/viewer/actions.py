@@ -1,4 +1,4 @@
-"""What keys and buttons do: each method of Actions is the action of its name."""
+"""What keys and buttons do: each method of Actions is the action with the method's name."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from solari_vk.viewer.pictures import MODES
 from solari_vk.viewer.screenshot import take_screenshot
 from solari_vk.viewer.session import Session
 
-DIVIDER_STEP = 0.02  # of the window's width
+DIVIDER_STEP = 0.02  # share of the window's width
 EXPOSURE_STEP = 1 / 3  # stops
 Cursor = tuple[float, float]
 
@@ -120,7 +120,7 @@ class Actions:
 
 
 def act(session: Session, name: str, argument: Any = None) -> Any:
-    """Do an action, with its argument if it has one; a mistake of the user is shown in the window."""
+    """Do the action of this name, with an argument if it takes one. A user's mistake is shown in the window."""
     with session.showing_mistakes():
         return getattr(Actions(session), name)(*(() if argument is None else (argument,)))
 

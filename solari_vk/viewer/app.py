@@ -28,24 +28,24 @@ from solari_vk.viewer.scaling import ScaleControl
 from solari_vk.viewer.session import Session
 from solari_vk.viewer.window import Window
 
-CPU_FPS, GPU_FPS = 7.0, 60.0  # the default frame rate that the scale "auto" aims at
-MAX_STEP = 0.25  # seconds that the camera flies in one frame at most, however long the frame took
-HIDDEN_WAIT = 0.1  # seconds between two looks at a window that shows nothing
+CPU_FPS, GPU_FPS = 7.0, 60.0  # frames per second that the scale "auto" aims at by default
+MAX_STEP = 0.25  # seconds that the camera flies in one frame at most, even if the frame took longer
+HIDDEN_WAIT = 0.1  # seconds that a frame of a minimized window waits for events
 
 
 class Viewer(Session):
-    """A window that shows a scene until it is closed. A context manager.
+    """A window that shows a scene until the user closes it. A context manager.
 
-    size: width and height of the window. camera: where to begin (default: the scene's first camera, else one that
-    sees the whole scene); `camera` is a copy of it, which the user moves. mode: "realtime", "reference" or "split".
-    scale: the share of the window's width and height that is rendered, or "auto" to aim at `fps` frames a second
-    (default: 60, on a CPU 7). overlay: show panels over the picture if imgui-bundle is installed. source and
-    source_options: the words of a command line that name the scene. load: loads the scene again when its file changes.
-    folder: where screenshots go.
+    size: width and height of the window. camera: the first view, by default the scene's default camera; the user moves
+    a copy of it. mode: "realtime", "reference" or "split". scale: the share of the window's width and height that is
+    rendered, or "auto" to aim at `fps` frames per second (default: 60, on a CPU 7). overlay: show panels over the
+    picture if imgui-bundle is installed. source, source_options: the arguments that name the scene on a command line;
+    screenshots note them. load: a function that loads the scene, called when its file changes. folder: the folder of
+    screenshots.
 
     `run(on_frame)` calls on_frame(viewer, seconds since the last frame) before each frame. It may edit the scene,
     `settings` and everything else. Raises SolariError where no window can be opened, and DeviceError when the device
-    can't draw in it. Later faults, such as a broken shader, are shown in the window.
+    can't draw in it. Later errors, such as one in a shader, are shown in the window.
     """
 
     @checked_keywords()
@@ -98,7 +98,7 @@ class Viewer(Session):
         try:
             from solari_vk.viewer.overlay import Overlay
         except ImportError:
-            self.say("without imgui-bundle there are no panels: H lists the keys")
+            self.say("there are no panels, because imgui-bundle is not installed: H lists the keys")
             return None
         overlay = Overlay(self)
         self.has_panels = self.shows_panels = True
@@ -106,20 +106,20 @@ class Viewer(Session):
         return overlay
 
     def act(self, name: str, argument: Any = None) -> Any:
-        """Do one of controls.ACTIONS, "camera", "pick" or "grab"; a mistake is shown in the window."""
+        """Do one of controls.ACTIONS, "camera", "pick" or "grab". A user's mistake is shown in the window."""
         return act(self, name, argument)
 
     # ---- running ------------------------------------------------------------------------------------
 
     def run(self, on_frame: Callable[[Viewer, float], None] | None = None, frames: int | None = None) -> None:
-        """Show frames until the window is closed, or that many. Frames of a window that shows nothing count too."""
+        """Call `step` until the window is closed, or `frames` times."""
         for _ in itertools.count() if frames is None else range(frames):
             if self.window.wants_to_close:
                 break
             self.step(on_frame)
 
     def step(self, on_frame: Callable[[Viewer, float], None] | None = None) -> bool:
-        """Handle input, render a frame and show it. Returns False when the window shows nothing now."""
+        """Handle input, render a frame and show it. Returns False if nothing was shown, as in a minimized window."""
         visible = 0 not in self.window.pixels
         events = self.window.take_events(0.0 if visible else HIDDEN_WAIT)
         keys, mouse = (True, True) if self.overlay is None else self.overlay.take_events(events)
@@ -154,11 +154,11 @@ class Viewer(Session):
         return pixels
 
     def _render(self, size: tuple[int, int]) -> None:
-        """Render. A fault of the scene or of the shaders is shown, and the last picture stays."""
+        """Render the pictures. An error in the scene or in a shader is shown, and the last picture stays."""
         try:
             self.pictures.render(self.camera, size)
             if not self.pictures.refuses:
-                self.mend("picture")
+                self.clear_fault("picture")
         except ValidationError:
             raise
         except SolariError as error:
@@ -173,7 +173,7 @@ class Viewer(Session):
                 self.overlay.draw(commands, self._swapchain, index)
 
     def _show_wait(self) -> None:
-        """Say that the first picture takes long, since a driver may compile for a minute."""
+        """Tell the user that the first picture takes long, because a driver may compile for a minute."""
         text = f"preparing the {self.pictures.mode} renderer ..."
         self._set_title(text)
         if self.overlay is not None:

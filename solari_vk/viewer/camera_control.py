@@ -15,17 +15,20 @@ from solari_vk.scene.matrices import rotation
 from solari_vk.scene.model import Camera
 
 UP = np.array((0.0, 1.0, 0.0))
-TURN = 0.005  # radians for each unit that the cursor moves
-MAX_ELEVATION = math.radians(89)  # of the view direction above and below the horizon
+TURN = 0.005  # radians per unit of cursor movement
+MAX_ELEVATION = math.radians(89)  # largest angle between the view direction and the horizon
 FASTER = 4.0  # factor of the speed while shift is held
 WHEEL = 1.25  # factor of the speed for each notch of the wheel
-# Directions in camera space and in the world's.
+# Directions in camera space, and in world space.
 DIRECTIONS = {"forward": (0, 0, -1), "back": (0, 0, 1), "left": (-1, 0, 0), "right": (1, 0, 0)}
 WORLD_DIRECTIONS = {"up": (0, 1, 0), "down": (0, -1, 0)}
 
 
 class CameraControl:
-    """Moves `camera`, a copy of the given one. `speed` is in meters a second; it starts at a quarter of the extent."""
+    """Moves `camera`, a copy of the given one. `speed`, in meters per second, starts at a quarter of the extent.
+
+    extent: the size of the scene, in meters.
+    """
 
     def __init__(self, camera: Camera, extent: float = 1.0) -> None:
         self.home, self.camera = dataclasses.replace(camera), dataclasses.replace(camera)

@@ -20,7 +20,7 @@ FLY_KEYS = {
     glfw.KEY_E: "up",
     glfw.KEY_Q: "down",
 }
-# (key, with control) -> the name of the action.
+# (key, whether Ctrl is held) -> the name of the action.
 ACTIONS = {
     (glfw.KEY_F, False): "focus",
     (glfw.KEY_R, False): "reset",
@@ -66,8 +66,9 @@ KEYS_HELP = (
 class Controls:
     """Turns events into movements of `camera` and into calls of `act(name, argument)`.
 
-    The actions are those of ACTIONS; "camera" with an index; "pick" with the cursor's (x, y); and "grab" with it when a
-    drag begins, which returns the point in world space to orbit around, or None to look around instead.
+    Names and arguments: those of ACTIONS with None; "camera" with the camera's index; "pick" with the cursor's (x, y)
+    at a click; "grab" with (x, y) when a drag begins. "grab" returns the point in world space to orbit around, or None
+    to look around instead.
     """
 
     def __init__(self, camera: CameraControl, act: Callable[[str, Any], Any]) -> None:
@@ -80,7 +81,7 @@ class Controls:
         self._center: Any = None
 
     def handle(self, events: Iterable[Event], *, takes_keys: bool = True, takes_mouse: bool = True) -> None:
-        """Handle events. takes_keys and takes_mouse are false while panels use them; releases are handled anyway."""
+        """Handle events. takes_keys, takes_mouse: False ignores key presses, and button presses and the wheel."""
         for event in events:
             if event.kind == "key" and (takes_keys or not event.pressed):
                 self._key(event)
@@ -94,7 +95,7 @@ class Controls:
                 self.release()
 
     def release(self) -> None:
-        """Release all keys and buttons: a window that loses the focus gets no events of their release."""
+        """Release all keys and buttons, because a window without the focus gets no events of their release."""
         self.camera.held.clear()
         self.camera.fast = False
         self._button = None

@@ -1,4 +1,4 @@
-"""Messages to the user of a viewer: news for a few seconds, faults until they are mended."""
+"""Messages to the user of a viewer: notes for a few seconds, and faults until they are corrected."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Messages:
     def __init__(self) -> None:
         self.message = ""
         self.faults: dict[str, str] = {}
-        """The text of each fault that lasts, by its place: "picture", "panels", "shaders" or "file"."""
+        """The text of each fault that is not corrected yet, by its place: "picture", "panels", "shaders" or "file"."""
         self._message_ends = 0.0
 
     def say(self, text: str) -> None:
@@ -34,19 +34,19 @@ class Messages:
             self._message_ends = float("inf")
 
     def report(self, place: str, error: Exception) -> None:
-        """Show a fault until it is mended; the same fault is said once."""
+        """Show a fault until `clear_fault`; a fault that was reported before is not shown again."""
         if self.faults.get(place) != str(error):
             self.faults[place] = str(error)
             self.warn(str(error))
 
-    def mend(self, place: str) -> None:
-        """The fault of a place, if there was one, is gone."""
+    def clear_fault(self, place: str) -> None:
+        """Forget the fault of a place, which is corrected."""
         if self.faults.pop(place, None) == self.message != "":
             self.message = next(iter(self.faults.values()), "")
 
     @contextmanager
     def showing_mistakes(self, place: str = "") -> Iterator[None]:
-        """Show a mistake of the user instead of raising it: as a fault of a place, or without one until other news."""
+        """Show a user's mistake instead of raising it: as the fault of a place, or else until the next message."""
         try:
             yield
         except (DeviceError, ValidationError):
@@ -58,6 +58,6 @@ class Messages:
                 self.warn(str(error))
 
     def end_message(self) -> None:
-        """Once a message's time is over, show the fault that lasts, or nothing."""
+        """If a message's time is over, show a fault that is not corrected yet, or nothing."""
         if self.message and time.perf_counter() > self._message_ends:
             self.message, self._message_ends = next(iter(self.faults.values()), ""), float("inf")

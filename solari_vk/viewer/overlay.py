@@ -20,7 +20,7 @@ from solari_vk.viewer.window import Event
 MARGIN, WIDTH = 8, 360  # of the panels' window, in window coordinates
 DIVIDER_WIDTH = 9
 _BARE = imgui.WindowFlags_.no_decoration | imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_move
-# GLFW's and ImGui's names of keys differ in these two points, and for keys that text fields don't use.
+# GLFW's and ImGui's names of keys differ only in these two points, and for keys that text fields don't use.
 _KEYS = {
     getattr(glfw, code): key for name, key in imgui.Key.__members__.items()
     if hasattr(glfw, code := "KEY_" + name.removesuffix("_arrow").replace("keypad", "kp").upper())
@@ -103,14 +103,17 @@ class Overlay:
         self._laid_out = True
 
     def draw(self, commands: raw.CData, swapchain: Swapchain, index: int) -> None:
-        """Record commands that draw the panels over an image of the swapchain; none after an error, until `reload`."""
+        """Record commands that draw the panels over an image of the swapchain.
+
+        Raises CompilationError for an error in a shader, and then records nothing until `reload` is called.
+        """
         imgui.set_current_context(self._context)
         if not self._laid_out:
             self.lay_out(0.0)
         self._renderer.draw(imgui.get_draw_data(), commands, swapchain, index)
 
     def reload(self) -> None:
-        """Take up changed shaders. Raises CompilationError for a broken one; the pipeline before it stays in use."""
+        """Compile changed shaders. Raises CompilationError if one has an error; the old pipeline then stays in use."""
         self._renderer.reload()
 
     # ---- parts --------------------------------------------------------------------------------------

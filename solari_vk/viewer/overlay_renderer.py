@@ -1,4 +1,4 @@
-"""Records the drawing of what Dear ImGui laid out, over an image of the window."""
+"""Draws what Dear ImGui has laid out over an image of the window."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class OverlayRenderer:
     def __init__(self, device: Device) -> None:
         self.device = device
         self._pipeline: _Pipeline | None = None
-        self._broken = False  # no pipeline could be made, and another try would take as long
+        self._broken = False  # a shader has an error; compiling it again in each frame would be slow
         self._textures: dict[int, tuple[Image, DescriptorSets]] = {}
         self._buffers: dict[tuple[str, int], Buffer] = {}  # by name and by the swapchain's slot
         io = imgui.get_io()
@@ -41,7 +41,7 @@ class OverlayRenderer:
     def draw(self, data: Any, commands: raw.CData, swapchain: Swapchain, index: int) -> None:
         """Record commands that draw `data` over an image of the swapchain.
 
-        Raises CompilationError for a broken shader; nothing is recorded then, nor later until a `reload`.
+        Raises CompilationError for an error in a shader, and then records nothing until `reload` is called.
         """
         if not self._use_format(swapchain.format):
             return
@@ -62,7 +62,7 @@ class OverlayRenderer:
         return buffer
 
     def _use_format(self, format: int) -> bool:
-        """Make the pipeline for a format, unless there is one; returns False when there is none."""
+        """Make the pipeline for a format if there is none yet; returns False if it can't be made."""
         if self._pipeline is not None and self._pipeline.format == format:
             return True
         if not self._broken:
@@ -82,7 +82,7 @@ class OverlayRenderer:
             self._textures[number] = image, pipeline.new_set(image)
 
     def reload(self) -> None:
-        """Take up changed shaders. Without a pipeline so far, the next `draw` makes one."""
+        """Compile changed shaders. If there is no pipeline yet, the next `draw` makes it."""
         self._broken = False
         if self._pipeline is not None:
             self._make_pipeline(self._pipeline.format)
@@ -203,7 +203,7 @@ class _Pipeline:
 
 
 def _copy(source: Any, item_bytes: int, target: Buffer, first: int) -> None:
-    """Copy an ImVector into a mapped buffer, `first` items behind its start."""
+    """Copy an ImVector into a mapped buffer, to the items from index `first` on."""
     size = source.size() * item_bytes
     if size:
         pointer = raw.ffi.cast("const char*", source.data_address())

@@ -21,7 +21,7 @@ from solari_vk.viewer.scene_panel import ScenePanel
 from solari_vk.viewer.session import Session
 
 HISTORY = 120  # frames in a plot
-SLOW_INTERVAL = 0.5  # seconds between two readings of figures from the device
+SLOW_INTERVAL = 0.5  # seconds between two updates of the figures that need a wait for the device
 OPEN = imgui.TreeNodeFlags_.default_open
 
 
@@ -66,7 +66,7 @@ class Panels:
             camera.vertical_fov = math.radians(degrees)
         scale = session.scale
         _, scale.auto = imgui.checkbox("auto", scale.auto)
-        hint("Choose the scale by the time that a frame takes.")
+        hint("Adapt the scale, so that frames take no longer than they should.")
         imgui.same_line()
         changed, value = imgui.slider_float("scale", scale.scale, MIN_SCALE, 1.0)
         if changed:
@@ -97,7 +97,8 @@ class Panels:
             return
         error = pictures.error()
         if error is not None:
-            self._slow.append(f"error: {100 * error[0]:.1f} % of white, {100 * error[1]:+.1f} % of the mean")
+            pixels, mean = 100 * error[0], 100 * error[1]
+            self._slow.append(f"realtime - reference: RMS {pixels:.1f} % of white, mean radiance {mean:+.1f} %")
         if pictures.reference is not None and pictures.mode != "realtime":
             self._slow.append(f"reference: {pictures.reference.tracer.samples} samples a pixel")
         count = pictures.ray_count()
@@ -108,7 +109,7 @@ class Panels:
             cells = int(pictures.realtime["world_cache/active_cells"])
             failures = int(pictures.realtime["world_cache/insert_failures"])
             share = 100 * cells / self._session.settings.world_cache_cells
-            self._slow.append(f"world cache: {cells:,} cells, {share:.1f} %; {failures} points found no cell")
+            self._slow.append(f"world cache: {cells:,} cells, {share:.1f} % full; {failures} points found no free cell")
 
     # ---- time ---------------------------------------------------------------------------------------
 
@@ -124,7 +125,7 @@ class Panels:
     def _time(self) -> None:
         pictures = self._session.pictures
         _, pictures.counts_rays = imgui.checkbox("count rays", pictures.counts_rays)
-        hint("Show the rays that the realtime renderer traces a second. The pipelines that count are a little slower.")
+        hint("Show how many rays the realtime renderer traces per second. Counting makes it a little slower.")
         if not self._session.timings:
             imgui.text("this device has no timestamps")
             return
@@ -151,7 +152,7 @@ class Panels:
                 settings.reset()
                 for name, value in QUALITIES[quality].items():
                     setattr(settings, name, value)
-            hint("Set everything to this quality.")
+            hint("Change all settings to this quality's.")
             imgui.same_line()
         imgui.new_line()
         for section, names in groupby(FIELDS, key=lambda name: FIELDS[name].section):
@@ -206,5 +207,5 @@ def edit_on_enter(label: str, value: Any, field: Callable[..., tuple[bool, Any]]
     more = {"format": "%g"} if field is imgui.input_float else {"step": 0, "step_fast": 0}
     changed, edited = field(label, value, flags=flags, **more)
     if changed and isinstance(edited, float):
-        edited = float(f"{edited:.7g}")  # as it was typed: ImGui's numbers have 32 bits
+        edited = float(f"{edited:.7g}")  # ImGui's numbers have 32 bits: round to what was typed
     return edited if changed else value

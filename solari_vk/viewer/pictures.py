@@ -27,9 +27,9 @@ Build = tuple[tuple[int, int], bool]  # the size of the pictures, and whether th
 class Pictures:
     """Renders what `mode`, one of MODES, shows. A renderer is made when a mode first needs it.
 
-    view and tonemap: as of `Renderer`. divider: the share of the width, from the left, that "split" gives to the
-    realtime picture. counts_rays: whether the realtime renderer counts its rays, which makes it a little slower. All of
-    these may be assigned at any time. `close` frees everything.
+    view, tonemap: as in `Renderer`. divider: the share of the width, from the left, that shows the realtime picture in
+    the mode "split". counts_rays: whether the realtime renderer counts its rays, which makes it a little slower. These
+    and `mode` may be assigned at any time. `close` frees everything.
     """
 
     def __init__(self, device: Device, scene: Scene, settings: Settings, seed: int = 0, mode: str = "realtime") -> None:
@@ -40,12 +40,12 @@ class Pictures:
         self.camera: Camera | None = None
         """The camera of the latest frame, None after a frame that failed."""
         self.is_short = True
-        """Whether the latest frame took as little time as a frame of its size can."""
+        """Whether the latest frame took no more samples than it had to: its time then depends on its size alone."""
         self.binder = SceneBinder(device, scene)
         self.realtime: Renderer | None = None
         self.reference: ReferencePicture | None = None
         self._build: Build = (0, 0), False  # of the latest frame that was rendered
-        self._refused: Build | None = None  # what can't be built: the latest good build stays in use
+        self._refused: Build | None = None  # the requested build if it failed; `_build` then stays in use
 
     @property
     def mode(self) -> str:
@@ -64,7 +64,7 @@ class Pictures:
 
     @property
     def refuses(self) -> bool:
-        """Whether the latest frame was rendered with another size, or counts rays or not, than was asked for."""
+        """Whether the latest frame had another size, or another choice of `counts_rays`, than was asked for."""
         return self._refused is not None
 
     # ---- rendering ----------------------------------------------------------------------------------
@@ -72,15 +72,15 @@ class Pictures:
     def render(self, camera: Camera, size: tuple[int, int]) -> None:
         """Submit the next frame of the pictures that the mode shows.
 
-        A size that can't be built, for example because a shader is broken, raises one SolariError. From then on frames
-        keep the last size that could be built, until another size is asked for or `reload` is called.
+        A size that can't be built, for example because a shader has an error, raises SolariError once. Further frames
+        then keep the last size that could be built, until another size is asked for or `reload` is called.
 
-        The reference gets one sample a pixel while the camera moves and beside the realtime picture, so that frames
-        are short, and otherwise as many as make a dispatch worth its overhead.
+        The path tracer adds one sample per pixel while the camera moves and in the mode "split", so that frames are
+        short, and otherwise as many as fill a dispatch.
         """
         if self.view not in DEBUG_VIEWS or self.tonemap not in TONEMAPS:
             raise SolariError(f"the viewer has no view {self.view!r} or no tone mapping {self.tonemap!r}")
-        self.binder.update()  # a fault of the scene raises here, and refuses no size
+        self.binder.update()  # raises an error in the scene here, so that the size isn't taken for its cause
         moved = self.camera is None or (self.camera.transform != camera.transform).any()
         self.is_short = moved or self.mode != "reference"
         self.camera = None
@@ -103,7 +103,7 @@ class Pictures:
         self.camera = dataclasses.replace(camera)
 
     def _built(self, name: str, build: Build) -> Build | None:
-        """What a picture was last built for."""
+        """What the renderer "realtime" or "reference" was last built for; None if there is none yet."""
         if name == "reference":
             return None if self.reference is None else (self.reference.size, build[1])
         if self.realtime is None:
@@ -129,12 +129,12 @@ class Pictures:
         self.reference.render(camera, size, self.tonemap, 1 if self.is_short else MAX_SAMPLES)
 
     def cut(self) -> None:
-        """Tell the realtime renderer that the next picture has nothing in common with the latest one."""
+        """Drop the realtime renderer's history, because the next picture has nothing in common with the latest."""
         if self.realtime is not None:
             self.realtime.reset()
 
     def reload(self) -> None:
-        """Take up changed shaders. Raises CompilationError for a broken one; the pipelines before it stay in use."""
+        """Compile changed shaders. Raises CompilationError if one has an error; the old pipelines then stay in use."""
         self._refused = None
         for item in (self.realtime, self.reference):
             if item is not None:
@@ -144,13 +144,13 @@ class Pictures:
 
     @property
     def ready(self) -> bool:
-        """Whether there is a picture of the mode."""
+        """Whether there is a picture to show in this mode."""
         realtime = self.realtime is not None and self.realtime.frame_count > 0
         reference = self.reference is not None and self.reference.tracer.samples > 0
         return {"realtime": realtime, "reference": reference, "split": realtime and reference}[self.mode]
 
     def parts(self) -> list[Part]:
-        """The images that make up the latest picture, with their columns; none before the first frame."""
+        """The parts of images that make up the latest picture; an empty list before the first frame."""
         realtime = self.realtime.resource("display") if self.realtime and self.realtime.frame_count else None
         reference = self.reference.display if self.reference else None
         if self.mode == "split" and realtime is not None and reference is not None:
@@ -167,7 +167,7 @@ class Pictures:
         return np.concatenate(list(images), axis=1)
 
     def radiance(self) -> NDArray[np.float32]:
-        """Radiance (height, width, 3) of the latest picture, in the mode "split" of the realtime one."""
+        """Radiance (height, width, 3) of the latest picture, in cd/m^2; in the mode "split" of the realtime one."""
         source: Any = self.reference and self.reference.tracer if self.mode == "reference" else self.realtime
         if source is None:
             raise SolariError("there is no picture yet")
@@ -178,7 +178,7 @@ class Pictures:
         """How far the realtime picture is from the path tracer's: (root of the mean squared difference of the shown
         pixels as a share of white, difference of the mean radiance as a share of the path tracer's).
 
-        None unless the mode is "split" and the view is "picture", which is the one that the path tracer has too.
+        None unless the mode is "split" and the view is "picture", the only one that the path tracer has too.
         """
         if self.mode != "split" or self.view != "picture" or not self.ready:
             return None

@@ -21,24 +21,24 @@ _LAYER = {"aspectMask": raw.VK_IMAGE_ASPECT_COLOR_BIT, "layerCount": 1}
 _UNDEFINED, _PRESENT = raw.VK_IMAGE_LAYOUT_UNDEFINED, raw.VK_IMAGE_LAYOUT_PRESENT_SRC_KHR
 _TARGET, _SOURCE = raw.VK_IMAGE_LAYOUT_TRANSFER_DST_OPTIMAL, raw.VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL
 _ATTACHMENT = raw.VK_IMAGE_LAYOUT_COLOR_ATTACHMENT_OPTIMAL
-TRIES = 3  # a window that was resized just now gives no image at first
+TRIES = 3  # of `capture`: a window that has just been resized gives no image at first
 
 Draw = Callable[[raw.CData, int], object]
-"""Records commands that draw over an image of the swapchain, in the layout COLOR_ATTACHMENT_OPTIMAL, by its index."""
+"""draw(commands, index): record commands that draw over the swapchain's image of this index, whose layout is
+COLOR_ATTACHMENT_OPTIMAL."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """The columns of an image from `begin` to `end`, as shares of its width, shown in the same columns of the window.
-
-    Two parts meet between two texels of the first part's image."""
+    """The columns of an image from `begin` to `end`, which are shares of its width. They fill the same share of the
+    window. The border of two parts is rounded to a border between texels of the first part's image."""
 
     image: Image
     begin: float = 0.0
     end: float = 1.0
 
     def columns(self, width: int, min_count: int = 0) -> tuple[int, int]:
-        """The first of the part's columns in an image of this width, and the column behind the last one."""
+        """The part's columns in an image of this width: the first, and one past the last; at least `min_count`."""
         begin, end = min(round(self.begin * width), width - min_count), round(self.end * width)
         return begin, max(end, begin + min_count)
 
@@ -46,7 +46,7 @@ class Part:
 class Presenter:
     """Shows images of any size in a window, with linear filtering. `close` frees what it made.
 
-    Use it with the device's one queue, after the work that makes the images.
+    Call it after the work that makes the images was submitted.
     """
 
     def __init__(self, device: Device, swapchain: Swapchain) -> None:
@@ -57,12 +57,12 @@ class Presenter:
         self._commands = self._pool.allocate(FRAMES)
 
     def show(self, parts: Sequence[Part], draw: Draw) -> bool:
-        """Show the parts, which cover the window, or black without any; returns False when the window shows nothing."""
+        """Show parts that together cover the window, or black without parts; returns whether a frame was shown."""
         return self._show(parts, draw, lambda: None)
 
     def capture(self, parts: Sequence[Part], draw: Draw) -> NDArray[np.uint8] | None:
         """Do what `show` does; returns the window's pixels, (height, width, 3), or None when they can't be read."""
-        targets: list[Buffer] = []  # one at most: a frame that is shown ends the tries
+        targets: list[Buffer] = []  # one at most, because the first frame that is shown is the last attempt
 
         def new_target() -> Buffer | None:
             if self.swapchain.readable:
@@ -89,17 +89,17 @@ class Presenter:
             self._record(commands, index, parts, draw, new_target())
             self.swapchain.present(index, [commands])
         except BaseException:
-            self.swapchain.stale = True  # the image was acquired and not presented: others take its place
+            self.swapchain.stale = True  # its acquired image was never presented: it must be made again
             raise
         return True
 
     def _record(
         self, commands: raw.CData, index: int, parts: Sequence[Part], draw: Draw, target: Buffer | None
     ) -> None:
-        """Record a frame: the parts, what `draw` adds, and a copy of the window to a buffer."""
+        """Record a frame: the parts, what `draw` adds, and a copy of the window's pixels to `target`, if given."""
         vk, shown = self.device.vk, self.swapchain.images[index]
         width, height = self.swapchain.extent
-        vk.vkResetCommandBuffer(commands, 0)  # an error may have ended its recording
+        vk.vkResetCommandBuffer(commands, 0)  # an error may have interrupted the last recording
         vk.vkBeginCommandBuffer(commands, raw.struct("VkCommandBufferBeginInfo"))
         vk.vkCmdPipelineBarrier2(commands, full_barrier())  # the renderers wrote the parts
         vk.vkCmdPipelineBarrier2(commands, layout_barrier(shown, _UNDEFINED, _TARGET))
@@ -125,14 +125,14 @@ class Presenter:
     def _compose(self, commands: raw.CData, parts: Sequence[Part]) -> Image:
         """Copy the parts side by side into an image of the first one's size.
 
-        Parts that were stretched to the window one by one would be shifted against the whole, since the regions of a
-        blit begin and end at whole pixels of the window.
+        Stretching each part to the window by itself would shift it, because the target of a blit begins and ends at
+        whole pixels of the window.
         """
         first = parts[0].image
         composed = self._composed
         if composed is None or (composed.width, composed.height) != (first.width, first.height):
             self._destroy_composed()
-            usage = raw.VK_IMAGE_USAGE_STORAGE_BIT  # keeps it in a layout that copies write and read
+            usage = raw.VK_IMAGE_USAGE_STORAGE_BIT  # storage images stay in a layout that copies may write and read
             composed = self.device.image(first.width, first.height, first.format, "window parts", usage=usage)
             self._composed = composed
         for part in parts:
@@ -158,7 +158,7 @@ class Presenter:
 
 
 def _blit(source: tuple[int, int], source_height: int, target: tuple[int, int], target_height: int) -> raw.CData:
-    """A VkImageBlit from columns to columns over the whole height."""
+    """A VkImageBlit between columns (begin, end) of two images, over their whole heights."""
     blit = raw.struct("VkImageBlit", srcSubresource=_LAYER, dstSubresource=_LAYER)
     blit.srcOffsets[0].x, blit.srcOffsets[1].x = source
     blit.dstOffsets[0].x, blit.dstOffsets[1].x = target

@@ -39,7 +39,7 @@ class ReferencePicture:
         return self.display.width, self.display.height
 
     def render(self, camera: Camera, size: tuple[int, int], tonemap: str, max_samples: int) -> None:
-        """Add samples to the picture, at most so many for each pixel, and show it."""
+        """Add at most `max_samples` samples per pixel to the picture, and tone map it into `display`."""
         if self.tracer.size != size:
             self.tracer.resize(size)
         radiance = self._external["radiance"]
@@ -51,7 +51,7 @@ class ReferencePicture:
         self._frame.submit()
 
     def reload(self) -> None:
-        """Take up changed shaders. Raises CompilationError for a broken one; the pipelines before it stay in use."""
+        """Compile changed shaders. Raises CompilationError if one has an error; the old pipelines then stay in use."""
         self.tracer.reload()
         self._frame.rebuild()
 

@@ -1,4 +1,4 @@
-"""Chooses the scale of the rendered picture against the window so that a frame takes the time that it may."""
+"""Chooses the size of the rendered picture, as a share of the window's, so that frames meet a time limit."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from solari_vk.errors import SolariError
 
 MIN_SCALE = 0.1
 STEPS = tuple(round(0.1 * 1.12202**i, 3) for i in range(21))  # 0.1 to 1, with a quarter more pixels at each step
-SETTLE = 3  # frames after a change whose times are ignored: buffers are made, drivers compile
-LOOK = 5  # frames whose median is a measured time
-ROOM = 0.7  # share of the allowed time that the next larger scale may take, or the scale would oscillate
-WORTH = 0.5  # share of the fixed time that a smaller picture must save to be worth it
+SETTLE = 3  # frames after a change whose times are ignored, because buffers are made and drivers compile
+LOOK = 5  # frames whose median time is one measurement
+ROOM = 0.7  # share of the time limit that the next larger scale may take, so that the scale doesn't oscillate
+# A smaller picture saves only the time that grows with the pixels. That time is not pushed below this share of the
+# fixed time, because little would be gained.
+WORTH = 0.5
 
 
 class ScaleControl:

@@ -15,8 +15,8 @@ from solari_vk.scene.matrices import rotation
 from solari_vk.scene.model import Camera, Instance, Light, Material
 from solari_vk.viewer.session import Session
 
-LABELS = 100  # width of the labels behind the fields
-MAX_ROWS = 500  # of a list; the other items can be picked in the picture
+LABELS = 100  # width of the labels beside the fields
+MAX_ROWS = 500  # items that a list shows; the others can be picked in the picture
 AXES = np.eye(3)
 
 

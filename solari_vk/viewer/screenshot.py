@@ -35,8 +35,9 @@ def take_screenshot(session: Session) -> Path:
 def command_line(session: Session, output: Path) -> str:
     """The `solari-vk render` command that renders what the viewer shows, as long as the scene was not edited.
 
-    The reference is then equal bit by bit. The realtime picture is too if the user changed nothing since the first
-    frame; otherwise its noise differs, because it accumulates over frames. For "split" it is the realtime picture.
+    The path tracer's picture is then equal bit by bit. The realtime picture is too if the user changed nothing since
+    the first frame; otherwise its noise differs, because it accumulates over frames. In the mode "split" the command
+    renders the realtime picture.
     """
     pictures, camera = session.pictures, session.camera
     width, height = pictures.size

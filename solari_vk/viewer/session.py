@@ -19,7 +19,7 @@ from solari_vk.viewer.window import Window
 class Session(Messages):
     """The state of a viewer, which keys, panels and screenshots read and change.
 
-    source and source_options: the words of a command line that name the scene. folder: where screenshots go.
+    source, source_options, folder: as in `Viewer`.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class Session(Messages):
         self.spans: deque[float] = deque(maxlen=20)
         """The seconds from frame to frame, for the latest frames."""
         self.shader_users: dict[str, Callable[[], object]] = {"shaders": pictures.reload}
-        """The functions to call when shaders change, by the place that a fault in them has in `faults`."""
+        """The functions to call when shaders change, by the places of their errors in `faults`."""
         self._sources = sources
 
     @property
@@ -61,7 +61,7 @@ class Session(Messages):
 
     @property
     def fps(self) -> float:
-        """The mean number of frames a second among the latest frames, 0 before the first ones."""
+        """The mean number of frames per second over the latest frames, 0 before the first."""
         return len(self.spans) / sum(self.spans) if self.spans else 0.0
 
     # ---- reloading ----------------------------------------------------------------------------------
@@ -73,7 +73,7 @@ class Session(Messages):
             self.reload(shaders=shaders, file=file)
 
     def reload(self, *, shaders: bool, file: bool) -> None:
-        """Reload shaders, the scene's file or both. A broken one is reported, and its last good version stays."""
+        """Reload shaders, the scene's file or both. What has an error is reported and stays as it was."""
         loads = {**(self.shader_users if shaders else {}), **({"file": self._load_file} if file else {})}
         done = [self._reload(place, load) for place, load in loads.items()]
         self.scale.unsettle()

@@ -12,13 +12,13 @@ from solari_vk.errors import DeviceError, SolariError
 from solari_vk.gpu.device import raw
 
 _NONE: Any = None  # for "no window" and "no monitor", which GLFW's type hints don't allow
-_windows = 0  # number of open windows: the last one that closes ends GLFW, which is one for the process
+_windows = 0  # number of open windows of the process; closing the last one ends GLFW
 
 
 @dataclass(frozen=True)
 class Event:
     """kind: "key" and "button" (code, pressed, modifiers; `repeats` for a key that is held), "cursor" (x, y in window
-    coordinates), "scroll" (x, y), "text" (code: a character) or "focus" (pressed: whether the window got it)."""
+    coordinates), "scroll" (x, y), "text" (code: a character) or "focus" (pressed: whether the window gained it)."""
 
     kind: str
     code: int = 0
@@ -79,7 +79,7 @@ class Window:
         out = raw.ffi.new("VkSurfaceKHR*")
         result = glfw.create_window_surface(instance, self.handle, None, out)
         if result < 0:
-            raise DeviceError(f"this window can't be drawn by Vulkan: {self._error or f'VkResult {result}'}")
+            raise DeviceError(f"Vulkan can't draw in this window: {self._error or f'VkResult {result}'}")
         return out[0]
 
     # ---- state --------------------------------------------------------------------------------------
@@ -115,7 +115,7 @@ class Window:
 
     @property
     def wants_to_close(self) -> bool:
-        """Whether the window is to be closed. Assign True to ask for it, and False to refuse it."""
+        """Whether the user, or an assignment of True, asks to close the window. Assigning False withdraws that."""
         return self.closed or bool(glfw.window_should_close(self.handle))
 
     @wants_to_close.setter

@@ -17,7 +17,7 @@ SCREEN = (480, 360)
 
 @pytest.fixture(scope="session")
 def screen() -> Iterator[str]:
-    """The name of an X display of these tests alone."""
+    """The name of an X display that only these tests use."""
     if shutil.which("Xvfb") is None:
         pytest.skip("no Xvfb")
     read, write = os.pipe()
@@ -40,7 +40,7 @@ def screen() -> Iterator[str]:
 
 @pytest.fixture
 def held(device):
-    """Counts the objects on the device, without those that it keeps for later use."""
+    """A function that counts the objects on the device, without those that the device keeps for later use."""
 
     def count() -> int:
         device.wait_idle()
@@ -51,7 +51,7 @@ def held(device):
 
 @pytest.fixture
 def open_viewer(screen, device, held):
-    """Opens viewers; after the test closes them and checks that they left nothing on the device."""
+    """A function that opens a viewer. After the test all are closed, and must have left nothing on the device."""
     opened: list[Viewer] = []
     before = held()
 

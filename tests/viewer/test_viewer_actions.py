@@ -27,7 +27,7 @@ FLAT = {"overlay": False, "size": (64, 64)}
 # ---- keys -------------------------------------------------------------------------------------------
 
 
-def test_views_and_tone_mappings_go_round(viewer):
+def test_keys_cycle_through_views_and_tone_mappings(viewer):
     type_keys(viewer, *[glfw.KEY_V] * len(DEBUG_VIEWS), *[glfw.KEY_T] * (len(TONEMAPS) + 1))
     assert viewer.pictures.view == "picture"
     assert viewer.pictures.tonemap == TONEMAPS[(TONEMAPS.index("agx") + 1) % len(TONEMAPS)]
@@ -49,14 +49,14 @@ def test_flying_moves_the_picture(viewer):
     viewer.window.events.append(press(glfw.KEY_W))
     viewer.run(frames=3)
     home = viewer.camera_control.home.transform
-    way = viewer.camera.transform[:3, 3] - home[:3, 3]
-    assert way @ -home[:3, 2] == pytest.approx(np.linalg.norm(way))
-    assert way.any()
+    moved = viewer.camera.transform[:3, 3] - home[:3, 3]
+    assert moved @ -home[:3, 2] == pytest.approx(np.linalg.norm(moved))
+    assert moved.any()
     viewer.window.events.append(press(glfw.KEY_ESCAPE))
     viewer.run()
 
 
-def test_pose_goes_through_the_clipboard(viewer):
+def test_a_pose_is_copied_to_and_pasted_from_the_clipboard(viewer):
     given = sv.builtin("cornell_box").camera.transform
     viewer.camera_control.look(40, 10)
     viewer.camera_control.expose(2)
@@ -92,7 +92,8 @@ def test_scene_cameras_by_number(viewer):
 # ---- picking ----------------------------------------------------------------------------------------
 
 
-def seen_from_the_front(**material):
+def wall_before_a_camera(**material):
+    """A scene of a wall 1 m wide and its camera, and the wall."""
     mesh = sv.Mesh(positions=[(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], indices=[(0, 1, 2), (0, 2, 3)])
     wall = sv.Instance(mesh=mesh, material=sv.Material(name="paint", **material), name="wall")
     wall.transform = np.diag((0.5, 0.5, 1, 1))
@@ -101,7 +102,7 @@ def seen_from_the_front(**material):
 
 
 def test_a_click_finds_instance_and_point(open_viewer):
-    scene, wall = seen_from_the_front(emissive=(1, 1, 1))
+    scene, wall = wall_before_a_camera(emissive=(1, 1, 1))
     viewer = open_viewer(scene, overlay=False, size=(100, 100))
     viewer.run(frames=1)
     click(viewer, 60, 45)
@@ -124,7 +125,7 @@ def test_a_click_finds_instance_and_point(open_viewer):
 
 
 def test_a_callback_may_edit_the_scene(open_viewer):
-    scene, wall = seen_from_the_front(emissive=(0.2, 0.2, 0.2))
+    scene, wall = wall_before_a_camera(emissive=(0.2, 0.2, 0.2))
     viewer = open_viewer(scene, **FLAT)
     viewer.run(frames=1)
     before = viewer.pictures.pixels()[32, 32]
@@ -145,7 +146,7 @@ def refuse_with(text):
     return refuse
 
 
-def test_a_fault_of_a_frame_is_shown_and_the_picture_stays(viewer, monkeypatch):
+def test_an_error_of_a_frame_is_shown_and_the_picture_stays(viewer, monkeypatch):
     before = viewer.capture()
     monkeypatch.setattr(viewer.pictures, "render", refuse_with("the scene is too large"))
     viewer.run(frames=3)
@@ -155,13 +156,13 @@ def test_a_fault_of_a_frame_is_shown_and_the_picture_stays(viewer, monkeypatch):
     for tell in (viewer.say, viewer.warn):
         tell("something else")
         viewer.run(frames=1)
-        assert viewer.message == "the scene is too large", "a fault that lasts is shown again"
+        assert viewer.message == "the scene is too large", "an uncorrected fault is shown again"
     monkeypatch.undo()
     viewer.run(frames=1)
     assert viewer.message == ""
 
 
-def test_a_fault_of_the_scene_refuses_no_size(viewer, monkeypatch):
+def test_a_resize_during_an_error_of_the_scene_is_caught_up(viewer, monkeypatch):
     monkeypatch.setattr(viewer.pictures.binder, "update", refuse_with("a light without a size"))
     glfw.set_window_size(viewer.window.handle, 70, 50)
     viewer.run(frames=3)
@@ -172,7 +173,7 @@ def test_a_fault_of_the_scene_refuses_no_size(viewer, monkeypatch):
     assert viewer.pictures.size == (70, 50)
 
 
-def test_the_renderer_stays_when_rays_cannot_be_counted(device, monkeypatch):
+def test_the_old_renderer_stays_if_one_that_counts_rays_fails(device, monkeypatch):
     class Uncounted(sv.Renderer):
         def __init__(self, *arguments, count_rays, **options):
             if count_rays:
@@ -195,7 +196,7 @@ def test_the_renderer_stays_when_rays_cannot_be_counted(device, monkeypatch):
     shown.close()
 
 
-def test_debug_views_have_no_error(device, monkeypatch):
+def test_debug_views_are_not_compared_with_the_path_tracer(device, monkeypatch):
     shown = pictures.Pictures(device, sv.builtin("cornell_box"), sv.Settings(), mode="split")
     monkeypatch.setattr(pictures.Pictures, "ready", True)
     shown.view = list(DEBUG_VIEWS)[1]
@@ -207,7 +208,7 @@ def test_debug_views_have_no_error(device, monkeypatch):
 
 
 @pytest.mark.parametrize("mode", ["reference", pytest.param("realtime", marks=pytest.mark.slow)])
-def test_a_screenshot_is_rendered_again_in_every_bit(open_viewer, tmp_path, mode):
+def test_the_command_of_a_screenshot_renders_the_same_bits(open_viewer, tmp_path, mode):
     folder = tmp_path / "shots"
     viewer = open_viewer(**FLAT, source="builtin:cornell_box", folder=folder, seed=7, mode=mode)
     viewer.settings.di_candidates = 4
@@ -249,7 +250,7 @@ def test_a_folder_that_cannot_be_written_is_reported(open_viewer, tmp_path):
 
 @pytest.fixture
 def shaders(tmp_path, monkeypatch):
-    """A copy of the shaders that replaces the package's and is checked for changes in every frame."""
+    """The folder of a copy of the shaders, which viewers use and check for changes in every frame."""
     copied = shutil.copytree(compiler.glsl_root(), tmp_path / "glsl")
     monkeypatch.setattr(compiler, "glsl_root", lambda: copied)
     monkeypatch.setattr(reload, "glsl_root", lambda: copied)
@@ -286,7 +287,7 @@ def test_shaders_are_reloaded_and_errors_shown(shaders, viewer):
     assert viewer.pictures.ready
 
 
-def test_panels_appear_once_their_shaders_are_mended(open_viewer, shaders):
+def test_panels_appear_once_their_shaders_are_corrected(open_viewer, shaders):
     shader = shaders / "passes" / "viewer" / "overlay.frag"
     right = shader.read_text()
     shader.write_text(right + "broken")
@@ -301,7 +302,7 @@ def test_panels_appear_once_their_shaders_are_mended(open_viewer, shaders):
         assert (viewer.capture() != viewer.pictures.pixels()).any()
 
 
-def test_shaders_and_file_are_reloaded_each_by_itself(open_viewer, shaders, capfd):
+def test_errors_of_shaders_and_file_are_both_reported(open_viewer, shaders, capfd):
     def load():
         raise FileNotFoundError("the file is gone")
 
@@ -363,4 +364,4 @@ def test_files_are_reloaded_and_broken_ones_reported(open_viewer, tmp_path, monk
     assert tuple(viewer.pictures.radiance()[32, 32]) == pytest.approx((0, 0, 1))
     path.with_suffix(".bin").write_bytes(bytes(36))
     viewer.run(frames=2)
-    assert not viewer.pictures.radiance().any(), "the files that it names are watched too"
+    assert not viewer.pictures.radiance().any(), "the files that a .gltf names are watched too"

@@ -1,4 +1,4 @@
-"""What keys and mouse do: logic that needs only events, and the events of a window on GLFW's null platform."""
+"""What keys and mouse do, tested with made-up events; and a window on GLFW's null platform, which needs no screen."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def called():
 
 @pytest.fixture
 def handle(control, called):
-    """Controls.handle for several events."""
+    """`Controls.handle` with the events as arguments."""
 
     def act(name, argument):
         called.append((name, argument))
@@ -63,7 +63,7 @@ def test_keys_fly(handle, control, key, direction):
     assert position(control) == pytest.approx(expected)
 
 
-def test_shift_flies_faster_and_two_keys_no_faster_than_one(handle, control):
+def test_shift_flies_faster_and_two_keys_are_as_fast_as_one(handle, control):
     before = position(control)
     handle(press(glfw.KEY_W), press(glfw.KEY_D), press(glfw.KEY_LEFT_SHIFT))
     control.advance(0.25)
@@ -197,7 +197,7 @@ def test_other_texts_are_refused_as_poses(control, text):
 
 
 def test_windows_are_minimized():
-    """On GLFW's null platform: the X server of the other tests has no window manager."""
+    """Uses GLFW's null platform, because the X server of the other tests has no window manager to minimize windows."""
     glfw.init_hint(glfw.PLATFORM, glfw.PLATFORM_NULL)
     try:
         window = Window((200, 100), "test")

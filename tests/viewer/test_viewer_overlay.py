@@ -20,7 +20,7 @@ SIZE = (160, 100)
 
 
 class Proxy:
-    """Dear ImGui with all headers open and some functions replaced."""
+    """Stands for the module imgui, with all headers open and some functions replaced."""
 
     def __init__(self, imgui, **replaced):
         self._imgui = imgui
@@ -40,7 +40,7 @@ class Proxy:
 
 @pytest.fixture
 def replace(monkeypatch):
-    """Opens all headers of the panels and replaces functions of imgui."""
+    """replace(name=function, ...): let the panels use a `Proxy` with these functions."""
     imgui = panels.imgui
 
     def put(**replaced):
@@ -89,7 +89,7 @@ def test_all_panels_can_be_laid_out(open_viewer, replace):
     viewer.run(frames=3)
 
 
-def test_windows_of_other_sizes(open_viewer, replace):
+def test_panels_fit_windows_of_all_sizes(open_viewer, replace):
     replace()
     viewer = open_viewer(scale=0.5)
     for size in ((40, 30), (1, 1), (300, 50), SIZE):
@@ -98,7 +98,7 @@ def test_windows_of_other_sizes(open_viewer, replace):
         assert viewer.capture().shape == (size[1], size[0], 3)
 
 
-def test_split_view_has_its_divider(open_viewer, monkeypatch):
+def test_the_divider_of_the_split_view_can_be_dragged(open_viewer, monkeypatch):
     viewer = open_viewer(size=SIZE, scale=0.25)
     viewer.shows_panels = False
     viewer.run(frames=1)
@@ -217,10 +217,10 @@ def test_turning_and_scaling_keep_the_position(open_viewer, replace):
     assert instance.transform == pytest.approx(np.array([(0, 0, 1, 5), (0, 1, 0, 6), (-1, 0, 0, 7), (0, 0, 0, 1)]))
 
 
-# ---- without imgui----------------------------------------------------------------------------------
+# ---- without imgui ----------------------------------------------------------------------------------
 
 
-def test_without_imgui_there_are_keys(open_viewer, monkeypatch):
+def test_the_viewer_works_without_imgui(open_viewer, monkeypatch):
     monkeypatch.setitem(sys.modules, "imgui_bundle", None)
     for name in ("overlay", "overlay_renderer", "panels", "scene_panel"):
         monkeypatch.delitem(sys.modules, f"solari_vk.viewer.{name}", raising=False)

@@ -1,4 +1,4 @@
-"""The scale follows the time of a frame, tested with models of that time."""
+"""The scale of the picture follows the time of a frame; a formula stands for that time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from solari_vk.viewer.scaling import MIN_SCALE, STEPS, ScaleControl
 
 
 def settle(control, fixed, growth, frames=300, noise=0.0):
-    """Note frames of fixed + growth * scale^2 seconds; returns how often the scale changes in the last half of them."""
+    """Note frames of fixed + growth * scale^2 seconds; returns how often the scale changes in the second half."""
     generator = random.Random(5)
     changes = 0
     for frame in range(frames):
@@ -21,7 +21,7 @@ def settle(control, fixed, growth, frames=300, noise=0.0):
 
 
 @pytest.mark.parametrize(("fixed", "growth"), [(0.0, 1.0), (0.01, 0.5), (0.03, 0.2), (0.0, 0.11)])
-def test_time_of_a_frame_is_kept(fixed, growth):
+def test_frames_meet_the_time_limit(fixed, growth):
     control = ScaleControl("auto", 0.1)
     assert settle(control, fixed, growth) == 0, "the scale settles"
     assert fixed + growth * control.scale**2 <= 0.1
@@ -35,7 +35,7 @@ def test_fast_devices_render_every_pixel():
     assert control.scale == 1
 
 
-def test_a_target_out_of_reach_does_not_ruin_the_picture():
+def test_a_time_limit_out_of_reach_does_not_ruin_the_picture():
     control = ScaleControl("auto", 0.02)
     settle(control, 0.1, 0.1)
     assert 0.5 <= control.scale < 1, "a smaller picture would hardly be faster"
@@ -49,7 +49,7 @@ def test_noise_does_not_make_the_scale_oscillate():
     assert settle(control, 0.01, 0.5, frames=1000, noise=0.1) <= 6
 
 
-def test_another_load_is_followed():
+def test_the_scale_grows_when_frames_become_faster():
     control = ScaleControl("auto", 0.1)
     settle(control, 0.0, 2.0)
     small = control.scale

@@ -152,7 +152,7 @@ def xdotool(screen):
 
 
 def until(viewer, holds):
-    """Run frames until something holds, because events take some time to pass through the server."""
+    """Run frames until holds() is true, because events take some time to pass through the server."""
     end = time.monotonic() + 20
     while not holds():
         assert time.monotonic() < end
@@ -183,7 +183,7 @@ def test_real_keys_and_mouse(open_viewer, xdotool):
 # ---- the command line -------------------------------------------------------------------------------
 
 
-def test_headless_run_shows_the_renderers_own_picture(screen, tmp_path, capfd):
+def test_a_screenshot_of_view_looks_like_a_picture_of_render(screen, tmp_path, capfd):
     shown, rendered = tmp_path / "shown.png", tmp_path / "rendered.exr"
     common = ["builtin:cornell_box", "--mode", "reference", "--size", "64x48", "--seed", "4", "--validation"]
     view = ["view", *common, "--scale", "1", "--no-overlay", "--frames", "3", "--screenshot", str(shown)]

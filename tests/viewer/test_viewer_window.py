@@ -1,4 +1,4 @@
-"""The viewer in windows of an X server: they show the rendered picture, whatever happens to the window."""
+"""The viewer in windows of an X server: they show the rendered picture, also after resizes, failures and closing."""
 
 from __future__ import annotations
 
@@ -95,8 +95,8 @@ def test_hidden_windows_wait(viewer, monkeypatch):
 
 @pytest.mark.parametrize("function", ["vkAcquireNextImageKHR", "vkQueuePresentKHR", "vkCreateSwapchainKHR"])
 @pytest.mark.parametrize("failure", ["VK_ERROR_SURFACE_LOST_KHR", "VK_ERROR_OUT_OF_DATE_KHR", "VK_SUBOPTIMAL_KHR"])
-def test_failures_that_a_new_swapchain_mends_are_no_errors(viewer, monkeypatch, function, failure):
-    """Make the call and report it as failed, which is the harder case for an acquired image."""
+def test_failures_that_need_a_new_swapchain_are_no_errors(viewer, monkeypatch, function, failure):
+    """The function is called, but reported as failed, which is the harder case: the image is then acquired."""
     before = viewer._swapchain.generation
     look_up = raw.lib.vkGetInstanceProcAddr
     left = [function]
@@ -154,16 +154,16 @@ def test_a_swapchain_that_could_not_be_made_is_made_later(viewer, monkeypatch):
         assert viewer.capture().shape == (size[1], size[0], 3)
 
 
-def test_what_the_window_shows_is_read_in_a_few_tries(viewer, monkeypatch):
+def test_capture_makes_several_attempts(viewer, monkeypatch):
     acquire, refused = viewer._swapchain.acquire, [None, None]
     monkeypatch.setattr(viewer._swapchain, "acquire", lambda: refused.pop() if refused else acquire())
     assert (viewer.capture() == viewer.pictures.pixels()).all()
     monkeypatch.setattr(viewer._swapchain, "present", no_memory)
-    with pytest.raises(sv.DeviceError, match="memory"):  # the fixture checks that this leaves nothing on the device
+    with pytest.raises(sv.DeviceError, match="memory"):  # `open_viewer` checks that this leaves nothing on the device
         viewer.capture()
 
 
-def test_windows_of_lost_devices_close(screen, monkeypatch):
+def test_a_viewer_of_a_lost_device_closes_its_surface_before_the_window(screen, monkeypatch):
     device = sv.Device(validation=True)
     viewer = sv.Viewer(device, sv.builtin("cornell_box"), size=(64, 48), mode="reference", scale=0.5)
     viewer.run(frames=2)
@@ -205,7 +205,7 @@ def test_closing_in_the_middle_of_a_frame(open_viewer):
         viewer.run(fail)
 
 
-def test_closed_viewers_answer(open_viewer):
+def test_closed_viewers_raise_clear_errors(open_viewer):
     viewer = open_viewer()
     viewer.run(lambda viewer, seconds: viewer.close(), frames=3)
     assert (viewer.frame_count, viewer.window.pixels, viewer.window.wants_to_close) == (0, (0, 0), True)
