@@ -25,6 +25,8 @@ const uint TRACE_ANY_HIT = gl_RayFlagsOpaqueEXT | gl_RayFlagsTerminateOnFirstHit
 // Camera rays pass through the backs of single-sided materials, as raster does.
 const uint TRACE_FRONT_FACES = gl_RayFlagsOpaqueEXT | gl_RayFlagsCullBackFacingTrianglesEXT;
 
+const uint SCENE_MASK = 0x7Fu;  // hidden instances have the highest bit only
+
 #ifdef RAY_PIPELINES
 
 #include "scene/payload.glsl"
@@ -32,7 +34,7 @@ const uint TRACE_FRONT_FACES = gl_RayFlagsOpaqueEXT | gl_RayFlagsCullBackFacingT
 layout(location = 0) rayPayloadEXT RayPayload ray_payload;
 
 Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uint flags) {
-    traceRayEXT(tlas, flags, 0xFFu, 0u, 0u, 0u, origin, t_min, direction, t_max, 0);
+    traceRayEXT(tlas, flags, SCENE_MASK, 0u, 0u, 0u, origin, t_min, direction, t_max, 0);
     if (ray_payload.instance == NO_INDEX) { return Hit(INFINITY, NO_INDEX, 0u, vec2(0.0), false); }
     return Hit(
         ray_payload.t, ray_payload.instance >> 1u, ray_payload.triangle, ray_payload.barycentrics,
@@ -44,7 +46,7 @@ Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uin
 bool trace_visibility(vec3 origin, vec3 direction, float t_max) {
     ray_payload.instance = 0u;  // a hit runs no shader, a miss sets NO_INDEX
     uint flags = TRACE_ANY_HIT | gl_RayFlagsSkipClosestHitShaderEXT;
-    traceRayEXT(tlas, flags, 0xFFu, 0u, 0u, 0u, origin, 0.0, direction, t_max, 0);
+    traceRayEXT(tlas, flags, SCENE_MASK, 0u, 0u, 0u, origin, 0.0, direction, t_max, 0);
     return ray_payload.instance == NO_INDEX;
 }
 
@@ -52,7 +54,7 @@ bool trace_visibility(vec3 origin, vec3 direction, float t_max) {
 
 Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uint flags) {
     rayQueryEXT query;
-    rayQueryInitializeEXT(query, tlas, flags, 0xFFu, origin, t_min, direction, t_max);
+    rayQueryInitializeEXT(query, tlas, flags, SCENE_MASK, origin, t_min, direction, t_max);
     while (rayQueryProceedEXT(query)) {}
     if (rayQueryGetIntersectionTypeEXT(query, true) != gl_RayQueryCommittedIntersectionTriangleEXT) {
         return Hit(INFINITY, NO_INDEX, 0u, vec2(0.0), false);
@@ -69,7 +71,7 @@ Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uin
 // Returns whether nothing is hit. Both faces of every triangle cast shadows.
 bool trace_visibility(vec3 origin, vec3 direction, float t_max) {
     rayQueryEXT query;
-    rayQueryInitializeEXT(query, tlas, TRACE_ANY_HIT, 0xFFu, origin, 0.0, direction, t_max);
+    rayQueryInitializeEXT(query, tlas, TRACE_ANY_HIT, SCENE_MASK, origin, 0.0, direction, t_max);
     while (rayQueryProceedEXT(query)) {}
     return rayQueryGetIntersectionTypeEXT(query, true) == gl_RayQueryCommittedIntersectionNoneEXT;
 }

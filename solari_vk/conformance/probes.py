@@ -78,14 +78,15 @@ def _instances() -> dict[str, Placed]:
         "flipped": {"shape": "opaque", "flags": FLIP_FACING},
         "flipped mirrored": {"shape": "opaque", "flags": FLIP_FACING},
         "mask 01": {"shape": "opaque", "mask": 0x01}, "mask 80": {"shape": "opaque", "mask": 0x80},
-        "mask 00": {"shape": "opaque", "mask": 0x00}, "mask 5A": {"shape": "opaque", "mask": 0x5A},
+        "mask 5A": {"shape": "opaque", "mask": 0x5A},
         "all bits": {"shape": "opaque", "custom": 0xFFFFFF}, "top bit": {"shape": "opaque", "custom": 0x800001},
         "zero": {"shape": "opaque", "custom": 0}, "record offset": {"shape": "opaque", "sbt_offset": 0x123456},
-        "inactive": {"shape": "opaque", "active": False},
         "mirrored": {"shape": "opaque"}, "turned": {"shape": "opaque"}, "stretched": {"shape": "opaque"},
         "sheared": {"shape": "opaque"}, "inverted": {"shape": "opaque"}, "tiny": {"shape": "opaque"},
         "turned boxes": {"shape": "boxes"},
         "boxes over a wall": {"shape": "boxes"}, "wall in boxes": {"shape": "opaque"},
+        # Last, so that a driver that lets them hide others fails only the rules about that, in structure_checks.py.
+        "mask 00": {"shape": "opaque", "mask": 0x00}, "inactive": {"shape": "opaque", "active": False},
     }  # fmt: skip
     found: dict[str, Placed] = {}
     for place, (label, fields) in enumerate(told.items()):

@@ -26,8 +26,10 @@ from solari_vk.gpu.acceleration.blas_builds import build_blases
 from solari_vk.scene.spatial import spatial_order
 
 _API, _COMPACTION, _STRUCTURES = "wgpu's raytracing API", "Blas compaction", "Acceleration Structures"
+_INACTIVE = "Inactive Primitives and Instances"
 _DOWN = np.array((0.0, 0.0, -1.0))
 _FLAT = np.array([[(0, 0, 0), (2, 0, 0), (0, 2, 0)]], np.float64)
+_AT_OTHERS = np.array([(0.5, 0.5, 1.0), (4.5, 0.5, 1.0)])  # rays at _FLAT and at _FLAT 4 beside it
 Damage = Callable[[np.ndarray], None]
 
 
@@ -128,8 +130,7 @@ def measure_nothing(shaders: ShaderRunner) -> Iterator[Measurement]:
     gone = np.full((1, 3, 3), np.nan)
     shapes: Shapes = {
         "empty": [Triangles(empty)], "point": [Triangles(point)], "line": [Triangles(line)],
-        "NaN": [Triangles(gone)], "no boxes": [Boxes(np.zeros((0, 2, 3)))],
-        "NaN before a triangle": [Triangles(np.concatenate([gone, _FLAT]))], "one": [Triangles(_FLAT)],
+        "NaN": [Triangles(gone)], "no boxes": [Boxes(np.zeros((0, 2, 3)))], "one": [Triangles(_FLAT)],
     }  # fmt: skip
     names = list(shapes)
     random = np.random.default_rng(22)
@@ -141,11 +142,43 @@ def measure_nothing(shaders: ShaderRunner) -> Iterator[Measurement]:
         used = {item.shape: shapes[item.shape] for item in placed}
         with World(shaders.device, used, placed) as world:
             hits = trace(shaders, world.tlas, origins, _DOWN)
-        solid = name in ("one", "NaN before a triangle")
-        if ((hits["t"] >= 0) != solid).any() or (solid and (hits["primitive"] != (name != "one")).any()):
+        if ((hits["t"] >= 0) != (name == "one")).any():
             wrong.append(name)
     rule = Rule("empty structures and degenerate or NaN primitives are never hit", VULKAN, _STRUCTURES)
     yield count_wrong(rule, wrong)
+
+
+def measure_inactive_instances(shaders: ShaderRunner, damage: Damage | None = None) -> Iterator[Measurement]:
+    """An instance that no ray can hit hides none of two others, wherever in the list it is."""
+    others = [Placed("one"), Placed("one", translation(4))]
+    wrong = []
+    for name, gone in (("no Blas", Placed("one", active=False)), ("mask 0", Placed("one", mask=0))):
+        for place in range(3):
+            placed = [*others[:place], gone, *others[place:]]
+            with World(shaders.device, {"one": [Triangles(_FLAT)]}, placed, damage=damage) as world:
+                found = trace(shaders, world.tlas, _AT_OTHERS, _DOWN)
+            wrong += _hidden(f"{name} at {place}", place, np.where(found["t"] < 0, -1, found["instance"].astype(int)))
+    name = "an instance without a Blas or with mask 0 hides no other instance"
+    yield count_wrong(Rule(name, VULKAN, _INACTIVE), wrong)
+
+
+def measure_inactive_primitives(shaders: ShaderRunner, kind: str) -> Iterator[Measurement]:
+    """A triangle or a box ("triangle", "box") of NaN hides none of two others, wherever in the list it is."""
+    wrong = []
+    for place in range(3):
+        corners = np.insert(np.concatenate([_FLAT, _FLAT + np.array((4, 0, 0))]), place, np.nan, axis=0)
+        boxes = Boxes(np.stack([corners.min(1), corners.max(1)], axis=1))
+        part = Triangles(corners) if kind == "triangle" else boxes
+        with World(shaders.device, {"one": [part]}, [Placed("one")]) as world:
+            found = trace(shaders, world.tlas, _AT_OTHERS, _DOWN, box_t=1.0)
+        wrong += _hidden(f"NaN at {place}", place, np.where(found["t"] < 0, -1, found["primitive"].astype(int)))
+    yield count_wrong(Rule(f"a {kind} of NaN hides no other {kind}", VULKAN, _INACTIVE), wrong)
+
+
+def _hidden(what: str, place: int, found: np.ndarray) -> list[str]:
+    """The indices that rays at the two others of three should have found, and didn't."""
+    others = np.delete(np.arange(3), place)
+    return [f"{what} hides {other}" for other in others[found != others]]
 
 
 def measure_many_blases(shaders: ShaderRunner, count: int) -> Iterator[Measurement]:

@@ -13,7 +13,9 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.scene.spatial import spatial_order
 from solari_vk.scene.table import Table
 
-VISIBLE = 0xFF << 24  # the mask of instances that all rays hit
+# Masks: the rays of trace.glsl have the bits of VISIBLE. HIDDEN isn't 0, because Mesa 26.2 loses other instances where
+# a mask is 0 (docs/driver_faults.md).
+VISIBLE, HIDDEN = 0x7F << 24, 0x80 << 24
 NO_CULLING = raw.VK_GEOMETRY_INSTANCE_TRIANGLE_FACING_CULL_DISABLE_BIT_KHR << 24
 # The fields that `write` sets, in order.
 RECORD = ("transform", "custom_index_and_mask", "sbt_offset_and_flags", "blas_address")
@@ -54,7 +56,8 @@ class TracedInstances:
         self._mesh_centers[row] = mesh_center
         self._moved += 1
         # By default Vulkan's front faces are glTF's: counter-clockwise in object space, for mirrored instances too.
-        self.table.set(index, *transform, row | VISIBLE if visible else row, NO_CULLING if double_sided else 0, address)
+        mask = VISIBLE if visible else HIDDEN
+        self.table.set(index, *transform, row | mask, NO_CULLING if double_sided else 0, address)
 
     def remove(self, row: int) -> None:
         """Remove a row."""

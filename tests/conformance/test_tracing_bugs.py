@@ -132,6 +132,7 @@ def test_bugs_in_structures_are_noticed(shaders, monkeypatch):
         records["custom_index_and_mask"][-1] = 0
 
     expect_red(structure_checks.measure_tlas_rebuilds(shaders, drop_last), "last built with")
+    expect_red(structure_checks.measure_inactive_instances(shaders, drop_last), "hides no other instance")
     made = worlds.TriangleGeometry
     for seeded in ({"indices": 0}, {"position_stride": 12}, {"transform": 0}):
         with monkeypatch.context() as patch:

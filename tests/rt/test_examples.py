@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
+from solari_vk.conformance.suite import known_faults
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs/examples"
 EXAMPLES = sorted(path.stem for path in FOLDER.glob("*.py"))
@@ -49,6 +50,19 @@ def test_the_guide_runs(any_device, capsys):
     assert capsys.readouterr().out == "ready\n"
     for target in re.findall(r"\]\(([^)]+)\)", text):
         assert (guide.parent / target).is_file(), target
+
+
+def test_the_program_about_driver_faults_shows_them(device):
+    """On a device without the fault all six lists are right; where it is known to have it, one is wrong or missing."""
+    page = FOLDER.parent / "driver_faults.md"
+    [program] = re.findall(r"^```python\n(.*?)^```$", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    environment = os.environ | {"PYTHONPATH": str(FOLDER.parents[1])}
+    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=False)
+    right = {"last": [0, 1, -1], "first": [-1, 1, 2], "mask 0": [-1, 1, 2]}
+    lines = [f"{memory} memory, {name}: {hits}" for memory in ("new", "used") for name, hits in right.items()]
+    known = known_faults(f"{device.properties.driver} {device.name}")
+    faulty = any("hides no other instance" in fault.rule for fault in known)
+    assert (done.stdout.splitlines() != lines) == faulty, done.stdout + done.stderr
 
 
 def test_lidar_measures_distances(device):

@@ -100,7 +100,7 @@ def test_triangles_have_the_users_numbers(device, rng):
     with sv.RayTracer(device, sv.Scene(sv.Instance(mesh))) as tracer:
         hits = tracer.trace(corners.mean(axis=1) + np.array([0, 0, 2]), (0, 0, -2))
         assert np.array_equal(hits["primitive"], np.arange(400))
-        assert (hits["t"] == 1).all()
+        assert np.allclose(hits["t"], 1, rtol=1e-6)
         mesh.positions = corners[::-1].reshape(-1, 3)
         hits = tracer.trace(corners.mean(axis=1) + np.array([0, 0, 2]), (0, 0, -2))
         assert np.array_equal(hits["primitive"], np.arange(400)[::-1])

@@ -19,6 +19,7 @@ from solari_vk.scene.light_kinds import KIND_INDEX
 from solari_vk.scene.matrices import by_columns
 from solari_vk.scene.model import DirectionalLight, Instance, Material, Mesh, Scene, Texture, TextureImage
 from solari_vk.scene.table import Table
+from solari_vk.scene.traced import HIDDEN, VISIBLE
 
 
 @pytest.fixture
@@ -84,7 +85,7 @@ def assert_mirrors(binder, scene):
         transform = instance.transform[:3].astype(np.float32)
         np.testing.assert_array_equal(by_columns(record["world_from_object"]), transform)
         np.testing.assert_array_equal(ray["transform"], transform)
-        assert ray["custom_index_and_mask"] == row | (0xFF000000 if instance.visible else 0)
+        assert ray["custom_index_and_mask"] == row | (VISIBLE if instance.visible else HIDDEN)
         assert ray["blas_address"] == binder._geometry.blases[instance.ray_mesh or instance.mesh].address
         assert (record["mesh"] == NO_INDEX) == (not instance.visible)
         drawn = [("mesh", instance.mesh)] if instance.visible else []
