@@ -19,8 +19,8 @@ _CONFORMANCE_FULL = "ten times the rays and instances, many more frames and tigh
 _CONFORMANCE_EXIT = (
     "Exit code 0: every rule holds. Exceptions are rules whose feature the device lacks, rules that only --full "
     "measures, and listed faults of the driver that are within their bound; the report names all of them. 1: a rule "
-    "doesn't hold, a listed fault is gone or grew, or a package for the measurement is missing. 2: wrong usage. "
-    "3: no device."
+    "doesn't hold, the driver crashed, hung or lost its device, a listed fault is gone or grew, a package for the "
+    "measurement is missing, or Ctrl-C ended the run. 2: wrong usage. 3: no device."
 )
 
 
@@ -66,12 +66,17 @@ def _parser() -> argparse.ArgumentParser:
 
     conformance = commands.add_parser(
         "conformance", help="measure whether a device keeps the rules of the specification",
-        description="Measure whether a device keeps the rules of the specification. " + _CONFORMANCE_EXIT,
+        description="Measure whether a device keeps the rules of the specification. Checks run in processes of their "
+        "own, so that a driver that crashes or hangs ends one check only. " + _CONFORMANCE_EXIT,
     )  # fmt: skip
     conformance.set_defaults(run=_conformance)
     add_device_option(conformance)
     conformance.add_argument("--only", action="append", default=[], metavar="GROUP", help="one group (all; repeatable)")
     conformance.add_argument("--full", action="store_true", help=_CONFORMANCE_FULL)
+    conformance.add_argument("--time-limit", type=float, metavar="SECONDS",
+                             help="end a check that takes longer, as hung (600; with --full 6000)")
+    conformance.add_argument("--in-process", action="store_true",
+                             help="measure in this process, without time limit, for a debugger: a crash ends the run")
     for kind, what in (("junit", "JUnit XML"), ("markdown", "Markdown"), ("html", "HTML")):
         conformance.add_argument(f"--{kind}", type=Path, metavar="FILE", help=f"write the report as {what}")
     return parser
@@ -127,8 +132,9 @@ def _info(options: argparse.Namespace) -> None:
 
 def _conformance(options: argparse.Namespace) -> int:
     from solari_vk.conformance.run import run
+    from solari_vk.conformance.worker import Work
 
     return run(
-        options.device, only=options.only, full=options.full,
-        junit=options.junit, markdown=options.markdown, html=options.html,
+        Work(options.device, options.full), only=options.only, time_limit=options.time_limit,
+        in_process=options.in_process, junit=options.junit, markdown=options.markdown, html=options.html,
     )  # fmt: skip

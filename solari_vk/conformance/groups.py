@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from solari_vk.conformance import (
     brdf_checks,
@@ -25,24 +25,26 @@ from solari_vk.conformance import (
     structure_checks,
     world_cache_checks,
 )
-from solari_vk.conformance.probes import INSTANCES, SHAPES, call_rule
-from solari_vk.conformance.rules import ERROR, NOT_RUN, UNSUPPORTED, Measurement
+from solari_vk.conformance.probe_table import PROBES
+from solari_vk.conformance.probes import INSTANCES, SHAPES, Probe, call_rule
+from solari_vk.conformance.recorder import Recorder
+from solari_vk.conformance.rules import ERROR, NOT_RUN, UNSUPPORTED, Check, Measurement
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.conformance.worlds import FRESH, WAYS, World
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.raster import NEEDED
 
-if TYPE_CHECKING:
-    from solari_vk.conformance.suite import Recorder
-
 
 @dataclass(frozen=True)
 class Run:
-    """What a check may use: the suite's shaders with their device, the profile, and what records missing features."""
+    """What a check may use: the suite's shaders with their device, the profile, and what records missing features.
+
+    part: the only part of the case that is to be measured; all when empty."""
 
     rule: Recorder
     shaders: ShaderRunner
     full: bool
+    part: str = ""
 
     @property
     def device(self) -> Device:
@@ -69,7 +71,17 @@ def _probes(run: Run, way: str, stage: str = probe_checks.STAGES[0]) -> Iterable
         run.rule.unmeasured(call_rule("ray queries in fragment shaders"), UNSUPPORTED, missing[0])
         return
     with World(run.device, SHAPES, list(INSTANCES.values()), way) as world:
-        yield from probe_checks.measure_probes(run.shaders, world, stage)
+        yield from probe_checks.measure_probes(run.shaders, world, stage, _chosen(PROBES, run.part))
+
+
+def _chosen(probes: Iterable[Probe], part: str) -> list[Probe]:
+    return [probe for probe in probes if part in ("", probe.label)]
+
+
+def parts(check: Check) -> list[str]:
+    """The parts by which a check is measured again when the driver didn't survive it: single probes."""
+    probing = {"probes": PROBES, "vertex_return": position_checks.HITTING} if check.group == "ray_queries" else {}
+    return [probe.label for probe in probing.get(check.case.split("-")[0], ())]
 
 
 def _embree(run: Run, scene: str) -> Iterable[Measurement]:
@@ -81,7 +93,7 @@ def _embree(run: Run, scene: str) -> Iterable[Measurement]:
 
 def _vertex_return(run: Run) -> Iterable[Measurement]:
     if run.device.has_position_fetch:
-        return position_checks.measure_positions(run.shaders)
+        return position_checks.measure_positions(run.shaders, _chosen(position_checks.HITTING, run.part))
     layer = " (hidden by the validation layer)" if run.device.validation else ""
     run.rule.unmeasured(position_checks.RULES.values(), UNSUPPORTED, "rayTracingPositionFetch" + layer)
     return ()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -22,23 +22,27 @@ RULES = {
 }
 
 
-def measure_positions(shaders: ShaderRunner, header: str = "") -> Iterator[Measurement]:
+def measure_positions(shaders: ShaderRunner, probes: Sequence[Probe], header: str = "") -> Iterator[Measurement]:
     """Compare returned positions with the geometry, after its transform, for each triangle that a probe must hit."""
-    rays = probe_rays(shaders.element("conformance/positions", "probes"))
+    rays = probe_rays(shaders.element("conformance/positions", "probes"), probes)
     with World(shaders.device, SHAPES, list(INSTANCES.values())) as world:
         inputs = {"tlas": world.tlas, "probes": rays}
         outputs = {"corners": len(rays), **(rt.FAULT_BUFFERS if header else {})}
         found = shaders.run("conformance/positions", len(rays), inputs, outputs, header=header)["corners"]
     for (which, several), rule in RULES.items():
-        worst, label = 0.0, ""
-        for probe, got in zip(PROBES, found, strict=True):
-            expected = _corners(probe, which)
-            if expected is None or several != (len(SHAPES[INSTANCES[probe.on].shape]) > 1):
-                continue
-            error = float(np.abs(got[which] - expected).max()) if got["kind"] == TRIANGLE else np.inf
-            if not error <= worst:
-                worst, label = error, probe.label
-        yield Measurement(rule, worst, 1e-6, "absolute error", label)
+        errors = {
+            probe.label: _error(got, which, expected) for probe, got in zip(probes, found, strict=True)
+            if (len(SHAPES[INSTANCES[probe.on].shape]) > 1) == several
+            and (expected := _corners(probe, which)) is not None
+        }  # fmt: skip
+        if errors:
+            worst = max(errors, key=errors.__getitem__)
+            yield Measurement(rule, errors[worst], 1e-6, "absolute error", worst)
+
+
+def _error(got: np.void, which: str, expected: np.ndarray) -> float:
+    difference = np.nan_to_num(np.abs(got[which] - expected), nan=np.inf)
+    return float(difference.max()) if got["kind"] == TRIANGLE else np.inf
 
 
 def _corners(probe: Probe, which: str) -> np.ndarray | None:
@@ -52,3 +56,7 @@ def _corners(probe: Probe, which: str) -> np.ndarray | None:
     assert isinstance(part, Triangles)
     corners: np.ndarray = part.placed[hit.primitive]
     return corners
+
+
+HITTING = [probe for probe in PROBES if _corners(probe, "committed") is not None]
+"""The probes that must hit a certain triangle."""

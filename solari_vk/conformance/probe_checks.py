@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,10 +25,10 @@ _NO_FAULTS = Rule("the debug build reports no fault for valid queries", SUITE, "
 _OPAQUE_BOX = Rule("OpRayQueryGetIntersectionCandidateAABBOpaque", VULKAN, "Ray Query")
 
 
-def probe_rays(dtype: np.dtype[Any]) -> np.ndarray:
-    """The probes as the shader takes them: rays in world space, rounded to float32."""
-    records = np.zeros(len(PROBES), dtype)
-    for record, probe in zip(records, PROBES, strict=True):
+def probe_rays(dtype: np.dtype[Any], probes: Sequence[Probe] = PROBES) -> np.ndarray:
+    """Probes as the shader takes them: rays in world space, rounded to float32."""
+    records = np.zeros(len(probes), dtype)
+    for record, probe in zip(records, probes, strict=True):
         matrix = INSTANCES[probe.on].matrix
         record["origin"] = matrix[:, :3] @ probe.origin + matrix[:, 3]
         record["direction"] = matrix[:, :3] @ probe.direction
@@ -68,22 +68,22 @@ def run_rays(
 
 
 def measure_probes(
-    shaders: ShaderRunner, world: World, stage: str = STAGES[0], damage: Callable[[np.ndarray], None] | None = None
-) -> Iterator[Measurement]:
+    shaders: ShaderRunner, world: World, stage: str = STAGES[0], probes: Sequence[Probe] = PROBES,
+    damage: Callable[[np.ndarray], None] | None = None,
+) -> Iterator[Measurement]:  # fmt: skip
     """Measure all rules that the probes prove. `damage` changes the rays before they are sent, to seed bugs."""
-    rays = probe_rays(shaders.element("conformance/probe", "probes"))
+    rays = probe_rays(shaders.element("conformance/probe", "probes"), probes)
     sent = rays.copy()
     if damage is not None:
         damage(sent)
     answers, faults = run_rays(shaders, world, sent, stage)
-    yield from _measure(rays, answers)
+    yield from _measure([_Checked(*item) for item in zip(probes, rays, answers, strict=True)])
     if stage == "debug build":
         yield count_wrong(_NO_FAULTS, [rule for rule, count in zip(rt.RULES, faults, strict=True) if count])
 
 
-def _measure(rays: np.ndarray, answers: np.ndarray) -> Iterator[Measurement]:
+def _measure(checked: list[_Checked]) -> Iterator[Measurement]:
     """Compare answers with what the probes must find."""
-    checked = [_Checked(*item) for item in zip(PROBES, rays, answers, strict=True)]
     rules: dict[Rule, list[_Checked]] = {}
     for item in checked:
         rules.setdefault(item.probe.rule, []).append(item)
@@ -94,10 +94,11 @@ def _measure(rays: np.ndarray, answers: np.ndarray) -> Iterator[Measurement]:
         [item.probe.label for item in checked if item.answer["proceeds_after_end"] or item.steps >= STEP_LIMIT],
     )
     for which in ("committed", "candidate"):
-        yield from _measure_getters(which, [item for item in checked if item.expected(which) is not None])
+        if told := [item for item in checked if item.expected(which) is not None]:
+            yield from _measure_getters(which, told)
     yield count_wrong(_GETTERS, [item.probe.label for item in checked if not item.tells_its_ray()])
-    opaque = [item for item in checked if item.answer["box_candidates"]]
-    yield count_wrong(_OPAQUE_BOX, [item.probe.label for item in opaque if not item.tells_opaque_boxes()])
+    if boxes := [item for item in checked if item.answer["box_candidates"]]:
+        yield count_wrong(_OPAQUE_BOX, [item.probe.label for item in boxes if not item.tells_opaque_boxes()])
 
 
 def _measure_getters(which: str, items: list[_Checked]) -> Iterator[Measurement]:

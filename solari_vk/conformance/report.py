@@ -1,21 +1,24 @@
-"""The report of a run: facts about the device and a table of rules, as text, Markdown or HTML."""
+"""The report of a run: facts about the device and a table of rules, as text, Markdown, HTML or JUnit XML."""
 
 from __future__ import annotations
 
 import html
-import time
+import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from xml.etree import ElementTree
 
-from solari_vk.conformance.rules import FAULT, NOT_RUN, RED, STATUSES, UNSUPPORTED, Row
-from solari_vk.gpu.device.device import Device
-from solari_vk.measure.report import device_facts, markdown_facts, markdown_table, text_table
+from solari_vk.conformance.rules import FAULT, NOT_RUN, RED, STATUSES, UNSUPPORTED, Check, Outcome, Row, rows
+from solari_vk.measure.report import markdown_facts, markdown_table, text_table
 
 _LEGEND = """\
 Written by `solari-vk conformance --markdown FILE`. A rule holds when the measured value is at most the bar. Where a
 rule is measured in several cases (runs), the table shows the worst. The exit code is 0 when every rule holds. Known
 faults (listed with evidence, and with a bound above which they fail too), rules that need a feature which the device
 lacks, and rules that only the full profile measures don't change it. Anything else that can't be measured is an error.
+A crash, a hang or a lost device ends one check, whose rules before that are in the table; the other checks are measured
+in a new process.
 
 Bars in standard errors or standard deviations are percentiles: a correct device exceeds them by chance in at most 1 %
 of runs. Relative errors of noisy means are the far end of the mean's 95 % interval."""
@@ -23,25 +26,28 @@ _COLUMNS = ("rule", "document, section", "result", "measured", "bar", "runs")
 
 
 class Report:
-    """What `solari-vk conformance` prints and writes."""
+    """What `solari-vk conformance` prints and writes.
+
+    facts: about the device, empty when none could be opened; spent: seconds for each check."""
 
     def __init__(
-        self, device: Device, rows: Sequence[Row], full: bool, seconds: float,
-        spent: Mapping[str, float] | None = None, left_out: Sequence[str] = (), load: str = "unknown",
+        self, facts: Mapping[str, str], outcomes: Sequence[Outcome], full: bool, seconds: float,
+        spent: Mapping[Check, float] = MappingProxyType({}), left_out: Sequence[str] = (), interrupted: bool = False,
     ) -> None:  # fmt: skip
-        self.rows = list(rows)
-        limits = device.properties.acceleration
+        self._outcomes = outcomes
+        self._spent = spent
+        self.rows = rows(outcomes)
         self.header = {
-            **device_facts(device, load),
-            "limits": f"{limits.maxInstanceCount:,} instances, {limits.maxPrimitiveCount:,} primitives, "
-            f"{limits.maxGeometryCount:,} geometries",
+            **(facts or {"device": "could not be opened"}),
             "suite": f"{'full' if full else 'fast'} profile, {seconds:.0f} s"
-            f" ({time.process_time():.0f} s of processor time)"
-            + (", under the validation layer" if device.validation else ""),
-            "result": self.verdict(),
+            f" ({sum(os.times()[:4]):.0f} s of processor time)",
+            "result": ("interrupted; " if interrupted else "") + self.verdict(),
         }
-        if spent:
-            self.header["seconds"] = ", ".join(f"{group} {taken:.0f}" for group, taken in spent.items())
+        taken: Counter[str] = Counter()
+        for check, value in spent.items():
+            taken[check.group] += value  # type: ignore[assignment]
+        if taken:
+            self.header["seconds"] = ", ".join(f"{group} {value:.0f}" for group, value in taken.items())
         if left_out:
             self.header["left out"] = ", ".join(left_out)
 
@@ -102,3 +108,31 @@ class Report:
                 parts.append(f"<tr class='{colors.get(row.status, 'bad')}'>{cells}")
             parts.append("</table>")
         return "\n".join(parts) + "\n"
+
+    def junit(self) -> str:
+        """The report as JUnit XML: a test case for each case of a group, with its outcomes as properties."""
+        cases: dict[tuple[str, str], list[Outcome]] = {}
+        for outcome in self._outcomes:
+            cases.setdefault((outcome.group, outcome.case), []).append(outcome)
+        failed = sum(any(o.status in RED for o in found) for found in cases.values())
+        suite = ElementTree.Element("testsuite", name="conformance", tests=str(len(cases)), failures=str(failed))
+        for (group, case), found in cases.items():
+            seconds = sum(value for check, value in self._spent.items() if check[:2] == (group, case))
+            test = ElementTree.SubElement(suite, "testcase", classname=group, name=case, time=f"{seconds:.3f}")
+            properties = ElementTree.SubElement(test, "properties")
+            for outcome in found:
+                ElementTree.SubElement(properties, "property", name=outcome.rule.name, value=_figure(outcome))
+            if red := [row for row in rows(found) if row.status in RED]:
+                told = [f"{row.rule.name}: {row.note or _figure(row.worst)}" for row in red]
+                ElementTree.SubElement(test, "failure", message=told[0]).text = "\n".join(told)
+            elif all(o.measurement is None or o.status == FAULT for o in found):
+                notes = dict.fromkeys(row.note for row in rows(found))
+                ElementTree.SubElement(test, "skipped", message="; ".join(notes))
+        return ElementTree.tostring(suite, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _figure(outcome: Outcome) -> str:
+    made = outcome.measurement
+    if made is None:
+        return f"{outcome.status}: {outcome.ended or outcome.reason}"
+    return f"{outcome.status}: {made.measured:.6g} {made.unit}, bar {made.bar:.6g}"

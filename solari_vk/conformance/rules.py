@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 WGPU, VULKAN, SUITE = "wgpu ray tracing", "Vulkan 1.3", "solari_vk"
 PASS, FAIL, ERROR, FAULT, UNSUPPORTED = "pass", "FAIL", "ERROR", "known fault", "unsupported"
 NOT_RUN = "not run (full only)"
+CRASH, HANG, LOST = "CRASH", "HANG", "LOST DEVICE"
 # From the worst to the best: a row shows the worst status of its cases.
-STATUSES = (ERROR, FAIL, FAULT, NOT_RUN, UNSUPPORTED, PASS)
-RED = (ERROR, FAIL)  # statuses that make a run fail
+STATUSES = (CRASH, HANG, LOST, ERROR, FAIL, FAULT, NOT_RUN, UNSUPPORTED, PASS)
+RED = (CRASH, HANG, LOST, ERROR, FAIL)  # statuses that make a run fail
 
 
 @dataclass(frozen=True)
@@ -21,6 +23,19 @@ class Rule:
     name: str
     document: str
     section: str
+
+
+class Check(NamedTuple):
+    """A case of a group, or one part of the case: what ends when the driver crashes, hangs or loses its device."""
+
+    group: str
+    case: str
+    part: str = ""
+
+    @property
+    def rule(self) -> Rule:
+        """The rule that the check reaches its end. The report has it only when it doesn't hold."""
+        return Rule(f"{', '.join(filter(None, self[1:]))}: runs to its end", SUITE, "Conformance")
 
 
 @dataclass(frozen=True)
@@ -45,7 +60,9 @@ class Measurement:
 
 @dataclass(frozen=True)
 class Outcome:
-    """A measurement, or the reason why there is none, with its group and case."""
+    """A measurement, or the reason why there is none, with its group and case.
+
+    ended: how a check ended that didn't reach its end: a signal, a time limit or an error, in a word."""
 
     group: str
     rule: Rule
@@ -53,6 +70,7 @@ class Outcome:
     case: str = ""
     measurement: Measurement | None = None
     reason: str = ""
+    ended: str = ""
 
 
 @dataclass
@@ -75,9 +93,9 @@ class Row:
 
     @property
     def measured(self) -> str:
-        """The worst measured value with its unit."""
+        """The worst measured value with its unit, or how the check ended."""
         made = self.worst.measurement
-        return f"{made.measured:.3g} {made.unit}" if made else ""
+        return f"{made.measured:.3g} {made.unit}" if made else self.worst.ended
 
     @property
     def bar(self) -> str:
@@ -88,7 +106,8 @@ class Row:
     def note(self) -> str:
         """The reason or the note of the worst outcome, with its case; empty for a rule that simply holds."""
         worst = self.worst
-        text = worst.reason or (worst.measurement.note if worst.measurement and worst.status != PASS else "")
+        told = worst.reason or (worst.measurement.note if worst.measurement and worst.status != PASS else "")
+        text = "".join(filter(str.isprintable, " ".join(told.split())))
         return f"{text} [{worst.case}]" if text and worst.case else text
 
     @property

@@ -1,39 +1,75 @@
-"""Runs the suite as `solari-vk conformance` does: with pytest, whatever project it is called from."""
+"""Runs the suite as `solari-vk conformance` does: each group in processes of its own, with a report in any case."""
 
 from __future__ import annotations
 
+import importlib
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from solari_vk.conformance.groups import GROUPS
+from solari_vk.conformance.children import measure_in_child
+from solari_vk.conformance.report import Report
+from solari_vk.conformance.results import Results
+from solari_vk.conformance.rules import RED, Check
+from solari_vk.conformance.worker import Work, measure_checks
 from solari_vk.errors import SolariError
+from solari_vk.measure.report import check_page
 
-FOLDER = Path(__file__).resolve().parent
+TIME_LIMIT = 600.0  # seconds for a check; ten times as many with --full
+_MOST_PARTS = 3  # that may end in a crash or hang before the other parts of their case are given up
 
 
 def run(
-    select: str | None = None, *, only: Sequence[str] = (), full: bool = False,
+    work: Work, *, only: Sequence[str] = (), time_limit: float | None = None, in_process: bool = False,
     junit: Path | None = None, markdown: Path | None = None, html: Path | None = None,
 ) -> int:  # fmt: skip
-    """Run groups (all by default) and print the report; 0 when it is green, else 1 (`solari-vk conformance --help`).
+    """Run groups (all by default), print the report and write it to files; 0 when it is green, else 1.
 
-    Raises SolariError for an unknown group or without pytest, DeviceError when no device fits.
+    Ctrl-C ends the run, but not the report. Raises SolariError for wrong arguments, DeviceError when no device fits.
     """
-    unknown = [name for name in only if name not in GROUPS]
+    table = importlib.import_module(work.table)
+    unknown = [name for name in only if name not in table.GROUPS]
     if unknown:
-        raise SolariError(f"--only {unknown[0]}: there is no such group; there are {', '.join(GROUPS)}")
+        raise SolariError(f"--only {unknown[0]}: there is no such group; there are {', '.join(table.GROUPS)}")
+    if time_limit is not None and not time_limit > 0:
+        raise SolariError(f"--time-limit {time_limit:g}: must be more than 0 seconds")
     for file in (junit, markdown, html):
-        if file is not None and not file.resolve().parent.is_dir():
-            raise SolariError(f"{file}: there is no folder {file.resolve().parent}")
+        check_page(file)
+    started, results, interrupted = time.monotonic(), Results(table.GROUPS), False
+    limit = None if in_process else time_limit or TIME_LIMIT * (10 if work.full else 1)
     try:
-        import pytest
-    except ImportError as error:
-        raise SolariError("the conformance suite runs with pytest: pip install solari-vk[test]") from error
-    from solari_vk.conformance.suite import Suite
+        for group in only or table.GROUPS:
+            _run_group(work, [Check(group, case) for case in table.GROUPS[group]], results, limit)
+    except KeyboardInterrupt:
+        interrupted = True
+    left_out = results.finish()
+    taken = time.monotonic() - started
+    report = Report(results.facts, results.outcomes, work.full, taken, results.seconds, left_out, interrupted)
+    print(f"\n{report.text()}")
+    for path, text in ((junit, report.junit), (markdown, report.markdown), (html, report.html)):
+        if path is not None:
+            path.write_text(text(), encoding="utf-8")
+            print(f"wrote {path}")
+    return int(interrupted or any(outcome.status in RED for outcome in results.outcomes))
 
-    suite = Suite(select, full, only, markdown, html)
-    suite.open()  # without a device there is no point in collecting tests
-    arguments = ["-c", str(FOLDER / "pytest.ini"), "--rootdir", str(FOLDER), str(FOLDER)]
-    if junit is not None:
-        arguments += ["--junitxml", str(junit.resolve())]
-    return 0 if pytest.main(arguments, plugins=[suite]) == pytest.ExitCode.OK else 1
+
+def _run_group(work: Work, checks: list[Check], results: Results, limit: float | None) -> None:
+    """Measure the checks of a group, in a new process after each that ends in a crash or hang or loses the device.
+
+    Such a check is measured again by its parts, if it has any, each of which can end in the same way."""
+    table = importlib.import_module(work.table)
+    parts_lost = 0
+    while checks:
+        if limit is None:
+            measure_checks(work, checks, results.take)
+        elif death := measure_in_child(work, checks, results.take, limit):
+            results.died(death)
+        left = [check for check in checks if check not in results.seconds]
+        if len(left) == len(checks):
+            return  # no device could be opened
+        for check in set(checks) & set(results.broken):
+            if not check.part:
+                left = [Check(check.group, check.case, part) for part in table.parts(check)] + left
+            elif (parts_lost := parts_lost + 1) >= _MOST_PARTS:
+                left = [other for other in left if not other.part]
+        checks = left

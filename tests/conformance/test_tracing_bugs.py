@@ -10,9 +10,11 @@ from seeded_bugs import expect_red, failing, masked
 
 from solari_vk import rt
 from solari_vk.conformance import bulk_checks, embree_checks, position_checks, structure_checks, worlds
-from solari_vk.conformance.rules import FAIL
+from solari_vk.conformance.faults import known_faults
+from solari_vk.conformance.position_checks import HITTING
+from solari_vk.conformance.recorder import Recorder
+from solari_vk.conformance.rules import FAIL, Check
 from solari_vk.conformance.shader_runner import ShaderRunner
-from solari_vk.conformance.suite import Recorder, known_faults
 
 TRACE = "passes/conformance/trace.comp"
 
@@ -82,24 +84,26 @@ def fetching(plain_device):
 @pytest.mark.parametrize("name", POSITION_BUGS)
 def test_bugs_in_vertex_return_are_noticed(patched, fetching, name):
     with patched(*POSITION_BUGS[name], device=fetching) as shaders:
-        measured = list(position_checks.measure_positions(shaders))
+        measured = list(position_checks.measure_positions(shaders, HITTING))
     expect_red(measured, *(rule.name for rule in position_checks.RULES.values()))
     if name == "in world space":  # an error larger than the known fault's is a failure
-        recorder = Recorder("ray_queries", "", known_faults("llvmpipe Mesa 25.0"))
-        recorder(measured)
-        assert {outcome.status for outcome in recorder.outcomes} == {FAIL}
+        outcomes = []
+        Recorder(Check("ray_queries", ""), known_faults("llvmpipe Mesa 25.0"), outcomes.append)(measured)
+        assert {outcome.status for outcome in outcomes} == {FAIL}
 
 
 def test_debug_build_returns_the_same_vertices(fetching):
     with ShaderRunner(fetching) as shaders:
-        release, debug = (list(position_checks.measure_positions(shaders, h)) for h in ("", rt.RAY_QUERY_DEBUG))
+        release, debug = (
+            list(position_checks.measure_positions(shaders, HITTING, header)) for header in ("", rt.RAY_QUERY_DEBUG)
+        )
     assert release == debug
 
 
 def test_unplaced_vertices_are_noticed(fetching, monkeypatch):
     """A driver that returns vertices without their geometry's transform fails; the table is changed to simulate it."""
     with ShaderRunner(fetching) as shaders:
-        assert not failing(position_checks.measure_positions(shaders)) - {
+        assert not failing(position_checks.measure_positions(shaders, HITTING)) - {
             rule.name for (_, several), rule in position_checks.RULES.items() if several
         }
         unplaced = {
@@ -110,7 +114,7 @@ def test_unplaced_vertices_are_noticed(fetching, monkeypatch):
         world = position_checks.World
         monkeypatch.setattr(position_checks, "World", lambda device, _, placed: world(device, of_world, placed))
         monkeypatch.setattr(position_checks, "SHAPES", unplaced)
-        expect_red(position_checks.measure_positions(shaders), "Committed", "one geometry")
+        expect_red(position_checks.measure_positions(shaders, HITTING), "Committed", "one geometry")
 
 
 def test_bugs_in_large_tlas_are_noticed(shaders):

@@ -1,0 +1,143 @@
+"""Measures checks on one device in this process, and tells what happens as messages."""
+
+from __future__ import annotations
+
+import importlib
+import time
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from solari_vk.conformance.faults import Fault, known_faults
+from solari_vk.conformance.groups import Run
+from solari_vk.conformance.recorder import Recorder
+from solari_vk.conformance.rules import ERROR, LOST, Check, Outcome
+from solari_vk.conformance.shader_runner import ShaderRunner
+from solari_vk.errors import SolariError
+from solari_vk.gpu.device.device import Device
+from solari_vk.measure.report import device_facts, host_load
+
+OPENING, CLOSING = "opening the device", "closing the device"
+
+
+@dataclass(frozen=True)
+class Work:
+    """What checks are measured with: the device that `select` names, the profile, and the module that has GROUPS."""
+
+    select: str | None = None
+    full: bool = False
+    table: str = "solari_vk.conformance.groups"
+
+
+@dataclass(frozen=True)
+class Began:
+    """A check begins."""
+
+    check: Check
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A check reached its end after so many seconds."""
+
+    check: Check
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Opened:
+    """The device is open: the head of the report, and the known faults of the driver."""
+
+    facts: dict[str, str]
+    faults: list[Fault]
+
+
+Message = Began | Ended | Opened | Outcome
+Tell = Callable[[Message], None]
+
+
+class Worker:
+    """A device with the suite's shaders and the known faults of its driver. A context manager.
+
+    Raises DeviceError when no device fits."""
+
+    def __init__(self, work: Work) -> None:
+        self._open = ExitStack()
+        self.device = self._open.enter_context(Device(work.select))
+        self.faults = known_faults(f"{self.device.properties.driver} {self.device.name}")
+        self._shaders = self._open.enter_context(ShaderRunner(self.device))
+        self._full = work.full
+        self._groups = importlib.import_module(work.table).GROUPS
+
+    def measure(self, check: Check, tell: Callable[[Outcome], None]) -> None:
+        """Measure one check. An error that it raises becomes an outcome."""
+        rule = Recorder(check, self.faults, tell)
+        try:
+            rule(self._groups[check.group][check.case](Run(rule, self._shaders, self._full, check.part)))
+            self.device.wait_idle()
+            self.device.check_messages()
+        except Exception as error:
+            if self.device.lost:
+                rule.died(LOST, "VK_ERROR_DEVICE_LOST", _describe(error))
+            else:
+                rule.error(_describe(error))
+        else:
+            rule.finish()
+
+    def close(self) -> None:
+        """Close the device. Raises ValidationError if messages of the validation layer are left."""
+        self._open.close()
+
+    def __enter__(self) -> Worker:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def measure_checks(work: Work, checks: Sequence[Check], tell: Tell) -> None:
+    """Open the device, measure checks of one group up to one that loses the device, and close the device."""
+    group, worker = checks[0].group, None
+    with _telling(Check(group, OPENING), tell):
+        worker = Worker(work)
+        tell(Opened(_facts(worker.device), worker.faults))
+    if worker is None:
+        return
+    try:
+        for check in checks:
+            with _telling(check, tell):
+                worker.measure(check, tell)
+            if worker.device.lost:
+                break
+    finally:
+        with _telling(Check(group, CLOSING), tell):
+            worker.close()
+
+
+def _facts(device: Device) -> dict[str, str]:
+    limits = device.properties.acceleration
+    return {
+        **device_facts(device, host_load()),
+        "limits": f"{limits.maxInstanceCount:,} instances, {limits.maxPrimitiveCount:,} primitives, "
+        f"{limits.maxGeometryCount:,} geometries",
+        "validation": "core and synchronization" if device.validation else "off",
+    }
+
+
+@contextmanager
+def _telling(check: Check, tell: Tell) -> Iterator[None]:
+    """Tell when a check begins, what it raises, and when it ends."""
+    started = time.monotonic()
+    tell(Began(check))
+    try:
+        yield
+    except SolariError as error:
+        tell(Outcome(check.group, check.rule, ERROR, check.case, reason=str(error)))
+    tell(Ended(check, time.monotonic() - started))
+
+
+def _describe(error: Exception) -> str:
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__}: {error} ({Path(place.filename).name}:{place.lineno})"
