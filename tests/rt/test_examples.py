@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from solari_vk.conformance.suite import known_faults
 
 import solari_vk as sv
+from solari_vk.conformance.faults import known_faults
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs/examples"
 EXAMPLES = sorted(path.stem for path in FOLDER.glob("*.py"))
