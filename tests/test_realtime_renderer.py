@@ -113,6 +113,7 @@ def test_a_closed_renderer_has_no_timings(device, scene):
 
 def test_a_renderer_that_fails_leaves_nothing(device, scene, monkeypatch):
     monkeypatch.setattr("solari_vk.renderer.display.show_stage", lambda *_: 1 / 0)
+    assert device.pipeline_cache  # the device makes it once, and keeps it
     objects = device.live_objects
     with pytest.raises(ZeroDivisionError):
         sv.Renderer(device, scene, SIZE)

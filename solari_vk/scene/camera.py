@@ -58,8 +58,8 @@ class Camera(Checked):
     """A perspective camera looking along its -z axis, +y up.
 
     transform is world from camera, (4, 4), or just a position (3,) in meters. vertical_fov is in radians
-    (`math.radians(45)`). near is the distance in meters from which on things are seen. ev100 is the exposure value at
-    ISO 100: pictures show radiance / (1.2 * 2^ev100). jitter (2,) shifts the picture, in pixels.
+    (`math.radians(45)`). Surfaces closer than near, in meters, are not shown. ev100 is the exposure value at ISO 100:
+    pictures show radiance / (1.2 * 2^ev100). jitter (2,) shifts the picture, in pixels.
     """
 
     _: KW_ONLY

@@ -49,7 +49,7 @@ def decode(image: Any, who: str) -> Pixels:
         return np.asarray(image if image.mode == "RGBA" else image.convert("RGBA"))
     except MemoryError:
         raise SolariError(_too_large(who)) from None
-    except Exception as error:  # as above
+    except Exception as error:  # Pillow raises many types of exceptions for damaged pixels too
         raise SolariError(f"{who} is a damaged image ({_short(error)}): save it again") from None
 
 

@@ -61,7 +61,7 @@ class LightKind:
 
 
 def luminance(color: NDArray[np.float32]) -> float:
-    """Of a linear Rec. 709 color (3,)."""
+    """The luminance of a linear Rec. 709 color (3,)."""
     return float(sum(weight * channel for weight, channel in zip(LUMINANCE_WEIGHTS, color.tolist(), strict=True)))
 
 
@@ -92,7 +92,7 @@ LIGHT_KINDS = (
     ),
 )  # fmt: skip
 KIND_INDEX = {kind.name: index for index, kind in enumerate(LIGHT_KINDS)}
-"""What the shaders call a kind: LIGHT_NAME, the `kind` of a light source and of a sample in the light tiles."""
+"""Each kind's number in the shaders: LIGHT_NAME, and the field `kind` of light sources and of light samples."""
 
 
 def glsl_header() -> str:

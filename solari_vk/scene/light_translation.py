@@ -12,7 +12,7 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.constants import NO_INDEX
 
-CHANGE_DECAY = 0.9  # of LightTranslation.change, per frame
+CHANGE_DECAY = 0.9  # the factor of LightTranslation.change per frame
 MIN_CHANGE = 1 / 64  # a smaller change counts as none
 NAMES = ("light_translation", "previous_light")
 

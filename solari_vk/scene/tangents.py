@@ -108,7 +108,8 @@ def _has_equal_corners(positions: Integers) -> NDArray[np.bool_]:
 def _neighbors(welded: Integers, solid: NDArray[np.bool_]) -> Integers:
     """For each edge, from corner i to i + 1 of a triangle, the edge (3 * triangle + corner) of its neighbor, or -1.
 
-    Edges pair only when they run in opposite directions, the first with the first, where more than two meet.
+    Neighbors' edges run in opposite directions. Where more than two edges meet, the k-th of one direction is paired
+    with the k-th of the other.
     """
     start, end = welded.reshape(-1), np.roll(welded, -1, axis=1).reshape(-1)
     edges = np.flatnonzero(np.repeat(solid, 3))
@@ -121,7 +122,7 @@ def _neighbors(welded: Integers, solid: NDArray[np.bool_]) -> Integers:
         sides.append((key[order], edges[order]))
     (keys_a, edges_a), (keys_b, edges_b) = sides
     rank = np.arange(len(keys_a)) - np.searchsorted(keys_a, keys_a)
-    # The k-th edge of a key on one side sits k after the key's first on the other.
+    # The partner of the k-th edge with some key is the k-th edge with that key on the other side.
     place = np.searchsorted(keys_b, keys_a) + rank
     matched = place < len(keys_b)
     matched[matched] = keys_b[place[matched]] == keys_a[matched]

@@ -19,7 +19,7 @@ VISIBLE, HIDDEN = 0x7F << 24, 0x80 << 24
 NO_CULLING = raw.VK_GEOMETRY_INSTANCE_TRIANGLE_FACING_CULL_DISABLE_BIT_KHR << 24
 # The fields that `write` sets, in order.
 RECORD = ("transform", "custom_index_and_mask", "sbt_offset_and_flags", "blas_address")
-FEW = 64  # so few instances need no spatial order
+FEW = 64  # up to this many instances need no spatial order
 
 
 class TracedInstances:

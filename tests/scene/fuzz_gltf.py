@@ -95,7 +95,7 @@ VALUES: tuple[Callable[[random.Random], Any], ...] = (
     lambda r: r.choice([-1, 0, 1, 2, 3, 4, 5, 7, 100, 255, 65535, 5121, 5123, 5126]),
     lambda r: r.choice([2**31, 2**32, 2**53, 2**63, 10**30, 10**400, -(2**31), -(10**30)]),
     lambda r: r.choice([1e308, -1e308, 1e39, 1e-320, 0.5, -0.5, -0.0, 1e18, 3.0]),
-    lambda r: r.choice(["NaN", "Infinity", "1e400", "-1e400"]),  # written as bare tokens
+    lambda r: r.choice(["NaN", "Infinity", "1e400", "-1e400"]),  # written without their quotes
     lambda r: r.choice(["", "x", "VEC3", "MAT4", "../x", "\ud800", "data:,", "a" * 300]),
     lambda r: r.choice([None, True, False]),
     lambda r: r.choice([[], {}, [[]], [{}], {"extensions": []}, [0] * 16, [0, 0, 0], [1e300] * 3]),
@@ -158,7 +158,7 @@ def mutate_bytes(data: bytes, generator: random.Random) -> bytes:
 
 
 def mutant(writer: GltfWriter, whole: bytes, generator: random.Random) -> bytes:
-    """A changed file."""
+    """A .glb file with random changes in its JSON, in its binary part, or anywhere."""
     kind = generator.random()
     if kind < 0.55:
         return glb(mutate_json(writer.json, generator), bytes(writer.data))

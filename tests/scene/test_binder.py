@@ -244,14 +244,14 @@ def fail_to_add(scene, binder, rng, monkeypatch, kind, method):
 
 
 @pytest.mark.parametrize("count", [1, 16])  # tables begin with 16 rows
-def test_what_never_arrived_can_be_removed(rng, scene, binder, monkeypatch, count):
+def test_an_instance_that_was_never_uploaded_can_be_removed(rng, scene, binder, monkeypatch, count):
     for _ in range(count - 1):
         scene.add(make_instance(rng))
     fail_to_add(scene, binder, rng, monkeypatch, Uploads, "buffer")
     assert_mirrors(binder, scene)
 
 
-def test_a_tlas_build_that_fails_leaves_the_one_before(device, rng, scene, binder, monkeypatch):
+def test_a_tlas_build_that_fails_leaves_the_previous_one(device, rng, scene, binder, monkeypatch):
     fail_to_add(scene, binder, rng, monkeypatch, Tlas, "_record")
     before = binder._traced._build
     assert before._commands._pool._token in device._owned
@@ -263,8 +263,8 @@ SQUARE = Mesh(positions=[[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], triang
 
 
 @pytest.mark.parametrize("staging", [False, True])
-def test_rays_meet_what_was_uploaded(any_device, rng, staging):
-    """The TLAS is built after the upload of its records, with mapped memory and with staging buffers."""
+def test_the_tlas_is_built_after_the_upload_of_its_records(any_device, rng, staging):
+    """With mapped memory and with staging buffers, rays hit the instances that were added or made visible."""
     scene = Scene(Instance(mesh=SQUARE, material=Material(base_color_texture=make_texture(rng))))
     camera = Camera.look_at((0, 0, 1), (0, 0, 0))
     with Device(staging=staging) as device:
@@ -296,8 +296,8 @@ def test_edits_reach_frames_in_flight(device):
             assert (renderer.render(camera, samples=1)["radiance"] > 0).all() == shown
 
 
-def test_no_dead_texture_stays_bound(device, rng, scene):
-    """A texture that loses its last user is unbound; the renderer continues, also after a resize."""
+def test_a_texture_without_users_is_unbound(device, rng, scene):
+    """The renderer continues without it, also after a resize."""
     textured = scene.add(make_instance(rng, base_color_texture=make_texture(rng)))
     camera = Camera.look_at((0, 0, 5), (0, 0, 0))
     with PathTracer(device, scene, (4, 4), max_bounces=0) as renderer:

@@ -39,7 +39,7 @@ def edges_are_shared(mesh):
     return len(set(edges)) == len(edges) and all((b, a) in set(edges) for a, b in set(edges))
 
 
-def test_shapes_face_the_right_way():
+def test_shapes_are_closed_and_face_outward_or_inward():
     assert volume(shapes.box()) == pytest.approx(1.0)
     assert volume(shapes.box((0, 0, 0), (1, 2, 3), inward=True)) == pytest.approx(-6.0)
     assert volume(shapes.sphere(1.0, 128)) == pytest.approx(4 / 3 * math.pi, rel=2e-3)
@@ -54,7 +54,7 @@ def test_shapes_face_the_right_way():
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_scene_is_sensible(name):
+def test_scenes_have_a_name_a_camera_a_light_and_unit_normals(name):
     small = {"sphere_count": 9, "box_count": 20} if name == "many_lights" else {}
     scene = builtin(name, **small)
     assert scene.name == name
@@ -66,7 +66,7 @@ def test_scene_is_sensible(name):
         np.testing.assert_allclose(lengths, 1, atol=1e-5)
 
 
-def test_cornell_box_is_the_measured_one():
+def test_the_cornell_box_has_the_measured_sizes():
     scene = cornell_box(size=0.5488)
     meshes = {instance.name: instance.mesh for instance in scene}
     low, high = scene.bounds
@@ -101,7 +101,7 @@ def test_many_lights_repeats_and_scales():
     assert len(builtin("many_lights", sphere_count=0, box_count=0).instances) == 1
 
 
-def test_mistakes_name_what_there_is():
+def test_errors_list_the_known_names():
     message = r"no built-in scene 'cornell'; did you mean 'cornell_box'\? there are cornell_box, closed_box"
     with pytest.raises(SolariError, match=message):
         builtin("cornell")

@@ -23,7 +23,7 @@ def test_items_by_number_and_by_name():
     assert (len(items), items.names) == (4, ["floor", "wall", "wall", "lamp"])
     assert items[0] is items["floor"] is next(iter(items))
     assert items[-1] is items[np.int64(3)] is items["lamp"]
-    assert items["wall"] is items[1], "of several objects with a name the first"
+    assert items["wall"] is items[1], "the first of several objects with this name"
     assert items[1:3] == [items[1], items[2]]
     assert items[2] in items
     assert "lamp" in items
@@ -43,7 +43,7 @@ def test_items_by_number_and_by_name():
         (0.5, "index by a whole number, a slice or a name, not 0.5"),
     ],
 )
-def test_what_is_not_there(key, message):
+def test_unknown_keys_are_refused(key, message):
     scene = scene_of("floor", "wall")
     with pytest.raises(SolariError, match=message):
         _ = scene.instances[key]
@@ -53,7 +53,7 @@ def test_what_is_not_there(key, message):
         _ = scene.cameras["x"]
 
 
-def test_scenes_hold_objects_in_order_and_tell_of_changes():
+def test_scenes_hold_objects_in_order_and_notify_watchers():
     seen = []
 
     class Watcher:
@@ -130,7 +130,7 @@ def test_materials_and_meshes_are_those_of_the_instances():
 def test_the_default_camera():
     scene = scene_of("floor")
     found = scene.camera
-    assert found is scene.camera, "one camera, so that what is set stays set"
+    assert found is scene.camera, "always the same object, so that changes to it are kept"
     assert not scene.cameras
     expected = Camera.framing(scene.bounds)
     np.testing.assert_array_equal(found.transform, expected.transform)

@@ -109,7 +109,7 @@ def test_directions_of_any_length_become_unit_vectors(length):
     assert light.direction == pytest.approx((0.6, 0.0, -0.8))
 
 
-def test_colors_may_be_gray_and_textures_take_words():
+def test_colors_may_be_gray_and_wrap_modes_are_words():
     assert Material(base_color=0.25, reflectance=[0, 0.5, 1]).base_color.tolist() == [0.25] * 3
     image = TextureImage(pixels=np.zeros((1, 1, 4), np.uint8))
     assert Texture(image=image, wrap_u="clamp_to_edge").uv_transform.tolist() == np.eye(2, 3).tolist()
@@ -122,7 +122,7 @@ def test_colors_may_be_gray_and_textures_take_words():
 # ---- changes ----------------------------------------------------------------------------------------
 
 
-def test_watchers_are_told_once_for_every_change():
+def test_watchers_are_notified_once_per_change():
     notes, material = Notes(), Material()
     material.watch(notes)
     material.watch(notes)
@@ -174,7 +174,7 @@ def test_misspelt_fields_are_refused():
         Camera(fov=1.0)
 
 
-def test_objects_are_their_own_handles():
+def test_equal_objects_are_different_keys():
     assert len({mesh(), mesh()}) == 2
 
 

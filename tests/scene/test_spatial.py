@@ -27,7 +27,7 @@ def test_points_may_coincide(points):
 
 def test_neighbors_stay_together():
     points = np.random.default_rng(0).random((20_000, 3))
-    ideal = (16 / len(points)) ** (1 / 3)  # the side of a cube that holds sixteen
+    ideal = (16 / len(points)) ** (1 / 3)  # the side of a cube that holds sixteen points on average
     assert spread(points) > 0.9
     assert spread(points[spatial_order(points)]) < 2 * ideal
 

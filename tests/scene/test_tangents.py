@@ -1,4 +1,4 @@
-"""Tangents as MikkTSpace makes them: cases worked out by hand, a plain transcription of its rules, and properties."""
+"""Tangents equal MikkTSpace's: cases computed by hand, a plain transcription of its rules, and general properties."""
 
 from __future__ import annotations
 
@@ -128,10 +128,10 @@ def test_a_square(uvs, tangent):
 
 
 def test_the_mean_is_weighted_by_angle():
-    """Two triangles share a vertex: u runs along x in one of 90 degrees, and diagonally in one of 45 degrees."""
+    """Two triangles share a vertex, with angles of 90 and 45 degrees there; u increases in different directions."""
     positions = np.float32([[0, 0, 0], [1, 0, 0], [0, 1, 0], [-1, 1, 0]])
     uvs = np.float32([[0, 0], [1, 0], [0, 1], [-1, 0]])
-    # In the second triangle y = 1 - w, x = -w at the weight w of the last vertex: u = x, v = x + y.
+    # In the first triangle u = x and v = y; in the second u = x and v = x + y.
     second = np.array([1, -1]) / math.sqrt(2)  # the direction in which u increases and v is constant
     expected = math.pi / 2 * np.array([1, 0]) + math.pi / 4 * second
     space = generate_tangents(positions, UP, uvs, np.array([[0, 1, 2], [0, 2, 3]]))
@@ -164,8 +164,8 @@ def test_triangles_without_uv_area_or_area_join_others():
     np.testing.assert_allclose(space.tangents, [[1, 0, 0, 1]] * 4, atol=1e-6)
 
 
-def test_nothing_to_go_by():
-    """Equal uvs and zero normals still give finite unit tangents orthogonal to the normal."""
+def test_equal_uvs_and_zero_normals():
+    """With equal uvs, tangents are any unit vectors orthogonal to the normals; with zero normals they are finite."""
     space = generate_tangents(SQUARE, UP, np.zeros((4, 2), np.float32), HALVES)
     np.testing.assert_allclose(np.linalg.norm(space.tangents[:, :3], axis=1), 1)
     np.testing.assert_allclose((space.tangents[:, :3] * UP[space.source]).sum(axis=1), 0, atol=1e-6)

@@ -100,7 +100,7 @@ def _passes(device: Device, report: Report, chosen: list[Scene], size: Size, pla
         f"Rays per pixel at {named}",
         ["pass", *names],
         table,
-        "A pass that reads the world cache counts the rays that it traces for the query.",
+        "Rays that a query of the world cache traces count for the pass that queries it.",
     )
 
     table = [
@@ -117,8 +117,8 @@ def _why_slow(
     """A note: the aim, and for scenes that miss it the stages that take the most time."""
     lines = [
         f"Aim: {BARE_AIM:g} or less. The bare kernel (`glsl/passes/bench/rays.comp`) follows paths from nearest hit to "
-        "nearest hit, without shading. Only its rays that start at surfaces count, since those of a rasterised frame "
-        "do. The frame's visibility rays end at the first hit or at the light."
+        "nearest hit, without shading. Of its rays only those that start at surfaces count, because all rays of a "
+        "frame with a rasterized G-buffer start there. The frame's visibility rays end at any hit, or at the light."
     ]
     for name in names:
         if not ratios[name][0] > BARE_AIM:
@@ -159,7 +159,7 @@ def _start(device: Device, report: Report, plan: Plan) -> None:
         report.progress(f"start: {name}")
         rows.append([name, *(f"{value:.2f}" for value in costs.start_seconds(device, cold=cold))])
     report.table("Start, cornell_box 256x256", ["pipelines", "Renderer made, s", "first frame, s"], rows,
-                 "Each in a new process. The driver's own cache is off or on with the package's.")  # fmt: skip
+                 "Each row is a new process. With nothing compiled, the driver's own cache is off too.")  # fmt: skip
 
 
 def _host(device: Device, report: Report, frames: int) -> None:
@@ -179,14 +179,14 @@ def _growth(device: Device, report: Report, plan: Plan) -> None:
     named, triangles = f"{size[0]}x{size[1]}", plan.lights[-1]
     box = builtin("cornell_box")
     tables: tuple[tuple[str, str, str, Sequence[int], Callable[[int], tuple[Scene, Size]]], ...] = (
-        ("Growth with pixels, cornell_box", "pixels", "Light tiles and the cache's map are fixed costs.",
+        ("Growth with pixels, cornell_box", "pixels", "Light tiles and the cache's map cost the same at any size.",
          [side * side for side in plan.sides], lambda pixels: (box, (math.isqrt(pixels), math.isqrt(pixels)))),
         (f"Growth with triangles, {named}", "triangles", "A height field under one lamp.",
          plan.triangles, lambda count: (hilly(count), size)),
         (f"Growth with instances, {named}", "instances", "Tetrahedra on a square under one lamp.",
          plan.instances, lambda count: (scattered(count), size)),
         (f"Growth with lights, {named}", "emissive triangles",
-         f"Of {triangles:,} triangles over a floor this many emit, evenly spread and with the same power in all.",
+         f"{triangles:,} triangles hang over a floor. This many of them, evenly spread, emit the same power together.",
          plan.lights, lambda count: (glowing(count, triangles), size)),
     )  # fmt: skip
     for title, what, note, cases, make in tables:
@@ -240,8 +240,8 @@ def _error(device: Device, report: Report, plan: Plan) -> None:
         ],
         rows,
         f"Against {samples} samples of the path tracer. One frame's error no longer falls once its history is full; "
-        "the error of the mean of frames falls until the bias is left. Frames share samples, so for the mean of many "
-        "frames the path tracer is the better choice.",
+        "the error of the mean of frames falls until only the bias remains. Frames share samples, so for the mean of "
+        "many frames the path tracer is the better choice.",
     )
     rows = [[f"{count}", f"{seconds:.2f}", f"{value:.2e}"] for count, seconds, value in traced]
     report.table(f"relMSE of the path tracer, {named}", ["samples a pixel", "seconds so far", "relMSE"], rows)
