@@ -1,4 +1,4 @@
-"""The base of everything that works on a scene: the scene on the device, and its lifetime; and frames over a scene."""
+"""Base classes: a SceneUser works on a scene on a device, and a SceneFrame runs passes over such a scene."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The claims: each runs at a tiny size, and verdicts follow from numbers."""
+"""Each claim runs at a tiny size, and verdicts follow from the measured numbers."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from solari_vk.measure.subjects import from_file, glowing
 
 
 class Unpatched(Workbench):
-    """Measures with the shaders as they are, so that the driver need not compile those of each patch."""
+    """Replaces patched shaders by the unpatched ones, so that the driver need not compile those of each patch."""
 
     def renderer(self, scene, size, patches=(), **settings):
         return super().renderer(scene, size, **settings)
@@ -48,7 +48,7 @@ def bench(device, request):
 
 @pytest.mark.parametrize("claim", CLAIMS, ids=lambda claim: claim.name)
 def test_claim_runs(bench, claim):
-    """Numbers are finite, or `Measure` refuses them; at this size they decide nothing."""
+    """Each claim runs, with finite numbers, or `Measure` would refuse them. Its verdict means nothing at this size."""
     outcome = claim.measure(bench)
     assert outcome.untestable or any(measure.criterion is not None for measure in outcome.measures)
     for measure in outcome.measures:
@@ -63,7 +63,7 @@ def test_claim_runs(bench, claim):
 
 
 def test_patches_are_glsl():
-    """All at once, in shaders that use them; each patch must find its text."""
+    """Shaders with all patches compile; a patch whose text isn't found raises an error."""
     every = [patch for name, patches in vars(older).items() if name.isupper() and name[0] != "_" for patch in patches]
     assert len(every) == 13
     with patched_shaders(*every):
@@ -107,7 +107,7 @@ def test_criteria(criterion, before, after, holds):
 
 
 def test_noise_decides_nothing():
-    """When the mean meets the criterion but its interval doesn't, the claim is not reproduced for want of runs."""
+    """If the mean meets the criterion but its interval doesn't, the claim is not reproduced: it needs more runs."""
     measure = Measure("time", "ms", [10, 30, 20], [9, 10, 11], falls(1.5))
     assert measure.failure() == "time: the spread of 3 runs is too wide to tell"
     single = Measure("time", "ms", [30], [1], falls(1.5))

@@ -1,4 +1,4 @@
-"""What `render` returns: the same names from both renderers, files, masks, and clear errors once it is gone."""
+"""The frame that `render` returns: its names are the same for both renderers; files, masks, and use after its end."""
 
 from __future__ import annotations
 

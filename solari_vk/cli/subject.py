@@ -82,7 +82,7 @@ def _path(options: argparse.Namespace, scene: Scene, camera: Camera) -> list[Cam
 
 
 def _find_camera(scene: Scene, text: str | None, aspect: float) -> Camera:
-    """The camera that an option names; without the option the scene's own for pictures of an aspect."""
+    """The camera that the option --camera names; without the option, `scene.camera_for(aspect)`."""
     if text is None:
         return scene.camera_for(aspect)
     if text.isdecimal():

@@ -90,7 +90,7 @@ def measure_watertight(shaders: ShaderRunner) -> Iterator[Measurement]:
     random = np.random.default_rng(7)
     angles = np.cumsum(random.uniform(0.2, 1.0, 200))
     angles *= 2 * np.pi / angles[-1]
-    # The fan is so flat that no triangle is seen edge-on from above, where a ray beside an edge may miss it.
+    # The fan is flat, so that rays from above meet no triangle edge-on: there, a ray beside an edge may miss it.
     rim = np.stack([np.cos(angles), np.sin(angles), 0.2 * np.sin(3 * angles) - 0.2], 1)
     rim = rim * random.uniform(0.5, 2, (200, 1)) + (0.1, 0.2, 0.3)
     apex = np.tile((0.1, 0.2, 0.3), (200, 1))

@@ -57,7 +57,7 @@ FULL = Profile(96, Effort(16, 24, 4 * JITTER_PERIOD, 2048), _FULL_BARS)
 
 
 def read_direct(frame: RenderedFrame) -> Image:
-    """The direct light that surfaces reflect (h, w, 3)."""
+    """The reflected direct light of a frame, (h, w, 3)."""
     return add_up(frame, "di_diffuse", "di_specular")
 
 
@@ -85,8 +85,8 @@ def find_lit_share(device: Device, scene: sv.Scene, side: int) -> Image:
 def trace_direct(device: Device, scene: sv.Scene, samples: int, side: int) -> tuple[Image, Image]:
     """The path tracer's picture (side, side, 3) of one bounce, and which pixels (side, side) show no part of a lamp.
 
-    At a lamp's edges, the 32 positions of the realtime frame's samples within a pixel cover a few per cent more of the
-    lamp than the pixel's mean does; so these pixels are black.
+    Pixels at a lamp's edges are made black, because there the 32 jitter positions of the realtime frame cover a few per
+    cent more of the lamp than the whole pixel does.
     """
     one, none = (trace(device, scene, samples, (side, side), max_bounces=count) for count in (1, 0))
     shown = (none == 0).all(axis=-1)
@@ -142,8 +142,9 @@ def _thirds(picture: Image) -> Image:
 
 
 def measure_changes(device: Device, full: bool = False) -> Iterator[Measurement]:
-    """The first of three lamps goes, so that the list closes up, and comes back as its last: the frames right after
-    are as bright as the path tracer's beneath each lamp, and nothing is left of what the first one gave."""
+    """The first of three lamps is removed, which changes the indices of the others, and then added as the last. After
+    each change the next frames are as bright beneath each lamp as the path tracer's, and keep no light of a lamp that
+    was removed."""
     side, runs, bar = (48, 48, 0.02) if full else (24, 32, 0.025)
     scene, size = _row_of_lamps(), (_LAMPS * side, side)
     first = next(instance for instance in scene if instance.name == "lamp 0")

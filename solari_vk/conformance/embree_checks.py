@@ -17,7 +17,7 @@ from solari_vk.scene.matrices import transform_points
 from solari_vk.scene.spatial import spatial_order
 
 SCENES = ("soup", "instanced", "mesh of a million")
-_NEAR = 1e-4  # of the extent: this close to an edge, both answers are right
+_NEAR = 1e-4  # share of the scene's extent; closer to an edge than this, either triangle may be the hit
 _BATCH = 1 << 18
 
 

@@ -55,7 +55,7 @@ class Setup(NamedTuple):
 
     @property
     def reflection(self) -> Image:
-        """Virtual from real positions: the mirrors' Householder reflections; the first mirror's is applied last."""
+        """The matrix from real to virtual positions: the product of the mirrors' reflections, the first one's last."""
         chain = np.eye(4)
         for mirror in self.mirrors:
             normal = mirror[:3, 2] / np.linalg.norm(mirror[:3, 2])

@@ -17,9 +17,9 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import rgb
 
-# Leaves room for five standard errors beside the interval, since other devices give other noise.
+# Five standard errors more than the interval on lavapipe, because other devices give other noise.
 BAR = 0.005
-# A tilted lamp between the floor and the camera, which sees only its back side, through which lamps are invisible.
+# A tilted lamp that faces the floor. Cameras don't see the back sides of surfaces, so it hides nothing of the floor.
 LAMP_CORNERS = np.array([(-0.6, 1.2, -0.4), (0.7, 1.2, -0.4), (0.7, 1.5, 0.5), (-0.6, 1.5, 0.5)])
 LAMP_RADIANCE = np.array((5.0, 3.0, 1.0))
 _ALBEDO = np.array((0.8, 0.5, 0.2))

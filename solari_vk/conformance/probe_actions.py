@@ -18,7 +18,7 @@ TERMINATE = 16
 """End the query at the first candidate, after the actions of the other bits."""
 
 NEARER = 32
-"""With GENERATE_AT: each hit is 1 nearer than the one before, so that the last one is committed."""
+"""With GENERATE_AT: each hit is 1 nearer than the previous one, so that the last one is committed."""
 STEP_LIMIT = 4096
 """Not a bit: a probe stops after this many candidates, so that an endless traversal is reported instead of hanging."""
 

@@ -208,7 +208,7 @@ class _Checked:
         return found
 
     def _coarseness(self) -> float:
-        """The magnitude whose rounding error moves the object-space ray, as the origin and the translation cancel."""
+        """The size of the largest numbers that cancel when a ray is moved to object space; their rounding moves it."""
         return float(np.abs(self.inverse).max() * np.abs(self.placed.matrix).max())
 
     def _meet(self, geometry: int, primitive: int) -> tuple[float, NDArray[np.float64]]:

@@ -147,7 +147,7 @@ def measure_gallery(device: Device, frames: int = 2500) -> Iterator[Measurement]
 
 @dataclasses.dataclass
 class PathCase:
-    """A metal wall, and a bar for the rays of specular GI in each of its pixels."""
+    """A metal wall, and the limits of the number of rays that specular GI traces for a pixel of it."""
 
     rule: Rule
     perceptual_roughness: float

@@ -176,7 +176,8 @@ def measure_inactive_primitives(shaders: ShaderRunner, kind: str) -> Iterator[Me
 
 
 def _hidden(what: str, place: int, found: np.ndarray) -> list[str]:
-    """The indices that rays at the two others of three should have found, and didn't."""
+    """A line for each of two rays that missed its object. Of three objects, number `place` is one that rays can't hit;
+    `found` has the objects' numbers that the rays at the other two have found."""
     others = np.delete(np.arange(3), place)
     return [f"{what} hides {other}" for other in others[found != others]]
 

@@ -25,7 +25,7 @@ LEAK = Rule("no light leaks through a thin wall", *_CACHE)
 
 
 def measure_world_cache(device: Device) -> Iterator[Measurement]:
-    """The hash map's laws, of the map as a frame leaves it."""
+    """The rules of the hash map hold after frames of the renderer."""
     scene = cornell_box()
     with make_renderer(device, scene) as renderer:
         for _ in range(6):
@@ -47,7 +47,7 @@ def measure_world_cache(device: Device) -> Iterator[Measurement]:
 
 
 def _read_cells(renderer: Renderer) -> tuple[float, int]:
-    """The mean irradiance of cells that have been updated a dozen times, and how many they are."""
+    """The mean irradiance of the cells that have been updated at least a dozen times, and the number of these cells."""
     irradiance = renderer["world_cache_irradiance"].astype(np.float64)
     # A cell's count begins at 1 and grows by a quarter with each update.
     settled = irradiance[(renderer["world_cache_checksums"] != 0) & (irradiance[:, 3] >= 4.0)]
@@ -55,7 +55,7 @@ def _read_cells(renderer: Renderer) -> tuple[float, int]:
 
 
 def measure_fixed_point(device: Device, full: bool = False) -> Iterator[Measurement]:
-    """Walls that emit 1 and reflect half: all that is seen from them has the radiance 2, and so they get 2 pi."""
+    """In a closed box whose walls emit 1 and reflect half, the radiance is 2 everywhere and the irradiance 2 pi."""
     effort, bar = (Effort(16, 100, 8), 0.02) if full else (Effort(8, 40, 4), 0.05)
     scene = closed_box()
     expected = math.pi * float(closed_forms.closed_box_radiance(np.ones(1), np.full(1, 0.5), 64)[0])
@@ -79,20 +79,20 @@ def measure_fixed_point(device: Device, full: bool = False) -> Iterator[Measurem
     yield measured if min(counts) > 500 else Measurement(FIXED_POINT, math.inf, bar, note=f"{min(counts)} cells only")
 
 
-# Meters by which the wall is off the cells' grid, degrees by which it is turned, and the bar.
+# The wall's offset from the cells' grid in meters, its angle in degrees, and the bar.
 WALLS = ((0.0, 0, 0.001), (0.075, 0, 0.002), (0.03, 0, 0.002), (0.1, 0, 0.002), (0.0, 45, 0.01), (0.05, 20, 0.01))
 
 
 def measure_leak(
     device: Device, walls: Sequence[tuple[float, int, float]] = WALLS, **settings: Any
 ) -> Iterator[Measurement]:
-    """A lamp on one side of a wall of 2 cm: what the picture's other half gets, on the cells' grid and within them."""
+    """The light that leaks through a wall of 2 cm, for walls on the grid of the cells and within cells."""
     for x, turn, bar in walls:
         scene, size = thin_wall(), (32, 32)
         wall = next(instance for instance in scene if instance.name == "wall")
         wall.transform = place((1.0, 1.0, 4.0 if turn else 1.0), (x, 0, 0), math.radians(turn))
         dark = trace(device, scene, 64, size).max(axis=-1) == 0
-        dark[:, : size[0] // 2] = False  # what lies outside the room
+        dark[:, : size[0] // 2] = False  # the black pixels of this half show the outside of the room
         with make_renderer(device, scene, size, **settings) as renderer:
             for _ in range(24):
                 renderer.render(scene.camera)

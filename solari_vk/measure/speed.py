@@ -106,7 +106,7 @@ def _host_time(device: Device, report: Report) -> None:
 
 
 def _large_scene(device: Device, report: Report) -> None:
-    """From numpy arrays to the first pixel."""
+    """Measure the time from numpy arrays to the first pixel of a picture."""
     scene = hilly(LARGE_SCENE)
 
     def load() -> None:

@@ -125,7 +125,7 @@ def sixteenths(images: ArrayLike) -> Floats:
 
 
 def relative_mse(image: NDArray[Any], reference: NDArray[Any]) -> float:
-    """Mean squared error over the reference's square, which is floored at 0.01 times its mean's square."""
+    """The mean of the squared error over the squared reference, to which 1 % of its squared mean is added."""
     floor = 1e-2 * float(np.mean(reference)) ** 2 + 1e-12
     return float(((image - reference) ** 2 / (reference**2 + floor)).mean())
 

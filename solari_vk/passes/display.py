@@ -1,4 +1,4 @@
-"""From what the passes found to the screen: `compose` adds it up, `show` makes 8-bit colors; glsl/passes/display/."""
+"""The picture: `compose` adds the light of all passes, `show` turns it into 8-bit colors; glsl/passes/display/."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def compose_stage(size: tuple[int, int]) -> Stage:
 def show_stage(size: tuple[int, int], debug_views: bool = True) -> Stage:
     """`display`, 8-bit sRGB: `radiance` after exposure and tone mapping, or a debug view.
 
-    debug_views: without them the stage needs nothing but `radiance`.
+    debug_views: False leaves them out; the stage then needs nothing but `radiance`.
     """
     passes = ["display/show", "display/debug_view"] if debug_views else ["display/show"]
     return Stage("show", images={"display": size}, passes=[Pass(name, threads=size) for name in passes])

@@ -39,7 +39,8 @@ def stage(size: tuple[int, int], settings: Settings, instance_capacity: int) -> 
 
 
 def last_stage(instance_capacity: int) -> Stage:
-    """What the next frame's motion vectors need; the last of all stages, since others ask for motion too."""
+    """Stores the transforms of this frame for the motion vectors of the next. It is the last stage, because all others
+    need those of the previous frame."""
     return Stage("remember", passes=[Pass("gbuffer/remember_instances", threads=instance_capacity)])
 
 

@@ -53,7 +53,7 @@ def stage(size: tuple[int, int], settings: Settings) -> Stage:
 
 
 def _rows(threads: int) -> tuple[int, int]:
-    """A dispatch of at least so many threads in rows; of just as many when their number is a power of two."""
+    """The size (width, height) of a dispatch of at least `threads` threads; exactly as many for a power of two."""
     row = ROW_GROUPS * GROUP_SIZE
     return min(threads, row), max(threads // row, 1)
 

@@ -17,7 +17,7 @@ LARGEST_PIXEL_COUNT = 2**27  # of one image: 512 MiB as RGBA
 
 
 def open_image(data: bytes | memoryview, who: str) -> Any:
-    """A PNG or JPEG file's header, checked; `decode` reads the pixels. `who` names it in errors."""
+    """Open a PNG or JPEG image and check its header; `decode` reads the pixels. `who` names the image in errors."""
     from PIL import Image, UnidentifiedImageError
 
     try:

@@ -127,7 +127,7 @@ class Lights:
         self._power_of[light] = power
 
     def update(self, lit_area: Callable[[], float]) -> None:
-        """Write what the changes entail. lit_area(): the scene's cross-section, roughly, in square meters."""
+        """Update the arrays and tables after changes. lit_area(): the scene's cross-section, roughly, in m^2."""
         others = [(kind, light) for kind, lights in self._others.items() for light in lights]
         if self._changed or self._positions_changed:
             emissive = self._emissive_positions[: len(self._emissive)]

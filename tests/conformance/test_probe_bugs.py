@@ -196,7 +196,7 @@ def test_another_number_for_boxes_is_noticed(device, monkeypatch):
 
 
 def test_another_number_for_a_flag_is_noticed(shaders):
-    """The numbers of flags come from Python too: CULL_OPAQUE has that of CULL_NO_OPAQUE."""
+    """The numbers of flags come from Python too: here CULL_OPAQUE gets the number of CULL_NO_OPAQUE."""
 
     def renumber(rays):
         rays["flags"][rays["flags"] == RayFlags.CULL_OPAQUE] = RayFlags.CULL_NO_OPAQUE
@@ -242,7 +242,7 @@ def declared_capabilities():
 
 
 def test_skipping_primitives_is_declared():
-    """SPIR-V has the flags only with RayTraversalPrimitiveCullingKHR, which every device with ray queries takes."""
+    """The flags need the capability RayTraversalPrimitiveCullingKHR, which every device with ray queries accepts."""
     ray_query, primitive_culling = 4472, 4478
     assert {ray_query, primitive_culling} <= declared_capabilities()
     with patched_shaders((QUERY, "layout(primitive_culling);", "")):

@@ -122,7 +122,7 @@ def test_reads_through_a_reference_are_free_and_writes_refused(shaders):
 
 
 def test_kinds_counts_and_formats(shaders):
-    # If no variable indexes it, the compiler gives an array without a length one.
+    # The compiler replaces an array without a length by one with a length, unless a variable indexes it.
     found = module(shaders, "void main() { a.at[0] = uint(texture(many[u.value], vec2(0)).x); }\n", "zero").bindings
     kinds = {name: (binding.kind, binding.count) for name, binding in found.items()}
     assert kinds == {

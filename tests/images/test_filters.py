@@ -25,7 +25,7 @@ def share(pixel_filter, distance):
     """The share of a filter to the right of a vertical edge, which is `distance` pixels to the right of its center."""
     if pixel_filter == "box":
         return min(max(0.5 - distance, 0.0), 1.0)
-    if pixel_filter == "gaussian":  # radial; its standard deviation is half a pixel, its radius 4 of them
+    if pixel_filter == "gaussian":  # radial; the standard deviation is half a pixel, the radius two pixels
         radial = lambda r: r * math.exp(-2 * r * r) * 2 * math.acos(min(max(distance / r, -1), 1))  # noqa: E731
         inside = integrate.quad(radial, 0, 2, points=[min(max(abs(distance), 1e-9), 2)])[0]
         return inside / (2 * math.pi * integrate.quad(lambda r: r * math.exp(-2 * r * r), 0, 2)[0])

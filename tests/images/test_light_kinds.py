@@ -123,7 +123,7 @@ def scene(tmp_path, monkeypatch):
 
 
 def assert_lit(radiance):
-    """Require the radiance that the floor reflects of all three lights, below the point light."""
+    """Assert that the floor below the point light reflects the light of all three."""
     expected = ALBEDO / np.pi * (INTENSITY / HEIGHT**2 + np.pi * RADIANCE + 1.0)
     assert radiance.mean() == pytest.approx(expected, rel=0.01)
 

@@ -106,7 +106,7 @@ def all_around_suns():
 
 @pytest.mark.parametrize("where", PLACES)
 def test_camera_rays_find_no_gap_between_spikes(tracer, where):
-    """Of 1e6 rays at edges of all kinds, none passes through a gap, where it would see a sun."""
+    """None of 1e6 rays at edges of all kinds passes through a gap, behind which it would see a sun."""
     ball = sv.Instance(mesh=spiky_ball(), material=matte(1.0), transform=PLACES[where])
     camera = sv.Camera(transform=place(at=PLACES[where][:3, 3]), vertical_fov=2.6, near=1e-6)
     renderer = tracer(sv.Scene(ball, *all_around_suns()), (256, 256), max_bounces=0, lambert=True)

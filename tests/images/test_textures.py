@@ -175,7 +175,7 @@ def test_normal_map_on_mirrored_instances(tracer, transform, given_tangents):
         renderer.render(sv.Camera(vertical_fov=2 * math.atan(0.4)), samples=1)
         normals.append(renderer["shading_normal"][4, 4])
     expected = transform[:3, :3] @ normals[0]
-    expected *= np.sign(expected[2])  # a back's normal is negated
+    expected *= np.sign(expected[2])  # on back sides the normal is negated
     np.testing.assert_allclose(normals[1], expected, atol=1e-5)
 
 

@@ -1,4 +1,4 @@
-"""Debug views that the conformance suite doesn't compare with their buffers; and showing a view changes no frame.
+"""The debug views whose colors the conformance suite doesn't check; and showing a view changes no later frame.
 
 solari_vk.conformance.display_checks proves the colors of the picture and of all other views.
 """

@@ -6,7 +6,8 @@
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
-// Points of a golden-ratio lattice; a regular grid of the same number has ten times the error, because of the kink.
+// Points of a golden-ratio lattice. A regular grid of as many points has ten times the error, because the integrand
+// has a kink.
 const uint POINT_COUNT = 1024u;
 const float GOLDEN_RATIO = 0.618033988749895;
 

@@ -103,7 +103,7 @@ vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
                 surface.world_position, surface.geometric_world_normal, hit.t, world_cache_settings.lifetime, rng
             );
         }
-        // Differs from Solari: where the cache has no value, the path goes on.
+        // Differs from Solari: where the cache has no value, the path continues.
         uint max_visited = specular_gi_settings.bounces + (frame_settings.world_cache != 0u ? MAX_CACHE_MISSES : 0u);
         if (mirrors > MAX_MIRRORS) { return radiance; }
         if (!end.found && visited >= max_visited) { end = WorldCacheResult(true, sample_irradiance(surface, rng)); }
@@ -127,8 +127,8 @@ vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
 
 // ---- rough surfaces ---------------------------------------------------------------------------------
 
-// Whether the pixel reuses the sample of ReSTIR GI. That sample holds no light straight from lights, so that DI must
-// shade the specular lobe too.
+// Whether the pixel reuses the sample of ReSTIR GI. That sample contains no direct light, so DI must shade the specular
+// lobe too.
 bool reuses_gi(GBufferSurface surface) {
     return surface.material.roughness > max(specular_gi_settings.reuse_roughness, specular_gi_settings.di_roughness)
         && !takes_no_gi(surface);

@@ -39,7 +39,7 @@ WorldCacheKey choose_key(vec3 world_position, vec3 normal, float cell_size, inou
             if (key.bounds == jittered_bounds) { continue; }
         }
         vec2 side = vec2((landmark & 1u) == 0u ? 0.25 : -0.25, (landmark & 2u) == 0u ? 0.25 : -0.25);
-        // The corners of a tetrahedron, which look like those of a square along each axis.
+        // The corners of a tetrahedron; seen along any axis, they are the corners of a square.
         vec3 from_center = landmark < 2u ? vec3(0.0) : vec3(side, 4.0 * side.x * side.y);
         vec3 way = key.bounds.xyz + cell_size * (0.5 + from_center) - world_position;
         count_ray();
@@ -118,7 +118,7 @@ vec3 gathered_radiance(GatheredLight light) {
 // The light that a surface reflects along a ray. What the surface emits is not included, since direct light counts
 // it. `finest_for_short_rays`: see query_world_cache.
 //
-// Differs from Solari, which takes 0 where the cache has no value: here the path goes on until the cache has one, so
+// Differs from Solari, which takes 0 where the cache has no value: here the path continues until the cache has one, so
 // that no light is lost while cells appear and disappear.
 GatheredLight gather_light(
     vec3 origin, vec3 direction, float t_max, float cone_width, bool finest_for_short_rays, uint lifetime,

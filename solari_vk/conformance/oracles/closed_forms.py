@@ -16,7 +16,7 @@ Floats = NDArray[np.floating[Any]]
 
 
 def closed_box_radiance(emission: Floats, albedo: Floats, bounces: int) -> Floats:
-    """Radiance everywhere in a closed Lambert box whose walls all emit, after so many bounces."""
+    """The radiance everywhere in a closed Lambert box whose walls all emit, after `bounces` bounces."""
     total: Floats = emission * sum(albedo**k for k in range(bounces + 1))
     return total
 

@@ -40,7 +40,7 @@ def cell_noise(history: list[tuple[NDArray[np.uint32], NDArray[np.float32]]]) ->
 
 
 def _fade(renderer: Renderer, scene: Scene, max_frames: int) -> float:
-    """Switch all lamps off, count frames until indirect light is gone, and switch the lamps on again."""
+    """Switch all lamps off, count the frames until there is no indirect light, and switch the lamps on again."""
     full = float(mean_of(renderer, scene.camera, 4, ("gi_diffuse",)).mean())
     emissive = {item.material: item.material.emissive for item in scene if item.material.emits}
     try:

@@ -42,10 +42,10 @@ Part = tuple[str, Mesh, Material]
 def load_gltf(path: str | os.PathLike[str], *, scene: int | str | None = None) -> Scene:
     """Load a scene of a .gltf or .glb file, by index or name; by default the file's default scene.
 
-    Deforming meshes are taken in their rest pose. A sun has the real one's angular size, which glTF does not
-    say. `Scene.warnings` tells what the file asks for and the renderer can't show, each by name. SolariError
-    when the file is missing, damaged or hostile, or requires an extension that is not supported; files outside
-    the glTF's own folder are never read.
+    Deforming meshes are shown in their rest pose. Suns get the angular size of the real one, because glTF has no
+    field for it. `Scene.warnings` names what the file contains and the renderer can't show. Files outside the
+    glTF's own folder are never read. Raises SolariError when the file is missing, damaged or hostile, or requires
+    an extension that is not supported.
     """
     document = Document(path)
     try:

@@ -1,6 +1,6 @@
 """Materials of a glTF file, with their extensions for emission and reflection.
 
-Occlusion textures are left aside without a remark: they stand in for light that a ray tracer computes.
+Occlusion textures are ignored without a warning, because a ray tracer computes the light that they approximate.
 """
 
 from __future__ import annotations

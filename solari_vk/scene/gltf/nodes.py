@@ -30,7 +30,7 @@ class PlacedNode:
 
 
 def roots(document: Document, which: int | str | None) -> tuple[list[int], Entry]:
-    """The root nodes of a scene by index or name (the file's default one otherwise), and what refers to them."""
+    """The root nodes of a scene by index or name (None: the file's default scene), and the object that lists them."""
     scenes = document.array("scene")
     if which is None:
         if not scenes:
