@@ -60,7 +60,7 @@ def device(any_device):
 
 @pytest.fixture(autouse=True)
 def no_validation_messages(request):
-    """Fail the test that raised a validation message, whoever caught the exception."""
+    """Fail the test that caused a validation message, even if the test caught the exception."""
     _messages.clear()
     yield
     for opened in _devices:

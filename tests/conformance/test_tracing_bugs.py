@@ -75,7 +75,7 @@ POSITION_BUGS = {
 
 @pytest.fixture
 def fetching(plain_device):
-    """A device that returns vertices, without validation: Debian 12's layer is older than the extension and hides it."""
+    """A device that returns vertices. It has no validation: Debian 12's layer is older than the extension."""
     if not plain_device.has_position_fetch:
         pytest.skip("the device returns no vertices (rayTracingPositionFetch)")
     return plain_device

@@ -8,7 +8,7 @@ const uint LIGHT_RECORDS = 32u;
 // Differs from Solari: 32 bits each for light and triangle, so that neither is limited to 65,535.
 struct LightSample {
     uint light_index;
-    uint part;  // of emissive meshes a triangle of the instance's ray mesh
+    uint part;  // for emissive meshes a triangle of the instance's ray mesh
     uint seed;
 };
 
