@@ -60,7 +60,7 @@ ResolvedMaterial unpack_material(uvec4 texel) {
     material.emissive = unpack_emissive(texel);
     material.reflectance = vec3(unpack_unorm(texel.z, 8u));
     material.perceptual_roughness = unpack_unorm(texel.x >> 24u, 8u);
-    material.roughness = square(material.perceptual_roughness);
+    material.roughness = min(square(material.perceptual_roughness), 1.0);  // Mesa 26.2 rounds 1 * 1 up
     material.metallic = unpack_unorm(texel.z >> 8u, 8u);
     return material;
 }
