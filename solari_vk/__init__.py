@@ -1,4 +1,4 @@
-"""Solari's raytraced lighting on any Vulkan device with ray queries.
+"""Solari's raytraced lighting on any Vulkan device that traces rays.
 
     import solari_vk as sv
 

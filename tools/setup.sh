@@ -88,7 +88,7 @@ how_to_install() {
         [ "$job" = demo ] || echo '    sudo pacman -S vulkan-validation-layers spirv-tools xorg-server-xvfb xdotool llvm19-libs'
     elif [ "$(uname)" = Darwin ]; then
         echo '    brew install python vulkan-loader shaderc'
-        echo 'But no picture will come of it: MoltenVK, the Vulkan driver of macOS, has no ray queries.'
+        echo 'But no picture will come of it: MoltenVK, the Vulkan driver of macOS, traces no rays.'
     else
         echo "    the packages of your system that are called $* on Debian"
     fi
@@ -130,12 +130,12 @@ install_driver() {
             release=$(. /etc/os-release && echo "${VERSION_CODENAME:-}")-backports
             add_backports "$release"
         fi
-        say "no device with ray queries: installing Mesa's software device${release:+ from $release}"
+        say "no device that traces rays: installing Mesa's software device${release:+ from $release}"
         apt_install ${release:+-t "$release"} mesa-vulkan-drivers
         has_device && return
     fi
     "$python" -m solari_vk info >&2 || true
-    fail "no Vulkan device with ray queries. $(how_to_install_driver)"
+    fail "no Vulkan device that traces rays. $(how_to_install_driver)"
 }
 
 # The version of Mesa that apt would install.
@@ -149,9 +149,9 @@ add_backports() {
 }
 
 how_to_install_driver() {
-    echo 'Install a driver with VK_KHR_ray_query: that of your GPU, or Mesa 24.1 or later for its software device.'
+    echo 'Install a driver with VK_KHR_ray_query or VK_KHR_ray_tracing_pipeline: that of your GPU, or Mesa 24.1 or later for its software device.'
     if [ "$(uname)" = Darwin ]; then
-        echo 'MoltenVK, the Vulkan driver of macOS, has no ray queries.'
+        echo 'MoltenVK, the Vulkan driver of macOS, traces no rays.'
     elif command -v apt-get >/dev/null; then
         echo '    sudo apt-get install mesa-vulkan-drivers'
         echo 'Debian 12 has it in its backports. These commands add them, from where this machine gets its packages:'

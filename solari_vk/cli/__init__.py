@@ -12,7 +12,7 @@ from itertools import groupby
 from pathlib import Path
 
 from solari_vk.cli import bench, render, view
-from solari_vk.cli.options import add_device_option
+from solari_vk.cli.options import add_device_options
 from solari_vk.errors import DeviceError, SolariError
 
 _CONFORMANCE_FULL = "ten times the rays and instances, many more frames and tighter bounds: takes much longer"
@@ -49,7 +49,8 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="solari-vk", description="Raytraced lighting on any Vulkan ray-query device.")
+    what = "Raytraced lighting on any Vulkan device that traces rays."
+    parser = argparse.ArgumentParser(prog="solari-vk", description=what)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
     render.add_parser(commands)
@@ -70,7 +71,7 @@ def _parser() -> argparse.ArgumentParser:
         "own, so that a driver that crashes or hangs ends one check only. " + _CONFORMANCE_EXIT,
     )  # fmt: skip
     conformance.set_defaults(run=_conformance)
-    add_device_option(conformance)
+    add_device_options(conformance)
     conformance.add_argument("--only", action="append", default=[], metavar="GROUP", help="one group (all; repeatable)")
     conformance.add_argument("--full", action="store_true", help=_CONFORMANCE_FULL)
     conformance.add_argument("--time-limit", type=float, metavar="SECONDS",
@@ -126,8 +127,13 @@ def _info(options: argparse.Namespace) -> None:
         version = ".".join(map(str, report.api_version))
         print(f"device {report.index}: {report.name} ({report.kind}), {report.driver}, Vulkan {version}, {report.uuid}")
         print("  usable" if not report.missing else f"  lacks: {', '.join(report.missing)}")
+        for rays, missing in report.missing_rays.items():
+            print(f"  --rays {rays}: {'lacks ' + ', '.join(missing) if missing else 'yes'}")
     if all(report.missing for report in reports):
-        raise DeviceError("no device can be used: install a driver with VK_KHR_ray_query (Mesa lavapipe 24.1 or newer)")
+        raise DeviceError(
+            "no device can be used: install a driver with VK_KHR_ray_query or VK_KHR_ray_tracing_pipeline "
+            "(Mesa lavapipe 24.1 or newer has both)"
+        )
 
 
 def _conformance(options: argparse.Namespace) -> int:
@@ -135,6 +141,6 @@ def _conformance(options: argparse.Namespace) -> int:
     from solari_vk.conformance.worker import Work
 
     return run(
-        Work(options.device, options.full), only=options.only, time_limit=options.time_limit,
+        Work(options.device, options.full, options.rays), only=options.only, time_limit=options.time_limit,
         in_process=options.in_process, junit=options.junit, markdown=options.markdown, html=options.html,
     )  # fmt: skip

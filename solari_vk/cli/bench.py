@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from solari_vk.cli.options import add_device_option, positive
+from solari_vk.cli.options import add_device_options, positive
 
 
 def add_parser(commands: Any) -> None:
@@ -42,25 +42,25 @@ def add_parser(commands: Any) -> None:
 
 
 def _add_common(parser: argparse.ArgumentParser, default: Any) -> None:
-    add_device_option(parser, default)
+    add_device_options(parser, default)
     parser.add_argument("--markdown", type=Path, default=default, metavar="FILE", help="write the figures as Markdown")
 
 
 def _speed(options: argparse.Namespace) -> None:
     from solari_vk.measure.speed import run
 
-    run(options.device, options.files, options.markdown)
+    run(options.device, options.files, options.markdown, rays=options.rays)
 
 
 def _claims(options: argparse.Namespace) -> None:
     from solari_vk.measure.claims.run import run
 
-    run(options.device, markdown=options.markdown, pictures=options.pictures, only=options.only,
+    run(options.device, rays=options.rays, markdown=options.markdown, pictures=options.pictures, only=options.only,
         quick=options.quick, seeds=options.seeds)  # fmt: skip
 
 
 def _frame(options: argparse.Namespace) -> None:
     from solari_vk.measure.frame.run import run
 
-    run(options.device, options.files, markdown=options.markdown, pictures=options.pictures,
+    run(options.device, options.files, rays=options.rays, markdown=options.markdown, pictures=options.pictures,
         quick=options.quick)  # fmt: skip

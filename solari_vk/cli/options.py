@@ -9,9 +9,11 @@ from typing import Any
 from solari_vk.errors import unknown_name
 
 
-def add_device_option(parser: Any, default: Any = None) -> None:
-    """Add --device."""
+def add_device_options(parser: Any, default: Any = None) -> None:
+    """Add --device and --rays."""
     parser.add_argument("--device", default=default, help="part of a device's name, its index or its UUID")
+    parser.add_argument("--rays", default=default, choices=("auto", "query", "pipeline"),
+                        help="trace by ray queries or by ray tracing pipelines (auto: queries where there are any)")
 
 
 def add_scene_options(parser: Any, window_size: tuple[int, int] | None = None) -> None:
@@ -32,7 +34,7 @@ def add_scene_options(parser: Any, window_size: tuple[int, int] | None = None) -
     parser.add_argument("--lights", choices=("auto", "studio", "none"), default="auto",
                         help="studio adds lights, auto adds them to a file without any light (auto)")
     parser.add_argument("--validation", action="store_true", help="use the Vulkan validation layer")
-    add_device_option(parser)
+    add_device_options(parser)
 
 
 def add_realtime_options(parser: Any) -> None:

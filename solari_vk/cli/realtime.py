@@ -34,7 +34,7 @@ def run(options: argparse.Namespace) -> None:
     subject = load(options)
     with tempfile.TemporaryDirectory() as folder:
         plan = make_plan(options, subject.cameras, Path(folder) if is_movie else None)
-        with Device(options.device, validation=options.validation or None) as device:
+        with Device(options.device, validation=options.validation or None, rays=options.rays) as device:
             print(f"rendering {options.source} with {device.name}", file=sys.stderr)
             renderer = Renderer(device, subject.scene, options.size, settings, seed=options.seed)
             renderer.view, renderer.tonemap = options.view, options.tonemap

@@ -16,7 +16,7 @@ def run(options: argparse.Namespace) -> None:
     names = names_of_aovs(options, sv.PathTracer.OUTPUTS[1:])
     subject = load(options)
     camera = subject.cameras[0]
-    with sv.Device(options.device, validation=options.validation or None) as device:
+    with sv.Device(options.device, validation=options.validation or None, rays=options.rays) as device:
         print(f"rendering {options.source} with {device.name}", file=sys.stderr)
         choices = {"seed": options.seed, "max_bounces": options.max_bounces}
         renderer = sv.PathTracer(device, subject.scene, options.size, **choices)

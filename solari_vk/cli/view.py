@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> None:
     subject = load(options)
     words = ["--lights", options.lights] + (["--scene", options.scene] if options.scene else [])
     is_file = not options.source.startswith("builtin:")
-    with sv.Device(options.device, validation=options.validation or None) as device:
+    with sv.Device(options.device, validation=options.validation or None, rays=options.rays) as device:
         if subject.auto_exposure:  # by a small picture
             with sv.PathTracer(device, subject.scene, (96, 54)) as tracer:
                 subject.cameras[0].ev100 = sv.auto_exposure(tracer.render(subject.cameras[0], samples=16))

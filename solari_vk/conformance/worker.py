@@ -24,10 +24,12 @@ OPENING, CLOSING = "opening the device", "closing the device"
 
 @dataclass(frozen=True)
 class Work:
-    """What checks are measured with: the device that `select` names, the profile, and the module that has GROUPS."""
+    """What checks are measured with: the device that `select` names, the profile, the way to trace rays (see `Device`),
+    and the module that has GROUPS."""
 
     select: str | None = None
     full: bool = False
+    rays: str | None = None
     table: str = "solari_vk.conformance.groups"
 
 
@@ -65,7 +67,7 @@ class Worker:
 
     def __init__(self, work: Work) -> None:
         self._open = ExitStack()
-        self.device = self._open.enter_context(Device(work.select))
+        self.device = self._open.enter_context(Device(work.select, rays=work.rays))
         self.faults = known_faults(f"{self.device.properties.driver} {self.device.name}")
         self._shaders = self._open.enter_context(ShaderRunner(self.device))
         self._full = work.full

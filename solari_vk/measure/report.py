@@ -24,6 +24,7 @@ def device_facts(device: Device, load: str) -> dict[str, str]:
     return {
         "device": f"{device.name} ({properties.kind}), {properties.uuid}",
         "driver": f"{properties.driver}, Vulkan {version}",
+        "rays": f"by {device.rays}",
         "host": f"{os.cpu_count()} cores, load before the run {load}",
         "solari_vk": __version__,
     }

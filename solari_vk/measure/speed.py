@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from solari_vk.gpu.device.device import Device
-from solari_vk.measure import rays
+from solari_vk.measure import rays as rays_from_python
 from solari_vk.measure.bare_rays import BOUNCES, BarePaths
 from solari_vk.measure.report import Report, check_page
 from solari_vk.measure.subjects import hilly
@@ -30,10 +30,13 @@ INTRO = (
 )
 
 
-def run(select: str | None, files: list[Path], markdown: Path | None = None) -> None:
-    """Measure and print everything; markdown: a page to write as well. Raises SolariError without a folder for it."""
+def run(select: str | None, files: list[Path], markdown: Path | None = None, *, rays: str | None = None) -> None:
+    """Measure and print everything; markdown: a page to write as well. `select` and `rays`: those of `Device`.
+
+    Raises SolariError without a folder for the page.
+    """
     check_page(markdown)
-    with Device(select) as device:
+    with Device(select, rays=rays) as device:
         report = Report(device, markdown, "Benchmarks", INTRO)
         report.figure("import solari_vk", _process("import solari_vk"), "s", "aim 0.15")
         info = _process("import sys; from solari_vk.cli import main; main(['info'])")
@@ -47,7 +50,7 @@ def run(select: str | None, files: list[Path], markdown: Path | None = None) -> 
                 _samples(device, report, name, size)
         _host_time(device, report)
         _large_scene(device, report)
-        rays.run(device, report, SECONDS)
+        rays_from_python.run(device, report, SECONDS)
     if markdown is not None:
         print(f"wrote {markdown}")
 

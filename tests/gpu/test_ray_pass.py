@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,7 +12,10 @@ import pytest
 from shader_folder import HEADER
 
 from solari_vk import rt
+from solari_vk.errors import SolariError
+from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame import ray_pipelines, slot
 from solari_vk.gpu.frame.frame import Frame, HitGroup, Pass, RayPass, Stage
 
 RAYS = """#extension GL_EXT_ray_tracing : require
@@ -122,3 +127,88 @@ def test_rays_run_the_shaders_of_their_records(ray_device, root, tlas):
     constant = RayPass("demo", threads=len(CASES), misses=MISSES, hits=HITS, constants={"ADDED": 1000})
     found = run(ray_device, root, tlas, constant)
     np.testing.assert_array_equal(found, [value + (1000 if value > 1 else 0) for value in wanted])
+
+
+SEVERAL = RayPass("demo", threads=len(CASES), misses=MISSES, hits=HITS)
+
+
+@pytest.mark.parametrize("properties", [{"shaderGroupHandleAlignment": 64}, {"shaderGroupBaseAlignment": 256}])
+def test_table_fits_other_alignments(ray_device, root, tlas, monkeypatch, properties):
+    """NVIDIA wants 32-byte strides and 64-byte bases; larger alignments must give the same results."""
+    real = ray_device.properties
+    changed = SimpleNamespace(**{name: getattr(real.ray_pipelines, name) for name in (
+        "shaderGroupHandleSize", "shaderGroupHandleAlignment", "shaderGroupBaseAlignment",
+        "maxRayDispatchInvocationCount")} | properties)  # fmt: skip
+    monkeypatch.setattr(ray_device, "properties", dataclasses.replace(real, ray_pipelines=changed))
+    tables = []
+    make = ray_pipelines.ShaderBindingTable.__init__
+
+    def keep(self, *arguments):
+        make(self, *arguments)
+        tables.append(self.regions)
+
+    monkeypatch.setattr(ray_pipelines.ShaderBindingTable, "__init__", keep)
+    assert run(ray_device, root, tlas, SEVERAL).tolist() == [value for _, value in CASES.values()]
+    (regions,) = tables
+    stride, base = (max(32, properties.get(f"shaderGroup{name}Alignment", 0)) for name in ("Handle", "Base"))
+    assert [region.stride for region in regions] == [stride, stride, stride, 0]
+    assert [region.size // stride for region in regions] == [1, len(MISSES), len(HITS), 0]
+    assert all(region.deviceAddress % base == 0 for region in regions)
+
+
+@pytest.mark.parametrize("change", ["stride", "miss", "hit", "order"])
+def test_a_wrong_table_is_noticed(ray_device, root, tlas, monkeypatch, change):
+    make = ray_pipelines.ShaderBindingTable.__init__
+
+    def wrong(self, device, pipeline, groups, name):
+        make(self, device, pipeline, groups, name)
+        _, miss, hit, _ = self.regions
+        if change == "stride":
+            hit.stride *= 2
+        elif change == "order":
+            miss.deviceAddress, hit.deviceAddress = hit.deviceAddress, miss.deviceAddress
+        else:
+            {"miss": miss, "hit": hit}[change].deviceAddress -= device.properties.ray_pipelines.shaderGroupBaseAlignment
+
+    monkeypatch.setattr(ray_pipelines.ShaderBindingTable, "__init__", wrong)
+    assert run(ray_device, root, tlas, SEVERAL).tolist() != [value for _, value in CASES.values()]
+
+
+def test_barriers_wait_for_ray_shaders(ray_device, root, tlas):
+    """Synchronization validation 1.3.239 doesn't look at vkCmdTraceRaysKHR, so the masks are compared."""
+    stage = Stage("demo", buffers={"rays": len(CASES), "found": len(CASES)}, passes=[SEVERAL, SEVERAL])
+    with Frame(ray_device, [stage], external={"tlas": tlas}, glsl_root=root) as frame:
+        frame.submit()
+        assert [row.barrier for row in frame.describe()] == ["", "WAW found (demo #1)"]
+        _, barrier = frame._barriers
+        assert {barrier.source.stages, barrier.target.stages} == {raw.VK_PIPELINE_STAGE_2_RAY_TRACING_SHADER_BIT_KHR}
+        assert barrier.source.access == raw.VK_ACCESS_2_SHADER_WRITE_BIT
+        assert len(frame.timings) == 2
+
+
+def test_indirect_launches_take_the_thread_counts(ray_device, root, tlas, monkeypatch):
+    """They follow the workgroup counts, which a launch must not read."""
+    arguments = "layout(set = 1, binding = 2, scalar) buffer ArgumentsBlock { uint at[]; } arguments;\n"
+    (root / "passes/demo.rgen").write_text(HEADER + GENERATE.replace("void main() {", arguments + "void main() {\n"
+        "if (gl_LaunchIDEXT == uvec3(0)) arguments.at[7] = 1u;"))  # fmt: skip
+    item = RayPass("demo", indirect="arguments", indirect_offset=4, misses=MISSES, hits=HITS)
+    buffers = {"rays": len(CASES), "found": len(CASES), "arguments": 8}
+    for offset, launched in ((slot.GROUP_COUNT_BYTES, len(CASES)), (0, 2)):
+        monkeypatch.setattr(slot, "GROUP_COUNT_BYTES", offset)
+        with Frame(ray_device, [Stage("demo", buffers=buffers, passes=[item])], external={"tlas": tlas},
+                   glsl_root=root) as frame:  # fmt: skip
+            frame.resource("arguments").upload(np.array([9, 2, 1, 1, 3, 3, 1, 0], np.uint32))
+            frame.submit()
+            assert np.count_nonzero(frame["found"]) == launched
+            assert [row.reads for row in frame.describe()] == [("arguments", "rays", "tlas")]
+
+
+def test_mistakes_are_refused(ray_device, root, tlas, any_device):
+    most = ray_device.properties.ray_pipelines.maxRayDispatchInvocationCount
+    for threads in ((1 << 15, 1 << 15), (most + 1,)):
+        with pytest.raises(SolariError, match=rf"pass demo: .* threads, but .* launch at most {most:,}"):
+            run(ray_device, root, tlas, RayPass("demo", threads=threads, misses=MISSES, hits=HITS))
+    with pytest.raises(SolariError, match=r"no shader passes/demo/none\.rmiss"):
+        run(ray_device, root, tlas, RayPass("demo", threads=1, misses=["passes/demo/none.rmiss"]))
+    with Device(rays="query") as device, pytest.raises(SolariError, match=r"pass demo: .*rays='pipeline'"):
+        Frame(device, [Stage("demo", buffers={"rays": 1, "found": 1}, passes=[SEVERAL])], glsl_root=root)

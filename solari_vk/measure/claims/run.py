@@ -18,8 +18,9 @@ from solari_vk.output.picture import write_png
 CLAIMS: tuple[Claim, ...] = (*direct.CLAIMS, *cache.CLAIMS, *specular.CLAIMS)
 
 
-def run(device_name: str | None, *, markdown: Path | None = None, pictures: Path | None = None,
-        only: Sequence[str] = (), quick: bool = False, seeds: int | None = None) -> None:  # fmt: skip
+def run(device_name: str | None, *, rays: str | None = None, markdown: Path | None = None,
+        pictures: Path | None = None, only: Sequence[str] = (), quick: bool = False,
+        seeds: int | None = None) -> None:  # fmt: skip
     """Measure the claims, all or those named in `only`. The page is written again after each claim, so that an
     interrupted run leaves the claims it has measured. Raises SolariError for an unknown name or a missing folder."""
     chosen = select(CLAIMS, only)
@@ -28,7 +29,7 @@ def run(device_name: str | None, *, markdown: Path | None = None, pictures: Path
         pictures.mkdir(parents=True, exist_ok=True)
     load = host_load()
     results: list[tuple[Claim, Outcome]] = []
-    with Device(device_name) as device:
+    with Device(device_name, rays=rays) as device:
         bench = Workbench(device, quick=quick, seeds=seeds, say=lambda text: print(text, flush=True))
         started = time.perf_counter()
         for place, claim in enumerate(chosen, 1):

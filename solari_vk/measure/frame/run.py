@@ -28,7 +28,7 @@ INTRO = (
 
 
 def run(
-    select: str | None, files: list[Path], *, markdown: Path | None = None,
+    select: str | None, files: list[Path], *, rays: str | None = None, markdown: Path | None = None,
     pictures: Path | None = None, quick: bool = False,
 ) -> None:  # fmt: skip
     """Measure and print everything.
@@ -40,7 +40,7 @@ def run(
     if pictures is not None:
         pictures.mkdir(parents=True, exist_ok=True)
     chosen = subjects(files)
-    with Device(select) as device:
+    with Device(select, rays=rays) as device:
         report = Report(device, markdown, "The realtime frame in figures", INTRO)
         plan = plan_for(device, quick=quick)
         for size in plan.sizes:

@@ -1,0 +1,136 @@
+"""Compute shaders that trace are compiled as ray generation shaders, and no other module asks for ray queries."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from shader_folder import ShaderFolder, check_spirv
+
+from solari_vk.errors import CompilationError, SolariError
+from solari_vk.gpu.shaders import ray_generation, shaderc
+from solari_vk.gpu.shaders.compiler import compile_shader, glsl_root
+from solari_vk.gpu.shaders.patches import patched_shaders
+from solari_vk.gpu.shaders.spirv import reflect
+
+PATHS = sorted(path.relative_to(glsl_root()).as_posix() for path in glsl_root().rglob("*")
+               if path.suffix.lstrip(".") in shaderc.STAGES)  # fmt: skip
+OWN_QUERIES = {path for path in PATHS if re.match(r"passes/conformance/(positions|probe|trace)\.(comp|frag)", path)}
+RAY_STAGES = {"rgen", "rmiss", "rchit", "rahit", "rint"}
+CLOSEST, ANY, FRONT = 0x1, 0x5, 0x11  # opaque; and terminate on the first hit; or cull back faces
+VISIBILITY = 0xD  # opaque, terminate on the first hit, skip the closest-hit shader
+TRACE_RAY = 4445
+
+START = """#include "scene/trace.glsl"
+layout(
+    local_size_x = 64
+) in;
+layout(set = 1, binding = 0, scalar) buffer OutBlock { float at[]; } found;
+"""
+HIT = "trace_closest_hit(vec3(0), 0.0, vec3(0, 0, 1), 1.0, TRACE_BOTH_FACES).t"
+
+
+def module(shaders: ShaderFolder, body: str, name: str = "passes/x.comp", start: str = START, **options: str) -> bytes:
+    shaders.write(name, "#version 460\n#extension GL_EXT_scalar_block_layout : require\n" + start + body)
+    return compile_shader(name, root=shaders.root, ray_pipelines=True, **options)
+
+
+def traced_flags(spirv: bytes) -> set[int | None]:
+    """The flags of all rays that a module traces; None for flags that are no constant."""
+    constants, found = {}, set()
+    for words in ray_generation.instructions(spirv):
+        if words[0] == 4 << 16 | 43:  # OpConstant of one word
+            constants[int(words[2])] = int(words[3])
+        if words[0] & 0xFFFF == TRACE_RAY:
+            found.add(constants.get(int(words[2])))
+    return found
+
+
+@pytest.mark.parametrize("path", sorted(set(PATHS) - OWN_QUERIES))
+def test_modules_of_both_ways(path: str) -> None:
+    """A module that traces by queries is a ray generation shader in the other way, and all others are equal in both."""
+    queries, pipelines = (compile_shader(path, ray_pipelines=on) for on in (False, True))
+    check_spirv(pipelines, path)
+    stage, traces = reflect(pipelines, path).main.stage, ray_generation.uses_ray_queries(queries)
+    assert not ray_generation.uses_ray_queries(pipelines)
+    if not traces:
+        assert queries == pipelines
+        assert stage == path.rpartition(".")[2]
+        return
+    assert reflect(queries, path).main.stage == "comp"
+    assert stage == "rgen"
+    assert traced_flags(pipelines)
+    assert traced_flags(pipelines) <= {CLOSEST, FRONT, VISIBILITY, None}
+
+
+def test_some_modules_trace() -> None:
+    assert sum(ray_generation.uses_ray_queries(compile_shader(path)) for path in set(PATHS) - OWN_QUERIES) > 10
+
+
+@pytest.mark.parametrize("path", sorted(OWN_QUERIES))
+def test_queries_of_a_shader_s_own_are_refused(path: str) -> None:
+    with pytest.raises(SolariError, match=rf"^{path}: .*VK_KHR_ray_query, opened with rays='query'.*scene/trace.glsl"):
+        compile_shader(path, ray_pipelines=True)
+
+
+def test_queries_beside_trace_are_refused_too(shaders: ShaderFolder) -> None:
+    body = (
+        "void main() { rayQueryEXT q; rayQueryInitializeEXT(q, tlas, 0, 1, vec3(0), 0.0, vec3(1), 1.0);\n"
+        "found.at[0] = float(rayQueryProceedEXT(q)) + " + HIT + "; }\n"
+    )
+    with pytest.raises(SolariError, match=r"^passes/x.comp: it has ray queries of its own"):
+        module(shaders, body, start="#extension GL_EXT_ray_query : require\n" + START)
+
+
+def test_flags_of_visibility_rays_are_seen() -> None:
+    path = "passes/pathtracer/trace.comp"
+    assert traced_flags(compile_shader(path, ray_pipelines=True)) == {VISIBILITY, None}
+    flags = "TRACE_ANY_HIT | gl_RayFlagsSkipClosestHitShaderEXT"
+    for changed, left in (("gl_RayFlagsSkipClosestHitShaderEXT", 0x8), ("TRACE_ANY_HIT", ANY)):
+        with patched_shaders(("scene/trace.glsl", f"flags = {flags}", f"flags = {changed}")):
+            assert traced_flags(compile_shader(path, ray_pipelines=True)) == {left, None}
+
+
+def test_the_local_size_is_dropped(shaders: ShaderFolder) -> None:
+    spirv = module(shaders, "void main() { found.at[INVOCATION_INDEX.x] = " + HIT + "; }\n")
+    assert reflect(spirv).main.stage == "rgen"
+    assert reflect(spirv).local_size() == (1, 1, 1)
+
+
+def test_what_traces_nothing_stays_a_compute_shader(shaders: ShaderFolder) -> None:
+    body = "void main() { found.at[gl_GlobalInvocationID.x] = 1.0; }\n"
+    spirv = module(shaders, body)
+    assert reflect(spirv).main.stage == "comp"
+    assert reflect(spirv).local_size() == (64, 1, 1)
+    assert not ray_generation.uses_ray_queries(spirv)
+    assert b"SPV_KHR_ray_query" not in spirv
+    assert compile_shader("passes/x.comp", root=shaders.root) == spirv
+
+
+@pytest.mark.parametrize(
+    ("body", "size", "message"),
+    [
+        ("void main() { found.at[gl_GlobalInvocationID.x] = HIT; }", "", r"x\.comp:9: .*gl_GlobalInvocationID"),
+        ("void main() { found.at[0] = HIT; }", "layout(local_size_y = 2) in;", r"size\.glsl:1: .*local_size"),
+        ("shared uint n;\nvoid main() { n = 1u; found.at[n] = HIT; }", "", r"x\.comp:9: .*shared"),
+    ],
+)
+def test_what_only_compute_shaders_have_is_refused(shaders: ShaderFolder, body: str, size: str, message: str) -> None:
+    shaders.write("size.glsl", size + "\n")
+    hint = r"^passes/x\.comp: it traces rays(.|\n)*INVOCATION_INDEX(.|\n)*local size(.|\n)*"
+    with pytest.raises(CompilationError, match=hint + message):
+        module(shaders, body.replace("HIT", HIT) + "\n", start='#include "size.glsl"\n' + START)
+    assert reflect(compile_shader("passes/x.comp", root=shaders.root)).main.stage == "comp"
+
+
+@pytest.mark.parametrize(("body", "line"), [("nonsense", 8), ("#ifdef RAY_PIPELINES\nnonsense\n#endif", 9)])
+def test_errors_name_the_line(shaders: ShaderFolder, body: str, line: int) -> None:
+    body += "\nvoid main() { found.at[0] = " + HIT + "; }\n"
+    with pytest.raises(CompilationError, match=rf"x\.comp:{line}: error.*\n    nonsense"):
+        module(shaders, body, header="const float SCALE = 2.0;")
+
+
+def test_only_compute_shaders_become_ray_generation_shaders(shaders: ShaderFolder) -> None:
+    body = "layout(location = 0) out vec4 color;\nvoid main() { color = vec4(" + HIT + "); }\n"
+    with pytest.raises(SolariError, match=r"^passes/x\.frag: it has ray queries of its own"):
+        module(shaders, body, "passes/x.frag", '#include "scene/trace.glsl"\n')
