@@ -20,6 +20,7 @@ from solari_vk.gpu.device import pipeline_cache, raw
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame import pipelines
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
+from solari_vk.gpu.shaders import shaderc
 
 COUNT = 6
 TEXT = """layout(local_size_x = 1) in;
@@ -66,6 +67,18 @@ def test_pipelines_are_created_at_the_same_time(own_device, stage, shaders, monk
     watch(own_device, monkeypatch, create)
     assert results(own_device, stage, shaders) == EXPECTED
     assert len(threads) == COUNT + 1
+
+
+def test_shaders_are_compiled_at_the_same_time(own_device, stage, shaders, monkeypatch):
+    monkeypatch.setattr(os, "cpu_count", lambda: COUNT)
+    together, compile_source = threading.Barrier(COUNT), shaderc.compile_source
+
+    def compile_together(*arguments: Any, **options: Any) -> bytes:
+        together.wait(timeout=20)
+        return compile_source(*arguments, **options)
+
+    monkeypatch.setattr(shaderc, "compile_source", compile_together)
+    assert results(own_device, stage, shaders) == EXPECTED
 
 
 def test_same_pipelines_are_created_once(own_device, stage, shaders, monkeypatch):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -125,6 +127,37 @@ class _Shaders:
         return cls([(path, header), *((other, shared) for other in paths)], groups)
 
 
+def _entry_points(item: Pass | Draw | Step) -> list[tuple[str, str]]:
+    """Path and header of the shaders of a pass or a draw."""
+    if isinstance(item, (RayPass, Step)):
+        return []
+    suffixes = ("vert", "frag") if isinstance(item, Draw) else ("comp",)
+    return [(f"passes/{item.name}.{suffix}", item.header) for suffix in suffixes]
+
+
+class _Modules(dict[tuple[str, str], Module]):
+    """Modules by path and header. Those that didn't change are taken from the old program."""
+
+    def __init__(self, device: Device, root: Roots | None, old: Program | None) -> None:
+        super().__init__()
+        self._ray_pipelines, self._root, self._old = device.rays == "pipeline", root, old
+
+    def compile(self, keys: Collection[tuple[str, str]]) -> None:
+        """Add modules. Compiling one that isn't cached takes up to a second, so threads do it."""
+        with ThreadPoolExecutor(os.cpu_count()) as threads:
+            for key, spirv in zip(keys, threads.map(self._compile, keys), strict=True):
+                known = self._old.modules.get(key) if self._old else None
+                self[key] = known if known and known.spirv == spirv else reflect(spirv, key[0])
+
+    def ensure(self, key: tuple[str, str]) -> None:
+        """Add a module unless it is here."""
+        if key not in self:
+            self.compile([key])
+
+    def _compile(self, key: tuple[str, str]) -> bytes:
+        return compile_shader(key[0], header=key[1], root=self._root, ray_pipelines=self._ray_pipelines)
+
+
 def _named(items: Sequence[Pass | Draw | Step]) -> dict[str, Pass | Draw | Step]:
     """The items by unique names: those that occur several times are numbered."""
     total, seen = Counter(item.name for item in items), Counter[str]()
@@ -148,14 +181,15 @@ class ProgramBuilder:
         items = [item for stage in stages for item in stage.passes]
         if not items:
             raise SolariError("a frame needs at least one pass")
-        modules: dict[tuple[str, str], Module] = {}
-        named = {name: (item, self._shaders(item, modules, old)) for name, item in _named(items).items()}
+        modules = _Modules(self._device, self._root, old)
+        modules.compile(dict.fromkeys(key for item in items for key in _entry_points(item)))
+        named = {name: (item, self._shaders(item, modules)) for name, item in _named(items).items()}
         merged = merge_bindings(modules.values())
         if old is not None and old.interface.fits(merged, modules.values()):
             interface = old.interface
         else:
             interface = Interface(self._device, list(modules.values()))
-        program = Program(interface, [], modules, set())
+        program = Program(interface, [], dict(modules), set())
         try:
             wanted = {name: self._pipeline_info(name, item, shaders, program) for name, (item, shaders) in named.items()
                       if not isinstance(item, Step)}  # fmt: skip
@@ -169,37 +203,23 @@ class ProgramBuilder:
             raise
         return program
 
-    def _shaders(
-        self, item: Pass | Draw | Step, modules: dict[tuple[str, str], Module], old: Program | None
-    ) -> _Shaders:
-        """The shaders of a step, whose modules are added to `modules`."""
-        if isinstance(item, Step):
-            return _Shaders()
-        path = f"passes/{item.name}"
+    def _shaders(self, item: Pass | Draw | Step, modules: _Modules) -> _Shaders:
+        """The shaders of a step, all of which are then in `modules`."""
+        keys = _entry_points(item)
         if isinstance(item, RayPass):
             if self._device.rays != "pipeline":
                 raise SolariError(
                     f"pass {item.name}: it has hit and miss shaders of its own, but this device traces by ray queries: "
                     "open it with rays='pipeline'"
                 )
-            found = _Shaders.of_rays(f"{path}.rgen", item.misses, item.hits, item.header, item.header)
-        elif isinstance(item, Draw):
-            found = _Shaders([(f"{path}.vert", item.header), (f"{path}.frag", item.header)])
+            found = _Shaders.of_rays(f"passes/{item.name}.rgen", item.misses, item.hits, item.header, item.header)
+        elif isinstance(item, Pass) and modules[keys[0]].main.stage == "rgen":
+            found = _Shaders.of_rays(keys[0][0], [SHARED_MISS], [SHARED_HIT], item.header, "")
         else:
-            found = _Shaders([(f"{path}.comp", item.header)])
-            if self._module(*found.keys[0], modules, old).main.stage == "rgen":
-                found = _Shaders.of_rays(f"{path}.comp", [SHARED_MISS], [SHARED_HIT], item.header, "")
+            found = _Shaders(keys)
         for key in found.keys:
-            self._module(*key, modules, old)
+            modules.ensure(key)
         return found
-
-    def _module(self, path: str, header: str, modules: dict[tuple[str, str], Module], old: Program | None) -> Module:
-        if (path, header) not in modules:
-            ray_pipelines = self._device.rays == "pipeline"
-            spirv = compile_shader(path, header=header, root=self._root, ray_pipelines=ray_pipelines)
-            known = old.modules.get((path, header)) if old else None
-            modules[path, header] = known if known and known.spirv == spirv else reflect(spirv, path)
-        return modules[path, header]
 
     def _pipeline_info(self, name: str, item: Pass | Draw, shaders: _Shaders, program: Program) -> PipelineInfo:
         kind: Targets | RayGroups | None = shaders.groups

@@ -12,6 +12,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -36,6 +37,7 @@ _NAMES = {
 }  # fmt: skip
 
 _ffi = FFI()
+_declaring = threading.Lock()
 _DECLARATIONS = """
 typedef struct shaderc_include_result {
     const char* source_name; size_t source_name_length; const char* content; size_t content_length; void* user_data;
@@ -80,7 +82,8 @@ def library() -> Any:
                 why = str(error).split(". ")[0]
                 raise SolariError(f"SOLARI_VK_SHADERC names {name}, which can't be loaded ({why})") from None
             continue
-        _declare()
+        with _declaring:  # `cache` lets several threads in
+            _declare()
         return found
     return None
 
