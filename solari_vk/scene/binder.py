@@ -230,7 +230,7 @@ class SceneBinder:
         if self._device.idle:  # no work in progress reads the tables
             changed = [table for table in changed if not table.write()]
         if changed:
-            with self._device.uploads() as uploads:
+            with self._device.uploads(with_next=True) as uploads:
                 for table in changed:
                     table.upload(uploads)
         self._traced.rebuild()

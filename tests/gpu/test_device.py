@@ -243,6 +243,52 @@ def test_what_is_submitted_with_the_next_runs_ahead_of_it_and_once(own_device: D
     assert own_device.live_objects == len(own_device.staging_pool._chunks)
 
 
+@pytest.mark.parametrize("count", [1, 4, 5, 13])
+def test_any_number_of_commands_can_run_ahead_in_order(own_device: Device, count: int) -> None:
+    """The order is that of the calls, for prepared submissions that were submitted with more or fewer before."""
+    source, target = own_device.buffer(64, "source"), own_device.buffer(64, "target")
+    prepared = own_device.submission([value_writer(own_device, source, 99).commands])
+
+    def copy(cmd: raw.CData, at: int) -> None:
+        own_device.vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+        region = raw.struct("VkBufferCopy", dstOffset=4 * at, size=4)
+        own_device.vk.vkCmdCopyBuffer(cmd, source.handle, target.handle, 1, region)
+        own_device.vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+
+    for ahead in (count, 0, 2, count):
+        target.fill(7)
+        own_device.wait_idle()
+        before = own_device.submitted
+        for at in range(ahead):
+            value_writer(own_device, source, at).submit_with_next()
+            own_device.start_with_next(lambda cmd, at=at: copy(cmd, at))  # type: ignore[misc]
+        assert own_device.submitted == before
+        own_device.submit_prepared(prepared)
+        assert own_device.submitted == before + 1
+        assert target.read(np.uint32).tolist() == [*range(ahead), *[7] * (16 - ahead)]
+        assert source.read(np.uint32, 1).tolist() == [99]
+
+
+def test_one_time_commands_use_command_buffers_again(own_device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    allocate, allocated = own_device.vk.vkAllocateCommandBuffers, []
+
+    def count(*arguments: object) -> int:
+        allocated.append(1)
+        return allocate(*arguments)
+
+    def fail(_: raw.CData) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(own_device.vk, "vkAllocateCommandBuffers", count)
+    for _ in range(20):
+        own_device.run(nothing)
+        own_device.start_with_next(nothing)
+        own_device.run(nothing)
+        with pytest.raises(ZeroDivisionError):
+            own_device.run(fail)
+    assert len(allocated) == 2
+
+
 def test_a_submission_that_fails_leaves_what_goes_with_it_due(own_device: Device) -> None:
     target = own_device.buffer(4, "target")
     writer = value_writer(own_device, target, 5)

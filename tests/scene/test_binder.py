@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import re
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -275,6 +277,38 @@ def test_the_tlas_is_built_after_the_upload_of_its_records(any_device, rng, stag
         next(iter(scene)).visible = False
         renderer.render(camera, samples=1)
         assert set(renderer["instance_id"].ravel().tolist()) <= {1, NO_INDEX}
+
+
+@pytest.mark.parametrize("staging", [False, True])
+def test_moving_an_instance_adds_no_submission_and_makes_nothing(any_device, rng, staging, monkeypatch):
+    """Its upload and the build of the TLAS are part of the frame's submission, also while frames are in flight."""
+    instance = make_instance(rng)
+    with Device(staging=staging) as device, PathTracer(device, Scene(instance), (4, 4)) as tracer:
+        called = Counter()
+
+        def frame(wait):
+            instance.transform = make_transform(rng)
+            tracer.render(samples=1)
+            if wait:
+                device.wait_idle()
+
+        def counted(name, function):
+            def call(*arguments):
+                called[name] += 1
+                return function(*arguments)
+
+            return call
+
+        for wait in 8 * [False, True]:
+            frame(wait)
+        device.wait_idle()
+        for name, function in list(vars(device.vk).items()):
+            if name.startswith("vk"):
+                monkeypatch.setattr(device.vk, name, counted(name, function))
+        for wait in 8 * [False, True]:
+            frame(wait)
+        assert called["vkQueueSubmit2"] == 16
+        assert not [name for name in called if re.match("vk(Create|Allocate|Destroy|Free|Get.*Requirements)", name)]
 
 
 def test_fields_in_another_order_are_refused(device):

@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 
 from solari_vk.errors import DeviceError, SolariError, ValidationError
 from solari_vk.gpu.device import raw
@@ -128,7 +129,7 @@ class LogicalDevice:
         if not self._has_debug_utils:
             yield
             return
-        self.vk.vkCmdBeginDebugUtilsLabelEXT(command_buffer, raw.struct("VkDebugUtilsLabelEXT", pLabelName=name))
+        self.vk.vkCmdBeginDebugUtilsLabelEXT(command_buffer, _label(name))
         yield
         self.vk.vkCmdEndDebugUtilsLabelEXT(command_buffer)
 
@@ -138,3 +139,8 @@ class LogicalDevice:
             text = "\n".join(self.messages)
             self.messages.clear()
             raise ValidationError(text)
+
+
+@lru_cache(256)
+def _label(name: str) -> raw.CData:
+    return raw.struct("VkDebugUtilsLabelEXT", pLabelName=name)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import ALL_COMMANDS
@@ -18,31 +18,35 @@ class Submission:
         self, timeline: raw.CData, command_buffers: Sequence[raw.CData], waits: Sequence[raw.CData] = (),
         signals: Sequence[raw.CData] = (),
     ) -> None:  # fmt: skip
-        self._commands = tuple(command_buffers)
+        self.commands = tuple(command_buffers)
         self._waits, self._signals = _semaphores(waits), _semaphores([timeline, *signals])
         self.signal = self._signals[0]
-        self._counts = len(waits), 1 + len(signals)
-        self.info = self._info(())
-        self._ahead: tuple[raw.CData, ...] = ()
-        self._info_behind = self.info
-
-    def _info(self, ahead: tuple[raw.CData, ...]) -> raw.CData:
-        commands = [raw.struct("VkCommandBufferSubmitInfo", commandBuffer=item) for item in (*ahead, *self._commands)]
-        return raw.struct(
+        self._info = raw.struct(
             "VkSubmitInfo2",
-            waitSemaphoreInfoCount=self._counts[0],
+            waitSemaphoreInfoCount=len(waits),
             pWaitSemaphoreInfos=self._waits,
-            commandBufferInfoCount=len(commands),
-            pCommandBufferInfos=commands,
-            signalSemaphoreInfoCount=self._counts[1],
+            signalSemaphoreInfoCount=1 + len(signals),
             pSignalSemaphoreInfos=self._signals,
         )
+        self._make_room(4)
 
-    def info_behind(self, ahead: tuple[raw.CData, ...]) -> raw.CData:
-        """`info` with other command buffers ahead of its own. The result is kept, since the same ones often recur."""
-        if ahead != self._ahead:
-            self._ahead, self._info_behind = ahead, self._info(ahead)
-        return self._info_behind
+    def _make_room(self, count: int) -> None:
+        """Have an array for `count` command buffers ahead of the submission's own."""
+        self._room = count
+        infos = [raw.struct("VkCommandBufferSubmitInfo", commandBuffer=item)
+                 for item in (*[raw.NULL] * count, *self.commands)]  # fmt: skip
+        self._array = raw.array("VkCommandBufferSubmitInfo", infos)
+
+    def info_behind(self, ahead: Collection[raw.CData]) -> raw.CData:
+        """The VkSubmitInfo2 with other command buffers ahead of the submission's own."""
+        if len(ahead) > self._room:
+            self._make_room(2 * len(ahead))
+        first = self._room - len(ahead)
+        for at, commands in enumerate(ahead, first):
+            self._array[at].commandBuffer = commands
+        self._info.pCommandBufferInfos = self._array + first
+        self._info.commandBufferInfoCount = len(ahead) + len(self.commands)
+        return self._info
 
 
 def _semaphores(items: Sequence[raw.CData]) -> raw.CData:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from solari_vk.errors import DeviceError
 from solari_vk.gpu.device import raw
@@ -36,10 +37,12 @@ class WorkQueue(LogicalDevice):
         )
         pool = raw.struct(
             "VkCommandPoolCreateInfo",
-            flags=raw.VK_COMMAND_POOL_CREATE_TRANSIENT_BIT,
+            flags=raw.VK_COMMAND_POOL_CREATE_TRANSIENT_BIT | raw.VK_COMMAND_POOL_CREATE_RESET_COMMAND_BUFFER_BIT,
             queueFamilyIndex=self.queue_family,
         )
         self._pool = self.create("VkCommandPool", pool, "device one-time commands")
+        self._spare: list[Submission] = []  # of one command buffer each, which can be recorded again
+        self._begin = raw.struct("VkCommandBufferBeginInfo", flags=raw.VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT)
         self._counter = raw.ffi.new("uint64_t*")
         self._wait_value = raw.ffi.new("uint64_t*")
         self._wait_info = raw.struct(
@@ -71,6 +74,13 @@ class WorkQueue(LogicalDevice):
         self._with_next.pop(commands, None)
         self._with_next[commands] = None
 
+    def start_with_next(self, record: Callable[[raw.CData], None], name: str = "") -> None:
+        """Record one-time commands now, and have them submitted as by `submit_with_next`."""
+        self.flush()
+        recorded = self._record(record, name)
+        self._with_next[recorded.commands[0]] = None
+        self.retire(partial(self._spare.append, recorded))
+
     def submit_prepared(self, submission: Submission, *, internal: bool = False) -> int:
         """Submit; returns the timeline value that marks the completion of the commands.
 
@@ -82,12 +92,10 @@ class WorkQueue(LogicalDevice):
             self.flush()
         value = self.submitted + 1
         submission.signal.value = value
-        ahead = self._with_next
-        info = submission.info_behind(tuple(ahead)) if ahead else submission.info
-        self.vk.vkQueueSubmit2(self.queue, 1, info, raw.NULL)
+        self.vk.vkQueueSubmit2(self.queue, 1, submission.info_behind(self._with_next), raw.NULL)
         self.submitted = value
-        if ahead:
-            ahead.clear()
+        if self._with_next:
+            self._with_next.clear()
         if self._retired:
             self.collect()
         if self.messages:
@@ -119,32 +127,31 @@ class WorkQueue(LogicalDevice):
         self.await_value(self.start(record, name))
 
     def _start(self, record: Callable[[raw.CData], None], name: str) -> int:
-        allocate = raw.struct(
-            "VkCommandBufferAllocateInfo",
-            commandPool=self._pool,
-            level=raw.VK_COMMAND_BUFFER_LEVEL_PRIMARY,
-            commandBufferCount=1,
-        )
-        buffers = raw.ffi.new("VkCommandBuffer[1]")
-        self.vk.vkAllocateCommandBuffers(self.handle, allocate, buffers)
-        commands = buffers[0]
+        recorded = self._record(record, name)
+        value = self.submit_prepared(recorded, internal=True)
+        self.retire(partial(self._spare.append, recorded))
+        return value
 
-        def free() -> None:
-            self.vk.vkFreeCommandBuffers(self.handle, self._pool, 1, buffers)
-
+    def _record(self, record: Callable[[raw.CData], None], name: str) -> Submission:
+        """One-time commands, which the caller puts into `_spare` when they are done."""
+        recorded = self._spare.pop() if self._spare else self.submission([self._allocate_commands()])
+        (commands,) = recorded.commands
         try:
-            self.name_object("CommandBuffer", commands, name)
-            begin = raw.struct("VkCommandBufferBeginInfo", flags=raw.VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT)
-            self.vk.vkBeginCommandBuffer(commands, begin)
+            self.vk.vkBeginCommandBuffer(commands, self._begin)
             with self.label(commands, name or "one-time commands"):
                 record(commands)
             self.vk.vkEndCommandBuffer(commands)
         except BaseException:
-            free()
+            self.vk.vkResetCommandBuffer(commands, 0)
+            self._spare.append(recorded)
             raise
-        value = self.submit_prepared(self.submission([commands]), internal=True)
-        self.retire(free)
-        return value
+        return recorded
+
+    def _allocate_commands(self) -> raw.CData:
+        allocate = raw.struct("VkCommandBufferAllocateInfo", commandPool=self._pool, commandBufferCount=1)
+        buffers = raw.ffi.new("VkCommandBuffer[1]")
+        self.vk.vkAllocateCommandBuffers(self.handle, allocate, buffers)
+        return buffers[0]
 
     @property
     def completed(self) -> int:
