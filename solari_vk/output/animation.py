@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.errors import SolariError
+from solari_vk.scene.matrices import nearest_rotation, rotation, turned_about
 from solari_vk.scene.model import Camera
 
 MAX_CAMERAS = 100_000
@@ -27,15 +28,8 @@ def orbit(camera: Camera, center: ArrayLike, count: int, sweep_degrees: float | 
     turns = 2 * math.pi * np.arange(count) / count
     if sweep_degrees is not None:
         turns = math.radians(sweep_degrees) / 2 * np.sin(turns)
-    pivot = np.asarray(center, np.float64)
-    cameras = []
-    for turn in turns:
-        rotation = np.array([[math.cos(turn), 0, math.sin(turn)], [0, 1, 0], [-math.sin(turn), 0, math.cos(turn)]])
-        transform = camera.transform.copy()
-        transform[:3, :3] = rotation @ camera.transform[:3, :3]
-        transform[:3, 3] = pivot + rotation @ (camera.transform[:3, 3] - pivot)
-        cameras.append(_camera(camera, transform, camera.vertical_fov, camera.ev100))
-    return cameras
+    transforms = (turned_about(center, rotation((0, 1, 0), turn), camera.transform) for turn in turns)
+    return [_camera(camera, transform, camera.vertical_fov, camera.ev100) for transform in transforms]
 
 
 def load_path(path: str | Path, camera: Camera, *, fps: float, count: int | None = None) -> list[Camera]:
@@ -59,8 +53,7 @@ def load_path(path: str | Path, camera: Camera, *, fps: float, count: int | None
     curves = {name: _interpolate(times, values, frame_times) for name, values in channels.items()}
     cameras = []
     for transform, fov, ev100 in zip(curves["transform"], curves["fov"], curves["ev100"], strict=True):
-        left, _, right = np.linalg.svd(transform[:3, :3])
-        transform[:3, :3] = left @ right  # the nearest rotation
+        transform[:3, :3] = nearest_rotation(transform[:3, :3])
         cameras.append(_camera(camera, transform, 2 * math.atan(math.exp(fov)), float(ev100)))
     return cameras
 

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from solari_vk.errors import SolariError, unknown_name
 from solari_vk.scene import shapes
 from solari_vk.scene.checks import FloatArray
+from solari_vk.scene.matrices import rotation
 from solari_vk.scene.model import Camera, Instance, Material, Mesh, Scene
 
 EV100_OF_UNIT_EXPOSURE = -math.log2(1.2)  # the exposure factor is 1
@@ -41,9 +42,7 @@ def lamp(radiance: ArrayLike, name: str = "lamp", **fields: Any) -> Material:
 def place(scale: ArrayLike = 1.0, at: ArrayLike = (0, 0, 0), turn: float = 0.0) -> NDArray[np.float64]:
     """The matrix (4, 4) that scales, then turns about y by `turn` radians, then moves to `at` in meters."""
     transform = np.eye(4)
-    cosine, sine = math.cos(turn), math.sin(turn)
-    rotation = np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]])
-    transform[:3, :3] = rotation @ np.diag(np.broadcast_to(np.asarray(scale, np.float64), (3,)))
+    transform[:3, :3] = rotation((0, 1, 0), turn) @ np.diag(np.broadcast_to(np.asarray(scale, np.float64), (3,)))
     transform[:3, 3] = at
     return transform
 

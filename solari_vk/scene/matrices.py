@@ -44,6 +44,21 @@ def quaternion_rotation(x: Any, y: Any, z: Any, w: Any) -> list[list[Any]]:
     ]
 
 
+def nearest_rotation(matrix: NDArray[Any]) -> NDArray[np.float64]:
+    """The rotation (3, 3) nearest to a matrix that doesn't mirror."""
+    left, _, right = np.linalg.svd(matrix)
+    found: NDArray[np.float64] = left @ right
+    return found
+
+
+def turned_about(center: ArrayLike, turn: NDArray[Any], transform: NDArray[Any]) -> NDArray[np.float64]:
+    """A transform (4, 4) after a rotation (3, 3) about a center (3,)."""
+    pivot, result = np.asarray(center, np.float64), np.array(transform, np.float64)
+    result[:3, :3] = turn @ transform[:3, :3]
+    result[:3, 3] = pivot + turn @ (transform[:3, 3] - pivot)
+    return result
+
+
 def transform_points(matrix: NDArray[Any], points: NDArray[Any]) -> NDArray[Any]:
     """Points (..., 3) moved by a 3x4 or 4x4 matrix."""
     moved: NDArray[Any] = transform_directions(matrix, points) + matrix[:3, 3]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.errors import SolariError
-from solari_vk.scene.matrices import rotation
+from solari_vk.scene.matrices import nearest_rotation, rotation, turned_about
 from solari_vk.scene.model import Camera
 
 UP = np.array((0.0, 1.0, 0.0))
@@ -60,7 +60,7 @@ class CameraControl:
 
     def orbit(self, right: float, down: float, center: ArrayLike) -> None:
         """Turn the camera around a point in world space by a movement of the cursor."""
-        self._turn(right, down, np.asarray(center, np.float64))
+        self._turn(right, down, center)
 
     def focus(self, point: ArrayLike, radius: float) -> None:
         """Look at a point, keeping the view direction, from where the whole sphere of `radius` around it is visible."""
@@ -97,14 +97,15 @@ class CameraControl:
         if "ev100" in pose:
             self.camera.ev100 = pasted.ev100
 
-    def _turn(self, right: float, down: float, center: NDArray[np.float64]) -> None:
-        transform = self.camera.transform.copy()
+    def _turn(self, right: float, down: float, center: ArrayLike) -> None:
+        transform = self.camera.transform
         elevation = math.asin(float(np.clip(-transform[1, 2], -1, 1)))  # the view direction's elevation
         limit = max(MAX_ELEVATION, abs(elevation))
         raised = min(max(elevation - TURN * down, -limit), limit) - elevation
         turn = rotation(UP, -TURN * right) @ rotation(transform[:3, 0], raised)
-        transform[:3, :3] = _orthogonalized(turn @ transform[:3, :3])
-        transform[:3, 3] = center + turn @ (transform[:3, 3] - center)
+        transform = turned_about(center, turn, transform)
+        lengths = np.linalg.norm(transform[:3, :3], axis=0)
+        transform[:3, :3] = nearest_rotation(transform[:3, :3] / lengths) * lengths  # rounding errors must not add up
         self._assign(transform)
 
     def _assign(self, transform: NDArray[np.float64]) -> None:
@@ -112,11 +113,3 @@ class CameraControl:
         limit = 1e6 * max(self.home_speed, 1.0)
         transform[:3, 3] = np.clip(transform[:3, 3], -limit, limit)
         self.camera.transform = transform
-
-
-def _orthogonalized(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The nearest matrix with orthogonal axes of the same lengths: removes what rounding adds in each turn."""
-    lengths = np.linalg.norm(matrix, axis=0)
-    left, _, right = np.linalg.svd(matrix / lengths)
-    nearest: NDArray[np.float64] = (left @ right) * lengths
-    return nearest

@@ -86,7 +86,7 @@ def directional_albedo_terms(alpha, cos_o, resolution=256):
     nodes, weights = np.polynomial.legendre.leggauss(resolution)
     nodes, weights = (nodes + 1) / 2, weights / 2
     # u = sin^2(theta) makes the projected disk smooth, and nodes cluster at its rim, where the tails of low
-    # roughness are. The angle is periodic: midpoints.
+    # roughness are. The integrand is periodic in the angle, where the midpoint rule is the best.
     theta, dtheta = np.pi / 2 * (1 - (1 - nodes) ** 3), np.pi / 2 * 3 * (1 - nodes) ** 2 * weights
     u, du = np.sin(theta) ** 2, 2 * np.sin(theta) * np.cos(theta) * dtheta
     v = (np.arange(resolution) + 0.5) / resolution

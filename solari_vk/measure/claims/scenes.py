@@ -8,6 +8,7 @@ import numpy as np
 
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place, rgb
+from solari_vk.scene.matrices import rotation, turned_about
 from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material, Scene
 
 BEVY_EV100 = 9.7  # Bevy's default exposure, under which a sun's disk is far brighter than any packed number
@@ -65,9 +66,7 @@ def mirror_wall() -> Scene:
         color = ((0.8, 0.2, 0.1), (0.1, 0.3, 0.8))[i % 2]
         scene.add(shapes.quad((x, 1.5, 3.98), (-0.25, 0, 0), (0, 1.5, 0)), material=lamp(color, "stripe"))
     mirror = Material(base_color=rgb(0.95), metallic=1.0, perceptual_roughness=0.0, name="mirror")
-    cosine, sine = math.cos(0.11), math.sin(0.11)
-    tilt = np.array([[1, 0, 0, 0], [0, cosine, -sine, 0], [0, sine, cosine, 0], [0, 0, 0, 1]])
-    turned = place(at=(0.1, 1.4, -1.2), turn=0.2) @ tilt
+    turned = place(at=(0.1, 1.4, -1.2), turn=0.2) @ turned_about((0, 0, 0), rotation((1, 0, 0), 0.11), np.eye(4))
     scene.add(shapes.quad((0, 0, 0), (1.9, 0, 0), (0, 1.2, 0)), material=mirror, transform=turned)
     scene.add(Camera.look_at((0.4, 1.5, 2.6), (0.1, 1.4, -1.2), vertical_fov=math.radians(48), ev100=-1.0))
     return scene
