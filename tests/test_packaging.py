@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from solari_vk.gpu.shaders import shaderc
+from solari_vk.gpu.shaders import shader_cache, shaderc
 
 ROOT = Path(__file__).resolve().parents[1]
 STAGES = {"." + stage for stage in shaderc.STAGES}
@@ -66,11 +66,19 @@ def entry_points() -> list[str]:
     return sorted(path.relative_to(glsl).as_posix() for path in glsl.rglob("*") if path.suffix in STAGES)
 
 
+def compiled_modules() -> set[str]:
+    """The files of all modules: each shader's, and for shaders that trace another one for ray pipelines."""
+    glsl, paths = ROOT / "glsl", entry_points()
+    traces = [path for path in paths if "scene/trace.glsl" in shader_cache.closure([glsl], path)]
+    assert 10 < len(traces) < len(paths) / 2
+    return {f"{path}.spv" for path in paths} | {f"{path}.rgen.spv" for path in traces}
+
+
 def test_sdist_has_sources_and_compiled_shaders(unpacked_sdist):
     for name in ("LICENSE", "README.md", "pyproject.toml", "hatch_build.py", "tools/test", "tests/test_packaging.py"):
         assert (unpacked_sdist / name).is_file(), name
     compiled = {path.relative_to(unpacked_sdist / "glsl").as_posix() for path in unpacked_sdist.rglob("*.spv")}
-    assert compiled == {f"{path}.spv" for path in entry_points()}
+    assert compiled == compiled_modules()
 
 
 def test_wheel_has_package_glsl_and_compiled_shaders(wheel):
@@ -78,7 +86,7 @@ def test_wheel_has_package_glsl_and_compiled_shaders(wheel):
     modules = {path.relative_to(ROOT).as_posix() for path in (ROOT / "solari_vk").rglob("*.py")}
     glsl = {f"solari_vk/glsl/{path.relative_to(ROOT / 'glsl').as_posix()}" for path in (ROOT / "glsl").rglob("*.glsl")}
     shaders = {f"solari_vk/glsl/{path}" for path in entry_points()}
-    compiled = {f"{path}.spv" for path in shaders}
+    compiled = {f"solari_vk/glsl/{path}" for path in compiled_modules()}
     assert modules | glsl | shaders | compiled | {"solari_vk/py.typed", "solari_vk/glsl/shipped.json"} <= names
     assert all(name.startswith(("solari_vk/", "solari_vk-")) for name in names)
     assert {name for name in names if name.endswith(".spv")} == compiled
@@ -94,7 +102,7 @@ def test_wheel_metadata(wheel):
 
 
 def test_installed_wheel_needs_no_compiler(wheel, tmp_path):
-    """Every shader of the wheel is there as SPIR-V; a changed one needs a compiler."""
+    """Every shader of the wheel is there as SPIR-V for both ways to trace rays; a changed one needs a compiler."""
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path)
     program = """
@@ -106,6 +114,11 @@ from solari_vk.gpu.shaders.compiler import compile_shader, glsl_root
 assert glsl_root() == Path(sys.argv[1]) / "solari_vk" / "glsl", glsl_root()
 for path in sys.argv[2:]:
     assert compile_shader(path)[:4] == b"\\x03\\x02\\x23\\x07", path
+    try:
+        compile_shader(path, ray_pipelines=True)
+    except SolariError as error:
+        assert "ray queries of its own" in str(error), error
+        assert "/conformance/" in path, path
 changed = glsl_root() / sys.argv[2]
 changed.write_text(changed.read_text() + "// changed\\n")
 try:
