@@ -18,9 +18,9 @@ from solari_vk.measure.claims.older import LOBES_ADDED
 from solari_vk.measure.statistics import compare, tile_means
 
 
-def lamp_over_surface(surface, points, eye, resolution=24):
+def lamp_over_surface(surface, points, eye):
     """Radiance (N, 3) towards the eye from floor points under the lamp, by Gauss-Legendre quadrature."""
-    nodes, weights = np.polynomial.legendre.leggauss(resolution)
+    nodes, weights = np.polynomial.legendre.leggauss(24)
     nodes, weights = (nodes + 1) / 2, weights / 2
     u, v = np.meshgrid(nodes, nodes, indexing="ij")
     edge_u, edge_v = LAMP_CORNERS[1] - LAMP_CORNERS[0], LAMP_CORNERS[3] - LAMP_CORNERS[0]

@@ -9,11 +9,11 @@ import numpy as np
 from solari_vk.measure.statistics import ALPHA, chi_squared_p, relative_interval, student_p
 
 
-def uniform_p(x, y, cells=40):
+def uniform_p(x, y):
     """The p value of points (N,) in the unit square against the uniform density; 0 with any outside."""
     if min(x.min(), y.min()) < -1e-6 or max(x.max(), y.max()) > 1 + 1e-6:
         return 0.0
-    counts, _, _ = np.histogram2d(np.clip(x, 0, 1), np.clip(y, 0, 1), cells, [[0, 1], [0, 1]])
+    counts, _, _ = np.histogram2d(np.clip(x, 0, 1), np.clip(y, 0, 1), 40, [[0, 1], [0, 1]])
     return chi_squared_p(counts, np.full(counts.shape, len(x) / counts.size))
 
 
@@ -29,7 +29,7 @@ def holm(p_values, alpha):
     return rejected
 
 
-def replicates(observations, expected, bar, alpha=ALPHA):
+def replicates(observations, expected, bar):
     """The number of cells in which independent runs (R, ...) differ from the expected (...), and whether the mean is
     within the bar.
 
@@ -42,7 +42,7 @@ def replicates(observations, expected, bar, alpha=ALPHA):
     error = cells.std(axis=0, ddof=1) / math.sqrt(len(runs))
     t = (cells.mean(axis=0) - truth) / np.maximum(error, 1e-7 * np.abs(truth) + 1e-30)
     mean, half_width = relative_interval(runs, truth)
-    return int(holm(student_p(t, len(runs) - 1), alpha).sum()), abs(mean) + half_width <= bar
+    return int(holm(student_p(t, len(runs) - 1), ALPHA).sum()), abs(mean) + half_width <= bar
 
 
 def assert_equal(comparison, bar, what=""):

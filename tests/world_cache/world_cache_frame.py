@@ -16,12 +16,13 @@ from solari_vk.settings import uniform_values
 
 SHADERS = Path(__file__).parent / "glsl"
 CELL_ARRAYS = ("checksums", "life", "irradiance", "bounds", "points", "votes", "luminance_deltas")
+QUERY_COUNT = 4096  # in a frame
 
 
 class CacheFrame:
-    """A context manager for frames over a scene. asks: the number of queries in a frame."""
+    """A context manager for frames over a scene."""
 
-    def __init__(self, device, scene, settings=None, *, asks=4096, seed=0, first_ray=0, barriers=False):
+    def __init__(self, device, scene, settings=None, *, seed=0, first_ray=0, barriers=False):
         self.settings = settings or sv.Settings(lambert=True, world_cache_cells=1 << 14)
         self.scene = scene
         self.seed = seed
@@ -34,8 +35,8 @@ class CacheFrame:
         stages = [
             light_tiles.stage(size, self.settings),
             world_cache.stage(size, self.settings),
-            Stage("ask", buffers={"answers": asks, "ray_counts": 6},
-                  passes=[Pass("world_cache_test/ask", threads=asks, constants=constants)]),
+            Stage("ask", buffers={"answers": QUERY_COUNT, "ray_counts": 6},
+                  passes=[Pass("world_cache_test/ask", threads=QUERY_COUNT, constants=constants)]),
         ]  # fmt: skip
         external = {**self.binder.resources, **tables}
         self.frame = Frame(device, stages, external=external, glsl_root=SHADERS, barrier_every_pass=barriers)

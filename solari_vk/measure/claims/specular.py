@@ -167,8 +167,10 @@ def _termination(bench: Workbench) -> Outcome:
     ])  # fmt: skip
 
 
-def structural_error(picture: Picture, truth: Picture, mask: NDArray[np.bool_], block: int = 4) -> float:
-    """Root mean square of the relative error of blocks of pixels inside the mask: of noise little is left in them."""
+def structural_error(picture: Picture, truth: Picture, mask: NDArray[np.bool_]) -> float:
+    """The root mean square of the relative error of blocks of 4 x 4 pixels inside the mask, whose means have little
+    noise."""
+    block = 4
     height, width = (n // block * block for n in mask.shape)
     weights = mask[:height, :width].astype(np.float64)
 
