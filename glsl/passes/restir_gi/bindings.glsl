@@ -16,6 +16,9 @@ struct GiReservoir {
     vec3 reflectance;                  // of the point: radiance over irradiance
     float confidence_weight;           // in frames; 0 for pixels without GI
     float unbiased_contribution_weight;  // in solid angle at the pixel; 0 when no light was found
+    // The point's cell in the world cache, or NO_INDEX. The frame that stored the reservoir has read the cell, so that
+    // the cell is still alive when the next frame reads it.
+    uint world_cache_cell;
 };
 
 layout(set = 1, binding = 65, scalar) buffer GiTemporalReservoirsBlock { GiReservoir at[]; } gi_temporal_reservoirs;

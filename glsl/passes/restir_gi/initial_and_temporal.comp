@@ -23,7 +23,10 @@ GiReservoir generate_initial_reservoir(GBufferSurface surface, inout uint rng) {
     reservoir.sample_point_world_position = first.first_position;
     reservoir.radiance = first.emitted;
     if (first.exists) {
-        if (first.mirror_count == 0u) { reservoir.sample_point_world_normal = first.surface.geometric_world_normal; }
+        if (first.mirror_count == 0u) {
+            reservoir.sample_point_world_normal = first.surface.geometric_world_normal;
+            reservoir.world_cache_cell = light.cell;
+        }
         reservoir.reflectance = light.reflectance;
         reservoir.radiance = gathered_radiance(light);
     }
@@ -33,15 +36,12 @@ GiReservoir generate_initial_reservoir(GBufferSurface surface, inout uint rng) {
 
 // Replaces a sample's radiance by what its point reflects in this frame. Differs from Solari, where a sample keeps
 // its radiance, so that light stays visible after it was switched off. A contribution weight is valid for any
-// function of the sample point, and so for the light of a later frame too.
-void refresh_radiance(inout GiReservoir reservoir, GBufferSurface surface, inout uint rng) {
-    bool mirrored = reservoir.sample_point_world_normal == SEEN_IN_MIRROR;
-    if (restir_gi_settings.refresh == 0u || mirrored || !(reservoir.unbiased_contribution_weight > 0.0)) { return; }
-    float ray_t = distance(surface.world_position, reservoir.sample_point_world_position);
-    WorldCacheResult cached = query_world_cache(
-        reservoir.sample_point_world_position, reservoir.sample_point_world_normal, ray_t,
-        world_cache_settings.lifetime, rng
-    );
+// function of the sample point, and so for the light of a later frame too. A cell that isn't read in a frame is lost.
+void refresh_radiance(inout GiReservoir reservoir) {
+    bool refreshes = restir_gi_settings.refresh != 0u && frame_settings.world_cache != 0u;
+    if (!refreshes) { reservoir.world_cache_cell = NO_INDEX; }
+    if (reservoir.world_cache_cell == NO_INDEX || !(reservoir.unbiased_contribution_weight > 0.0)) { return; }
+    WorldCacheResult cached = read_world_cache_cell(reservoir.world_cache_cell, world_cache_settings.lifetime);
     if (cached.found) { reservoir.radiance = reservoir.reflectance * cached.irradiance; }
 }
 
@@ -62,7 +62,7 @@ void main() {
     if (restir_gi_settings.temporal != 0u && find_temporal_neighbor(pixel, surface, neighbor, neighbor_surface)) {
         GiReservoir previous = previous_gi_reservoirs.at[neighbor.y * camera.size.x + neighbor.x];
         previous.confidence_weight = min(previous.confidence_weight, restir_gi_settings.confidence_cap);
-        refresh_radiance(previous, surface, rng);
+        refresh_radiance(previous);
         neighbor_surface.ray_offset = surface.ray_offset;  // the previous G-buffer has none
         bool retest = restir_gi_settings.visibility == GI_VISIBILITY_BOTH;
         reservoir = merge_gi_reservoirs(surface, reservoir, neighbor_surface, previous, retest, rand_f(rng));

@@ -97,7 +97,7 @@ vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
         bool mirror = always_reflects(surface.material);
         mirrors += mirror ? 1u : 0u;
         visited += mirror ? 0u : 1u;
-        WorldCacheResult end = WorldCacheResult(false, vec3(0.0));
+        WorldCacheResult end = NO_CELL;
         if (!mirror && (visited >= specular_gi_settings.bounces || may_end(surface, path.spread_width, hit.t, rng))) {
             end = query_world_cache(
                 surface.world_position, surface.geometric_world_normal, hit.t, world_cache_settings.lifetime, rng
@@ -106,7 +106,7 @@ vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
         // Differs from Solari: where the cache has no value, the path continues.
         uint max_visited = specular_gi_settings.bounces + (frame_settings.world_cache != 0u ? MAX_CACHE_MISSES : 0u);
         if (mirrors > MAX_MIRRORS) { return radiance; }
-        if (!end.found && visited >= max_visited) { end = WorldCacheResult(true, sample_irradiance(surface, rng)); }
+        if (!end.found && visited >= max_visited) { end = WorldCacheResult(NO_INDEX, true, sample_irradiance(surface, rng)); }
         if (end.found) {
             return radiance + path.throughput * INVERSE_PI * surface_albedo(surface.material, wo.z) * end.irradiance;
         }

@@ -11,9 +11,19 @@
 #include "scene/sampling.glsl"
 
 struct WorldCacheResult {
-    bool found;  // false when the cell has no value yet, or when the map has no free entry
+    uint cell;   // NO_INDEX when the map has no free entry
+    bool found;  // whether the cell has a value
     vec3 irradiance;
 };
+
+const WorldCacheResult NO_CELL = WorldCacheResult(NO_INDEX, false, vec3(0.0));
+
+// The irradiance of a cell of the map, which is kept alive for `lifetime` frames.
+WorldCacheResult read_world_cache_cell(uint cell, uint lifetime) {
+    atomicMax(world_cache_life.at[cell], lifetime);
+    vec4 irradiance = world_cache_irradiance.at[cell];
+    return WorldCacheResult(cell, irradiance.w > 0.0, irradiance.rgb);
+}
 
 // Visibility of landmarks is tested from this height above the surface, in cell sizes, so that bumps of the surface
 // occlude nothing.
@@ -54,8 +64,7 @@ WorldCacheKey choose_key(vec3 world_position, vec3 normal, float cell_size, inou
 WorldCacheResult query_world_cache(
     vec3 world_position, vec3 geometric_world_normal, float ray_t, uint lifetime, inout uint rng
 ) {
-    WorldCacheResult nothing = WorldCacheResult(false, vec3(0.0));
-    if (frame_settings.world_cache == 0u) { return nothing; }
+    if (frame_settings.world_cache == 0u) { return NO_CELL; }
     float cell_size = get_cell_size(world_position, rng);
     if (ray_t < cell_size) { cell_size = world_cache_settings.cell_size; }
 
@@ -63,12 +72,10 @@ WorldCacheResult query_world_cache(
     uint cell = insert_world_cache_cell(key);
     if (cell == NO_INDEX) {
         atomicAdd(world_cache_counters.insert_failures, 1u);
-        return nothing;
+        return NO_CELL;
     }
-    atomicMax(world_cache_life.at[cell], lifetime);
     vote_for_point(cell, key.bounds, world_position, geometric_world_normal, rng);
-    vec4 irradiance = world_cache_irradiance.at[cell];
-    return WorldCacheResult(irradiance.w > 0.0, irradiance.rgb);
+    return read_world_cache_cell(cell, lifetime);
 }
 
 // ---- reflection -------------------------------------------------------------------------------------
@@ -109,6 +116,7 @@ struct GatheredLight {
     HitPastMirrors first;
     vec3 reflectance;  // of the first hit towards the ray: radiance over irradiance
     vec3 irradiance;   // of the first hit
+    uint cell;         // in which the first hit was looked up, or NO_INDEX
 };
 
 vec3 gathered_radiance(GatheredLight light) {
@@ -127,6 +135,7 @@ GatheredLight gather_light(
     GatheredLight light;
     light.reflectance = vec3(0.0);
     light.irradiance = vec3(0.0);
+    light.cell = NO_INDEX;
     vec3 throughput = vec3(1.0);
     for (uint i = 0u; i <= MAX_CACHE_MISSES; i++) {
         HitPastMirrors found = trace_past_mirrors(origin, direction, t_max, cone_width);
@@ -147,6 +156,7 @@ GatheredLight gather_light(
         float ray_t = finest_for_short_rays ? found.ray_t : INFINITY;
         WorldCacheResult cached =
             query_world_cache(hit.world_position, hit.geometric_world_normal, ray_t, lifetime, rng);
+        if (i == 0u) { light.cell = cached.cell; }
         light.irradiance += throughput * (cached.found ? cached.irradiance : sample_irradiance(hit, rng));
         if (cached.found || frame_settings.world_cache == 0u) { break; }
         origin = hit.world_position + hit.ray_offset * hit.geometric_world_normal;
