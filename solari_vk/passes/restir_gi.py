@@ -8,14 +8,15 @@ from solari_vk.settings.layering import brdf_constants
 
 
 def stage(size: tuple[int, int], settings: Settings) -> Stage:
-    """The reservoirs after each half, those of the second with their history, and the radiance gi_diffuse."""
+    """The reservoirs before and after spatial reuse, the latter with their history, and the radiance gi_diffuse."""
     pixels = size[0] * size[1]
     brdf = brdf_constants(settings)
     return Stage(
         "restir_gi",
         buffers={"gi_temporal_reservoirs": pixels, "gi_reservoirs": History(pixels), "gi_diffuse": pixels},
         passes=[
-            Pass("restir_gi/initial_and_temporal", threads=size, constants=brdf),
+            Pass("restir_gi/initial", threads=size, constants=brdf),
+            Pass("restir_gi/temporal", threads=size),
             Pass("restir_gi/spatial_and_shade", threads=size, constants=brdf),
         ],
     )

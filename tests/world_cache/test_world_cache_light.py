@@ -216,7 +216,7 @@ MUTANTS = {
     "cells never grow": (sizes, "map.glsl", "int(level) + (", "0 * int(level) + ("),
     "levels turn at once": (sizes, "map.glsl", "pow(part, world_cache_settings.lod_sharpness)",
                             "pow(part, 1e-9 * world_cache_settings.lod_sharpness)"),
-    "lives are halved": (test_cell_death, "query.glsl", "atomicMax(world_cache_life.at[cell], lifetime)",
+    "lives are halved": (test_cell_death, "map.glsl", "atomicMax(world_cache_life.at[cell], lifetime)",
                          "atomicMax(world_cache_life.at[cell], lifetime / 2u)"),
     "cells keep each other alive": (test_cell_death, "sample_indirect.comp", "world_cache_samples.at[thread].life;",
                                     "world_cache_settings.lifetime;"),

@@ -82,6 +82,21 @@ uint insert_world_cache_cell(WorldCacheKey key) {
     return cell;
 }
 
+struct WorldCacheResult {
+    uint cell;   // NO_INDEX when the map has no free entry
+    bool found;  // whether the cell has a value
+    vec3 irradiance;
+};
+
+const WorldCacheResult NO_CELL = WorldCacheResult(NO_INDEX, false, vec3(0.0));
+
+// The irradiance of a cell of the map, which is kept alive for `lifetime` frames.
+WorldCacheResult read_world_cache_cell(uint cell, uint lifetime) {
+    atomicMax(world_cache_life.at[cell], lifetime);
+    vec4 irradiance = world_cache_irradiance.at[cell];
+    return WorldCacheResult(cell, irradiance.w > 0.0, irradiance.rgb);
+}
+
 // ---- the point that represents a cell ---------------------------------------------------------------
 //
 // Differs from Solari, where it is the point of the first query for the cell's whole life: here each frame picks the

@@ -10,21 +10,6 @@
 #include "scene/light_visibility.glsl"
 #include "scene/sampling.glsl"
 
-struct WorldCacheResult {
-    uint cell;   // NO_INDEX when the map has no free entry
-    bool found;  // whether the cell has a value
-    vec3 irradiance;
-};
-
-const WorldCacheResult NO_CELL = WorldCacheResult(NO_INDEX, false, vec3(0.0));
-
-// The irradiance of a cell of the map, which is kept alive for `lifetime` frames.
-WorldCacheResult read_world_cache_cell(uint cell, uint lifetime) {
-    atomicMax(world_cache_life.at[cell], lifetime);
-    vec4 irradiance = world_cache_irradiance.at[cell];
-    return WorldCacheResult(cell, irradiance.w > 0.0, irradiance.rgb);
-}
-
 // Visibility of landmarks is tested from this height above the surface, in cell sizes, so that bumps of the surface
 // occlude nothing.
 const float EYE_HEIGHT = 0.05;
@@ -112,16 +97,17 @@ vec3 sample_irradiance(ResolvedRayHitFull hit, inout uint rng) {
 
 const uint MAX_CACHE_MISSES = 4u;  // maximum of consecutive hits of a path for which the cache has no value
 
+// The light along a ray: `emitted` + `reflectance` * `irradiance`.
 struct GatheredLight {
-    HitPastMirrors first;
-    vec3 reflectance;  // of the first hit towards the ray: radiance over irradiance
-    vec3 irradiance;   // of the first hit
-    uint cell;         // in which the first hit was looked up, or NO_INDEX
+    vec3 first_position;  // where the ray ended, moved off the surface; of a ray that met nothing its origin
+    vec3 first_normal;    // geometric, there; 0 when that is a mirror or nothing
+    vec3 emitted;         // by lights seen in mirrors
+    vec3 reflectance;     // of the surface that the ray, or its reflections, met: radiance over irradiance
+    vec3 irradiance;      // of that surface
+    uint cell;            // in which that surface was looked up, or NO_INDEX
 };
 
-vec3 gathered_radiance(GatheredLight light) {
-    return light.first.emitted + light.first.throughput * light.reflectance * light.irradiance;
-}
+vec3 gathered_radiance(GatheredLight light) { return light.emitted + light.reflectance * light.irradiance; }
 
 // The light that a surface reflects along a ray. What the surface emits is not included, since direct light counts
 // it. `finest_for_short_rays`: see query_world_cache.
@@ -132,28 +118,28 @@ GatheredLight gather_light(
     vec3 origin, vec3 direction, float t_max, float cone_width, bool finest_for_short_rays, uint lifetime,
     inout uint rng
 ) {
-    GatheredLight light;
-    light.reflectance = vec3(0.0);
-    light.irradiance = vec3(0.0);
-    light.cell = NO_INDEX;
+    GatheredLight light = GatheredLight(origin, vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), NO_INDEX);
     vec3 throughput = vec3(1.0);
     for (uint i = 0u; i <= MAX_CACHE_MISSES; i++) {
         HitPastMirrors found = trace_past_mirrors(origin, direction, t_max, cone_width);
         if (i == 0u) {
-            light.first = found;
+            light.first_position = found.first_position;
+            light.emitted = found.emitted;
         } else {
             throughput *= PI;  // the ray's cosine over its pdf
             light.irradiance += throughput * found.emitted;
         }
         if (!found.exists) { break; }
         ResolvedRayHitFull hit = found.surface;
-        vec3 reflectance = INVERSE_PI * surface_albedo(hit.material, dot(hit.world_normal, -found.direction));
+        vec3 albedo = surface_albedo(hit.material, dot(hit.world_normal, -found.direction));
+        vec3 reflectance = found.throughput * (INVERSE_PI * albedo);
+        float ray_t = finest_for_short_rays ? found.ray_t : INFINITY;
         if (i == 0u) {
             light.reflectance = reflectance;
+            if (found.mirror_count == 0u) { light.first_normal = hit.geometric_world_normal; }
         } else {
-            throughput *= found.throughput * reflectance;
+            throughput *= reflectance;
         }
-        float ray_t = finest_for_short_rays ? found.ray_t : INFINITY;
         WorldCacheResult cached =
             query_world_cache(hit.world_position, hit.geometric_world_normal, ray_t, lifetime, rng);
         if (i == 0u) { light.cell = cached.cell; }
