@@ -21,7 +21,8 @@ layout(set = 1, binding = 44, scalar) buffer WorldCacheVotesBlock { WorldCachePo
 layout(set = 1, binding = 45, scalar) buffer WorldCachePointsBlock { WorldCachePoint at[]; } world_cache_points;
 layout(set = 1, binding = 46, scalar) buffer WorldCacheDeltasBlock { float at[]; } world_cache_luminance_deltas;
 
-// For each block of the map: its number of active cells, and after the scan the number in all earlier blocks.
+// For each block of the map: its number of active cells, and after the scan the index of its first one in the list of
+// active cells.
 layout(set = 1, binding = 47, scalar) buffer WorldCacheBlocksBlock { uint at[]; } world_cache_blocks;
 layout(set = 1, binding = 48, scalar) buffer WorldCacheActiveCellsBlock { uint at[]; } world_cache_active_cells;
 // The irradiance that an active cell received in this frame, and its life before queries of other cells raised it.

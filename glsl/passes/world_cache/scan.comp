@@ -1,22 +1,32 @@
-// World cache, step 2: the number of active cells before each block and in total, by a prefix sum in one workgroup:
-// Hillis and Steele, "Data Parallel Algorithms" (1986).
+// World cache, step 2: where each block's active cells begin in the list of active cells, and their number, by a prefix
+// sum in one workgroup: Hillis and Steele, "Data Parallel Algorithms" (1986). Blocks come in the order of the threads
+// that sum them, whose blocks lie SCAN_SIZE apart, so that neighboring threads read neighboring memory.
 #version 460
 #include "passes/world_cache/threads.glsl"
 
 const uint SCAN_SIZE = 256u;
+const uint BATCH = 8u;  // blocks that a thread reads at once, so that it seldom waits for memory
 layout(local_size_x = SCAN_SIZE) in;
 
 shared uint sums[SCAN_SIZE];
 
+uint[BATCH] read_counts(uint first, uint block_count) {
+    uint counts[BATCH];
+    for (uint i = 0u; i < BATCH; i++) {
+        uint block = first + i * SCAN_SIZE;
+        counts[i] = block < block_count ? world_cache_blocks.at[block] : 0u;
+    }
+    return counts;
+}
+
 void main() {
     uint thread = gl_LocalInvocationIndex;
     uint block_count = world_cache_checksums.at.length() / BLOCK_SIZE;
-    uint blocks_each = (block_count + SCAN_SIZE - 1u) / SCAN_SIZE;
-    uint first = min(thread * blocks_each, block_count);
-    uint end = min(first + blocks_each, block_count);
-
     uint sum = 0u;
-    for (uint i = first; i < end; i++) { sum += world_cache_blocks.at[i]; }
+    for (uint first = thread; first < block_count; first += BATCH * SCAN_SIZE) {
+        uint counts[BATCH] = read_counts(first, block_count);
+        for (uint i = 0u; i < BATCH; i++) { sum += counts[i]; }
+    }
     sums[thread] = sum;
     for (uint reach = 1u; reach < SCAN_SIZE; reach *= 2u) {
         barrier();
@@ -25,10 +35,12 @@ void main() {
         sums[thread] += before;
     }
     uint before = sums[thread] - sum;
-    for (uint i = first; i < end; i++) {
-        uint count = world_cache_blocks.at[i];
-        world_cache_blocks.at[i] = before;
-        before += count;
+    for (uint first = thread; first < block_count; first += BATCH * SCAN_SIZE) {
+        uint counts[BATCH] = read_counts(first, block_count);
+        for (uint i = 0u; i < BATCH && first + i * SCAN_SIZE < block_count; i++) {
+            world_cache_blocks.at[first + i * SCAN_SIZE] = before;
+            before += counts[i];
+        }
     }
 
     if (thread == SCAN_SIZE - 1u) {

@@ -1,4 +1,4 @@
-// World cache, step 3: writes the list of active cells, in the order of the map.
+// World cache, step 3: writes the list of active cells, block by block.
 #version 460
 #include "passes/world_cache/threads.glsl"
 
