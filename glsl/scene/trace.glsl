@@ -1,7 +1,7 @@
 // Tracing rays through the scene, the only file by which the renderer does it: by ray queries, or, in shaders that are
 // compiled as ray generation shaders (RAY_PIPELINES), by a ray pipeline with scene/trace.rchit and scene/trace.rmiss.
 // Passes that trace therefore use no shared memory and no barriers, and read their invocation's index from
-// INVOCATION_INDEX.
+// INVOCATION_INDEX. They keep few values across a ray, since on a GPU each one costs time.
 #ifndef SCENE_TRACE_GLSL
 #define SCENE_TRACE_GLSL
 

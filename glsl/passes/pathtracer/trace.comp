@@ -102,15 +102,11 @@ void main() {
                 Brdf brdf = prepare_brdf(surface.material, wo);
                 origin = surface.world_position + surface.geometric_world_normal * surface.ray_offset;
 
+                vec3 direct = vec3(0.0);
+                ResolvedLightSample light_sample;
                 if (path_sampling.light_strategy != LIGHT_STRATEGY_BRDF && scene_info.light_count > 0u) {
-                    ResolvedLightSample light_sample;
-                    vec3 value = throughput * sample_light(surface, brdf, frame, wo, rng, light_sample);
-                    if (max_component(value) > 0.0) {
-                        rays += 1u;
-                        radiance += trace_light_visibility(origin, light_sample) ? value : vec3(0.0);
-                    }
+                    direct = throughput * sample_light(surface, brdf, frame, wo, rng, light_sample);
                 }
-
                 BrdfSample next = sample_brdf(brdf, wo, rng);
                 direction = normalize(frame * next.wi);
                 throughput *= next.weight;
@@ -122,6 +118,12 @@ void main() {
                 path_ended = !(next.wi.z > 0.0 && dot(direction, surface.geometric_world_normal) > 0.0)
                     || !(max_component(throughput) > 0.0) || rand_f(rng) >= survival;
                 throughput /= survival;
+
+                // last, when the surface isn't needed any more
+                if (max_component(direct) > 0.0) {
+                    rays += 1u;
+                    radiance += trace_light_visibility(origin, light_sample) ? direct : vec3(0.0);
+                }
             }
         }
 

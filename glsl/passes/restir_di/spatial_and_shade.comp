@@ -53,21 +53,20 @@ void main() {
     vec3 diffuse = vec3(0.0), specular = vec3(0.0);
     if (reservoir.unbiased_contribution_weight > 0.0) {
         ResolvedLightSample resolved = resolve_light_sample(reservoir.light_sample);
-        if (is_seen(surface, resolved)) {
-            LightContribution light = calculate_resolved_light_contribution(resolved, surface.world_position);
-            mat3 frame = orthonormalize(surface.world_normal);
-            vec3 wo = surface.wo * frame, wi = light.wi * frame;
-            Brdf brdf = prepare_brdf(surface.material, wo);
-            vec3 received = light.received_radiance
-                * (light.inverse_pdf / float(scene_info.light_count) * reservoir.unbiased_contribution_weight);
-            diffuse = received * evaluate_diffuse_brdf(brdf, wo, wi);
-            if (surface.material.roughness > specular_gi_settings.di_roughness) {
-                specular = received * evaluate_specular_brdf(brdf, wo, wi);
-            }
-            outcome.y = 1u;
+        LightContribution light = calculate_resolved_light_contribution(resolved, surface.world_position);
+        mat3 frame = orthonormalize(surface.world_normal);
+        vec3 wo = surface.wo * frame, wi = light.wi * frame;
+        Brdf brdf = prepare_brdf(surface.material, wo);
+        vec3 received = light.received_radiance
+            * (light.inverse_pdf / float(scene_info.light_count) * reservoir.unbiased_contribution_weight);
+        diffuse = received * evaluate_diffuse_brdf(brdf, wo, wi);
+        if (surface.material.roughness > specular_gi_settings.di_roughness) {
+            specular = received * evaluate_specular_brdf(brdf, wo, wi);
         }
+        // last, when the surface isn't needed any more
+        outcome.y = is_seen(surface, resolved) ? 1u : 0u;
     }
-    di_diffuse.at[index] = diffuse;
-    di_specular.at[index] = specular;
+    di_diffuse.at[index] = outcome.y != 0u ? diffuse : vec3(0.0);
+    di_specular.at[index] = outcome.y != 0u ? specular : vec3(0.0);
     di_outcomes.at[index] = outcome;
 }

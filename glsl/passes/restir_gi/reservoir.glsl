@@ -71,40 +71,54 @@ bool trace_sample_visibility(GBufferSurface surface, GiReservoir reservoir) {
     return trace_visibility(origin, end, 1.0);
 }
 
+// Whose sample a merge keeps, and its new weights.
+struct GiMerge {
+    bool other_chosen;
+    float confidence_weight;
+    float unbiased_contribution_weight;
+};
+
 // Merges the reservoir of another pixel into that of this pixel. `choice` is a random number in [0, 1). With
 // `retest`, the other pixel's sample counts only if it is visible from this pixel.
 //
 // MIS weights and the choice use targets without visibility. Differs from Solari (gi_visibility=neighbor), where a
 // sample that the other pixel can't see keeps a weight below 1, which loses light at the edges of indirect shadows:
 // here such a sample, when it is chosen, is divided by its weight, since only this pixel could have found it.
-GiReservoir merge_gi_reservoirs(
+GiMerge merge_gi_reservoirs(
     GBufferSurface surface, GiReservoir own, GBufferSurface other_surface, GiReservoir other, bool retest, float choice
 ) {
-    if (other.confidence_weight == 0.0) { return own; }
+    GiMerge merged = GiMerge(false, own.confidence_weight, own.unbiased_contribution_weight);
+    if (other.confidence_weight == 0.0) { return merged; }
+    merged.confidence_weight += other.confidence_weight;
+    float own_target = gi_target(surface, own), other_target = gi_target(surface, other);
     float own_share = 1.0, own_weight = 0.0, other_weight = 0.0;
     if (own.unbiased_contribution_weight > 0.0) {
         own_share = gi_mis_weight(surface, own, other_surface, other.confidence_weight);
-        own_weight = own_share * gi_target(surface, own) * own.unbiased_contribution_weight;
+        own_weight = own_share * own_target * own.unbiased_contribution_weight;
     }
     if (other.unbiased_contribution_weight > 0.0) {
         float jacobian = reconnection_jacobian(other_surface, surface, other);
         other_weight = gi_mis_weight(other_surface, other, surface, own.confidence_weight)
-            * gi_target(surface, other) * jacobian * other.unbiased_contribution_weight;
+            * other_target * jacobian * other.unbiased_contribution_weight;
         if (other_weight > 0.0 && retest && !trace_sample_visibility(surface, other)) { other_weight = 0.0; }
     }
 
     float weight_sum = own_weight + other_weight;
-    float confidence_weight = own.confidence_weight + other.confidence_weight;
-    if (!(weight_sum > 0.0)) { return empty_gi_reservoir(confidence_weight); }
-    bool other_chosen = choice * weight_sum < other_weight;
-    GiReservoir merged = other_chosen ? other : own;
-    merged.confidence_weight = confidence_weight;
-    merged.unbiased_contribution_weight = weight_sum / gi_target(surface, merged);
-    if (!other_chosen && own_share < 1.0 && restir_gi_settings.visibility == GI_VISIBILITY_BOTH
-        && !trace_sample_visibility(other_surface, own)) {
+    merged.other_chosen = choice * weight_sum < other_weight;
+    float target = merged.other_chosen ? other_target : own_target;
+    merged.unbiased_contribution_weight = weight_sum > 0.0 ? weight_sum / target : 0.0;
+    if (merged.other_chosen || own_weight == 0.0 || own_share == 1.0) { return merged; }
+    if (restir_gi_settings.visibility == GI_VISIBILITY_BOTH && !trace_sample_visibility(other_surface, own)) {
         merged.unbiased_contribution_weight /= own_share;
     }
     return merged;
+}
+
+// The reservoir with the sample that a merge keeps.
+GiReservoir apply_merge(GiMerge merged, GiReservoir chosen) {
+    chosen.confidence_weight = merged.confidence_weight;
+    chosen.unbiased_contribution_weight = merged.unbiased_contribution_weight;
+    return chosen;
 }
 
 #endif

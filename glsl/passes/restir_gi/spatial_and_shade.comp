@@ -31,10 +31,13 @@ void main() {
         uvec2 neighbor;
         GBufferSurface neighbor_surface;
         if (find_spatial_neighbor(pixel, surface, restir_gi_settings.spatial_radius, rng, neighbor, neighbor_surface)) {
-            GiReservoir other = gi_temporal_reservoirs.at[neighbor.y * camera.size.x + neighbor.x];
-            reservoir = merge_gi_reservoirs(surface, reservoir, neighbor_surface, other, true, rand_f(rng));
+            uint neighbor_index = neighbor.y * camera.size.x + neighbor.x;
+            GiReservoir other = gi_temporal_reservoirs.at[neighbor_index];
+            GiMerge merged = merge_gi_reservoirs(surface, reservoir, neighbor_surface, other, true, rand_f(rng));
+            // loaded again, instead of kept across rays
+            reservoir = apply_merge(merged, gi_temporal_reservoirs.at[merged.other_chosen ? neighbor_index : index]);
         }
     }
     gi_reservoirs.at[index] = reservoir;
-    gi_diffuse.at[index] = shade_diffuse(surface, reservoir);
+    gi_diffuse.at[index] = shade_diffuse(load_gbuffer(pixel), reservoir);
 }

@@ -41,6 +41,7 @@ void main() {
     refresh_radiance(previous);
     bool retest = restir_gi_settings.visibility == GI_VISIBILITY_BOTH;
     uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
-    gi_temporal_reservoirs.at[index] =
-        merge_gi_reservoirs(surface, reservoir, neighbor_surface, previous, retest, rand_f(rng));
+    GiMerge merged = merge_gi_reservoirs(surface, reservoir, neighbor_surface, previous, retest, rand_f(rng));
+    if (merged.other_chosen) { reservoir = previous; }
+    gi_temporal_reservoirs.at[index] = apply_merge(merged, reservoir);
 }

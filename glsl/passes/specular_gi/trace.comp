@@ -22,18 +22,18 @@ const uint FIRST_ROULETTE_SURFACE = 3u;
 
 // ---- lights -----------------------------------------------------------------------------------------
 
-// The light of a random light sample by the whole BRDF, with its MIS weight against hitting the light by the next ray.
-vec3 sample_light(ResolvedRayHitFull surface, Brdf brdf, mat3 frame, vec3 wo, vec3 origin, inout uint rng) {
+// The light of a random light sample by the whole BRDF, without visibility, with its MIS weight against hitting the
+// light by the next ray.
+vec3 sample_light(
+    ResolvedRayHitFull surface, Brdf brdf, mat3 frame, vec3 wo, inout uint rng, out ResolvedLightSample light_sample
+) {
     if (scene_info.light_count == 0u) { return vec3(0.0); }
-    ResolvedLightSample light_sample = resolve_light_sample(generate_random_light_sample(rng));
+    light_sample = resolve_light_sample(generate_random_light_sample(rng));
     LightContribution light = calculate_resolved_light_contribution(light_sample, surface.world_position);
     if (!(dot(light.wi, surface.geometric_world_normal) > 0.0)) { return vec3(0.0); }
     vec3 wi = light.wi * frame;
-    vec3 value = light.received_radiance * light.inverse_pdf * evaluate_brdf(brdf, wo, wi)
+    return light.received_radiance * light.inverse_pdf * evaluate_brdf(brdf, wo, wi)
         * power_heuristic(light.solid_angle_pdf, brdf_pdf(brdf, wo, wi));
-    if (!(max_component(value) > 0.0)) { return vec3(0.0); }
-    count_ray();
-    return trace_light_visibility(origin, light_sample) ? value : vec3(0.0);
 }
 
 // ---- the path ---------------------------------------------------------------------------------------
@@ -90,9 +90,6 @@ vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
             radiance += path.throughput * surface.material.emissive * power_heuristic(path.bounce_pdf, light_pdf);
         }
         path.origin = surface.world_position + surface.geometric_world_normal * surface.ray_offset;
-        mat3 frame = orthonormalize(surface.world_normal);
-        vec3 wo = -path.direction * frame;
-        Brdf brdf = prepare_brdf(surface.material, wo);
 
         bool mirror = always_reflects(surface.material);
         mirrors += mirror ? 1u : 0u;
@@ -107,16 +104,27 @@ vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
         uint max_visited = specular_gi_settings.bounces + (frame_settings.world_cache != 0u ? MAX_CACHE_MISSES : 0u);
         if (mirrors > MAX_MIRRORS) { return radiance; }
         if (!end.found && visited >= max_visited) { end = WorldCacheResult(NO_INDEX, true, sample_irradiance(surface, rng)); }
+        mat3 frame = orthonormalize(surface.world_normal);
+        vec3 wo = -path.direction * frame;
         if (end.found) {
             return radiance + path.throughput * INVERSE_PI * surface_albedo(surface.material, wo.z) * end.irradiance;
         }
 
+        Brdf brdf = prepare_brdf(surface.material, wo);
+        vec3 direct = vec3(0.0);
+        ResolvedLightSample light_sample;
         if (!brdf.mirror || brdf.specular_probability < 1.0) {
-            radiance += path.throughput * sample_light(surface, brdf, frame, wo, path.origin, rng);
+            direct = path.throughput * sample_light(surface, brdf, frame, wo, rng, light_sample);
         }
         BrdfSample next = sample_brdf(brdf, wo, rng);
-        if (!leave_surface(path, next, brdf, frame, surface.geometric_world_normal)) { return radiance; }
+        bool goes_on = leave_surface(path, next, brdf, frame, surface.geometric_world_normal);
         if (as_solari) { path.spread_width = widen_as_solari(path.spread_width, hit.t, surface.material.roughness); }
+        // last, when the surface isn't needed any more
+        if (max_component(direct) > 0.0) {
+            count_ray();
+            radiance += trace_light_visibility(path.origin, light_sample) ? direct : vec3(0.0);
+        }
+        if (!goes_on) { return radiance; }
         if (visited + mirrors >= FIRST_ROULETTE_SURFACE) {
             float survival = min(max_component(path.throughput), 1.0);
             if (rand_f(rng) >= survival) { return radiance; }
