@@ -11,6 +11,7 @@ def stage(size: tuple[int, int], settings: Settings) -> Stage:
     """The reservoirs with their history, and the radiance by the diffuse and the specular lobe."""
     pixels = size[0] * size[1]
     brdf = brdf_constants(settings)
+    initial = "visible_initial_and_temporal" if settings.di_initial_visibility else "initial_and_temporal"
     return Stage(
         "restir_di",
         buffers={
@@ -21,7 +22,7 @@ def stage(size: tuple[int, int], settings: Settings) -> Stage:
             "di_specular": pixels,
         },
         passes=[
-            Pass("restir_di/initial_and_temporal", threads=size, constants={"brdf_lambert": settings.lambert}),
+            Pass(f"restir_di/{initial}", threads=size, constants={"brdf_lambert": settings.lambert}),
             Pass("restir_di/spatial_and_shade", threads=size, constants=brdf),
         ],
     )

@@ -116,7 +116,7 @@ class Settings:
     di_temporal: bool = _di(True, "Reuse samples of the previous frame.")
     di_spatial: bool = _di(True, "Reuse a sample of a neighbor.")
     di_initial_visibility: bool = _di(
-        False, "Drop an occluded sample before reuse (Solari: on): less noise, but shadows grow halos."
+        False, "Drop an occluded sample before reuse (Solari: on): less noise, but shadows grow halos.", rebuilds=True
     )
     di_target: str = _di(
         "brdf", "Choose lights by the whole BRDF, or as if all surfaces were diffuse (Solari).",

@@ -21,8 +21,8 @@ from solari_vk.conformance.rules import Rule
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.gpu.shaders.patches import patched_shaders
 
-DI_INITIAL = "passes/restir_di/initial_and_temporal.comp"
-DI, GI = "passes/restir_di/spatial_and_shade.comp", "passes/restir_gi/initial_and_temporal.comp"
+DI_INITIAL, DI = "passes/restir_di/initial_and_temporal.glsl", "passes/restir_di/spatial_and_shade.comp"
+GI_INITIAL, GI_TEMPORAL = "passes/restir_gi/initial.comp", "passes/restir_gi/temporal.comp"
 RASTER, RESOLVE, PIXEL = (f"passes/gbuffer/{name}" for name in ("raster.vert", "resolve.comp", "pixel.glsl"))
 SPECULAR, LOBE = "passes/specular_gi/trace.comp", "passes/specular_gi/lobe.glsl"
 GI_SHADE = "passes/restir_gi/spatial_and_shade.comp"
@@ -126,7 +126,7 @@ BUGS = {
         "    di_reservoirs.at[index] = reservoir;",
     ),
     "no shadows": (direct_checks.measure_direct, ["part of the lamp", "nothing of the lamp"], DI,
-                   "is_seen(surface, resolved)) {", "true) {"),
+                   "is_seen(surface, resolved) ?", "true ?"),
     "lights not translated": (direct_checks.measure_changes, ["removing lights"], DI_INITIAL,
                               "= light_translation.at[reservoir.light_sample.light_index];",
                               "= reservoir.light_sample.light_index;"),
@@ -146,17 +146,16 @@ BUGS = {
     "walls that hide nothing": (world_cache_checks.measure_leak, ["thin wall"], QUERY,
                                 "dot(way, normal) * normal, 1.0)) { break; }",
                                 "dot(way, normal) * normal, 1e-3)) { break; }"),
-    "rays of the previous frame's surfaces meet them": (measure_indirect, ["one bounce"], GI,
+    "rays of the previous frame's surfaces meet them": (measure_indirect, ["one bounce"], GI_TEMPORAL,
                                                         "neighbor_surface.ray_offset = surface.ray_offset;", ""),
-    "density of another distribution": (measure_indirect, ["one bounce", "no tile of 4 x 4"], GI,
+    "density of another distribution": (measure_indirect, ["one bounce", "no tile of 4 x 4"], GI_INITIAL,
                                         "? 2.0 * PI :", "? PI / 0.6 :"),
-    "radiance where irradiance is": (measure_indirect, ["one bounce"], QUERY, "vec3 reflectance = INVERSE_PI * ",
-                                     "vec3 reflectance = "),
+    "radiance where irradiance is": (measure_indirect, ["one bounce"], QUERY, "(INVERSE_PI * albedo)", "albedo"),
     "contribution weight forgotten": (measure_indirect, ["no tile of 4 x 4"], GI_SHADE,
                                       "* reservoir.unbiased_contribution_weight", ""),
     "own sample merged twice": (measure_indirect, ["one bounce"], GI_SHADE,
-                                "gi_temporal_reservoirs.at[neighbor.y * camera.size.x + neighbor.x]", "reservoir"),
-    "a hemisphere too few": (measure_indirect, ["one bounce"], GI, "? 2.0 * PI :", "? PI :"),
+                                "other = gi_temporal_reservoirs.at[neighbor_index]", "other = reservoir"),
+    "a hemisphere too few": (measure_indirect, ["one bounce"], GI_INITIAL, "? 2.0 * PI :", "? PI :"),
     "no Fresnel in mirrors": (specular_checks.measure_mirror, ["a mirror"], LOBE,
                               "specular_fresnel(brdf, wo.z), INFINITY", "vec3(1.0), INFINITY"),
     "lights counted twice": (specular_checks.measure_gallery, ["four metals"], SPECULAR,

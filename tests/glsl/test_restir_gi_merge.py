@@ -117,7 +117,7 @@ def test_merge_is_unbiased(shaders):
 
 
 MUTANTS = {
-    "no Jacobian in the contribution": ("* gi_target(surface, other) * jacobian *", "* gi_target(surface, other) *"),
+    "no Jacobian in the contribution": ("* other_target * jacobian *", "* other_target *"),
     "Jacobian turned over": ("float jacobian = to_cosine / from_cosine", "float jacobian = from_cosine / to_cosine"),
     "Jacobian without cosines": ("to_cosine / from_cosine * (dot", "(dot"),
     "no Jacobian in the weights": ("gi_cosine(other, point) * reconnection_jacobian(own, other, reservoir)",
@@ -128,9 +128,9 @@ MUTANTS = {
     "confidence of the wrong one": ("own, other_surface, other.confidence_weight)",
                                     "own, other_surface, own.confidence_weight)"),
     "what is hidden is kept": ("retest && !trace_sample_visibility(surface, other)", "false"),
-    "what the other can't see is shared": ("!other_chosen && own_share < 1.0 &&", "false &&"),
+    "what the other can't see is shared": ("own_share == 1.0) { return merged; }", "true) { return merged; }"),
     "the choice's odds turned over": ("choice * weight_sum < other_weight", "choice * weight_sum < own_weight"),
-    "confidences not added": ("merged.confidence_weight = confidence_weight", "merged.confidence_weight += 0.0"),
+    "confidences not added": ("merged.confidence_weight += other.confidence_weight;", ""),
 }  # fmt: skip
 
 

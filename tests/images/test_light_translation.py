@@ -155,7 +155,7 @@ def test_many_lights_shrink_to_one(device, floor):
     assert (after[:, 2] > 0).all()
 
 
-INITIAL = "passes/restir_di/initial_and_temporal.comp"
+INITIAL = "passes/restir_di/initial_and_temporal.glsl"
 RESERVOIR, TARGET = "passes/restir_di/reservoir.glsl", "passes/restir_di/target.glsl"
 MUTANTS = {
     "not translated": (

@@ -15,9 +15,11 @@ from solari_vk.conformance.indirect_checks import (
     trace_second_bounce,
 )
 from solari_vk.conformance.realtime import SPECULAR, Effort, make_renderer, measure_mean, measure_significance
+from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.measure.statistics import relative_interval
 from solari_vk.scene.builtin import closed_box, cornell_box, place
-from solari_vk.scene.model import Instance, Material
+from solari_vk.scene.constants import NO_INDEX
+from solari_vk.scene.model import Camera, Instance, Material
 from solari_vk.scene.shapes import sphere
 
 BRIEF = Effort(16, 24, 16)
@@ -80,3 +82,35 @@ def test_confidence_grows_to_its_cap_and_is_reset(device):
             assert confidence.max() == min(count, 6)
         renderer.reset()
         assert set(np.unique(renderer.render(scene.camera)["gi_reservoirs"]["confidence_weight"])) <= {0, 1}
+
+
+def test_reservoirs_name_living_cells_that_hold_their_points(device):
+    """After each frame: with the shortest lives, a moving camera, and settings that change."""
+    changes = {4: {"gi_refresh": False}, 6: {"gi_refresh": True}, 8: {"world_cache": False}, 9: {"world_cache": True},
+               11: {"world_cache_cells": 1 << 13}}  # fmt: skip
+    with make_renderer(device, cornell_box(), world_cache_lifetime=1, world_cache_cells=1 << 14) as renderer:
+        for step in range(14):
+            for name, value in changes.get(step, {}).items():
+                setattr(renderer.settings, name, value)
+            renderer.render(Camera.look_at((0.1 * step, 1.0, 3.9), (0.05 * step, 0.9, 0.0)))
+            reservoirs = renderer["gi_reservoirs"]
+            lit = reservoirs["unbiased_contribution_weight"] > 0
+            named = reservoirs[lit & (reservoirs["world_cache_cell"] != NO_INDEX)]
+            assert (len(named) > 0.1 * lit.sum()) == renderer.settings.world_cache, step
+            cells, points = named["world_cache_cell"], named["sample_point_world_position"]
+            assert renderer["world_cache_checksums"][cells].all(), step
+            assert (renderer["world_cache_life"][cells] == 1).all(), step
+            corners, size = np.split(renderer["world_cache_bounds"][cells], [3], axis=1)
+            within = (points - corners) / size
+            jitter = renderer.settings.world_cache_jitter + 1e-3
+            assert ((within >= -jitter) & (within <= 1 + jitter)).all(), step
+
+
+@pytest.mark.parametrize(("file", "old", "new"), [
+    ("restir_gi/temporal.comp", "if (!refreshes) { reservoir.world_cache_cell = NO_INDEX; }", ""),
+    ("world_cache/map.glsl", "atomicMax(world_cache_life.at[cell], lifetime);", ""),
+    ("restir_gi/initial.comp", "? NO_INDEX : light.cell", "? NO_INDEX : light.cell ^ 1u"),
+], ids=["cells kept unread", "cells not kept alive", "another cell"])  # fmt: skip
+def test_a_seeded_bug_in_the_cells_of_reservoirs_is_noticed(device, file, old, new):
+    with patched_shaders((f"passes/{file}", old, new)), pytest.raises(AssertionError):
+        test_reservoirs_name_living_cells_that_hold_their_points(device)

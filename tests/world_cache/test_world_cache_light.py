@@ -197,7 +197,7 @@ def sizes(device):
 
 
 MUTANTS = {
-    "no 1 / pi": (fixed_point, "query.glsl", "vec3 reflectance = INVERSE_PI * ", "vec3 reflectance = "),
+    "no 1 / pi": (fixed_point, "query.glsl", "(INVERSE_PI * albedo)", "albedo"),
     "indirect without pi": (fixed_point, "sample_indirect.comp", "PI * gathered", "gathered"),
     "direct: 1 / M dropped": (fixed_point, "sample_direct.comp",
                               "(float(world_cache_settings.candidates) * chosen_target)", "chosen_target"),

@@ -1,86 +1,19 @@
-// ReSTIR DI, first half: chooses one of several light samples by their unshadowed light, and merges it with the
-// reservoir of a pixel of the previous frame. Bitterli et al., "Spatiotemporal Reservoir Resampling for Real-Time Ray
-// Tracing with Dynamic Direct Lighting" (2020). Differs from Solari, which drops an occluded sample before the merge
-// (di_initial_visibility=on), so that shadows grow halos.
+// ReSTIR DI, first half. Differs from Solari, which drops an occluded sample before the merge, so that shadows grow
+// halos: visible_initial_and_temporal.comp.
 #version 460
-#include "passes/bindings.glsl"
-#include "passes/gbuffer/gbuffer.glsl"
-#include "passes/light_tiles/light_tiles.glsl"
-#include "passes/ray_count.glsl"
-#include "passes/restir_di/bindings.glsl"
-#include "passes/restir_di/target.glsl"
-#include "passes/reuse.glsl"
-#include "scene/light_visibility.glsl"
-#include "scene/trace.glsl"
+#include "passes/restir_di/initial_and_temporal.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
-const uint PASS_SALT = 0x2C1B3C6Du;
-const uint TILE_SALT = 0x297A2D39u;
-
-// Resampled importance sampling. Targets are computed from packed light samples, since they only decide which one is
-// chosen.
-DiReservoir generate_initial_reservoir(uvec2 pixel, GBufferSurface surface, inout uint rng) {
-    uint group_rng = seed_rng(pixel / 8u, this_frame.index, this_frame.seed ^ TILE_SALT);
-    uint tile = choose_light_tile(group_rng);
-    DiReservoir reservoir = EMPTY_DI_RESERVOIR;
-    float weight_sum = 0.0, chosen_target = 0.0;
-    for (uint i = 0u; i < restir_di_settings.candidates; i++) {
-        LightCandidate candidate = sample_light_candidate(tile, rng);
-        float target = di_target(surface, candidate.resolved);
-        if (choose_weighted(weight_sum, target, rng)) {
-            reservoir.light_sample = candidate.light_sample;
-            chosen_target = target;
-        }
-    }
-    // All lights are equally likely, so that 1 / pdf is the number of lights.
-    float mean = weight_sum * float(scene_info.light_count) / float(restir_di_settings.candidates);
-    reservoir.unbiased_contribution_weight = chosen_target > 0.0 ? mean / chosen_target : 0.0;
-    reservoir.confidence = 1.0;
-    return reservoir;
-}
-
-void test_visibility(GBufferSurface surface, inout DiReservoir reservoir) {
-    if (reservoir.light_sample.light_index == NO_INDEX) { return; }
-    count_ray();
-    vec3 origin = surface.world_position + surface.geometric_world_normal * surface.ray_offset;
-    bool seen = trace_light_visibility(origin, resolve_light_sample(reservoir.light_sample));
-    reservoir.unbiased_contribution_weight *= seen ? 1.0 : 0.0;
-}
-
-// A reservoir of the previous frame, with the light's index in this frame. A reservoir whose light was removed keeps
-// its confidence; otherwise those that found a remaining light would count too much.
-DiReservoir load_previous_reservoir(uvec2 pixel) {
-    DiReservoir reservoir = previous_di_reservoirs.at[pixel.y * camera.size.x + pixel.x];
-    reservoir.confidence = min(reservoir.confidence, restir_di_settings.confidence_cap);
-    if (reservoir.light_sample.light_index != NO_INDEX) {
-        reservoir.light_sample.light_index = light_translation.at[reservoir.light_sample.light_index];
-    }
-    return reservoir;
-}
-
 void main() {
-    uvec2 pixel = INVOCATION_INDEX;
+    uvec2 pixel = gl_GlobalInvocationID.xy;
     if (any(greaterThanEqual(pixel, camera.size))) { return; }
-    uint index = pixel.y * camera.size.x + pixel.x;
     GBufferSurface surface = load_gbuffer(pixel);
-    if (!surface.exists || frame_settings.di == 0u) {
-        di_temporal_reservoirs.at[index] = EMPTY_DI_RESERVOIR;
-        return;
+    DiReservoir reservoir = EMPTY_DI_RESERVOIR;
+    if (takes_di(surface)) {
+        uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
+        reservoir = generate_initial_reservoir(pixel, surface, rng);
+        reservoir = merge_with_previous(pixel, surface, reservoir, rng);
     }
-    uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
-    DiReservoir reservoir = generate_initial_reservoir(pixel, surface, rng);
-    if (restir_di_settings.initial_visibility != 0u) { test_visibility(surface, reservoir); }
-
-    uvec2 neighbor;
-    GBufferSurface neighbor_surface;
-    if (restir_di_settings.temporal != 0u && find_temporal_neighbor(pixel, surface, neighbor, neighbor_surface)) {
-        DiReservoir previous = load_previous_reservoir(neighbor);
-        vec2 here = vec2(di_target(surface, reservoir), di_target(surface, previous));
-        vec2 there = vec2(
-            previous_di_target(neighbor_surface, reservoir), previous_di_target(neighbor_surface, previous)
-        );
-        reservoir = merge_di_reservoirs(reservoir, previous, here, there, rng);
-    }
-    di_temporal_reservoirs.at[index] = reservoir;
+    di_temporal_reservoirs.at[pixel.y * camera.size.x + pixel.x] = reservoir;
 }

@@ -103,7 +103,9 @@ vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
         // Differs from Solari: where the cache has no value, the path continues.
         uint max_visited = specular_gi_settings.bounces + (frame_settings.world_cache != 0u ? MAX_CACHE_MISSES : 0u);
         if (mirrors > MAX_MIRRORS) { return radiance; }
-        if (!end.found && visited >= max_visited) { end = WorldCacheResult(NO_INDEX, true, sample_irradiance(surface, rng)); }
+        if (!end.found && visited >= max_visited) {
+            end = WorldCacheResult(NO_INDEX, true, sample_irradiance(surface, rng));
+        }
         mat3 frame = orthonormalize(surface.world_normal);
         vec3 wo = -path.direction * frame;
         if (end.found) {

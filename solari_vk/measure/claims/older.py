@@ -33,7 +33,7 @@ VISIBILITY_FED_FORWARD: tuple[Patch, ...] = (
      "        other.unbiased_contribution_weight = 0.0;\n"
      "    }\n"
      "    reservoir = merge_di_reservoirs(reservoir, other, here, there, rng);\n"),
-    (_SHADE_DI, "if (is_seen(surface, resolved)) {", "if (true) {"),
+    (_SHADE_DI, "is_seen(surface, resolved) ? 1u : 0u", "1u"),
 )  # fmt: skip
 """ReSTIR DI tests the visibility of the spatial sample before the merge, and none after it."""
 

@@ -16,7 +16,7 @@ from solari_vk.renderer import Renderer
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.model import Scene
 
-GI_PASSES = ("restir_gi/initial_and_temporal", "restir_gi/spatial_and_shade")
+GI_PASSES = ("restir_gi/initial", "restir_gi/temporal", "restir_gi/spatial_and_shade")
 WRONG = 0.05  # relative error of a pixel that is seen as a speck or as part of a line
 
 

@@ -37,7 +37,8 @@ void main() {
     if (i >= merged.at.length()) { return; }
     MergeCase c = cases.at[i / CHOICES];
     float choice = smoothstep(0.0, 1.0, (float(i % CHOICES) + 0.5) / float(CHOICES));
-    merged.at[i] = merge_gi_reservoirs(
+    GiMerge merge = merge_gi_reservoirs(
         surface_at(pixels.at[c.own]), c.found, surface_at(pixels.at[c.other]), c.other_found, true, choice
     );
+    merged.at[i] = apply_merge(merge, merge.other_chosen ? c.other_found : c.found);
 }

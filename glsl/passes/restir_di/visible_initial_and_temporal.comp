@@ -1,0 +1,30 @@
+// ReSTIR DI, first half as in Solari (di_initial_visibility=on): an occluded sample is dropped before the merge.
+#version 460
+#include "passes/ray_count.glsl"
+#include "passes/restir_di/initial_and_temporal.glsl"
+#include "scene/light_visibility.glsl"
+#include "scene/trace.glsl"
+
+layout(local_size_x = 8, local_size_y = 8) in;
+
+void test_visibility(GBufferSurface surface, inout DiReservoir reservoir) {
+    if (reservoir.light_sample.light_index == NO_INDEX) { return; }
+    count_ray();
+    vec3 origin = surface.world_position + surface.geometric_world_normal * surface.ray_offset;
+    bool seen = trace_light_visibility(origin, resolve_light_sample(reservoir.light_sample));
+    reservoir.unbiased_contribution_weight *= seen ? 1.0 : 0.0;
+}
+
+void main() {
+    uvec2 pixel = INVOCATION_INDEX;
+    if (any(greaterThanEqual(pixel, camera.size))) { return; }
+    GBufferSurface surface = load_gbuffer(pixel);
+    DiReservoir reservoir = EMPTY_DI_RESERVOIR;
+    if (takes_di(surface)) {
+        uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
+        reservoir = generate_initial_reservoir(pixel, surface, rng);
+        test_visibility(surface, reservoir);
+        reservoir = merge_with_previous(pixel, surface, reservoir, rng);
+    }
+    di_temporal_reservoirs.at[pixel.y * camera.size.x + pixel.x] = reservoir;
+}
