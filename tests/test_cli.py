@@ -41,7 +41,7 @@ def render(any_device, tmp_path, capsys):
 
 @pytest.fixture
 def done(render):
-    """The same for commands that succeed; returns their stderr and the path of the output."""
+    """Run a `solari-vk render` that must succeed; returns its stderr and the path of the output."""
 
     def run(*arguments, **options):
         code, said, path = render(*arguments, **options)

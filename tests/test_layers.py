@@ -158,7 +158,7 @@ def test_passes_reach_trace_only_if_they_trace(path):
 
 
 def test_passes_that_trace_share_nothing_in_a_group():
-    """They are compiled as ray generation shaders too, where there are no workgroups."""
+    """Passes that trace are compiled as ray generation shaders too, which have no workgroups."""
     tracing = [path for path in ENTRY_POINTS if TRACE in reached(path)]
     assert tracing
     for file in {file for path in tracing for file in reached(path)}:

@@ -64,7 +64,7 @@ struct Texture {
 
 struct LightSource {
     uint kind;   // row of LIGHT_KINDS in solari_vk/scene/light_kinds.py
-    uint index;  // of the light's record in the buffer of its kind; of emissive meshes, of the instance
+    uint index;  // of the light's record in the buffer of its kind; for emissive meshes, of the instance
 };
 
 layout(set = 0, binding = 1, scalar) readonly buffer InstancesBlock { Instance at[]; } instances;

@@ -46,7 +46,7 @@ def known_faults(driver: str, file: Path = FILE) -> list[Fault]:
 
 
 def find_end(faults: Iterable[Fault], check: Check, ended: str = "") -> Fault | None:
-    """The fault that says that a check doesn't run to its end, but ends so (in any way by default)."""
+    """The known fault because of which a check doesn't finish. ended: only a fault that ends the check in this way."""
     told = (fault for fault in faults if fault.ends and fault.explains(check.rule, check.case))
     return next((fault for fault in told if ended in ("", fault.ends)), None)
 

@@ -17,7 +17,7 @@ def studio_lights(scene: Scene, *, ev100: float = 0.0, ground: bool = True, came
     """Add three area lights and a ground plane around the scene's bounds, and return the scene.
 
     Key (from the camera's left, above), fill (right, a quarter as bright) and rim (behind) are squares as
-    wide as half the scene, two of its radii away; the lights are as bright as pictures of that ev100 need.
+    wide as the scene's radius, 2.5 radii from its center, and as bright as a picture with this ev100 needs.
     Without a camera the front is +z. The ground is matte gray, 20 radii wide, just under the scene.
     """
     bounds = scene.bounds

@@ -15,11 +15,11 @@ struct LightSample {
 struct ResolvedLightSample {
     uint kind;
     uint data;            // what the kind stores for emission_cosine, at most 24 bits
-    vec3 world_position;  // of kinds at infinity the direction to the light
+    vec3 world_position;  // for kinds at infinity, the direction to the light
     vec3 world_normal;
     float ray_offset;
     vec3 radiance;
-    float inverse_pdf;    // in area, of kinds at infinity in solid angle
+    float inverse_pdf;    // in area; for kinds at infinity, in solid angle
 };
 
 // What a ray that meets no surface sees of a light at infinity.
