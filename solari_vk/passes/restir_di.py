@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from solari_vk.gpu.frame.stages import History, Pass, Stage
+from solari_vk.gpu.frame.stages import Pass, Stage
 from solari_vk.settings import Settings
 from solari_vk.settings.layering import brdf_constants
 
 
 def stage(size: tuple[int, int], settings: Settings) -> Stage:
-    """The reservoirs with their history, and the radiance by the diffuse and the specular lobe."""
+    """The reservoirs after each half, and the radiance by the diffuse and the specular lobe."""
     pixels = size[0] * size[1]
     brdf = brdf_constants(settings)
     initial = "visible_initial_and_temporal" if settings.di_initial_visibility else "initial_and_temporal"
     return Stage(
         "restir_di",
         buffers={
-            "di_reservoirs": History(pixels),
+            "di_reservoirs": pixels,
             "di_temporal_reservoirs": pixels,
             "di_outcomes": pixels,
             "di_diffuse": pixels,

@@ -39,7 +39,7 @@ DiReservoir generate_initial_reservoir(uvec2 pixel, GBufferSurface surface, inou
 // A reservoir of the previous frame, with the light's index in this frame. A reservoir whose light was removed keeps
 // its confidence; otherwise those that found a remaining light would count too much.
 DiReservoir load_previous_reservoir(uvec2 pixel) {
-    DiReservoir reservoir = previous_di_reservoirs.at[pixel.y * camera.size.x + pixel.x];
+    DiReservoir reservoir = di_reservoirs.at[pixel.y * camera.size.x + pixel.x];
     reservoir.confidence = min(reservoir.confidence, restir_di_settings.confidence_cap);
     if (reservoir.light_sample.light_index != NO_INDEX) {
         reservoir.light_sample.light_index = light_translation.at[reservoir.light_sample.light_index];

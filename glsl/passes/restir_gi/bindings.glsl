@@ -22,7 +22,7 @@ struct GiReservoir {
 };
 
 layout(set = 1, binding = 65, scalar) buffer GiTemporalReservoirsBlock { GiReservoir at[]; } gi_temporal_reservoirs;
+// Temporal reuse reads those of the previous frame, spatial reuse replaces them.
 layout(set = 1, binding = 66, scalar) buffer GiReservoirsBlock { GiReservoir at[]; } gi_reservoirs;
-layout(set = 1, binding = 67, scalar) buffer PreviousGiReservoirsBlock { GiReservoir at[]; } previous_gi_reservoirs;
 
 #endif

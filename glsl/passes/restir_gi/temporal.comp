@@ -36,7 +36,7 @@ void main() {
     GBufferSurface neighbor_surface;
     if (!find_temporal_neighbor(pixel, surface, neighbor, neighbor_surface)) { return; }
     neighbor_surface.ray_offset = surface.ray_offset;  // the previous G-buffer has none
-    GiReservoir previous = previous_gi_reservoirs.at[neighbor.y * camera.size.x + neighbor.x];
+    GiReservoir previous = gi_reservoirs.at[neighbor.y * camera.size.x + neighbor.x];
     previous.confidence_weight = min(previous.confidence_weight, restir_gi_settings.confidence_cap);
     refresh_radiance(previous);
     bool retest = restir_gi_settings.visibility == GI_VISIBILITY_BOTH;
