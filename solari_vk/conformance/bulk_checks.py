@@ -14,6 +14,7 @@ from solari_vk.conformance.rules import SUITE, VULKAN, WGPU, Measurement, Rule, 
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.conformance.worlds import IDENTITY, Boxes, Placed, Shapes, Triangles, World
 from solari_vk.gpu.acceleration.tlas import Tlas
+from solari_vk.gpu.frame.frame import HitGroup, Pass, RayPass
 from solari_vk.scene.matrices import transform_directions, transform_points
 from solari_vk.scene.spatial import spatial_order
 
@@ -27,6 +28,9 @@ _EXTREME = Rule(
 _NOT_FINITE = Rule("only invalid rays (NaN, infinity, no direction, empty range) hit nothing", SUITE, "ray_query.glsl")
 _REPLACED = Rule("Vulkan gets a ray that hits nothing in place of each invalid ray", SUITE, "ray_query.glsl")
 _CAUGHT = Rule("the debug build counts each invalid ray", SUITE, "ray_query.glsl")
+NOT_FINITE_RULES = (_NOT_FINITE, _REPLACED, _CAUGHT)
+_TRACE = "passes/conformance/trace"
+_HITS = [HitGroup(f"{_TRACE}.rchit"), HitGroup(f"{_TRACE}.rchit", intersection=f"{_TRACE}.rint")]
 _INVALID_RAY = next(row for row, text in enumerate(rt.RULES) if text.startswith("a ray with NaN"))
 
 
@@ -42,8 +46,10 @@ def trace(
     rays = np.zeros(len(origins), shaders.element("conformance/trace", "rays"))
     rays["origin"], rays["direction"], rays["t_min"], rays["t_max"] = origins, directions, t_min, t_max
     rays["flags"], rays["cull_mask"], rays["box_t"] = flags, cull_mask, box_t
-    inputs = {"tlas": tlas, "rays": rays}
-    return shaders.run("conformance/trace", len(rays), inputs, {"hits": len(rays)})["hits"]
+    step = Pass("conformance/trace", threads=len(rays))
+    if shaders.device.rays == "pipeline":
+        step = RayPass(step.name, threads=len(rays), misses=[f"{_TRACE}.rmiss"], hits=_HITS)
+    return shaders.run_steps([step], {"tlas": tlas, "rays": rays}, {"hits": len(rays)})["hits"]
 
 
 def turn(random: np.random.Generator) -> NDArray[np.float64]:

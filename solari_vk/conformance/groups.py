@@ -21,6 +21,8 @@ from solari_vk.conformance import (
     path_checks,
     position_checks,
     probe_checks,
+    ray_pipeline_checks,
+    ray_probe_checks,
     specular_checks,
     structure_checks,
     world_cache_checks,
@@ -28,7 +30,7 @@ from solari_vk.conformance import (
 from solari_vk.conformance.probe_table import PROBES
 from solari_vk.conformance.probes import INSTANCES, SHAPES, Probe, call_rule
 from solari_vk.conformance.recorder import Recorder
-from solari_vk.conformance.rules import ERROR, NOT_RUN, UNSUPPORTED, Check, Measurement
+from solari_vk.conformance.rules import ERROR, NOT_RUN, UNSUPPORTED, Check, Measurement, Rule
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.conformance.worlds import FRESH, WAYS, World
 from solari_vk.gpu.device.device import Device
@@ -65,13 +67,43 @@ def _cases(name: str, measure: Callable[..., Iterable[Measurement]], *cases: Any
     return {"-".join(map(str, (name, *values))): bind(*values) for values in given}
 
 
+def _by(rays: str, rules: Iterable[Rule], measure: Measure) -> Measure:
+    """A check of one way to trace rays, whose rules a device that was opened for the other way doesn't support."""
+
+    def check(run: Run) -> Iterable[Measurement]:
+        if run.device.rays == rays:
+            return measure(run)
+        run.rule.unmeasured(rules, UNSUPPORTED, f"the device is opened for rays by {run.device.rays}, not by {rays}")
+        return ()
+
+    return check
+
+
 def _probes(run: Run, way: str, stage: str = probe_checks.STAGES[0]) -> Iterable[Measurement]:
     missing = [feature for feature in NEEDED if feature not in run.device.features]
     if stage == "fragment" and missing:
         run.rule.unmeasured(call_rule("ray queries in fragment shaders"), UNSUPPORTED, missing[0])
-        return
-    with World(run.device, SHAPES, list(INSTANCES.values()), way) as world:
-        yield from probe_checks.measure_probes(run.shaders, world, stage, _chosen(PROBES, run.part))
+        return ()
+
+    def measure(run: Run) -> Iterable[Measurement]:
+        with World(run.device, SHAPES, list(INSTANCES.values()), way) as world:
+            yield from probe_checks.measure_probes(run.shaders, world, stage, _chosen(PROBES, run.part))
+
+    return _by("query", probe_checks.rules(), measure)(run)
+
+
+def _ray_probes(run: Run, way: str) -> Iterable[Measurement]:
+    culling = ray_probe_checks.CULLING in run.device.features
+    asked = [probe for probe in ray_probe_checks.ASKED if culling or not ray_probe_checks.culls(probe)]
+
+    def measure(run: Run) -> Iterable[Measurement]:
+        if not culling:
+            culling_rules = {ray_probe_checks.rule_of(probe) for probe in ray_probe_checks.ASKED if probe not in asked}
+            run.rule.unmeasured(culling_rules, UNSUPPORTED, ray_probe_checks.CULLING)
+        with World(run.device, SHAPES, list(INSTANCES.values()), way) as world:
+            yield from ray_probe_checks.measure_probes(run.shaders, world, _chosen(asked, run.part), culling=culling)
+
+    return _by("pipeline", ray_probe_checks.rules(), measure)(run)
 
 
 def _chosen(probes: Iterable[Probe], part: str) -> list[Probe]:
@@ -80,8 +112,11 @@ def _chosen(probes: Iterable[Probe], part: str) -> list[Probe]:
 
 def parts(check: Check) -> list[str]:
     """The parts by which a check is measured again when the driver didn't survive it: single probes."""
-    probing = {"probes": PROBES, "vertex_return": position_checks.HITTING} if check.group == "ray_queries" else {}
-    return [probe.label for probe in probing.get(check.case.split("-")[0], ())]
+    probing = {
+        ("ray_queries", "probes"): PROBES, ("ray_queries", "vertex_return"): position_checks.HITTING,
+        ("ray_pipelines", "probes"): ray_probe_checks.ASKED,
+    }  # fmt: skip
+    return [probe.label for probe in probing.get((check.group, check.case.split("-")[0]), ())]
 
 
 def _embree(run: Run, scene: str) -> Iterable[Measurement]:
@@ -114,6 +149,8 @@ def _large_tlas(run: Run, count: int) -> Iterable[Measurement]:
 _SUNS = [(0.0093, "mis"), (0.0093, "nee"), (0.8, "mis"), (0.8, "nee"), (0.8, "brdf")]
 _WHITE_WALLS = [(roughness, metallic) for roughness in (0.0, 0.15, 0.5, 1.0) for metallic in (0.0, 0.5, 1.0)]
 
+RAYS = {"ray_pipelines": "pipeline", "ray_queries": "query"}
+"""The way to trace that a group is about. The suite opens the device for it, unless it is told another way."""
 GROUPS: dict[str, dict[str, Measure]] = {
     "acceleration_structures": {
         "ways": lambda run: structure_checks.measure_ways(run.shaders),
@@ -173,15 +210,27 @@ GROUPS: dict[str, dict[str, Measure]] = {
         "light_tight": lambda run: path_checks.measure_light_tight(run.device),
         "seeds": lambda run: path_checks.measure_seeds(run.device),
     },
+    "ray_pipelines": {
+        **_cases("probes", _ray_probes, *WAYS),
+        "records": _by("pipeline", ray_pipeline_checks.RECORD_RULES,
+                       lambda run: ray_pipeline_checks.measure_records(run.shaders)),
+        "launches": _by("pipeline", ray_pipeline_checks.LAUNCH_RULES,
+                        lambda run: ray_pipeline_checks.measure_launches(run.shaders)),
+        "reports": _by("pipeline", ray_pipeline_checks.REPORT_RULES,
+                       lambda run: ray_pipeline_checks.measure_reports(run.shaders)),
+    },
     "ray_queries": {
         **_cases("probes", _probes, *WAYS),
         **_cases("probes", _probes, *((FRESH, stage) for stage in probe_checks.STAGES[1:])),
+        "not_finite": _by("query", bulk_checks.NOT_FINITE_RULES,
+                          lambda run: bulk_checks.measure_not_finite(run.shaders)),
+        "vertex_return": _by("query", position_checks.RULES.values(), _vertex_return),
+    },
+    "ray_traversal": {
         **_cases("embree", _embree, *embree_checks.SCENES),
         "watertight": lambda run: bulk_checks.measure_watertight(run.shaders),
         "many_instances": lambda run: bulk_checks.measure_many_instances(run.shaders, 100_000 if run.full else 70_000),
         "extreme_transforms": lambda run: bulk_checks.measure_extreme_transforms(run.shaders),
-        "not_finite": lambda run: bulk_checks.measure_not_finite(run.shaders),
-        "vertex_return": _vertex_return,
     },
     "restir_di": {
         "direct": lambda run: direct_checks.measure_direct(

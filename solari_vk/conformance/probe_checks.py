@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ _ORDER = list(INSTANCES)
 _GETTERS = Rule("OpRayQueryGetRayTMin, RayFlags, WorldRayOrigin, WorldRayDirection", VULKAN, "Ray Query")
 _OBJECT_RAY = Rule("OpRayQueryGetIntersectionObjectRayOrigin, Direction", VULKAN, "Ray Query")
 _NO_FAULTS = Rule("the debug build reports no fault for valid queries", SUITE, "ray_query_debug.glsl")
+_PROCEED = call_rule("rayQueryProceed returns false in the end, and again when called again")
 _OPAQUE_BOX = Rule("OpRayQueryGetIntersectionCandidateAABBOpaque", VULKAN, "Ray Query")
 
 
@@ -67,6 +68,11 @@ def run_rays(
     return answers, faults["count"]
 
 
+def rules() -> list[Rule]:
+    """The rules of ray queries that probes prove, without those of members."""
+    return list(dict.fromkeys([*(probe.rule for probe in PROBES), _PROCEED, _GETTERS, _OPAQUE_BOX, _NO_FAULTS]))
+
+
 def measure_probes(
     shaders: ShaderRunner, world: World, stage: str = STAGES[0], probes: Sequence[Probe] = PROBES,
     damage: Callable[[np.ndarray], None] | None = None,
@@ -77,31 +83,42 @@ def measure_probes(
     if damage is not None:
         damage(sent)
     answers, faults = run_rays(shaders, world, sent, stage)
-    yield from _measure([_Checked(*item) for item in zip(probes, rays, answers, strict=True)])
+    yield from _measure([Checked(*item) for item in zip(probes, rays, answers, strict=True)])
     if stage == "debug build":
         yield count_wrong(_NO_FAULTS, [rule for rule, count in zip(rt.RULES, faults, strict=True) if count])
 
 
-def _measure(checked: list[_Checked]) -> Iterator[Measurement]:
+def _measure(checked: list[Checked]) -> Iterator[Measurement]:
     """Compare answers with what the probes must find."""
-    rules: dict[Rule, list[_Checked]] = {}
+    rules: dict[Rule, list[Checked]] = {}
     for item in checked:
         rules.setdefault(item.probe.rule, []).append(item)
     for rule, items in rules.items():
         yield count_wrong(rule, [f"{item.probe.label} ({why})" for item in items if (why := item.wrong())])
     yield count_wrong(
-        call_rule("rayQueryProceed returns false in the end, and again when called again"),
+        _PROCEED,
         [item.probe.label for item in checked if item.answer["proceeds_after_end"] or item.steps >= STEP_LIMIT],
     )
     for which in ("committed", "candidate"):
-        if told := [item for item in checked if item.expected(which) is not None]:
-            yield from _measure_getters(which, told)
+        yield from measure_getters(checked, which, _getter_rule)
     yield count_wrong(_GETTERS, [item.probe.label for item in checked if not item.tells_its_ray()])
     if boxes := [item for item in checked if item.answer["box_candidates"]]:
         yield count_wrong(_OPAQUE_BOX, [item.probe.label for item in boxes if not item.tells_opaque_boxes()])
 
 
-def _measure_getters(which: str, items: list[_Checked]) -> Iterator[Measurement]:
+def _getter_rule(name: str, which: str) -> Rule:
+    if name != "object_ray":
+        return hit_rule(f"{name}, {which}")
+    return Rule(f"{_OBJECT_RAY.name}, {which}", _OBJECT_RAY.document, _OBJECT_RAY.section)
+
+
+def measure_getters(
+    checked: Iterable[Checked], which: str, rule_of: Callable[[str, str], Rule | None]
+) -> Iterator[Measurement]:
+    """Compare the members of committed hits or candidates (which), whose rules `rule_of` tells by their names."""
+    items = [item for item in checked if item.expected(which) is not None]
+    if not items:
+        return
     exact = [item for item in items if item.answer[which]["kind"] == item.expected(which).kind]  # type: ignore[union-attr]
     bars = {"t": 2e-6, "barycentrics": 4e-6, "object_to_world": 1e-6, "world_to_object": 1e-5, "object_ray": 1e-6}
     worst: dict[str, tuple[float, str]] = dict.fromkeys(bars, (0.0, ""))
@@ -113,19 +130,18 @@ def _measure_getters(which: str, items: list[_Checked]) -> Iterator[Measurement]
         for name in item.discrete(which):
             wrong[name].append(item.probe.label)
     for name, labels in wrong.items():
-        yield count_wrong(hit_rule(f"{name}, {which}"), labels)
+        if rule := rule_of(name, which):
+            yield count_wrong(rule, labels)
     for name, (error, label) in worst.items():
-        rule = hit_rule(f"{name}, {which}")
-        if name == "object_ray":
-            rule = Rule(f"{_OBJECT_RAY.name}, {which}", _OBJECT_RAY.document, _OBJECT_RAY.section)
-        yield Measurement(rule, error, bars[name], "relative error", label)
+        if rule := rule_of(name, which):
+            yield Measurement(rule, error, bars[name], "relative error", label)
 
 
 _DISCRETE = ("instance_custom_data", "instance_index", "sbt_record_offset", "geometry_index", "primitive_index",
              "front_face")  # fmt: skip
 
 
-class _Checked:
+class Checked:
     """A probe with its ray, its answer, and the float64 matrices of its instance."""
 
     def __init__(self, probe: Probe, ray: np.void, answer: np.void) -> None:

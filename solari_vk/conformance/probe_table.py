@@ -235,6 +235,8 @@ CALLS = [
           candidates=1),
     Probe("generated and ended", _end, "boxes", Expected(GENERATED, 2.25), action=GENERATE_AT | TERMINATE,
           parameter=2.25, **_UP),
+    Probe("generated beyond the boxes and ended", _end, "boxes", Expected(GENERATED, 50.0, primitive=None),
+          origin=(-1, 0.5, 0.5), direction=(1, 0, 0), action=GENERATE_AT | TERMINATE, parameter=50.0, candidates=1),
 ]
 
 PROBES: list[Probe] = [*FLAGS, *MASKS, *RANGE, *INSTANCE_FLAGS, *GETTERS, *CALLS]

@@ -67,16 +67,25 @@ class Report:
         source = ", ".join(part for part in (row.rule.document, row.rule.section) if part)
         return row.rule.name, source, row.status, row.measured, row.bar, str(row.runs)
 
-    def _remarks(self) -> list[str]:
-        """The notes of all rows that have one."""
-        return [f"{row.status}: {row.group}: {row.rule.name}: {row.note}" for row in self.rows if row.note]
+    def _remarks(self, statuses: Sequence[str]) -> list[str]:
+        """The notes of the rows with these statuses; rules of a group that share a note are counted."""
+        shared: dict[tuple[str, ...], list[Row]] = {}
+        for row in self.rows:
+            if row.note and row.status in statuses:
+                key = (row.group, row.note) if row.status == UNSUPPORTED else (row.group, row.note, row.rule.name)
+                shared.setdefault(key, []).append(row)
+        return [
+            f"{group}: {members[0].rule.name if len(members) == 1 else f'{len(members)} rules'}: {note}"
+            for (group, note, *_), members in shared.items()
+        ]
 
     def text(self) -> str:
         """The report as plain text with aligned columns."""
         lines = [f"{name + ':':11}{value}" for name, value in self.header.items()]
         for group, members in self._groups().items():
             lines += ["", group, *text_table(_COLUMNS, [self._cells(row) for row in members])]
-        return "\n".join(lines + (["", *self._remarks()] if self._remarks() else []))
+        remarks = [f"{status}: {text}" for status in STATUSES for text in self._remarks([status])]
+        return "\n".join(lines + (["", *remarks] if remarks else []))
 
     def markdown(self) -> str:
         """The report as a Markdown page with a table for each group."""
@@ -85,9 +94,8 @@ class Report:
             lines += ["", f"## {group}", "", *markdown_table(_COLUMNS, [self._cells(row) for row in members])]
         remarks = {"Failures": RED, "Known faults": (FAULT,), "Unsupported": (UNSUPPORTED,), "Not run": (NOT_RUN,)}
         for title, statuses in remarks.items():
-            found = [row for row in self.rows if row.note and row.status in statuses]
-            if found:
-                lines += ["", f"## {title}", "", *(f"- {row.rule.name}: {row.note}" for row in found)]
+            if found := self._remarks(statuses):
+                lines += ["", f"## {title}", "", *(f"- {text}" for text in found)]
         return "\n".join(lines) + "\n"
 
     def html(self) -> str:

@@ -33,6 +33,9 @@ class Results:
         match message:
             case Opened():
                 self.facts = self.facts or message.facts
+                other = f"{self._current.group} {message.facts['rays']}"
+                if message.facts["rays"] != self.facts["rays"] and other not in self.facts["rays"]:
+                    self.facts["rays"] += f"; {other}"
                 self._faults = message.faults
             case Began():
                 self._current, self._first = message.check, len(self.outcomes)

@@ -27,9 +27,10 @@ class ShaderRunner:
         self._open = ExitStack()
 
     def element(self, name: str, buffer: str) -> np.dtype[Any]:
-        """The numpy type of an element of a buffer's runtime array in passes/NAME.comp."""
+        """The numpy type of an element of a buffer's runtime array in passes/NAME.comp, or in another shader, which
+        NAME gives with its suffix."""
         if (name, buffer) not in self._elements:
-            path = f"passes/{name}.comp"
+            path = f"passes/{name}" + ("" if "." in name else ".comp")
             element = reflect(compile_shader(path, root=self._root), path).bindings[buffer].element
             assert element is not None
             self._elements[name, buffer] = element
@@ -80,8 +81,8 @@ class ShaderRunner:
 
     def _frame(self, stages: list[Stage], bound: Mapping[str, Any]) -> Frame:
         """The frame of these steps: its pipelines are kept between runs, its resources are those of this run."""
-        key = tuple((type(s), s.name, getattr(s, "header", ""), repr(getattr(s, "constants", 0)))
-                    for s in stages[0].passes)  # fmt: skip
+        variant = ("header", "constants", "misses", "hits")
+        key = tuple((type(s), s.name, *(repr(getattr(s, name, "")) for name in variant)) for s in stages[0].passes)
         if key not in self._frames:
             self._frames[key] = self._open.enter_context(
                 Frame(self.device, stages, external=bound, glsl_root=self._root)

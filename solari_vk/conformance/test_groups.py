@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import pytest
 
@@ -16,8 +16,9 @@ _measured: dict[Check, list[Outcome]] = {}
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=[f"{check.group}-{check.case}" for check in CHECKS])
-def test_check(worker: Worker, check: Check) -> None:
+def test_check(worker_of: Callable[[str], Worker], check: Check) -> None:
     """Measure one check, unless it is known that the driver doesn't survive it."""
+    worker = worker_of(check.group)
     if fault := find_end(worker.faults, check):
         pytest.xfail(f"not run: ends by {fault.ends}. {fault.evidence}")
     outcomes = _measured.setdefault(check, [])
@@ -30,11 +31,11 @@ def test_check(worker: Worker, check: Check) -> None:
         pytest.skip(_list(outcomes))
 
 
-def test_known_faults_are_of_rules(worker: Worker) -> None:
+def test_known_faults_are_of_rules(worker_of: Callable[[str], Worker]) -> None:
     """Each entry of known_faults.toml for this driver is about a rule."""
     if len(_measured) < len(CHECKS):
         pytest.skip("not all checks were run")
-    assert not unexplained(worker.faults, [outcome for found in _measured.values() for outcome in found])
+    assert not unexplained(worker_of("").faults, [outcome for found in _measured.values() for outcome in found])
 
 
 def _list(outcomes: Sequence[Outcome]) -> str:

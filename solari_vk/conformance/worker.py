@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import importlib
+import os
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,8 +16,9 @@ from solari_vk.conformance.groups import Run
 from solari_vk.conformance.recorder import Recorder
 from solari_vk.conformance.rules import ERROR, LOST, Check, Outcome
 from solari_vk.conformance.shader_runner import ShaderRunner
-from solari_vk.errors import SolariError
+from solari_vk.errors import DeviceError, SolariError
 from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.physical import AUTO
 from solari_vk.measure.report import device_facts, host_load
 
 OPENING, CLOSING = "opening the device", "closing the device"
@@ -61,17 +63,18 @@ Tell = Callable[[Message], None]
 
 
 class Worker:
-    """A device with the suite's shaders and the known faults of its driver. A context manager.
+    """A device for a group, with the suite's shaders and the known faults of its driver. A context manager.
 
     Raises DeviceError when no device fits."""
 
-    def __init__(self, work: Work) -> None:
+    def __init__(self, work: Work, group: str) -> None:
+        table = importlib.import_module(work.table)
         self._open = ExitStack()
-        self.device = self._open.enter_context(Device(work.select, rays=work.rays))
+        self.device = self._open.enter_context(_open_device(work, table.RAYS.get(group, AUTO)))
         self.faults = known_faults(f"{self.device.properties.driver} {self.device.name}")
         self._shaders = self._open.enter_context(ShaderRunner(self.device))
         self._full = work.full
-        self._groups = importlib.import_module(work.table).GROUPS
+        self._groups = table.GROUPS
 
     def measure(self, check: Check, tell: Callable[[Outcome], None]) -> None:
         """Measure one check. An error that it raises becomes an outcome."""
@@ -103,7 +106,7 @@ def measure_checks(work: Work, checks: Sequence[Check], tell: Tell) -> None:
     """Open the device, measure checks of one group up to one that loses the device, and close the device."""
     group, worker = checks[0].group, None
     with _telling(Check(group, OPENING), tell):
-        worker = Worker(work)
+        worker = Worker(work, group)
         tell(Opened(_facts(worker.device), worker.faults))
     if worker is None:
         return
@@ -116,6 +119,14 @@ def measure_checks(work: Work, checks: Sequence[Check], tell: Tell) -> None:
     finally:
         with _telling(Check(group, CLOSING), tell):
             worker.close()
+
+
+def _open_device(work: Work, rays: str) -> Device:
+    """The device, opened for this way to trace rays if it has it and the user didn't choose one."""
+    if (work.rays or os.environ.get("SOLARI_VK_RAYS") or AUTO) == AUTO != rays:
+        with suppress(DeviceError):
+            return Device(work.select, rays=rays)
+    return Device(work.select, rays=work.rays)
 
 
 def _facts(device: Device) -> dict[str, str]:

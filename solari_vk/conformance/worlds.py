@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -75,6 +75,13 @@ class Placed:
 
 
 Shapes = Mapping[str, Sequence[Triangles | Boxes]]
+TRIANGLE_RECORD, BOX_RECORD = 0, 1
+"""The hit records of ray pipelines: a device that traces by them needs those of a geometry's own kind."""
+
+
+def record_of(parts: Sequence[Triangles | Boxes]) -> int:
+    """TRIANGLE_RECORD or BOX_RECORD."""
+    return BOX_RECORD if isinstance(parts[0], Boxes) else TRIANGLE_RECORD
 
 
 def instance_records(placed: Sequence[Placed], addresses: Mapping[str, int]) -> np.ndarray:
@@ -91,16 +98,20 @@ def instance_records(placed: Sequence[Placed], addresses: Mapping[str, int]) -> 
 class World:
     """The structures of some shapes and instances in device memory, built in one of WAYS. A context manager.
 
-    Worlds that are rebuilt or refitted are first built with all vertices, boxes and instances moved elsewhere.
-    `damage` changes the instance records just before they are uploaded; tests of the suite seed bugs with it.
+    Worlds that are rebuilt or refitted are first built with all vertices, boxes and instances moved elsewhere. On a
+    device that traces by ray pipelines, instances get the record offset of their kind of geometry in place of their
+    own, unless `own_records`. `damage` changes the instance records just before they are uploaded; tests of the suite
+    seed bugs with it.
     """
 
     def __init__(
         self, device: Device, shapes: Shapes, placed: Sequence[Placed], way: str = FRESH, *,
-        fast_trace: bool = True, damage: Callable[[np.ndarray], None] | None = None,
+        fast_trace: bool = True, own_records: bool = False, damage: Callable[[np.ndarray], None] | None = None,
     ) -> None:  # fmt: skip
         self.device = device
         self.placed = list(placed)
+        if device.rays == "pipeline" and not own_records:
+            self.placed = [replace(item, sbt_offset=record_of(shapes[item.shape])) for item in placed]
         self._open = ExitStack()
         self._uploads: list[tuple[Buffer, np.ndarray]] = []
         self.sizes: dict[str, int] = {}  # sizes of Blases before compaction

@@ -75,6 +75,7 @@ GROUPS = {
     "after them": {"works": measuring()},
     "slow": {"works": measuring(note_process), "sleeps": measuring(sleep), "never begins": measuring()},
 }
+RAYS = {}
 
 
 def parts(check):

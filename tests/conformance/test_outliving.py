@@ -132,7 +132,7 @@ CRASH_FAULT = Fault("llvmpipe", "case: runs to its end", "it crashes when this i
 @pytest.mark.parametrize(("ended", "expected"), [("SIGSEGV", FAULT), ("SIGABRT", CRASH)])
 def test_a_known_crash_is_a_known_fault(ended, expected):
     results = Results({"group": ["case"]})
-    results.take(Opened({}, [CRASH_FAULT]))
+    results.take(Opened({"rays": "by query"}, [CRASH_FAULT]))
     results.take(Began(CASE))
     results.died(Death(CRASH, ended, "killed", 1.0))
     (outcome,) = results.outcomes

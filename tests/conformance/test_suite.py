@@ -130,12 +130,12 @@ def test_pytest_runs_the_same(any_device, tmp_path):
 
 def test_missing_embree_is_red(any_device, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "embreex.rtcore_scene", None)
-    embree = {name: case for name, case in groups.GROUPS["ray_queries"].items() if "embree" in name}
-    monkeypatch.setattr(groups, "GROUPS", {"ray_queries": embree, "brdf": groups.GROUPS["brdf"]})
-    assert run.run(Work(), only=["ray_queries"], in_process=True) == 1
+    embree = {name: case for name, case in groups.GROUPS["ray_traversal"].items() if "embree" in name}
+    monkeypatch.setattr(groups, "GROUPS", {"ray_traversal": embree, "brdf": groups.GROUPS["brdf"]})
+    assert run.run(Work(), only=["ray_traversal"], in_process=True) == 1
     printed = capsys.readouterr().out
     for scene in embree_checks.SCENES:
-        assert f"ERROR: ray_queries: {embree_checks.rules(scene)[0].name}: needs embreex" in printed
+        assert f"ERROR: ray_traversal: {embree_checks.rules(scene)[0].name}: needs embreex" in printed
     assert "left out:  group brdf" in printed
 
 

@@ -3,35 +3,8 @@
 #ifndef CONFORMANCE_PROBE_GLSL
 #define CONFORMANCE_PROBE_GLSL
 
-#include "generated/conformance/probe_actions.glsl"
+#include "passes/conformance/probe_found.glsl"
 #include "scene/ray_query.glsl"
-
-struct Probe {
-    vec3 origin;
-    float t_min;
-    vec3 direction;
-    float t_max;
-    uint flags;
-    uint cull_mask;
-    uint action;
-    float parameter;
-};
-
-struct Found {  // RayIntersection, and Vulkan's object-space ray
-    uint kind;
-    float t;
-    uint custom_data;
-    uint instance;
-    uint sbt_offset;
-    uint geometry;
-    uint primitive;
-    vec2 barycentrics;
-    uint front_face;
-    mat4x3 object_to_world;
-    mat4x3 world_to_object;
-    vec3 object_origin;
-    vec3 object_direction;
-};
 
 struct Answer {
     uint steps;                 // how often rayQueryProceed returned true
@@ -47,23 +20,12 @@ struct Answer {
 };
 
 layout(set = 0, binding = 0) uniform accelerationStructureEXT tlas;
-layout(set = 0, binding = 1, scalar) readonly buffer Probes { Probe at[]; } probes;
 layout(set = 0, binding = 2, scalar) buffer Answers { Answer at[]; } answers;
 
 Found found_of(RayIntersection hit, vec3 object_origin, vec3 object_direction) {
     return Found(hit.kind, hit.t, hit.instance_custom_data, hit.instance_index, hit.sbt_record_offset,
                  hit.geometry_index, hit.primitive_index, hit.barycentrics, hit.front_face ? 1u : 0u,
                  hit.object_to_world, hit.world_to_object, object_origin, object_direction);
-}
-
-// The smallest t > t_min at which an object-space ray meets the ball of radius 0.5 around a point; negative for a miss.
-float sphere_t(vec3 origin, vec3 direction, vec3 center, float t_min) {
-    vec3 from_center = origin - center;
-    float a = dot(direction, direction), b = dot(from_center, direction);
-    float discriminant = b * b - a * (dot(from_center, from_center) - 0.25);
-    if (discriminant < 0.0) return -1.0;
-    float root = sqrt(discriminant), near = (-b - root) / a;
-    return near > t_min ? near : (-b + root) / a;
 }
 
 void run_probe(uint index) {
@@ -88,8 +50,7 @@ void run_probe(uint index) {
                 rayQueryGenerateIntersection(query, probe.parameter - nearer);
             }
             if ((probe.action & GENERATE_SPHERE) != 0u) {
-                // Box i spans [2 i, 2 i + 1] in x, [0, 1] in y and z, of object space.
-                vec3 center = vec3(2.0 * float(candidate.primitive_index) + 0.5, 0.5, 0.5);
+                vec3 center = ball_center(candidate.primitive_index);
                 float t = sphere_t(object_origin, object_direction, center, probe.t_min);
                 if (t > probe.t_min && t < probe.t_max) rayQueryGenerateIntersection(query, t);
             }

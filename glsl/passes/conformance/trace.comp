@@ -1,30 +1,11 @@
 // The closest hit of many rays; candidate triangles are confirmed, boxes hit where the ray says.
 #version 460
+#include "passes/conformance/trace_rays.glsl"
 #include "scene/ray_query.glsl"
 
 layout(local_size_x = 64) in;
 
-struct Ray {
-    vec3 origin;
-    float t_min;
-    vec3 direction;
-    float t_max;
-    uint flags;
-    uint cull_mask;
-    float box_t;  // where candidate boxes are hit; 0 passes them over
-};
-
-struct Hit {
-    float t;  // negative when nothing was hit
-    uint custom_data;
-    uint instance;
-    uint geometry;
-    uint primitive;
-};
-
 layout(set = 0, binding = 0) uniform accelerationStructureEXT tlas;
-layout(set = 0, binding = 1, scalar) readonly buffer Rays { Ray at[]; } rays;
-layout(set = 0, binding = 2, scalar) writeonly buffer Hits { Hit at[]; } hits;
 
 void main() {
     uint index = gl_GlobalInvocationID.x;
