@@ -153,13 +153,13 @@ RAYS = {"ray_pipelines": "pipeline", "ray_queries": "query"}
 """The way to trace that a group is about. The suite opens the device for it, unless it is told another way."""
 GROUPS: dict[str, dict[str, Measure]] = {
     "acceleration_structures": {
+        "inactive_instances": lambda run: structure_checks.measure_inactive_instances(run.shaders),
+        **_cases("inactive", lambda run, kind: structure_checks.measure_inactive_primitives(run.shaders, kind),
+                 "triangle", "box"),
         "ways": lambda run: structure_checks.measure_ways(run.shaders),
         "formats": lambda run: structure_checks.measure_formats(run.shaders),
         "indices": lambda run: structure_checks.measure_indices(run.shaders),
         "nothing": lambda run: structure_checks.measure_nothing(run.shaders),
-        "inactive_instances": lambda run: structure_checks.measure_inactive_instances(run.shaders),
-        **_cases("inactive", lambda run, kind: structure_checks.measure_inactive_primitives(run.shaders, kind),
-                 "triangle", "box"),
         "rebuilds": lambda run: structure_checks.measure_tlas_rebuilds(run.shaders),
         "many_blases": lambda run: structure_checks.measure_many_blases(run.shaders, 2000 if run.full else 500),
         **_cases("large_tlas", _large_tlas, 100_000, 1_000_000),

@@ -86,7 +86,7 @@ def _instances() -> dict[str, Placed]:
         "turned boxes": {"shape": "boxes"},
         "boxes over a wall": {"shape": "boxes"}, "wall in boxes": {"shape": "opaque"},
         # Last, so that a driver that lets them hide others fails only the rules about that, in structure_checks.py.
-        "mask 00": {"shape": "opaque", "mask": 0x00}, "inactive": {"shape": "opaque", "active": False},
+        "inactive": {"shape": "opaque", "active": False}, "mask 00": {"shape": "opaque", "mask": 0x00},
     }  # fmt: skip
     found: dict[str, Placed] = {}
     for place, (label, fields) in enumerate(told.items()):

@@ -15,6 +15,7 @@ from solari_vk.conformance.position_checks import HITTING
 from solari_vk.conformance.recorder import Recorder
 from solari_vk.conformance.rules import FAIL, Check
 from solari_vk.conformance.shader_runner import ShaderRunner
+from solari_vk.gpu.device.device import Device
 
 TRACE = "passes/conformance/trace.comp"
 
@@ -136,7 +137,8 @@ def test_bugs_in_structures_are_noticed(shaders, monkeypatch):
         records["custom_index_and_mask"][-1] = 0
 
     expect_red(structure_checks.measure_tlas_rebuilds(shaders, drop_last), "last built with")
-    expect_red(structure_checks.measure_inactive_instances(shaders, drop_last), "hides no other instance")
+    with Device() as fresh, ShaderRunner(fresh) as runner:  # in used memory Mesa 26.2 crashes
+        expect_red(structure_checks.measure_inactive_instances(runner, drop_last), "hides no other instance")
     made = worlds.TriangleGeometry
     for seeded in ({"indices": 0}, {"position_stride": 12}, {"transform": 0}):
         with monkeypatch.context() as patch:

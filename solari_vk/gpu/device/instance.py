@@ -15,6 +15,9 @@ OPTIONAL_EXTENSIONS = (
 # Extensions that validation layers in use may not know, and the header version that introduced each.
 _EXTENSION_VERSIONS = {"VK_KHR_ray_tracing_position_fetch": raw.api_version(1, 3, 249)}
 
+# From this header version on, synchronization validation leaves out what shaders access unless a setting asks for it.
+_SHADERS_NEED_SETTING = raw.api_version(1, 3, 291)
+
 
 class Instance:
     """A VkInstance with its functions. `messages` collects what validation reports."""
@@ -47,6 +50,9 @@ class Instance:
                 enabledValidationFeatureCount=1,
                 pEnabledValidationFeatures=[raw.VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT],
             )
+            if layers_present[VALIDATION_LAYER] >= _SHADERS_NEED_SETTING:
+                extensions.append("VK_EXT_layer_settings")
+                chain = _with_setting(chain, "syncval_shader_accesses_heuristic")
         self.extensions = frozenset(extensions)
         application = raw.struct(
             "VkApplicationInfo", pApplicationName="solari_vk", pEngineName="solari_vk", apiVersion=raw.api_version(1, 3)
@@ -101,6 +107,15 @@ class Instance:
             self.vk.vkDestroyDebugUtilsMessengerEXT(self.handle, self._messenger, raw.NULL)
         self.vk.vkDestroyInstance(self.handle, raw.NULL)
         self.handle = None
+
+
+def _with_setting(chain: raw.CData, name: str) -> raw.CData:
+    """The pNext chain of a VkInstanceCreateInfo before which a setting of the validation layer is turned on."""
+    setting = raw.struct(
+        "VkLayerSettingEXT", pLayerName=VALIDATION_LAYER, pSettingName=name, type=raw.VK_LAYER_SETTING_TYPE_BOOL32_EXT,
+        valueCount=1, pValues=raw.array("VkBool32", [1]),
+    )  # fmt: skip
+    return raw.struct("VkLayerSettingsCreateInfoEXT", pNext=chain, settingCount=1, pSettings=[setting])
 
 
 def note_message(messages: list[str], text: str) -> None:
