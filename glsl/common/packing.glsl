@@ -13,8 +13,8 @@ uint pack_unorm(float value, uint bit_count) {
 }
 
 float unpack_unorm(uint bits, uint bit_count) {
-    uint max_code = (1u << bit_count) - 1u;
-    return float(bits & max_code) / float(max_code);
+    uint max_code = (1u << bit_count) - 1u, code = bits & max_code;
+    return code == max_code ? 1.0 : float(code) / float(max_code);  // on some devices n / n isn't exactly 1
 }
 
 // ---- unit vectors -----------------------------------------------------------------------------------

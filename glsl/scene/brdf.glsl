@@ -42,7 +42,7 @@ vec3 reflectance_f0(vec3 reflectance) { return 0.16 * reflectance * reflectance;
 // The directional albedo of GGX with multiple scattering, from the single-scattering albedo F0 A + B. Fdez-Aguero, "A
 // Multiple-Scattering Microfacet Model for Real-Time Image-based Lighting" (JCGT 2019).
 vec3 specular_albedo(vec3 f0, vec2 ab) {
-    return (f0 * ab.x + ab.y) * (1.0 + f0 * (1.0 / (ab.x + ab.y) - 1.0));
+    return min((f0 * ab.x + ab.y) * (1.0 + f0 * (1.0 / (ab.x + ab.y) - 1.0)), 1.0);  // not above 1 by rounding
 }
 
 Brdf prepare_brdf(ResolvedMaterial material, vec3 wo) {

@@ -81,6 +81,7 @@ def path_tracer_speed(
 ) -> tuple[float, float, float]:
     """Samples a second of the path tracer, its rays a second, and bare rays a second that start at surfaces.
 
+    The last is NaN where they are too few to measure.
     The path tracer and the bare rays are measured in turns for `total` seconds.
     """
     found: list[list[float]] = []
@@ -101,4 +102,5 @@ def path_tracer_speed(
             first_times.append(bare.run(len(found), bounces=0))
     spent, samples, rays = np.sum(found, axis=0)
     bare_seconds, bare_rays = np.sum(bare_times, axis=0) - np.sum(first_times, axis=0)
-    return samples / spent, rays / spent, bare_rays / bare_seconds
+    bare = bare_rays / bare_seconds if min(bare_seconds, bare_rays) > 0 else math.nan
+    return samples / spent, rays / spent, bare

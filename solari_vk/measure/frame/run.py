@@ -33,7 +33,7 @@ def run(
 ) -> None:  # fmt: skip
     """Measure and print everything.
 
-    rays: see Device. markdown: a page to write too. pictures: a folder for the last frame of each scene. quick: small
+    markdown: a page to write too. pictures: a folder for the last frame of each scene. quick: small
     pictures and few frames. Raises SolariError for files that can't be loaded, and without a folder for the page.
     """
     check_page(markdown)
