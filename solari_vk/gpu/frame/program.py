@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,12 +17,10 @@ from solari_vk.gpu.frame.pipelines import Pipeline, PipelineInfo, PipelineKey, P
 from solari_vk.gpu.frame.raster import check_draw
 from solari_vk.gpu.frame.ray_pipelines import RayGroups, check_launch
 from solari_vk.gpu.frame.resources import DEPTH_FORMAT, image_format
-from solari_vk.gpu.frame.stages import Draw, HitGroup, Pass, RayPass, Stage, Step
-from solari_vk.gpu.shaders.compiler import Roots, compile_shader
-from solari_vk.gpu.shaders.spirv import Module, reflect
-
-# The shaders that all ray generation shaders share which trace by scene/trace.glsl.
-SHARED_MISS, SHARED_HIT = "scene/trace.rmiss", HitGroup("scene/trace.rchit")
+from solari_vk.gpu.frame.stages import Draw, Pass, Stage, Step
+from solari_vk.gpu.frame.step_shaders import ModuleKey, Modules, StepShaders
+from solari_vk.gpu.shaders.compiler import Roots
+from solari_vk.gpu.shaders.spirv import Module
 
 
 @dataclass(frozen=True)
@@ -47,7 +43,7 @@ class Program:
 
     interface: Interface
     steps: list[BuiltStep]
-    modules: dict[tuple[str, str], Module]
+    modules: Mapping[ModuleKey, Module]
     pipeline_keys: set[PipelineKey]
 
     def check(self, bound: Mapping[str, Any]) -> None:
@@ -106,58 +102,6 @@ class Program:
         return found
 
 
-@dataclass(frozen=True)
-class _Shaders:
-    """The modules of a step, by path and header, and the groups that those of a ray pipeline form."""
-
-    keys: Sequence[tuple[str, str]] = ()
-    groups: RayGroups | None = None
-
-    @classmethod
-    def of_rays(cls, path: str, misses: Sequence[str], hits: Sequence[HitGroup], header: str, shared: str) -> _Shaders:
-        """A ray generation shader at `path` with its miss and hit shaders, which have the header `shared`."""
-        paths = dict.fromkeys(misses)
-        for hit in hits:
-            paths |= dict.fromkeys(filter(None, (hit.closest_hit, hit.any_hit, hit.intersection)))
-        number = {other: index for index, other in enumerate(paths, 1)}
-        groups = RayGroups(
-            tuple(number[miss] for miss in misses),
-            tuple((number.get(h.closest_hit), number.get(h.any_hit), number.get(h.intersection)) for h in hits),
-        )
-        return cls([(path, header), *((other, shared) for other in paths)], groups)
-
-
-def _entry_points(item: Pass | Draw | Step) -> list[tuple[str, str]]:
-    """Path and header of the shaders of a pass or a draw."""
-    if isinstance(item, (RayPass, Step)):
-        return []
-    suffixes = ("vert", "frag") if isinstance(item, Draw) else ("comp",)
-    return [(f"passes/{item.name}.{suffix}", item.header) for suffix in suffixes]
-
-
-class _Modules(dict[tuple[str, str], Module]):
-    """Modules by path and header. Those that didn't change are taken from the old program."""
-
-    def __init__(self, device: Device, root: Roots | None, old: Program | None) -> None:
-        super().__init__()
-        self._ray_pipelines, self._root, self._old = device.rays == "pipeline", root, old
-
-    def compile(self, keys: Collection[tuple[str, str]]) -> None:
-        """Add modules. Compiling one that isn't cached takes up to a second, so threads do it."""
-        with ThreadPoolExecutor(os.cpu_count()) as threads:
-            for key, spirv in zip(keys, threads.map(self._compile, keys), strict=True):
-                known = self._old.modules.get(key) if self._old else None
-                self[key] = known if known and known.spirv == spirv else reflect(spirv, key[0])
-
-    def ensure(self, key: tuple[str, str]) -> None:
-        """Add a module unless it is here."""
-        if key not in self:
-            self.compile([key])
-
-    def _compile(self, key: tuple[str, str]) -> bytes:
-        return compile_shader(key[0], header=key[1], root=self._root, ray_pipelines=self._ray_pipelines)
-
-
 def _named(items: Sequence[Pass | Draw | Step]) -> dict[str, Pass | Draw | Step]:
     """The items by unique names: those that occur several times are numbered."""
     total, seen = Counter(item.name for item in items), Counter[str]()
@@ -181,9 +125,8 @@ class ProgramBuilder:
         items = [item for stage in stages for item in stage.passes]
         if not items:
             raise SolariError("a frame needs at least one pass")
-        modules = _Modules(self._device, self._root, old)
-        modules.compile(dict.fromkeys(key for item in items for key in _entry_points(item)))
-        named = {name: (item, self._shaders(item, modules)) for name, item in _named(items).items()}
+        modules = Modules(self._device, self._root, old.modules if old else {})
+        shaders = modules.add(items)
         merged = merge_bindings(modules.values())
         if old is not None and old.interface.fits(merged, modules.values()):
             interface = old.interface
@@ -191,11 +134,13 @@ class ProgramBuilder:
             interface = Interface(self._device, list(modules.values()))
         program = Program(interface, [], dict(modules), set())
         try:
-            wanted = {name: self._pipeline_info(name, item, shaders, program) for name, (item, shaders) in named.items()
+            named = _named(items)
+            wanted = {name: self._pipeline_info(name, item, parts, program)
+                      for (name, item), parts in zip(named.items(), shaders, strict=True)
                       if not isinstance(item, Step)}  # fmt: skip
             made = dict(zip(wanted, self._pipelines.make(list(wanted.values()), interface), strict=True))
             program.pipeline_keys.update(key for key, _ in made.values())
-            for name, (item, _) in named.items():
+            for name, item in named.items():
                 program.steps.append(BuiltStep(name, item) if isinstance(item, Step) else
                                      self._step(item, wanted[name], made[name][1]))  # fmt: skip
         except BaseException:
@@ -203,25 +148,7 @@ class ProgramBuilder:
             raise
         return program
 
-    def _shaders(self, item: Pass | Draw | Step, modules: _Modules) -> _Shaders:
-        """The shaders of a step, all of which are then in `modules`."""
-        keys = _entry_points(item)
-        if isinstance(item, RayPass):
-            if self._device.rays != "pipeline":
-                raise SolariError(
-                    f"pass {item.name}: it has hit and miss shaders of its own, but this device traces by ray queries: "
-                    "open it with rays='pipeline'"
-                )
-            found = _Shaders.of_rays(f"passes/{item.name}.rgen", item.misses, item.hits, item.header, item.header)
-        elif isinstance(item, Pass) and modules[keys[0]].main.stage == "rgen":
-            found = _Shaders.of_rays(keys[0][0], [SHARED_MISS], [SHARED_HIT], item.header, "")
-        else:
-            found = _Shaders(keys)
-        for key in found.keys:
-            modules.ensure(key)
-        return found
-
-    def _pipeline_info(self, name: str, item: Pass | Draw, shaders: _Shaders, program: Program) -> PipelineInfo:
+    def _pipeline_info(self, name: str, item: Pass | Draw, shaders: StepShaders, program: Program) -> PipelineInfo:
         kind: Targets | RayGroups | None = shaders.groups
         if isinstance(item, Draw):
             check_draw(self._device, name, item, program.interface)

@@ -1,0 +1,89 @@
+"""The shaders of a frame's steps, compiled for the device's way to trace rays, and the groups of ray pipelines."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+from solari_vk.errors import SolariError
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame.ray_pipelines import RayGroups
+from solari_vk.gpu.frame.stages import Draw, HitGroup, Pass, RayPass, Step
+from solari_vk.gpu.shaders.compiler import Roots, compile_shader
+from solari_vk.gpu.shaders.spirv import Module, reflect
+
+ModuleKey = tuple[str, str]
+"""The path and the header of a shader."""
+
+# What the rays of all passes run that trace by scene/trace.glsl.
+_MISS, _HIT = "scene/trace.rmiss", HitGroup("scene/trace.rchit")
+
+
+@dataclass(frozen=True)
+class StepShaders:
+    """The modules of a step, and the groups that those of a ray pipeline form."""
+
+    keys: Sequence[ModuleKey] = ()
+    groups: RayGroups | None = None
+
+
+class Modules(dict[ModuleKey, Module]):
+    """The modules of a frame. Those that are the same as in `old` are taken from there."""
+
+    def __init__(self, device: Device, root: Roots | None, old: Mapping[ModuleKey, Module]) -> None:
+        super().__init__()
+        self._ray_pipelines, self._root, self._old = device.rays == "pipeline", root, old
+
+    def add(self, items: Sequence[Pass | Draw | Step]) -> list[StepShaders]:
+        """Compile the shaders of steps. Raises CompilationError, or SolariError for one that the device can't run."""
+        self._compile(dict.fromkeys(key for item in items for key in _entry_points(item)))
+        found = [self._shaders(item) for item in items]
+        self._compile(dict.fromkeys(key for shaders in found for key in shaders.keys if key not in self))
+        return found
+
+    def _compile(self, keys: Collection[ModuleKey]) -> None:
+        """Compiling a shader that isn't cached takes up to a second, so threads do it."""
+        with ThreadPoolExecutor(os.cpu_count()) as threads:
+            for key, spirv in zip(keys, threads.map(self._spirv, keys), strict=True):
+                known = self._old.get(key)
+                self[key] = known if known and known.spirv == spirv else reflect(spirv, key[0])
+
+    def _spirv(self, key: ModuleKey) -> bytes:
+        return compile_shader(key[0], header=key[1], root=self._root, ray_pipelines=self._ray_pipelines)
+
+    def _shaders(self, item: Pass | Draw | Step) -> StepShaders:
+        """The shaders of a step whose entry points are compiled: these tell which passes trace by a ray pipeline."""
+        keys = _entry_points(item)
+        if isinstance(item, RayPass):
+            if not self._ray_pipelines:
+                raise SolariError(
+                    f"pass {item.name}: it has hit and miss shaders of its own, but this device traces by ray queries: "
+                    "open it with rays='pipeline'"
+                )
+            return _ray_shaders(keys, item.misses, item.hits, item.header)
+        if isinstance(item, Pass) and self[keys[0]].main.stage == "rgen":
+            return _ray_shaders(keys, [_MISS], [_HIT], "")
+        return StepShaders(keys)
+
+
+def _entry_points(item: Pass | Draw | Step) -> list[ModuleKey]:
+    """The shaders that a step names. Those of hits and misses follow."""
+    if isinstance(item, Step):
+        return []
+    suffixes = ["vert", "frag"] if isinstance(item, Draw) else ["rgen" if isinstance(item, RayPass) else "comp"]
+    return [(f"passes/{item.name}.{suffix}", item.header) for suffix in suffixes]
+
+
+def _ray_shaders(own: list[ModuleKey], misses: Sequence[str], hits: Sequence[HitGroup], header: str) -> StepShaders:
+    """A ray generation shader with the shaders of its misses and hits, each once, and their groups."""
+    paths = dict.fromkeys(
+        [*misses, *(path for hit in hits for path in (hit.closest_hit, hit.any_hit, hit.intersection))]
+    )
+    number = {path: index for index, path in enumerate(filter(None, paths), 1)}
+    groups = RayGroups(
+        tuple(number[path] for path in misses),
+        tuple((number.get(h.closest_hit), number.get(h.any_hit), number.get(h.intersection)) for h in hits),
+    )
+    return StepShaders([*own, *((path, header) for path in number)], groups)
