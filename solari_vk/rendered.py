@@ -203,6 +203,15 @@ class PictureRenderer(SceneUser, ABC):
         """GPU milliseconds of each pass in the latest finished frame."""
         return self._frame.timings
 
+    @property
+    def memory(self) -> dict[str, int]:
+        """The bytes of the frame's buffers and images on the device, by name; a history counts twice.
+
+        The scene is not included. `device.memory.bytes_reserved` is what is reserved for everything, without what the
+        driver itself needs.
+        """
+        return self._frame.memory
+
     def describe(self) -> list[Row]:
         """The frame's passes: what they read and write, the barriers before them and why, and their GPU times."""
         return self._frame.describe()

@@ -252,3 +252,25 @@ def test_every_device_has_enough_uniform_blocks(renderer):
     blocks = {name.split(".")[0] for name in renderer._frame.uniforms._fields}
     assert {"camera", "previous_camera", "this_frame", "display_settings"} < blocks
     assert len(blocks) <= 12
+
+
+@pytest.mark.parametrize("size", [(16, 16), (256, 256), (400, 300)])
+@pytest.mark.parametrize("staging", [False, True])
+def test_little_more_memory_is_reserved_than_is_needed(any_device, scene, size, staging):
+    with sv.Device(staging=staging) as device, sv.Renderer(device, scene, size) as renderer:
+        frame, memory, pixels = sum(renderer.memory.values()), device.memory, size[0] * size[1]
+        assert frame <= 90e6 + 370 * pixels  # the world cache, and the images and buffers of the picture's size
+        assert frame < memory.bytes_used < frame + 12e6  # the scene and two staging buffers of 4 MiB
+        assert memory.bytes_reserved - memory.bytes_used < 24 << 20  # a block of 8 MiB for buffers, images, host memory
+
+
+def test_memory_is_that_of_the_frame_by_name(renderer):
+    pixels = SIZE[0] * SIZE[1]
+    memory = renderer.memory
+    assert memory["di_diffuse"] == 12 * pixels
+    assert memory["depth"] == 2 * 4 * pixels  # this frame's and the previous frame's
+    assert memory["world_cache_life"] == 4 * renderer.settings.world_cache_cells
+    assert "instances" not in memory
+    renderer.resize((2 * SIZE[0], SIZE[1]))
+    renderer.render()
+    assert renderer.memory["di_diffuse"] == 2 * memory["di_diffuse"]

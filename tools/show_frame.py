@@ -42,11 +42,10 @@ def _wrapped(start: str, text: str) -> list[str]:
 def describe_resources(resources: Mapping[str, Any]) -> list[str]:
     """The lines for resources by name: kind and size of each."""
     from solari_vk.gpu.device.image import Image
-    from solari_vk.measure.frame.costs import resource_bytes
 
     lines = ["resources"]
     for name, resource in sorted(resources.items()):
-        size = resource_bytes(resource)
+        size = getattr(resource, "size", None)
         kind = type(resource).__name__.lower()
         if isinstance(resource, Image):
             kind += f" {resource.width}x{resource.height}, {resource.channels} x {resource.dtype}"

@@ -113,6 +113,29 @@ def test_big_buffers_get_memory_of_their_own_and_give_it_back(own_device: Device
     assert own_device.memory.bytes_reserved == before
 
 
+def test_many_large_resources_take_few_allocations(own_device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A device allows 4096 allocations: 100 GB of resources of 5 MiB must not take as many."""
+    fake = raw.ffi.new("char[1]")
+
+    def allocate(_device: raw.CData, _info: raw.CData, _: raw.CData, out: raw.CData) -> int:
+        out[0] = raw.ffi.cast("VkDeviceMemory", fake)
+        return 0
+
+    memory = own_device.memory
+    with monkeypatch.context() as patch:
+        patch.setattr(own_device, "name_object", lambda *_: None)
+        patch.setattr(own_device.vk, "vkAllocateMemory", allocate)
+        patch.setattr(own_device.vk, "vkFreeMemory", lambda *_: None)
+        patch.setattr(own_device.vk, "vkMapMemory", lambda *_: 0)
+        patch.setattr(memory, "_heap_sizes", [1 << 50] * len(memory._heap_sizes))
+        taken = [memory.allocate(requirements(5 * MIB, 256), "mesh", host=False) for _ in range(20_000)]
+        assert memory.allocation_count < 2500
+        assert memory.bytes_reserved < 1.1 * memory.bytes_used
+        for allocation in taken:
+            memory.free(allocation)
+        memory.close()
+
+
 def test_images_and_buffers_share_no_block(own_device: Device) -> None:
     buffer = own_device.buffer(1000, "b")
     image = own_device.image(32, 32, raw.VK_FORMAT_R8G8B8A8_UNORM, "i")

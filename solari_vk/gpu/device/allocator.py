@@ -9,7 +9,7 @@ from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.work_queue import WorkQueue
 
 BLOCK_SIZE = 64 << 20
-_FIRST_BLOCK_SIZE = 8 << 20
+_LARGE = 4 << 20  # what takes a block of its own while little is reserved
 _MAPPABLE = raw.VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | raw.VK_MEMORY_PROPERTY_HOST_COHERENT_BIT
 _DEVICE_LOCAL = raw.VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT
 _CACHED = raw.VK_MEMORY_PROPERTY_HOST_CACHED_BIT
@@ -30,8 +30,9 @@ class Allocation:
 class Block:
     """One vkAllocateMemory with its free ranges (offset, size), sorted by offset."""
 
-    def __init__(self, pool: Pool, memory: raw.CData, size: int, pointer: raw.CData | None) -> None:
+    def __init__(self, pool: Pool, memory: raw.CData, size: int, pointer: raw.CData | None, shared: bool) -> None:
         self.pool = pool
+        self.shared = shared
         self.memory = memory
         self.size = size
         self.pointer = pointer
@@ -156,15 +157,19 @@ class Allocator:
         for block in pool.blocks:
             if (offset := block.take(size, alignment)) is not None:
                 return Allocation(block, offset, size)
-        # The first block is small, since small programs need little; block sizes double up to BLOCK_SIZE.
-        usual = min(_FIRST_BLOCK_SIZE << len(pool.blocks), BLOCK_SIZE)
-        block = self._new_block(pool, size if size > usual // 2 else usual, name)
+        # What is large beside all that is reserved gets a block of its own, which leaves nothing over. Shared blocks
+        # grow by half of what they hold already. So little is left over, and there are few blocks.
+        large = min(max(_LARGE, self.bytes_reserved // 128), BLOCK_SIZE // 2)
+        shared = size < large
+        held = sum(block.size for block in pool.blocks if block.shared)
+        usual = max(2 * large, min(held // 2, BLOCK_SIZE))
+        block = self._new_block(pool, usual if shared else size, name, shared)
         pool.blocks.append(block)
         taken = block.take(size, alignment)
         assert taken == 0
         return Allocation(block, 0, size)
 
-    def _new_block(self, pool: Pool, size: int, name: str) -> Block:
+    def _new_block(self, pool: Pool, size: int, name: str, shared: bool) -> Block:
         device = self.device
         heap = self._type_heaps[pool.memory_type]
         left = self._heap_sizes[heap] - self._heap_reserved[heap]
@@ -189,7 +194,7 @@ class Allocator:
             mapping = raw.ffi.new("void**")
             device.vk.vkMapMemory(device.handle, memory, 0, size, 0, mapping)
             pointer = raw.ffi.cast("char*", mapping[0])
-        return Block(pool, memory, size, pointer)
+        return Block(pool, memory, size, pointer, shared)
 
     def _free_block(self, block: Block) -> None:
         block.pool.blocks.remove(block)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from typing import Any
@@ -81,6 +82,11 @@ class Image:
 
     def __repr__(self) -> str:
         return f"<Image {self.name}: {self.width} x {self.height} {format_name(self.format)[10:]}>"
+
+    @property
+    def size(self) -> int:
+        """The bytes of the texels of all mip levels."""
+        return sum(math.prod(self.level_shape(level)) for level in range(self.mip_levels)) * self.dtype.itemsize
 
     def _levels(self, first: int, count: int) -> dict[str, int]:
         return {"aspectMask": self.aspect, "baseMipLevel": first, "levelCount": count, "layerCount": 1}

@@ -197,6 +197,11 @@ class Frame:
         return resource.read(binding.dtype, 1).reshape(())  # type: ignore[no-any-return]
 
     @property
+    def memory(self) -> dict[str, int]:
+        """The bytes of each buffer and image that the stages declare, by name; both of a history count."""
+        return self._resources.sizes
+
+    @property
     def timings(self) -> dict[str, float]:
         """GPU milliseconds of each step in the latest finished frame; empty before the first frame.
 

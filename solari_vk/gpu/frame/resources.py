@@ -44,6 +44,11 @@ class Resources:
                 found[PREVIOUS + name] = made.items[1 - slot]
         return found
 
+    @property
+    def sizes(self) -> dict[str, int]:
+        """The bytes of each name's resource, or of both that a history has."""
+        return {name: sum(item.size for item in made.items) for name, made in self._made.items()}
+
     def changed_to(self, stages: Sequence[Stage], interface: Interface) -> Resources:
         """The resources that these stages declare; those of this object that fit are reused.
 

@@ -12,9 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.device.image import Image
 from solari_vk.measure.frame.passes import frame_times
 from solari_vk.measure.frame.plan import Plan, Size
 from solari_vk.measure.timing import seconds
@@ -64,24 +62,6 @@ def start_seconds(device: Device, *, cold: bool) -> tuple[float, float]:
 # ---- memory -----------------------------------------------------------------------------------------
 
 
-def resource_bytes(resource: object) -> int | None:
-    """The bytes of a buffer or of an image's first level, None for anything else."""
-    if isinstance(resource, Buffer):
-        return resource.size
-    if isinstance(resource, Image):
-        return resource.width * resource.height * resource.channels * resource.dtype.itemsize
-    return None
-
-
-def resource_sizes(renderer: Renderer) -> dict[str, int]:
-    """The bytes of each buffer and image that the frame made for itself, by name; both images of a history count."""
-    names = {name for row in renderer.describe() for name in (*row.reads, *row.writes)}
-    resources = {name: renderer.resource(name) for name in sorted(names - set(renderer.binder.resources))}
-    different = {id(resource): name for name, resource in reversed(resources.items())}
-    sizes = {name: resource_bytes(resources[name]) for name in different.values()}
-    return {name: size for name, size in sizes.items() if size is not None}
-
-
 def memory(device: Device, small: tuple[int, int], large: tuple[int, int]) -> dict[str, tuple[float, ...]]:
     """(bytes a pixel, fixed bytes) of the resources of each stage, from the bytes for two picture sizes."""
     scene, sizes = builtin("cornell_box"), []
@@ -90,13 +70,13 @@ def memory(device: Device, small: tuple[int, int], large: tuple[int, int]) -> di
             renderer.resize(size)
             renderer.render(scene.camera)
             device.wait_idle()
-            sizes.append(resource_sizes(renderer))
+            sizes.append(renderer.memory)
         stage_of = {name: row.name.partition("/")[0] for row in reversed(renderer.describe()) for name in row.writes}
     pixels = [size[0] * size[1] for size in (small, large)]
     found: dict[str, tuple[float, ...]] = {}
     for name, size_bytes in sizes[0].items():
         slope = (sizes[1][name] - size_bytes) / (pixels[1] - pixels[0])
-        stage = stage_of.get(name.removeprefix("previous_"), "made before the frame")
+        stage = stage_of.get(name, "written by no pass")
         before = found.get(stage, (0.0, 0.0))
         found[stage] = before[0] + slope, before[1] + size_bytes - slope * pixels[0]
     return found
