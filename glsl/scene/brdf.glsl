@@ -67,7 +67,8 @@ Brdf prepare_brdf(ResolvedMaterial material, vec3 wo) {
     vec3 specular = mix(dielectric_albedo, specular_albedo(brdf.metal_f0, ab), brdf.metallic);
     vec3 through = 1.0 - dielectric_albedo;
     float diffuse = luminance(brdf.diffuse_color * through);
-    brdf.specular_probability = diffuse > 0.0 ? luminance(specular) / (luminance(specular) + diffuse) : 1.0;
+    // Not above 1 by the rounding of a division.
+    brdf.specular_probability = diffuse > 0.0 ? min(luminance(specular) / (luminance(specular) + diffuse), 1.0) : 1.0;
     if (brdf_layering == LAYERING_CONSERVING && brdf.metallic < 1.0) {
         // Differs from Solari: (1 - E(wo)) (1 - E(wi)) / (1 - E_average) is reciprocal and loses no energy
         mat3 averages = lookup_brdf_averages(material.perceptual_roughness);
