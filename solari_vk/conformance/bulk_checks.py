@@ -25,6 +25,7 @@ _CUSTOM = Rule("hits return the custom data and index of each of many instances"
 _EXTREME = Rule(
     "triangles of sizes 1e-6 to 1e6 are hit up to 1e6 and 100,000 sizes from the origin", VULKAN, "Ray Traversal"
 )
+_THIN = Rule("t of triangles a thousandth as wide as long", SUITE, "ray offsets")
 _NOT_FINITE = Rule("only invalid rays (NaN, infinity, no direction, empty range) hit nothing", SUITE, "ray_query.glsl")
 _REPLACED = Rule("Vulkan gets a ray that hits nothing in place of each invalid ray", SUITE, "ray_query.glsl")
 _CAUGHT = Rule("the debug build counts each invalid ray", SUITE, "ray_query.glsl")
@@ -202,6 +203,23 @@ def measure_extreme_transforms(shaders: ShaderRunner) -> Iterator[Measurement]:
     for size, (_, off, bar, label) in meters.items():
         rule = Rule(f"size {size:g} at all these distances: error of the hit's position", VULKAN, _EXTREME.section)
         yield Measurement(rule, off, bar, "m", label)
+
+
+def measure_thin_triangles(shaders: ShaderRunner) -> Iterator[Measurement]:
+    """t of thin triangles at a distance of 1, against float64. An error of t lets rays meet the triangle they leave."""
+    random = np.random.default_rng(13)
+    shape = np.array([(-0.4, 0, 0), (0.6, 0, 0), (0, 1e-3, 0)])
+    corners = np.array([shape @ turn(random) + random.normal(size=3) for _ in range(2000)], np.float32).astype(float)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    directions = (0.3 * random.normal(size=normals.shape) - normals).astype(np.float32)
+    origins = (corners.mean(axis=1) - directions).astype(np.float32)
+    with World(shaders.device, {"soup": [Triangles(corners)]}, [Placed("soup")]) as world:
+        hits = trace(shaders, world.tlas, origins, directions)
+    own = (hits["t"] >= 0) & (hits["primitive"] == np.arange(len(corners)))
+    assert own.mean() > 0.9, "few of the triangles may stand before others"
+    exact = np.sum((corners[:, 0] - origins) * normals, axis=1) / np.sum(directions * normals, axis=1)
+    yield Measurement(_THIN, float(np.abs(hits["t"] - exact)[own].max()), 1e-6, "relative error")
 
 
 def measure_not_finite(shaders: ShaderRunner) -> Iterator[Measurement]:

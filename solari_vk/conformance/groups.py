@@ -231,6 +231,7 @@ GROUPS: dict[str, dict[str, Measure]] = {
         "watertight": lambda run: bulk_checks.measure_watertight(run.shaders),
         "many_instances": lambda run: bulk_checks.measure_many_instances(run.shaders, 100_000 if run.full else 70_000),
         "extreme_transforms": lambda run: bulk_checks.measure_extreme_transforms(run.shaders),
+        "thin_triangles": lambda run: bulk_checks.measure_thin_triangles(run.shaders),
     },
     "restir_di": {
         "direct": lambda run: direct_checks.measure_direct(

@@ -33,6 +33,7 @@ def test_bugs_in_tracing_are_noticed(patched, monkeypatch):
         expect_red(bulk_checks.measure_many_instances(shaders, 300), "custom data and index of each")
         sizes = (f"size {size} at all" for size in ("1e-06", "1", "1e+06"))
         expect_red(bulk_checks.measure_extreme_transforms(shaders), "from the origin: t", *sizes)
+        expect_red(bulk_checks.measure_thin_triangles(shaders), "t of triangles a thousandth as wide")
         expect_red(bulk_checks.measure_not_finite(shaders), "empty range) hit nothing")
         if embree_checks.available():
             expect_red(embree_checks.measure(shaders, "instanced", 5000, small=True), "is Embree's")
