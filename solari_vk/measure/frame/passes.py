@@ -102,5 +102,5 @@ def path_tracer_speed(
             first_times.append(bare.run(len(found), bounces=0))
     spent, samples, rays = np.sum(found, axis=0)
     bare_seconds, bare_rays = np.sum(bare_times, axis=0) - np.sum(first_times, axis=0)
-    bare = bare_rays / bare_seconds if min(bare_seconds, bare_rays) > 0 else math.nan
-    return samples / spent, rays / spent, bare
+    bare_rate = bare_rays / bare_seconds if min(bare_seconds, bare_rays) > 0 else math.nan
+    return samples / spent, rays / spent, bare_rate

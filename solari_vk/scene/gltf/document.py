@@ -194,7 +194,7 @@ class Document:
                 raise self._outside(entry, uri)
             try:
                 path = Path(os.path.realpath(folder / clean(name)))
-                exists = path.is_relative_to(folder) and path.exists()
+                exists = path.is_relative_to(folder) and _exists(path)
             except (OSError, ValueError):
                 raise entry.error(f"has a 'uri' that no file can have: {shown(uri)}") from None
             if not path.is_relative_to(folder) or path == folder:
@@ -209,6 +209,15 @@ class Document:
             f"has the 'uri' {shown(uri)}, which is not a relative path inside the glTF file's own folder; nothing else "
             "is read: copy the file there and name it by its relative path"
         )
+
+
+def _exists(path: Path) -> bool:
+    """Whether there is a file; OSError for a name that none can have (`Path.exists` of Python 3.14 raises nothing)."""
+    try:
+        path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    return True
 
 
 def _refuse_constant(name: str) -> None:
