@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -42,21 +44,30 @@ with sv.Device(sys.argv[1]) as device:
     renderer.render().wait()
     print(made - started, time.perf_counter() - made)
 """
-NO_CACHES = {
-    "MESA_SHADER_CACHE_DISABLE": "true", "__GL_SHADER_DISK_CACHE": "0", "SOLARI_VK_PIPELINE_CACHE": "off",
-}  # fmt: skip
+NO_DRIVER_CACHE = {"MESA_SHADER_CACHE_DISABLE": "true", "__GL_SHADER_DISK_CACHE": "0"}
 
 
-def start_seconds(device: Device, *, cold: bool) -> tuple[float, float]:
-    """Seconds that a new process needs to make a renderer, and to finish its first frame.
+def start_seconds(device: Device, *, cold: bool = True) -> dict[str, tuple[float, float]]:
+    """Seconds that new processes need to make a renderer, and to finish its first frame, by what must be compiled.
 
-    cold: without the pipelines that the driver and the package keep on disk.
+    The driver's own cache is off. cold: measure the first starts too, which compile.
     """
     command = [sys.executable, "-c", _START, device.properties.uuid]
-    environment = {**os.environ, **(NO_CACHES if cold else {})}
-    printed = subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout
-    made, first = map(float, printed.split())
-    return made, first
+    with tempfile.TemporaryDirectory() as folder:
+        environment = {**os.environ, **NO_DRIVER_CACHE, "SOLARI_VK_CACHE": folder, "SOLARI_VK_RAYS": device.rays}
+
+        def start() -> tuple[float, float]:
+            printed = subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout
+            made, first = map(float, printed.split())
+            return made, first
+
+        if not cold:
+            environment = {**os.environ, "SOLARI_VK_RAYS": device.rays}
+            return {"nothing": start()}
+        found = {"GLSL and pipelines": start()}
+        for file in Path(folder).glob("*.pipelines"):
+            file.unlink()
+        return {**found, "pipelines": start(), "nothing": start()}
 
 
 # ---- memory -----------------------------------------------------------------------------------------
