@@ -12,7 +12,7 @@
 #include "scene/trace.glsl"
 
 GiReservoir empty_gi_reservoir(float confidence_weight) {
-    return GiReservoir(vec3(0.0), SEEN_IN_MIRROR, vec3(0.0), vec3(0.0), confidence_weight, 0.0, NO_INDEX);
+    return GiReservoir(vec3(0.0), NO_INDEX, SEEN_IN_MIRROR, confidence_weight, vec3(0.0), 0.0, vec3(0.0), 0u);
 }
 
 // The reservoir that shades the pixel in this frame. Its sample is visible from the pixel, except with
