@@ -200,7 +200,7 @@ BUGS = {
     "tiles packed without exposure": (light_tile_checks.measure_tiles, ["within half a step", "a sun of 100,000 lux"],
                                       TILES, "(resolved.radiance, this_frame.exposure)", "(resolved.radiance, 1.0)"),
     "directions packed as places": (light_tile_checks.measure_tiles, ["light's kind"], TILES,
-                                    "resolved.kind |", ""),
+                                    "        resolved.kind,\n", "        0u,\n"),
     "every tile alike": (light_tile_checks.measure_tiles, ["all lights", "no sample twice", "uncorrelated"], GENERATE,
                          "uvec2(index / samples_each,", "uvec2(0u,"),
     "every frame alike": (light_tile_checks.measure_tiles, ["no sample twice", "uncorrelated"], GENERATE,

@@ -138,6 +138,6 @@ def test_the_path_tracer_renders_two_new_kinds(device, scene, strategy):
 def test_restir_di_renders_two_new_kinds(device, scene):
     with direct_renderer(device, scene, SIZE, di_temporal=False, di_spatial=False) as renderer:
         frames = [direct_light(renderer.render(scene.camera)) for _ in range(32)]
-        kinds = renderer["light_tiles"]["kind_and_data"] & 0xFF
+        kinds = renderer["light_tiles"]["kind"]
     assert_lit(np.mean(frames, axis=0))
     assert set(np.unique(kinds)) == {1, 2, 3}, "suns, skies and points"

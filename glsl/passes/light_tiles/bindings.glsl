@@ -5,20 +5,21 @@
 #include "passes/bindings.glsl"
 #include "scene/lights/types.glsl"
 
-// 28 bytes of a ResolvedLightSample.
+// 32 bytes of a ResolvedLightSample, which GPUs read by 16 at once.
 struct PackedLightSample {
     vec3 world_position;
     uint world_normal;   // octahedral 2x16
     uint radiance;       // rgb9e5 of log2(1 + radiance * exposure)
     float inverse_pdf;
-    uint kind_and_data;  // 8 and 24 bits, the kind in the lowest ones
+    uint kind;
+    uint data;
 };
 
 // The samples of the first tile, then those of the second, and so on.
 layout(set = 1, binding = 32, scalar) buffer LightTileSamplesBlock { LightSample at[]; } light_tile_samples;
 layout(set = 1, binding = 33, scalar) buffer LightTilesBlock {
     uint samples_each;
-    PackedLightSample at[];  // of light_tile_samples, resolved
+    layout(offset = 16) PackedLightSample at[];  // of light_tile_samples, resolved
 } light_tiles;
 
 #endif

@@ -20,14 +20,15 @@ PackedLightSample pack_light_sample(ResolvedLightSample resolved) {
         pack_octahedral_2x16(resolved.world_normal),
         pack_radiance_log2_rgb9e5(resolved.radiance, this_frame.exposure),
         resolved.inverse_pdf,
-        resolved.kind | resolved.data << 8u
+        resolved.kind,
+        resolved.data
     );
 }
 
 ResolvedLightSample unpack_light_sample(PackedLightSample packed) {
     return ResolvedLightSample(
-        packed.kind_and_data & 0xFFu,
-        packed.kind_and_data >> 8u,
+        packed.kind,
+        packed.data,
         packed.world_position,
         unpack_octahedral_2x16(packed.world_normal),
         0.0,

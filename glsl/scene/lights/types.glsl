@@ -14,7 +14,7 @@ struct LightSample {
 
 struct ResolvedLightSample {
     uint kind;
-    uint data;            // what the kind stores for emission_cosine, at most 24 bits
+    uint data;            // what the kind stores for emission_cosine
     vec3 world_position;  // for kinds at infinity, the direction to the light
     vec3 world_normal;
     float ray_offset;

@@ -1,4 +1,4 @@
-"""The 28 bytes of a light tile's sample, decoded in float64, and the light that it sends to a point."""
+"""The record of a light tile's sample, decoded in float64, and the light that it sends to a point."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def decode(packed: NDArray[Any]) -> LightSamples:
         decode_octahedral(packed["world_normal"]),
         np.exp2(decode_rgb9e5(packed["radiance"])) - 1,
         packed["inverse_pdf"].astype(np.float64),
-        packed["kind_and_data"] & 0xFF == KIND_INDEX["directional"],
+        packed["kind"] == KIND_INDEX["directional"],
     )
 
 

@@ -45,7 +45,7 @@ def _light_tiles(bench: Workbench) -> Outcome:
 def _sun_in_tiles(renderer: Renderer, scene: Scene, encoding: str) -> float:
     """The relative error of the luminance that the light tiles hold of the scene's sun."""
     tiles = renderer["light_tiles"]
-    packed = tiles["radiance"][tiles["kind_and_data"] & 0xFF == KIND_INDEX["directional"]].reshape(-1, 1)
+    packed = tiles["radiance"][tiles["kind"] == KIND_INDEX["directional"]].reshape(-1, 1)
     mantissas = packed >> np.array((0, 9, 18), np.uint32) & 0x1FF
     values = mantissas * 2.0 ** ((packed >> 27).astype(np.float64) - 24)
     with np.errstate(over="ignore"):  # tiles of the other encoding are read too
