@@ -146,8 +146,8 @@ class Settings:
         "sample from this pixel, which loses light at the edges of indirect shadows (Solari).",
         choices=("both", "neighbor"))  # fmt: skip
     gi_refresh: bool = _gi(
-        True, "Query the world cache again for the samples of the previous frame, so that GI follows changes of light "
-        "as fast as the cache (Solari: off).")  # fmt: skip
+        True, "Read the light of the previous frame's samples from their cells again, so that GI follows changes of "
+        "light as fast as the cache (Solari: off).")  # fmt: skip
 
     # ---- specular GI
     specular_bounces: int = _specular(
