@@ -93,11 +93,16 @@ class Renderer(PictureRenderer):
 
     # ---- the frame ----------------------------------------------------------------------------------
 
+    @property
+    def gbuffer(self) -> str:
+        """How the surface of a pixel is found: "raster" or "traced", as the setting says or, for "auto", the device."""
+        return gbuffer.way_on(self.device.properties.kind, self.settings.gbuffer)
+
     def _stages(self, size: tuple[int, int]) -> list[Stage]:
         """The stages of a frame, in order."""
         settings, instances = self.settings, self.binder.instance_capacity
         stages = [
-            gbuffer.stage(size, settings, instances),
+            gbuffer.stage(size, settings, instances, self.gbuffer),
             light_tiles.stage(size, settings),
             world_cache.stage(size, settings),
             restir_di.stage(size, settings),

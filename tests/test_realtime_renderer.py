@@ -1,5 +1,6 @@
 """The interface of the realtime renderer, independent of the picture."""
 
+import dataclasses
 import gc
 import weakref
 
@@ -51,6 +52,7 @@ def test_a_mirrored_camera_shows_the_mirrored_picture(device, scene, gbuffer):
 
 def test_counters_by_name(renderer, scene):
     """Counters of rasterization, culling and the cache. Other names with the same beginning are buffers."""
+    renderer.settings.gbuffer = "raster"
     frame = renderer.render(scene.camera)
     names = ("drawn_first", "drawn_second", "frustum_culled", "occlusion_culled")
     assert sum(int(frame[f"gbuffer/{name}"]) for name in names) == len(scene.instances)
@@ -262,6 +264,25 @@ def test_little_more_memory_is_reserved_than_is_needed(any_device, scene, size, 
         assert frame <= 90e6 + 370 * pixels  # the world cache, and the images and buffers of the picture's size
         assert frame < memory.bytes_used < frame + 12e6  # the scene and two staging buffers of 4 MiB
         assert memory.bytes_reserved - memory.bytes_used < 24 << 20  # a block of 8 MiB for buffers, images, host memory
+
+
+@pytest.mark.parametrize(
+    ("kind", "way"), [("cpu", "raster"), ("discrete gpu", "traced"), ("integrated gpu", "traced"), ("other", "traced")]
+)
+def test_the_device_decides_how_the_gbuffer_is_made(renderer, scene, kind, way, monkeypatch):
+    """The frame is built by the setting, and for "auto" by the kind of the device."""
+
+    def made():
+        renderer.render(scene.camera)
+        assert renderer.gbuffer == ("raster" if "raster_depth" in renderer.memory else "traced")
+        return renderer.gbuffer
+
+    monkeypatch.setattr(renderer.device, "properties", dataclasses.replace(renderer.device.properties, kind=kind))
+    for setting in ("raster", "traced"):
+        renderer.settings.gbuffer = setting
+        assert made() == setting
+        renderer.settings.gbuffer = "auto"
+        assert made() == way
 
 
 def test_memory_is_that_of_the_frame_by_name(renderer):

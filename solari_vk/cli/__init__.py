@@ -112,6 +112,7 @@ def _info(options: argparse.Namespace) -> None:
     from solari_vk import __version__, disk_cache
     from solari_vk.gpu.device.device import list_devices
     from solari_vk.gpu.shaders import shaderc
+    from solari_vk.passes.gbuffer import way_on
 
     print(f"solari_vk {__version__}")
     try:
@@ -129,6 +130,7 @@ def _info(options: argparse.Namespace) -> None:
         print("  usable" if not report.missing else f"  lacks: {', '.join(report.missing)}")
         for rays, missing in report.missing_rays.items():
             print(f"  --rays {rays}: {'lacks ' + ', '.join(missing) if missing else 'yes'}")
+        print(f"  --settings gbuffer=auto: {way_on(report.kind)}")
     if all(report.missing for report in reports):
         raise DeviceError(
             "no device can be used: install a driver with VK_KHR_ray_query or VK_KHR_ray_tracing_pipeline "

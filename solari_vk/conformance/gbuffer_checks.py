@@ -108,10 +108,10 @@ def measure_motion(device: Device, way: str = "raster") -> Iterator[Measurement]
 # ---- culling ----------------------------------------------------------------------------------------
 
 _VARIANTS = {
-    "none": {"frustum_culling": False, "occlusion_culling": False},
-    "frustum": {"occlusion_culling": False},
-    "occlusion": {"frustum_culling": False},
-    "both": {},
+    "none": {"gbuffer": "raster", "frustum_culling": False, "occlusion_culling": False},
+    "frustum": {"gbuffer": "raster", "occlusion_culling": False},
+    "occlusion": {"gbuffer": "raster", "frustum_culling": False},
+    "both": {"gbuffer": "raster"},
 }
 
 

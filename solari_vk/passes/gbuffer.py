@@ -13,7 +13,14 @@ _DRAW_COUNT_BYTES = 4
 PREVIOUS_INSTANCES = "previous_instances"  # the rows stay valid when the table of instances grows
 
 
-def stage(size: tuple[int, int], settings: Settings, instance_capacity: int) -> Stage:
+def way_on(device_kind: str, way: str = "auto") -> str:
+    """"raster" or "traced": for "auto", what is faster on a device of this kind (`DeviceProperties.kind`)."""
+    if way != "auto":
+        return way
+    return "raster" if device_kind == "cpu" else "traced"
+
+
+def stage(size: tuple[int, int], settings: Settings, instance_capacity: int, way: str) -> Stage:
     """The images of the packed layout with their history. instance_capacity: rows of the scene's `instances`."""
     buffers: dict[str, int | History] = {PREVIOUS_INSTANCES: instance_capacity}
     images: dict[str, tuple[int, int] | History] = {
@@ -23,7 +30,7 @@ def stage(size: tuple[int, int], settings: Settings, instance_capacity: int) -> 
         "motion_vectors": size,
     }
     passes: list[Pass | Draw] = [Pass("gbuffer/trace", threads=size)]
-    if settings.gbuffer == "raster":
+    if way == "raster":
         levels = _pyramid_sizes(size)
         buffers |= {
             "gbuffer_counters": 1,

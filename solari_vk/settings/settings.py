@@ -33,8 +33,9 @@ class Settings:
     world_cache: bool = _frame(True, "The radiance cache; without it indirect light is one bounce of direct.")
     jitter: bool = _frame(True, "Move samples within the pixel from frame to frame, for antialiasing.")
     gbuffer: str = _frame(
-        "raster", "How the surface of a pixel is found: by rasterization or by rays.",
-        choices=("raster", "traced"), rebuilds=True)  # fmt: skip
+        "auto", "How the surface of a pixel is found: by rasterization or by rays. auto: by what is faster, which is "
+        "rays on GPUs and rasterization on software devices.",
+        choices=("auto", "raster", "traced"), rebuilds=True)  # fmt: skip
     frustum_culling: bool = _frame(True, "Skip instances outside the view when rasterizing.", rebuilds=True)
     occlusion_culling: bool = _frame(True, "Skip instances that others hide when rasterizing.", rebuilds=True)
     layering: str = _frame(

@@ -29,7 +29,7 @@ HELMET = Path(__file__).resolve().parents[2].parent / "shared/assets/FlightHelme
 
 
 def renderer_of(device, scene, size=SIZE, **settings):
-    return make_renderer(device, scene, size, passes=GBUFFER, **settings)
+    return make_renderer(device, scene, size, passes=GBUFFER, **{"gbuffer": "raster", **settings})
 
 
 def take(device, scene, camera=None, size=SIZE, **settings):

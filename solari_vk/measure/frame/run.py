@@ -13,6 +13,7 @@ from solari_vk.measure.frame.plan import Plan, Size, plan_for
 from solari_vk.measure.report import Report, check_page, milliseconds
 from solari_vk.measure.subjects import glowing, hilly, scattered, subjects
 from solari_vk.measure.timing import every_barrier, warm
+from solari_vk.passes import gbuffer
 from solari_vk.renderer import Renderer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import builtin
@@ -76,7 +77,7 @@ def _passes(device: Device, report: Report, chosen: list[Scene], size: Size, pla
             with Renderer(device, binder, size, Settings(gbuffer=way)) as renderer:
                 warm(device, lambda: renderer.render(scene.camera), plan.warm_up_frames, plan.seconds)  # noqa: B023
                 streams[scene.name][way] = passes.streamed_time(renderer, scene.camera, plan.frames)
-                if way != Settings().gbuffer:
+                if way != gbuffer.way_on(device.properties.kind):
                     continue
                 ratios[scene.name] = passes.against_bare_rays(renderer, scene.camera, whole, plan.frames)
                 if pictures is not None and size == plan.sizes[0]:
