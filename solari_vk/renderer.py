@@ -155,10 +155,10 @@ class Renderer(PictureRenderer):
         key = self._build_key()
         grown = self.frame_count > 0 and key[1] > self._built[1]
         instances = self._frame.resource(gbuffer.PREVIOUS_INSTANCES).read() if grown else None
-        cells = self._frame.resource("world_cache_life")
+        cells = self._frame.memory.get("world_cache_life")
         self._frame.rebuild(self._stages(self.size))
         self._built = key
-        if self._frame.resource("world_cache_life") is not cells:
+        if self._frame.memory.get("world_cache_life") != cells:
             self.reset()  # the previous frame's reservoirs name cells of the old map
         if instances is not None:
             self._frame.resource(gbuffer.PREVIOUS_INSTANCES).upload(instances)

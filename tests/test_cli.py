@@ -312,7 +312,7 @@ def test_no_driver_at_all_is_exit_code_3(tmp_path):
 def test_info_names_devices_compiler_and_cache(any_device, capsys):
     assert main(["info"]) == 0
     said = capsys.readouterr().out
-    for word in ("device 0", "compiler", "cache", "usable"):
+    for word in ("device 0", "compiler", "cache", "usable", "gbuffer=auto: "):
         assert word in said
 
 

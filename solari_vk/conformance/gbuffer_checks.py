@@ -107,7 +107,7 @@ def measure_motion(device: Device, way: str = "raster") -> Iterator[Measurement]
 
 # ---- culling ----------------------------------------------------------------------------------------
 
-_VARIANTS = {
+_VARIANTS: dict[str, dict[str, Any]] = {
     "none": {"gbuffer": "raster", "frustum_culling": False, "occlusion_culling": False},
     "frustum": {"gbuffer": "raster", "occlusion_culling": False},
     "occlusion": {"gbuffer": "raster", "frustum_culling": False},
