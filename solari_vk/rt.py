@@ -9,8 +9,9 @@
     )
 
 Pass a Tlas to a `Frame` by its name in the shaders (`external={"tlas": tlas}`); they trace rays with
-`scene/ray_query.glsl`. The frame raises SolariError for a Tlas that was never built, or whose Blases were built or
-destroyed since. `device.has_position_fetch` says whether shaders can read the vertices of a hit triangle.
+`scene/ray_query.glsl` on a device whose `rays` is "query". The frame raises SolariError for a Tlas that was never
+built, or whose Blases were built or destroyed since. `device.has_position_fetch` says whether shaders can read the
+vertices of a hit triangle.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import signal
@@ -16,6 +17,7 @@ from PIL import Image
 
 import solari_vk as sv
 from solari_vk.cli import main
+from solari_vk.gpu.device.physical import DeviceReport
 from solari_vk.output.tone_mapping import decode_srgb
 from solari_vk.passes.debug_views import DEBUG_VIEWS
 from solari_vk.settings import FIELDS
@@ -312,8 +314,23 @@ def test_no_driver_at_all_is_exit_code_3(tmp_path):
 def test_info_names_devices_compiler_and_cache(any_device, capsys):
     assert main(["info"]) == 0
     said = capsys.readouterr().out
-    for word in ("device 0", "compiler", "cache", "usable", "gbuffer=auto: "):
+    for word in ("device 0", "compiler", "cache", "usable", "--rays query: ", "--rays pipeline: ", "gbuffer=auto: "):
         assert word in said
+
+
+def test_info_says_what_each_way_to_trace_lacks(monkeypatch, capsys):
+    lacks = {"query": ["VK_KHR_ray_query"], "pipeline": []}
+    card = DeviceReport(0, "Card", "discrete gpu", "0", "driver 1", (1, 3, 0), [], lacks)
+    monkeypatch.setattr("solari_vk.gpu.device.device.list_devices", lambda: [card])
+    assert main(["info"]) == 0
+    said = capsys.readouterr().out
+    assert "  usable\n  --rays query: lacks VK_KHR_ray_query\n  --rays pipeline: yes\n" in said
+    neither = dataclasses.replace(card, missing=["VK_KHR_ray_query or VK_KHR_ray_tracing_pipeline"])
+    monkeypatch.setattr("solari_vk.gpu.device.device.list_devices", lambda: [neither])
+    assert main(["info"]) == 3
+    captured = capsys.readouterr()
+    assert "  lacks: VK_KHR_ray_query or VK_KHR_ray_tracing_pipeline\n" in captured.out
+    assert "install a driver with VK_KHR_ray_query or VK_KHR_ray_tracing_pipeline" in captured.err
 
 
 def test_lists_name_every_setting_and_view(capsys):
