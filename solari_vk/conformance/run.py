@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import signal
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,7 +26,8 @@ def run(
 ) -> int:  # fmt: skip
     """Run groups (all by default), print the report and write it to files; 0 when it is green, else 1.
 
-    Ctrl-C ends the run, but not the report. Raises SolariError for wrong arguments, DeviceError when no device fits.
+    Ctrl-C and SIGTERM end the run, but not the report. Raises SolariError for wrong arguments, DeviceError when no
+    device fits.
     """
     table = importlib.import_module(work.table)
     unknown = [name for name in only if name not in table.GROUPS]
@@ -37,11 +39,14 @@ def run(
         check_page(file)
     started, results, interrupted = time.monotonic(), Results(table.GROUPS), False
     limit = None if in_process else time_limit or TIME_LIMIT * (10 if work.full else 1)
+    terminate = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         for group in only or table.GROUPS:
             _run_group(work, [Check(group, case) for case in table.GROUPS[group]], results, limit)
     except KeyboardInterrupt:
         interrupted = True
+    finally:
+        signal.signal(signal.SIGTERM, terminate)
     left_out = results.finish()
     taken = time.monotonic() - started
     report = Report(results.facts, results.outcomes, work.full, taken, results.seconds, left_out, interrupted)

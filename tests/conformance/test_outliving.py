@@ -108,14 +108,14 @@ def test_no_device_survives_its_opening(any_device, tmp_path):
     assert "left out: group faults, group after them, group slow" in page
 
 
-@pytest.mark.parametrize("in_process", [False, True])
-def test_ctrl_c_ends_the_run_but_not_the_report(any_device, tmp_path, in_process):
+@pytest.mark.parametrize(("sent", "in_process"), [("SIGINT", False), ("SIGINT", True), ("SIGTERM", False)])
+def test_ctrl_c_ends_the_run_but_not_the_report(any_device, tmp_path, sent, in_process):
     process = start(tmp_path, "slow", in_process=in_process)
     for line in process.stdout:
         if line.startswith("slow: works"):
             break
     time.sleep(1.0)  # for the next check to begin
-    os.killpg(process.pid, signal.SIGINT)
+    os.killpg(process.pid, getattr(signal, sent))
     printed, _ = process.communicate(timeout=60)
     assert process.returncode == 1, printed
     page = (tmp_path / "report.md").read_text()
