@@ -33,8 +33,9 @@ class Results:
         match message:
             case Opened():
                 self.facts = self.facts or message.facts
+                first, *others = self.facts["rays"].split("; ")
                 other = f"{self._current.group} {message.facts['rays']}"
-                if message.facts["rays"] != self.facts["rays"] and other not in self.facts["rays"]:
+                if message.facts["rays"] != first and other not in others:
                     self.facts["rays"] += f"; {other}"
                 self._faults = message.faults
             case Began():

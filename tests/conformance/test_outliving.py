@@ -125,6 +125,14 @@ def test_ctrl_c_ends_the_run_but_not_the_report(any_device, tmp_path, sent, in_p
         os.kill(int((tmp_path / "child").read_text()), 0)
 
 
+def test_the_report_names_groups_that_trace_in_another_way():
+    results = Results({})
+    for group, rays in (("a", "query"), ("b", "pipeline"), ("b", "pipeline"), ("c", "query")):
+        results.take(Began(Check(group, "case")))
+        results.take(Opened({"rays": f"by {rays}"}, []))
+    assert results.facts["rays"] == "by query; b by pipeline"
+
+
 CASE = Check("group", "case")
 CRASH_FAULT = Fault("llvmpipe", "case: runs to its end", "it crashes when this is sent", ends="SIGSEGV")
 
