@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.frame.passes import frame_times
 from solari_vk.measure.frame.plan import Plan, Size
@@ -50,24 +51,29 @@ NO_DRIVER_CACHE = {"MESA_SHADER_CACHE_DISABLE": "true", "__GL_SHADER_DISK_CACHE"
 def start_seconds(device: Device, *, cold: bool = True) -> dict[str, tuple[float, float]]:
     """Seconds that new processes need to make a renderer, and to finish its first frame, by what must be compiled.
 
-    The driver's own cache is off. cold: measure the first starts too, which compile.
+    cold: measure the starts that compile too, for which the driver's own cache is off. Raises SolariError when a
+    process fails.
     """
-    command = [sys.executable, "-c", _START, device.properties.uuid]
+
+    def start(**environment: str) -> tuple[float, float]:
+        command = [sys.executable, "-c", _START, device.properties.uuid]
+        variables = {**os.environ, "SOLARI_VK_RAYS": device.rays, **environment}
+        done = subprocess.run(command, check=False, capture_output=True, text=True, env=variables)
+        if done.returncode:
+            raise SolariError(f"starting in a new process failed: {done.stderr.strip().rpartition(chr(10))[2]}")
+        made, first = map(float, done.stdout.split())
+        return made, first
+
+    found = {}
     with tempfile.TemporaryDirectory() as folder:
-        environment = {**os.environ, **NO_DRIVER_CACHE, "SOLARI_VK_CACHE": folder, "SOLARI_VK_RAYS": device.rays}
-
-        def start() -> tuple[float, float]:
-            printed = subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout
-            made, first = map(float, printed.split())
-            return made, first
-
-        if not cold:
-            environment = {**os.environ, "SOLARI_VK_RAYS": device.rays}
-            return {"nothing": start()}
-        found = {"GLSL and pipelines": start()}
-        for file in Path(folder).glob("*.pipelines"):
-            file.unlink()
-        return {**found, "pipelines": start(), "nothing": start()}
+        caches = {**NO_DRIVER_CACHE, "SOLARI_VK_CACHE": folder}
+        if cold:
+            found["GLSL and pipelines"] = start(**caches)
+            for file in Path(folder).glob("*.pipelines"):
+                file.unlink()
+            found |= {"pipelines": start(**caches), "nothing": start(**caches)}
+    start()
+    return found | {"nothing, and the driver has a cache": start()}
 
 
 # ---- memory -----------------------------------------------------------------------------------------
