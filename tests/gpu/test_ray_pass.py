@@ -12,8 +12,9 @@ import pytest
 from shader_folder import HEADER
 
 from solari_vk import rt
-from solari_vk.errors import SolariError
+from solari_vk.errors import DeviceError, SolariError
 from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame import ray_pipelines, slot
 from solari_vk.gpu.frame.frame import Frame, HitGroup, Pass, RayPass, Stage
@@ -172,6 +173,32 @@ def test_a_wrong_table_is_noticed(ray_device, root, tlas, monkeypatch, change):
 
     monkeypatch.setattr(ray_pipelines.ShaderBindingTable, "__init__", wrong)
     assert run(ray_device, root, tlas, SEVERAL).tolist() != [value for _, value in CASES.values()]
+
+
+@pytest.mark.parametrize("fails", ["buffer", "upload"])
+def test_a_table_that_fails_names_its_pass_and_leaves_nothing(ray_device, root, tlas, monkeypatch, fails):
+    """The pipelines of all passes exist when the first one's table fails."""
+    run(ray_device, root, tlas, SEVERAL)
+    ray_device.wait_idle()
+    before, real, made = ray_device.live_objects, ray_device.vk.vkCreateRayTracingPipelinesKHR, []
+    passes = [dataclasses.replace(SEVERAL, constants={"ADDED": added}) for added in (1, 2, 3)]
+
+    def create(*arguments: Any) -> int:
+        made.append(real(*arguments))
+        return 0
+
+    def fail(*_: Any, **__: Any) -> None:
+        raise DeviceError("no more memory")
+
+    owner, name = (ray_device, "buffer") if fails == "buffer" else (Buffer, "upload")
+    monkeypatch.setattr(ray_device.vk, "vkCreateRayTracingPipelinesKHR", create)
+    monkeypatch.setattr(owner, name, fail)
+    stage = Stage("demo", buffers={"rays": 1, "found": 1}, passes=passes)
+    with pytest.raises(DeviceError, match="^pass demo #1: no more memory"):
+        Frame(ray_device, [stage], external={"tlas": tlas}, glsl_root=root)
+    assert len(made) == len(passes)
+    ray_device.wait_idle()
+    assert ray_device.live_objects == before
 
 
 def test_barriers_wait_for_ray_shaders(ray_device, root, tlas):

@@ -131,16 +131,17 @@ class Pipelines:
         self._device.pipeline_cache.save()
 
     def _keep(self, key: PipelineKey, item: PipelineInfo, future: Future[raw.CData]) -> DeviceError | None:
-        """Keep what a thread has created; returns the error if it has failed."""
-        device, table = self._device, None
+        """Keep what a thread has created, with its table; returns the error if one of them has failed."""
+        device, table, token = self._device, None, 0
         try:
             handle = future.result()
+            token = device.own(lambda: device.vk.vkDestroyPipeline(device.handle, handle, raw.NULL))
+            device.name_object("Pipeline", handle, item.name)
+            if isinstance(item.kind, RayGroups):
+                table = ShaderBindingTable(device, handle, item.kind, item.name)
         except DeviceError as error:
+            device.release(token)
             return DeviceError(f"pass {item.name}: {error}")
-        device.name_object("Pipeline", handle, item.name)
-        token = device.own(lambda: device.vk.vkDestroyPipeline(device.handle, handle, raw.NULL))
-        if isinstance(item.kind, RayGroups):
-            table = ShaderBindingTable(device, handle, item.kind, item.name)
         self._made[key] = Pipeline(handle, _BIND_POINTS[type(item.kind)], table), token
         return None
 

@@ -92,7 +92,11 @@ class ShaderBindingTable:
             region = {"deviceAddress": first + start, "stride": stride, "size": count * stride} if count else {}
             self.regions.append(raw.struct("VkStridedDeviceAddressRegionKHR", **region))
         self.regions.append(raw.struct("VkStridedDeviceAddressRegionKHR"))
-        self._buffer.upload(records, first - self._buffer.address)
+        try:
+            self._buffer.upload(records, first - self._buffer.address)
+        except BaseException:
+            self.destroy()
+            raise
 
     def destroy(self) -> None:
         """Destroy the table when the work submitted so far is done. Safe to call twice."""
