@@ -240,6 +240,16 @@ def test_a_write_that_fails_keeps_the_entry_before(shaders, monkeypatch):
     assert [file.name for file in folder.iterdir()] == ["entry"]
 
 
+def test_a_cache_that_the_driver_keeps_to_itself_only_warns(own_device, stage, shaders, monkeypatch):
+    def fail(*_: Any) -> int:
+        return raw.check(raw.VK_ERROR_OUT_OF_HOST_MEMORY, "vkGetPipelineCacheData")
+
+    monkeypatch.setattr(own_device.vk, "vkGetPipelineCacheData", fail)
+    with pytest.warns(UserWarning, match=r"pipelines can't be kept .*vkGetPipelineCacheData: VK_ERROR_OUT_OF_HOST"):
+        assert results(own_device, stage, shaders) == EXPECTED
+    assert not entries()
+
+
 def test_the_cache_can_be_off(any_device, stage, shaders, monkeypatch, tmp_path):
     monkeypatch.setenv("SOLARI_VK_CACHE", "off")
     monkeypatch.setenv("HOME", str(tmp_path))

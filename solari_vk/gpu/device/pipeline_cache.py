@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import struct
+import warnings
 
 from solari_vk import disk_cache
+from solari_vk.errors import DeviceError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.work_queue import WorkQueue
 
@@ -39,7 +41,13 @@ class PipelineCache:
         device.own(lambda: device.vk.vkDestroyPipelineCache(device.handle, handle, raw.NULL))
 
     def save(self) -> None:
-        """Write it to disk if it has grown."""
+        """Write it to disk if it has grown. A failure only gives a warning."""
+        try:
+            self._save()
+        except DeviceError as error:
+            warnings.warn(f"compiled pipelines can't be kept for the next process: {error}", stacklevel=2)
+
+    def _save(self) -> None:
         get = self._device.vk.vkGetPipelineCacheData
         size = raw.ffi.new("size_t*")
         get(self._device.handle, self.handle, size, raw.NULL)
