@@ -374,6 +374,7 @@ def with_a(item: Pass) -> Stage:
         (with_a(Pass("fill_a", threads=(1 << 40, 1))), "workgroups, but this device runs"),
         (with_a(Pass("fill_a", threads=1, constants={"X": 1})), "constant X; those it uses"),
         (with_a(Pass("fill_a", indirect="z")), "fill_a: there is no resource z; there are a"),
+        (with_a(Pass("fill_a", indirect="a", indirect_offset=8)), "fill_a: .* buffer a has 16 bytes: give .* least 20"),
         (with_a(Pass("nothing", threads=1)), r"no shader passes/nothing\.comp"),
         (Stage("s", passes=[]), "at least one pass"),
     ],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
+from contextlib import nullcontext
 from types import SimpleNamespace
 from typing import Any
 
@@ -228,6 +229,30 @@ def test_indirect_launches_take_the_thread_counts(ray_device, root, tlas, monkey
             frame.submit()
             assert np.count_nonzero(frame["found"]) == launched
             assert [row.reads for row in frame.describe()] == [("arguments", "rays", "tlas")]
+
+
+def test_indirect_launches_need_thread_counts(ray_device, root, tlas):
+    (root / "passes/demo.rgen").write_text(HEADER + GENERATE.replace("void main() {",
+        "layout(set = 1, binding = 2, scalar) buffer ArgumentsBlock { uint at[]; } arguments;\nvoid main() {\n"
+        "if (gl_LaunchIDEXT == uvec3(9)) arguments.at[0] = 1u;"))  # fmt: skip
+    item = RayPass("demo", indirect="arguments", indirect_offset=4, misses=MISSES, hits=HITS)
+    for words in (4, 6, 7):
+        buffers = {"rays": len(CASES), "found": len(CASES), "arguments": words}
+        wrong = pytest.raises(SolariError, match=rf"^pass demo: .* buffer arguments has {4 * words} bytes: give it at "
+            r"least 28, .* then three thread counts")  # fmt: skip
+        with nullcontext() if words == 7 else wrong:
+            Frame(ray_device, [Stage("demo", buffers=buffers, passes=[item])], external={"tlas": tlas},
+                  glsl_root=root).close()  # fmt: skip
+
+
+def test_a_constant_of_the_local_size_is_refused_with_the_reason(ray_device, shaders, tlas):
+    shaders.write("sized", "#include \"scene/trace.glsl\"\nlayout(local_size_x_id = 3) in;\n"
+        "layout(constant_id = 3) const uint SIZE = 8u;\n"
+        "layout(set = 1, binding = 0, scalar) buffer FoundBlock { uint at[]; } found;\n"
+        "void main() { found.at[0] = uint(trace_visibility(vec3(0), vec3(1), 1.0)); }\n")  # fmt: skip
+    stage = Stage("sized", buffers={"found": 1}, passes=[Pass("sized", threads=1, constants={"SIZE": 4})])
+    with pytest.raises(SolariError, match=r"^pass sized: .* no specialization constant SIZE; .*without a local size"):
+        Frame(ray_device, [stage], external={"tlas": tlas}, glsl_root=shaders.root)
 
 
 def test_mistakes_are_refused(ray_device, root, tlas, any_device):

@@ -180,9 +180,10 @@ def _specializations(
     known = {constant: where.dtype for module in modules for constant, where in module.constants.items()}
     for constant in constants:
         if constant not in known:
+            hint = "; ray generation shaders run without a local size, so leave out its constants on this device"
             raise SolariError(
                 f"pass {name}: it has no specialization constant {constant}; those it uses are "
-                f"{', '.join(sorted(known)) or 'none'}"
+                f"{', '.join(sorted(known)) or 'none'}{hint if modules[0].main.stage == 'rgen' else ''}"
             )
     values = {constant: np.array(value, known[constant]).item() for constant, value in constants.items()}
     return [_specialization(module, constants) for module in modules], values

@@ -22,6 +22,8 @@ from solari_vk.gpu.frame.step_shaders import ModuleKey, Modules, StepShaders
 from solari_vk.gpu.shaders.compiler import Roots
 from solari_vk.gpu.shaders.spirv import Module
 
+GROUP_COUNT_BYTES = 12  # an indirect buffer holds three workgroup counts, then three thread counts of the same size
+
 
 @dataclass(frozen=True)
 class BuiltStep:
@@ -47,7 +49,11 @@ class Program:
     pipeline_keys: set[PipelineKey]
 
     def check(self, bound: Mapping[str, Any]) -> None:
-        """Raise SolariError if a resource of the shaders is missing, naming the passes that use it."""
+        """Raise SolariError if a resource of the shaders is missing, naming the passes that use it, or if an indirect
+        buffer is too small."""
+        for step in self.steps:
+            if isinstance(step.item, Pass) and step.item.indirect in bound:
+                _check_indirect(step, step.item, bound[step.item.indirect])
         for name, binding in self.interface.bindings.items():
             if name in bound or binding.kind == "uniform_buffer":  # uniform blocks are the frame's own
                 continue
@@ -100,6 +106,17 @@ class Program:
                 add(writes, sorted(module.main.writes & bound.keys()), shader[1])
             found.append(Accesses(step.name, reads, writes))
         return found
+
+
+def _check_indirect(step: BuiltStep, item: Pass, buffer: Any) -> None:
+    launches = step.modules[0].main.stage == "rgen"
+    needed = item.indirect_offset + (2 * GROUP_COUNT_BYTES if launches else GROUP_COUNT_BYTES)
+    if buffer.size < needed:
+        counts = "three workgroup counts, then three thread counts, which this device reads to trace by pipelines"
+        raise SolariError(
+            f"pass {step.name}: the indirect buffer {item.indirect} has {buffer.size} bytes: give it at least {needed}, "
+            f"with {counts if launches else 'three workgroup counts'} at byte {item.indirect_offset}"
+        )
 
 
 def _named(items: Sequence[Pass | Draw | Step]) -> dict[str, Pass | Draw | Step]:

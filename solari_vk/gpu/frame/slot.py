@@ -14,12 +14,10 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.descriptors import BufferRange, DescriptorSets
 from solari_vk.gpu.frame.hazards import Barrier
 from solari_vk.gpu.frame.pipelines import Pipeline
-from solari_vk.gpu.frame.program import BuiltStep, Program
+from solari_vk.gpu.frame.program import GROUP_COUNT_BYTES, BuiltStep, Program
 from solari_vk.gpu.frame.raster import record_draw
 from solari_vk.gpu.frame.stages import Draw, Pass
 from solari_vk.gpu.frame.uniforms import Uniforms
-
-GROUP_COUNT_BYTES = 12  # an indirect buffer holds three workgroup counts, then three thread counts
 
 
 class Slot:
