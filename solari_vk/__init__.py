@@ -22,7 +22,7 @@ __version__ = "0.1.0"
 _HOMES = {
     "errors": ("CallbackError", "DeviceError", "SolariError", "ValidationError"),
     "gpu.device.device": ("Device", "list_devices"),
-    "gpu.frame.frame": ("Frame", "Pass", "Stage"),
+    "gpu.frame.frame": ("Frame", "HitGroup", "Pass", "RayPass", "Stage"),
     "scene.model": ("Camera", "DirectionalLight", "Instance", "Material", "Mesh", "Scene", "Texture", "TextureImage"),
     "scene.binder": ("SceneBinder",),
     "scene.gltf": ("load_gltf",),
@@ -42,10 +42,11 @@ _MODULES = {"rt": "rt", "shapes": "scene.shapes"}
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
-    "CallbackError", "Camera", "Device", "DeviceError", "DirectionalLight", "Frame", "Instance", "Material", "Mesh",
-    "Pass", "PathTracer", "RayTracer", "RenderedFrame", "Renderer", "Scene", "SceneBinder", "SceneFrame", "Settings",
-    "SolariError", "Stage", "Texture", "TextureImage", "ValidationError", "Viewer", "__version__", "auto_exposure",
-    "builtin", "check_output", "list_devices", "load_gltf", "rt", "save_image", "shapes", "studio_lights", "tonemap",
+    "CallbackError", "Camera", "Device", "DeviceError", "DirectionalLight", "Frame", "HitGroup", "Instance",
+    "Material", "Mesh", "Pass", "PathTracer", "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Scene",
+    "SceneBinder", "SceneFrame", "Settings", "SolariError", "Stage", "Texture", "TextureImage", "ValidationError",
+    "Viewer", "__version__", "auto_exposure", "builtin", "check_output", "list_devices", "load_gltf", "rt",
+    "save_image", "shapes", "studio_lights", "tonemap",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ if TYPE_CHECKING:
     from solari_vk.errors import CallbackError, DeviceError, SolariError, ValidationError
     from solari_vk.frame import SceneFrame
     from solari_vk.gpu.device.device import Device, list_devices
-    from solari_vk.gpu.frame.frame import Frame, Pass, Stage
+    from solari_vk.gpu.frame.frame import Frame, HitGroup, Pass, RayPass, Stage
     from solari_vk.output.picture import check_output, save_image
     from solari_vk.output.tone_mapping import auto_exposure, tonemap
     from solari_vk.reference import PathTracer

@@ -3,13 +3,15 @@
 // about candidates.
 //
 //     RAY_QUERY(query);
-//     rayQueryInitialize(query, tlas, RayDesc(RAY_FLAG_NONE, 0xFFu, t_min, t_max, origin, dir));
+//     rayQueryInitialize(query, tlas, RayDesc(RAY_FLAG_NONE, SCENE_MASK, t_min, t_max, origin, dir));
 //     while (rayQueryProceed(query)) {
 //         RayIntersection candidate = rayQueryGetCandidateIntersection(query);
 //         if (candidate.kind == RAY_QUERY_INTERSECTION_AABB) { rayQueryGenerateIntersection(query, t); }
 //         else { rayQueryConfirmIntersection(query); }
 //     }
 //     RayIntersection hit = rayQueryGetCommittedIntersection(query);
+//
+// SCENE_MASK, of scene/bindings.glsl, is for the `tlas` of a SceneFrame, where 0xFFu hits hidden instances too.
 //
 // A pass with the header `#define RAY_QUERY_DEBUG` ignores each call whose result the document leaves undefined, and
 // counts it in `ray_query_faults`, which `solari_vk.rt.check_ray_queries` reads. Without this header the behavior of

@@ -25,8 +25,6 @@ const uint TRACE_ANY_HIT = gl_RayFlagsOpaqueEXT | gl_RayFlagsTerminateOnFirstHit
 // Camera rays pass through the backs of single-sided materials, as raster does.
 const uint TRACE_FRONT_FACES = gl_RayFlagsOpaqueEXT | gl_RayFlagsCullBackFacingTrianglesEXT;
 
-const uint SCENE_MASK = 0x7Fu;  // hidden instances have the highest bit only
-
 #ifdef RAY_PIPELINES
 
 #include "scene/payload.glsl"

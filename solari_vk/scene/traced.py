@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE, Tlas, TlasBuild
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
+from solari_vk.scene.constants import SCENE_MASK
 from solari_vk.scene.spatial import spatial_order
 from solari_vk.scene.table import Table
 
-# Masks: the rays of trace.glsl have the bits of VISIBLE. HIDDEN isn't 0, because Mesa 26.2 loses other instances where
+# Masks. HIDDEN isn't 0, because Mesa 26.2 loses other instances where
 # a mask is 0 (docs/driver_faults.md).
-VISIBLE, HIDDEN = 0x7F << 24, 0x80 << 24
+VISIBLE, HIDDEN = SCENE_MASK << 24, 0x80 << 24
 NO_CULLING = raw.VK_GEOMETRY_INSTANCE_TRIANGLE_FACING_CULL_DISABLE_BIT_KHR << 24
 # The fields that `write` sets, in order.
 RECORD = ("transform", "custom_index_and_mask", "sbt_offset_and_flags", "blas_address")

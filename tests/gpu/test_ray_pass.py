@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from shader_folder import HEADER
 
-from solari_vk import rt
+from solari_vk import HitGroup, RayPass, rt
 from solari_vk.errors import DeviceError, SolariError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame import ray_pipelines, slot
-from solari_vk.gpu.frame.frame import Frame, HitGroup, Pass, RayPass, Stage
+from solari_vk.gpu.frame.frame import Frame, Pass, Stage
 
 RAYS = """#extension GL_EXT_ray_tracing : require
 struct Ray { vec3 origin; uint offset; uint stride; uint miss; };
@@ -195,7 +195,7 @@ def test_a_table_that_fails_names_its_pass_and_leaves_nothing(ray_device, root, 
     monkeypatch.setattr(ray_device.vk, "vkCreateRayTracingPipelinesKHR", create)
     monkeypatch.setattr(owner, name, fail)
     stage = Stage("demo", buffers={"rays": 1, "found": 1}, passes=passes)
-    with pytest.raises(DeviceError, match="^pass demo #1: no more memory"):
+    with pytest.raises(DeviceError, match=r"^pass demo #1: no more memory"):
         Frame(ray_device, [stage], external={"tlas": tlas}, glsl_root=root)
     assert len(made) == len(passes)
     ray_device.wait_idle()

@@ -74,6 +74,38 @@ def test_a_shader_sees_the_scene_and_its_edits(device, folder, factor):
         assert frame["answer"][0, 3] == pytest.approx(2)
 
 
+MASKED = """#version 460
+#include "scene/bindings.glsl"
+#include "scene/ray_query.glsl"
+layout(local_size_x = 1) in;
+layout(set = 0, binding = 0) uniform accelerationStructureEXT tlas;
+layout(set = 1, binding = 0, scalar) buffer FoundBlock { float at[]; } found;
+void main() {
+    const uint masks[] = uint[](SCENE_MASK, 0xFFu);
+    RAY_QUERY(query);
+    for (uint i = 0u; i < 2u; i++) {
+        RayDesc desc = RayDesc(RAY_FLAG_NONE, masks[i], 0.0, 9.0, vec3(0.2, 0.2, 1.0), vec3(0.0, 0.0, -1.0));
+        rayQueryInitialize(query, tlas, desc);
+        while (rayQueryProceed(query)) { rayQueryConfirmIntersection(query); }
+        found.at[i] = rayQueryGetCommittedIntersection(query).t;
+    }
+}
+"""
+
+
+def test_queries_with_the_scene_s_mask_pass_hidden_instances(device, tmp_path):
+    (tmp_path / "passes").mkdir()
+    (tmp_path / "passes/masked.comp").write_text(MASKED)
+    stage = sv.Stage("masked", buffers={"found": 2}, passes=[sv.Pass("masked", threads=1)])
+    near, far = (sv.Instance(mesh=triangle(z), material=sv.Material()) for z in (0.0, -1.0))
+    with sv.SceneFrame(device, sv.Scene(near, far), [stage], glsl_root=tmp_path) as frame:
+        frame.submit()
+        assert frame["found"].tolist() == [1, 1]
+        near.visible = False
+        frame.submit()
+        assert frame["found"].tolist() == [2, 1]
+
+
 def test_roots_are_searched_in_order_and_their_changes_are_seen(device, folder, factor, tmp_path_factory):
     other = tmp_path_factory.mktemp("other")
     (other / "mine").mkdir()

@@ -52,8 +52,8 @@ class Program:
         """Raise SolariError if a resource of the shaders is missing, naming the passes that use it, or if an indirect
         buffer is too small."""
         for step in self.steps:
-            if isinstance(step.item, Pass) and step.item.indirect in bound:
-                _check_indirect(step, step.item, bound[step.item.indirect])
+            if isinstance(step.item, Pass) and (name := step.item.indirect) is not None and name in bound:
+                _check_indirect(step, step.item, bound[name])
         for name, binding in self.interface.bindings.items():
             if name in bound or binding.kind == "uniform_buffer":  # uniform blocks are the frame's own
                 continue
@@ -114,8 +114,8 @@ def _check_indirect(step: BuiltStep, item: Pass, buffer: Any) -> None:
     if buffer.size < needed:
         counts = "three workgroup counts, then three thread counts, which this device reads to trace by pipelines"
         raise SolariError(
-            f"pass {step.name}: the indirect buffer {item.indirect} has {buffer.size} bytes: give it at least {needed}, "
-            f"with {counts if launches else 'three workgroup counts'} at byte {item.indirect_offset}"
+            f"pass {step.name}: the indirect buffer {item.indirect} has {buffer.size} bytes: give it at least "
+            f"{needed}, with {counts if launches else 'three workgroup counts'} at byte {item.indirect_offset}"
         )
 
 

@@ -62,7 +62,8 @@ class HitGroup:
 
 @dataclass(frozen=True)
 class RayPass(Pass):
-    """One launch of the ray generation shader glsl/passes/NAME.rgen, which traces by miss and hit shaders of its own.
+    """One launch of the ray generation shader glsl/passes/NAME.rgen, whose rays run the pass's own miss and hit
+    shaders.
 
     `misses` are the paths of miss shaders below the GLSL root. `misses` and `hits` are the records of the shader
     binding table in their order; a shader or a group may appear several times. `constants` and `header` are those of
