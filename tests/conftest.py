@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 
 import pytest
 
@@ -18,6 +19,8 @@ _devices = []
 
 
 def pytest_configure(config):
+    # A shell ignores Ctrl-C in what it runs in the background; tests send it to themselves and to their children.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     config.addinivalue_line("markers", "provokes_validation: the test makes validation messages on purpose")
     note = instance_module.note_message
 

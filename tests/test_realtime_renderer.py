@@ -261,9 +261,9 @@ def test_every_device_has_enough_uniform_blocks(renderer):
 def test_little_more_memory_is_reserved_than_is_needed(any_device, scene, size, staging):
     with sv.Device(staging=staging) as device, sv.Renderer(device, scene, size) as renderer:
         frame, memory, pixels = sum(renderer.memory.values()), device.memory, size[0] * size[1]
-        assert frame <= 90e6 + 370 * pixels  # the world cache, and the images and buffers of the picture's size
+        assert frame <= 91e6 + 370 * pixels  # the world cache, and the images and buffers of the picture's size
         assert frame < memory.bytes_used < frame + 12e6  # the scene and two staging buffers of 4 MiB
-        assert memory.bytes_reserved - memory.bytes_used < 24 << 20  # a block of 8 MiB for buffers, images, host memory
+        assert memory.bytes_reserved < 1.25 * memory.bytes_used  # free space of newest blocks
 
 
 @pytest.mark.parametrize(
