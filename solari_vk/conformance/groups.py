@@ -73,7 +73,9 @@ def _by(rays: str, rules: Iterable[Rule], measure: Measure) -> Measure:
     def check(run: Run) -> Iterable[Measurement]:
         if run.device.rays == rays:
             return measure(run)
-        run.rule.unmeasured(rules, UNSUPPORTED, f"the device is opened for rays by {run.device.rays}, not by {rays}")
+        lacked = ", ".join(run.device.missing_rays[rays])
+        other = f"the device is opened for rays by {run.device.rays}, not by {rays}"
+        run.rule.unmeasured(rules, UNSUPPORTED, f"the device lacks {lacked}" if lacked else other)
         return ()
 
     return check

@@ -7,7 +7,7 @@ import os
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from solari_vk.conformance.groups import Run
 from solari_vk.conformance.recorder import Recorder
 from solari_vk.conformance.rules import ERROR, LOST, Check, Outcome
 from solari_vk.conformance.shader_runner import ShaderRunner
-from solari_vk.errors import DeviceError, SolariError
+from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.physical import AUTO
 from solari_vk.measure.report import device_facts, host_load
@@ -123,10 +123,12 @@ def measure_checks(work: Work, checks: Sequence[Check], tell: Tell) -> None:
 
 def _open_device(work: Work, rays: str) -> Device:
     """The device, opened for this way to trace rays if it has it and the user didn't choose one."""
-    if (work.rays or os.environ.get("SOLARI_VK_RAYS") or AUTO) == AUTO != rays:
-        with suppress(DeviceError):
-            return Device(work.select, rays=rays)
-    return Device(work.select, rays=work.rays)
+    device = Device(work.select, rays=work.rays)
+    chosen = work.rays or os.environ.get("SOLARI_VK_RAYS") or AUTO
+    if chosen != AUTO or rays in (AUTO, device.rays) or device.missing_rays[rays]:
+        return device
+    device.close()
+    return Device(work.select, rays=rays)
 
 
 def _facts(device: Device) -> dict[str, str]:

@@ -27,6 +27,7 @@ class LogicalDevice:
     """A VkDevice with one queue. `vk` has its functions, `properties`, `features` and `extensions` what it can do.
 
     `rays`: how shaders trace rays on it, "query" or "pipeline". The features of the other way are off.
+    `missing_rays`: what the device lacks for each way.
     """
 
     def __init__(self, select: str | int | None, validation: bool, rays: str | None) -> None:
@@ -54,6 +55,7 @@ class LogicalDevice:
         self.physical_device = chosen.handle
         self.properties: DeviceProperties = chosen.properties
         self.name = chosen.properties.name
+        self.missing_rays = chosen.missing_rays
         self.queue_family = chosen.queue_family
         self.timestamp_bits = chosen.timestamp_bits
         optional = [name for name in OPTIONAL_EXTENSIONS if name in chosen.extensions]
