@@ -33,7 +33,7 @@ def test_bugs_in_tracing_are_noticed(patched, monkeypatch):
         expect_red(bulk_checks.measure_many_instances(shaders, 300), "custom data and index of each")
         sizes = (f"size {size} at all" for size in ("1e-06", "1", "1e+06"))
         expect_red(bulk_checks.measure_extreme_transforms(shaders), "from the origin: t", *sizes)
-        expect_red(bulk_checks.measure_thin_triangles(shaders), "t of triangles a thousandth as wide")
+        expect_red(bulk_checks.measure_thin_triangles(shaders), "rays at the middle of such triangles")
         expect_red(bulk_checks.measure_not_finite(shaders), "empty range) hit nothing")
         if embree_checks.available():
             expect_red(embree_checks.measure(shaders, "instanced", 5000, small=True), "is Embree's")
@@ -45,6 +45,18 @@ def test_missed_extremes_are_noticed(patched):
            "    ray.t_max = length(ray.direction) < 1e-3 ? 0.0 : ray.t_max;")  # fmt: skip
     with patched(bug) as shaders:
         expect_red(bulk_checks.measure_extreme_transforms(shaders), "from the origin")
+
+
+def test_missed_thin_triangles_are_noticed(patched):
+    """One ray in 500 hits nothing, and t is wrong by a hundred thousandth."""
+    bug = (TRACE, "Ray ray = rays.at[index];", "Ray ray = rays.at[index];\n"
+           "    ray.t_max = index % 500u == 3u ? 0.0 : ray.t_max;")  # fmt: skip
+    with patched(bug) as shaders:
+        hit, t = bulk_checks.measure_thin_triangles(shaders)
+    assert (hit.measured, t.holds) == (4, True)
+    with patched((TRACE, "-1.0 : hit.t", "-1.0 : hit.t * 1.00001")) as shaders:
+        hit, t = bulk_checks.measure_thin_triangles(shaders)
+    assert (hit.holds, t.holds) == (True, False)
 
 
 def test_holes_are_noticed(shaders, monkeypatch):
