@@ -16,13 +16,14 @@ class Results:
     """Collects messages, and prints a line for each check that ends.
 
     outcomes: all so far; seconds: the time of each check that ended; broken: checks that ended in a crash or hang, or
-    lost the device."""
+    lost the device; left_out: parts that aren't measured because others of their case ended so."""
 
     def __init__(self, groups: Mapping[str, Iterable[str]]) -> None:
         self.outcomes: list[Outcome] = []
         self.seconds: dict[Check, float] = {}
         self.facts: dict[str, str] = {}
         self.broken: list[Check] = []
+        self.left_out: list[Check] = []
         self._groups = groups
         self._faults: list[Fault] = []
         self._current = Check("", "")
@@ -60,8 +61,9 @@ class Results:
                 for group, cases in self._groups.items()}  # fmt: skip
         if self.facts and not any(left.values()):
             self.outcomes += unexplained(self._faults, self.outcomes)
-        return [f"group {group}" if len(cases) == len(list(self._groups[group])) else f"{len(cases)} checks of {group}"
+        told = [f"group {group}" if len(cases) == len(list(self._groups[group])) else f"{len(cases)} checks of {group}"
                 for group, cases in left.items() if cases]  # fmt: skip
+        return told + [": ".join(check) for check in self.left_out]
 
     def _add(self, outcome: Outcome) -> None:
         self.outcomes.append(outcome)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import signal
 import time
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from solari_vk.errors import SolariError
 from solari_vk.measure.report import check_page
 
 TIME_LIMIT = 600.0  # seconds for a check; ten times as many with --full
-_MOST_PARTS = 3  # that may end in a crash or hang before the other parts of their case are given up
+_MOST_PARTS = 3  # that may end in a crash or hang before the other parts of their case are left out
 
 
 def run(
@@ -63,7 +64,7 @@ def _run_group(work: Work, checks: list[Check], results: Results, limit: float |
 
     Such a check is measured again by its parts, if it has any, each of which can end in the same way."""
     table = importlib.import_module(work.table)
-    parts_lost = 0
+    parts_lost: Counter[str] = Counter()
     while checks:
         if limit is None:
             measure_checks(work, checks, results.take)
@@ -75,6 +76,9 @@ def _run_group(work: Work, checks: list[Check], results: Results, limit: float |
         for check in set(checks) & set(results.broken):
             if not check.part:
                 left = [Check(check.group, check.case, part) for part in table.parts(check)] + left
-            elif (parts_lost := parts_lost + 1) >= _MOST_PARTS:
-                left = [other for other in left if not other.part]
+                continue
+            parts_lost[check.case] += 1
+            if parts_lost[check.case] >= _MOST_PARTS:
+                results.left_out += [other for other in left if other.part and other.case == check.case]
+                left = [other for other in left if other not in results.left_out]
         checks = left

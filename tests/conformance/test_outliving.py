@@ -8,16 +8,18 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import pytest
 
+from solari_vk.conformance import run
 from solari_vk.conformance.children import Death
 from solari_vk.conformance.faults import Fault
 from solari_vk.conformance.recorder import Recorder
 from solari_vk.conformance.results import Results
 from solari_vk.conformance.rules import CRASH, FAIL, FAULT, PASS, Check, Measurement, Rule
-from solari_vk.conformance.worker import Began, Opened
+from solari_vk.conformance.worker import Began, Opened, Work
 
 LIMIT = 20  # seconds, far more than a check takes that doesn't hang
 PROGRAM = """
@@ -96,6 +98,24 @@ def test_the_rest_goes_on(finished):
     assert cases["sleeps"].find("failure").get("message").startswith("sleeps: runs to its end: it was killed after")
     assert float(cases["sleeps"].get("time")) >= LIMIT
     assert cases["works"].find("failure") is None
+
+
+def test_parts_are_left_out_after_three_losses_of_their_case(monkeypatch):
+    """Two cases that always crash: each is repeated by its parts until three are lost, and the report names the rest."""
+    measured = []
+
+    def crash(work, checks, tell, limit):
+        measured.append(checks[0])
+        tell(Began(checks[0]))
+        return Death(CRASH, "SIGABRT", "killed", 0.0)
+
+    labels = ["p", "q", "r", "s", "t"]
+    monkeypatch.setattr(run, "measure_in_child", crash)
+    monkeypatch.setitem(sys.modules, "table", SimpleNamespace(parts=lambda check: labels))
+    results = Results({"group": ["one", "other"]})
+    run._run_group(Work(table="table"), [Check("group", case) for case in ("one", "other")], results, 1.0)
+    assert measured == [Check("group", case, part) for case in ("one", "other") for part in ("", "p", "q", "r")]
+    assert results.finish() == [f"group: {case}: {part}" for case in ("one", "other") for part in ("s", "t")]
 
 
 def test_no_device_survives_its_opening(any_device, tmp_path):
