@@ -18,6 +18,7 @@ from solari_vk.errors import SolariError
 from solari_vk.measure.report import check_page
 
 TIME_LIMIT = 600.0  # seconds for a check; ten times as many with --full
+_LONGEST = 1_000_000  # seconds; a pipe can be polled for 2**31 ms
 _MOST_PARTS = 3  # that may end in a crash or hang before the other parts of their case are left out
 
 
@@ -27,15 +28,15 @@ def run(
 ) -> int:  # fmt: skip
     """Run groups (all by default), print the report and write it to files; 0 when it is green, else 1.
 
-    Ctrl-C and SIGTERM end the run, but not the report. Raises SolariError for wrong arguments, DeviceError when no
-    device fits.
+    Ctrl-C and SIGTERM end the run, but not the report. Raises SolariError for wrong arguments or variables,
+    DeviceError when no device fits.
     """
     table = importlib.import_module(work.table)
     unknown = [name for name in only if name not in table.GROUPS]
     if unknown:
         raise SolariError(f"--only {unknown[0]}: there is no such group; there are {', '.join(table.GROUPS)}")
-    if time_limit is not None and not time_limit > 0:
-        raise SolariError(f"--time-limit {time_limit:g}: must be more than 0 seconds")
+    if time_limit is not None and not 0 < time_limit <= _LONGEST:
+        raise SolariError(f"--time-limit {time_limit:g}: must be more than 0 and at most {_LONGEST:,} seconds")
     for file in (junit, markdown, html):
         check_page(file)
     started, results, interrupted = time.monotonic(), Results(table.GROUPS), False

@@ -101,7 +101,7 @@ def test_the_rest_goes_on(finished):
 
 
 def test_parts_are_left_out_after_three_losses_of_their_case(monkeypatch):
-    """Two cases that always crash: each is repeated by its parts until three are lost, and the report names the rest."""
+    """Two cases that always crash: each is repeated by its parts up to the third loss; the report names the rest."""
     measured = []
 
     def crash(work, checks, tell, limit):

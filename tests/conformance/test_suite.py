@@ -143,7 +143,9 @@ def test_wrong_use_is_told(any_device, tmp_path, capsys):
     assert main(["conformance", "--only", "nonsense"]) == 2
     assert "ray_queries" in capsys.readouterr().err
     assert main(["conformance", "--html", str(tmp_path / "none" / "report.html")]) == 2
-    assert main(["conformance", "--time-limit", "0"]) == 2
+    for limit in ("0", "-1", "nan", "inf", "1000001"):
+        assert main(["conformance", f"--time-limit={limit}"]) == 2
+        assert "at most 1,000,000 seconds" in capsys.readouterr().err
     for more in ([], ["--in-process"]):
         assert main(["conformance", "--device", "no such device", *more]) == 3
         assert "no such device" in capsys.readouterr().err
