@@ -7,9 +7,9 @@ from collections.abc import Iterable, Mapping
 from solari_vk.conformance.children import Death
 from solari_vk.conformance.faults import Fault, unexplained
 from solari_vk.conformance.recorder import Recorder
-from solari_vk.conformance.rules import STATUSES, Check, Outcome
+from solari_vk.conformance.rules import ERROR, STATUSES, Check, Outcome
 from solari_vk.conformance.worker import OPENING, Began, Ended, Message, Opened
-from solari_vk.errors import DeviceError
+from solari_vk.errors import SolariError
 
 
 class Results:
@@ -30,7 +30,7 @@ class Results:
         self._first = 0  # the current check's first outcome
 
     def take(self, message: Message) -> None:
-        """Take a message. Raises DeviceError when the first process can't open its device."""
+        """Take a message. Raises the error for which the first process can't open its device or prepare the checks."""
         match message:
             case Opened():
                 self.facts = self.facts or message.facts
@@ -42,9 +42,12 @@ class Results:
             case Began():
                 self._current, self._first = message.check, len(self.outcomes)
             case Outcome():
-                if self._current.case == OPENING and not self.facts:
-                    raise DeviceError(message.reason)
                 self._add(message)
+            case SolariError():
+                if self._current.case == OPENING and not self.facts:
+                    raise message
+                group, case, _ = self._current
+                self._add(Outcome(group, self._current.rule, ERROR, case, reason=str(message)))
             case Ended():
                 self._end(message.seconds)
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from solari_vk.conformance.faults import Fault, known_faults
 from solari_vk.conformance.groups import Run
 from solari_vk.conformance.recorder import Recorder
-from solari_vk.conformance.rules import ERROR, LOST, Check, Outcome
+from solari_vk.conformance.rules import LOST, Check, Outcome
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
@@ -58,14 +58,15 @@ class Opened:
     faults: list[Fault]
 
 
-Message = Began | Ended | Opened | Outcome
+# The error is the reason why the device can't be opened, prepared or closed.
+Message = Began | Ended | Opened | Outcome | SolariError
 Tell = Callable[[Message], None]
 
 
 class Worker:
     """A device for a group, with the suite's shaders and the known faults of its driver. A context manager.
 
-    Raises DeviceError when no device fits."""
+    Raises DeviceError when no device fits, SolariError for a wrong SOLARI_VK_RAYS or known_faults.toml."""
 
     def __init__(self, work: Work, group: str) -> None:
         table = importlib.import_module(work.table)
@@ -149,7 +150,7 @@ def _telling(check: Check, tell: Tell) -> Iterator[None]:
     try:
         yield
     except SolariError as error:
-        tell(Outcome(check.group, check.rule, ERROR, check.case, reason=str(error)))
+        tell(error)
     tell(Ended(check, time.monotonic() - started))
 
 

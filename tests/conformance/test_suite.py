@@ -139,7 +139,7 @@ def test_missing_embree_is_red(any_device, monkeypatch, capsys):
     assert "left out:  group brdf" in printed
 
 
-def test_wrong_use_is_told(any_device, tmp_path, capsys):
+def test_wrong_use_is_told(any_device, tmp_path, capsys, monkeypatch):
     assert main(["conformance", "--only", "nonsense"]) == 2
     assert "ray_queries" in capsys.readouterr().err
     assert main(["conformance", "--html", str(tmp_path / "none" / "report.html")]) == 2
@@ -149,3 +149,7 @@ def test_wrong_use_is_told(any_device, tmp_path, capsys):
     for more in ([], ["--in-process"]):
         assert main(["conformance", "--device", "no such device", *more]) == 3
         assert "no such device" in capsys.readouterr().err
+        with monkeypatch.context() as patch:
+            patch.setenv("SOLARI_VK_RAYS", "nonsense")
+            assert main(["conformance", *more]) == 2
+        assert "SOLARI_VK_RAYS is 'nonsense'" in capsys.readouterr().err
