@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from solari_vk.conformance.faults import Fault, find_end
 from solari_vk.conformance.rules import ERROR, FAIL, FAULT, PASS, Check, Measurement, Outcome, Rule
 
-_GONE = "known_faults.toml lists it, but {}: remove the entry"
+_GONE = "known_faults.toml lists this rule as failing, but {}: remove the entry"
 
 
 class Recorder:
@@ -33,7 +33,7 @@ class Recorder:
             elif fault is not None and fault.at_most is not None and made.measured <= fault.at_most:
                 status, reason = FAULT, f"{fault.evidence} Listed up to {fault.at_most:g}."
             elif fault is not None and fault.at_most is not None:
-                reason = f"known_faults.toml lists it up to {fault.at_most:g} only: it grew worse"
+                reason = f"known_faults.toml lists this rule as failing up to {fault.at_most:g} only: it grew worse"
             self._add(made.rule, status, made, reason)
 
     def unmeasured(self, rules: Rule | Iterable[Rule], status: str, reason: str) -> None:

@@ -53,7 +53,9 @@ def test_statuses():
         (outcome,) = recorded(lambda record, made=measured: record(made), *faults)
         assert (outcome.status, outcome.group, outcome.case) == (expected, *CHECK[:2]), (faults, measured)
     (grown,) = recorded(lambda record: record(Measurement(RULE, 3.1, 1.0)), LISTED)
-    assert "up to 3 only" in grown.reason
+    assert "lists this rule as failing up to 3 only" in grown.reason
+    (gone,) = recorded(lambda record: record(GOOD), LISTED)
+    assert gone.reason == "known_faults.toml lists this rule as failing, but it holds: remove the entry"
 
 
 def test_what_is_not_measured_never_passes():
