@@ -15,8 +15,8 @@ const uint PASS_SALT = 0x3C6EF372u;
 
 // Replaces a sample's radiance by what its point reflects in this frame. Differs from Solari, where a sample keeps
 // its radiance, so that light stays visible after it was switched off. A contribution weight is valid for any
-// function of the sample point, and so for the light of a later frame too. A cell dies unless it is read every frame, so
-// a sample forgets a cell that it doesn't read here.
+// function of the sample point, and so for the light of a later frame too. A cell dies unless it is read every frame,
+// so a sample forgets a cell that it doesn't read here.
 void refresh_radiance(inout GiReservoir reservoir) {
     bool refreshes = restir_gi_settings.refresh != 0u && frame_settings.world_cache != 0u;
     if (!refreshes) { reservoir.world_cache_cell = NO_INDEX; }
