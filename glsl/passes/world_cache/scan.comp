@@ -1,6 +1,7 @@
 // World cache, step 2: where each block's active cells begin in the list of active cells, and their number, by a prefix
 // sum in one workgroup: Hillis and Steele, "Data Parallel Algorithms" (1986). Each thread sums every SCAN_SIZE-th
-// block, so that neighboring threads read neighboring memory. The list is therefore in the order of threads, not of blocks.
+// block, so that neighboring threads read neighboring memory. The list is therefore in the order of threads, not of
+// blocks.
 #version 460
 #include "passes/world_cache/threads.glsl"
 
