@@ -318,6 +318,20 @@ def test_info_names_devices_compiler_and_cache(any_device, capsys):
         assert word in said
 
 
+def test_info_counts_all_files_of_the_cache(any_device, monkeypatch, capsys, tmp_path):
+    monkeypatch.setenv("SOLARI_VK_CACHE", str(tmp_path))
+    for name in ("a.spv", "b.spv", "c.pipelines", "d.txt"):
+        (tmp_path / name).write_bytes(bytes(500_000))
+    assert main(["info"]) == 0
+    assert f"cache: {tmp_path}, shaders: 2, pipeline caches: 1, 1.5 MB\n" in capsys.readouterr().out
+
+
+def test_render_names_the_way_to_trace(done):
+    for rays, words in (("query", "ray queries"), ("pipeline", "ray pipelines")):
+        said, _ = done(*SAMPLES, "--rays", rays)
+        assert f", by {words}\n" in said
+
+
 def test_info_says_what_each_way_to_trace_lacks(monkeypatch, capsys):
     lacks = {"query": ["VK_KHR_ray_query"], "pipeline": []}
     card = DeviceReport(0, "Card", "discrete gpu", "0", "driver 1", (1, 3, 0), [], lacks)
@@ -325,6 +339,10 @@ def test_info_says_what_each_way_to_trace_lacks(monkeypatch, capsys):
     assert main(["info"]) == 0
     said = capsys.readouterr().out
     assert "  usable\n  --rays query: lacks VK_KHR_ray_query\n  --rays pipeline: yes\n" in said
+    assert "  without --rays: by ray pipelines\n" in said
+    monkeypatch.setenv("SOLARI_VK_RAYS", "query")
+    assert main(["info"]) == 0
+    assert "  without --rays: none, because SOLARI_VK_RAYS is 'query'\n" in capsys.readouterr().out
     neither = dataclasses.replace(card, missing=["VK_KHR_ray_query or VK_KHR_ray_tracing_pipeline"])
     monkeypatch.setattr("solari_vk.gpu.device.device.list_devices", lambda: [neither])
     assert main(["info"]) == 3

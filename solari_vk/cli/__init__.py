@@ -6,14 +6,17 @@ Exit codes: 0 done, 1 an internal error or a conformance rule that doesn't hold,
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import traceback
+from collections.abc import Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 
 from solari_vk.cli import bench, render, view
 from solari_vk.cli.options import add_device_options
 from solari_vk.errors import DeviceError, SolariError
+from solari_vk.gpu.device.rays import AUTO, EXTENSIONS, IN_WORDS
 
 _CONFORMANCE_FULL = "ten times the rays and instances, many more frames and tighter bounds: takes much longer"
 _CONFORMANCE_EXIT = (
@@ -120,9 +123,10 @@ def _info(options: argparse.Namespace) -> None:
     except SolariError as error:
         print(f"compiler: {error}")
     folder = disk_cache.folder()
-    modules = list(folder.glob("*.spv")) if folder and folder.is_dir() else []
-    size = sum(module.stat().st_size for module in modules)
-    print(f"cache: {folder}, {len(modules)} shaders, {size / 1e6:.1f} MB" if folder else "cache: off")
+    kept = {what: list(folder.glob(f"*.{what}")) if folder else [] for what in ("spv", "pipelines")}
+    size = sum(file.stat().st_size for files in kept.values() for file in files)
+    counts = f"shaders: {len(kept['spv'])}, pipeline caches: {len(kept['pipelines'])}, {size / 1e6:.1f} MB"
+    print(f"cache: {folder}, {counts}" if folder else "cache: off")
     reports = list_devices()
     for report in reports:
         version = ".".join(map(str, report.api_version))
@@ -130,12 +134,20 @@ def _info(options: argparse.Namespace) -> None:
         print("  usable" if not report.missing else f"  lacks: {', '.join(report.missing)}")
         for rays, missing in report.missing_rays.items():
             print(f"  --rays {rays}: {'lacks ' + ', '.join(missing) if missing else 'yes'}")
+        if report.missing_rays:
+            print(f"  without --rays: {_way_without_option(report.missing_rays)}")
         print(f"  --settings gbuffer=auto: {way_on(report.kind)}")
     if all(report.missing for report in reports):
         raise DeviceError(
-            "no device can be used: install a driver with VK_KHR_ray_query or VK_KHR_ray_tracing_pipeline "
-            "(Mesa lavapipe 24.1 or newer has both)"
+            f"no device can be used: install a driver with {EXTENSIONS} (Mesa lavapipe 24.1 or newer has both)"
         )
+
+
+def _way_without_option(missing_rays: Mapping[str, Sequence[str]]) -> str:
+    wanted = os.environ.get("SOLARI_VK_RAYS") or AUTO
+    ways = [IN_WORDS[rays] for rays, missing in missing_rays.items() if not missing and wanted in (AUTO, rays)]
+    because = "" if wanted == AUTO else f", because SOLARI_VK_RAYS is {wanted!r}"
+    return (f"by {ways[0]}" if ways else "none") + because
 
 
 def _conformance(options: argparse.Namespace) -> int:

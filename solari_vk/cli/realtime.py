@@ -16,6 +16,7 @@ from solari_vk.cli.plan import Plan, check_output, check_view, make_plan, make_s
 from solari_vk.cli.progress import Progress, Stopped
 from solari_vk.cli.subject import load, names_of_aovs
 from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.rays import IN_WORDS
 from solari_vk.output.movie import write_movie
 from solari_vk.output.picture import save_image, write_png
 from solari_vk.output.tone_mapping import auto_exposure
@@ -35,7 +36,7 @@ def run(options: argparse.Namespace) -> None:
     with tempfile.TemporaryDirectory() as folder:
         plan = make_plan(options, subject.cameras, Path(folder) if is_movie else None)
         with Device(options.device, validation=options.validation or None, rays=options.rays) as device:
-            print(f"rendering {options.source} with {device.name}", file=sys.stderr)
+            print(f"rendering {options.source} with {device.name}, by {IN_WORDS[device.rays]}", file=sys.stderr)
             renderer = Renderer(device, subject.scene, options.size, settings, seed=options.seed)
             renderer.view, renderer.tonemap = options.view, options.tonemap
             if subject.auto_exposure:

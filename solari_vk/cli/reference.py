@@ -8,6 +8,7 @@ import sys
 import solari_vk as sv
 from solari_vk.cli.progress import Progress, Stopped
 from solari_vk.cli.subject import load, names_of_aovs
+from solari_vk.gpu.device.rays import IN_WORDS
 
 
 def run(options: argparse.Namespace) -> None:
@@ -17,7 +18,7 @@ def run(options: argparse.Namespace) -> None:
     subject = load(options)
     camera = subject.cameras[0]
     with sv.Device(options.device, validation=options.validation or None, rays=options.rays) as device:
-        print(f"rendering {options.source} with {device.name}", file=sys.stderr)
+        print(f"rendering {options.source} with {device.name}, by {IN_WORDS[device.rays]}", file=sys.stderr)
         choices = {"seed": options.seed, "max_bounces": options.max_bounces}
         renderer = sv.PathTracer(device, subject.scene, options.size, **choices)
         with Progress("samples a pixel", options.samples, options.time_limit) as progress:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
 from solari_vk.cli.options import add_realtime_options, add_scene_options, positive
 from solari_vk.errors import SolariError
+from solari_vk.gpu.device.rays import IN_WORDS
 
 
 def add_parser(commands: Any) -> None:
@@ -44,6 +46,7 @@ def run(options: argparse.Namespace) -> None:
     words = ["--lights", options.lights] + (["--scene", options.scene] if options.scene else [])
     is_file = not options.source.startswith("builtin:")
     with sv.Device(options.device, validation=options.validation or None, rays=options.rays) as device:
+        print(f"showing {options.source} with {device.name}, by {IN_WORDS[device.rays]}", file=sys.stderr)
         if subject.auto_exposure:  # by a small picture
             with sv.PathTracer(device, subject.scene, (96, 54)) as tracer:
                 subject.cameras[0].ev100 = sv.auto_exposure(tracer.render(subject.cameras[0], samples=16))

@@ -115,6 +115,18 @@ def test_auto_takes_the_way_that_the_device_has(
     assert all(not report.missing and report.missing_rays[other] == [hidden] for report in list_devices())
 
 
+def test_an_old_device_is_said_to_lack_only_what_is_known(any_device: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    with Device() as device:
+        instance = device._instance
+        [handle, *_] = raw.enumerate_items(instance.vk.vkEnumeratePhysicalDevices, "VkPhysicalDevice", instance.handle)
+        found = physical.PhysicalDevice(instance.vk, handle, 0, instance.unknown_to_layer)
+        assert list(found.report().missing_rays) == ["query", "pipeline"]
+        found.missing_rays = {"query": ["VK_KHR_ray_query"], "pipeline": ["feature x", "feature y"]}
+        assert found.report().missing == ["VK_KHR_ray_query or feature x and feature y"]
+        old = physical.PhysicalDevice(instance.vk, handle, 0, frozenset({"VK_KHR_acceleration_structure"}))
+        assert (old.report().missing, old.report().missing_rays) == (["VK_KHR_acceleration_structure"], {})
+
+
 def test_no_device_at_all_says_what_to_install() -> None:
     with pytest.raises(DeviceError, match="no Vulkan device: install"):
         physical.choose([], None)

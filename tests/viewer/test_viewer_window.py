@@ -43,6 +43,18 @@ def test_the_screen_shows_the_rendered_picture(viewer, screen):
     assert (viewer.capture() == shown).all()
 
 
+@pytest.mark.parametrize("mode", ["realtime", "reference"])
+def test_the_screen_shows_what_ray_pipelines_render(screen, mode):
+    with (
+        sv.Device(validation=True, rays="pipeline") as device,
+        sv.Viewer(device, sv.builtin("cornell_box"), size=(96, 64), mode=mode, scale=1.0, overlay=False) as viewer,
+    ):
+        viewer.run(frames=4)
+        shown = grab(viewer, screen)
+        assert shown.max() > 100
+        assert (shown == viewer.pictures.pixels()).all()
+
+
 def test_small_pictures_are_stretched(open_viewer, screen):
     viewer = open_viewer(overlay=False, scale=0.25)
     viewer.run(frames=2)

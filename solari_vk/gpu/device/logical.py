@@ -12,15 +12,14 @@ from solari_vk.errors import DeviceError, SolariError, ValidationError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.instance import Instance
 from solari_vk.gpu.device.physical import (
-    AUTO,
     OPTIONAL_EXTENSIONS,
-    RAYS,
     REQUIRED_EXTENSIONS,
     DeviceProperties,
     PhysicalDevice,
     choose,
     feature_chain,
 )
+from solari_vk.gpu.device.rays import AUTO, RAYS
 
 
 class LogicalDevice:

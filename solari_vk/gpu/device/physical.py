@@ -9,11 +9,9 @@ from typing import Any
 
 from solari_vk.errors import DeviceError
 from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.rays import AUTO, EXTENSIONS, RAYS
 
 REQUIRED_EXTENSIONS = ("VK_KHR_acceleration_structure", "VK_KHR_deferred_host_operations")
-RAYS = {"query": "VK_KHR_ray_query", "pipeline": "VK_KHR_ray_tracing_pipeline"}
-"""The ways to trace rays, the preferred one first, and the extension of each. A device is opened for one of them."""
-AUTO = "auto"
 OPTIONAL_EXTENSIONS = ("VK_KHR_ray_tracing_position_fetch", "VK_KHR_swapchain", "VK_EXT_memory_budget")
 
 # The feature structures in the order of their pNext chain. Keys that are extension names need that extension.
@@ -69,7 +67,8 @@ OPTIONAL_FEATURES: dict[str, tuple[str, ...]] = {
 class DeviceReport:
     """A device as `solari-vk info` lists it; `missing` is empty if the package can use the device.
 
-    `missing_rays`: what the device lacks for each way to trace rays ("query", "pipeline").
+    `missing_rays`: what the device lacks for each way to trace rays ("query", "pipeline"); no ways if it lacks
+    anything else, because a device that is too old isn't asked for its features.
     """
 
     index: int
@@ -183,16 +182,21 @@ class PhysicalDevice:
 
     def lacks(self, rays: str = AUTO) -> list[str]:
         """What the device lacks, in words, to trace rays in this way; empty if it fits. "auto": in any way."""
+        missing = self._lacks_in_any_way()
+        if rays != AUTO:
+            return missing + self.missing_rays[rays]
+        if all(self.missing_rays.values()):
+            missing.append(" or ".join(" and ".join(names) for names in self.missing_rays.values()))
+        return missing
+
+    def _lacks_in_any_way(self) -> list[str]:
+        """What it lacks besides a way to trace rays."""
         missing = []
         if (version := self.properties.api_version) < (1, 3):
             missing.append(f"Vulkan 1.3 (it has {version[0]}.{version[1]}.{version[2]})")
         missing += self._lacks_of([*REQUIRED_EXTENSIONS, *(group for group in _STRUCTURES if group[:2] != "VK")])
         if self.queue_family < 0:
             missing.append("a queue for graphics and compute")
-        if rays != AUTO:
-            return missing + self.missing_rays[rays]
-        if all(self.missing_rays.values()):
-            missing.append(" or ".join(" with ".join(names) for names in self.missing_rays.values()))
         return missing
 
     def _lacks_of(self, groups: Sequence[str]) -> list[str]:
@@ -221,9 +225,8 @@ class PhysicalDevice:
     def report(self) -> DeviceReport:
         """This device as a row of `list_devices`."""
         p = self.properties
-        return DeviceReport(
-            self.index, p.name, p.kind, p.uuid, p.driver, p.api_version, self.lacks(), self.missing_rays
-        )
+        ways = {} if self._lacks_in_any_way() else self.missing_rays
+        return DeviceReport(self.index, p.name, p.kind, p.uuid, p.driver, p.api_version, self.lacks(), ways)
 
 
 def feature_chain(features: dict[str, tuple[str, ...]]) -> tuple[raw.CData, dict[str, raw.CData]]:
@@ -251,7 +254,7 @@ def choose(devices: list[PhysicalDevice], select: str | int | None, rays: str = 
     if fitting:
         return fitting[0]
     if not devices:
-        raise DeviceError(f"there is no Vulkan device: install a driver that has {' or '.join(RAYS.values())}")
+        raise DeviceError(f"there is no Vulkan device: install a driver that has {EXTENSIONS}")
     wanted = "no Vulkan device fits" if select is None else f"no fitting Vulkan device is called {select!r}"
     if rays != AUTO:
         wanted += f" with rays={rays!r}"
