@@ -46,7 +46,6 @@ def run(options: argparse.Namespace) -> None:
     words = ["--lights", options.lights] + (["--scene", options.scene] if options.scene else [])
     is_file = not options.source.startswith("builtin:")
     with sv.Device(options.device, validation=options.validation or None, rays=options.rays) as device:
-        print(f"showing {options.source} with {device.name}, by {IN_WORDS[device.rays]}", file=sys.stderr)
         if subject.auto_exposure:  # by a small picture
             with sv.PathTracer(device, subject.scene, (96, 54)) as tracer:
                 subject.cameras[0].ev100 = sv.auto_exposure(tracer.render(subject.cameras[0], samples=16))
@@ -56,6 +55,7 @@ def run(options: argparse.Namespace) -> None:
             overlay=not options.no_overlay, source=options.source, source_options=words,
             load=(lambda: load(options).scene) if is_file else None, folder=options.folder,
         ) as viewer:  # fmt: skip
+            print(f"showing {options.source} with {device.name}, by {IN_WORDS[device.rays]}", file=sys.stderr)
             viewer.pictures.view, viewer.pictures.tonemap = options.view, options.tonemap
             viewer.run(frames=options.frames)
             if options.screenshot is not None:
