@@ -108,7 +108,8 @@ class Workbench:
                         setattr(renderer.settings, name, value)
                     renderer.seed = seed
                     renderer.reset()
-                    values.append(measure(renderer))
+                    with every_barrier(), patched_shaders(*variant.patches):  # a setting may rebuild the frame
+                        values.append(measure(renderer))
                 self.say(f"    seed {seed + 1} of {len(seeds)}")
         return [np.array(values, np.float64) for values in found]
 
