@@ -26,9 +26,10 @@ from solari_vk.measure.claims.verdict import (
     keeps,
     select,
 )  # fmt: skip
-from solari_vk.measure.claims.workbench import Workbench, grow
+from solari_vk.measure.claims.workbench import Variant, Workbench, grow
 from solari_vk.measure.frame import error
 from solari_vk.measure.subjects import from_file, glowing
+from solari_vk.scene.builtin import builtin
 
 
 class Unpatched(Workbench):
@@ -216,3 +217,19 @@ def test_when_the_path_tracer_is_there():
     assert error.seconds_to_reach(curve, 0.5) == pytest.approx(2.0)
     assert error.seconds_to_reach(curve, 0.35) == pytest.approx(math.sqrt(8) * (0.5 / 0.35) / math.sqrt(2), rel=0.02)
     assert error.seconds_to_reach(curve, 0.025) == pytest.approx(40.0)
+
+
+def test_patches_hold_when_a_setting_rebuilds_the_frame(device):
+    """Of two variants with the same setting, which is built into the shaders, the patched one has negative light."""
+    shade = "di_diffuse.at[index] = outcome.y != 0u ? diffuse : vec3(0.0);"
+    patch = ("passes/restir_di/spatial_and_shade.comp", shade, shade.replace(" diffuse :", " -diffuse :"))
+    changed = {"di_initial_visibility": False}
+    variants = [Variant(changed), Variant(changed, (patch,))]
+    scene = builtin("cornell_box")
+
+    def measure(renderer):
+        return renderer.render(scene.camera)["di_diffuse"].sum()
+
+    plain, patched = Workbench(device, quick=True, say=str).compare(scene, (8, 8), variants, measure)
+    assert plain.min() > 0
+    assert patched.max() < 0
