@@ -78,7 +78,7 @@ def test_quick_page_of_the_frame(any_device, tmp_path):
     assert titles == [
         "Passes at 16x16", "Rays per pixel at 16x16", "Against bare rays at 16x16", "Path tracer at 16x16", "Start",
         "Python's time for a frame", "Growth with pixels", "Growth with triangles", "Growth with instances",
-        "Growth with lights", "Memory of a frame", "relMSE over frames", "relMSE of the path tracer",
+        "Growth with lights", "Memory of a frame", "Error over time", "Error over time",
     ]  # fmt: skip
     tracer = lines[lines.index("## Path tracer at 16x16") + 4].split(" | ")
     samples, rays, bare, ratio = (float(cell.strip(" |")) for cell in tracer[1:])

@@ -27,7 +27,6 @@ from solari_vk.measure.claims.verdict import (
     select,
 )  # fmt: skip
 from solari_vk.measure.claims.workbench import Variant, Workbench, grow
-from solari_vk.measure.frame import error
 from solari_vk.measure.subjects import from_file, glowing
 from solari_vk.scene.builtin import builtin
 
@@ -210,13 +209,6 @@ def test_glowing_keeps_its_geometry():
         totals.add(counts.pop("lamp") + counts.get("dark", 0))
     assert len(totals) == 1
     assert len(next(item.mesh.triangles for item in glowing(8, 1000) if item.material.name == "lamp")) == 8
-
-
-def test_when_the_path_tracer_is_there():
-    curve = [(1, 1.0, 1.0), (2, 2.0, 0.5), (4, 4.0, 0.25)]
-    assert error.seconds_to_reach(curve, 0.5) == pytest.approx(2.0)
-    assert error.seconds_to_reach(curve, 0.35) == pytest.approx(math.sqrt(8) * (0.5 / 0.35) / math.sqrt(2), rel=0.02)
-    assert error.seconds_to_reach(curve, 0.025) == pytest.approx(40.0)
 
 
 def test_patches_hold_when_a_setting_rebuilds_the_frame(device):

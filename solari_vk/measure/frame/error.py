@@ -1,79 +1,155 @@
-"""The error of pictures against the reference, over frames, samples and seconds."""
+"""The error of single frames and of the mean of many, and what they cost, beside the path tracer's.
+
+The mean of many frames is what a user sees, because every denoiser and every eye puts frames together.
+"""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.gpu.device.device import Device
+from solari_vk.measure.frame.reprojection import Movement
 from solari_vk.measure.statistics import relative_mse
 from solari_vk.reference import PathTracer
 from solari_vk.renderer import Renderer
-from solari_vk.scene.model import Scene
-from solari_vk.settings import Settings
+from solari_vk.scene.binder import SceneBinder
+from solari_vk.scene.model import Camera, Scene
+from solari_vk.settings import FIELDS, Settings
 
 Picture = NDArray[np.float64]
 
 
-def reference(device: Device, scene: Scene, size: tuple[int, int], samples: int, limit: float) -> tuple[Picture, int]:
+@dataclass(frozen=True)
+class Effort:
+    """Independent runs, and the frames of each: a warm-up, and those whose mean is measured."""
+
+    seeds: int = 3
+    warm_up: int = 24
+    observed: int = 32
+
+
+@dataclass
+class Errors:
+    """The errors (relMSE) of pictures of independent runs, and what each frame or sample cost."""
+
+    truth: Picture
+    single: list[float] = field(default_factory=list)
+    """Of single frames or samples."""
+    means: list[Picture] = field(default_factory=list)
+    """The mean of the frames of each run."""
+    wall: list[float] = field(default_factory=list)
+    """Milliseconds of each frame, from call to done."""
+    cpu: list[float] = field(default_factory=list)
+    """Milliseconds of processor time of each frame in all threads of the process. On a software device other work of
+    the machine hardly changes them."""
+    rays: float = float("nan")
+    """Rays per pixel of a frame."""
+
+    @property
+    def one(self) -> float:
+        return float(np.mean(self.single))
+
+    @property
+    def many(self) -> float:
+        """The error of the mean of frames, averaged over runs."""
+        return float(np.mean([relative_mse(picture, self.truth) for picture in self.means]))
+
+    @property
+    def noise(self) -> float:
+        """The part of `many` that differs from run to run. The rest is bias, and noise of the reference."""
+        if len(self.means) < 2:
+            return float("nan")
+        middle = np.mean(self.means, axis=0)
+        parts = [relative_mse(self.truth + picture - middle, self.truth) for picture in self.means]
+        return float(np.sum(parts)) / (len(parts) - 1)
+
+    @property
+    def ms(self) -> float:
+        return float(np.median(self.wall))
+
+    @property
+    def cpu_ms(self) -> float:
+        return float(np.median(self.cpu))
+
+    def add_time(self, device: Device, work: Callable[[], Any], pictures: int = 1) -> None:
+        """Do some work on an idle device, which makes this many frames or samples, and add its time."""
+        device.wait_idle()
+        started = time.perf_counter(), time.process_time()
+        work()
+        device.wait_idle()
+        self.wall.append(1e3 * (time.perf_counter() - started[0]) / pictures)
+        self.cpu.append(1e3 * (time.process_time() - started[1]) / pictures)
+
+
+def configurations() -> dict[str, Settings]:
+    """The settings whose errors are compared, by name."""
+    fields: dict[str, dict[str, Any]] = {
+        "default": {}, "paths, restir off": {"lighting": "paths", "restir": "off"},
+        "paths, restir on": {"lighting": "paths", "restir": "on"}, "split": {"lighting": "split"},
+    }  # fmt: skip
+    known = {name: Settings(**values) for name, values in fields.items() if FIELDS.keys() >= values.keys()}
+    return known | {"solari": Settings.preset("solari")}
+
+
+def reference(device: Device, scene: Scene | SceneBinder, camera: Camera, size: tuple[int, int], samples: int,
+              limit: float | None = None) -> tuple[Picture, int]:  # fmt: skip
     """(picture, samples a pixel) of the path tracer with a seed that no measurement uses. limit: seconds."""
     with PathTracer(device, scene, size, seed=1_000_003) as tracer:
-        picture = tracer.render(scene.camera, samples=samples, time_limit=limit)["radiance"].astype(np.float64)
+        picture = tracer.render(camera, samples=samples, time_limit=limit)["radiance"].astype(np.float64)
         return picture, tracer.samples
 
 
-def realtime_curve(
-    device: Device, scene: Scene, size: tuple[int, int], truth: Picture, frames: int, warm_up: int
-) -> list[tuple[int, float, float, float]]:
-    """(frame, seconds so far, error of that frame, error of the mean of all frames since `warm_up`), at powers of 2."""
-    found = []
-    total, averaged, seconds = np.zeros_like(truth), 0, 0.0
-    with Renderer(device, scene, size, Settings()) as renderer:
-        renderer.render(scene.camera)  # a driver may compile in this frame
-        device.wait_idle()
-        renderer.reset()
-        for index in range(1, frames + 1):
-            started = time.perf_counter()
-            frame = renderer.render(scene.camera)
-            device.wait_idle()
-            seconds += time.perf_counter() - started
-            picture = frame["radiance"].astype(np.float64)
-            if index > warm_up:
-                total, averaged = total + picture, averaged + 1
-            if index & (index - 1) == 0 or index == frames:
-                mean = relative_mse(total / averaged, truth) if averaged else float("nan")
-                found.append((index, seconds, relative_mse(picture, truth), mean))
-    return found
-
-
-def path_tracer_curve(
-    device: Device, scene: Scene, size: tuple[int, int], truth: Picture, seconds: float, max_samples: int
-) -> list[tuple[int, float, float]]:
-    """(samples a pixel, seconds so far, error) at powers of 2, for up to `seconds` and `max_samples`."""
-    found: list[tuple[int, float, float]] = []
-    spent, samples = 0.0, 1
+def of_path_tracer(
+    device: Device, scene: Scene | SceneBinder, camera: Camera, truth: Picture, effort: Effort
+) -> Errors:  # fmt: skip
+    """The path tracer's errors with one sample, and with as many samples as others have frames."""
+    found, size = Errors(truth), (truth.shape[1], truth.shape[0])
     with PathTracer(device, scene, size) as tracer:
-        tracer.render(scene.camera, samples=1)
-        tracer.reset()  # everything is compiled now
-        while samples <= max_samples and (spent < seconds or not found):
-            started = time.perf_counter()
-            picture = tracer.render(scene.camera, samples=samples)["radiance"].astype(np.float64)
-            spent += time.perf_counter() - started
-            found.append((tracer.samples, spent, relative_mse(picture, truth)))
-            samples *= 2
+
+        def sum_of(samples: int) -> Picture:
+            return samples * tracer.render(camera, samples=samples)["radiance"].astype(np.float64)
+
+        before = sum_of(effort.observed)  # a driver may compile here, and dispatches adapt their size
+        for _ in range(effort.seeds):
+            first, done = tracer.samples + 1, tracer.samples + effort.observed
+            found.single.append(relative_mse(sum_of(first) - before, truth))
+            found.add_time(device, lambda: tracer.render(camera, samples=done), done - first)  # noqa: B023
+            after = sum_of(done)
+            found.means.append((after - before) / effort.observed)
+            before = after
+        found.rays = tracer.rays / (tracer.samples * size[0] * size[1])
     return found
 
 
-def seconds_to_reach(curve: list[tuple[int, float, float]], error: float) -> float:
-    """The seconds after which the path tracer reaches this error, interpolated on its curve in logarithms.
+def of_frames(
+    device: Device, binder: SceneBinder, camera: Camera, truth: Picture, settings: Settings, effort: Effort,
+    movement: Movement | None = None,
+) -> Errors:  # fmt: skip
+    """The errors of single frames in the steady state, and of the mean of the observed frames.
 
-    Beyond the end of the curve: error * time is constant, as for any Monte Carlo estimate.
+    With a movement, frames are reprojected, and only the last frame of each run counts as a single one.
     """
-    times = np.log([point[1] for point in curve])
-    errors = np.log([max(point[2], 1e-30) for point in curve])
-    wanted = float(np.log(max(error, 1e-30)))
-    if wanted < errors[-1]:
-        return float(np.exp(times[-1] + errors[-1] - wanted))
-    return float(np.exp(np.interp(-wanted, -np.minimum.accumulate(errors), times)))
+    found, size = Errors(truth), (truth.shape[1], truth.shape[0])
+    cameras: Sequence[Camera] = movement.cameras if movement else [camera] * (effort.warm_up + effort.observed)
+    settings = replace(settings, jitter=settings.jitter and movement is None)  # a movement's cameras jitter
+    with Renderer(device, binder, size, settings) as renderer:
+        for seed in range(effort.seeds):
+            renderer.seed = seed
+            renderer.reset()
+            frames = []
+            for index, view in enumerate(cameras):
+                if index < effort.warm_up:
+                    renderer.render(view).wait()
+                    continue
+                found.add_time(device, lambda: renderer.render(view))  # noqa: B023
+                frames.append(renderer["radiance"])
+            single = frames[-1:] if movement else frames
+            found.single += [relative_mse(frame, truth) for frame in single]
+            found.means.append(movement.mean(frames) if movement else np.mean(frames, axis=0, dtype=np.float64))
+    return found

@@ -15,6 +15,7 @@ from solari_vk.reference import PathTracer
 from solari_vk.renderer import Renderer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera
+from solari_vk.settings import Settings
 
 
 def frame_times(
@@ -31,10 +32,11 @@ def frame_times(
 
 
 def count_rays(
-    device: Device, binder: SceneBinder, camera: Camera, size: tuple[int, int], warm_up: int, frames: int
-) -> dict[str, float]:
+    device: Device, binder: SceneBinder, camera: Camera, size: tuple[int, int], warm_up: int, frames: int,
+    settings: Settings | None = None,
+) -> dict[str, float]:  # fmt: skip
     """Rays per pixel of a frame by pass, after a warm-up that fills cells and reservoirs."""
-    renderer = Renderer(device, binder, size, count_rays=True)
+    renderer = Renderer(device, binder, size, settings, count_rays=True)
     with renderer:
         for _ in range(warm_up):
             renderer.render(camera)

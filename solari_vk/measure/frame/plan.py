@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from solari_vk.gpu.device.device import Device
+from solari_vk.measure.frame.error import Effort
 
 Size = tuple[int, int]
 
@@ -26,9 +27,13 @@ class Plan:
     triangles: tuple[int, ...] = (1_000, 10_000, 100_000, 1_000_000)
     lights: tuple[int, ...] = (8, 100, 1_000, 10_000, 100_000)
     instances: tuple[int, ...] = (100, 1_000, 10_000)
-    error_size: Size = (64, 64)
-    error_frames: int = 256
+    error_scenes: tuple[str, ...] = ("cornell_box", "sphere_grid", "mirror_hall", "many_lights")
+    """Built-in scenes whose errors are measured; those in files are too."""
+    error_size: Size = (128, 128)
+    error: Effort = field(default_factory=Effort)
     reference_samples: int = 4096
+    reference_limit: float = 300.0
+    """The seconds after which a reference is taken as it is."""
 
 
 SOFTWARE = Plan()
@@ -41,7 +46,8 @@ GPU = Plan(
 QUICK = Plan(
     sizes=((16, 16),), frames=2, warm_up_frames=1, seconds=0.0, cold_start=False, host_frames=10,
     growth_size=(16, 16), growth_frames=2, sides=(16, 32), triangles=(100, 1_000), lights=(8, 1_000),
-    instances=(10, 100), error_size=(16, 16), error_frames=4, reference_samples=16,
+    instances=(10, 100), error_scenes=("cornell_box",), error_size=(16, 16),
+    error=Effort(seeds=2, warm_up=1, observed=2), reference_samples=16,
 )  # fmt: skip
 
 

@@ -9,10 +9,10 @@ from pathlib import Path
 
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
-from solari_vk.measure.frame import costs, error, passes
+from solari_vk.measure.frame import costs, error, error_over_time, passes
 from solari_vk.measure.frame.plan import Plan, Size, plan_for
 from solari_vk.measure.report import Report, check_page, milliseconds
-from solari_vk.measure.subjects import glowing, hilly, scattered, subjects
+from solari_vk.measure.subjects import from_file, glowing, hilly, scattered, subjects
 from solari_vk.measure.timing import every_barrier, warm
 from solari_vk.passes import gbuffer
 from solari_vk.renderer import Renderer
@@ -52,7 +52,7 @@ def run(
         _host(device, report, plan.host_frames)
         _growth(device, report, plan)
         _memory(device, report)
-        _error(device, report, plan)
+        _error(device, report, [*map(builtin, plan.error_scenes), *map(from_file, files)], plan)
     if markdown is not None:
         print(f"wrote {markdown}")
 
@@ -214,38 +214,17 @@ def _memory(device: Device, report: Report) -> None:
                  "its acceleration structures are not included.")  # fmt: skip
 
 
-def _error(device: Device, report: Report, plan: Plan) -> None:
-    """relMSE of the realtime picture over frames and seconds, beside the path tracer's."""
-    scene, size, frames = builtin("cornell_box"), plan.error_size, plan.error_frames
-    warm_up = min(16, frames // 4)
-    report.progress("error: the reference")
-    truth, samples = error.reference(device, scene, size, plan.reference_samples, 60.0)
-    report.progress("error: realtime")
-    realtime = error.realtime_curve(device, scene, size, truth, frames, warm_up)
-    report.progress("error: path tracer")
-    traced = error.path_tracer_curve(device, scene, size, truth, realtime[-1][1], plan.reference_samples // 4)
-    rows = []
-    for index, seconds, single, mean in realtime:
-        rows.append([f"{index}", f"{seconds:.2f}"])
-        for value in (single, mean):
-            known = value == value
-            reached = f"{error.seconds_to_reach(traced, value):.2f}" if known else ""
-            rows[-1] += [f"{value:.2e}" if known else "", reached]
-    named = f"cornell_box {size[0]}x{size[1]}"
-    report.table(
-        f"relMSE over frames, {named}",
-        [
-            "frame",
-            "seconds so far",
-            "of this frame",
-            "path tracer reaches it after, s",
-            f"of the mean since frame {warm_up}",
-            "path tracer reaches it after, s",
-        ],
-        rows,
-        f"Against {samples} samples of the path tracer. One frame's error no longer falls once its history is full; "
-        "the error of the mean of frames falls until only the bias remains. Frames share samples, so for the mean of "
-        "many frames the path tracer is the better choice.",
-    )
-    rows = [[f"{count}", f"{seconds:.2f}", f"{value:.2e}"] for count, seconds, value in traced]
-    report.table(f"relMSE of the path tracer, {named}", ["samples a pixel", "seconds so far", "relMSE"], rows)
+def _error(device: Device, report: Report, chosen: list[Scene], plan: Plan) -> None:
+    """The error of single frames and of the mean of many, and what they cost, beside the path tracer's."""
+    effort, size, samples = plan.error, plan.error_size, plan.reference_samples
+    for scene in chosen:
+        report.progress(f"{scene.name}: error over time")
+        truth, taken = error.reference(device, scene, scene.camera, size, samples, plan.reference_limit)
+        for moving in (False, True):
+            rows = [error_over_time.row(*item) for item in error_over_time.compare(
+                device, scene, truth, error.configurations(), effort, moving=moving, rays=not moving)]  # fmt: skip
+            report.table(
+                f"Error over time, {scene.name} {size[0]}x{size[1]}, {'moving' if moving else 'still'}",
+                error_over_time.HEAD, rows, error_over_time.NOTE.format(**vars(effort)),
+                f"The reference has {taken} samples a pixel.",
+            )  # fmt: skip
