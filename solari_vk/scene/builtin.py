@@ -19,7 +19,7 @@ from solari_vk.errors import SolariError, unknown_name
 from solari_vk.scene import shapes
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.matrices import rotation
-from solari_vk.scene.model import Camera, Instance, Material, Mesh, Scene
+from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material, Mesh, Scene
 
 EV100_OF_UNIT_EXPOSURE = -math.log2(1.2)  # the exposure factor is 1
 
@@ -223,9 +223,50 @@ def sphere_grid(columns: int = 8, rows: int = 3, base_color: ArrayLike = (0.9, 0
     return scene
 
 
+def shiny_floor(roughness: ArrayLike = (0.1, 0.2, 0.3), metallic: float = 0.95) -> Scene:
+    """Matte balls in the sun over a floor of rough metal, under a black sky.
+
+    The floor, 6 x 6 m, has a strip with a ball for each roughness. That is GGX's alpha, the square of perceptual
+    roughness. The balls' indirect light is the floor's highlight of the sun, which leaves the floor mostly one way.
+    """
+    alphas = np.atleast_1d(np.asarray(roughness, np.float64))
+    if not len(alphas) or alphas.min() < 0 or alphas.max() > 1:
+        raise SolariError(f"shiny_floor: roughness must be numbers from 0 to 1, not {roughness}")
+    scene = Scene(name="shiny_floor")
+    ball, half = shapes.sphere(0.6, 48), 3.0 / len(alphas)
+    paints = [matte(color, "paint") for color in ((0.7, 0.7, 0.7), (0.65, 0.2, 0.12), (0.15, 0.4, 0.6))]
+    for i, alpha in enumerate(alphas.tolist()):
+        x = (2 * i + 1) * half - 3
+        metal = Material(
+            base_color=rgb((0.95, 0.9, 0.8)), metallic=metallic, perceptual_roughness=math.sqrt(alpha), name="metal"
+        )
+        scene.add(shapes.quad((x, 0, 0), (0, 0, 3), (half, 0, 0), name="strip"), metal, name=f"floor {i}")
+        scene.add(ball, paints[i % len(paints)], (x, 1.1, -0.3), name=f"ball {i}")
+    scene.add(DirectionalLight(direction=(0.15, -0.75, -0.6), illuminance=10.0, color=rgb((1, 0.95, 0.85)), name="sun"))
+    scene.add(Camera.look_at((0, 1.9, 7.5), (0, 0.6, 0), vertical_fov=math.radians(36), ev100=1.5))
+    return scene
+
+
+def lamp_gap(gap: float = 0.03) -> Scene:
+    """A closed matte room, 4 x 3 x 4 m, with a block. Its lamp is a flat panel, 1.2 x 0.6 m, `gap` meters below the
+    ceiling, and emits on both sides, so that the ceiling around it shines."""
+    if not 0 < gap < 3:
+        raise SolariError(f"lamp_gap: gap must be more than 0 and less than the room's 3 m, not {gap:g}")
+    low, high = np.array((-2, 0, -2)), np.array((2, 3, 2))
+    scene = Scene(name="lamp_gap")
+    scene.add(shapes.box(low, high, inward=True), matte((0.6, 0.57, 0.5), "plaster"), name="room")
+    scene.add(shapes.box((-0.4, 0, -0.4), (0.4, 1.2, 0.4)), matte((0.6, 0.15, 0.1), "red"),
+              place(at=(0.5, 0, -0.5), turn=0.4), name="block")  # fmt: skip
+    panel = shapes.quad((0, 3 - gap, -0.4), (0.6, 0, 0), (0, 0, 0.3), name="panel")
+    scene.add(panel, lamp((20.0, 18.0, 15.0), double_sided=True), name="lamp")
+    eye, target = (-1.3, 1.4, 1.9), (0.1, 1.6, -0.6)
+    scene.add(Camera.look_at(eye, target, vertical_fov=math.radians(72), ev100=1.0))
+    return scene
+
+
 SCENES: dict[str, Callable[..., Scene]] = {
     function.__name__: function
-    for function in (cornell_box, closed_box, many_lights, mirror_hall, thin_wall, sphere_grid)
+    for function in (cornell_box, closed_box, many_lights, mirror_hall, thin_wall, sphere_grid, shiny_floor, lamp_gap)
 }
 
 

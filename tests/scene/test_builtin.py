@@ -59,7 +59,7 @@ def test_scenes_have_a_name_a_camera_a_light_and_unit_normals(name):
     scene = builtin(name, **small)
     assert scene.name == name
     assert scene.camera.vertical_fov > 0
-    assert any(instance.material.emits for instance in scene)
+    assert scene.lights or any(instance.material.emits for instance in scene)
     assert np.isfinite(scene.bounds).all()
     for instance in scene:
         lengths = np.linalg.norm(instance.mesh.normals, axis=1)
@@ -101,6 +101,25 @@ def test_many_lights_repeats_and_scales():
     assert len(builtin("many_lights", sphere_count=0, box_count=0).instances) == 1
 
 
+def test_the_floor_has_a_strip_for_each_roughness():
+    scene = builtin("shiny_floor", roughness=(0.1, 0.3), metallic=0.9)
+    strips = [scene.instances[f"floor {i}"] for i in range(2)]
+    assert [strip.material.perceptual_roughness**2 for strip in strips] == pytest.approx([0.1, 0.3])
+    assert [strip.material.metallic for strip in strips] == pytest.approx([0.9, 0.9])
+    corners = np.concatenate([strip.mesh.positions for strip in strips])
+    assert (np.ptp(corners, axis=0) == (6, 0, 6)).all()
+    assert strips[0].mesh.positions[:, 0].max() == strips[1].mesh.positions[:, 0].min()
+    for strip in strips:
+        np.testing.assert_allclose(geometric_normals(strip.mesh), [(0, 1, 0)] * 2)
+
+
+def test_the_lamp_hangs_a_gap_below_the_ceiling():
+    scene = builtin("lamp_gap", gap=0.01)
+    panel = scene.instances["lamp"]
+    assert panel.material.double_sided
+    assert scene.bounds.max[1] - panel.mesh.positions[:, 1] == pytest.approx([0.01] * 4, rel=1e-4)
+
+
 def test_errors_list_the_known_names():
     message = r"no built-in scene 'cornell'; did you mean 'cornell_box'\? there are cornell_box, closed_box"
     with pytest.raises(SolariError, match=message):
@@ -111,6 +130,10 @@ def test_errors_list_the_known_names():
         builtin("many_lights", box_count=-1)
     with pytest.raises(SolariError, match="at least 1"):
         builtin("sphere_grid", columns=0)
+    with pytest.raises(SolariError, match="roughness must be"):
+        builtin("shiny_floor", roughness=())
+    with pytest.raises(SolariError, match="gap must be"):
+        builtin("lamp_gap", gap=3)
 
 
 @pytest.mark.parametrize("aspect", [0.5, 1.0, 2.5])
