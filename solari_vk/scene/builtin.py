@@ -231,7 +231,7 @@ def shiny_floor(roughness: ArrayLike = (0.1, 0.2, 0.3), metallic: float = 0.95) 
     """
     alphas = np.atleast_1d(np.asarray(roughness, np.float64))
     if not len(alphas) or alphas.min() < 0 or alphas.max() > 1:
-        raise SolariError(f"shiny_floor: roughness must be numbers from 0 to 1, not {roughness}")
+        raise SolariError(f"shiny_floor: roughness must be numbers from 0 to 1, not {roughness!r}")
     scene = Scene(name="shiny_floor")
     ball, half = shapes.sphere(0.6, 48), 3.0 / len(alphas)
     paints = [matte(color, "paint") for color in ((0.7, 0.7, 0.7), (0.65, 0.2, 0.12), (0.15, 0.4, 0.6))]
@@ -242,7 +242,8 @@ def shiny_floor(roughness: ArrayLike = (0.1, 0.2, 0.3), metallic: float = 0.95) 
         )
         scene.add(shapes.quad((x, 0, 0), (0, 0, 3), (half, 0, 0), name="strip"), metal, name=f"floor {i}")
         scene.add(ball, paints[i % len(paints)], (x, 1.1, -0.3), name=f"ball {i}")
-    scene.add(DirectionalLight(direction=(0.15, -0.75, -0.6), illuminance=10.0, color=rgb((1, 0.95, 0.85)), name="sun"))
+    travels = np.array((0.15, -0.75, -0.6), np.float32)
+    scene.add(DirectionalLight(direction=travels, illuminance=10.0, color=rgb((1, 0.95, 0.85)), name="sun"))
     scene.add(Camera.look_at((0, 1.9, 7.5), (0, 0.6, 0), vertical_fov=math.radians(36), ev100=1.5))
     return scene
 
