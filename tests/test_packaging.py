@@ -69,7 +69,7 @@ def entry_points() -> list[str]:
 def compiled_modules() -> set[str]:
     """The files of all modules: each shader's, and for shaders that trace another one for ray pipelines."""
     glsl, paths = ROOT / "glsl", entry_points()
-    traces = [path for path in paths if "scene/trace.glsl" in shader_cache.closure([glsl], path)]
+    traces = [path for path in paths if "scene/trace.glsl" in shader_cache.Sources([glsl]).closure(path)]
     assert 10 < len(traces) < len(paths) / 2
     return {f"{path}.spv" for path in paths} | {f"{path}.rgen.spv" for path in traces}
 

@@ -22,7 +22,7 @@ from solari_vk.scene.lights import ORIGIN, Lights
 from solari_vk.scene.materials import Materials
 from solari_vk.scene.model import Instance, Light, Material, Mesh, Scene, Texture, TextureImage
 from solari_vk.scene.observed import Observable
-from solari_vk.scene.table import Rows, Table
+from solari_vk.scene.table import Rows, Table, upload
 from solari_vk.scene.textures import Textures
 from solari_vk.scene.traced import TracedInstances
 
@@ -227,12 +227,7 @@ class SceneBinder:
         for table in changed:
             if table.replace():
                 self.version += 1
-        if self._device.idle:  # no work in progress reads the tables
-            changed = [table for table in changed if not table.write()]
-        if changed:
-            with self._device.uploads(with_next=True) as uploads:
-                for table in changed:
-                    table.upload(uploads)
+        upload(self._device, changed)
         self._traced.rebuild()
 
     def destroy(self) -> None:

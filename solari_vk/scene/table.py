@@ -9,12 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.uploads import Uploads
 from solari_vk.gpu.frame.packing import packing
 
 Key = TypeVar("Key", bound=Hashable)
+_MOST_INLINE = 1 << 16  # bytes that vkCmdUpdateBuffer takes at most
 
 
 class Table:
@@ -40,6 +43,7 @@ class Table:
     def _keep(self, records: NDArray[Any]) -> None:
         self.records = records
         self._bytes = records.view(np.uint8).data
+        self._pointer = raw.ffi.cast("char*", raw.ffi.from_buffer(records))
 
     def _make_buffer(self) -> Buffer:
         buffer = self._device.buffer(self.records.nbytes, self.name)
@@ -86,11 +90,23 @@ class Table:
         self.marked.clear()
         return True
 
+    def record(self, cmd: raw.CData) -> None:
+        """Record writes of the marked rows, whose contents become part of the commands."""
+        update, target, pointer = self._device.vk.vkCmdUpdateBuffer, self.buffer.handle, self._pointer
+        for begin, end in self._runs():
+            update(cmd, target, begin, end - begin, pointer + begin)
+        self.marked.clear()
+
     def upload(self, uploads: Uploads) -> None:
         """Upload the marked rows after all work submitted so far."""
         for begin, end in self._runs():
             uploads.buffer(self.buffer, self._bytes[begin:end], begin)
         self.marked.clear()
+
+    @property
+    def marked_bytes(self) -> int:
+        """The size of the marked rows."""
+        return len(self.marked) * self._size
 
     def _runs(self) -> list[tuple[int, int]]:
         """The byte ranges (begin, end) of the marked rows; adjacent rows share a range."""
@@ -105,6 +121,25 @@ class Table:
     def destroy(self) -> None:
         """Free the device buffer."""
         self.buffer.destroy()
+
+
+def upload(device: Device, tables: Sequence[Table]) -> None:
+    """Upload the marked rows of tables that have some, before the next submission."""
+    if device.idle:  # no work in progress reads the tables
+        tables = [table for table in tables if not table.write()]
+    if sum(table.marked_bytes for table in tables) > _MOST_INLINE:
+        with device.uploads() as uploads:
+            for table in tables:
+                table.upload(uploads)
+    elif tables:
+
+        def record(cmd: raw.CData) -> None:
+            device.vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+            for table in tables:
+                table.record(cmd)
+            device.vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+
+        device.start_with_next(record, "edits of the scene")
 
 
 class Rows(dict[Key, int]):

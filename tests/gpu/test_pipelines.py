@@ -21,6 +21,8 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame import pipelines
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
 from solari_vk.gpu.shaders import shaderc
+from solari_vk.gpu.shaders.compiler import compile_shader
+from solari_vk.gpu.shaders.spirv import reflect
 
 COUNT = 6
 TEXT = """layout(local_size_x = 1) in;
@@ -92,6 +94,17 @@ def test_same_pipelines_are_created_once(own_device, stage, shaders, monkeypatch
     doubled = Stage("writes", buffers=stage.buffers, passes=[*stage.passes, *stage.passes])
     assert results(own_device, doubled, shaders) == EXPECTED
     assert created == [1] * (COUNT + 1)
+
+
+def test_constants_keep_their_order(shaders):
+    """The driver's and our cache know a pipeline by its constants in their order, which a set changes by process."""
+    names = [f"C{number}" for number in range(8)]
+    lines = "".join(f"layout(constant_id = {number}) const uint {name} = 0;\n" for number, name in enumerate(names))
+    body = f"void main() {{ out_0.at[0] = {' ^ '.join(names)}; }}"
+    shaders.write("many", TEXT.format(0).partition("void")[0].replace("id = 0", "id = 9") + lines + body)
+    module = reflect(compile_shader("passes/many.comp", root=shaders.root))
+    info = pipelines._specialization(module, dict.fromkeys(reversed(names), 1))
+    assert [entry.constantID for entry in info.pMapEntries[0:8]] == list(reversed(range(8)))
 
 
 def test_a_failure_names_its_pass_and_leaves_nothing(own_device, stage, shaders, monkeypatch):

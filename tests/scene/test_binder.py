@@ -20,7 +20,7 @@ from solari_vk.scene.constants import NO_INDEX
 from solari_vk.scene.light_kinds import KIND_INDEX
 from solari_vk.scene.matrices import by_columns
 from solari_vk.scene.model import DirectionalLight, Instance, Material, Mesh, Scene, Texture, TextureImage
-from solari_vk.scene.table import Table
+from solari_vk.scene.table import Table, upload
 from solari_vk.scene.traced import HIDDEN, VISIBLE
 
 
@@ -315,6 +315,22 @@ def test_fields_in_another_order_are_refused(device):
     record = np.dtype([("mesh", "<u4"), ("material", "<u4")])
     with pytest.raises(SolariError, match="instances have the fields mesh, material, not material, mesh"):
         Table(device, "instances", record, ("material", "mesh"))
+
+
+def test_tables_reach_memory_that_is_not_mapped(any_device, rng):
+    """Few bytes are written by the commands themselves, many are staged."""
+    record = np.dtype([("id", "<u4"), ("position", "<f4", (3,))])
+    with Device(validation=True, staging=True) as device:
+        table = Table(device, "points", record)
+        for rows, changed in ((16, 3), (8000, 8000), (8000, 1), (8000, 40), (8000, 5000)):
+            table.reserve(rows)
+            picked = rng.choice(rows, changed, replace=False).tolist()
+            for row in picked:
+                table.set(row, row, *rng.normal(size=3))
+            table.replace()
+            upload(device, [table])
+            assert not table.marked
+            assert np.array_equal(table.buffer.read(record), table.records)
 
 
 def test_edits_reach_frames_in_flight(device):

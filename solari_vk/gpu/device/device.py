@@ -63,12 +63,9 @@ class Device(WorkQueue):
         """What all pipelines of the device are created with."""
         return PipelineCache(self)
 
-    def uploads(self, *, with_next: bool = False) -> Uploads:
-        """A batch of uploads: `with device.uploads() as uploads:` makes one submission at its end.
-
-        with_next: it becomes part of the next submission.
-        """
-        return Uploads(self.staging_pool, with_next)
+    def uploads(self) -> Uploads:
+        """A batch of uploads: `with device.uploads() as uploads:` makes one submission at its end."""
+        return Uploads(self.staging_pool)
 
     def close(self) -> None:
         """Wait for the device, destroy everything that is left, and close it. Safe to call twice.

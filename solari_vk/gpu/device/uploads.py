@@ -96,13 +96,12 @@ class Uploads:
     """A batch of uploads. As a context manager it submits once at its end, in order with other submissions.
 
     Data is copied when `buffer` or `image` is called, so arrays may change afterwards. Work submitted later sees the
-    new contents. with_next: the copies are part of the next submission instead, which takes less of the host's time.
+    new contents.
     """
 
-    def __init__(self, staging: StagingPool, with_next: bool = False) -> None:
+    def __init__(self, staging: StagingPool) -> None:
         self._staging = staging
         self._device = staging.device
-        self._with_next = with_next
         self._reset()
 
     def _reset(self) -> None:
@@ -117,10 +116,7 @@ class Uploads:
 
     def __exit__(self, kind: object, *_: object) -> None:
         if kind is None and not self._empty:
-            if self._with_next:
-                self._device.start_with_next(self._record, "uploads")
-            else:
-                self._device.start(self._record, "uploads")
+            self._device.start(self._record, "uploads")
         self._give_back()
 
     @property

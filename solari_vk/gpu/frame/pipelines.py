@@ -191,8 +191,9 @@ def _specializations(
 
 def _specialization(module: Module, constants: Constants) -> raw.CData | None:
     entries, data = [], b""
-    for constant in constants.keys() & module.constants.keys():
-        known = module.constants[constant]
+    for constant in constants:  # in this order in every process: pipeline caches compare the entries in their order
+        if (known := module.constants.get(constant)) is None:
+            continue
         entries.append({"constantID": known.id, "offset": len(data), "size": known.dtype.itemsize})
         data += np.array(constants[constant], known.dtype).tobytes()
     if not entries:

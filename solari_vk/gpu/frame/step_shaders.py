@@ -11,7 +11,8 @@ from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.ray_pipelines import RayGroups
 from solari_vk.gpu.frame.stages import Draw, HitGroup, Pass, RayPass, Step
-from solari_vk.gpu.shaders.compiler import Roots, compile_shader
+from solari_vk.gpu.shaders.compiler import Roots, compile_shader, roots
+from solari_vk.gpu.shaders.shader_cache import Sources
 from solari_vk.gpu.shaders.spirv import Module, reflect
 
 ModuleKey = tuple[str, str]
@@ -34,7 +35,7 @@ class Modules(dict[ModuleKey, Module]):
 
     def __init__(self, device: Device, root: Roots | None, old: Mapping[ModuleKey, Module]) -> None:
         super().__init__()
-        self._ray_pipelines, self._root, self._old = device.rays == "pipeline", root, old
+        self._ray_pipelines, self._sources, self._old = device.rays == "pipeline", Sources(roots(root)), old
 
     def add(self, items: Sequence[Pass | Draw | Step]) -> list[StepShaders]:
         """Compile the shaders of steps. Raises CompilationError, or SolariError for one that the device can't run."""
@@ -46,12 +47,13 @@ class Modules(dict[ModuleKey, Module]):
     def _compile(self, keys: Collection[ModuleKey]) -> None:
         """Compiling a shader that isn't cached takes up to a second, so threads do it."""
         with ThreadPoolExecutor(os.cpu_count()) as threads:
-            for key, spirv in zip(keys, threads.map(self._spirv, keys), strict=True):
-                known = self._old.get(key)
-                self[key] = known if known and known.spirv == spirv else reflect(spirv, key[0])
+            compiled = list(threads.map(self._spirv, keys))
+        for key, spirv in zip(keys, compiled, strict=True):
+            known = self._old.get(key)
+            self[key] = known if known and known.spirv == spirv else reflect(spirv, key[0])
 
     def _spirv(self, key: ModuleKey) -> bytes:
-        return compile_shader(key[0], header=key[1], root=self._root, ray_pipelines=self._ray_pipelines)
+        return compile_shader(key[0], header=key[1], root=self._sources, ray_pipelines=self._ray_pipelines)
 
     def _shaders(self, item: Pass | Draw | Step) -> StepShaders:
         """The shaders of a step whose entry points are compiled: these tell which passes trace by a ray pipeline."""

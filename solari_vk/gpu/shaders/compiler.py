@@ -19,14 +19,17 @@ from __future__ import annotations
 import os
 import re
 import sys
+import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from solari_vk import disk_cache
 from solari_vk.errors import CompilationError, SolariError
 from solari_vk.gpu.shaders import headers, ray_generation, shader_cache, shaderc
+from solari_vk.gpu.shaders.shader_cache import Sources
 
 __all__ = [
     "CompilationError", "build_all", "compile_file_into_spirv", "compile_into_spirv", "compile_shader", "glsl_root",
@@ -93,8 +96,7 @@ def compile_into_spirv(
 
 
 def _compile_text(source: bytes, stage: str, name: str, include_paths: Sequence[str], **options: Any) -> bytes:
-    folders = [Path(name).parent, *map(Path, include_paths)]
-    included = shader_cache.closure(folders, Path(name).name, source)
+    included = Sources([Path(name).parent, *map(Path, include_paths)]).closure(Path(name).name, source)
     generated = {path: text for path, text in included.items() if headers.is_generated(path)}
     try:
         spirv = shaderc.compile_source(source, stage, name, include_paths, generated, **options)
@@ -146,24 +148,28 @@ _EMPTY_MAIN = re.compile(r"\bvoid\s+main\s*\(\s*\)\s*\{\s*\}")
 _TOO_NEW = "failed to optimize: Invalid capability"
 _OPTIONS = f"performance {shaderc.VULKAN_1_3:x} {shaderc.SPIRV_1_6:x}"
 _DIRECTIVE = re.compile(r"^\s*#\s*(version|extension)\b")
+_looking_up = threading.Lock()  # a thread that has read a file waits 5 ms for others that run Python
 
 
-def compile_shader(path: str, *, header: str = "", root: Roots | None = None, ray_pipelines: bool = False) -> bytes:
+def compile_shader(
+    path: str, *, header: str = "", root: Roots | Sources | None = None, ray_pipelines: bool = False
+) -> bytes:
     """SPIR-V of the shader at `path` below a GLSL root ("passes/x/trace.comp"); the suffix is the stage.
 
     `header` is text for a variant, put after the #version and #extension lines. The shader and its includes are looked
-    up in `root`, one folder or several, and then in the package's folder. `ray_pipelines`: for a device that traces
-    rays by pipelines. Raises CompilationError; SolariError if there is no such file, if neither a compiler nor a
-    shipped module for exactly these sources is there, or for ray queries that no pipeline can replace.
+    up in `root`, one folder or several, and then in the package's folder; or in Sources, which read each file once for
+    several shaders. `ray_pipelines`: for a device that traces rays by pipelines. Raises CompilationError; SolariError
+    if there is no such file, if neither a compiler nor a shipped module for exactly these sources is there, or for ray
+    queries that no pipeline can replace.
     """
-    folders = roots(root)
-    spirv = _module(folders, path, header)
+    sources = root if isinstance(root, Sources) else Sources(roots(root))
+    spirv = _module(sources, path, header)
     if not ray_pipelines or not ray_generation.uses_ray_queries(spirv):
         return spirv
-    if not path.endswith(".comp") or ray_generation.TRACE not in shader_cache.closure(folders, path):
+    if not path.endswith(".comp") or ray_generation.TRACE not in sources.closure(path):
         raise SolariError(f"{path}: {ray_generation.OWN_QUERIES}")
     try:
-        spirv = _module(folders, path, header, traces=True)
+        spirv = _module(sources, path, header, traces=True)
     except CompilationError as error:
         raise CompilationError(f"{path}: {ray_generation.HINT}.\n{error}") from None
     if ray_generation.uses_ray_queries(spirv):
@@ -171,21 +177,27 @@ def compile_shader(path: str, *, header: str = "", root: Roots | None = None, ra
     return spirv
 
 
-def _key(folders: Sequence[Path], path: str, header: str, traces: bool) -> str:
-    return shader_cache.source_key(folders, path, header, f"{_OPTIONS} {ray_generation.DEFINE}" if traces else _OPTIONS)
+def _key(sources: Sources, path: str, header: str, traces: bool) -> str:
+    return sources.key(path, header, f"{_OPTIONS} {ray_generation.DEFINE}" if traces else _OPTIONS)
 
 
-def _module(folders: Sequence[Path], path: str, header: str, traces: bool = False) -> bytes:
+def _module(sources: Sources, path: str, header: str, traces: bool = False) -> bytes:
     """The module of a shader; `traces`: as a ray generation shader."""
-    file = next((found for base in folders if (found := base / path).is_file()), None)
-    if file is None:
-        raise SolariError(f"there is no shader {path} in {', '.join(map(str, folders))}")
-    source_key = _key(folders, path, header, traces)
-    for base in folders:
-        shipped = shader_cache.shipped(base, source_key)
-        if shipped is not None:
-            return shipped
-    return shader_cache.cached(source_key, shaderc.version(), lambda: _compile(folders, file, header, traces))
+    with _looking_up:
+        file = sources.find(path)
+        if file is None:
+            raise SolariError(f"there is no shader {path} in {', '.join(map(str, sources.roots))}")
+        source_key = _key(sources, path, header, traces)
+        for base in sources.roots:
+            shipped = shader_cache.shipped(base, source_key)
+            if shipped is not None:
+                return shipped
+        entry = shader_cache.cache_entry(source_key, shaderc.version())
+        spirv = disk_cache.load(entry)
+    if spirv is None:
+        spirv = _compile(sources.roots, file, header, traces)
+        disk_cache.store(entry, spirv)
+    return spirv
 
 
 def _compile(folders: Sequence[Path], file: Path, header: str, traces: bool) -> bytes:
@@ -219,14 +231,14 @@ def build_all(root: str | os.PathLike[str], out: str | os.PathLike[str]) -> list
     Returns the paths below `root`. `out` is the root itself, with modules beside their sources, or another folder.
     """
     base, made = Path(root), {}
-    folders = roots(base)
+    sources = Sources(roots(base))
     paths = sorted(path for path in base.rglob("*") if path.suffix.lstrip(".") in shaderc.STAGES)
     for path in (file.relative_to(base).as_posix() for file in paths):
-        spirv = compile_shader(path, root=base)
-        made[f"{path}.spv"] = _key(folders, path, "", False), spirv
-        if ray_generation.uses_ray_queries(spirv) and ray_generation.TRACE in shader_cache.closure(folders, path):
-            spirv = compile_shader(path, root=base, ray_pipelines=True)
-            made[f"{path}.rgen.spv"] = _key(folders, path, "", True), spirv
+        spirv = compile_shader(path, root=sources)
+        made[f"{path}.spv"] = _key(sources, path, "", False), spirv
+        if ray_generation.uses_ray_queries(spirv) and ray_generation.TRACE in sources.closure(path):
+            spirv = compile_shader(path, root=sources, ray_pipelines=True)
+            made[f"{path}.rgen.spv"] = _key(sources, path, "", True), spirv
     shader_cache.ship(Path(out), made)
     return [file.relative_to(base).as_posix() for file in paths]
 

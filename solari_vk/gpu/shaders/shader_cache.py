@@ -10,66 +10,85 @@ import json
 import os
 import re
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 
-from solari_vk import disk_cache
 from solari_vk.gpu.shaders import headers
 
 _INCLUDE = re.compile(rb'^[ \t]*#[ \t]*include[ \t]+["<]([^">\n]+)[">]', re.MULTILINE)
 _INDEX = "shipped.json"
+_MISSING = b"\0missing"
 
 
-def closure(roots: Sequence[Path], path: str, source: bytes | None = None) -> dict[str, bytes]:
-    """The files and generated headers a shader may include, itself first, as {path: text}.
+class Sources:
+    """The GLSL files below some roots and the generated headers, as they are when each is first needed.
 
-    A path is looked up in the roots in their order; `source` stands for the text of the first. Includes in inactive
-    #if branches count too. Raises CompilationError for a generated header that no module makes.
+    A path is looked up in the roots in their order.
     """
-    found: dict[str, bytes] = {}
-    waiting = [path]
-    if source is not None:
-        found[path] = source
-        waiting = list(_includes(roots, path, source, found))
-    while waiting:
-        name = waiting.pop()
-        if name in found:
-            continue
-        file = _find(roots, name)
-        try:
-            found[name] = file.read_bytes() if file else b"\0missing"
-        except OSError:
-            found[name] = b"\0missing"
-        waiting += _includes(roots, name, found[name], found)
-    return found
 
+    def __init__(self, roots: Sequence[Path]) -> None:
+        self.roots = list(roots)
+        self._files: dict[str, Path | None] = {}
+        self._texts: dict[str, bytes] = {}
+        self._digests: dict[str, bytes] = {}
+        self._includes: dict[str, list[str]] = {}
 
-def _find(roots: Sequence[Path], name: str) -> Path | None:
-    return next((file for root in roots if (file := root / name).is_file()), None)
+    def find(self, path: str) -> Path | None:
+        """The file of a path."""
+        if path not in self._files:
+            self._files[path] = next((file for root in self.roots if (file := root / path).is_file()), None)
+        return self._files[path]
 
+    def closure(self, path: str, source: bytes | None = None) -> dict[str, bytes]:
+        """The files and generated headers a shader may include, itself first, as {path: text}.
 
-def _includes(roots: Sequence[Path], name: str, text: bytes, found: dict[str, bytes]) -> Iterator[str]:
-    """The paths of the files that `text` includes; the generated headers among its includes are put into `found`."""
-    for match in _INCLUDE.finditer(text):
-        requested = match[1].decode(errors="replace")
-        if headers.is_generated(requested):
-            if requested not in found:
-                line = text.count(b"\n", 0, match.start(1)) + 1
-                found[requested] = headers.header_text(requested, f"{_find(roots, name) or name}:{line}")
-                yield from _includes(roots, requested, found[requested], found)
-            continue
-        beside = os.path.normpath(os.path.join(os.path.dirname(name), requested)).replace(os.sep, "/")
-        yield beside if _find(roots, beside) else os.path.normpath(requested).replace(os.sep, "/")
+        `source` stands for the shader's text. Includes in inactive #if branches count too. Raises CompilationError for
+        a generated header that no module makes.
+        """
+        if source is not None:
+            self._texts[path] = source
+        found: dict[str, bytes] = {}
+        waiting = [path]
+        while waiting:
+            name = waiting.pop()
+            if name not in found:
+                found[name] = self._text(name)
+                if name not in self._includes:
+                    self._includes[name] = list(self._included_by(name, found[name]))
+                waiting += self._includes[name]
+        return found
 
+    def _text(self, name: str) -> bytes:
+        if name not in self._texts:
+            file = self.find(name)
+            try:
+                self._texts[name] = file.read_bytes() if file else _MISSING
+            except OSError:
+                self._texts[name] = _MISSING
+        return self._texts[name]
 
-def source_key(roots: Sequence[Path], path: str, header: str, options: str) -> str:
-    """A hash of everything, except the compiler, that a shader's SPIR-V depends on."""
-    digest = hashlib.sha256(f"{path}\0{options}\0{header}\0".encode())
-    for name, text in sorted(closure(roots, path).items()):
-        digest.update(f"{name}\0{len(text)}\0".encode())
-        digest.update(text)
-    return digest.hexdigest()
+    def _included_by(self, name: str, text: bytes) -> Iterator[str]:
+        for match in _INCLUDE.finditer(text):
+            requested = match[1].decode(errors="replace")
+            if headers.is_generated(requested):
+                if requested not in self._texts:
+                    line = text.count(b"\n", 0, match.start(1)) + 1
+                    where = f"{self.find(name) or name}:{line}"
+                    self._texts[requested] = headers.header_text(requested, where)
+                yield requested
+            else:
+                beside = os.path.normpath(os.path.join(os.path.dirname(name), requested)).replace(os.sep, "/")
+                yield beside if self.find(beside) else os.path.normpath(requested).replace(os.sep, "/")
+
+    def key(self, path: str, header: str, options: str) -> str:
+        """A hash of everything, except the compiler, that a shader's SPIR-V depends on."""
+        digest = hashlib.sha256(f"{path}\0{options}\0{header}\0".encode())
+        for name, text in sorted(self.closure(path).items()):
+            if name not in self._digests:
+                self._digests[name] = hashlib.sha256(text).digest()
+            digest.update(f"{name}\0".encode() + self._digests[name])
+        return digest.hexdigest()
 
 
 # ---- shipped ----------------------------------------------------------------------------------------
@@ -114,11 +133,6 @@ def shipped(root: Path, key: str) -> bytes | None:
 # ---- cache ------------------------------------------------------------------------------------------
 
 
-def cached(key: str, compiler: str, make: Callable[[], bytes]) -> bytes:
-    """The module with this source key from the cache on disk; one that isn't there is made and stored."""
-    name = hashlib.sha256(f"{key} {compiler}".encode()).hexdigest() + ".spv"
-    spirv = disk_cache.load(name)
-    if spirv is None:
-        spirv = make()
-        disk_cache.store(name, spirv)
-    return spirv
+def cache_entry(key: str, compiler: str) -> str:
+    """The name in the cache on disk of the module with this source key, compiled by this compiler."""
+    return hashlib.sha256(f"{key} {compiler}".encode()).hexdigest() + ".spv"

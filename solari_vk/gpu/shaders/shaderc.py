@@ -18,8 +18,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from cffi import FFI
-
 from solari_vk.errors import SolariError
 
 VULKAN_1_3 = 1 << 22 | 3 << 12
@@ -36,7 +34,6 @@ _NAMES = {
     "win32": ("shaderc_shared.dll", "libshaderc_shared.dll"),
 }  # fmt: skip
 
-_ffi = FFI()
 _declaring = threading.Lock()
 _DECLARATIONS = """
 typedef struct shaderc_include_result {
@@ -72,11 +69,19 @@ class Failure(Exception):
 
 
 @cache
+def _ffi() -> Any:
+    """A cffi.FFI. cffi's parser takes 20 ms to import, and installed packages need no compiler."""
+    from cffi import FFI
+
+    return FFI()
+
+
+@cache
 def library() -> Any:
     """libshaderc, or None if it can't be loaded. SOLARI_VK_SHADERC names the file of another build."""
     for name in _library_names():
         try:
-            found = _ffi.dlopen(name)
+            found = _ffi().dlopen(name)
         except OSError as error:
             if "SOLARI_VK_SHADERC" in os.environ:
                 why = str(error).split(". ")[0]
@@ -91,7 +96,7 @@ def library() -> Any:
 @cache
 def _declare() -> None:
     """Parse the declarations: only when they are needed, since it takes a tenth of a second."""
-    _ffi.cdef(_DECLARATIONS)
+    _ffi().cdef(_DECLARATIONS)
 
 
 def _library_names() -> list[str]:
@@ -114,9 +119,9 @@ def version() -> str:
     loaded = library()
     if loaded is not None:
         try:
-            info = _ffi.new("Dl_info*")
-            _ffi.dlopen(None).dladdr(_ffi.cast("void*", loaded.shaderc_compiler_initialize), info)
-            return _identity(os.fsdecode(_ffi.string(info.file)))
+            info = _ffi().new("Dl_info*")
+            _ffi().dlopen(None).dladdr(_ffi().cast("void*", loaded.shaderc_compiler_initialize), info)
+            return _identity(os.fsdecode(_ffi().string(info.file)))
         except (OSError, AttributeError, TypeError):  # Windows has no dladdr
             return str(loaded)
     return _identity(_glslc())
@@ -156,32 +161,32 @@ def compile_source(
         )
     kept: dict[Any, Any] = {}
 
-    @_ffi.callback("resolve")  # type: ignore[untyped-decorator]
+    @_ffi().callback("resolve")  # type: ignore[untyped-decorator]
     def resolve(_data: Any, requested: Any, kind: int, requesting: Any, _depth: int) -> Any:
-        wanted = os.fsdecode(_ffi.string(requested))
+        wanted = os.fsdecode(_ffi().string(requested))
         if wanted in texts:
             found, content = wanted, texts[wanted]
         else:
-            found, content = _include(wanted, kind, os.fsdecode(_ffi.string(requesting)), include_paths)
-        strings = _ffi.new("char[]", os.fsencode(found)), _ffi.new("char[]", content)
-        names = (strings[0], len(strings[0]) - 1, strings[1], len(content), _ffi.NULL)
-        result = _ffi.new("shaderc_include_result*", names)
+            found, content = _include(wanted, kind, os.fsdecode(_ffi().string(requesting)), include_paths)
+        strings = _ffi().new("char[]", os.fsencode(found)), _ffi().new("char[]", content)
+        names = (strings[0], len(strings[0]) - 1, strings[1], len(content), _ffi().NULL)
+        result = _ffi().new("shaderc_include_result*", names)
         kept[result] = strings
         return result
 
-    @_ffi.callback("release")  # type: ignore[untyped-decorator]
+    @_ffi().callback("release")  # type: ignore[untyped-decorator]
     def release(_data: Any, result: Any) -> None:
         kept.pop(result, None)
 
     compiler, options = loaded.shaderc_compiler_initialize(), loaded.shaderc_compile_options_initialize()
-    result = _ffi.NULL
+    result = _ffi().NULL
     try:
         loaded.shaderc_compile_options_set_source_language(options, LANGUAGES[language])
         loaded.shaderc_compile_options_set_optimization_level(options, OPTIMIZATIONS[optimization])
         loaded.shaderc_compile_options_set_generate_debug_info(options)
         loaded.shaderc_compile_options_set_target_env(options, 0, VULKAN_1_3)
         loaded.shaderc_compile_options_set_target_spirv(options, SPIRV_1_6)
-        loaded.shaderc_compile_options_set_include_callbacks(options, resolve, release, _ffi.NULL)
+        loaded.shaderc_compile_options_set_include_callbacks(options, resolve, release, _ffi().NULL)
         if suppress_warnings:
             loaded.shaderc_compile_options_set_suppress_warnings(options)
         if warnings_as_errors:
@@ -190,11 +195,11 @@ def compile_source(
             compiler, source, len(source), STAGES[stage], os.fsencode(name), b"main", options
         )
         if loaded.shaderc_result_get_compilation_status(result) != 0:
-            raise Failure(_ffi.string(loaded.shaderc_result_get_error_message(result)).decode(errors="replace"))
+            raise Failure(_ffi().string(loaded.shaderc_result_get_error_message(result)).decode(errors="replace"))
         size = loaded.shaderc_result_get_length(result)
-        return bytes(_ffi.buffer(loaded.shaderc_result_get_bytes(result), size))
+        return bytes(_ffi().buffer(loaded.shaderc_result_get_bytes(result), size))
     finally:
-        if result != _ffi.NULL:
+        if result != _ffi().NULL:
             loaded.shaderc_result_release(result)
         loaded.shaderc_compile_options_release(options)
         loaded.shaderc_compiler_release(compiler)

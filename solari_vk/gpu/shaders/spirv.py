@@ -67,6 +67,8 @@ class _Reader:
         self.entry_points: list[list[int]] = []
         self.modes: list[code.Instruction] = []
         for item in self.code:
+            if item.op == code.OP_FUNCTION:  # declarations come first
+                break
             self._collect(item)
 
     def _collect(self, item: code.Instruction) -> None:

@@ -6,8 +6,6 @@ the parameters of called functions. It is static: accesses in branches that are 
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -23,7 +21,7 @@ RESOURCE_STORAGE = (STORAGE_UNIFORM_CONSTANT, STORAGE_UNIFORM, STORAGE_BUFFER)
 OP_NAME, OP_MEMBER_NAME, OP_EXT_INST, OP_ENTRY_POINT, OP_EXECUTION_MODE = 5, 6, 12, 15, 16
 OP_EXECUTION_MODE_ID, OP_DECORATE, OP_MEMBER_DECORATE = 331, 71, 72
 OP_TYPE_POINTER, OP_VARIABLE = 32, 59
-_OP_FUNCTION, _OP_PARAMETER, _OP_FUNCTION_END, _OP_CALL = 54, 55, 56, 57
+OP_FUNCTION, _OP_PARAMETER, _OP_FUNCTION_END, _OP_CALL = 54, 55, 56, 57
 _OP_TEXEL_POINTER, _OP_LOAD, _OP_STORE, _OP_COPY_MEMORY, _OP_COPY_SIZED = 60, 61, 62, 63, 64
 _OP_SAMPLED_IMAGE, _OP_IMAGE, _OP_PHI, _OP_SELECT, _OP_COPY_OBJECT = 86, 100, 245, 169, 83
 _ACCESS_CHAINS = (65, 66, 67, 70)
@@ -38,6 +36,12 @@ _IMAGE_READS = frozenset((*range(87, 99), *range(305, 316), 320))
 # exchange, compare-exchange, arithmetic, bitwise, flag test; float minimum, maximum and sum
 _ATOMICS = frozenset((*range(229, 243), 318, 5614, 5615, 6035))
 _OP_RAY_QUERY_INITIALIZE, _OP_TRACE_RAY = 4473, 4445
+_USES = frozenset((_OP_LOAD, 68, *range(101, 108)))  # also the length of an array, properties of an image
+_FOLLOWED = frozenset((
+    *_MAKES_POINTERS, *_IMAGE_READS, *_ATOMICS, *_USES, _OP_CALL, _OP_STORE, _OP_COPY_MEMORY, _OP_COPY_SIZED,
+    _OP_IMAGE_WRITE, _OP_ATOMIC_LOAD, _OP_ATOMIC_STORE, _OP_ATOMIC_FLAG_CLEAR, _OP_RAY_QUERY_INITIALIZE,
+    _OP_TRACE_RAY, OP_EXT_INST, OP_FUNCTION, _OP_PARAMETER, OP_VARIABLE, _OP_FUNCTION_END,
+))  # fmt: skip
 
 
 class Instruction(NamedTuple):
@@ -56,16 +60,21 @@ class Function:
 
 
 def instructions(spirv: bytes, name: str) -> list[Instruction]:
-    """Decode a module. Raises SolariError if the bytes aren't a SPIR-V module."""
+    """The declarations of a module, then of its functions what AccessAnalysis follows, a fifth of the instructions.
+
+    Raises SolariError if the bytes aren't a SPIR-V module.
+    """
     words = np.frombuffer(spirv[: len(spirv) & ~3], np.uint32).tolist()
     if len(words) < 5 or words[0] != MAGIC:
         raise SolariError(f"{name}: this is not a SPIR-V module")
-    decoded, position = [], 5
+    decoded, position, in_functions = [], 5, False
     while position < len(words):
-        count = words[position] >> 16
+        op, count = words[position] & 0xFFFF, words[position] >> 16
         if count == 0 or position + count > len(words):
             raise SolariError(f"{name}: the SPIR-V module is cut off or damaged at word {position}")
-        decoded.append(Instruction(words[position] & 0xFFFF, words[position + 1 : position + count]))
+        in_functions = in_functions or op == OP_FUNCTION
+        if not in_functions or op in _FOLLOWED:
+            decoded.append(Instruction(op, words[position + 1 : position + count]))
         position += count
     return decoded
 
@@ -91,7 +100,7 @@ class AccessAnalysis:
             op, words = item
             if op == OP_TYPE_POINTER and words[1] == STORAGE_PHYSICAL:
                 self._physical_types.add(words[0])
-            elif op == _OP_FUNCTION:
+            elif op == OP_FUNCTION:
                 current = self._functions[words[1]] = Function()
             elif op == _OP_FUNCTION_END:
                 current = None
@@ -125,8 +134,8 @@ class AccessAnalysis:
                 for mine, theirs in zip((used, read, written), inner, strict=True):
                     mine |= theirs
                 continue
-            for pointer in _touched(op, words):
-                used |= roots.of(pointer)
+            if op in _USES:
+                used |= roots.of(words[2])
             for pointer in _reads(op, words):
                 if not (op == _OP_LOAD and self._is_handle(pointer, roots)):
                     read |= roots.of(pointer)
@@ -182,15 +191,6 @@ def _sources(item: Instruction) -> list[int]:
     if op == _OP_PHI:
         return words[2::2]
     return []
-
-
-_USES: dict[int, tuple[int, ...]] = defaultdict(tuple, {
-    68: (2,), 101: (2,), 102: (2,), 103: (2,), 104: (2,), 105: (2,), 106: (2,), 107: (2,), _OP_LOAD: (2,),
-})  # fmt: skip  # array length, image queries
-
-
-def _touched(op: int, words: list[int]) -> Iterator[int]:
-    return (words[at] for at in _USES[op])
 
 
 def _reads(op: int, words: list[int]) -> list[int]:
