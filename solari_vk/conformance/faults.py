@@ -35,14 +35,14 @@ class Fault:
 
 
 def known_faults(driver: str, file: Path = FILE) -> list[Fault]:
-    """The known faults of a driver. Raises SolariError for an incomplete entry."""
-    listed = tomllib.loads(file.read_text(encoding="utf-8")).get("fault", [])
+    """The known faults of a driver. Raises SolariError for a file that isn't TOML and for an incomplete entry."""
     try:
+        listed = tomllib.loads(file.read_text(encoding="utf-8")).get("fault", [])
         return [fault for fault in (Fault(**entry) for entry in listed) if fault.driver in driver]
+    except (OSError, ValueError) as error:
+        raise SolariError(f"{file}: {error}: mend the file, or install solari_vk again to get its own") from error
     except TypeError as error:
-        raise SolariError(
-            f"{file.name}: an entry needs driver, rule, evidence, and at_most or ends: {error}"
-        ) from error
+        raise SolariError(f"{file}: an entry needs driver, rule, evidence, and at_most or ends: {error}") from error
 
 
 def find_end(faults: Iterable[Fault], check: Check, ended: str = "") -> Fault | None:

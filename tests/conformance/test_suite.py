@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from xml.etree import ElementTree
@@ -75,6 +76,10 @@ def test_faults_are_listed_whole(tmp_path):
     file.write_text(file.read_text() + 'at_most = 1\nends = "SIGSEGV"\n')
     with pytest.raises(SolariError, match="either"):
         known_faults("a driver", file)
+    for content, told in ((b"[[fault]]\ndriver = a\n", "line 2"), (b"\xff", "0xff")):
+        file.write_bytes(content)
+        with pytest.raises(SolariError, match=rf"^{re.escape(str(file))}: .*{told}.*: mend the file, or install"):
+            known_faults("a driver", file)
     for driver in ("llvmpipe Mesa 25.0", "llvmpipe Mesa 26.2"):
         faults = known_faults(driver)
         assert faults

@@ -380,6 +380,7 @@ def with_a(item: Pass) -> Stage:
     ],
 )  # fmt: skip
 def test_mistakes_are_told_plainly(device, root, stage, message):
+    assert device.pipeline_cache.handle  # made for the first pipelines, and kept
     device.wait_idle()
     objects = device.live_objects
     with pytest.raises(SolariError, match=message):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from contextlib import nullcontext
 from types import SimpleNamespace
 from typing import Any
 
@@ -236,13 +235,28 @@ def test_indirect_launches_need_thread_counts(ray_device, root, tlas):
         "layout(set = 1, binding = 2, scalar) buffer ArgumentsBlock { uint at[]; } arguments;\nvoid main() {\n"
         "if (gl_LaunchIDEXT == uvec3(9)) arguments.at[0] = 1u;"))  # fmt: skip
     item = RayPass("demo", indirect="arguments", indirect_offset=4, misses=MISSES, hits=HITS)
+    stage = Stage("demo", buffers={"rays": len(CASES), "found": len(CASES)}, passes=[item])
+    given = {}
     for words in (4, 6, 7):
-        buffers = {"rays": len(CASES), "found": len(CASES), "arguments": words}
-        wrong = pytest.raises(SolariError, match=rf"^pass demo: .* buffer arguments has {4 * words} bytes: give it at "
+        given[words] = ray_device.buffer(4 * words, f"{words} words")
+        given[words].upload(np.array([0, 0, 0, 0, 2, 1, 1][:words], np.uint32))
+
+    def refused(words: int) -> Any:
+        return pytest.raises(SolariError, match=rf"^pass demo: .* buffer arguments has {4 * words} bytes: give it at "
             r"least 28, .* then three thread counts")  # fmt: skip
-        with nullcontext() if words == 7 else wrong:
-            Frame(ray_device, [Stage("demo", buffers=buffers, passes=[item])], external={"tlas": tlas},
-                  glsl_root=root).close()  # fmt: skip
+
+    for words in (4, 6):
+        with refused(words):
+            Frame(ray_device, [stage], external={"tlas": tlas, "arguments": given[words]}, glsl_root=root)
+    with Frame(ray_device, [stage], external={"tlas": tlas, "arguments": given[7]}, glsl_root=root) as frame:
+        for words in (4, 6):
+            with refused(words):
+                frame.bind({"arguments": given[words]})
+        frame.submit()
+        assert frame.resource("arguments") is given[7]
+        assert np.count_nonzero(frame["found"]) == 2
+    for buffer in given.values():
+        buffer.destroy()
 
 
 def test_a_constant_of_the_local_size_is_refused_with_the_reason(ray_device, shaders, tlas):

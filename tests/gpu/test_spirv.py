@@ -205,6 +205,17 @@ def test_stages(shaders):
     assert reflect(compile_shader("x.frag", root=shaders.root)).main.stage == "frag"
 
 
+def test_data_in_shader_records_are_refused(shaders):
+    shaders.write("x.rchit", """#version 460
+#extension GL_EXT_ray_tracing : require
+layout(location = 0) rayPayloadInEXT uint found;
+layout(shaderRecordEXT) buffer RecordBlock { uint value; } record;
+void main() { found = record.value; }
+""")
+    with pytest.raises(SolariError, match=r"^x: shaderRecordEXT: records .* hold no data: read a buffer"):
+        reflect(compile_shader("x.rchit", root=shaders.root), "x")
+
+
 def test_stripped_and_damaged_modules(shaders):
     spirv = module(shaders, FUNCTIONS + "void main() { put(0u, c.total); }\n", "zero").spirv
     with pytest.raises(SolariError, match="not a SPIR-V module"):

@@ -61,6 +61,19 @@ DiReservoir merge_with_previous(uvec2 pixel, GBufferSurface surface, DiReservoir
     return merge_di_reservoirs(reservoir, previous, here, there, rng);
 }
 
-bool takes_di(GBufferSurface surface) { return surface.exists && frame_settings.di != 0u; }
+// Each entry point says what happens to a chosen sample whose light is occluded.
+void test_visibility(GBufferSurface surface, inout DiReservoir reservoir);
+
+void write_temporal_reservoir(uvec2 pixel) {
+    GBufferSurface surface = load_gbuffer(pixel);
+    DiReservoir reservoir = EMPTY_DI_RESERVOIR;
+    if (surface.exists && frame_settings.di != 0u) {
+        uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
+        reservoir = generate_initial_reservoir(pixel, surface, rng);
+        test_visibility(surface, reservoir);
+        reservoir = merge_with_previous(pixel, surface, reservoir, rng);
+    }
+    di_temporal_reservoirs.at[pixel.y * camera.size.x + pixel.x] = reservoir;
+}
 
 #endif

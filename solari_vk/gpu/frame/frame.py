@@ -116,8 +116,12 @@ class Frame:
             slot.renew(program, named, self.uniforms)
 
     def bind(self, external: Mapping[str, Any]) -> None:
-        """Replace external resources from the next frame on. The replaced ones may be destroyed at once."""
+        """Replace external resources from the next frame on. The replaced ones may be destroyed at once.
+
+        Raises SolariError for an indirect buffer that is too small; the frame is then as before.
+        """
         assert self._program is not None
+        self._program.check(self._resources.named(0) | self._external | external)
         self._external.update(external)
         self._note_structures()
         for slot in self._slots:

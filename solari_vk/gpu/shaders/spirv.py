@@ -45,8 +45,8 @@ _IMAGE_FORMATS = (
 
 @lru_cache(maxsize=128)  # modules never change, and reading one takes 50 ms
 def reflect(spirv: bytes, name: str = "shader") -> Module:
-    """Read a module. Raises SolariError with `name` if it isn't valid SPIR-V, has a block without scalar layout, or
-    writes through a buffer reference."""
+    """Read a module. Raises SolariError with `name` if it isn't valid SPIR-V, has a block without scalar layout, reads
+    data of a shader record, or writes through a buffer reference."""
     try:
         return _Reader(spirv, name).module()
     except (KeyError, IndexError, ValueError, TypeError, OverflowError, RecursionError) as error:
@@ -101,6 +101,11 @@ class _Reader:
             entry, found = code.text(words[2:]), analysis.effects(words[1])
             entries[entry] = Entry(entry, _MODELS.get(words[0], f"model {words[0]}"), *(
                 frozenset(bound[variable].name for variable in part) for part in found))  # fmt: skip
+        if any(storage == code.STORAGE_SHADER_RECORD for *_, storage in self.variables):
+            raise SolariError(
+                f"{self.name}: shaderRecordEXT: records of the shader binding table hold no data: read a buffer, for "
+                "example at gl_InstanceCustomIndexEXT + gl_GeometryIndexEXT"
+            )
         pushed = [pointer for _, pointer, storage in self.variables if storage == code.STORAGE_PUSH_CONSTANT]
         return Module(
             self.name, self.spirv, {binding.name: binding for binding in bound.values()}, self._spec_constants(),
