@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from solari_vk.cli import main
 from solari_vk.measure.bare_rays import plain_tracer
+from solari_vk.measure.frame import run
 from solari_vk.measure.frame.passes import against_bare_rays, count_rays
 from solari_vk.measure.report import Report
 from solari_vk.renderer import Renderer
@@ -69,19 +71,40 @@ def test_nothing_to_trace_is_no_ratio(device):
         assert all(np.isnan(against_bare_rays(renderer, away, 1.0, 1)))
 
 
-def test_quick_page_of_the_frame(any_device, tmp_path):
-    """The page has every section, pictures are written, and every figure is a positive number."""
+def test_page_of_the_frame_names_the_way(any_device, tmp_path, monkeypatch):
+    for section in ("_passes", "_path_tracer", "_start", "_host", "_growth", "_error"):
+        monkeypatch.setattr(run, section, lambda *_: None)
+    monkeypatch.setattr(run, "_memory", lambda device, report: report.figure("way", 1.0, device.rays))
+    for way in ("query", "pipeline"):
+        page = tmp_path / "page.md"
+        assert main(["bench", "frame", "--quick", "--rays", way, "--markdown", str(page)]) == 0
+        assert {f"- rays: by {way}", f"| way | 1.000 {way} |  |"} <= set(page.read_text().splitlines())
+
+
+@pytest.mark.parametrize("way", ["query", pytest.param("pipeline", marks=pytest.mark.slow)])  # minutes of compiling
+def test_quick_page_of_the_frame(any_device, tmp_path, way):
+    """The page has every section and pictures are written; times and counts of rays are positive."""
     page, pictures = tmp_path / "page.md", tmp_path / "pictures"
-    assert main(["bench", "frame", "--quick", "--markdown", str(page), "--pictures", str(pictures)]) == 0
+    quick = ["bench", "frame", "--quick", "--rays", way]
+    assert main([*quick, "--markdown", str(page), "--pictures", str(pictures)]) == 0
     lines = page.read_text().splitlines()
+    assert f"- rays: by {way}" in lines
     titles = [line[3:].partition(",")[0] for line in lines if line.startswith("## ")]
     assert titles == [
         "Passes at 16x16", "Rays per pixel at 16x16", "Against bare rays at 16x16", "Path tracer at 16x16", "Start",
         "Python's time for a frame", "Growth with pixels", "Growth with triangles", "Growth with instances",
         "Growth with lights", "Memory of a frame", "Error over time", "Error over time",
     ]  # fmt: skip
-    tracer = lines[lines.index("## Path tracer at 16x16") + 4].split(" | ")
-    samples, rays, bare, ratio = (float(cell.strip(" |")) for cell in tracer[1:])
+
+    def numbers(row: str, section: str = titles[0]) -> list[float]:
+        found = next(line for line in lines[lines.index(f"## {section}") :] if line.startswith(f"| {row} |"))
+        return [float(cell.replace(",", "")) for cell in found.strip("| ").split(" | ")[1:]]
+
+    for row in ("frame, from call to done", "frame in a stream, raster G-buffer", "frame in a stream, traced G-buffer"):
+        assert len(numbers(row)) == 2
+        assert min(numbers(row)) > 0
+    assert all(2 < count < 40 for count in numbers("all", "Rays per pixel at 16x16"))
+    samples, rays, bare, ratio = numbers("cornell_box", "Path tracer at 16x16")
     assert rays > samples > 0
     assert not bare <= 0  # NaN where the time of so few rays is lost in noise
     assert abs(ratio - rays / bare) < 0.1 or np.isnan(ratio)

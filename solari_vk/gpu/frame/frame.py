@@ -121,7 +121,7 @@ class Frame:
         Raises SolariError for an indirect buffer that is too small; the frame is then as before.
         """
         assert self._program is not None
-        self._program.check(self._resources.named(0) | self._external | external)
+        self._program.check({**self._resources.named(0), **self._external, **external})
         self._external.update(external)
         self._note_structures()
         for slot in self._slots:
