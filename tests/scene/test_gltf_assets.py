@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import importlib.util
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.assets import ASSETS, asset
 
 import solari_vk as sv
 from solari_vk.scene.gltf import load_gltf
 
-_FOLDER = os.environ.get("SOLARI_VK_ASSETS")
-ASSETS = Path(_FOLDER) if _FOLDER else Path(__file__).parents[3] / "shared" / "assets"
 # The expected warnings; all other files must load without any.
 REMARKS = {
     "FlightHelmet": ["alphaMode BLEND is not supported: surfaces are opaque: material 5 'LensesMat'"],
@@ -31,12 +29,6 @@ REFUSED = {"AnisotropyBarnLamp": "AnisotropyBarnLamp.gltf: image 1 is not a PNG 
 FILES = sorted([*ASSETS.glob("*/*.glb"), *ASSETS.glob("*/*.gltf")]) if ASSETS.is_dir() else []
 
 pytestmark = pytest.mark.skipif(not FILES, reason="no assets: set SOLARI_VK_ASSETS to a folder that has them")
-
-
-def asset(name):
-    if not (ASSETS / name).exists():
-        pytest.skip(f"no {name} among the assets")
-    return ASSETS / name
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)

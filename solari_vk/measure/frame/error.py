@@ -108,7 +108,10 @@ def reference(device: Device, scene: Scene | SceneBinder, camera: Camera, size: 
 def of_path_tracer(
     device: Device, scene: Scene | SceneBinder, camera: Camera, truth: Picture, effort: Effort
 ) -> Errors:  # fmt: skip
-    """The path tracer's errors with one sample, and with as many samples as others have frames."""
+    """The path tracer's errors with one sample, and with as many samples as others have frames.
+
+    It has four times as many runs as others, because its rare bright samples make errors of pictures uncertain.
+    """
     found, size = Errors(truth), (truth.shape[1], truth.shape[0])
     with PathTracer(device, scene, size) as tracer:
 
@@ -116,7 +119,7 @@ def of_path_tracer(
             return samples * tracer.render(camera, samples=samples)["radiance"].astype(np.float64)
 
         before = sum_of(effort.observed)  # a driver may compile here, and dispatches adapt their size
-        for _ in range(effort.seeds):
+        for _ in range(4 * effort.seeds):
             first, done = tracer.samples + 1, tracer.samples + effort.observed
             found.single.append(relative_mse(sum_of(first) - before, truth))
             found.add_time(device, lambda: tracer.render(camera, samples=done), done - first)  # noqa: B023

@@ -34,11 +34,11 @@ HEAD = ("", "one", "mean", "noise of it", "ms", "cpu ms", "rays", "one x ms", "m
         "one / PT, cpu", "mean / PT, cpu")  # fmt: skip
 NOTE = (
     "relMSE. one: a single frame in the steady state, or a sample a pixel of the path tracer (PT). mean: the mean of "
-    "{observed} consecutive frames after {warm_up}, or {observed} samples, averaged over {seeds} runs; noise of it: "
-    "without what all runs have in common, which is bias. ms, rays a pixel: of a frame or a sample. / PT: error x time "
-    "over the path tracer's of this run, with processor time for cpu. Moving: the camera moves sideways by 0.25 % of "
-    "the median depth a frame, frames are reprojected onto the last one, which alone counts as one; PT's samples are "
-    "all of the last camera."
+    "{observed} consecutive frames after {warm_up}, or {observed} samples, averaged over {seeds} runs (PT: four times "
+    "as many); noise of it: without what all runs have in common, which is bias. ms, rays a pixel: of a frame or a "
+    "sample. / PT: error x time over the path tracer's of this run, with processor time for cpu, which means little on "
+    "a GPU. Moving: the camera moves sideways by 0.25 % of the median depth a frame, frames are reprojected onto the "
+    "last one, which alone counts as one; PT's samples are all of the last camera."
 )
 PATH_TRACER = "path tracer"
 

@@ -1,0 +1,135 @@
+"""Scenes on which light sampling, caches and reuse go wrong: lamps beside surfaces, shiny floors, any scale, motion.
+
+The mean of the frames is the path tracer's, and no pixel is far too bright.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.assets import asset
+from support.frames import left_of, settle
+from support.measured import hold
+
+import solari_vk as sv
+from solari_vk.conformance.realtime import (
+    Effort,
+    make_renderer,
+    measure_mean,
+    measure_picture_tiles,
+    run_pictures,
+    trace,
+)
+from solari_vk.conformance.rules import Measurement, Rule
+from solari_vk.measure.replication import replicate
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import lamp, matte, place
+
+LIGHTING = {"default": {}}  # settings of the lighting, by name
+_SECTION = ("solari_vk", "Frame")
+WHOLE = Rule("the frame is as bright as the path tracer's", *_SECTION)
+TILES = Rule("each of 4 x 4 tiles is close to the path tracer's", *_SECTION)
+OUTLIERS = Rule("no pixel without the lamp is brighter than the lamp in the mean of 16 frames", *_SECTION)
+BALLS = Rule("the balls' indirect light is the path tracer's", *_SECTION)
+
+SIZE = (48, 48)
+
+pytestmark = pytest.mark.parametrize("lighting", LIGHTING.values(), ids=LIGHTING)
+
+
+def scaled(scene, factor):
+    """The same scene, `factor` times as large around the origin."""
+    grow = np.diag((factor, factor, factor, 1.0))
+    for instance in scene:
+        instance.transform = grow @ instance.transform
+    return scene
+
+
+def radiance(frame):
+    return np.asarray(frame["radiance"], np.float64)
+
+
+# ---- lamps beside surfaces --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scale", [1.0, pytest.param(0.01, marks=pytest.mark.slow)])
+def test_a_lamp_under_the_ceiling_of_a_huge_room(device, lighting, scale):
+    """The file's room is 550 m wide. Its lamp hangs 0.9 m below the ceiling and emits on both sides. At a hundredth of
+    this size the picture is the same."""
+    scene = scaled(sv.load_gltf(asset("CornellBox/CornellBox.glb")), scale)
+    scene.add(sv.Camera.framing(scene.bounds, (0, 0, -1)))
+    effort = Effort(16, 24, 64)
+    expected = trace(device, scene, 4096, SIZE, seed=9)
+
+    with make_renderer(device, scene, SIZE, **lighting) as renderer:
+
+        def means_of_16():
+            settle(renderer, scene.camera, effort.warm_up)
+            return [np.mean([radiance(renderer.render(scene.camera)) for _ in range(16)], axis=0) for _ in range(4)]
+
+        blocks = replicate(renderer, effort.runs, means_of_16)
+    found = blocks.mean(axis=1)
+    no_lamp = trace(device, scene, 64, SIZE, max_bounces=0).max(axis=-1) == 0
+    outlier = float(blocks[:, :, no_lamp].max() / expected.max())
+    hold([
+        measure_mean(WHOLE, found, expected, 0.02, effort), measure_picture_tiles(TILES, found, expected, 0.1, effort),
+        Measurement(OUTLIERS, outlier, 1.0, "times the lamp's radiance"),
+    ])  # fmt: skip
+
+
+@pytest.mark.parametrize("gap", [0.01, pytest.param(0.1, marks=pytest.mark.slow)])
+def test_a_lamp_close_to_the_ceiling(device, lighting, gap):
+    scene, effort = sv.builtin("lamp_gap", gap=gap), Effort(16, 24, 32)
+    expected = trace(device, scene, 2048, SIZE, seed=9)
+    with make_renderer(device, scene, SIZE, **lighting) as renderer:
+        found = run_pictures(renderer, scene.camera, effort, radiance)
+    hold([measure_mean(WHOLE, found, expected, 0.02, effort)])
+
+
+# ---- shiny floors -----------------------------------------------------------------------------------
+
+
+def test_the_sun_on_a_shiny_floor(device, lighting):
+    """The frame is as bright as the path tracer's, and so is the balls' indirect light: what remains of their light
+    without the path tracer's direct light."""
+    scene, effort = sv.builtin("shiny_floor"), Effort(16, 24, 32)
+    expected = trace(device, scene, 4096, SIZE, seed=9)
+    direct = trace(device, scene, 1024, SIZE, max_bounces=1, seed=9)
+    with make_renderer(device, scene, SIZE, **lighting) as renderer:
+        found = run_pictures(renderer, scene.camera, effort, radiance)
+        balls = np.any([renderer.render(scene.camera).mask(f"ball {i}") for i in range(3)], axis=0)
+    assert (expected - direct)[balls].mean() > 0.1 * direct[balls].mean(), "there is little indirect light"
+    indirect = measure_mean(BALLS, (found - direct)[:, balls], (expected - direct)[balls], 0.05, effort)
+    hold([measure_mean(WHOLE, found, expected, 0.03, effort), indirect])
+
+
+# ---- motion -----------------------------------------------------------------------------------------
+
+
+def test_a_shadow_moves_with_its_object(device, lighting):
+    """One frame after an object under a lamp has jumped, less than 15 % of the change of the light around it is
+    missing. `left_of` measures this; the frames are means over independent runs."""
+    floor = sv.Instance(mesh=shapes.quad((0, 0, 0), (0, 0, 3), (3, 0, 0)), material=matte(0.6), name="floor")
+    plate = sv.Instance(mesh=shapes.box((-0.5, 0.9, -0.5), (0.5, 1.0, 0.5)), material=matte(0.4), name="plate")
+    light = sv.Instance(mesh=shapes.facing_quad((0, 4, 0.01), 0.3), material=lamp(40.0))
+    scene = sv.Scene(floor, plate, light)
+    camera = sv.Camera.look_at((0, 4, 5), (0, 0, 0))
+    places = [place(at=(x, 0, 0)) for x in (-0.9, 0.9)]
+    expected = []
+    for at in places:
+        plate.transform = at
+        expected.append(trace(device, scene, 1024, SIZE, camera))
+    moved = np.zeros_like(expected[0])
+    with make_renderer(device, scene, SIZE, **lighting, jitter=False) as renderer:
+        for seed in range(24):
+            renderer.seed = seed
+            renderer.reset()
+            plate.transform = places[0]
+            settle(renderer, camera, 24)
+            plate.transform = places[1]
+            moved += radiance(renderer.render(camera)) / 24
+    on_floor = (np.abs(expected[0] - expected[1]).max(axis=-1) > 0.2 * expected[1].mean()) & (expected[1][..., 0] > 0)
+    lag = left_of(expected[0][on_floor], expected[1][on_floor], moved[on_floor])
+    print(f"{lag:.3f} of the change is missing, on {on_floor.mean():.0%} of the picture")
+    assert on_floor.mean() > 0.02
+    assert abs(lag) < 0.15
