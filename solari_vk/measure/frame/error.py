@@ -131,28 +131,27 @@ def of_path_tracer(
 
 
 def of_frames(
-    device: Device, binder: SceneBinder, camera: Camera, truth: Picture, settings: Settings, effort: Effort,
-    movement: Movement | None = None,
-) -> Errors:  # fmt: skip
+    renderer: Renderer, camera: Camera, truth: Picture, effort: Effort, movement: Movement | None = None
+) -> Errors:
     """The errors of single frames in the steady state, and of the mean of the observed frames.
 
-    With a movement, frames are reprojected, and only the last frame of each run counts as a single one.
+    With a movement, whose cameras jitter, frames are reprojected, and only the last one of a run counts as single.
     """
-    found, size = Errors(truth), (truth.shape[1], truth.shape[0])
+    found, settings = Errors(truth), renderer.settings
     cameras: Sequence[Camera] = movement.cameras if movement else [camera] * (effort.warm_up + effort.observed)
-    settings = replace(settings, jitter=settings.jitter and movement is None)  # a movement's cameras jitter
-    with Renderer(device, binder, size, settings) as renderer:
-        for seed in range(effort.seeds):
-            renderer.seed = seed
-            renderer.reset()
-            frames = []
-            for index, view in enumerate(cameras):
-                if index < effort.warm_up:
-                    renderer.render(view).wait()
-                    continue
-                found.add_time(device, lambda: renderer.render(view))  # noqa: B023
-                frames.append(renderer["radiance"])
-            single = frames[-1:] if movement else frames
-            found.single += [relative_mse(frame, truth) for frame in single]
-            found.means.append(movement.mean(frames) if movement else np.mean(frames, axis=0, dtype=np.float64))
+    renderer.settings = replace(settings, jitter=settings.jitter and movement is None)
+    for seed in range(effort.seeds):
+        renderer.seed = seed
+        renderer.reset()
+        frames = []
+        for index, view in enumerate(cameras):
+            if index < effort.warm_up:
+                renderer.render(view).wait()
+                continue
+            found.add_time(renderer.device, lambda: renderer.render(view))  # noqa: B023
+            frames.append(renderer["radiance"])
+        single = frames[-1:] if movement else frames
+        found.single += [relative_mse(frame, truth) for frame in single]
+        found.means.append(movement.mean(frames) if movement else np.mean(frames, axis=0, dtype=np.float64))
+    renderer.settings = settings
     return found

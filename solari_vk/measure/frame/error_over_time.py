@@ -25,6 +25,7 @@ from solari_vk.measure.frame.passes import count_rays
 from solari_vk.measure.frame.reprojection import Movement
 from solari_vk.measure.report import milliseconds, text_table
 from solari_vk.measure.subjects import from_file
+from solari_vk.renderer import Renderer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import SCENES, builtin
 from solari_vk.scene.model import Scene
@@ -40,25 +41,30 @@ NOTE = (
     "a GPU. Moving: the camera moves sideways by 0.25 % of the median depth a frame, frames are reprojected onto the "
     "last one, which alone counts as one; PT's samples are all of the last camera."
 )
-PATH_TRACER = "path tracer"
+STILL, MOVING = "still", "moving"
 
 
 def compare(
-    device: Device, scene: Scene, truth: Picture, named: Mapping[str, Settings], effort: Effort, *,
-    moving: bool = False, rays: bool = True,
-) -> Iterator[tuple[str, Errors, Errors]]:  # fmt: skip
-    """(name, errors, the path tracer's errors) of the path tracer and of each of the settings, as they are measured."""
-    binder, size = SceneBinder(device, scene), (truth.shape[1], truth.shape[0])
+    device: Device, scene: Scene, truth: Picture, named: Mapping[str, Settings], effort: Effort, *, moving: bool = True,
+    rays: bool = True,
+) -> Iterator[dict[str, list[str]]]:  # fmt: skip
+    """A row below HEAD for the path tracer and for each of the settings, as they are measured: {STILL: row}, and with
+    `moving` {MOVING: row} too."""
+    binder, size, camera = SceneBinder(device, scene), (truth.shape[1], truth.shape[0]), scene.camera
     try:
-        base = error.of_path_tracer(device, binder, scene.camera, truth, effort)
-        yield PATH_TRACER, base, base
-        movement = Movement(device, binder, scene.camera, size, effort.warm_up, effort.observed) if moving else None
+        base = error.of_path_tracer(device, binder, camera, truth, effort)
+        yield dict.fromkeys((STILL, MOVING), row("path tracer", base, base))
+        movements: dict[str, Movement | None] = {STILL: None}
+        if moving:
+            movements[MOVING] = Movement(device, binder, camera, size, effort.warm_up, effort.observed)
         for name, settings in named.items():
-            found = error.of_frames(device, binder, scene.camera, truth, settings, effort, movement)
+            with Renderer(device, binder, size, settings) as renderer:
+                found = {case: error.of_frames(renderer, camera, truth, effort, movement)
+                         for case, movement in movements.items()}  # fmt: skip
             if rays:
-                counts = count_rays(device, binder, scene.camera, size, effort.warm_up, 2, settings)
-                found.rays = sum(counts.values())
-            yield name, found, base
+                counts = count_rays(device, binder, camera, size, effort.warm_up, 2, settings)
+                found[STILL].rays = sum(counts.values())
+            yield {case: row(name, errors, base) for case, errors in found.items()}
     finally:
         binder.destroy()
 
@@ -121,12 +127,15 @@ def main() -> None:
         for source in options.scenes:
             scene = builtin(source) if source in SCENES else from_file(Path(source))
             truth = _kept_reference(device, scene, source, size, options.samples)
-            rows = []
-            for item in compare(device, scene, truth, named, effort, moving=options.moving, rays=not options.no_rays):
-                rows.append(row(*item))
-                print(", ".join(f"{what} {cell}" for what, cell in zip(HEAD, rows[-1], strict=True)), flush=True)
-            title = f"{scene.name} {size[0]}x{size[1]}, {'moving' if options.moving else 'still'}"
-            print("\n".join(["", title, *text_table(HEAD, rows, range(1, len(HEAD))), ""]), flush=True)
+            tables: dict[str, list[list[str]]] = {case: [] for case in (STILL, MOVING)[: 1 + options.moving]}
+            for rows in compare(device, scene, truth, named, effort, moving=options.moving, rays=not options.no_rays):
+                for case, table in tables.items():
+                    table.append(rows[case])
+                    cells = (f"{what} {cell}" for what, cell in zip(HEAD, rows[case], strict=True))
+                    print(case, ", ".join(cells), flush=True)
+            for case, table in tables.items():
+                title = f"{scene.name} {size[0]}x{size[1]}, {case}"
+                print("\n".join(["", title, *text_table(HEAD, table, range(1, len(HEAD))), ""]), flush=True)
     print(NOTE.format(**vars(effort)))
 
 

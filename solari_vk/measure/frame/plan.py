@@ -32,7 +32,7 @@ class Plan:
     error_size: Size = (128, 128)
     error: Effort = field(default_factory=Effort)
     reference_samples: int = 4096
-    reference_limit: float = 300.0
+    reference_limit: float = 120.0
     """The seconds after which a reference is taken as it is."""
 
 

@@ -220,11 +220,10 @@ def _error(device: Device, report: Report, chosen: list[Scene], plan: Plan) -> N
     for scene in chosen:
         report.progress(f"{scene.name}: error over time")
         truth, taken = error.reference(device, scene, scene.camera, size, samples, plan.reference_limit)
-        for moving in (False, True):
-            rows = [error_over_time.row(*item) for item in error_over_time.compare(
-                device, scene, truth, error.configurations(), effort, moving=moving, rays=not moving)]  # fmt: skip
+        measured = list(error_over_time.compare(device, scene, truth, error.configurations(), effort))
+        for case in measured[0]:
             report.table(
-                f"Error over time, {scene.name} {size[0]}x{size[1]}, {'moving' if moving else 'still'}",
-                error_over_time.HEAD, rows, error_over_time.NOTE.format(**vars(effort)),
+                f"Error over time, {scene.name} {size[0]}x{size[1]}, {case}", error_over_time.HEAD,
+                [rows[case] for rows in measured], error_over_time.NOTE.format(**vars(effort)),
                 f"The reference has {taken} samples a pixel.",
             )  # fmt: skip
