@@ -4,6 +4,7 @@
 
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_buffer_reference : require
+#extension GL_EXT_buffer_reference_uvec2 : require
 #extension GL_EXT_nonuniform_qualifier : require
 
 #include "generated/scene/constants.glsl"
@@ -62,9 +63,21 @@ struct Texture {
 
 // ---- lights -----------------------------------------------------------------------------------------
 
+// A row of an alias table: solari_vk/scene/alias_table.py.
+struct Choice {
+    uint threshold;     // random 32-bit numbers below it choose this row, all others choose `alias`
+    uint alias;
+    float probability;  // that this row is chosen, by itself or as an alias
+};
+
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Choices { Choice at[]; };
+
 struct LightSource {
-    uint kind;   // row of LIGHT_KINDS in solari_vk/scene/light_kinds.py
-    uint index;  // of the light's record in the buffer of its kind; for emissive meshes, of the instance
+    Choices parts;    // null where all parts are equally likely
+    uint part_count;  // for emissive meshes, the triangles of the ray mesh
+    uint kind;        // row of LIGHT_KINDS in solari_vk/scene/light_kinds.py
+    uint index;       // of the light's record in the buffer of its kind; for emissive meshes, of the instance
+    Choice choice;    // among all light sources
 };
 
 layout(set = 0, binding = 1, scalar) readonly buffer InstancesBlock { Instance at[]; } instances;

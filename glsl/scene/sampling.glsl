@@ -7,6 +7,7 @@
 #include "common/random.glsl"
 #include "generated/scene/light_kinds.glsl"
 #include "scene/bindings.glsl"
+#include "scene/lights/choice.glsl"
 #include "scene/lights/types.glsl"
 
 struct LightContribution {
@@ -19,19 +20,24 @@ struct LightContribution {
 bool is_at_infinity(uint kind) { return (KINDS_AT_INFINITY >> kind & 1u) != 0u; }
 
 LightSample generate_random_light_sample(inout uint rng) {
-    uint light_index = rand_range_u(scene_info.light_count, rng);
-    LightSource light = light_sources.at[light_index];
-    uint random = rand_u(rng);
-    uint seed = rand_u(rng);
-    return LightSample(light_index, choose_part(light.kind, light.index, random), seed);
+    uint light_index = choose_light(rng);
+    uint part = choose_part(light_sources.at[light_index], rng);
+    return LightSample(light_index, part, rand_u(rng));
+}
+
+// The probability that a light sample has this light and part.
+float light_sample_probability(LightSample light_sample) {
+    return choice_probability(light_sources.at[light_sample.light_index], light_sample.part);
 }
 
 ResolvedLightSample resolve_light_sample(LightSample light_sample) {
     LightSource light = light_sources.at[light_sample.light_index];
     uint rng = light_sample.seed;
     vec2 u = rand_vec2f(rng);
-    float inverse_light_pdf = float(scene_info.light_count);
-    return resolve_light(light.kind, light.index, light_sample.part, u, inverse_light_pdf);
+    float probability = choice_probability(light, light_sample.part);
+    // a sample of an earlier frame may be of a light that is dark now
+    float inverse_probability = probability > 0.0 ? 1.0 / probability : 0.0;
+    return resolve_light(light.kind, light.index, light_sample.part, u, inverse_probability);
 }
 
 // Without occlusion. A light at infinity is computed like a point at distance 1.
@@ -63,7 +69,7 @@ vec3 radiance_at_infinity(vec3 direction, float bounce_pdf) {
         LightSource light = light_sources.at[i];
         MetLight met = meet_light(light.kind, light.index, direction);
         if (met.inverse_pdf > 0.0) {
-            float light_pdf = 1.0 / (float(scene_info.light_count) * met.inverse_pdf);
+            float light_pdf = light.choice.probability / met.inverse_pdf;
             radiance += met.radiance * power_heuristic(bounce_pdf, light_pdf);
         }
     }

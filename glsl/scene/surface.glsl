@@ -5,6 +5,7 @@
 #include "common/math.glsl"
 #include "scene/bindings.glsl"
 #include "scene/hit.glsl"
+#include "scene/lights/choice.glsl"
 
 struct ResolvedMaterial {
     vec3 base_color;
@@ -32,9 +33,7 @@ struct ResolvedRayHitFull {
     vec3 world_normal;            // shading normal, faces the ray too
     vec3 geometric_world_normal;  // faces the ray
     float ray_offset;             // rays leave from world_position + ray_offset * geometric_world_normal
-    float triangle_area;
-    uint triangle_count;
-    uint light_index;  // NO_INDEX when the instance is no light
+    float light_area_pdf;  // the density in area with which light samples choose this point; 0 when it is on no light
     bool emits;        // towards the ray: on its front, or on both sides of a double-sided material
     ResolvedMaterial material;
 };
@@ -207,9 +206,10 @@ ResolvedRayHitFull resolve_hit_full(Hit hit, Mesh mesh, vec3 ray_direction, floa
     surface.world_position = point.world_position;
     surface.geometric_world_normal = front_face ? point.geometric_world_normal : -point.geometric_world_normal;
     surface.ray_offset = point.ray_offset;
-    surface.triangle_area = point.area;
-    surface.triangle_count = mesh.triangle_count;
-    surface.light_index = instance.light_index;
+    surface.light_area_pdf = 0.0;
+    if (instance.light_index != NO_INDEX && point.area > 0.0) {
+        surface.light_area_pdf = choice_probability(light_sources.at[instance.light_index], hit.triangle) / point.area;
+    }
     surface.emits = front_face || (material.flags & MATERIAL_DOUBLE_SIDED) != 0u;
 
     float footprint_lod = 0.0;

@@ -203,6 +203,10 @@ GROUPS: dict[str, dict[str, Measure]] = {
     },
     "lights": {
         **_cases("lamp", lambda run, strategy: light_checks.measure_lamp(run.device, strategy), "mis", "nee", "brdf"),
+        **_cases(
+            "textured_lamp", lambda run, strategy: light_checks.measure_textured_lamp(run.device, strategy),
+            "mis", "nee", "brdf",
+        ),
         **_cases("sun", lambda run, *case: light_checks.measure_sun(run.device, *case), *_SUNS),
         "invariance": lambda run: light_checks.measure_invariance(run.device),
     },

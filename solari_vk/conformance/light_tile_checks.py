@@ -24,14 +24,16 @@ from solari_vk.measure.statistics import chi_squared_p, standard_deviations
 from solari_vk.renderer import Renderer
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place, rgb
+from solari_vk.scene.lights import EQUAL_SHARE
+from solari_vk.scene.spatial import spatial_order
 
 _0_17, _0_18 = ("Solari in Bevy 0.17", "Presampling Lights"), ("Solari in Bevy 0.18", "Energy Loss Bug")
 ENCODED = Rule("packed radiance from 1e-4 to 1e9 times white is exact within half a step of log2 rgb9e5", *_0_18)
 SUN = Rule("a sun of 100,000 lux isn't clipped at EV100 9.7", *_0_18)
 BLACK = Rule("a color channel of 0 stays 0", *_0_18)
-DENSITY = Rule("1 / pdf of a sample is the number of lights times area, or times solid angle for a sun", *_0_17)
+DENSITY = Rule("1 / pdf of a sample is area, or solid angle for a sun, over the probability of its triangle", *_0_17)
 KIND = Rule("a packed sample has its light's kind", SUITE, "Light tiles")
-CHOICE = Rule("all lights are equally likely, and all triangles of a light", *_0_17)
+CHOICE = Rule("lights are chosen by power, one half equally often, and their triangles by area", SUITE, "Light tiles")
 UNIQUE = Rule("the tiles of four frames hold no sample twice", *_0_17)
 SCROLL = Rule("samples are uncorrelated within tiles, between tiles and between frames", *_0_17)
 CONTRIBUTION = Rule("a packed sample lights a floor as the light itself does", *_0_17)
@@ -78,11 +80,13 @@ def measure_tiles(device: Device) -> Iterator[Measurement]:
     scene = lamps_above(EXPOSED)
     with make_renderer(device, scene, (8, 8), **OFF) as renderer:
         named, packed = _take_tiles(renderer, 4)
-    yield from _measure_packing(named.ravel(), packed.ravel(), scene.camera.exposure)
-    yield from _measure_choice(named, len(shapes.sphere(0.2, 8).triangles))
+        powers = renderer.binder.lights.powers
+    probabilities = (1 - EQUAL_SHARE) * powers / powers.sum() + EQUAL_SHARE / len(powers)
+    yield from _measure_packing(named.ravel(), packed.ravel(), probabilities, scene.camera.exposure)
+    yield from _measure_choice(named, probabilities)
 
 
-def _measure_packing(named: Samples, packed: Samples, exposure: float) -> Iterator[Measurement]:
+def _measure_packing(named: Samples, packed: Samples, probabilities: Floats, exposure: float) -> Iterator[Measurement]:
     """Compares packed records with the lights of the scene."""
     light, count = named["light_index"], len(EXPOSED) + 2
     sun = closed_forms.sun_radiance(LUX, SUN_ANGLE) * exposure
@@ -98,17 +102,22 @@ def _measure_packing(named: Samples, packed: Samples, exposure: float) -> Iterat
     solid_angle = 2 * math.pi * (1 - math.cos(SUN_ANGLE / 2))
     densities = {"a lamp": (light < len(EXPOSED), (2 * HALF_SIDE) ** 2), "the sun": (light == count - 1, solid_angle)}
     for name, (mine, area) in densities.items():
-        error = np.abs(packed["inverse_pdf"][mine].astype(np.float64) / (count * area) - 1).max()
+        products = packed["inverse_pdf"][mine].astype(np.float64) * probabilities[light[mine]]
+        error = np.abs(products / area - 1).max()
         yield Measurement(DENSITY, float(error), 1e-5, "relative error", name)
     yield Measurement(KIND, float((samples.directional != (light == count - 1)).sum()), 0.0, "of another kind")
 
 
-def _measure_choice(named: Samples, ball_triangles: int) -> Iterator[Measurement]:
+def _measure_choice(named: Samples, probabilities: Floats) -> Iterator[Measurement]:
     """Tests whether lights, triangles and random numbers are chosen independently and with the right probabilities."""
-    triangles = np.array([2] * len(EXPOSED) + [ball_triangles, 1])
-    first = np.cumsum(triangles) - triangles
-    observed = np.bincount((first[named["light_index"]] + named["part"]).ravel(), minlength=triangles.sum())
-    expected = np.repeat(named.size / (len(triangles) * triangles), triangles)
+    ball = shapes.sphere(0.2, 8)
+    corners = ball.positions[ball.triangles].astype(np.float64)
+    a, b, c = corners[spatial_order(corners.mean(axis=1))].transpose(1, 0, 2)
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    parts = [np.full(2, 0.5)] * len(EXPOSED) + [areas / areas.sum(), np.ones(1)]
+    first = np.cumsum([0, *(len(of) for of in parts)])
+    observed = np.bincount((first[named["light_index"]] + named["part"]).ravel(), minlength=first[-1])
+    expected = named.size * np.concatenate([p * of for p, of in zip(probabilities, parts, strict=True)])
     z = standard_deviations(chi_squared_p(observed, expected))
     yield Measurement(CHOICE, z, _MAX_Z, "standard deviations")
     yield Measurement(UNIQUE, float(named.size - len(np.unique(named))), 0.0, f"of {named.size:,} again")

@@ -17,6 +17,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.shaders import spirv
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.scene.constants import NO_INDEX
+from solari_vk.scene.emission import Emissions
 from solari_vk.scene.geometry import Geometry
 from solari_vk.scene.lights import ORIGIN, Lights
 from solari_vk.scene.materials import Materials
@@ -46,6 +47,7 @@ class SceneBinder:
         layout: dict[str, Any] = {name: b.dtype if b.element is None else b.element for name, b in bindings.items()}
         self._geometry = Geometry(device, layout["meshes"], layout["vertex_attributes"], self)
         self._textures = Textures(device, layout["textures"], self)
+        self._emissions = Emissions(device, layout["light_sources"]["choice"])
         self.lights = Lights(device, layout)
         """The list of light sources, as of the latest `update`."""
         self._materials = Materials(device, layout["materials"], self._textures, self)
@@ -89,7 +91,7 @@ class SceneBinder:
     @property
     def triangle_orders(self) -> dict[int, NDArray[np.int64]]:
         """For each row of `meshes` in use: the mesh's triangle of each uploaded triangle."""
-        return self._geometry.triangle_orders()
+        return {self._geometry.rows[mesh]: order for mesh, order in self._geometry.orders.items()}
 
     def update(self) -> None:
         """Apply all changes since the latest call. Raises SolariError for a scene that is too large."""
@@ -129,11 +131,13 @@ class SceneBinder:
         elif isinstance(item, Mesh):
             users = self._geometry.change(item)
             self._write_rows.update(dict.fromkeys(users))
+            self._emissions.change(item)
             for instance in users:
                 if self.lights.index(instance) is not None:
                     self.lights.renew(instance)
         elif isinstance(item, (Texture, TextureImage)):
             self._textures.change(item)
+            self._write_rows.update(dict.fromkeys(self._emissions.change(item)))
 
     def _take_up_instance(self, instance: Instance) -> None:
         before = self._uses.get(instance)
@@ -180,15 +184,18 @@ class SceneBinder:
     # ---- from rows to records -----------------------------------------------------------------------
 
     def _set_emissive(self, instance: Instance, row: int, emits: bool) -> None:
-        area, position = 0.0, ORIGIN
+        emission, area, position = None, 0.0, ORIGIN
         if emits:
             mesh = instance.ray_mesh or instance.mesh
             (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = instance.transform.tolist()
             p, q, r = self._geometry.centers[mesh].tolist()
             position = a * p + b * q + c * r + x, d * p + e * q + f * r + y, g * p + h * q + i * r + z
             volume = abs(a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g))
-            area = volume ** (2 / 3) * self._geometry.area(mesh)
-        moved = self.lights.set_emissive(instance, row, emits, area, position)
+            emission = self._emissions.acquire(instance, self._geometry.orders[mesh])
+            area = volume ** (2 / 3) * emission.area
+        else:
+            self._emissions.release(instance)
+        moved = self.lights.set_emissive(instance, row, emission, area, position)
         if moved is not None:
             self._write_rows[moved] = None
 
@@ -198,6 +205,7 @@ class SceneBinder:
             emits = instance.visible and instance.material in self._materials.emitting
             if emits or self.lights.index(instance) is not None:
                 self._set_emissive(instance, self._instance_rows[instance], emits)
+        self._emissions.end_update()
         for instance in self._write_rows:
             self._write_instance(instance)
         self._write_rows.clear()
@@ -235,6 +243,7 @@ class SceneBinder:
         self.scene.unwatch(self)
         for item in (*self._uses, *self.scene.lights):
             item.unwatch(self)
-        owners = (self._geometry, self._materials, self._textures, self.lights, self._instances, self._traced)
+        owners = (self._geometry, self._materials, self._textures, self._emissions, self.lights, self._instances,
+                  self._traced)  # fmt: skip
         for owner in owners:
             owner.destroy()

@@ -33,8 +33,8 @@ class Geometry:
         self._buffers: dict[Mesh, Buffer] = {}
         self.centers: dict[Mesh, NDArray[np.float32]] = {}
         """The center (3,) of each uploaded mesh's bounds, in object space."""
-        self._areas: dict[Mesh, float] = {}  # surface area; computed on demand
-        self._orders: dict[Mesh, NDArray[np.int64]] = {}
+        self.orders: dict[Mesh, NDArray[np.int64]] = {}
+        """For each uploaded mesh the mesh's triangle of each uploaded triangle."""
         self.blases: dict[Mesh, Blas] = {}
         """The acceleration structure of each traced mesh, as of the latest `update`."""
         self._to_upload: dict[Mesh, None] = {}
@@ -56,8 +56,7 @@ class Geometry:
             self._to_upload.pop(mesh, None)
             if mesh in self._buffers:
                 self._buffers.pop(mesh).destroy()
-                del self.centers[mesh], self._orders[mesh]
-                self._areas.pop(mesh, None)
+                del self.centers[mesh], self.orders[mesh]
 
     def change(self, mesh: Mesh) -> list[Any]:
         """Take note of an edit of a mesh, which must be uploaded again; returns the instances that use it."""
@@ -65,17 +64,6 @@ class Geometry:
             return []
         self._to_upload[mesh] = None
         return self.rows.users(mesh)
-
-    def area(self, mesh: Mesh) -> float:
-        """The surface area of an uploaded mesh, in object space."""
-        if mesh not in self._areas:
-            a, b, c = mesh.positions[mesh.triangles].astype(np.float64).swapaxes(0, 1)
-            self._areas[mesh] = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
-        return self._areas[mesh]
-
-    def triangle_orders(self) -> dict[int, NDArray[np.int64]]:
-        """For each row of `table` in use: the mesh's triangle of each uploaded triangle."""
-        return {self.rows[mesh]: order for mesh, order in self._orders.items()}
 
     def update(self) -> None:
         """Upload new and changed meshes and build their acceleration structures."""
@@ -99,11 +87,10 @@ class Geometry:
         """Upload a mesh as one buffer: positions, triangles in spatial order, and other attributes if there are any."""
         triangles = mesh.triangles
         corners = mesh.positions[triangles]
-        order = self._orders[mesh] = spatial_order(corners.mean(axis=1))
+        order = self.orders[mesh] = spatial_order(corners.mean(axis=1))
         triangles = triangles[order]
         low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
         self.centers[mesh] = (low + high) / 2
-        self._areas.pop(mesh, None)
         parts = [mesh.positions, triangles]
         flags = 0
         if any(part is not None for part in (mesh.normals, mesh.uvs, mesh.tangents)):

@@ -72,10 +72,10 @@ def _srgb_to_linear() -> NDArray[np.float32]:
     return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
 
-_LINEAR_OF_SRGB = _srgb_to_linear()
+LINEAR_OF_SRGB = _srgb_to_linear()
 # The sRGB codes of 2^16 linear values: fine enough that every 8-bit code is reproduced.
 _STEPS = 2**16 - 1
-_MIDDLES = ((_LINEAR_OF_SRGB[1:].astype(np.float64) + _LINEAR_OF_SRGB[:-1]) / 2 * _STEPS).astype(np.float32)
+_MIDDLES = ((LINEAR_OF_SRGB[1:].astype(np.float64) + LINEAR_OF_SRGB[:-1]) / 2 * _STEPS).astype(np.float32)
 _SRGB_OF_LINEAR = np.searchsorted(_MIDDLES, np.arange(_STEPS + 1)).astype(np.uint8)
 
 
@@ -98,7 +98,7 @@ def mip_chain(pixels: Pixels, srgb: bool) -> list[Pixels]:
 def _to_light(pixels: Pixels, srgb: bool) -> NDArray[np.float32]:
     if not srgb:
         return pixels.astype(np.float32)
-    light = np.take(_LINEAR_OF_SRGB, pixels)
+    light = np.take(LINEAR_OF_SRGB, pixels)
     light *= _STEPS
     light[..., 3] = pixels[..., 3]
     return light

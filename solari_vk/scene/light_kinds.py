@@ -4,11 +4,10 @@ To add a kind, write its class of scene objects (derived from `objects.Light`) a
 glsl/scene/lights/NAME.glsl, where NAME is the row's name. `glsl_header` makes the constants and the functions that
 choose between the kinds. Each NAME.glsl defines:
 
-    uint choose_part_NAME(uint index, uint random)
-        A part of the light, such as a triangle, for a uniformly distributed 32-bit number; 0 for lights without parts.
-    ResolvedLightSample resolve_NAME(uint index, uint part, vec2 u, float inverse_light_pdf)
-        The point of that part, or the direction, for random numbers u in [0, 1), with its radiance. Its inverse_pdf is
-        inverse_light_pdf times the inverse density of the point in area, or of the direction in solid angle.
+    ResolvedLightSample resolve_NAME(uint index, uint part, vec2 u, float inverse_probability)
+        The point of a part of the light, or the direction, for random numbers u in [0, 1), with its radiance. The part
+        is a triangle of an emissive mesh, 0 for all other kinds. Its inverse_pdf is inverse_probability times the
+        inverse density of the point in area, or of the direction in solid angle.
     float emission_cosine_NAME(uint data, float cosine)
         The factor of a sample's radiance times projected area towards a receiver: `data` is the sample's, `cosine` the
         cosine between its normal and the direction to the receiver.
@@ -81,7 +80,9 @@ def _directional_record(light: DirectionalLight) -> dict[str, Any]:
 LIGHT_KINDS = (
     LightKind(
         "emissive_mesh", Instance, AT_SURFACES,
-        power=lambda instance, area: math.pi * area * luminance(instance.material.emissive),
+        power=lambda instance, area: (
+            math.pi * area * luminance(instance.material.emissive) * (2 if instance.material.double_sided else 1)
+        ),
     ),
     LightKind(
         "directional", DirectionalLight, AT_INFINITY,
@@ -107,8 +108,7 @@ def glsl_header() -> str:
         headers.enumeration("LIGHT", every),
         headers.constants(**masks),  # bit i says whether the kind i is one of them
         *(f'#include "scene/lights/{name}.glsl"' for name in every),
-        _choose("uint choose_part", "uint random", every),
-        _choose("ResolvedLightSample resolve_light", "uint part, vec2 u, float inverse_light_pdf", every),
+        _choose("ResolvedLightSample resolve_light", "uint part, vec2 u, float inverse_probability", every),
         _choose("float emission_cosine", "float cosine", every, argument="data"),
         _choose("uint shown_id", "", every),
         _choose("MetLight meet_light", "vec3 direction", at_infinity),

@@ -11,12 +11,29 @@ from numpy.typing import NDArray
 
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene import light_kinds
+from solari_vk.scene.alias_table import alias_table
+from solari_vk.scene.emission import Emission
 from solari_vk.scene.light_kinds import AT_INFINITY, LightKind
 from solari_vk.scene.model import Instance, Light
 from solari_vk.scene.table import Table
 
 Position = tuple[float, float, float]
 ORIGIN = (0.0, 0.0, 0.0)
+ONE_PART = Emission(1.0, 1, None)
+EQUAL_SHARE = 0.5
+"""The share of light samples that takes all lit lights with equal probability, for weak lights that are near and for
+strong ones behind walls, such as the sun: no light is taken less than half as often as by either rule alone."""
+
+
+def choice_weights(powers: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How often light samples take lights of these powers (N,), up to a factor; dark lights are never taken."""
+    lit = powers > 0
+    highest = powers.max(initial=0.0)
+    if not highest > 0:
+        return powers
+    shares = powers / highest
+    weights: NDArray[np.float64] = (1 - EQUAL_SHARE) * shares / shares.sum() + EQUAL_SHARE * lit / np.count_nonzero(lit)
+    return weights
 
 
 class Lights:
@@ -64,22 +81,23 @@ class Lights:
         return self._index.get(instance)
 
     def set_emissive(
-        self, instance: Instance, row: int, emits: bool, area: float = 0.0, position: Position = ORIGIN
+        self, instance: Instance, row: int, emission: Emission | None, area: float = 0.0, position: Position = ORIGIN
     ) -> Instance | None:
-        """Add, update or remove the instance of that row. Returns the instance whose index changed, if any.
+        """Add or update the instance of that row, or remove it if its emission is None. Returns the instance whose
+        index changed, if any.
 
-        area: of the instance's surface in the world, in square meters. position: of its center.
+        area: of the instance's surface in the world, in square meters, times its emissive texture's mean luminance.
+        position: of its center.
         """
         index = self._index.get(instance)
-        if emits:
+        if emission is not None:
             self._set_power(instance, self._mesh_kind.power(instance, area))
             if index is None:
                 index = self._index[instance] = len(self._emissive)
                 self._emissive.append(instance)
                 self.renew(instance)
             self.sources.reserve(index + 1)
-            self.sources.records[index] = (self._index_of_kind[self._mesh_kind], row)
-            self.sources.mark([index])
+            self._write_source(index, self._mesh_kind, row, emission)
             self._set_position(index, position)
             return None
         if index is None:
@@ -95,6 +113,14 @@ class Lights:
         self.sources.records[index] = self.sources.records[len(self._emissive)]
         self.sources.mark([index])
         return last
+
+    def _write_source(self, row: int, kind: LightKind, index: int, emission: Emission = ONE_PART) -> None:
+        """Write a row without its choice."""
+        record = self.sources.records[row]
+        record["kind"], record["index"] = self._index_of_kind[kind], index
+        record["part_count"] = emission.triangle_count
+        record["parts"] = 0 if emission.choices is None else emission.choices.address
+        self.sources.mark([row])
 
     def renew(self, light: Instance | Light) -> None:
         """Give a light another id, because what was sampled on it, such as a triangle, has another meaning now."""
@@ -124,6 +150,8 @@ class Lights:
         known = self._power_of.get(light, 0.0)
         if not math.isclose(power, known, rel_tol=1e-5):  # turning an instance changes its area by rounding
             self._powers_changed = True
+        if known == 0 < power and light in self._id_of:
+            self.renew(light)
         self._power_of[light] = power
 
     def update(self, lit_area: Callable[[], float]) -> None:
@@ -143,11 +171,13 @@ class Lights:
         listed: list[Instance | Light] = [*self._emissive, *(light for _, light in others)]
         self.powers = np.fromiter((self._power_of[light] for light in listed), np.float64, len(listed))
         self._powers_changed = False
-        if not self._changed:
-            return
-        self._changed = False
-        self.ids = np.fromiter((self._id_of[light] for light in listed), np.uint32, len(listed))
-        self._write_others(len(listed))
+        if self._changed:
+            self._changed = False
+            self.ids = np.fromiter((self._id_of[light] for light in listed), np.uint32, len(listed))
+            self._write_others(len(listed))
+        choices = self.sources.records["choice"]
+        choices[: len(listed)] = alias_table(choice_weights(self.powers), choices.dtype)
+        self.sources.mark(range(len(listed)))
 
     def _write_others(self, light_count: int) -> None:
         """Write the rows behind the emissive instances, the records of their kinds, and `scene_info`."""
@@ -160,10 +190,9 @@ class Lights:
             table = self._records[kind]
             table.reserve(len(lights))
             for index, light in enumerate(lights):
-                self.sources.records[row] = (self._index_of_kind[kind], index)
+                self._write_source(row, kind, index)
                 for field, value in kind.record(light).items():
                     table.records[index][field] = value
-                self.sources.mark([row])
                 row += 1
             table.mark(range(len(lights)))
         info = self.info.records[0]

@@ -23,17 +23,18 @@ _MOST_INLINE = 1 << 16  # bytes that vkCmdUpdateBuffer takes at most
 class Table:
     """Records of one dtype, on the host in `records` and on the device in `buffer`.
 
-    fields: the names of all fields, in the order in which `set` takes their numbers. Raises SolariError if the
-    dtype has other fields or another order.
+    fields: the names of all fields, in the order in which `set` takes their numbers; only `set` needs them. Raises
+    SolariError if the dtype has other fields or another order.
     """
 
     def __init__(self, device: Device, name: str, dtype: np.dtype[Any], fields: Sequence[str] | None = None) -> None:
         self.name = name
         self._device = device
         names = dtype.names or ()
-        if fields is not None and tuple(fields) != names:
-            raise SolariError(f"the shaders' {name} have the fields {', '.join(names)}, not {', '.join(fields)}")
-        self._packing, _ = packing(dtype, names)
+        if fields is not None:
+            if tuple(fields) != names:
+                raise SolariError(f"the shaders' {name} have the fields {', '.join(names)}, not {', '.join(fields)}")
+            self._packing, _ = packing(dtype, names)
         self._size = dtype.itemsize
         self._keep(np.zeros(16, dtype))
         self.buffer = self._make_buffer()

@@ -10,16 +10,26 @@ from solari_vk.gpu.shaders.patches import patched_shaders
 
 def test_bugs_in_lights_are_noticed(device):
     """Light samples get a wrong density."""
-    bug = ("scene/sampling.glsl", "float inverse_light_pdf = float(", "float inverse_light_pdf = 1.0 + float(")
+    bug = ("scene/sampling.glsl", "? 1.0 / probability", "? 1.0 + 1.0 / probability")
     with patched_shaders(bug):
         expect_red(light_checks.measure_lamp(device, "nee"), "floor, nee: mean", "floor, nee: tiles")
         expect_red(light_checks.measure_sun(device, 0.0093, "nee"), "nee: mean")
         expect_red(light_checks.measure_invariance(device), "in two parts")
 
 
+def test_bugs_in_the_choice_of_triangles_are_noticed(device):
+    """Samples, or hits, take all triangles of a textured lamp for equally likely."""
+    every = "float of_part = has_equal_parts(light) ?", "float of_part = true ?"
+    with patched_shaders(("scene/lights/choice.glsl", *every)):
+        expect_red(light_checks.measure_textured_lamp(device, "nee"), "spot over a floor, nee: mean")
+    hits = "light_sources.at[instance.light_index], hit.triangle)", "light_sources.at[instance.light_index], 0u)"
+    with patched_shaders(("scene/surface.glsl", *hits)):
+        expect_red(light_checks.measure_textured_lamp(device, "mis"), "spot over a floor, mis: mean")
+
+
 def test_a_small_bias_of_light_samples_is_noticed(device):
     """Light samples are 2 % too bright."""
-    bug = ("scene/sampling.glsl", "float inverse_light_pdf = float(", "float inverse_light_pdf = 1.02 * float(")
+    bug = ("scene/sampling.glsl", "? 1.0 / probability", "? 1.02 / probability")
     with patched_shaders(bug):
         expect_red(path_checks.measure_series(device, 1, ["nee"]), "after 1 bounces, nee")
 

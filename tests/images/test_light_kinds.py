@@ -46,11 +46,10 @@ layout(set = 0, binding = LIGHT_RECORDS + LIGHT_POINT, scalar) readonly buffer P
     PointLight at[];
 } point_lights;
 
-uint choose_part_point(uint index, uint random) { return 0u; }
-ResolvedLightSample resolve_point(uint index, uint part, vec2 u, float inverse_light_pdf) {
+ResolvedLightSample resolve_point(uint index, uint part, vec2 u, float inverse_probability) {
     PointLight light = point_lights.at[index];
     return ResolvedLightSample(
-        LIGHT_POINT, 0u, light.position, vec3(0.0, 1.0, 0.0), 0.0, vec3(light.intensity), inverse_light_pdf
+        LIGHT_POINT, 0u, light.position, vec3(0.0, 1.0, 0.0), 0.0, vec3(light.intensity), inverse_probability
     );
 }
 float emission_cosine_point(uint data, float cosine) { return 1.0; }
@@ -86,11 +85,10 @@ SKY_GLSL = """
 struct Sky { float radiance; };
 layout(set = 0, binding = LIGHT_RECORDS + LIGHT_SKY, scalar) readonly buffer Skies { Sky at[]; } skies;
 
-uint choose_part_sky(uint index, uint random) { return 0u; }
-ResolvedLightSample resolve_sky(uint index, uint part, vec2 u, float inverse_light_pdf) {
+ResolvedLightSample resolve_sky(uint index, uint part, vec2 u, float inverse_probability) {
     vec3 direction = sample_cone(vec3(0.0, 1.0, 0.0), 2.0, u);
     vec3 radiance = vec3(skies.at[index].radiance);
-    return ResolvedLightSample(LIGHT_SKY, 0u, direction, -direction, 0.0, radiance, inverse_light_pdf * 4.0 * PI);
+    return ResolvedLightSample(LIGHT_SKY, 0u, direction, -direction, 0.0, radiance, inverse_probability * 4.0 * PI);
 }
 float emission_cosine_sky(uint data, float cosine) { return 1.0; }
 uint shown_id_sky(uint index) { return 2000u + index; }

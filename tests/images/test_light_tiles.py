@@ -15,6 +15,7 @@ from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place
 from solari_vk.scene.constants import NO_INDEX
+from solari_vk.scene.lights import EQUAL_SHARE
 from solari_vk.scene.matrices import transform_points
 from solari_vk.scene.spatial import spatial_order
 
@@ -45,13 +46,14 @@ class World:
         self.scene.add(self.sun)
         self.scene.add(sv.Camera.look_at((0, 2, 6), (0, 0, 0), ev100=3.0))
 
-    @property
-    def light_count(self):
-        return len(self.emissive) + 1
+    def probabilities(self, powers):
+        """Those of all lights of these powers in lumens, as the page of solari_vk/scene/lights.py says."""
+        return (1 - EQUAL_SHARE) * powers / powers.sum() + EQUAL_SHARE / len(powers)
 
-    def resolve(self, samples):
+    def resolve(self, samples, powers):
         """Position (or direction to the sun), normal, radiance and inverse pdf of light samples, in float64."""
         count = len(samples)
+        probabilities = self.probabilities(powers)
         position, normal, radiance = (np.zeros((count, 3)) for _ in range(3))
         inverse_pdf = np.zeros(count)
         u, v = random_numbers(samples["seed"])
@@ -59,7 +61,8 @@ class World:
             mine = samples["light_index"] == light
             m = np.asarray(transform, np.float64)
             corners = np.asarray(mesh.positions, np.float64)[mesh.triangles]
-            corners = transform_points(m, corners[spatial_order(corners.mean(axis=1))])
+            order = spatial_order(corners.mean(axis=1))
+            corners = transform_points(m, corners[order])
             a, b, c = corners[samples["part"][mine]].transpose(1, 0, 2)
             root = np.sqrt(u[mine])[:, None]
             across = v[mine][:, None]
@@ -68,10 +71,14 @@ class World:
             length = np.linalg.norm(cross, axis=1)
             normal[mine] = cross / length[:, None]
             radiance[mine] = material.emissive
-            inverse_pdf[mine] = self.light_count * len(corners) * length / 2
+            # Triangles are chosen by their area in object space, which a matrix that shears changes unevenly.
+            a, b, c = np.asarray(mesh.positions, np.float64)[mesh.triangles].transpose(1, 0, 2)
+            areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+            of_part = (areas / areas.sum())[order][samples["part"][mine]]
+            inverse_pdf[mine] = length / 2 / (probabilities[light] * of_part)
         directional = samples["light_index"] == len(self.emissive)
         solid_angle = 2 * np.pi * (1 - np.cos(self.sun.angular_diameter / 2))
-        inverse_pdf[directional] = self.light_count * solid_angle
+        inverse_pdf[directional] = solid_angle / probabilities[-1]
         radiance[directional] = self.sun.illuminance / (np.pi * np.sin(self.sun.angular_diameter / 2) ** 2)
         return directional, position, normal, radiance, inverse_pdf
 
@@ -83,21 +90,23 @@ def world():
 
 @pytest.fixture
 def tiled(device, world):
-    """tiled(**settings) -> the samples and the packed samples of a frame, (tiles, samples per tile) each."""
+    """tiled(**settings) -> the samples and the packed samples of a frame, (tiles, samples per tile) each, and the
+    lights' powers."""
     def render(**settings):
         settings = {"light_tile_count": TILES, "light_tile_samples": SAMPLES} | settings
         with direct_renderer(device, world.scene, (8, 8), **settings) as renderer:
             frame = renderer.render(world.scene.camera)
             shape = settings["light_tile_count"], settings["light_tile_samples"]
-            return frame["light_tile_samples"].reshape(shape), frame["light_tiles"].reshape(shape)
+            powers = renderer.binder.lights.powers
+            return frame["light_tile_samples"].reshape(shape), frame["light_tiles"].reshape(shape), powers
 
     return render
 
 
 def test_samples_are_packed_as_they_resolve(world, tiled):
-    samples, packed = (values.ravel() for values in tiled())
+    samples, packed, powers = (values.ravel() for values in tiled())
     assert packed.dtype.itemsize == 32
-    directional, position, normal, radiance, inverse_pdf = world.resolve(samples)
+    directional, position, normal, radiance, inverse_pdf = world.resolve(samples, powers)
     np.testing.assert_allclose(packed["world_position"][~directional], position[~directional], atol=2e-5)
     toward = packed["world_position"][directional].astype(np.float64)
     assert np.abs(np.linalg.norm(toward, axis=1) - 1).max() < 1e-6
@@ -122,9 +131,9 @@ def test_a_seed_determines_the_tiles(tiled):
 
 
 def test_tile_sizes_need_not_be_multiples_of_the_workgroup(world, tiled):
-    samples, packed = tiled(light_tile_count=3, light_tile_samples=7)
+    samples, packed, powers = tiled(light_tile_count=3, light_tile_samples=7)
     assert samples.shape == (3, 7)
-    np.testing.assert_allclose(packed["inverse_pdf"].ravel(), world.resolve(samples.ravel())[-1], rtol=1e-5)
+    np.testing.assert_allclose(packed["inverse_pdf"].ravel(), world.resolve(samples.ravel(), powers)[-1], rtol=1e-5)
 
 
 def test_no_lights(device):

@@ -123,6 +123,25 @@ def test_a_light_that_grows_is_right_at_once(device, floor):
     assert_agree(observations, settled(device, floor)[1:2], 0.02)
 
 
+def test_lights_stay_right_while_another_changes_their_probability(device, floor):
+    """In each frame another lamp, which shines away from the floor, becomes 10,000 times as bright or dark: reservoirs
+    of earlier frames chose the floor's lamp three times as often as this frame, or seldomer."""
+    floor.add(hang(GREEN, 0.3))
+    above = floor.add(hang(RED, 0))
+    above.transform = place((1, -1, 1), (0, 4, 0))
+    with direct_renderer(device, floor, SIZE, **SETTINGS) as renderer:
+
+        def run():
+            observed = []
+            for frame in range(16):
+                above.material.emissive = np.array(RED) * (1e4 if frame % 2 else 1.0)
+                observed.append(means(renderer, floor, 1)[0])
+            return np.mean(observed[4:], axis=0)[1:2]
+
+        observations = replicate(renderer, RUNS, run)
+    assert_agree(observations, settled(device, floor)[1:2], 0.02)
+
+
 def test_all_lights_are_removed_and_added_again(device, floor):
     sun = sv.DirectionalLight(direction=(0.1, -1, 0), illuminance=3.0, angular_diameter=0.3)
     light = floor.add(hang(GREEN, 0))
@@ -155,27 +174,33 @@ def test_many_lights_shrink_to_one(device, floor):
     assert (after[:, 2] > 0).all()
 
 
-INITIAL = "passes/restir_di/initial_and_temporal.glsl"
+INITIAL, SHADE = "passes/restir_di/initial_and_temporal.glsl", "passes/restir_di/spatial_and_shade.comp"
 RESERVOIR, TARGET = "passes/restir_di/reservoir.glsl", "passes/restir_di/target.glsl"
 MUTANTS = {
     "not translated": (
-        test_removed_lights_are_dark_at_once, INITIAL,
-        "= light_translation.at[reservoir.light_sample.light_index];", "= reservoir.light_sample.light_index;",
+        test_removed_lights_are_dark_at_once,
+        (INITIAL, "= light_translation.at[reservoir.light_sample.light_index];",
+         "= reservoir.light_sample.light_index;"),
     ),
     "confidence of removed lights dropped": (
-        test_removed_lights_are_dark_at_once, RESERVOIR,
-        "vec2 confidences = vec2(first.confidence, second.confidence);",
-        "vec2 confidences = vec2(first.confidence, here.y > 0.0 ? second.confidence : 0.0);",
+        test_removed_lights_are_dark_at_once,
+        (RESERVOIR, "vec2 confidences = vec2(first.confidence, second.confidence);",
+         "vec2 confidences = vec2(first.confidence, here.y > 0.0 ? second.confidence : 0.0);"),
+    ),
+    "weights of another frame's probabilities": (
+        test_lights_stay_right_while_another_changes_their_probability,
+        (TARGET, "weight * light_sample_probability(light_sample);", "weight;"),
+        (SHADE, "light.inverse_pdf * light_sample_probability(reservoir.light_sample)", "light.inverse_pdf"),
     ),
     "new lights taken for old": (
-        test_added_lights_are_bright_at_once, TARGET,
-        "light_index == NO_INDEX || previous_light.at[light_index] == NO_INDEX", "light_index == NO_INDEX",
+        test_added_lights_are_bright_at_once,
+        (TARGET, "light_index == NO_INDEX || previous_light.at[light_index] == NO_INDEX", "light_index == NO_INDEX"),
     ),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", MUTANTS)
 def test_a_seeded_bug_is_noticed(device, floor, name):
-    check, *patch = MUTANTS[name]
-    with patched_shaders(tuple(patch)), pytest.raises(AssertionError):
+    check, *patches = MUTANTS[name]
+    with patched_shaders(*patches), pytest.raises(AssertionError):
         check(device, floor)

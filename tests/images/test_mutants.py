@@ -31,12 +31,11 @@ TRACE, AOV = "passes/pathtracer/trace.comp", "passes/pathtracer/aov.comp"
 SAMPLING, MESH_LIGHT = "scene/sampling.glsl", "scene/lights/emissive_mesh.glsl"
 BRDF, MICROFACET, SURFACE = "scene/brdf.glsl", "scene/microfacet.glsl", "scene/surface.glsl"
 MUTANTS = {  # the proof that must fail, and the patch
-    "weights in area measure": ("glossy lamp", MESH_LIGHT, "? square(ray_t) / inverse_pdf", "? 1.0 / inverse_pdf"),
+    "weights in area measure": ("glossy lamp", MESH_LIGHT, "? square(ray_t) / cosine *", "? 1.0 / cosine *"),
     "emission counted twice": ("glossy lamp", TRACE, "surface.material.emissive * hit_weight(bounce_pdf, light_pdf)",
                                "surface.material.emissive"),
     "no cosine at the light": ("glossy lamp", SAMPLING, "? cosine / distance_squared", "? 1.0 / distance_squared"),
-    "sun's pdf forgets the light count": ("wide sun", SAMPLING,
-                                          "1.0 / (float(scene_info.light_count) * met.inverse_pdf)",
+    "sun's pdf forgets its probability": ("wide sun", SAMPLING, "light.choice.probability / met.inverse_pdf",
                                           "0.5 / met.inverse_pdf"),
     "no shadows": ("closed surface", TRACE, "trace_light_visibility(origin, light_sample)", "true"),
     "no average under the layer": ("white box", BRDF, "*= through / (1.0 - average)", "*= through"),

@@ -109,7 +109,9 @@ def assert_mirrors(binder, scene):
             image, _ = binder.resources["texture_images"][table(binder, "textures")[material["base_color_texture"]][1]]
             np.testing.assert_array_equal(image.read(), texture.image.pixels)
         if instance in emissive:
-            assert tuple(sources[record["light_index"]]) == (KIND_INDEX["emissive_mesh"], row)
+            source = sources[record["light_index"]]
+            assert (source["kind"], source["index"]) == (KIND_INDEX["emissive_mesh"], row)
+            assert source["part_count"] == len((instance.ray_mesh or instance.mesh).triangles)
         else:
             assert record["light_index"] == NO_INDEX
     used = np.isin(np.arange(len(instances)), sorted(rows))

@@ -14,25 +14,26 @@
 const uint PASS_SALT = 0x2C1B3C6Du;
 const uint TILE_SALT = 0x297A2D39u;
 
-// Resampled importance sampling. Targets are computed from packed light samples, since they only decide which one is
+// Resampled importance sampling. Weights are computed from packed light samples, since they only decide which one is
 // chosen.
 DiReservoir generate_initial_reservoir(uvec2 pixel, GBufferSurface surface, inout uint rng) {
     uint group_rng = seed_rng(pixel / 8u, this_frame.index, this_frame.seed ^ TILE_SALT);
     uint tile = choose_light_tile(group_rng);
     DiReservoir reservoir = EMPTY_DI_RESERVOIR;
-    float weight_sum = 0.0, chosen_target = 0.0;
+    float weight_sum = 0.0, chosen_weight = 0.0;
     for (uint i = 0u; i < restir_di_settings.candidates; i++) {
         LightCandidate candidate = sample_light_candidate(tile, rng);
-        float target = di_target(surface, candidate.resolved);
-        if (choose_weighted(weight_sum, target, rng)) {
+        float weight = di_weight(surface, candidate.resolved);
+        if (choose_weighted(weight_sum, weight, rng)) {
             reservoir.light_sample = candidate.light_sample;
-            chosen_target = target;
+            chosen_weight = weight;
         }
     }
-    // All lights are equally likely, so that 1 / pdf is the number of lights.
-    float mean = weight_sum * float(scene_info.light_count) / float(restir_di_settings.candidates);
-    reservoir.unbiased_contribution_weight = chosen_target > 0.0 ? mean / chosen_target : 0.0;
     reservoir.confidence = 1.0;
+    if (!(chosen_weight > 0.0)) { return reservoir; }
+    float target = di_target(chosen_weight, reservoir.light_sample);
+    float mean = weight_sum / float(restir_di_settings.candidates);
+    reservoir.unbiased_contribution_weight = target > 0.0 ? mean / target : 0.0;
     return reservoir;
 }
 

@@ -2,8 +2,12 @@
 // Real-Time Ray Tracing with Dynamic Direct Lighting" (2020), with the weights of Lin et al., "Generalized Resampled
 // Importance Sampling" (2022).
 //
-// Differs from Solari: densities are over lights and a sample's random numbers, not over area, so that samples of
-// earlier frames stay valid when their light grows, shrinks or turns.
+// Differs from Solari: densities are over lights, their parts and the random numbers in a part, not over area. Lights
+// and parts are counted, whatever their probability, and targets are in the same measure: the light that a sample adds,
+// divided by the density of its point in its part. A sample's weight, an estimate of 1 / density, thus stays valid in
+// later frames when its light grows, shrinks or turns, and when lights become more or less likely. What had the
+// probability 0 is the exception, because no earlier frame could find it: solari_vk/scene/lights.py gives a light that
+// was dark a new id, and triangles have the probability 0 only where their whole light is dark.
 #ifndef PASSES_RESTIR_DI_RESERVOIR_GLSL
 #define PASSES_RESTIR_DI_RESERVOIR_GLSL
 
@@ -13,7 +17,7 @@
 struct DiReservoir {
     LightSample light_sample;          // light_index NO_INDEX: empty
     float confidence;                  // in frames; empty reservoirs have it too
-    float unbiased_contribution_weight;  // an estimate of 1 / pdf over lights
+    float unbiased_contribution_weight;  // an estimate of 1 / pdf over lights and parts
 };
 
 const DiReservoir EMPTY_DI_RESERVOIR = DiReservoir(LightSample(NO_INDEX, 0u, 0u), 0.0, 0.0);

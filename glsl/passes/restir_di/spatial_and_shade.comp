@@ -57,8 +57,8 @@ void main() {
         mat3 frame = orthonormalize(surface.world_normal);
         vec3 wo = surface.wo * frame, wi = light.wi * frame;
         Brdf brdf = prepare_brdf(surface.material, wo);
-        vec3 received = light.received_radiance
-            * (light.inverse_pdf / float(scene_info.light_count) * reservoir.unbiased_contribution_weight);
+        float inverse_point_pdf = light.inverse_pdf * light_sample_probability(reservoir.light_sample);
+        vec3 received = light.received_radiance * (inverse_point_pdf * reservoir.unbiased_contribution_weight);
         diffuse = received * evaluate_diffuse_brdf(brdf, wo, wi);
         if (surface.material.roughness > specular_gi_settings.di_roughness) {
             specular = received * evaluate_specular_brdf(brdf, wo, wi);

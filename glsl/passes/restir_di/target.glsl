@@ -22,24 +22,31 @@ float specular_target(GBufferSurface surface, vec3 dielectric_f0, vec3 world_wi)
         * V_SmithGGXCorrelated(material.roughness, wo.z, wi.z);
 }
 
-// About the luminance that the surface reflects of the sample. Differs from Solari, which takes the diffuse lobe
-// alone (di_target=matte): that seldom chooses the lights of highlights. Specular colors count as diffuse too, with
-// a minimum, so that the target is positive for each light that the BRDF reflects.
-float di_target(GBufferSurface surface, ResolvedLightSample resolved) {
+const float MIN_DI_TARGET = 1e-30;  // so that neither a target nor 1 / target is infinite
+
+// About the luminance that the surface reflects of the sample, divided by the sample's probability density. Differs
+// from Solari, which takes the diffuse lobe alone (di_target=matte): that seldom chooses the lights of highlights.
+// Specular colors count as diffuse too, with a minimum, so that the weight is positive for each light that the BRDF
+// reflects.
+float di_weight(GBufferSurface surface, ResolvedLightSample resolved) {
     LightContribution light = calculate_resolved_light_contribution(resolved, surface.world_position);
     if (!(dot(light.wi, surface.geometric_world_normal) > 0.0)) { return 0.0; }
     vec3 dielectric_f0 = reflectance_f0(surface.material.reflectance);
     vec3 color = max(surface.material.base_color + (1.0 - surface.material.metallic) * dielectric_f0, 0.01);
     float cosine = max(dot(light.wi, surface.world_normal), 0.0);
-    float inverse_pdf = light.inverse_pdf / float(max(scene_info.light_count, 1u));  // over a sample's random numbers
     vec3 brdf = INVERSE_PI * color + specular_target(surface, dielectric_f0, light.wi);
-    float target = luminance(brdf * light.received_radiance) * (cosine * inverse_pdf);
-    return target > 1e-30 ? min(target, 1e30) : 0.0;  // neither the target nor 1 / target is infinite
+    return min(luminance(brdf * light.received_radiance) * (cosine * light.inverse_pdf), 1.0 / MIN_DI_TARGET);
+}
+
+// The target of a sample with this weight.
+float di_target(float weight, LightSample light_sample) {
+    float target = weight * light_sample_probability(light_sample);
+    return target > MIN_DI_TARGET ? target : 0.0;
 }
 
 float di_target(GBufferSurface surface, DiReservoir reservoir) {
     if (reservoir.light_sample.light_index == NO_INDEX) { return 0.0; }
-    return di_target(surface, resolve_light_sample(reservoir.light_sample));
+    return di_target(di_weight(surface, resolve_light_sample(reservoir.light_sample)), reservoir.light_sample);
 }
 
 // The target at a surface of the previous frame: 0 for lights that didn't exist then.

@@ -18,13 +18,11 @@ layout(set = 0, binding = LIGHT_RECORDS + LIGHT_DIRECTIONAL, scalar) readonly bu
     DirectionalLight at[];
 } directional_lights;
 
-uint choose_part_directional(uint index, uint random) { return 0u; }
-
-ResolvedLightSample resolve_directional(uint index, uint part, vec2 u, float inverse_light_pdf) {
+ResolvedLightSample resolve_directional(uint index, uint part, vec2 u, float inverse_probability) {
     DirectionalLight light = directional_lights.at[index];
     vec3 direction = sample_cone(light.direction_to_light, light.one_minus_cos_half_angle, u);
     return ResolvedLightSample(
-        LIGHT_DIRECTIONAL, 0u, direction, -direction, 0.0, light.radiance, inverse_light_pdf * light.solid_angle
+        LIGHT_DIRECTIONAL, 0u, direction, -direction, 0.0, light.radiance, inverse_probability * light.solid_angle
     );
 }
 

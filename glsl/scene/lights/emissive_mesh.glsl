@@ -7,13 +7,7 @@
 #include "scene/lights/types.glsl"
 #include "scene/surface.glsl"
 
-uint choose_part_emissive_mesh(uint index, uint random) {
-    uint triangle, low;
-    umulExtended(random, meshes.at[instances.at[index].ray_mesh].triangle_count, triangle, low);
-    return triangle;
-}
-
-ResolvedLightSample resolve_emissive_mesh(uint index, uint part, vec2 u, float inverse_light_pdf) {
+ResolvedLightSample resolve_emissive_mesh(uint index, uint part, vec2 u, float inverse_probability) {
     Instance instance = instances.at[index];
     Mesh mesh = meshes.at[instance.ray_mesh];
     Material material = materials.at[instance.material];
@@ -25,7 +19,7 @@ ResolvedLightSample resolve_emissive_mesh(uint index, uint part, vec2 u, float i
         point.geometric_world_normal,
         point.ray_offset,
         resolve_emissive(material, point.uv),
-        inverse_light_pdf * float(mesh.triangle_count) * point.area
+        inverse_probability * point.area
     );
 }
 
@@ -40,8 +34,7 @@ uint shown_id_emissive_mesh(uint index) { return instances.at[index].id; }
 // surface that is no light.
 float emissive_hit_pdf(ResolvedRayHitFull hit, vec3 ray_direction, float ray_t) {
     float cosine = abs(dot(ray_direction, hit.geometric_world_normal));
-    float inverse_pdf = float(scene_info.light_count) * float(hit.triangle_count) * hit.triangle_area * cosine;
-    return hit.light_index != NO_INDEX && inverse_pdf > 0.0 ? square(ray_t) / inverse_pdf : 0.0;
+    return hit.light_area_pdf > 0.0 && cosine > 0.0 ? square(ray_t) / cosine * hit.light_area_pdf : 0.0;
 }
 
 #endif

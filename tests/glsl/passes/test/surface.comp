@@ -7,6 +7,11 @@ layout(local_size_x = 64) in;
 layout(set = 1, binding = 20, scalar) readonly buffer VectorsBlock { vec3 at[]; } vectors;  // three each
 layout(set = 1, binding = 21, scalar) buffer ResultsBlock { vec3 at[]; } results;           // three each
 
+float triangle_area(Hit hit) {
+    Instance instance = instances.at[hit.instance];
+    return resolve_triangle(instance, meshes.at[instance.ray_mesh], hit.triangle, hit.barycentrics).area;
+}
+
 void main() {
     uint i = gl_GlobalInvocationID.x;
     if (i >= results.at.length() / 3u) { return; }
@@ -23,7 +28,7 @@ void main() {
     ResolvedRayHitFull surface = resolve_ray_hit_full(hit, c, a.z);
     result = mat3(
         surface.world_normal, surface.geometric_world_normal,
-        vec3(surface.ray_offset, surface.triangle_area, dot(surface.material.base_color, vec3(1.0)))
+        vec3(surface.ray_offset, triangle_area(hit), dot(surface.material.base_color, vec3(1.0)))
     );
 #endif
     for (uint k = 0u; k < 3u; k++) { results.at[3u * i + k] = result[k]; }

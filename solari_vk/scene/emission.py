@@ -1,0 +1,152 @@
+"""How much light each triangle of an emissive mesh sends out: light samples take bright triangles more often."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.color import LUMINANCE_WEIGHTS
+from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.device import Device
+from solari_vk.scene.alias_table import alias_table
+from solari_vk.scene.images import LINEAR_OF_SRGB
+from solari_vk.scene.model import Instance, Mesh, Texture, TextureImage
+from solari_vk.scene.table import Rows
+
+Key = tuple[Mesh, Texture | None]
+Sums = NDArray[np.int64]
+_STEPS = 2**20  # per unit of luminance, so that sums of texels are exact
+_ROUNDING = 1e-3  # in texels: coordinates on the border of a texel don't belong to its neighbor
+# The least luminance of a triangle over its light's mean. Where the mean over a triangle's box misses the triangle's
+# own light, this bounds the noise, and it lets reservoirs reach triangles that become bright later.
+MIN_LUMINANCE = 0.1
+
+
+@dataclass(frozen=True)
+class Emission:
+    """A mesh with an emissive texture. area: in object space, in square meters, times the texture's mean luminance.
+
+    choices: the alias table of its triangles in the order of upload; None where all are equally likely.
+    """
+
+    area: float
+    triangle_count: int
+    choices: Buffer | None
+
+
+class Emissions:
+    """The Emission of each pair of mesh and emissive texture in use. choice: the layout of the shaders' Choice."""
+
+    def __init__(self, device: Device, choice: np.dtype[Any]) -> None:
+        self._device = device
+        self._choice = choice
+        self._emissions: dict[Key, Emission] = {}
+        self._users: Rows[Key] = Rows()
+        self._key_of: dict[Instance, Key] = {}
+        self._sums: dict[TextureImage, Sums] = {}
+
+    def acquire(self, instance: Instance, order: NDArray[np.int64]) -> Emission:
+        """The emission of an instance; order: that of its ray mesh's triangles on the device."""
+        mesh, texture = key = (instance.ray_mesh or instance.mesh, instance.material.emissive_texture)
+        if self._key_of.get(instance) != key:
+            self._users.acquire(key, instance)
+            self.release(instance)
+            self._key_of[instance] = key
+        if key not in self._emissions:
+            self._emissions[key] = self._make(mesh, texture, order)
+        return self._emissions[key]
+
+    def release(self, instance: Instance) -> None:
+        """Take note that an instance emits nothing any more."""
+        key = self._key_of.pop(instance, None)
+        if key is not None and self._users.release(key, instance):
+            self._drop(key)
+
+    def change(self, changed: Mesh | Texture | TextureImage) -> list[Instance]:
+        """Take note of an edit; returns the instances whose emission must be acquired again."""
+        users: list[Instance] = []
+        for key in list(self._emissions):
+            mesh, texture = key
+            if changed in (mesh, texture) or (texture is not None and texture.image is changed):
+                self._drop(key)
+                users += self._users.users(key)
+        return users
+
+    def _drop(self, key: Key) -> None:
+        emission = self._emissions.pop(key, None)
+        if emission is not None and emission.choices is not None:
+            emission.choices.destroy()
+
+    def _make(self, mesh: Mesh, texture: Texture | None, order: NDArray[np.int64]) -> Emission:
+        triangles = mesh.triangles[order]
+        a, b, c = mesh.positions[triangles].astype(np.float64).swapaxes(0, 1)
+        weights = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+        area = float(weights.sum())
+        if texture is not None and area > 0:
+            if texture.image not in self._sums:
+                self._sums[texture.image] = luminance_sums(texture.image)
+            found = mean_luminances(mesh, triangles, texture, self._sums[texture.image])
+            bright = float(weights @ found)
+            weights *= np.maximum(found, MIN_LUMINANCE * bright / area)
+            area = bright
+        choices = None
+        if weights.max() > weights.min() * (1 + 1e-4):
+            table = alias_table(weights, self._choice)
+            choices = self._device.buffer(table.nbytes, f"choices of {mesh.name or 'mesh'}")
+            choices.upload(table)
+        return Emission(area, len(triangles), choices)
+
+    def end_update(self) -> None:
+        """Free what only acquires in the same update share."""
+        self._sums.clear()
+
+    def destroy(self) -> None:
+        """Free everything."""
+        for key in list(self._emissions):
+            self._drop(key)
+
+
+def luminance_sums(image: TextureImage) -> Sums:
+    """The summed-area table (height + 1, width + 1) of an sRGB image's luminance, in units of 1 / _STEPS.
+
+    Crow, "Summed-Area Tables for Texture Mapping" (1984).
+    """
+    height, width = image.pixels.shape[:2]
+    sums = np.zeros((height + 1, width + 1), np.int64)
+    texels = sums[1:, 1:]
+    for channel, weight in enumerate(LUMINANCE_WEIGHTS):
+        texels += np.rint(LINEAR_OF_SRGB * (weight * _STEPS)).astype(np.int64)[image.pixels[..., channel]]
+    np.cumsum(texels, axis=0, out=texels)
+    np.cumsum(texels, axis=1, out=texels)
+    return sums
+
+
+def mean_luminances(mesh: Mesh, triangles: NDArray[np.uint32], texture: Texture, sums: Sums) -> NDArray[np.float64]:
+    """The mean luminance (M,) of a texture over the box of texels around each of the triangles (M, 3)."""
+    m = texture.uv_transform.astype(np.float64)
+    uvs = np.zeros((len(mesh.positions), 2)) if mesh.uvs is None else mesh.uvs.astype(np.float64)
+    corners = (uvs @ m[:, :2].T + m[:, 2])[triangles]
+    left, right = _texels(corners[..., 0], sums.shape[1] - 1, texture.wrap_u)
+    top, bottom = _texels(corners[..., 1], sums.shape[0] - 1, texture.wrap_v)
+    boxes = sums[bottom, right] - sums[bottom, left] - sums[top, right] + sums[top, left]
+    means: NDArray[np.float64] = boxes / ((right - left) * (bottom - top) * float(_STEPS))
+    return means
+
+
+def _texels(coordinates: NDArray[np.float64], size: int, wrap: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The first texel along an axis under coordinates (M, 3), and the end: all texels where the texture wraps around
+    inside a triangle."""
+    first = np.floor(coordinates.min(axis=1) * size + _ROUNDING)
+    end = np.maximum(np.ceil(coordinates.max(axis=1) * size - _ROUNDING), first + 1)
+    if wrap == "clamp_to_edge":
+        return first.clip(0, size - 1).astype(np.int64), end.clip(1, size).astype(np.int64)
+    period = 2 * size if wrap == "mirrored_repeat" else size
+    first, length = first % period, end - first
+    end = first + length
+    mirrored = first >= size
+    first, end = np.where(mirrored, period - end, first), np.where(mirrored, period - first, end)
+    inside = (first >= 0) & (end <= size)
+    return np.where(inside, first, 0).astype(np.int64), np.where(inside, end, size).astype(np.int64)
