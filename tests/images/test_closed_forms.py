@@ -58,7 +58,7 @@ def test_lamp_over_our_materials(picture, roughness, metallic, reflectance, laye
     scene = floor_scene(material, lamp_above())
     older = layering == "sum"  # as Solari 0.18
     with patched_shaders(*(LOBES_ADDED if older else ())):
-        made = picture(scene, (16, 16), 2048, max_bounces=1, layering="fresnel_product" if older else layering)
+        made = picture(scene, (16, 16), 4096, max_bounces=1, layering="fresnel_product" if older else layering)
     surface = brdf.Surface(color, metallic, roughness, reflectance, layering)
     eye = scene.camera.transform[:3, 3]
     expected = over_pixels(scene.camera, 16, lambda points: lamp_over_surface(surface, points, eye))
