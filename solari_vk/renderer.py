@@ -19,6 +19,7 @@ from solari_vk.passes import (
     gbuffer,
     guides,
     light_tiles,
+    paths,
     pathtracer,
     ray_count,
     restir_di,
@@ -105,12 +106,9 @@ class Renderer(PictureRenderer):
             gbuffer.stage(size, settings, instances, self.gbuffer),
             light_tiles.stage(size, settings),
             world_cache.stage(size, settings),
-            restir_di.stage(size, settings),
-            restir_gi.stage(size, settings),
-            specular_gi.stage(size, settings),
+            *_lighting_stages(size, settings),
             guides.stage(size, settings),
-            display.compose_stage(size),
-            display.show_stage(size),
+            display.show_stage(size, debug_views=settings.lighting == "split"),
             gbuffer.last_stage(instances),
         ]
         if self.count_rays:
@@ -254,6 +252,17 @@ class Renderer(PictureRenderer):
         if values.shape[:1] == (width * height,) and values.shape[:2] != (height, width):
             return values.reshape(height, width, *values.shape[1:])
         return values
+
+
+def _lighting_stages(size: tuple[int, int], settings: Settings) -> list[Stage]:
+    if settings.lighting == "paths":
+        return [paths.stage(size, settings), paths.compose_stage(size, settings)]
+    return [
+        restir_di.stage(size, settings),
+        restir_gi.stage(size, settings),
+        specular_gi.stage(size, settings),
+        display.compose_stage(size),
+    ]
 
 
 def _index_of(name: str, names: tuple[str, ...], what: str) -> int:

@@ -45,6 +45,29 @@ vec3 specular_albedo(vec3 f0, vec2 ab) {
     return min((f0 * ab.x + ab.y) * (1.0 + f0 * (1.0 / (ab.x + ab.y) - 1.0)), 1.0);  // not above 1 by rounding
 }
 
+// The share of uniform incoming light that each lobe reflects towards a direction.
+struct LobeAlbedos {
+    vec3 diffuse;
+    vec3 specular;
+};
+
+LobeAlbedos lobe_albedos(ResolvedMaterial material, float cosine) {
+    if (brdf_lambert) { return LobeAlbedos(material.base_color, vec3(0.0)); }
+    vec2 ab = material.roughness <= MIRROR_ROUGHNESS
+        ? mirror_albedo(cosine) : lookup_brdf_table(cosine, material.perceptual_roughness);
+    vec3 f0 = reflectance_f0(material.reflectance);
+    vec3 dielectric = specular_albedo(f0, ab);
+    vec3 through = 1.0 - dielectric;
+    if (brdf_layering == LAYERING_FRESNEL_PRODUCT) {
+        // 20/21 (1 - f0) is the cosine-weighted mean of 1 - fresnel over the hemisphere.
+        through = (1.0 - fresnel(f0, cosine)) * (1.0 - f0) * (20.0 / 21.0);
+    }
+    return LobeAlbedos(
+        through * material.base_color * (1.0 - material.metallic),
+        mix(dielectric, specular_albedo(material.base_color, ab), material.metallic)
+    );
+}
+
 Brdf prepare_brdf(ResolvedMaterial material, vec3 wo) {
     Brdf brdf;
     brdf.metallic = material.metallic;
@@ -76,6 +99,16 @@ Brdf prepare_brdf(ResolvedMaterial material, vec3 wo) {
         vec3 average = averages[0] + f0 * (averages[1] + f0 * averages[2]);
         brdf.diffuse_color *= through / (1.0 - average);
     }
+    return brdf;
+}
+
+// A surface that reflects all light evenly. As a metal without specular lobe it has no layer above the diffuse lobe.
+const Brdf WHITE_DIFFUSE = Brdf(vec3(1.0), vec3(0.0), vec3(0.0), 1.0, 1.0, 1.0, true, 0.0, 0.0, 0.0);
+
+// The same surface with its specular lobe alone.
+Brdf without_diffuse_lobe(Brdf brdf) {
+    brdf.diffuse_color = vec3(0.0);
+    brdf.specular_probability = 1.0;
     return brdf;
 }
 
@@ -118,9 +151,8 @@ float brdf_pdf(Brdf brdf, vec3 wo, vec3 wi) {
     return mix(diffuse_pdf, specular_pdf, brdf.specular_probability);
 }
 
-BrdfSample sample_brdf(Brdf brdf, vec3 wo, inout uint rng) {
-    float choice = rand_f(rng);
-    vec2 u = rand_vec2f(rng);
+// `choice` decides which lobe proposes wi, `u` where in it; all are uniform in [0, 1).
+BrdfSample sample_brdf(Brdf brdf, vec3 wo, float choice, vec2 u) {
     if (brdf.mirror && choice < brdf.specular_probability) {
         vec3 weight = specular_fresnel(brdf, wo.z) / brdf.specular_probability;
         return BrdfSample(vec3(-wo.xy, wo.z), weight, INFINITY, false);
@@ -129,6 +161,11 @@ BrdfSample sample_brdf(Brdf brdf, vec3 wo, inout uint rng) {
     vec3 wi = diffuse ? sample_cosine_hemisphere(u) : sample_ggx_vndf(wo, brdf.roughness, u);
     float pdf = brdf_pdf(brdf, wo, wi);
     return BrdfSample(wi, pdf > 0.0 ? evaluate_brdf(brdf, wo, wi) / pdf : vec3(0.0), pdf, diffuse);
+}
+
+BrdfSample sample_brdf(Brdf brdf, vec3 wo, inout uint rng) {
+    float choice = rand_f(rng);
+    return sample_brdf(brdf, wo, choice, rand_vec2f(rng));
 }
 
 #endif

@@ -10,6 +10,8 @@ from solari_vk.settings.layering import brdf_constants
 GROUP_SIZE = 64  # threads in a workgroup of each pass but the scan
 ROW_GROUPS = 1024  # workgroups in a row of a dispatch, so that no device's limit on workgroups is reached
 BLOCK_SIZE = 16  # consecutive cells that one thread of a pass over the whole map handles
+CELLS_OF_PIXEL = 16
+FEWEST_CELLS = 1 << 16
 FRAME_BUFFERS = ("world_cache_dispatch", "world_cache_counters")
 CELL_BUFFERS = (
     "world_cache_checksums",
@@ -25,15 +27,24 @@ CELL_BUFFERS = (
 
 
 def stage(size: tuple[int, int], settings: Settings) -> Stage:
-    """A map of settings.world_cache_cells cells with 80 bytes each; the picture's size is not used.
+    """A map of at most settings.world_cache_cells cells with 80 bytes each; fewer for small pictures of paths.
 
     The buffer world_cache_counters holds the numbers of active cells, of updated cells, and of queries that found no
     free entry in the map. As long as the last is 0, one seed gives one picture; otherwise the entries go to the
     queries that happen to be first.
     """
     cells = settings.world_cache_cells
+    if settings.lighting == "paths":
+        cells = min(cells, max(1 << (CELLS_OF_PIXEL * size[0] * size[1] - 1).bit_length(), FEWEST_CELLS))
     brdf = brdf_constants(settings)
     indirect = "world_cache_dispatch"
+    if settings.lighting == "paths":
+        samples = [Pass("world_cache/sample", indirect=indirect, constants=brdf)]
+    else:
+        samples = [
+            Pass("world_cache/sample_direct", indirect=indirect),
+            Pass("world_cache/sample_indirect", indirect=indirect, constants=brdf),
+        ]
     return Stage(
         "world_cache",
         buffers={
@@ -45,8 +56,7 @@ def stage(size: tuple[int, int], settings: Settings) -> Stage:
             Pass("world_cache/decay", threads=_rows(cells // BLOCK_SIZE)),
             Pass("world_cache/scan", threads=1),
             Pass("world_cache/scatter", threads=_rows(cells // BLOCK_SIZE)),
-            Pass("world_cache/sample_direct", indirect=indirect),
-            Pass("world_cache/sample_indirect", indirect=indirect, constants=brdf),
+            *samples,
             Pass("world_cache/blend", indirect=indirect),
         ],
     )

@@ -12,8 +12,8 @@ from solari_vk.settings.field import Field, setting
 from solari_vk.settings.layering import LAYERINGS
 from solari_vk.settings.presets import QUALITIES as QUALITIES
 
-_frame, _reuse, _tiles, _cache, _di, _gi, _specular = (partial(setting, section) for section in (
-    "frame", "reuse", "light_tiles", "world_cache", "restir_di", "restir_gi", "specular_gi",
+_frame, _paths, _reuse, _tiles, _cache, _di, _gi, _specular = (partial(setting, section) for section in (
+    "frame", "paths", "reuse", "light_tiles", "world_cache", "restir_di", "restir_gi", "specular_gi",
 ))  # fmt: skip
 
 
@@ -27,6 +27,9 @@ class Settings:
     """
 
     # ---- what is computed
+    lighting: str = _frame(
+        "split", "How light is computed: by one path a pixel; or by separate passes for direct, indirect and specular "
+        "light (Solari in Bevy 0.19).", choices=("split", "paths"), rebuilds=True)  # fmt: skip
     di: bool = _frame(True, "Direct light (ReSTIR DI).")
     gi: bool = _frame(True, "Indirect light of diffuse surfaces (ReSTIR GI).")
     specular: bool = _frame(True, "Light by the specular lobe: indirect light, and on smooth surfaces lights.")
@@ -45,6 +48,22 @@ class Settings:
         0.9999, "Metallic above which a surface counts as having no diffuse lobe. Less: faster, less exact.",
         low=0, high=1)  # fmt: skip
     lambert: bool = _frame(False, "Every surface is Lambertian, to compare with closed forms.", rebuilds=True)
+
+    # ---- paths
+    paths_bounces: int = _paths(
+        8, "Rays of a path, those from mirrors not counted. More: truer in halls of shiny surfaces.", low=1, high=64
+    )
+    paths_candidates: int = _paths(
+        8, "Light samples from which a pixel's surface chooses one. More: less noise.", low=1, high=1024
+    )
+    paths_later_candidates: int = _paths(4, "The same at further surfaces of a path.", low=1, high=1024)
+    paths_cache_roughness: float = _paths(
+        0.3, "Roughness from which the world cache stands for the specular lobe of a surface too. More: sharper "
+        "reflections of reflections, slower.", low=0, high=1)  # fmt: skip
+
+    paths_regularization: float = _paths(
+        0.25, "Least roughness of surfaces that a path meets after it left a diffuse one (0: off). More: less noise, "
+        "wider caustics.", low=0, high=1)  # fmt: skip
 
     # ---- reuse between pixels, in DI and GI
     similarity_plane_distance: float = _reuse(
@@ -101,6 +120,12 @@ class Settings:
     world_cache_update_cap: int = _cache(
         40_000, "Cells that are updated in a frame, at random and on average. Less: faster, more lag.",
         low=1, high=1 << 26)  # fmt: skip
+    world_cache_updates_per_pixel: float = _cache(
+        0.25, "The same as a share of the picture's pixels; the lower number counts. Less: faster, more lag.",
+        low=1e-6, high=1e9)  # fmt: skip
+    world_cache_updates: str = _cache(
+        "asked", "Which cells are updated: those that the previous frame asked for, or all that live (Solari).",
+        choices=("asked", "all"))  # fmt: skip
     world_cache_jitter: float = _cache(
         0.5, "Random offset of a query, in cells. More: hides the grid, blurs.", low=0, high=2
     )

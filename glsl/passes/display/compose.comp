@@ -1,8 +1,6 @@
 // Adds up the radiance of all passes for each pixel, and the emission that is directly visible.
 #version 460
-#include "passes/bindings.glsl"
-#include "passes/gbuffer/gbuffer.glsl"
-#include "scene/sampling.glsl"
+#include "passes/display/emission.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
@@ -11,11 +9,7 @@ void main() {
     if (any(greaterThanEqual(pixel, camera.size))) { return; }
     uint index = pixel.y * camera.size.x + pixel.x;
 
-    vec3 emitted = unpack_emissive(imageLoad(gbuffer, ivec2(pixel)));
-    if (imageLoad(depth, ivec2(pixel)).x == 0.0) {
-        vec3 direction = make_camera_ray(vec2(pixel) + 0.5).direction;
-        emitted += radiance_at_infinity(direction, INFINITY);
-    }
+    vec3 emitted = visible_emission(pixel);
     vec3 diffuse = di_diffuse.at[index] + gi_diffuse.at[index];
     vec3 specular = di_specular.at[index] + specular_gi.at[index];
     emission.at[index] = emitted;

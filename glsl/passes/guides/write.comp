@@ -24,17 +24,9 @@ struct Guides {
     vec2 specular_motion;
 };
 
-// The environment BRDF: the albedo of the specular lobe under uniform light.
-vec3 environment_brdf(ResolvedMaterial material, float NdotV) {
-    vec2 ab = material.roughness <= MIRROR_ROUGHNESS
-        ? mirror_albedo(NdotV) : lookup_brdf_table(NdotV, material.perceptual_roughness);
-    vec3 dielectric = specular_albedo(reflectance_f0(material.reflectance), ab);
-    return mix(dielectric, specular_albedo(material.base_color, ab), material.metallic);
-}
-
 void describe(inout Guides guides, ResolvedMaterial material, float NdotV) {
     guides.diffuse_albedo = material.base_color * (1.0 - material.metallic);
-    guides.specular_albedo = environment_brdf(material, NdotV);
+    guides.specular_albedo = lobe_albedos(material, NdotV).specular;  // the environment BRDF
     guides.perceptual_roughness = material.perceptual_roughness;
 }
 

@@ -1,5 +1,5 @@
 // World cache, step 1: removes cells that were not queried for their lifetime, takes the point that represents each
-// other cell from a query of the previous frame, and counts the active cells of each block.
+// other cell from a query of the previous frame, and counts the cells of each block that may be updated.
 #version 460
 #include "passes/world_cache/threads.glsl"
 
@@ -23,13 +23,15 @@ void main() {
             clear_cell(cell);
             continue;
         }
-        active_count += 1u;
         world_cache_life.at[cell] = life - 1u;
         WorldCachePoint votes = world_cache_votes.at[cell];
         if (votes.position != 0u) {
             world_cache_points.at[cell] = votes;
             world_cache_votes.at[cell] = WorldCachePoint(0u, 0u);
+        } else {
+            world_cache_points.at[cell].position = without_priority(world_cache_points.at[cell].position);
         }
+        active_count += is_to_update(cell) ? 1u : 0u;
     }
     world_cache_blocks.at[block] = active_count;
     if (block == 0u) {

@@ -124,6 +124,17 @@ void vote_for_point(uint cell, vec4 bounds, vec3 world_position, vec3 world_norm
     atomicMax(world_cache_votes.at[cell].normal, priority << 24u | shuffle_24(normal));
 }
 
+uint without_priority(uint vote) { return vote & 0xFFFFFFu; }
+
+// Whether the cell's irradiance is sampled in this frame: only if the previous frame asked for it. Differs from Solari,
+// which samples all cells (world_cache_updates=all).
+bool is_to_update(uint cell) {
+    uint position = world_cache_points.at[cell].position;
+    bool asked = position != without_priority(position);
+    return world_cache_checksums.at[cell] != EMPTY_CELL
+        && (asked || world_cache_settings.updates == WORLD_CACHE_UPDATES_ALL);
+}
+
 struct WorldCacheSurface {
     vec3 world_position;
     vec3 geometric_world_normal;

@@ -43,16 +43,11 @@ WorldCacheKey choose_key(vec3 world_position, vec3 normal, float cell_size, inou
     return landmark < 2u ? key : part_of_cell(key, landmark);
 }
 
-// The irradiance of the cell at a surface point; the cell is inserted if it is new, and kept alive for `lifetime`
-// frames. `ray_t` is the length of the ray that found the point: a cell that is longer than the ray may reach around
-// the surface that the ray left, so that the finest cell size is used instead. INFINITY turns this rule off.
-WorldCacheResult query_world_cache(
-    vec3 world_position, vec3 geometric_world_normal, float ray_t, uint lifetime, inout uint rng
+// The irradiance of the cell of a given size at a surface point; the cell is inserted if it is new, and kept alive for
+// `lifetime` frames.
+WorldCacheResult query_cell_of_size(
+    vec3 world_position, vec3 geometric_world_normal, float cell_size, uint lifetime, inout uint rng
 ) {
-    if (frame_settings.world_cache == 0u) { return NO_CELL; }
-    float cell_size = get_cell_size(world_position, rng);
-    if (ray_t < cell_size) { cell_size = world_cache_settings.cell_size; }
-
     WorldCacheKey key = choose_key(world_position, geometric_world_normal, cell_size, rng);
     uint cell = insert_world_cache_cell(key);
     if (cell == NO_INDEX) {
@@ -63,23 +58,26 @@ WorldCacheResult query_world_cache(
     return read_world_cache_cell(cell, lifetime);
 }
 
+// The same for a point that a ray of length `ray_t` found: a cell that is longer than the ray may reach around the
+// surface that the ray left, so that the finest cell size is used instead. INFINITY turns this rule off.
+WorldCacheResult query_world_cache(
+    vec3 world_position, vec3 geometric_world_normal, float ray_t, uint lifetime, inout uint rng
+) {
+    if (frame_settings.world_cache == 0u) { return NO_CELL; }
+    float cell_size = get_cell_size(world_position, rng);
+    if (ray_t < cell_size) { cell_size = world_cache_settings.cell_size; }
+    return query_cell_of_size(world_position, geometric_world_normal, cell_size, lifetime, rng);
+}
+
 // ---- reflection -------------------------------------------------------------------------------------
 
 // The share of uniform incoming light that a surface reflects towards a direction. Differs from Solari, which takes
 // the base color (world_cache_surfaces=diffuse) and so ignores the specular lobe of dielectrics and makes metals
 // diffuse.
 vec3 surface_albedo(ResolvedMaterial material, float cosine) {
-    if (brdf_lambert || world_cache_settings.surfaces == WORLD_CACHE_SURFACES_DIFFUSE) { return material.base_color; }
-    vec2 ab = material.roughness <= MIRROR_ROUGHNESS
-        ? mirror_albedo(cosine) : lookup_brdf_table(cosine, material.perceptual_roughness);
-    vec3 f0 = reflectance_f0(material.reflectance);
-    vec3 dielectric = specular_albedo(f0, ab);
-    vec3 through = 1.0 - dielectric;
-    if (brdf_layering == LAYERING_FRESNEL_PRODUCT) {
-        // 20/21 (1 - f0) is the cosine-weighted mean of 1 - fresnel over the hemisphere.
-        through = (1.0 - fresnel(f0, cosine)) * (1.0 - f0) * (20.0 / 21.0);
-    }
-    return mix(dielectric + through * material.base_color, specular_albedo(material.base_color, ab), material.metallic);
+    if (world_cache_settings.surfaces == WORLD_CACHE_SURFACES_DIFFUSE) { return material.base_color; }
+    LobeAlbedos albedos = lobe_albedos(material, cosine);
+    return albedos.diffuse + albedos.specular;
 }
 
 // An estimate of the direct irradiance at a hit, from one light sample and a shadow ray.

@@ -45,6 +45,5 @@ void main() {
     atomicAdd(world_cache_counters.updates, 1u);
     uint rng = seed_cell_rng(cell, DIRECT_SALT);
     vec3 irradiance = sample_direct_irradiance(load_world_cache_surface(cell), rng);
-    // The life is copied because the next pass both reads and raises it.
-    world_cache_samples.at[thread] = WorldCacheSample(irradiance, world_cache_life.at[cell]);
+    world_cache_samples.at[thread].irradiance = irradiance;
 }

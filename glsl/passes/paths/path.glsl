@@ -1,0 +1,170 @@
+// A path through the scene, from a vertex to where it ends: in the world cache, where nothing is, or by chance. Light
+// samples and BRDF samples are weighted by the power heuristic, as in the reference path tracer (Veach 1997), whose
+// mean is the same when the world cache is off. Solari in Bevy 0.20 traces such paths.
+#ifndef PASSES_PATHS_PATH_GLSL
+#define PASSES_PATHS_PATH_GLSL
+
+#include "common/random.glsl"
+#include "passes/paths/vertex.glsl"
+#include "passes/ray_count.glsl"
+#include "passes/world_cache/query.glsl"
+#include "scene/trace.glsl"
+
+const uint FIRST_ROULETTE_BOUNCE = 2u;
+const uint MAX_MIRROR_BOUNCES = 64u;  // bounces at perfect mirrors, which don't count as others do
+// Paths end in a cell of the world cache when the last ray is longer than the diagonal of the cell, and when the path
+// has spread as far as the rays of a diffuse surface do on that length.
+const float MIN_RAY_IN_CELLS = 1.7320508;
+const float MIN_SPREAD_IN_CELLS = 3.0699801;  // sqrt(3 pi)
+
+struct Path {
+    Vertex vertex;                // where the path is; it goes on from here
+    uint bounce;                  // rays traced so far
+    uint mirrors;                 // of them, those that left mirrors
+    vec3 throughput;              // since the first ray
+    Lobes first_weight;           // BRDF times cosine over pdf of the first ray
+    vec3 radiance;                // found so far along the first ray
+    Lobes direct;                 // reflected light of the light sample at the first vertex
+    float first_ray_length;       // INFINITY when the first ray met nothing
+    bool diffuse_first;           // whether the diffuse lobe proposed the first ray
+    float squared_slope, spread;  // the spread grows by the slope for each meter
+    float cone_width, cone_spread;  // the same for the footprint of textures
+    uint lifetime;                // of the cells that the path asks, in frames
+    // What the first vertex samples with: a light tile, the number of candidates that it takes from the tile, and
+    // random numbers for the direction as sample_brdf takes them.
+    uint tile, candidates;
+    float choice;
+    vec2 u;
+    uint rng;
+};
+
+Path start_path(Vertex vertex, uint rng) {
+    Path path;
+    path.vertex = vertex;
+    path.bounce = path.mirrors = 0u;
+    path.throughput = vec3(1.0);
+    path.first_weight = path.direct = NO_LIGHT;
+    path.radiance = vec3(0.0);
+    path.first_ray_length = INFINITY;
+    path.diffuse_first = true;
+    path.squared_slope = path.spread = 0.0;
+    path.cone_width = path.cone_spread = 0.0;
+    path.lifetime = world_cache_settings.lifetime;
+    path.candidates = paths_settings.candidates;
+    path.rng = rng;
+    return path;
+}
+
+// The light that the first vertex reflects.
+Lobes path_light(Path path) {
+    Lobes indirect = scale(path.first_weight, path.radiance);
+    return Lobes(path.direct.diffuse + indirect.diffuse, path.direct.specular + indirect.specular);
+}
+
+// The probability with which a vertex samples lights. Smooth metals find lights by reflection alone.
+float light_probability(Brdf brdf) {
+    bool by_reflection = brdf.mirror && brdf.specular_probability == 1.0;
+    return by_reflection || scene_info.light_count == 0u ? 0.0 : mix(1.0, brdf.perceptual_roughness, brdf.metallic);
+}
+
+// The weight of a BRDF sample by lobe.
+Lobes lobe_weights(Vertex vertex, BrdfSample next) {
+    if (next.pdf == INFINITY) { return Lobes(vec3(0.0), next.weight); }
+    return next.pdf > 0.0 ? scale(evaluate_lobes(vertex, next.wi), vec3(1.0 / next.pdf)) : NO_LIGHT;
+}
+
+// Whether the specular lobe is so broad that the cache stands for it too.
+bool is_rough(ResolvedMaterial material) {
+    return brdf_lambert || material.roughness >= paths_settings.cache_roughness;
+}
+
+// Adds the light of the world cache at a hit. The cache stands for the diffuse lobe. Differs from Solari, where it
+// stands for the whole surface: the path goes on by the specular lobe, with that lobe's share of the energy as
+// probability, unless the lobe is nearly as broad as the diffuse one. Returns whether the path goes on.
+bool ask_world_cache(inout Path path, ResolvedRayHitFull surface, float ray_t) {
+    if (frame_settings.world_cache == 0u || always_reflects(surface.material)) { return true; }
+    float cell_size = get_cell_size(surface.world_position, path.rng);
+    bool far = ray_t > MIN_RAY_IN_CELLS * cell_size && path.spread > MIN_SPREAD_IN_CELLS * cell_size;
+    if (!far && path.bounce < paths_settings.bounces + path.mirrors) { return true; }
+    WorldCacheResult cached = query_cell_of_size(
+        surface.world_position, surface.geometric_world_normal, cell_size, path.lifetime, path.rng
+    );
+    if (!cached.found) { return true; }
+    LobeAlbedos albedos = lobe_albedos(surface.material, path.vertex.wo.z);
+    bool rough = is_rough(surface.material);
+    vec3 albedo = albedos.diffuse + (rough ? albedos.specular : vec3(0.0));
+    path.radiance += path.throughput * albedo * (INVERSE_PI * cached.irradiance);
+    float share = luminance(albedos.specular) / luminance(albedos.specular + albedos.diffuse);
+    if (rough || !(rand_f(path.rng) < share)) { return false; }
+    path.throughput /= share;
+    path.vertex.brdf = without_diffuse_lobe(path.vertex.brdf);
+    return true;
+}
+
+// Samples a light and the next direction at the path's vertex, and moves the path to the next vertex. Returns false
+// when the path has ended.
+bool advance(inout Path path) {
+    Brdf brdf = path.vertex.brdf;
+    bool first = path.bounce == 0u;
+    uint candidates = path.candidates;
+    if (!first) {
+        path.tile = choose_light_tile(path.rng);
+        candidates = paths_settings.later_candidates;
+        path.choice = rand_f(path.rng);
+        path.u = rand_vec2f(path.rng);
+    }
+    float probability = light_probability(brdf);
+    float density = probability * float(candidates);
+    DrawnLight drawn;
+    drawn.light = NO_LIGHT;
+    if (rand_f(path.rng) < probability) { drawn = draw_light(path.vertex, path.tile, candidates, density, path.rng); }
+    drawn.light = scale(drawn.light, path.throughput / probability);
+
+    BrdfSample next = sample_brdf(brdf, path.vertex.wo, path.choice, path.u);
+    if (first) {
+        path.first_weight = lobe_weights(path.vertex, next);
+        path.diffuse_first = next.diffuse;
+    } else {
+        path.throughput *= next.weight;
+    }
+    vec3 direction = normalize(path.vertex.frame * next.wi);
+    vec3 origin = path.vertex.origin;
+    float carried = max_component(path.throughput * sum(path.first_weight));
+    // Differs from Solari: the survival probability is at most 1, so that Russian roulette loses no energy.
+    float survival = path.bounce >= FIRST_ROULETTE_BOUNCE ? min(carried, 1.0) : 1.0;
+    bool goes_on = next.wi.z > 0.0 && dot(direction, path.vertex.geometric_normal) > 0.0 && carried > 0.0
+        && rand_f(path.rng) < survival;
+    path.throughput /= survival;
+    float mis_pdf = density > 0.0 ? next.pdf / density : INFINITY;
+    path.squared_slope += 1.0 / next.pdf;
+    path.bounce += 1u;
+    path.mirrors += next.pdf == INFINITY && path.mirrors < MAX_MIRROR_BOUNCES ? 1u : 0u;
+
+    if (max_component(sum(drawn.light)) > 0.0) {
+        count_ray();
+        if (trace_light_visibility(origin, drawn.light_sample)) {
+            if (first) { path.direct = drawn.light; } else { path.radiance += sum(drawn.light); }
+        }
+    }
+    if (!goes_on) { return false; }
+
+    count_ray();
+    Hit hit = trace_closest_hit(origin, 0.0, direction, INFINITY, TRACE_BOTH_FACES);
+    if (first) { path.first_ray_length = hit.t; }
+    if (hit.instance == NO_INDEX) {
+        path.radiance += path.throughput * radiance_at_infinity(direction, mis_pdf);
+        return false;
+    }
+    path.cone_width += path.cone_spread * hit.t;
+    path.spread += sqrt(path.squared_slope) * hit.t;
+    ResolvedRayHitFull surface = resolve_ray_hit_full(hit, direction, path.cone_width);
+    if (surface.emits) {
+        float light_pdf = emissive_hit_pdf(surface, direction, hit.t);
+        path.radiance += path.throughput * surface.material.emissive * power_heuristic(mis_pdf, light_pdf);
+    }
+    regularize(surface.material, path.squared_slope);
+    path.vertex = make_vertex(surface, direction);
+    return ask_world_cache(path, surface, hit.t) && path.bounce < paths_settings.bounces + path.mirrors;
+}
+
+#endif

@@ -1,0 +1,59 @@
+// One path a pixel, from the surface that the pixel shows.
+#version 460
+#include "common/sobol.glsl"
+#include "passes/bindings.glsl"
+#include "passes/gbuffer/gbuffer.glsl"
+#include "passes/paths/bindings.glsl"
+#include "passes/paths/demodulation.glsl"
+#include "passes/paths/path.glsl"
+#include "scene/trace.glsl"
+
+layout(local_size_x = 8, local_size_y = 8) in;
+
+const uint PASS_SALT = 0x3F84D5B5u;
+const uint TILE_SALT = 0xB5470917u;
+
+Vertex make_vertex(GBufferSurface surface) {
+    Vertex vertex;
+    vertex.position = surface.world_position;
+    vertex.geometric_normal = surface.geometric_world_normal;
+    vertex.origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
+    vertex.frame = orthonormalize(surface.world_normal);
+    vertex.wo = surface.wo * vertex.frame;
+    vertex.brdf = prepare_brdf(surface.material, vertex.wo);
+    return vertex;
+}
+
+// The pixels of a workgroup share a light tile, so that they read the same memory. Over consecutive frames a pixel's
+// first directions are points of a Sobol sequence, so that the mean of frames has less noise than with independent
+// ones.
+Path start_path(uvec2 pixel, GBufferSurface surface) {
+    Path path = start_path(make_vertex(surface), seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT));
+    uint tile_rng = seed_rng(pixel / 8u, this_frame.index, this_frame.seed ^ TILE_SALT);
+    path.tile = choose_light_tile(tile_rng);
+    uint sequence = seed_rng(pixel, 0u, this_frame.seed ^ PASS_SALT);
+    path.choice = sobol_point(this_frame.index, sequence).x;
+    path.u = sobol_point(this_frame.index, sequence + 1u);
+    path.cone_spread = make_camera_ray(vec2(pixel) + 0.5).cone_spread;
+    path.cone_width = path.cone_spread * distance(surface.world_position, camera.world_from_view[3]);
+    return path;
+}
+
+void main() {
+    uvec2 pixel = INVOCATION_INDEX;
+    if (any(greaterThanEqual(pixel, camera.size))) { return; }
+    uint index = pixel.y * camera.size.x + pixel.x;
+    GBufferSurface surface = load_gbuffer(pixel);
+    if (!surface.exists) {
+        paths_diffuse.at[index] = paths_specular.at[index] = vec4(0.0);
+        return;
+    }
+    Path path = start_path(pixel, surface);
+    while (advance(path)) {}
+
+    Lobes light = path_light(path);
+    Demodulation by = demodulation(load_gbuffer(pixel));
+    vec2 distances = path.diffuse_first ? vec2(path.first_ray_length, 0.0) : vec2(0.0, path.first_ray_length);
+    paths_diffuse.at[index] = vec4(light.diffuse / by.diffuse, distances.x);
+    paths_specular.at[index] = vec4(light.specular / by.specular, distances.y);
+}

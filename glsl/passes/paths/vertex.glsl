@@ -1,0 +1,101 @@
+// A vertex of a path: a surface point seen from a direction, and the light that reaches it from lights.
+#ifndef PASSES_PATHS_VERTEX_GLSL
+#define PASSES_PATHS_VERTEX_GLSL
+
+#include "passes/light_tiles/light_tiles.glsl"
+#include "scene/brdf.glsl"
+#include "scene/light_visibility.glsl"
+#include "scene/sampling.glsl"
+#include "scene/surface.glsl"
+
+struct Vertex {
+    vec3 position;
+    vec3 geometric_normal;  // faces the direction from which the vertex is seen
+    vec3 origin;            // of rays that leave the vertex
+    mat3 frame;             // its z axis is the shading normal
+    vec3 wo;                // in that frame
+    Brdf brdf;
+};
+
+// Light by the diffuse and by the specular lobe.
+struct Lobes {
+    vec3 diffuse;
+    vec3 specular;
+};
+
+const Lobes NO_LIGHT = Lobes(vec3(0.0), vec3(0.0));
+
+Lobes scale(Lobes lobes, vec3 factor) { return Lobes(lobes.diffuse * factor, lobes.specular * factor); }
+vec3 sum(Lobes lobes) { return lobes.diffuse + lobes.specular; }
+
+Vertex make_vertex(ResolvedRayHitFull surface, vec3 ray_direction) {
+    Vertex vertex;
+    vertex.position = surface.world_position;
+    vertex.geometric_normal = surface.geometric_world_normal;
+    vertex.origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
+    vertex.frame = orthonormalize(surface.world_normal);
+    vertex.wo = -ray_direction * vertex.frame;
+    vertex.brdf = prepare_brdf(surface.material, vertex.wo);
+    return vertex;
+}
+
+Lobes evaluate_lobes(Vertex vertex, vec3 wi) {
+    return Lobes(
+        evaluate_diffuse_brdf(vertex.brdf, vertex.wo, wi), evaluate_specular_brdf(vertex.brdf, vertex.wo, wi)
+    );
+}
+
+// Makes surfaces rougher that a path reaches after a spread lobe. Otherwise light that a mirror throws on a diffuse
+// surface would be found by few paths, each far too bright. Kaplanyan and Dachsbacher, "Path Space Regularization for
+// Holistic and Robust Light Transport" (2013).
+void regularize(inout ResolvedMaterial material, float squared_slope) {
+    float least = min(paths_settings.regularization, 0.25 * sqrt(squared_slope));
+    if (material.roughness >= least) { return; }
+    material.roughness = least;
+    material.perceptual_roughness = sqrt(least);
+}
+
+// ---- light samples -----------------------------------------------------------------------------------
+
+// What a vertex reflects of a light sample without occlusion, to be multiplied by the sample's inverse pdf, with its
+// MIS weight against BRDF samples. `density` is the number of light samples that compete with one BRDF sample.
+Lobes reflect_light(Vertex vertex, ResolvedLightSample light_sample, float density) {
+    LightContribution light = calculate_resolved_light_contribution(light_sample, vertex.position);
+    if (!(dot(light.wi, vertex.geometric_normal) > 0.0)) { return NO_LIGHT; }
+    vec3 wi = light.wi * vertex.frame;
+    float mis_weight = power_heuristic(density * light.solid_angle_pdf, brdf_pdf(vertex.brdf, vertex.wo, wi));
+    return scale(evaluate_lobes(vertex, wi), light.received_radiance * mis_weight);
+}
+
+// A light sample that waits for its shadow ray.
+struct DrawnLight {
+    ResolvedLightSample light_sample;
+    Lobes light;  // what the vertex reflects unless the sample is occluded; 0: no shadow ray is needed
+};
+
+// Resampled importance sampling (Talbot et al., "Importance Resampling for Global Illumination", 2005): one of several
+// samples of a light tile, chosen by the luminance that the vertex reflects without occlusion.
+DrawnLight draw_light(Vertex vertex, uint tile, uint candidates, float density, inout uint rng) {
+    DrawnLight drawn;
+    drawn.light = NO_LIGHT;
+    float weight_sum = 0.0, chosen_target = 0.0;
+    LightSample chosen;
+    for (uint i = 0u; i < candidates; i++) {
+        LightCandidate candidate = sample_light_candidate(tile, rng);
+        float target = luminance(sum(reflect_light(vertex, candidate.resolved, density)));
+        float weight = target * candidate.resolved.inverse_pdf;
+        weight_sum += weight;
+        if (rand_f(rng) * weight_sum < weight) {
+            chosen = candidate.light_sample;
+            chosen_target = target;
+        }
+    }
+    if (chosen_target > 0.0) {
+        drawn.light_sample = resolve_light_sample(chosen);
+        float inverse_pdf = weight_sum / (float(candidates) * chosen_target);
+        drawn.light = scale(reflect_light(vertex, drawn.light_sample, density), vec3(inverse_pdf));
+    }
+    return drawn;
+}
+
+#endif

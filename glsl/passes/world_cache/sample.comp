@@ -1,0 +1,34 @@
+// World cache, step 4: the irradiance of active cells, by a path that starts at the cell's point as at a white diffuse
+// surface. It ends in the cache's values of the previous frame, so that light travels one bounce further each frame.
+#version 460
+#include "passes/paths/path.glsl"
+#include "passes/world_cache/update.glsl"
+
+layout(local_size_x = GROUP_SIZE) in;
+
+void main() {
+    uint thread = thread_index(INVOCATION_INDEX);
+    uint cell = find_cell_to_update(thread);
+    if (cell == NO_INDEX) { return; }
+    atomicAdd(world_cache_counters.updates, 1u);
+    uint rng = seed_cell_rng(cell, DIRECT_SALT);
+    WorldCacheSurface surface = load_world_cache_surface(cell);
+
+    Vertex vertex;
+    vertex.position = surface.world_position;
+    vertex.geometric_normal = surface.geometric_world_normal;
+    vertex.origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
+    vertex.frame = orthonormalize(surface.geometric_world_normal);
+    vertex.wo = vec3(0.0, 0.0, 1.0);
+    vertex.brdf = WHITE_DIFFUSE;
+
+    Path path = start_path(vertex, rng);
+    path.candidates = world_cache_settings.candidates;
+    path.tile = choose_light_tile(path.rng);
+    path.choice = rand_f(path.rng);
+    path.u = rand_vec2f(path.rng);
+    path.cone_width = world_cache_bounds.at[cell].w;  // textures are filtered over the width of the cell
+    path.lifetime = world_cache_samples.at[thread].life;
+    while (advance(path)) {}
+    world_cache_samples.at[thread].irradiance = PI * path_light(path).diffuse;
+}
