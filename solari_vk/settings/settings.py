@@ -56,7 +56,9 @@ class Settings:
     paths_candidates: int = _paths(
         8, "Light samples from which a pixel's surface chooses one. More: less noise.", low=1, high=1024
     )
-    paths_later_candidates: int = _paths(4, "The same at further surfaces of a path.", low=1, high=1024)
+    paths_later_candidates: int = _paths(
+        4, "The same at further surfaces of a path. More: less noise.", low=1, high=1024
+    )
     paths_cache_roughness: float = _paths(
         0.3, "Roughness from which the world cache stands for the specular lobe of a surface too. More: sharper "
         "reflections of reflections, slower.", low=0, high=1)  # fmt: skip

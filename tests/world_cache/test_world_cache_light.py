@@ -24,7 +24,8 @@ CASE = np.dtype([("base_color", "f4", 3), ("reflectance", "f4"), ("perceptual_ro
 
 
 def settings(**changed):
-    return sv.Settings(**{"lambert": True, "world_cache_cells": 1 << 14, "world_cache_search_steps": 16, **changed})
+    return sv.Settings(**{"lambert": True, "world_cache_cells": 1 << 14, "world_cache_search_steps": 16,
+                          "world_cache_updates_per_pixel": 1e9, **changed})
 
 
 # Enough to notice the bugs below. The observation of one seed has a standard deviation of 0.8 %; if observations are
