@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -64,14 +66,17 @@ def test_errors_of_runs():
     """Runs share a bias of 0.3 and have noise of standard deviation 0.1."""
     truth, rng = np.ones((200, 200, 3)), np.random.default_rng(1)
     runs = [1.3 + 0.1 * rng.standard_normal(truth.shape) for _ in range(4)]
-    found = Errors(truth, single=[2.0, 4.0], means=runs, wall=[1.0, 3.0, 20.0], cpu=[4.0, 5.0, 6.0], rays=2.5)
+    times = {"wall": [1.0, 3.0, 20.0], "cpu": [4.0, 5.0, 6.0]}
+    found = Errors(truth, singles=[truth - 1, truth + 2], means=runs, rays=2.5, **times)
     assert np.isclose(found.many, 0.1 / 1.01, rtol=0.01)
     assert np.isclose(found.noise, 0.01 / 1.01, rtol=0.02)
-    base = Errors(truth, single=[6.0], means=[truth + 1], wall=[1.5], cpu=[10.0])
+    base = Errors(truth, singles=[truth + 5**0.5], means=[truth + 1], wall=[1.5], cpu=[10.0])
     cells = dict(zip(HEAD, row("a", found, base), strict=True))
-    assert (cells["one"], cells["ms"], cells["cpu ms"], cells["rays"]) == ("3", "3.00", "5.00", "2.50")
+    assert (cells["one"], cells["ms"], cells["cpu ms"], cells["rays"]) == ("2.48", "3.00", "5.00", "2.50")
     assert (cells["one / PT"], cells["one / PT, cpu"]) == ("1.00", "0.25")
     assert (cells["mean / PT"], cells["mean / PT, cpu"]) == ("0.20", "0.05")
+    runs[0][:100] = 9.0
+    assert np.isclose(replace(found, pixels=np.arange(200)[:, None] * np.ones(200) >= 100).many, 0.1 / 1.01, rtol=0.01)
     assert row("b", base, base)[HEAD.index("noise of it")] == ""
 
 

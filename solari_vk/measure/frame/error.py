@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from types import EllipsisType
 from typing import Any
 
 import numpy as np
@@ -39,8 +40,8 @@ class Errors:
     """The errors (relMSE) of pictures of independent runs, and what each frame or sample cost."""
 
     truth: Picture
-    single: list[float] = field(default_factory=list)
-    """Of single frames or samples."""
+    singles: list[NDArray[Any]] = field(default_factory=list)
+    """Single frames or samples."""
     means: list[Picture] = field(default_factory=list)
     """The mean of the frames of each run."""
     wall: list[float] = field(default_factory=list)
@@ -51,14 +52,20 @@ class Errors:
     rays: float = float("nan")
     """Rays per pixel of a frame."""
 
+    pixels: NDArray[np.bool_] | EllipsisType = ...
+    """The pixels that count."""
+
+    def _of(self, picture: NDArray[Any]) -> float:
+        return relative_mse(picture[self.pixels], self.truth[self.pixels])
+
     @property
     def one(self) -> float:
-        return float(np.mean(self.single))
+        return float(np.mean([self._of(picture) for picture in self.singles]))
 
     @property
     def many(self) -> float:
         """The error of the mean of frames, averaged over runs."""
-        return float(np.mean([relative_mse(picture, self.truth) for picture in self.means]))
+        return float(np.mean([self._of(picture) for picture in self.means]))
 
     @property
     def noise(self) -> float:
@@ -66,8 +73,7 @@ class Errors:
         if len(self.means) < 2:
             return float("nan")
         middle = np.mean(self.means, axis=0)
-        parts = [relative_mse(self.truth + picture - middle, self.truth) for picture in self.means]
-        return float(np.sum(parts)) / (len(parts) - 1)
+        return sum(self._of(self.truth + picture - middle) for picture in self.means) / (len(self.means) - 1)
 
     @property
     def ms(self) -> float:
@@ -121,7 +127,7 @@ def of_path_tracer(
         before = sum_of(effort.observed)  # a driver may compile here, and dispatches adapt their size
         for _ in range(4 * effort.seeds):
             first, done = tracer.samples + 1, tracer.samples + effort.observed
-            found.single.append(relative_mse(sum_of(first) - before, truth))
+            found.singles.append(sum_of(first) - before)
             found.add_time(device, lambda: tracer.render(camera, samples=done), done - first)  # noqa: B023
             after = sum_of(done)
             found.means.append((after - before) / effort.observed)
@@ -137,7 +143,7 @@ def of_frames(
 
     With a movement, whose cameras jitter, frames are reprojected, and only the last one of a run counts as single.
     """
-    found, settings = Errors(truth), renderer.settings
+    found, settings = Errors(truth, pixels=movement.rough if movement else ...), renderer.settings
     cameras: Sequence[Camera] = movement.cameras if movement else [camera] * (effort.warm_up + effort.observed)
     renderer.settings = replace(settings, jitter=settings.jitter and movement is None)
     for seed in range(effort.seeds):
@@ -150,8 +156,7 @@ def of_frames(
                 continue
             found.add_time(renderer.device, lambda: renderer.render(view))  # noqa: B023
             frames.append(renderer["radiance"])
-        single = frames[-1:] if movement else frames
-        found.single += [relative_mse(frame, truth) for frame in single]
+        found.singles += frames[-1:] if movement else frames
         found.means.append(movement.mean(frames) if movement else np.mean(frames, axis=0, dtype=np.float64))
     renderer.settings = settings
     return found

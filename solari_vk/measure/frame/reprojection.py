@@ -15,17 +15,20 @@ from solari_vk.scene.model import Camera
 from solari_vk.scene.projection import JITTERS, Projection
 
 Floats = NDArray[np.float64]
-STEP = 0.0025  # sideways movement in a frame, over the median depth of what the last camera sees
+STEP = 0.002  # sideways movement in a frame, over the picture's height at the median depth
+SMOOTH = 0.4  # perceptual roughness; what smoother surfaces reflect moves in another way than they do
 PLANE_DISTANCE, NORMAL_COSINE = 0.01, 0.9  # of samples of one surface; the distance is over the depth
 
 
 class _Hits(NamedTuple):
-    """What the samples of a picture hit: depth along the view axis, position, normal, instance."""
+    """What the samples of a picture hit: depth along the view axis, position, normal, instance, and whether it is no
+    smooth surface."""
 
     depth: Floats
     position: Floats
     normal: Floats
     instance: NDArray[np.uint32]
+    rough: NDArray[np.bool_]
 
 
 class _Taps(NamedTuple):
@@ -55,22 +58,30 @@ class Movement:
         with PathTracer(device, binder, size) as tracer:
 
             def trace(view: Camera) -> _Hits:
-                names = ("depth", "position", "geometric_normal", "instance_id")
-                depth, position, normal, instance = (
-                    tracer.first_hits.read(name, Projection.of(view, size), size) for name in names
+                names = ("depth", "position", "geometric_normal", "instance_id", "roughness_metallic")
+                depth, position, normal, instance, roughness = (
+                    tracer.first_hits.read(name, Projection.of(view, size), size).reshape(size[0] * size[1], -1)
+                    for name in names
                 )
-                return _Hits(depth.ravel(), position.reshape(-1, 3), normal.reshape(-1, 3), instance.ravel())
+                rough = (roughness[:, 0] >= SMOOTH) | np.isinf(depth[:, 0])
+                return _Hits(depth[:, 0], position, normal, instance[:, 0], rough)
 
             depth = trace(camera).depth
             seen = depth[np.isfinite(depth)]
-            stride = step * float(np.median(seen)) if len(seen) else 0.0
+            height = 2 * np.tan(camera.vertical_fov / 2) * float(np.median(seen)) if len(seen) else 0.0
+            stride = step * height
             count = warm_up + observed
             self.cameras = [_moved(camera, stride * (i + 1 - count), JITTERS[i % len(JITTERS)]) for i in range(count)]
             """One for each frame."""
             self._taps = []
+            rough = np.ones(size[0] * size[1], np.bool_)
             for view in self.cameras[warm_up:]:
                 wanted = trace(_moved(camera, 0.0, view.jitter))
                 self._taps.append(_find(wanted, trace(view), view, size))
+                rough &= wanted.rough
+            self.rough = rough.reshape(size[1], size[0])
+            """Whether pixels show no smooth surface (h, w). On a smooth one, reflections move in another way than the
+            surface, and frames reprojected with it don't fit together."""
 
     def mean(self, frames: Sequence[NDArray[np.float32]]) -> Floats:
         """The mean (h, w, 3) of the observed frames' radiance (h, w, 3) as the last camera sees it."""
