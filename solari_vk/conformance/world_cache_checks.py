@@ -16,6 +16,7 @@ from solari_vk.measure.replication import replicate
 from solari_vk.renderer import Renderer
 from solari_vk.scene.builtin import closed_box, cornell_box, place, thin_wall
 
+ALL_CELLS: dict[str, Any] = {"world_cache_updates": "all", "world_cache_updates_per_pixel": 1e9}
 _CACHE = (SUITE, "World cache")
 LIST = Rule("the list of active cells holds each of the map's living cells once", *_CACHE)
 ONCE = Rule("every key has exactly one entry", *_CACHE)
@@ -27,7 +28,7 @@ LEAK = Rule("no light leaks through a thin wall", *_CACHE)
 def measure_world_cache(device: Device) -> Iterator[Measurement]:
     """The rules of the hash map hold after frames of the renderer."""
     scene = cornell_box()
-    with make_renderer(device, scene) as renderer:
+    with make_renderer(device, scene, lighting="split", **ALL_CELLS) as renderer:
         for _ in range(6):
             renderer.render(scene.camera)
         before = renderer["world_cache_checksums"].copy(), renderer["world_cache_life"].copy()
@@ -60,8 +61,7 @@ def measure_fixed_point(device: Device, full: bool = False) -> Iterator[Measurem
     scene = closed_box()
     expected = math.pi * float(closed_forms.closed_box_radiance(np.ones(1), np.full(1, 0.5), 64)[0])
     counts = []
-    alone: dict[str, Any] = {"di": False, "specular": False, "world_cache_cells": 1 << 14}
-    with make_renderer(device, scene, (16, 16), **alone) as renderer:
+    with make_renderer(device, scene, (16, 16), world_cache_cells=1 << 14, **ALL_CELLS) as renderer:
 
         def observe() -> Image:
             for _ in range(effort.warm_up):

@@ -24,8 +24,10 @@ CASE = np.dtype([("base_color", "f4", 3), ("reflectance", "f4"), ("perceptual_ro
 
 
 def settings(**changed):
-    return sv.Settings(**{"lambert": True, "world_cache_cells": 1 << 14, "world_cache_search_steps": 16,
-                          "world_cache_updates_per_pixel": 1e9, **changed})
+    return sv.Settings(**{
+        "lighting": "split", "lambert": True, "world_cache_cells": 1 << 14, "world_cache_search_steps": 16,
+        "world_cache_updates": "all", "world_cache_updates_per_pixel": 1e9, **changed,
+    })  # fmt: skip
 
 
 # Enough to notice the bugs below. The observation of one seed has a standard deviation of 0.8 %; if observations are
@@ -46,15 +48,17 @@ def check_fixed_point(device, *, seeds=16, bar=0.02, warm_up=40, **changed):
     assert abs(error) + half_width < bar, (error, half_width)
 
 
-def test_fixed_point(device):
+@pytest.mark.parametrize("lighting", ["paths", "split"])
+def test_fixed_point(device, lighting):
     """The cache converges to the right light with the default blend."""
-    check_fixed_point(device, warm_up=24)
+    check_fixed_point(device, warm_up=24, lighting=lighting)
 
 
 def test_fixed_point_of_short_means(device):
     """Means over fewer frames converge sooner, to the same light. This is the control of the seeded bugs."""
     check_fixed_point(device, **BRIEF)
     check_fixed_point(device, **BRIEF, world_cache_change_exponent=10, world_cache_max_samples=6)
+    fixed_point_of_paths(device)
 
 
 @pytest.mark.slow
@@ -189,6 +193,10 @@ def fixed_point(device):
     check_fixed_point(device, **BRIEF)
 
 
+def fixed_point_of_paths(device):
+    check_fixed_point(device, **BRIEF, lighting="paths")
+
+
 def albedo(device):
     test_albedo_is_what_the_brdf_reflects(device, "conserving")
 
@@ -207,6 +215,7 @@ MUTANTS = {
     "direct: measure swapped": (fixed_point, "sample_direct.comp", "float weight = target * light.inverse_pdf;",
                                 "float weight = target / max(light.solid_angle_pdf, 1e-6);"),
     "indirect forgotten": (fixed_point, "sample_indirect.comp", "PI * gathered", "1e-9 * gathered"),
+    "path: without pi": (fixed_point_of_paths, "sample.comp", "PI * path_light", "path_light"),
     "unknown: the path ends": (test_overfull_map, "query.glsl", "if (cached.found || frame_settings.world_cache == 0u)",
                                "if (true)"),
     "unknown: the next ray without pi": (test_overfull_map, "query.glsl", "throughput *= PI;", ""),
@@ -221,15 +230,16 @@ MUTANTS = {
                          "atomicMax(world_cache_life.at[cell], lifetime / 2u)"),
     "cells keep each other alive": (test_cell_death, "sample_indirect.comp", "world_cache_samples.at[thread].life;",
                                     "world_cache_settings.lifetime;"),
-    "albedo: metals black": (albedo, "query.glsl", "specular_albedo(material.base_color, ab), ", "vec3(0.0), "),
-    "albedo: nothing under the layer": (albedo, "query.glsl", "dielectric + through * material.base_color",
-                                        "dielectric"),
+    "albedo: metals black": (albedo, "../../scene/brdf.glsl",
+                             "mix(dielectric, specular_albedo(material.base_color, ab)", "mix(dielectric, vec3(0.0)"),
+    "albedo: nothing under the layer": (albedo, "query.glsl", "albedos.diffuse + albedos.specular",
+                                        "albedos.specular"),
 }  # fmt: skip
 
 
 # One bug for each check, because each bug compiles pipelines with ray queries.
-QUICK = ("no 1 / pi", "unknown: the path ends", "parts of a cell are one", "cells never grow", "lives are halved",
-         "albedo: metals black")  # fmt: skip
+QUICK = ("no 1 / pi", "path: without pi", "unknown: the path ends", "parts of a cell are one", "cells never grow",
+         "lives are halved", "albedo: metals black")  # fmt: skip
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in QUICK else [pytest.mark.slow]) for n in MUTANTS])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from map_frame import QUERY, MapFrame
+from map_frame import QUERY, SIZE, MapFrame
 from support.encodings import pcg4d, pcg_hash
 
 from solari_vk.gpu.shaders.patches import patched_shaders
@@ -170,11 +170,37 @@ def test_lives(device):
             assert not frame[name].any()
 
 
+def test_only_cells_that_were_asked_for_are_updated(device):
+    """With world_cache_updates=asked, the cells of the previous frame's queries; the others live on, and are updated
+    again once they are asked for."""
+    queries, cell = make_queries(100, 400)
+    queries["life"] = 9
+    some = cell < 40
+    with MapFrame(device, 1024, queries, world_cache_search_steps=64, world_cache_updates="asked") as frame:
+        entries = frame.run()["answers"]["cell"]
+        asked = np.where(some, queries["rng"], 0)
+        for rng, expected in ((asked, entries), (asked, entries[some]), (queries["rng"], entries[some]), (0, entries),
+                              (0, [])):  # fmt: skip
+            frame.ask(changed(queries, rng))
+            count = int(frame.run()["counters"]["active_cells"])
+            np.testing.assert_array_equal(np.sort(frame["active_cells"][:count]), np.unique(expected))
+            assert np.count_nonzero(frame["checksums"]) == 100
+
+
+def changed(queries, rng):
+    queries = queries.copy()
+    queries["rng"] = rng
+    return queries
+
+
 # ---- blend ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("exponent", "cap"), [(1 / 8, 1 << 20), (1.0, 1 << 20), (10.0, 1 << 20), (1 / 8, 700)])
-def test_blend(device, exponent, cap):
+@pytest.mark.parametrize(
+    ("exponent", "cap", "of_pixels"),
+    [(1 / 8, 1 << 20, 1e9), (1.0, 1 << 20, 1e9), (10.0, 1 << 20, 1e9), (1 / 8, 700, 1e9), (1 / 8, 1 << 20, 12.5)],
+)
+def test_blend(device, exponent, cap, of_pixels):
     cells, random = 2048, np.random.default_rng(2)
     irradiance = random.lognormal(0, 2, (cells, 4)).astype(np.float32)
     irradiance[:, 3] = random.integers(0, 40, cells)
@@ -182,8 +208,9 @@ def test_blend(device, exponent, cap):
     deltas = (irradiance[:, 0] * random.normal(0, 0.3, cells)).astype(np.float32)
     samples = np.zeros(cells, [("irradiance", "f4", 3), ("life", "u4")])
     samples["irradiance"] = random.lognormal(0, 2, (cells, 3))
-    changed = {"world_cache_change_exponent": exponent, "world_cache_update_cap": cap}
-    with MapFrame(device, cells, None, **changed) as frame:
+    settings = {"world_cache_change_exponent": exponent, "world_cache_update_cap": cap,
+                "world_cache_updates_per_pixel": of_pixels}  # fmt: skip
+    with MapFrame(device, cells, None, **settings) as frame:
         frame.upload(
             checksums=random.integers(1, 2**32, cells, dtype=np.uint32), life=np.full(cells, 9, np.uint32),
             irradiance=irradiance, luminance_deltas=deltas, samples=samples,
@@ -203,16 +230,20 @@ def test_blend(device, exponent, cap):
     moved = deltas + ((blended - old) @ weights - deltas) / 8
     np.testing.assert_allclose(found_deltas[updated], moved[updated], rtol=1e-3, atol=1e-4)
     share = updated.mean()
-    expected = min(cap / cells, 1)
+    expected = min(cap / cells, of_pixels * SIZE[0] * SIZE[1] / cells, 1)
     assert abs(share - expected) <= 4 * np.sqrt(expected * (1 - expected) / cells), share
 
 
 def blend(device):
-    test_blend(device, 1 / 8, 1 << 20)
+    test_blend(device, 1 / 8, 1 << 20, 1e9)
 
 
 def blend_above_the_cap(device):
-    test_blend(device, 1 / 8, 700)
+    test_blend(device, 1 / 8, 700, 1e9)
+
+
+def blend_a_share_of_the_pixels(device):
+    test_blend(device, 1 / 8, 1 << 20, 12.5)
 
 
 MUTANTS = {
@@ -244,6 +275,10 @@ MUTANTS = {
     "blend: a sample too many": (blend, "blend.comp", "old.w + YOUNG_GROWTH", "old.w + 1.0"),
     "blend: change not relative": (blend, "blend.comp", " / max(luminance(old.rgb), 1e-30)", ""),
     "cap: by half": (blend_above_the_cap, "update.glsl", "rand_f(rng) * float(", "0.5 * rand_f(rng) * float("),
+    "share of the pixels: of a row": (blend_a_share_of_the_pixels, "update.glsl", " * float(camera.size.y)", ""),
+    "asked: all": (test_only_cells_that_were_asked_for_are_updated, "map.glsl", "(asked || ", "(true || "),
+    "asked: once": (test_only_cells_that_were_asked_for_are_updated, "decay.comp",
+                    "without_priority(world_cache_points.at[cell].position)", "world_cache_points.at[cell].position"),
 }  # fmt: skip
 
 
