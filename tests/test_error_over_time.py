@@ -62,6 +62,19 @@ def test_frames_of_a_still_camera_are_averaged(device, see):
     assert np.allclose(still.mean(frames), np.mean(frames, axis=0), atol=1e-4)
 
 
+def test_pixels_with_mirrors_do_not_count(device):
+    scene = builtin("mirror_hall")
+    binder = SceneBinder(device, scene)
+    rough = Movement(device, binder, scene.camera, SIZE, 0, 3).rough
+    with Renderer(device, binder, SIZE, Settings(jitter=False)) as renderer:
+        frame = renderer.render(scene.camera)
+        mirrors = np.any([frame.mask(item) for item in scene if item.name in ("mirror", "gold")], axis=0)
+        walls = frame.mask("room")
+    binder.destroy()
+    assert rough[mirrors].mean() < 0.1  # at edges, no sample of a pixel may hit what is at its center
+    assert rough[walls].mean() > 0.8
+
+
 def test_errors_of_runs():
     """Runs share a bias of 0.3 and have noise of standard deviation 0.1."""
     truth, rng = np.ones((200, 200, 3)), np.random.default_rng(1)
