@@ -30,7 +30,7 @@ _SECTION = ("solari_vk", "Frame")
 WHOLE = Rule("the frame is as bright as the path tracer's", *_SECTION)
 TILES = Rule("each of 4 x 4 tiles is close to the path tracer's", *_SECTION)
 OUTLIERS = Rule("no pixel without the lamp is brighter than the lamp in the mean of 16 frames", *_SECTION)
-BALLS = Rule("a ball's indirect light is the path tracer's", *_SECTION)
+BALLS = Rule("the indirect light of balls is the path tracer's", *_SECTION)
 
 SIZE = (48, 48)
 
@@ -55,7 +55,10 @@ def radiance(frame):
 @pytest.mark.parametrize("scale", [1.0, pytest.param(0.01, marks=pytest.mark.slow)])
 def test_a_lamp_under_the_ceiling_of_a_huge_room(device, lighting, scale):
     """The file's room is 550 m wide. Its lamp hangs 0.9 m below the ceiling and emits on both sides. At a hundredth of
-    this size the picture is the same."""
+    this size the picture is the same.
+
+    Pixels that show the lamp are left out: they would hold a third of the light, with the error of 32 sample positions.
+    """
     scene = scaled(sv.load_gltf(asset("CornellBox/CornellBox.glb")), scale)
     scene.add(sv.Camera.framing(scene.bounds, (0, 0, -1)))
     effort = Effort(16, 24, 64)
@@ -68,9 +71,10 @@ def test_a_lamp_under_the_ceiling_of_a_huge_room(device, lighting, scale):
             return [np.mean([radiance(renderer.render(scene.camera)) for _ in range(16)], axis=0) for _ in range(4)]
 
         blocks = replicate(renderer, effort.runs, means_of_16)
-    found = blocks.mean(axis=1)
-    no_lamp = trace(device, scene, 64, SIZE, max_bounces=0).max(axis=-1) == 0
-    outlier = float(blocks[:, :, no_lamp].max() / expected.max())
+    lamp_radiance = expected.max()
+    dark = trace(device, scene, 256, SIZE, max_bounces=0) == 0
+    blocks, expected = blocks * dark, expected * dark
+    found, outlier = blocks.mean(axis=1), float(blocks.max() / lamp_radiance)
     hold([
         measure_mean(WHOLE, found, expected, 0.02, effort), measure_picture_tiles(TILES, found, expected, 0.1, effort),
         Measurement(OUTLIERS, outlier, 1.0, "times the lamp's radiance"),
@@ -90,19 +94,23 @@ def test_a_lamp_close_to_the_ceiling(device, lighting, gap):
 
 
 def test_the_sun_on_a_shiny_floor(device, lighting):
-    """The frame is as bright as the path tracer's, and so is the indirect light of the ball over each roughness: what
-    remains of the ball's light without the path tracer's direct light."""
-    scene, effort = sv.builtin("shiny_floor"), Effort(16, 24, 32)
+    """The frame is as bright as the path tracer's, and so is the indirect light of all balls, and less exactly that of
+    the ball over each roughness: what remains of their light without the path tracer's direct light."""
+    scene, effort = sv.builtin("shiny_floor"), Effort(16, 24, 96)
     expected = trace(device, scene, 4096, SIZE, seed=9)
     direct = trace(device, scene, 1024, SIZE, max_bounces=1, seed=9)
     with make_renderer(device, scene, SIZE, **lighting) as renderer:
         found = run_pictures(renderer, scene.camera, effort, radiance)
         frame = renderer.render(scene.camera)
         balls = [frame.mask(f"ball {i}") for i in range(3)]
-    for ball in balls:
-        assert (expected - direct)[ball].mean() > 0.1 * direct[ball].mean(), "there is little indirect light"
-    hold([measure_mean(WHOLE, found, expected, 0.03, effort)] + [
-        measure_mean(BALLS, (found - direct)[:, ball], (expected - direct)[ball], 0.05, effort) for ball in balls
+
+    def measure_indirect(mask, bar):
+        assert (expected - direct)[mask].mean() > 0.1 * direct[mask].mean(), "there is little indirect light"
+        return measure_mean(BALLS, (found - direct)[:, mask], (expected - direct)[mask], bar, effort)
+
+    hold([
+        measure_mean(WHOLE, found, expected, 0.03, effort), measure_indirect(np.any(balls, axis=0), 0.05),
+        *(measure_indirect(ball, 0.1) for ball in balls),
     ])  # fmt: skip
 
 

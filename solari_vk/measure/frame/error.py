@@ -96,11 +96,12 @@ class Errors:
 def configurations() -> dict[str, Settings]:
     """The settings whose errors are compared, by name."""
     fields: dict[str, dict[str, Any]] = {
-        "default": {}, "paths, restir off": {"lighting": "paths", "restir": "off"},
+        "paths": {"lighting": "paths"}, "paths, restir off": {"lighting": "paths", "restir": "off"},
         "paths, restir on": {"lighting": "paths", "restir": "on"}, "split": {"lighting": "split"},
     }  # fmt: skip
-    known = {name: Settings(**values) for name, values in fields.items() if FIELDS.keys() >= values.keys()}
-    return known | {"solari": Settings.preset("solari")}
+    named = {name: Settings(**values) for name, values in fields.items() if FIELDS.keys() >= values.keys()}
+    named["solari"] = Settings.preset("solari")
+    return {f"{name} (default)" if settings == Settings() else name: settings for name, settings in named.items()}
 
 
 def reference(device: Device, scene: Scene | SceneBinder, camera: Camera, size: tuple[int, int], samples: int,
