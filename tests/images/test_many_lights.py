@@ -49,6 +49,22 @@ def test_a_light_of_many_triangles(device, expected):
     assert math.hypot(error, expected[1]) < 0.005 * value
 
 
+def test_a_bright_spot_of_a_dark_lamp(device):
+    """A lamp of 20,000 triangles of which 1 % is lit: light samples that took all triangles equally often would have a
+    relative variance of 99, those that take the dark part for a tenth of the light have one of 0.1."""
+    mesh = triangle_grid(100)
+    pixels = np.zeros((10, 10, 3), np.uint8)
+    pixels[2, 6] = 255
+    texture = sv.Texture(sv.TextureImage(pixels), magnification="nearest")
+    material = lamp(300.0)
+    material.emissive_texture = texture
+    whole = sv.Instance(sv.Mesh(mesh.positions, mesh.triangles, uvs=0.5 + 0.5 * mesh.positions[:, ::2]), material)
+    spot = sv.Instance(shapes.quad((0.3, 1, -0.5), (0.1, 0, 0), (0, 0, 0.1)), lamp(300.0))
+    (value, error), (truth, least) = (render(device, floor_under(item)) for item in (whole, spot))
+    assert abs(value - truth) < 4 * math.hypot(error, least)
+    assert 32 * 32 * 64 * (error / value) ** 2 < 0.2
+
+
 def test_many_lights(device, expected):
     """Seventy thousand instances, each a light, tile the same square. A limit on indices would lose the last ones."""
     side = 265

@@ -1,4 +1,4 @@
-// Fills the light tiles of a frame: each sample is a random point of a random triangle of a random light.
+// Fills the light tiles of a frame: each sample is a point of a triangle of a light, both chosen by their power.
 // Wyman and Panteleev, "Rearchitecting Spatiotemporal Resampling for Production" (2021), section 5.
 #version 460
 #include "common/random.glsl"
