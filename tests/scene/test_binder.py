@@ -323,7 +323,7 @@ def test_tables_reach_memory_that_is_not_mapped(any_device, rng):
     """Few bytes are written by the commands themselves, many are staged."""
     record = np.dtype([("id", "<u4"), ("position", "<f4", (3,))])
     with Device(validation=True, staging=True) as device:
-        table = Table(device, "points", record)
+        table = Table(device, "points", record, ("id", "position"))
         for rows, changed in ((16, 3), (8000, 8000), (8000, 1), (8000, 40), (8000, 5000)):
             table.reserve(rows)
             picked = rng.choice(rows, changed, replace=False).tolist()
