@@ -18,7 +18,9 @@ from solari_vk.conformance import (
     indirect_checks,
     light_checks,
     light_tile_checks,
+    lobe_checks,
     path_checks,
+    paths_checks,
     position_checks,
     probe_checks,
     ray_pipeline_checks,
@@ -215,6 +217,15 @@ GROUPS: dict[str, dict[str, Measure]] = {
         **_cases("white_box", lambda run, *case: path_checks.measure_white_box(run.device, *case), *_WHITE_WALLS),
         "light_tight": lambda run: path_checks.measure_light_tight(run.device),
         "seeds": lambda run: path_checks.measure_seeds(run.device),
+    },
+    "paths": {
+        "means": lambda run: paths_checks.measure_means(
+            run.device, paths_checks.FULL if run.full else paths_checks.FAST),
+        "noise": lambda run: paths_checks.measure_sequence(run.device),
+        "cells": lambda run: paths_checks.measure_cells(run.device),
+        "mirrors": lambda run: lobe_checks.measure_mirrors(run.device),
+        "lobes": lambda run: lobe_checks.measure_lobes(run.device, run.shaders),
+        "distances": lambda run: lobe_checks.measure_distances(run.device),
     },
     "ray_pipelines": {
         **_cases("probes", _ray_probes, *WAYS),

@@ -1,0 +1,131 @@
+"""The group `paths` can fail: a seeded bug for each rule, and for each part of a path."""
+
+from __future__ import annotations
+
+import pytest
+from seeded_bugs import expect_red, failing
+
+from solari_vk.conformance import lobe_checks, paths_checks
+from solari_vk.conformance.realtime import Effort
+from solari_vk.conformance.rules import Rule
+from solari_vk.conformance.shader_runner import ShaderRunner
+from solari_vk.gpu.shaders.patches import patched_shaders
+
+PATH, VERTEX, TRACE, COMPOSE = (f"passes/paths/{name}" for name in ("path.glsl", "vertex.glsl", "trace.comp",
+                                                                    "compose.comp"))  # fmt: skip
+BRIEF = paths_checks.Profile(Effort(16, 0, 16, 2048), Effort(8, 16, 12), (0.03, 0.05))
+
+
+def one(device):
+    return paths_checks.measure_means(device, BRIEF, kinds=["one"])
+
+
+def several(device):
+    return paths_checks.measure_means(device, BRIEF, kinds=["several"])
+
+
+def cached(device):
+    return paths_checks.measure_means(device, BRIEF, kinds=["cached"])
+
+
+def lobes(device):
+    with ShaderRunner(device) as shaders:
+        yield from lobe_checks.measure_lobes(device, shaders)
+
+
+mirrors, distances = lobe_checks.measure_mirrors, lobe_checks.measure_distances
+cells, noise = paths_checks.measure_cells, paths_checks.measure_sequence
+ONE, ONE_TILES, SEVERAL = (rule.name for rule in (paths_checks.ONE, paths_checks.ONE_TILES, paths_checks.SEVERAL))
+SEVERAL_TILES, CACHED, TILES = (rule.name for rule in (paths_checks.SEVERAL_TILES, paths_checks.CACHED,
+                                                       paths_checks.CACHED_TILES))  # fmt: skip
+CELLS, NOISE = paths_checks.CELLS.name, paths_checks.SEQUENCE.name
+MIRRORS, LENGTH, METAL, LOBES, DEMODULATED, COSINE, OWN = (
+    rule.name for rule in (lobe_checks.MIRRORS, lobe_checks.MIRROR_DISTANCE, lobe_checks.METAL, lobe_checks.LOBES,
+                           lobe_checks.DEMODULATION, lobe_checks.DISTANCE, lobe_checks.OWN_DISTANCE)
+)  # fmt: skip
+BUGS = {
+    "light samples without MIS weight": (one, [ONE], VERTEX, "light.received_radiance * mis_weight",
+                                         "light.received_radiance"),
+    "hits without MIS weight": (one, [ONE, ONE_TILES], PATH,
+                                "surface.material.emissive * power_heuristic(mis_pdf, light_pdf)",
+                                "surface.material.emissive"),
+    "no hits": (one, [ONE_TILES], PATH, "surface.material.emissive * power_heuristic(mis_pdf, light_pdf)",
+                "surface.material.emissive * (next.pdf == INFINITY ? 1.0 : 0.0)"),
+    "no light samples": (one, [ONE_TILES], PATH, "if (max_component(sum(drawn.light)) > 0.0) {", "if (false) {"),
+    "sun's hits without MIS weight": (one, [ONE_TILES], PATH, "radiance_at_infinity(direction, mis_pdf)",
+                                      "radiance_at_infinity(direction, INFINITY)"),
+    "probability of light samples forgotten": (one, [ONE_TILES], PATH, "path.throughput / probability",
+                                               "path.throughput"),
+    "1/M dropped": (several, [SEVERAL, SEVERAL_TILES], VERTEX, "(float(candidates) * chosen_target)", "chosen_target"),
+    "light samples weighted as one": (several, [SEVERAL_TILES], VERTEX, "power_heuristic(density * light",
+                                      "power_heuristic(light"),
+    "hits weighted against one light sample": (several, [SEVERAL_TILES], PATH, "? next.pdf / density : INFINITY",
+                                               "? next.pdf / probability : INFINITY"),
+    "first weight without pdf": (one, [ONE, ONE_TILES], PATH, "vec3(1.0 / next.pdf)) : NO_LIGHT",
+                                 "vec3(1.0)) : NO_LIGHT"),
+    "later weights forgotten": (one, [ONE, ONE_TILES], PATH, "path.throughput *= next.weight;", ""),
+    "survivors are not raised": (one, [ONE, ONE_TILES], PATH, "    path.throughput /= survival;\n", ""),
+    "roughness without leave": (one, [ONE_TILES], VERTEX, "min(paths_settings.regularization, 0.25", "min(1.0, 0.25"),
+    "light samples without shadow": (one, [ONE, ONE_TILES], PATH,
+                                     "if (trace_light_visibility(origin, drawn.light_sample)) {", "if (true) {"),
+    "only the first light sample": (one, [ONE, ONE_TILES], PATH, "else { path.radiance += sum(drawn.light); }", ""),
+    "cache without 1/pi": (cached, [CACHED, TILES], PATH, "(INVERSE_PI * cached.irradiance)", "cached.irradiance"),
+    "survivors of the cache are not raised": (cached, [CACHED], PATH, "    path.throughput /= share;\n", ""),
+    "specular lobe in the cache and followed": (cached, [CACHED], PATH, "(rough ? albedos.specular : vec3(0.0))",
+                                                "albedos.specular"),
+    "diffuse lobe in the cache and followed": (
+        cached, [CACHED], PATH, "    path.vertex.brdf = without_diffuse_lobe(path.vertex.brdf);\n", ""),
+    "cells without pi": (cells, [CELLS], "passes/world_cache/sample.comp", "PI * path_light", "path_light"),
+    "cells follow no specular lobe": (cells, [CELLS], PATH, "if (rough || !(rand_f(path.rng) < share)) {",
+                                      "if (true) {"),
+    "distances swapped": (mirrors, [LENGTH], TRACE, "path.diffuse_first ? vec2", "!path.diffuse_first ? vec2"),
+    "distances of later rays": (mirrors, [LENGTH], PATH, "if (first) { path.first_ray_length = hit.t; }",
+                                "path.first_ray_length = hit.t;"),
+    "distances from the origin": (distances, [COSINE], PATH, "path.first_ray_length = hit.t;",
+                                  "path.first_ray_length = length(origin);"),
+    "one distance for both lobes": (distances, [OWN], TRACE, ": vec2(0.0, path", ": vec2(path.first_ray_length, path"),
+    "mirrors count as bounces": (mirrors, [MIRRORS], PATH, "next.pdf == INFINITY && path.mirrors <",
+                                 "false && path.mirrors <"),
+    "no Fresnel in the first mirror": (mirrors, [MIRRORS], PATH, "return Lobes(vec3(0.0), next.weight);",
+                                       "return Lobes(vec3(0.0), vec3(1.0));"),
+    "mirrors reflect by the diffuse lobe": (mirrors, [METAL], PATH, "return Lobes(vec3(0.0), next.weight);",
+                                            "return Lobes(next.weight, vec3(0.0));"),
+    "lobes swapped": (lobes, [LOBES], TRACE, "vec4(light.diffuse / by.diffuse, distances.x)",
+                      "vec4(light.specular / by.diffuse, distances.x)"),
+    "both lobes in one": (lobes, [LOBES], PATH, "path.direct.diffuse + indirect.diffuse",
+                          "path.direct.diffuse + sum(indirect)"),
+    "demodulation not undone": (lobes, [LOBES, DEMODULATED], COMPOSE, "paths_diffuse.at[index].rgb * by.diffuse",
+                                "paths_diffuse.at[index].rgb"),
+    "demodulated by the other lobe": (lobes, [DEMODULATED], "passes/paths/demodulation.glsl",
+                                      "vec3(1.0), albedos.specular)", "vec3(1.0), albedos.diffuse)"),
+    "random directions": (noise, [NOISE], TRACE, "sobol_point(this_frame.index, sequence + 1u)",
+                          "rand_vec2f(path.rng)"),
+    "a sequence for each frame": (noise, [NOISE], TRACE, "uint sequence = seed_rng(pixel, 0u,",
+                                  "uint sequence = seed_rng(pixel, this_frame.index,"),
+}  # fmt: skip
+
+QUICK = ("light samples without MIS weight", "mirrors count as bounces", "distances swapped", "demodulation not undone",
+         "a sequence for each frame")  # fmt: skip
+
+
+@pytest.mark.parametrize("module", [paths_checks, lobe_checks], ids=lambda module: module.__name__.split(".")[-1])
+def test_every_rule_has_a_bug(module):
+    """Each Rule that is a constant of its module has a seeded bug that makes it fail."""
+    names = {name for _, found, *_ in BUGS.values() for name in found}
+    rules = [rule.name for rule in vars(module).values() if isinstance(rule, Rule)]
+    assert rules
+    assert not set(rules) - names
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in QUICK else [pytest.mark.slow]) for n in BUGS])
+def test_bug_is_noticed(device, name):
+    measure, rules, *bug = BUGS[name]
+    with patched_shaders(tuple(bug)):
+        expect_red(measure(device), *rules)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("measure", [one, several, cached])
+def test_brief_check_holds_without_a_bug(device, measure):
+    """The control of the bugs: with less effort than the suite takes, correct shaders pass."""
+    assert not failing(measure(device))
