@@ -60,7 +60,7 @@ class Settings:
         4, "The same at further surfaces of a path. More: less noise.", low=1, high=1024
     )
     paths_cache_roughness: float = _paths(
-        0.3, "Roughness from which the world cache stands for the specular lobe of a surface too. More: sharper "
+        0.31, "Roughness from which the world cache stands for the specular lobe of a surface too. More: sharper "
         "reflections of reflections, slower.", low=0, high=1)  # fmt: skip
 
     paths_regularization: float = _paths(
@@ -132,8 +132,8 @@ class Settings:
         0.5, "Random offset of a query, in cells. More: hides the grid, blurs.", low=0, high=2
     )
     world_cache_leak_prevention: str = _cache(
-        "landmarks", "How light is kept from leaking through walls: rays shorter than a cell ask the finest cells "
-        "(Solari); with landmarks, walls also divide cells.", choices=("landmarks", "finest"))  # fmt: skip
+        "divided", "How light is kept from leaking through walls: rays shorter than a cell ask the finest cells "
+        "(Solari); with landmarks, walls also divide cells.", choices=("divided", "landmarks", "finest"))  # fmt: skip
     world_cache_surfaces: str = _cache(
         "whole", "What a surface reflects of the light in the cache: what its whole material reflects, mirrors "
         "included; or its base color, as if everything were diffuse (Solari).", choices=("whole", "diffuse")

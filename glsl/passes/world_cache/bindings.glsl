@@ -21,6 +21,10 @@ layout(set = 1, binding = 44, scalar) buffer WorldCacheVotesBlock { WorldCachePo
 layout(set = 1, binding = 45, scalar) buffer WorldCachePointsBlock { WorldCachePoint at[]; } world_cache_points;
 layout(set = 1, binding = 46, scalar) buffer WorldCacheDeltasBlock { float at[]; } world_cache_luminance_deltas;
 
+// The first point of a cell's life, or DIVIDED_CELL: the cell is not used, because a wall goes through it.
+const WorldCachePoint DIVIDED_CELL = WorldCachePoint(0xFFFFFFFFu, 0u);
+layout(set = 1, binding = 52, scalar) buffer WorldCacheAnchorsBlock { WorldCachePoint at[]; } world_cache_anchors;
+
 // For each block of the map: its number of active cells, and after the scan the index of its first one in the list of
 // active cells.
 layout(set = 1, binding = 47, scalar) buffer WorldCacheBlocksBlock { uint at[]; } world_cache_blocks;
@@ -28,8 +32,9 @@ layout(set = 1, binding = 48, scalar) buffer WorldCacheActiveCellsBlock { uint a
 // The irradiance that an active cell received in this frame, and its life before queries of other cells raised it.
 struct WorldCacheSample {
     vec3 irradiance;
-    uint life;
+    uint life;     // without the flag SEES_WALL
 };
+const uint SEES_WALL = 0x80000000u;  // the cell's point of this frame doesn't see the cell's first point
 layout(set = 1, binding = 49, scalar) buffer WorldCacheSamplesBlock { WorldCacheSample at[]; } world_cache_samples;
 layout(set = 1, binding = 50, scalar) buffer WorldCacheDispatchBlock {
     uvec3 group_count;

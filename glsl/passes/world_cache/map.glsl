@@ -93,6 +93,7 @@ const WorldCacheResult NO_CELL = WorldCacheResult(NO_INDEX, false, vec3(0.0));
 // The irradiance of a cell of the map, which is kept alive for `lifetime` frames.
 WorldCacheResult read_world_cache_cell(uint cell, uint lifetime) {
     atomicMax(world_cache_life.at[cell], lifetime);
+    if (world_cache_anchors.at[cell] == DIVIDED_CELL) { return WorldCacheResult(cell, false, vec3(0.0)); }
     vec4 irradiance = world_cache_irradiance.at[cell];
     return WorldCacheResult(cell, irradiance.w > 0.0, irradiance.rgb);
 }
@@ -131,7 +132,7 @@ uint without_priority(uint vote) { return vote & 0xFFFFFFu; }
 bool is_to_update(uint cell) {
     uint position = world_cache_points.at[cell].position;
     bool asked = position != without_priority(position);
-    return world_cache_checksums.at[cell] != EMPTY_CELL
+    return world_cache_checksums.at[cell] != EMPTY_CELL && world_cache_anchors.at[cell] != DIVIDED_CELL
         && (asked || world_cache_settings.updates == WORLD_CACHE_UPDATES_ALL);
 }
 
@@ -141,8 +142,7 @@ struct WorldCacheSurface {
     float ray_offset;  // includes the error of the position's few bits
 };
 
-WorldCacheSurface load_world_cache_surface(uint cell) {
-    WorldCachePoint point = world_cache_points.at[cell];
+WorldCacheSurface unpack_point(uint cell, WorldCachePoint point) {
     vec4 grown = grow_bounds(world_cache_bounds.at[cell]);
     uint code = unshuffle_24(point.position);
     vec3 within = vec3(unpack_unorm(code, 8u), unpack_unorm(code >> 8u, 8u), unpack_unorm(code >> 16u, 8u));
@@ -154,5 +154,7 @@ WorldCacheSurface load_world_cache_surface(uint cell) {
     surface.ray_offset = dot(max_error, abs(surface.geometric_world_normal));
     return surface;
 }
+
+WorldCacheSurface load_world_cache_surface(uint cell) { return unpack_point(cell, world_cache_points.at[cell]); }
 
 #endif

@@ -6,6 +6,16 @@
 
 layout(local_size_x = GROUP_SIZE) in;
 
+// Whether the surface hides the cell's first point from its point of this frame, seen from slightly above both.
+bool sees_wall(uint cell, WorldCacheSurface surface) {
+    WorldCacheSurface anchor = unpack_point(cell, world_cache_anchors.at[cell]);
+    float height = EYE_HEIGHT * world_cache_bounds.at[cell].w;
+    vec3 eye = surface.world_position + height * surface.geometric_world_normal;
+    vec3 way = anchor.world_position + height * anchor.geometric_world_normal - eye;
+    count_ray();
+    return !trace_visibility(eye, way, 1.0);
+}
+
 void main() {
     uint thread = thread_index(INVOCATION_INDEX);
     uint cell = find_cell_to_update(thread);
@@ -31,4 +41,6 @@ void main() {
     path.lifetime = world_cache_samples.at[thread].life;
     while (advance(path)) {}
     world_cache_samples.at[thread].irradiance = PI * path_light(path).diffuse;
+    bool tests = world_cache_settings.leak_prevention == WORLD_CACHE_LEAK_PREVENTION_DIVIDED;
+    if (tests && sees_wall(cell, load_world_cache_surface(cell))) { world_cache_samples.at[thread].life |= SEES_WALL; }
 }
