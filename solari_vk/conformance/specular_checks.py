@@ -200,7 +200,7 @@ def _count_rays(device: Device, perceptual_roughness: float, **settings: Any) ->
     camera = sv.Camera.look_at((0, 0, 1.5), (0, 0, -1.9), vertical_fov=0.8)
     metal = sv.Material(base_color=rgb(0.9), metallic=1.0, perceptual_roughness=perceptual_roughness)
     wall = sv.Instance(mesh=shapes.quad((0, 0, -1.9), (2, 0, 0), (0, 2, 0)), material=metal)
-    # "finest", because the search for landmarks would trace further rays.
+    # "finest", so that no path goes on because of a divided cell.
     chosen = sv.Settings(
         **{**SMALL, **settings}, specular_bounces=8, specular_reuse_roughness=1.0, world_cache_leak_prevention="finest"
     )

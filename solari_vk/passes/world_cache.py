@@ -20,7 +20,7 @@ CELL_BUFFERS = (
     "world_cache_bounds",
     "world_cache_votes",
     "world_cache_points",
-    "world_cache_anchors",
+    "world_cache_first_points",
     "world_cache_luminance_deltas",
     "world_cache_active_cells",
     "world_cache_samples",

@@ -60,11 +60,11 @@ class Settings:
         4, "The same at further surfaces of a path. More: less noise.", low=1, high=1024
     )
     paths_cache_roughness: float = _paths(
-        0.31, "Roughness from which the world cache stands for the specular lobe of a surface too. More: sharper "
+        0.35, "Roughness from which the world cache stands for the specular lobe of a surface too. More: sharper "
         "reflections of reflections, slower.", low=0, high=1)  # fmt: skip
 
     paths_regularization: float = _paths(
-        0.25, "Least roughness of surfaces that a path meets after it left a diffuse one (0: off). More: less noise, "
+        0.15, "Least roughness of surfaces that a path meets after it left a diffuse one (0: off). More: less noise, "
         "wider caustics.", low=0, high=1)  # fmt: skip
 
     # ---- reuse between pixels, in DI and GI
@@ -123,7 +123,8 @@ class Settings:
         40_000, "Cells that are updated in a frame, at random and on average. Less: faster, more lag.",
         low=1, high=1 << 26)  # fmt: skip
     world_cache_updates_per_pixel: float = _cache(
-        0.25, "The same as a share of the picture's pixels; the lower number counts. Less: faster, more lag.",
+        0.25, "The same as a share of the picture's pixels, while lights don't change; the lower number counts. Less: "
+        "faster, more noise.",
         low=1e-6, high=1e9)  # fmt: skip
     world_cache_updates: str = _cache(
         "asked", "Which cells are updated: those that the previous frame asked for, or all that live (Solari).",
@@ -133,7 +134,8 @@ class Settings:
     )
     world_cache_leak_prevention: str = _cache(
         "divided", "How light is kept from leaking through walls: rays shorter than a cell ask the finest cells "
-        "(Solari); with landmarks, walls also divide cells.", choices=("divided", "landmarks", "finest"))  # fmt: skip
+        "(Solari); with divided, cells that a wall divides aren't used either.",
+        choices=("divided", "finest"))  # fmt: skip
     world_cache_surfaces: str = _cache(
         "whole", "What a surface reflects of the light in the cache: what its whole material reflects, mirrors "
         "included; or its base color, as if everything were diffuse (Solari).", choices=("whole", "diffuse")

@@ -169,7 +169,7 @@ def test_cells_double_with_distance(device, sharpness):
     assert (error <= 4 * np.sqrt(share * (1 - share) / count) + 1e-3).all(), np.round(error, 4)
 
 
-def light_behind_a_wall(device, prevention="landmarks", x=0.0):
+def light_behind_a_wall(device, prevention="divided", x=0.0):
     """The mean light of queries behind a wall at x, while all light is in front of the wall."""
     scene = sv.builtin("thin_wall")
     wall = next(item for item in scene if item.name == "wall")
@@ -219,10 +219,9 @@ MUTANTS = {
     "unknown: the path ends": (test_overfull_map, "query.glsl", "if (cached.found || frame_settings.world_cache == 0u)",
                                "if (true)"),
     "unknown: the next ray without pi": (test_overfull_map, "query.glsl", "throughput *= PI;", ""),
-    "walls that hide nothing": (test_thin_wall, "query.glsl", "dot(way, normal) * normal, 1.0)) { break; }",
-                                "dot(way, normal) * normal, 1e-3)) { break; }"),
-    "parts of a cell are one": (test_thin_wall, "query.glsl", "landmark < 2u ? key : part_of_cell(key, landmark)",
-                                "key"),
+    "walls that hide nothing": (test_thin_wall, "division.glsl", "- eye, 1.0);", "- eye, 1e-3);"),
+    "divided cells are used": (test_thin_wall, "map.glsl", "irradiance.w > 0.0 && world_cache_first_points.at[cell] != DIVIDED_CELL",
+                               "irradiance.w > 0.0"),
     "cells never grow": (sizes, "map.glsl", "int(level) + (", "0 * int(level) + ("),
     "levels turn at once": (sizes, "map.glsl", "pow(part, world_cache_settings.lod_sharpness)",
                             "pow(part, 1e-9 * world_cache_settings.lod_sharpness)"),

@@ -58,19 +58,13 @@ struct ShownCell {
     uint life;
 };
 
-// The world-cache cell at a surface. A cell that was split has several parts: returns the first one in the cache, which
-// may differ from the part that this pixel's rays would use.
+// The world-cache cell at a surface.
 ShownCell find_shown_cell(uvec2 pixel, GBufferSurface surface) {
     uint rng = seed_rng(pixel, 0u, 0u);
     float cell_size = get_cell_size(surface.world_position, rng);
-    WorldCacheKey whole = make_world_cache_key(surface.world_position, surface.geometric_world_normal, cell_size);
-    WorldCacheKey key = whole;
+    WorldCacheKey key = make_world_cache_key(surface.world_position, surface.geometric_world_normal, cell_size);
     uint empty_step;
     uint cell = find_world_cache_cell(key, empty_step);
-    for (uint part = 2u; cell == NO_INDEX && part <= LANDMARKS; part++) {
-        key = part_of_cell(whole, part);
-        cell = find_world_cache_cell(key, empty_step);
-    }
     if (cell == NO_INDEX) { return ShownCell(false, key.checksum, cell_size, vec3(0.0), 0.0, 0u); }
     vec4 irradiance = world_cache_irradiance.at[cell];
     return ShownCell(true, key.checksum, cell_size, irradiance.rgb, irradiance.w, world_cache_life.at[cell]);

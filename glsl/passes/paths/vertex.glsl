@@ -49,7 +49,7 @@ Lobes evaluate_lobes(Vertex vertex, vec3 wi) {
 // surface would be found by few paths, each far too bright. Kaplanyan and Dachsbacher, "Path Space Regularization for
 // Holistic and Robust Light Transport" (2013).
 void regularize(inout ResolvedMaterial material, float squared_slope) {
-    float least = min(paths_settings.regularization, 0.25 * sqrt(squared_slope));
+    float least = min(1.0, 0.5 * sqrt(squared_slope)) * paths_settings.regularization;
     if (material.roughness >= least) { return; }
     material.roughness = least;
     material.perceptual_roughness = sqrt(least);

@@ -23,7 +23,9 @@ layout(set = 1, binding = 46, scalar) buffer WorldCacheDeltasBlock { float at[];
 
 // The first point of a cell's life, or DIVIDED_CELL: the cell is not used, because a wall goes through it.
 const WorldCachePoint DIVIDED_CELL = WorldCachePoint(0xFFFFFFFFu, 0u);
-layout(set = 1, binding = 52, scalar) buffer WorldCacheAnchorsBlock { WorldCachePoint at[]; } world_cache_anchors;
+layout(set = 1, binding = 52, scalar) buffer WorldCacheFirstPointsBlock {
+    WorldCachePoint at[];
+} world_cache_first_points;
 
 // For each block of the map: its number of active cells, and after the scan the index of its first one in the list of
 // active cells.

@@ -14,7 +14,7 @@ void main() {
     uint thread = thread_index(gl_GlobalInvocationID.xy);
     uint cell = find_cell_to_update(thread);
     if (cell == NO_INDEX) { return; }
-    if ((world_cache_samples.at[thread].life & SEES_WALL) != 0u) { world_cache_anchors.at[cell] = DIVIDED_CELL; }
+    if ((world_cache_samples.at[thread].life & SEES_WALL) != 0u) { world_cache_first_points.at[cell] = DIVIDED_CELL; }
     vec4 old = world_cache_irradiance.at[cell];
     float delta = world_cache_luminance_deltas.at[cell];
 

@@ -11,7 +11,7 @@ void clear_cell(uint cell) {
     world_cache_irradiance.at[cell] = vec4(0.0);
     world_cache_luminance_deltas.at[cell] = 0.0;
     world_cache_votes.at[cell] = WorldCachePoint(0u, 0u);
-    world_cache_anchors.at[cell] = WorldCachePoint(0u, 0u);
+    world_cache_first_points.at[cell] = WorldCachePoint(0u, 0u);
 }
 
 void main() {
@@ -28,7 +28,7 @@ void main() {
         WorldCachePoint votes = world_cache_votes.at[cell];
         if (votes.position != 0u) {
             world_cache_points.at[cell] = votes;
-            if (world_cache_anchors.at[cell].position == 0u) { world_cache_anchors.at[cell] = votes; }
+            if (world_cache_first_points.at[cell].position == 0u) { world_cache_first_points.at[cell] = votes; }
             world_cache_votes.at[cell] = WorldCachePoint(0u, 0u);
         } else {
             world_cache_points.at[cell].position = without_priority(world_cache_points.at[cell].position);

@@ -38,16 +38,6 @@ WorldCacheKey make_world_cache_key(vec3 world_position, vec3 world_normal, float
     return WorldCacheKey(vec4(position * cell_size, cell_size), hash.x, max(hash.y, EMPTY_CELL + 1u));
 }
 
-// A cell that a wall goes through has parts, one for each landmark: the first landmark that is visible from a point
-// decides which part the point belongs to. Landmarks 0 and 1 are centers of cells and stand for whole cells; the
-// others lie around the center of the point's own cell.
-const uint LANDMARKS = 6u;
-
-// The key of a part of a cell, which has the same bounds.
-WorldCacheKey part_of_cell(WorldCacheKey key, uint part) {
-    return WorldCacheKey(key.bounds, pcg(key.first + part), max(pcg(key.checksum + part), EMPTY_CELL + 1u));
-}
-
 // ---- the map ----------------------------------------------------------------------------------------
 
 uint world_cache_entry(WorldCacheKey key, uint search_step) {
@@ -93,9 +83,9 @@ const WorldCacheResult NO_CELL = WorldCacheResult(NO_INDEX, false, vec3(0.0));
 // The irradiance of a cell of the map, which is kept alive for `lifetime` frames.
 WorldCacheResult read_world_cache_cell(uint cell, uint lifetime) {
     atomicMax(world_cache_life.at[cell], lifetime);
-    if (world_cache_anchors.at[cell] == DIVIDED_CELL) { return WorldCacheResult(cell, false, vec3(0.0)); }
     vec4 irradiance = world_cache_irradiance.at[cell];
-    return WorldCacheResult(cell, irradiance.w > 0.0, irradiance.rgb);
+    bool usable = irradiance.w > 0.0 && world_cache_first_points.at[cell] != DIVIDED_CELL;
+    return WorldCacheResult(cell, usable, irradiance.rgb);
 }
 
 // ---- the point that represents a cell ---------------------------------------------------------------
@@ -132,7 +122,7 @@ uint without_priority(uint vote) { return vote & 0xFFFFFFu; }
 bool is_to_update(uint cell) {
     uint position = world_cache_points.at[cell].position;
     bool asked = position != without_priority(position);
-    return world_cache_checksums.at[cell] != EMPTY_CELL && world_cache_anchors.at[cell] != DIVIDED_CELL
+    return world_cache_checksums.at[cell] != EMPTY_CELL && world_cache_first_points.at[cell] != DIVIDED_CELL
         && (asked || world_cache_settings.updates == WORLD_CACHE_UPDATES_ALL);
 }
 

@@ -5,42 +5,17 @@
 
 #include "passes/past_mirrors.glsl"
 #include "passes/ray_count.glsl"
+#include "passes/world_cache/division.glsl"
 #include "passes/world_cache/map.glsl"
 #include "scene/brdf.glsl"
 #include "scene/light_visibility.glsl"
 #include "scene/sampling.glsl"
 
-// Visibility of landmarks is tested from this height above the surface, in cell sizes, so that bumps of the surface
-// occlude nothing.
-const float EYE_HEIGHT = 0.05;
-
 // The key of the cell in which a point is looked up. The point is jittered in the tangent plane, which hides the grid
 // of cells.
-//
-// Differs from Solari, whose cells extend through thin walls: here a point uses a cell only if it sees the cell's
-// center. A cell with a wall through it is divided into parts, and a point uses the part of the first landmark that
-// it sees.
 WorldCacheKey choose_key(vec3 world_position, vec3 normal, float cell_size, inout uint rng) {
     vec2 jitter = world_cache_settings.jitter * cell_size * sample_disk(rand_vec2f(rng));
-    vec3 jittered = world_position + orthonormalize(normal) * vec3(jitter, 0.0);
-    WorldCacheKey key = make_world_cache_key(jittered, normal, cell_size);
-    if (world_cache_settings.leak_prevention != WORLD_CACHE_LEAK_PREVENTION_LANDMARKS) { return key; }
-    vec3 eye = world_position + EYE_HEIGHT * cell_size * normal;
-    uint landmark = 0u;
-    for (; landmark < LANDMARKS; landmark++) {
-        if (landmark == 1u) {
-            vec4 jittered_bounds = key.bounds;
-            key = make_world_cache_key(world_position, normal, cell_size);
-            if (key.bounds == jittered_bounds) { continue; }
-        }
-        vec2 side = vec2((landmark & 1u) == 0u ? 0.25 : -0.25, (landmark & 2u) == 0u ? 0.25 : -0.25);
-        // The corners of a tetrahedron; seen along any axis, they are the corners of a square.
-        vec3 from_center = landmark < 2u ? vec3(0.0) : vec3(side, 4.0 * side.x * side.y);
-        vec3 way = key.bounds.xyz + cell_size * (0.5 + from_center) - world_position;
-        count_ray();
-        if (trace_visibility(eye, way - dot(way, normal) * normal, 1.0)) { break; }
-    }
-    return landmark < 2u ? key : part_of_cell(key, landmark);
+    return make_world_cache_key(world_position + orthonormalize(normal) * vec3(jitter, 0.0), normal, cell_size);
 }
 
 // The irradiance of the cell of a given size at a surface point; the cell is inserted if it is new, and kept alive for
@@ -55,7 +30,9 @@ WorldCacheResult query_cell_of_size(
         return NO_CELL;
     }
     vote_for_point(cell, key.bounds, world_position, geometric_world_normal, rng);
-    return read_world_cache_cell(cell, lifetime);
+    WorldCacheResult cached = read_world_cache_cell(cell, lifetime);
+    cached.found = cached.found && is_cell_open(cell, world_position, geometric_world_normal);
+    return cached;
 }
 
 // The same for a point that a ray of length `ray_t` found: a cell that is longer than the ray may reach around the

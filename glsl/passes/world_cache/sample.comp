@@ -2,19 +2,10 @@
 // surface. It ends in the cache's values of the previous frame, so that light travels one bounce further each frame.
 #version 460
 #include "passes/paths/path.glsl"
+#include "passes/world_cache/division.glsl"
 #include "passes/world_cache/update.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
-
-// Whether the surface hides the cell's first point from its point of this frame, seen from slightly above both.
-bool sees_wall(uint cell, WorldCacheSurface surface) {
-    WorldCacheSurface anchor = unpack_point(cell, world_cache_anchors.at[cell]);
-    float height = EYE_HEIGHT * world_cache_bounds.at[cell].w;
-    vec3 eye = surface.world_position + height * surface.geometric_world_normal;
-    vec3 way = anchor.world_position + height * anchor.geometric_world_normal - eye;
-    count_ray();
-    return !trace_visibility(eye, way, 1.0);
-}
 
 void main() {
     uint thread = thread_index(INVOCATION_INDEX);
@@ -41,6 +32,5 @@ void main() {
     path.lifetime = world_cache_samples.at[thread].life;
     while (advance(path)) {}
     world_cache_samples.at[thread].irradiance = PI * path_light(path).diffuse;
-    bool tests = world_cache_settings.leak_prevention == WORLD_CACHE_LEAK_PREVENTION_DIVIDED;
-    if (tests && sees_wall(cell, load_world_cache_surface(cell))) { world_cache_samples.at[thread].life |= SEES_WALL; }
+    test_for_wall(cell, thread);
 }

@@ -4,6 +4,7 @@
 #version 460
 #include "passes/light_tiles/light_tiles.glsl"
 #include "passes/ray_count.glsl"
+#include "passes/world_cache/division.glsl"
 #include "passes/world_cache/update.glsl"
 #include "scene/light_visibility.glsl"
 #include "scene/sampling.glsl"
@@ -46,4 +47,5 @@ void main() {
     uint rng = seed_cell_rng(cell, DIRECT_SALT);
     vec3 irradiance = sample_direct_irradiance(load_world_cache_surface(cell), rng);
     world_cache_samples.at[thread].irradiance = irradiance;
+    test_for_wall(cell, thread);
 }

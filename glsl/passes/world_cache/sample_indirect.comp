@@ -17,7 +17,7 @@ void main() {
     vec3 direction = orthonormalize(surface.geometric_world_normal) * sample_cosine_hemisphere(rand_vec2f(rng));
     // Textures are filtered over the width of the cell.
     float cell_size = world_cache_bounds.at[cell].w;
-    uint lifetime = world_cache_samples.at[thread].life;
+    uint lifetime = world_cache_samples.at[thread].life & ~SEES_WALL;
     GatheredLight light = gather_light(
         origin, direction, world_cache_settings.ray_length, cell_size, false, lifetime, rng
     );

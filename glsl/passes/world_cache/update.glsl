@@ -18,10 +18,10 @@ uint find_cell_to_update(uint thread) {
     if (thread >= world_cache_counters.active_cells) { return NO_INDEX; }
     uint cell = world_cache_active_cells.at[thread];
     uint rng = seed_cell_rng(cell, UPDATE_SALT);
-    float cap = min(
-        float(world_cache_settings.update_cap),
-        world_cache_settings.updates_per_pixel * float(camera.size.x) * float(camera.size.y)
-    );
+    float cap = float(world_cache_settings.update_cap);
+    if (this_frame.lighting_change == 0.0) {
+        cap = min(cap, world_cache_settings.updates_per_pixel * float(camera.size.x) * float(camera.size.y));
+    }
     bool chosen = rand_f(rng) * float(world_cache_counters.active_cells) < cap;
     return chosen ? cell : NO_INDEX;
 }

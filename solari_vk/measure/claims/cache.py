@@ -190,7 +190,7 @@ def _leaks(bench: Workbench) -> Outcome:
         Variant(coarse, NO_SHORT_RAY_RULE),
         Variant(patches=NO_SHORT_RAY_RULE),
         Variant(),
-        Variant({"world_cache_leak_prevention": "landmarks"}),
+        Variant({"world_cache_leak_prevention": "divided"}),
     ]
     # The picture as if it were seen from afar: where cells are the finest already, short rays can't take finer ones.
     old, fine, solari, ours = bench.compare(
@@ -208,7 +208,7 @@ def _leaks(bench: Workbench) -> Outcome:
           "ours.", side_by_side([shown[0], shown[2], shown[3]], brighter))],
         "With the rule for short rays came finer cells, 0.15 m instead of 0.25, and a later change of levels. Cells "
         "grow here as if the room were seen from tens of meters (`world_cache_lod_distance=2`), and the wall lies "
-        "within cells. Ours (`world_cache_leak_prevention=landmarks`) divides a cell by what is seen of it. Reuse "
+        "within cells. Ours (`world_cache_leak_prevention=divided`) uses no cell that a wall divides. Reuse "
         "over 30 pixels reaches across this small picture, which is harmless: each reused sample is tested for "
         "visibility, and so carries no light through the wall.",
     )  # fmt: skip
