@@ -8,7 +8,7 @@
 #include "passes/world_cache/map.glsl"
 #include "scene/trace.glsl"
 
-// Points see each other from this height above the surface, in cell sizes, so that bumps of the surface occlude nothing.
+// Points see each other from this height above the surface, in cell sizes, so that bumps of the surface hide nothing.
 const float EYE_HEIGHT = 0.05;
 
 const float TESTED_SAMPLES = 1.99;  // samples of a cell after five updates
