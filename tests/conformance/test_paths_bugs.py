@@ -13,7 +13,7 @@ from solari_vk.gpu.shaders.patches import patched_shaders
 
 PATH, VERTEX, TRACE, COMPOSE = (f"passes/paths/{name}" for name in ("path.glsl", "vertex.glsl", "trace.comp",
                                                                     "compose.comp"))  # fmt: skip
-BRIEF = paths_checks.Profile(Effort(16, 0, 16, 2048), Effort(8, 16, 12), (0.03, 0.05))
+BRIEF = paths_checks.Profile(Effort(16, 0, 16, 2048), Effort(16, 16, 12), (0.03, 0.03))
 
 
 def one(device):
