@@ -61,13 +61,13 @@ class RenderedFrame:
 
     def keys(self) -> list[str]:
         """The names of the results."""
-        return list(self._renderer.OUTPUTS)
+        return list(self._renderer.outputs)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.keys())
 
     def __contains__(self, name: object) -> bool:
-        return name in self._renderer.OUTPUTS
+        return name in self._renderer.outputs
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         return np.asarray(self["radiance"], dtype)
@@ -151,7 +151,7 @@ class PictureRenderer(SceneUser, ABC):
     """
 
     OUTPUTS: ClassVar[tuple[str, ...]]
-    """The names of the results of a frame."""
+    """The names of all results that frames may have."""
     LARGEST_PIXEL_BYTES: ClassVar[int]  # the largest size of a pixel in any one buffer
     IN_IMAGES: ClassVar[bool]  # whether results are in images, whose sides the device limits
     view: str = "picture"
@@ -177,6 +177,11 @@ class PictureRenderer(SceneUser, ABC):
     @abstractmethod
     def _stages(self, size: tuple[int, int]) -> list[Stage]:
         """The stages of a frame, in order."""
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """The names of the results that the frame has."""
+        return self.OUTPUTS
 
     @abstractmethod
     def resize(self, size: tuple[int, int]) -> None:

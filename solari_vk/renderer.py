@@ -27,22 +27,24 @@ from solari_vk.passes import (
     specular_gi,
     world_cache,
 )
-from solari_vk.passes.debug_views import DEBUG_VIEWS
+from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, check_view, views_of
 from solari_vk.rendered import PictureRenderer, RenderedFrame
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.light_translation import LightTranslation
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.scene.projection import JITTERS, CameraUniforms, Projection
-from solari_vk.settings import Settings, uniform_values
+from solari_vk.settings import FIELDS, Settings, uniform_values
 
 THIS_FRAME = ("index", "seed", "has_history", "exposure", "lighting_change")  # fields of the uniform block
-LIGHT = (*display.PARTS[:-1], "di_diffuse", "di_specular", "gi_diffuse", "specular_gi")  # parts of the radiance
+# Parts of the radiance. The first ones are in every frame, the others depend on the lighting.
+LIGHT = (*display.PARTS[:-1], "paths_diffuse", "paths_specular", "di_diffuse", "di_specular", "gi_diffuse",
+         "specular_gi")  # fmt: skip
 _GIVE_SETTINGS = "give settings=Settings.preset('solari'), or settings=Settings(name=value)"
 COUNTING = ("gbuffer", "world_cache")  # stages with a buffer of counters, NAME_counters
 
 
 class Renderer(PictureRenderer):
-    """Solari's realtime lighting: ReSTIR DI and GI, a world-space radiance cache, specular GI.
+    """Realtime lighting: one path a pixel, ended by a world-space radiance cache; or Solari's separate passes.
 
     size: (width, height) in pixels. settings: kept, not copied; assigning to one of its fields takes effect with the
     next frame. seed: a whole number; the same seed gives the same pictures, bit by bit, and another seed gives
@@ -77,7 +79,7 @@ class Renderer(PictureRenderer):
         self.counted_passes: list[str] = []
         super().__init__(device, scene, size)
         try:
-            self.view, self.tonemap = "picture", "agx"
+            self.view, self.tonemap = PICTURE, "agx"
             self.frame_count = 0
             self._has_history = False
             self._settings_seen: tuple[Any, ...] = ()  # what the settings in the uniforms were written from
@@ -108,7 +110,7 @@ class Renderer(PictureRenderer):
             world_cache.stage(size, settings),
             *_lighting_stages(size, settings),
             guides.stage(size, settings),
-            display.show_stage(size, debug_views=settings.lighting == "split"),
+            display.show_stage(size, settings.lighting),
             gbuffer.last_stage(instances),
         ]
         if self.count_rays:
@@ -156,6 +158,8 @@ class Renderer(PictureRenderer):
         cells = self._frame.memory.get("world_cache_life")
         self._frame.rebuild(self._stages(self.size))
         self._built = key
+        if self.view not in views_of(self.settings.lighting):
+            self.view = PICTURE
         if self._frame.memory.get("world_cache_life") != cells:
             self.reset()  # the previous frame's reservoirs name cells of the old map
         if instances is not None:
@@ -199,12 +203,19 @@ class Renderer(PictureRenderer):
 
     @property
     def view(self) -> str:
-        """What `display` shows from the next frame on: "picture" or a debug view (`solari-vk views` lists them)."""
+        """What `display` shows from the next frame on: "picture" or a debug view (`solari-vk views` lists them).
+
+        Some views need one of the values of the setting `lighting`. It is "picture" again after a change to another.
+        """
         return tuple(DEBUG_VIEWS)[self._debug_view]
 
     @view.setter
     def view(self, name: str) -> None:
-        self._debug_view = _index_of(name, tuple(DEBUG_VIEWS), "view")
+        try:
+            check_view(name, self.settings.lighting)
+        except SolariError as error:
+            raise SolariError(f"Renderer: {error}") from None
+        self._debug_view = tuple(DEBUG_VIEWS).index(name)
 
     @property
     def tonemap(self) -> str:
@@ -229,6 +240,11 @@ class Renderer(PictureRenderer):
 
     # ---- results ------------------------------------------------------------------------------------
 
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """The names in OUTPUTS that the frame has with its lighting."""
+        return tuple(name for name in self.OUTPUTS if name in pathtracer.FIRST_HIT_AOVS or name in self._frame)
+
     def read(self, name: str) -> NDArray[Any]:
         """A copy of a result of the latest frame. Waits for the frame.
 
@@ -246,7 +262,9 @@ class Renderer(PictureRenderer):
             raise SolariError(f"Renderer: there is no '{name}': only gbuffer=raster counts drawn and culled instances")
         resource = "depth" if name == "gbuffer_depth" else name.replace("/", "_")
         if resource not in self._frame:
-            raise unknown_name("Renderer: there is no result", name, self.OUTPUTS)
+            if lighting := lighting_with(resource):
+                raise SolariError(f"Renderer: there is no '{name}': it needs the setting lighting={lighting}")
+            raise unknown_name("Renderer: there is no result", name, self.outputs)
         values = self._frame[resource]
         width, height = self._built[0]
         if values.shape[:1] == (width * height,) and values.shape[:2] != (height, width):
@@ -263,6 +281,15 @@ def _lighting_stages(size: tuple[int, int], settings: Settings) -> list[Stage]:
         specular_gi.stage(size, settings),
         display.compose_stage(size),
     ]
+
+
+def lighting_with(resource: str) -> str:
+    """The lighting whose stages have a resource; empty if none has."""
+    for lighting in FIELDS["lighting"].choices:
+        stages = _lighting_stages((1, 1), Settings(lighting=lighting))
+        if any(resource in (*stage.buffers, *stage.images) for stage in stages):
+            return lighting
+    return ""
 
 
 def _index_of(name: str, names: tuple[str, ...], what: str) -> int:

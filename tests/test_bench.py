@@ -14,6 +14,7 @@ from solari_vk.renderer import Renderer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.model import Camera
+from solari_vk.settings import Settings
 from solari_vk.tracer import RayTracer
 
 
@@ -48,18 +49,26 @@ def test_plain_kernel_finds_what_the_tracer_does(device):
     assert 0.5 < np.isfinite(hits["t"]).mean() < 1
 
 
-def test_rays_are_counted_by_pass(device):
-    """A pixel traces at most one ray to its light, temporal reuse at most two, and without mirrors the guides none."""
+@pytest.mark.parametrize("lighting", ["paths", "split"])
+def test_rays_are_counted_by_pass(device, lighting):
+    """Without mirrors the guides trace no rays. By paths a pixel traces one or two rays from each vertex; by separate
+    passes at most one to its light, and temporal reuse at most two."""
     scene, size = builtin("cornell_box"), (24, 24)
     binder = SceneBinder(device, scene)
-    rays = count_rays(device, binder, scene.camera, size, warm_up=8, frames=2)
+    rays = count_rays(device, binder, scene.camera, size, warm_up=8, frames=2, settings=Settings(lighting=lighting))
+    stages = {name.partition("/")[0] for name in rays}
+    if lighting == "paths":
+        assert 1 < rays["paths/trace"] < 12
+        assert 0 < rays["world_cache/sample"] < 3
+        assert stages == {"world_cache", "paths", "guides"}
+        binder.destroy()
+        return
     assert 0.3 < rays["restir_di/spatial_and_shade"] <= 1
     assert rays["guides/write"] == 0
     assert "restir_di/initial_and_temporal" not in rays
     assert rays["restir_gi/initial"] > 0.9
     assert 0.3 < rays["restir_gi/temporal"] <= 2
     assert min(rays["world_cache/sample_direct"], rays["world_cache/sample_indirect"]) > 0
-    stages = {name.partition("/")[0] for name in rays}
     assert stages == {"world_cache", "restir_di", "restir_gi", "specular_gi", "guides"}
     binder.destroy()
 

@@ -109,10 +109,10 @@ def frames(device):
 
 
 def test_a_picture_is_the_mean_of_the_last_frames(done, frames):
-    names = "di_diffuse,guides_depth,albedo"
+    names = "diffuse_radiance,guides_depth,albedo"
     _, path = done(*FRAMES, "--frames", 5, "--average", 3, "--aov", names, output="picture.npy")
-    taken = [(f["radiance"], f["di_diffuse"], f["guides_depth"], f["albedo"]) for f in frames(7)]
-    for name, index in (("npy", 0), ("di_diffuse.npy", 1)):
+    taken = [(f["radiance"], f["diffuse_radiance"], f["guides_depth"], f["albedo"]) for f in frames(7)]
+    for name, index in (("npy", 0), ("diffuse_radiance.npy", 1)):
         mean = np.mean([values[index] for values in taken[4:]], axis=0, dtype=np.float64).astype(np.float32)
         np.testing.assert_array_equal(np.load(path.with_suffix(f".{name}")), mean)
     for name, index in (("guides_depth", 2), ("albedo", 3)):
@@ -213,9 +213,11 @@ WRONG = [
     (BOX, ["--frames", "3", "--average", "4"], ["--average 4", "3 frames"]),
     (BOX, ["--view", "depth", "--average", "3"], ["--average", "one frame"]),
     (BOX, ["--view", "depth", "--aov", "di_diffuse"], ["--aov", "one frame"]),
+    (BOX, ["--aov", "di_diffuse"], ["--aov di_diffuse", "--settings lighting=split"]),
+    (BOX, ["--view", "di_light"], ["view 'di_light'", "lighting=split"]),
     (BOX, ["--aov", "variance"], ["variance", "guides_diffuse_albedo"]),
     (BOX, ["--quality", "best"], ["best", "ultra"]),
-    (BOX, ["--settings", "fog=1"], ["fog", "di_candidates"]),
+    (BOX, ["--settings", "fog=1"], ["fog", "lighting"]),
     (BOX, ["--settings", "di_candidates"], ["name=value"]),
     (BOX, ["--settings", "di_candidates=0"], ["di_candidates", "1 to 1024"]),
     (BOX, ["--animate", "missing.json"], ["missing.json"]),

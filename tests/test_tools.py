@@ -54,10 +54,11 @@ def test_the_frame_of_a_renderer_is_listed(device, capsys, kind):
     stages = [stage for stage, _ in itertools.groupby(name.partition("/")[0] for name in expected)]
     assert [line.removeprefix("stage ") for line in lines if line.startswith("stage ")] == stages
     if kind is sv.Renderer:
-        di = said.index("pass restir_di/spatial_and_shade")
-        assert "RAW di_temporal_reservoirs (restir_di/initial_and_temporal)" in said[said.index("stage restir_di") : di]
-        assert re.search(r"^    writes di_diffuse, .*di_reservoirs", said[di:], re.MULTILINE)
-        assert re.search(rf"^  di_diffuse +{12 * 32 * 24:,} bytes  buffer$", said, re.MULTILINE)
+        compose = said.index("pass paths/compose")
+        trace = said.index("pass paths/trace")
+        assert "RAW paths_diffuse (paths/trace), RAW paths_specular (paths/trace)" in said[trace:compose]
+        assert re.search(r"^    writes .*paths_diffuse, paths_specular", said[trace:], re.MULTILINE)
+        assert re.search(rf"^  paths_diffuse +{16 * 32 * 24:,} bytes  buffer$", said, re.MULTILINE)
         assert re.search(rf"^  depth +{4 * 32 * 24:,} bytes  image 32x24, 1 x float32$", said, re.MULTILINE)
     else:
         assert re.search(rf"^  radiance_mean +{12 * 32 * 24:,} bytes  buffer$", said, re.MULTILINE)

@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from solari_vk.cli.plan import Plan, check_output, check_view, make_plan, make_settings
 from solari_vk.cli.progress import Progress, Stopped
 from solari_vk.cli.subject import load, names_of_aovs
+from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.rays import IN_WORDS
 from solari_vk.output.movie import write_movie
 from solari_vk.output.picture import save_image, write_png
 from solari_vk.output.tone_mapping import auto_exposure
-from solari_vk.renderer import LIGHT, Renderer
+from solari_vk.renderer import LIGHT, Renderer, lighting_with
 from solari_vk.scene.model import Camera
 
 METERING_FRAMES = 4
@@ -32,6 +33,9 @@ def run(options: argparse.Namespace) -> None:
     check_view(options)
     names = names_of_aovs(options, tuple(n for n in Renderer.OUTPUTS if n not in ("radiance", "display")))
     settings = make_settings(options)
+    for name in names:
+        if (lighting := lighting_with(name)) not in ("", settings.lighting):
+            raise SolariError(f"--aov {name}: it needs --settings lighting={lighting}")
     subject = load(options)
     with tempfile.TemporaryDirectory() as folder:
         plan = make_plan(options, subject.cameras, Path(folder) if is_movie else None)

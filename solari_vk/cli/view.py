@@ -36,12 +36,14 @@ def run(options: argparse.Namespace) -> None:
     from solari_vk.cli.plan import make_settings
     from solari_vk.cli.subject import load
     from solari_vk.output.picture import write_png
+    from solari_vk.passes.debug_views import check_view
 
     if options.screenshot is not None:
         sv.check_output(options.screenshot)
         if options.screenshot.suffix.lower() != ".png" or options.frames is None:
             raise SolariError(f"--screenshot {options.screenshot}: give --frames, and the name of a .png")
     settings = make_settings(options)
+    check_view(options.view, settings.lighting)
     subject = load(options)
     words = ["--lights", options.lights] + (["--scene", options.scene] if options.scene else [])
     is_file = not options.source.startswith("builtin:")

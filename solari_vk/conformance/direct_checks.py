@@ -13,6 +13,7 @@ import solari_vk as sv
 from solari_vk.conformance.realtime import DIRECT as DIRECT_PASSES
 from solari_vk.conformance.realtime import (
     JITTER_PERIOD,
+    SPLIT,
     Effort,
     Image,
     add_up,
@@ -38,7 +39,9 @@ PENUMBRA = Rule("direct light where part of the lamp is seen", *_DI)
 SHADOW = Rule("no direct light where nothing of the lamp is seen", *_DI)
 CHANGES = Rule("adding and removing lights leaves the others' light unchanged", *_DI)
 # Passes and settings for frames that contain only direct light.
-ALONE: dict[str, Any] = {"passes": DIRECT_PASSES, "gi": False, "specular": False, "world_cache": False}
+ALONE: dict[str, Any] = {
+    "passes": DIRECT_PASSES, **SPLIT, "gi": False, "specular": False, "world_cache": False,
+}  # fmt: skip
 _SHARE_RAYS = 64  # pairs of a point in the pixel and one on the lamp
 
 

@@ -14,7 +14,7 @@ from solari_vk.conformance.rules import SUITE, Measurement, Rule, count_wrong
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
 from solari_vk.output import tone_mapping
-from solari_vk.passes.debug_views import DEBUG_VIEWS
+from solari_vk.passes.debug_views import DEBUG_VIEWS, views_of
 from solari_vk.rendered import RenderedFrame
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, lamp, rgb
@@ -87,9 +87,16 @@ def measure_picture(device: Device) -> Iterator[Measurement]:
 
 # ---- debug views ------------------------------------------------------------------------------------
 
-_LIGHT = {
-    "di": ("di_diffuse", "di_specular"), "gi": ("gi_diffuse",), "specular": ("specular_gi",), "emission": ("emission",),
-    "diffuse_radiance": ("di_diffuse", "gi_diffuse"), "specular_radiance": ("di_specular", "specular_gi"),
+# Views of light and the results that they show, by lighting.
+_LIGHT: dict[str, dict[str, tuple[str, ...]]] = {
+    "paths": {
+        "paths_diffuse": ("paths_diffuse",), "paths_specular": ("paths_specular",), "emission": ("emission",),
+        "diffuse_radiance": ("diffuse_radiance",), "specular_radiance": ("specular_radiance",),
+    },
+    "split": {
+        "di": ("di_diffuse", "di_specular"), "gi": ("gi_diffuse",), "specular": ("specular_gi",),
+        "diffuse_radiance": ("di_diffuse", "gi_diffuse"), "specular_radiance": ("di_specular", "specular_gi"),
+    },
 }  # fmt: skip
 _SURFACE: dict[str, Callable[[RenderedFrame], Image]] = {
     "roughness": lambda frame: 255 * frame["guides_normal_roughness"][..., 3:],
@@ -104,7 +111,7 @@ _SURFACE: dict[str, Callable[[RenderedFrame], Image]] = {
 # Views of numbers, and whether a pixel without a number is black.
 _NUMBERS = {
     "depth": False, "guide_depth": False, "cache_lod": False, "cache_samples": True, "cache_life": True,
-    "di_confidence": False, "di_weight": True, "gi_confidence": False, "gi_weight": False,
+    "paths_distance": True, "di_confidence": False, "di_weight": True, "gi_confidence": False, "gi_weight": False,
 }  # fmt: skip
 # Five colors of Viridis (van der Walt and Smith 2015).
 _VIRIDIS = np.array([(68, 1, 84), (58, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37)])
@@ -130,13 +137,25 @@ def room() -> sv.Scene:
 
 def measure_views(device: Device) -> Iterator[Measurement]:
     """Renders each view in a frame of its own, and compares it with its buffers; the camera moves between frames."""
-    scene, constant = room(), []
-    if unknown := {*_LIGHT, *_SURFACE, *_NUMBERS} - set(DEBUG_VIEWS):
+    named = {name for views in _LIGHT.values() for name in views}.union(_SURFACE, _NUMBERS)
+    if unknown := named - set(DEBUG_VIEWS):
         raise SolariError(f"there are no views {', '.join(sorted(unknown))}: these rules need their new names")
+    constant: list[str] = []
     errors: dict[Rule, list[float]] = {LIGHT: [], SURFACE: [], NUMBERS: []}
+    for lighting in _LIGHT:
+        _measure_views_of(device, lighting, constant, errors)
+    yield count_wrong(SHOWN, constant)
+    yield Measurement(LIGHT, float(np.max(errors[LIGHT])), 1.0, "codes")
+    yield Measurement(SURFACE, float(np.max(errors[SURFACE])), 1.0, "codes")
+    yield Measurement(NUMBERS, float(np.sum(errors[NUMBERS])), 0.0, "pixels of other colors")
+
+
+def _measure_views_of(device: Device, lighting: str, constant: list[str], errors: dict[Rule, list[float]]) -> None:
+    """Adds the names of views of one color to `constant`, and each view's error to its rule's in `errors`."""
+    scene, lights = room(), _LIGHT[lighting]
     camera = scene.camera
-    with make_renderer(device, scene, SIZE, world_cache_lod_distance=0.5, jitter=False) as renderer:
-        for index, view in enumerate(["picture"] * 4 + list(DEBUG_VIEWS)):
+    with make_renderer(device, scene, SIZE, lighting=lighting, world_cache_lod_distance=0.5, jitter=False) as renderer:
+        for index, view in enumerate(["picture"] * 4 + list(views_of(lighting))):
             renderer.view = view
             moved = camera.transform.copy()
             moved[:3, 3] += (0.2 * np.sin(index), 0, 0.5)
@@ -145,8 +164,8 @@ def measure_views(device: Device) -> Iterator[Measurement]:
             codes = frame["display"][..., :3][there].astype(np.float64)
             if len(np.unique(codes, axis=0)) < 2:
                 constant.append(view)
-            if view in _LIGHT:
-                exposed = (add_up(frame, *_LIGHT[view]) * camera.exposure)[there].astype(np.float32)
+            if view in lights:
+                exposed = (add_up(frame, *lights[view]) * camera.exposure)[there].astype(np.float32)
                 errors[LIGHT].append(np.abs(codes - encode_srgb(tone_mapping.CURVES["agx"](exposed))).max())
             if view in _SURFACE:
                 expected = np.clip(_SURFACE[view](frame)[there], 0, 255)
@@ -154,7 +173,3 @@ def measure_views(device: Device) -> Iterator[Measurement]:
             if view in _NUMBERS:
                 none = _NUMBERS[view] & (codes == 0).all(axis=-1)
                 errors[NUMBERS].append(float((~_is_viridis(codes) & ~none).sum()))
-    yield count_wrong(SHOWN, constant)
-    yield Measurement(LIGHT, float(np.max(errors[LIGHT])), 1.0, "codes")
-    yield Measurement(SURFACE, float(np.max(errors[SURFACE])), 1.0, "codes")
-    yield Measurement(NUMBERS, float(np.sum(errors[NUMBERS])), 0.0, "pixels of other colors")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -43,10 +44,10 @@ BOXES = {
 QUICK_BOXES = ("matte", "mirror")
 
 
-def _take(device: Device, seed: int) -> list[bytes]:
+def _take(device: Device, seed: int, **settings: Any) -> list[bytes]:
     scene = sv.builtin("sphere_grid", columns=3, rows=2)
     results = ("radiance", *PARTS, "gbuffer", "gbuffer_depth", "display")
-    with make_renderer(device, scene, seed=seed) as renderer:
+    with make_renderer(device, scene, seed=seed, **settings) as renderer:
         found = []
         for _ in range(6):
             frame = renderer.render(scene.camera)
@@ -54,9 +55,9 @@ def _take(device: Device, seed: int) -> list[bytes]:
     return found
 
 
-def measure_determinism(device: Device) -> Iterator[Measurement]:
+def measure_determinism(device: Device, **settings: Any) -> Iterator[Measurement]:
     """Compares two renderers with the same seed, and one with another seed."""
-    first, again, other = (_take(device, seed) for seed in (5, 5, 6))
+    first, again, other = (_take(device, seed, **settings) for seed in (5, 5, 6))
     differ = sum(a != b for a, b in zip(first, again, strict=True))
     yield Measurement(SEED, float(differ), 0.0, f"of {len(first)} results differ")
     yield Measurement(OTHER_SEED, float(first[0] == other[0]), 0.0, "the same")
@@ -76,12 +77,12 @@ def odd_scene() -> sv.Scene:
     return scene
 
 
-def measure_finite(device: Device) -> Iterator[Measurement]:
+def measure_finite(device: Device, **settings: Any) -> Iterator[Measurement]:
     """Checks frames of `odd_scene`, of a scene without light, and of an empty scene."""
     scenes = {"odd": odd_scene(), "dark": cornell_box(radiance=0.0), "empty": sv.Scene(sv.Camera())}
     wrong = 0
     for scene in scenes.values():
-        with make_renderer(device, scene, (24, 24)) as renderer:
+        with make_renderer(device, scene, (24, 24), **settings) as renderer:
             for _ in range(4):
                 frame = renderer.render(scene.camera)
                 for values in (frame[name] for name in ("radiance", *PARTS)):
@@ -92,7 +93,9 @@ def measure_finite(device: Device) -> Iterator[Measurement]:
 BOX_FAST, BOX_FULL = Effort(16, 20, 12, 128), Effort(16, 24, 2 * JITTER_PERIOD, 512)
 
 
-def measure_closed_box(device: Device, walls: str, effort: Effort = BOX_FAST) -> Iterator[Measurement]:
+def measure_closed_box(
+    device: Device, walls: str, effort: Effort = BOX_FAST, **settings: Any
+) -> Iterator[Measurement]:  # fmt: skip
     """Walls emit 1 and reflect half of the light: frames are as bright as the path tracer's, also in each tile."""
     scene = closed_box()
     roughness, metallic, side = BOXES[walls]
@@ -102,7 +105,7 @@ def measure_closed_box(device: Device, walls: str, effort: Effort = BOX_FAST) ->
         material.reflectance = rgb(0.5)
     samples = effort.samples * 32**2 // side**2
     expected = trace(device, scene, samples, (side, side), max_bounces=64)
-    with make_renderer(device, scene, (side, side)) as renderer:
+    with make_renderer(device, scene, (side, side), **settings) as renderer:
         found = run_pictures(renderer, scene.camera, effort, lambda f: np.asarray(f["radiance"], np.float64))
     name = f"a closed box of {walls} walls"
     yield measure_mean(Rule(f"{name} is as bright as the path tracer's", *_FRAME), found, expected, 0.03, effort)
@@ -115,7 +118,9 @@ LIGHT_FAST = (Effort(16, samples=4096), 0.02, 0.05)
 LIGHT_FULL = (Effort(16, 24, 4 * JITTER_PERIOD, 4096), 0.02, 0.05)
 
 
-def measure_light(device: Device, profile: tuple[Effort, float, float] = LIGHT_FAST) -> Iterator[Measurement]:
+def measure_light(
+    device: Device, profile: tuple[Effort, float, float] = LIGHT_FAST, **settings: Any
+) -> Iterator[Measurement]:  # fmt: skip
     """The Cornell box's light in pixels without a visible lamp, and the light that is left when the lamp is off.
 
     profile: the effort of the measurement, the bar of the mean, and the bar of each tile.
@@ -124,7 +129,7 @@ def measure_light(device: Device, profile: tuple[Effort, float, float] = LIGHT_F
     scene = cornell_box()
     expected = trace_reflected(device, scene, effort.samples)
     shown = (expected > 0).any(axis=-1, keepdims=True)
-    with make_renderer(device, scene) as renderer:
+    with make_renderer(device, scene, **settings) as renderer:
         found = run_pictures(renderer, scene.camera, effort, add_up) * shown
         yield from measure_lights_off(renderer, scene)
     yield measure_mean(WHOLE, found, expected, bar, effort)

@@ -182,8 +182,7 @@ def measure_parts(device: Device) -> Iterator[Measurement]:
             scene.camera.ev100 = ev100
             frame = renderer.render(scene.camera)
             whole = frame["radiance"].astype(np.float64)
-            for parts in (("diffuse_radiance", "specular_radiance"), PARTS):
-                apart.append(np.abs(add_up(frame, "emission", *parts) - whole).max() / whole.max())
+            apart.append(np.abs(add_up(frame, "emission", *PARTS) - whole).max() / whole.max())
             emitted = frame["emission"].astype(np.float64)
             lamp = emitted[emitted.max(axis=-1) > 0]
             off.append(np.abs(lamp - color).max() / color.max() if len(lamp) else np.inf)

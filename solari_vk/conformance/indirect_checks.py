@@ -8,6 +8,7 @@ from typing import Any
 import solari_vk as sv
 from solari_vk.conformance.realtime import (
     SPECULAR,
+    SPLIT,
     Effort,
     Image,
     add_up,
@@ -40,7 +41,8 @@ def trace_second_bounce(device: Device, scene: sv.Scene, samples: int) -> Image:
 
 def observe_indirect(device: Device, scene: sv.Scene, effort: Effort, **settings: Any) -> Image:
     """One bounce of indirect light in independent runs (runs, h, w, 3), rendered without the world cache."""
-    with make_renderer(device, scene, SIZE, passes=SPECULAR, world_cache=False, di=False, **settings) as renderer:
+    alone: dict[str, Any] = {"passes": SPECULAR, **SPLIT, "world_cache": False, "di": False}
+    with make_renderer(device, scene, SIZE, **alone, **settings) as renderer:
         return run_pictures(renderer, scene.camera, effort, lambda frame: add_up(frame, "gi_diffuse", "specular_gi"))
 
 

@@ -24,10 +24,14 @@ from solari_vk.settings import Settings
 Image = NDArray[Any]
 # Fewer tiles and cells than by default, for speed; they don't change means.
 SMALL: dict[str, Any] = {"light_tile_count": 16, "world_cache_cells": 1 << 18}
-PARTS = ("di_diffuse", "di_specular", "gi_diffuse", "specular_gi")
+PARTS = ("diffuse_radiance", "specular_radiance")  # of the reflected light
+# Settings for Solari's passes, for which all cells of the world cache are updated.
+SPLIT: dict[str, Any] = {"lighting": "split", "world_cache_updates": "all", "world_cache_updates_per_pixel": 1e9}
 # Settings for frames with only surfaces and visible emission, sampled at pixel centers.
-OFF: dict[str, Any] = {"di": False, "gi": False, "specular": False, "world_cache": False, "jitter": False}
-# The passes that compute one part of the light.
+OFF: dict[str, Any] = {
+    **SPLIT, "di": False, "gi": False, "specular": False, "world_cache": False, "jitter": False,
+}  # fmt: skip
+# The passes that compute one part of the light, the last three with lighting=split.
 GBUFFER = ("gbuffer/",)
 DIRECT = (*GBUFFER, "light_tiles/", "restir_di/")
 INDIRECT = (*GBUFFER, "light_tiles/", "world_cache/", "restir_gi/")

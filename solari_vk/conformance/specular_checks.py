@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 import solari_vk as sv
-from solari_vk.conformance.realtime import GBUFFER, SMALL, SPECULAR, Image, add_up, make_renderer
+from solari_vk.conformance.realtime import GBUFFER, SMALL, SPECULAR, SPLIT, Image, add_up, make_renderer
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Draw, Pass, Stage, Step
@@ -31,8 +31,8 @@ CAMERA_LOBE = Rule("Solari's rule: a path from a mirror ends when a matte wall h
 CAMERA_LENGTH = Rule("Solari's rule: a path continues after a ray shorter than sqrt(3) cells", *_SPECULAR)
 # Without cache, reuse and lights left to DI, the pass is an unbiased path tracer of the specular lobe.
 UNBIASED: dict[str, Any] = {
-    "gbuffer": "traced", "world_cache": False, "specular_bounces": 16, "specular_di_roughness": 1.0,
-    "specular_reuse_roughness": 1.0,
+    **SPLIT, "gbuffer": "traced", "world_cache": False, "specular_bounces": 16,
+    "specular_di_roughness": 1.0, "specular_reuse_roughness": 1.0,
 }  # fmt: skip
 _PATHS = (*GBUFFER, "specular_gi/")
 SIDE = 32
@@ -53,7 +53,7 @@ def measure_mirror(device: Device) -> Iterator[Measurement]:
     mirror = sv.Instance(mesh=shapes.quad((0, 0, -2), (3, 0, 0), (0, 3, 0)), material=gold)
     camera = sv.Camera.look_at((0, 0, 0), (0, 0, -2), vertical_fov=1.2)
     size = (24, 24)
-    with make_renderer(device, sv.Scene(room, mirror, camera), size, jitter=False) as renderer:
+    with make_renderer(device, sv.Scene(room, mirror, camera), size, **SPLIT, jitter=False) as renderer:
         for _ in range(2):
             frame = renderer.render(camera)
         found = add_up(frame)
@@ -202,8 +202,9 @@ def _count_rays(device: Device, perceptual_roughness: float, **settings: Any) ->
     wall = sv.Instance(mesh=shapes.quad((0, 0, -1.9), (2, 0, 0), (0, 2, 0)), material=metal)
     # "finest", so that no path goes on because of a divided cell.
     chosen = sv.Settings(
-        **{**SMALL, **settings}, specular_bounces=8, specular_reuse_roughness=1.0, world_cache_leak_prevention="finest"
-    )
+        **{**SMALL, **SPLIT, **settings}, specular_bounces=8, specular_reuse_roughness=1.0,
+        world_cache_leak_prevention="finest",
+    )  # fmt: skip
     with _Counting(device, sv.Scene(room, light, wall, camera), (16, 16), chosen, passes=SPECULAR) as renderer:
         counts = []
         for _ in range(12):

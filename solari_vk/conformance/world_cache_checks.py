@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 
 from solari_vk.conformance.oracles import closed_forms
-from solari_vk.conformance.realtime import Effort, Image, add_up, make_renderer, measure_mean, trace
+from solari_vk.conformance.realtime import SPLIT, Effort, Image, add_up, make_renderer, measure_mean, trace
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.replication import replicate
 from solari_vk.renderer import Renderer
 from solari_vk.scene.builtin import closed_box, cornell_box, place, thin_wall
 
-ALL_CELLS: dict[str, Any] = {"world_cache_updates": "all", "world_cache_updates_per_pixel": 1e9}
 _CACHE = (SUITE, "World cache")
 LIST = Rule("the list of active cells holds each of the map's living cells once", *_CACHE)
 ONCE = Rule("every key has exactly one entry", *_CACHE)
@@ -28,7 +27,7 @@ LEAK = Rule("no light leaks through a thin wall", *_CACHE)
 def measure_world_cache(device: Device) -> Iterator[Measurement]:
     """The rules of the hash map hold after frames of the renderer."""
     scene = cornell_box()
-    with make_renderer(device, scene, lighting="split", **ALL_CELLS) as renderer:
+    with make_renderer(device, scene, **SPLIT, world_cache_leak_prevention="finest") as renderer:
         for _ in range(6):
             renderer.render(scene.camera)
         before = renderer["world_cache_checksums"].copy(), renderer["world_cache_life"].copy()
@@ -55,13 +54,14 @@ def _read_cells(renderer: Renderer) -> tuple[float, int]:
     return float(settled[:, :3].mean()) if len(settled) else math.inf, len(settled)
 
 
-def measure_fixed_point(device: Device, full: bool = False) -> Iterator[Measurement]:
+def measure_fixed_point(device: Device, full: bool = False, **settings: Any) -> Iterator[Measurement]:
     """In a closed box whose walls emit 1 and reflect half, the radiance is 2 everywhere and the irradiance 2 pi."""
     effort, bar = (Effort(16, 100, 8), 0.02) if full else (Effort(8, 40, 4), 0.05)
     scene = closed_box()
     expected = math.pi * float(closed_forms.closed_box_radiance(np.ones(1), np.full(1, 0.5), 64)[0])
     counts = []
-    with make_renderer(device, scene, (16, 16), world_cache_cells=1 << 14, **ALL_CELLS) as renderer:
+    chosen: dict[str, Any] = {"world_cache_cells": 1 << 14, "world_cache_updates_per_pixel": 1e9, **settings}
+    with make_renderer(device, scene, (16, 16), **chosen) as renderer:
 
         def observe() -> Image:
             for _ in range(effort.warm_up):

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from solari_vk.errors import SolariError, unknown_name
+
 PICTURE = "picture"
 
 
@@ -17,16 +19,30 @@ class ViewGroup:
 
     views: for each name what the view shows, and a GLSL expression of type vec3 for the sRGB color of a pixel. The
     expression knows `uvec2 pixel`, `ivec2 at` (the same), `uint index` (of the pixel in buffers) and
-    `GBufferSurface surface`, and what `setup`, statements that run first, declares.
+    `GBufferSurface surface`, and what `setup`, statements that run first, declares. lighting: the one that has these
+    views, by its name in `Settings`; empty for views that every lighting has.
     """
 
     title: str
     setup: str
     views: dict[str, tuple[str, str]]
+    lighting: str = ""
 
 
 _IF_SURFACE = "if (!surface.exists) { return NOTHING; }"
 _GROUPS = (
+    ViewGroup("Paths", "", {
+        "paths_diffuse": (
+            "light of the diffuse lobe on a white surface.", "show_radiance(paths_diffuse.at[index].rgb)"
+        ),
+        "paths_specular": (
+            "light of the specular lobe on a white surface.", "show_radiance(paths_specular.at[index].rgb)"
+        ),
+        "paths_distance": (
+            "length of the first ray; the colors repeat each time it doubles, black for rays that met nothing.",
+            "show_distance(max(paths_diffuse.at[index].w, paths_specular.at[index].w))",
+        ),
+    }, "paths"),
     ViewGroup("", "", {
         "di": ("Direct light.", "show_radiance(di_diffuse.at[index] + di_specular.at[index])"),
         "gi": ("Indirect light of the diffuse lobe.", "show_radiance(gi_diffuse.at[index])"),
@@ -34,6 +50,8 @@ _GROUPS = (
             "Indirect light of the specular lobe; on smooth surfaces with the direct light.",
             "show_radiance(specular_gi.at[index])",
         ),
+    }, "split"),
+    ViewGroup("", "", {
         "emission": ("The light that lights themselves send to the camera.", "show_radiance(emission.at[index])"),
         "diffuse_radiance": ("All light of the diffuse lobe.", "show_radiance(diffuse_radiance.at[index])"),
         "specular_radiance": ("All light of the specular lobe.", "show_radiance(specular_radiance.at[index])"),
@@ -107,7 +125,7 @@ _GROUPS = (
         "di_neighbor": (
             "red where no similar neighbor was found.", "di_outcomes.at[index].x == NO_INDEX ? ALARM : vec3(0.5)"
         ),
-    }),
+    }, "split"),
     ViewGroup("ReSTIR GI", f"{_IF_SURFACE} GiReservoir reservoir = gi_reservoirs.at[index];", {
         "gi_radiance": ("radiance of the chosen sample.", "show_radiance(reservoir.radiance)"),
         "gi_confidence": (
@@ -118,7 +136,7 @@ _GROUPS = (
             "unbiased contribution weight; green for that of uniform sampling, yellow for twice as much.",
             "show_share(reservoir.unbiased_contribution_weight / (4.0 * PI))",
         ),
-    }),
+    }, "split"),
     ViewGroup("Guides", "", {
         "guide_diffuse_albedo": ("diffuse albedo.", "encode_srgb(imageLoad(guides_diffuse_albedo, at).rgb)"),
         "guide_specular_albedo": ("specular albedo.", "encode_srgb(imageLoad(guides_specular_albedo, at).rgb)"),
@@ -134,11 +152,26 @@ _GROUPS = (
 )  # fmt: skip
 
 DEBUG_VIEWS = {PICTURE: "The picture itself: radiance, exposed and tone mapped."} | {
-    name: f"{group.title}: {meaning}" if group.title else meaning
+    name: (f"{group.title}: {meaning}" if group.title else meaning)
+    + (f" Needs lighting={group.lighting}." if group.lighting else "")
     for group in _GROUPS
     for name, (meaning, _) in group.views.items()
 }
 """The meaning of each view by its name. The uniform `debug_view` is an index into it."""
+_LIGHTINGS = {name: group.lighting for group in _GROUPS for name in group.views}
+
+
+def views_of(lighting: str) -> tuple[str, ...]:
+    """The names of the views that a lighting has."""
+    return tuple(name for name in DEBUG_VIEWS if _LIGHTINGS.get(name, "") in ("", lighting))
+
+
+def check_view(name: str, lighting: str) -> None:
+    """Raise SolariError unless the lighting has this view."""
+    if name not in DEBUG_VIEWS:
+        raise unknown_name("there is no view", name, views_of(lighting))
+    if name not in views_of(lighting):
+        raise SolariError(f"the view '{name}' needs the setting lighting={_LIGHTINGS[name]}, not {lighting}")
 
 
 def glsl_header() -> str:
@@ -148,7 +181,8 @@ def glsl_header() -> str:
     for group in _GROUPS:
         labels = " ".join(f"case {numbers[name]}u:" for name in group.views)
         views = "\n".join(f"case {numbers[name]}u: return {color};" for name, (_, color) in group.views.items())
-        groups.append(f"{labels} {{\n{group.setup}\nswitch (view) {{\n{views}\n}}\n}}")
+        text = f"{labels} {{\n{group.setup}\nswitch (view) {{\n{views}\n}}\n}}"
+        groups.append(f"#ifdef LIGHTING_{group.lighting.upper()}\n{text}\n#endif" if group.lighting else text)
     return (
         "vec3 show_debug_view(uint view, uvec2 pixel) {\n"
         "ivec2 at = ivec2(pixel);\n"

@@ -18,10 +18,10 @@ def compose_stage(size: tuple[int, int]) -> Stage:
     )
 
 
-def show_stage(size: tuple[int, int], debug_views: bool = True) -> Stage:
-    """`display`, 8-bit sRGB: `radiance` after exposure and tone mapping, or a debug view.
+def show_stage(size: tuple[int, int], lighting: str = "") -> Stage:
+    """`display`, 8-bit sRGB: `radiance` after exposure and tone mapping, or a debug view of this lighting.
 
-    debug_views: False leaves them out; the stage then needs nothing but `radiance`.
+    Without a lighting there are no debug views, and the stage needs nothing but `radiance`.
     """
-    passes = ["display/show", "display/debug_view"] if debug_views else ["display/show"]
+    passes = ["display/show"] + ([f"display/debug_view_{lighting}"] if lighting else [])
     return Stage("show", images={"display": size}, passes=[Pass(name, threads=size) for name in passes])

@@ -10,14 +10,17 @@ from typing import Any
 
 QUALITIES: dict[str, dict[str, Any]] = {
     "low": {
-        "di_candidates": 4, "world_cache_cell_size": 0.3, "world_cache_candidates": 8, "world_cache_update_cap": 10_000,
-        "specular_bounces": 2,
+        "paths_bounces": 4, "paths_candidates": 4, "paths_later_candidates": 2, "world_cache_cell_size": 0.3,
+        "world_cache_candidates": 8, "world_cache_update_cap": 10_000,
     },
     "medium": {},
-    "high": {"di_candidates": 16, "world_cache_cell_size": 0.1, "world_cache_max_samples": 64, "specular_bounces": 4},
+    "high": {
+        "paths_bounces": 12, "paths_candidates": 16, "paths_later_candidates": 8, "world_cache_cell_size": 0.1,
+        "world_cache_max_samples": 64,
+    },
     "ultra": {
-        "di_candidates": 32, "world_cache_cell_size": 0.05, "world_cache_max_samples": 128,
-        "world_cache_update_cap": 200_000, "specular_bounces": 8, "gi_confidence_cap": 16.0,
+        "paths_bounces": 16, "paths_candidates": 32, "paths_later_candidates": 16, "world_cache_cell_size": 0.05,
+        "world_cache_max_samples": 128, "world_cache_update_cap": 200_000, "world_cache_updates_per_pixel": 1.0,
     },
     "solari": {
         "lighting": "split", "layering": "fresnel_product", "world_cache_search_steps": 3,

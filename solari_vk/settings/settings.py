@@ -28,12 +28,16 @@ class Settings:
 
     # ---- what is computed
     lighting: str = _frame(
-        "split", "How light is computed: by one path a pixel; or by separate passes for direct, indirect and specular "
-        "light (Solari in Bevy 0.19).", choices=("split", "paths"), rebuilds=True)  # fmt: skip
-    di: bool = _frame(True, "Direct light (ReSTIR DI).")
-    gi: bool = _frame(True, "Indirect light of diffuse surfaces (ReSTIR GI).")
-    specular: bool = _frame(True, "Light by the specular lobe: indirect light, and on smooth surfaces lights.")
-    world_cache: bool = _frame(True, "The radiance cache; without it indirect light is one bounce of direct.")
+        "paths", "How light is computed: by one path a pixel; or by separate passes for direct, indirect and specular "
+        "light (Solari in Bevy 0.19).", choices=("paths", "split"), rebuilds=True)  # fmt: skip
+    di: bool = _frame(True, "Direct light (ReSTIR DI), with lighting=split.")
+    gi: bool = _frame(True, "Indirect light of diffuse surfaces (ReSTIR GI), with lighting=split.")
+    specular: bool = _frame(
+        True, "Light by the specular lobe, with lighting=split: indirect light, and on smooth surfaces lights."
+    )
+    world_cache: bool = _frame(
+        True, "The radiance cache. Without it paths end after their last bounce, and with lighting=split indirect "
+        "light is one bounce of direct.")  # fmt: skip
     jitter: bool = _frame(True, "Move samples within the pixel from frame to frame, for antialiasing.")
     gbuffer: str = _frame(
         "auto", "How the surface of a pixel is found: by rasterization or by rays. auto: by what is faster, which is "
@@ -45,11 +49,12 @@ class Settings:
         "conserving", "How the specular layer dims the diffuse one below it: so that all energy is kept, or by a "
         "product of Fresnel terms, which loses some (Solari).", choices=LAYERINGS, rebuilds=True)  # fmt: skip
     pure_metal: float = _frame(
-        0.9999, "Metallic above which a surface counts as having no diffuse lobe. Less: faster, less exact.",
-        low=0, high=1)  # fmt: skip
+        0.9999, "Metallic above which a surface counts as having no diffuse lobe, in guides and with lighting=split. "
+        "Less: faster, less exact.", low=0, high=1)  # fmt: skip
     lambert: bool = _frame(False, "Every surface is Lambertian, to compare with closed forms.", rebuilds=True)
+    primary_surface_replacement: bool = _frame(True, "Guides describe the surface that a mirror shows.")
 
-    # ---- paths
+    # ---- paths (lighting=paths)
     paths_bounces: int = _paths(
         8, "Rays of a path, those from mirrors not counted. More: truer in halls of shiny surfaces.", low=1, high=64
     )
@@ -62,12 +67,11 @@ class Settings:
     paths_cache_roughness: float = _paths(
         0.35, "Roughness from which the world cache stands for the specular lobe of a surface too. More: sharper "
         "reflections of reflections, slower.", low=0, high=1)  # fmt: skip
-
     paths_regularization: float = _paths(
         0.15, "Least roughness of surfaces that a path meets after it left a diffuse one (0: off). More: less noise, "
         "wider caustics.", low=0, high=1)  # fmt: skip
 
-    # ---- reuse between pixels, in DI and GI
+    # ---- reuse between pixels, in DI and GI (lighting=split)
     similarity_plane_distance: float = _reuse(
         0.003, "Largest distance of a pixel from the tangent plane of another that reuses its samples, over the view "
         "depth. More: less noise at small features, more blur of contact shadows.", low=1e-6, high=1.0)  # fmt: skip
@@ -117,7 +121,7 @@ class Settings:
         32, "Light samples from which a cell chooses. More: less noise, slower.", low=1, high=1024
     )
     world_cache_ray_length: float = _cache(
-        50.0, "Length of a cell's rays in meters. Less: faster, darker.", low=1e-3, high=1e9
+        50.0, "Length of a cell's rays in meters, with lighting=split. Less: faster, darker.", low=1e-3, high=1e9
     )
     world_cache_update_cap: int = _cache(
         40_000, "Cells that are updated in a frame, at random and on average. Less: faster, more lag.",
@@ -137,11 +141,11 @@ class Settings:
         "(Solari); with divided, cells that a wall divides aren't used either.",
         choices=("divided", "finest"))  # fmt: skip
     world_cache_surfaces: str = _cache(
-        "whole", "What a surface reflects of the light in the cache: what its whole material reflects, mirrors "
-        "included; or its base color, as if everything were diffuse (Solari).", choices=("whole", "diffuse")
-    )  # fmt: skip
+        "whole", "What a surface reflects of the light in the cache, with lighting=split: what its whole material "
+        "reflects, mirrors included; or its base color, as if everything were diffuse (Solari).",
+        choices=("whole", "diffuse"))  # fmt: skip
 
-    # ---- ReSTIR DI
+    # ---- ReSTIR DI (lighting=split)
     di_candidates: int = _di(8, "Light samples from which a pixel chooses. More: less noise.", low=1, high=1024)
     di_temporal: bool = _di(True, "Reuse samples of the previous frame.")
     di_spatial: bool = _di(True, "Reuse a sample of a neighbor.")
@@ -158,7 +162,7 @@ class Settings:
         30.0, "Radius in pixels within which a neighbor is searched. More: fewer blotches.", low=1, high=1e4
     )
 
-    # ---- ReSTIR GI
+    # ---- ReSTIR GI (lighting=split)
     gi_temporal: bool = _gi(True, "Reuse samples of the previous frame.")
     gi_spatial: bool = _gi(True, "Reuse a sample of a neighbor.")
     gi_confidence_cap: float = _gi(
@@ -179,7 +183,7 @@ class Settings:
         True, "Read the light of the previous frame's samples from their cells again, so that GI follows changes of "
         "light as fast as the cache (Solari: off).")  # fmt: skip
 
-    # ---- specular GI
+    # ---- specular GI (lighting=split)
     specular_bounces: int = _specular(
         3, "Surfaces that a path may visit before it ends in the cache. More: truer, slower.", low=1, high=64
     )
@@ -193,7 +197,6 @@ class Settings:
         "spread", "A path ends in the cache when its cone is wider than a cell. The cone begins at the surface that "
         "the pixel shows; or at the camera, with rays longer than sqrt(3) cells (Solari).",
         choices=("spread", "camera_spread"))  # fmt: skip
-    primary_surface_replacement: bool = _specular(True, "Guides describe the surface that a mirror shows.")
 
     revision = 0
     """A number that grows with each change."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.output.tone_mapping import TONEMAPS
-from solari_vk.passes.debug_views import DEBUG_VIEWS
+from solari_vk.passes.debug_views import DEBUG_VIEWS, views_of
 from solari_vk.viewer.controls import KEYS_HELP
 from solari_vk.viewer.picking import Pick, pick_at
 from solari_vk.viewer.pictures import MODES
@@ -60,7 +60,8 @@ class Actions:
         self._session.pictures.mode = _next(MODES, self._session.pictures.mode)
 
     def next_view(self, step: int = 1) -> None:
-        view = self._session.pictures.view = _next(tuple(DEBUG_VIEWS), self._session.pictures.view, step)
+        pictures = self._session.pictures
+        view = pictures.view = _next(views_of(self._session.settings.lighting), pictures.view, step)
         self._session.say(f"{view}: {DEBUG_VIEWS[view]}")
 
     def previous_view(self) -> None:

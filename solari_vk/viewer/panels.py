@@ -12,7 +12,7 @@ import numpy as np
 from imgui_bundle import imgui
 
 from solari_vk.output.tone_mapping import TONEMAPS
-from solari_vk.passes.debug_views import DEBUG_VIEWS
+from solari_vk.passes.debug_views import DEBUG_VIEWS, views_of
 from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES
 from solari_vk.viewer.actions import act
 from solari_vk.viewer.pictures import MODES
@@ -53,7 +53,7 @@ class Panels:
     def _picture(self) -> None:
         session, pictures = self._session, self._session.pictures
         pictures.mode = choose("mode", pictures.mode, MODES)
-        pictures.view = choose("view", pictures.view, tuple(DEBUG_VIEWS))
+        pictures.view = choose("view", pictures.view, views_of(session.settings.lighting))
         hint(DEBUG_VIEWS[pictures.view])
         pictures.tonemap = choose("tone mapping", pictures.tonemap, TONEMAPS)
         camera = session.camera

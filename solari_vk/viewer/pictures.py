@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
 from solari_vk.output.tone_mapping import TONEMAPS
-from solari_vk.passes.debug_views import DEBUG_VIEWS
+from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, views_of
 from solari_vk.reference import MAX_SAMPLES
 from solari_vk.renderer import Renderer
 from solari_vk.scene.binder import SceneBinder
@@ -34,7 +34,7 @@ class Pictures:
 
     def __init__(self, device: Device, scene: Scene, settings: Settings, seed: int = 0, mode: str = "realtime") -> None:
         self.device, self.scene, self.settings, self.seed = device, scene, settings, seed
-        self.mode, self.view, self.tonemap = mode, "picture", "agx"
+        self.mode, self.view, self.tonemap = mode, PICTURE, "agx"
         self.divider = 0.5
         self.counts_rays = False
         self.camera: Camera | None = None
@@ -46,6 +46,16 @@ class Pictures:
         self.reference: ReferencePicture | None = None
         self._build: Build = (0, 0), False  # of the latest frame that was rendered
         self._refused: Build | None = None  # the requested build if it failed; `_build` then stays in use
+
+    @property
+    def view(self) -> str:
+        """The view that was assigned, or "picture" while the lighting lacks it."""
+        lacks = self._view in DEBUG_VIEWS and self._view not in views_of(self.settings.lighting)
+        return PICTURE if lacks else self._view
+
+    @view.setter
+    def view(self, name: str) -> None:
+        self._view = name
 
     @property
     def mode(self) -> str:

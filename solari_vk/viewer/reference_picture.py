@@ -18,7 +18,7 @@ class ReferencePicture:
     def __init__(self, device: Device, binder: SceneBinder, size: tuple[int, int], seed: int) -> None:
         self.tracer = PathTracer(device, binder, size, seed=seed)
         try:
-            self._frame = Frame(device, [show_stage(size, debug_views=False)], external=self._external)
+            self._frame = Frame(device, [show_stage(size)], external=self._external)
         except BaseException:
             self.tracer.close()
             raise
@@ -44,7 +44,7 @@ class ReferencePicture:
             self.tracer.resize(size)
         radiance = self._external["radiance"]
         if self._frame.resource("radiance") is not radiance or self.size != size:
-            self._frame.rebuild([show_stage(size, debug_views=False)], self._external)
+            self._frame.rebuild([show_stage(size)], self._external)
         self.tracer.advance(camera, max_samples)
         self._frame.uniforms["this_frame.exposure"] = camera.exposure
         self._frame.uniforms["display_settings.tonemap"] = TONEMAPS.index(tonemap)

@@ -26,11 +26,11 @@ GI_INITIAL, GI_TEMPORAL = "passes/restir_gi/initial.comp", "passes/restir_gi/tem
 RASTER, RESOLVE, PIXEL = (f"passes/gbuffer/{name}" for name in ("raster.vert", "resolve.comp", "pixel.glsl"))
 SPECULAR, LOBE = "passes/specular_gi/trace.comp", "passes/specular_gi/lobe.glsl"
 GI_SHADE = "passes/restir_gi/spatial_and_shade.comp"
-CULL, GATHER = "passes/gbuffer/cull.comp", "passes/world_cache/sample_indirect.comp"
+CULL, GATHER = "passes/gbuffer/cull.comp", "passes/world_cache/sample.comp"
 QUERY = "passes/world_cache/query.glsl"
 GENERATE, TILES = "passes/light_tiles/generate.comp", "passes/light_tiles/light_tiles.glsl"
-TONEMAP, COMPOSE = "passes/display/tonemap.glsl", "passes/display/compose.comp"
-VIEW, VIEWS = "passes/display/debug_view.comp", "passes/display/debug_views.glsl"
+TONEMAP, COMPOSE = "passes/display/tonemap.glsl", "passes/paths/compose.comp"
+VIEW, VIEWS = "passes/display/debug_view.glsl", "passes/display/debug_views.glsl"
 MIRRORS, WRITE = "passes/guides/mirrors.glsl", "passes/guides/write.comp"
 
 
@@ -69,8 +69,8 @@ def measure_contribution(device):
 
 
 DARK_CORNER = (
-    COMPOSE, "vec3 diffuse = di_diffuse", "if (all(lessThan(4u * pixel, camera.size))) { "
-    "di_diffuse.at[index] *= 0.5; }\n    vec3 diffuse = di_diffuse",
+    COMPOSE, "radiance.at[index] = emitted", "if (all(lessThan(4u * pixel, camera.size))) { "
+    "diffuse *= 0.5; }\n    diffuse_radiance.at[index] = diffuse;\n    radiance.at[index] = emitted",
 )  # fmt: skip
 BUGS = {
     "raster with gaps": (measure_zoo, ["inside triangles"], RESOLVE, "imageLoad(depth, ivec2(at)).x == 0.0",
@@ -141,8 +141,8 @@ BUGS = {
                                "if (checksum == key.checksum && i == 0u) { return cell; }"),
     "cells live forever": (world_cache_checks.measure_world_cache, ["cells die"], "passes/world_cache/decay.comp",
                            "= life - 1u;", "= life;"),
-    "light gathered without pi": (world_cache_checks.measure_fixed_point, ["all bounces"], GATHER, "PI * gathered",
-                                  "gathered"),
+    "light gathered without pi": (world_cache_checks.measure_fixed_point, ["all bounces"], GATHER, "PI * path_light",
+                                  "path_light"),
     "walls that hide nothing": (world_cache_checks.measure_leak, ["thin wall"], QUERY,
                                 "dot(way, normal) * normal, 1.0)) { break; }",
                                 "dot(way, normal) * normal, 1e-3)) { break; }"),
@@ -192,8 +192,8 @@ BUGS = {
     "a dark corner": (frame_checks.measure_light, ["each of 4 x 4 tiles"], *DARK_CORNER),
     "a dark corner of a closed box": (measure_matte_box, ["4 x 4 tiles of a closed box"], *DARK_CORNER),
     "light that stays": (frame_checks.measure_light, ["as bright", "little light is left", "almost no light"], COMPOSE,
-                         "vec3 diffuse = di_diffuse", "di_diffuse.at[index] = max(di_diffuse.at[index], vec3(0.03));\n"
-                         "    vec3 diffuse = di_diffuse"),
+                         "diffuse_radiance.at[index] = diffuse;",
+                         "diffuse_radiance.at[index] = diffuse = max(diffuse, vec3(0.03));"),
     "divided by nothing": (frame_checks.measure_finite, ["finite"], COMPOSE,
                            "radiance.at[index] = emitted",
                            "radiance.at[index] = uintBitsToFloat(0x7FC00000u) + emitted"),
@@ -215,8 +215,8 @@ BUGS = {
     "logarithms taken for light": (light_tile_checks.measure_noise, ["no noisier"], "common/packing.glsl",
                                    "(exp2(unpack_rgb9e5(bits)) - 1.0)", "unpack_rgb9e5(bits)"),
     "mirrors describe themselves": (measure_one_mirror, ["diffuse albedos", "specular albedos", "virtual normals"],
-                                    WRITE, "specular_gi_settings.primary_surface_replacement != 0u",
-                                    "specular_gi_settings.primary_surface_replacement > 1u"),
+                                    WRITE, "frame_settings.primary_surface_replacement != 0u",
+                                    "frame_settings.primary_surface_replacement > 1u"),
     "normals as they are": (measure_one_mirror, ["virtual normals"], WRITE, "mat3(chain) * surface.world_normal",
                             "surface.world_normal"),
     "lengths as depths": (measure_one_mirror, ["virtual depths"], WRITE, "path_length * camera_ray.depth_per_t",

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.frames import find, snapshot
+from support.frames import each_lighting, find, snapshot
 
 import solari_vk as sv
 from solari_vk.conformance.realtime import GBUFFER, make_renderer
@@ -44,11 +44,12 @@ def frames_of(renderer, camera, count):
     return {f"{name} {at}": array for at, frame in enumerate(taken) for name, array in frame.items()}
 
 
+@each_lighting
 @pytest.mark.parametrize("name", SCENES)
-def test_frames_and_paths_are_equal(devices, name):
+def test_frames_and_paths_are_equal(devices, name, lighting):
     def pictures(way):
         scene = sv.builtin(name, **SCENES[name])
-        with make_renderer(devices[way], scene, SIZE, seed=5, gbuffer="raster") as renderer:
+        with make_renderer(devices[way], scene, SIZE, seed=5, gbuffer="raster", **lighting) as renderer:
             found = frames_of(renderer, scene.camera, 3)
         with sv.PathTracer(devices[way], scene, SIZE, seed=5) as tracer:
             frame = tracer.render(scene.camera, samples=2)
@@ -93,14 +94,14 @@ def test_frames_stay_equal_after_edits_resizes_and_reloads(devices):
             found["resized"] = frames_of(renderer, scene.camera, 2)
             with patched_shaders(
                 ("passes/gbuffer/resolve.comp", "uvec2 at =", "uint unused = 0u;\n    uvec2 at ="),
-                ("passes/world_cache/sample_direct.comp", "uint rng = seed", "uint rng = 1u + seed"),
+                ("passes/world_cache/sample.comp", "uint rng = seed", "uint rng = 1u + seed"),
             ):
                 renderer.reload()
                 found["reloaded"] = frames_of(renderer, scene.camera, 2)
             renderer.reload()
             found["restored"] = frames_of(renderer, scene.camera, 1)
         parts = list(found.values())
-        assert all(one["gi_diffuse 0"].tobytes() != two["gi_diffuse 0"].tobytes() for one, two in pairwise(parts))
+        assert all(one["paths_diffuse 0"].tobytes() != two["paths_diffuse 0"].tobytes() for one, two in pairwise(parts))
         return {f"{part}: {name}": array for part, arrays in found.items() for name, array in arrays.items()}
 
     assert not differing(pictures)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.frames import SIZE, differing, find, left_of, settle, snapshot
+from support.frames import SIZE, differing, each_lighting, find, left_of, settle, snapshot
 
 import solari_vk as sv
 from solari_vk.conformance.realtime import add_up, make_renderer, trace_reflected
@@ -32,8 +32,9 @@ def slide_block(scene, step):
 
 
 # The second motion takes as long as the first, so only the slow profile runs it.
+@each_lighting
 @pytest.mark.parametrize("move", [swing_lamp, pytest.param(slide_block, marks=pytest.mark.slow)])
-def test_what_moves_leaves_no_trail(device, move):
+def test_what_moves_leaves_no_trail(device, move, lighting):
     """A frame during the motion is as bright as the path tracer's picture of the same scene, and contains little of
     earlier pictures. Eight frames after the motion stopped, it contains almost nothing of them.
 
@@ -43,7 +44,7 @@ def test_what_moves_leaves_no_trail(device, move):
     moving, stopped = [], []
     steps = 14
     move(scene, 0)
-    with make_renderer(device, scene) as renderer:
+    with make_renderer(device, scene, **lighting) as renderer:
         for seed in range(SEEDS_OF_TRAILS):
             renderer.seed = seed
             renderer.reset()
@@ -79,11 +80,13 @@ def test_what_moves_leaves_no_trail(device, move):
 ELSEWHERE = sv.Camera.look_at((0.3, 1.6, 0.4), (1.3, 0.3, 1.6), vertical_fov=1.2, ev100=-1.0)
 
 
-def test_a_cut_with_reset_is_a_new_renderers_frame(device):
+@each_lighting
+def test_a_cut_with_reset_is_a_new_renderers_frame(device, lighting):
     """After a cut with reset(), frames equal those of a new renderer bit by bit: nothing of earlier frames is left,
     neither in pixels nor in the world cache."""
     scene = cornell_box()
-    with make_renderer(device, scene) as renderer, make_renderer(device, scene) as new:
+    renderer, new = (make_renderer(device, scene, **lighting) for _ in range(2))
+    with renderer, new:
         settle(renderer, scene.camera, 12)
         renderer.reset()
         new.frame_count = renderer.frame_count  # the frame count seeds the random numbers
@@ -91,11 +94,12 @@ def test_a_cut_with_reset_is_a_new_renderers_frame(device):
             assert not differing(renderer.render(ELSEWHERE), new.render(ELSEWHERE)), frame
 
 
-def test_a_jump_without_reset_recovers(device):
+@each_lighting
+def test_a_jump_without_reset_recovers(device, lighting):
     """30 frames after the camera jumped, the picture is the path tracer's, with nothing of the earlier view in it."""
     scene = cornell_box()
     jumped = []
-    with make_renderer(device, scene) as renderer:
+    with make_renderer(device, scene, **lighting) as renderer:
         for seed in range(SEEDS):
             renderer.seed = seed
             renderer.reset()
@@ -140,12 +144,13 @@ def edit(scene, extra, step):
     find(scene, "left wall").material.base_color = (0.6, 0.02 * step % 1, 0.1)
 
 
-def test_after_many_edits_the_picture_is_right(device):
+@each_lighting
+def test_after_many_edits_the_picture_is_right(device, lighting):
     """After many edits between frames, the picture is as bright as the path tracer's picture of the edited scene."""
     found = []
     scene = cornell_box()
     extra = [small_lamp(index) for index in range(3)]
-    with make_renderer(device, scene) as renderer:
+    with make_renderer(device, scene, **lighting) as renderer:
         for seed in range(SEEDS):
             renderer.seed = seed
             renderer.reset()
@@ -164,21 +169,22 @@ def test_after_many_edits_the_picture_is_right(device):
     assert abs(means.mean()) < 0.03
 
 
-def test_renderers_that_share_a_scene_do_not_disturb_each_other(device):
+@each_lighting
+def test_renderers_that_share_a_scene_do_not_disturb_each_other(device, lighting):
     """Two renderers of different sizes and cameras share a binder, and the scene is edited between frames: each frame
     equals, bit by bit, the frame of a renderer that has the scene to itself."""
     sizes, views = (SIZE, (24, 16)), (cornell_box().camera, ELSEWHERE)
     alone = []
     for size, camera in zip(sizes, views, strict=True):
         scene, extra = cornell_box(), [small_lamp(index) for index in range(3)]
-        with make_renderer(device, scene, size) as renderer:
+        with make_renderer(device, scene, size, **lighting) as renderer:
             alone.append([])
             for step in range(8):
                 edit(scene, extra, step)
                 alone[-1].append(snapshot(renderer.render(camera)))
     scene, extra = cornell_box(), [small_lamp(index) for index in range(3)]
     binder = SceneBinder(device, scene)
-    renderers = [make_renderer(device, binder, size) for size in sizes]
+    renderers = [make_renderer(device, binder, size, **lighting) for size in sizes]
     for step in range(8):
         edit(scene, extra, step)
         for renderer, camera, expected in zip(renderers, views, alone, strict=True):
@@ -188,28 +194,30 @@ def test_renderers_that_share_a_scene_do_not_disturb_each_other(device):
     binder.destroy()
 
 
-def test_resize_is_a_new_renderers_frame(device):
+@each_lighting
+def test_resize_is_a_new_renderers_frame(device, lighting):
     """After a resize to a smaller size, to a larger one and back, frames equal those of a new renderer bit by bit. The
     world cache is emptied too."""
     scene = cornell_box()
-    with make_renderer(device, scene) as renderer:
+    with make_renderer(device, scene, **lighting) as renderer:
         settle(renderer, scene.camera, 4)
         for size in ((20, 12), (40, 28), SIZE):
             renderer.resize(size)
-            with make_renderer(device, scene, size) as new:
+            with make_renderer(device, scene, size, **lighting) as new:
                 new.frame_count = renderer.frame_count
                 for frame in range(3):
                     names = differing(renderer.render(scene.camera), new.render(scene.camera))
                     assert not names, (size, frame, names)
 
 
-def test_an_empty_scene_that_is_filled_and_emptied(device):
+@each_lighting
+def test_an_empty_scene_that_is_filled_and_emptied(device, lighting):
     """The scene goes from empty to a lit ball and back to empty."""
     scene = sv.Scene()
     camera = sv.Camera.look_at((0, 0, 3), (0, 0, 0))
     ball = sv.Instance(mesh=shapes.sphere(0.5, 12), material=matte(0.5))
     glow = sv.Instance(mesh=shapes.sphere(0.2, 8), material=lamp(5.0), transform=place(at=(0.8, 0.5, 0.5)))
-    with make_renderer(device, scene) as renderer:
+    with make_renderer(device, scene, **lighting) as renderer:
         assert not settle(renderer, camera, 3)["radiance"].any()
         scene.add(ball)
         assert not settle(renderer, camera, 3)["radiance"].any(), "a ball without a light isn't black"

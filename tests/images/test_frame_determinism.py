@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from support.frames import differing, snapshot
+from support.frames import differing, each_lighting, snapshot
 
 import solari_vk as sv
 from solari_vk.conformance.realtime import make_renderer
@@ -12,11 +12,11 @@ FRAMES = 12
 SCENES = {"cornell_box": {}, "many_lights": {"box_count": 300, "sphere_count": 49}, "sphere_grid": {}}
 
 
-def take(device, name, seed=3):
+def take(device, name, lighting, seed=3):
     """The outputs of FRAMES frames of a new renderer and of 3 frames after a reset."""
     scene = sv.builtin(name, **SCENES[name])
     # The map has its default size: in an overfull map, the order of threads decides which keys find no entry.
-    with make_renderer(device, scene, seed=seed, world_cache_cells=1 << 20) as renderer:
+    with make_renderer(device, scene, seed=seed, world_cache_cells=1 << 20, **lighting) as renderer:
         frames = [snapshot(renderer.render(scene.camera)) for _ in range(FRAMES)]
         assert renderer["world_cache/insert_failures"] == 0
         renderer.reset()
@@ -24,12 +24,13 @@ def take(device, name, seed=3):
 
 
 # The third scene takes as long as the other two, so only the slow profile runs it.
+@each_lighting
 @pytest.mark.parametrize("name", ["cornell_box", "many_lights", pytest.param("sphere_grid", marks=pytest.mark.slow)])
-def test_one_seed_gives_the_same_bits(device, name, monkeypatch):
+def test_one_seed_gives_the_same_bits(device, name, lighting, monkeypatch):
     """Every output has the same bits in another new renderer and with a barrier before every pass, also after a reset.
     The fixture `device` checks that validation and synchronization validation report nothing."""
-    first = take(device, name)
+    first = take(device, name, lighting)
     for barriers in ("", "all"):
         monkeypatch.setenv("SOLARI_VK_BARRIERS", barriers)
-        for index, (frame, other) in enumerate(zip(first, take(device, name), strict=True)):
+        for index, (frame, other) in enumerate(zip(first, take(device, name, lighting), strict=True)):
             assert not differing(frame, other), f"frame {index}, barriers {barriers!r}: {differing(frame, other)}"

@@ -14,7 +14,7 @@ from solari_vk.conformance.indirect_checks import (
     observe_indirect,
     trace_second_bounce,
 )
-from solari_vk.conformance.realtime import SPECULAR, Effort, make_renderer, measure_mean, measure_significance
+from solari_vk.conformance.realtime import SPECULAR, SPLIT, Effort, make_renderer, measure_mean, measure_significance
 from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.measure.statistics import relative_interval
 from solari_vk.scene.builtin import closed_box, cornell_box, place
@@ -28,8 +28,9 @@ BRIEF = Effort(16, 24, 16)
 def renderer_of(device, scene, **settings):
     """A renderer that computes only one bounce of indirect light."""
     return make_renderer(
-        device, scene, passes=SPECULAR, world_cache=False, di=False, specular=False, gbuffer="traced", **settings
-    )
+        device, scene, passes=SPECULAR, **SPLIT, world_cache=False, di=False, specular=False, gbuffer="traced",
+        **settings,
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +89,8 @@ def test_reservoirs_name_living_cells_that_hold_their_points(device):
     """After each frame: with the shortest lives, a moving camera, and settings that change."""
     changes = {4: {"gi_refresh": False}, 6: {"gi_refresh": True}, 8: {"world_cache": False}, 9: {"world_cache": True},
                11: {"world_cache_cells": 1 << 13}}  # fmt: skip
-    with make_renderer(device, cornell_box(), world_cache_lifetime=1, world_cache_cells=1 << 14) as renderer:
+    few = {"world_cache_lifetime": 1, "world_cache_cells": 1 << 14}
+    with make_renderer(device, cornell_box(), **SPLIT, **few) as renderer:
         for step in range(14):
             for name, value in changes.get(step, {}).items():
                 setattr(renderer.settings, name, value)

@@ -10,12 +10,13 @@ import pytest
 
 import solari_vk as sv
 from solari_vk.conformance.display_checks import room
-from solari_vk.passes.debug_views import DEBUG_VIEWS
+from solari_vk.passes.debug_views import views_of
 from solari_vk.scene.builtin import place
 from solari_vk.scene.constants import NO_INDEX
 
 SIZE = 40, 24
 SETTINGS = {"world_cache_lod_distance": 0.5}  # makes cells of several sizes visible
+LIGHTINGS = ("paths", "split")
 
 
 def cameras(scene, count):
@@ -25,12 +26,12 @@ def cameras(scene, count):
         yield sv.Camera(transform=transform, vertical_fov=scene.camera.vertical_fov, ev100=scene.camera.ev100)
 
 
-@pytest.fixture(scope="module")
-def frames(device):
-    """frames(view) renders one more frame with that view, and returns the renderer."""
+@pytest.fixture(scope="module", params=LIGHTINGS)
+def frames(device, request):
+    """frames(view) renders one more frame with that view, and returns the renderer; of each lighting."""
     scene = room()
     path = cameras(scene, 200)
-    with sv.Renderer(device, scene, SIZE, sv.Settings(**SETTINGS)) as renderer:
+    with sv.Renderer(device, scene, SIZE, sv.Settings(**SETTINGS, lighting=request.param)) as renderer:
         for _ in range(4):
             renderer.render(next(path))
 
@@ -55,6 +56,7 @@ def test_views_of_the_material_show_the_metal(frames):
     assert round(255 * 0.2) in frames("roughness")["display"][..., 0]
 
 
+@pytest.mark.parametrize("frames", ["split"], indirect=True)
 def test_views_of_reservoirs_are_the_buffers(frames):
     renderer = frames("di_neighbor")
     red, green = renderer["display"][..., 0], renderer["display"][..., 1]
@@ -69,23 +71,26 @@ def test_views_of_reservoirs_are_the_buffers(frames):
 
 
 def test_the_debug_view_writes_only_the_display(frames):
-    rows = {row.name: row for row in frames("cache_cells")._frame.describe()}
-    assert rows["display/debug_view"].writes == ("display",)
-    assert "world_cache_checksums" in rows["display/debug_view"].reads
+    renderer = frames("cache_cells")
+    rows = {row.name: row for row in renderer._frame.describe()}
+    row = rows[f"display/debug_view_{renderer.settings.lighting}"]
+    assert row.writes == ("display",)
+    assert "world_cache_checksums" in row.reads
 
 
-def test_views_change_no_frame(device):
+@pytest.mark.parametrize("lighting", LIGHTINGS)
+def test_views_change_no_frame(device, lighting):
     """A run that shows another view in each frame has the same radiance as a run that shows none."""
     runs = []
-    for views in (list(DEBUG_VIEWS), ["picture"] * len(DEBUG_VIEWS)):
+    for views in (views_of(lighting), ["picture"] * len(views_of(lighting))):
         scene = room()
-        with sv.Renderer(device, scene, SIZE, sv.Settings(**SETTINGS)) as renderer:
+        with sv.Renderer(device, scene, SIZE, sv.Settings(**SETTINGS, lighting=lighting)) as renderer:
             for view, camera in zip(views, cameras(scene, len(views)), strict=True):
                 renderer.view = view
                 renderer.render(camera)
             runs.append((renderer["radiance"], renderer["world_cache/active_cells"]))
     np.testing.assert_array_equal(runs[0][0], runs[1][0])
-    assert runs[0][1] == runs[1][1] > 100
+    assert runs[0][1] == runs[1][1] > 10
 
 
 def test_unknown_names_are_refused(frames):
@@ -95,3 +100,20 @@ def test_unknown_names_are_refused(frames):
     with pytest.raises(sv.SolariError, match=r"fog.*reinhard"):
         renderer.tonemap = "fog"
     assert (renderer.view, renderer.tonemap) == ("picture", "agx")
+
+
+def test_views_of_the_other_lighting_are_refused(device):
+    """A view is "picture" again after the lighting has changed to one that lacks it."""
+    scene, settings = room(), sv.Settings()
+    with sv.Renderer(device, scene, SIZE, settings) as renderer:
+        with pytest.raises(sv.SolariError, match="'di_light' needs the setting lighting=split, not paths"):
+            renderer.view = "di_light"
+        renderer.view = "paths_distance"
+        settings.lighting = "split"
+        for view in ("di_light", "depth"):
+            renderer.render()
+            assert renderer.view in ("picture", "di_light")
+            renderer.view = view
+        settings.lighting = "paths"
+        renderer.render()
+        assert renderer.view == "depth"

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from solari_vk.conformance.direct_checks import read_direct
-from solari_vk.conformance.realtime import DIRECT, make_renderer
+from solari_vk.conformance.realtime import DIRECT, SPLIT, make_renderer
 
-QUICK = {"gbuffer": "traced", "jitter": False, "light_tile_count": 32, "light_tile_samples": 256}
+QUICK = {**SPLIT, "gbuffer": "traced", "jitter": False, "light_tile_count": 32, "light_tile_samples": 256}
 direct_light = read_direct
 
 

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
-from solari_vk.conformance.realtime import PARTS
+import pytest
+
+from solari_vk.conformance.realtime import SPLIT
+from solari_vk.renderer import LIGHT
 
 SIZE = (32, 32)
-OUTPUTS = ("radiance", *PARTS, "emission", "diffuse_radiance", "specular_radiance", "display", "depth",
-           "motion_vectors", "gbuffer", "guides_normal_roughness")  # fmt: skip
+OTHER_OUTPUTS = ("depth", "motion_vectors", "gbuffer", "guides_normal_roughness", "display")
+# Tests of whole frames run with the default lighting, and with Solari's passes when slow tests run. The parameter holds
+# settings.
+each_lighting = pytest.mark.parametrize(
+    "lighting", [pytest.param({}, id="default"), pytest.param(SPLIT, id="split", marks=pytest.mark.slow)]
+)
 
 
 def find(scene, name):
@@ -20,13 +27,19 @@ def settle(renderer, camera, frames=30):
     return frame
 
 
+def lights_of(frame):
+    """The names of the frame's radiance and of all its parts."""
+    return ["radiance", *(name for name in LIGHT if name in frame)]
+
+
 def snapshot(frame):
-    return {name: frame[name].copy() for name in OUTPUTS}
+    return {name: frame[name].copy() for name in (*lights_of(frame), *OTHER_OUTPUTS)}
 
 
 def differing(first, other):
     """Names of the outputs in which two frames differ."""
-    return [name for name in OUTPUTS if first[name].tobytes() != other[name].tobytes()]
+    names = (*lights_of(first), *OTHER_OUTPUTS)
+    return [name for name in names if first[name].tobytes() != other[name].tobytes()]
 
 
 def left_of(before, now, picture):

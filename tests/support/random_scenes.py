@@ -10,7 +10,8 @@ from solari_vk.scene import shapes
 from solari_vk.settings import DEFAULTS, FIELDS
 
 # Upper limits of settings that cost time.
-MAX_VALUES = {"di_candidates": 64, "world_cache_candidates": 64, "world_cache_search_steps": 16, "specular_bounces": 12}
+MAX_VALUES = {"di_candidates": 64, "world_cache_candidates": 64, "world_cache_search_steps": 16, "specular_bounces": 12,
+              "paths_bounces": 12, "paths_candidates": 64, "paths_later_candidates": 64}  # fmt: skip
 
 
 def _spoiled_meshes():

@@ -18,7 +18,7 @@ import solari_vk as sv
 from solari_vk.cli import main
 from solari_vk.gpu.shaders import compiler
 from solari_vk.output.tone_mapping import TONEMAPS
-from solari_vk.passes.debug_views import DEBUG_VIEWS
+from solari_vk.passes.debug_views import views_of
 from solari_vk.viewer import messages, pictures, reload
 
 FLAT = {"overlay": False, "size": (64, 64)}
@@ -28,11 +28,22 @@ FLAT = {"overlay": False, "size": (64, 64)}
 
 
 def test_keys_cycle_through_views_and_tone_mappings(viewer):
-    type_keys(viewer, *[glfw.KEY_V] * len(DEBUG_VIEWS), *[glfw.KEY_T] * (len(TONEMAPS) + 1))
+    views = views_of("paths")
+    type_keys(viewer, *[glfw.KEY_V] * len(views), *[glfw.KEY_T] * (len(TONEMAPS) + 1))
     assert viewer.pictures.view == "picture"
     assert viewer.pictures.tonemap == TONEMAPS[(TONEMAPS.index("agx") + 1) % len(TONEMAPS)]
     type_keys(viewer, glfw.KEY_V, modifiers=glfw.MOD_SHIFT)
-    assert viewer.pictures.view == list(DEBUG_VIEWS)[-1]
+    assert viewer.pictures.view == views[-1]
+
+
+def test_a_view_that_the_lighting_lacks_is_the_picture(viewer):
+    viewer.pictures.mode, viewer.pictures.view = "realtime", "paths_distance"
+    viewer.settings.lighting = "split"
+    viewer.run(frames=1)
+    assert (viewer.pictures.view, viewer.pictures.realtime.view, viewer.message) == ("picture", "picture", "")
+    viewer.settings.lighting = "paths"
+    viewer.run(frames=1)
+    assert viewer.pictures.realtime.view == "paths_distance"
 
 
 def test_brighter_is_brighter(viewer):
@@ -199,7 +210,7 @@ def test_the_old_renderer_stays_if_one_that_counts_rays_fails(device, monkeypatc
 def test_debug_views_are_not_compared_with_the_path_tracer(device, monkeypatch):
     shown = pictures.Pictures(device, sv.builtin("cornell_box"), sv.Settings(), mode="split")
     monkeypatch.setattr(pictures.Pictures, "ready", True)
-    shown.view = list(DEBUG_VIEWS)[1]
+    shown.view = views_of("paths")[1]
     assert shown.error() is None
     shown.close()
 
@@ -211,7 +222,7 @@ def test_debug_views_are_not_compared_with_the_path_tracer(device, monkeypatch):
 def test_the_command_of_a_screenshot_renders_the_same_bits(open_viewer, tmp_path, mode):
     folder = tmp_path / "shots"
     viewer = open_viewer(**FLAT, source="builtin:cornell_box", folder=folder, seed=7, mode=mode)
-    viewer.settings.di_candidates = 4
+    viewer.settings.paths_candidates = 4
     if mode == "reference":
         viewer.camera_control.orbit(20, 5, (1, 1, 1))
     viewer.run(frames=3)

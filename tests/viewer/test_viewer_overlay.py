@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
-from solari_vk.passes.debug_views import DEBUG_VIEWS
+from solari_vk.passes.debug_views import views_of
 from solari_vk.settings import DEFAULTS, FIELDS
 from solari_vk.viewer import panels, scene_panel
 from solari_vk.viewer.overlay import MARGIN
@@ -169,7 +169,7 @@ def test_every_setting_can_be_changed_and_reset(open_viewer, replace):
     )
     viewer.step()
     assert [name for name in FIELDS if getattr(viewer.settings, name) == DEFAULTS[name]] == []
-    assert (offered["mode"], offered["view"]) == (list(MODES), list(DEBUG_VIEWS))
+    assert (offered["mode"], offered["view"]) == (list(MODES), list(views_of("paths")))
     replace(checkbox=lambda label, value: (False, value), small_button=lambda label: label.startswith("reset##"))
     viewer.step()
     assert [name for name in FIELDS if getattr(viewer.settings, name) != DEFAULTS[name]] == []

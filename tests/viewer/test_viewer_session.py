@@ -15,7 +15,7 @@ from PIL import Image
 import solari_vk as sv
 from solari_vk.cli import main
 from solari_vk.output.tone_mapping import TONEMAPS
-from solari_vk.passes.debug_views import DEBUG_VIEWS
+from solari_vk.passes.debug_views import views_of
 from solari_vk.settings import FIELDS
 from solari_vk.viewer.controls import ACTIONS, FLY_KEYS
 from solari_vk.viewer.window import Event
@@ -114,7 +114,7 @@ def test_random_use_of_the_realtime_picture_and_the_split_view(open_viewer, held
 def test_random_use_of_all_modes_views_and_settings(open_viewer, tmp_path):
     viewer = open_viewer(size=(96, 64), scale=0.5, mode="split", folder=tmp_path, source="builtin:cornell_box")
     viewer.run(frames=2)
-    for view in DEBUG_VIEWS:
+    for view in views_of("paths"):
         viewer.pictures.view = view
         viewer.run(frames=1)
         assert viewer.message == "", view

@@ -234,6 +234,29 @@ def test_blend(device, exponent, cap, of_pixels):
     assert abs(share - expected) <= 4 * np.sqrt(expected * (1 - expected) / cells), share
 
 
+@pytest.mark.parametrize(("change", "relight"), [(0.2, True), (0.8, True), (1.0, True), (0.8, False)])
+def test_changed_light_is_forgotten(device, change, relight):
+    """All cells lower their sample counts when lights change, also those that aren't updated: the next sample then has
+    at least the weight of the share that changed."""
+    cells, random = 1024, np.random.default_rng(4)
+    irradiance = np.full((cells, 4), 2.0, np.float32)
+    irradiance[:, 3] = random.integers(1, 33, cells)
+    samples = np.zeros(cells, [("irradiance", "f4", 3), ("life", "u4")])
+    settings = {"world_cache_relight": relight, "world_cache_change_exponent": 10}
+    expected = np.minimum(irradiance[:, 3], (1 - change) / change) if relight else irradiance[:, 3]
+    for updates, weights in (("asked", 0.0), ("all", 1 / np.clip(expected + 0.25, 1, 32))):  # no cell was asked for
+        with MapFrame(device, cells, None, **settings, world_cache_updates=updates) as frame:
+            frame.upload(checksums=np.arange(1, cells + 1, dtype=np.uint32), life=np.full(cells, 9, np.uint32),
+                         irradiance=irradiance, samples=samples)  # fmt: skip
+            frame.frame.uniforms["this_frame.lighting_change"] = change
+            found = frame.run()["irradiance"]
+        np.testing.assert_allclose(found[:, 0], 2.0 * (1 - weights), rtol=1e-4, atol=1e-5)
+        if updates == "asked":
+            np.testing.assert_allclose(found[:, 3], expected, rtol=1e-4, atol=1e-6)
+        else:
+            assert (weights >= change - 1e-3).all() or not relight
+
+
 def blend(device):
     test_blend(device, 1 / 8, 1 << 20, 1e9)
 
@@ -276,6 +299,10 @@ MUTANTS = {
     "blend: change not relative": (blend, "blend.comp", " / max(luminance(old.rgb), 1e-30)", ""),
     "cap: by half": (blend_above_the_cap, "update.glsl", "rand_f(rng) * float(", "0.5 * rand_f(rng) * float("),
     "share of the pixels: of a row": (blend_a_share_of_the_pixels, "update.glsl", " * float(camera.size.y)", ""),
+    "relight: only what is updated": (lambda device: test_changed_light_is_forgotten(device, 0.8, True), "decay.comp",
+                                      "if (relights) {", "if (false) {"),
+    "relight: weights above 1": (lambda device: test_changed_light_is_forgotten(device, 0.8, True), "blend.comp",
+                                 "clamp(old.w + YOUNG_GROWTH, 1.0,", "clamp(old.w + YOUNG_GROWTH, 0.1,"),
     "asked: all": (test_only_cells_that_were_asked_for_are_updated, "map.glsl", "(asked || ", "(true || "),
     "asked: once": (test_only_cells_that_were_asked_for_are_updated, "decay.comp",
                     "without_priority(world_cache_points.at[cell].position)", "world_cache_points.at[cell].position"),

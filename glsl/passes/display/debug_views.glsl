@@ -9,9 +9,14 @@
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/guides/bindings.glsl"
 #include "passes/light_tiles/light_tiles.glsl"
+#include "passes/world_cache/map.glsl"
+#ifdef LIGHTING_PATHS
+#include "passes/paths/bindings.glsl"
+#endif
+#ifdef LIGHTING_SPLIT
 #include "passes/restir_di/bindings.glsl"
 #include "passes/restir_gi/bindings.glsl"
-#include "passes/world_cache/map.glsl"
+#endif
 
 const vec3 NOTHING = vec3(0.0);
 const vec3 ALARM = vec3(0.9, 0.1, 0.1);
@@ -38,6 +43,10 @@ vec3 show_motion(vec2 motion) { return vec3(0.5 - motion * vec2(camera.size) / 1
 
 vec3 show_depth(float depth_value) {
     return depth_value > 0.0 ? show_share(fract(log2(camera.near / depth_value))) : NOTHING;
+}
+
+vec3 show_distance(float meters) {
+    return meters > 0.0 && !isinf(meters) ? show_share(fract(log2(meters))) : NOTHING;
 }
 
 // ---- views of a pass --------------------------------------------------------------------------------

@@ -88,7 +88,7 @@ void main() {
     vec2 motion = imageLoad(motion_vectors, at).xy;
     GBufferSurface surface = load_gbuffer(pixel);
     Guides guides = Guides(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, imageLoad(depth, at).x, motion);
-    if (surface.exists && specular_gi_settings.primary_surface_replacement != 0u && is_metal_mirror(surface.material)) {
+    if (surface.exists && frame_settings.primary_surface_replacement != 0u && is_metal_mirror(surface.material)) {
         guides = describe_reflection(surface, pixel);
     } else if (surface.exists) {
         describe(guides, surface.material, dot(surface.world_normal, surface.wo));

@@ -19,12 +19,10 @@ void main() {
     float delta = world_cache_luminance_deltas.at[cell];
 
     float max_samples = float(world_cache_settings.max_samples);
-    float sample_count = min(old.w > 0.0 ? old.w + YOUNG_GROWTH : 1.0, max_samples);
+    float sample_count = clamp(old.w + YOUNG_GROWTH, 1.0, max_samples);
     float change = saturate(abs(delta) / max(luminance(old.rgb), 1e-30));
     float changing_max_samples = mix(max_samples, 1.0, pow(change, world_cache_settings.change_exponent));
     float share = 1.0 / min(sample_count, changing_max_samples);
-    // Differs from Solari: uses the known change of the lights instead of estimating it from noisy samples.
-    if (world_cache_settings.relight != 0u) { share = max(share, this_frame.lighting_change); }
     vec3 blended = mix(old.rgb, world_cache_samples.at[thread].irradiance, share);
     world_cache_irradiance.at[cell] = vec4(blended, sample_count);
     float newest = luminance(blended) - luminance(old.rgb);

@@ -14,7 +14,17 @@ void clear_cell(uint cell) {
     world_cache_first_points.at[cell] = WorldCachePoint(0u, 0u);
 }
 
+// Differs from Solari: uses the known change of the lights instead of estimating it from noisy samples. The next update
+// of a cell, which may be frames away, then replaces at least as large a share of its mean as the share of light that
+// changed. When all light changed, the cell has no value until then.
+void relight(uint cell) {
+    float change = this_frame.lighting_change;
+    float sample_count = world_cache_irradiance.at[cell].w;
+    world_cache_irradiance.at[cell].w = min(sample_count, (1.0 - change) / change);
+}
+
 void main() {
+    bool relights = world_cache_settings.relight != 0u && this_frame.lighting_change > 0.0;
     uint block = thread_index(gl_GlobalInvocationID.xy);
     uint active_count = 0u;
     for (uint cell = block * BLOCK_SIZE; cell < (block + 1u) * BLOCK_SIZE; cell++) {
@@ -25,6 +35,7 @@ void main() {
             continue;
         }
         world_cache_life.at[cell] = life - 1u;
+        if (relights) { relight(cell); }
         WorldCachePoint votes = world_cache_votes.at[cell];
         if (votes.position != 0u) {
             world_cache_points.at[cell] = votes;

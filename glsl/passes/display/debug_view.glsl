@@ -1,5 +1,7 @@
 // Draws the debug view display_settings.debug_view over the picture; 0 leaves the picture as it is.
-#version 460
+#ifndef PASSES_DISPLAY_DEBUG_VIEW_GLSL
+#define PASSES_DISPLAY_DEBUG_VIEW_GLSL
+
 #include "passes/display/bindings.glsl"
 #include "passes/display/debug_views.glsl"
 #include "generated/passes/debug_views.glsl"  // show_debug_view
@@ -11,3 +13,5 @@ void main() {
     if (display_settings.debug_view == 0u || any(greaterThanEqual(pixel, camera.size))) { return; }
     imageStore(display, ivec2(pixel), vec4(show_debug_view(display_settings.debug_view, pixel), 1.0));
 }
+
+#endif

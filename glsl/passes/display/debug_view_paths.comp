@@ -1,0 +1,4 @@
+// Draws a debug view of the frame with lighting=paths.
+#version 460
+#define LIGHTING_PATHS
+#include "passes/display/debug_view.glsl"
