@@ -56,7 +56,7 @@ class Settings:
 
     # ---- paths (lighting=paths)
     paths_bounces: int = _paths(
-        8, "Rays of a path, those from mirrors not counted. More: truer in halls of shiny surfaces.", low=1, high=64
+        16, "Rays of a path, those from mirrors not counted. More: truer in halls of shiny surfaces.", low=1, high=64
     )
     paths_candidates: int = _paths(
         8, "Light samples from which a pixel's surface chooses one. More: less noise.", low=1, high=1024
