@@ -41,16 +41,16 @@ def scene_of_everything():
 
 
 def results(renderer, scene):
-    """The outputs of the last of six frames, after the lamp has changed and the wall has moved."""
+    """The outputs of the last of nine frames, after the lamp has changed and the wall has moved."""
     lamp = next(item for item in scene if item.material.emits)
     wall = next(item for item in scene if item.name == "wall")
     emissive, transform = lamp.material.emissive, wall.transform
     renderer.reset()
     renderer.frame_count = 0  # the same random numbers each time
     try:
-        for index in range(6):
+        for index in range(9):
             frame = renderer.render(scene.camera)
-            if index == 3:
+            if index == 6:
                 lamp.material.emissive = 0.3 * np.asarray(emissive)
                 wall.transform = place(at=(0.1, 0, 0.7))
         return {name: np.array(frame[name]) for name in OUTPUTS}

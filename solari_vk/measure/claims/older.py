@@ -43,7 +43,7 @@ FIXED_BLEND: tuple[Patch, ...] = (
 """The world cache averages as many frames where light changes as where it doesn't."""
 
 STORED_LIFETIME: tuple[Patch, ...] = (
-    ("passes/world_cache/sample_indirect.comp", "uint lifetime = world_cache_samples.at[thread].life;",
+    ("passes/world_cache/sample_indirect.comp", "uint lifetime = world_cache_samples.at[thread].life & ~SEES_WALL;",
      "uint lifetime = world_cache_settings.lifetime;"),
 )  # fmt: skip
 """World cache cells that are queried by other cells live as long as those that pixels query."""
