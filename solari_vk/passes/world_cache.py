@@ -28,7 +28,7 @@ CELL_BUFFERS = (
 
 
 def stage(size: tuple[int, int], settings: Settings) -> Stage:
-    """A map of at most settings.world_cache_cells cells with 80 bytes each; fewer for small pictures of paths.
+    """A map of at most settings.world_cache_cells cells with 88 bytes each; fewer for small pictures of paths.
 
     The buffer world_cache_counters holds the numbers of active cells, of updated cells, and of queries that found no
     free entry in the map. As long as the last is 0, one seed gives one picture; otherwise the entries go to the
