@@ -19,6 +19,9 @@ STAGES = {"." + stage for stage in shaderc.STAGES}
 NO_COMPILER = {"SOLARI_VK_SHADERC": os.devnull, "PATH": "", "SOLARI_VK_CACHE": "off"}
 PARTS = ["solari_vk", "glsl", "tests", "tools", "docs", "pyproject.toml", "hatch_build.py", "README.md", "LICENSE"]
 
+# Later Pythons ask for a filter, which Python 3.11.2 of Debian 12 doesn't know yet.
+SAFELY = {"filter": "data"} if hasattr(tarfile, "data_filter") else {}
+
 
 def build(folder: Path, target: str, **environment: str) -> Path:
     """The file that hatchling builds from a source tree."""
@@ -50,7 +53,7 @@ def tree(tmp_path_factory):
 def unpacked_sdist(tree, tmp_path_factory):
     folder = tmp_path_factory.mktemp("sdist")
     with tarfile.open(build(tree, "sdist")) as archive:
-        archive.extractall(folder, filter="data")
+        archive.extractall(folder, **SAFELY)
     (unpacked,) = folder.iterdir()
     return unpacked
 

@@ -51,7 +51,7 @@ def results(renderer, scene):
         for index in range(9):
             frame = renderer.render(scene.camera)
             if index == 6:
-                lamp.material.emissive = 0.3 * np.asarray(emissive)
+                lamp.material.emissive = 0.6 * np.asarray(emissive)
                 wall.transform = place(at=(0.1, 0, 0.7))
         return {name: np.array(frame[name]) for name in OUTPUTS}
     finally:
