@@ -107,7 +107,8 @@ def measure_means(
 ) -> Iterator[Measurement]:
     """Paths against the path tracer, for metals that show a lamp, a sun, gloss and mirrors, or for `scene`.
 
-    Pixels that show a light itself are left out, since the G-buffer rounds emission. kinds: which of KINDS are measured.
+    Pixels that show a light itself are left out, since the G-buffer rounds emission.
+    kinds: which of KINDS are measured.
     """
     scene = scene or metal_gallery()
     shows_no_light = trace(device, scene, 64, SIZE, max_bounces=0).max(axis=-1, keepdims=True) == 0
