@@ -106,8 +106,6 @@ class Renderer(PictureRenderer):
         settings, instances = self.settings, self.binder.instance_capacity
         stages = [
             gbuffer.stage(size, settings, instances, self.gbuffer),
-            light_tiles.stage(size, settings),
-            world_cache.stage(size, settings),
             *_lighting_stages(size, settings),
             guides.stage(size, settings),
             display.show_stage(size, settings.lighting),
@@ -274,8 +272,10 @@ class Renderer(PictureRenderer):
 
 def _lighting_stages(size: tuple[int, int], settings: Settings) -> list[Stage]:
     if settings.lighting == "paths":
-        return [paths.stage(size, settings), paths.compose_stage(size, settings)]
+        return [world_cache.stage(size, settings), paths.stage(size, settings), paths.compose_stage(size, settings)]
     return [
+        light_tiles.stage(settings),
+        world_cache.stage(size, settings),
         restir_di.stage(size, settings),
         restir_gi.stage(size, settings),
         specular_gi.stage(size, settings),

@@ -78,6 +78,17 @@ struct LightSource {
     uint kind;        // row of LIGHT_KINDS in solari_vk/scene/light_kinds.py
     uint index;       // of the light's record in the buffer of its kind; for emissive meshes, of the instance
     Choice choice;    // among all light sources
+    uint node;        // the light's leaf in light_tree; NO_INDEX for lights at infinity
+};
+
+// A node of the binary tree over the lights that are not at infinity: solari_vk/scene/light_tree.py. Two children are
+// neighbors, the first at an even index.
+struct LightNode {
+    vec3 center;
+    vec3 half_size;  // of the bounds around the center
+    float power;   // share of all lights in the tree
+    uint first;    // the first child; in a leaf the light, plus LEAF
+    uint parent;
 };
 
 layout(set = 0, binding = 1, scalar) readonly buffer InstancesBlock { Instance at[]; } instances;
@@ -85,9 +96,11 @@ layout(set = 0, binding = 2, scalar) readonly buffer MeshesBlock { Mesh at[]; } 
 layout(set = 0, binding = 3, scalar) readonly buffer MaterialsBlock { Material at[]; } materials;
 layout(set = 0, binding = 4, scalar) readonly buffer TexturesBlock { Texture at[]; } textures;
 layout(set = 0, binding = 5, scalar) readonly buffer LightSourcesBlock { LightSource at[]; } light_sources;
+layout(set = 0, binding = 6, scalar) readonly buffer LightTreeBlock { LightNode at[]; } light_tree;
 layout(set = 0, binding = 7, scalar) readonly buffer SceneInfoBlock {
     uint light_count;
     uint first_light_at_infinity;  // index into light_sources, where lights at infinity come last
+    float finite_probability;      // that a row of light_sources that is not at infinity is chosen by its `choice`
 } scene_info;
 // Bindings 16 to 62 are free for the buffers of light kinds: scene/lights/. The texture array has the largest number,
 // because it has no length.

@@ -30,14 +30,19 @@ float light_sample_probability(LightSample light_sample) {
     return choice_probability(light_sources.at[light_sample.light_index], light_sample.part);
 }
 
-ResolvedLightSample resolve_light_sample(LightSample light_sample) {
+// `light_probability`: with which the light was chosen.
+ResolvedLightSample resolve_light_sample(LightSample light_sample, float light_probability) {
     LightSource light = light_sources.at[light_sample.light_index];
     uint rng = light_sample.seed;
     vec2 u = rand_vec2f(rng);
-    float probability = choice_probability(light, light_sample.part);
+    float probability = light_probability * part_probability(light, light_sample.part);
     // a sample of an earlier frame may be of a light that is dark now
     float inverse_probability = probability > 0.0 ? 1.0 / probability : 0.0;
     return resolve_light(light.kind, light.index, light_sample.part, u, inverse_probability);
+}
+
+ResolvedLightSample resolve_light_sample(LightSample light_sample) {
+    return resolve_light_sample(light_sample, light_sources.at[light_sample.light_index].choice.probability);
 }
 
 // Without occlusion. A light at infinity is computed like a point at distance 1.

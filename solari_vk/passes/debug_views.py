@@ -81,7 +81,7 @@ _GROUPS = (
         "light_tiles": (
             "one tile below the other, with the colors of its samples from left to right.", "show_light_tiles(pixel)"
         ),
-    }),
+    }, "split"),
     ViewGroup("World cache", f"{_IF_SURFACE} ShownCell shown = find_shown_cell(pixel, surface);", {
         "cache_cells": (
             "a color for each cell; dark where the cache has no cell.",

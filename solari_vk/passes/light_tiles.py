@@ -5,18 +5,10 @@ from __future__ import annotations
 from solari_vk.gpu.frame.stages import Pass, Stage
 from solari_vk.settings import Settings
 
-PIXELS_OF_TILE = 1024
 
-
-def stage(size: tuple[int, int], settings: Settings) -> Stage:
-    """All tiles, one after the other: their samples, and these resolved and packed.
-
-    For `lighting=paths` a small picture has fewer: a tile for the candidates of PIXELS_OF_TILE pixels.
-    """
-    tiles = settings.light_tile_count
-    if settings.lighting == "paths":
-        tiles = min(tiles, -(-size[0] * size[1] // PIXELS_OF_TILE))
-    count = tiles * settings.light_tile_samples
+def stage(settings: Settings) -> Stage:
+    """All tiles, one after the other: their samples, and these resolved and packed."""
+    count = settings.light_tile_count * settings.light_tile_samples
     constants = {"samples_each": settings.light_tile_samples}
     return Stage(
         "light_tiles",

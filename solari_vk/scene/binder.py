@@ -184,18 +184,24 @@ class SceneBinder:
     # ---- from rows to records -----------------------------------------------------------------------
 
     def _set_emissive(self, instance: Instance, row: int, emits: bool) -> None:
-        emission, area, position = None, 0.0, ORIGIN
+        emission, area, position, half_size = None, 0.0, ORIGIN, ORIGIN
         if emits:
             mesh = instance.ray_mesh or instance.mesh
             (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = instance.transform.tolist()
             p, q, r = self._geometry.centers[mesh].tolist()
             position = a * p + b * q + c * r + x, d * p + e * q + f * r + y, g * p + h * q + i * r + z
+            p, q, r = self._geometry.half_sizes[mesh].tolist()
+            half_size = (
+                abs(a * p) + abs(b * q) + abs(c * r),
+                abs(d * p) + abs(e * q) + abs(f * r),
+                abs(g * p) + abs(h * q) + abs(i * r),
+            )
             volume = abs(a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g))
             emission = self._emissions.acquire(instance, self._geometry.orders[mesh])
             area = volume ** (2 / 3) * emission.area
         else:
             self._emissions.release(instance)
-        moved = self.lights.set_emissive(instance, row, emission, area, position)
+        moved = self.lights.set_emissive(instance, row, emission, area, position, half_size)
         if moved is not None:
             self._write_rows[moved] = None
 

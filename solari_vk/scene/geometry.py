@@ -33,6 +33,8 @@ class Geometry:
         self._buffers: dict[Mesh, Buffer] = {}
         self.centers: dict[Mesh, NDArray[np.float32]] = {}
         """The center (3,) of each uploaded mesh's bounds, in object space."""
+        self.half_sizes: dict[Mesh, NDArray[np.float32]] = {}
+        """Half the size (3,) of the same bounds."""
         self.orders: dict[Mesh, NDArray[np.int64]] = {}
         """For each uploaded mesh the mesh's triangle of each uploaded triangle."""
         self.blases: dict[Mesh, Blas] = {}
@@ -56,7 +58,7 @@ class Geometry:
             self._to_upload.pop(mesh, None)
             if mesh in self._buffers:
                 self._buffers.pop(mesh).destroy()
-                del self.centers[mesh], self.orders[mesh]
+                del self.centers[mesh], self.half_sizes[mesh], self.orders[mesh]
 
     def change(self, mesh: Mesh) -> list[Any]:
         """Take note of an edit of a mesh, which must be uploaded again; returns the instances that use it."""
@@ -90,7 +92,7 @@ class Geometry:
         order = self.orders[mesh] = spatial_order(corners.mean(axis=1))
         triangles = triangles[order]
         low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-        self.centers[mesh] = (low + high) / 2
+        self.centers[mesh], self.half_sizes[mesh] = (low + high) / 2, (high - low) / 2
         parts = [mesh.positions, triangles]
         flags = 0
         if any(part is not None for part in (mesh.normals, mesh.uvs, mesh.tangents)):

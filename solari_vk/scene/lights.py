@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene import light_kinds
 from solari_vk.scene.alias_table import alias_table
+from solari_vk.scene.constants import NO_INDEX
 from solari_vk.scene.emission import Emission
 from solari_vk.scene.light_kinds import AT_INFINITY, LightKind
+from solari_vk.scene.light_tree import light_tree
 from solari_vk.scene.model import Instance, Light
 from solari_vk.scene.table import Table
 
@@ -46,6 +48,7 @@ class Lights:
     def __init__(self, device: Device, layout: dict[str, Any]) -> None:
         self.sources = Table(device, "light_sources", layout["light_sources"])
         self.info = Table(device, "scene_info", layout["scene_info"])
+        self.tree = Table(device, "light_tree", layout["light_tree"])
         self._kinds = {kind.source: kind for kind in light_kinds.LIGHT_KINDS}
         self._index_of_kind = {kind: index for index, kind in enumerate(light_kinds.LIGHT_KINDS)}
         self._mesh_kind = self._kinds[Instance]
@@ -65,7 +68,7 @@ class Lights:
         self._powers_changed = True
         self.powers: NDArray[np.float64] = np.zeros(0)
         """Luminous flux of each row of `sources` in lumens, roughly. Each change makes a new array."""
-        self._emissive_positions = np.zeros((16, 3))
+        self._emissive_places = np.zeros((16, 2, 3))  # center, and half of the size of bounds
         self._positions_changed = True
         self.positions: NDArray[np.float64] = np.zeros((0, 3))
         """A point of each row of `sources`, (N, 3) in meters, that moves with the light. Each change makes a new
@@ -74,20 +77,21 @@ class Lights:
     @property
     def tables(self) -> tuple[Table, ...]:
         """All tables."""
-        return self.sources, self.info, *self._records.values()
+        return self.sources, self.info, self.tree, *self._records.values()
 
     def index(self, instance: Instance) -> int | None:
         """An instance's row in `sources`, None if it is no light."""
         return self._index.get(instance)
 
     def set_emissive(
-        self, instance: Instance, row: int, emission: Emission | None, area: float = 0.0, position: Position = ORIGIN
-    ) -> Instance | None:
+        self, instance: Instance, row: int, emission: Emission | None, area: float = 0.0, position: Position = ORIGIN,
+        half_size: Position = ORIGIN,
+    ) -> Instance | None:  # fmt: skip
         """Add or update the instance of that row, or remove it if its emission is None. Returns the instance whose
         index changed, if any.
 
         area: of the instance's surface in the world, in square meters, times its emissive texture's mean luminance.
-        position: of its center.
+        position: of the center of its bounds. half_size: half of the bounds' size.
         """
         index = self._index.get(instance)
         if emission is not None:
@@ -98,7 +102,7 @@ class Lights:
                 self.renew(instance)
             self.sources.reserve(index + 1)
             self._write_source(index, self._mesh_kind, row, emission)
-            self._set_position(index, position)
+            self._set_place(index, position, half_size)
             return None
         if index is None:
             return None
@@ -108,7 +112,7 @@ class Lights:
         if last is instance:
             return None
         self._emissive[index] = last
-        self._emissive_positions[index] = self._emissive_positions[len(self._emissive)]
+        self._emissive_places[index] = self._emissive_places[len(self._emissive)]
         self._index[last] = index
         self.sources.records[index] = self.sources.records[len(self._emissive)]
         self.sources.mark([index])
@@ -139,11 +143,11 @@ class Lights:
             self.renew(light)
         self._changed = True
 
-    def _set_position(self, index: int, position: Position) -> None:
-        if index >= len(self._emissive_positions):
-            self._emissive_positions = np.concatenate([self._emissive_positions, np.zeros((index + 1, 3))])
-        if tuple(self._emissive_positions[index].tolist()) != position:
-            self._emissive_positions[index] = position
+    def _set_place(self, index: int, position: Position, half_size: Position) -> None:
+        if index >= len(self._emissive_places):
+            self._emissive_places = np.concatenate([self._emissive_places, np.zeros((index + 1, 2, 3))])
+        if self._emissive_places[index].tolist() != [[*position], [*half_size]]:
+            self._emissive_places[index] = position, half_size
             self._positions_changed = True
 
     def _set_power(self, light: Instance | Light, power: float) -> None:
@@ -157,13 +161,19 @@ class Lights:
     def update(self, lit_area: Callable[[], float]) -> None:
         """Update the arrays and tables after changes. lit_area(): the scene's cross-section, roughly, in m^2."""
         others = [(kind, light) for kind, lights in self._others.items() for light in lights]
-        if self._changed or self._positions_changed:
-            emissive = self._emissive_positions[: len(self._emissive)]
-            moving = [kind.position(light) for kind, light in others if kind.position]
-            self.positions = np.concatenate([emissive, np.reshape(moving, (-1, 3))])
-            self._positions_changed = False
-        if not (self._changed or self._powers_changed):
+        if not (self._changed or self._powers_changed or self._positions_changed):
             return
+        places = self._emissive_places[: len(self._emissive)]
+        if self._changed or self._positions_changed:
+            moving = [kind.position(light) for kind, light in others if kind.position]
+            self.positions = np.concatenate([places[:, 0], np.reshape(moving, (-1, 3))])
+            self._positions_changed = False
+        if self._changed or self._powers_changed:
+            self._update_choices(others, lit_area)
+        self._update_tree(places[:, 1])
+
+    def _update_choices(self, others: list[tuple[LightKind, Light]], lit_area: Callable[[], float]) -> None:
+        """Update what depends on the lights' number, order and powers."""
         if self._changed and others:
             area = lit_area()
             for kind, light in others:
@@ -177,7 +187,23 @@ class Lights:
             self._write_others(len(listed))
         choices = self.sources.records["choice"]
         choices[: len(listed)] = alias_table(choice_weights(self.powers), choices.dtype)
-        self.sources.mark(range(len(listed)))
+
+    def _update_tree(self, half_sizes: NDArray[np.float64]) -> None:
+        """Build the tree over all lights but those at infinity, and mark what points to it."""
+        count, info = len(self.powers), self.info.records[0]
+        finite = int(info["first_light_at_infinity"])
+        bounds = np.repeat(self.positions[:finite, None], 2, axis=1)
+        bounds[: len(half_sizes)] += half_sizes[:, None] * ((-1.0,), (1.0,))
+        nodes, leaves = light_tree(bounds, self.powers[:finite], self.tree.records.dtype)
+        self.tree.reserve(len(nodes))
+        self.tree.records[: len(nodes)] = nodes
+        self.tree.mark(range(len(nodes)))
+        sources = self.sources.records[:count]
+        sources["node"] = NO_INDEX
+        sources["node"][:finite] = leaves
+        self.sources.mark(range(count))
+        info["finite_probability"] = sources["choice"]["probability"][:finite].sum(dtype=np.float64)
+        self.info.mark([0])
 
     def _write_others(self, light_count: int) -> None:
         """Write the rows behind the emissive instances, the records of their kinds, and `scene_info`."""

@@ -83,7 +83,9 @@ class Settings:
     spatial_radius_halving: bool = _reuse(True, "Halve the search radius after each failed attempt.")
 
     # ---- light tiles
-    light_tile_count: int = _tiles(128, "Tiles per frame. More: less correlation.", low=1, high=4096, rebuilds=True)
+    light_tile_count: int = _tiles(
+        128, "Tiles per frame, with lighting=split. More: less correlation.", low=1, high=4096, rebuilds=True
+    )
     light_tile_samples: int = _tiles(
         1024, "Light samples per tile. More: less correlation.", low=1, high=65536, rebuilds=True
     )

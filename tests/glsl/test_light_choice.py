@@ -112,7 +112,8 @@ CHOICE, SURFACE = "scene/lights/choice.glsl", "scene/surface.glsl"
 BUGS = {
     "aliases ignored": (check_choice, CHOICE, "? row : choice.alias", "? row : row"),
     "aliases taken half as often": (check_choice, CHOICE, "rand_u(rng) <", "rand_u(rng) / 2u <"),
-    "probability of the part alone": (check_choice, CHOICE, "light.choice.probability * of_part", "of_part"),
+    "probability of the part alone": (check_choice, CHOICE, "light.choice.probability * part_probability(light, part)",
+                                      "part_probability(light, part)"),
     "parts all alike": (check_choice, CHOICE, "return uvec2(light.parts) == uvec2(0u);", "return true;"),
     "hits of any triangle": (check_densities, SURFACE, "instance.light_index], hit.triangle)",
                              "instance.light_index], 0u)"),

@@ -33,7 +33,7 @@ class CacheFrame:
         size = (8, 8)
         constants = {"brdf_lambert": self.settings.lambert, "first_ray": first_ray}
         stages = [
-            light_tiles.stage(size, self.settings),
+            light_tiles.stage(self.settings),
             world_cache.stage(size, self.settings),
             Stage("ask", buffers={"answers": QUERY_COUNT, "ray_counts": 6},
                   passes=[Pass("world_cache_test/ask", threads=QUERY_COUNT, constants=constants)]),

@@ -8,12 +8,13 @@
 #include "passes/display/tonemap.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/guides/bindings.glsl"
-#include "passes/light_tiles/light_tiles.glsl"
 #include "passes/world_cache/map.glsl"
+#include "scene/sampling.glsl"
 #ifdef LIGHTING_PATHS
 #include "passes/paths/bindings.glsl"
 #endif
 #ifdef LIGHTING_SPLIT
+#include "passes/light_tiles/light_tiles.glsl"
 #include "passes/restir_di/bindings.glsl"
 #include "passes/restir_gi/bindings.glsl"
 #endif
@@ -51,12 +52,14 @@ vec3 show_distance(float meters) {
 
 // ---- views of a pass --------------------------------------------------------------------------------
 
+#ifdef LIGHTING_SPLIT
 vec3 show_light_tiles(uvec2 pixel) {
     uint samples_each = max(light_tiles.samples_each, 1u);
     uvec2 position = pixel * uvec2(samples_each, uint(light_tiles.at.length()) / samples_each) / camera.size;
     vec3 radiance = unpack_light_sample(light_tiles.at[position.y * samples_each + position.x]).radiance;
     return encode_srgb(radiance / max(max_component(radiance), 1e-30));  // at full brightness most would be white
 }
+#endif
 
 struct ShownCell {
     bool exists;      // otherwise the fields below `size` are 0

@@ -30,9 +30,9 @@ struct Path {
     float squared_slope, spread;  // the spread grows by the slope for each meter
     float cone_width, cone_spread;  // the same for the footprint of textures
     uint lifetime;                // of the cells that the path asks, in frames
-    // What the first vertex samples with: a light tile, the number of candidates that it takes from the tile, and
-    // random numbers for the direction as sample_brdf takes them.
-    uint tile, candidates;
+    // What the first vertex samples with: a number of light samples, and random numbers for the direction as
+    // sample_brdf takes them.
+    uint candidates;
     float choice;
     vec2 u;
     uint rng;
@@ -108,7 +108,6 @@ bool advance(inout Path path) {
     bool first = path.bounce == 0u;
     uint candidates = path.candidates;
     if (!first) {
-        path.tile = choose_light_tile(path.rng);
         candidates = paths_settings.later_candidates;
         path.choice = rand_f(path.rng);
         path.u = rand_vec2f(path.rng);
@@ -117,7 +116,7 @@ bool advance(inout Path path) {
     float density = probability * float(candidates);
     DrawnLight drawn;
     drawn.light = NO_LIGHT;
-    if (rand_f(path.rng) < probability) { drawn = draw_light(path.vertex, path.tile, candidates, density, path.rng); }
+    if (rand_f(path.rng) < probability) { drawn = draw_light(path.vertex, candidates, density, path.rng); }
     drawn.light = scale(drawn.light, path.throughput / probability);
 
     BrdfSample next = sample_brdf(brdf, path.vertex.wo, path.choice, path.u);
@@ -159,7 +158,7 @@ bool advance(inout Path path) {
     path.spread += sqrt(path.squared_slope) * hit.t;
     ResolvedRayHitFull surface = resolve_ray_hit_full(hit, direction, path.cone_width);
     if (surface.emits) {
-        float light_pdf = emissive_hit_pdf(surface, direction, hit.t);
+        float light_pdf = hit_light_pdf(path.vertex, hit, surface, direction);
         path.radiance += path.throughput * surface.material.emissive * power_heuristic(mis_pdf, light_pdf);
     }
     regularize(surface.material, path.squared_slope);

@@ -11,7 +11,6 @@
 layout(local_size_x = 8, local_size_y = 8) in;
 
 const uint PASS_SALT = 0x3F84D5B5u;
-const uint TILE_SALT = 0xB5470917u;
 
 Vertex make_vertex(GBufferSurface surface) {
     Vertex vertex;
@@ -24,13 +23,10 @@ Vertex make_vertex(GBufferSurface surface) {
     return vertex;
 }
 
-// The pixels of a workgroup share a light tile, so that they read the same memory. Over consecutive frames a pixel's
-// first directions are points of a Sobol sequence, so that the mean of frames has less noise than with independent
-// ones.
+// Over consecutive frames a pixel's first directions are points of a Sobol sequence, so that the mean of frames has
+// less noise than with independent ones.
 Path start_path(uvec2 pixel, GBufferSurface surface) {
     Path path = start_path(make_vertex(surface), seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT));
-    uint tile_rng = seed_rng(pixel / 8u, this_frame.index, this_frame.seed ^ TILE_SALT);
-    path.tile = choose_light_tile(tile_rng);
     uint sequence = seed_rng(pixel, 0u, this_frame.seed ^ PASS_SALT);
     path.choice = sobol_point(this_frame.index, sequence).x;
     path.u = sobol_point(this_frame.index, sequence + 1u);

@@ -2,9 +2,10 @@
 #ifndef PASSES_PATHS_VERTEX_GLSL
 #define PASSES_PATHS_VERTEX_GLSL
 
-#include "passes/light_tiles/light_tiles.glsl"
+#include "passes/bindings.glsl"
 #include "scene/brdf.glsl"
 #include "scene/light_visibility.glsl"
+#include "scene/lights/tree.glsl"
 #include "scene/sampling.glsl"
 #include "scene/surface.glsl"
 
@@ -73,29 +74,39 @@ struct DrawnLight {
     Lobes light;  // what the vertex reflects unless the sample is occluded; 0: no shadow ray is needed
 };
 
+Receiver receiver(Vertex vertex) { return Receiver(vertex.position, vertex.frame[2]); }
+
 // Resampled importance sampling (Talbot et al., "Importance Resampling for Global Illumination", 2005): one of several
-// samples of a light tile, chosen by the luminance that the vertex reflects without occlusion.
-DrawnLight draw_light(Vertex vertex, uint tile, uint candidates, float density, inout uint rng) {
+// samples of lights, chosen by the luminance that the vertex reflects without occlusion.
+DrawnLight draw_light(Vertex vertex, uint candidates, float density, inout uint rng) {
     DrawnLight drawn;
     drawn.light = NO_LIGHT;
     float weight_sum = 0.0, chosen_target = 0.0;
-    LightSample chosen;
     for (uint i = 0u; i < candidates; i++) {
-        LightCandidate candidate = sample_light_candidate(tile, rng);
-        float target = luminance(sum(reflect_light(vertex, candidate.resolved, density)));
-        float weight = target * candidate.resolved.inverse_pdf;
+        ChosenLight light = choose_light(receiver(vertex), rng);
+        uint part = choose_part(light_sources.at[light.index], rng);
+        LightSample light_sample = LightSample(light.index, part, rand_u(rng));
+        ResolvedLightSample resolved = resolve_light_sample(light_sample, light.probability);
+        Lobes reflected = reflect_light(vertex, resolved, density);
+        float target = luminance(sum(reflected));
+        float weight = target * resolved.inverse_pdf;
         weight_sum += weight;
         if (rand_f(rng) * weight_sum < weight) {
-            chosen = candidate.light_sample;
+            drawn = DrawnLight(resolved, reflected);
             chosen_target = target;
         }
     }
-    if (chosen_target > 0.0) {
-        drawn.light_sample = resolve_light_sample(chosen);
-        float inverse_pdf = weight_sum / (float(candidates) * chosen_target);
-        drawn.light = scale(reflect_light(vertex, drawn.light_sample, density), vec3(inverse_pdf));
-    }
+    float inverse_pdf = chosen_target > 0.0 ? weight_sum / (float(candidates) * chosen_target) : 0.0;
+    drawn.light = scale(drawn.light, vec3(inverse_pdf));
     return drawn;
+}
+
+// The density in solid angle with which a vertex samples the point of a light where a ray has met it.
+float hit_light_pdf(Vertex vertex, Hit hit, ResolvedRayHitFull surface, vec3 direction) {
+    float pdf = emissive_hit_pdf(surface, direction, hit.t);
+    if (!(pdf > 0.0)) { return 0.0; }
+    uint light = instances.at[hit.instance].light_index;
+    return pdf * light_choice_probability(light, receiver(vertex)) / light_sources.at[light].choice.probability;
 }
 
 #endif

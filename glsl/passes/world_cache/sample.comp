@@ -25,7 +25,6 @@ void main() {
 
     Path path = start_path(vertex, rng);
     path.candidates = world_cache_settings.candidates;
-    path.tile = choose_light_tile(path.rng);
     path.choice = rand_f(path.rng);
     path.u = rand_vec2f(path.rng);
     path.cone_width = world_cache_bounds.at[cell].w;  // textures are filtered over the width of the cell

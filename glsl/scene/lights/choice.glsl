@@ -23,10 +23,14 @@ uint choose_part(LightSource light, inout uint rng) {
     return has_equal_parts(light) ? row : choose(row, light.parts.at[row], rng);
 }
 
+// The probability of a part once its light is chosen; 0 only where nothing is emitted.
+float part_probability(LightSource light, uint part) {
+    return has_equal_parts(light) ? 1.0 / float(light.part_count) : light.parts.at[part].probability;
+}
+
 // The probability that a light sample takes this part of this light; 0 only where nothing is emitted.
 float choice_probability(LightSource light, uint part) {
-    float of_part = has_equal_parts(light) ? 1.0 / float(light.part_count) : light.parts.at[part].probability;
-    return light.choice.probability * of_part;
+    return light.choice.probability * part_probability(light, part);
 }
 
 #endif
