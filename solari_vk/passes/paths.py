@@ -3,18 +3,33 @@
 from __future__ import annotations
 
 from solari_vk.gpu.frame.stages import Pass, Stage
+from solari_vk.gpu.shaders.headers import constants
 from solari_vk.passes.display import PARTS, RAY_COUNTERS
 from solari_vk.settings import Settings
 from solari_vk.settings.layering import brdf_constants
 
+ROUNDS = 3  # dispatches that go on with the paths that are left after their first rays
+
 
 def stage(size: tuple[int, int], settings: Settings) -> Stage:
     """The light of the diffuse and of the specular lobe, demodulated, each with a distance in meters."""
-    pixels = size[0] * size[1]
+    pixels, brdf = size[0] * size[1], brdf_constants(settings)
+    rounds = [
+        round_pass
+        for index in range(1, ROUNDS + 1)
+        for round_pass in (
+            Pass("paths/next_round", threads=1, constants={"round_index": index}),
+            Pass("paths/later_rays", indirect="paths_round", constants=brdf),
+        )
+    ]
     return Stage(
         "paths",
-        buffers={"paths_diffuse": pixels, "paths_specular": pixels},
-        passes=[Pass("paths/trace", threads=size, constants=brdf_constants(settings))],
+        buffers={
+            **dict.fromkeys(("paths_diffuse", "paths_specular", "paths_waiting"), pixels),
+            "paths_lists": 2 * pixels,
+            "paths_round": 1,
+        },
+        passes=[Pass("paths/first_ray", threads=size, constants=brdf), *rounds],
     )
 
 
@@ -25,3 +40,8 @@ def compose_stage(size: tuple[int, int], settings: Settings) -> Stage:
         buffers=dict.fromkeys(PARTS, size[0] * size[1]) | {"ray_counts": RAY_COUNTERS},
         passes=[Pass("paths/compose", threads=size, constants=brdf_constants(settings))],
     )
+
+
+def glsl_header() -> str:
+    """The index of the last round."""
+    return constants(LAST_ROUND=ROUNDS)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from solari_vk.gpu.frame.stages import Pass, Stage
 from solari_vk.gpu.shaders.headers import constants
+from solari_vk.passes.rows import rows
 from solari_vk.settings import Settings
 from solari_vk.settings.layering import brdf_constants
 
-GROUP_SIZE = 64  # threads in a workgroup of each pass but the scan
-ROW_GROUPS = 1024  # workgroups in a row of a dispatch, so that no device's limit on workgroups is reached
 BLOCK_SIZE = 16  # consecutive cells that one thread of a pass over the whole map handles
 CELLS_OF_PIXEL = 16
 FEWEST_CELLS = 1 << 16
@@ -54,21 +53,15 @@ def stage(size: tuple[int, int], settings: Settings) -> Stage:
             "world_cache_blocks": cells // BLOCK_SIZE,
         },
         passes=[
-            Pass("world_cache/decay", threads=_rows(cells // BLOCK_SIZE)),
+            Pass("world_cache/decay", threads=rows(cells // BLOCK_SIZE)),
             Pass("world_cache/scan", threads=1),
-            Pass("world_cache/scatter", threads=_rows(cells // BLOCK_SIZE)),
+            Pass("world_cache/scatter", threads=rows(cells // BLOCK_SIZE)),
             *samples,
             Pass("world_cache/blend", indirect=indirect),
         ],
     )
 
 
-def _rows(threads: int) -> tuple[int, int]:
-    """The size (width, height) of a dispatch of at least `threads` threads; exactly as many for a power of two."""
-    row = ROW_GROUPS * GROUP_SIZE
-    return min(threads, row), max(threads // row, 1)
-
-
 def glsl_header() -> str:
-    """The sizes of dispatches, by the same names."""
-    return constants(GROUP_SIZE=GROUP_SIZE, ROW_GROUPS=ROW_GROUPS, BLOCK_SIZE=BLOCK_SIZE)
+    """The size of a block, by the same name."""
+    return constants(BLOCK_SIZE=BLOCK_SIZE)

@@ -19,6 +19,9 @@ const float MIN_SPREAD_IN_CELLS = 3.0699801;  // sqrt(3 pi)
 
 struct Path {
     Vertex vertex;                // where the path is; it goes on from here
+    vec3 direction;               // of the last ray
+    Hit hit;                      // where the last ray arrived at the vertex
+    bool reflects_only;           // the cache stands for the diffuse lobe of the vertex
     uint bounce;                  // rays traced so far
     uint mirrors;                 // of them, those that left mirrors
     vec3 throughput;              // since the first ray
@@ -38,9 +41,10 @@ struct Path {
     uint rng;
 };
 
-Path start_path(Vertex vertex, uint rng) {
+// A path without its first vertex.
+Path start_path(uint rng) {
     Path path;
-    path.vertex = vertex;
+    path.reflects_only = false;
     path.bounce = path.mirrors = 0u;
     path.throughput = vec3(1.0);
     path.first_weight = path.direct = NO_LIGHT;
@@ -78,13 +82,23 @@ bool is_rough(ResolvedMaterial material) {
     return brdf_lambert || material.roughness >= paths_settings.cache_roughness;
 }
 
+// Moves the path to the surface that its last ray hit.
+void arrive(inout Path path, inout ResolvedRayHitFull surface) {
+    regularize(surface.material, path.squared_slope);
+    path.vertex = make_vertex(
+        surface.world_position, surface.geometric_world_normal, surface.ray_offset, surface.world_normal,
+        -path.direction
+    );
+    path.vertex.brdf = prepare_brdf(surface.material, path.vertex.wo);
+}
+
 // Adds the light of the world cache at a hit. The cache stands for the diffuse lobe. Differs from Solari, where it
 // stands for the whole surface: the path goes on by the specular lobe, with that lobe's share of the energy as
 // probability, unless the lobe is nearly as broad as the diffuse one. Returns whether the path goes on.
-bool ask_world_cache(inout Path path, ResolvedRayHitFull surface, float ray_t) {
+bool ask_world_cache(inout Path path, ResolvedRayHitFull surface) {
     if (frame_settings.world_cache == 0u || always_reflects(surface.material)) { return true; }
     float cell_size = get_cell_size(surface.world_position, path.rng);
-    bool far = ray_t > MIN_RAY_IN_CELLS * cell_size && path.spread > MIN_SPREAD_IN_CELLS * cell_size;
+    bool far = path.hit.t > MIN_RAY_IN_CELLS * cell_size && path.spread > MIN_SPREAD_IN_CELLS * cell_size;
     if (!far && path.bounce < paths_settings.bounces + path.mirrors) { return true; }
     WorldCacheResult cached = query_cell_of_size(
         surface.world_position, surface.geometric_world_normal, cell_size, path.lifetime, path.rng
@@ -97,13 +111,15 @@ bool ask_world_cache(inout Path path, ResolvedRayHitFull surface, float ray_t) {
     float share = luminance(albedos.specular) / luminance(albedos.specular + albedos.diffuse);
     if (rough || !(rand_f(path.rng) < share)) { return false; }
     path.throughput /= share;
-    path.vertex.brdf = without_diffuse_lobe(path.vertex.brdf);
+    path.reflects_only = true;
     return true;
 }
 
 // Samples a light and the next direction at the path's vertex, and moves the path to the next vertex. Returns false
 // when the path has ended.
 bool advance(inout Path path) {
+    if (path.reflects_only) { path.vertex.brdf = without_diffuse_lobe(path.vertex.brdf); }
+    path.reflects_only = false;
     Brdf brdf = path.vertex.brdf;
     bool first = path.bounce == 0u;
     uint candidates = path.candidates;
@@ -126,12 +142,12 @@ bool advance(inout Path path) {
     } else {
         path.throughput *= next.weight;
     }
-    vec3 direction = normalize(path.vertex.frame * next.wi);
+    path.direction = normalize(path.vertex.frame * next.wi);
     vec3 origin = path.vertex.origin;
     float carried = max_component(path.throughput * sum(path.first_weight));
     // Differs from Solari: the survival probability is at most 1, so that Russian roulette loses no energy.
     float survival = path.bounce >= FIRST_ROULETTE_BOUNCE ? min(carried, 1.0) : 1.0;
-    bool goes_on = next.wi.z > 0.0 && dot(direction, path.vertex.geometric_normal) > 0.0 && carried > 0.0
+    bool goes_on = next.wi.z > 0.0 && dot(path.direction, path.vertex.geometric_normal) > 0.0 && carried > 0.0
         && rand_f(path.rng) < survival;
     path.throughput /= survival;
     float mis_pdf = density > 0.0 ? next.pdf / density : INFINITY;
@@ -148,22 +164,21 @@ bool advance(inout Path path) {
     if (!goes_on) { return false; }
 
     count_ray();
-    Hit hit = trace_closest_hit(origin, 0.0, direction, INFINITY, TRACE_BOTH_FACES);
-    if (first) { path.first_ray_length = hit.t; }
-    if (hit.instance == NO_INDEX) {
-        path.radiance += path.throughput * radiance_at_infinity(direction, mis_pdf);
+    path.hit = trace_closest_hit(origin, 0.0, path.direction, INFINITY, TRACE_BOTH_FACES);
+    if (first) { path.first_ray_length = path.hit.t; }
+    if (path.hit.instance == NO_INDEX) {
+        path.radiance += path.throughput * radiance_at_infinity(path.direction, mis_pdf);
         return false;
     }
-    path.cone_width += path.cone_spread * hit.t;
-    path.spread += sqrt(path.squared_slope) * hit.t;
-    ResolvedRayHitFull surface = resolve_ray_hit_full(hit, direction, path.cone_width);
+    path.cone_width += path.cone_spread * path.hit.t;
+    path.spread += sqrt(path.squared_slope) * path.hit.t;
+    ResolvedRayHitFull surface = resolve_ray_hit_full(path.hit, path.direction, path.cone_width);
     if (surface.emits) {
-        float light_pdf = hit_light_pdf(path.vertex, hit, surface, direction);
+        float light_pdf = hit_light_pdf(path.vertex, path.hit, surface, path.direction);
         path.radiance += path.throughput * surface.material.emissive * power_heuristic(mis_pdf, light_pdf);
     }
-    regularize(surface.material, path.squared_slope);
-    path.vertex = make_vertex(surface, direction);
-    return ask_world_cache(path, surface, hit.t) && path.bounce < paths_settings.bounces + path.mirrors;
+    arrive(path, surface);
+    return ask_world_cache(path, surface) && path.bounce < paths_settings.bounces + path.mirrors;
 }
 
 #endif

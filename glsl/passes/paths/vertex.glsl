@@ -3,6 +3,7 @@
 #define PASSES_PATHS_VERTEX_GLSL
 
 #include "passes/bindings.glsl"
+#include "passes/paths/lobes.glsl"
 #include "scene/brdf.glsl"
 #include "scene/light_visibility.glsl"
 #include "scene/lights/tree.glsl"
@@ -18,25 +19,14 @@ struct Vertex {
     Brdf brdf;
 };
 
-// Light by the diffuse and by the specular lobe.
-struct Lobes {
-    vec3 diffuse;
-    vec3 specular;
-};
-
-const Lobes NO_LIGHT = Lobes(vec3(0.0), vec3(0.0));
-
-Lobes scale(Lobes lobes, vec3 factor) { return Lobes(lobes.diffuse * factor, lobes.specular * factor); }
-vec3 sum(Lobes lobes) { return lobes.diffuse + lobes.specular; }
-
-Vertex make_vertex(ResolvedRayHitFull surface, vec3 ray_direction) {
+// A vertex without its BRDF. `wo` is in world space.
+Vertex make_vertex(vec3 position, vec3 geometric_normal, float ray_offset, vec3 shading_normal, vec3 wo) {
     Vertex vertex;
-    vertex.position = surface.world_position;
-    vertex.geometric_normal = surface.geometric_world_normal;
-    vertex.origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
-    vertex.frame = orthonormalize(surface.world_normal);
-    vertex.wo = -ray_direction * vertex.frame;
-    vertex.brdf = prepare_brdf(surface.material, vertex.wo);
+    vertex.position = position;
+    vertex.geometric_normal = geometric_normal;
+    vertex.origin = position + ray_offset * geometric_normal;
+    vertex.frame = orthonormalize(shading_normal);
+    vertex.wo = wo * vertex.frame;
     return vertex;
 }
 

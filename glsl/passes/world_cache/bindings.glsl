@@ -4,6 +4,8 @@
 
 #extension GL_EXT_scalar_block_layout : require
 
+#include "passes/rows.glsl"
+
 // The surface point of a query: its position relative to the cell, and its octahedral normal. Each word has 8 bits of
 // random priority above 24 bits of data, so that atomicMax picks one of the queries of a frame.
 struct WorldCachePoint {
@@ -38,10 +40,7 @@ struct WorldCacheSample {
 };
 const uint SEES_WALL = 0x80000000u;  // the cell's point of this frame doesn't see the cell's first point
 layout(set = 1, binding = 49, scalar) buffer WorldCacheSamplesBlock { WorldCacheSample at[]; } world_cache_samples;
-layout(set = 1, binding = 50, scalar) buffer WorldCacheDispatchBlock {
-    uvec3 group_count;
-    uvec3 thread_count;  // the same in threads, for ray pipelines
-} world_cache_dispatch;
+layout(set = 1, binding = 50, scalar) buffer WorldCacheDispatchBlock { IndirectDispatch size; } world_cache_dispatch;
 
 // Counters of this frame.
 layout(set = 1, binding = 51, scalar) buffer WorldCacheCountersBlock {

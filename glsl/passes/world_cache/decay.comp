@@ -1,7 +1,8 @@
 // World cache, step 1: removes cells that were not queried for their lifetime, takes the point that represents each
 // other cell from a query of the previous frame, and counts the cells of each block that may be updated.
 #version 460
-#include "passes/world_cache/threads.glsl"
+#include "generated/passes/world_cache.glsl"
+#include "passes/world_cache/map.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
 

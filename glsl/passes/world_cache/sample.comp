@@ -15,15 +15,10 @@ void main() {
     uint rng = seed_cell_rng(cell, DIRECT_SALT);
     WorldCacheSurface surface = load_world_cache_surface(cell);
 
-    Vertex vertex;
-    vertex.position = surface.world_position;
-    vertex.geometric_normal = surface.geometric_world_normal;
-    vertex.origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
-    vertex.frame = orthonormalize(surface.geometric_world_normal);
-    vertex.wo = vec3(0.0, 0.0, 1.0);
-    vertex.brdf = WHITE_DIFFUSE;
-
-    Path path = start_path(vertex, rng);
+    vec3 normal = surface.geometric_world_normal;
+    Path path = start_path(rng);
+    path.vertex = make_vertex(surface.world_position, normal, surface.ray_offset, normal, normal);
+    path.vertex.brdf = WHITE_DIFFUSE;
     path.candidates = world_cache_settings.candidates;
     path.choice = rand_f(path.rng);
     path.u = rand_vec2f(path.rng);

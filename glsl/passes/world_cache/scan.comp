@@ -3,7 +3,8 @@
 // block, so that neighboring threads read neighboring memory. The list is therefore in the order of threads, not of
 // blocks.
 #version 460
-#include "passes/world_cache/threads.glsl"
+#include "generated/passes/world_cache.glsl"
+#include "passes/world_cache/map.glsl"
 
 const uint SCAN_SIZE = 256u;
 const uint BATCH = 8u;  // blocks that a thread reads at once, so that it seldom waits for memory
@@ -47,9 +48,6 @@ void main() {
     if (thread == SCAN_SIZE - 1u) {
         uint total = sums[thread];
         world_cache_counters.active_cells = total;
-        uint groups = (total + GROUP_SIZE - 1u) / GROUP_SIZE;
-        uvec3 group_count = uvec3(min(groups, ROW_GROUPS), (groups + ROW_GROUPS - 1u) / ROW_GROUPS, 1u);
-        world_cache_dispatch.group_count = group_count;
-        world_cache_dispatch.thread_count = group_count * uvec3(GROUP_SIZE, 1u, 1u);
+        world_cache_dispatch.size = dispatch_in_rows(total);
     }
 }

@@ -1,7 +1,8 @@
 // World cache, step 3: writes the list of active cells, block by block, with their lives, which later passes both read
 // and raise.
 #version 460
-#include "passes/world_cache/threads.glsl"
+#include "generated/passes/world_cache.glsl"
+#include "passes/world_cache/map.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
 

@@ -2,7 +2,7 @@
 #ifndef PASSES_WORLD_CACHE_UPDATE_GLSL
 #define PASSES_WORLD_CACHE_UPDATE_GLSL
 
-#include "passes/world_cache/threads.glsl"
+#include "passes/world_cache/map.glsl"
 
 const uint UPDATE_SALT = 0x7C0A11EDu;
 const uint DIRECT_SALT = 0x7C0D14ECu;

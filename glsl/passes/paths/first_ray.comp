@@ -1,32 +1,24 @@
-// One path a pixel, from the surface that the pixel shows.
+// One path a pixel, from the surface that the pixel shows: its light sample and its first ray.
 #version 460
 #include "common/sobol.glsl"
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
-#include "passes/paths/bindings.glsl"
 #include "passes/paths/demodulation.glsl"
-#include "passes/paths/path.glsl"
+#include "passes/paths/waiting.glsl"
 #include "scene/trace.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
 const uint PASS_SALT = 0x3F84D5B5u;
 
-Vertex make_vertex(GBufferSurface surface) {
-    Vertex vertex;
-    vertex.position = surface.world_position;
-    vertex.geometric_normal = surface.geometric_world_normal;
-    vertex.origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
-    vertex.frame = orthonormalize(surface.world_normal);
-    vertex.wo = surface.wo * vertex.frame;
-    vertex.brdf = prepare_brdf(surface.material, vertex.wo);
-    return vertex;
-}
-
 // Over consecutive frames a pixel's first directions are points of a Sobol sequence, so that the mean of frames has
 // less noise than with independent ones.
 Path start_path(uvec2 pixel, GBufferSurface surface) {
-    Path path = start_path(make_vertex(surface), seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT));
+    Path path = start_path(seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT));
+    path.vertex = make_vertex(
+        surface.world_position, surface.geometric_world_normal, surface.ray_offset, surface.world_normal, surface.wo
+    );
+    path.vertex.brdf = prepare_brdf(surface.material, path.vertex.wo);
     uint sequence = seed_rng(pixel, 0u, this_frame.seed ^ PASS_SALT);
     path.choice = sobol_point(this_frame.index, sequence).x;
     path.u = sobol_point(this_frame.index, sequence + 1u);
@@ -45,7 +37,7 @@ void main() {
         return;
     }
     Path path = start_path(pixel, surface);
-    while (advance(path)) {}
+    if (advance(path)) { wait(path, index, 1u); }
 
     Lobes light = path_light(path);
     Demodulation by = demodulation(load_gbuffer(pixel));

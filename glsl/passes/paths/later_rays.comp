@@ -1,0 +1,26 @@
+// The next ray of each path that waits; in the last round all rays that are left.
+#version 460
+#include "generated/passes/paths.glsl"
+#include "passes/gbuffer/gbuffer.glsl"
+#include "passes/paths/demodulation.glsl"
+#include "passes/paths/waiting.glsl"
+
+layout(local_size_x = GROUP_SIZE) in;
+
+void main() {
+    uint row = thread_index(INVOCATION_INDEX);
+    if (row >= paths_round.count) { return; }
+    uint index = paths_lists.at[first_entry(paths_round.index) + row];
+    uvec2 pixel = uvec2(index % camera.size.x, index / camera.size.x);
+    Path path = take_waiting_path(index);
+    path.cone_spread = make_camera_ray(vec2(pixel) + 0.5).cone_spread;
+
+    bool goes_on = advance(path);
+    while (goes_on && paths_round.index == LAST_ROUND) { goes_on = advance(path); }
+    if (goes_on) { wait(path, index, paths_round.index + 1u); }
+
+    Lobes light = path_light(path);
+    Demodulation by = demodulation(load_gbuffer(pixel));
+    paths_diffuse.at[index].rgb += light.diffuse / by.diffuse;
+    paths_specular.at[index].rgb += light.specular / by.specular;
+}

@@ -1,0 +1,14 @@
+// Begins a round: as many threads as paths wait.
+#version 460
+#include "passes/paths/bindings.glsl"
+
+layout(local_size_x = 1) in;
+
+layout(constant_id = 4) const uint round_index = 1u;
+
+void main() {
+    paths_round.index = round_index;
+    paths_round.count = paths_round.arrived;
+    paths_round.size = dispatch_in_rows(paths_round.arrived);
+    paths_round.arrived = 0u;
+}
