@@ -55,8 +55,8 @@ def test_the_frame_of_a_renderer_is_listed(device, capsys, kind):
     assert [line.removeprefix("stage ") for line in lines if line.startswith("stage ")] == stages
     if kind is sv.Renderer:
         compose = said.index("pass paths/compose")
-        trace = said.index("pass paths/trace")
-        assert "RAW paths_diffuse (paths/trace), RAW paths_specular (paths/trace)" in said[trace:compose]
+        trace = said.index("pass paths/first_ray")
+        assert "RAW paths_diffuse (paths/later_rays #3), RAW paths_specular (paths/later_rays #3)" in said[trace:compose]
         assert re.search(r"^    writes .*paths_diffuse, paths_specular", said[trace:], re.MULTILINE)
         assert re.search(rf"^  paths_diffuse +{16 * 32 * 24:,} bytes  buffer$", said, re.MULTILINE)
         assert re.search(rf"^  depth +{4 * 32 * 24:,} bytes  image 32x24, 1 x float32$", said, re.MULTILINE)

@@ -33,7 +33,7 @@ layout(location = 0) rayPayloadEXT RayPayload ray_payload;
 
 Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uint flags) {
     traceRayEXT(tlas, flags, SCENE_MASK, 0u, 0u, 0u, origin, t_min, direction, t_max, 0);
-    if (ray_payload.instance == NO_INDEX) { return Hit(INFINITY, NO_INDEX, 0u, vec2(0.0), false); }
+    if (ray_payload.instance == NO_INDEX) { return NO_HIT; }
     return Hit(
         ray_payload.t, ray_payload.instance >> 1u, ray_payload.triangle, ray_payload.barycentrics,
         (ray_payload.instance & 1u) != 0u
@@ -55,7 +55,7 @@ Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uin
     rayQueryInitializeEXT(query, tlas, flags, SCENE_MASK, origin, t_min, direction, t_max);
     while (rayQueryProceedEXT(query)) {}
     if (rayQueryGetIntersectionTypeEXT(query, true) != gl_RayQueryCommittedIntersectionTriangleEXT) {
-        return Hit(INFINITY, NO_INDEX, 0u, vec2(0.0), false);
+        return NO_HIT;
     }
     return Hit(
         rayQueryGetIntersectionTEXT(query, true),

@@ -11,8 +11,9 @@ from solari_vk.conformance.rules import Rule
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.gpu.shaders.patches import patched_shaders
 
-PATH, VERTEX, TRACE, COMPOSE = (f"passes/paths/{name}" for name in ("path.glsl", "vertex.glsl", "trace.comp",
+PATH, VERTEX, TRACE, COMPOSE = (f"passes/paths/{name}" for name in ("path.glsl", "vertex.glsl", "first_ray.comp",
                                                                     "compose.comp"))  # fmt: skip
+WAITING, LATER = "passes/paths/waiting.glsl", "passes/paths/later_rays.comp"
 BRIEF = paths_checks.Profile(Effort(16, 0, 16, 2048), Effort(16, 16, 12), (0.03, 0.03))
 
 
@@ -52,8 +53,8 @@ BUGS = {
     "no hits": (one, [ONE_TILES], PATH, "surface.material.emissive * power_heuristic(mis_pdf, light_pdf)",
                 "surface.material.emissive * (next.pdf == INFINITY ? 1.0 : 0.0)"),
     "no light samples": (one, [ONE_TILES], PATH, "if (max_component(sum(drawn.light)) > 0.0) {", "if (false) {"),
-    "sun's hits without MIS weight": (one, [ONE_TILES], PATH, "radiance_at_infinity(direction, mis_pdf)",
-                                      "radiance_at_infinity(direction, INFINITY)"),
+    "sun's hits without MIS weight": (one, [ONE_TILES], PATH, "radiance_at_infinity(path.direction, mis_pdf)",
+                                      "radiance_at_infinity(path.direction, INFINITY)"),
     "probability of light samples forgotten": (one, [ONE_TILES], PATH, "path.throughput / probability",
                                                "path.throughput"),
     "1/M dropped": (several, [SEVERAL, SEVERAL_TILES], VERTEX, "(float(candidates) * chosen_target)", "chosen_target"),
@@ -74,16 +75,21 @@ BUGS = {
     "specular lobe in the cache and followed": (cached, [CACHED], PATH, "(rough ? albedos.specular : vec3(0.0))",
                                                 "albedos.specular"),
     "diffuse lobe in the cache and followed": (
-        cached, [CACHED], PATH, "    path.vertex.brdf = without_diffuse_lobe(path.vertex.brdf);\n", ""),
+        cached, [CACHED], PATH, "path.reflects_only = true;", ""),
+    "waiting paths forget what the cache stands for": (cached, [CACHED], WAITING,
+                                                       "(waiting.state & REFLECTS_ONLY) != 0u", "false"),
+    "waiting paths forget their throughput": (one, [ONE, ONE_TILES], WAITING, "= waiting.throughput;", "= vec3(1.0);"),
+    "waiting paths forget their mirrors": (mirrors, [MIRRORS], WAITING, "waiting.state >> 8u & 0xFFu", "0u"),
+    "no second round": (one, [ONE, ONE_TILES], LATER, "if (goes_on) { wait", "if (false) { wait"),
+    "the last round is a single ray": (one, [ONE, ONE_TILES], LATER, "while (goes_on &&",
+                                       "while (false &&"),
     "cells without pi": (cells, [CELLS], "passes/world_cache/sample.comp", "PI * path_light", "path_light"),
     "cells follow no specular lobe": (cells, [CELLS], PATH, "if (rough || !(rand_f(path.rng) < share)) {",
                                       "if (true) {"),
     "distances swapped": (mirrors, [LENGTH], TRACE, "path.diffuse_first ? vec2", "!path.diffuse_first ? vec2"),
-    "distances of later rays": (mirrors, [LENGTH], PATH, "if (first) { path.first_ray_length = hit.t; }",
-                                "path.first_ray_length = hit.t;"),
-    "distances from the origin": (distances, [COSINE], PATH, "path.first_ray_length = hit.t;",
-                                  "path.first_ray_length = length(origin);"),
-    "one distance for both lobes": (distances, [OWN], TRACE, ": vec2(0.0, path", ": vec2(path.first_ray_length, path"),
+    "distances from the origin": (distances, [COSINE], TRACE, "vec2(path.hit.t, 0.0)",
+                                  "vec2(length(path.vertex.origin), 0.0)"),
+    "one distance for both lobes": (distances, [OWN], TRACE, ": vec2(0.0, path", ": vec2(path.hit.t, path"),
     "mirrors count as bounces": (mirrors, [MIRRORS], PATH, "next.pdf == INFINITY && path.mirrors <",
                                  "false && path.mirrors <"),
     "no Fresnel in the first mirror": (mirrors, [MIRRORS], PATH, "return Lobes(vec3(0.0), next.weight);",

@@ -41,7 +41,7 @@ void main() {
 
     Lobes light = path_light(path);
     Demodulation by = demodulation(load_gbuffer(pixel));
-    vec2 distances = path.diffuse_first ? vec2(path.first_ray_length, 0.0) : vec2(0.0, path.first_ray_length);
+    vec2 distances = path.diffuse_first ? vec2(path.hit.t, 0.0) : vec2(0.0, path.hit.t);
     paths_diffuse.at[index] = vec4(light.diffuse / by.diffuse, distances.x);
     paths_specular.at[index] = vec4(light.specular / by.specular, distances.y);
 }

@@ -20,7 +20,7 @@ const float MIN_SPREAD_IN_CELLS = 3.0699801;  // sqrt(3 pi)
 struct Path {
     Vertex vertex;                // where the path is; it goes on from here
     vec3 direction;               // of the last ray
-    Hit hit;                      // where the last ray arrived at the vertex
+    Hit hit;                      // of the last ray
     bool reflects_only;           // the cache stands for the diffuse lobe of the vertex
     uint bounce;                  // rays traced so far
     uint mirrors;                 // of them, those that left mirrors
@@ -28,7 +28,6 @@ struct Path {
     Lobes first_weight;           // BRDF times cosine over pdf of the first ray
     vec3 radiance;                // found so far along the first ray
     Lobes direct;                 // reflected light of the light sample at the first vertex
-    float first_ray_length;       // INFINITY when the first ray met nothing
     bool diffuse_first;           // whether the diffuse lobe proposed the first ray
     float squared_slope, spread;  // the spread grows by the slope for each meter
     float cone_width, cone_spread;  // the same for the footprint of textures
@@ -44,12 +43,12 @@ struct Path {
 // A path without its first vertex.
 Path start_path(uint rng) {
     Path path;
+    path.hit = NO_HIT;
     path.reflects_only = false;
     path.bounce = path.mirrors = 0u;
     path.throughput = vec3(1.0);
     path.first_weight = path.direct = NO_LIGHT;
     path.radiance = vec3(0.0);
-    path.first_ray_length = INFINITY;
     path.diffuse_first = true;
     path.squared_slope = path.spread = 0.0;
     path.cone_width = path.cone_spread = 0.0;
@@ -165,7 +164,6 @@ bool advance(inout Path path) {
 
     count_ray();
     path.hit = trace_closest_hit(origin, 0.0, path.direction, INFINITY, TRACE_BOTH_FACES);
-    if (first) { path.first_ray_length = path.hit.t; }
     if (path.hit.instance == NO_INDEX) {
         path.radiance += path.throughput * radiance_at_infinity(path.direction, mis_pdf);
         return false;
