@@ -62,7 +62,7 @@ class Settings:
         8, "Light samples from which a pixel's surface chooses one. More: less noise.", low=1, high=1024
     )
     paths_later_candidates: int = _paths(
-        4, "The same at further surfaces of a path. More: less noise.", low=1, high=1024
+        4, "Light samples from which each further surface of a path chooses one. More: less noise.", low=1, high=1024
     )
     paths_cache_roughness: float = _paths(
         0.35, "Roughness from which the world cache stands for the specular lobe of a surface too. More: sharper "
@@ -129,9 +129,8 @@ class Settings:
         40_000, "Cells that are updated in a frame, at random and on average. Less: faster, more lag.",
         low=1, high=1 << 26)  # fmt: skip
     world_cache_updates_per_pixel: float = _cache(
-        0.25, "The same as a share of the picture's pixels, while lights don't change; the lower number counts. Less: "
-        "faster, more noise.",
-        low=1e-6, high=1e9)  # fmt: skip
+        0.25, "Cells that are updated for each pixel of the picture while lights don't change, at most as many as "
+        "world_cache_update_cap. Less: faster, more noise.", low=1e-6, high=1e9)  # fmt: skip
     world_cache_updates: str = _cache(
         "asked", "Which cells are updated: those that the previous frame asked for, or all that live (Solari).",
         choices=("asked", "all"))  # fmt: skip
