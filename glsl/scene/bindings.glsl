@@ -81,14 +81,14 @@ struct LightSource {
     uint node;        // the light's leaf in light_tree; NO_INDEX for lights at infinity
 };
 
-// A node of the binary tree over the lights that are not at infinity: solari_vk/scene/light_tree.py. Two children are
-// neighbors, the first at an even index.
+// A node of the tree over the lights that are not at infinity: solari_vk/scene/light_tree.py. The root is node 0.
 struct LightNode {
     vec3 center;
     vec3 half_size;  // of the bounds around the center
     float power;   // share of all lights in the tree
-    uint first;    // the first child; in a leaf the light, plus LEAF
-    uint parent;
+    uint child_count;
+    uint first;    // child, which the others follow; of a leaf, which has no child, the light
+    uint parent;   // 0 for the root too
 };
 
 layout(set = 0, binding = 1, scalar) readonly buffer InstancesBlock { Instance at[]; } instances;

@@ -10,8 +10,6 @@ MESH_HAS_NORMALS, MESH_HAS_UVS, MESH_HAS_TANGENTS = 1, 2, 4
 """Flags of a mesh record: which attributes its vertices have."""
 MATERIAL_DOUBLE_SIDED = 1
 """The flag of a material record whose back side emits and is seen by the camera too."""
-LIGHT_LEAF = 1 << 31
-"""Added to the light of a leaf in the light tree, so that it differs from the index of a child."""
 SCENE_MASK = 0x7F
 """The mask of rays through a scene: hidden instances have only the bit above."""
 

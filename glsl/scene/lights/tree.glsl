@@ -20,45 +20,58 @@ struct ChosenLight {
     float probability;
 };
 
-const float MIN_IMPORTANCE_COSINE = 0.02;
-const float MIN_DISTANCE_SQUARED = 0.02;
+const float MIN_COSINE = 0.02;
+const float MIN_SQUARED_RATIO = 0.002;  // of the smallest distance to the largest
+const float MIN_IMPORTANCE = 1e-37;
 
 // How much light a node may send to a receiver, up to a factor: its power over the product of the smallest and the
-// largest distance, which is near the mean of 1 / distance^2 over the bounds, with a cosine at the receiver.
+// largest distance, which is near the mean of 1 / distance^2 over the bounds, times a cosine at the receiver. Never 0,
+// so that no light is lost.
 float importance(LightNode node, Receiver receiver) {
     vec3 to_center = node.center - receiver.position;
-    vec3 nearest = max(abs(to_center) - node.half_size, 0.0), farthest = abs(to_center) + node.half_size;
-    float squared = dot(farthest, farthest);
-    float inverse = inversesqrt(max(max(dot(nearest, nearest), MIN_DISTANCE_SQUARED * squared) * squared, 1e-30));
+    vec3 farthest = abs(to_center) + node.half_size, nearest = max(abs(to_center) - node.half_size, 0.0);
+    float squared = max(dot(farthest, farthest), 1e-30);
+    float nearest_squared = max(dot(nearest, nearest), MIN_SQUARED_RATIO * squared);
+    float inverse = inversesqrt(squared) * inversesqrt(nearest_squared);
     float height = dot(to_center, receiver.normal) + dot(node.half_size, abs(receiver.normal));
-    return node.power * clamp(height * sqrt(inverse), MIN_IMPORTANCE_COSINE, 1.0) * inverse;
-}
-
-// The probability of the first child of a node, whose index is even.
-float first_child_probability(uint first, Receiver receiver) {
-    float a = importance(light_tree.at[first], receiver), b = importance(light_tree.at[first + 1u], receiver);
-    return a + b > 0.0 ? a / (a + b) : 0.5;
+    return max(node.power * inverse * clamp(height * sqrt(inverse), MIN_COSINE, 1.0), MIN_IMPORTANCE);
 }
 
 ChosenLight descend_light_tree(Receiver receiver, inout uint rng) {
+    uint count = light_tree.at[0].child_count, first = light_tree.at[0].first;
     float probability = 1.0;
-    uint first = light_tree.at[0].first;
-    while ((first & LIGHT_LEAF) == 0u) {
-        float of_first = first_child_probability(first, receiver);
-        bool second = !(rand_f(rng) < of_first);
-        probability *= second ? 1.0 - of_first : of_first;
-        first = light_tree.at[first + uint(second)].first;
+    while (count > 0u) {
+        uint chosen = first;
+        float sum = 0.0, chosen_importance = 0.0;
+        for (uint child = first; child < first + count; child++) {
+            float child_importance = importance(light_tree.at[child], receiver);
+            sum += child_importance;
+            if (rand_f(rng) * sum < child_importance) {
+                chosen = child;
+                chosen_importance = child_importance;
+            }
+        }
+        probability *= chosen_importance / sum;
+        count = light_tree.at[chosen].child_count;
+        first = light_tree.at[chosen].first;
     }
-    return ChosenLight(first & ~LIGHT_LEAF, probability);
+    return ChosenLight(first, probability);
 }
 
 // The probability with which descend_light_tree ends in this leaf.
 float leaf_probability(uint node, Receiver receiver) {
     float probability = 1.0;
     while (node != 0u) {
-        float of_first = first_child_probability(node & ~1u, receiver);
-        probability *= (node & 1u) != 0u ? 1.0 - of_first : of_first;
-        node = light_tree.at[node].parent;
+        uint parent = light_tree.at[node].parent;
+        uint first = light_tree.at[parent].first, count = light_tree.at[parent].child_count;
+        float sum = 0.0, own = 0.0;
+        for (uint child = first; child < first + count; child++) {
+            float child_importance = importance(light_tree.at[child], receiver);
+            sum += child_importance;
+            own = child == node ? child_importance : own;
+        }
+        probability *= own / sum;
+        node = parent;
     }
     return probability;
 }
