@@ -99,6 +99,7 @@ layout(set = 0, binding = 5, scalar) readonly buffer LightSourcesBlock { LightSo
 layout(set = 0, binding = 6, scalar) readonly buffer LightTreeBlock { LightNode at[]; } light_tree;
 layout(set = 0, binding = 7, scalar) readonly buffer SceneInfoBlock {
     uint light_count;
+    uint part_count;               // of all light sources together
     uint first_light_at_infinity;  // index into light_sources, where lights at infinity come last
     float finite_probability;      // that a row of light_sources that is not at infinity is chosen by its `choice`
 } scene_info;

@@ -202,6 +202,7 @@ class Lights:
         sources["node"] = NO_INDEX
         sources["node"][:finite] = leaves
         self.sources.mark(range(count))
+        info["part_count"] = min(int(sources["part_count"].sum(dtype=np.int64)), NO_INDEX)
         info["finite_probability"] = sources["choice"]["probability"][:finite].sum(dtype=np.float64)
         self.info.mark([0])
 

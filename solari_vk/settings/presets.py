@@ -10,16 +10,16 @@ from typing import Any
 
 QUALITIES: dict[str, dict[str, Any]] = {
     "low": {
-        "paths_bounces": 4, "paths_candidates": 4, "paths_later_candidates": 2, "world_cache_cell_size": 0.3,
-        "world_cache_candidates": 8, "world_cache_update_cap": 10_000,
+        "paths_bounces": 4, "paths_candidates": 4, "paths_later_candidates": 1, "world_cache_cell_size": 0.3,
+        "world_cache_update_cap": 10_000,
     },
     "medium": {},
     "high": {
-        "paths_bounces": 12, "paths_candidates": 16, "paths_later_candidates": 8, "world_cache_cell_size": 0.1,
+        "paths_bounces": 12, "paths_candidates": 16, "paths_later_candidates": 4, "world_cache_cell_size": 0.1,
         "world_cache_max_samples": 64,
     },
     "ultra": {
-        "paths_bounces": 16, "paths_candidates": 32, "paths_later_candidates": 16, "world_cache_cell_size": 0.05,
+        "paths_bounces": 16, "paths_candidates": 32, "paths_later_candidates": 8, "world_cache_cell_size": 0.05,
         "world_cache_max_samples": 128, "world_cache_update_cap": 200_000, "world_cache_updates_per_pixel": 1.0,
     },
     "solari": {

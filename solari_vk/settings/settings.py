@@ -59,11 +59,11 @@ class Settings:
         16, "Rays of a path, those from mirrors not counted. More: truer in halls of shiny surfaces.", low=1, high=64
     )
     paths_candidates: int = _paths(
-        8, "Light samples from which a pixel's surface chooses one. More: less noise.", low=1, high=1024
-    )
+        8, "Light samples from which a pixel's surface chooses one, at most one for each triangle of the lights. More: "
+        "less noise.", low=1, high=1024)  # fmt: skip
     paths_later_candidates: int = _paths(
-        4, "Light samples from which each further surface of a path chooses one. More: less noise.", low=1, high=1024
-    )
+        2, "The same for each further surface of a path, and for the cells of the world cache. More: less noise.",
+        low=1, high=1024)  # fmt: skip
     paths_cache_roughness: float = _paths(
         0.35, "Roughness from which the world cache stands for the specular lobe of a surface too. More: sharper "
         "reflections of reflections, slower.", low=0, high=1)  # fmt: skip
@@ -120,7 +120,7 @@ class Settings:
         True, "Forget as large a share of the past as the share of the lights' power that changed (Solari: off)."
     )
     world_cache_candidates: int = _cache(
-        32, "Light samples from which a cell chooses. More: less noise, slower.", low=1, high=1024
+        32, "Light samples from which a cell chooses, with lighting=split. More: less noise, slower.", low=1, high=1024
     )
     world_cache_ray_length: float = _cache(
         50.0, "Length of a cell's rays in meters, with lighting=split. Less: faster, darker.", low=1e-3, high=1e9

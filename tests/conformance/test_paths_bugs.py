@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from seeded_bugs import expect_red, failing
 
-from solari_vk.conformance import lobe_checks, paths_checks
+from solari_vk.conformance import light_tree_checks, lobe_checks, paths_checks
 from solari_vk.conformance.realtime import Effort
 from solari_vk.conformance.rules import Rule
 from solari_vk.conformance.shader_runner import ShaderRunner
@@ -34,11 +34,21 @@ def lobes(device):
         yield from lobe_checks.measure_lobes(device, shaders)
 
 
+def tree(device):
+    with ShaderRunner(device) as shaders:
+        yield from light_tree_checks.measure_tree(shaders)
+
+
 mirrors, distances = lobe_checks.measure_mirrors, lobe_checks.measure_distances
 cells, noise = paths_checks.measure_cells, paths_checks.measure_sequence
 ONE, ONE_TILES, SEVERAL = (rule.name for rule in (paths_checks.ONE, paths_checks.ONE_TILES, paths_checks.SEVERAL))
 SEVERAL_TILES, CACHED, TILES = (rule.name for rule in (paths_checks.SEVERAL_TILES, paths_checks.CACHED,
                                                        paths_checks.CACHED_TILES))  # fmt: skip
+EQUAL, SUM, OFTEN, CLOSE = (
+    rule.name for rule in (light_tree_checks.EQUAL, light_tree_checks.SUM, light_tree_checks.OFTEN,
+                           light_tree_checks.CLOSE)
+)  # fmt: skip
+TREE = "scene/lights/tree.glsl"
 CELLS, NOISE = paths_checks.CELLS.name, paths_checks.SEQUENCE.name
 MIRRORS, LENGTH, METAL, LOBES, DEMODULATED, COSINE, OWN = (
     rule.name for rule in (lobe_checks.MIRRORS, lobe_checks.MIRROR_DISTANCE, lobe_checks.METAL, lobe_checks.LOBES,
@@ -104,6 +114,17 @@ BUGS = {
                                 "paths_diffuse.at[index].rgb * max(by.diffuse, vec3(1.0))"),
     "demodulated by the other lobe": (lobes, [DEMODULATED], "passes/paths/demodulation.glsl",
                                       "vec3(1.0), albedos.specular)", "vec3(1.0), albedos.diffuse)"),
+    "a sibling's probability": (tree, [EQUAL, SUM], TREE, "own = child == node ?", "own = child == first ?"),
+    "walk that ends at the first level": (tree, [EQUAL, SUM], TREE, "        node = parent;", "        node = 0u;"),
+    "lights at infinity forgotten": (tree, [EQUAL, SUM], TREE, "return scene_info.finite_probability * leaf",
+                                     "return leaf"),
+    "children not by importance": (tree, [OFTEN], TREE, "rand_f(rng) * sum < child", "0.9 * rand_f(rng) * sum < child"),
+    "tree without power": (tree, [CLOSE], TREE, "node.power * inverse *", "inverse *"),
+    "tree by distance, not squared": (tree, [CLOSE], TREE,
+                                      "inversesqrt(squared) * inversesqrt(nearest_squared)", "inversesqrt(squared)"),
+    "tree without cosine": (tree, [CLOSE], TREE, "clamp(height * sqrt(inverse), MIN_COSINE, 1.0)", "1.0"),
+    "hits of hardly likely lights": (one, [ONE_TILES], VERTEX,
+                                   "light_choice_probability(light, receiver(vertex))", "0.02"),
     "random directions": (noise, [NOISE], TRACE, "sobol_point(this_frame.index, sequence + 1u)",
                           "rand_vec2f(path.rng)"),
     "a sequence for each frame": (noise, [NOISE], TRACE, "uint sequence = seed_rng(pixel, 0u,",
@@ -111,10 +132,11 @@ BUGS = {
 }  # fmt: skip
 
 QUICK = ("light samples without MIS weight", "mirrors count as bounces", "distances swapped", "demodulation not undone",
-         "a sequence for each frame")  # fmt: skip
+         "a sequence for each frame", "a sibling's probability", "tree without cosine")  # fmt: skip
+MODULES = paths_checks, lobe_checks, light_tree_checks
 
 
-@pytest.mark.parametrize("module", [paths_checks, lobe_checks], ids=lambda module: module.__name__.split(".")[-1])
+@pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__.split(".")[-1])
 def test_every_rule_has_a_bug(module):
     """Each Rule that is a constant of its module has a seeded bug that makes it fail."""
     names = {name for _, found, *_ in BUGS.values() for name in found}

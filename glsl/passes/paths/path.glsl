@@ -127,6 +127,7 @@ bool advance(inout Path path) {
         path.choice = rand_f(path.rng);
         path.u = rand_vec2f(path.rng);
     }
+    candidates = min(candidates, scene_info.part_count);
     float probability = light_probability(brdf);
     float density = probability * float(candidates);
     DrawnLight drawn;
