@@ -94,7 +94,9 @@ def metal_gallery() -> Scene:
     scene.add(
         Instance(mesh=shapes.sphere(0.4, 24), material=mirror, transform=place(at=(0.9, 0.4, 0.9)), name="mirror")
     )
-    light = shapes.quad((0.3, 3.9, 1.5), (1.0, 0, 0), (0, 0, 1.0), name="lamp")
+    # In strips, so that paths may take as many light samples as they are set to.
+    strips = [[(x, 3.9, 0.5), (x + 0.5, 3.9, 0.5), (x + 0.5, 3.9, 2.5), (x, 3.9, 2.5)] for x in (-0.7, -0.2, 0.3, 0.8)]
+    light = shapes.polygons(*strips, name="lamp")
     scene.add(Instance(mesh=light, material=lamp((4.0, 3.5, 3.0)), name="lamp"))
     scene.add(DirectionalLight(direction=rgb((-0.6, -0.7, -0.15)), illuminance=3.0, angular_diameter=0.6))
     scene.add(Camera.look_at((0, 2, 0.2), (0, 2, -2), vertical_fov=2 * math.atan(1.95 / 2.2)))

@@ -25,7 +25,8 @@ OTHER = {
     "world_cache_lifetime": 1, "world_cache_search_steps": 1, "world_cache_max_samples": 2,
     "world_cache_ray_length": 0.3, "world_cache_update_cap": 100, "di_confidence_cap": 1.0, "gi_confidence_cap": 1.0,
     "paths_bounces": 1, "paths_candidates": 1, "paths_cache_roughness": 0.0,
-    "world_cache_updates_per_pixel": 0.05, "gi_jacobian_limit": 1.05, "specular_bounces": 1, "specular_reuse_roughness": 0.01, "specular_di_roughness": 0.6,
+    "world_cache_updates_per_pixel": 0.05, "gi_jacobian_limit": 1.05,
+    "specular_bounces": 1, "specular_reuse_roughness": 0.01, "specular_di_roughness": 0.6,
 }  # fmt: skip
 
 
