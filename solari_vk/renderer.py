@@ -15,6 +15,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes import (
+    denoise,
     display,
     gbuffer,
     guides,
@@ -37,8 +38,8 @@ from solari_vk.settings import FIELDS, Settings, uniform_values
 
 THIS_FRAME = ("index", "seed", "has_history", "exposure", "lighting_change")  # fields of the uniform block
 # Parts of the radiance. The first ones are in every frame, the others depend on the lighting.
-LIGHT = (*display.PARTS[:-1], "paths_diffuse", "paths_specular", "di_diffuse", "di_specular", "gi_diffuse",
-         "specular_gi")  # fmt: skip
+LIGHT = (*display.PARTS[:-1], "raw_radiance", "paths_diffuse", "paths_specular", "di_diffuse", "di_specular",
+         "gi_diffuse", "specular_gi")  # fmt: skip
 _GIVE_SETTINGS = "give settings=Settings.preset('solari'), or settings=Settings(name=value)"
 COUNTING = ("gbuffer", "world_cache")  # stages with a buffer of counters, NAME_counters
 
@@ -106,8 +107,8 @@ class Renderer(PictureRenderer):
         settings, instances = self.settings, self.binder.instance_capacity
         stages = [
             gbuffer.stage(size, settings, instances, self.gbuffer),
-            *_lighting_stages(size, settings),
             guides.stage(size, settings),
+            *_lighting_stages(size, settings),
             display.show_stage(size, settings.lighting),
             gbuffer.last_stage(instances),
         ]
@@ -272,7 +273,7 @@ class Renderer(PictureRenderer):
 
 def _lighting_stages(size: tuple[int, int], settings: Settings) -> list[Stage]:
     if settings.lighting == "paths":
-        return [world_cache.stage(size, settings), paths.stage(size, settings), paths.compose_stage(size, settings)]
+        return [world_cache.stage(size, settings), paths.stage(size, settings), denoise.stage(size), paths.compose_stage(size, settings)]
     return [
         light_tiles.stage(settings),
         world_cache.stage(size, settings),

@@ -9,7 +9,8 @@ With primary surface replacement, a pixel that shows a smooth metal describes th
 that is no mirror, at its virtual position: normal, depth and specular motion are those of the virtual surface.
 `guides_motion` remains the motion of the mirror itself. A denoiser that takes a single motion uses
 `guides_specular_motion`, which agrees with the depth in every pixel. Virtual positions are exact for flat mirrors; a
-curved mirror is replaced by its tangent plane.
+curved mirror is replaced by its tangent plane. The alpha of `guides_specular_albedo` is 0 in these pixels, else 1; that
+of `guides_diffuse_albedo` is 0 where they show a light or nothing.
 """
 
 from __future__ import annotations

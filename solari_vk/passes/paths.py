@@ -34,10 +34,11 @@ def stage(size: tuple[int, int], settings: Settings) -> Stage:
 
 
 def compose_stage(size: tuple[int, int], settings: Settings) -> Stage:
-    """Linear radiance in cd/m^2: emission, the diffuse lobe and the specular lobe, and their sum."""
+    """Linear radiance in cd/m^2: emission, the diffuse lobe and the specular lobe, their sum, and that without the
+    denoiser, `raw_radiance`."""
     return Stage(
         "compose",
-        buffers=dict.fromkeys(PARTS, size[0] * size[1]) | {"ray_counts": RAY_COUNTERS},
+        buffers=dict.fromkeys((*PARTS, "raw_radiance"), size[0] * size[1]) | {"ray_counts": RAY_COUNTERS},
         passes=[Pass("paths/compose", threads=size, constants=brdf_constants(settings))],
     )
 

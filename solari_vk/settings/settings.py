@@ -12,8 +12,8 @@ from solari_vk.settings.field import Field, setting
 from solari_vk.settings.layering import LAYERINGS
 from solari_vk.settings.presets import QUALITIES as QUALITIES
 
-_frame, _paths, _reuse, _tiles, _cache, _di, _gi, _specular = (partial(setting, section) for section in (
-    "frame", "paths", "reuse", "light_tiles", "world_cache", "restir_di", "restir_gi", "specular_gi",
+_frame, _paths, _denoise, _reuse, _tiles, _cache, _di, _gi, _specular = (partial(setting, section) for section in (
+    "frame", "paths", "denoise", "reuse", "light_tiles", "world_cache", "restir_di", "restir_gi", "specular_gi",
 ))  # fmt: skip
 
 
@@ -70,6 +70,12 @@ class Settings:
     paths_regularization: float = _paths(
         0.15, "Least roughness of surfaces that a path meets after it left a diffuse one (0: off). More: less noise, "
         "wider caustics.", low=0, high=1)  # fmt: skip
+
+    # ---- denoiser (lighting=paths)
+    denoise: bool = _denoise(False, "Average light over frames and pixels as far as differences are noise.")
+    denoise_frames: int = _denoise(
+        128, "Frames that a pixel's light is averaged over. More: less noise where nothing changes.", low=1, high=4096
+    )
 
     # ---- reuse between pixels, in DI and GI (lighting=split)
     similarity_plane_distance: float = _reuse(

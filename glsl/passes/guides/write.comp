@@ -22,6 +22,8 @@ struct Guides {
     float perceptual_roughness;
     float depth;
     vec2 specular_motion;
+    bool lit;   // false where a mirror shows a light or nothing
+    bool own;   // false where a mirror is replaced by what it shows
 };
 
 void describe(inout Guides guides, ResolvedMaterial material, float NdotV) {
@@ -64,13 +66,14 @@ Guides describe_reflection(GBufferSurface seen, uvec2 pixel) {
         }
     }
 
-    Guides guides = Guides(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, vec2(0.0));
+    Guides guides = Guides(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, vec2(0.0), false, false);
     vec3 virtual_position, previous_virtual_position;
     if (instance == NO_INDEX) {
         virtual_position = camera.world_from_view[3] + mat3(chain) * (direction * FAR_AWAY);
         previous_virtual_position = previous_camera.world_from_view[3] + mat3(previous_chain) * previous_position;
     } else {
         describe(guides, surface.material, dot(surface.world_normal, -direction));
+        guides.lit = !surface.emits;
         guides.world_normal = mat3(chain) * surface.world_normal;
         guides.depth = camera.near / (path_length * camera_ray.depth_per_t);
         virtual_position = chain * vec4(surface.world_position, 1.0);
@@ -87,15 +90,15 @@ void main() {
 
     vec2 motion = imageLoad(motion_vectors, at).xy;
     GBufferSurface surface = load_gbuffer(pixel);
-    Guides guides = Guides(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, imageLoad(depth, at).x, motion);
+    Guides guides = Guides(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, imageLoad(depth, at).x, motion, true, true);
     if (surface.exists && frame_settings.primary_surface_replacement != 0u && is_metal_mirror(surface.material)) {
         guides = describe_reflection(surface, pixel);
     } else if (surface.exists) {
         describe(guides, surface.material, dot(surface.world_normal, surface.wo));
         guides.world_normal = surface.world_normal;
     }
-    imageStore(guides_diffuse_albedo, at, vec4(guides.diffuse_albedo, 1.0));
-    imageStore(guides_specular_albedo, at, vec4(guides.specular_albedo, 1.0));
+    imageStore(guides_diffuse_albedo, at, vec4(guides.diffuse_albedo, float(guides.lit)));
+    imageStore(guides_specular_albedo, at, vec4(guides.specular_albedo, float(guides.own)));
     imageStore(guides_normal_roughness, at, vec4(guides.world_normal, guides.perceptual_roughness));
     imageStore(guides_depth, at, vec4(guides.depth));
     imageStore(guides_motion, at, vec4(motion, 0.0, 0.0));

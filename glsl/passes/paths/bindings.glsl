@@ -11,6 +11,8 @@
 // lobe came from: the length of the path's first ray, 0 when the other lobe proposed it.
 layout(set = 1, binding = 70, scalar) buffer PathsDiffuseBlock { vec4 at[]; } paths_diffuse;
 layout(set = 1, binding = 71, scalar) buffer PathsSpecularBlock { vec4 at[]; } paths_specular;
+// Radiance without the denoiser.
+layout(set = 1, binding = 72, scalar) buffer RawRadianceBlock { vec3 at[]; } raw_radiance;
 
 // A path that waits for its next ray, apart from what the pass that goes on with it computes again.
 struct WaitingPath {

@@ -1,5 +1,7 @@
-// Multiplies the light of paths by the surfaces' colors again, and adds the emission that is directly visible.
+// Multiplies the light of paths, denoised or not, by the surfaces' colors again, and adds visible emission.
 #version 460
+#include "passes/denoise/guide.glsl"
+#include "passes/denoise/lobe.glsl"
 #include "passes/display/emission.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/paths/bindings.glsl"
@@ -13,12 +15,20 @@ void main() {
     uint index = pixel.y * camera.size.x + pixel.x;
     GBufferSurface surface = load_gbuffer(pixel);
     vec3 diffuse = vec3(0.0), specular = vec3(0.0);
+    Demodulation by;
     if (surface.exists) {
-        Demodulation by = demodulation(surface);
+        by = demodulation(surface);
         diffuse = paths_diffuse.at[index].rgb * by.diffuse;
         specular = paths_specular.at[index].rgb * by.specular;
     }
     vec3 emitted = visible_emission(pixel);
+    raw_radiance.at[index] = emitted + diffuse + specular;
+    if (denoise_settings.denoise != 0u && surface.exists) {
+        uvec4 denoised = denoise_odd.at[index];
+        diffuse = unpack_signal(denoised.xy).radiance * by.diffuse;
+        uint kind = load_guide(ivec2(pixel)).kind;
+        specular = unpack_signal(denoised.zw).radiance * by.specular * reflected_albedo(ivec2(pixel), kind);
+    }
     emission.at[index] = emitted;
     diffuse_radiance.at[index] = diffuse;
     specular_radiance.at[index] = specular;

@@ -1,0 +1,76 @@
+// One of several passes of a blur whose width doubles from pass to pass: Dammertz et al., "Edge-Avoiding A-Trous Wavelet
+// Transform for Fast Global Illumination Filtering" (HPG 2010). Pixels count by how alike their surfaces are, and by how
+// well the difference of their light is explained by its uncertainty, so that the blur ends where the history is long.
+// Both pixels' uncertainties count, so that outliers are spread over their neighbors and no energy is lost.
+#version 460
+#include "passes/denoise/likeness.glsl"
+#include "passes/denoise/lobe.glsl"
+
+layout(local_size_x = 8, local_size_y = 8) in;
+
+layout(constant_id = 2) const uint level = 0u;
+
+const uint PASS_SALT = 0x3C6EF372u;
+const float TOLERANCE = 2.5;       // standard deviations
+const float MIN_LOBE_TAN = 0.02;   // half width of a mirror's blur
+const float DARKEST = 1e-30;
+
+struct Sum {
+    vec3 radiance;
+    float variance;
+    float weight;
+};
+
+void add(inout Sum sum, Signal signal, float weight) {
+    sum.radiance += weight * signal.radiance;
+    sum.variance += weight * weight * signal.variance;
+    sum.weight += weight;
+}
+
+// The weight of a signal by its difference from the center's.
+float explained(Signal center, Signal other, float difference) {
+    if (other.variance < 0.0) { return 0.0; }
+    if (center.variance < 0.0) { return 1.0; }
+    float tolerance = TOLERANCE * TOLERANCE * (center.variance + other.variance) + DARKEST;
+    return 1.0 / square(1.0 + difference * difference / tolerance);
+}
+
+Signal mean(Sum sum) {
+    return sum.weight > 0.0
+        ? Signal(sum.radiance / sum.weight, sum.variance / (sum.weight * sum.weight)) : Signal(vec3(0.0), -1.0);
+}
+
+void main() {
+    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy), size = ivec2(camera.size);
+    if (denoise_settings.denoise == 0u || any(greaterThanEqual(pixel, size))) { return; }
+    uint index = uint(pixel.y) * camera.size.x + uint(pixel.x);
+    Guide guide = load_guide(pixel);
+    if (guide.kind == NOTHING_SHOWN) { return; }
+    Sharpness sharp = sharpness(guide);
+    uvec4 bits = SOURCE.at[index];
+    Signal diffuse = unpack_signal(bits.xy), specular = unpack_signal(bits.zw);
+    vec2 values = level == 0u ? denoise_luminance.at[index] : vec2(luminance(diffuse.radiance), luminance(specular.radiance));
+    Sum diffuse_sum = Sum(vec3(0.0), 0.0, 0.0), specular_sum = diffuse_sum;
+    if (diffuse.variance >= 0.0) { add(diffuse_sum, diffuse, 4.0); }
+    if (specular.variance >= 0.0) { add(specular_sum, specular, 4.0); }
+
+    int stride = 1 << level;
+    for (int i = 0; i < 9; i++) {
+        ivec2 step = ivec2(i % 3, i / 3) - 1, other = pixel + step * stride;
+        if (i == 4 || any(lessThan(other, ivec2(0))) || any(greaterThanEqual(other, size))) { continue; }
+        vec2 weights = float((2 - abs(step.x)) * (2 - abs(step.y))) * likeness(guide, sharp, load_guide(other));
+        if (max(weights.x, weights.y) < 1e-3) { continue; }
+        uint at = uint(other.y) * camera.size.x + uint(other.x);
+        uvec4 other_bits = SOURCE.at[at];
+        Signal other_diffuse = unpack_signal(other_bits.xy), other_specular = unpack_signal(other_bits.zw);
+        vec2 others = level == 0u
+            ? denoise_luminance.at[at] : vec2(luminance(other_diffuse.radiance), luminance(other_specular.radiance));
+        vec2 apart = others - values;
+        add(diffuse_sum, other_diffuse, weights.x * explained(diffuse, other_diffuse, apart.x));
+        add(specular_sum, other_specular, weights.y * explained(specular, other_specular, apart.y));
+    }
+    uint rng = seed_rng(uvec2(pixel), this_frame.index, this_frame.seed ^ (PASS_SALT + level));
+    uvec2 by_diffuse = pack_signal(mean(diffuse_sum), rng);
+    uvec2 by_specular = pack_signal(mean(specular_sum), rng);
+    TARGET.at[index] = uvec4(by_diffuse, by_specular);
+}

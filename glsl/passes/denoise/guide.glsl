@@ -1,0 +1,82 @@
+// What the denoiser knows of the surface that a pixel shows, by itself or in mirrors; and how much two pixels have in
+// common. Solari_vk's guide images are the source.
+#ifndef PASSES_DENOISE_GUIDE_GLSL
+#define PASSES_DENOISE_GUIDE_GLSL
+
+#include "common/packing.glsl"
+#include "passes/bindings.glsl"
+#include "passes/denoise/bindings.glsl"
+#include "passes/guides/bindings.glsl"
+
+const uint NOTHING_SHOWN = 0u;
+const uint SURFACE_SHOWN = 1u;
+const uint REFLECTION_SHOWN = 2u;  // of a surface, in mirrors of metal
+const uint LIGHT_REFLECTED = 3u;   // a light, or what is behind all surfaces, in mirrors of metal
+
+struct Guide {
+    uint kind;
+    float depth;    // meters along the view axis, to the virtual position for reflections
+    vec3 position;  // relative to the camera
+    vec3 normal;
+    float perceptual_roughness;
+};
+
+const float FARTHEST = 1e6;
+
+uvec2 pack_guide(Guide guide) {
+    uint roughness = pack_unorm(guide.perceptual_roughness, 6u);
+    return uvec2(
+        pack_octahedral_24(guide.normal) | roughness << 24u | guide.kind << 30u, floatBitsToUint(guide.depth)
+    );
+}
+
+// From the camera to where a position of the picture in pixels shows depth 1.
+vec3 direction_at(vec2 position, Camera from) {
+    vec2 ndc = 2.0 * (position + from.jitter) / vec2(camera.size) - 1.0;
+    return mat3(from.world_from_view) * vec3(ndc * from.tan_half_fov * vec2(1.0, -1.0), -1.0);
+}
+
+Guide unpack_guide(uvec2 bits, ivec2 pixel, Camera from) {
+    float depth = uintBitsToFloat(bits.y);
+    return Guide(
+        bits.x >> 30u, depth, depth * direction_at(vec2(pixel) + 0.5, from), unpack_octahedral_24(bits.x & 0xFFFFFFu),
+        unpack_unorm(bits.x >> 24u, 6u)
+    );
+}
+
+Guide load_guide(ivec2 pixel) {
+    return unpack_guide(denoise_guides.at[uint(pixel.y) * camera.size.x + uint(pixel.x)], pixel, camera);
+}
+
+Guide load_previous_guide(ivec2 pixel) {
+    uvec2 bits = previous_denoise_guides.at[uint(pixel.y) * camera.size.x + uint(pixel.x)];
+    return unpack_guide(bits, pixel, previous_camera);
+}
+
+// The guide of this frame, from the guide images.
+Guide make_guide(ivec2 pixel) {
+    float depth_value = imageLoad(guides_depth, pixel).x;
+    vec4 normal_roughness = imageLoad(guides_normal_roughness, pixel);
+    bool own = imageLoad(guides_specular_albedo, pixel).a > 0.5;
+    bool lit = imageLoad(guides_diffuse_albedo, pixel).a > 0.5;
+    Guide guide;
+    guide.kind = own ? SURFACE_SHOWN : lit ? REFLECTION_SHOWN : LIGHT_REFLECTED;
+    if (imageLoad(depth, pixel).x == 0.0) { guide.kind = NOTHING_SHOWN; }
+    guide.depth = depth_value > 0.0 ? camera.near / depth_value : FARTHEST;
+    guide.position = guide.depth * direction_at(vec2(pixel) + 0.5, camera);
+    guide.normal = safe_normalize(normal_roughness.xyz, vec3(0.0, 0.0, 1.0));
+    guide.perceptual_roughness = normal_roughness.w;
+    return guide;
+}
+
+// The width of a pixel at depth 1.
+float pixel_width() { return 2.0 * camera.tan_half_fov.y / float(camera.size.y); }
+
+// The color of the surface seen in mirrors, which its light is divided by so that filters keep its texture.
+vec3 reflected_albedo(ivec2 pixel, uint kind) {
+    if (kind != REFLECTION_SHOWN) { return vec3(1.0); }
+    vec3 albedo = imageLoad(guides_diffuse_albedo, pixel).rgb + imageLoad(guides_specular_albedo, pixel).rgb;
+    return mix(vec3(0.02), vec3(1.0), min(albedo, vec3(1.0)));
+}
+
+#endif

@@ -1,0 +1,78 @@
+// The light of a lobe in the denoiser: its mean over frames, and its value while it is filtered. Radiance is demodulated
+// and linear.
+#ifndef PASSES_DENOISE_LOBE_GLSL
+#define PASSES_DENOISE_LOBE_GLSL
+
+#include "common/math.glsl"
+#include "common/random.glsl"
+
+// A history of frames.
+struct Lobe {
+    vec3 radiance;           // the mean
+    float second_moment;     // the mean of squared luminances
+    float recent;            // luminance of the latest frames
+    float frames;            // number of frames in the mean; 0 without a history
+    float inverse_distance;  // mean of 1 / distance to where the light came from; 0 for infinity, or when unknown
+};
+
+const Lobe NO_HISTORY = Lobe(vec3(0.0), 0.0, 0.0, 0.0, 0.0);
+
+// A value that filters work on.
+struct Signal {
+    vec3 radiance;
+    float variance;  // of the luminance; negative where the pixel has no sample
+};
+
+// ---- packing ----------------------------------------------------------------------------------------
+
+// Positive floats keep all exponents, so that no exposure overflows, and their highest bits of mantissa. Rounding is
+// random: rounding to the nearest would stop means of many frames short of where they tend to.
+const float LARGEST = 1e37;
+
+uint pack_positive(float value, uint bit_count, inout uint rng) {
+    uint dropped = 31u - bit_count;
+    return (floatBitsToUint(clamp(value, 0.0, LARGEST)) + (rand_u(rng) >> (32u - dropped))) >> dropped;
+}
+
+float unpack_positive(uint bits, uint bit_count) {
+    return uintBitsToFloat((bits & ((1u << bit_count) - 1u)) << (31u - bit_count));
+}
+
+uvec4 pack_lobe(Lobe lobe, inout uint rng) {
+    uint red = pack_positive(lobe.radiance.r, 21u, rng), green = pack_positive(lobe.radiance.g, 21u, rng);
+    uint blue = pack_positive(lobe.radiance.b, 21u, rng);
+    return uvec4(
+        red | green << 21u, green >> 11u | blue << 10u,
+        pack_positive(lobe.second_moment, 16u, rng) | pack_positive(lobe.recent, 16u, rng) << 16u,
+        pack_positive(lobe.frames, 16u, rng) | pack_positive(lobe.inverse_distance, 16u, rng) << 16u
+    );
+}
+
+Lobe unpack_lobe(uvec4 bits) {
+    return Lobe(
+        vec3(unpack_positive(bits.x, 21u), unpack_positive(bits.x >> 21u | bits.y << 11u, 21u),
+             unpack_positive(bits.y >> 10u, 21u)),
+        unpack_positive(bits.z, 16u), unpack_positive(bits.z >> 16u, 16u),
+        unpack_positive(bits.w, 16u), unpack_positive(bits.w >> 16u, 16u)
+    );
+}
+
+const uint NO_SAMPLE = 0xFFFFu;  // no variance is packed so
+
+uvec2 pack_signal(Signal signal, inout uint rng) {
+    uint variance = signal.variance < 0.0 ? NO_SAMPLE : pack_positive(signal.variance, 16u, rng);
+    return uvec2(
+        pack_positive(signal.radiance.r, 16u, rng) | pack_positive(signal.radiance.g, 16u, rng) << 16u,
+        pack_positive(signal.radiance.b, 16u, rng) | variance << 16u
+    );
+}
+
+Signal unpack_signal(uvec2 bits) {
+    uint variance = bits.y >> 16u;
+    return Signal(
+        vec3(unpack_positive(bits.x, 16u), unpack_positive(bits.x >> 16u, 16u), unpack_positive(bits.y, 16u)),
+        variance == NO_SAMPLE ? -1.0 : unpack_positive(variance, 16u)
+    );
+}
+
+#endif

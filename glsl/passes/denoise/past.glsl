@@ -1,0 +1,135 @@
+// Where a pixel's surface was in the previous frame, and which pixels of that frame showed it.
+#ifndef PASSES_DENOISE_PAST_GLSL
+#define PASSES_DENOISE_PAST_GLSL
+
+#include "passes/denoise/guide.glsl"
+#include "passes/denoise/lobe.glsl"
+#include "passes/gbuffer/gbuffer.glsl"
+#include "passes/guides/mirrors.glsl"
+
+const float SAME_PLANE = 1.5;       // largest distance from a surface's plane, in widths of a pixel
+const float SAME_NORMAL = 0.9;      // smallest cosine between normals
+const float SAME_ROUGHNESS = 0.1;
+const float SAME_DEPTH = 0.1;       // largest relative difference in depth of what mirrors show
+
+// A surface in the previous frame.
+struct Past {
+    vec2 pixel;     // in pixels without jitter; centers are at + 0.5
+    vec3 position;  // relative to the previous camera
+    vec3 normal;
+};
+
+// Pixels of the previous frame with their weights.
+struct Taps {
+    uint at[9];
+    float weights[9];
+    int count;
+    float weight;  // sum of the weights that count, before they were normalized; 0 when none does
+    bool nearby;   // taken from pixels beside the surface's own
+};
+
+// The pixel of the previous frame that shows what this pixel shows, without jitter; exactly the same pixel when neither
+// the camera nor the point moved. Both positions are relative to the cameras of their frames.
+vec2 previous_pixel(vec3 position, vec3 previous_position, ivec2 pixel) {
+    vec3 now = position + camera.world_from_view[3], before = previous_position + previous_camera.world_from_view[3];
+    return vec2(pixel) + 0.5 + motion_vector(now, before) * vec2(camera.size);
+}
+
+Past find_past(ivec2 pixel, Guide guide) {
+    Past past;
+    if (guide.kind != SURFACE_SHOWN) {
+        past.pixel = vec2(pixel) + 0.5 + imageLoad(guides_specular_motion, pixel).xy * vec2(camera.size);
+        past.position = guide.position;
+        past.normal = guide.normal;
+        return past;
+    }
+    vec3 origin = camera.world_from_view[3];
+    uint instance = imageLoad(gbuffer_surface, pixel).y;
+    MirrorPlane plane = previous_mirror(instance, MirrorPlane(origin + guide.position, guide.normal));
+    bool moved = plane.point != origin + guide.position || previous_camera.world_from_view != camera.world_from_view;
+    past.position = moved ? plane.point - previous_camera.world_from_view[3] : guide.position;
+    past.pixel = previous_pixel(guide.position, past.position, pixel);
+    past.normal = plane.normal;
+    return past;
+}
+
+bool showed_the_same(ivec2 pixel, Past past, Guide guide) {
+    if (any(lessThan(pixel, ivec2(0))) || any(greaterThanEqual(pixel, ivec2(camera.size)))) { return false; }
+    Guide then = load_previous_guide(pixel);
+    if (then.kind != guide.kind) { return false; }
+    if (guide.kind == LIGHT_REFLECTED) { return true; }
+    bool near = guide.kind == SURFACE_SHOWN
+        ? abs(dot(then.position - past.position, past.normal)) < SAME_PLANE * pixel_width() * then.depth
+        : abs(then.depth - guide.depth) < SAME_DEPTH * guide.depth;
+    return near && dot(then.normal, past.normal) > SAME_NORMAL
+        && abs(then.perceptual_roughness - guide.perceptual_roughness) < SAME_ROUGHNESS;
+}
+
+void add_tap(inout Taps taps, ivec2 pixel, float weight, Past past, Guide guide) {
+    if (!(weight > 1e-3) || !showed_the_same(pixel, past, guide)) { return; }
+    taps.at[taps.count] = uint(pixel.y) * camera.size.x + uint(pixel.x);
+    taps.weights[taps.count] = weight;
+    taps.count += 1;
+    taps.weight += weight;
+}
+
+// The four pixels around a position, by bilinear interpolation.
+Taps find_taps(vec2 where, Past past, Guide guide) {
+    Taps taps;
+    taps.count = 0;
+    taps.weight = 0.0;
+    taps.nearby = false;
+    ivec2 corner = ivec2(floor(where - 0.5));
+    vec2 share = where - 0.5 - vec2(corner);
+    for (int i = 0; i < 4; i++) {
+        ivec2 step = ivec2(i & 1, i >> 1);
+        vec2 weights = mix(1.0 - share, share, vec2(step));
+        add_tap(taps, corner + step, weights.x * weights.y, past, guide);
+    }
+    return taps;
+}
+
+// The pixels around the nearest one. At edges, where jitter lets pixels show one surface or another, these hold the
+// history of the surface that the pixel itself didn't show in the previous frame.
+Taps find_nearby(Past past, Guide guide) {
+    Taps taps;
+    taps.count = 0;
+    taps.weight = 0.0;
+    taps.nearby = true;
+    for (int i = 0; i < 9; i++) {
+        add_tap(taps, ivec2(floor(past.pixel)) + ivec2(i % 3 - 1, i / 3 - 1), 1.0, past, guide);
+    }
+    return taps;
+}
+
+void add_history(inout Lobe sum, Lobe found, float weight) {
+    sum.radiance += weight * found.radiance;
+    sum.second_moment += weight * found.second_moment;
+    sum.recent += weight * found.recent;
+    sum.frames += weight * found.frames;
+    sum.inverse_distance += weight * found.inverse_distance;
+}
+
+Lobe read_diffuse(Taps taps) {
+    Lobe sum = NO_HISTORY;
+    for (int i = 0; i < taps.count; i++) {
+        add_history(sum, unpack_lobe(previous_denoise_diffuse.at[taps.at[i]]), taps.weights[i] / taps.weight);
+    }
+    return sum;
+}
+
+Lobe read_specular(Taps taps) {
+    Lobe sum = NO_HISTORY;
+    for (int i = 0; i < taps.count; i++) {
+        add_history(sum, unpack_lobe(previous_denoise_specular.at[taps.at[i]]), taps.weights[i] / taps.weight);
+    }
+    return sum;
+}
+
+vec2 load_confidence(vec2 where) {
+    uvec2 cells = (camera.size + CHANGE_CELL - 1u) / CHANGE_CELL;
+    uvec2 cell = min(uvec2(max(where, vec2(0.0))) / CHANGE_CELL, cells - 1u);
+    return denoise_confidence.at[cell.y * cells.x + cell.x];
+}
+
+#endif

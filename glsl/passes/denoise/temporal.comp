@@ -1,0 +1,116 @@
+// Adds each pixel's light to its mean over frames. Histories of the previous frame are taken from the pixels around
+// where the surface was, or for smooth surfaces where its reflection was, as far as they showed the same surface.
+// Schied et al., "Spatiotemporal Variance-Guided Filtering" (HPG 2017); reflections as in Zhdan, "ReBLUR" (2021).
+#version 460
+#include "passes/denoise/guide.glsl"
+#include "passes/denoise/lobe.glsl"
+#include "passes/denoise/past.glsl"
+#include "passes/paths/bindings.glsl"
+
+layout(local_size_x = 8, local_size_y = 8) in;
+
+const uint PASS_SALT = 0x6A09E667u;
+const float RECENT = 0.2;              // weight of a frame in Lobe.recent
+const float LENGTH_AT_EDGES = 16.0;    // of histories taken from neighbors
+const float ONLY_SURFACE_MOTION = 0.8; // perceptual roughness from which reflections move like their surface
+const float ONLY_VIRTUAL_MOTION = 0.5;
+
+Lobe add_sample(Lobe past, vec4 found, float confidence) {
+    if (any(isnan(found.rgb)) || any(isinf(found.rgb))) { return past; }
+    vec3 radiance = max(found.rgb, vec3(0.0));
+    float value = luminance(radiance);
+    past.frames = min(past.frames * confidence, float(denoise_settings.frames - 1u));
+    float weight = 1.0 / (past.frames + 1.0);
+    Lobe now;
+    now.radiance = mix(past.radiance, radiance, weight);
+    now.second_moment = mix(past.second_moment, value * value, weight);
+    now.recent = mix(past.recent, value, max(weight, RECENT));
+    now.frames = past.frames + 1.0;
+    now.inverse_distance = past.inverse_distance;
+    if (found.w > 0.0) {
+        float inverse = 1.0 / found.w;
+        now.inverse_distance = past.inverse_distance > 0.0 ? mix(past.inverse_distance, inverse, weight) : inverse;
+    }
+    return now;
+}
+
+// The mean of two histories.
+Lobe blend(Lobe a, Lobe b, float share) {
+    return Lobe(
+        mix(a.radiance, b.radiance, share), mix(a.second_moment, b.second_moment, share),
+        mix(a.recent, b.recent, share), mix(a.frames, b.frames, share),
+        mix(a.inverse_distance, b.inverse_distance, share)
+    );
+}
+
+// The mean curvature of the surface, in 1/m; positive where it bulges.
+float curvature(ivec2 pixel, Guide guide) {
+    float sum = 0.0;
+    for (int i = 0; i < 2; i++) {
+        ivec2 step = i == 0 ? ivec2(1, 0) : ivec2(0, 1);
+        ivec2 other = pixel + (any(greaterThanEqual(pixel + step, ivec2(camera.size))) ? -step : step);
+        if (any(lessThan(other, ivec2(0)))) { continue; }
+        Guide next = make_guide(other);
+        vec3 apart = next.position - guide.position, turned = next.normal - guide.normal;
+        bool same = next.kind == guide.kind && dot(turned, turned) < 0.1 && dot(turned, turned) > 1e-5;
+        if (same) { sum += 0.5 * dot(turned, apart) / dot(apart, apart); }
+    }
+    return sum;
+}
+
+// The history of the specular lobe: that of the surface, or that of the reflection, which lies behind the surface.
+Lobe find_specular(ivec2 pixel, Guide guide, Past past, Taps at_surface) {
+    Lobe by_surface = read_specular(at_surface);
+    if (guide.kind != SURFACE_SHOWN) { return by_surface; }
+    vec3 to_camera = normalize(guide.position);
+    vec3 previous_to_camera = normalize(past.position);
+    float alpha = guide.perceptual_roughness * guide.perceptual_roughness;
+    float turned = length(to_camera - previous_to_camera);
+    if (turned < 1e-6) { return by_surface; }
+
+    // Light that surface motion moves along stays valid for angles within the lobe.
+    by_surface.frames /= 1.0 + square(turned / (0.05 * alpha + 0.002));
+    float share = 1.0 - smoothstep(ONLY_VIRTUAL_MOTION, ONLY_SURFACE_MOTION, guide.perceptual_roughness);
+    if (share == 0.0 || by_surface.inverse_distance == 0.0) { return by_surface; }
+    float inverse = by_surface.inverse_distance + 2.0 * curvature(pixel, guide);
+    if (!(inverse > 0.0)) { return by_surface; }
+    vec3 behind = to_camera / inverse;
+    vec2 where = previous_pixel(guide.position + behind, past.position + behind, pixel);
+    Taps at_reflection = find_taps(where, past, guide);
+    if (at_reflection.weight == 0.0) { return by_surface; }
+    return blend(by_surface, read_specular(at_reflection), share);
+}
+
+void main() {
+    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
+    if (any(greaterThanEqual(pixel, ivec2(camera.size)))) { return; }
+    uint index = uint(pixel.y) * camera.size.x + uint(pixel.x);
+    Guide guide = make_guide(pixel);
+    bool on = denoise_settings.denoise != 0u && guide.kind != NOTHING_SHOWN;
+    denoise_guides.at[index] = on ? pack_guide(guide) : uvec2(0u);
+    if (!on) {
+        denoise_diffuse.at[index] = denoise_specular.at[index] = uvec4(0u);
+        return;
+    }
+    Lobe diffuse = NO_HISTORY, specular = NO_HISTORY;
+    vec2 confidence = vec2(1.0);
+    if (this_frame.has_history != 0u) {
+        Past past = find_past(pixel, guide);
+        Taps taps = find_taps(past.pixel, past, guide);
+        if (taps.weight == 0.0) { taps = find_nearby(past, guide); }
+        if (taps.weight > 0.0) {
+            diffuse = read_diffuse(taps);
+            specular = find_specular(pixel, guide, past, taps);
+            confidence = load_confidence(past.pixel);
+        }
+        if (taps.nearby) {
+            diffuse.frames = min(diffuse.frames, LENGTH_AT_EDGES);
+            specular.frames = min(specular.frames, LENGTH_AT_EDGES);
+        }
+    }
+    vec4 by_specular = paths_specular.at[index];
+    by_specular.rgb /= reflected_albedo(pixel, guide.kind);
+    uint rng = seed_rng(uvec2(pixel), this_frame.index, this_frame.seed ^ PASS_SALT);
+    denoise_diffuse.at[index] = pack_lobe(add_sample(diffuse, paths_diffuse.at[index], confidence.x), rng);
+    denoise_specular.at[index] = pack_lobe(add_sample(specular, by_specular, confidence.y), rng);
+}

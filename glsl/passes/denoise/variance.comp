@@ -1,0 +1,56 @@
+// Begins the filter: the light of each lobe, and how far it may be off, from the spread over frames and over the nearest
+// pixels. A value far from its neighbors counts as uncertain, since in few frames it is most often noise.
+#version 460
+#include "passes/denoise/likeness.glsl"
+#include "passes/denoise/lobe.glsl"
+
+layout(local_size_x = 8, local_size_y = 8) in;
+
+const uint PASS_SALT = 0xBB67AE85u;
+const float NEIGHBORHOOD = 4.0;  // frames that the neighborhood's spread counts for
+
+struct Moments {
+    float weight;
+    float mean;
+    float second_moment;
+};
+
+void add_moments(inout Moments sum, Lobe lobe, float weight) {
+    if (lobe.frames == 0.0) { return; }
+    sum.weight += weight;
+    sum.mean += weight * luminance(lobe.radiance);
+    sum.second_moment += weight * lobe.second_moment;
+}
+
+Signal begin(Lobe lobe, Moments sum) {
+    if (lobe.frames == 0.0) { return Signal(vec3(0.0), -1.0); }
+    float near = sum.mean / sum.weight, value = luminance(lobe.radiance);
+    float spread = max(sum.second_moment / sum.weight - near * near, 0.0);
+    float own = max(lobe.second_moment + near * (near - 2.0 * value), 0.0);  // mean square of sample - near
+    float of_sample = (NEIGHBORHOOD * spread + lobe.frames * own) / (NEIGHBORHOOD + lobe.frames);
+    return Signal(lobe.radiance, of_sample / lobe.frames);
+}
+
+void main() {
+    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy), size = ivec2(camera.size);
+    if (denoise_settings.denoise == 0u || any(greaterThanEqual(pixel, size))) { return; }
+    uint index = uint(pixel.y) * camera.size.x + uint(pixel.x);
+    Guide guide = load_guide(pixel);
+    if (guide.kind == NOTHING_SHOWN) { return; }
+    Sharpness sharp = sharpness(guide);
+    Moments diffuse = Moments(0.0, 0.0, 0.0), specular = diffuse;
+    for (int i = 0; i < 9; i++) {
+        ivec2 step = ivec2(i % 3, i / 3) - 1, other = pixel + step;
+        if (any(lessThan(other, ivec2(0))) || any(greaterThanEqual(other, size))) { continue; }
+        vec2 weights = vec2((2 - abs(step.x)) * (2 - abs(step.y)));
+        if (i != 4) { weights *= likeness(guide, sharp, load_guide(other)); }
+        uint at = uint(other.y) * camera.size.x + uint(other.x);
+        add_moments(diffuse, unpack_lobe(denoise_diffuse.at[at]), weights.x);
+        add_moments(specular, unpack_lobe(denoise_specular.at[at]), weights.y);
+    }
+    uint rng = seed_rng(uvec2(pixel), this_frame.index, this_frame.seed ^ PASS_SALT);
+    uvec2 by_diffuse = pack_signal(begin(unpack_lobe(denoise_diffuse.at[index]), diffuse), rng);
+    uvec2 by_specular = pack_signal(begin(unpack_lobe(denoise_specular.at[index]), specular), rng);
+    denoise_even.at[index] = uvec4(by_diffuse, by_specular);
+    denoise_luminance.at[index] = vec2(diffuse.mean, specular.mean) / max(vec2(diffuse.weight, specular.weight), 1e-9);
+}
