@@ -12,15 +12,10 @@ layout(set = 1, binding = 142, scalar) buffer DenoiseDiffuseBlock { uvec4 at[]; 
 layout(set = 1, binding = 143, scalar) buffer PreviousDenoiseDiffuseBlock { uvec4 at[]; } previous_denoise_diffuse;
 layout(set = 1, binding = 144, scalar) buffer DenoiseSpecularBlock { uvec4 at[]; } denoise_specular;
 layout(set = 1, binding = 145, scalar) buffer PreviousDenoiseSpecularBlock { uvec4 at[]; } previous_denoise_specular;
-// For each cell of CHANGE_CELL x CHANGE_CELL pixels, the share of the histories that changes of light leave valid:
-// diffuse and specular.
-layout(set = 1, binding = 146, scalar) buffer DenoiseConfidenceBlock { vec2 at[]; } denoise_confidence;
 // The light of both lobes while it is filtered, packed by passes/denoise/lobe.glsl. Filters read one and write another.
 layout(set = 1, binding = 147, scalar) buffer DenoiseEvenBlock { uvec4 at[]; } denoise_even;
 layout(set = 1, binding = 148, scalar) buffer DenoiseOddBlock { uvec4 at[]; } denoise_odd;
 // The luminance of both lobes, averaged over 3 x 3 pixels.
 layout(set = 1, binding = 149, scalar) buffer DenoiseLuminanceBlock { vec2 at[]; } denoise_luminance;
-
-const uint CHANGE_CELL = 4u;
 
 #endif

@@ -36,10 +36,12 @@ vec3 direction_at(vec2 position, Camera from) {
     return mat3(from.world_from_view) * vec3(ndc * from.tan_half_fov * vec2(1.0, -1.0), -1.0);
 }
 
+uint kind_of(uvec2 guide) { return guide.x >> 30u; }
+
 Guide unpack_guide(uvec2 bits, ivec2 pixel, Camera from) {
     float depth = uintBitsToFloat(bits.y);
     return Guide(
-        bits.x >> 30u, depth, depth * direction_at(vec2(pixel) + 0.5, from), unpack_octahedral_24(bits.x & 0xFFFFFFu),
+        kind_of(bits), depth, depth * direction_at(vec2(pixel) + 0.5, from), unpack_octahedral_24(bits.x & 0xFFFFFFu),
         unpack_unorm(bits.x >> 24u, 6u)
     );
 }

@@ -126,10 +126,4 @@ Lobe read_specular(Taps taps) {
     return sum;
 }
 
-vec2 load_confidence(vec2 where) {
-    uvec2 cells = (camera.size + CHANGE_CELL - 1u) / CHANGE_CELL;
-    uvec2 cell = min(uvec2(max(where, vec2(0.0))) / CHANGE_CELL, cells - 1u);
-    return denoise_confidence.at[cell.y * cells.x + cell.x];
-}
-
 #endif

@@ -1,38 +1,17 @@
-// Adds each pixel's light to its mean over frames. Histories of the previous frame are taken from the pixels around
+// Finds the history of each pixel's light. It is taken from the pixels around
 // where the surface was, or for smooth surfaces where its reflection was, as far as they showed the same surface.
 // Schied et al., "Spatiotemporal Variance-Guided Filtering" (HPG 2017); reflections as in Zhdan, "ReBLUR" (2021).
 #version 460
 #include "passes/denoise/guide.glsl"
 #include "passes/denoise/lobe.glsl"
 #include "passes/denoise/past.glsl"
-#include "passes/paths/bindings.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
 const uint PASS_SALT = 0x6A09E667u;
-const float RECENT = 0.2;              // weight of a frame in Lobe.recent
-const float LENGTH_AT_EDGES = 16.0;    // of histories taken from neighbors
+const float FRAMES_AT_EDGES = 16.0;     // of histories taken from neighbors
 const float ONLY_SURFACE_MOTION = 0.8; // perceptual roughness from which reflections move like their surface
 const float ONLY_VIRTUAL_MOTION = 0.5;
-
-Lobe add_sample(Lobe past, vec4 found, float confidence) {
-    if (any(isnan(found.rgb)) || any(isinf(found.rgb))) { return past; }
-    vec3 radiance = max(found.rgb, vec3(0.0));
-    float value = luminance(radiance);
-    past.frames = min(past.frames * confidence, float(denoise_settings.frames - 1u));
-    float weight = 1.0 / (past.frames + 1.0);
-    Lobe now;
-    now.radiance = mix(past.radiance, radiance, weight);
-    now.second_moment = mix(past.second_moment, value * value, weight);
-    now.recent = mix(past.recent, value, max(weight, RECENT));
-    now.frames = past.frames + 1.0;
-    now.inverse_distance = past.inverse_distance;
-    if (found.w > 0.0) {
-        float inverse = 1.0 / found.w;
-        now.inverse_distance = past.inverse_distance > 0.0 ? mix(past.inverse_distance, inverse, weight) : inverse;
-    }
-    return now;
-}
 
 // The mean of two histories.
 Lobe blend(Lobe a, Lobe b, float share) {
@@ -93,7 +72,6 @@ void main() {
         return;
     }
     Lobe diffuse = NO_HISTORY, specular = NO_HISTORY;
-    vec2 confidence = vec2(1.0);
     if (this_frame.has_history != 0u) {
         Past past = find_past(pixel, guide);
         Taps taps = find_taps(past.pixel, past, guide);
@@ -101,16 +79,13 @@ void main() {
         if (taps.weight > 0.0) {
             diffuse = read_diffuse(taps);
             specular = find_specular(pixel, guide, past, taps);
-            confidence = load_confidence(past.pixel);
         }
         if (taps.nearby) {
-            diffuse.frames = min(diffuse.frames, LENGTH_AT_EDGES);
-            specular.frames = min(specular.frames, LENGTH_AT_EDGES);
+            diffuse.frames = min(diffuse.frames, FRAMES_AT_EDGES);
+            specular.frames = min(specular.frames, FRAMES_AT_EDGES);
         }
     }
-    vec4 by_specular = paths_specular.at[index];
-    by_specular.rgb /= reflected_albedo(pixel, guide.kind);
     uint rng = seed_rng(uvec2(pixel), this_frame.index, this_frame.seed ^ PASS_SALT);
-    denoise_diffuse.at[index] = pack_lobe(add_sample(diffuse, paths_diffuse.at[index], confidence.x), rng);
-    denoise_specular.at[index] = pack_lobe(add_sample(specular, by_specular, confidence.y), rng);
+    denoise_diffuse.at[index] = pack_lobe(diffuse, rng);
+    denoise_specular.at[index] = pack_lobe(specular, rng);
 }

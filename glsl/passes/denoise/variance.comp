@@ -1,6 +1,7 @@
 // Begins the filter: the light of each lobe, and how far it may be off, from the spread over frames and over the nearest
 // pixels. A value far from its neighbors counts as uncertain, since in few frames it is most often noise.
 #version 460
+#include "passes/denoise/cell.glsl"
 #include "passes/denoise/likeness.glsl"
 #include "passes/denoise/lobe.glsl"
 
@@ -8,6 +9,8 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 const uint PASS_SALT = 0xBB67AE85u;
 const float NEIGHBORHOOD = 4.0;  // frames that the neighborhood's spread counts for
+const float OWN_WEIGHT = 4.0;    // of a pixel in its neighborhood
+const float NEIGHBORS_LIMIT = 4.0, BLOCK_LIMIT = 12.0;
 
 struct Moments {
     float weight;
@@ -22,9 +25,19 @@ void add_moments(inout Moments sum, Lobe lobe, float weight) {
     sum.second_moment += weight * lobe.second_moment;
 }
 
-Signal begin(Lobe lobe, Moments sum) {
+// In few frames, a pixel far brighter than its neighbors and the block around it is limited. The history isn't, so that
+// this light is in the picture when more frames confirm it.
+Signal begin(Lobe lobe, Moments sum, float block_luminance) {
     if (lobe.frames == 0.0) { return Signal(vec3(0.0), -1.0); }
     float near = sum.mean / sum.weight, value = luminance(lobe.radiance);
+    float others = sum.weight > OWN_WEIGHT ? max(sum.mean - OWN_WEIGHT * value, 0.0) / (sum.weight - OWN_WEIGHT) : 0.0;
+    float limit = max(NEIGHBORS_LIMIT * others, BLOCK_LIMIT * lobe.frames * block_luminance);
+    if (value > limit) {
+        lobe.radiance *= limit / value;
+        lobe.second_moment *= square(limit / value);
+        near += OWN_WEIGHT * (limit - value) / sum.weight;
+        value = limit;
+    }
     float spread = max(sum.second_moment / sum.weight - near * near, 0.0);
     float own = max(lobe.second_moment + near * (near - 2.0 * value), 0.0);  // mean square of sample - near
     float of_sample = (NEIGHBORHOOD * spread + lobe.frames * own) / (NEIGHBORHOOD + lobe.frames);
@@ -49,8 +62,9 @@ void main() {
         add_moments(specular, unpack_lobe(denoise_specular.at[at]), weights.y);
     }
     uint rng = seed_rng(uvec2(pixel), this_frame.index, this_frame.seed ^ PASS_SALT);
-    uvec2 by_diffuse = pack_signal(begin(unpack_lobe(denoise_diffuse.at[index]), diffuse), rng);
-    uvec2 by_specular = pack_signal(begin(unpack_lobe(denoise_specular.at[index]), specular), rng);
+    vec2 block = denoise_blocks.at[cell_at(pixel)].luminance;
+    uvec2 by_diffuse = pack_signal(begin(unpack_lobe(denoise_diffuse.at[index]), diffuse, block.x), rng);
+    uvec2 by_specular = pack_signal(begin(unpack_lobe(denoise_specular.at[index]), specular, block.y), rng);
     denoise_even.at[index] = uvec4(by_diffuse, by_specular);
     denoise_luminance.at[index] = vec2(diffuse.mean, specular.mean) / max(vec2(diffuse.weight, specular.weight), 1e-9);
 }

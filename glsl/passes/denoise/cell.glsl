@@ -1,0 +1,51 @@
+// Sums over a cell of CELL x CELL pixels: how much light differs from its history, and how bright it is.
+#ifndef PASSES_DENOISE_CELL_GLSL
+#define PASSES_DENOISE_CELL_GLSL
+
+#extension GL_EXT_scalar_block_layout : require
+
+#include "scene/camera.glsl"
+
+const uint CELL = 4u;
+
+struct Difference {
+    float total;     // luminance minus that of the history; noise of either sign cancels out
+    float squares;
+    float variance;  // that the history lets expect
+    float larger;    // of both luminances
+};
+
+struct LobeCell {
+    Difference now;       // of this frame
+    Difference recently;  // of the latest frames
+    float luminance;      // of the history with this frame
+    float brightest;      // pixel of the cell
+    float pixels;
+};
+
+struct Cell {
+    LobeCell diffuse;
+    LobeCell specular;
+};
+
+// What the cells around one tell: the share of the histories that changes of light leave valid, and the luminance
+// without the brightest pixel.
+struct Block {
+    vec2 confidence;
+    vec2 luminance;
+};
+
+layout(set = 1, binding = 150, scalar) buffer DenoiseCellsBlock { Cell at[]; } denoise_cells;
+layout(set = 1, binding = 151, scalar) buffer DenoiseBlocksBlock { Block at[]; } denoise_blocks;
+
+uint cell_at(ivec2 pixel) {
+    uvec2 cell = uvec2(pixel) / CELL;
+    return cell.y * ((camera.size.x + CELL - 1u) / CELL) + cell.x;
+}
+
+uvec2 cell_count() { return (camera.size + CELL - 1u) / CELL; }
+
+const Difference NO_DIFFERENCE = Difference(0.0, 0.0, 0.0, 0.0);
+const LobeCell EMPTY_CELL = LobeCell(NO_DIFFERENCE, NO_DIFFERENCE, 0.0, 0.0, 0.0);
+
+#endif

@@ -1,0 +1,66 @@
+// Finds where light changed: where it differs from its history by more than noise, over a cell or over a block of cells
+// around it. Schied et al., "Gradient Estimation for Real-Time Adaptive Temporal Filtering" (HPG 2018), retraces paths
+// for such differences; here their sums over pixels tell them from noise.
+#version 460
+#include "passes/bindings.glsl"
+#include "passes/denoise/cell.glsl"
+#include "common/math.glsl"
+
+layout(local_size_x = 8, local_size_y = 8) in;
+
+const int WIDEST = 2;  // cells from the center of the widest block
+// Standard deviations between which a difference becomes certain; and the same after lights changed.
+const vec2 CERTAIN = vec2(3.5, 6.0), CERTAIN_AFTER_CHANGE = vec2(2.0, 3.5);
+const float EXPONENT = 8.0;
+
+void add_difference(inout Difference sum, Difference other) {
+    sum.total += other.total;
+    sum.squares += other.squares;
+    sum.variance += other.variance;
+    sum.larger += other.larger;
+}
+
+void add_cell(inout LobeCell sum, LobeCell other) {
+    add_difference(sum.now, other.now);
+    add_difference(sum.recently, other.recently);
+    sum.luminance += other.luminance;
+    sum.brightest = max(sum.brightest, other.brightest);
+    sum.pixels += other.pixels;
+}
+
+// The share of the history that remains valid. Squares count as variance too, since a history may not know outliers.
+float confidence(Difference sum) {
+    float deviation = sqrt(max(sum.squares, sum.variance));
+    if (!(deviation > 0.0)) { return 1.0; }
+    vec2 bounds = this_frame.lighting_change > 0.0 ? CERTAIN_AFTER_CHANGE : CERTAIN;
+    float certain = smoothstep(bounds.x, bounds.y, abs(sum.total) / deviation);
+    return pow(1.0 - certain * min(abs(sum.total) / sum.larger, 1.0), EXPONENT);
+}
+
+float confidence(LobeCell sum) { return min(confidence(sum.now), confidence(sum.recently)); }
+
+float robust_luminance(LobeCell sum) {
+    return sum.pixels > 1.0 ? max(sum.luminance - sum.brightest, 0.0) / (sum.pixels - 1.0) : 0.0;
+}
+
+void main() {
+    ivec2 cell = ivec2(gl_GlobalInvocationID.xy), cells = ivec2(cell_count());
+    if (denoise_settings.denoise == 0u || any(greaterThanEqual(cell, cells))) { return; }
+    vec2 trust = vec2(1.0), light = vec2(0.0);
+    Cell sums = Cell(EMPTY_CELL, EMPTY_CELL);
+    for (int ring = 0; ring <= WIDEST; ring++) {
+        for (int y = -ring; y <= ring; y++) {
+            int step = abs(y) == ring ? 1 : 2 * ring;  // the cells of the ring alone
+            for (int x = -ring; x <= ring; x += max(step, 1)) {
+                ivec2 other = cell + ivec2(x, y);
+                if (any(lessThan(other, ivec2(0))) || any(greaterThanEqual(other, cells))) { continue; }
+                Cell found = denoise_cells.at[other.y * cells.x + other.x];
+                add_cell(sums.diffuse, found.diffuse);
+                add_cell(sums.specular, found.specular);
+            }
+        }
+        trust = min(trust, vec2(confidence(sums.diffuse), confidence(sums.specular)));
+        if (ring == 1) { light = vec2(robust_luminance(sums.diffuse), robust_luminance(sums.specular)); }
+    }
+    denoise_blocks.at[cell.y * cells.x + cell.x] = Block(trust, light);
+}

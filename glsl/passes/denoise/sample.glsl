@@ -1,0 +1,22 @@
+// The light of a pixel's path, as the denoiser takes it.
+#ifndef PASSES_DENOISE_SAMPLE_GLSL
+#define PASSES_DENOISE_SAMPLE_GLSL
+
+#include "passes/denoise/guide.glsl"
+#include "passes/denoise/lobe.glsl"
+#include "passes/paths/bindings.glsl"
+
+const float RECENT = 0.2;  // weight of a frame in Lobe.recent
+
+// Other radiance is left out.
+bool is_valid(vec3 radiance) { return !any(isnan(radiance)) && !any(isinf(radiance)); }
+
+// Radiance, and the distance to where it came from: paths_diffuse.
+vec4 diffuse_sample(uint index) { return max(paths_diffuse.at[index], vec4(0.0)); }
+
+vec4 specular_sample(uint index, ivec2 pixel, uint kind) {
+    vec4 found = max(paths_specular.at[index], vec4(0.0));
+    return vec4(found.rgb / reflected_albedo(pixel, kind), found.w);
+}
+
+#endif
