@@ -46,10 +46,10 @@ void main() {
     uint index = uint(pixel.y) * camera.size.x + uint(pixel.x);
     Guide guide = load_guide(pixel);
     if (guide.kind == NOTHING_SHOWN) { return; }
-    Sharpness sharp = sharpness(guide);
     uvec4 bits = SOURCE.at[index];
     Signal diffuse = unpack_signal(bits.xy), specular = unpack_signal(bits.zw);
     vec2 values = level == 0u ? denoise_luminance.at[index] : vec2(luminance(diffuse.radiance), luminance(specular.radiance));
+    Sharpness sharp = sharpness(guide, sqrt(max(specular.variance, 0.0)) / max(values.y, 1e-9));
     Sum diffuse_sum = Sum(vec3(0.0), 0.0, 0.0), specular_sum = diffuse_sum;
     if (diffuse.variance >= 0.0) { add(diffuse_sum, diffuse, 4.0); }
     if (specular.variance >= 0.0) { add(specular_sum, specular, 4.0); }

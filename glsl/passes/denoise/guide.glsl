@@ -18,15 +18,15 @@ struct Guide {
     float depth;    // meters along the view axis, to the virtual position for reflections
     vec3 position;  // relative to the camera
     vec3 normal;
-    float perceptual_roughness;
+    float material;  // perceptual roughness; of reflections the luminance of the albedo
 };
 
 const float FARTHEST = 1e6;
 
 uvec2 pack_guide(Guide guide) {
-    uint roughness = pack_unorm(guide.perceptual_roughness, 6u);
+    uint material = pack_unorm(guide.material, 6u);
     return uvec2(
-        pack_octahedral_24(guide.normal) | roughness << 24u | guide.kind << 30u, floatBitsToUint(guide.depth)
+        pack_octahedral_24(guide.normal) | material << 24u | guide.kind << 30u, floatBitsToUint(guide.depth)
     );
 }
 
@@ -55,6 +55,17 @@ Guide load_previous_guide(ivec2 pixel) {
     return unpack_guide(bits, pixel, previous_camera);
 }
 
+// The share of light that the surface reflects which the pixel shows by itself or in mirrors.
+vec3 shown_albedo(ivec2 pixel) {
+    vec3 albedo = imageLoad(guides_diffuse_albedo, pixel).rgb + imageLoad(guides_specular_albedo, pixel).rgb;
+    return min(albedo, vec3(1.0));
+}
+
+// What the light of reflections is divided by, so that filters keep the texture of the surface seen in mirrors.
+vec3 reflected_albedo(ivec2 pixel, uint kind) {
+    return kind == REFLECTION_SHOWN ? mix(vec3(0.02), vec3(1.0), shown_albedo(pixel)) : vec3(1.0);
+}
+
 // The guide of this frame, from the guide images.
 Guide make_guide(ivec2 pixel) {
     float depth_value = imageLoad(guides_depth, pixel).x;
@@ -67,18 +78,11 @@ Guide make_guide(ivec2 pixel) {
     guide.depth = depth_value > 0.0 ? camera.near / depth_value : FARTHEST;
     guide.position = guide.depth * direction_at(vec2(pixel) + 0.5, camera);
     guide.normal = safe_normalize(normal_roughness.xyz, vec3(0.0, 0.0, 1.0));
-    guide.perceptual_roughness = normal_roughness.w;
+    guide.material = own ? normal_roughness.w : luminance(shown_albedo(pixel));
     return guide;
 }
 
 // The width of a pixel at depth 1.
 float pixel_width() { return 2.0 * camera.tan_half_fov.y / float(camera.size.y); }
-
-// The color of the surface seen in mirrors, which its light is divided by so that filters keep its texture.
-vec3 reflected_albedo(ivec2 pixel, uint kind) {
-    if (kind != REFLECTION_SHOWN) { return vec3(1.0); }
-    vec3 albedo = imageLoad(guides_diffuse_albedo, pixel).rgb + imageLoad(guides_specular_albedo, pixel).rgb;
-    return mix(vec3(0.02), vec3(1.0), min(albedo, vec3(1.0)));
-}
 
 #endif

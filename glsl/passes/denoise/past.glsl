@@ -9,7 +9,7 @@
 
 const float SAME_PLANE = 1.5;       // largest distance from a surface's plane, in widths of a pixel
 const float SAME_NORMAL = 0.9;      // smallest cosine between normals
-const float SAME_ROUGHNESS = 0.1;
+const float SAME_MATERIAL = 0.1;
 const float SAME_DEPTH = 0.1;       // largest relative difference in depth of what mirrors show
 
 // A surface in the previous frame.
@@ -62,7 +62,7 @@ bool showed_the_same(ivec2 pixel, Past past, Guide guide) {
         ? abs(dot(then.position - past.position, past.normal)) < SAME_PLANE * pixel_width() * then.depth
         : abs(then.depth - guide.depth) < SAME_DEPTH * guide.depth;
     return near && dot(then.normal, past.normal) > SAME_NORMAL
-        && abs(then.perceptual_roughness - guide.perceptual_roughness) < SAME_ROUGHNESS;
+        && abs(then.material - guide.material) < SAME_MATERIAL;
 }
 
 void add_tap(inout Taps taps, ivec2 pixel, float weight, Past past, Guide guide) {

@@ -43,13 +43,13 @@ Lobe find_specular(ivec2 pixel, Guide guide, Past past, Taps at_surface) {
     if (guide.kind != SURFACE_SHOWN) { return by_surface; }
     vec3 to_camera = normalize(guide.position);
     vec3 previous_to_camera = normalize(past.position);
-    float alpha = guide.perceptual_roughness * guide.perceptual_roughness;
+    float alpha = guide.material * guide.material;
     float turned = length(to_camera - previous_to_camera);
     if (turned < 1e-6) { return by_surface; }
 
     // Light that surface motion moves along stays valid for angles within the lobe.
     by_surface.frames /= 1.0 + square(turned / (0.05 * alpha + 0.002));
-    float share = 1.0 - smoothstep(ONLY_VIRTUAL_MOTION, ONLY_SURFACE_MOTION, guide.perceptual_roughness);
+    float share = 1.0 - smoothstep(ONLY_VIRTUAL_MOTION, ONLY_SURFACE_MOTION, guide.material);
     if (share == 0.0 || by_surface.inverse_distance == 0.0) { return by_surface; }
     float inverse = by_surface.inverse_distance + 2.0 * curvature(pixel, guide);
     if (!(inverse > 0.0)) { return by_surface; }

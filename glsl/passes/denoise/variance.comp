@@ -31,7 +31,7 @@ Signal begin(Lobe lobe, Moments sum, float block_luminance) {
     if (lobe.frames == 0.0) { return Signal(vec3(0.0), -1.0); }
     float near = sum.mean / sum.weight, value = luminance(lobe.radiance);
     float others = sum.weight > OWN_WEIGHT ? max(sum.mean - OWN_WEIGHT * value, 0.0) / (sum.weight - OWN_WEIGHT) : 0.0;
-    float limit = max(NEIGHBORS_LIMIT * others, BLOCK_LIMIT * lobe.frames * block_luminance);
+    float limit = max(NEIGHBORS_LIMIT * others, BLOCK_LIMIT * sqrt(lobe.frames) * block_luminance);
     if (value > limit) {
         lobe.radiance *= limit / value;
         lobe.second_moment *= square(limit / value);
@@ -50,7 +50,8 @@ void main() {
     uint index = uint(pixel.y) * camera.size.x + uint(pixel.x);
     Guide guide = load_guide(pixel);
     if (guide.kind == NOTHING_SHOWN) { return; }
-    Sharpness sharp = sharpness(guide);
+    Lobe own_diffuse = unpack_lobe(denoise_diffuse.at[index]), own_specular = unpack_lobe(denoise_specular.at[index]);
+    Sharpness sharp = sharpness(guide, inversesqrt(max(own_specular.frames, 1.0)));
     Moments diffuse = Moments(0.0, 0.0, 0.0), specular = diffuse;
     for (int i = 0; i < 9; i++) {
         ivec2 step = ivec2(i % 3, i / 3) - 1, other = pixel + step;
@@ -63,8 +64,8 @@ void main() {
     }
     uint rng = seed_rng(uvec2(pixel), this_frame.index, this_frame.seed ^ PASS_SALT);
     vec2 block = denoise_blocks.at[cell_at(pixel)].luminance;
-    uvec2 by_diffuse = pack_signal(begin(unpack_lobe(denoise_diffuse.at[index]), diffuse, block.x), rng);
-    uvec2 by_specular = pack_signal(begin(unpack_lobe(denoise_specular.at[index]), specular, block.y), rng);
+    uvec2 by_diffuse = pack_signal(begin(own_diffuse, diffuse, block.x), rng);
+    uvec2 by_specular = pack_signal(begin(own_specular, specular, block.y), rng);
     denoise_even.at[index] = uvec4(by_diffuse, by_specular);
     denoise_luminance.at[index] = vec2(diffuse.mean, specular.mean) / max(vec2(diffuse.weight, specular.weight), 1e-9);
 }
