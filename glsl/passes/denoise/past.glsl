@@ -7,7 +7,9 @@
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/guides/mirrors.glsl"
 
-const float SAME_PLANE = 1.5;       // largest distance from a surface's plane, in widths of a pixel
+// Largest distance from a surface's plane, in widths of a pixel: of the surface itself, and of where it shows the same
+// reflection.
+const float SAME_PLANE = 1.5, PLANE_OF_REFLECTION = 8.0;
 const float SAME_NORMAL = 0.9;      // smallest cosine between normals
 const float SAME_MATERIAL = 0.1;
 const float SAME_DEPTH = 0.1;       // largest relative difference in depth of what mirrors show
@@ -21,8 +23,8 @@ struct Past {
 
 // Pixels of the previous frame with their weights.
 struct Taps {
-    uint at[9];
-    float weights[9];
+    uint at[16];
+    float weights[16];
     int count;
     float weight;  // sum of the weights that count, before they were normalized; 0 when none does
     bool nearby;   // taken from pixels beside the surface's own
@@ -53,38 +55,52 @@ Past find_past(ivec2 pixel, Guide guide) {
     return past;
 }
 
-bool showed_the_same(ivec2 pixel, Past past, Guide guide) {
+bool showed_the_same(ivec2 pixel, Past past, Guide guide, float plane_distance) {
     if (any(lessThan(pixel, ivec2(0))) || any(greaterThanEqual(pixel, ivec2(camera.size)))) { return false; }
     Guide then = load_previous_guide(pixel);
     if (then.kind != guide.kind) { return false; }
     if (guide.kind == LIGHT_REFLECTED) { return true; }
     bool near = guide.kind == SURFACE_SHOWN
-        ? abs(dot(then.position - past.position, past.normal)) < SAME_PLANE * pixel_width() * then.depth
+        ? abs(dot(then.position - past.position, past.normal)) < plane_distance * pixel_width() * then.depth
         : abs(then.depth - guide.depth) < SAME_DEPTH * guide.depth;
     return near && dot(then.normal, past.normal) > SAME_NORMAL
         && abs(then.material - guide.material) < SAME_MATERIAL;
 }
 
-void add_tap(inout Taps taps, ivec2 pixel, float weight, Past past, Guide guide) {
-    if (!(weight > 1e-3) || !showed_the_same(pixel, past, guide)) { return; }
+const Taps NO_TAPS = Taps(uint[16](0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u),
+    float[16](0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0, 0.0, false);
+
+void add_tap(inout Taps taps, ivec2 pixel, float weight, Past past, Guide guide, float plane_distance) {
+    if (abs(weight) < 1e-3 || !showed_the_same(pixel, past, guide, plane_distance)) { return; }
     taps.at[taps.count] = uint(pixel.y) * camera.size.x + uint(pixel.x);
     taps.weights[taps.count] = weight;
     taps.count += 1;
     taps.weight += weight;
 }
 
-// The four pixels around a position, by bilinear interpolation.
-Taps find_taps(vec2 where, Past past, Guide guide) {
-    Taps taps;
-    taps.count = 0;
-    taps.weight = 0.0;
-    taps.nearby = false;
+// The weights of Catmull-Rom splines at a share of the way from the second of four points to the third.
+vec4 spline(float t) {
+    return 0.5 * vec4(((2.0 - t) * t - 1.0) * t, (3.0 * t - 5.0) * t * t + 2.0, ((4.0 - 3.0 * t) * t + 1.0) * t,
+                      (t - 1.0) * t * t);
+}
+
+// The pixels around a position that showed the surface: by splines, which keep the sharpness of what moves from frame to
+// frame, or by bilinear interpolation where some of the pixels showed another surface.
+Taps find_taps(vec2 where, Past past, Guide guide, float plane_distance) {
     ivec2 corner = ivec2(floor(where - 0.5));
     vec2 share = where - 0.5 - vec2(corner);
+    vec4 across = spline(share.x), down = spline(share.y);
+    Taps taps = NO_TAPS;
+    for (int i = 0; i < 16; i++) {
+        ivec2 step = ivec2(i & 3, i >> 2);
+        add_tap(taps, corner + step - 1, across[step.x] * down[step.y], past, guide, plane_distance);
+    }
+    if (abs(taps.weight - 1.0) < 0.02) { return taps; }
+    taps = NO_TAPS;
     for (int i = 0; i < 4; i++) {
         ivec2 step = ivec2(i & 1, i >> 1);
         vec2 weights = mix(1.0 - share, share, vec2(step));
-        add_tap(taps, corner + step, weights.x * weights.y, past, guide);
+        add_tap(taps, corner + step, weights.x * weights.y, past, guide, plane_distance);
     }
     return taps;
 }
@@ -92,12 +108,10 @@ Taps find_taps(vec2 where, Past past, Guide guide) {
 // The pixels around the nearest one. At edges, where jitter lets pixels show one surface or another, these hold the
 // history of the surface that the pixel itself didn't show in the previous frame.
 Taps find_nearby(Past past, Guide guide) {
-    Taps taps;
-    taps.count = 0;
-    taps.weight = 0.0;
+    Taps taps = NO_TAPS;
     taps.nearby = true;
     for (int i = 0; i < 9; i++) {
-        add_tap(taps, ivec2(floor(past.pixel)) + ivec2(i % 3 - 1, i / 3 - 1), 1.0, past, guide);
+        add_tap(taps, ivec2(floor(past.pixel)) + ivec2(i % 3 - 1, i / 3 - 1), 1.0, past, guide, SAME_PLANE);
     }
     return taps;
 }
@@ -110,12 +124,21 @@ void add_history(inout Lobe sum, Lobe found, float weight) {
     sum.inverse_distance += weight * found.inverse_distance;
 }
 
+// Splines may fall below 0.
+Lobe without_overshoot(Lobe lobe) {
+    vec3 radiance = max(lobe.radiance, vec3(0.0));
+    return Lobe(
+        radiance, max(lobe.second_moment, square(luminance(radiance))), max(lobe.recent, 0.0), max(lobe.frames, 0.0),
+        max(lobe.inverse_distance, 0.0)
+    );
+}
+
 Lobe read_diffuse(Taps taps) {
     Lobe sum = NO_HISTORY;
     for (int i = 0; i < taps.count; i++) {
         add_history(sum, unpack_lobe(previous_denoise_diffuse.at[taps.at[i]]), taps.weights[i] / taps.weight);
     }
-    return sum;
+    return without_overshoot(sum);
 }
 
 Lobe read_specular(Taps taps) {
@@ -123,7 +146,7 @@ Lobe read_specular(Taps taps) {
     for (int i = 0; i < taps.count; i++) {
         add_history(sum, unpack_lobe(previous_denoise_specular.at[taps.at[i]]), taps.weights[i] / taps.weight);
     }
-    return sum;
+    return without_overshoot(sum);
 }
 
 #endif

@@ -41,21 +41,22 @@ float curvature(ivec2 pixel, Guide guide) {
 Lobe find_specular(ivec2 pixel, Guide guide, Past past, Taps at_surface) {
     Lobe by_surface = read_specular(at_surface);
     if (guide.kind != SURFACE_SHOWN) { return by_surface; }
-    vec3 to_camera = normalize(guide.position);
-    vec3 previous_to_camera = normalize(past.position);
+    vec3 seen_along = normalize(guide.position);
+    vec3 previous_seen_along = normalize(past.position);
     float alpha = guide.material * guide.material;
-    float turned = length(to_camera - previous_to_camera);
+    float turned = length(seen_along - previous_seen_along);
     if (turned < 1e-6) { return by_surface; }
 
     // Light that surface motion moves along stays valid for angles within the lobe.
     by_surface.frames /= 1.0 + square(turned / (0.05 * alpha + 0.002));
     float share = 1.0 - smoothstep(ONLY_VIRTUAL_MOTION, ONLY_SURFACE_MOTION, guide.material);
     if (share == 0.0 || by_surface.inverse_distance == 0.0) { return by_surface; }
-    float inverse = by_surface.inverse_distance + 2.0 * curvature(pixel, guide);
+    float cosine = max(-dot(seen_along, guide.normal), 0.1);
+    float inverse = by_surface.inverse_distance + 2.0 * curvature(pixel, guide) / cosine;
     if (!(inverse > 0.0)) { return by_surface; }
-    vec3 behind = to_camera / inverse;
+    vec3 behind = seen_along / inverse;
     vec2 where = previous_pixel(guide.position + behind, past.position + behind, pixel);
-    Taps at_reflection = find_taps(where, past, guide);
+    Taps at_reflection = find_taps(where, past, guide, PLANE_OF_REFLECTION);
     if (at_reflection.weight == 0.0) { return by_surface; }
     return blend(by_surface, read_specular(at_reflection), share);
 }
@@ -74,7 +75,7 @@ void main() {
     Lobe diffuse = NO_HISTORY, specular = NO_HISTORY;
     if (this_frame.has_history != 0u) {
         Past past = find_past(pixel, guide);
-        Taps taps = find_taps(past.pixel, past, guide);
+        Taps taps = find_taps(past.pixel, past, guide, SAME_PLANE);
         if (taps.weight == 0.0) { taps = find_nearby(past, guide); }
         if (taps.weight > 0.0) {
             diffuse = read_diffuse(taps);
