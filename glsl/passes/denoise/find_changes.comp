@@ -9,9 +9,9 @@
 layout(local_size_x = 8, local_size_y = 8) in;
 
 const int WIDEST = 2;  // cells from the center of the widest block
-// Standard deviations between which a difference becomes certain; and the same after lights changed.
-const vec2 CERTAIN = vec2(3.5, 6.0), CERTAIN_AFTER_CHANGE = vec2(2.0, 3.5);
-const float EXPONENT = 8.0;
+// Standard deviations between which a difference becomes certain; and the same after all lights changed.
+const vec2 CERTAIN = vec2(3.5, 6.0), CERTAIN_AFTER_CHANGE = vec2(1.0, 2.5);
+const float EXPONENT = 16.0;
 
 void add_difference(inout Difference sum, Difference other) {
     sum.total += other.total;
@@ -32,7 +32,7 @@ void add_cell(inout LobeCell sum, LobeCell other) {
 float confidence(Difference sum) {
     float deviation = sqrt(max(sum.squares, sum.variance));
     if (!(deviation > 0.0)) { return 1.0; }
-    vec2 bounds = this_frame.lighting_change > 0.0 ? CERTAIN_AFTER_CHANGE : CERTAIN;
+    vec2 bounds = mix(CERTAIN, CERTAIN_AFTER_CHANGE, min(4.0 * this_frame.lighting_change, 1.0));
     float certain = smoothstep(bounds.x, bounds.y, abs(sum.total) / deviation);
     return pow(1.0 - certain * min(abs(sum.total) / sum.larger, 1.0), EXPONENT);
 }
