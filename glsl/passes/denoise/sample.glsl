@@ -12,10 +12,10 @@ const float RECENT = 0.2;  // weight of a frame in Lobe.recent
 bool is_valid(vec3 radiance) { return !any(isnan(radiance)) && !any(isinf(radiance)); }
 
 // Radiance, and the distance to where it came from: paths_diffuse.
-vec4 diffuse_sample(uint index) { return max(paths_diffuse.at[index], vec4(0.0)); }
+vec4 diffuse_sample(uint index) { return paths_diffuse.at[index]; }
 
 vec4 specular_sample(uint index, ivec2 pixel, uint kind) {
-    vec4 found = max(paths_specular.at[index], vec4(0.0));
+    vec4 found = paths_specular.at[index];
     return vec4(found.rgb / reflected_albedo(pixel, kind), found.w);
 }
 
