@@ -12,7 +12,7 @@
 layout(set = 1, binding = 70, scalar) buffer PathsDiffuseBlock { vec4 at[]; } paths_diffuse;
 layout(set = 1, binding = 71, scalar) buffer PathsSpecularBlock { vec4 at[]; } paths_specular;
 // Radiance without the denoiser.
-layout(set = 1, binding = 72, scalar) buffer RawRadianceBlock { vec3 at[]; } raw_radiance;
+layout(set = 1, binding = 89, scalar) buffer RawRadianceBlock { vec3 at[]; } raw_radiance;
 
 // A path that waits for its next ray, apart from what the pass that goes on with it computes again.
 struct WaitingPath {
