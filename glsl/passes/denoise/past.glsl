@@ -110,8 +110,12 @@ Taps find_taps(vec2 where, Past past, Guide guide, float plane_distance) {
 Taps find_nearby(Past past, Guide guide) {
     Taps taps = NO_TAPS;
     taps.nearby = true;
+    float width = pixel_width() * guide.depth;
     for (int i = 0; i < 9; i++) {
-        add_tap(taps, ivec2(floor(past.pixel)) + ivec2(i % 3 - 1, i / 3 - 1), 1.0, past, guide, SAME_PLANE);
+        ivec2 pixel = ivec2(floor(past.pixel)) + ivec2(i % 3 - 1, i / 3 - 1);
+        vec3 apart = load_previous_guide(clamp(pixel, ivec2(0), ivec2(camera.size) - 1)).position - past.position;
+        float nearness = 1.0 / (0.1 + dot(apart, apart) / (width * width));
+        add_tap(taps, pixel, nearness, past, guide, SAME_PLANE);
     }
     return taps;
 }

@@ -9,7 +9,7 @@
 layout(local_size_x = 8, local_size_y = 8) in;
 
 const uint PASS_SALT = 0x6A09E667u;
-const float FRAMES_AT_EDGES = 16.0;     // of histories taken from neighbors
+const float FRAMES_AT_EDGES = 8.0;     // of histories taken from neighbors
 const float ONLY_SURFACE_MOTION = 0.8; // perceptual roughness from which reflections move like their surface
 const float ONLY_VIRTUAL_MOTION = 0.5;
 

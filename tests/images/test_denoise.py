@@ -1,0 +1,331 @@
+"""The denoiser of lighting=paths: its means, its error, what it follows, and what it survives."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+from support.frames import differing, find, settle
+
+import solari_vk as sv
+from solari_vk.conformance.realtime import JITTER_PERIOD, make_renderer
+from solari_vk.gpu.shaders.patches import patched_shaders
+from solari_vk.measure.statistics import sixteenths
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import builtin, cornell_box, matte, place
+
+SIZE = (48, 48)
+FOLDER = "passes/denoise/"
+SEES_CENTERS = ("passes/pathtracer/pixel_filter.glsl", "return radius * (2.0 * u - 1.0);", "return 0.0 * u;")
+LOBES = ("diffuse_radiance", "specular_radiance")
+
+
+def make(device, scene, size=SIZE, **settings):
+    return make_renderer(device, scene, size, **{"denoise": True, **settings})
+
+
+def read(frame, name="radiance"):
+    return np.asarray(frame[name], np.float64)[..., :3]
+
+
+def relative_error(picture, reference):
+    """relMSE: the mean square error over the reference's square."""
+    return float((((picture - reference) ** 2) / (reference**2 + 1e-2 * reference.mean() ** 2)).mean())
+
+
+# ---- a still picture --------------------------------------------------------------------------------
+
+
+# relMSE of frames 1, 8 and 32 after a reset at 128x128. Measured: 0.021, 0.0047, 0.0021; and 0.11, 0.037, 0.016.
+BARS = {"cornell_box": (0.05, 0.012, 0.005), "mirror_hall": (0.16, 0.055, 0.025)}
+SIZE_OF_BARS = (128, 128)
+
+
+@pytest.fixture(scope="module")
+def reference_of(device):
+    """reference_of(name) -> the path tracer's picture of a built-in scene at the centers of pixels."""
+
+    @functools.cache
+    def trace(name):
+        with patched_shaders(SEES_CENTERS), sv.PathTracer(device, builtin(name), SIZE_OF_BARS, seed=99) as tracer:
+            return read(tracer.render(samples=1024))
+
+    return trace
+
+
+def errors_of(device, name, reference):
+    """relMSE of frames 1, 8 and 32 after a reset, without jitter, each a mean over two seeds."""
+    found = []
+    with make(device, builtin(name), SIZE_OF_BARS, jitter=False) as renderer:
+        for seed in (1, 2):
+            renderer.seed = seed
+            renderer.reset()
+            pictures = [read(renderer.render()) for _ in range(32)]
+            found.append([relative_error(pictures[frame - 1], reference) for frame in (1, 8, 32)])
+    print(name, np.round(found, 4))
+    return np.mean(found, axis=0)
+
+
+@pytest.mark.parametrize("name", ["cornell_box", pytest.param("mirror_hall", marks=pytest.mark.slow)])
+def test_error_falls_from_frame_to_frame(device, reference_of, name):
+    errors = errors_of(device, name, reference_of(name))
+    assert (errors <= BARS[name]).all(), errors
+
+
+SIZE_OF_MEANS = (96, 96)
+
+
+def means_of(device, scene, on, **settings):
+    """The mean of 32 frames after 16, of each lobe: (2, h, w, 3)."""
+    with make(device, scene, SIZE_OF_MEANS, denoise=on, **settings) as renderer:
+        settle(renderer, scene.camera, 16)
+        sums = np.zeros((2, SIZE_OF_MEANS[1], SIZE_OF_MEANS[0], 3))
+        for _ in range(JITTER_PERIOD):
+            frame = renderer.render()
+            sums += [read(frame, name) for name in LOBES]
+    return sums / JITTER_PERIOD
+
+
+def measure_means(device, scene, **settings):
+    """The largest relative errors of the picture, of a lobe, and of a tile against the mean of the same raw frames."""
+    found, raw = (means_of(device, scene, on, **settings) for on in (True, False))
+    total = abs(found.sum() / raw.sum() - 1)
+    lobes = np.abs(found.sum(axis=(1, 2, 3)) / raw.sum(axis=(1, 2, 3)) - 1).max()
+    ours, theirs = (sixteenths(picture.sum(axis=0)).mean(axis=-1) for picture in (found, raw))
+    tiles = np.abs(ours / theirs - 1).max()
+    print(f"{scene.name}: mean {total:.4f}, lobes {lobes:.4f}, tiles {tiles:.4f}")
+    return total, lobes, tiles
+
+
+@pytest.mark.parametrize("name", ["cornell_box", "sphere_grid", "mirror_hall"])
+def test_means_are_those_of_the_raw_frames(device, name):
+    total, lobes, tiles = measure_means(device, builtin(name))
+    assert total < 0.02
+    assert lobes < 0.02
+    assert tiles < 0.05
+
+
+def test_noise_of_a_settled_picture(device):
+    """The standard deviation of pixels over frames is at most an eighth of that of the raw frames."""
+    scene = cornell_box()
+    with make(device, scene, jitter=False) as renderer:
+        settle(renderer, scene.camera, 64)
+        pictures, raw = [], []
+        for _ in range(16):
+            frame = renderer.render()
+            pictures.append(read(frame))
+            raw.append(read(frame, "raw_radiance"))
+    ratio = np.std(pictures, axis=0).mean() / np.std(raw, axis=0).mean()
+    print(f"{ratio:.4f}")
+    assert ratio < 1 / 8
+
+
+def test_off_is_the_raw_frame(device):
+    """Without the denoiser, the radiance is what the paths gave; with it, raw_radiance still is, bit by bit."""
+    scene = cornell_box()
+    with make(device, scene) as on, make(device, scene, denoise=False) as off:
+        for _ in range(4):
+            denoised, raw = on.render(), off.render()
+            assert raw["radiance"].tobytes() == raw["raw_radiance"].tobytes()
+            assert denoised["raw_radiance"].tobytes() == raw["radiance"].tobytes()
+            assert denoised["radiance"].tobytes() != raw["radiance"].tobytes()
+
+
+def test_the_switch_is_live(device):
+    """Switched off and on again, the denoiser begins anew; off, frames are raw."""
+    scene = cornell_box()
+    with make(device, scene) as renderer:
+        settle(renderer, scene.camera, 12)
+        renderer.settings.denoise = False
+        frame = renderer.render()
+        assert frame["radiance"].tobytes() == frame["raw_radiance"].tobytes()
+        renderer.settings.denoise = True
+        lengths = np.asarray(renderer.render()["denoise_guides"])
+        assert lengths.any()
+        again = read(renderer.render())
+    assert np.isfinite(again).all()
+
+
+# ---- what changes -----------------------------------------------------------------------------------
+
+
+def lamp_off(device):
+    """The light that is left 10 and 20 frames after the lamp was switched off, over the light before."""
+    scene = cornell_box()
+    lamp = find(scene, "lamp")
+    with make(device, scene) as renderer:
+        before = read(settle(renderer, scene.camera, 40), "diffuse_radiance").mean()
+        lamp.material.emissive = np.zeros(3)
+        after = [read(renderer.render(), "diffuse_radiance").mean() / before for _ in range(20)]
+    print(np.round(after, 4))
+    return after[9], after[19]
+
+
+def test_light_that_is_switched_off_is_gone(device):
+    after_10, after_20 = lamp_off(device)
+    assert after_10 < 0.05
+    assert after_20 < 0.01
+
+
+def pan(device):
+    """relMSE of a frame while the camera moves sideways, over that of its raw frame; and the mean over the raw one's."""
+    scene = cornell_box()
+    start, errors, means = np.array(scene.camera.transform), [], []
+
+    def view(step):
+        camera = sv.Camera(transform=start, vertical_fov=scene.camera.vertical_fov, near=scene.camera.near)
+        moved = start.copy()
+        moved[:3, 3] += moved[:3, 0] * 0.03 * step
+        camera.transform = moved
+        return camera
+
+    with make(device, scene, jitter=False) as renderer:
+        for seed in (1, 2):
+            renderer.seed = seed
+            renderer.reset()
+            for step in range(17):
+                frame = renderer.render(view(step))
+            errors.append((read(frame), read(frame, "raw_radiance")))
+    with patched_shaders(SEES_CENTERS), sv.PathTracer(device, scene, SIZE, seed=3) as tracer:
+        reference = read(tracer.render(view(16), samples=512))
+    found = np.mean([relative_error(picture, reference) for picture, _ in errors])
+    raw = np.mean([relative_error(picture, reference) for _, picture in errors])
+    means = np.mean([picture.mean() for picture, _ in errors]) / reference.mean() - 1
+    print(f"{found:.4f} of {raw:.4f}, mean {means:+.4f}")
+    return found / raw, abs(means)
+
+
+def test_a_moving_camera_keeps_its_history(device):
+    ratio, mean = pan(device)
+    assert ratio < 0.03
+    assert mean < 0.02
+
+
+# ---- hard input -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("value", ["0.0 / 0.0", "1.0 / 0.0"])
+def test_values_that_are_not_finite_spread_nowhere(device, value):
+    """One pixel's paths give NaN or infinity from the third frame on: all pixels stay finite, and right."""
+    scene = cornell_box()
+    index = SIZE[0] * 24 + 20
+    old = "vec4 diffuse_sample(uint index) { return paths_diffuse.at[index]; }"
+    new = (
+        "vec4 diffuse_sample(uint index) {\n"
+        f"    bool wrong = index == {index}u && this_frame.index != 3u;\n"
+        f"    return wrong ? vec4(vec3({value}), 1.0) : paths_diffuse.at[index];\n"
+        "}"
+    )
+    with patched_shaders((f"{FOLDER}sample.glsl", old, new)), make(device, scene, jitter=False) as renderer:
+        pictures = [read(renderer.render()) for _ in range(8)]
+    with make(device, scene, jitter=False) as renderer:
+        right = [read(renderer.render()) for _ in range(8)]
+    assert np.isfinite(pictures).all()
+    apart = np.abs(pictures[7] - right[7])
+    assert apart.sum() < 1e-3 * right[7].sum(), "the others hardly change"
+    assert (apart.reshape(-1, 3)[index] < 0.3 * right[7].reshape(-1, 3)[index]).all(), "its neighbors fill the pixel"
+
+
+@pytest.mark.parametrize("ev100", [-40.0, 40.0])
+def test_exposure_changes_nothing(device, ev100):
+    """Radiance is kept with all exponents: lobes are the same at every exposure, bit by bit."""
+    scene, other = cornell_box(), cornell_box()
+    other.camera.ev100 = ev100
+    with make(device, scene) as renderer, make(device, other) as exposed:
+        for _ in range(4):
+            frame, found = renderer.render(), exposed.render()
+        for name in LOBES:
+            assert found[name].tobytes() == frame[name].tobytes(), name
+
+
+def test_bright_lights(device):
+    """A lamp of 1e12 cd/m^2 gives the same picture, so many times brighter."""
+    scene, bright = cornell_box(), cornell_box()
+    factor = 2.0**36
+    lamp = find(bright, "lamp")
+    lamp.material.emissive = factor * np.asarray(lamp.material.emissive)
+    with make(device, scene) as renderer, make(device, bright) as other:
+        first, second = (read(settle(r, s.camera, 6), "diffuse_radiance") for r, s in ((renderer, scene), (other, bright)))
+    assert np.isfinite(second).all()
+    assert second.mean() / factor == pytest.approx(first.mean(), rel=0.02)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (3, 1), (5, 7)])
+def test_small_pictures(device, size):
+    scene = cornell_box()
+    with make(device, scene, size) as renderer:
+        assert np.isfinite(read(settle(renderer, scene.camera, 6))).all()
+        renderer.resize((9, 2))
+        assert np.isfinite(read(settle(renderer, scene.camera, 6))).all()
+
+
+def test_black_surfaces(device):
+    """Surfaces that reflect nothing by the diffuse lobe stay as dark as the raw frames show them."""
+    scene = sv.Scene()
+    scene.add(shapes.quad((0, 0, 0), (0, 0, 3), (3, 0, 0)), matte(0.0), name="black floor")
+    scene.add(shapes.box(), matte(0.0), place((1, 1, 1), at=(0, 0.5, 0)), name="black box")
+    scene.add(sv.DirectionalLight(direction=(0.3, -1.0, -0.4), illuminance=10.0))
+    scene.add(sv.Camera.look_at((0, 2, 5), (0, 0.5, 0)))
+    found, raw = (means_of(device, scene, on) for on in (True, False))
+    assert np.isfinite(found).all()
+    assert found.sum() == pytest.approx(raw.sum(), rel=0.02, abs=1e-6)
+
+
+def test_same_seed_same_bits(device):
+    scene = cornell_box()
+    with make(device, scene) as first, make(device, scene) as second:
+        for _ in range(5):
+            assert not differing(first.render(scene.camera), second.render(scene.camera))
+
+
+# ---- mutants ----------------------------------------------------------------------------------------
+
+
+def mutant(file, old, new):
+    return (FOLDER + file, old, new)
+
+
+def caught_by_means(device):
+    total, lobes, tiles = measure_means(device, builtin("mirror_hall"))
+    return total > 0.02 or lobes > 0.02 or tiles > 0.05
+
+
+def caught_by_error(device, reference_of):
+    return bool((errors_of(device, "cornell_box", reference_of("cornell_box")) > BARS["cornell_box"]).any())
+
+
+def caught_by_lamp(device):
+    after_10, after_20 = lamp_off(device)
+    return after_10 > 0.05 or after_20 > 0.01
+
+
+def caught_by_pan(device):
+    ratio, mean = pan(device)
+    return ratio > 0.03 or mean > 0.02
+
+
+MUTANTS = {
+    "short history": ("error", mutant("accumulate.comp", "float weight = 1.0 / (past.frames + 1.0);",
+                                      "float weight = max(1.0 / (past.frames + 1.0), 0.3);")),
+    "no blur": ("error", mutant("blur.comp", "return 1.0 / square(1.0 + difference * difference / tolerance);",
+                                "return 0.0;")),
+    "blur without end": ("error", mutant("blur.comp", "return 1.0 / square(1.0 + difference * difference / tolerance);",
+                                         "return 1.0;")),
+    "albedo of reflections": ("means", mutant("sample.glsl", "found.rgb / reflected_albedo(pixel, kind)", "found.rgb")),
+    "light off unnoticed": ("lamp", mutant("accumulate.comp", "past.frames * confidence", "past.frames")),
+    "wrong way": ("pan", mutant("past.glsl", "0.5 + motion_vector(now, before)", "0.5 - motion_vector(now, before)")),
+    "every tap": ("pan", mutant("past.glsl", "if (then.kind != guide.kind) { return false; }",
+                                "if (then.kind == guide.kind) { return true; }")),
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MUTANTS)
+def test_mutants_are_caught(device, reference_of, name):
+    check, patch = MUTANTS[name]
+    with patched_shaders(patch):
+        if check == "error":
+            assert caught_by_error(device, reference_of)
+        else:
+            assert {"means": caught_by_means, "lamp": caught_by_lamp, "pan": caught_by_pan}[check](device)
