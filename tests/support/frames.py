@@ -9,11 +9,12 @@ from solari_vk.renderer import LIGHT
 
 SIZE = (32, 32)
 OTHER_OUTPUTS = ("depth", "motion_vectors", "gbuffer", "guides_normal_roughness", "display")
-# Tests of whole frames run with the default lighting, and with Solari's passes when slow tests run. The parameter holds
-# settings.
-each_lighting = pytest.mark.parametrize(
-    "lighting", [pytest.param({}, id="default"), pytest.param(SPLIT, id="split", marks=pytest.mark.slow)]
-)
+# Tests of whole frames run with the default lighting, with the denoiser, and with Solari's passes when slow tests run.
+# The parameter holds settings.
+each_lighting = pytest.mark.parametrize("lighting", [
+    pytest.param({}, id="default"), pytest.param({"denoise": True}, id="denoised"),
+    pytest.param(SPLIT, id="split", marks=pytest.mark.slow),
+])  # fmt: skip
 
 
 def find(scene, name):
