@@ -62,7 +62,7 @@ class Settings:
         8, "Light samples from which a pixel's surface chooses one, at most one for each triangle of the lights. More: "
         "less noise.", low=1, high=1024)  # fmt: skip
     paths_later_candidates: int = _paths(
-        2, "The same for each further surface of a path, and for the cells of the world cache. More: less noise.",
+        2, "The same for each further surface of a path. More: less noise.",
         low=1, high=1024)  # fmt: skip
     paths_cache_roughness: float = _paths(
         0.35, "Roughness from which the world cache stands for the specular lobe of a surface too. More: sharper "
@@ -120,7 +120,7 @@ class Settings:
         True, "Forget as large a share of the past as the share of the lights' power that changed (Solari: off)."
     )
     world_cache_candidates: int = _cache(
-        32, "Light samples from which a cell chooses, with lighting=split. More: less noise, slower.", low=1, high=1024
+        32, "Light samples from which a cell chooses. More: less noise, slower.", low=1, high=1024
     )
     world_cache_ray_length: float = _cache(
         50.0, "Length of a cell's rays in meters, with lighting=split. Less: faster, darker.", low=1e-3, high=1e9

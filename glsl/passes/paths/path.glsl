@@ -53,7 +53,7 @@ Path start_path(uint rng) {
     path.squared_slope = path.spread = 0.0;
     path.cone_width = path.cone_spread = 0.0;
     path.lifetime = world_cache_settings.lifetime;
-    path.candidates = paths_settings.candidates;
+    path.candidates = min(paths_settings.candidates, scene_info.part_count);
     path.rng = rng;
     return path;
 }
@@ -123,11 +123,10 @@ bool advance(inout Path path) {
     bool first = path.bounce == 0u;
     uint candidates = path.candidates;
     if (!first) {
-        candidates = paths_settings.later_candidates;
+        candidates = min(paths_settings.later_candidates, scene_info.part_count);
         path.choice = rand_f(path.rng);
         path.u = rand_vec2f(path.rng);
     }
-    candidates = min(candidates, scene_info.part_count);
     float probability = light_probability(brdf);
     float density = probability * float(candidates);
     DrawnLight drawn;
