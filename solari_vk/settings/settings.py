@@ -12,8 +12,8 @@ from solari_vk.settings.field import Field, setting
 from solari_vk.settings.layering import LAYERINGS
 from solari_vk.settings.presets import QUALITIES as QUALITIES
 
-_frame, _paths, _reuse, _tiles, _cache, _di, _gi, _specular = (partial(setting, section) for section in (
-    "frame", "paths", "reuse", "light_tiles", "world_cache", "restir_di", "restir_gi", "specular_gi",
+_frame, _paths, _restir, _reuse, _tiles, _cache, _di, _gi, _specular = (partial(setting, section) for section in (
+    "frame", "paths", "restir", "reuse", "light_tiles", "world_cache", "restir_di", "restir_gi", "specular_gi",
 ))  # fmt: skip
 
 
@@ -71,7 +71,17 @@ class Settings:
         0.15, "Least roughness of surfaces that a path meets after it left a diffuse one (0: off). More: less noise, "
         "wider caustics.", low=0, high=1)  # fmt: skip
 
-    # ---- reuse between pixels, in DI and GI (lighting=split)
+    # ---- ReSTIR of paths (lighting=paths)
+    restir: bool = _restir(False, "Pixels reuse light that others found. Less noise in a frame, slower.", rebuilds=True)
+    restir_confidence_cap: float = _restir(
+        8.0, "Largest confidence of history, in frames. More: noise that lasts.", low=1, high=1e4
+    )
+    restir_roughness: float = _restir(
+        0.6, "Perceptual roughness from which specular light is reused too. Less: more outliers.", low=0.05, high=2
+    )
+    restir_radius: float = _restir(30.0, "Pixels to the farthest neighbor. More: fewer blotches.", low=1, high=1e4)
+
+    # ---- reuse between pixels, in DI and GI (lighting=split), and with restir=on
     similarity_plane_distance: float = _reuse(
         0.003, "Largest distance of a pixel from the tangent plane of another that reuses its samples, over the view "
         "depth. More: less noise at small features, more blur of contact shadows.", low=1e-6, high=1.0)  # fmt: skip
