@@ -105,6 +105,8 @@ class Renderer(PictureRenderer):
     def _stages(self, size: tuple[int, int]) -> list[Stage]:
         """The stages of a frame, in order."""
         settings, instances = self.settings, self.binder.instance_capacity
+        if settings.lighting == "paths" and settings.restir:
+            self.binder.keep_previous_tlas()
         stages = [
             gbuffer.stage(size, settings, instances, self.gbuffer),
             guides.stage(size, settings),

@@ -71,10 +71,23 @@ vec3 sample_cone(vec3 axis, float one_minus_cos_half_angle, vec2 u) {
     return normalize(axis - axis * one_minus_cos + sine * (frame[0] * cos(angle) + frame[1] * sin(angle)));
 }
 
+// The random numbers for which sample_cone returns a direction.
+vec2 cone_numbers(vec3 axis, float one_minus_cos_half_angle, vec3 direction, float one_minus_cos) {
+    vec3 local = direction * orthonormalize(axis);
+    float angle = atan(local.y, local.x) / (2.0 * PI);
+    return vec2(one_minus_cos / one_minus_cos_half_angle, angle < 0.0 ? angle + 1.0 : angle);
+}
+
 // Weights of the second and third vertex, for points uniform over the triangle's area.
 vec2 sample_triangle_barycentrics(vec2 u) {
     float root = sqrt(u.x);
     return vec2(root * (1.0 - u.y), root * u.y);
+}
+
+// The random numbers for which sample_triangle_barycentrics returns these weights.
+vec2 triangle_numbers(vec2 barycentrics) {
+    float root = barycentrics.x + barycentrics.y;
+    return vec2(root * root, root > 0.0 ? barycentrics.y / root : 0.0);
 }
 
 #endif

@@ -18,6 +18,7 @@
 #include "scene/hit.glsl"
 
 layout(set = 0, binding = 0) uniform accelerationStructureEXT tlas;
+layout(set = 0, binding = 12) uniform accelerationStructureEXT previous_tlas;  // the previous frame's, or `tlas`
 
 const uint TRACE_BOTH_FACES = gl_RayFlagsOpaqueEXT;
 // Returns the first hit that is found, which need not be the closest.
@@ -41,10 +42,10 @@ Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uin
 }
 
 // Returns whether nothing is hit. Both faces of every triangle cast shadows.
-bool trace_visibility(vec3 origin, vec3 direction, float t_max) {
+bool trace_visibility_in(accelerationStructureEXT structure, vec3 origin, vec3 direction, float t_max) {
     ray_payload.instance = 0u;  // a hit runs no shader, a miss sets NO_INDEX
     uint flags = TRACE_ANY_HIT | gl_RayFlagsSkipClosestHitShaderEXT;
-    traceRayEXT(tlas, flags, SCENE_MASK, 0u, 0u, 0u, origin, 0.0, direction, t_max, 0);
+    traceRayEXT(structure, flags, SCENE_MASK, 0u, 0u, 0u, origin, 0.0, direction, t_max, 0);
     return ray_payload.instance == NO_INDEX;
 }
 
@@ -67,12 +68,22 @@ Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uin
 }
 
 // Returns whether nothing is hit. Both faces of every triangle cast shadows.
-bool trace_visibility(vec3 origin, vec3 direction, float t_max) {
+bool trace_visibility_in(accelerationStructureEXT structure, vec3 origin, vec3 direction, float t_max) {
     rayQueryEXT query;
-    rayQueryInitializeEXT(query, tlas, TRACE_ANY_HIT, SCENE_MASK, origin, 0.0, direction, t_max);
+    rayQueryInitializeEXT(query, structure, TRACE_ANY_HIT, SCENE_MASK, origin, 0.0, direction, t_max);
     while (rayQueryProceedEXT(query)) {}
     return rayQueryGetIntersectionTypeEXT(query, true) == gl_RayQueryCommittedIntersectionNoneEXT;
 }
 
 #endif
+
+bool trace_visibility(vec3 origin, vec3 direction, float t_max) {
+    return trace_visibility_in(tlas, origin, direction, t_max);
+}
+
+// The same in the scene as it was in the previous frame.
+bool trace_previous_visibility(vec3 origin, vec3 direction, float t_max) {
+    return trace_visibility_in(previous_tlas, origin, direction, t_max);
+}
+
 #endif

@@ -26,6 +26,7 @@ from solari_vk.conformance import (
     probe_checks,
     ray_pipeline_checks,
     ray_probe_checks,
+    reuse_checks,
     specular_checks,
     structure_checks,
     world_cache_checks,
@@ -225,6 +226,10 @@ GROUPS: dict[str, dict[str, Measure]] = {
         "noise": lambda run: paths_checks.measure_sequence(run.device),
         "cells": lambda run: paths_checks.measure_cells(run.device),
         "light_tree": lambda run: light_tree_checks.measure_tree(run.shaders),
+        "reuse": lambda run: reuse_checks.measure_means(
+            run.device, reuse_checks.FULL if run.full else reuse_checks.FAST),
+        "reuse_noise": lambda run: reuse_checks.measure_noise(run.device),
+        "reuse_lag": lambda run: reuse_checks.measure_lag(run.device),
         "mirrors": lambda run: lobe_checks.measure_mirrors(run.device),
         "lobes": lambda run: lobe_checks.measure_lobes(run.device, run.shaders),
         "distances": lambda run: lobe_checks.measure_distances(run.device),

@@ -8,28 +8,33 @@ from solari_vk.passes.display import PARTS, RAY_COUNTERS
 from solari_vk.settings import Settings
 from solari_vk.settings.layering import brdf_constants
 
+RESERVOIRS = ("paths_temporal_reservoirs", "paths_reservoirs")
 ROUNDS = 3  # dispatches that go on with the paths that are left after their first rays
 
 
 def stage(size: tuple[int, int], settings: Settings) -> Stage:
     """The light of the diffuse and of the specular lobe, demodulated, each with a distance in meters."""
     pixels, brdf = size[0] * size[1], brdf_constants(settings)
+    traced = brdf | {"paths_reuse": settings.restir}
     rounds = [
         round_pass
         for index in range(1, ROUNDS + 1)
         for round_pass in (
             Pass("paths/next_round", threads=1, constants={"round_index": index}),
-            Pass("paths/later_rays", indirect="paths_round", constants=brdf),
+            Pass("paths/later_rays", indirect="paths_round", constants=traced),
         )
     ]
+    reuse = [Pass(f"paths/{name}", threads=size, constants=brdf) for name in ("temporal", "spatial_and_shade")]
     return Stage(
         "paths",
         buffers={
             **dict.fromkeys(("paths_diffuse", "paths_specular", "paths_waiting"), pixels),
             "paths_lists": 2 * pixels,
             "paths_round": 1,
+            "paths_offers": pixels if settings.restir else 1,
+            **(dict.fromkeys(RESERVOIRS, pixels) if settings.restir else {}),
         },
-        passes=[Pass("paths/first_ray", threads=size, constants=brdf), *rounds],
+        passes=[Pass("paths/first_ray", threads=size, constants=traced), *rounds, *reuse[: 2 * settings.restir]],
     )
 
 

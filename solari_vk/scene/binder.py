@@ -75,6 +75,7 @@ class SceneBinder:
         """The resources of descriptor set 0 by their names in GLSL."""
         return {table.name: table.buffer for table in self._tables if table is not self._traced.table} | {
             "tlas": self._traced.tlas,
+            "previous_tlas": self._traced.previous or self._traced.tlas,
             "texture_images": self._textures.bound,
         }
 
@@ -93,9 +94,17 @@ class SceneBinder:
         """For each row of `meshes` in use: the mesh's triangle of each uploaded triangle."""
         return {self._geometry.rows[mesh]: order for mesh, order in self._geometry.orders.items()}
 
+    def keep_previous_tlas(self) -> None:
+        """Make `previous_tlas` the TLAS of the previous frame, from the next update on. Until then it is `tlas`.
+
+        This takes a copy of the TLAS in each frame whose instances moved, and in the one after it.
+        """
+        self.version += self._traced.keep_previous()
+
     def update(self) -> None:
         """Apply all changes since the latest call. Raises SolariError for a scene that is too large."""
         if not self._changed and not self._first:
+            self._traced.rebuild()
             return
         self._first = False
         self.revision += 1
@@ -242,7 +251,8 @@ class SceneBinder:
             if table.replace():
                 self.version += 1
         upload(self._device, changed)
-        self._traced.rebuild()
+        self._traced.rebuild(self._geometry.kept)
+        self._geometry.kept = True
 
     def destroy(self) -> None:
         """Stop watching the scene and free everything."""

@@ -40,6 +40,8 @@ class Geometry:
         self.blases: dict[Mesh, Blas] = {}
         """The acceleration structure of each traced mesh, as of the latest `update`."""
         self._to_upload: dict[Mesh, None] = {}
+        self.kept = True
+        """Whether no acceleration structure was destroyed since this was last set."""
 
     def acquire(self, mesh: Mesh, user: Observable, *, traced: bool) -> None:
         """Add a use of a mesh. traced: rays hit it, so it needs an acceleration structure."""
@@ -53,6 +55,7 @@ class Geometry:
         """Undo one `acquire`."""
         if traced and self._ray_users.release(mesh, user) and mesh in self.blases:
             self.blases.pop(mesh).destroy()
+            self.kept = False
         if self.rows.release(mesh, user):
             mesh.unwatch(self._watcher)
             self._to_upload.pop(mesh, None)
@@ -82,6 +85,7 @@ class Geometry:
         for mesh, blas in blases.items():
             if mesh in self.blases:
                 self.blases[mesh].destroy()
+                self.kept = False
             self.blases[mesh] = blas
         self._to_upload.clear()
 

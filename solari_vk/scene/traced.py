@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE, Tlas, TlasBuild
+from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE, Tlas, TlasBuild, TlasCopy
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.constants import SCENE_MASK
@@ -42,6 +42,18 @@ class TracedInstances:
         self._moved = 0
         self._rebuild = True
         self._build: TlasBuild | None = None
+        self.previous: Tlas | None = None
+        """The TLAS as it was in the previous frame, after `keep_previous`."""
+        self._copy: TlasCopy | None = None
+        self._previous_differs = False
+
+    def keep_previous(self) -> bool:
+        """Keep the TLAS of the previous frame from now on; returns whether it is new."""
+        if self.previous is not None:
+            return False
+        self.previous = Tlas(self._device, self.tlas.max_instances, name="previous scene")
+        self._previous_differs = self.tlas.built
+        return True
 
     def write(
         self, row: int, transform: Sequence[float], mesh_center: NDArray[np.float32], visible: bool, double_sided: bool,
@@ -91,6 +103,10 @@ class TracedInstances:
             return False
         self.tlas.destroy()
         self.tlas = Tlas(self._device, max(self.count, 2 * self.tlas.max_instances), name="scene")
+        if self.previous is not None:
+            self.previous.destroy()
+            self.previous = None
+            self.keep_previous()
         return True
 
     def _sort(self) -> None:
@@ -109,21 +125,45 @@ class TracedInstances:
         self.table.mark_all()
         self._rebuild = True
 
-    def rebuild(self) -> None:
-        """If records changed, submit a build of the TLAS after their upload."""
-        if not self._rebuild:
+    def rebuild(self, meshes_kept: bool = True) -> None:
+        """If records changed, submit a build of the TLAS after their upload. Call it once in each frame.
+
+        meshes_kept: no structure below the TLAS was destroyed since the last call. Otherwise rays can't be traced
+        through the TLAS of the previous frame, and this frame's takes its place.
+        """
+        changed, self._rebuild = self._rebuild, False
+        keeps = changed and meshes_kept and self.previous is not None and self.previous.built
+        if keeps:
+            self._copy_to_previous()
+        if changed:
+            self._submit_build()
+        if changed or self._previous_differs:
+            if not keeps:
+                self._copy_to_previous()
+            self._previous_differs = keeps
+
+    def _copy_to_previous(self) -> None:
+        if self.previous is None:
             return
+        needed = self.tlas, self.previous
+        if self._copy is None or self._copy.made_for != needed:
+            old, self._copy = self._copy, TlasCopy(*needed)
+            if old is not None:
+                old.destroy()
+        self._copy.submit()
+
+    def _submit_build(self) -> None:
         needed = self.tlas, self.table.buffer.address, self.count
         if self._build is None or self._build.made_for != needed:
             old, self._build = self._build, TlasBuild(*needed)
             if old is not None:
                 old.destroy()
         self._build.submit()
-        self._rebuild = False
 
     def destroy(self) -> None:
         """Free everything."""
-        if self._build is not None:
-            self._build.destroy()
+        for commands in (self._build, self._copy, self.previous):
+            if commands is not None:
+                commands.destroy()
         self.table.destroy()
         self.tlas.destroy()

@@ -11,7 +11,7 @@ from typing import Any
 QUALITIES: dict[str, dict[str, Any]] = {
     "low": {
         "paths_bounces": 4, "paths_candidates": 4, "paths_later_candidates": 1, "world_cache_cell_size": 0.3,
-        "world_cache_update_cap": 10_000,
+        "world_cache_candidates": 8, "world_cache_update_cap": 10_000,
     },
     "medium": {},
     "high": {

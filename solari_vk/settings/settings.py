@@ -12,9 +12,13 @@ from solari_vk.settings.field import Field, setting
 from solari_vk.settings.layering import LAYERINGS
 from solari_vk.settings.presets import QUALITIES as QUALITIES
 
-_frame, _paths, _denoise, _reuse, _tiles, _cache, _di, _gi, _specular = (partial(setting, section) for section in (
-    "frame", "paths", "denoise", "reuse", "light_tiles", "world_cache", "restir_di", "restir_gi", "specular_gi",
-))  # fmt: skip
+_frame, _paths, _denoise, _restir, _reuse, _tiles, _cache, _di, _gi, _specular = (
+    partial(setting, section)
+    for section in (
+        "frame", "paths", "denoise", "restir", "reuse", "light_tiles", "world_cache", "restir_di", "restir_gi",
+        "specular_gi",
+    )
+)  # fmt: skip
 
 
 @dataclass
@@ -62,7 +66,7 @@ class Settings:
         8, "Light samples from which a pixel's surface chooses one, at most one for each triangle of the lights. More: "
         "less noise.", low=1, high=1024)  # fmt: skip
     paths_later_candidates: int = _paths(
-        2, "The same for each further surface of a path, and for the cells of the world cache. More: less noise.",
+        2, "The same for each further surface of a path. More: less noise.",
         low=1, high=1024)  # fmt: skip
     paths_cache_roughness: float = _paths(
         0.35, "Roughness from which the world cache stands for the specular lobe of a surface too. More: sharper "
@@ -77,7 +81,17 @@ class Settings:
         128, "Frames that a pixel's light is averaged over. More: less noise where nothing changes.", low=1, high=4096
     )
 
-    # ---- reuse between pixels, in DI and GI (lighting=split)
+    # ---- ReSTIR of paths (lighting=paths)
+    restir: bool = _restir(False, "Pixels reuse light that others found. Less noise in a frame, slower.", rebuilds=True)
+    restir_confidence_cap: float = _restir(
+        8.0, "Largest confidence of history, in frames. More: noise that lasts.", low=1, high=1e4
+    )
+    restir_roughness: float = _restir(
+        0.6, "Perceptual roughness from which specular light is reused too. Less: more outliers.", low=0.05, high=2
+    )
+    restir_radius: float = _restir(30.0, "Pixels to the farthest neighbor. More: fewer blotches.", low=1, high=1e4)
+
+    # ---- reuse between pixels, in DI and GI (lighting=split), and with restir=on
     similarity_plane_distance: float = _reuse(
         0.003, "Largest distance of a pixel from the tangent plane of another that reuses its samples, over the view "
         "depth. More: less noise at small features, more blur of contact shadows.", low=1e-6, high=1.0)  # fmt: skip
@@ -126,7 +140,7 @@ class Settings:
         True, "Forget as large a share of the past as the share of the lights' power that changed (Solari: off)."
     )
     world_cache_candidates: int = _cache(
-        32, "Light samples from which a cell chooses, with lighting=split. More: less noise, slower.", low=1, high=1024
+        32, "Light samples from which a cell chooses. More: less noise, slower.", low=1, high=1024
     )
     world_cache_ray_length: float = _cache(
         50.0, "Length of a cell's rays in meters, with lighting=split. Less: faster, darker.", low=1e-3, high=1e9

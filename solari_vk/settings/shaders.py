@@ -9,8 +9,9 @@ from __future__ import annotations
 from solari_vk.gpu.shaders.headers import enumeration
 from solari_vk.settings.settings import DEFAULTS, FIELDS, Settings
 
-PREFIXES = {"paths": "paths_", "denoise": "denoise_", "light_tiles": "light_tile_", "world_cache": "world_cache_", "restir_di": "di_",
-            "restir_gi": "gi_", "specular_gi": "specular_"}  # fmt: skip
+PREFIXES = {"paths": "paths_", "denoise": "denoise_", "restir": "restir_", "light_tiles": "light_tile_",
+            "world_cache": "world_cache_", "restir_di": "di_", "restir_gi": "gi_",
+            "specular_gi": "specular_"}  # fmt: skip
 FIRST_BINDING = 100  # of the blocks, in descriptor set 1
 # The host alone acts on these: what is built into pipelines, and the jitter, which moves the camera.
 _OF_THE_HOST = {"jitter"} | {name for name, field in FIELDS.items() if field.rebuilds}

@@ -61,6 +61,8 @@ SAMPLE, PATH, VERTEX = "passes/world_cache/sample.comp", "passes/paths/path.glsl
 HITS = (PATH, "surface.material.emissive * power_heuristic(mis_pdf, light_pdf)", "vec3(0.0)")
 MUTANTS = {
     "no pi": ("tilted", (SAMPLE, "PI * path_light(path)", "path_light(path)")),
+    "a pixel's number of candidates": ("near", (SAMPLE, "    path.candidates = world_cache_settings.candidates;\n", ""),
+                                       (PATH, "float(candidates);", "float(world_cache_settings.candidates);")),
     "light samples weighted as one": ("near", (VERTEX, "power_heuristic(density * light", "power_heuristic(light")),
     "no hits": ("near", HITS),
     "no light samples": ("tilted", (PATH, "if (max_component(sum(drawn.light)) > 0.0) {", "if (false) {")),

@@ -38,4 +38,33 @@ layout(set = 1, binding = 74, scalar) buffer PathsRoundBlock {
     uint arrived;  // of paths that wait for the next round, so far
 } paths_round;
 
+// ---- reuse between pixels, with the setting restir: passes/paths/reservoir.glsl -----------------------
+
+// What a path offers to its pixel's reservoir.
+struct PathOffer {
+    uvec4 light;         // a point of a light, as PathReservoir.point
+    float light_weight;  // an estimate of the luminance that the pixel's surface reflects of lights
+    float hit_weight;    // one over the density of the first ray's direction; 0 without a hit
+    vec3 position;       // of the first hit, moved off its surface
+    uint normal;
+    uint instance;
+    vec3 radiance;       // that leaves the first hit towards the pixel by the diffuse lobe
+};
+layout(set = 1, binding = 75, scalar) buffer PathsOffersBlock { PathOffer at[]; } paths_offers;
+
+struct PathReservoir {
+    // Of a light: its index, its part, and as floats the random numbers that resolve_light takes. Of a hit: its
+    // position, moved off the surface, as floats, and its geometric normal, octahedral.
+    uvec4 point;
+    vec3 radiance;     // of a hit, towards the pixel
+    float confidence;  // in frames
+    float weight;      // an estimate of one over the sample's density; 0 when no light was found
+    uint instance;     // of the hit; NO_INDEX for a light
+};
+layout(set = 1, binding = 76, scalar) buffer PathsTemporalReservoirsBlock {
+    PathReservoir at[];
+} paths_temporal_reservoirs;
+// Temporal reuse reads those of the previous frame, spatial reuse replaces them.
+layout(set = 1, binding = 77, scalar) buffer PathsReservoirsBlock { PathReservoir at[]; } paths_reservoirs;
+
 #endif

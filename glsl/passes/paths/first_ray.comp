@@ -4,6 +4,7 @@
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/paths/demodulation.glsl"
+#include "passes/paths/offer.glsl"
 #include "passes/paths/waiting.glsl"
 #include "scene/trace.glsl"
 
@@ -15,10 +16,7 @@ const uint PASS_SALT = 0x3F84D5B5u;
 // less noise than with independent ones.
 Path start_path(uvec2 pixel, GBufferSurface surface) {
     Path path = start_path(seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT));
-    path.vertex = make_vertex(
-        surface.world_position, surface.geometric_world_normal, surface.ray_offset, surface.world_normal, surface.wo
-    );
-    path.vertex.brdf = prepare_brdf(surface.material, path.vertex.wo);
+    path.vertex = make_vertex(surface);
     uint sequence = seed_rng(pixel, 0u, this_frame.seed ^ PASS_SALT);
     path.choice = sobol_point(this_frame.index, sequence).x;
     path.u = sobol_point(this_frame.index, sequence + 1u);
@@ -37,10 +35,12 @@ void main() {
         return;
     }
     Path path = start_path(pixel, surface);
-    if (advance(path)) { wait(path, index, 1u); }
-
+    bool goes_on = advance(path);
+    surface = load_gbuffer(pixel);  // again, instead of kept across rays
     Lobes light = path_light(path);
-    Demodulation by = demodulation(load_gbuffer(pixel));
+    if (paths_reuse) { light = offer_light(path, index, surface.material.perceptual_roughness); }
+    if (goes_on) { wait(path, index, 1u); }
+    Demodulation by = demodulation(surface);
     vec2 distances = path.diffuse_first ? vec2(path.hit.t, 0.0) : vec2(0.0, path.hit.t);
     paths_diffuse.at[index] = vec4(light.diffuse / by.diffuse, distances.x);
     paths_specular.at[index] = vec4(light.specular / by.specular, distances.y);

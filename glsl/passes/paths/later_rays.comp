@@ -3,6 +3,7 @@
 #include "generated/passes/paths.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/paths/demodulation.glsl"
+#include "passes/paths/reservoir.glsl"
 #include "passes/paths/waiting.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
@@ -19,8 +20,14 @@ void main() {
     while (goes_on && paths_round.index == LAST_ROUND) { goes_on = advance(path); }
     if (goes_on) { wait(path, index, paths_round.index + 1u); }
 
+    GBufferSurface surface = load_gbuffer(pixel);
     Lobes light = path_light(path);
-    Demodulation by = demodulation(load_gbuffer(pixel));
+    if (paths_reuse) {
+        paths_offers.at[index].radiance += path.shareable;
+        Lobes shareable = scale(path.first_weight, path.shareable);
+        light.specular += kept_specular(shareable, surface.material.perceptual_roughness);
+    }
+    Demodulation by = demodulation(surface);
     paths_diffuse.at[index].rgb += light.diffuse / by.diffuse;
     paths_specular.at[index].rgb += light.specular / by.specular;
 }

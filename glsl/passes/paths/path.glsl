@@ -17,6 +17,9 @@ const uint MAX_MIRROR_BOUNCES = 64u;  // bounces at perfect mirrors, which don't
 const float MIN_RAY_IN_CELLS = 1.7320508;
 const float MIN_SPREAD_IN_CELLS = 3.0699801;  // sqrt(3 pi)
 
+// Whether pixels share light through reservoirs: passes/paths/reservoir.glsl.
+layout(constant_id = 5) const bool paths_reuse = false;
+
 struct Path {
     Vertex vertex;                // where the path is; it goes on from here
     vec3 direction;               // of the last ray
@@ -26,7 +29,11 @@ struct Path {
     uint mirrors;                 // of them, those that left mirrors
     vec3 throughput;              // since the first ray
     Lobes first_weight;           // BRDF times cosine over pdf of the first ray
-    vec3 radiance;                // found so far along the first ray
+    vec3 radiance;                // found so far along the first ray, without `shareable`
+    // With reuse, the light that leaves the first hit by its diffuse lobe; and whether the path left it by that lobe.
+    vec3 shareable;
+    bool shares;
+    LightSample direct_sample;    // with reuse, the light sample at the first vertex
     Lobes direct;                 // reflected light of the light sample at the first vertex
     bool diffuse_first;           // whether the diffuse lobe proposed the first ray
     float squared_slope, spread;  // the spread grows by the slope for each meter
@@ -48,12 +55,13 @@ Path start_path(uint rng) {
     path.bounce = path.mirrors = 0u;
     path.throughput = vec3(1.0);
     path.first_weight = path.direct = NO_LIGHT;
-    path.radiance = vec3(0.0);
+    path.radiance = path.shareable = vec3(0.0);
+    path.shares = false;
     path.diffuse_first = true;
     path.squared_slope = path.spread = 0.0;
     path.cone_width = path.cone_spread = 0.0;
     path.lifetime = world_cache_settings.lifetime;
-    path.candidates = paths_settings.candidates;
+    path.candidates = min(paths_settings.candidates, scene_info.part_count);
     path.rng = rng;
     return path;
 }
@@ -62,6 +70,10 @@ Path start_path(uint rng) {
 Lobes path_light(Path path) {
     Lobes indirect = scale(path.first_weight, path.radiance);
     return Lobes(path.direct.diffuse + indirect.diffuse, path.direct.specular + indirect.specular);
+}
+
+void add_light(inout Path path, vec3 light, bool shares) {
+    if (paths_reuse && shares) { path.shareable += light; } else { path.radiance += light; }
 }
 
 // The probability with which a vertex samples lights. Smooth metals find lights by reflection alone.
@@ -106,7 +118,7 @@ bool ask_world_cache(inout Path path, ResolvedRayHitFull surface) {
     LobeAlbedos albedos = lobe_albedos(surface.material, path.vertex.wo.z);
     bool rough = is_rough(surface.material);
     vec3 albedo = albedos.diffuse + (rough ? albedos.specular : vec3(0.0));
-    path.radiance += path.throughput * albedo * (INVERSE_PI * cached.irradiance);
+    add_light(path, path.throughput * albedo * (INVERSE_PI * cached.irradiance), path.shares || path.bounce == 1u);
     float share = luminance(albedos.specular) / luminance(albedos.specular + albedos.diffuse);
     if (rough || !(rand_f(path.rng) < share)) { return false; }
     path.throughput /= share;
@@ -123,11 +135,10 @@ bool advance(inout Path path) {
     bool first = path.bounce == 0u;
     uint candidates = path.candidates;
     if (!first) {
-        candidates = paths_settings.later_candidates;
+        candidates = min(paths_settings.later_candidates, scene_info.part_count);
         path.choice = rand_f(path.rng);
         path.u = rand_vec2f(path.rng);
     }
-    candidates = min(candidates, scene_info.part_count);
     float probability = light_probability(brdf);
     float density = probability * float(candidates);
     DrawnLight drawn;
@@ -140,6 +151,13 @@ bool advance(inout Path path) {
         path.first_weight = lobe_weights(path.vertex, next);
         path.diffuse_first = next.diffuse;
     } else {
+        if (paths_reuse && path.bounce == 1u) {
+            // The path goes on for one of the lobes.
+            Lobes weights = lobe_weights(path.vertex, next);
+            float share = luminance(weights.diffuse) / max(luminance(sum(weights)), 1e-30);
+            path.shares = rand_f(path.rng) < share;
+            next.weight = path.shares ? weights.diffuse / share : weights.specular / (1.0 - share);
+        }
         path.throughput *= next.weight;
     }
     path.direction = normalize(path.vertex.frame * next.wi);
@@ -158,7 +176,15 @@ bool advance(inout Path path) {
     if (max_component(sum(drawn.light)) > 0.0) {
         count_ray();
         if (trace_light_visibility(origin, drawn.light_sample)) {
-            if (first) { path.direct = drawn.light; } else { path.radiance += sum(drawn.light); }
+            if (first) {
+                path.direct = drawn.light;
+                path.direct_sample = drawn.chosen;
+            } else if (path.bounce == 2u) {
+                add_light(path, drawn.light.diffuse, true);
+                add_light(path, drawn.light.specular, false);
+            } else {
+                add_light(path, sum(drawn.light), path.shares);
+            }
         }
     }
     if (!goes_on) { return false; }
@@ -166,7 +192,7 @@ bool advance(inout Path path) {
     count_ray();
     path.hit = trace_closest_hit(origin, 0.0, path.direction, INFINITY, TRACE_BOTH_FACES);
     if (path.hit.instance == NO_INDEX) {
-        path.radiance += path.throughput * radiance_at_infinity(path.direction, mis_pdf);
+        add_light(path, path.throughput * radiance_at_infinity(path.direction, mis_pdf), path.shares);
         return false;
     }
     path.cone_width += path.cone_spread * path.hit.t;
@@ -174,7 +200,8 @@ bool advance(inout Path path) {
     ResolvedRayHitFull surface = resolve_ray_hit_full(path.hit, path.direction, path.cone_width);
     if (surface.emits) {
         float light_pdf = hit_light_pdf(path.vertex, path.hit, surface, path.direction);
-        path.radiance += path.throughput * surface.material.emissive * power_heuristic(mis_pdf, light_pdf);
+        vec3 light = path.throughput * surface.material.emissive * power_heuristic(mis_pdf, light_pdf);
+        add_light(path, light, path.shares);
     }
     arrive(path, surface);
     return ask_world_cache(path, surface) && path.bounce < paths_settings.bounces + path.mirrors;

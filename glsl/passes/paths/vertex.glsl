@@ -60,6 +60,7 @@ Lobes reflect_light(Vertex vertex, ResolvedLightSample light_sample, float densi
 
 // A light sample that waits for its shadow ray.
 struct DrawnLight {
+    LightSample chosen;
     ResolvedLightSample light_sample;
     Lobes light;  // what the vertex reflects unless the sample is occluded; 0: no shadow ray is needed
 };
@@ -82,7 +83,7 @@ DrawnLight draw_light(Vertex vertex, uint candidates, float density, inout uint 
         float weight = target * resolved.inverse_pdf;
         weight_sum += weight;
         if (rand_f(rng) * weight_sum < weight) {
-            drawn = DrawnLight(resolved, reflected);
+            drawn = DrawnLight(light_sample, resolved, reflected);
             chosen_target = target;
         }
     }

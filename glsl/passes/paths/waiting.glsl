@@ -8,17 +8,19 @@
 #include "passes/paths/path.glsl"
 
 const uint REFLECTS_ONLY = 0x80000000u;
+const uint SHARES = 0x40000000u;
 
 // The first entry of a round's list.
 uint first_entry(uint round_index) { return round_index % 2u * (paths_lists.at.length() / 2u); }
 
 void wait(Path path, uint pixel_index, uint round_index) {
+    uint state = path.bounce | path.mirrors << 8u | (path.reflects_only ? REFLECTS_ONLY : 0u)
+        | (path.shares ? SHARES : 0u);
     uint row = atomicAdd(paths_round.arrived, 1u);
     paths_lists.at[first_entry(round_index) + row] = pixel_index;
     paths_waiting.at[pixel_index] = WaitingPath(
-        path.rng, path.bounce | path.mirrors << 8u | (path.reflects_only ? REFLECTS_ONLY : 0u), path.first_weight,
-        path.throughput, path.direction, path.hit.instance, path.hit.triangle, path.hit.barycentrics,
-        path.squared_slope, path.spread, path.cone_width
+        path.rng, state, path.first_weight, path.throughput, path.direction, path.hit.instance, path.hit.triangle,
+        path.hit.barycentrics, path.squared_slope, path.spread, path.cone_width
     );
 }
 
@@ -28,6 +30,7 @@ Path take_waiting_path(uint pixel_index) {
     Path path = start_path(waiting.rng);
     path.bounce = waiting.state & 0xFFu;
     path.mirrors = waiting.state >> 8u & 0xFFu;
+    path.shares = (waiting.state & SHARES) != 0u;
     path.reflects_only = (waiting.state & REFLECTS_ONLY) != 0u;
     path.first_weight = waiting.first_weight;
     path.throughput = waiting.throughput;

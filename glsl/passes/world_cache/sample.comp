@@ -19,7 +19,7 @@ void main() {
     Path path = start_path(rng);
     path.vertex = make_vertex(surface.world_position, normal, surface.ray_offset, normal, normal);
     path.vertex.brdf = WHITE_DIFFUSE;
-    path.candidates = paths_settings.later_candidates;
+    path.candidates = world_cache_settings.candidates;
     path.choice = rand_f(path.rng);
     path.u = rand_vec2f(path.rng);
     path.cone_width = world_cache_bounds.at[cell].w;  // textures are filtered over the width of the cell

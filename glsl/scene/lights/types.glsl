@@ -26,6 +26,7 @@ struct ResolvedLightSample {
 struct MetLight {
     vec3 radiance;
     float inverse_pdf;  // in solid angle, once the light is chosen; 0: the ray doesn't meet the light
+    vec2 u;             // the random numbers for which light samples have the ray's direction
 };
 
 #endif

@@ -156,3 +156,36 @@ class TlasBuild:
     def destroy(self) -> None:
         """Free the commands when the work submitted so far is done. Safe to call twice."""
         self._commands.destroy()
+
+
+class TlasCopy:
+    """A copy of a Tlas to another one of the same size, recorded once and submitted as often as needed."""
+
+    def __init__(self, source: Tlas, target: Tlas) -> None:
+        self.made_for = source, target
+        info = raw.struct(
+            "VkCopyAccelerationStructureInfoKHR",
+            src=source.handle,
+            dst=target.handle,
+            mode=raw.VK_COPY_ACCELERATION_STRUCTURE_MODE_CLONE_KHR,
+        )
+        vk = source.device.vk
+
+        def record(cmd: raw.CData) -> None:
+            vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+            vk.vkCmdCopyAccelerationStructureKHR(cmd, info)
+            vk.vkCmdPipelineBarrier2(cmd, full_barrier())
+
+        self._commands = Recorded(source.device, record, "copy tlas")
+
+    def submit(self) -> None:
+        """Have the copy run just before the next submission. Raises SolariError if a Tlas was destroyed."""
+        source, target = self.made_for
+        source.check_usable()
+        target.check_alive("copy")
+        self._commands.submit_with_next()
+        target._note(source.instance_count, clock.tick(), blases=source.blases)
+
+    def destroy(self) -> None:
+        """Free the commands when the work submitted so far is done. Safe to call twice."""
+        self._commands.destroy()

@@ -21,7 +21,7 @@ from solari_vk.reference import PathTracer
 from solari_vk.renderer import Renderer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera, Scene
-from solari_vk.settings import FIELDS, Settings
+from solari_vk.settings import Settings
 
 Picture = NDArray[np.float64]
 
@@ -95,12 +95,10 @@ class Errors:
 
 def configurations() -> dict[str, Settings]:
     """The settings whose errors are compared, by name."""
-    fields: dict[str, dict[str, Any]] = {
-        "paths": {"lighting": "paths"}, "paths, restir off": {"lighting": "paths", "restir": "off"},
-        "paths, restir on": {"lighting": "paths", "restir": "on"}, "split": {"lighting": "split"},
+    named = {
+        "paths": Settings(), "paths, restir on": Settings(restir=True), "split": Settings(lighting="split"),
+        "solari": Settings.preset("solari"),
     }  # fmt: skip
-    named = {name: Settings(**values) for name, values in fields.items() if FIELDS.keys() >= values.keys()}
-    named["solari"] = Settings.preset("solari")
     return {f"{name} (default)" if settings == Settings() else name: settings for name, settings in named.items()}
 
 

@@ -1,0 +1,52 @@
+// What a path offers to its pixel's reservoir after its first ray, and what it keeps for the pixel alone.
+#ifndef PASSES_PATHS_OFFER_GLSL
+#define PASSES_PATHS_OFFER_GLSL
+
+#include "passes/paths/path.glsl"
+#include "passes/paths/reservoir.glsl"
+
+uvec4 light_point(uint light_index, uint part, vec2 u) { return uvec4(light_index, part, floatBitsToUint(u)); }
+
+// The point of a light that the path's first ray has met.
+uvec4 met_point(Path path) {
+    if (path.hit.instance != NO_INDEX) {
+        uint light_index = instances.at[path.hit.instance].light_index;
+        return light_point(light_index, path.hit.triangle, triangle_numbers(path.hit.barycentrics));
+    }
+    for (uint i = scene_info.first_light_at_infinity; i < scene_info.light_count; i++) {
+        LightSource light = light_sources.at[i];
+        MetLight met = meet_light(light.kind, light.index, path.direction);
+        if (met.inverse_pdf > 0.0) { return light_point(i, 0u, met.u); }
+    }
+    return uvec4(NO_INDEX);
+}
+
+// Writes the offer of a path that has traced its first ray, and returns the light that is the pixel's alone. Until now
+// `path.radiance` is what lights emit along the ray.
+Lobes offer_light(inout Path path, uint index, float perceptual_roughness) {
+    Lobes met = scale(path.first_weight, path.radiance);
+    float drawn_luminance = luminance(sum(shared_lobes(path.direct, perceptual_roughness)));
+    float met_luminance = luminance(sum(shared_lobes(met, perceptual_roughness)));
+    float luminance_sum = drawn_luminance + met_luminance;
+    PathOffer offer;
+    offer.light_weight = luminance_sum;
+    if (rand_f(path.rng) * luminance_sum < met_luminance) {
+        offer.light = met_point(path);
+    } else {
+        uint rng = path.direct_sample.seed;
+        offer.light = light_point(path.direct_sample.light_index, path.direct_sample.part, rand_vec2f(rng));
+    }
+    offer.instance = path.hit.instance;
+    offer.hit_weight = path.hit.instance == NO_INDEX ? 0.0 : path.squared_slope;  // the first ray's alone until now
+    offer.position = path.vertex.origin;
+    offer.normal = pack_octahedral_2x16(path.vertex.geometric_normal);
+    offer.radiance = path.shareable;
+    paths_offers.at[index] = offer;
+
+    Lobes light = path_light(path);
+    Lobes shareable = scale(path.first_weight, path.shareable);
+    light.specular += shareable.specular;
+    return Lobes(vec3(0.0), kept_specular(light, perceptual_roughness));
+}
+
+#endif

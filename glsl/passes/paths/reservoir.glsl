@@ -1,0 +1,155 @@
+// Reuse of light between pixels: Lin et al., "Generalized Resampled Importance Sampling: Foundations of ReSTIR" (2022).
+// A sample is a point of a light, which every pixel shifts to itself, or the first hit of a path with the light that
+// leaves it by its diffuse lobe, which pixels shift by reconnection: Ouyang et al., "ReSTIR GI: Path Resampling for
+// Real-Time Path Tracing" (2021). Together they are all light of the pixel's diffuse lobe, and of its specular lobe if
+// that is rough enough, but for the light that first hits reflect specularly.
+//
+// Densities of points of lights are over lights, parts and the random numbers in a part, so that they stay valid when
+// lights move or turn. Differs from Solari, whose samples keep the MIS weight of the strategy that found them: here
+// weights include it, and the target function is what the surface reflects of a sample, whichever strategy finds it.
+#ifndef PASSES_PATHS_RESERVOIR_GLSL
+#define PASSES_PATHS_RESERVOIR_GLSL
+
+#include "passes/gbuffer/gbuffer.glsl"
+#include "passes/paths/bindings.glsl"
+#include "passes/paths/vertex.glsl"
+#include "passes/ray_count.glsl"
+#include "scene/trace.glsl"
+
+// Shifts that change a solid angle by more than this factor are refused: their weights would be outliers.
+const float MAX_JACOBIAN = 8.0;
+
+// A sample's light at a surface, without occlusion.
+struct SharedLight {
+    Lobes light;   // to be multiplied by the sample's weight
+    float target;  // its luminance
+};
+
+const PathReservoir EMPTY_RESERVOIR = PathReservoir(uvec4(0u), vec3(0.0), 0.0, 0.0, NO_INDEX);
+
+Vertex make_vertex(GBufferSurface surface) {
+    Vertex vertex = make_vertex(
+        surface.world_position, surface.geometric_world_normal, surface.ray_offset, surface.world_normal, surface.wo
+    );
+    vertex.brdf = prepare_brdf(surface.material, vertex.wo);
+    return vertex;
+}
+
+// Whether the specular lobe takes light from reservoirs. Samples of a smoother lobe are of no use to other pixels.
+bool shares_specular(float perceptual_roughness) { return perceptual_roughness >= restir_settings.roughness; }
+
+Lobes shared_lobes(Lobes lobes, float perceptual_roughness) {
+    return Lobes(lobes.diffuse, shares_specular(perceptual_roughness) ? lobes.specular : vec3(0.0));
+}
+
+// The light of the specular lobe that goes to the pixel at once.
+vec3 kept_specular(Lobes light, float perceptual_roughness) {
+    return light.specular - shared_lobes(light, perceptual_roughness).specular;
+}
+
+bool is_hit(PathReservoir reservoir) { return reservoir.instance != NO_INDEX; }
+vec3 hit_position(PathReservoir reservoir) { return uintBitsToFloat(reservoir.point.xyz); }
+vec3 hit_normal(PathReservoir reservoir) { return unpack_octahedral_2x16(reservoir.point.w); }
+
+ResolvedLightSample light_point(PathReservoir reservoir) {
+    uvec4 point = reservoir.point;
+    LightSource light = light_sources.at[point.x];
+    return resolve_light(light.kind, light.index, point.y, uintBitsToFloat(point.zw), 1.0);
+}
+
+SharedLight reflect_sample(Vertex vertex, PathReservoir reservoir) {
+    SharedLight nothing = SharedLight(NO_LIGHT, 0.0);
+    if (!(reservoir.weight > 0.0)) { return nothing; }
+    vec3 direction, received;
+    if (is_hit(reservoir)) {
+        direction = safe_normalize(hit_position(reservoir) - vertex.position, vec3(0.0));
+        received = reservoir.radiance;
+    } else {
+        LightContribution light = calculate_resolved_light_contribution(light_point(reservoir), vertex.position);
+        direction = light.wi;
+        received = light.received_radiance * light.inverse_pdf;
+    }
+    if (!(dot(direction, vertex.geometric_normal) > 0.0)) { return nothing; }
+    Lobes lobes = evaluate_lobes(vertex, direction * vertex.frame);
+    Lobes light = scale(shared_lobes(lobes, vertex.brdf.perceptual_roughness), received);
+    return SharedLight(light, luminance(sum(light)));
+}
+
+// The solid angle of a piece of the hit's surface seen from `to`, over that seen from `from`; 1 for points of lights.
+// 0 when the shift is refused, because the surface faces away or the ratio is too far from 1. A shift is refused in
+// both directions or in none.
+float shift_jacobian(Vertex from, Vertex to, PathReservoir reservoir) {
+    if (!is_hit(reservoir)) { return 1.0; }
+    vec3 to_from = from.position - hit_position(reservoir), to_to = to.position - hit_position(reservoir);
+    vec3 normal = hit_normal(reservoir);
+    float from_cosine = dot(normalize(to_from), normal), to_cosine = dot(normalize(to_to), normal);
+    if (!(from_cosine > 0.0 && to_cosine > 0.0)) { return 0.0; }
+    float jacobian = to_cosine / from_cosine * (dot(to_from, to_from) / dot(to_to, to_to));
+    return max(jacobian, 1.0 / jacobian) <= MAX_JACOBIAN ? jacobian : 0.0;
+}
+
+bool is_visible(Vertex vertex, PathReservoir reservoir, bool in_previous_frame) {
+    vec3 segment;
+    float t_max = 1.0;
+    if (is_hit(reservoir)) {
+        segment = hit_position(reservoir) - vertex.origin;
+        // ends before the point by the rounding error of a ray of this length
+        segment += hit_normal(reservoir) * (16.0 * ROUNDING_UNIT * max_component(abs(segment)));
+    } else {
+        ResolvedLightSample light = light_point(reservoir);
+        bool at_infinity = is_at_infinity(light.kind);
+        segment = at_infinity ? light.world_position : light_segment(vertex.origin, light);
+        t_max = at_infinity ? INFINITY : 1.0;
+    }
+    count_ray();
+    if (in_previous_frame) { return trace_previous_visibility(vertex.origin, segment, t_max); }
+    return trace_visibility(vertex.origin, segment, t_max);
+}
+
+// A pixel's reservoir after a merge, and the light of both samples, each by its share.
+struct Merge {
+    PathReservoir reservoir;
+    Lobes light;
+};
+
+// Merges the reservoir of another pixel, whose surface is `there`, into that of this pixel, by the balance heuristic
+// with both pixels' targets and visibility. `other_confidence` is that of the other pixel for each of the two samples;
+// `choice` is a random number in [0, 1). Differs from Solari, where a pixel's own sample keeps half of its weight in
+// each merge with a neighbor: that has more noise here.
+Merge merge_reservoirs(
+    Vertex here, PathReservoir own, Vertex there, PathReservoir other, bool there_in_previous_frame,
+    vec2 other_confidence, float choice
+) {
+    SharedLight own_light = reflect_sample(here, own), other_light = reflect_sample(here, other);
+    float own_share = 1.0, other_share = 0.0;
+    if (own_light.target > 0.0) {
+        float elsewhere = reflect_sample(there, own).target * shift_jacobian(here, there, own);
+        own_share = balance_heuristic(own.confidence * own_light.target, other_confidence.x * elsewhere);
+        if (own_share < 1.0 && !is_visible(there, own, there_in_previous_frame)) { own_share = 1.0; }
+    }
+    if (other_light.target > 0.0) {
+        float jacobian = shift_jacobian(there, here, other);
+        other_share = balance_heuristic(
+            other_confidence.y * reflect_sample(there, other).target, own.confidence * other_light.target * jacobian
+        );
+        other.weight *= jacobian;
+        if (other_share * jacobian > 0.0 && !is_visible(here, other, false)) { other_share = 0.0; }
+    }
+
+    float own_weight = own_share * own.weight, other_weight = other_share * other.weight;
+    Merge merged;
+    merged.light = Lobes(
+        own_light.light.diffuse * own_weight + other_light.light.diffuse * other_weight,
+        own_light.light.specular * own_weight + other_light.light.specular * other_weight
+    );
+    float own_luminance = own_light.target * own_weight, other_luminance = other_light.target * other_weight;
+    float luminance_sum = own_luminance + other_luminance;
+    bool takes_other = choice * luminance_sum < other_luminance;
+    float target = takes_other ? other_light.target : own_light.target;
+    merged.reservoir = takes_other ? other : own;
+    merged.reservoir.weight = luminance_sum > 0.0 ? luminance_sum / target : 0.0;
+    merged.reservoir.confidence = own.confidence + other.confidence;
+    return merged;
+}
+
+#endif

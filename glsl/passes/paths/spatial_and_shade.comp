@@ -1,0 +1,46 @@
+// Reuse between neighbors: merges a pixel's reservoir with that of a neighbor, keeps the result for the next frame, and
+// adds the light of both samples to the pixel. Lin et al., "Generalized Resampled Importance Sampling" (2022).
+#version 460
+#include "passes/paths/demodulation.glsl"
+#include "passes/paths/reservoir.glsl"
+#include "passes/reuse.glsl"
+
+layout(local_size_x = 8, local_size_y = 8) in;
+
+const uint PASS_SALT = 0x51ED270Bu;
+
+float sample_distance(Vertex vertex, PathReservoir reservoir) {
+    if (is_hit(reservoir)) { return distance(vertex.origin, hit_position(reservoir)); }
+    ResolvedLightSample light = light_point(reservoir);
+    return is_at_infinity(light.kind) ? INFINITY : distance(vertex.origin, light.world_position);
+}
+
+void main() {
+    uvec2 pixel = INVOCATION_INDEX;
+    if (any(greaterThanEqual(pixel, camera.size))) { return; }
+    uint index = pixel.y * camera.size.x + pixel.x;
+    GBufferSurface surface = load_gbuffer(pixel);
+    Merge merged = Merge(paths_temporal_reservoirs.at[index], NO_LIGHT);
+    if (surface.exists) {
+        uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
+        Vertex vertex = make_vertex(surface);
+        uvec2 neighbor;
+        GBufferSurface other_surface = surface;
+        PathReservoir other = EMPTY_RESERVOIR;
+        if (find_spatial_neighbor(pixel, surface, restir_settings.radius, rng, neighbor, other_surface)) {
+            other = paths_temporal_reservoirs.at[neighbor.y * camera.size.x + neighbor.x];
+        }
+        merged = merge_reservoirs(
+            vertex, merged.reservoir, make_vertex(other_surface), other, false, vec2(other.confidence), rand_f(rng)
+        );
+        Demodulation by = demodulation(surface);
+        paths_diffuse.at[index].rgb += merged.light.diffuse / by.diffuse;
+        paths_specular.at[index].rgb += merged.light.specular / by.specular;
+        if (merged.reservoir.weight > 0.0) {
+            float distance = sample_distance(vertex, merged.reservoir);
+            paths_diffuse.at[index].w = distance;
+            if (shares_specular(surface.material.perceptual_roughness)) { paths_specular.at[index].w = distance; }
+        }
+    }
+    paths_reservoirs.at[index] = merged.reservoir;
+}

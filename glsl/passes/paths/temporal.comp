@@ -1,0 +1,73 @@
+// Reuse between frames: chooses one of the samples that a pixel's path offers, and merges it with the reservoir of a
+// pixel of the previous frame. Lin et al., "Generalized Resampled Importance Sampling" (2022).
+#version 460
+#include "passes/paths/reservoir.glsl"
+#include "passes/reuse.glsl"
+
+layout(local_size_x = 8, local_size_y = 8) in;
+
+const uint PASS_SALT = 0x9E1C5A37u;
+
+PathReservoir choose_offer(PathOffer offer, Vertex vertex, float choice) {
+    PathReservoir light = PathReservoir(offer.light, vec3(0.0), 1.0, offer.light_weight, NO_INDEX);
+    uvec4 point = uvec4(floatBitsToUint(offer.position), offer.normal);
+    PathReservoir hit = PathReservoir(point, offer.radiance, 1.0, offer.hit_weight, offer.instance);
+    float light_target = reflect_sample(vertex, light).target, hit_target = reflect_sample(vertex, hit).target;
+    float hit_luminance = hit_target * offer.hit_weight;
+    float luminance_sum = offer.light_weight + hit_luminance;
+    bool takes_hit = choice * luminance_sum < hit_luminance;
+    PathReservoir chosen = takes_hit ? hit : light;
+    float target = takes_hit ? hit_target : light_target;
+    chosen.weight = target > 0.0 ? luminance_sum / target : 0.0;
+    return chosen;
+}
+
+// A reservoir of the previous frame, with the light's index in this frame. A reservoir whose light was removed keeps
+// its confidence; otherwise those that found a remaining light would count too much.
+PathReservoir load_previous_reservoir(uvec2 pixel) {
+    PathReservoir reservoir = paths_reservoirs.at[pixel.y * camera.size.x + pixel.x];
+    reservoir.confidence = min(reservoir.confidence, restir_settings.confidence_cap);
+    if (!is_hit(reservoir) && reservoir.weight > 0.0) {
+        reservoir.point.x = light_translation.at[reservoir.point.x];
+        if (reservoir.point.x == NO_INDEX) { reservoir.weight = 0.0; }
+    }
+    return reservoir;
+}
+
+// How much the previous frame's reservoir counts for a sample. It could not find lights that didn't exist, hits on what
+// moves stay where they were, and the light of hits is what it was, so that they count less while lights change.
+float previous_confidence(float confidence, PathReservoir found) {
+    if (is_hit(found)) {
+        Instance now = instances.at[found.instance];
+        PreviousInstance before = previous_instances.at[found.instance];
+        bool rests = now.id == before.id && now.world_from_object == before.world_from_object;
+        return rests ? confidence * (1.0 - this_frame.lighting_change) : 0.0;
+    }
+    return found.weight > 0.0 && previous_light.at[found.point.x] == NO_INDEX ? 0.0 : confidence;
+}
+
+void main() {
+    uvec2 pixel = INVOCATION_INDEX;
+    if (any(greaterThanEqual(pixel, camera.size))) { return; }
+    uint index = pixel.y * camera.size.x + pixel.x;
+    GBufferSurface surface = load_gbuffer(pixel);
+    PathReservoir reservoir = EMPTY_RESERVOIR;
+    if (surface.exists) {
+        uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
+        Vertex vertex = make_vertex(surface);
+        reservoir = choose_offer(paths_offers.at[index], vertex, rand_f(rng));
+        uvec2 neighbor;
+        GBufferSurface neighbor_surface;
+        if (find_temporal_neighbor(pixel, surface, neighbor, neighbor_surface)) {
+            neighbor_surface.ray_offset = surface.ray_offset;  // the previous G-buffer has none
+            PathReservoir previous = load_previous_reservoir(neighbor);
+            vec2 confidence = vec2(
+                previous_confidence(previous.confidence, reservoir), previous_confidence(previous.confidence, previous)
+            );
+            reservoir = merge_reservoirs(
+                vertex, reservoir, make_vertex(neighbor_surface), previous, true, confidence, rand_f(rng)
+            ).reservoir;
+        }
+    }
+    paths_temporal_reservoirs.at[index] = reservoir;
+}
