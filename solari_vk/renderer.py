@@ -275,7 +275,12 @@ class Renderer(PictureRenderer):
 
 def _lighting_stages(size: tuple[int, int], settings: Settings) -> list[Stage]:
     if settings.lighting == "paths":
-        return [world_cache.stage(size, settings), paths.stage(size, settings), denoise.stage(size), paths.compose_stage(size, settings)]
+        return [
+            world_cache.stage(size, settings),
+            paths.stage(size, settings),
+            denoise.stage(size),
+            paths.compose_stage(size, settings),
+        ]
     return [
         light_tiles.stage(settings),
         world_cache.stage(size, settings),

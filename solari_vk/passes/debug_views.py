@@ -43,6 +43,24 @@ _GROUPS = (
             "show_distance(max(paths_diffuse.at[index].w, paths_specular.at[index].w))",
         ),
     }, "paths"),
+    ViewGroup("Denoiser", "Lobe diffuse = unpack_lobe(denoise_diffuse.at[index]), "
+                          "specular = unpack_lobe(denoise_specular.at[index]);", {
+        "denoise_frames": (
+            "number of frames that the diffuse light averages, yellow for the maximum.",
+            "show_share(diffuse.frames / float(denoise_settings.frames))",
+        ),
+        "denoise_frames_specular": (
+            "the same of the specular light.", "show_share(specular.frames / float(denoise_settings.frames))"
+        ),
+        "denoise_noise": (
+            "standard error of the diffuse light before the blur over its mean, yellow for 1.",
+            "show_share(noise_of(diffuse))",
+        ),
+        "denoise_change": (
+            "the share of the history that changes of light left valid, yellow for all of it.",
+            "show_share(denoise_blocks.at[cell_at(at)].confidence.x)",
+        ),
+    }, "paths"),
     ViewGroup("", "", {
         "di": ("Direct light.", "show_radiance(di_diffuse.at[index] + di_specular.at[index])"),
         "gi": ("Indirect light of the diffuse lobe.", "show_radiance(gi_diffuse.at[index])"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -12,16 +11,12 @@ from solari_vk.settings.field import Field, setting
 from solari_vk.settings.layering import LAYERINGS
 from solari_vk.settings.presets import QUALITIES as QUALITIES
 
-_frame, _paths, _denoise, _restir, _reuse, _tiles, _cache, _di, _gi, _specular = (
-    partial(setting, section)
-    for section in (
-        "frame", "paths", "denoise", "restir", "reuse", "light_tiles", "world_cache", "restir_di", "restir_gi",
-        "specular_gi",
-    )
-)  # fmt: skip
+_frame, _paths, _denoise, _restir, _reuse, _tiles, _cache, _di, _gi, _specular = (partial(setting, name) for name in (
+    "frame", "paths", "denoise", "restir", "reuse", "light_tiles", "world_cache", "restir_di", "restir_gi",
+    "specular_gi"))  # fmt: skip
 
 
-@dataclass
+@dataclasses.dataclass
 class Settings:
     """The constants of the realtime passes. Assigning one checks it and takes effect with the next frame.
 
@@ -75,11 +70,8 @@ class Settings:
         0.15, "Least roughness of surfaces that a path meets after it left a diffuse one (0: off). More: less noise, "
         "wider caustics.", low=0, high=1)  # fmt: skip
 
-    # ---- denoiser (lighting=paths)
-    denoise: bool = _denoise(False, "Average light over frames and pixels as far as differences are noise.")
-    denoise_frames: int = _denoise(
-        128, "Frames that a pixel's light is averaged over. More: less noise where nothing changes.", low=1, high=4096
-    )
+    denoise: bool = _denoise(False, "Average light of paths over frames and pixels, as far as differences are noise.")
+    denoise_frames: int = _denoise(128, "Frames in a pixel's mean. More: less noise, more lag.", low=1, high=4096)
 
     # ---- ReSTIR of paths (lighting=paths)
     restir: bool = _restir(False, "Pixels reuse light that others found. Less noise in a frame, slower.", rebuilds=True)

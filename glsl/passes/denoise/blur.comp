@@ -1,7 +1,7 @@
-// One of several passes of a blur whose width doubles from pass to pass: Dammertz et al., "Edge-Avoiding A-Trous Wavelet
-// Transform for Fast Global Illumination Filtering" (HPG 2010). Pixels count by how alike their surfaces are, and by how
-// well the difference of their light is explained by its uncertainty, so that the blur ends where the history is long.
-// Both pixels' uncertainties count, so that outliers are spread over their neighbors and no energy is lost.
+// One of several passes of a blur whose width doubles from pass to pass: Dammertz et al., "Edge-Avoiding A-Trous
+// Wavelet Transform for Fast Global Illumination Filtering" (HPG 2010). Pixels count by how alike their surfaces are,
+// and by how well the uncertainty of their light explains its difference, so that the blur ends where histories are
+// long. Both pixels' uncertainties count, so that outliers are spread over their neighbors and no energy is lost.
 #version 460
 #include "passes/denoise/likeness.glsl"
 #include "passes/denoise/lobe.glsl"
@@ -15,6 +15,8 @@ const float TOLERANCE = 2.5;       // standard deviations
 const float MIN_LOBE_TAN = 0.02;   // half width of a mirror's blur
 const float DARKEST = 1e-30;
 
+uvec4 load_bits(uint index) { return (level & 1u) == 0u ? denoise_even.at[index] : denoise_odd.at[index]; }
+
 struct Sum {
     vec3 radiance;
     float variance;
@@ -25,6 +27,12 @@ void add(inout Sum sum, Signal signal, float weight) {
     sum.radiance += weight * signal.radiance;
     sum.variance += weight * weight * signal.variance;
     sum.weight += weight;
+}
+
+// What signals are compared by: in the first pass, where they have most noise, means of 3 x 3 pixels.
+vec2 luminances(uint index, Signal diffuse, Signal specular) {
+    if (level == 0u) { return denoise_luminance.at[index]; }
+    return vec2(luminance(diffuse.radiance), luminance(specular.radiance));
 }
 
 // The weight of a signal by its difference from the center's.
@@ -46,9 +54,9 @@ void main() {
     uint index = uint(pixel.y) * camera.size.x + uint(pixel.x);
     Guide guide = load_guide(pixel);
     if (guide.kind == NOTHING_SHOWN) { return; }
-    uvec4 bits = SOURCE.at[index];
+    uvec4 bits = load_bits(index);
     Signal diffuse = unpack_signal(bits.xy), specular = unpack_signal(bits.zw);
-    vec2 values = level == 0u ? denoise_luminance.at[index] : vec2(luminance(diffuse.radiance), luminance(specular.radiance));
+    vec2 values = luminances(index, diffuse, specular);
     Sharpness sharp = sharpness(guide, sqrt(max(specular.variance, 0.0)) / max(values.y, 1e-9));
     Sum diffuse_sum = Sum(vec3(0.0), 0.0, 0.0), specular_sum = diffuse_sum;
     if (diffuse.variance >= 0.0) { add(diffuse_sum, diffuse, 4.0); }
@@ -61,16 +69,18 @@ void main() {
         vec2 weights = float((2 - abs(step.x)) * (2 - abs(step.y))) * likeness(guide, sharp, load_guide(other));
         if (max(weights.x, weights.y) < 1e-3) { continue; }
         uint at = uint(other.y) * camera.size.x + uint(other.x);
-        uvec4 other_bits = SOURCE.at[at];
+        uvec4 other_bits = load_bits(at);
         Signal other_diffuse = unpack_signal(other_bits.xy), other_specular = unpack_signal(other_bits.zw);
-        vec2 others = level == 0u
-            ? denoise_luminance.at[at] : vec2(luminance(other_diffuse.radiance), luminance(other_specular.radiance));
-        vec2 apart = others - values;
+        vec2 apart = luminances(at, other_diffuse, other_specular) - values;
         add(diffuse_sum, other_diffuse, weights.x * explained(diffuse, other_diffuse, apart.x));
         add(specular_sum, other_specular, weights.y * explained(specular, other_specular, apart.y));
     }
     uint rng = seed_rng(uvec2(pixel), this_frame.index, this_frame.seed ^ (PASS_SALT + level));
     uvec2 by_diffuse = pack_signal(mean(diffuse_sum), rng);
     uvec2 by_specular = pack_signal(mean(specular_sum), rng);
-    TARGET.at[index] = uvec4(by_diffuse, by_specular);
+    if ((level & 1u) == 0u) {
+        denoise_odd.at[index] = uvec4(by_diffuse, by_specular);
+    } else {
+        denoise_even.at[index] = uvec4(by_diffuse, by_specular);
+    }
 }

@@ -1,12 +1,12 @@
-// Sums over a cell of CELL x CELL pixels: how much light differs from its history, and how bright it is.
+// Sums over a cell of CELL x CELL pixels: how much light differs from its history, and how bright it is. And what the
+// cells tell of the pixels among them.
 #ifndef PASSES_DENOISE_CELL_GLSL
 #define PASSES_DENOISE_CELL_GLSL
 
 #extension GL_EXT_scalar_block_layout : require
 
+#include "generated/passes/denoise.glsl"
 #include "scene/camera.glsl"
-
-const uint CELL = 4u;
 
 struct Difference {
     float total;     // luminance minus that of the history; noise of either sign cancels out
@@ -46,6 +46,6 @@ uint cell_at(ivec2 pixel) {
 uvec2 cell_count() { return (camera.size + CELL - 1u) / CELL; }
 
 const Difference NO_DIFFERENCE = Difference(0.0, 0.0, 0.0, 0.0);
-const LobeCell EMPTY_CELL = LobeCell(NO_DIFFERENCE, NO_DIFFERENCE, 0.0, 0.0, 0.0);
+const LobeCell NO_PIXELS = LobeCell(NO_DIFFERENCE, NO_DIFFERENCE, 0.0, 0.0, 0.0);
 
 #endif

@@ -47,7 +47,7 @@ void main() {
     ivec2 cell = ivec2(gl_GlobalInvocationID.xy), cells = ivec2(cell_count());
     if (denoise_settings.denoise == 0u || any(greaterThanEqual(cell, cells))) { return; }
     vec2 trust = vec2(1.0), light = vec2(0.0);
-    Cell sums = Cell(EMPTY_CELL, EMPTY_CELL);
+    Cell sums = Cell(NO_PIXELS, NO_PIXELS);
     for (int ring = 0; ring <= WIDEST; ring++) {
         for (int y = -ring; y <= ring; y++) {
             int step = abs(y) == ring ? 1 : 2 * ring;  // the cells of the ring alone

@@ -1,5 +1,5 @@
 // What the denoiser knows of the surface that a pixel shows, by itself or in mirrors; and how much two pixels have in
-// common. Solari_vk's guide images are the source.
+// common. The guide images are the source.
 #ifndef PASSES_DENOISE_GUIDE_GLSL
 #define PASSES_DENOISE_GUIDE_GLSL
 

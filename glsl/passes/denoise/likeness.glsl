@@ -8,8 +8,8 @@ const float PLANE_TOLERANCE = 1.0;           // distance from the surface's plan
 const float DIFFUSE_NORMAL_TOLERANCE = 0.06; // 1 - the cosine between normals
 const float MIRROR_NORMAL_TOLERANCE = 0.05;  // the same for surfaces seen in mirrors
 const float SPECULAR_NORMAL_TOLERANCE = 0.1; // the same for the specular lobe, over its squared roughness
-// The least squared roughness that counts, for certain light and for uncertain light: it is better to blur reflections of
-// smooth surfaces a little than to show their noise.
+// The least squared roughness that counts, for certain light and for uncertain light: it is better to blur reflections
+// of smooth surfaces a little than to show their noise.
 const float CERTAIN_ALPHA = 0.003, UNCERTAIN_ALPHA = 0.04;
 const float MATERIAL_TOLERANCE = 0.1;
 

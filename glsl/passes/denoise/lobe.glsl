@@ -1,5 +1,5 @@
-// The light of a lobe in the denoiser: its mean over frames, and its value while it is filtered. Radiance is demodulated
-// and linear.
+// The light of a lobe in the denoiser: its mean over frames, and its value while it is filtered. Radiance is
+// demodulated and linear.
 #ifndef PASSES_DENOISE_LOBE_GLSL
 #define PASSES_DENOISE_LOBE_GLSL
 

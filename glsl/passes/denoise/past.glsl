@@ -84,8 +84,8 @@ vec4 spline(float t) {
                       (t - 1.0) * t * t);
 }
 
-// The pixels around a position that showed the surface: by splines, which keep the sharpness of what moves from frame to
-// frame, or by bilinear interpolation where some of the pixels showed another surface.
+// The pixels around a position that showed the surface: by splines, which keep what moves from frame to frame sharp, or
+// by bilinear interpolation where some of the pixels showed another surface.
 Taps find_taps(vec2 where, Past past, Guide guide, float plane_distance) {
     ivec2 corner = ivec2(floor(where - 0.5));
     vec2 share = where - 0.5 - vec2(corner);

@@ -33,7 +33,7 @@ void main() {
     uvec2 cell = gl_GlobalInvocationID.xy, cells = cell_count();
     if (denoise_settings.denoise == 0u || any(greaterThanEqual(cell, cells))) { return; }
     uvec2 begin = cell * CELL, end = min(begin + CELL, camera.size);
-    Cell sums = Cell(EMPTY_CELL, EMPTY_CELL);
+    Cell sums = Cell(NO_PIXELS, NO_PIXELS);
     for (uint y = begin.y; y < end.y; y++) {
         for (uint x = begin.x; x < end.x; x++) {
             uint index = y * camera.size.x + x, kind = kind_of(denoise_guides.at[index]);

@@ -1,5 +1,5 @@
-// Begins the filter: the light of each lobe, and how far it may be off, from the spread over frames and over the nearest
-// pixels. A value far from its neighbors counts as uncertain, since in few frames it is most often noise.
+// Begins the filter: the light of each lobe, and how far it may be off, from the spread over frames and over the
+// nearest pixels. A value far from its neighbors counts as uncertain, since in few frames it is most often noise.
 #version 460
 #include "passes/denoise/cell.glsl"
 #include "passes/denoise/likeness.glsl"
