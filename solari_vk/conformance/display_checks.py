@@ -111,7 +111,8 @@ _SURFACE: dict[str, Callable[[RenderedFrame], Image]] = {
 # Views of numbers, and whether a pixel without a number is black.
 _NUMBERS = {
     "depth": False, "guide_depth": False, "cache_lod": False, "cache_samples": True, "cache_life": True,
-    "paths_distance": True, "di_confidence": False, "di_weight": True, "gi_confidence": False, "gi_weight": False,
+    "paths_distance": True, "denoise_frames": False, "denoise_noise": False, "di_confidence": False,
+    "di_weight": True, "gi_confidence": False, "gi_weight": False,
 }  # fmt: skip
 # Five colors of Viridis (van der Walt and Smith 2015).
 _VIRIDIS = np.array([(68, 1, 84), (58, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37)])
@@ -154,7 +155,8 @@ def _measure_views_of(device: Device, lighting: str, constant: list[str], errors
     """Adds the names of views of one color to `constant`, and each view's error to its rule's in `errors`."""
     scene, lights = room(), _LIGHT[lighting]
     camera = scene.camera
-    with make_renderer(device, scene, SIZE, lighting=lighting, world_cache_lod_distance=0.5, jitter=False) as renderer:
+    settings = {"denoise": lighting == "paths", "world_cache_lod_distance": 0.5, "jitter": False}
+    with make_renderer(device, scene, SIZE, lighting=lighting, **settings) as renderer:
         for index, view in enumerate(["picture"] * 4 + list(views_of(lighting))):
             renderer.view = view
             moved = camera.transform.copy()

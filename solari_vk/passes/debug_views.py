@@ -56,10 +56,6 @@ _GROUPS = (
             "standard error of the diffuse light before the blur over its mean, yellow for 1.",
             "show_share(noise_of(diffuse))",
         ),
-        "denoise_change": (
-            "the share of the history that changes of light left valid, yellow for all of it.",
-            "show_share(denoise_blocks.at[cell_at(at)].confidence.x)",
-        ),
     }, "paths"),
     ViewGroup("", "", {
         "di": ("Direct light.", "show_radiance(di_diffuse.at[index] + di_specular.at[index])"),

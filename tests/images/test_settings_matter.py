@@ -15,7 +15,7 @@ from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES
 SIZE = (24, 24)
 OUTPUTS = ("diffuse_radiance", "specular_radiance", "guides_normal_roughness")
 # Sections that only one lighting has.
-OF_LIGHTING = {"paths": ("paths", "restir"), "split": ("restir_di", "restir_gi", "specular_gi")}
+OF_LIGHTING = {"paths": ("paths", "denoise", "restir"), "split": ("restir_di", "restir_gi", "specular_gi")}
 FEW = {"light_tile_count": 4, "light_tile_samples": 64, "world_cache_cells": 1 << 14,
        "world_cache_updates_per_pixel": 4.0}  # fmt: skip
 # Values that change a few small frames. All other numbers are halved, and choices and switches take another value.
@@ -24,7 +24,7 @@ OTHER = {
     "pure_metal": 0.2, "similarity_normal_cosine": 0.99, "spatial_tries": 1,
     "world_cache_lifetime": 1, "world_cache_search_steps": 1, "world_cache_max_samples": 2,
     "world_cache_ray_length": 0.3, "world_cache_update_cap": 100, "di_confidence_cap": 1.0, "gi_confidence_cap": 1.0,
-    "restir_confidence_cap": 1.0, "paths_bounces": 1, "paths_candidates": 1, "paths_cache_roughness": 0.0,
+    "restir_confidence_cap": 1.0, "paths_bounces": 1, "denoise_frames": 2, "paths_candidates": 1, "paths_cache_roughness": 0.0,
     "world_cache_updates_per_pixel": 0.05, "gi_jacobian_limit": 1.05,
     "specular_bounces": 1, "specular_reuse_roughness": 0.01, "specular_di_roughness": 0.6,
 }  # fmt: skip
@@ -80,8 +80,8 @@ def live_settings(lighting):
 
 @pytest.mark.parametrize("lighting", OF_LIGHTING)
 def test_every_live_setting_matters(device, lighting):
-    scene, idle = scene_of_everything(), []
-    with make_renderer(device, scene, SIZE, **FEW, lighting=lighting, restir=lighting == "paths") as renderer:
+    scene, idle, of_paths = scene_of_everything(), [], dict.fromkeys(("restir", "denoise"), lighting == "paths")
+    with make_renderer(device, scene, SIZE, **FEW, lighting=lighting, **of_paths) as renderer:
         before = results(renderer, scene)
         again = results(renderer, scene)
         assert all(np.array_equal(before[name], again[name]) for name in OUTPUTS), "the comparison is of one seed"

@@ -11,8 +11,7 @@
 #include "passes/world_cache/map.glsl"
 #include "scene/sampling.glsl"
 #ifdef LIGHTING_PATHS
-#include "passes/denoise/cell.glsl"
-#include "passes/denoise/guide.glsl"
+#include "passes/denoise/bindings.glsl"
 #include "passes/denoise/lobe.glsl"
 #include "passes/paths/bindings.glsl"
 #endif
