@@ -155,7 +155,7 @@ def _measure_views_of(device: Device, lighting: str, constant: list[str], errors
     """Adds the names of views of one color to `constant`, and each view's error to its rule's in `errors`."""
     scene, lights = room(), _LIGHT[lighting]
     camera = scene.camera
-    settings = {"denoise": lighting == "paths", "world_cache_lod_distance": 0.5, "jitter": False}
+    settings: dict[str, Any] = {"denoise": lighting == "paths", "world_cache_lod_distance": 0.5, "jitter": False}
     with make_renderer(device, scene, SIZE, lighting=lighting, **settings) as renderer:
         for index, view in enumerate(["picture"] * 4 + list(views_of(lighting))):
             renderer.view = view
