@@ -13,32 +13,37 @@ const float SPECULAR_NORMAL_TOLERANCE = 0.1; // the same for the specular lobe, 
 const float CERTAIN_ALPHA = 0.003, UNCERTAIN_ALPHA = 0.04;
 const float MATERIAL_TOLERANCE = 0.1;
 
-// What of a pixel sets its tolerances: 1 / tolerance.
-struct Sharpness {
-    float plane;
-    float diffuse_normal;
-    float specular_normal;
+// What other pixels are compared with.
+struct Pattern {
+    Guide guide;
+    // A pixel that is x, y away and d deep is d * dot(plane, (x, y, 1)) - plane_offset tolerances off the plane.
+    vec3 plane;
+    float plane_offset;
+    vec2 normal_sharpness;  // 1 / tolerance for the diffuse and for the specular lobe
 };
 
 // uncertainty: the standard deviation of the light by the specular lobe over its mean.
-Sharpness sharpness(Guide guide, float uncertainty) {
-    float alpha = guide.material * guide.material;
-    float least = mix(CERTAIN_ALPHA, UNCERTAIN_ALPHA, min(uncertainty, 1.0));
+Pattern make_pattern(Guide guide, float uncertainty) {
+    vec2 slopes = 2.0 * camera.tan_half_fov * vec2(1.0, -1.0) / vec2(camera.size);
+    vec3 normal = guide.normal / (PLANE_TOLERANCE * pixel_width() * guide.depth);
+    vec3 in_view = normal * mat3(camera.world_from_view);
+    float offset = dot(guide.position, normal);
+    float alpha = max(guide.material * guide.material, mix(CERTAIN_ALPHA, UNCERTAIN_ALPHA, min(uncertainty, 1.0)));
     bool reflected = guide.kind != SURFACE_SHOWN;
-    return Sharpness(
-        1.0 / (PLANE_TOLERANCE * pixel_width() * guide.depth),
-        1.0 / DIFFUSE_NORMAL_TOLERANCE,
-        1.0 / (reflected ? MIRROR_NORMAL_TOLERANCE : SPECULAR_NORMAL_TOLERANCE * max(alpha, least))
+    float tolerance = reflected ? MIRROR_NORMAL_TOLERANCE : SPECULAR_NORMAL_TOLERANCE * alpha;
+    return Pattern(
+        guide, vec3(in_view.xy * slopes, offset / guide.depth), offset,
+        1.0 / vec2(DIFFUSE_NORMAL_TOLERANCE, tolerance)
     );
 }
 
-// The weights for the diffuse and for the specular lobe.
-vec2 likeness(Guide guide, Sharpness sharp, Guide other) {
-    if (other.kind != guide.kind) { return vec2(0.0); }
-    float plane = abs(dot(other.position - guide.position, guide.normal)) * sharp.plane;
-    float turned = 1.0 - min(dot(guide.normal, other.normal), 1.0);
-    float unlike = abs(guide.material - other.material) / MATERIAL_TOLERANCE;
-    return exp(-vec2(plane + turned * sharp.diffuse_normal, plane + turned * sharp.specular_normal + unlike));
+// The weights for the diffuse and for the specular lobe of the pixel that is `step` away.
+vec2 likeness(Pattern pattern, uvec2 other, ivec2 step) {
+    if (kind_of(other) != pattern.guide.kind) { return vec2(0.0); }
+    float off = abs(uintBitsToFloat(other.y) * dot(pattern.plane, vec3(step, 1.0)) - pattern.plane_offset);
+    float turned = 1.0 - min(dot(pattern.guide.normal, unpack_octahedral_24(other.x & 0xFFFFFFu)), 1.0);
+    float unlike = abs(pattern.guide.material - unpack_unorm(other.x >> 24u, 6u)) / MATERIAL_TOLERANCE;
+    return exp(-(off + turned * pattern.normal_sharpness + vec2(0.0, unlike)));
 }
 
 #endif

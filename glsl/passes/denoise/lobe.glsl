@@ -38,13 +38,19 @@ float unpack_positive(uint bits, uint bit_count) {
     return uintBitsToFloat((bits & ((1u << bit_count) - 1u)) << (31u - bit_count));
 }
 
+// Two positive floats in 16 bits each.
+uint pack_two(float low, float high, inout uint rng) {
+    uint random = rand_u(rng);
+    uvec2 bits = floatBitsToUint(clamp(vec2(low, high), 0.0, LARGEST)) + (uvec2(random, random >> 16u) & 0x7FFFu);
+    return bits.x >> 15u | bits.y >> 15u << 16u;
+}
+
 uvec4 pack_lobe(Lobe lobe, inout uint rng) {
     uint red = pack_positive(lobe.radiance.r, 21u, rng), green = pack_positive(lobe.radiance.g, 21u, rng);
     uint blue = pack_positive(lobe.radiance.b, 21u, rng);
     return uvec4(
         red | green << 21u, green >> 11u | blue << 10u,
-        pack_positive(lobe.second_moment, 16u, rng) | pack_positive(lobe.recent, 16u, rng) << 16u,
-        pack_positive(lobe.frames, 16u, rng) | pack_positive(lobe.inverse_distance, 16u, rng) << 16u
+        pack_two(lobe.second_moment, lobe.recent, rng), pack_two(lobe.frames, lobe.inverse_distance, rng)
     );
 }
 
@@ -60,10 +66,9 @@ Lobe unpack_lobe(uvec4 bits) {
 const uint NO_SAMPLE = 0xFFFFu;  // no variance is packed so
 
 uvec2 pack_signal(Signal signal, inout uint rng) {
-    uint variance = signal.variance < 0.0 ? NO_SAMPLE : pack_positive(signal.variance, 16u, rng);
+    uint last = pack_two(signal.radiance.b, signal.variance, rng);
     return uvec2(
-        pack_positive(signal.radiance.r, 16u, rng) | pack_positive(signal.radiance.g, 16u, rng) << 16u,
-        pack_positive(signal.radiance.b, 16u, rng) | variance << 16u
+        pack_two(signal.radiance.r, signal.radiance.g, rng), signal.variance < 0.0 ? last | NO_SAMPLE << 16u : last
     );
 }
 

@@ -10,6 +10,7 @@ layout(local_size_x = 8, local_size_y = 8) in;
 const uint PASS_SALT = 0xBB67AE85u;
 const float NEIGHBORHOOD = 4.0;  // frames that the neighborhood's spread counts for
 const float OWN_WEIGHT = 4.0;    // of a pixel in its neighborhood
+const float SETTLED = 40.0;      // frames from which a pixel's own spread tells enough
 const float NEIGHBORS_LIMIT = 4.0, BLOCK_LIMIT = 12.0;
 
 struct Moments {
@@ -32,7 +33,7 @@ Signal begin(Lobe lobe, Moments sum, float block_luminance) {
     float near = sum.mean / sum.weight, value = luminance(lobe.radiance);
     float others = sum.weight > OWN_WEIGHT ? max(sum.mean - OWN_WEIGHT * value, 0.0) / (sum.weight - OWN_WEIGHT) : 0.0;
     float limit = max(NEIGHBORS_LIMIT * others, BLOCK_LIMIT * sqrt(lobe.frames) * block_luminance);
-    if (value > limit) {
+    if (value > limit && lobe.frames < SETTLED) {
         lobe.radiance *= limit / value;
         lobe.second_moment *= square(limit / value);
         near += OWN_WEIGHT * (limit - value) / sum.weight;
@@ -51,14 +52,15 @@ void main() {
     Guide guide = load_guide(pixel);
     if (guide.kind == NOTHING_SHOWN) { return; }
     Lobe own_diffuse = unpack_lobe(denoise_diffuse.at[index]), own_specular = unpack_lobe(denoise_specular.at[index]);
-    Sharpness sharp = sharpness(guide, inversesqrt(max(own_specular.frames, 1.0)));
+    Pattern pattern = make_pattern(guide, inversesqrt(max(own_specular.frames, 1.0)));
     Moments diffuse = Moments(0.0, 0.0, 0.0), specular = diffuse;
-    for (int i = 0; i < 9; i++) {
+    bool settled = min(own_diffuse.frames, own_specular.frames) >= SETTLED;
+    for (int i = settled ? 4 : 0; i < (settled ? 5 : 9); i++) {
         ivec2 step = ivec2(i % 3, i / 3) - 1, other = pixel + step;
         if (any(lessThan(other, ivec2(0))) || any(greaterThanEqual(other, size))) { continue; }
         vec2 weights = vec2((2 - abs(step.x)) * (2 - abs(step.y)));
-        if (i != 4) { weights *= likeness(guide, sharp, load_guide(other)); }
         uint at = uint(other.y) * camera.size.x + uint(other.x);
+        if (i != 4) { weights *= likeness(pattern, denoise_guides.at[at], step); }
         add_moments(diffuse, unpack_lobe(denoise_diffuse.at[at]), weights.x);
         add_moments(specular, unpack_lobe(denoise_specular.at[at]), weights.y);
     }
