@@ -67,8 +67,13 @@ bool showed_the_same(ivec2 pixel, Past past, Guide guide, float plane_distance) 
         && abs(then.material - guide.material) < SAME_MATERIAL;
 }
 
-const Taps NO_TAPS = Taps(uint[16](0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u, 0u),
-    float[16](0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0, 0.0, false);
+Taps no_taps() {
+    Taps taps;  // without the values of pixels that don't count
+    taps.count = 0;
+    taps.weight = 0.0;
+    taps.nearby = false;
+    return taps;
+}
 
 void add_tap(inout Taps taps, ivec2 pixel, float weight, Past past, Guide guide, float plane_distance) {
     if (abs(weight) < 1e-3 || !showed_the_same(pixel, past, guide, plane_distance)) { return; }
@@ -89,14 +94,18 @@ vec4 spline(float t) {
 Taps find_taps(vec2 where, Past past, Guide guide, float plane_distance) {
     ivec2 corner = ivec2(floor(where - 0.5));
     vec2 share = where - 0.5 - vec2(corner);
+    Taps taps = no_taps();
+    if (max(share.x, share.y) < 1e-3) {  // nothing moved
+        add_tap(taps, corner, 1.0, past, guide, plane_distance);
+        return taps;
+    }
     vec4 across = spline(share.x), down = spline(share.y);
-    Taps taps = NO_TAPS;
     for (int i = 0; i < 16; i++) {
         ivec2 step = ivec2(i & 3, i >> 2);
         add_tap(taps, corner + step - 1, across[step.x] * down[step.y], past, guide, plane_distance);
     }
     if (abs(taps.weight - 1.0) < 0.02) { return taps; }
-    taps = NO_TAPS;
+    taps = no_taps();
     for (int i = 0; i < 4; i++) {
         ivec2 step = ivec2(i & 1, i >> 1);
         vec2 weights = mix(1.0 - share, share, vec2(step));
@@ -108,7 +117,7 @@ Taps find_taps(vec2 where, Past past, Guide guide, float plane_distance) {
 // The pixels around the nearest one. At edges, where jitter lets pixels show one surface or another, these hold the
 // history of the surface that the pixel itself didn't show in the previous frame.
 Taps find_nearby(Past past, Guide guide) {
-    Taps taps = NO_TAPS;
+    Taps taps = no_taps();
     taps.nearby = true;
     float width = pixel_width() * guide.depth;
     for (int i = 0; i < 9; i++) {
