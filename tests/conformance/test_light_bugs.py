@@ -19,7 +19,7 @@ def test_bugs_in_lights_are_noticed(device):
 
 def test_bugs_in_the_choice_of_triangles_are_noticed(device):
     """Samples, or hits, take all triangles of a textured lamp for equally likely."""
-    every = "float of_part = has_equal_parts(light) ?", "float of_part = true ?"
+    every = "return has_equal_parts(light) ? 1.0 /", "return true ? 1.0 /"
     with patched_shaders(("scene/lights/choice.glsl", *every)):
         expect_red(light_checks.measure_textured_lamp(device, "nee"), "spot over a floor, nee: mean")
     hits = "light_sources.at[instance.light_index], hit.triangle)", "light_sources.at[instance.light_index], 0u)"

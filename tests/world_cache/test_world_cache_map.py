@@ -147,7 +147,7 @@ def test_compaction(device):
                 assert frame["counters"]["active_cells"] == len(active)
                 np.testing.assert_array_equal(np.sort(frame["active_cells"][: len(active)]), active)
                 groups = -(-len(active) // 64)
-                x, y, z = frame["dispatch"]["group_count"]
+                x, y, z = frame["dispatch"]["size"]["group_count"]
                 assert (x, y, z) == (min(groups, 1024), -(-groups // 1024), 1)
                 np.testing.assert_array_equal(frame["life"], life - (life > 0))
 

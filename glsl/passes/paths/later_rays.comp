@@ -16,8 +16,8 @@ void main() {
     Path path = take_waiting_path(index);
     path.cone_spread = make_camera_ray(vec2(pixel) + 0.5).cone_spread;
 
-    bool goes_on = advance(path);
-    while (goes_on && paths_round.index == LAST_ROUND) { goes_on = advance(path); }
+    bool goes_on;
+    do { goes_on = advance(path); } while (goes_on && paths_round.index == LAST_ROUND);
     if (goes_on) { wait(path, index, paths_round.index + 1u); }
 
     GBufferSurface surface = load_gbuffer(pixel);
