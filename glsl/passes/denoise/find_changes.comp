@@ -10,7 +10,7 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 const int WIDEST = 2;  // cells from the center of the widest block
 // Standard deviations between which a difference becomes certain; and the same after all lights changed.
-const vec2 CERTAIN = vec2(3.5, 6.0), CERTAIN_AFTER_CHANGE = vec2(1.0, 2.5);
+const vec2 CERTAIN = vec2(3.5, 6.0), CERTAIN_AFTER_CHANGE = vec2(0.5, 1.5);
 const float EXPONENT = 16.0;
 
 void add_difference(inout Difference sum, Difference other) {
