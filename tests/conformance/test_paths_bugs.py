@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from seeded_bugs import expect_red, failing
+from seeded_bugs import expect_noticed, failing, marked
 
 from solari_vk.conformance import light_tree_checks, lobe_checks, paths_checks
 from solari_vk.conformance.realtime import Effort
 from solari_vk.conformance.rules import Rule
 from solari_vk.conformance.shader_runner import ShaderRunner
-from solari_vk.gpu.shaders.patches import patched_shaders
 
 PATH, VERTEX, TRACE, COMPOSE = (f"passes/paths/{name}" for name in ("path.glsl", "vertex.glsl", "first_ray.comp",
                                                                     "compose.comp"))  # fmt: skip
@@ -144,11 +143,9 @@ def test_every_rule_has_a_bug(module):
     assert not set(rules) - names
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in QUICK else [pytest.mark.slow]) for n in BUGS])
+@pytest.mark.parametrize("name", marked(BUGS, QUICK))
 def test_bug_is_noticed(device, name):
-    measure, rules, *bug = BUGS[name]
-    with patched_shaders(tuple(bug)):
-        expect_red(measure(device), *rules)
+    expect_noticed(device, BUGS[name])
 
 
 @pytest.mark.slow
