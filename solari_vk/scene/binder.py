@@ -97,7 +97,8 @@ class SceneBinder:
     def keep_previous_tlas(self) -> None:
         """Make `previous_tlas` the TLAS of the previous frame, from the next update on. Until then it is `tlas`.
 
-        This takes a copy of the TLAS in each frame whose instances moved, and in the one after it.
+        This takes a copy of the TLAS in each frame whose instances moved, and in the one after it. Where several
+        renderers share the binder, the previous frame is the latest one of any of them.
         """
         self.version += self._traced.keep_previous()
 

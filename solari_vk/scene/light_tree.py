@@ -1,4 +1,4 @@
-"""A binary tree over the lights that are not at infinity, by which a surface chooses those that light it most.
+"""A tree over the lights that are not at infinity, by which a surface chooses those that light it most.
 
 Conty Estevez and Kulla, "Importance Sampling of Many Lights with Adaptive Tree Splitting" (2018), without the
 splitting; Pharr, Jakob and Humphreys, "Physically Based Rendering" (4th edition, 2023), section 12.6.3.

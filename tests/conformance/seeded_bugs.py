@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
+
+from solari_vk.gpu.shaders.patches import patched_shaders
 
 
 def failing(measurements):
@@ -24,3 +27,15 @@ def masked(field, mask):
         records[field] &= np.uint32(mask)
 
     return damage
+
+
+def marked(bugs, quick):
+    """The names of seeded bugs as parameters of a test, of which those not in `quick` are slow."""
+    return [pytest.param(name, marks=[] if name in quick else [pytest.mark.slow]) for name in bugs]
+
+
+def expect_noticed(device, bug):
+    """Checks that rules fail with a bug. bug: (a function that measures, the rules' names, file, old, new text)."""
+    measure, rules, *patch = bug
+    with patched_shaders(tuple(patch)):
+        expect_red(measure(device), *rules)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from seeded_bugs import expect_red, failing
+from seeded_bugs import expect_noticed, failing, marked
 
 from solari_vk.conformance import light_tree_checks, lobe_checks, paths_checks
 from solari_vk.conformance.realtime import Effort
 from solari_vk.conformance.rules import Rule
 from solari_vk.conformance.shader_runner import ShaderRunner
-from solari_vk.gpu.shaders.patches import patched_shaders
 
 PATH, VERTEX, TRACE, COMPOSE = (f"passes/paths/{name}" for name in ("path.glsl", "vertex.glsl", "first_ray.comp",
                                                                     "compose.comp"))  # fmt: skip
@@ -91,10 +90,7 @@ BUGS = {
     "waiting paths forget what the cache stands for": (cached, [CACHED], WAITING,
                                                        "(waiting.state & REFLECTS_ONLY) != 0u", "false"),
     "waiting paths forget their throughput": (one, [ONE, ONE_TILES], WAITING, "= waiting.throughput;", "= vec3(1.0);"),
-    "waiting paths forget their mirrors": (mirrors, [MIRRORS], WAITING, "waiting.state >> 8u & 0xFFu", "0u"),
     "no second round": (one, [ONE, ONE_TILES], LATER, "if (goes_on) { wait", "if (false) { wait"),
-    "the last round is a single ray": (one, [ONE, ONE_TILES], LATER, "while (goes_on &&",
-                                       "while (false &&"),
     "cells without pi": (cells, [CELLS], "passes/world_cache/sample.comp", "PI * path_light", "path_light"),
     "cells follow no specular lobe": (cells, [CELLS], PATH, "if (rough || !(rand_f(path.rng) < share)) {",
                                       "if (true) {"),
@@ -147,11 +143,9 @@ def test_every_rule_has_a_bug(module):
     assert not set(rules) - names
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in QUICK else [pytest.mark.slow]) for n in BUGS])
+@pytest.mark.parametrize("name", marked(BUGS, QUICK))
 def test_bug_is_noticed(device, name):
-    measure, rules, *bug = BUGS[name]
-    with patched_shaders(tuple(bug)):
-        expect_red(measure(device), *rules)
+    expect_noticed(device, BUGS[name])
 
 
 @pytest.mark.slow

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from seeded_bugs import expect_red, failing
+from seeded_bugs import expect_noticed, failing, marked
 
 from solari_vk.conformance import reuse_checks
 from solari_vk.conformance.realtime import Effort
 from solari_vk.conformance.rules import Rule
-from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.scene.builtin import cornell_box
 
 RESERVOIR, REUSE = "passes/paths/reservoir.glsl", "passes/reuse.glsl"
@@ -41,11 +40,9 @@ def test_every_rule_has_a_bug():
     assert {rule.name for rule in vars(reuse_checks).values() if isinstance(rule, Rule)} == names
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in QUICK else [pytest.mark.slow]) for n in BUGS])
+@pytest.mark.parametrize("name", marked(BUGS, QUICK))
 def test_bug_is_noticed(device, name):
-    measure, rules, *bug = BUGS[name]
-    with patched_shaders(tuple(bug)):
-        expect_red(measure(device), *rules)
+    expect_noticed(device, BUGS[name])
 
 
 @pytest.mark.slow

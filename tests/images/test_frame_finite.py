@@ -9,6 +9,7 @@ from support.random_scenes import random_items, random_settings
 
 import solari_vk as sv
 from solari_vk.conformance.realtime import make_renderer
+from solari_vk.gpu.shaders.patches import patched_shaders
 
 OTHERS = ("gbuffer_depth", "motion_vectors", "guides_normal_roughness", "guides_diffuse_albedo",
           "guides_specular_albedo", "guides_depth", "guides_motion", "guides_specular_motion")  # fmt: skip
@@ -55,11 +56,26 @@ def test_frames_are_finite(device):
 
 
 @pytest.mark.slow  # takes minutes: each way to build a renderer compiles its own pipelines
-@pytest.mark.parametrize("built_in", [{"lighting": "split"}, {"gbuffer": "traced"}, {"occlusion_culling": False},
+@pytest.mark.parametrize("built_in", [{"lighting": "split"}, {"restir": True}, {"gbuffer": "traced"},
+                                      {"occlusion_culling": False},
                                       {"layering": "fresnel_product", "frustum_culling": False},
                                       {"lambert": True, "gbuffer": "traced"}], ids=str)  # fmt: skip
 def test_frames_are_finite_however_they_are_built(device, built_in):
     run(device, range(COUNT, COUNT + 50), **built_in)
+
+
+def test_a_search_without_neighbor_adds_nothing(device):
+    """The surface of a neighbor that wasn't found holds what a register held before, here NaN."""
+    poison = ("passes/reuse.glsl", "    for (uint i = 0u; i < reuse_settings.spatial_tries",
+              "    neighbor_surface = surface;\n"
+              "    neighbor_surface.material.metallic = uintBitsToFloat(0x7FC00000u);\n"
+              "    for (uint i = 0u; i < reuse_settings.spatial_tries")  # fmt: skip
+    with (
+        patched_shaders(poison),
+        make_renderer(device, sv.builtin("cornell_box"), (16, 12), restir=True, spatial_tries=1) as renderer,
+    ):
+        for _ in range(8):
+            assert np.isfinite(renderer.render()["radiance"]).all()
 
 
 @pytest.mark.slow  # takes minutes

@@ -17,7 +17,7 @@ layout(set = 1, binding = 89, scalar) buffer RawRadianceBlock { vec3 at[]; } raw
 // A path that waits for its next ray, apart from what the pass that goes on with it computes again.
 struct WaitingPath {
     uint rng;
-    uint state;  // number of rays | number of them that left mirrors << 8 | REFLECTS_ONLY
+    uint state;  // number of rays | number of them that left mirrors << 8 | REFLECTS_ONLY | SHARES
     Lobes first_weight;
     vec3 throughput;
     vec3 direction;

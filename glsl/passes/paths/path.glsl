@@ -57,6 +57,7 @@ Path start_path(uint rng) {
     path.first_weight = path.direct = NO_LIGHT;
     path.radiance = path.shareable = vec3(0.0);
     path.shares = false;
+    path.direct_sample = LightSample(NO_INDEX, 0u, 0u);
     path.diffuse_first = true;
     path.squared_slope = path.spread = 0.0;
     path.cone_width = path.cone_spread = 0.0;
@@ -143,8 +144,10 @@ bool advance(inout Path path) {
     float density = probability * float(candidates);
     DrawnLight drawn;
     drawn.light = NO_LIGHT;
-    if (rand_f(path.rng) < probability) { drawn = draw_light(path.vertex, candidates, density, path.rng); }
-    drawn.light = scale(drawn.light, path.throughput / probability);
+    if (rand_f(path.rng) < probability) {
+        drawn = draw_light(path.vertex, candidates, density, path.rng);
+        drawn.light = scale(drawn.light, path.throughput / probability);
+    }
 
     BrdfSample next = sample_brdf(brdf, path.vertex.wo, path.choice, path.u);
     if (first) {

@@ -44,7 +44,7 @@ Lobes shared_lobes(Lobes lobes, float perceptual_roughness) {
 
 // The light of the specular lobe that goes to the pixel at once.
 vec3 kept_specular(Lobes light, float perceptual_roughness) {
-    return light.specular - shared_lobes(light, perceptual_roughness).specular;
+    return shares_specular(perceptual_roughness) ? vec3(0.0) : light.specular;
 }
 
 bool is_hit(PathReservoir reservoir) { return reservoir.instance != NO_INDEX; }
@@ -147,7 +147,7 @@ Merge merge_reservoirs(
     bool takes_other = choice * luminance_sum < other_luminance;
     float target = takes_other ? other_light.target : own_light.target;
     merged.reservoir = takes_other ? other : own;
-    merged.reservoir.weight = luminance_sum > 0.0 ? luminance_sum / target : 0.0;
+    merged.reservoir.weight = target > 0.0 ? luminance_sum / target : 0.0;
     merged.reservoir.confidence = own.confidence + other.confidence;
     return merged;
 }

@@ -25,9 +25,10 @@ void main() {
         uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
         Vertex vertex = make_vertex(surface);
         uvec2 neighbor;
-        GBufferSurface other_surface = surface;
+        GBufferSurface neighbor_surface, other_surface = surface;
         PathReservoir other = EMPTY_RESERVOIR;
-        if (find_spatial_neighbor(pixel, surface, restir_settings.radius, rng, neighbor, other_surface)) {
+        if (find_spatial_neighbor(pixel, surface, restir_settings.radius, rng, neighbor, neighbor_surface)) {
+            other_surface = neighbor_surface;
             other = paths_temporal_reservoirs.at[neighbor.y * camera.size.x + neighbor.x];
         }
         merged = merge_reservoirs(

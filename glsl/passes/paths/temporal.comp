@@ -40,7 +40,7 @@ float previous_confidence(float confidence, PathReservoir found) {
     if (is_hit(found)) {
         Instance now = instances.at[found.instance];
         PreviousInstance before = previous_instances.at[found.instance];
-        bool rests = now.id == before.id && now.world_from_object == before.world_from_object;
+        bool rests = now.mesh != NO_INDEX && now.id == before.id && now.world_from_object == before.world_from_object;
         return rests ? confidence * (1.0 - this_frame.lighting_change) : 0.0;
     }
     return found.weight > 0.0 && previous_light.at[found.point.x] == NO_INDEX ? 0.0 : confidence;
