@@ -231,6 +231,7 @@ GROUPS: dict[str, dict[str, Measure]] = {
         "reuse_noise": lambda run: reuse_checks.measure_noise(run.device),
         "reuse_lag": lambda run: reuse_checks.measure_lag(run.device),
         "mirrors": lambda run: lobe_checks.measure_mirrors(run.device),
+        "mirror_chain": lambda run: lobe_checks.measure_mirror_chain(run.device),
         "lobes": lambda run: lobe_checks.measure_lobes(run.device, run.shaders),
         "distances": lambda run: lobe_checks.measure_distances(run.device),
     },

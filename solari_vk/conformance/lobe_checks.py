@@ -24,6 +24,7 @@ from solari_vk.scene.builtin import lamp, rgb
 _PATHS = (SUITE, "Paths")
 METAL = Rule("metals have no diffuse light", *_PATHS)
 MIRRORS = Rule("bounces at mirrors count for nothing but their Fresnel terms", *_PATHS)
+CHAIN = Rule("light comes whole by many mirrors in a row", *_PATHS)
 MIRROR_DISTANCE = Rule("the distance of a mirror's light is the length of the reflected ray", *_PATHS)
 LOBES = Rule("each lobe reflects as much white light as its albedo says", *_PATHS)
 DEMODULATION = Rule("demodulated light times the surface's albedo is the lobe's radiance", *_PATHS)
@@ -38,28 +39,34 @@ ONE_BOUNCE: dict[str, Any] = {**PLAIN, "paths_bounces": 1}
 
 _HALF = 2.0  # of the side of the cube below, in meters
 _SIDES = {"left": (0, -1), "right": (0, 1), "floor": (1, -1), "ceiling": (1, 1), "back": (2, -1), "front": (2, 1)}
-_MIRRORS = {"floor": (0.9, 0.6, 0.3), "back": (0.5, 0.8, 0.95)}  # metals with these colors; the other sides glow
-_GLOWS = {"left": (1.0, 0.2, 0.1), "right": (0.1, 1.0, 0.3), "ceiling": (0.3, 0.2, 1.0), "front": (1.0, 0.9, 0.2)}
+Colors = dict[str, tuple[float, float, float]]
+_CORNER: Colors = {"floor": (0.9, 0.6, 0.3), "back": (0.5, 0.8, 0.95)}
+# White, so that Russian roulette ends no path.
+_RING: Colors = dict.fromkeys(("floor", "ceiling", "back", "front"), (1.0, 1.0, 1.0))
+_MOST_MIRRORS = 32
+_GLOWS: Colors = {"left": (1.0, 0.2, 0.1), "right": (0.1, 1.0, 0.3), "ceiling": (0.3, 0.2, 1.0),
+                  "front": (1.0, 0.9, 0.2)}  # fmt: skip
 
 
-def _mirror_cube() -> sv.Scene:
-    """The inside of a cube; floor and back are mirrors, so that rays meet up to three of them."""
+def _mirror_cube(mirrors: Colors) -> sv.Scene:
+    """The inside of a cube, of which some sides are metal mirrors of these colors; the others glow."""
     scene = sv.Scene(sv.Camera.look_at((0.31, 0.43, 0.87), (-0.2, -1.9, -1.8), vertical_fov=1.2))
     for name, (axis, sign) in _SIDES.items():
         normal, u = -sign * np.eye(3)[axis], np.eye(3)[axis - 2]
         mesh = shapes.quad(_HALF * sign * np.eye(3)[axis], _HALF * u, _HALF * np.cross(normal, u))
-        material = lamp(_GLOWS[name]) if name in _GLOWS else metal(_MIRRORS[name], 0.0)
+        material = metal(mirrors[name], 0.0) if name in mirrors else lamp(_GLOWS[name])
         scene.add(sv.Instance(mesh=mesh, material=material, name=name))
     return scene
 
 
-def _look_into_cube(camera: sv.Camera) -> tuple[Image, Image]:
-    """The radiance (32, 32, 3) and the length (32, 32) of the first reflected ray, NaN where no mirror is seen."""
+def _look_into_cube(camera: sv.Camera, mirrors: Colors) -> tuple[Image, Image, Image]:
+    """The radiance (32, 32, 3); the length (32, 32) of the first reflected ray, NaN where no mirror is seen; and the
+    number of mirrors (32, 32) until a side glows, _MOST_MIRRORS where none of the first ones does."""
     (places, along), names = camera_rays(camera, *SIZE), list(_SIDES)
     weight, radiance = np.ones((*SIZE, 3)), np.zeros((*SIZE, 3))
-    length = np.full(SIZE, np.nan)
+    length, count = np.full(SIZE, np.nan), np.zeros(SIZE, int)
     inside = np.ones(SIZE, bool)
-    for ray in range(4):
+    for ray in range(_MOST_MIRRORS):
         sides = np.where(along < 0, -_HALF, _HALF)
         to_sides = (sides - places) / along
         axis, t = to_sides.argmin(axis=-1), to_sides.min(axis=-1)
@@ -70,33 +77,47 @@ def _look_into_cube(camera: sv.Camera) -> tuple[Image, Image]:
         cosine = np.abs(np.take_along_axis(along, axis[..., None], -1))
         for at, name in enumerate(names):
             here = inside & (met == at)
-            if name in _GLOWS:
+            if name not in mirrors:
                 radiance[here] += weight[here] * _GLOWS[name]
             else:
-                color = np.array(_MIRRORS[name])
+                count += here
+                color = np.array(mirrors[name])
                 weight = np.where(here[..., None], weight * (color + (1 - color) * (1 - cosine) ** 5), weight)
-        inside = inside & np.isin(met, [names.index(name) for name in _MIRRORS])
+        inside = inside & np.isin(met, [names.index(name) for name in mirrors])
         along = np.where(np.arange(3) == axis[..., None], -along, along)
-    return radiance, length
+    return radiance, length, count
 
 
 def measure_mirrors(device: Device) -> Iterator[Measurement]:
-    """With one bounce, a cube with two mirrors shows what geometry and Fresnel's terms say, three mirrors deep."""
-    scene = _mirror_cube()
+    """With one bounce, a cube with two mirrors shows what geometry and Fresnel's terms say."""
+    scene = _mirror_cube(_CORNER)
     with make_renderer(device, scene, SIZE, passes=PASSES, **ONE_BOUNCE) as renderer:
         frame = renderer.render(scene.camera)
         found, diffuse, specular = read_radiance(frame), frame["paths_diffuse"], frame["paths_specular"]
         diffuse_light = np.abs(read_radiance(frame, "diffuse_radiance")).max()
-    expected, length = _look_into_cube(scene.camera)
+    expected, length, _ = _look_into_cube(scene.camera, _CORNER)
     shown = np.isfinite(length)
-    ratio = (found / expected)[shown]
-    # The walls' faint sheen adds to single pixels.
-    error = max(float(1 - ratio.min()), float(ratio.mean() - 1), float(np.median(ratio) - 1) * 10)
-    note = f"{ratio.min():.4f} at least, {ratio.mean():.4f} in the mean"
-    yield Measurement(MIRRORS, error, 0.03, "relative error", note)
+    yield _compare_light(MIRRORS, found[shown] / expected[shown])
     apart = np.abs(specular[..., 3] / length - 1)[shown] + np.abs(diffuse[..., 3][shown])
     yield Measurement(MIRROR_DISTANCE, float(apart.max()), 1e-3, "relative error")
     yield Measurement(METAL, float(diffuse_light), 0.0, "cd/m^2")
+
+
+def _compare_light(rule: Rule, ratio: Image, remark: str = "") -> Measurement:
+    """The error of a ratio of pixels' light to the expected light, to which the walls' faint sheen may add a little."""
+    error = max(float(1 - ratio.min()), float(ratio.mean() - 1), float(np.median(ratio) - 1) * 10)
+    note = f"{ratio.min():.4f} at least, {ratio.mean():.4f} in the mean{remark}"
+    return Measurement(rule, error, 0.03, "relative error", note)
+
+
+def measure_mirror_chain(device: Device) -> Iterator[Measurement]:
+    """With one bounce, two sides that glow are seen whole by rows of mirrors far longer than a path has rounds."""
+    scene = _mirror_cube(_RING)
+    with make_renderer(device, scene, SIZE, passes=PASSES, **ONE_BOUNCE) as renderer:
+        found = read_radiance(renderer.render(scene.camera))
+    expected, _, count = _look_into_cube(scene.camera, _RING)
+    shown = (count > 0) & (count < _MOST_MIRRORS)
+    yield _compare_light(CHAIN, found[shown] / expected[shown], f"; up to {count[shown].max()} mirrors")
 
 
 # ---- lobes ------------------------------------------------------------------------------------------

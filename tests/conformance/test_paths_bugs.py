@@ -38,7 +38,8 @@ def tree(device):
         yield from light_tree_checks.measure_tree(shaders)
 
 
-mirrors, distances = lobe_checks.measure_mirrors, lobe_checks.measure_distances
+mirrors, chain, distances = (lobe_checks.measure_mirrors, lobe_checks.measure_mirror_chain,
+                             lobe_checks.measure_distances)  # fmt: skip
 cells, noise = paths_checks.measure_cells, paths_checks.measure_sequence
 ONE, ONE_TILES, SEVERAL = (rule.name for rule in (paths_checks.ONE, paths_checks.ONE_TILES, paths_checks.SEVERAL))
 SEVERAL_TILES, CACHED, TILES = (rule.name for rule in (paths_checks.SEVERAL_TILES, paths_checks.CACHED,
@@ -49,9 +50,9 @@ EQUAL, SUM, OFTEN, CLOSE = (
 )  # fmt: skip
 TREE = "scene/lights/tree.glsl"
 CELLS, NOISE = paths_checks.CELLS.name, paths_checks.SEQUENCE.name
-MIRRORS, LENGTH, METAL, LOBES, DEMODULATED, COSINE, OWN = (
-    rule.name for rule in (lobe_checks.MIRRORS, lobe_checks.MIRROR_DISTANCE, lobe_checks.METAL, lobe_checks.LOBES,
-                           lobe_checks.DEMODULATION, lobe_checks.DISTANCE, lobe_checks.OWN_DISTANCE)
+MIRRORS, CHAIN, LENGTH, METAL, LOBES, DEMODULATED, COSINE, OWN = (
+    rule.name for rule in (lobe_checks.MIRRORS, lobe_checks.CHAIN, lobe_checks.MIRROR_DISTANCE, lobe_checks.METAL,
+                           lobe_checks.LOBES, lobe_checks.DEMODULATION, lobe_checks.DISTANCE, lobe_checks.OWN_DISTANCE)
 )  # fmt: skip
 BUGS = {
     "light samples without MIS weight": (one, [ONE], VERTEX, "light.received_radiance * mis_weight",
@@ -90,7 +91,9 @@ BUGS = {
     "waiting paths forget what the cache stands for": (cached, [CACHED], WAITING,
                                                        "(waiting.state & REFLECTS_ONLY) != 0u", "false"),
     "waiting paths forget their throughput": (one, [ONE, ONE_TILES], WAITING, "= waiting.throughput;", "= vec3(1.0);"),
+    "waiting paths forget their mirrors": (chain, [CHAIN], WAITING, "waiting.state >> 8u & 0xFFu", "0u"),
     "no second round": (one, [ONE, ONE_TILES], LATER, "if (goes_on) { wait", "if (false) { wait"),
+    "the last round is a single ray": (chain, [CHAIN], LATER, "while (goes_on &&", "while (false &&"),
     "cells without pi": (cells, [CELLS], "passes/world_cache/sample.comp", "PI * path_light", "path_light"),
     "cells follow no specular lobe": (cells, [CELLS], PATH, "if (rough || !(rand_f(path.rng) < share)) {",
                                       "if (true) {"),
