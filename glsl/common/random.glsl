@@ -29,8 +29,10 @@ uint rand_u(inout uint rng) {
     return number;
 }
 
-// In [0, 1), a multiple of 2^-24.
-float rand_f(inout uint rng) { return float(rand_u(rng) >> 8u) * 5.9604644775390625e-8; }
+// The upper 24 bits as a number in [0, 1).
+float unit_float(uint bits) { return float(bits >> 8u) * ROUNDING_UNIT; }
+
+float rand_f(inout uint rng) { return unit_float(rand_u(rng)); }
 
 vec2 rand_vec2f(inout uint rng) {
     float x = rand_f(rng);
@@ -42,6 +44,13 @@ uint rand_range_u(uint n, inout uint rng) {
     uint high, low;
     umulExtended(rand_u(rng), n, high, low);
     return high;
+}
+
+// Adds a sample to a stream by weighted reservoir sampling: updates the sum of weights, and returns whether this sample
+// replaces the one chosen before. Each sample is the last one chosen with a probability in proportion to its weight.
+bool choose_weighted(inout float weight_sum, float weight, inout uint rng) {
+    weight_sum += weight;
+    return rand_f(rng) * weight_sum < weight;
 }
 
 // ---- distributions ----------------------------------------------------------------------------------

@@ -33,7 +33,7 @@ vec2 sobol_point(uint index, uint seed) {
     uint shuffled = owen_scramble(index, pcg(seed));
     uint x = owen_scramble(bitfieldReverse(shuffled), pcg(seed ^ 0x68BC21EBu));
     uint y = owen_scramble(sobol_second_dimension(shuffled), pcg(seed ^ 0x02E5BE93u));
-    return vec2(x >> 8u, y >> 8u) * 5.9604644775390625e-8;
+    return vec2(unit_float(x), unit_float(y));
 }
 
 #endif

@@ -41,7 +41,7 @@ CACHED_TILES = Rule("each of 4 x 4 tiles of paths that end in the world cache is
 SEQUENCE = Rule("consecutive frames average to less noise than independent ones", *_PATHS)
 CELLS = Rule("cells over a shiny floor in the sun have the path tracer's irradiance", *_PATHS)
 
-PASSES = (*GBUFFER, "light_tiles/", "world_cache/", "paths/")
+PASSES = (*GBUFFER, "world_cache/", "paths/")
 # What the path tracer computes, at the centers of pixels.
 PLAIN: dict[str, Any] = {
     "lighting": "paths", "world_cache": False, "paths_candidates": 1, "paths_later_candidates": 1,

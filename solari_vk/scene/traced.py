@@ -162,8 +162,8 @@ class TracedInstances:
 
     def destroy(self) -> None:
         """Free everything."""
-        for commands in (self._build, self._copy, self.previous):
-            if commands is not None:
-                commands.destroy()
+        for made in (self._build, self._copy, self.previous):
+            if made is not None:
+                made.destroy()
         self.table.destroy()
         self.tlas.destroy()

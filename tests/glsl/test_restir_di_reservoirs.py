@@ -151,7 +151,7 @@ def test_constant_weights_are_biased_where_supports_differ(patched):
             test_merge(constant, "zeros")
 
 
-RESERVOIR, REUSE = "passes/restir_di/reservoir.glsl", "passes/reuse.glsl"
+RESERVOIR, REUSE, RANDOM = "passes/restir_di/reservoir.glsl", "passes/reuse.glsl", "common/random.glsl"
 MUTANTS = {
     "confidence ignored": (test_choices, (), RESERVOIR, "confidences * targets;", "targets;"),
     "targets swapped": (test_merge, ("unlike",), RESERVOIR, "vec2(there.y, here.y)", "vec2(here.y, there.y)"),
@@ -159,8 +159,8 @@ MUTANTS = {
                         "target > 0.0 ? weight_sum"),
     "confidence not added": (test_merge, ("unlike",), RESERVOIR, "= first.confidence + second.confidence",
                              "= first.confidence"),
-    "zeros are chosen": (test_streams, (), RESERVOIR, "* weight_sum < weight", "* weight_sum <= weight"),
-    "latest preferred": (test_streams, (), RESERVOIR, "rand_f(rng) * weight_sum <",
+    "zeros are chosen": (test_streams, (), RANDOM, "* weight_sum < weight", "* weight_sum <= weight"),
+    "latest preferred": (test_streams, (), RANDOM, "rand_f(rng) * weight_sum <",
                          "rand_f(rng) * rand_f(rng) * weight_sum <"),
     "wraps at the edge": (test_permutation, (), REUSE, "return is_inside_picture(partner) ? partner : pixel;",
                           "return abs(partner) % ivec2(camera.size);"),

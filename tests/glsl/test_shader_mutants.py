@@ -32,8 +32,8 @@ def numbers(shaders):
 GLOSSY = (0.5, 1.0, 60.0)
 MUTANTS = {
     "generator: a wrong multiplier": (random_numbers.test_generators, (), RANDOM, "277803737u", "277803739u"),
-    "generator: 23 bits": (random_numbers.test_generators, (), RANDOM, ">> 8u) * 5.9604644775390625e-8",
-                           ">> 9u) * 1.1920928955078125e-7"),
+    "generator: 23 bits": (random_numbers.test_generators, (), RANDOM, "(bits >> 8u) * ROUNDING_UNIT",
+                           "(bits >> 9u) * (2.0 * ROUNDING_UNIT)"),
     "range: off by one": (random_numbers.test_generators, (), RANDOM, "rand_u(rng), n, high",
                           "rand_u(rng), n - 1u, high"),
     "disk: no square root": (distributions.test_disk, (), RANDOM, "return sqrt(u.x) * vec2", "return u.x * vec2"),

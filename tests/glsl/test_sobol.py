@@ -144,7 +144,7 @@ MUTANTS = {
     "first dimension not scrambled": (check_pairs, "owen_scramble(bitfieldReverse(shuffled), pcg(seed ^ 0x68BC21EBu))",
                                       "bitfieldReverse(shuffled)"),
     "one scrambling for both dimensions": (check_pairs, "pcg(seed ^ 0x02E5BE93u)", "pcg(seed ^ 0x68BC21EBu)"),
-    "half of the square": (check_uniform, "vec2(x >> 8u,", "vec2(x >> 9u,"),
+    "half of the square": (check_uniform, "vec2(unit_float(x),", "vec2(unit_float(x >> 1u),"),
     "one order for all seeds": (check_independent, "owen_scramble(index, pcg(seed))", "index"),
     "pairs of seeds alike": (check_independent, "owen_scramble(index, pcg(seed))", "owen_scramble(index, seed / 2u)"),
 }  # fmt: skip

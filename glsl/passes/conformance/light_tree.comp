@@ -5,33 +5,26 @@
 
 layout(local_size_x = 64) in;
 
-struct TreeReceiver {
-    vec3 position;
-    vec3 normal;
-};
-
 struct DrawnLight {
     uint light;
     float probability;
 };
 
-layout(set = 1, binding = 20, scalar) readonly buffer ReceiversBlock { TreeReceiver at[]; } receivers;
+layout(set = 1, binding = 20, scalar) readonly buffer ReceiversBlock { Receiver at[]; } receivers;
 // The same number of draws for each receiver, receiver by receiver.
 layout(set = 1, binding = 21, scalar) writeonly buffer DrawnBlock { DrawnLight at[]; } drawn;
 // Of each light, receiver by receiver.
 layout(set = 1, binding = 22, scalar) writeonly buffer ProbabilitiesBlock { float at[]; } probabilities;
 
-Receiver receiver(uint index) { return Receiver(receivers.at[index].position, receivers.at[index].normal); }
-
 void main() {
     uint i = gl_GlobalInvocationID.x;
     if (i < drawn.at.length()) {
         uint rng = seed_rng(uvec2(i, 5u), 0u, 17u);
-        ChosenLight chosen = choose_light(receiver(i / (drawn.at.length() / receivers.at.length())), rng);
+        ChosenLight chosen = choose_light(receivers.at[i / (drawn.at.length() / receivers.at.length())], rng);
         drawn.at[i] = DrawnLight(chosen.index, chosen.probability);
     }
     if (i < probabilities.at.length()) {
         uint light_count = scene_info.light_count;
-        probabilities.at[i] = light_choice_probability(i % light_count, receiver(i / light_count));
+        probabilities.at[i] = light_choice_probability(i % light_count, receivers.at[i / light_count]);
     }
 }

@@ -80,9 +80,7 @@ DrawnLight draw_light(Vertex vertex, uint candidates, float density, inout uint 
         ResolvedLightSample resolved = resolve_light_sample(light_sample, light.probability);
         Lobes reflected = reflect_light(vertex, resolved, density);
         float target = luminance(sum(reflected));
-        float weight = target * resolved.inverse_pdf;
-        weight_sum += weight;
-        if (rand_f(rng) * weight_sum < weight) {
+        if (choose_weighted(weight_sum, target * resolved.inverse_pdf, rng)) {
             drawn = DrawnLight(light_sample, resolved, reflected);
             chosen_target = target;
         }

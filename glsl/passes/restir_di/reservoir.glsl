@@ -22,12 +22,6 @@ struct DiReservoir {
 
 const DiReservoir EMPTY_DI_RESERVOIR = DiReservoir(LightSample(NO_INDEX, 0u, 0u), 0.0, 0.0);
 
-// Adds a sample to a stream by weighted reservoir sampling: updates the sum, and returns whether this sample is chosen.
-bool choose_weighted(inout float weight_sum, float weight, inout uint rng) {
-    weight_sum += weight;
-    return rand_f(rng) * weight_sum < weight;
-}
-
 // The MIS weight of a sample of the first of two reservoirs; `targets` are the sample's targets at the two pixels.
 float merge_share(vec2 confidences, vec2 targets) {
     vec2 weights = confidences * targets;

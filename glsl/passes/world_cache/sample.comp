@@ -7,12 +7,14 @@
 
 layout(local_size_x = GROUP_SIZE) in;
 
+const uint PASS_SALT = 0x7C0D14ECu;
+
 void main() {
     uint thread = thread_index(INVOCATION_INDEX);
     uint cell = find_cell_to_update(thread);
     if (cell == NO_INDEX) { return; }
     atomicAdd(world_cache_counters.updates, 1u);
-    uint rng = seed_cell_rng(cell, DIRECT_SALT);
+    uint rng = seed_cell_rng(cell, PASS_SALT);
     WorldCacheSurface surface = load_world_cache_surface(cell);
 
     vec3 normal = surface.geometric_world_normal;

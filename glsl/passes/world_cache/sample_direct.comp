@@ -11,6 +11,8 @@
 
 layout(local_size_x = GROUP_SIZE) in;
 
+const uint PASS_SALT = 0x7C0D14ECu;
+
 vec3 sample_direct_irradiance(WorldCacheSurface surface, inout uint rng) {
     uint tile = choose_light_tile(rng);
     float weight_sum = 0.0;
@@ -20,9 +22,7 @@ vec3 sample_direct_irradiance(WorldCacheSurface surface, inout uint rng) {
         LightCandidate candidate = sample_light_candidate(tile, rng);
         LightContribution light = calculate_resolved_light_contribution(candidate.resolved, surface.world_position);
         float target = luminance(light.received_radiance) * max(dot(light.wi, surface.geometric_world_normal), 0.0);
-        float weight = target * light.inverse_pdf;
-        weight_sum += weight;
-        if (rand_f(rng) * weight_sum < weight) {
+        if (choose_weighted(weight_sum, target * light.inverse_pdf, rng)) {
             chosen = candidate.light_sample;
             chosen_target = target;
         }
@@ -44,7 +44,7 @@ void main() {
     uint cell = find_cell_to_update(thread);
     if (cell == NO_INDEX) { return; }
     atomicAdd(world_cache_counters.updates, 1u);
-    uint rng = seed_cell_rng(cell, DIRECT_SALT);
+    uint rng = seed_cell_rng(cell, PASS_SALT);
     vec3 irradiance = sample_direct_irradiance(load_world_cache_surface(cell), rng);
     world_cache_samples.at[thread].irradiance = irradiance;
     test_for_wall(cell, thread);

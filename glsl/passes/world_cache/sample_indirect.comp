@@ -7,11 +7,13 @@
 
 layout(local_size_x = GROUP_SIZE) in;
 
+const uint PASS_SALT = 0x7C01D14Eu;
+
 void main() {
     uint thread = thread_index(INVOCATION_INDEX);
     uint cell = find_cell_to_update(thread);
     if (cell == NO_INDEX) { return; }
-    uint rng = seed_cell_rng(cell, INDIRECT_SALT);
+    uint rng = seed_cell_rng(cell, PASS_SALT);
     WorldCacheSurface surface = load_world_cache_surface(cell);
     vec3 origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
     vec3 direction = orthonormalize(surface.geometric_world_normal) * sample_cosine_hemisphere(rand_vec2f(rng));

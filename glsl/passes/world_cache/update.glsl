@@ -5,8 +5,6 @@
 #include "passes/world_cache/map.glsl"
 
 const uint UPDATE_SALT = 0x7C0A11EDu;
-const uint DIRECT_SALT = 0x7C0D14ECu;
-const uint INDIRECT_SALT = 0x7C01D14Eu;
 
 // Seeds by the key, since a cell's index in the map depends on the order in which cells were inserted.
 uint seed_cell_rng(uint cell, uint salt) {

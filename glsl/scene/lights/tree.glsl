@@ -45,8 +45,7 @@ ChosenLight descend_light_tree(Receiver receiver, inout uint rng) {
         float sum = 0.0, chosen_importance = 0.0;
         for (uint child = first; child < first + count; child++) {
             float child_importance = importance(light_tree.at[child], receiver);
-            sum += child_importance;
-            if (rand_f(rng) * sum < child_importance) {
+            if (choose_weighted(sum, child_importance, rng)) {
                 chosen = child;
                 chosen_importance = child_importance;
             }
