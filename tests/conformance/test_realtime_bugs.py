@@ -27,7 +27,7 @@ RASTER, RESOLVE, PIXEL = (f"passes/gbuffer/{name}" for name in ("raster.vert", "
 SPECULAR, LOBE = "passes/specular_gi/trace.comp", "passes/specular_gi/lobe.glsl"
 GI_SHADE = "passes/restir_gi/spatial_and_shade.comp"
 CULL, GATHER = "passes/gbuffer/cull.comp", "passes/world_cache/sample.comp"
-QUERY = "passes/world_cache/query.glsl"
+QUERY, DIVISION = "passes/world_cache/query.glsl", "passes/world_cache/division.glsl"
 GENERATE, TILES = "passes/light_tiles/generate.comp", "passes/light_tiles/light_tiles.glsl"
 TONEMAP, COMPOSE = "passes/display/tonemap.glsl", "passes/paths/compose.comp"
 VIEW, VIEWS = "passes/display/debug_view.glsl", "passes/display/debug_views.glsl"
@@ -69,7 +69,7 @@ def measure_contribution(device):
 
 
 DARK_CORNER = (
-    COMPOSE, "radiance.at[index] = emitted", "if (all(lessThan(4u * pixel, camera.size))) { "
+    COMPOSE, "    radiance.at[index] = emitted", "    if (all(lessThan(4u * pixel, camera.size))) { "
     "diffuse *= 0.5; }\n    diffuse_radiance.at[index] = diffuse;\n    radiance.at[index] = emitted",
 )  # fmt: skip
 BUGS = {
@@ -143,9 +143,8 @@ BUGS = {
                            "= life - 1u;", "= life;"),
     "light gathered without pi": (world_cache_checks.measure_fixed_point, ["all bounces"], GATHER, "PI * path_light",
                                   "path_light"),
-    "walls that hide nothing": (world_cache_checks.measure_leak, ["thin wall"], QUERY,
-                                "dot(way, normal) * normal, 1.0)) { break; }",
-                                "dot(way, normal) * normal, 1e-3)) { break; }"),
+    "walls that hide nothing": (world_cache_checks.measure_leak, ["thin wall"], DIVISION,
+                                "geometric_world_normal - eye, 1.0);", "geometric_world_normal - eye, 1e-3);"),
     "rays of the previous frame's surfaces meet them": (measure_indirect, ["one bounce"], GI_TEMPORAL,
                                                         "neighbor_surface.ray_offset = surface.ray_offset;", ""),
     "density of another distribution": (measure_indirect, ["one bounce", "no tile of 4 x 4"], GI_INITIAL,
@@ -188,15 +187,16 @@ BUGS = {
     "hit surfaces don't widen the cone": (measure_solaris_termination, ["matte wall has widened"], SPECULAR,
                                           "if (as_solari) { path.spread_width =", "if (false) { path.spread_width ="),
     "light for nothing": (measure_matte_box, ["matte walls is as bright"],
-                          COMPOSE, "emitted + diffuse", "emitted + 1.08 * diffuse"),
+                          COMPOSE, "    radiance.at[index] = emitted + diffuse",
+                          "    radiance.at[index] = emitted + 1.08 * diffuse"),
     "a dark corner": (frame_checks.measure_light, ["each of 4 x 4 tiles"], *DARK_CORNER),
     "a dark corner of a closed box": (measure_matte_box, ["4 x 4 tiles of a closed box"], *DARK_CORNER),
     "light that stays": (frame_checks.measure_light, ["as bright", "little light is left", "almost no light"], COMPOSE,
                          "diffuse_radiance.at[index] = diffuse;",
                          "diffuse_radiance.at[index] = diffuse = max(diffuse, vec3(0.03));"),
     "divided by nothing": (frame_checks.measure_finite, ["finite"], COMPOSE,
-                           "radiance.at[index] = emitted",
-                           "radiance.at[index] = uintBitsToFloat(0x7FC00000u) + emitted"),
+                           "    radiance.at[index] = emitted",
+                           "    radiance.at[index] = uintBitsToFloat(0x7FC00000u) + emitted"),
     "tiles packed without exposure": (light_tile_checks.measure_tiles, ["within half a step", "a sun of 100,000 lux"],
                                       TILES, "(resolved.radiance, this_frame.exposure)", "(resolved.radiance, 1.0)"),
     "directions packed as places": (light_tile_checks.measure_tiles, ["light's kind"], TILES,
@@ -235,12 +235,13 @@ BUGS = {
                               "base_color"),
     "albedos squared": (measure_one_mirror, ["diffuse albedo of a dielectric"], WRITE, "guides.diffuse_albedo =",
                         "guides.diffuse_albedo = material.base_color *"),
-    "metal without second bounces": (measure_one_mirror, ["white metal"], WRITE,
+    "metal without second bounces": (measure_one_mirror, ["white metal"], "scene/brdf.glsl",
                                      "specular_albedo(material.base_color, ab)", "material.base_color * ab.x + ab.y"),
     "normals of any length": (guide_checks.measure_range, ["extreme scenes give finite guides"], WRITE,
                               "vec4(guides.world_normal, guides", "vec4(1.1 * guides.world_normal, guides"),
     "light counted twice": (guide_checks.measure_parts, ["add up"], COMPOSE,
-                            "emitted + diffuse", "emitted + 2.0 * diffuse"),
+                            "    radiance.at[index] = emitted + diffuse",
+                            "    radiance.at[index] = emitted + 2.0 * diffuse"),
     "emission after exposure": (guide_checks.measure_parts, ["emission is"], COMPOSE,
                                 "emission.at[index] = emitted;", "emission.at[index] = emitted * this_frame.exposure;"),
     "a stop too bright": (display_checks.measure_picture, ["white is", "sRGB", "Reinhard", "ACES", "AgX"], TONEMAP,
