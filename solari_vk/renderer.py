@@ -79,6 +79,7 @@ class Renderer(PictureRenderer):
         self.count_rays = count_rays
         self.counted_passes: list[str] = []
         super().__init__(device, scene, size)
+        self._owned.callback(self.binder.keep_previous_tlas, self, False)
         try:
             self.view, self.tonemap = PICTURE, "agx"
             self.frame_count = 0
@@ -105,8 +106,7 @@ class Renderer(PictureRenderer):
     def _stages(self, size: tuple[int, int]) -> list[Stage]:
         """The stages of a frame, in order."""
         settings, instances = self.settings, self.binder.instance_capacity
-        if settings.lighting == "paths" and settings.restir:
-            self.binder.keep_previous_tlas()
+        self.binder.keep_previous_tlas(self, settings.lighting == "paths" and settings.restir)
         stages = [
             gbuffer.stage(size, settings, instances, self.gbuffer),
             guides.stage(size, settings),

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
+from solari_vk.conformance.realtime import make_renderer
+from solari_vk.scene.binder import SceneBinder
 
 SIZE = (16, 12)
 
@@ -319,3 +321,31 @@ def test_memory_is_that_of_the_frame_by_name(renderer):
     renderer.settings.lighting = "split"
     renderer.render()
     assert renderer.memory["world_cache_life"] == 4 * renderer.settings.world_cache_cells
+
+
+def test_the_previous_frames_tlas_lives_while_a_renderer_needs_it(device, scene):
+    """Of renderers that share a binder, one reuses light until it is closed, another until the setting is off."""
+    binder = SceneBinder(device, scene)
+    block = list(scene)[-1]
+
+    def is_kept(*renderers):
+        for step in range(3):
+            block.transform = (0.01 * step, 0, 0)
+            for renderer in renderers:
+                renderer.render(scene.camera)
+        previous = binder.resources["previous_tlas"]
+        assert all(renderer.resource("previous_tlas") is previous for renderer in renderers)
+        return previous is not binder.resources["tlas"]
+
+    reuse = {"lighting": "paths", "passes": ("gbuffer/", "paths/temporal")}
+    plain, first, second = (make_renderer(device, binder, SIZE, restir=on, **reuse) for on in (False, True, True))
+    with plain, second:
+        with first:
+            assert is_kept(plain, first, second)
+        assert is_kept(plain, second)
+        second.settings.restir = False
+        assert not is_kept(second, plain)
+        plain.settings.restir = True
+        assert is_kept(second, plain)
+    device.wait_idle()
+    binder.destroy()

@@ -60,6 +60,7 @@ class SceneBinder:
         self._ids: dict[Instance, int] = {}
         self._last_id = 0
         self._changed: dict[Observable, None] = {}
+        self._previous_users: set[object] = set()
         scene.watch(self)
         for item in (*scene.instances, *scene.lights):
             self.note(item)
@@ -94,16 +95,18 @@ class SceneBinder:
         """For each row of `meshes` in use: the mesh's triangle of each uploaded triangle."""
         return {self._geometry.rows[mesh]: order for mesh, order in self._geometry.orders.items()}
 
-    def keep_previous_tlas(self) -> None:
-        """Make `previous_tlas` the TLAS of the previous frame, from the next update on. Until then it is `tlas`.
+    def keep_previous_tlas(self, renderer: object, needed: bool) -> None:
+        """Say whether a renderer needs the TLAS of the previous frame as `previous_tlas`, from the next update on.
 
-        This takes a copy of the TLAS in each frame whose instances moved, and in the one after it. Where several
-        renderers share the binder, the previous frame is the latest one of any of them.
+        While none does, `previous_tlas` is `tlas`. Otherwise the TLAS is copied in each frame whose instances moved,
+        and in the one after it. Where several renderers share the binder, the previous frame is the latest one of any
+        of them.
         """
-        self.version += self._traced.keep_previous()
+        (self._previous_users.add if needed else self._previous_users.discard)(renderer)
 
     def update(self) -> None:
         """Apply all changes since the latest call. Raises SolariError for a scene that is too large."""
+        self.version += self._traced.keep_previous(bool(self._previous_users))
         if not self._changed and not self._first:
             self._traced.rebuild()
             return

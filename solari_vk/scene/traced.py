@@ -43,16 +43,20 @@ class TracedInstances:
         self._rebuild = True
         self._build: TlasBuild | None = None
         self.previous: Tlas | None = None
-        """The TLAS as it was in the previous frame, after `keep_previous`."""
+        """The TLAS as it was in the previous frame, while it is kept."""
         self._copy: TlasCopy | None = None
         self._previous_differs = False
 
-    def keep_previous(self) -> bool:
-        """Keep the TLAS of the previous frame from now on; returns whether it is new."""
-        if self.previous is not None:
+    def keep_previous(self, needed: bool) -> bool:
+        """Keep the TLAS of the previous frame from now on, or free it; returns whether `previous` is another one."""
+        if needed == (self.previous is not None):
             return False
-        self.previous = Tlas(self._device, self.tlas.max_instances, name="previous scene")
-        self._previous_differs = self.tlas.built
+        if self.previous is not None:
+            self.previous.destroy()
+            self.previous = None
+        else:
+            self.previous = Tlas(self._device, self.tlas.max_instances, name="previous scene")
+            self._previous_differs = self.tlas.built
         return True
 
     def write(
@@ -106,7 +110,7 @@ class TracedInstances:
         if self.previous is not None:
             self.previous.destroy()
             self.previous = None
-            self.keep_previous()
+            self.keep_previous(True)
         return True
 
     def _sort(self) -> None:
