@@ -57,7 +57,8 @@ class Renderer(PictureRenderer):
     as well. Raises SolariError for a size that the device can't hold, a wrong seed and an unknown option.
     """
 
-    OUTPUTS = ("radiance", *pathtracer.FIRST_HIT_AOVS, *LIGHT, *(f"guides_{name}" for name in guides.IMAGES), "display")
+    OUTPUTS = ("radiance", "error", *pathtracer.FIRST_HIT_AOVS, *LIGHT, *(f"guides_{name}" for name in guides.IMAGES),
+               "display")  # fmt: skip
     LARGEST_PIXEL_BYTES = 64
     IN_IMAGES = True
 
@@ -243,8 +244,12 @@ class Renderer(PictureRenderer):
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """The names in OUTPUTS that the frame has with its lighting."""
-        return tuple(name for name in self.OUTPUTS if name in pathtracer.FIRST_HIT_AOVS or name in self._frame)
+        """The names in OUTPUTS that the frame has with its settings."""
+        return tuple(name for name in self.OUTPUTS if name in pathtracer.FIRST_HIT_AOVS or self._has(name))
+
+    def _has(self, resource: str) -> bool:
+        """Whether the latest frame computed a resource."""
+        return resource in self._frame and (resource != "error" or self._frame.uniforms["denoise_settings.denoise"])
 
     def read(self, name: str) -> NDArray[Any]:
         """A copy of a result of the latest frame. Waits for the frame.
@@ -262,7 +267,9 @@ class Renderer(PictureRenderer):
         elif counter in gbuffer.COUNTERS and stage == "gbuffer":
             raise SolariError(f"Renderer: there is no '{name}': only gbuffer=raster counts drawn and culled instances")
         resource = "depth" if name == "gbuffer_depth" else name.replace("/", "_")
-        if resource not in self._frame:
+        if not self._has(resource):
+            if resource in self._frame:
+                raise SolariError(f"Renderer: there is no '{name}': it needs the setting denoise=on")
             if lighting := lighting_with(resource):
                 raise SolariError(f"Renderer: there is no '{name}': it needs the setting lighting={lighting}")
             raise unknown_name("Renderer: there is no result", name, self.outputs)

@@ -43,7 +43,7 @@ def compose_stage(size: tuple[int, int], settings: Settings) -> Stage:
     denoiser, `raw_radiance`."""
     return Stage(
         "compose",
-        buffers=dict.fromkeys((*PARTS, "raw_radiance"), size[0] * size[1]) | {"ray_counts": RAY_COUNTERS},
+        buffers=dict.fromkeys((*PARTS, "raw_radiance", "error"), size[0] * size[1]) | {"ray_counts": RAY_COUNTERS},
         passes=[Pass("paths/compose", threads=size, constants=brdf_constants(settings))],
     )
 

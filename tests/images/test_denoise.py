@@ -132,6 +132,19 @@ def test_off_is_the_raw_frame(device):
             assert denoised["radiance"].tobytes() != raw["radiance"].tobytes()
 
 
+def test_error_needs_the_denoiser(device):
+    """The estimated error belongs to denoised frames; a change of the setting counts from the next frame on."""
+    with make(device, cornell_box(), denoise=False) as renderer:
+        frame = renderer.render()
+        renderer.settings.denoise = True
+        assert "error" not in frame
+        with pytest.raises(sv.SolariError, match="no 'error': it needs the setting denoise=on"):
+            frame["error"]
+        frame = renderer.render()
+        assert "error" in frame
+        assert frame["error"].shape == SIZE[::-1]
+
+
 def test_the_switch_is_live(device):
     """Switched off and on again, the denoiser begins anew; off, frames are raw."""
     scene = cornell_box()

@@ -11,10 +11,12 @@ layout(local_size_x = 8, local_size_y = 8) in;
 layout(constant_id = 2) const uint level = 0u;
 
 const uint PASS_SALT = 0x3C6EF372u;
-const float TOLERANCE = 2.5;       // standard deviations
-const float MIN_LOBE_TAN = 0.02;   // half width of a mirror's blur
+const float TOLERANCE = 1.8;       // standard deviations
+const float CENTER_WEIGHT = 4.0;
 const float DARKEST = 1e-30;
 const float CLEAN = 0.02;          // standard deviation over mean
+// Of the noise of the pixels that a pass averages, by its level, since earlier passes averaged some of the same pixels.
+const float CORRELATION[3] = float[](0.0, 0.081, 0.125);
 
 uvec4 load_bits(uint index) { return (level & 1u) == 0u ? denoise_even.at[index] : denoise_odd.at[index]; }
 
@@ -28,14 +30,19 @@ void store_bits(uint index, uvec4 bits) {
 
 struct Sum {
     vec3 radiance;
-    float variance;
     float weight;
+    float response;   // by how much the sum changes when all its signals change by 1
+    float variance;
+    float deviation;
 };
 
-void add(inout Sum sum, Signal signal, float weight) {
+// response: by how much the sum changes when the signal changes by 1.
+void add(inout Sum sum, Signal signal, float weight, float response) {
     sum.radiance += weight * signal.radiance;
-    sum.variance += weight * weight * signal.variance;
     sum.weight += weight;
+    sum.response += response;
+    sum.variance += response * response * signal.variance;
+    sum.deviation += response * sqrt(signal.variance);
 }
 
 // What signals are compared by: in the first pass, where they have most noise, means of 3 x 3 pixels.
@@ -52,17 +59,28 @@ bool is_clean(ivec2 pixel, uint kind, vec2 values, vec2 variances) {
     return dot(albedos * albedos, variances) <= square(CLEAN * dot(albedos, values));
 }
 
-// The weight of a signal by its difference from the center's.
-float explained(Signal center, Signal other, float difference) {
-    if (other.variance < 0.0) { return 0.0; }
-    if (center.variance < 0.0) { return 1.0; }
+// A neighbor counts by how well noise explains its difference. Since its weight falls when it differs more, the sum
+// responds less to the neighbor than the weight says, and more to the center. In the first pass, weights hardly depend
+// on the signals themselves.
+void add_neighbor(inout Sum sum, Signal center, Signal other, float difference, float weight) {
+    if (other.variance < 0.0) { return; }
+    if (center.variance < 0.0) {
+        add(sum, other, weight, weight);
+        return;
+    }
     float tolerance = TOLERANCE * TOLERANCE * (center.variance + other.variance) + DARKEST;
-    return 1.0 / square(1.0 + difference * difference / tolerance);
+    float unlike = difference * difference / tolerance;
+    weight /= square(1.0 + unlike);
+    float response = level == 0u ? weight : weight * max(1.0 - 3.0 * unlike, 0.0) / (1.0 + unlike);
+    add(sum, other, weight, response);
 }
 
-Signal mean(Sum sum) {
-    return sum.weight > 0.0
-        ? Signal(sum.radiance / sum.weight, sum.variance / (sum.weight * sum.weight)) : Signal(vec3(0.0), -1.0);
+// The mean of the sum and the center.
+Signal mean(Sum sum, Signal center) {
+    if (center.variance >= 0.0) { add(sum, center, CENTER_WEIGHT, sum.weight + CENTER_WEIGHT - sum.response); }
+    if (sum.weight == 0.0) { return Signal(vec3(0.0), -1.0); }
+    float variance = mix(sum.variance, square(sum.deviation), CORRELATION[min(level, 2u)]);
+    return Signal(sum.radiance / sum.weight, variance / square(sum.weight));
 }
 
 void main() {
@@ -79,9 +97,7 @@ void main() {
         return;
     }
     Pattern pattern = make_pattern(guide, sqrt(max(specular.variance, 0.0)) / max(values.y, 1e-9));
-    Sum diffuse_sum = Sum(vec3(0.0), 0.0, 0.0), specular_sum = diffuse_sum;
-    if (diffuse.variance >= 0.0) { add(diffuse_sum, diffuse, 4.0); }
-    if (specular.variance >= 0.0) { add(specular_sum, specular, 4.0); }
+    Sum diffuse_sum = Sum(vec3(0.0), 0.0, 0.0, 0.0, 0.0), specular_sum = diffuse_sum;
 
     int stride = 1 << level;
     for (int i = 0; i < 9; i++) {
@@ -94,11 +110,11 @@ void main() {
         uvec4 other_bits = load_bits(at);
         Signal other_diffuse = unpack_signal(other_bits.xy), other_specular = unpack_signal(other_bits.zw);
         vec2 apart = luminances(at, other_diffuse, other_specular) - values;
-        add(diffuse_sum, other_diffuse, weights.x * explained(diffuse, other_diffuse, apart.x));
-        add(specular_sum, other_specular, weights.y * explained(specular, other_specular, apart.y));
+        add_neighbor(diffuse_sum, diffuse, other_diffuse, apart.x, weights.x);
+        add_neighbor(specular_sum, specular, other_specular, apart.y, weights.y);
     }
     uint rng = seed_rng(uvec2(pixel), this_frame.index, this_frame.seed ^ (PASS_SALT + level));
-    uvec2 by_diffuse = pack_signal(mean(diffuse_sum), rng);
-    uvec2 by_specular = pack_signal(mean(specular_sum), rng);
+    uvec2 by_diffuse = pack_signal(mean(diffuse_sum, diffuse), rng);
+    uvec2 by_specular = pack_signal(mean(specular_sum, specular), rng);
     store_bits(index, uvec4(by_diffuse, by_specular));
 }

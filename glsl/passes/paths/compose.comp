@@ -23,11 +23,15 @@ void main() {
     }
     vec3 emitted = visible_emission(pixel);
     raw_radiance.at[index] = emitted + diffuse + specular;
+    error.at[index] = 0.0;
     if (denoise_settings.denoise != 0u && surface.exists) {
         uvec4 denoised = denoise_odd.at[index];
-        diffuse = unpack_signal(denoised.xy).radiance * by.diffuse;
-        uint kind = load_guide(ivec2(pixel)).kind;
-        specular = unpack_signal(denoised.zw).radiance * by.specular * reflected_albedo(ivec2(pixel), kind);
+        Signal by_diffuse = unpack_signal(denoised.xy), by_specular = unpack_signal(denoised.zw);
+        by.specular *= reflected_albedo(ivec2(pixel), load_guide(ivec2(pixel)).kind);
+        diffuse = by_diffuse.radiance * by.diffuse;
+        specular = by_specular.radiance * by.specular;
+        vec2 deviations = sqrt(max(vec2(by_diffuse.variance, by_specular.variance), 0.0));
+        error.at[index] = length(deviations * vec2(luminance(by.diffuse), luminance(by.specular)));
     }
     emission.at[index] = emitted;
     diffuse_radiance.at[index] = diffuse;
