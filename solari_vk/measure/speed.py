@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +15,13 @@ from solari_vk.measure import rays as rays_from_python
 from solari_vk.measure.bare_rays import BOUNCES, BarePaths
 from solari_vk.measure.report import Report, check_page
 from solari_vk.measure.subjects import hilly
-from solari_vk.measure.timing import device_seconds, seconds
+from solari_vk.measure.timing import best_seconds, device_seconds, seconds
 from solari_vk.reference import PathTracer
+from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.gltf import load_gltf
+from solari_vk.scene.light_tree import light_tree
+from solari_vk.scene.model import Scene
 
 SECONDS = 3.0  # the time that each measurement may take
 LARGE_SCENE = 1_000_000  # triangles
@@ -49,6 +53,7 @@ def run(select: str | None, files: list[Path], markdown: Path | None = None, *, 
             for size in (256, 512):
                 _samples(device, report, name, size)
         _host_time(device, report)
+        _light_tree(device, report)
         _large_scene(device, report)
         rays_from_python.run(device, report, SECONDS)
     if markdown is not None:
@@ -106,6 +111,19 @@ def _host_time(device: Device, report: Report) -> None:
             device.wait_idle()
             spent.append(seconds(lambda: tracer.advance(scene.camera, 1)))
     report.figure("host time of a frame, median of 1000", float(np.median(spent)) * 1e3, "ms", "aim 0.2")
+
+
+def _light_tree(device: Device, report: Report) -> None:
+    """The host's time for a tree over lights that are anywhere, with any powers."""
+    binder, rng, spent = SceneBinder(device, Scene()), np.random.default_rng(1), []
+    for count in (10_000, 100_000):
+        bounds = rng.normal(scale=10, size=(count, 1, 3)) + rng.random((count, 1, 3)) * [[[-1.0], [1.0]]]
+        powers, record = rng.random(count) ** 8, binder.lights.tree.records.dtype
+        work = partial(light_tree, bounds, powers, record)
+        spent.append(best_seconds(device, work, SECONDS))
+        report.figure(f"tree of {count:,} lights", spent[-1] * 1e3, "ms")
+    binder.destroy()
+    report.figure("tree of 100,000 / of 10,000 lights", spent[1] / spent[0], "", "10 is linear")
 
 
 def _large_scene(device: Device, report: Report) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 
@@ -76,16 +74,6 @@ def test_neighbors_share_nodes():
     leaf = np.flatnonzero((nodes["child_count"] == 0) & (nodes["parent"] > 0))
     sizes = np.linalg.norm(nodes["half_size"][nodes["parent"][leaf]], axis=1)
     assert sizes.mean() < 0.3 * np.linalg.norm(nodes["half_size"][0])
-
-
-def test_a_hundred_thousand_lights_take_little_time():
-    bounds, powers = random_lights(100_000)
-    times = []
-    for _ in range(3):
-        start = time.process_time()
-        light_tree.light_tree(bounds, powers, RECORD)
-        times.append(time.process_time() - start)
-    assert min(times) < 2
 
 
 def test_the_tree_follows_the_lights_alone(device, monkeypatch):
