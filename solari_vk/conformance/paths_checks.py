@@ -107,16 +107,17 @@ def measure_means(
 ) -> Iterator[Measurement]:
     """Paths against the path tracer, for metals that show a lamp, a sun, gloss and mirrors, or for `scene`.
 
-    Pixels that show a light itself are left out, since the G-buffer rounds emission.
+    Pixels that show a light itself are left out, unless all do, since the G-buffer rounds emission.
     kinds: which of KINDS are measured.
     """
     scene = scene or metal_gallery()
-    shows_no_light = trace(device, scene, 64, SIZE, max_bounces=0).max(axis=-1, keepdims=True) == 0
-    expected = trace_centers(device, scene, profile.plain.samples) * shows_no_light
+    measured = trace(device, scene, 64, SIZE, max_bounces=0).max(axis=-1, keepdims=True) == 0
+    measured |= not measured.any()
+    expected = trace_centers(device, scene, profile.plain.samples) * measured
     for kind, (mean, tiles, settings) in RUNS.items():
         if kind in kinds:
             effort = profile.cached if kind == "cached" else profile.plain
-            found = observe_paths(device, scene, effort, **settings) * shows_no_light
+            found = observe_paths(device, scene, effort, **settings) * measured
             yield measure_mean(mean, found, expected, profile.bars[kind == "cached"], effort)
             yield (
                 measure_cached_tiles(tiles, found, expected, effort)

@@ -95,14 +95,14 @@ def test_glossy_scenes(device, name, lighting):
 @pytest.mark.slow
 def test_undivided_cells_leak(device):
     """A control of conformance's rule about leaks: with undivided cells its measurement fails."""
-    (leak,) = world_cache_checks.measure_leak(device, [(0.075, 0, 0.01)], world_cache_leak_prevention="finest")
+    (leak,) = world_cache_checks.measure_leak(device, [(0.075, 0, 0.002)], world_cache_leak_prevention="finest")
     assert not leak.holds
 
 
-@pytest.mark.slow  # a million cells, each with two rays a frame
+@pytest.mark.slow
 @each_lighting
 def test_an_overfull_cache_shows_no_patches(device, lighting):
-    """With more cells than the default map holds, no tile loses its light, and no light is added."""
+    """With more cells than the map holds, no tile loses its light, and no light is added."""
     scene, size = cornell_box(), (64, 64)
     expected = trace_reflected(device, scene, 256, size)
     cells = sv.Settings().world_cache_cells
@@ -110,7 +110,7 @@ def test_an_overfull_cache_shows_no_patches(device, lighting):
                        world_cache_update_cap=cells, world_cache_lifetime=100) as renderer:  # fmt: skip
         for _ in range(16):
             renderer.render(scene.camera)
-        assert renderer["world_cache/active_cells"] > 0.9 * cells
+        assert np.mean(renderer["world_cache_life"] > 0) > 0.9
         assert renderer["world_cache/insert_failures"] > 1000
         picture = np.mean([add_up(renderer.render(scene.camera)) for _ in range(4)], axis=0)
     picture[(expected == 0).all(axis=-1)] = 0
