@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.gpu.device.device import Device
@@ -12,11 +13,13 @@ from solari_vk.gpu.frame.frame import Frame
 from solari_vk.passes import pathtracer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera
-from solari_vk.scene.projection import CameraUniforms, Projection
+from solari_vk.scene.projection import JITTERS, CameraUniforms, Projection
+
+AVERAGED = 16  # rays of a pixel in a mean
 
 
 class FirstHits:
-    """Traces one ray through the center of each pixel, on demand.
+    """Traces one ray through each pixel, on demand.
 
     The results show the scene as the binder holds it when they are computed.
     """
@@ -31,6 +34,19 @@ class FirstHits:
 
     def read(self, name: str, projection: Projection, size: tuple[int, int]) -> NDArray[Any]:
         """One of pathtracer.FIRST_HIT_AOVS, (height, width[, channels])."""
+        return pathtracer.read_aov(self._traced(projection, size, (0.0, 0.0)), name, size)
+
+    def read_means(self, names: Sequence[str], projection: Projection, size: tuple[int, int]) -> list[NDArray[Any]]:
+        """Means over the area of each pixel, (height, width[, channels]) each."""
+        means: list[Any] = [0.0] * len(names)
+        for offset in JITTERS[:AVERAGED]:
+            frame = self._traced(projection, size, offset)
+            for index, name in enumerate(names):
+                means[index] = means[index] + pathtracer.read_aov(frame, name, size) / np.float32(AVERAGED)
+        return means
+
+    def _traced(self, projection: Projection, size: tuple[int, int], offset: tuple[float, float]) -> Frame:
+        """A frame whose buffers have the results at an offset from the pixels' centers, in pixels."""
         rows = pathtracer.max_rows(size)
         built = self._binder.version, size
         if self._frame is None or built != self._built:
@@ -38,18 +54,18 @@ class FirstHits:
             external = {**self._binder.resources, **self._tables}
             self._frame = Frame(self._device, [pathtracer.aov_stage(size, rows)], external=external)
             self._built = built
-        shown = self._binder.revision, projection[1:]
+        shown = self._binder.revision, projection[1:], offset
         if shown != self._shown:
             transform, jitter, vertical_fov, near, ev100, _ = projection.source
             camera = Camera(transform=transform, jitter=jitter, vertical_fov=vertical_fov, near=near, ev100=ev100)
             uniforms = self._frame.uniforms
-            CameraUniforms(uniforms).write(camera, size)
+            CameraUniforms(uniforms).write(camera, size, offset)
             uniforms["path_sampling.row_count"] = rows
             for row in range(0, size[1], rows):
                 uniforms["path_sampling.first_row"] = row
                 self._frame.submit()
             self._shown = shown
-        return pathtracer.read_aov(self._frame, name, size)
+        return self._frame
 
     def close(self) -> None:
         """Free all memory on the device; the next `read` allocates it again."""

@@ -14,6 +14,8 @@ from solari_vk.errors import SolariError, checked_keywords, unknown_name
 from solari_vk.frame import SceneFrame
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
+from solari_vk.output import oidn
+from solari_vk.output.error import ErrorEstimate
 from solari_vk.passes import pathtracer
 from solari_vk.rendered import PictureRenderer, RenderedFrame
 from solari_vk.scene.binder import SceneBinder
@@ -22,6 +24,7 @@ from solari_vk.scene.projection import CameraUniforms, Projection
 
 DISPATCH_MS = 100.0  # aimed at: far shorter than any driver's watchdog allows, far longer than a dispatch's overhead
 MAX_SAMPLES = 64  # per pixel in one dispatch
+FIRST_DENOISED_LOOK = 8  # samples of the first denoised picture whose error is estimated
 
 
 class PathTracer(PictureRenderer):
@@ -38,7 +41,7 @@ class PathTracer(PictureRenderer):
     device frees it as well. Raises SolariError for a size that the device can't hold and for wrong options.
     """
 
-    OUTPUTS = ("radiance", *pathtracer.AOVS)
+    OUTPUTS = ("radiance", "raw_radiance", *pathtracer.AOVS)
     LARGEST_PIXEL_BYTES = pathtracer.LARGEST_PIXEL_BYTES
     IN_IMAGES = False
 
@@ -56,12 +59,13 @@ class PathTracer(PictureRenderer):
         layering: str = "conserving",
         lambert: bool = False,
     ) -> None:
+        self.samples: int
+        """The number of samples per pixel in the picture so far."""
         self.settings = pathtracer.Settings(max_bounces, seed, light_strategy, pixel_filter, layering, lambert)
         super().__init__(device, scene, size)
         try:
-            self.samples = 0
-            """The number of samples per pixel in the picture so far."""
             self._shown: tuple[Any, ...] | None = None  # scene, size and camera of the picture
+            self._begin_picture(denoises=False)
             self._begin_adapting(pathtracer.max_rows(self.size), 0)
             stages = self._stages(self.size)
             self._frame = self._owned.enter_context(SceneFrame(device, self.binder, stages, external=self._tables))
@@ -94,33 +98,65 @@ class PathTracer(PictureRenderer):
     def reset(self) -> None:
         """Discard the picture's samples."""
         self._shown = self._latest = None
+        self._begin_picture(self._denoises)
+
+    def _begin_picture(self, denoises: bool) -> None:
         self.samples = 0
+        self._denoised: tuple[int, NDArray[np.float32]] | None = None  # number of samples, and the picture
+        self._guides: list[NDArray[Any]] | None = None
+        self._set_denoising(denoises)
+
+    def _set_denoising(self, denoises: bool) -> None:
+        self._denoises = denoises
+        self._estimate = ErrorEstimate(FIRST_DENOISED_LOOK if denoises else 2)
 
     # ---- rendering ----------------------------------------------------------------------------------
 
     def render(
         self, camera: Camera | None = None, samples: int = 256, *, time_limit: float | None = None,
-        progress: Callable[[int], None] | None = None,
+        progress: Callable[[int], None] | None = None, denoise: bool = False, target_error: float | None = None,
     ) -> RenderedFrame:  # fmt: skip
         """Refine the picture until it has `samples` samples per pixel, and return it.
 
         camera: by default the scene's. Samples of earlier calls count, unless the camera, the scene or the size has
         changed since then. time_limit: the time in seconds after which rendering stops early. progress: is called with
-        the number of samples per pixel after each dispatch. Raises SolariError for a sample count below 1.
+        the number of samples per pixel after each dispatch. denoise: `frame["radiance"]` is denoised when it is read,
+        by Intel Open Image Denoise with the surfaces' albedo and normals; `frame["raw_radiance"]` is the mean of the
+        samples. target_error: the `error` at which rendering stops early; without it the error isn't estimated. Raises
+        SolariError for a sample count below 1, a negative target, and if OIDN isn't installed.
         """
         camera = self._camera_or_default(camera)
         if not isinstance(samples, int) or samples < 1:
             raise SolariError(f"PathTracer.render: samples must be a whole number from 1 on, not {samples!r}")
+        if target_error is not None and not (isinstance(target_error, (int, float)) and target_error >= 0):
+            raise SolariError(f"PathTracer.render: target_error must be at least 0, not {target_error!r}")
+        if denoise:
+            oidn.check_installed()
+        if denoise != self._denoises:
+            self._set_denoising(denoise)
         started = time.perf_counter()
         self._prepare(camera)
         while self.samples < samples:
-            self.advance(camera, samples - self.samples)
+            next_look = samples if target_error is None else min(samples, self._estimate.next_count)
+            self.advance(camera, max(next_look - self.samples, 1))
+            if target_error is not None and self._estimate_error() <= target_error:
+                break
             if progress is not None:
                 progress(self.samples)
             if time_limit is not None and time.perf_counter() - started > time_limit:
                 break
         assert self._latest is not None
         return self._latest
+
+    def _estimate_error(self) -> float:
+        estimate, samples = self._estimate, self.samples
+        if samples >= estimate.next_count:
+            raw = self.read("raw_radiance"), self.read("variance")
+            if self._denoises:
+                estimate.look_at_other(samples, *raw, lambda: self.read("radiance"))
+            else:
+                estimate.look_at_mean(samples, *raw)
+        return estimate.error
 
     def advance(self, camera: Camera | None = None, max_samples: int = MAX_SAMPLES) -> None:
         """Submit a short dispatch with the next samples of all pixels, without waiting for it."""
@@ -137,7 +173,7 @@ class PathTracer(PictureRenderer):
         if shown != self._shown:
             self._shown = shown
             self._projection = Projection.of(camera, self.size)
-            self.samples = 0
+            self._begin_picture(self._denoises)
             CameraUniforms(self._frame.uniforms).write(camera, self.size)
             pathtracer.write_uniforms(self._frame.uniforms, self.settings)
             self._frame.uniforms["path_sampling.row_count"] = self._band_rows
@@ -181,13 +217,31 @@ class PathTracer(PictureRenderer):
     # ---- results ------------------------------------------------------------------------------------
 
     def read(self, name: str) -> NDArray[Any]:
-        if name == "radiance":
+        if name == "radiance" and self._denoises:
+            return self._read_denoised().copy()
+        if name in ("radiance", "raw_radiance"):
             return pathtracer.read_mean(self._frame, self.size)
         if name == "variance":
             return pathtracer.read_variance(self._frame, self.size, self.samples)
         if name not in self._frame:
             raise unknown_name("PathTracer: there is no result", name, self.OUTPUTS)
         return self._frame[name]
+
+    def _read_denoised(self) -> NDArray[np.float32]:
+        if self._guides is None:
+            self._guides = self.first_hits.read_means(("albedo", "shading_normal"), self._projection, self.size)
+        if self._denoised is None or self._denoised[0] != self.samples:
+            self._denoised = self.samples, oidn.denoise(self.read("raw_radiance"), *self._guides)
+        return self._denoised[1]
+
+    @property
+    def error(self) -> float:
+        """The picture's estimated error relative to its luminance, 0.01 for 1 %: the root of relMSE.
+
+        inf before there are enough samples, and if `render` is called without target_error. For a denoised picture, it
+        is the error with at most half as many samples, and bias counts; the picture is compared with later samples.
+        """
+        return self._estimate.error
 
     @property
     def rays(self) -> int:

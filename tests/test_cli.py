@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -18,6 +19,8 @@ from PIL import Image
 import solari_vk as sv
 from solari_vk.cli import main
 from solari_vk.gpu.device.physical import DeviceReport
+from solari_vk.measure.statistics import relative_mse
+from solari_vk.output import oidn
 from solari_vk.output.tone_mapping import decode_srgb
 from solari_vk.passes.debug_views import DEBUG_VIEWS
 from solari_vk.settings import FIELDS
@@ -193,6 +196,41 @@ def test_ctrl_c_keeps_what_there_is(any_device, tmp_path, arguments, unit):
     assert np.isfinite(np.load(path)).all()
 
 
+@pytest.mark.parametrize("arguments", [REFERENCE, ["--mode", "realtime", "--warm-up", "2"]])
+def test_a_target_ends_early(done, arguments):
+    """The estimated error is printed; it is that of the picture, which is smooth enough then."""
+    said, path = done(*arguments, "--size", "48x48", "--target-error", "0.3", output="picture.npy")
+    (error,) = re.findall(r"estimated error ([\d.]+) %, in", said)
+    assert float(error) <= 30
+    count = int(re.findall(r"(\d+) (?:samples|frames)", said)[-1])
+    assert 4 <= count < 200
+    picture = np.load(path)
+    with sv.Device() as device, sv.PathTracer(device, sv.builtin("cornell_box"), (48, 48), seed=99) as tracer:
+        reference = tracer.render(samples=300)["radiance"]
+    assert relative_mse(picture, reference) ** 0.5 < 0.4
+
+
+@pytest.mark.parametrize(("arguments", "unit", "denoises"), [
+    (["--samples", "2"], "samples", True),
+    (["--samples", "2", "--no-denoise"], "samples", False),
+    (["--mode", "reference", "--samples", "2"], "samples", False),
+    (["--samples", "2", "--aov", "variance"], "samples", True),
+    (["--aov", "guides_depth", "--time-limit", "0.001"], "frames", False),
+    (["--frames", "3"], "frames", False),
+    (["--mode", "realtime", "--time-limit", "0.001"], "frames", False),
+    (["--time-limit", "0.001"], None, True),
+])  # fmt: skip
+@pytest.mark.parametrize("installed", [True, False])
+def test_the_mode_follows_from_options_and_oidn(done, monkeypatch, arguments, unit, denoises, installed):
+    """Without options of a mode, it is the denoised reference if OIDN is installed, else realtime."""
+    monkeypatch.setattr(oidn, "is_installed", lambda: installed)
+    monkeypatch.setattr(oidn, "check_installed", lambda: None)
+    monkeypatch.setattr(oidn, "denoise", lambda radiance, albedo, normal: radiance)
+    said = done(*SMALL, *arguments)[0].splitlines()[-1]
+    assert f" {unit or ('samples' if installed else 'frames')}" in said
+    assert (", denoised" in said) == (denoises and installed)
+
+
 # ---- what is refused --------------------------------------------------------------------------------
 
 BOX = "builtin:cornell_box"
@@ -207,7 +245,13 @@ WRONG = [
     (BOX, [*SAMPLES, "--exposure", "nan"], ["ev100", "finite"]),
     (BOX, [*SAMPLES, "--aov", "smell"], ["smell", "depth"]),
     (BOX, [*SAMPLES, "--time-limit", "-1"], ["time-limit"]),
-    (BOX, ["--samples", "4"], ["--samples", "--mode reference"]),
+    (BOX, ["--mode", "realtime", "--samples", "4"], ["--samples", "--mode reference"]),
+    (BOX, ["--frames", "3", "--samples", "4"], ["--samples", "--mode reference"]),
+    (BOX, ["--mode", "realtime", "--denoise"], ["--denoise", "--mode reference"]),
+    (BOX, ["--target-error", "0"], ["--target-error 0", "0.02"]),
+    (BOX, ["--target-error", "0.1", "--average", "3"], ["--target-error", "--average"]),
+    (BOX, ["--target-error", "0.1", "--view", "depth"], ["--target-error", "--view"]),
+    (BOX, ["--target-error", "0.1", "--animate", "orbit"], ["--target-error", "--animate"]),
     (BOX, ["--mode", "reference", "--warm-up", "4"], ["--warm-up", "--mode realtime"]),
     (BOX, ["--mode", "reference", "--settings", "di=off"], ["--settings", "--mode realtime"]),
     (BOX, ["--frames", "3", "--average", "4"], ["--average 4", "3 frames"]),
@@ -215,7 +259,7 @@ WRONG = [
     (BOX, ["--view", "depth", "--aov", "di_diffuse"], ["--aov", "one frame"]),
     (BOX, ["--aov", "di_diffuse"], ["--aov di_diffuse", "--settings lighting=split"]),
     (BOX, ["--view", "di_light"], ["view 'di_light'", "lighting=split"]),
-    (BOX, ["--aov", "variance"], ["variance", "guides_diffuse_albedo"]),
+    (BOX, ["--mode", "realtime", "--aov", "variance"], ["variance", "guides_diffuse_albedo"]),
     (BOX, ["--quality", "best"], ["best", "ultra"]),
     (BOX, ["--settings", "fog=1"], ["fog", "lighting"]),
     (BOX, ["--settings", "di_candidates"], ["name=value"]),

@@ -44,7 +44,7 @@ MAY_IMPORT = {
     "tracer": {"errors", "scene", "frame", *GPU},
     "first_hits": {"scene", "passes", "gpu.device", "gpu.frame"},
     "rendered": {"errors", "scene", "passes", "frame", "first_hits", "output", "gpu.device", "gpu.frame"},
-    "reference": {"errors", "scene", "passes", "frame", "rendered", "gpu.device", "gpu.frame"},
+    "reference": {"errors", "scene", "passes", "frame", "rendered", "output", "gpu.device", "gpu.frame"},
     "renderer": {"errors", "settings", "scene", "passes", "frame", "rendered", "output", "gpu.device", "gpu.frame"},
     "viewer": LIBRARY - {"rt", "tracer", "gpu.acceleration"},
     "conformance": {"", "measure", *LIBRARY},

@@ -97,8 +97,11 @@ how_to_install() {
 # ---- virtual environment -------------------------------------------------------------------------------
 
 make_environment() {
-    extras=
-    [ "$job" = demo ] || extras='[test]'
+    extras='[test]'
+    if [ "$job" = demo ]; then
+        # Open Image Denoise has packages for some machines only; elsewhere the demo shows the realtime renderer's picture.
+        extras=$([ "$(uname -m)" != x86_64 ] || echo '[oidn]')
+    fi
     stamp=$root/.venv/set_up_for_$job
     wanted=$(cd "$root" && cat pyproject.toml | cksum)
     if "$python" -c '' 2>/dev/null; then
@@ -108,7 +111,7 @@ make_environment() {
         say "creating a virtual environment in $root/.venv"
         logged "$system_python" -m venv --clear "$root/.venv"
     fi
-    say "installing the package${extras:+ and what its tests need}"
+    say "installing the package${extras:+ and its extras $extras}"
     logged "$python" -m pip install --disable-pip-version-check --editable "$root$extras"
     printf '%s\n' "$wanted" >"$stamp"
 }

@@ -12,7 +12,7 @@ from solari_vk.output import movie, picture
 from solari_vk.scene.model import Camera
 from solari_vk.settings import Settings
 
-STILL_FRAMES, ANIMATION_AVERAGE = 48, 4
+STILL_FRAMES, ANIMATION_AVERAGE, UNLIMITED = 48, 4, 1 << 24
 
 
 @dataclass(frozen=True)
@@ -60,6 +60,16 @@ def check_view(options: argparse.Namespace) -> None:
             raise SolariError(f"--{name}: a debug view shows one frame")
 
 
+def check_target_error(options: argparse.Namespace) -> None:
+    """Raise SolariError for a target and options that say otherwise which frames a picture has."""
+    if options.target_error is None:
+        return
+    viewing = options.view != "picture"
+    for name, given in (("animate", options.animate), ("average", options.average), ("view", viewing)):
+        if given:
+            raise SolariError(f"--target-error: a still picture of as many frames as it takes has no --{name}")
+
+
 def make_settings(options: argparse.Namespace) -> Settings:
     """The settings of --quality, changed by --settings."""
     settings = Settings.preset(options.quality)
@@ -77,7 +87,8 @@ def make_plan(options: argparse.Namespace, cameras: Sequence[Camera], folder: Pa
         targets = [folder / f"{n}.png" if folder else output.with_name(f"{n}{output.suffix}") for n in names]
         frames = 1 if viewing else options.average or ANIMATION_AVERAGE
         return Plan(cameras, targets, options.warm_up, frames, frames)
-    frames = options.frames or (None if viewing else options.average) or STILL_FRAMES
+    still = STILL_FRAMES if options.target_error is None else UNLIMITED
+    frames = options.frames or (None if viewing else options.average) or still
     average = 1 if viewing else options.average or frames
     if average > frames:
         raise SolariError(f"--average {average}: there are only {frames} frames after the warm-up: see --frames")

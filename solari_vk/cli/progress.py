@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import sys
 import time
@@ -12,14 +13,21 @@ class Stopped(Exception):
     """Ctrl-C was pressed or the time limit is over; what is rendered so far counts."""
 
 
+def error_text(error: float) -> str:
+    """", estimated error 2.5 %" or, without an estimate, nothing."""
+    return f", estimated error {100 * error:.2g} %" if math.isfinite(error) else ""
+
+
 class Progress:
     """Shows progress: a bar on a terminal, otherwise a line every few seconds. A context manager.
 
-    Call it with the number of units that are done. The call raises Stopped after Ctrl-C, or `time_limit` seconds after
-    the first call: the time before it, in which a driver compiles, doesn't count. A second Ctrl-C ends the program.
+    total: the number of units, None if it isn't known. Call it with the number of units that are done, and the
+    picture's estimated error if there is an estimate. The call raises Stopped after Ctrl-C, or `time_limit` seconds
+    after the first call: the time before it, in which a driver compiles, doesn't count. A second Ctrl-C ends the
+    program.
     """
 
-    def __init__(self, unit: str, total: int, time_limit: float | None = None) -> None:
+    def __init__(self, unit: str, total: int | None, time_limit: float | None = None) -> None:
         self._unit, self._total, self._time_limit = unit, total, time_limit
         self._started = self._said = time.monotonic()
         self._called = self._interrupted = False
@@ -29,11 +37,10 @@ class Progress:
         self._previous_handler = signal.signal(signal.SIGINT, self._interrupt)
         if sys.stderr.isatty():
             from rich.console import Console
-            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-            self._bar = Progress(
-                self._unit, BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), console=Console(stderr=True)
-            )
+            columns = BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}")
+            self._bar = Progress(self._unit, *columns, console=Console(stderr=True))
             self._bar.start()
             self._task = self._bar.add_task("", total=self._total)
         return self
@@ -48,7 +55,7 @@ class Progress:
         """The seconds since the first call."""
         return time.monotonic() - self._started
 
-    def __call__(self, done: int) -> None:
+    def __call__(self, done: int, error: float = math.inf) -> None:
         if not self._called:
             self._called, self._started = True, time.monotonic()
         if self._interrupted:
@@ -56,10 +63,12 @@ class Progress:
         if self._time_limit is not None and self.seconds > self._time_limit:
             raise Stopped(f"the time limit is over: keeping {done} {self._unit}")
         if self._bar is not None:
-            self._bar.update(self._task, completed=done)
+            self._bar.update(self._task, completed=done, description=error_text(error))
         elif time.monotonic() - self._said > 5:
             self._said = time.monotonic()
-            print(f"{done} of {self._total} {self._unit}, {self.seconds:.0f} s", file=sys.stderr, flush=True)
+            of = "" if self._total is None else f" of {self._total}"
+            text = f"{done}{of} {self._unit}, {self.seconds:.0f} s{error_text(error)}"
+            print(text, file=sys.stderr, flush=True)
 
     def _interrupt(self, *_: object) -> None:
         if self._interrupted:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -12,12 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.cli.plan import Plan, check_output, check_view, make_plan, make_settings
-from solari_vk.cli.progress import Progress, Stopped
-from solari_vk.cli.subject import load, names_of_aovs
+from solari_vk.cli.plan import UNLIMITED, Plan, check_output, check_target_error, check_view, make_plan, make_settings
+from solari_vk.cli.progress import Progress, Stopped, error_text
+from solari_vk.cli.subject import check_aovs, load, names_of_aovs
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.rays import IN_WORDS
+from solari_vk.output.error import ErrorEstimate, RunningMean
 from solari_vk.output.movie import write_movie
 from solari_vk.output.picture import save_image, write_png
 from solari_vk.output.tone_mapping import auto_exposure
@@ -25,13 +27,16 @@ from solari_vk.renderer import LIGHT, Renderer, lighting_with
 from solari_vk.scene.model import Camera
 
 METERING_FRAMES = 4
+FIRST_LOOK = 4  # frames of the first picture whose error is estimated
 
 
 def run(options: argparse.Namespace) -> None:
     """Render what the options ask for and write it."""
     is_movie = check_output(options)
     check_view(options)
-    names = names_of_aovs(options, tuple(n for n in Renderer.OUTPUTS if n not in ("radiance", "display")))
+    check_target_error(options)
+    names = names_of_aovs(options)
+    check_aovs(names, options.mode, [name for name in Renderer.OUTPUTS if name not in ("radiance", "display")])
     settings = make_settings(options)
     for name in names:
         if (lighting := lighting_with(name)) not in ("", settings.lighting):
@@ -45,14 +50,17 @@ def run(options: argparse.Namespace) -> None:
             renderer.view, renderer.tonemap = options.view, options.tonemap
             if subject.auto_exposure:
                 _meter(renderer, plan.cameras)
-            with Progress("frames", renderer.frame_count + plan.frame_count, options.time_limit) as progress:
-                written = _Shooting(renderer, plan, options, names, subject.auto_exposure, progress).run()
+            total = None if plan.frames == UNLIMITED else renderer.frame_count + plan.frame_count
+            with Progress("frames", total, options.time_limit) as progress:
+                shooting = _Shooting(renderer, plan, options, names, subject.auto_exposure, progress)
+                written = shooting.run()
         if is_movie:
             write_movie(options.output, written, options.fps)
     target = options.output if is_movie else written[-1]
     print(
         f"wrote {target}: {options.size[0]}x{options.size[1]}, picture {len(written)} of {len(plan.targets)}, "
-        f"{renderer.frame_count} frames in {progress.seconds:.1f} s, EV100 {plan.cameras[0].ev100:.2f}",
+        f"{renderer.frame_count} frames{error_text(shooting.error)}, in {progress.seconds:.1f} s, "
+        f"EV100 {plan.cameras[0].ev100:.2f}",
         file=sys.stderr,
     )
 
@@ -73,7 +81,8 @@ def _expose(cameras: Sequence[Camera], radiance: NDArray[Any]) -> None:
 class _Shooting:
     """Renders and writes the pictures of a plan. meters: the first picture decides the exposure of all.
 
-    Radiance and its parts are the mean of a picture's last frames, in float64; other outputs are the last frame's.
+    Radiance and its parts are the mean of a picture's last frames, in float64; other outputs are the last frame's. The
+    error of a still picture is estimated by comparing it with what the paths gave in later frames.
     """
 
     def __init__(
@@ -83,7 +92,13 @@ class _Shooting:
         self._renderer, self._plan, self._options, self._names = renderer, plan, options, names
         self._meters, self._progress = meters, progress
         self._written: list[Path] = []
+        self._estimate = ErrorEstimate(FIRST_LOOK) if options.view == "picture" and len(plan.targets) == 1 else None
         self._begin_mean()
+
+    @property
+    def error(self) -> float:
+        """The picture's estimated error, inf without an estimate."""
+        return math.inf if self._estimate is None else self._estimate.error
 
     def run(self) -> list[Path]:
         """The files of the pictures. Ctrl-C or the time limit ends it with the pictures so far, at least one."""
@@ -105,11 +120,17 @@ class _Shooting:
     def _begin_mean(self) -> None:
         self._sums: dict[str, Any] = dict.fromkeys(["radiance", *(name for name in self._names if name in LIGHT)], 0.0)
         self._count = 0
+        self._raw = RunningMean()
 
     def _add_frame(self) -> None:
         for name in self._sums:
             self._sums[name] = self._sums[name] + self._renderer[name].astype("float64")
         self._count += 1
+        if (estimate := self._estimate) is not None:
+            self._raw.add(self._renderer["raw_radiance" if "raw_radiance" in self._renderer.outputs else "radiance"])
+            if self._count >= estimate.next_count:
+                raw = self._raw
+                estimate.look_at_other(raw.count, raw.mean, raw.variance, lambda: self._result("radiance"))
 
     def _render(self, camera: Camera, count: int, averaged: int) -> None:
         """Render `count` frames; the last ones of them count for the mean."""
@@ -117,7 +138,9 @@ class _Shooting:
             self._renderer.render(camera)
             if index >= count - averaged:
                 self._add_frame()
-            self._progress(self._renderer.frame_count)
+                if self.error <= (self._options.target_error or 0.0):
+                    break
+            self._progress(self._renderer.frame_count, self.error)
 
     def _result(self, name: str) -> NDArray[Any]:
         if name in self._sums:

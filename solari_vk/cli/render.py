@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from solari_vk.cli.options import add_realtime_options, add_scene_options, count, positive
+from solari_vk.cli.subject import names_of_aovs
 from solari_vk.errors import SolariError
 
 # The options that only one mode has, with their defaults.
@@ -15,7 +16,7 @@ MODE_OPTIONS: dict[str, dict[str, Any]] = {
         "frames": None, "warm_up": 16, "average": None, "view": "picture", "quality": "medium", "settings": (),
         "animate": None, "fps": 24,
     },
-    "reference": {"samples": 256, "max_bounces": 16},
+    "reference": {"samples": None, "max_bounces": 16, "denoise": False},
 }  # fmt: skip
 
 
@@ -29,10 +30,14 @@ def add_parser(commands: Any) -> None:
     add_scene_options(render)
     render.add_argument("-o", "--output", type=Path, required=True,
                         help="the picture: .png, .exr or .npy; an animation: .gif, .mp4, or numbered pictures")
-    render.add_argument("--mode", choices=tuple(MODE_OPTIONS), default="realtime",
-                        help="Solari's realtime lighting, or the reference path tracer (realtime)")
+    render.add_argument("--mode", choices=("auto", *MODE_OPTIONS), default="auto",
+                        help="realtime lighting, or the reference path tracer; auto is the mode whose options are "
+                        "given, otherwise the denoised reference, or realtime where OIDN isn't installed (auto)")
     render.add_argument("--aov", default="", metavar="A,B", help="more outputs: layers of an .exr, otherwise files")
     render.add_argument("--time-limit", type=float, metavar="S", help="stop after this many seconds of rendering")
+    render.add_argument("--target-error", type=float, metavar="E",
+                        help="stop a still picture when its estimated error is this small: the root of relMSE, the "
+                        "mean square of what pixels are off relative to their luminance; 0.01 is 1 %%")
 
     realtime = render.add_argument_group("realtime")
     add_realtime_options(realtime)
@@ -48,18 +53,46 @@ def add_parser(commands: Any) -> None:
     realtime.add_argument("--fps", type=positive, metavar="N", help="pictures a second of an animation (24)")
 
     reference = render.add_argument_group("reference")
-    reference.add_argument("--samples", type=positive, metavar="N", help="samples per pixel (256)")
+    reference.add_argument("--samples", type=positive, metavar="N", help="samples per pixel (256; with --denoise 64)")
     reference.add_argument("--max-bounces", type=count, metavar="N", help="surfaces that a path may leave (16)")
+    reference.add_argument("--denoise", action=argparse.BooleanOptionalAction,
+                           help="denoise by Intel Open Image Denoise, which the package solari-vk[oidn] brings (off; "
+                           "with --mode auto on if it is installed)")
 
 
 def run(options: argparse.Namespace) -> None:
     """Render what the options ask for."""
     from solari_vk.cli import realtime, reference
 
+    _choose_mode(options)
     _fill_in_defaults(options)
+    if options.target_error is not None and not options.target_error > 0:
+        raise SolariError(f"--target-error {options.target_error:g}: must be more than 0, such as 0.02 for 2 %")
     if options.time_limit is not None and not options.time_limit > 0:
         raise SolariError(f"--time-limit {options.time_limit:g}: must be more than 0 seconds")
     (reference if options.mode == "reference" else realtime).run(options)
+
+
+def _choose_mode(options: argparse.Namespace) -> None:
+    """Replace --mode auto by the mode that has the given options and outputs, else by the best picture's.
+
+    Where OIDN is installed, the denoised reference is nearest to the truth after the same time (docs/denoising.md).
+    """
+    from solari_vk.output import movie, oidn
+    from solari_vk.reference import PathTracer
+    from solari_vk.renderer import Renderer
+
+    if options.mode != "auto":
+        return
+    given = {mode for mode, names in MODE_OPTIONS.items() if any(getattr(options, name) is not None for name in names)}
+    aovs = set(names_of_aovs(options))
+    is_movie = options.output.suffix.lower() in movie.SUFFIXES
+    realtime = "realtime" in given or is_movie or not aovs.issubset(PathTracer.OUTPUTS)
+    reference = "reference" in given or not aovs.issubset(Renderer.OUTPUTS)
+    installed = oidn.is_installed()
+    options.mode = "realtime" if realtime or not (reference or installed) else "reference"
+    if options.mode == "reference" and options.denoise is None:
+        options.denoise = installed
 
 
 def _fill_in_defaults(options: argparse.Namespace) -> None:

@@ -6,6 +6,7 @@ import argparse
 import json
 import math
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,13 +18,16 @@ from solari_vk.scene.model import Camera, Scene
 ORBIT_PICTURES = 48
 
 
-def names_of_aovs(options: argparse.Namespace, known: tuple[str, ...]) -> list[str]:
-    """The names in --aov. Raises SolariError for one that isn't in `known`."""
-    names = [name.strip() for name in options.aov.split(",") if name.strip()]
+def names_of_aovs(options: argparse.Namespace) -> list[str]:
+    """The names in --aov."""
+    return [name.strip() for name in options.aov.split(",") if name.strip()]
+
+
+def check_aovs(names: Sequence[str], mode: str, known: Sequence[str]) -> None:
+    """Raise SolariError for a name that isn't among the outputs of a mode."""
     for name in names:
         if name not in known:
-            raise SolariError(f"--aov {name}: --mode {options.mode} has no such output; it has {', '.join(known)}")
-    return names
+            raise SolariError(f"--aov {name}: --mode {mode} has no such output; it has {', '.join(known)}")
 
 
 @dataclass
