@@ -26,6 +26,7 @@ from solari_vk.passes import (
     restir_di,
     restir_gi,
     specular_gi,
+    taa,
     world_cache,
 )
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, check_view, views_of
@@ -33,10 +34,11 @@ from solari_vk.rendered import PictureRenderer, RenderedFrame
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.light_translation import LightTranslation
 from solari_vk.scene.model import Camera, Scene
-from solari_vk.scene.projection import JITTERS, CameraUniforms, Projection
+from solari_vk.scene.projection import CameraUniforms, Projection, jitters
 from solari_vk.settings import FIELDS, Settings, uniform_values
 
-THIS_FRAME = ("index", "seed", "has_history", "exposure", "lighting_change")  # fields of the uniform block
+# Fields of the uniform block.
+THIS_FRAME = ("index", "seed", "has_history", "exposure", "lighting_change", "sample_offset", "picture_shift")
 # Parts of the radiance. The first ones are in every frame, the others depend on the lighting.
 LIGHT = (*display.PARTS[:-1], "raw_radiance", "paths_diffuse", "paths_specular", "di_diffuse", "di_specular",
          "gi_diffuse", "specular_gi")  # fmt: skip
@@ -85,6 +87,7 @@ class Renderer(PictureRenderer):
             self.view, self.tonemap = PICTURE, "agx"
             self.frame_count = 0
             self._has_history = False
+            self._previous_jitter = (0.0, 0.0)  # the camera's own
             self._settings_seen: tuple[Any, ...] = ()  # what the settings in the uniforms were written from
             self._lights = self._owned.enter_context(closing(LightTranslation(device)))
             external = self._tables | self._lights.buffers
@@ -92,7 +95,7 @@ class Renderer(PictureRenderer):
             self._frame = self._owned.enter_context(frame)
             self._camera_uniforms = CameraUniforms(self._frame.uniforms)
             self._this_frame = self._frame.uniforms.writer("this_frame", THIS_FRAME)
-            self._built = self._build_key()
+            self._note_build()
         except BaseException:
             self.close()
             raise
@@ -104,15 +107,17 @@ class Renderer(PictureRenderer):
         """How the surface of a pixel is found: "raster" or "traced", as the setting says or, for "auto", the device."""
         return gbuffer.way_on(self.device.properties.kind, self.settings.gbuffer)
 
-    def _stages(self, size: tuple[int, int]) -> list[Stage]:
-        """The stages of a frame, in order."""
+    def _stages(self, picture: tuple[int, int]) -> list[Stage]:
+        """The stages of a frame, in order. picture: width and height of the picture in pixels."""
         settings, instances = self.settings, self.binder.instance_capacity
+        size = taa.render_size(picture, settings)
         self.binder.keep_previous_tlas(self, settings.lighting == "paths" and settings.restir)
         stages = [
             gbuffer.stage(size, settings, instances, self.gbuffer),
             guides.stage(size, settings),
             *_lighting_stages(size, settings),
-            display.show_stage(size, settings.lighting),
+            taa.stage(picture),
+            display.show_stage(picture, settings.lighting),
             gbuffer.last_stage(instances),
         ]
         if self.count_rays:
@@ -152,14 +157,22 @@ class Renderer(PictureRenderer):
         """Everything that `_stages` depends on."""
         return self.size, self.binder.instance_capacity, self.settings.built_in
 
+    def _note_build(self) -> None:
+        self._built = self._build_key()
+        self._render_size = taa.render_size(self.size, self.settings)
+        self._jitters = jitters(taa.jitter_count(self.settings))
+
     def _rebuild(self) -> None:
         """Rebuild the frame. Previous transforms of instances are kept when the table of instances has grown."""
         key = self._build_key()
         grown = self.frame_count > 0 and key[1] > self._built[1]
         instances = self._frame.resource(gbuffer.PREVIOUS_INSTANCES).read() if grown else None
         cells = self._frame.memory.get("world_cache_life")
+        rendered = self._render_size
         self._frame.rebuild(self._stages(self.size))
-        self._built = key
+        self._note_build()
+        if self._render_size != rendered:
+            self.reset()  # histories have another size
         if self.view not in views_of(self.settings.lighting):
             self.view = PICTURE
         if self._frame.memory.get("world_cache_life") != cells:
@@ -174,16 +187,21 @@ class Renderer(PictureRenderer):
         )
 
     def _write_uniforms(self, camera: Camera) -> Projection:
-        jitter = (0.0, 0.0)
+        offset = (0.0, 0.0)
         if self.settings.jitter:
-            jitter = JITTERS[(self.frame_count + 7 * self.seed) % len(JITTERS)]
+            offset = self._jitters[(self.frame_count + 7 * self.seed) % len(self._jitters)]
         history = self._has_history
         if not history:
             self._lights.change = 0.0
-        projection = self._camera_uniforms.write(camera, self.size, jitter, has_history=history)
-        self._this_frame.write(
-            self.frame_count & 0xFFFFFFFF, self.seed, history, projection.exposure, self._lights.change
+        projection = self._camera_uniforms.write(
+            camera, self.size, offset, render_size=self._render_size, has_history=history
         )
+        (x, y), (previous_x, previous_y) = projection.jitter, self._previous_jitter
+        self._this_frame.write(
+            self.frame_count & 0xFFFFFFFF, self.seed, history, projection.exposure, self._lights.change, *offset,
+            x - previous_x, y - previous_y,
+        )  # fmt: skip
+        self._previous_jitter = projection.jitter
         self._has_history = True
         return projection
 
@@ -274,9 +292,9 @@ class Renderer(PictureRenderer):
                 raise SolariError(f"Renderer: there is no '{name}': it needs the setting lighting={lighting}")
             raise unknown_name("Renderer: there is no result", name, self.outputs)
         values = self._frame[resource]
-        width, height = self._built[0]
-        if values.shape[:1] == (width * height,) and values.shape[:2] != (height, width):
-            return values.reshape(height, width, *values.shape[1:])
+        for width, height in (self._built[0], self._render_size):
+            if values.shape[:1] == (width * height,) and values.shape[:2] != (height, width):
+                return values.reshape(height, width, *values.shape[1:])
         return values
 
 

@@ -13,6 +13,8 @@ layout(set = 1, binding = 0, scalar) uniform FrameBlock {
     uint has_history;       // 0 in the first frame and after a reset
     float exposure;
     float lighting_change;  // share of the lights' power that appeared, disappeared or moved in recent frames
+    vec2 sample_offset;     // of the samples from the pixels' centers, in pixels, apart from the camera's own jitter
+    vec2 picture_shift;     // change of the camera's own jitter since the previous frame, in pixels of the picture
 } this_frame;
 
 // ---- G-buffer: passes/gbuffer/gbuffer.glsl packs and unpacks ----------------------------------------
@@ -54,6 +56,8 @@ layout(set = 1, binding = 95, scalar) buffer DiffuseRadianceBlock { vec3 at[]; }
 // di_specular + specular_gi
 layout(set = 1, binding = 96, scalar) buffer SpecularRadianceBlock { vec3 at[]; } specular_radiance;
 // emission + diffuse_radiance + specular_radiance
+layout(set = 1, binding = 160, scalar) buffer SampleRadianceBlock { vec3 at[]; } sample_radiance;
+// The picture, of camera.picture_size: passes/taa/resolve.comp makes it from sample_radiance.
 layout(set = 1, binding = 97, scalar) buffer RadianceBlock { vec3 at[]; } radiance;
 
 // Numbers of rays by pass; passes/ray_count.glsl.

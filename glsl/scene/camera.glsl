@@ -10,7 +10,8 @@ struct Camera {
     mat4x3 view_from_world;
     vec2 tan_half_fov;       // horizontal, vertical
     float near;              // distance of the near plane
-    uvec2 size;              // of the picture, in pixels
+    uvec2 size;              // in pixels, of what is rendered
+    uvec2 picture_size;      // in pixels, of the picture that is made of it
     vec2 jitter;             // offset of this frame's samples from the pixels' positions, in pixels
 };
 
@@ -35,8 +36,9 @@ CameraRay make_camera_ray(vec2 pixel_position) {
     ray.direction = normalize(mat3(camera.world_from_view) * view_direction);
     ray.t_min = camera.near * slant;
     ray.depth_per_t = 1.0 / slant;
-    // A pixel's height at distance 1 shrinks with the square of the slant towards the picture's edge.
-    ray.cone_spread = 2.0 * camera.tan_half_fov.y / (float(camera.size.y) * slant * slant);
+    // A pixel's height at distance 1 shrinks with the square of the slant towards the picture's edge. Textures are as
+    // sharp as the picture's own pixels show them.
+    ray.cone_spread = 2.0 * camera.tan_half_fov.y / (float(camera.picture_size.y) * slant * slant);
     return ray;
 }
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from solari_vk.gpu.frame.stages import Pass, Stage
 
 RAY_COUNTERS = 16  # rows for passes that count their rays: passes/ray_count.glsl
-PARTS = ("emission", "diffuse_radiance", "specular_radiance", "radiance")
+PARTS = ("emission", "diffuse_radiance", "specular_radiance", "sample_radiance")
 
 
 def compose_stage(size: tuple[int, int]) -> Stage:

@@ -13,7 +13,8 @@ from solari_vk.gpu.frame.uniforms import Uniforms
 from solari_vk.scene.model import Camera
 
 Numbers = tuple[float, ...]
-FIELDS = ("world_from_view", "view_from_world", "tan_half_fov", "near", "size", "jitter")  # of struct Camera
+# Of struct Camera.
+FIELDS = ("world_from_view", "view_from_world", "tan_half_fov", "near", "size", "picture_size", "jitter")
 
 
 def _halton(index: int, base: int) -> float:
@@ -26,8 +27,13 @@ def _halton(index: int, base: int) -> float:
     return result
 
 
-JITTERS = [(_halton(index, 2) - 0.5, _halton(index, 3) - 0.5) for index in range(1, 33)]
-"""Sample positions in successive frames, relative to the pixel's center, in pixels. The sequence repeats."""
+def jitters(count: int) -> list[tuple[float, float]]:
+    """Sample positions in `count` successive frames, relative to the pixel's center, in pixels."""
+    return [(_halton(index, 2) - 0.5, _halton(index, 3) - 0.5) for index in range(1, count + 1)]
+
+
+JITTERS = jitters(32)
+"""The sample positions of pictures that aren't upscaled. The sequence repeats."""
 
 
 class Projection(NamedTuple):
@@ -36,7 +42,7 @@ class Projection(NamedTuple):
     source: tuple[Any, ...]
     """What the projection was made from."""
     numbers: Numbers
-    """The fields of the shaders' struct Camera in its order, but for jitter."""
+    """The fields of the shaders' struct Camera in its order, but for sizes and jitter."""
     jitter: tuple[float, float]
     """The camera's own."""
     exposure: float
@@ -62,7 +68,7 @@ class Projection(NamedTuple):
             a, d, g, b, e, h, c, f, i, x, y, z,
             j, n, q, k, o, r, m, p, s,
             -j * x - k * y - m * z, -n * x - o * y - p * z, -q * x - r * y - s * z,
-            tan_half_fov * size[0] / size[1], tan_half_fov, camera.near, *size,
+            tan_half_fov * size[0] / size[1], tan_half_fov, camera.near,
         )  # fmt: skip
         return cls(source, numbers, (jitter_x, jitter_y), camera.exposure)
 
@@ -78,15 +84,18 @@ class CameraUniforms:
 
     def write(
         self, camera: Camera, size: tuple[int, int], offset: tuple[float, float] = (0.0, 0.0), *,
-        has_history: bool = False,
+        render_size: tuple[int, int] | None = None, has_history: bool = False,
     ) -> Projection:  # fmt: skip
         """Set `camera`, and with history `previous_camera` to what was written last, else to the same.
 
-        size: of the picture in pixels. offset: added to the camera's jitter, in pixels.
+        size: of the picture in pixels. render_size: of what is rendered, by default the same. offset: added to the
+        camera's jitter, in pixels of what is rendered.
         """
         projection = self._projection = Projection.of(camera, size, self._projection)
+        width, height = render_size or size
         (x, y), (dx, dy) = projection.jitter, offset
-        numbers = (*projection.numbers, x + dx, y + dy)
+        jitter = x * (width / size[0]) + dx, y * (height / size[1]) + dy
+        numbers = (*projection.numbers, width, height, *size, *jitter)
         self._current.write(*numbers)
         self._previous.write(*(self._latest if has_history else numbers))
         self._latest = numbers

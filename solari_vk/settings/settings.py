@@ -11,9 +11,9 @@ from solari_vk.settings.field import Field, setting
 from solari_vk.settings.layering import LAYERINGS
 from solari_vk.settings.presets import QUALITIES as QUALITIES
 
-_frame, _paths, _denoise, _restir, _reuse, _tiles, _cache, _di, _gi, _specular = (partial(setting, name) for name in (
-    "frame", "paths", "denoise", "restir", "reuse", "light_tiles", "world_cache", "restir_di", "restir_gi",
-    "specular_gi"))  # fmt: skip
+_frame, _taa, _paths, _denoise, _restir, _reuse, _tiles, _cache, _di, _gi, _specular = (
+    partial(setting, name) for name in ("frame", "taa", "paths", "denoise", "restir", "reuse", "light_tiles",
+                                        "world_cache", "restir_di", "restir_gi", "specular_gi"))  # fmt: skip
 
 
 @dataclasses.dataclass
@@ -52,6 +52,12 @@ class Settings:
         "Less: faster, less exact.", low=0, high=1)  # fmt: skip
     lambert: bool = _frame(False, "Every surface is Lambertian, to compare with closed forms.", rebuilds=True)
     primary_surface_replacement: bool = _frame(True, "Guides describe the surface that a mirror shows.")
+
+    # ---- the picture, from jittered samples
+    antialiasing: bool = _taa(False, "Average samples at different positions in each pixel over frames.")
+    upscale: float = _taa(
+        1.0, "Width of the picture over that of what is rendered. More: faster, less sharp.", low=1, high=3,
+        rebuilds=True)  # fmt: skip
 
     # ---- paths (lighting=paths)
     paths_bounces: int = _paths(

@@ -13,7 +13,7 @@ from solari_vk.scene.constants import NO_INDEX
 from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES
 
 SIZE = (24, 24)
-OUTPUTS = ("diffuse_radiance", "specular_radiance", "guides_normal_roughness")
+OUTPUTS = ("diffuse_radiance", "specular_radiance", "guides_normal_roughness", "radiance")
 # Sections that only one lighting has.
 OF_LIGHTING = {"paths": ("paths", "denoise", "restir"), "split": ("restir_di", "restir_gi", "specular_gi")}
 FEW = {"light_tile_count": 4, "light_tile_samples": 64, "world_cache_cells": 1 << 14,

@@ -15,5 +15,5 @@ void main() {
     emission.at[index] = emitted;
     diffuse_radiance.at[index] = diffuse;
     specular_radiance.at[index] = specular;
-    radiance.at[index] = emitted + diffuse + specular;
+    sample_radiance.at[index] = emitted + diffuse + specular;
 }

@@ -9,9 +9,10 @@
 layout(local_size_x = 8, local_size_y = 8) in;
 
 void main() {
-    uvec2 pixel = gl_GlobalInvocationID.xy;
-    if (display_settings.debug_view == 0u || any(greaterThanEqual(pixel, camera.size))) { return; }
-    imageStore(display, ivec2(pixel), vec4(show_debug_view(display_settings.debug_view, pixel), 1.0));
+    uvec2 at = gl_GlobalInvocationID.xy;
+    if (display_settings.debug_view == 0u || any(greaterThanEqual(at, camera.picture_size))) { return; }
+    uvec2 pixel = at * camera.size / camera.picture_size;
+    imageStore(display, ivec2(at), vec4(show_debug_view(display_settings.debug_view, pixel), 1.0));
 }
 
 #endif

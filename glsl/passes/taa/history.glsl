@@ -1,0 +1,127 @@
+// The picture of earlier frames at a pixel of this one: what it was, and where it still holds.
+#ifndef PASSES_TAA_HISTORY_GLSL
+#define PASSES_TAA_HISTORY_GLSL
+
+#include "passes/denoise/lobe.glsl"
+#include "passes/gbuffer/gbuffer.glsl"
+#include "passes/taa/bindings.glsl"
+#include "passes/taa/samples.glsl"
+
+struct Past {
+    vec3 radiance;
+    float weight;  // number of samples in the mean, or less where a change made them count less; 0 without a history
+};
+
+const Past NO_PAST = Past(vec3(0.0), 0.0);
+const float LONGEST = 63.0;          // samples in a mean
+const float LONGEST_IN_MOTION = 15.0;  // the same where resampling would blur a longer one
+const float SAME_DEPTH = 0.1;        // largest relative difference
+
+uvec2 pack_past(Past past, inout uint rng) {
+    uint red = pack_positive(past.radiance.r, 18u, rng), green = pack_positive(past.radiance.g, 18u, rng);
+    uint blue = pack_positive(past.radiance.b, 18u, rng), weight = uint(16.0 * min(past.weight, LONGEST) + 0.5);
+    return uvec2(red | green << 18u, green >> 14u | blue << 4u | weight << 22u);
+}
+
+Past unpack_past(uvec2 bits) {
+    vec3 found = vec3(unpack_positive(bits.x, 18u), unpack_positive(bits.x >> 18u | bits.y << 14u, 18u),
+                      unpack_positive(bits.y >> 4u, 18u));
+    return Past(found, float(bits.y >> 22u) / 16.0);
+}
+
+Past load_past(ivec2 at) {
+    ivec2 inside = clamp(at, ivec2(0), ivec2(camera.picture_size) - 1);
+    return unpack_past(previous_taa_history.at[uint(inside.y) * camera.picture_size.x + uint(inside.x)]);
+}
+
+// The weights of Catmull-Rom splines at a share of the way from the second of four points to the third.
+vec4 spline(float t) {
+    return 0.5 * vec4(((2.0 - t) * t - 1.0) * t, (3.0 * t - 5.0) * t * t + 2.0, ((4.0 - 3.0 * t) * t + 1.0) * t,
+                      (t - 1.0) * t * t);
+}
+
+Past interpolate_past(vec2 position) {
+    ivec2 corner = ivec2(floor(position - 0.5));
+    vec2 share = position - 0.5 - vec2(corner);
+    vec4 across = spline(share.x), down = spline(share.y);
+    vec3 sum = vec3(0.0);
+    float total = 0.0, shortest = LONGEST_IN_MOTION * render_scale().x * render_scale().y;
+    for (int i = 0; i < 16; i++) {
+        ivec2 step = ivec2(i & 3, i >> 2);
+        Past found = load_past(corner + step - 1);
+        if (found.weight == 0.0) { continue; }
+        float weight = across[step.x] * down[step.y];
+        sum += weight * found.radiance;
+        total += weight;
+        if (all(equal(step >> 1 ^ step & 1, ivec2(1)))) { shortest = min(shortest, found.weight); }
+    }
+    return total > 0.5 ? Past(max(sum / total, vec3(0.0)), shortest) : NO_PAST;
+}
+
+// Whether what a rendered pixel shows was visible around a position of the previous picture.
+bool was_visible(ivec2 pixel, vec2 position) {
+    float now = imageLoad(depth, pixel).x;
+    ivec2 center = ivec2(floor(position * render_scale())), last = ivec2(camera.size) - 1;
+    for (int i = 0; i < 9; i++) {
+        ivec2 step = ivec2((i + 4) % 9 % 3, (i + 4) % 9 / 3) - 1;  // the center first
+        float before = imageLoad(previous_depth, clamp(center + step, ivec2(0), last)).x;
+        if (abs(now - before) <= SAME_DEPTH * max(now, before)) { return true; }
+    }
+    return false;
+}
+
+// The motion in pixels of the picture, from where it was in the previous frame; exactly 0 for what doesn't move.
+vec2 motion_in_picture(ivec2 pixel) {
+    return imageLoad(guides_specular_motion, pixel).xy * vec2(camera.picture_size) + this_frame.picture_shift;
+}
+
+Past find_past(ivec2 at, ivec2 nearest) {
+    vec2 motion = motion_in_picture(nearest), position = vec2(at) + 0.5 + motion;
+    bool inside = all(greaterThanEqual(position, vec2(0.0))) && all(lessThan(position, vec2(camera.picture_size)));
+    if (this_frame.has_history == 0u || !inside || !was_visible(nearest, position)) { return NO_PAST; }
+    return motion == vec2(0.0) ? load_past(at) : interpolate_past(position);
+}
+
+// ---- what still holds -------------------------------------------------------------------------------
+
+bool moved(uint instance) {
+    PreviousInstance before = previous_instances.at[instance];
+    Instance now = instances.at[instance];
+    return before.id != now.id || before.world_from_object != now.world_from_object;
+}
+
+// Whether nothing moves in the samples around, and nothing did that the previous frame showed there. What mirrors show
+// isn't known well enough.
+bool is_still(ivec2 center) {
+    uint known = NO_INDEX;
+    for (int i = 0; i < 9; i++) {
+        ivec2 pixel = center + ivec2(i % 3, i / 3) - 1;
+        if (!is_rendered(pixel)) { continue; }
+        bool mirror = imageLoad(guides_specular_albedo, pixel).a < 0.5;
+        if (mirror || motion_in_picture(pixel) != vec2(0.0)) { return false; }
+        uint instance = imageLoad(previous_gbuffer_surface, pixel).y;
+        if (instance == known || instance == NO_INDEX) { continue; }
+        if (moved(instance)) { return false; }
+        known = instance;
+    }
+    return true;
+}
+
+// How far the samples around differ from the past in the same direction, from 0 to 1 when all differ as much. What one
+// frame's samples miss of edges and lines differs along a line at most.
+float common_difference(ivec2 center) {
+    float sum = 0.0, squares = 0.0, count = 0.0;
+    for (int i = 0; i < 9; i++) {
+        ivec2 pixel = center + ivec2(i % 3, i / 3) - 1;
+        if (!is_rendered(pixel) || !is_valid(load_sample(pixel))) { continue; }
+        Past past = load_past(ivec2(floor((vec2(pixel) + 0.5 + this_frame.sample_offset) / render_scale())));
+        if (past.weight == 0.0) { continue; }
+        float difference = luminance(load_sample(pixel)) - luminance(past.radiance);
+        sum += difference;
+        squares += difference * difference;
+        count += 1.0;
+    }
+    return squares > 0.0 ? abs(sum) / sqrt(count * squares) : 0.0;
+}
+
+#endif

@@ -1,0 +1,56 @@
+// The picture: a mean of samples at different positions in each pixel, over frames. Yang et al., "A Survey of Temporal
+// Antialiasing Techniques" (2020). Each pixel averages the samples inside it alone, so that the mean of a still picture
+// tends to that of the pixel's area; where frames have too few samples for that, they are interpolated.
+#version 460
+#include "passes/taa/history.glsl"
+
+layout(local_size_x = 8, local_size_y = 8) in;
+
+const uint PASS_SALT = 0x510E527Fu;
+const float BOX = 1.25;              // half width of the box of colors that are believed, in standard deviations
+const float DENOISED_ERROR = 0.02;   // of the samples, over their mean
+const float ALONG_LINES = 0.8, OVER_AREAS = 0.95;  // common_difference
+const float INTERPOLATED = 0.125;    // weight of an interpolated sample
+const float ENOUGH = 8.0;            // samples that need no interpolated ones beside them
+
+// Moves the past into the range of what the samples around show: Salvi, "An Excursion in Temporal Supersampling" (GDC
+// 2016). Where nothing moves, only when they differ from it together: the light changed.
+Past limited(Past past, Neighborhood around) {
+    vec3 color = to_ycocg(past.radiance) - around.mean;
+    vec3 extent = BOX * around.deviation + DENOISED_ERROR * around.mean.x + 1e-30;
+    float outside = max_component(abs(color) / extent);
+    if (around.count == 0.0 || !(outside > 1.0)) { return past; }
+    float certain = 1.0;
+    if (is_still(around.center)) { certain = smoothstep(ALONG_LINES, OVER_AREAS, common_difference(around.center)); }
+    float kept = mix(1.0, 1.0 / outside, certain);
+    return Past(max(from_ycocg(around.mean + kept * color), vec3(0.0)), kept * past.weight);
+}
+
+void main() {
+    ivec2 at = ivec2(gl_GlobalInvocationID.xy);
+    if (any(greaterThanEqual(at, ivec2(camera.picture_size)))) { return; }
+    uint index = uint(at.y) * camera.picture_size.x + uint(at.x);
+    Found found = find_own_sample(at);
+    if (taa_settings.antialiasing == 0u) {
+        radiance.at[index] = found.exists ? found.radiance : interpolate(at).radiance;
+        taa_history.at[index] = uvec2(0u);
+        return;
+    }
+    Neighborhood around = find_neighborhood(at);
+    Past past = find_past(at, around.nearest);
+    if (past.weight > 0.0) { past = limited(past, around); }
+
+    float weight = 1.0;
+    if (!found.exists || !is_valid(found.radiance)) {
+        found = past.weight < ENOUGH ? interpolate(at) : NOTHING_FOUND;
+        weight = INTERPOLATED;
+    }
+    if (found.exists) {
+        // Later samples count more than earlier ones, since the denoiser knows more when it makes them.
+        float share = past.weight > 0.0 ? 2.0 * weight / (past.weight + 1.0 + weight) : 1.0;
+        past = Past(mix(past.radiance, found.radiance, share), past.weight + weight);
+    }
+    radiance.at[index] = past.radiance;
+    uint rng = seed_rng(uvec2(at), this_frame.index, this_frame.seed ^ PASS_SALT);
+    taa_history.at[index] = pack_past(past, rng);
+}

@@ -1,0 +1,109 @@
+// This frame's samples, one for each rendered pixel, and what they tell of a pixel of the picture.
+#ifndef PASSES_TAA_SAMPLES_GLSL
+#define PASSES_TAA_SAMPLES_GLSL
+
+#include "common/math.glsl"
+#include "passes/bindings.glsl"
+#include "passes/guides/bindings.glsl"
+
+// Radiance, if there is any.
+struct Found {
+    vec3 radiance;
+    bool exists;
+};
+
+const Found NOTHING_FOUND = Found(vec3(0.0), false);
+
+// Rendered pixels for each pixel of the picture.
+vec2 render_scale() { return vec2(camera.size) / vec2(camera.picture_size); }
+
+// Where a position of the picture lies among the samples, of which the first is at 0.
+vec2 among_samples(vec2 position) { return position * render_scale() - 0.5 - this_frame.sample_offset; }
+
+bool is_rendered(ivec2 pixel) {
+    return all(greaterThanEqual(pixel, ivec2(0))) && all(lessThan(pixel, ivec2(camera.size)));
+}
+
+vec3 load_sample(ivec2 pixel) { return sample_radiance.at[uint(pixel.y) * camera.size.x + uint(pixel.x)]; }
+
+bool is_valid(vec3 radiance) { return !any(isnan(radiance)) && !any(isinf(radiance)); }
+
+// The sample inside a pixel of the picture. There is at most one, and always one when nothing is upscaled.
+Found find_own_sample(ivec2 at) {
+    ivec2 pixel = ivec2(ceil(among_samples(vec2(at))));
+    bool inside = all(lessThan(vec2(pixel), among_samples(vec2(at + 1)))) && is_rendered(pixel);
+    return inside ? Found(load_sample(pixel), true) : NOTHING_FOUND;
+}
+
+float sinc(float x) { return abs(x) < 1e-4 ? 1.0 : sin(PI * x) / (PI * x); }
+
+float lanczos(float x) { return abs(x) < 2.0 ? sinc(x) * sinc(0.5 * x) : 0.0; }
+
+// The radiance at the center of a pixel of the picture, by Lanczos interpolation: Duchon, "Lanczos Filtering in One and
+// Two Dimensions" (1979). It stays within the range of the nearest samples, so that edges have no rings.
+Found interpolate(ivec2 at) {
+    vec2 where = among_samples(vec2(at) + 0.5);
+    ivec2 corner = ivec2(floor(where));
+    vec3 sum = vec3(0.0), low = vec3(INFINITY), high = vec3(0.0);
+    float total = 0.0;
+    for (int i = 0; i < 16; i++) {
+        ivec2 step = ivec2(i & 3, i >> 2) - 1, pixel = clamp(corner + step, ivec2(0), ivec2(camera.size) - 1);
+        vec2 apart = vec2(corner + step) - where;
+        vec3 found = load_sample(pixel);
+        if (!is_valid(found)) { continue; }
+        float weight = lanczos(apart.x) * lanczos(apart.y);
+        sum += weight * found;
+        total += weight;
+        if (all(lessThan(abs(apart), vec2(1.0)))) {
+            low = min(low, found);
+            high = max(high, found);
+        }
+    }
+    if (!(total > 0.0) || low.x > high.x) { return NOTHING_FOUND; }
+    return Found(clamp(sum / total, low, high), true);
+}
+
+// ---- the samples around a pixel of the picture --------------------------------------------------------
+
+// Luminance and two differences of colors: Malvar and Sullivan, "YCoCg-R" (2003).
+vec3 to_ycocg(vec3 c) { return mat3(0.25, 0.5, -0.25, 0.5, 0.0, 0.5, 0.25, -0.5, -0.25) * c; }
+vec3 from_ycocg(vec3 c) { return vec3(c.x + c.y - c.z, c.x + c.z, c.x - c.y - c.z); }
+
+// 3 x 3 samples.
+struct Neighborhood {
+    ivec2 center;
+    ivec2 nearest;   // to the camera
+    vec3 mean;       // YCoCg
+    vec3 deviation;
+    float count;     // of valid samples
+};
+
+Neighborhood find_neighborhood(ivec2 at) {
+    Neighborhood found;
+    ivec2 last = ivec2(camera.size) - 1;
+    found.center = clamp(ivec2(round(among_samples(vec2(at) + 0.5))), ivec2(0), last);
+    found.nearest = found.center;
+    float depth = imageLoad(guides_depth, found.center).x;
+    vec3 sum = vec3(0.0), squares = vec3(0.0);
+    found.count = 0.0;
+    for (int i = 0; i < 9; i++) {
+        ivec2 pixel = found.center + ivec2(i % 3, i / 3) - 1;
+        if (!is_rendered(pixel)) { continue; }
+        float other = imageLoad(guides_depth, pixel).x;
+        if (other > depth) {
+            depth = other;
+            found.nearest = pixel;
+        }
+        vec3 radiance = load_sample(pixel);
+        if (!is_valid(radiance)) { continue; }
+        vec3 color = to_ycocg(radiance);
+        sum += color;
+        squares += color * color;
+        found.count += 1.0;
+    }
+    found.mean = sum / max(found.count, 1.0);
+    found.deviation = sqrt(max(squares / max(found.count, 1.0) - found.mean * found.mean, vec3(0.0)));
+    return found;
+}
+
+#endif
