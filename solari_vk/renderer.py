@@ -14,28 +14,14 @@ from solari_vk.frame import SceneFrame
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
 from solari_vk.output.tone_mapping import TONEMAPS
-from solari_vk.passes import (
-    denoise,
-    display,
-    gbuffer,
-    guides,
-    light_tiles,
-    paths,
-    pathtracer,
-    ray_count,
-    restir_di,
-    restir_gi,
-    specular_gi,
-    taa,
-    world_cache,
-)
+from solari_vk.passes import display, gbuffer, guides, lighting, pathtracer, ray_count, taa
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, check_view, views_of
 from solari_vk.rendered import PictureRenderer, RenderedFrame
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.light_translation import LightTranslation
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.scene.projection import CameraUniforms, Projection, jitters
-from solari_vk.settings import FIELDS, Settings, uniform_values
+from solari_vk.settings import Settings, uniform_values
 
 # Fields of the uniform block.
 THIS_FRAME = ("index", "seed", "has_history", "exposure", "lighting_change", "sample_offset", "picture_shift")
@@ -115,7 +101,7 @@ class Renderer(PictureRenderer):
         stages = [
             gbuffer.stage(size, settings, instances, self.gbuffer),
             guides.stage(size, settings),
-            *_lighting_stages(size, settings),
+            *lighting.stages(size, settings),
             taa.stage(picture),
             display.show_stage(picture, settings.lighting),
             gbuffer.last_stage(instances),
@@ -288,41 +274,14 @@ class Renderer(PictureRenderer):
         if not self._has(resource):
             if resource in self._frame:
                 raise SolariError(f"Renderer: there is no '{name}': it needs the setting denoise=on")
-            if lighting := lighting_with(resource):
-                raise SolariError(f"Renderer: there is no '{name}': it needs the setting lighting={lighting}")
+            if needed := lighting.that_has(resource):
+                raise SolariError(f"Renderer: there is no '{name}': it needs the setting lighting={needed}")
             raise unknown_name("Renderer: there is no result", name, self.outputs)
         values = self._frame[resource]
         for width, height in (self._built[0], self._render_size):
             if values.shape[:1] == (width * height,) and values.shape[:2] != (height, width):
                 return values.reshape(height, width, *values.shape[1:])
         return values
-
-
-def _lighting_stages(size: tuple[int, int], settings: Settings) -> list[Stage]:
-    if settings.lighting == "paths":
-        return [
-            world_cache.stage(size, settings),
-            paths.stage(size, settings),
-            denoise.stage(size),
-            paths.compose_stage(size, settings),
-        ]
-    return [
-        light_tiles.stage(settings),
-        world_cache.stage(size, settings),
-        restir_di.stage(size, settings),
-        restir_gi.stage(size, settings),
-        specular_gi.stage(size, settings),
-        display.compose_stage(size),
-    ]
-
-
-def lighting_with(resource: str) -> str:
-    """The lighting whose stages have a resource; empty if none has."""
-    for lighting in FIELDS["lighting"].choices:
-        stages = _lighting_stages((1, 1), Settings(lighting=lighting))
-        if any(resource in (*stage.buffers, *stage.images) for stage in stages):
-            return lighting
-    return ""
 
 
 def _index_of(name: str, names: tuple[str, ...], what: str) -> int:

@@ -23,7 +23,8 @@ from solari_vk.output.error import ErrorEstimate, RunningMean
 from solari_vk.output.movie import write_movie
 from solari_vk.output.picture import save_image, write_png
 from solari_vk.output.tone_mapping import auto_exposure
-from solari_vk.renderer import LIGHT, Renderer, lighting_with
+from solari_vk.passes import lighting
+from solari_vk.renderer import LIGHT, Renderer
 from solari_vk.scene.model import Camera
 
 METERING_FRAMES = 4
@@ -39,8 +40,8 @@ def run(options: argparse.Namespace) -> None:
     check_aovs(names, options.mode, [name for name in Renderer.OUTPUTS if name not in ("radiance", "display")])
     settings = make_settings(options)
     for name in names:
-        if (lighting := lighting_with(name)) not in ("", settings.lighting):
-            raise SolariError(f"--aov {name}: it needs --settings lighting={lighting}")
+        if (needed := lighting.that_has(name)) not in ("", settings.lighting):
+            raise SolariError(f"--aov {name}: it needs --settings lighting={needed}")
     subject = load(options)
     with tempfile.TemporaryDirectory() as folder:
         plan = make_plan(options, subject.cameras, Path(folder) if is_movie else None)

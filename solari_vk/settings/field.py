@@ -22,6 +22,21 @@ class Field:
     high: float = math.inf
     rebuilds: bool = False
 
+    def checked(self, value: Any, default: Any) -> Any:
+        """The value in the default's type; None if it isn't allowed."""
+        if self.choices or isinstance(default, bool):
+            if value not in (self.choices or (True, False)):
+                return None
+            return value if self.choices else bool(value)
+        try:
+            number = float(value)
+        except (TypeError, ValueError, OverflowError):
+            return None
+        whole = isinstance(default, int)
+        if not (self.low <= number <= self.high) or (whole and number != int(number)):
+            return None
+        return int(number) if whole else number
+
 
 def setting(section: str, default: Any, meaning: str, **more: Any) -> Any:
     """A dataclass field with this default that is described by a Field."""

@@ -295,19 +295,7 @@ def _check(name: str, value: Any) -> Any:
     """The value in its field's type. Raises SolariError for an unknown field or a value out of range."""
     if name not in FIELDS:
         raise _unknown(name)
-    field, default = FIELDS[name], DEFAULTS[name]
-    wrong = SolariError(f"Settings: {name} must be {allowed(name)}, not {value!r}")
-    if field.choices or isinstance(default, bool):
-        if value not in (field.choices or (True, False)):
-            raise wrong
-        return value if field.choices else bool(value)
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        raise wrong from None
-    whole = isinstance(default, int)
-    if not (field.low <= number <= field.high) or (whole and number != int(number)):
-        raise wrong
-    if name == "world_cache_cells" and int(number) & (int(number) - 1):
-        raise wrong
-    return int(number) if whole else number
+    checked = FIELDS[name].checked(value, DEFAULTS[name])
+    if checked is None or (name == "world_cache_cells" and checked & (checked - 1)):
+        raise SolariError(f"Settings: {name} must be {allowed(name)}, not {value!r}")
+    return checked
