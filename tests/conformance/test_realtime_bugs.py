@@ -69,8 +69,8 @@ def measure_contribution(device):
 
 
 DARK_CORNER = (
-    COMPOSE, "    radiance.at[index] = emitted", "    if (all(lessThan(4u * pixel, camera.size))) { "
-    "diffuse *= 0.5; }\n    diffuse_radiance.at[index] = diffuse;\n    radiance.at[index] = emitted",
+    COMPOSE, "    sample_radiance.at[index] = emitted", "    if (all(lessThan(4u * pixel, camera.size))) { "
+    "diffuse *= 0.5; }\n    diffuse_radiance.at[index] = diffuse;\n    sample_radiance.at[index] = emitted",
 )  # fmt: skip
 BUGS = {
     "raster with gaps": (measure_zoo, ["inside triangles"], RESOLVE, "imageLoad(depth, ivec2(at)).x == 0.0",
