@@ -72,7 +72,7 @@ class SceneFrame(SceneUser, Frame):
     def apply_edits(self) -> None:
         """Apply the scene's edits before the next frame, for callers that need to see the edited scene first."""
         binder = self.binder
-        binder.update()
+        binder.update(self)
         if binder.version != self._bound_version:
             self._bound_version = binder.version
             self.bind(binder.resources)

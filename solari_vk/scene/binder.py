@@ -7,6 +7,7 @@ change, not to the scene.
 
 from __future__ import annotations
 
+import weakref
 from typing import Any
 
 import numpy as np
@@ -59,11 +60,10 @@ class SceneBinder:
         self._uses: dict[Instance, tuple[Mesh, Mesh, Material]] = {}
         self._ids: dict[Instance, int] = {}
         self._last_id = 0
-        self._changed: dict[Observable, None] = {}
         self._previous_users: set[object] = set()
+        self._up_to_date = weakref.WeakSet[Any]()  # who has used the scene since its latest change
+        self._changed: dict[Observable, None] = dict.fromkeys((*scene.instances, *scene.lights))
         scene.watch(self)
-        for item in (*scene.instances, *scene.lights):
-            self.note(item)
         self._write_rows: dict[Instance, None] = {}
         self._first = True
 
@@ -99,18 +99,25 @@ class SceneBinder:
         """Say whether a renderer needs the TLAS of the previous frame as `previous_tlas`, from the next update on.
 
         While none does, `previous_tlas` is `tlas`. Otherwise the TLAS is copied in each frame whose instances moved,
-        and in the one after it. Where several renderers share the binder, the previous frame is the latest one of any
-        of them.
+        and in the one after it.
         """
         (self._previous_users.add if needed else self._previous_users.discard)(renderer)
 
-    def update(self) -> None:
-        """Apply all changes since the latest call. Raises SolariError for a scene that is too large."""
+    def update(self, user: Any = None) -> None:
+        """Apply all changes since the latest call. Raises SolariError for a scene that is too large.
+
+        user: who is about to use the scene, one for all callers by default. `previous_tlas` is from before the latest
+        change until a user that has used the changed scene is about to do so again.
+        """
+        user = self if user is None else user
         self.version += self._traced.keep_previous(bool(self._previous_users))
         if not self._changed and not self._first:
-            self._traced.rebuild()
+            if user in self._up_to_date:
+                self._traced.rebuild()
+            self._up_to_date.add(user)
             return
         self._first = False
+        self._up_to_date = weakref.WeakSet([user])
         self.revision += 1
         changed, self._changed = self._changed, {}
         try:
@@ -263,7 +270,6 @@ class SceneBinder:
         self.scene.unwatch(self)
         for item in (*self._uses, *self.scene.lights):
             item.unwatch(self)
-        owners = (self._geometry, self._materials, self._textures, self._emissions, self.lights, self._instances,
-                  self._traced)  # fmt: skip
-        for owner in owners:
+        for owner in (self._geometry, self._materials, self._textures, self._emissions, self.lights, self._instances,
+                      self._traced):  # fmt: skip
             owner.destroy()

@@ -25,7 +25,6 @@ from solari_vk.measure.replication import replicate
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place
 
-LIGHTING = {"default": {}}  # settings of the lighting, by name
 _SECTION = ("solari_vk", "Frame")
 WHOLE = Rule("the frame is as bright as the path tracer's", *_SECTION)
 TILES = Rule("each of 4 x 4 tiles is close to the path tracer's", *_SECTION)
@@ -34,7 +33,9 @@ BALLS = Rule("the indirect light of balls is the path tracer's", *_SECTION)
 
 SIZE = (48, 48)
 
-pytestmark = pytest.mark.parametrize("lighting", LIGHTING.values(), ids=LIGHTING)
+pytestmark = pytest.mark.parametrize("lighting", [
+    pytest.param({}, id="default"), pytest.param({"restir": True}, id="reuse", marks=pytest.mark.slow),
+])  # fmt: skip
 
 
 def scaled(scene, factor):
