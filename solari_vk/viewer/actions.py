@@ -30,7 +30,7 @@ class Actions:
     def focus(self) -> None:
         session = self._session
         if session.pick is None:
-            session.say("nothing is picked: click on something first")
+            session.camera_control.focus_home()
             return
         instance = session.pick.instance
         corners = instance.mesh.positions @ instance.transform[:3, :3].T

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -21,6 +22,7 @@ from solari_vk.settings import Settings
 from solari_vk.viewer.actions import act
 from solari_vk.viewer.camera_control import CameraControl
 from solari_vk.viewer.controls import Controls
+from solari_vk.viewer.picking import seen_distance
 from solari_vk.viewer.pictures import Pictures
 from solari_vk.viewer.presenter import Presenter
 from solari_vk.viewer.reload import Sources
@@ -30,6 +32,7 @@ from solari_vk.viewer.window import Window
 
 CPU_FPS, GPU_FPS = 7.0, 60.0  # frames per second that the scale "auto" aims at by default
 MAX_STEP = 0.25  # seconds that the camera flies in one frame at most, even if the frame took longer
+SEEING = 0.1  # seconds between two looks at the distance of what is seen, each of which waits for the picture
 HIDDEN_WAIT = 0.1  # seconds that a frame of a minimized window waits for events
 
 
@@ -91,7 +94,7 @@ class Viewer(Session):
                 undo.callback(self.overlay.close)
             self._closers = undo.pop_all()
         self.frame_count = 0
-        self._last = time.perf_counter()
+        self._last, self._seen_at = time.perf_counter(), -math.inf
         self._timed_mode = mode
 
     def _open_overlay(self) -> Any:
@@ -126,7 +129,7 @@ class Viewer(Session):
         self.controls.handle(events, takes_keys=keys, takes_mouse=mouse)
         now = time.perf_counter()
         seconds, self._last = now - self._last, now
-        self.camera_control.advance(min(seconds, MAX_STEP))
+        self._fly(seconds, now)
         self.reload_changed()
         if on_frame is not None:
             on_frame(self, seconds)
@@ -143,6 +146,15 @@ class Viewer(Session):
         self._note_time(seconds, time.perf_counter() - now)
         self._show_title()
         return shown
+
+    def _fly(self, seconds: float, now: float) -> None:
+        """Move the camera, at a speed that follows the distance to what the latest picture shows."""
+        control = self.camera_control
+        if self.pictures.ready and (self._seen_at == -math.inf or (control.flies and now - self._seen_at > SEEING)):
+            self._seen_at = now
+            with self.showing_mistakes():
+                control.see(seen_distance(self.pictures))
+        control.advance(min(seconds, MAX_STEP))
 
     def capture(self) -> NDArray[np.uint8]:
         """The window's pixels with the panels, (height, width, 3). Raises SolariError when they can't be read."""

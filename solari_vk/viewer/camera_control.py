@@ -18,41 +18,92 @@ UP = np.array((0.0, 1.0, 0.0))
 TURN = 0.005  # radians per unit of cursor movement
 MAX_ELEVATION = math.radians(89)  # largest angle between the view direction and the horizon
 FASTER = 4.0  # factor of the speed while shift is held
-WHEEL = 1.25  # factor of the speed for each notch of the wheel
+WHEEL = 1.25  # factor of the pace for each notch of the wheel
+PACE = 0.75  # share of the distance to what is seen that is flown in a second
+SMOOTHING = 0.08  # seconds in which the velocity comes within 37 % of what the keys ask for
+STEP = 0.01  # seconds of a step of the movement, so that it doesn't depend on the frame rate
 # Directions in camera space, and in world space.
 DIRECTIONS = {"forward": (0, 0, -1), "back": (0, 0, 1), "left": (-1, 0, 0), "right": (1, 0, 0)}
 WORLD_DIRECTIONS = {"up": (0, 1, 0), "down": (0, -1, 0)}
 
 
 class CameraControl:
-    """Moves `camera`, a copy of the given one. `speed`, in meters per second, starts at a quarter of the extent.
+    """Moves `camera`, a copy of the given one.
 
-    extent: the size of the scene, in meters.
+    extent: the size of the scene, in meters. The speed is `pace` times `distance`, so a camera that flies to a surface
+    slows down before it, and in large and small scenes steps are as large on the screen.
     """
 
     def __init__(self, camera: Camera, extent: float = 1.0) -> None:
         self.home, self.camera = dataclasses.replace(camera), dataclasses.replace(camera)
-        self.home_speed = self.speed = max(extent, 1e-6) / 4
+        self.pace = PACE
         self.held: set[str] = set()
         """The names of the directions whose keys are down."""
         self.fast = False
+        self._nearest, self._farthest = 1e-3 * max(extent, 1e-6), 1e6 * max(extent, 1.0)
+        self.distance = self._home_distance = max(extent, 1e-6) / 3
+        """Meters from the camera to what is seen in the middle of the picture."""
+        self._has_seen = False
+        self._velocity = np.zeros(3)
+
+    @property
+    def speed(self) -> float:
+        """Meters per second, without shift."""
+        return self.pace * self.distance
+
+    @property
+    def flies(self) -> bool:
+        """Whether the camera moves by itself, or a key asks for it."""
+        return bool(self.held) or bool(self._velocity.any())
+
+    @property
+    def _home_point(self) -> NDArray[np.float64]:
+        point: NDArray[np.float64] = self.home.transform @ (0.0, 0.0, -self._home_distance, 1.0)
+        return point[:3]
+
+    def see(self, distance: float | None) -> None:
+        """Note the distance to what is seen, in meters. None, the background: the first view's point counts instead.
+
+        The first call is about the first view.
+        """
+        if distance is None:
+            distance = float(np.linalg.norm(self.camera.transform[:3, 3] - self._home_point))
+        self.distance = min(max(distance, self._nearest), self._farthest)
+        if not self._has_seen:
+            self._has_seen, self._home_distance = True, self.distance
 
     def advance(self, seconds: float) -> None:
-        """Fly in the directions that are held, for this many seconds."""
+        """Fly in the directions that are held, for this many seconds. The velocity changes smoothly."""
+        position = self.camera.transform[:3, 3].copy()
+        steps = min(math.ceil(seconds / STEP), 100) if self.flies else 0
+        for _ in range(steps):
+            position += self._step(seconds / steps)
+        if steps:
+            transform = self.camera.transform.copy()
+            transform[:3, 3] = position
+            self._assign(transform)
+
+    def _step(self, seconds: float) -> NDArray[np.float64]:
+        """Change the velocity; returns the way of this many seconds in meters, (3,)."""
         turn, direction = self.camera.transform[:3, :3], np.zeros(3)
         for name in self.held:
             direction += WORLD_DIRECTIONS[name] if name in WORLD_DIRECTIONS else turn @ DIRECTIONS[name]
         length = float(np.linalg.norm(direction))
-        if length > 1e-9:
-            distance = self.speed * (FASTER if self.fast else 1.0) * seconds
-            transform = self.camera.transform.copy()
-            transform[:3, 3] += direction * (distance / length)
-            self._assign(transform)
+        speed = self.speed * (FASTER if self.fast else 1.0)
+        wanted = direction * (speed / length) if length > 1e-9 else np.zeros(3)
+        kept = math.exp(-seconds / SMOOTHING)
+        way = wanted * seconds + (self._velocity - wanted) * (SMOOTHING * (1 - kept))
+        self._velocity = wanted + (self._velocity - wanted) * kept
+        if not wanted.any() and np.linalg.norm(self._velocity) < 1e-3 * speed:
+            self._velocity = np.zeros(3)
+        forward = -float(way @ turn[:, 2] / np.linalg.norm(turn[:, 2]))
+        self.distance = min(max(self.distance - forward, self._nearest), self._farthest)
+        return way
 
     def change_speed(self, notches: float) -> None:
-        """Change the speed by notches of the wheel; a positive number is faster."""
+        """Change the pace by notches of the wheel; a positive number is faster."""
         factor = WHEEL ** min(max(notches, -20.0), 20.0)
-        self.speed = min(max(self.speed * factor, 1e-3 * self.home_speed), 1e3 * self.home_speed)
+        self.pace = min(max(self.pace * factor, 1e-2 * PACE), 1e2 * PACE)
 
     def look(self, right: float, down: float) -> None:
         """Turn the camera about its own position by a movement of the cursor."""
@@ -64,10 +115,18 @@ class CameraControl:
 
     def focus(self, point: ArrayLike, radius: float) -> None:
         """Look at a point, keeping the view direction, from where the whole sphere of `radius` around it is visible."""
-        distance = max(radius, 1e-6) / math.sin(self.camera.vertical_fov / 2)
+        self._look_from(point, max(radius, 1e-6) / math.sin(self.camera.vertical_fov / 2))
+
+    def focus_home(self) -> None:
+        """Look at what the first view showed in its middle, from as far away, keeping the view direction."""
+        self._look_from(self._home_point, self._home_distance)
+
+    def _look_from(self, point: ArrayLike, distance: float) -> None:
         transform = self.camera.transform.copy()
-        transform[:3, 3] = np.asarray(point, np.float64) + distance * transform[:3, 2]
-        self._assign(transform)
+        back = transform[:3, 2] / np.linalg.norm(transform[:3, 2])
+        transform[:3, 3] = np.asarray(point, np.float64) + distance * back
+        self._jump(transform)
+        self.see(distance)
 
     def expose(self, stops: float) -> None:
         """Make the picture brighter by this many stops."""
@@ -75,12 +134,14 @@ class CameraControl:
 
     def take(self, camera: Camera) -> None:
         """Take another camera's pose and field of view, and keep the exposure."""
-        self.camera.update(transform=camera.transform, vertical_fov=camera.vertical_fov, near=camera.near)
+        self.camera.update(vertical_fov=camera.vertical_fov, near=camera.near)
+        self._jump(camera.transform)
 
     def reset(self) -> None:
-        """Return to the first pose and speed."""
+        """Return to the first pose and pace."""
         self.camera = dataclasses.replace(self.home)
-        self.speed = self.home_speed
+        self.pace, self.distance = PACE, self._home_distance
+        self._velocity = np.zeros(3)
 
     def copy_pose(self) -> str:
         """The camera as JSON that `paste_pose` and `solari-vk render --camera` take."""
@@ -93,7 +154,8 @@ class CameraControl:
         except ValueError:
             raise SolariError(f"the clipboard holds no camera pose, but {text[:40]!r}") from None
         pasted = Camera.from_pose(pose)
-        self.camera.update(transform=pasted.transform, vertical_fov=pasted.vertical_fov)
+        self.camera.vertical_fov = pasted.vertical_fov
+        self._jump(pasted.transform)
         if "ev100" in pose:
             self.camera.ev100 = pasted.ev100
 
@@ -108,8 +170,11 @@ class CameraControl:
         transform[:3, :3] = nearest_rotation(transform[:3, :3] / lengths) * lengths  # rounding errors must not add up
         self._assign(transform)
 
+    def _jump(self, transform: NDArray[np.float64]) -> None:
+        self._velocity = np.zeros(3)
+        self._assign(transform.copy())
+
     def _assign(self, transform: NDArray[np.float64]) -> None:
         # A camera that flies for hours must not reach infinity; there is nothing to see that far away.
-        limit = 1e6 * max(self.home_speed, 1.0)
-        transform[:3, 3] = np.clip(transform[:3, 3], -limit, limit)
+        transform[:3, 3] = np.clip(transform[:3, 3], -self._farthest, self._farthest)
         self.camera.transform = transform

@@ -44,10 +44,10 @@ ACTIONS = {
 }
 REPEATING = {"move_divider_left", "move_divider_right", "brighter", "darker", "next_view"}
 KEYS_HELP = (
-    ("W A S D, Q E", "fly; down and up. Shift: four times as fast; wheel: speed"),
+    ("W A S D, Q E", "fly, the slower the nearer something is; down and up. Shift: four times as fast; wheel: speed"),
     ("right button", "look around"),
     ("left button", "drag: orbit around the point under the cursor; click: pick"),
-    ("F", "focus on what was picked"),
+    ("F", "focus on what was picked, else on what was seen first"),
     ("1 to 9", "the scene's cameras"),
     ("R", "back to the first camera"),
     ("Ctrl+C, Ctrl+V", "copy and paste the pose, as JSON that `render --camera` takes"),

@@ -1,4 +1,4 @@
-"""What a pixel of the viewer's picture shows: an instance and a point in the world."""
+"""What the viewer's picture shows: the instance and the point of a pixel, and the distance of what is in the middle."""
 
 from __future__ import annotations
 
@@ -25,21 +25,43 @@ def pick_at(pictures: Pictures, x: float, y: float) -> Pick | None:
     camera = pictures.camera
     if not pictures.ready or camera is None or not (0 <= x < 1 and 0 <= y < 1):
         return None
-    width, height = pictures.size
-    column, row = int(x * width), int(y * height)
     if pictures.mode == "reference":
         assert pictures.reference is not None
         tracer = pictures.reference.tracer
-        index, point = tracer["instance_id"][row, column], tracer["position"][row, column]
+        width, height = tracer.size
+        pixel = int(y * height), int(x * width)
+        index, point = tracer["instance_id"][pixel], tracer["position"][pixel]
     else:
         assert pictures.realtime is not None
-        index = pictures.realtime["gbuffer_surface"][row, column, 1]
-        depth = float(pictures.realtime["gbuffer_depth"][row, column, 0])
-        if not depth:
+        depths = pictures.realtime["gbuffer_depth"][..., 0]
+        height, width = depths.shape
+        row, column = int(y * height), int(x * width)
+        if not depths[row, column]:
             return None
-        point = point_at(camera, pictures.size, (column + 0.5, row + 0.5), camera.near / depth)
+        index = pictures.realtime["gbuffer_surface"][row, column, 1]
+        point = point_at(camera, (width, height), (column + 0.5, row + 0.5), camera.near / float(depths[row, column]))
     instance = pictures.binder.instances.get(int(index)) if index != NO_INDEX else None
     return None if instance is None else Pick(instance, np.asarray(point, np.float64))
+
+
+def seen_distance(pictures: Pictures) -> float | None:
+    """The distance in meters along the view axis to what fills the middle third of the latest picture: the median.
+
+    None for the background. Waits for the picture.
+    """
+    camera = pictures.camera
+    if not pictures.ready or camera is None:
+        return None
+    if pictures.mode == "reference":
+        assert pictures.reference is not None
+        depth = pictures.reference.tracer["depth"]
+    else:
+        assert pictures.realtime is not None
+        with np.errstate(divide="ignore"):
+            depth = camera.near / pictures.realtime["gbuffer_depth"][..., 0]
+    height, width = depth.shape
+    distance = float(np.median(depth[height // 3 : height - height // 3, width // 3 : width - width // 3]))
+    return distance if np.isfinite(distance) else None
 
 
 def point_at(

@@ -6,6 +6,7 @@ import json
 import re
 import shlex
 import shutil
+import time
 
 import glfw
 import numpy as np
@@ -128,8 +129,30 @@ def test_a_click_finds_instance_and_point(open_viewer):
     type_keys(viewer, glfw.KEY_R)
     click(viewer, 2, 2)
     assert viewer.pick is None
+    viewer.camera_control.take(sv.Camera.look_at((50, 0, 9), (90, 5, 9)))
     type_keys(viewer, glfw.KEY_F)
-    assert "nothing is picked" in viewer.message
+    assert viewer.camera.transform[:3, 3] - 2 * viewer.camera.transform[:3, 2] == pytest.approx(np.zeros(3), abs=1e-4)
+
+
+@pytest.mark.parametrize("mode", ["reference", "realtime"])
+def test_the_speed_follows_the_distance_to_what_is_seen(open_viewer, mode):
+    scene, _ = wall_before_a_camera(emissive=(1, 1, 1))
+    viewer = open_viewer(scene, **FLAT, mode=mode)
+    viewer.run(frames=2)
+    control = viewer.camera_control
+    assert control.distance == pytest.approx(2, rel=1e-3)
+    control.take(sv.Camera.look_at((0, 0, 0.5), (0, 0, 0)))
+    viewer.step()  # shows what the camera sees now
+    viewer.window.events.append(press(glfw.KEY_D))
+    for _ in range(3):
+        time.sleep(0.1)
+        viewer.step()
+    assert control.distance == pytest.approx(0.5, rel=1e-3)
+    control.take(sv.Camera.look_at((0, 0, 8), (0, 0, 20)))
+    viewer.step()
+    time.sleep(0.1)
+    viewer.step()
+    assert control.distance == pytest.approx(8, rel=0.02), "the background: as far as the wall"
 
 
 # ---- editing ----------------------------------------------------------------------------------------

@@ -11,16 +11,24 @@ import pytest
 from viewer_tools import drag, press, release
 
 import solari_vk as sv
-from solari_vk.viewer.camera_control import MAX_ELEVATION, CameraControl
+from solari_vk.viewer.camera_control import MAX_ELEVATION, PACE, CameraControl
 from solari_vk.viewer.controls import ACTIONS, FLY_KEYS, KEYS_HELP, Controls
 from solari_vk.viewer.window import Event, Window
 
+DISTANCE = 4.0
 LEFT, RIGHT = glfw.MOUSE_BUTTON_LEFT, glfw.MOUSE_BUTTON_RIGHT
+
+
+def make_control():
+    """A camera that looks along -z at (0, 1, 0), which it has seen."""
+    control = CameraControl(sv.Camera.look_at((0, 1, DISTANCE), (0, 1, 0)), extent=8.0)
+    control.see(DISTANCE)
+    return control
 
 
 @pytest.fixture
 def control():
-    return CameraControl(sv.Camera.look_at((0, 1, 4), (0, 1, 0)), extent=8.0)
+    return make_control()
 
 
 @pytest.fixture
@@ -45,6 +53,12 @@ def position(control):
     return control.camera.transform[:3, 3].copy()
 
 
+def velocity(control):
+    before = position(control)
+    control.advance(1e-3)
+    return (position(control) - before) / 1e-3
+
+
 # ---- flying -----------------------------------------------------------------------------------------
 
 
@@ -54,24 +68,109 @@ def position(control):
 )
 def test_keys_fly(handle, control, key, direction):
     code = getattr(glfw, f"KEY_{key}")
-    expected = position(control) + np.array(direction) * control.speed * 0.5
+    before = position(control)
     handle(press(code))
     control.advance(0.5)
-    assert position(control) == pytest.approx(expected)
+    moved = position(control) - before
+    assert moved == pytest.approx(np.array(direction) * np.linalg.norm(moved))
+    assert np.linalg.norm(moved) > 0.3 * PACE * DISTANCE
     handle(release(code))
-    control.advance(0.5)
-    assert position(control) == pytest.approx(expected)
+    control.advance(2)
+    stopped = position(control)
+    assert not control.flies
+    control.advance(1)
+    assert (position(control) == stopped).all()
 
 
 def test_shift_flies_faster_and_two_keys_are_as_fast_as_one(handle, control):
-    before = position(control)
-    handle(press(glfw.KEY_W), press(glfw.KEY_D), press(glfw.KEY_LEFT_SHIFT))
-    control.advance(0.25)
-    assert np.linalg.norm(position(control) - before) == pytest.approx(4 * control.speed * 0.25)
-    handle(release(glfw.KEY_LEFT_SHIFT), press(glfw.KEY_A), press(glfw.KEY_S))
+    handle(press(glfw.KEY_D), press(glfw.KEY_E))
+    control.advance(1)
+    assert np.linalg.norm(velocity(control)) == pytest.approx(control.speed, rel=1e-3)
+    handle(press(glfw.KEY_LEFT_SHIFT))
+    control.advance(1)
+    assert np.linalg.norm(velocity(control)) == pytest.approx(4 * control.speed, rel=1e-3)
+    handle(release(glfw.KEY_LEFT_SHIFT), press(glfw.KEY_A), press(glfw.KEY_Q))
+    control.advance(2)
     before = position(control)
     control.advance(1)
     assert position(control) == pytest.approx(before), "opposite keys cancel"
+
+
+def test_velocity_changes_smoothly(handle, control):
+    """After a press and after a release, no frame's velocity differs by more than a share of the speed."""
+    frame, velocities = 1 / 60, [0.0]
+    for event in (press(glfw.KEY_D), release(glfw.KEY_D)):
+        handle(event)
+        for _ in range(60):
+            before = position(control)
+            control.advance(frame)
+            velocities.append(np.linalg.norm(position(control) - before) / frame)
+    assert max(velocities) == pytest.approx(control.speed, rel=1e-3)
+    assert np.abs(np.diff(velocities)).max() < 0.25 * control.speed
+    assert velocities[-1] == 0
+
+
+@pytest.mark.parametrize("keys", [(glfw.KEY_W,), (glfw.KEY_S, glfw.KEY_D), (glfw.KEY_D, glfw.KEY_E)])
+def test_flying_does_not_depend_on_the_frame_rate(keys):
+    """Keys that are held for a second end at the same place with 7, 30 and 144 frames a second."""
+    ends = []
+    for rate in (7, 30, 144):
+        control = make_control()
+        controls = Controls(control, lambda name, argument: None)
+        controls.handle([press(key) for key in keys])
+        for _ in range(rate):
+            control.advance(1 / rate)
+        ends.append(position(control))
+    way = np.linalg.norm(ends[0] - position(make_control()))
+    assert way > 1
+    for end in ends[1:]:
+        assert np.linalg.norm(end - ends[0]) < 0.01 * way
+
+
+@pytest.mark.parametrize("rate", [7, 60])
+def test_flying_to_a_wall_ends_before_it(handle, control, rate):
+    """The speed falls with the distance to the wall, which is seen ten times a second; away from it, it grows."""
+    seen_at, speeds = -1.0, []
+    handle(press(glfw.KEY_W))
+    for frame in range(5 * rate):
+        if frame / rate - seen_at > 0.1:
+            seen_at = frame / rate
+            control.see(position(control)[2])  # a wall at z = 0
+        control.advance(1 / rate)
+        speeds.append(control.speed)
+    assert 0 < position(control)[2] < 0.05 * DISTANCE
+    assert speeds == sorted(speeds, reverse=True)
+    handle(release(glfw.KEY_W), press(glfw.KEY_S))
+    control.advance(4)
+    assert position(control)[2] > 0.1 * DISTANCE
+
+
+def test_home_is_found_from_everywhere(handle, control):
+    """F without a picked instance shows what was seen first, from as far away; R shows it as at first."""
+    home = control.camera.transform.copy()
+    seen = np.array((0, 1, 0))
+    for key in (glfw.KEY_W, glfw.KEY_S, glfw.KEY_E):
+        handle(press(key), press(glfw.KEY_LEFT_SHIFT))
+        control.advance(1)
+        control.see(None)
+        control.advance(1)
+        control.look(300, 100)
+        handle(release(key))
+        control.focus_home()
+        assert not control.flies
+        assert position(control) == pytest.approx(seen + DISTANCE * control.camera.transform[:3, 2])
+        assert control.distance == pytest.approx(DISTANCE)
+        control.advance(1)
+    control.reset()
+    control.advance(1)
+    assert (control.camera.transform == home).all()
+    assert control.speed == pytest.approx(PACE * DISTANCE)
+
+
+def test_the_background_is_as_far_as_what_was_seen_first(control):
+    control.camera.transform = sv.Camera.look_at((0, 1, 40), (0, 1, 80)).transform
+    control.see(None)
+    assert control.distance == pytest.approx(40)
 
 
 def test_wheel_changes_speed_within_bounds(handle, control):
@@ -81,7 +180,7 @@ def test_wheel_changes_speed_within_bounds(handle, control):
     handle(*[Event("scroll", y=-1e9)] * 3)
     assert 0 < control.speed < speed
     handle(*[Event("scroll", y=1e9)] * 9)
-    assert math.isfinite(control.speed)
+    assert speed < control.speed < 1e3 * speed
 
 
 def test_losing_the_focus_releases_all_keys(handle, control):

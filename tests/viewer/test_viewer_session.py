@@ -17,6 +17,7 @@ from solari_vk.cli import main
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes.debug_views import views_of
 from solari_vk.settings import FIELDS
+from solari_vk.viewer.camera_control import PACE
 from solari_vk.viewer.controls import ACTIONS, FLY_KEYS
 from solari_vk.viewer.window import Event
 
@@ -175,7 +176,7 @@ def test_real_keys_and_mouse(open_viewer, xdotool):
     xdotool("mousedown", 1, "mousemove", 110, 60)
     until(viewer, lambda: (viewer.camera.transform[:3, :3] != home[:3, :3]).any())
     xdotool("mouseup", 1, "click", 4)
-    until(viewer, lambda: viewer.camera_control.speed > viewer.camera_control.home_speed)
+    until(viewer, lambda: viewer.camera_control.pace > PACE)
     xdotool("key", "Escape")
     until(viewer, lambda: viewer.window.wants_to_close)
 
