@@ -20,7 +20,7 @@ from solari_vk.reference import PathTracer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.gltf import load_gltf
-from solari_vk.scene.light_tree import light_tree
+from solari_vk.scene.light_tree import LightTree, light_tree
 from solari_vk.scene.model import Scene
 
 SECONDS = 3.0  # the time that each measurement may take
@@ -114,16 +114,25 @@ def _host_time(device: Device, report: Report) -> None:
 
 
 def _light_tree(device: Device, report: Report) -> None:
-    """The host's time for a tree over lights that are anywhere, with any powers."""
+    """The host's time for a tree over lights that are anywhere, with any powers, and for one light that moves."""
     binder, rng, spent = SceneBinder(device, Scene()), np.random.default_rng(1), []
+    record = binder.lights.tree.records.dtype
     for count in (10_000, 100_000):
         bounds = rng.normal(scale=10, size=(count, 1, 3)) + rng.random((count, 1, 3)) * [[[-1.0], [1.0]]]
-        powers, record = rng.random(count) ** 8, binder.lights.tree.records.dtype
-        work = partial(light_tree, bounds, powers, record)
-        spent.append(best_seconds(device, work, SECONDS))
+        ids, powers = np.arange(count, dtype=np.uint32), rng.random(count) ** 8
+        spent.append(best_seconds(device, partial(light_tree, bounds, powers, record), SECONDS))
         report.figure(f"tree of {count:,} lights", spent[-1] * 1e3, "ms")
     binder.destroy()
     report.figure("tree of 100,000 / of 10,000 lights", spent[1] / spent[0], "", "10 is linear")
+    tree = LightTree(record)
+    tree.update(ids, bounds, powers)
+
+    def move() -> None:
+        bounds[0] += 1e-3
+        tree.update(ids, bounds, powers)
+
+    moved = best_seconds(device, move, SECONDS)
+    report.figure("one of 100,000 lights moves / their tree is built", moved / spent[1], "")
 
 
 def _large_scene(device: Device, report: Report) -> None:

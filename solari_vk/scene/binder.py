@@ -1,8 +1,8 @@
 """Keeps the resources of descriptor set 0 equal to a scene: uploads what changed, and rebuilds the TLAS.
 
 The scene tells the binder which objects have changed. `update` turns changes into rows of tables, uploads and builds of
-acceleration structures, which the device executes just before the next submission. The work is proportional to the
-change, not to the scene.
+acceleration structures, which the device executes just before the next submission. Uploads and builds are proportional
+to the change, not to the scene, but for lights: solari_vk/scene/lights.py says which changes concern all of them.
 """
 
 from __future__ import annotations

@@ -1,5 +1,8 @@
 """A tree over the lights that are not at infinity, by which a surface chooses those that light it most.
 
+An emissive instance is one light, however large it is. Its triangles are chosen by the light that they send out, not by
+how near they are to the surface.
+
 Conty Estevez and Kulla, "Importance Sampling of Many Lights with Adaptive Tree Splitting" (2018), without the
 splitting; Pharr, Jakob and Humphreys, "Physically Based Rendering" (4th edition, 2023), section 12.6.3.
 """
@@ -17,6 +20,69 @@ HALVINGS = 3
 """Times that the lights of a node are halved, so that it has up to 8 children. A choice among several at once is better
 than a row of choices between two, and takes no more time."""
 
+MAX_GROWTH = 1.5
+"""A tree is built anew when lights have moved so far that the sum of its nodes' sizes has grown by this factor."""
+
+
+class LightTree:
+    """The tree of a scene's lights. record: the shaders' struct LightNode."""
+
+    def __init__(self, record: np.dtype[Any]) -> None:
+        self.nodes: NDArray[Any] = np.zeros(0, record)
+        """Root first, siblings side by side."""
+        self.leaves: NDArray[np.uint32] = np.zeros(0, np.uint32)
+        """Each light's leaf (N,). Each tree that is built anew has a new array."""
+        self._ids: NDArray[np.uint32] = np.zeros(0, np.uint32)
+        self._new_size = 0.0  # the sum of the nodes' sizes when the tree was built
+
+    def update(self, ids: NDArray[np.uint32], bounds: Floats, powers: Floats) -> NDArray[np.uint32]:
+        """Follow lights (N,) that move or change their power; returns the indices of all nodes that have changed.
+
+        ids: numbers that stay with the lights; the tree is built anew when they change. bounds, powers: as those of
+        `light_tree`.
+        """
+        if np.array_equal(ids, self._ids):
+            leaves = self.nodes[self.leaves]
+            _set_bounds(leaves, bounds[:, 0], bounds[:, 1])
+            leaves["power"] = _shares(powers)
+            changed = self.leaves[leaves != self.nodes[self.leaves]]
+            self.nodes[self.leaves] = leaves
+            changed = _refit(self.nodes, changed)
+            if self._size() <= MAX_GROWTH * self._new_size:
+                return changed
+        self.nodes, self.leaves = light_tree(bounds, powers, self.nodes.dtype)
+        self._ids, self._new_size = ids, self._size()
+        return np.arange(len(self.nodes), dtype=np.uint32)
+
+    def _size(self) -> float:
+        return float(self.nodes["half_size"].sum(dtype=np.float64))
+
+
+def _refit(nodes: NDArray[Any], changed: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """Compute all nodes above changed ones from their children, and return the indices of both."""
+    found = [changed]
+    while len(changed := np.unique(nodes["parent"][changed[changed > 0]])):
+        present = np.arange(2**HALVINGS) < nodes["child_count"][changed, None]
+        children = nodes[nodes["first"][changed, None] + np.arange(2**HALVINGS) * present]
+        low, high = children["center"] - children["half_size"], children["center"] + children["half_size"]
+        above = nodes[changed]
+        _set_bounds(above, low.min(axis=1), high.max(axis=1))
+        above["power"] = (children["power"] * present).sum(axis=1)
+        nodes[changed] = above
+        found.append(changed)
+    return np.unique(np.concatenate(found))
+
+
+def _set_bounds(nodes: NDArray[Any], low: NDArray[Any], high: NDArray[Any]) -> None:
+    nodes["center"], nodes["half_size"] = (low + high) / 2, (high - low) / 2
+
+
+def _shares(powers: Floats) -> Floats:
+    """Powers divided by their sum, which may be 0."""
+    shares: Floats = powers / max(powers.max(initial=0.0), 1e-300)  # so that sums are finite
+    shares /= max(shares.sum(), 1.0)
+    return shares
+
 
 def light_tree(bounds: Floats, powers: Floats, record: np.dtype[Any]) -> tuple[NDArray[Any], NDArray[np.uint32]]:
     """The nodes, root first and siblings side by side, and each light's leaf (N,).
@@ -26,9 +92,7 @@ def light_tree(bounds: Floats, powers: Floats, record: np.dtype[Any]) -> tuple[N
     """
     count = len(powers)
     nodes, leaves = np.zeros(2 * count, record), np.zeros(count, np.uint32)
-    shares = powers / max(powers.max(initial=0.0), 1e-300)  # so that sums are finite
-    shares /= max(shares.sum(), 1.0)
-    centers = bounds.mean(axis=1)
+    shares, centers = _shares(powers), bounds.mean(axis=1)
     # The lights of a level, node by node; where each node begins; and its index.
     order, starts, level = np.arange(count), np.zeros(min(count, 1), np.int64), np.zeros(min(count, 1), np.int64)
     end = 1
@@ -53,7 +117,7 @@ def light_tree(bounds: Floats, powers: Floats, record: np.dtype[Any]) -> tuple[N
         starts = np.cumsum(counts) - counts
         nodes["first"][parents], nodes["child_count"][parents] = level[np.cumsum(children) - children], children
         nodes["parent"][level] = np.repeat(parents, children)
-    return nodes, leaves
+    return nodes[:end], leaves
 
 
 def _halve(order: Indices, counts: Indices, centers: Floats) -> tuple[Indices, Indices, Indices]:

@@ -15,7 +15,7 @@ from solari_vk.scene.alias_table import alias_table
 from solari_vk.scene.constants import NO_INDEX
 from solari_vk.scene.emission import Emission
 from solari_vk.scene.light_kinds import AT_INFINITY, LightKind
-from solari_vk.scene.light_tree import light_tree
+from solari_vk.scene.light_tree import LightTree
 from solari_vk.scene.model import Instance, Light
 from solari_vk.scene.table import Table
 
@@ -41,14 +41,16 @@ def choice_weights(powers: NDArray[np.float64]) -> NDArray[np.float64]:
 class Lights:
     """The tables `light_sources` and `scene_info`, and one for each kind that has a buffer of records.
 
-    An emissive instance is added or removed in constant time, however many there are: the last one takes the index of
-    the removed one. All other lights are few and are written anew with each change.
+    An emissive instance takes the index behind the others; when it is removed, the last one takes its place. All other
+    lights are few and are written anew with each change. When lights are added or removed or change their power, the
+    probabilities of all lights change, and all rows are uploaded; when lights move, only their nodes of the tree.
     """
 
     def __init__(self, device: Device, layout: dict[str, Any]) -> None:
         self.sources = Table(device, "light_sources", layout["light_sources"])
         self.info = Table(device, "scene_info", layout["scene_info"])
         self.tree = Table(device, "light_tree", layout["light_tree"])
+        self._nodes = LightTree(layout["light_tree"])
         self._kinds = {kind.source: kind for kind in light_kinds.LIGHT_KINDS}
         self._index_of_kind = {kind: index for index, kind in enumerate(light_kinds.LIGHT_KINDS)}
         self._mesh_kind = self._kinds[Instance]
@@ -168,9 +170,11 @@ class Lights:
             moving = [kind.position(light) for kind, light in others if kind.position]
             self.positions = np.concatenate([places[:, 0], np.reshape(moving, (-1, 3))])
             self._positions_changed = False
-        if self._changed or self._powers_changed:
+        chosen_otherwise = self._changed or self._powers_changed
+        if chosen_otherwise:
             self._update_choices(others, lit_area)
-        self._update_tree(places[:, 1])
+        if self._update_tree(places[:, 1]) or chosen_otherwise:
+            self.sources.mark(range(len(self.powers)))
 
     def _update_choices(self, others: list[tuple[LightKind, Light]], lit_area: Callable[[], float]) -> None:
         """Update what depends on the lights' number, order and powers."""
@@ -188,23 +192,23 @@ class Lights:
         choices = self.sources.records["choice"]
         choices[: len(listed)] = alias_table(choice_weights(self.powers), choices.dtype)
 
-    def _update_tree(self, half_sizes: NDArray[np.float64]) -> None:
-        """Build the tree over all lights but those at infinity, and mark what points to it."""
+    def _update_tree(self, half_sizes: NDArray[np.float64]) -> bool:
+        """Update the tree over all lights but those at infinity; returns whether lights have other leaves."""
         count, info = len(self.powers), self.info.records[0]
         finite = int(info["first_light_at_infinity"])
         bounds = np.repeat(self.positions[:finite, None], 2, axis=1)
         bounds[: len(half_sizes)] += half_sizes[:, None] * ((-1.0,), (1.0,))
-        nodes, leaves = light_tree(bounds, self.powers[:finite], self.tree.records.dtype)
-        self.tree.reserve(len(nodes))
-        self.tree.records[: len(nodes)] = nodes
-        self.tree.mark(range(len(nodes)))
+        leaves = self._nodes.leaves
+        changed = self._nodes.update(self.ids[:finite], bounds, self.powers[:finite])
+        self.tree.reserve(len(self._nodes.nodes))
+        self.tree.records[changed] = self._nodes.nodes[changed]
+        self.tree.mark(changed.tolist())
         sources = self.sources.records[:count]
-        sources["node"] = NO_INDEX
-        sources["node"][:finite] = leaves
-        self.sources.mark(range(count))
+        sources["node"][:finite], sources["node"][finite:] = self._nodes.leaves, NO_INDEX
         info["part_count"] = min(int(sources["part_count"].sum(dtype=np.int64)), NO_INDEX)
         info["finite_probability"] = sources["choice"]["probability"][:finite].sum(dtype=np.float64)
         self.info.mark([0])
+        return self._nodes.leaves is not leaves
 
     def _write_others(self, light_count: int) -> None:
         """Write the rows behind the emissive instances, the records of their kinds, and `scene_info`."""

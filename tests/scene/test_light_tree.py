@@ -10,6 +10,7 @@ from solari_vk.scene import light_tree, shapes
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import lamp, matte
 from solari_vk.scene.constants import NO_INDEX
+from solari_vk.scene.table import Table
 
 RECORD = np.dtype([("center", "f4", 3), ("half_size", "f4", 3), ("power", "f4"), ("child_count", "u4"),
                    ("first", "u4"), ("parent", "u4")])  # fmt: skip
@@ -76,17 +77,50 @@ def test_neighbors_share_nodes():
     assert sizes.mean() < 0.3 * np.linalg.norm(nodes["half_size"][0])
 
 
+def test_lights_that_move_or_change_their_power():
+    """The tree follows: only nodes above moved lights change; the tree is built anew once lights are far away."""
+    random = np.random.default_rng(4)
+    bounds, powers = random_lights(441)
+    ids, tree = np.arange(441, dtype=np.uint32), light_tree.LightTree(RECORD)
+    assert len(tree.update(ids, bounds, powers)) == len(tree.nodes)
+    leaves = tree.leaves
+    assert not len(tree.update(ids, bounds, powers))
+    for moved in (1, 1, 3, 40):
+        lights, before = random.choice(441, moved, replace=False), tree.nodes.copy()
+        bounds = bounds.copy()
+        bounds[lights] += random.normal(size=(moved, 1, 3))
+        changed = tree.update(ids, bounds, powers)
+        assert 0 < len(changed) <= 4 * moved
+        assert set(np.flatnonzero(tree.nodes != before).tolist()) <= set(changed.tolist())
+        check_tree(tree.nodes, tree.leaves, bounds, powers)
+    powers = powers[::-1] ** 2
+    tree.update(ids, bounds, powers)
+    check_tree(tree.nodes, tree.leaves, bounds, powers)
+    assert tree.leaves is leaves
+    bounds = random.permutation(bounds)
+    assert len(tree.update(ids, bounds, powers)) == len(tree.nodes)
+    assert tree.leaves is not leaves
+    check_tree(tree.nodes, tree.leaves, bounds, powers)
+
+
 def test_the_tree_follows_the_lights_alone(device, monkeypatch):
-    """Moving, dimming, adding and removing lights builds the tree anew; moving other things doesn't."""
+    """Adding and removing lights builds the tree anew. When a light moves, its row is uploaded, and its nodes."""
     quad = shapes.quad((0, 0, 0), (1, 0, 0), (0, 0, 2))
     lamps = [sv.Instance(quad, lamp(x + 1.0), transform=(x, 0, 0)) for x in range(5)]
     scene = sv.Scene(*lamps, sv.Instance(quad, matte(0.5)), sv.DirectionalLight(direction=(0, -1, 0), illuminance=1))
     binder, other, builds = SceneBinder(device, scene), scene.instances[5], []
-    build = light_tree.light_tree
-    monkeypatch.setattr("solari_vk.scene.lights.light_tree", lambda *a: (builds.append(1), build(*a))[1])
+    build, uploaded, find_runs = light_tree.light_tree, {}, Table._runs
+
+    def note(table):
+        uploaded[table.name] = len(table.marked)
+        return find_runs(table)
+
+    monkeypatch.setattr(Table, "_runs", note)
+    monkeypatch.setattr("solari_vk.scene.light_tree.light_tree", lambda *a: (builds.append(1), build(*a))[1])
 
     def built():
         builds.clear()
+        uploaded.clear()
         binder.update()
         lights, finite = binder.lights, len(scene.instances) - 1
         sources = lights.sources.records[: finite + 1]
@@ -103,10 +137,15 @@ def test_the_tree_follows_the_lights_alone(device, monkeypatch):
         assert built() == 1
         other.transform = (0, 5, 0)
         assert built() == 0
+        assert "light_tree" not in uploaded
         lamps[2].transform = (0, 3, 0)
-        assert built() == 1
+        assert built() == 0
+        assert (uploaded["light_sources"], uploaded["light_tree"]) == (1, 2)
         lamps[1].material.emissive = (9.0, 9.0, 9.0)
-        assert built() == 1
+        assert built() == 0
+        scene.lights[0].illuminance = 3.0
+        assert built() == 0
+        assert "light_tree" not in uploaded
         scene.remove(lamps[0])
         assert built() == 1
         scene.add(lamps[0])

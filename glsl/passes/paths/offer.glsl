@@ -7,7 +7,8 @@
 
 uvec4 light_point(uint light_index, uint part, vec2 u) { return uvec4(light_index, part, floatBitsToUint(u)); }
 
-// The point of a light that the path's first ray has met.
+// The point of a light that the path's first ray has met. Where two suns overlap, the light of both is taken to come
+// from the first one, in its color.
 uvec4 met_point(Path path) {
     if (path.hit.instance != NO_INDEX) {
         uint light_index = instances.at[path.hit.instance].light_index;

@@ -1,6 +1,7 @@
 // How a surface chooses a light: by a walk down the tree of lights, at each node by how much light each child may send
-// to the surface. Lights at infinity are chosen by power. Conty Estevez and Kulla, "Importance Sampling of Many Lights
-// with Adaptive Tree Splitting" (2018).
+// to the surface. Lights at infinity are chosen by power, and so are the triangles of an emissive mesh, which is one
+// light however large it is. Conty Estevez and Kulla, "Importance Sampling of Many Lights with Adaptive Tree Splitting"
+// (2018).
 #ifndef SCENE_LIGHTS_TREE_GLSL
 #define SCENE_LIGHTS_TREE_GLSL
 
