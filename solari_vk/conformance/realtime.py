@@ -19,7 +19,7 @@ from solari_vk.rendered import RenderedFrame
 from solari_vk.renderer import Renderer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera, Scene
-from solari_vk.settings import Settings
+from solari_vk.settings import RAW, Settings
 
 Image = NDArray[Any]
 # Fewer tiles and cells than by default, for speed; they don't change means.
@@ -60,8 +60,8 @@ def make_renderer(
     device: Device, scene: Scene | SceneBinder, size: tuple[int, int] = (32, 32), seed: int = 0,
     passes: Sequence[str] | None = None, **settings: Any,
 ) -> Renderer:  # fmt: skip
-    """A renderer with SMALL and these settings; with `passes`, it runs only those (see PartialRenderer)."""
-    chosen = Settings(**{**SMALL, **settings})
+    """A renderer with RAW, SMALL and these settings; with `passes`, it runs only those (see PartialRenderer)."""
+    chosen = Settings(**{**RAW, **SMALL, **settings})
     if passes is None:
         return Renderer(device, scene, size, chosen, seed=seed)
     return PartialRenderer(device, scene, size, chosen, seed=seed, passes=passes)

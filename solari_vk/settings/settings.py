@@ -76,7 +76,9 @@ class Settings:
         0.15, "Least roughness of surfaces that a path meets after it left a diffuse one (0: off). More: less noise, "
         "wider caustics.", low=0, high=1)  # fmt: skip
 
-    denoise: bool = _denoise(False, "Average light of paths over frames and pixels, as far as differences are noise.")
+    denoise: bool = _denoise(
+        True, "Average light over frames and pixels, as far as differences are noise, with lighting=paths. Less noise, "
+        "slower.")  # fmt: skip
     denoise_frames: int = _denoise(128, "Frames in a pixel's mean. More: less noise, more lag.", low=1, high=4096)
 
     # ---- ReSTIR of paths (lighting=paths)

@@ -22,7 +22,8 @@ from solari_vk.settings import QUALITIES, Settings
 
 Picture = NDArray[np.float64]
 # The frame without guides and display, so that their shaders need not be compiled.
-LIGHT = ("gbuffer/", "light_tiles/", "world_cache/", "restir_di/", "restir_gi/", "specular_gi/", "display/compose")
+LIGHT = ("gbuffer/", "light_tiles/", "world_cache/", "restir_di/", "restir_gi/", "specular_gi/", "display/compose",
+         "taa/")  # fmt: skip
 SOLARI = {**QUALITIES["solari"], "gbuffer": "traced"}
 
 

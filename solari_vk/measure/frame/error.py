@@ -21,7 +21,7 @@ from solari_vk.reference import PathTracer
 from solari_vk.renderer import Renderer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera, Scene
-from solari_vk.settings import Settings
+from solari_vk.settings import RAW, Settings
 
 Picture = NDArray[np.float64]
 
@@ -96,8 +96,8 @@ class Errors:
 def configurations() -> dict[str, Settings]:
     """The settings whose errors are compared, by name."""
     named = {
-        "paths": Settings(), "paths, restir on": Settings(restir=True), "split": Settings(lighting="split"),
-        "solari": Settings.preset("solari"),
+        "paths": Settings(), "paths, raw": Settings(**RAW), "paths, raw, restir on": Settings(**RAW, restir=True),
+        "split": Settings(lighting="split"), "solari": Settings.preset("solari"),
     }  # fmt: skip
     return {f"{name} (default)" if settings == Settings() else name: settings for name, settings in named.items()}
 
