@@ -247,6 +247,11 @@ class Renderer(PictureRenderer):
     # ---- results ------------------------------------------------------------------------------------
 
     @property
+    def render_size(self) -> tuple[int, int]:
+        """Width and height in pixels of what is rendered for a picture, which has `size`: see the setting upscale."""
+        return self._render_size
+
+    @property
     def outputs(self) -> tuple[str, ...]:
         """The names in OUTPUTS that the frame has with its settings."""
         return tuple(name for name in self.OUTPUTS if name in pathtracer.FIRST_HIT_AOVS or self._has(name))

@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 
 def error_of_mean(mean: NDArray[Any], variance: NDArray[Any]) -> float:
     """The error of a mean (height, width, 3) of unbiased samples. variance (height, width): of the mean's luminance."""
-    return math.sqrt(_relative(mean, variance).mean())
+    return math.sqrt(relative_squares(mean, variance).mean())
 
 
 def error_of_other(picture: NDArray[Any], mean: NDArray[Any], variance: NDArray[Any]) -> float:
@@ -34,8 +34,8 @@ def error_of_other(picture: NDArray[Any], mean: NDArray[Any], variance: NDArray[
     included. One standard error is added, because the samples may be near the picture by chance. A block counts as off
     by 100 % at most, so that a few bright samples don't decide.
     """
-    difference = _luminance(picture) - _luminance(mean)
-    squares = np.clip(_relative(picture, difference**2 - variance), -1, 1)
+    difference = luminance(picture) - luminance(mean)
+    squares = np.clip(relative_squares(picture, difference**2 - variance), -1, 1)
     return math.sqrt(max(float(squares.mean()), 0.0) + float(squares.std()) / math.sqrt(squares.size))
 
 
@@ -67,7 +67,7 @@ class ErrorEstimate:
             later = count - earlier
             later_mean = (count * mean.astype(np.float64) - earlier * earlier_mean) / later
             # Chan, Golub and LeVeque, "Updating Formulae and a Pairwise Algorithm for Computing Sample Variances"
-            apart = (_luminance(later_mean) - _luminance(earlier_mean)) ** 2
+            apart = (luminance(later_mean) - luminance(earlier_mean)) ** 2
             own = np.maximum(deviations - earlier_deviations - apart * earlier * later / count, 0)
             self.error = error_of_other(earlier_picture, later_mean, own / (later * (later - 1)))
         self._held = count, mean, deviations, picture()
@@ -88,7 +88,7 @@ class RunningMean:
         apart = picture.astype(np.float64) - self._mean
         self._mean = self._mean + apart / self.count
         # Welford, "Note on a Method for Calculating Corrected Sums of Squares and Products" (1962)
-        self._deviations = self._deviations + _luminance(apart) * _luminance(picture - self._mean)
+        self._deviations = self._deviations + luminance(apart) * luminance(picture - self._mean)
 
     @property
     def mean(self) -> Floats:
@@ -101,15 +101,16 @@ class RunningMean:
         return np.asarray(self._deviations / (self.count * (self.count - 1)))
 
 
-def _luminance(picture: NDArray[Any]) -> Floats:
+def luminance(picture: NDArray[Any]) -> Floats:
+    """Of a picture (..., 3)."""
     return picture.astype(np.float64) @ LUMINANCE.astype(np.float64)
 
 
-def _relative(picture: NDArray[Any], squares: NDArray[Any]) -> Floats:
-    """Squared errors (height, width) relative to a picture's luminance, for each block."""
-    luminance = _luminance(picture)
-    floor = 1e-2 * float(luminance.mean()) ** 2 or 1.0
-    relative: Floats = _blocks(squares) / (_blocks(luminance) ** 2 + floor)
+def relative_squares(picture: NDArray[Any], squares: NDArray[Any]) -> Floats:
+    """Squared errors (height, width) relative to the squared luminance of a picture (height, width, 3), for blocks."""
+    light = luminance(picture)
+    floor = 1e-2 * float(light.mean()) ** 2 or 1.0
+    relative: Floats = _blocks(squares) / (_blocks(light) ** 2 + floor)
     return relative
 
 

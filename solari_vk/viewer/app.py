@@ -140,7 +140,7 @@ class Viewer(Session):
             self.overlay.lay_out(seconds)
         if not self.pictures.ready and "picture" not in self.faults:
             self._show_wait()
-        self._render(self.scale.size(pixels))
+        self._render(pixels)
         shown = self._presenter.show(self.pictures.parts(), self._draw)
         self.frame_count += 1
         self._note_time(seconds, time.perf_counter() - now)
@@ -165,10 +165,10 @@ class Viewer(Session):
             raise SolariError("the window shows no frame that can be read")
         return pixels
 
-    def _render(self, size: tuple[int, int]) -> None:
+    def _render(self, pixels: tuple[int, int]) -> None:
         """Render the pictures. An error in the scene or in a shader is shown, and the last picture stays."""
         try:
-            self.pictures.render(self.camera, size)
+            self.pictures.render(self.camera, pixels, self.scale.scale)
             if not self.pictures.refuses:
                 self.clear_fault("picture")
         except ValidationError:
@@ -206,7 +206,7 @@ class Viewer(Session):
 
     def _show_title(self) -> None:
         self.end_message()
-        width, height = self.pictures.size
+        width, height = self.pictures.rendered_size
         state = f"{self.pictures.mode} - {self.pictures.view} - {width}x{height} - {self.fps:.1f} fps"
         self._set_title(self.message.partition("\n")[0] or state)
 

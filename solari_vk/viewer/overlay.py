@@ -83,7 +83,7 @@ class Overlay:
         imgui.new_frame()
         try:
             if session.pictures.mode == "split":
-                self._divider(size)
+                self._dividers(size)
             if session.shows_panels:
                 imgui.set_next_window_pos(imgui.ImVec2(MARGIN, MARGIN), imgui.Cond_.first_use_ever)
                 height = max(size[1] - 2 * MARGIN, 1)
@@ -118,24 +118,29 @@ class Overlay:
 
     # ---- parts --------------------------------------------------------------------------------------
 
-    def _divider(self, size: tuple[int, int]) -> None:
-        """The line between the halves of the split view, which the user can drag."""
-        pictures = self._session.pictures
-        x = pictures.divider * size[0]
-        lines = imgui.get_background_draw_list()
-        lines.add_line(imgui.ImVec2(x, 0), imgui.ImVec2(x, size[1]), 0xC0FFFFFF)
-        for name, at in (("realtime", x - 8 - imgui.calc_text_size("realtime").x), ("reference", x + 8)):
+    def _dividers(self, size: tuple[int, int]) -> None:
+        """The lines between the pictures of the split view, which the user can drag, and the pictures' names."""
+        pictures, lines = self._session.pictures, imgui.get_background_draw_list()
+        for index, (name, (begin, end)) in enumerate(pictures.columns().items()):
+            at = begin * size[0] + 8 if index else end * size[0] - 8 - imgui.calc_text_size(name).x
             lines.add_text(imgui.ImVec2(at + 1, size[1] - 23), 0xFF000000, name)
             lines.add_text(imgui.ImVec2(at, size[1] - 24), 0xFFFFFFFF, name)
+            if index:
+                self._divider(f"divider {index}", begin, size)
+
+    def _divider(self, name: str, at: float, size: tuple[int, int]) -> None:
+        x, pictures = at * size[0], self._session.pictures
+        imgui.get_background_draw_list().add_line(imgui.ImVec2(x, 0), imgui.ImVec2(x, size[1]), 0xC0FFFFFF)
         imgui.set_next_window_pos(imgui.ImVec2(x - DIVIDER_WIDTH // 2, 0))
         imgui.set_next_window_size(imgui.ImVec2(DIVIDER_WIDTH, size[1]))
         imgui.push_style_var(imgui.StyleVar_.window_padding, imgui.ImVec2(0, 0))
         imgui.push_style_var(imgui.StyleVar_.window_min_size, imgui.ImVec2(1, 1))
         flags = _BARE | imgui.WindowFlags_.no_background | imgui.WindowFlags_.no_bring_to_front_on_focus
-        imgui.begin("divider", None, flags)
+        imgui.begin(name, None, flags)
         imgui.invisible_button("drag", imgui.ImVec2(DIVIDER_WIDTH, max(size[1], 1)))
         if imgui.is_item_active():
-            pictures.divider = min(max(imgui.get_io().mouse_pos.x / max(size[0], 1), 0.0), 1.0)
+            dragged = imgui.get_io().mouse_pos.x / max(size[0], 1) - at
+            pictures.divider = min(max(pictures.divider + dragged, 0.0), 1.0)
         imgui.end()
         imgui.pop_style_var(2)
 

@@ -71,8 +71,9 @@ class Panels:
         changed, value = imgui.slider_float("scale", scale.scale, MIN_SCALE, 1.0)
         if changed:
             scale.fix(value)
-        width, height = pictures.size
-        imgui.text(f"{width} x {height}, {session.fps:.1f} frames/s, speed {session.camera_control.speed:.3g} m/s")
+        (width, height), (rendered_width, rendered_height) = pictures.size, pictures.rendered_size
+        imgui.text(f"{width} x {height} from {rendered_width} x {rendered_height}")
+        imgui.text(f"{session.fps:.1f} frames/s, speed {session.camera_control.speed:.3g} m/s")
         if session.pick is not None:
             instance, point = session.pick.instance, session.pick.point
             imgui.text_wrapped(f"picked: {instance.describe()}, {instance.material.describe()}")
@@ -95,10 +96,8 @@ class Panels:
         pictures = self._session.pictures
         if not pictures.ready:
             return
-        error = pictures.error()
-        if error is not None:
-            pixels, mean = 100 * error[0], 100 * error[1]
-            self._slow.append(f"realtime - reference: RMS {pixels:.1f} % of white, mean radiance {mean:+.1f} %")
+        for name, (error, mean) in pictures.errors().items():
+            self._slow.append(f"{name}: error {100 * error:.1f} %, mean radiance {100 * mean:+.1f} %")
         if pictures.reference is not None and pictures.mode != "realtime":
             self._slow.append(f"reference: {pictures.reference.tracer.samples} samples a pixel")
         count = pictures.ray_count()

@@ -17,19 +17,23 @@ from solari_vk.renderer import Renderer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import Settings
+from solari_vk.viewer.comparison import difference
 from solari_vk.viewer.presenter import Part
 from solari_vk.viewer.reference_picture import ReferencePicture
+from solari_vk.viewer.scaling import Build, Size
+from solari_vk.viewer.tone_mapped import ToneMapped
 
 MODES = ("realtime", "reference", "split")
-Build = tuple[tuple[int, int], bool]  # the size of the pictures, and whether the realtime renderer counts rays
+STRIP = 1 / 3  # share of the split view's width that shows the denoised picture, between raw one and reference
 
 
 class Pictures:
     """Renders what `mode`, one of MODES, shows. A renderer is made when a mode first needs it.
 
-    view, tonemap: as in `Renderer`. divider: the share of the width, from the left, that shows the realtime picture in
-    the mode "split". counts_rays: whether the realtime renderer counts its rays, which makes it a little slower. These
-    and `mode` may be assigned at any time. `close` frees everything.
+    view, tonemap: as in `Renderer`. divider: where the mode "split" divides the window, as a share of its width from
+    the left: between the realtime picture and the reference; or, with the denoiser, the middle of a strip with the
+    denoised picture between the raw one and the reference. counts_rays: whether the realtime renderer counts its rays,
+    which makes it a little slower. These and `mode` may be assigned at any time. `close` frees everything.
     """
 
     def __init__(self, device: Device, scene: Scene, settings: Settings, seed: int = 0, mode: str = "realtime") -> None:
@@ -44,7 +48,10 @@ class Pictures:
         self.binder = SceneBinder(device, scene)
         self.realtime: Renderer | None = None
         self.reference: ReferencePicture | None = None
-        self._build: Build = (0, 0), False  # of the latest frame that was rendered
+        self._raw: ToneMapped | None = None  # the realtime picture without denoising
+        self._upscale = settings.upscale  # what the setting was last set to by the scale; the user may change it
+        self._made_upscale = self._upscale  # what the latest realtime picture was made with
+        self._build = Build()  # of the latest frame that was rendered
         self._refused: Build | None = None  # the requested build if it failed; `_build` then stays in use
 
     @property
@@ -68,9 +75,14 @@ class Pictures:
         self._mode = mode
 
     @property
-    def size(self) -> tuple[int, int]:
-        """Width and height of the latest pictures, in pixels."""
-        return self._build[0]
+    def size(self) -> Size:
+        """Width and height of the latest picture in pixels; in the mode "split" of the realtime one."""
+        return self._build.reference if self.mode == "reference" else self._build.realtime
+
+    @property
+    def rendered_size(self) -> Size:
+        """Width and height of what is rendered for the picture, before it is upscaled."""
+        return self.size if self.mode == "reference" or self.realtime is None else self.realtime.render_size
 
     @property
     def refuses(self) -> bool:
@@ -79,11 +91,12 @@ class Pictures:
 
     # ---- rendering ----------------------------------------------------------------------------------
 
-    def render(self, camera: Camera, size: tuple[int, int]) -> None:
+    def render(self, camera: Camera, pixels: Size, scale: float = 1.0) -> None:
         """Submit the next frame of the pictures that the mode shows.
 
-        A size that can't be built, for example because a shader has an error, raises SolariError once. Further frames
-        then keep the last size that could be built, until another size is asked for or `reload` is called.
+        pixels: width and height of the window. scale: the share of each that is rendered. A size that can't be built,
+        for example because a shader has an error, raises SolariError once. Further frames then keep the last size that
+        could be built, until another size is asked for or `reload` is called.
 
         The path tracer adds one sample per pixel while the camera moves and in the mode "split", so that frames are
         short, and otherwise as many as fill a dispatch.
@@ -94,7 +107,7 @@ class Pictures:
         moved = self.camera is None or (self.camera.transform != camera.transform).any()
         self.is_short = moved or self.mode != "reference"
         self.camera = None
-        wanted = size, self.counts_rays and self.mode != "reference"
+        wanted = Build.of(pixels, scale, self.counts_rays and self.mode != "reference")
         build = self._build if wanted == self._refused else wanted
         failing = "realtime"
         try:
@@ -102,9 +115,10 @@ class Pictures:
                 self._render_realtime(camera, build)
             if self.mode != "realtime":
                 failing = "reference"
-                self._render_reference(camera, build[0])
+                self._render_reference(camera, build)
+            self._render_raw(camera)
         except SolariError:
-            if self._built(failing, build) != build and self.size != (0, 0) and build != self._build:
+            if not self._is_built(failing, build) and self._build != Build() and build != self._build:
                 self._refused = wanted
             raise
         self._build = build
@@ -112,31 +126,56 @@ class Pictures:
             self._refused = None
         self.camera = dataclasses.replace(camera)
 
-    def _built(self, name: str, build: Build) -> Build | None:
-        """What the renderer "realtime" or "reference" was last built for; None if there is none yet."""
+    def _is_built(self, name: str, build: Build) -> bool:
+        """Whether the renderer "realtime" or "reference" has what it needs for a build."""
         if name == "reference":
-            return None if self.reference is None else (self.reference.size, build[1])
+            return self.reference is not None and self.reference.size == self._reference_size(build)
         if self.realtime is None:
-            return None
+            return False
         display = self.realtime.resource("display")
-        return (display.width, display.height), self.realtime.count_rays
+        made = (display.width, display.height), self._made_upscale, self.realtime.count_rays
+        return made == (build.realtime, build.upscale, build.counts_rays)
 
     def _render_realtime(self, camera: Camera, build: Build) -> None:
-        size, counts = build
-        if self.realtime is None or self.realtime.count_rays != counts:
-            made = Renderer(self.device, self.binder, size, self.settings, seed=self.seed, count_rays=counts)
+        if self.realtime is None or self.realtime.count_rays != build.counts_rays:
+            made = Renderer(self.device, self.binder, build.realtime, self.settings, seed=self.seed,
+                            count_rays=build.counts_rays)  # fmt: skip
             if self.realtime is not None:
                 self.realtime.close()
             self.realtime = made
-        if self.realtime.size != size:
-            self.realtime.resize(size)
+        if self._upscale != build.upscale:
+            self._upscale = self.settings.upscale = build.upscale
+        if self.realtime.size != build.realtime:
+            self.realtime.resize(build.realtime)
         self.realtime.view, self.realtime.tonemap = self.view, self.tonemap
         self.realtime.render(camera)
+        self._made_upscale = build.upscale
 
-    def _render_reference(self, camera: Camera, size: tuple[int, int]) -> None:
+    def _reference_size(self, build: Build) -> Size:
+        """In the mode "split", pictures are compared pixel by pixel of what is rendered."""
+        return self.realtime.render_size if self.mode == "split" and self.realtime else build.reference
+
+    def _render_reference(self, camera: Camera, build: Build) -> None:
+        size = self._reference_size(build)
         if self.reference is None:
             self.reference = ReferencePicture(self.device, self.binder, size, self.seed)
         self.reference.render(camera, size, self.tonemap, 1 if self.is_short else MAX_SAMPLES)
+
+    @property
+    def _shows_raw(self) -> bool:
+        """Whether the picture has a raw one beside it."""
+        settings, made = self.settings, self.realtime is not None and "raw_radiance" in self.realtime.outputs
+        return made and self.mode == "split" and self.view == PICTURE and settings.denoise
+
+    def _render_raw(self, camera: Camera) -> None:
+        if not self._shows_raw:
+            return
+        assert self.realtime is not None
+        radiance, size = self.realtime.resource("raw_radiance"), self.realtime.render_size
+        if self._raw is None:
+            self._raw = ToneMapped(self.device, radiance, size)
+        self._raw.fit(radiance, size)
+        self._raw.render(camera.exposure, self.tonemap)
 
     def cut(self) -> None:
         """Drop the realtime renderer's history, because the next picture has nothing in common with the latest."""
@@ -146,7 +185,7 @@ class Pictures:
     def reload(self) -> None:
         """Compile changed shaders. Raises CompilationError if one has an error; the old pipelines then stay in use."""
         self._refused = None
-        for item in (self.realtime, self.reference):
+        for item in (self.realtime, self.reference, self._raw):
             if item is not None:
                 item.reload()
 
@@ -159,22 +198,43 @@ class Pictures:
         reference = self.reference is not None and self.reference.tracer.samples > 0
         return {"realtime": realtime, "reference": reference, "split": realtime and reference}[self.mode]
 
+    def columns(self) -> dict[str, tuple[float, float]]:
+        """The names of the pictures that are shown side by side, from left to right, and where each begins and ends, as
+        shares of the width."""
+        if self.mode != "split":
+            return {self.mode: (0.0, 1.0)}
+        if not self._shows_raw:
+            return {"realtime": (0.0, self.divider), "reference": (self.divider, 1.0)}
+        begin, end = max(self.divider - STRIP / 2, 0.0), min(self.divider + STRIP / 2, 1.0)
+        return {"raw": (0.0, begin), "denoised": (begin, end), "reference": (end, 1.0)}
+
     def parts(self) -> list[Part]:
         """The parts of images that make up the latest picture; an empty list before the first frame."""
         realtime = self.realtime.resource("display") if self.realtime and self.realtime.frame_count else None
-        reference = self.reference.display if self.reference else None
-        if self.mode == "split" and realtime is not None and reference is not None:
-            return [Part(realtime, 0, self.divider), Part(reference, self.divider, 1)]
-        shown = reference if self.mode == "reference" else realtime
-        return [] if shown is None else [Part(shown)]
+        raw = None if self._raw is None else self._raw.display
+        reference = None if self.reference is None else self.reference.display
+        images = {"realtime": realtime, "denoised": realtime, "raw": raw, "reference": reference}
+        columns = self.columns()
+        shown = {name: image for name in columns if (image := images[name]) is not None}
+        if len(shown) < len(columns):
+            return [] if realtime is None or self.mode == "reference" else [Part(realtime)]
+        # The smallest image's columns are the finest borders that all images have.
+        texels = min(image.width for image in shown.values())
+        at = {name: [round(share * texels) / texels for share in columns[name]] for name in shown}
+        return [Part(image, *at[name]) for name, image in shown.items()]
 
     def pixels(self) -> NDArray[np.uint8]:
-        """The latest picture as it is shown, (height, width, 3), at the size that was rendered."""
+        """The latest picture as it is shown, (height, width, 3), at the size of the largest image in it."""
         parts = self.parts()
         if not parts:
             raise SolariError("there is no picture yet")
-        images = (part.image.read()[:, slice(*part.columns(part.image.width)), :3] for part in parts)
-        return np.concatenate(list(images), axis=1)
+        width, height = (max(sizes) for sizes in zip(*((p.image.width, p.image.height) for p in parts), strict=True))
+        found = []
+        for part in parts:
+            rows = np.arange(height) * part.image.height // height
+            columns = np.arange(*part.columns(width)) * part.image.width // width
+            found.append(part.image.read()[rows[:, None], columns, :3])
+        return np.concatenate(found, axis=1)
 
     def radiance(self) -> NDArray[np.float32]:
         """Radiance (height, width, 3) of the latest picture, in cd/m^2; in the mode "split" of the realtime one."""
@@ -184,21 +244,19 @@ class Pictures:
         found: NDArray[np.float32] = source["radiance"]
         return found
 
-    def error(self) -> tuple[float, float] | None:
-        """How far the realtime picture is from the path tracer's: (root of the mean squared difference of the shown
-        pixels as a share of white, difference of the mean radiance as a share of the path tracer's).
+    def errors(self) -> dict[str, tuple[float, float]]:
+        """How far the pictures in `columns` are from the path tracer's, by name: comparison.difference.
 
-        None unless the mode is "split" and the view is "picture", the only one that the path tracer has too.
+        Empty unless the mode is "split" and the view is "picture", the only one that the path tracer has too.
         """
-        if self.mode != "split" or self.view != "picture" or not self.ready:
-            return None
+        if self.mode != "split" or self.view != PICTURE or not self.ready:
+            return {}
         assert self.realtime is not None
         assert self.reference is not None
-        shown = [image.read()[..., :3] / 255.0 for image in (self.realtime.resource("display"), self.reference.display)]
-        found, truth = (float(r["radiance"].mean(dtype=np.float64)) for r in (self.realtime, self.reference.tracer))
-        if shown[0].shape != shown[1].shape or not truth > 0:
-            return None
-        return float(np.sqrt(((shown[0] - shown[1]) ** 2).mean())), found / truth - 1
+        results = {"raw": "raw_radiance", "denoised": "radiance", "realtime": "radiance"}
+        names = [name for name in self.columns() if name in results]
+        found = {name: difference(self.realtime[results[name]], self.reference.tracer) for name in names}
+        return {name: error for name, error in found.items() if error is not None}
 
     def ray_count(self) -> int:
         """The number of rays traced so far for the pictures of the mode, where they are counted. A counter may restart
@@ -219,7 +277,7 @@ class Pictures:
 
     def close(self) -> None:
         """Free everything once the submitted work is done. Safe to call twice."""
-        for item in (self.realtime, self.reference):
+        for item in (self.realtime, self.reference, self._raw):
             if item is not None:
                 item.close()
         self.binder.destroy()

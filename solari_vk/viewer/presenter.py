@@ -31,7 +31,7 @@ COLOR_ATTACHMENT_OPTIMAL."""
 @dataclass(frozen=True)
 class Part:
     """The columns of an image from `begin` to `end`, which are shares of its width. They fill the same share of the
-    window. The border of two parts is rounded to a border between texels of the first part's image."""
+    window. The border of two parts is rounded to a border between texels."""
 
     image: Image
     begin: float = 0.0
@@ -123,22 +123,22 @@ class Presenter:
         vk.vkEndCommandBuffer(commands)
 
     def _compose(self, commands: raw.CData, parts: Sequence[Part]) -> Image:
-        """Copy the parts side by side into an image of the first one's size.
+        """Copy the parts side by side into an image of the largest one's size.
 
         Stretching each part to the window by itself would shift it, because the target of a blit begins and ends at
         whole pixels of the window.
         """
-        first = parts[0].image
+        width, height = max(part.image.width for part in parts), max(part.image.height for part in parts)
         composed = self._composed
-        if composed is None or (composed.width, composed.height) != (first.width, first.height):
+        if composed is None or (composed.width, composed.height) != (width, height):
             self._destroy_composed()
             usage = raw.VK_IMAGE_USAGE_STORAGE_BIT  # storage images stay in a layout that copies may write and read
-            composed = self.device.image(first.width, first.height, first.format, "window parts", usage=usage)
+            composed = self.device.image(width, height, parts[0].image.format, "window parts", usage=usage)
             self._composed = composed
         for part in parts:
-            image, target = part.image, part.columns(first.width)
+            image, target = part.image, part.columns(width)
             if target[0] < target[1]:
-                blit = _blit(part.columns(image.width, min_count=1), image.height, target, first.height)
+                blit = _blit(part.columns(image.width, min_count=1), image.height, target, height)
                 self.device.vk.vkCmdBlitImage(
                     commands, image.handle, image.layout, composed.handle, composed.layout, 1, blit,
                     raw.VK_FILTER_LINEAR,

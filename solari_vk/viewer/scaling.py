@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from statistics import median
 
 from solari_vk.errors import SolariError
+from solari_vk.settings import FIELDS
 
+Size = tuple[int, int]
 MIN_SCALE = 0.1
 STEPS = tuple(round(0.1 * 1.12202**i, 3) for i in range(21))  # 0.1 to 1, with a quarter more pixels at each step
 SETTLE = 3  # frames after a change whose times are ignored, because buffers are made and drivers compile
@@ -83,6 +86,25 @@ class ScaleControl:
         fixed = max(time - growth * self.scale**2, 0.0)
         return math.sqrt(max(self.target - fixed, WORTH * fixed) / growth)
 
-    def size(self, pixels: tuple[int, int]) -> tuple[int, int]:
-        """The picture's width and height for those of the window, in pixels."""
-        return max(round(pixels[0] * self.scale), 1), max(round(pixels[1] * self.scale), 1)
+
+@dataclass(frozen=True)
+class Build:
+    """What renderers are made for: sizes of pictures, how much realtime pictures are upscaled, and counting of rays."""
+
+    realtime: Size = (0, 0)
+    upscale: float = 1.0
+    reference: Size = (0, 0)
+    counts_rays: bool = False
+
+    @classmethod
+    def of(cls, pixels: Size, scale: float, counts_rays: bool) -> Build:
+        """For a window of this width and height of which a share of each is rendered.
+
+        The realtime renderer upscales to the window's size, as far as it can. The path tracer doesn't.
+        """
+        upscale = min(1 / scale, FIELDS["upscale"].high)
+        return cls(_scaled(pixels, scale * upscale), upscale, _scaled(pixels, scale), counts_rays)
+
+
+def _scaled(size: Size, factor: float) -> Size:
+    return max(round(size[0] * factor), 1), max(round(size[1] * factor), 1)

@@ -234,7 +234,7 @@ def test_debug_views_are_not_compared_with_the_path_tracer(device, monkeypatch):
     shown = pictures.Pictures(device, sv.builtin("cornell_box"), sv.Settings(), mode="split")
     monkeypatch.setattr(pictures.Pictures, "ready", True)
     shown.view = views_of("paths")[1]
-    assert shown.error() is None
+    assert shown.errors() == {}
     shown.close()
 
 

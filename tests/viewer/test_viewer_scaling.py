@@ -7,7 +7,8 @@ import random
 import pytest
 
 import solari_vk as sv
-from solari_vk.viewer.scaling import MIN_SCALE, STEPS, ScaleControl
+from solari_vk.passes.taa import render_size
+from solari_vk.viewer.scaling import MIN_SCALE, STEPS, Build, ScaleControl
 
 
 def settle(control, fixed, growth, frames=300, noise=0.0):
@@ -61,8 +62,7 @@ def test_the_scale_grows_when_frames_become_faster():
 def test_a_fixed_scale_stays():
     control = ScaleControl(0.37)
     assert settle(control, 1.0, 1.0) == 0
-    assert control.size((1000, 10)) == (370, 4)
-    assert control.size((1, 1)) == (1, 1)
+    assert control.scale == 0.37
     control.fix(7)
     assert control.scale == 1
 
@@ -71,3 +71,21 @@ def test_a_fixed_scale_stays():
 def test_other_scales_are_refused(scale):
     with pytest.raises(sv.SolariError, match="scale"):
         ScaleControl(scale)
+
+
+@pytest.mark.parametrize(("scale", "upscale", "realtime", "reference"), [
+    (1.0, 1, (640, 360), (640, 360)),
+    (0.5, 2, (640, 360), (320, 180)),
+    (0.25, 3, (480, 270), (160, 90)),
+    (0.1, 3, (192, 108), (64, 36)),
+])  # fmt: skip
+def test_the_realtime_picture_is_upscaled_to_the_window(scale, upscale, realtime, reference):
+    """As far as the renderer can upscale: by 3. What it renders then is the share of the window that was asked for."""
+    build = Build.of((640, 360), scale, False)
+    assert (build.upscale, build.realtime, build.reference) == (upscale, realtime, reference)
+    assert render_size(build.realtime, sv.Settings(upscale=build.upscale)) == reference
+
+
+def test_no_picture_is_empty():
+    build = Build.of((1, 2), 0.1, False)
+    assert (build.realtime, build.reference) == ((1, 1), (1, 1))

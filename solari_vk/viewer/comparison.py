@@ -1,0 +1,42 @@
+"""How far pictures are from the path tracer's, pixel by pixel of what is rendered."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.output.error import luminance, relative_squares
+from solari_vk.reference import PathTracer
+
+
+def difference(picture: NDArray[Any], tracer: PathTracer) -> tuple[float, float] | None:
+    """(error, relative difference of mean radiance) of a picture (height, width, 3) against the path tracer's.
+
+    The error is the root of relMSE as output/error.py defines it; the path tracer's own noise doesn't count. A picture
+    of another size is averaged to the path tracer's. None before the path tracer has two samples, and in the dark.
+    """
+    reference = tracer["raw_radiance"]
+    mean = float(reference.mean(dtype=np.float64))
+    if tracer.samples < 2 or not mean > 0:
+        return None
+    resized = area_means(picture, tracer.size)
+    squares = (luminance(resized) - luminance(reference)) ** 2 - tracer["variance"]
+    error = math.sqrt(max(float(relative_squares(reference, squares).mean()), 0.0))
+    return error, float(resized.mean()) / mean - 1
+
+
+def area_means(picture: NDArray[Any], size: tuple[int, int]) -> NDArray[np.float64]:
+    """The means of a picture (height, width, channels) over the pixels of one of another width and height."""
+    result = picture.astype(np.float64)
+    for axis, count in enumerate(size[::-1]):
+        length = result.shape[axis]
+        sums = np.insert(np.cumsum(result, axis), 0, 0.0, axis)
+        edges = np.linspace(0, length, count + 1)
+        below = np.minimum(edges.astype(int), length - 1)
+        parts = np.expand_dims(edges - below, [other for other in range(result.ndim) if other != axis])
+        low, high = np.take(sums, below, axis), np.take(sums, below + 1, axis)
+        result = np.diff(low + parts * (high - low), axis=axis) * (count / length)
+    return result
