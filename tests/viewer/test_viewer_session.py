@@ -134,7 +134,7 @@ def test_random_use_of_all_modes_views_and_settings(open_viewer, tmp_path):
         assert viewer.message == "", name
     viewer.act("pick", (48, 40))
     assert viewer.pick is not None
-    assert viewer.pictures.errors().keys() == {"realtime"}
+    assert viewer.pictures.errors().keys() == {"raw", "denoised"}
     viewer.act("screenshot")
     viewer.pictures.mode, viewer.pictures.counts_rays = "realtime", True
     viewer.run(frames=2)

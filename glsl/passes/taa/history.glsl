@@ -93,6 +93,7 @@ bool moved(uint instance) {
 // Whether nothing moves in the samples around, and nothing did that the previous frame showed there. What mirrors show
 // isn't known well enough.
 bool is_still(ivec2 center) {
+    if (camera.world_from_view != previous_camera.world_from_view) { return false; }
     uint known = NO_INDEX;
     for (int i = 0; i < 9; i++) {
         ivec2 pixel = center + ivec2(i % 3, i / 3) - 1;
