@@ -14,7 +14,7 @@ const uint PASS_SALT = 0x3C6EF372u;
 const float TOLERANCE = 1.8;       // standard deviations
 const float CENTER_WEIGHT = 4.0;
 const float DARKEST = 1e-30;
-const float CLEAN = 0.02;          // standard deviation over mean
+const float CLEAN = 0.04;          // standard deviation over mean
 // Of the noise of the pixels that a pass averages, by its level, since earlier passes averaged some of the same pixels.
 const float CORRELATION[3] = float[](0.0, 0.081, 0.125);
 

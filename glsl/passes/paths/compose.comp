@@ -9,6 +9,9 @@
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
+// The squared error over the variance of the noise that is left: the blur's own error is about as large as that noise.
+const float ERROR_OVER_NOISE = 1.85;
+
 void main() {
     uvec2 pixel = gl_GlobalInvocationID.xy;
     if (any(greaterThanEqual(pixel, camera.size))) { return; }
@@ -30,8 +33,9 @@ void main() {
         by.specular *= reflected_albedo(ivec2(pixel), load_guide(ivec2(pixel)).kind);
         diffuse = by_diffuse.radiance * by.diffuse;
         specular = by_specular.radiance * by.specular;
-        vec2 deviations = sqrt(max(vec2(by_diffuse.variance, by_specular.variance), 0.0));
-        error.at[index] = length(deviations * vec2(luminance(by.diffuse), luminance(by.specular)));
+        vec2 variances = max(vec2(by_diffuse.variance, by_specular.variance), 0.0);
+        vec2 albedos = vec2(luminance(by.diffuse), luminance(by.specular));
+        error.at[index] = sqrt(ERROR_OVER_NOISE * dot(variances, albedos * albedos));
     }
     emission.at[index] = emitted;
     diffuse_radiance.at[index] = diffuse;
