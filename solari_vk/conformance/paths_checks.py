@@ -58,7 +58,7 @@ _CENTERS = ("passes/pathtracer/pixel_filter.glsl", "return radius * (2.0 * u - 1
 SIZE = (32, 32)
 
 
-def read_radiance(frame: RenderedFrame, name: str = "radiance") -> Image:
+def read_radiance(frame: RenderedFrame, name: str = "sample_radiance") -> Image:
     """A result of a frame, (h, w, 3)."""
     return np.asarray(frame[name], np.float64)[..., :3]
 
