@@ -151,11 +151,11 @@ class PathTracer(PictureRenderer):
     def _estimate_error(self) -> float:
         estimate, samples = self._estimate, self.samples
         if samples >= estimate.next_count:
-            raw = self.read("raw_radiance"), self.read("variance")
+            mean = self.read("raw_radiance")
             if self._denoises:
-                estimate.look_at_other(samples, *raw, lambda: self.read("radiance"))
+                estimate.look_at_other(samples, mean, lambda: self.read("radiance"))
             else:
-                estimate.look_at_mean(samples, *raw)
+                estimate.look_at_mean(samples, mean, self.read("variance"))
         return estimate.error
 
     def advance(self, camera: Camera | None = None, max_samples: int = MAX_SAMPLES) -> None:

@@ -210,6 +210,13 @@ def test_a_target_ends_early(done, arguments):
     assert relative_mse(picture, reference) ** 0.5 < 0.4
 
 
+def test_upscaled_pictures_have_an_estimate_too(done):
+    """At the size that is rendered, the only one that raw frames have."""
+    said, path = done(*FRAMES, "--frames", "9", "--settings", "upscale=2", output="picture.npy")
+    assert "estimated error" in said
+    assert np.load(path).shape == (16, 24, 3)
+
+
 @pytest.mark.parametrize(("arguments", "unit", "denoises"), [
     (["--samples", "2"], "samples", True),
     (["--samples", "2", "--no-denoise"], "samples", False),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solari_vk.output.error import ErrorEstimate, RunningMean, error_of_mean, error_of_other
+from solari_vk.output.error import ErrorEstimate, area_means, error_of_mean, error_of_other
 
 SIZE = (64, 96)
 LIGHT = 3.0
@@ -22,18 +22,8 @@ def noisy(count, seed=0, spread=1.0):
     return truth, truth * (1 + spread * np.random.default_rng(seed).standard_normal((count, *SIZE)))
 
 
-def running(samples):
-    mean = RunningMean()
-    for sample in samples:
-        mean.add(gray(sample))
-    return mean
-
-
-def test_a_running_mean_has_the_variance_of_its_samples():
-    _, samples = noisy(9)
-    mean = running(samples)
-    np.testing.assert_allclose(mean.mean, gray(samples.mean(axis=0)))
-    np.testing.assert_allclose(mean.variance, samples.var(axis=0, ddof=1) / 9)
+def mean_of(samples):
+    return gray(samples.mean(axis=0))
 
 
 @pytest.mark.parametrize("size", [SIZE, (61, 95), (1, 1), (3, 2)])
@@ -46,38 +36,51 @@ def test_noise_of_a_mean(size):
 
 def test_noise_counts_relative_to_luminance():
     truth, samples = noisy(25)
-    mean = running(samples)
     # 1 / sqrt(25) where it is bright; where luminance is a tenth of that, the added 1 % counts.
     added = 1e-2 * truth.mean() ** 2
     expected = np.sqrt((truth**2 / 25 / (truth**2 + added)).mean())
-    assert error_of_mean(mean.mean, mean.variance) == pytest.approx(expected, rel=0.05)
+    variance = samples.var(axis=0, ddof=1) / len(samples)
+    assert error_of_mean(mean_of(samples), variance) == pytest.approx(expected, rel=0.05)
 
 
-def test_a_picture_that_is_off_by_a_tenth():
-    """Samples without the offset show it, however noisy they are; the noise itself isn't counted."""
+@pytest.mark.parametrize(("off", "low", "high"), [(0.0, 0.0, 0.05), (0.1, 0.08, 0.11), (0.3, 0.21, 0.25)])
+def test_a_picture_that_is_off(off, low, high):
+    """Noisy samples without the offset show it, relative to the picture; their own noise is not counted."""
     truth, samples = noisy(16)
-    mean = running(samples)
-    assert 0.085 < error_of_other(gray(1.1 * truth), mean.mean, mean.variance) < 0.115
-    assert error_of_other(gray(truth), mean.mean, mean.variance) < 0.05
+    picture = gray(truth + off * truth)
+    assert low <= error_of_other(picture, mean_of(samples[:8]), mean_of(samples[8:])) < high
 
 
 def test_black_pictures_have_no_error():
     black = np.zeros((8, 8, 3))
     assert error_of_mean(black, black[..., 0]) == 0
-    assert error_of_other(black, black, black[..., 0]) == 0
+    assert error_of_other(black, black, black) == 0
 
 
-def test_later_samples_are_taken_apart_from_earlier_ones():
-    """A picture is compared with the samples that came after it, of which only sums over all are known."""
-    truth, samples = noisy(24, seed=3)
-    picture = gray(1.05 * truth)
+def test_a_picture_is_compared_with_later_samples():
+    """Of these only means over all samples are known, at the numbers of samples that are asked for."""
+    truth, samples = noisy(40, seed=3)
     estimate = ErrorEstimate(8)
+    pictures = {8: gray(1.05 * truth), 17: gray(1.2 * truth), 34: gray(truth)}
     looks = []
-    for count in (8, 24):
-        mean = running(samples[:count])
-        estimate.look_at_other(count, mean.mean, mean.variance, lambda: picture)
-        looks.append(estimate.error)
-    later = running(samples[8:])
-    assert looks[0] == np.inf
-    assert looks[1] == pytest.approx(error_of_other(picture, later.mean, later.variance), rel=1e-6)
-    assert estimate.next_count == 48
+    for count in range(1, 41):
+        if count >= estimate.next_count and count != 16:  # the owner may be late
+            estimate.look_at_other(count, mean_of(samples[:count]), lambda: pictures[count])  # noqa: B023
+            looks.append((count, estimate.error))
+    expected = [error_of_other(pictures[begin], mean_of(samples[begin:middle]), mean_of(samples[middle:end]))
+                for begin, middle, end in ((8, 12, 17), (17, 26, 34))]  # fmt: skip
+    assert [count for count, _ in looks] == [8, 12, 17, 26, 34]
+    assert [error for _, error in looks[:2]] == [np.inf, np.inf]
+    assert [looks[2][1], looks[4][1]] == pytest.approx(expected, rel=1e-9)
+    assert looks[3][1] == looks[2][1]
+
+
+def test_means_over_larger_pixels():
+    picture = np.random.default_rng(2).random((6, 8, 3))
+    blocks = picture.reshape(3, 2, 2, 4, 3).mean(axis=(1, 3))
+    np.testing.assert_allclose(area_means(picture, (2, 3)), blocks)
+    np.testing.assert_allclose(area_means(picture, (8, 6)), picture)
+    for size in ((5, 4), (7, 5), (1, 1), (11, 9)):
+        means = area_means(picture, size)
+        assert means.shape == (size[1], size[0], 3)
+        assert means.mean() == pytest.approx(picture.mean())

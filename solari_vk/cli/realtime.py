@@ -19,7 +19,7 @@ from solari_vk.cli.subject import check_aovs, load, names_of_aovs
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.rays import IN_WORDS
-from solari_vk.output.error import ErrorEstimate, RunningMean
+from solari_vk.output.error import ErrorEstimate, area_means
 from solari_vk.output.movie import write_movie
 from solari_vk.output.picture import save_image, write_png
 from solari_vk.output.tone_mapping import auto_exposure
@@ -121,17 +121,25 @@ class _Shooting:
     def _begin_mean(self) -> None:
         self._sums: dict[str, Any] = dict.fromkeys(["radiance", *(name for name in self._names if name in LIGHT)], 0.0)
         self._count = 0
-        self._raw = RunningMean()
+        self._raw_sum: Any = 0.0
 
     def _add_frame(self) -> None:
         for name in self._sums:
             self._sums[name] = self._sums[name] + self._renderer[name].astype("float64")
         self._count += 1
         if (estimate := self._estimate) is not None:
-            self._raw.add(self._renderer["raw_radiance" if "raw_radiance" in self._renderer.outputs else "radiance"])
+            self._raw_sum = self._raw_sum + self._renderer[self._raw].astype("float64")
             if self._count >= estimate.next_count:
-                raw = self._raw
-                estimate.look_at_other(raw.count, raw.mean, raw.variance, lambda: self._result("radiance"))
+                estimate.look_at_other(self._count, self._raw_sum / self._count, self._rendered_result)
+
+    @property
+    def _raw(self) -> str:
+        """The name of the light that the paths gave."""
+        return "raw_radiance" if "raw_radiance" in self._renderer.outputs else "radiance"
+
+    def _rendered_result(self) -> NDArray[Any]:
+        """The picture at the size that is rendered."""
+        return area_means(self._result("radiance"), self._renderer.render_size)
 
     def _render(self, camera: Camera, count: int, averaged: int) -> None:
         """Render `count` frames; the last ones of them count for the mean."""

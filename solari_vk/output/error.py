@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -26,79 +27,51 @@ def error_of_mean(mean: NDArray[Any], variance: NDArray[Any]) -> float:
     return math.sqrt(relative_squares(mean, variance).mean())
 
 
-def error_of_other(picture: NDArray[Any], mean: NDArray[Any], variance: NDArray[Any]) -> float:
-    """The error of any picture (height, width, 3), such as a denoised one, by comparison with samples not in it.
+def error_of_other(picture: NDArray[Any], first: NDArray[Any], second: NDArray[Any]) -> float:
+    """The error of any picture (height, width, 3), such as a denoised one, by samples that aren't in it.
 
-    mean (height, width, 3): of these samples, which are unbiased. variance (height, width): of the mean's luminance.
-    The squared difference of picture and mean is on average the variance plus the picture's squared error, bias
-    included. One standard error is added, because the samples may be near the picture by chance. A block counts as off
-    by 100 % at most, so that a few bright samples don't decide.
+    first, second (height, width, 3): means without bias of two independent halves of these samples. The product of
+    their differences from the picture is on average the picture's squared error, bias included, however noisy they are.
+    One standard error is added, because they may be near the picture by chance. A block counts as off by 100 % at most,
+    so that a few bright samples don't decide.
     """
-    difference = luminance(picture) - luminance(mean)
-    squares = np.clip(relative_squares(picture, difference**2 - variance), -1, 1)
+    truth = luminance(picture)
+    squares = np.clip(relative_squares(picture, (truth - luminance(first)) * (truth - luminance(second))), -1, 1)
     return math.sqrt(max(float(squares.mean()), 0.0) + float(squares.std()) / math.sqrt(squares.size))
 
 
 class ErrorEstimate:
     """The estimated error of a picture whose samples grow in number.
 
-    The owner looks when there are `next_count` samples or more. A denoised picture is compared with as many later
-    samples as it has, so its error is that of half the samples, and the picture at hand is better. first: the first
-    number of samples to look at, at least 2.
+    The owner looks when there are `next_count` samples or more. A picture that isn't their mean is compared with as
+    many later samples as it has, so its error is that of half the samples, and the picture at hand is better. first:
+    the first number of samples to look at, at least 2.
     """
 
     def __init__(self, first: int) -> None:
         self.error = math.inf
         self.next_count = first
-        self._held: tuple[int, NDArray[Any], Floats, NDArray[Any]] | None = None
+        self._picture: NDArray[Any] | None = None
+        self._sums: list[tuple[int, Floats]] = []  # numbers of samples, and their sums: with the picture, and later
 
     def look_at_mean(self, count: int, mean: NDArray[Any], variance: NDArray[Any]) -> None:
         """The picture is the mean (height, width, 3) of independent samples; variance is that of its luminance."""
         self.error = error_of_mean(mean, variance)
         self.next_count = math.ceil(1.25 * count)
 
-    def look_at_other(
-        self, count: int, mean: NDArray[Any], variance: NDArray[Any], picture: Callable[[], NDArray[Any]]
-    ) -> None:
-        """The picture is something else made of these samples."""
-        deviations = variance.astype(np.float64) * count * (count - 1)
-        if self._held is not None:
-            earlier, earlier_mean, earlier_deviations, earlier_picture = self._held
-            later = count - earlier
-            later_mean = (count * mean.astype(np.float64) - earlier * earlier_mean) / later
-            # Chan, Golub and LeVeque, "Updating Formulae and a Pairwise Algorithm for Computing Sample Variances"
-            apart = (luminance(later_mean) - luminance(earlier_mean)) ** 2
-            own = np.maximum(deviations - earlier_deviations - apart * earlier * later / count, 0)
-            self.error = error_of_other(earlier_picture, later_mean, own / (later * (later - 1)))
-        self._held = count, mean, deviations, picture()
-        self.next_count = 2 * count
-
-
-class RunningMean:
-    """The mean of pictures, and the variance of the mean's luminance as if they were independent."""
-
-    def __init__(self) -> None:
-        self.count = 0
-        self._mean: Any = 0.0
-        self._deviations: Any = 0.0
-
-    def add(self, picture: NDArray[Any]) -> None:
-        """Add a picture (height, width, 3)."""
-        self.count += 1
-        apart = picture.astype(np.float64) - self._mean
-        self._mean = self._mean + apart / self.count
-        # Welford, "Note on a Method for Calculating Corrected Sums of Squares and Products" (1962)
-        self._deviations = self._deviations + luminance(apart) * luminance(picture - self._mean)
-
-    @property
-    def mean(self) -> Floats:
-        """(height, width, 3)."""
-        return np.asarray(self._mean)
-
-    @property
-    def variance(self) -> Floats:
-        """(height, width), of at least two pictures."""
-        return np.asarray(self._deviations / (self.count * (self.count - 1)))
+    def look_at_other(self, count: int, mean: NDArray[Any], picture: Callable[[], NDArray[Any]]) -> None:
+        """The picture is something else made of samples with this mean (height, width, 3)."""
+        self._sums.append((count, count * mean.astype(np.float64)))
+        if len(self._sums) == 3:
+            assert self._picture is not None
+            halves = [(later[1] - sooner[1]) / (later[0] - sooner[0]) for sooner, later in pairwise(self._sums)]
+            self.error = error_of_other(self._picture, *halves)
+            del self._sums[:2]
+        if len(self._sums) == 1:
+            self._picture = picture()
+            self.next_count = count + math.ceil(count / 2)
+        else:
+            self.next_count = 2 * self._sums[0][0]
 
 
 def luminance(picture: NDArray[Any]) -> Floats:
@@ -121,3 +94,17 @@ def _blocks(values: NDArray[Any]) -> Floats:
     heights, widths = (np.diff(np.append(at, side)) for at, side in zip((rows, columns), values.shape, strict=True))
     means: Floats = sums / np.outer(heights, widths)
     return means
+
+
+def area_means(picture: NDArray[Any], size: tuple[int, int]) -> Floats:
+    """The means of a picture (height, width, channels) over the pixels of one of another width and height."""
+    result = picture.astype(np.float64)
+    for axis, count in enumerate(size[::-1]):
+        length = result.shape[axis]
+        sums = np.insert(np.cumsum(result, axis), 0, 0.0, axis)
+        edges = np.linspace(0, length, count + 1)
+        below = np.minimum(edges.astype(int), length - 1)
+        parts = np.expand_dims(edges - below, [other for other in range(result.ndim) if other != axis])
+        low, high = np.take(sums, below, axis), np.take(sums, below + 1, axis)
+        result = np.diff(low + parts * (high - low), axis=axis) * (count / length)
+    return result

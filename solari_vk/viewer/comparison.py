@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.output.error import luminance, relative_squares
+from solari_vk.output.error import area_means, luminance, relative_squares
 from solari_vk.reference import PathTracer
 
 
@@ -26,17 +26,3 @@ def difference(picture: NDArray[Any], tracer: PathTracer) -> tuple[float, float]
     squares = (luminance(resized) - luminance(reference)) ** 2 - tracer["variance"]
     error = math.sqrt(max(float(relative_squares(reference, squares).mean()), 0.0))
     return error, float(resized.mean()) / mean - 1
-
-
-def area_means(picture: NDArray[Any], size: tuple[int, int]) -> NDArray[np.float64]:
-    """The means of a picture (height, width, channels) over the pixels of one of another width and height."""
-    result = picture.astype(np.float64)
-    for axis, count in enumerate(size[::-1]):
-        length = result.shape[axis]
-        sums = np.insert(np.cumsum(result, axis), 0, 0.0, axis)
-        edges = np.linspace(0, length, count + 1)
-        below = np.minimum(edges.astype(int), length - 1)
-        parts = np.expand_dims(edges - below, [other for other in range(result.ndim) if other != axis])
-        low, high = np.take(sums, below, axis), np.take(sums, below + 1, axis)
-        result = np.diff(low + parts * (high - low), axis=axis) * (count / length)
-    return result

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
-from solari_vk.viewer.comparison import area_means, difference
+from solari_vk.viewer.comparison import difference
 from solari_vk.viewer.pictures import STRIP
 
 DENOISED = {"denoise": True, "antialiasing": True}
@@ -89,17 +89,6 @@ def test_columns_cover_the_window(open_viewer, divider):
 
 
 # ---- comparison -------------------------------------------------------------------------------------
-
-
-def test_means_over_larger_pixels():
-    picture = np.random.default_rng(2).random((6, 8, 3))
-    blocks = picture.reshape(3, 2, 2, 4, 3).mean(axis=(1, 3))
-    np.testing.assert_allclose(area_means(picture, (2, 3)), blocks)
-    np.testing.assert_allclose(area_means(picture, (8, 6)), picture)
-    for size in ((5, 4), (7, 5), (1, 1), (11, 9)):
-        means = area_means(picture, size)
-        assert means.shape == (size[1], size[0], 3)
-        assert means.mean() == pytest.approx(picture.mean())
 
 
 def test_a_known_difference_is_found(device):
