@@ -82,8 +82,8 @@ SIZE_OF_ERRORS = (64, 64)
     pytest.param("mirror_hall", 3072, marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_the_estimated_error_is_calibrated(device, name, samples):
-    """Frames 8, 32 and 128 after a reset: 68 +- 10 % of pixels are within one standard error of the truth, and 95 +- 5 %
-    within two, where the standard error of the path tracer's picture counts too."""
+    """Frames 8, 32 and 128 after a reset: 68 +- 10 % of pixels are within one standard error of the truth, and 95 +- 5
+    % within two, where the standard error of the path tracer's picture counts too."""
     scene = builtin(name)
     with patched_shaders(SEES_CENTERS), sv.PathTracer(device, scene, SIZE_OF_ERRORS, seed=98) as tracer:
         reference = tracer.render(samples=samples)
