@@ -40,22 +40,29 @@ vec4 spline(float t) {
                       (t - 1.0) * t * t);
 }
 
-Past interpolate_past(vec2 position) {
+// The past between pixels. Bright values count less by how much they exceed `typical` luminance, or lamps would bleed
+// into what is dark around them: Karis, "High Quality Temporal Supersampling" (2014).
+Past interpolate_past(vec2 position, float typical) {
     ivec2 corner = ivec2(floor(position - 0.5));
     vec2 share = position - 0.5 - vec2(corner);
     vec4 across = spline(share.x), down = spline(share.y);
-    vec3 sum = vec3(0.0);
+    vec3 sum = vec3(0.0), low = vec3(INFINITY), high = vec3(0.0);
     float total = 0.0, shortest = LONGEST_IN_MOTION * render_scale().x * render_scale().y;
     for (int i = 0; i < 16; i++) {
         ivec2 step = ivec2(i & 3, i >> 2);
         Past found = load_past(corner + step - 1);
         if (found.weight == 0.0) { continue; }
-        float weight = across[step.x] * down[step.y];
+        float weight = across[step.x] * down[step.y] * typical / (typical + luminance(found.radiance));
         sum += weight * found.radiance;
         total += weight;
-        if (all(equal(step >> 1 ^ step & 1, ivec2(1)))) { shortest = min(shortest, found.weight); }
+        if (all(equal(step >> 1 ^ step & 1, ivec2(1)))) {  // one of the four nearest
+            low = min(low, found.radiance);
+            high = max(high, found.radiance);
+            shortest = min(shortest, found.weight);
+        }
     }
-    return total > 0.5 ? Past(max(sum / total, vec3(0.0)), shortest) : NO_PAST;
+    if (low.x > high.x) { return NO_PAST; }
+    return Past(total > 0.0 ? clamp(sum / total, low, high) : high, shortest);
 }
 
 // Whether what a rendered pixel shows was visible around a position of the previous picture.
@@ -75,11 +82,11 @@ vec2 motion_in_picture(ivec2 pixel) {
     return imageLoad(guides_specular_motion, pixel).xy * vec2(camera.picture_size) + this_frame.picture_shift;
 }
 
-Past find_past(ivec2 at, ivec2 nearest) {
-    vec2 motion = motion_in_picture(nearest), position = vec2(at) + 0.5 + motion;
+Past find_past(ivec2 at, Neighborhood around) {
+    vec2 motion = motion_in_picture(around.nearest), position = vec2(at) + 0.5 + motion;
     bool inside = all(greaterThanEqual(position, vec2(0.0))) && all(lessThan(position, vec2(camera.picture_size)));
-    if (this_frame.has_history == 0u || !inside || !was_visible(nearest, position)) { return NO_PAST; }
-    return motion == vec2(0.0) ? load_past(at) : interpolate_past(position);
+    if (this_frame.has_history == 0u || !inside || !was_visible(around.nearest, position)) { return NO_PAST; }
+    return motion == vec2(0.0) ? load_past(at) : interpolate_past(position, around.mean.x + 1e-30);
 }
 
 // ---- what still holds -------------------------------------------------------------------------------

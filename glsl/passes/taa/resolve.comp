@@ -37,7 +37,7 @@ void main() {
         return;
     }
     Neighborhood around = find_neighborhood(at);
-    Past past = find_past(at, around.nearest);
+    Past past = find_past(at, around);
     if (past.weight > 0.0) { past = limited(past, around); }
 
     float weight = 1.0;
