@@ -40,9 +40,8 @@ vec4 spline(float t) {
                       (t - 1.0) * t * t);
 }
 
-// The past between pixels. Bright values count less by how much they exceed `typical` luminance, or lamps would bleed
-// into what is dark around them: Karis, "High Quality Temporal Supersampling" (2014).
-Past interpolate_past(vec2 position, float typical) {
+// The past between pixels.
+Past interpolate_past(vec2 position, Neighborhood around) {
     ivec2 corner = ivec2(floor(position - 0.5));
     vec2 share = position - 0.5 - vec2(corner);
     vec4 across = spline(share.x), down = spline(share.y);
@@ -52,7 +51,7 @@ Past interpolate_past(vec2 position, float typical) {
         ivec2 step = ivec2(i & 3, i >> 2);
         Past found = load_past(corner + step - 1);
         if (found.weight == 0.0) { continue; }
-        float weight = across[step.x] * down[step.y] * typical / (typical + luminance(found.radiance));
+        float weight = across[step.x] * down[step.y] * moderation(found.radiance, around);
         sum += weight * found.radiance;
         total += weight;
         if (all(equal(step >> 1 ^ step & 1, ivec2(1)))) {  // one of the four nearest
@@ -86,7 +85,7 @@ Past find_past(ivec2 at, Neighborhood around) {
     vec2 motion = motion_in_picture(around.nearest), position = vec2(at) + 0.5 + motion;
     bool inside = all(greaterThanEqual(position, vec2(0.0))) && all(lessThan(position, vec2(camera.picture_size)));
     if (this_frame.has_history == 0u || !inside || !was_visible(around.nearest, position)) { return NO_PAST; }
-    return motion == vec2(0.0) ? load_past(at) : interpolate_past(position, around.mean.x + 1e-30);
+    return motion == vec2(0.0) ? load_past(at) : interpolate_past(position, around);
 }
 
 // ---- what still holds -------------------------------------------------------------------------------

@@ -32,7 +32,7 @@ void main() {
     uint index = uint(at.y) * camera.picture_size.x + uint(at.x);
     Found found = find_own_sample(at);
     if (taa_settings.antialiasing == 0u) {
-        radiance.at[index] = found.exists ? found.radiance : interpolate(at).radiance;
+        radiance.at[index] = found.exists ? found.radiance : interpolate(at, find_neighborhood(at)).radiance;
         taa_history.at[index] = uvec2(0u);
         return;
     }
@@ -42,7 +42,7 @@ void main() {
 
     float weight = 1.0;
     if (!found.exists || !is_valid(found.radiance)) {
-        found = past.weight < ENOUGH ? interpolate(at) : NOTHING_FOUND;
+        found = past.weight < ENOUGH ? interpolate(at, around) : NOTHING_FOUND;
         weight = INTERPOLATED;
     }
     if (found.exists) {

@@ -35,34 +35,6 @@ Found find_own_sample(ivec2 at) {
     return inside ? Found(load_sample(pixel), true) : NOTHING_FOUND;
 }
 
-float sinc(float x) { return abs(x) < 1e-4 ? 1.0 : sin(PI * x) / (PI * x); }
-
-float lanczos(float x) { return abs(x) < 2.0 ? sinc(x) * sinc(0.5 * x) : 0.0; }
-
-// The radiance at the center of a pixel of the picture, by Lanczos interpolation: Duchon, "Lanczos Filtering in One and
-// Two Dimensions" (1979). It stays within the range of the nearest samples, so that edges have no rings.
-Found interpolate(ivec2 at) {
-    vec2 where = among_samples(vec2(at) + 0.5);
-    ivec2 corner = ivec2(floor(where));
-    vec3 sum = vec3(0.0), low = vec3(INFINITY), high = vec3(0.0);
-    float total = 0.0;
-    for (int i = 0; i < 16; i++) {
-        ivec2 step = ivec2(i & 3, i >> 2) - 1, pixel = clamp(corner + step, ivec2(0), ivec2(camera.size) - 1);
-        vec2 apart = vec2(corner + step) - where;
-        vec3 found = load_sample(pixel);
-        if (!is_valid(found)) { continue; }
-        float weight = lanczos(apart.x) * lanczos(apart.y);
-        sum += weight * found;
-        total += weight;
-        if (all(lessThan(abs(apart), vec2(1.0)))) {
-            low = min(low, found);
-            high = max(high, found);
-        }
-    }
-    if (!(total > 0.0) || low.x > high.x) { return NOTHING_FOUND; }
-    return Found(clamp(sum / total, low, high), true);
-}
-
 // ---- the samples around a pixel of the picture --------------------------------------------------------
 
 // Luminance and two differences of colors: Malvar and Sullivan, "YCoCg-R" (2003).
@@ -104,6 +76,40 @@ Neighborhood find_neighborhood(ivec2 at) {
     found.mean = sum / max(found.count, 1.0);
     found.deviation = sqrt(max(squares / max(found.count, 1.0) - found.mean * found.mean, vec3(0.0)));
     return found;
+}
+
+// Lowers the weight of bright radiance in interpolations by how much it exceeds what is around, or lamps would bleed into
+// what is dark: Karis, "High Quality Temporal Supersampling" (2014).
+float moderation(vec3 found, Neighborhood around) {
+    return around.mean.x > 0.0 ? around.mean.x / (around.mean.x + luminance(found)) : 1.0;
+}
+
+float sinc(float x) { return abs(x) < 1e-4 ? 1.0 : sin(PI * x) / (PI * x); }
+
+float lanczos(float x) { return abs(x) < 2.0 ? sinc(x) * sinc(0.5 * x) : 0.0; }
+
+// The radiance at the center of a pixel of the picture, by Lanczos interpolation: Duchon, "Lanczos Filtering in One and
+// Two Dimensions" (1979). It stays within the range of the nearest samples, so that edges have no rings.
+Found interpolate(ivec2 at, Neighborhood around) {
+    vec2 where = among_samples(vec2(at) + 0.5);
+    ivec2 corner = ivec2(floor(where));
+    vec3 sum = vec3(0.0), low = vec3(INFINITY), high = vec3(0.0);
+    float total = 0.0;
+    for (int i = 0; i < 16; i++) {
+        ivec2 step = ivec2(i & 3, i >> 2) - 1, pixel = clamp(corner + step, ivec2(0), ivec2(camera.size) - 1);
+        vec2 apart = vec2(corner + step) - where;
+        vec3 found = load_sample(pixel);
+        if (!is_valid(found)) { continue; }
+        float weight = lanczos(apart.x) * lanczos(apart.y) * moderation(found, around);
+        sum += weight * found;
+        total += weight;
+        if (all(lessThan(abs(apart), vec2(1.0)))) {
+            low = min(low, found);
+            high = max(high, found);
+        }
+    }
+    if (!(total > 0.0) || low.x > high.x) { return NOTHING_FOUND; }
+    return Found(clamp(sum / total, low, high), true);
 }
 
 #endif
