@@ -14,8 +14,8 @@ def render_size(size: Size, settings: Settings) -> Size:
 
 
 def jitter_count(settings: Settings) -> int:
-    """The number of frames after which sample positions repeat: 8 for each pixel of the picture, and at least 32."""
-    return max(32, round(8 * settings.upscale**2))
+    """The number of frames after which sample positions repeat: 32 in each pixel of the picture."""
+    return round(32 * settings.upscale**2)
 
 
 def stage(size: Size) -> Stage:

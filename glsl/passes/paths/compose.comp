@@ -1,7 +1,6 @@
 // Multiplies the light of paths, denoised or not, by the surfaces' colors again, and adds visible emission.
 #version 460
-#include "passes/denoise/guide.glsl"
-#include "passes/denoise/lobe.glsl"
+#include "passes/denoise/at_sample.glsl"
 #include "passes/display/emission.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/paths/bindings.glsl"
@@ -28,8 +27,8 @@ void main() {
     raw_radiance.at[index] = emitted + diffuse + specular;
     error.at[index] = 0.0;
     if (denoise_settings.denoise != 0u && surface.exists) {
-        uvec4 denoised = denoise_odd.at[index];
-        Signal by_diffuse = unpack_signal(denoised.xy), by_specular = unpack_signal(denoised.zw);
+        Signal by_diffuse, by_specular;
+        light_at_sample(ivec2(pixel), by_diffuse, by_specular);
         by.specular *= reflected_albedo(ivec2(pixel), load_guide(ivec2(pixel)).kind);
         diffuse = by_diffuse.radiance * by.diffuse;
         specular = by_specular.radiance * by.specular;

@@ -16,6 +16,8 @@ const Past NO_PAST = Past(vec3(0.0), 0.0);
 const float LONGEST = 63.0;          // samples in a mean
 const float LONGEST_IN_MOTION = 15.0;  // the same where resampling would blur a longer one
 const float SAME_DEPTH = 0.1;        // largest relative difference
+// The sum of differences over the largest that it can be, between which they count as common.
+const float ALONG_LINES = 0.8, OVER_AREAS = 0.95;
 
 uvec2 pack_past(Past past, inout uint rng) {
     uint red = pack_positive(past.radiance.r, 18u, rng), green = pack_positive(past.radiance.g, 18u, rng);
@@ -114,8 +116,8 @@ bool is_still(ivec2 center) {
     return true;
 }
 
-// How far the samples around differ from the past in the same direction, from 0 to 1 when all differ as much. What one
-// frame's samples miss of edges and lines differs along a line at most.
+// By how much the luminance of the samples around differs from the past in the same direction: 0 unless most of them do.
+// What one frame's samples miss of edges and lines differs along a line at most.
 float common_difference(ivec2 center) {
     float sum = 0.0, squares = 0.0, count = 0.0;
     for (int i = 0; i < 9; i++) {
@@ -128,7 +130,8 @@ float common_difference(ivec2 center) {
         squares += difference * difference;
         count += 1.0;
     }
-    return squares > 0.0 ? abs(sum) / sqrt(count * squares) : 0.0;
+    if (!(squares > 0.0)) { return 0.0; }
+    return smoothstep(ALONG_LINES, OVER_AREAS, abs(sum) / sqrt(count * squares)) * abs(sum) / count;
 }
 
 #endif

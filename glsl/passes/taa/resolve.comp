@@ -9,20 +9,20 @@ layout(local_size_x = 8, local_size_y = 8) in;
 const uint PASS_SALT = 0x510E527Fu;
 const float BOX = 1.25;              // half width of the box of colors that are believed, in standard deviations
 const float DENOISED_ERROR = 0.02;   // of the samples, over their mean
-const float ALONG_LINES = 0.8, OVER_AREAS = 0.95;  // common_difference
 const float INTERPOLATED = 0.125;    // weight of an interpolated sample
 const float ENOUGH = 8.0;            // samples that need no interpolated ones beside them
 
 // Moves the past into the range of what the samples around show: Salvi, "An Excursion in Temporal Supersampling" (GDC
-// 2016). Where nothing moves, only when they differ from it together: the light changed.
+// 2016). Where nothing moves, only when they differ from it together, and by as much: the light changed.
 Past limited(Past past, Neighborhood around) {
     vec3 color = to_ycocg(past.radiance) - around.mean;
     vec3 extent = BOX * around.deviation + DENOISED_ERROR * around.mean.x + 1e-30;
     float outside = max_component(abs(color) / extent);
     if (around.count == 0.0 || !(outside > 1.0)) { return past; }
-    float certain = 1.0;
-    if (is_still(around.center)) { certain = smoothstep(ALONG_LINES, OVER_AREAS, common_difference(around.center)); }
-    float kept = mix(1.0, 1.0 / outside, certain);
+    float kept = 1.0 / outside;
+    if (is_still(around.center)) {
+        kept = max(kept, 1.0 - common_difference(around.center) / max_component(abs(color)));
+    }
     return Past(max(from_ycocg(around.mean + kept * color), vec3(0.0)), kept * past.weight);
 }
 
