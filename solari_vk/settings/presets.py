@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 # Settings for single frames as paths give them. Measurements of the light itself take these.
-RAW: dict[str, Any] = {"denoise": False}
+RAW: dict[str, Any] = {"denoise": False, "antialiasing": False}
 QUALITIES: dict[str, dict[str, Any]] = {
     "low": {
         "paths_bounces": 4, "paths_candidates": 4, "paths_later_candidates": 1, "world_cache_cell_size": 0.3,

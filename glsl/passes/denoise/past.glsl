@@ -30,17 +30,22 @@ struct Taps {
     bool nearby;   // taken from pixels beside the surface's own
 };
 
+// Motion in pixels, with that of the picture by the camera's own jitter.
+vec2 in_pixels(vec2 motion) {
+    return (motion + this_frame.picture_shift / vec2(camera.picture_size)) * vec2(camera.size);
+}
+
 // The pixel of the previous frame that shows what this pixel shows, without jitter; exactly the same pixel when neither
 // the camera nor the point moved. Both positions are relative to the cameras of their frames.
 vec2 previous_pixel(vec3 position, vec3 previous_position, ivec2 pixel) {
     vec3 now = position + camera.world_from_view[3], before = previous_position + previous_camera.world_from_view[3];
-    return vec2(pixel) + 0.5 + motion_vector(now, before) * vec2(camera.size);
+    return vec2(pixel) + 0.5 + in_pixels(motion_vector(now, before));
 }
 
 Past find_past(ivec2 pixel, Guide guide) {
     Past past;
     if (guide.kind != SURFACE_SHOWN) {
-        past.pixel = vec2(pixel) + 0.5 + imageLoad(guides_specular_motion, pixel).xy * vec2(camera.size);
+        past.pixel = vec2(pixel) + 0.5 + in_pixels(imageLoad(guides_specular_motion, pixel).xy);
         past.position = guide.position;
         past.normal = guide.normal;
         return past;

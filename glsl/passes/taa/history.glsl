@@ -98,16 +98,14 @@ bool moved(uint instance) {
     return before.id != now.id || before.world_from_object != now.world_from_object;
 }
 
-// Whether nothing moves in the samples around, and nothing did that the previous frame showed there. What mirrors show
-// isn't known well enough.
+// Whether nothing moves in the samples around, and nothing does that the previous frame showed there by itself.
 bool is_still(ivec2 center) {
     if (camera.world_from_view != previous_camera.world_from_view) { return false; }
     uint known = NO_INDEX;
     for (int i = 0; i < 9; i++) {
         ivec2 pixel = center + ivec2(i % 3, i / 3) - 1;
         if (!is_rendered(pixel)) { continue; }
-        bool mirror = imageLoad(guides_specular_albedo, pixel).a < 0.5;
-        if (mirror || motion_in_picture(pixel) != vec2(0.0)) { return false; }
+        if (motion_in_picture(pixel) != vec2(0.0)) { return false; }
         uint instance = imageLoad(previous_gbuffer_surface, pixel).y;
         if (instance == known || instance == NO_INDEX) { continue; }
         if (moved(instance)) { return false; }
@@ -116,8 +114,8 @@ bool is_still(ivec2 center) {
     return true;
 }
 
-// By how much the luminance of the samples around differs from the past in the same direction: 0 unless most of them do.
-// What one frame's samples miss of edges and lines differs along a line at most.
+// By what share of the past the samples around differ from it in the same direction: 0 unless most of them do. What one
+// frame's samples miss of edges and lines differs along a line at most.
 float common_difference(ivec2 center) {
     float sum = 0.0, squares = 0.0, count = 0.0;
     for (int i = 0; i < 9; i++) {
@@ -125,13 +123,14 @@ float common_difference(ivec2 center) {
         if (!is_rendered(pixel) || !is_valid(load_sample(pixel))) { continue; }
         Past past = load_past(ivec2(floor((vec2(pixel) + 0.5 + this_frame.sample_offset) / render_scale())));
         if (past.weight == 0.0) { continue; }
-        float difference = luminance(load_sample(pixel)) - luminance(past.radiance);
+        float now = luminance(load_sample(pixel)), before = luminance(past.radiance);
+        float difference = now == before ? 0.0 : (now - before) / (now + before);
         sum += difference;
         squares += difference * difference;
         count += 1.0;
     }
     if (!(squares > 0.0)) { return 0.0; }
-    return smoothstep(ALONG_LINES, OVER_AREAS, abs(sum) / sqrt(count * squares)) * abs(sum) / count;
+    return smoothstep(ALONG_LINES, OVER_AREAS, abs(sum) / sqrt(count * squares)) * min(2.0 * abs(sum) / count, 1.0);
 }
 
 #endif

@@ -8,6 +8,7 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 const uint PASS_SALT = 0x510E527Fu;
 const float BOX = 1.25;              // half width of the box of colors that are believed, in standard deviations
+const float SUSPECT = 0.5;           // share of the box from which changes are looked for
 const float DENOISED_ERROR = 0.02;   // of the samples, over their mean
 const float INTERPOLATED = 0.125;    // weight of an interpolated sample
 const float ENOUGH = 8.0;            // samples that need no interpolated ones beside them
@@ -18,12 +19,13 @@ Past limited(Past past, Neighborhood around) {
     vec3 color = to_ycocg(past.radiance) - around.mean;
     vec3 extent = BOX * around.deviation + DENOISED_ERROR * around.mean.x + 1e-30;
     float outside = max_component(abs(color) / extent);
-    if (around.count == 0.0 || !(outside > 1.0)) { return past; }
-    float kept = 1.0 / outside;
+    if (around.count == 0.0 || !(outside > SUSPECT)) { return past; }
+    float kept = min(1.0 / outside, 1.0), trusted = kept;
     if (is_still(around.center)) {
-        kept = max(kept, 1.0 - common_difference(around.center) / max_component(abs(color)));
+        trusted = 1.0 - common_difference(around.center);
+        kept = max(kept, trusted);
     }
-    return Past(max(from_ycocg(around.mean + kept * color), vec3(0.0)), kept * past.weight);
+    return Past(max(from_ycocg(around.mean + kept * color), vec3(0.0)), trusted * past.weight);
 }
 
 void main() {

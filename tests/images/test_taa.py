@@ -1,0 +1,408 @@
+"""Antialiasing and upscaling: single frames against the path tracer, still and in motion, and what they survive."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+from PIL import Image
+from support.frames import differing, find, left_of, settle
+
+import solari_vk as sv
+from solari_vk.conformance.realtime import SPLIT, make_renderer
+from solari_vk.gpu.shaders.patches import patched_shaders
+from solari_vk.measure.statistics import sixteenths
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import builtin, cornell_box, place
+
+SIZE = (64, 64)
+SETTLED = 64  # frames
+FOLDER = "passes/taa/"
+
+
+def make(device, scene, size=SIZE, **settings):
+    return make_renderer(device, scene, size, **{"denoise": True, "antialiasing": True, **settings})
+
+
+def read(frame, name="radiance"):
+    return np.asarray(frame[name], np.float64)[..., :3]
+
+
+def relative_error(picture, reference):
+    """relMSE: the mean square error over the reference's square."""
+    return float((((picture - reference) ** 2) / (reference**2 + 1e-2 * reference.mean() ** 2)).mean())
+
+
+def trace(device, scene, camera=None, size=SIZE, samples=512):
+    with sv.PathTracer(device, scene, size, seed=99) as tracer:
+        return read(tracer.render(camera or scene.camera, samples=samples))
+
+
+def moved(camera, right):
+    """The camera, moved sideways in meters."""
+    transform = camera.transform.copy()
+    transform[:3, 3] += right * transform[:3, 0]
+    return sv.Camera(transform=transform, vertical_fov=camera.vertical_fov, near=camera.near, ev100=camera.ev100)
+
+
+# ---- a still picture --------------------------------------------------------------------------------
+
+# The lamp's edges are the brightest: 96 x 96 pixels hold enough of them for a stable figure.
+SIZE_OF_ERRORS = (96, 96)
+
+
+@pytest.fixture(scope="module")
+def reference(device):
+    return trace(device, cornell_box(), size=SIZE_OF_ERRORS, samples=1024)
+
+
+@functools.cache
+def settled(device, **settings):
+    """The picture of the Cornell box after 96 frames, and the same frame's samples."""
+    size = settings.pop("size", SIZE_OF_ERRORS)
+    with make(device, cornell_box(), size, **settings) as renderer:
+        frame = settle(renderer, None, 96)
+        return read(frame), read(frame, "sample_radiance")
+
+
+def still_error(device, reference):
+    picture, samples = settled(device)
+    errors = relative_error(picture, reference), relative_error(samples, reference)
+    print("still: {:.4f}, without antialiasing {:.4f}".format(*errors))
+    return errors
+
+
+def test_a_single_frame_has_no_aliasing(device, reference):
+    """Measured: 0.0032, and 0.051 of a single denoised frame without antialiasing, most of it from aliasing."""
+    error, aliased = still_error(device, reference)
+    assert error < 0.006
+    assert aliased > 0.03
+
+
+def upscaled_errors(device, reference):
+    """relMSE of a picture of 2 x 2 pixels for each that is rendered, of bilinear interpolation, and of a denoised frame
+    of all pixels."""
+    half = SIZE_OF_ERRORS[0] // 2, SIZE_OF_ERRORS[1] // 2
+    small = settled(device, size=half, antialiasing=False)[0].astype(np.float32)
+    channels = [Image.fromarray(small[..., i]).resize(SIZE_OF_ERRORS, Image.Resampling.BILINEAR) for i in range(3)]
+    bilinear = relative_error(np.stack(channels, axis=-1), reference)
+    native = relative_error(settled(device)[1], reference)
+    error = relative_error(settled(device, upscale=2)[0], reference)
+    print(f"upscaled {error:.4f}, bilinear {bilinear:.4f}, all pixels {native:.4f}")
+    return error, bilinear, native
+
+
+def test_upscaled_pictures(device, reference):
+    """Measured: 0.014, 2.7, 0.052."""
+    error, bilinear, native = upscaled_errors(device, reference)
+    assert error < 0.5 * bilinear
+    assert error < 1.3 * native
+
+
+def checkers():
+    """64 x 64 squares, 0.13 and 0.72 bright."""
+    texels = (np.indices((64, 64)).sum(axis=0) % 2 * 120 + 100).astype(np.uint8)
+    image = sv.TextureImage(pixels=np.dstack([texels] * 3 + [np.full_like(texels, 255)]))
+    return sv.Texture(image=image, magnification="nearest", minification="nearest", mipmaps=False)
+
+
+CHECKERS = checkers()
+
+
+def checkerboard(pixels):
+    """A wall with squares that are `pixels` wide in a picture of SIZE, lit by the sun."""
+    half = 64 * pixels / SIZE[1] / 2
+    material = sv.Material(base_color_texture=CHECKERS, reflectance=0.0)
+    scene = sv.Scene(sv.Instance(mesh=shapes.quad((0, 0, 0), (half, 0, 0), (0, half, 0)), material=material))
+    scene.add(sv.DirectionalLight(direction=(0, 0, -1), illuminance=3.0))
+    scene.add(sv.Camera(transform=place(at=(0, 0, 1)), vertical_fov=2 * np.arctan(0.5)))
+    return scene
+
+
+def test_fine_texture_keeps_its_contrast(device):
+    """Checkers of 1.5 pixels: the share of the path tracer's picture, from its mean, that is in a settled frame."""
+    scene = checkerboard(1.5)
+    inner = slice(8, -8), slice(8, -8)
+    truth = trace(device, scene)[inner]
+    with make(device, scene) as renderer:
+        picture = read(settle(renderer, None, SETTLED))[inner]
+    contrast = left_of(truth, truth.mean(), picture)
+    print(f"contrast {contrast:.3f}")
+    assert 0.9 < contrast < 1.05
+
+
+def test_the_mean_is_that_of_the_samples(device):
+    """The mean of settled pictures over that of their samples: as a whole, and in the worst of 16 tiles."""
+    with make(device, builtin("mirror_hall")) as renderer:
+        settle(renderer, None, SETTLED)
+        samples, picture = np.zeros((2, *SIZE, 3))
+        for _ in range(64):
+            frame = renderer.render()
+            samples += read(frame, "sample_radiance")
+            picture += read(frame)
+    tiles = sixteenths(picture).mean(axis=-1) / sixteenths(samples).mean(axis=-1) - 1
+    total = picture.sum() / samples.sum() - 1
+    print(f"mean {total:+.4f}, tiles {np.abs(tiles).max():.4f}")
+    assert abs(total) < 0.01
+    assert np.abs(tiles).max() < 0.03
+
+
+def test_noise_of_a_settled_picture(device):
+    """The standard deviation of pixels over frames is at most an eighth of that of the raw frames."""
+    with make(device, cornell_box()) as renderer:
+        settle(renderer, None, SETTLED)
+        frames = [(read(frame), read(frame, "raw_radiance")) for frame in (renderer.render() for _ in range(16))]
+    ratio = np.std([f[0] for f in frames], axis=0).mean() / np.std([f[1] for f in frames], axis=0).mean()
+    print(f"{ratio:.4f}")
+    assert ratio < 1 / 8
+
+
+# ---- what moves and changes -------------------------------------------------------------------------
+
+
+def glowing(radiance):
+    """A material whose light needs no denoiser."""
+    return sv.Material(base_color=0.0, reflectance=0.0, emissive=radiance)
+
+
+def passing_block(device):
+    """A block that glows moves by 2 pixels a frame for 24 frames in front of a wall with checkers that glow: the share
+    of its light that is left where it was 8 frames ago; and relMSE of what it uncovered in 2 frames, over that of the
+    samples of what it never covered."""
+    scene = checkerboard(4.3)
+    wall = next(iter(scene))
+    wall.material = glowing(1.0)
+    wall.material.emissive_texture = CHECKERS
+    block = sv.Instance(mesh=shapes.box((-0.1, -0.1, -0.02), (0.1, 0.1, 0.02)), material=glowing(3.0))
+    scene.add(block)
+
+    def put(step):
+        block.transform = place(at=(-0.35 + step * 2 / SIZE[0], 0, 0.1))
+
+    put(0)
+    with make(device, scene) as renderer:
+        settle(renderer, None, 32)
+        for step in range(1, 25):
+            put(step)
+            frame = renderer.render()
+        picture, samples = read(frame), read(frame, "sample_radiance")
+        masks, pictures = {}, {}
+        for steps in (0, 2, 8):
+            put(24 - steps)
+            masks[steps] = renderer.render().mask(block)
+            pictures[steps] = trace(device, scene, samples=128)
+    truth, covered = pictures[0], masks[0].copy()
+    for axis, by in ((0, 1), (0, -1), (1, 1), (1, -1)):
+        covered |= np.roll(masks[0], by, axis)  # and the edges
+    left, uncovered = masks[8] & ~covered, masks[2] & ~covered
+    never = np.zeros(SIZE, bool)
+    never[4:20, 4:-4] = True
+    trail = left_of(pictures[8][left], truth[left], picture[left])
+    found, usual = relative_error(picture[uncovered], truth[uncovered]), relative_error(samples[never], truth[never])
+    print(f"trail {trail:+.4f}, uncovered {found:.5f}, samples {usual:.5f}")
+    return abs(trail), found / usual
+
+
+def test_what_a_moving_block_uncovers(device):
+    trail, ratio = passing_block(device)
+    assert trail < 0.05
+    assert ratio < 3
+
+
+def edge_of_reflection(device, speed=0.7):
+    """How far the edge of a lit card in a flat metal mirror is off, in pixels, while the camera moves sideways by
+    `speed` pixels a frame."""
+    scene = sv.Scene()
+    scene.add(shapes.quad((0, 0, 0), (3, 0, 0), (0, 3, 0)), sv.Material(metallic=1.0, perceptual_roughness=0.0))
+    scene.add(shapes.quad((0.6, 0, 3.0), (-0.6, 0, 0), (0, 3, 0)), glowing(1.0))
+    scene.add(shapes.quad((0, 0, 3.2), (-6, 0, 0), (0, 6, 0)), glowing(0.1))
+    scene.add(sv.Camera(transform=place(at=(0, 0, 2)), vertical_fov=0.6))
+    step = speed * 2 * np.tan(0.3) * 5 / SIZE[0]  # meters for a point at its virtual distance
+    with make(device, scene) as renderer:
+        for index in range(32):
+            camera = moved(scene.camera, index * step)
+            frame = renderer.render(camera)
+        picture = read(frame)
+    truth = trace(device, scene, camera)
+    found, right = (image[16:48].mean(axis=(0, 2)).sum() for image in (picture, truth))
+    high, low = truth[16:48].mean(axis=(0, 2)).max(), truth[16:48].mean(axis=(0, 2)).min()
+    off = abs(found - right) / (high - low)
+    print(f"edge off by {off:.3f} pixels; contrast {left_of(truth, truth.mean(), picture):.3f}")
+    return off
+
+
+def test_edges_in_mirrors(device):
+    assert edge_of_reflection(device) < 0.25
+
+
+def pan_error(device):
+    """relMSE while the camera moves sideways by about a pixel a frame, over that without antialiasing."""
+    scene = cornell_box()
+    with make(device, scene) as renderer:
+        for index in range(32):
+            camera = moved(scene.camera, 0.02 * index)
+            frame = renderer.render(camera)
+        picture, samples = read(frame), read(frame, "sample_radiance")
+    truth = trace(device, scene, camera)
+    errors = relative_error(picture, truth), relative_error(samples, truth)
+    print("moving: {:.4f}, without antialiasing {:.4f}".format(*errors))
+    return errors[0] / errors[1]
+
+
+def test_a_moving_camera_keeps_edges_smooth(device):
+    assert pan_error(device) < 0.7
+
+
+def lamp_off(device):
+    """The light that is left 10 frames after the lamp was switched off, over the light before."""
+    scene = cornell_box()
+    with make(device, scene) as renderer:
+        before = read(settle(renderer, None, 40)).mean()
+        find(scene, "lamp").material.emissive = np.zeros(3)
+        after = read(settle(renderer, None, 10)).mean() / before
+    print(f"{after:.4f}")
+    return after
+
+
+def test_light_that_is_switched_off_is_gone(device):
+    assert lamp_off(device) < 0.05
+
+
+def test_changes_of_colors_are_followed(device):
+    """A wall is painted: after 8 frames the picture shows at most a twentieth of the old color."""
+    scene = checkerboard(6.0)
+    with make(device, scene) as renderer:
+        before = read(settle(renderer, None, 32))
+        next(iter(scene)).material.base_color = (0.2, 0.3, 1.0)
+        picture = read(settle(renderer, None, 8))
+        after = read(settle(renderer, None, 60))
+    assert abs(left_of(before, after, picture)) < 0.05
+
+
+# ---- sizes, cuts, hard input ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("settings", [{}, SPLIT], ids=["paths", "split"])
+def test_off_is_the_frame_of_samples(device, settings):
+    """Without antialiasing the picture is the samples, bit by bit; with it, the samples are the same."""
+    scene = cornell_box()
+    with make(device, scene, **settings) as on, make(device, scene, antialiasing=False, **settings) as off:
+        for _ in range(3):
+            found, plain = on.render(), off.render()
+            assert plain["radiance"].tobytes() == plain["sample_radiance"].tobytes()
+            assert found["sample_radiance"].tobytes() == plain["sample_radiance"].tobytes()
+        assert found["radiance"].tobytes() != plain["radiance"].tobytes()
+        on.reset()
+        cut = on.render()
+        assert cut["radiance"].tobytes() == cut["sample_radiance"].tobytes(), "a cut forgets"
+        on.settings.antialiasing = False
+        on.render()
+        on.settings.antialiasing = True
+        anew = on.render()
+        assert anew["radiance"].tobytes() == anew["sample_radiance"].tobytes(), "the switch is live"
+
+
+@pytest.mark.parametrize("upscale", [1.0, 1.5, 2.0, 3.0])
+@pytest.mark.parametrize("size", [(1, 1), (5, 7), (16, 3)])
+def test_sizes(device, size, upscale):
+    scene = cornell_box()
+    with make(device, scene, size, upscale=upscale) as renderer:
+        for width, height in (size, (9, 4)):
+            renderer.resize((width, height))
+            frame = settle(renderer, None, 5)
+            rendered = -int(-height // upscale), -int(-width // upscale)
+            assert np.isfinite(read(frame)).all()
+            assert frame["radiance"].shape == (height, width, 3)
+            assert frame["display"].shape[:2] == frame["depth"].shape == (height, width)
+            assert frame["raw_radiance"].shape[:2] == frame["guides_motion"].shape[:2] == rendered
+
+
+def test_upscale_is_live(device):
+    scene = cornell_box()
+    with make(device, scene) as renderer, make(device, scene, upscale=2) as other:
+        settle(renderer, None, 3)
+        renderer.settings.upscale = 2
+        renderer.view = "shading_normal"
+        assert renderer.render()["display"].shape == (*SIZE, 4)
+        renderer.view = "picture"
+        found, right = read(settle(renderer, None, 20)), read(settle(other, None, 24))
+    assert relative_error(found, right) < 0.1
+
+
+def test_values_that_are_not_finite_spread_nowhere(device):
+    """A sample is NaN from the third frame on: all pixels stay finite, and the others as they were."""
+    scene = cornell_box()
+    index = SIZE[0] * 24 + 20
+    wrong = ("passes/paths/compose.comp", "    sample_radiance.at[index] = emitted",
+             f"    if (index == {index}u && this_frame.index > 2u) {{ emitted += 0.0 / 0.0; }}\n"
+             "    sample_radiance.at[index] = emitted")  # fmt: skip
+    pictures = []
+    for patches in ([], [wrong]):
+        with patched_shaders(*patches), make(device, scene) as renderer:
+            pictures.append(read(settle(renderer, None, 8)).reshape(-1, 3))
+    assert np.isfinite(pictures[1]).all()
+    apart = np.abs(pictures[1] - pictures[0])
+    assert np.delete(apart, index, axis=0).sum() < 1e-3 * pictures[0].sum()
+    assert apart[index].max() < 0.3 * pictures[0][index].max()
+
+
+@pytest.mark.parametrize("ev100", [-40.0, 40.0])
+def test_exposure_changes_nothing(device, ev100):
+    scene, other = checkerboard(1.5), checkerboard(1.5)
+    other.camera.ev100 = ev100
+    with make(device, scene) as renderer, make(device, other) as exposed:
+        frame, found = settle(renderer, None, 4), settle(exposed, None, 4)
+        assert relative_error(read(found), read(frame)) < 1e-4
+
+
+def test_the_cameras_own_jitter_moves_the_picture(device):
+    """A camera whose jitter is 3 pixels shows the picture moved by 3 pixels, in one frame as over many."""
+    scene = checkerboard(6.0)
+    with make(device, scene) as renderer:
+        still = read(settle(renderer, None, 32))
+        scene.camera.jitter = (3, 0)
+        picture = read(renderer.render())
+    inside = slice(8, -8)
+    assert left_of(still[inside, 11:-5], still.mean(), picture[inside, 8:-8]) == pytest.approx(1, abs=0.1)
+
+
+def test_same_seed_same_bits(device):
+    scene = cornell_box()
+    with make(device, scene, upscale=1.5) as first, make(device, scene, upscale=1.5) as second:
+        for index in range(5):
+            camera = moved(scene.camera, 0.02 * index)
+            assert not differing(first.render(camera), second.render(camera))
+
+
+# ---- mutants ----------------------------------------------------------------------------------------
+
+
+def caught_by_upscaled(device, reference):
+    settled.cache_clear()
+    error, bilinear, native = upscaled_errors(device, reference)
+    settled.cache_clear()
+    return error > 0.5 * bilinear or error > 1.3 * native
+
+
+CAUGHT = {
+    "upscaled": caught_by_upscaled,
+    "block": lambda device, _: max(np.array(passing_block(device)) / (0.05, 3)) > 1,
+    "mirror": lambda device, _: edge_of_reflection(device) > 0.25,
+    "pan": lambda device, _: pan_error(device) > 0.7,
+}
+MUTANTS = {
+    "jitter the wrong way": ("upscaled", "samples.glsl", "- 0.5 - this_frame.sample_offset",
+                             "- 0.5 + this_frame.sample_offset"),
+    "no limit": ("block", "resolve.comp", "!(outside > SUSPECT)", "true"),
+    "no motion": ("pan", "history.glsl", "position = vec2(at) + 0.5 + motion;", "position = vec2(at) + 0.5;"),
+    "motion the wrong way": ("pan", "history.glsl", "position = vec2(at) + 0.5 + motion;",
+                             "position = vec2(at) + 0.5 - motion;"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MUTANTS)
+def test_mutants_are_caught(device, reference, name):
+    by, file, old, new = MUTANTS[name]
+    with patched_shaders((FOLDER + file, old, new)):
+        assert CAUGHT[by](device, reference)
