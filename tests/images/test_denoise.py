@@ -355,7 +355,7 @@ MUTANTS = {
                                          "return 1.0;")),
     "albedo of reflections": ("means", mutant("sample.glsl", "found.rgb / reflected_albedo(pixel, kind)", "found.rgb")),
     "light off unnoticed": ("lamp", mutant("accumulate.comp", "past.frames * confidence", "past.frames")),
-    "wrong way": ("pan", mutant("past.glsl", "in_pixels(motion_vector(now, before))", "in_pixels(-motion_vector(now, before))")),
+    "wrong way": ("pan", mutant("past.glsl", "in_pixels(motion_vector(", "in_pixels(-motion_vector(")),
     "every tap": ("pan", mutant("past.glsl", "if (then.kind != guide.kind) { return false; }",
                                 "if (then.kind == guide.kind) { return true; }")),
 }  # fmt: skip

@@ -78,8 +78,8 @@ Neighborhood find_neighborhood(ivec2 at) {
     return found;
 }
 
-// Lowers the weight of bright radiance in interpolations by how much it exceeds what is around, or lamps would bleed into
-// what is dark: Karis, "High Quality Temporal Supersampling" (2014).
+// Lowers the weight of bright radiance in interpolations by how much it exceeds what is around, or lamps would bleed
+// into what is dark: Karis, "High Quality Temporal Supersampling" (2014).
 float moderation(vec3 found, Neighborhood around) {
     return around.mean.x > 0.0 ? around.mean.x / (around.mean.x + luminance(found)) : 1.0;
 }
