@@ -9,6 +9,7 @@ from typing import Any
 from solari_vk.conformance import (
     brdf_checks,
     bulk_checks,
+    denoise_checks,
     direct_checks,
     display_checks,
     embree_checks,
@@ -175,6 +176,14 @@ GROUPS: dict[str, dict[str, Measure]] = {
                  0.0, 0.5, 1.0),
         "draws": lambda run: brdf_checks.measure_draws(run.shaders, brdf_checks.CASES, 1_000_000),
         "numbers": lambda run: brdf_checks.measure_numbers(run.shaders, 1_000_000),
+    },
+    "denoise": {
+        "even_light": lambda run: denoise_checks.measure_even_light(run.device),
+        "outliers": lambda run: denoise_checks.measure_outliers(run.device),
+        "motion": lambda run: denoise_checks.measure_motion(run.device),
+        "light_off": lambda run: denoise_checks.measure_light_off(run.device),
+        "not_finite": lambda run: denoise_checks.measure_not_finite(run.device),
+        "edges": lambda run: denoise_checks.measure_edges(run.device),
     },
     "display": {
         "picture": lambda run: display_checks.measure_picture(run.device),

@@ -1,0 +1,187 @@
+"""The denoiser, given light whose mean is known: noise in closed form takes the place of the light of paths.
+
+Nothing else of the frame runs but the G-buffer and the guides, so that the light of every pixel and frame is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+import solari_vk as sv
+from solari_vk.conformance.realtime import Image, make_renderer
+from solari_vk.conformance.rules import SUITE, Measurement, Rule
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.shaders.patches import patched_shaders
+from solari_vk.rendered import RenderedFrame
+from solari_vk.renderer import Renderer
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import matte
+
+_DENOISER = (SUITE, "Denoiser")
+EVEN = Rule("noise around an even light becomes that light, pixel by pixel and on average", *_DENOISER)
+ERROR = Rule("the estimated error of an even light is 0.8 to 2.5 times its deviation", *_DENOISER)
+RETURNED = Rule("light by one sample in a hundred is in the picture when histories are long", *_DENOISER)
+FOUND = Rule("histories are found after motion by known numbers of pixels", *_DENOISER)
+NEW = Rule("what comes into view has no history", *_DENOISER)
+SHARP = Rule("motion by parts of a pixel keeps patterns of light", *_DENOISER)
+FORGOTTEN = Rule("a light that goes out is forgotten in a frame", *_DENOISER)
+NOT_FINITE = Rule("light that isn't finite changes no pixel", *_DENOISER)
+EDGES = Rule("the blur doesn't cross edges", *_DENOISER)
+PASSES = ("gbuffer/", "guides/", "denoise/", "paths/compose", "taa/")
+SIZE = (96, 64)
+DISTANCE = 2.0  # of the wall from the camera, in meters; the camera sees up and down by 45 degrees
+PIXEL = 2.0 * DISTANCE / SIZE[1]  # the width of a pixel on the wall
+_SAMPLE = "vec4 diffuse_sample(uint index) { return paths_diffuse.at[index]; }"
+# `noise` has a long tail and the mean 1; `uvec2 pixel` and `this_frame.index` are known too.
+_GIVEN = """vec4 diffuse_sample(uint index) {{
+    uvec2 pixel = uvec2(index % camera.size.x, index / camera.size.x);
+    uint rng = seed_rng(pixel, this_frame.index, 0x5EED5EEDu);
+    float u = rand_f(rng), noise = 4.0 * u * u * u;
+    return vec4(vec3({light}), 1.0);
+}}"""
+
+
+def wall(*corners: Image) -> sv.Scene:
+    """White quads seen by a camera at the origin that looks along -z; by default one wall that fills the picture."""
+    scene = sv.Scene()
+    far = 5 * DISTANCE
+    default = [[-far, -far, -DISTANCE], [far, -far, -DISTANCE], [far, far, -DISTANCE], [-far, far, -DISTANCE]]
+    scene.add(shapes.polygons(*(corners or (np.array(default),))), matte(1.0))
+    scene.add(sv.Camera(vertical_fov=np.pi / 2))
+    return scene
+
+
+@contextmanager
+def _denoising(device: Device, scene: sv.Scene, light: str) -> Iterator[Renderer]:
+    """A renderer whose paths found this light, a GLSL expression."""
+    patch = ("passes/denoise/sample.glsl", _SAMPLE, _GIVEN.format(light=light))
+    settings = {"denoise": True, "jitter": False}
+    with patched_shaders(patch), make_renderer(device, scene, SIZE, passes=PASSES, **settings) as renderer:
+        yield renderer
+
+
+def _light(frame: RenderedFrame) -> Image:
+    """Luminance, (h, w), over that of a light of 1."""
+    return np.asarray(frame["diffuse_radiance"], np.float64)[..., 1]
+
+
+def _scale(device: Device, scene: sv.Scene) -> Image:
+    """The picture of a light of 1: what the surfaces reflect of it."""
+    with _denoising(device, scene, "1.0") as renderer:
+        return _light(renderer.render())
+
+
+def _lengths(frame: RenderedFrame) -> Image:
+    """Frames in the history of each pixel: the lower half of a word, a positive float without its last bits."""
+    words: Image = np.asarray(frame["denoise_diffuse"])[..., 3] << 16 >> 1
+    return words.view(np.float32)
+
+
+def measure_even_light(device: Device) -> Iterator[Measurement]:
+    """Frames 1, 4, 16 and 64 of noise around 1."""
+    scene = wall()
+    scale = _scale(device, scene)
+    with _denoising(device, scene, "noise") as renderer:
+        for number in range(1, 65):
+            frame = renderer.render()
+            if number not in (1, 4, 16, 64):
+                continue
+            off = _light(frame) / scale - 1
+            deviation, note = float(np.sqrt((off**2).mean())), f"frame {number}"
+            noise = 1.134 / number**0.5  # the standard deviation of the mean of as many samples
+            yield Measurement(EVEN, abs(float(off.mean())), 0.03 if number == 1 else 0.015, "of the mean", note)
+            yield Measurement(EVEN, deviation, max(noise / 8, 0.04), "deviation of pixels", note)
+            ratio = float(np.sqrt((np.asarray(frame["error"], np.float64) ** 2 / scale**2).mean())) / deviation
+            middle, most = (0.8 * 2.5) ** 0.5, (2.5 / 0.8) ** 0.5
+            yield Measurement(ERROR, max(ratio / middle, middle / ratio), most, f"times off {middle:.2f}", note)
+
+
+def measure_outliers(device: Device) -> Iterator[Measurement]:
+    """Samples of 0.5, and one in a hundred of 50.5: in few frames, the picture has less of these."""
+    scene = wall()
+    scale = _scale(device, scene)
+    with _denoising(device, scene, "0.5 + (u < 0.01 ? 50.0 : 0.0)") as renderer:
+        for _ in range(64):
+            frame = renderer.render()
+        mean = float((_light(frame) / scale).mean())
+    yield Measurement(RETURNED, abs(mean - 1), 0.04, "of the mean", f"{mean:.3f} of it")
+
+
+def measure_motion(device: Device) -> Iterator[Measurement]:
+    """The camera moves to the right, parallel to the wall. Light on the wall stays where it is."""
+    scene = wall()
+    scale = _scale(device, scene).mean()
+    for step, rule in ((3.0, FOUND), (2.5, FOUND), (0.4, SHARP)):
+        # A wave of 8 pixels on the wall.
+        place = f"float(pixel.x) + {step} * float(this_frame.index)"
+        with _denoising(device, scene, f"1.0 + 0.5 * sin({2 * np.pi / 8} * ({place}))") as renderer:
+            for number in range(12):
+                frame = renderer.render(_moved(step * number))
+            lengths, picture = np.round(_lengths(frame)), _light(frame)
+        note = f"{step} pixels a frame"
+        if rule is FOUND:
+            yield _count_unequal(FOUND, lengths[:, : SIZE[0] - int(11 * step) - 3], 12, note)
+            # The first new column takes the history of the wall beside it.
+            yield _count_unequal(NEW, lengths[:, SIZE[0] - int(step) + 1 :], 1, note)
+        # In the middle of the picture all histories are long.
+        columns = np.arange(8, 48)
+        wave = np.sin(2 * np.pi / 8 * (columns + 11 * step))
+        kept = 4 * float(((picture[:, columns] / scale - 1) * wave).mean())
+        yield Measurement(SHARP, abs(kept - 1), 0.1, "of the contrast", f"{note}: {kept:.3f} of it")
+
+
+def _count_unequal(rule: Rule, found: Image, expected: float, note: str) -> Measurement:
+    return Measurement(rule, float((found != expected).sum()), 0.0, f"of {found.size} pixels", note)
+
+
+def _moved(pixels: float) -> sv.Camera:
+    transform = np.eye(4)
+    transform[0, 3] = PIXEL * pixels
+    return sv.Camera(transform=transform, vertical_fov=np.pi / 2)
+
+
+def measure_light_off(device: Device) -> Iterator[Measurement]:
+    """Noise around 1 for 32 frames, around 0.1 after it."""
+    scene = wall()
+    scale = _scale(device, scene)
+    with _denoising(device, scene, "this_frame.index < 32u ? noise : 0.1 * noise") as renderer:
+        for _ in range(33):
+            frame = renderer.render()
+        left = float((_light(frame) / scale).mean() - 0.1) / 0.9
+    yield Measurement(FORGOTTEN, abs(left), 0.05, "of the old light")
+
+
+def measure_not_finite(device: Device) -> Iterator[Measurement]:
+    """A pixel whose light is NaN or infinite in every second frame."""
+    scene = wall()
+    scale = _scale(device, scene)
+    for value in ("0.0 / 0.0", "1.0 / 0.0", "-1.0 / 0.0"):
+        wrong = "pixel == uvec2(40, 30) && (this_frame.index & 1u) == 0u"
+        with _denoising(device, scene, f"{wrong} ? {value} : 1.0") as renderer:
+            for _ in range(4):
+                frame = renderer.render()
+            changed = _light(frame) / scale
+        yield _count_unequal(NOT_FINITE, np.abs(changed - 1) < 0.02, True, value)
+
+
+def measure_edges(device: Device) -> Iterator[Measurement]:
+    """Noise around 1 on the left half of the picture, around 3 on the right one, which shows another surface."""
+    near, far, side = DISTANCE, 1.5 * DISTANCE, 5 * DISTANCE
+    facing = [np.array([[x, -side, -z], [x + side, -side, -z], [x + side, side, -z], [x, side, -z]])
+              for x, z in ((-side, near), (0.0, far))]  # fmt: skip
+    corner = [np.array([[x, -side, -near - side * (x < 0)], [x + side, -side, -near - side * (x == 0)],
+                        [x + side, side, -near - side * (x == 0)], [x, side, -near - side * (x < 0)]])
+              for x in (-side, 0.0)]  # fmt: skip
+    for name, quads in (("one nearer than the other", facing), ("an outer corner of 90 degrees", corner)):
+        scene = wall(*quads)
+        scale = _scale(device, scene)
+        with _denoising(device, scene, f"(pixel.x < {SIZE[0] // 2}u ? 1.0 : 3.0) * noise") as renderer:
+            for _ in range(8):
+                frame = renderer.render()
+            beside = slice(SIZE[0] // 2 - 1, SIZE[0] // 2 + 1)
+            columns = (_light(frame)[:, beside] / scale[:, beside]).mean(axis=0)
+        leaks = (columns[0] - 1) / 2, (3 - columns[1]) / 2
+        yield Measurement(EDGES, float(np.abs(leaks).max()), 0.05, "of the other side's light", name)

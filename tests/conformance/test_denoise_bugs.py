@@ -1,0 +1,59 @@
+"""The rules about the denoiser can fail: seeded bugs in each of its passes."""
+
+from __future__ import annotations
+
+import pytest
+from seeded_bugs import expect_noticed, marked
+
+from solari_vk.conformance import denoise_checks as checks
+from solari_vk.conformance.rules import Rule
+
+FOLDER = "passes/denoise/"
+PAST, LIKENESS, SAMPLE = (f"{FOLDER}{name}.glsl" for name in ("past", "likeness", "sample"))
+ACCUMULATE, VARIANCE, BLUR = (f"{FOLDER}{name}.comp" for name in ("accumulate", "variance", "blur"))
+SUMS, CHANGES, COMPOSE = f"{FOLDER}sum_cells.comp", f"{FOLDER}find_changes.comp", "passes/paths/compose.comp"
+EVEN, ERROR, RETURNED, FOUND, NEW, SHARP, FORGOTTEN, NOT_FINITE, EDGES = (rule.name for rule in (
+    checks.EVEN, checks.ERROR, checks.RETURNED, checks.FOUND, checks.NEW, checks.SHARP, checks.FORGOTTEN,
+    checks.NOT_FINITE, checks.EDGES))  # fmt: skip
+BUGS = {
+    "motion the wrong way": (checks.measure_motion, [FOUND, SHARP], PAST, "0.5 + motion_vector(now, before)",
+                             "0.5 - motion_vector(now, before)"),
+    "history of what was at the border": (checks.measure_motion, [NEW], PAST,
+                                          "any(greaterThanEqual(pixel, ivec2(camera.size)))) { return false; }",
+                                          "false) { return false; }\n    pixel = min(pixel, ivec2(camera.size) - 1);"),
+    "nearest pixels": (checks.measure_motion, [SHARP], PAST, "vec2 share = where - 0.5 - vec2(corner);",
+                       "vec2 share = round(where - 0.5 - vec2(corner));"),
+    "sums without this frame": (checks.measure_light_off, [FORGOTTEN], SUMS, "sum.total += value - mean;", ""),
+    "all histories trusted": (checks.measure_light_off, [FORGOTTEN], CHANGES,
+                              "return pow(1.0 - certain * min(abs(sum.total) / sum.larger, 1.0), EXPONENT);",
+                              "return 1.0;"),
+    "histories trusted when light changed": (checks.measure_light_off, [FORGOTTEN], ACCUMULATE,
+                                             "past.frames * confidence", "past.frames"),
+    "short means": (checks.measure_even_light, [EVEN], ACCUMULATE, "float weight = 1.0 / (past.frames + 1.0);",
+                    "float weight = max(1.0 / (past.frames + 1.0), 0.5);"),
+    "what isn't finite counts": (checks.measure_not_finite, [NOT_FINITE], SAMPLE,
+                                 "return !any(isnan(radiance)) && !any(isinf(radiance));", "return true;"),
+    "outliers limited for good": (checks.measure_outliers, [RETURNED], VARIANCE,
+                                  "if (value > limit && lobe.frames < SETTLED) {",
+                                  "limit = 2.0 * others;\n    if (value > limit) {"),
+    "variance of a frame": (checks.measure_even_light, [ERROR], VARIANCE, "of_sample / lobe.frames", "of_sample"),
+    "outliers pass on nothing": (checks.measure_even_light, [EVEN], BLUR, "(center.variance + other.variance)",
+                                 "(2.0 * center.variance)"),
+    "no blur": (checks.measure_even_light, [EVEN], BLUR, "weight /= square(1.0 + unlike);", "weight = 0.0;"),
+    "noise of pixels all the same": (checks.measure_even_light, [ERROR], BLUR, "CORRELATION[min(level, 2u)]);", "1.0);"),
+    "blur across depths": (checks.measure_edges, [EDGES], LIKENESS, "exp(-(off + turned", "exp(-(turned"),
+    "blur around corners": (checks.measure_edges, [EDGES], LIKENESS, "exp(-(off + turned * pattern.normal_sharpness",
+                            "exp(-(min(off, 0.1) + 0.0 * pattern.normal_sharpness"),
+    "error of the sum of lobes": (checks.measure_even_light, [ERROR], COMPOSE, "sqrt(ERROR_OVER_NOISE * dot(",
+                                  "(ERROR_OVER_NOISE * dot("),
+}  # fmt: skip
+
+
+def test_every_rule_has_a_bug():
+    names = {name for _, found, *_ in BUGS.values() for name in found}
+    assert {rule.name for rule in vars(checks).values() if isinstance(rule, Rule)} == names
+
+
+@pytest.mark.parametrize("name", marked(BUGS, tuple(BUGS)))
+def test_bug_is_noticed(device, name):
+    expect_noticed(device, BUGS[name])
