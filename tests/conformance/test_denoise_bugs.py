@@ -16,8 +16,8 @@ EVEN, ERROR, RETURNED, FOUND, NEW, SHARP, FORGOTTEN, NOT_FINITE, EDGES = (rule.n
     checks.EVEN, checks.ERROR, checks.RETURNED, checks.FOUND, checks.NEW, checks.SHARP, checks.FORGOTTEN,
     checks.NOT_FINITE, checks.EDGES))  # fmt: skip
 BUGS = {
-    "motion the wrong way": (checks.measure_motion, [FOUND, SHARP], PAST, "0.5 + motion_vector(now, before)",
-                             "0.5 - motion_vector(now, before)"),
+    "motion the wrong way": (checks.measure_motion, [FOUND, SHARP], PAST, "in_pixels(motion_vector(",
+                             "in_pixels(-motion_vector("),
     "history of what was at the border": (checks.measure_motion, [NEW], PAST,
                                           "any(greaterThanEqual(pixel, ivec2(camera.size)))) { return false; }",
                                           "false) { return false; }\n    pixel = min(pixel, ivec2(camera.size) - 1);"),
@@ -40,7 +40,7 @@ BUGS = {
     "outliers pass on nothing": (checks.measure_even_light, [EVEN], BLUR, "(center.variance + other.variance)",
                                  "(2.0 * center.variance)"),
     "no blur": (checks.measure_even_light, [EVEN], BLUR, "weight /= square(1.0 + unlike);", "weight = 0.0;"),
-    "noise of pixels all the same": (checks.measure_even_light, [ERROR], BLUR, "CORRELATION[min(level, 2u)]);", "1.0);"),
+    "noise of all pixels alike": (checks.measure_even_light, [ERROR], BLUR, "CORRELATION[min(level, 2u)]);", "1.0);"),
     "blur across depths": (checks.measure_edges, [EDGES], LIKENESS, "exp(-(off + turned", "exp(-(turned"),
     "blur around corners": (checks.measure_edges, [EDGES], LIKENESS, "exp(-(off + turned * pattern.normal_sharpness",
                             "exp(-(min(off, 0.1) + 0.0 * pattern.normal_sharpness"),
