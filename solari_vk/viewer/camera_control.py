@@ -19,7 +19,7 @@ TURN = 0.005  # radians per unit of cursor movement
 MAX_ELEVATION = math.radians(89)  # largest angle between the view direction and the horizon
 FASTER = 4.0  # factor of the speed while shift is held
 WHEEL = 1.25  # factor of the pace for each notch of the wheel
-PACE = 0.75  # share of the distance to what is seen that is flown in a second
+PACE = 0.5  # share of the distance to what is seen that is flown in a second
 SMOOTHING = 0.08  # seconds in which the velocity comes within 37 % of what the keys ask for
 STEP = 0.01  # seconds of a step of the movement, so that it doesn't depend on the frame rate
 # Directions in camera space, and in world space.

@@ -132,17 +132,17 @@ def test_flying_to_a_wall_ends_before_it(handle, control, rate):
     """The speed falls with the distance to the wall, which is seen ten times a second; away from it, it grows."""
     seen_at, speeds = -1.0, []
     handle(press(glfw.KEY_W))
-    for frame in range(5 * rate):
+    for frame in range(6 * rate):
         if frame / rate - seen_at > 0.1:
             seen_at = frame / rate
             control.see(position(control)[2])  # a wall at z = 0
         control.advance(1 / rate)
         speeds.append(control.speed)
-    assert 0 < position(control)[2] < 0.05 * DISTANCE
+    assert 0 < position(control)[2] < 0.1 * DISTANCE
     assert speeds == sorted(speeds, reverse=True)
     handle(release(glfw.KEY_W), press(glfw.KEY_S))
     control.advance(4)
-    assert position(control)[2] > 0.1 * DISTANCE
+    assert position(control)[2] > 0.2 * DISTANCE
 
 
 def test_home_is_found_from_everywhere(handle, control):
