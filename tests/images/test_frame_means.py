@@ -84,9 +84,11 @@ def test_white_furnace(device, ball, lighting):
 @each_lighting
 @pytest.mark.parametrize("name", ["sphere_grid", "mirror_hall"])
 def test_glossy_scenes(device, name, lighting):
-    scene, effort = sv.builtin(name), Effort(16, 24, 12)
-    expected = trace(device, scene, 512, max_bounces=64)
-    with make_renderer(device, scene, **lighting) as renderer:
+    """The denoiser gets a larger picture: it blurs the light of what is few pixels wide (docs/denoising.md)."""
+    size, runs = ((96, 96), 4) if lighting.get("denoise") else ((32, 32), 16)
+    scene, effort = sv.builtin(name), Effort(runs, 24, 12)
+    expected = trace(device, scene, 512, size, max_bounces=64)
+    with make_renderer(device, scene, size, **lighting) as renderer:
         found = run_pictures(renderer, scene.camera, effort, lambda frame: frame["radiance"])
     tiles = measure_picture_tiles(TILES, found, expected, 0.12, effort)
     hold([measure_mean(WHOLE, found, expected, 0.05, effort), tiles])
