@@ -33,7 +33,8 @@ DARKEST, BRIGHTEST = 1e-4, 30.0
 class RenderedFrame:
     """The results of one frame as numpy arrays, by name, until the renderer renders its next frame.
 
-    `frame["radiance"]` is linear radiance (height, width, 3) in cd/m^2; `np.asarray(frame)` is the same.
+    `frame["radiance"]` is linear radiance (height, width, 3) in cd/m^2; `np.asarray(frame)` is the same. With
+    the setting `upscale`, parts of the light and guides of the realtime renderer have the size that was rendered.
     `frame["depth"]` and the other names of `pathtracer.FIRST_HIT_AOVS` describe what is visible at the center of each
     pixel; they are computed on demand. `keys()` lists all of these names. Buffers and images of the renderer's shaders
     can be read by their names too. Reading a result waits for the frame and returns a copy.

@@ -35,10 +35,11 @@ COUNTING = ("gbuffer", "world_cache")  # stages with a buffer of counters, NAME_
 class Renderer(PictureRenderer):
     """Realtime lighting: one path a pixel, ended by a world-space radiance cache; or Solari's separate passes.
 
-    size: (width, height) in pixels. settings: kept, not copied; assigning to one of its fields takes effect with the
-    next frame. seed: a whole number; the same seed gives the same pictures, bit by bit, and another seed gives
-    independent noise. count_rays: passes count their rays in `frame["ray_counts"]`, in the order of `counted_passes`;
-    this costs some time. Sources: the posts on Solari in Bevy 0.17, 0.18 and 0.19.
+    size: (width, height) of the picture in pixels; the setting `upscale` renders fewer. settings: kept, not copied;
+    assigning to one of its fields takes effect with the next frame. seed: a whole number; the same seed gives the same
+    pictures, bit by bit, and another seed gives independent noise. count_rays: passes count their rays in
+    `frame["ray_counts"]`, in the order of `counted_passes`; this costs some time.
+    Sources: the posts on Solari in Bevy 0.17, 0.18 and 0.19.
 
     The scene may be edited between calls of `render`. Several renderers may share a scene; given one SceneBinder, they
     share its memory on the device too. `close` frees the renderer's memory on the device; closing the device frees it

@@ -25,7 +25,7 @@ QUALITIES: dict[str, dict[str, Any]] = {
         "world_cache_max_samples": 128, "world_cache_update_cap": 200_000, "world_cache_updates_per_pixel": 1.0,
     },
     "solari": {
-        "lighting": "split", "layering": "fresnel_product", "world_cache_search_steps": 3,
+        "lighting": "split", "antialiasing": False, "layering": "fresnel_product", "world_cache_search_steps": 3,
         "world_cache_updates": "all", "world_cache_updates_per_pixel": 1e9, "world_cache_relight": False,
         "world_cache_leak_prevention": "finest", "world_cache_surfaces": "diffuse", "di_initial_visibility": True,
         "di_target": "matte", "gi_jacobian_limit": 1.2, "gi_visibility": "neighbor", "gi_refresh": False,

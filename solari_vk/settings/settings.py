@@ -54,7 +54,7 @@ class Settings:
     primary_surface_replacement: bool = _frame(True, "Guides describe the surface that a mirror shows.")
 
     # ---- the picture, from jittered samples
-    antialiasing: bool = _taa(False, "Average samples at different positions in each pixel over frames.")
+    antialiasing: bool = _taa(True, "Average samples at different positions in each pixel over frames.")
     upscale: float = _taa(
         1.0, "Width of the picture over that of what is rendered. More: faster, less sharp.", low=1, high=3,
         rebuilds=True)  # fmt: skip

@@ -12,7 +12,7 @@ OTHER_OUTPUTS = ("depth", "motion_vectors", "gbuffer", "guides_normal_roughness"
 # Tests of whole frames run with the raw light of paths and with the denoiser; when slow tests run, also with light that
 # pixels reuse and with Solari's passes. The parameter holds settings.
 each_lighting = pytest.mark.parametrize("lighting", [
-    pytest.param({}, id="raw"), pytest.param({"denoise": True}, id="denoised"),
+    pytest.param({}, id="raw"), pytest.param({"denoise": True, "antialiasing": True}, id="denoised"),
     pytest.param({"restir": True}, id="reuse", marks=pytest.mark.slow),
     pytest.param(SPLIT, id="split", marks=pytest.mark.slow),
 ])  # fmt: skip

@@ -114,6 +114,12 @@ bool is_still(ivec2 center) {
     return true;
 }
 
+// The difference of two luminances over their sum.
+float relative_difference(vec3 now, vec3 before) {
+    float difference = luminance(now) - luminance(before);
+    return difference == 0.0 ? 0.0 : difference / (luminance(now) + luminance(before));
+}
+
 // By what share of the past the samples around differ from it in the same direction: 0 unless most of them do. What one
 // frame's samples miss of edges and lines differs along a line at most.
 float common_difference(ivec2 center) {
@@ -123,8 +129,7 @@ float common_difference(ivec2 center) {
         if (!is_rendered(pixel) || !is_valid(load_sample(pixel))) { continue; }
         Past past = load_past(ivec2(floor((vec2(pixel) + 0.5 + this_frame.sample_offset) / render_scale())));
         if (past.weight == 0.0) { continue; }
-        float now = luminance(load_sample(pixel)), before = luminance(past.radiance);
-        float difference = now == before ? 0.0 : (now - before) / (now + before);
+        float difference = relative_difference(load_sample(pixel), past.radiance);
         sum += difference;
         squares += difference * difference;
         count += 1.0;

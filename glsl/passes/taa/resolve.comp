@@ -8,7 +8,8 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 const uint PASS_SALT = 0x510E527Fu;
 const float BOX = 1.25;              // half width of the box of colors that are believed, in standard deviations
-const float SUSPECT = 0.5;           // share of the box from which changes are looked for
+const float SUSPECT = 0.5;           // share of the box beyond which changes are looked for,
+const float UNNOTICED = 0.05;        // if the nearest sample differs by more
 const float DENOISED_ERROR = 0.02;   // of the samples, over their mean
 const float INTERPOLATED = 0.125;    // weight of an interpolated sample
 const float ENOUGH = 8.0;            // samples that need no interpolated ones beside them
@@ -20,6 +21,8 @@ Past limited(Past past, Neighborhood around) {
     vec3 extent = BOX * around.deviation + DENOISED_ERROR * around.mean.x + 1e-30;
     float outside = max_component(abs(color) / extent);
     if (around.count == 0.0 || !(outside > SUSPECT)) { return past; }
+    bool changed = abs(relative_difference(load_sample(around.center), past.radiance)) > UNNOTICED;
+    if (!(outside > 1.0) && !changed) { return past; }
     float kept = min(1.0 / outside, 1.0), trusted = kept;
     if (is_still(around.center)) {
         trusted = 1.0 - common_difference(around.center);
