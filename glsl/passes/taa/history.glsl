@@ -92,10 +92,11 @@ Past find_past(ivec2 at, Neighborhood around) {
 
 // ---- what still holds -------------------------------------------------------------------------------
 
-bool moved(uint instance) {
+// Whether an instance moved, or was replaced, hidden or removed.
+bool changed(uint instance) {
     PreviousInstance before = previous_instances.at[instance];
     Instance now = instances.at[instance];
-    return before.id != now.id || before.world_from_object != now.world_from_object;
+    return now.mesh == NO_INDEX || before.id != now.id || before.world_from_object != now.world_from_object;
 }
 
 // Whether nothing moves in the samples around, and nothing does that the previous frame showed there by itself.
@@ -108,7 +109,7 @@ bool is_still(ivec2 center) {
         if (motion_in_picture(pixel) != vec2(0.0)) { return false; }
         uint instance = imageLoad(previous_gbuffer_surface, pixel).y;
         if (instance == known || instance == NO_INDEX) { continue; }
-        if (moved(instance)) { return false; }
+        if (changed(instance)) { return false; }
         known = instance;
     }
     return true;

@@ -21,8 +21,8 @@ Past limited(Past past, Neighborhood around) {
     vec3 extent = BOX * around.deviation + DENOISED_ERROR * around.mean.x + 1e-30;
     float outside = max_component(abs(color) / extent);
     if (around.count == 0.0 || !(outside > SUSPECT)) { return past; }
-    bool changed = abs(relative_difference(load_sample(around.center), past.radiance)) > UNNOTICED;
-    if (!(outside > 1.0) && !changed) { return past; }
+    bool differs = abs(relative_difference(load_sample(around.center), past.radiance)) > UNNOTICED;
+    if (!(outside > 1.0) && !differs) { return past; }
     float kept = min(1.0 / outside, 1.0), trusted = kept;
     if (is_still(around.center)) {
         trusted = 1.0 - common_difference(around.center);
