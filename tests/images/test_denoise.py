@@ -38,8 +38,9 @@ def relative_error(picture, reference):
 # ---- a still picture --------------------------------------------------------------------------------
 
 
-# relMSE of frames 1, 8 and 32 after a reset at 128x128. Measured: 0.021, 0.0047, 0.0021; and 0.11, 0.037, 0.016.
-BARS = {"cornell_box": (0.05, 0.012, 0.005), "mirror_hall": (0.16, 0.055, 0.025)}
+# relMSE of frames 1, 8 and 32 after a reset at 128x128. Measured with other seeds, the worse of two: 0.028, 0.0059,
+# 0.0023; 0.10, 0.048, 0.0086; 0.18, 0.049, 0.016. The reference adds up to 0.003.
+BARS = {"cornell_box": (0.05, 0.012, 0.005), "sphere_grid": (0.14, 0.06, 0.014), "mirror_hall": (0.22, 0.06, 0.025)}
 SIZE_OF_BARS = (128, 128)
 
 
@@ -59,7 +60,7 @@ def errors_of(device, name, reference):
     """relMSE of frames 1, 8 and 32 after a reset, without jitter, each a mean over two seeds."""
     found = []
     with make(device, builtin(name), SIZE_OF_BARS, jitter=False) as renderer:
-        for seed in (1, 2):
+        for seed in (71, 72):
             renderer.seed = seed
             renderer.reset()
             pictures = [read(renderer.render()) for _ in range(32)]
@@ -68,7 +69,10 @@ def errors_of(device, name, reference):
     return np.mean(found, axis=0)
 
 
-@pytest.mark.parametrize("name", ["cornell_box", pytest.param("mirror_hall", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", [
+    "cornell_box", pytest.param("sphere_grid", marks=pytest.mark.slow),
+    pytest.param("mirror_hall", marks=pytest.mark.slow),
+])  # fmt: skip
 def test_error_falls_from_frame_to_frame(device, reference_of, name):
     errors = errors_of(device, name, reference_of(name))
     assert (errors <= BARS[name]).all(), errors
