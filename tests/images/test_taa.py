@@ -237,8 +237,8 @@ def test_edges_in_mirrors(device):
 
 
 def pan_error(device):
-    """The mean square error while the camera moves sideways by about a pixel a frame, over that without antialiasing, of
-    pictures whose highlights are compressed as a display does, or the lamp's edges would be all that counts."""
+    """The mean square error while the camera moves sideways by about a pixel a frame, over that without antialiasing.
+    Highlights are compressed as a display does, or the lamp's edges would be all that counts."""
     scene = cornell_box()
     with make(device, scene) as renderer:
         for index in range(32):
