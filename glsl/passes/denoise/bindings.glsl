@@ -17,7 +17,7 @@ layout(set = 1, binding = 147, scalar) buffer DenoiseEvenBlock { uvec4 at[]; } d
 layout(set = 1, binding = 148, scalar) buffer DenoiseOddBlock { uvec4 at[]; } denoise_odd;
 // The luminance of both lobes, averaged over 3 x 3 pixels.
 layout(set = 1, binding = 149, scalar) buffer DenoiseLuminanceBlock { vec2 at[]; } denoise_luminance;
-// The estimated standard error of the luminance of `radiance`, in cd/m^2. The result `frame["error"]`.
+// The estimated standard error of the luminance of `sample_radiance`, in cd/m^2. The result `frame["error"]`.
 layout(set = 1, binding = 152, scalar) buffer ErrorBlock { float at[]; } error;
 
 #endif
