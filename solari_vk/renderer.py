@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError, checked_keywords, unknown_name
 from solari_vk.frame import SceneFrame
+from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
 from solari_vk.output.tone_mapping import TONEMAPS
@@ -146,7 +147,7 @@ class Renderer(PictureRenderer):
 
     def _note_build(self) -> None:
         self._built = self._build_key()
-        self._render_size = taa.render_size(self.size, self.settings)
+        self._built_render_size = self.render_size
         self._jitters = jitters(taa.jitter_count(self.settings))
 
     def _rebuild(self) -> None:
@@ -155,10 +156,10 @@ class Renderer(PictureRenderer):
         grown = self.frame_count > 0 and key[1] > self._built[1]
         instances = self._frame.resource(gbuffer.PREVIOUS_INSTANCES).read() if grown else None
         cells = self._frame.memory.get("world_cache_life")
-        rendered = self._render_size
+        rendered = self._built_render_size
         self._frame.rebuild(self._stages(self.size))
         self._note_build()
-        if self._render_size != rendered:
+        if self._built_render_size != rendered:
             self.reset()  # histories have another size
         if self.view not in views_of(self.settings.lighting):
             self.view = PICTURE
@@ -181,7 +182,7 @@ class Renderer(PictureRenderer):
         if not history:
             self._lights.change = 0.0
         projection = self._camera_uniforms.write(
-            camera, self.size, offset, render_size=self._render_size, has_history=history
+            camera, self.size, offset, render_size=self._built_render_size, has_history=history
         )
         (x, y), (previous_x, previous_y) = projection.jitter, self._previous_jitter
         self._this_frame.write(
@@ -250,7 +251,7 @@ class Renderer(PictureRenderer):
     @property
     def render_size(self) -> tuple[int, int]:
         """Width and height in pixels of what is rendered for a picture, which has `size`: see the setting upscale."""
-        return self._render_size
+        return taa.render_size(self.size, self.settings)
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -284,9 +285,10 @@ class Renderer(PictureRenderer):
                 raise SolariError(f"Renderer: there is no '{name}': it needs the setting lighting={needed}")
             raise unknown_name("Renderer: there is no result", name, self.outputs)
         values = self._frame[resource]
-        for width, height in (self._built[0], self._render_size):
-            if values.shape[:1] == (width * height,) and values.shape[:2] != (height, width):
-                return values.reshape(height, width, *values.shape[1:])
+        if isinstance(self._frame.resource(resource), Buffer):
+            for width, height in (self._built[0], self._built_render_size):
+                if values.shape[:1] == (width * height,):
+                    return values.reshape(height, width, *values.shape[1:])
         return values
 
 

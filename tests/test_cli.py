@@ -238,6 +238,19 @@ def test_the_mode_follows_from_options_and_oidn(done, monkeypatch, arguments, un
     assert (", denoised" in said) == (denoises and installed)
 
 
+def test_oidn_that_does_not_load_is_done_without(done, monkeypatch):
+    """The plain command then renders in realtime, and one line says why."""
+
+    def load():
+        raise sv.SolariError("denoise: libOpenImageDenoise.so: no such file")
+
+    monkeypatch.setattr(oidn, "is_installed", lambda: True)
+    monkeypatch.setattr(oidn, "check_installed", load)
+    said = done(*SMALL, "--time-limit", "0.001")[0]
+    assert said.count("isn't denoised by OIDN: denoise: libOpenImageDenoise.so: no such file") == 1
+    assert " frames" in said.splitlines()[-1]
+
+
 # ---- what is refused --------------------------------------------------------------------------------
 
 BOX = "builtin:cornell_box"
@@ -265,6 +278,8 @@ WRONG = [
     (BOX, ["--view", "depth", "--average", "3"], ["--average", "one frame"]),
     (BOX, ["--view", "depth", "--aov", "di_diffuse"], ["--aov", "one frame"]),
     (BOX, ["--aov", "di_diffuse"], ["--aov di_diffuse", "--settings lighting=split"]),
+    (BOX, ["--frames", "3", "--aov", "raw_radiance", "--settings", "upscale=2"], ["--aov raw_radiance", "smaller"]),
+    (BOX, ["--aov", "error", "--settings", "denoise=off"], ["--aov error", "denoise=on"]),
     (BOX, ["--view", "di_light"], ["view 'di_light'", "lighting=split"]),
     (BOX, ["--mode", "realtime", "--aov", "variance"], ["variance", "guides_diffuse_albedo"]),
     (BOX, ["--quality", "best"], ["best", "ultra"]),

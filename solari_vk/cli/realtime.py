@@ -23,9 +23,11 @@ from solari_vk.output.error import ErrorEstimate, area_means
 from solari_vk.output.movie import write_movie
 from solari_vk.output.picture import save_image, write_png
 from solari_vk.output.tone_mapping import auto_exposure
-from solari_vk.passes import lighting
+from solari_vk.passes import lighting, pathtracer
+from solari_vk.passes.taa import render_size
 from solari_vk.renderer import LIGHT, Renderer
 from solari_vk.scene.model import Camera
+from solari_vk.settings import Settings
 
 METERING_FRAMES = 4
 FIRST_LOOK = 4  # frames of the first picture whose error is estimated
@@ -39,9 +41,7 @@ def run(options: argparse.Namespace) -> None:
     names = names_of_aovs(options)
     check_aovs(names, options.mode, [name for name in Renderer.OUTPUTS if name not in ("radiance", "display")])
     settings = make_settings(options)
-    for name in names:
-        if (needed := lighting.that_has(name)) not in ("", settings.lighting):
-            raise SolariError(f"--aov {name}: it needs --settings lighting={needed}")
+    _check_parts(options, names, settings)
     subject = load(options)
     with tempfile.TemporaryDirectory() as folder:
         plan = make_plan(options, subject.cameras, Path(folder) if is_movie else None)
@@ -64,6 +64,18 @@ def run(options: argparse.Namespace) -> None:
         f"EV100 {plan.cameras[0].ev100:.2f}",
         file=sys.stderr,
     )
+
+
+def _check_parts(options: argparse.Namespace, names: Sequence[str], settings: Settings) -> None:
+    """Raise SolariError for outputs that frames with these settings don't have, or have at another size."""
+    for name in names:
+        if (needed := lighting.that_has(name)) not in ("", settings.lighting):
+            raise SolariError(f"--aov {name}: it needs --settings lighting={needed}")
+        if name == "error" and not settings.denoise:
+            raise SolariError("--aov error: it needs --settings denoise=on")
+        if name not in pathtracer.FIRST_HIT_AOVS and render_size(options.size, settings) != options.size:
+            raise SolariError(f"--aov {name}: with --settings upscale={settings.upscale:g} it is smaller than the "
+                              "picture: leave one of the two out")
 
 
 def _meter(renderer: Renderer, cameras: Sequence[Camera]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -76,9 +77,9 @@ def run(options: argparse.Namespace) -> None:
 def _choose_mode(options: argparse.Namespace) -> None:
     """Replace --mode auto by the mode that has the given options and outputs, else by the best picture's.
 
-    Where OIDN is installed, the denoised reference is nearest to the truth after the same time (docs/denoising.md).
+    Where OIDN works, the denoised reference is nearest to the truth after the same time (docs/denoising.md).
     """
-    from solari_vk.output import movie, oidn
+    from solari_vk.output import movie
     from solari_vk.reference import PathTracer
     from solari_vk.renderer import Renderer
 
@@ -89,10 +90,25 @@ def _choose_mode(options: argparse.Namespace) -> None:
     is_movie = options.output.suffix.lower() in movie.SUFFIXES
     realtime = "realtime" in given or is_movie or not aovs.issubset(PathTracer.OUTPUTS)
     reference = "reference" in given or not aovs.issubset(Renderer.OUTPUTS)
-    installed = oidn.is_installed()
-    options.mode = "realtime" if realtime or not (reference or installed) else "reference"
+    wanted = not realtime and options.denoise is None
+    works = wanted and _oidn_works()
+    options.mode = "realtime" if realtime or not (reference or works) else "reference"
     if options.mode == "reference" and options.denoise is None:
-        options.denoise = installed
+        options.denoise = works
+
+
+def _oidn_works() -> bool:
+    """Whether OIDN is installed and loads. Says so when it is installed and doesn't."""
+    from solari_vk.output import oidn
+
+    if not oidn.is_installed():
+        return False
+    try:
+        oidn.check_installed()
+    except SolariError as error:
+        print(f"the picture isn't denoised by OIDN: {error}", file=sys.stderr)
+        return False
+    return True
 
 
 def _fill_in_defaults(options: argparse.Namespace) -> None:

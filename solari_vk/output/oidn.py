@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
 
-_INSTALL = "install it by \"pip install 'solari-vk[oidn]'\", or leave denoise out"
+_INSTALL = "install it by \"pip install 'solari-vk[oidn]'\", or render without it"
 
 
 def is_installed() -> bool:
-    """Whether the package that brings OIDN is installed. It isn't loaded for that."""
+    """Whether the package that brings OIDN is installed. It may not load: see `check_installed`."""
     return importlib.util.find_spec("pyoidn") is not None
 
 
@@ -29,7 +29,9 @@ def _library() -> Any:
         raise SolariError(f"denoise needs Intel Open Image Denoise, the package pyoidn: {_INSTALL}")
     try:
         import pyoidn
-    except (ImportError, OSError) as error:
+
+        pyoidn.Device.is_cpu_available()  # loads the libraries, which the import doesn't
+    except (ImportError, OSError, AttributeError) as error:
         raise SolariError(f"denoise: the package pyoidn doesn't load ({error}): {_INSTALL}") from None
     return pyoidn
 
@@ -50,6 +52,6 @@ def denoise(radiance: NDArray[Any], albedo: NDArray[Any], normal: NDArray[Any]) 
     guides = np.clip(albedo, 0, 1, dtype=np.float32), np.asarray(normal, np.float32)
     try:
         result: NDArray[np.float32] = library.denoise(color, *guides, hdr=True, clean_aux=True)
-    except RuntimeError as error:
+    except (RuntimeError, OSError) as error:
         raise SolariError(f"denoise: {error}") from None
     return np.ldexp(result, -shift)

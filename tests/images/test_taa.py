@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 
 import numpy as np
 import pytest
@@ -304,15 +305,19 @@ def test_off_is_the_frame_of_samples(device, settings):
         assert anew["radiance"].tobytes() == anew["sample_radiance"].tobytes(), "the switch is live"
 
 
-@pytest.mark.parametrize("upscale", [1.0, 1.5, 2.0, 3.0])
-@pytest.mark.parametrize("size", [(1, 1), (5, 7), (16, 3)])
+# The height of (4, 4) and of (9, 3) is the number of pixels that are rendered for them.
+@pytest.mark.parametrize(
+    ("size", "upscale"),
+    [*itertools.product([(1, 1), (5, 7), (16, 3)], [1.0, 1.5, 2.0, 3.0]), ((4, 4), 2.0), ((9, 3), 3.0)],
+)
 def test_sizes(device, size, upscale):
     scene = cornell_box()
     with make(device, scene, size, upscale=upscale) as renderer:
         for width, height in (size, (9, 4)):
             renderer.resize((width, height))
-            frame = settle(renderer, None, 5)
             rendered = -int(-height // upscale), -int(-width // upscale)
+            assert renderer.render_size == rendered[::-1]
+            frame = settle(renderer, None, 5)
             assert np.isfinite(read(frame)).all()
             assert frame["radiance"].shape == (height, width, 3)
             assert frame["display"].shape[:2] == frame["depth"].shape == (height, width)

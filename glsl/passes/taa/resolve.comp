@@ -51,9 +51,10 @@ void main() {
         weight = INTERPOLATED;
     }
     if (found.exists) {
-        // Later samples count more than earlier ones, since the denoiser knows more when it makes them.
-        float share = past.weight > 0.0 ? 2.0 * weight / (past.weight + 1.0 + weight) : 1.0;
-        past = Past(mix(past.radiance, found.radiance, share), past.weight + weight);
+        // A sample counts in proportion to its number in the sequence, since the denoiser knows more from frame to
+        // frame. Up to a factor, these weights sum to the square of the number.
+        float total = past.weight + weight, share = weight * (2.0 * past.weight + weight) / square(total);
+        past = Past(mix(past.radiance, found.radiance, share), total);
     }
     radiance.at[index] = past.radiance;
     uint rng = seed_rng(uvec2(at), this_frame.index, this_frame.seed ^ PASS_SALT);
