@@ -305,6 +305,36 @@ def test_small_pictures(device, size):
         assert np.isfinite(read(settle(renderer, scene.camera, 6))).all()
 
 
+def means_of_frames(device, scene, size, frames, **settings):
+    """The means of denoised frames and of their raw light, from a reset on: 2 arrays (frames,)."""
+    with make(device, scene, size, antialiasing=False, seed=23, **settings) as renderer:
+        found = [[read(frame, name).mean() for name in ("radiance", "raw_radiance")]
+                 for frame in (renderer.render() for _ in range(frames))]  # fmt: skip
+    return np.transpose(found)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (3, 1)])
+def test_means_of_few_pixels(device, size):
+    """Few pixels keep their light: with jitter on average, without it as the mean of all frames so far."""
+    found, raw = means_of_frames(device, cornell_box(), size, 256)
+    assert found.mean() == pytest.approx(raw.mean(), rel=0.05)
+    found, raw = means_of_frames(device, cornell_box(), size, 64, jitter=False)
+    so_far = np.cumsum(raw) / np.arange(1, 65)
+    assert found.mean() == pytest.approx(so_far.mean(), rel=0.03)
+
+
+@pytest.mark.parametrize("history", [8, 128])
+def test_objects_as_small_as_pixels(device, history):
+    """Boxes about a pixel wide before the background keep their light, also with short histories."""
+    scene, rng = sv.Scene(), np.random.default_rng(17)
+    for x, y in rng.uniform(-1, 1, (12, 2)):
+        scene.add(shapes.box(), matte(0.7), place((0.08,) * 3, at=(x, y, 0), turn=0.5))
+    scene.add(sv.DirectionalLight(direction=(-0.3, -1.0, -1.0), illuminance=10.0))
+    scene.add(sv.Camera.look_at((0, 0, 3), (0, 0, 0)))
+    found, raw = means_of_frames(device, scene, (32, 32), JITTER_PERIOD, denoise_frames=history)
+    assert found.mean() == pytest.approx(raw.mean(), rel=0.03)
+
+
 def test_black_surfaces(device):
     """Surfaces that reflect nothing by the diffuse lobe stay as dark as the raw frames show them."""
     scene = sv.Scene()

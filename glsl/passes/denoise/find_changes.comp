@@ -12,6 +12,8 @@ const int WIDEST = 2;  // cells from the center of the widest block
 // Standard deviations between which a difference becomes certain; and the same after all lights changed.
 const vec2 CERTAIN = vec2(3.5, 6.0), CERTAIN_AFTER_CHANGE = vec2(0.5, 1.5);
 const float EXPONENT = 16.0;
+const float DARKEST = 1e-30;
+const float FEW = 8.0;  // pixels; less than BLOCK_LIMIT in variance.comp, so that none of them is limited
 
 void add_difference(inout Difference sum, Difference other) {
     sum.total += other.total;
@@ -34,13 +36,15 @@ float confidence(Difference sum) {
     if (!(deviation > 0.0)) { return 1.0; }
     vec2 bounds = mix(CERTAIN, CERTAIN_AFTER_CHANGE, min(4.0 * this_frame.lighting_change, 1.0));
     float certain = smoothstep(bounds.x, bounds.y, abs(sum.total) / deviation);
-    return pow(1.0 - certain * min(abs(sum.total) / sum.larger, 1.0), EXPONENT);
+    return pow(1.0 - certain * min(abs(sum.total) / max(sum.larger, DARKEST), 1.0), EXPONENT);
 }
 
 float confidence(LobeCell sum) { return min(confidence(sum.now), confidence(sum.recently)); }
 
+// The mean without the brightest pixel. Few pixels tell nothing without it.
 float robust_luminance(LobeCell sum) {
-    return sum.pixels > 1.0 ? max(sum.luminance - sum.brightest, 0.0) / (sum.pixels - 1.0) : 0.0;
+    if (sum.pixels <= FEW) { return sum.luminance / max(sum.pixels, 1.0); }
+    return max(sum.luminance - sum.brightest, 0.0) / (sum.pixels - 1.0);
 }
 
 void main() {

@@ -26,14 +26,15 @@ void add_moments(inout Moments sum, Lobe lobe, float weight) {
     sum.second_moment += weight * lobe.second_moment;
 }
 
-// In few frames, a pixel far brighter than its neighbors and the block around it is limited. The history isn't, so that
-// this light is in the picture when more frames confirm it.
+// In few frames, a pixel far brighter than its neighbors and the block around it is limited, unless all these are black.
+// The history isn't, so that this light is in the picture when more frames confirm it.
 Signal begin(Lobe lobe, Moments sum, float block_luminance) {
     if (lobe.frames == 0.0) { return Signal(vec3(0.0), -1.0); }
     float near = sum.mean / sum.weight, value = luminance(lobe.radiance);
     float others = sum.weight > OWN_WEIGHT ? max(sum.mean - OWN_WEIGHT * value, 0.0) / (sum.weight - OWN_WEIGHT) : 0.0;
+    float settled = min(SETTLED, float(denoise_settings.frames));
     float limit = max(NEIGHBORS_LIMIT * others, BLOCK_LIMIT * sqrt(lobe.frames) * block_luminance);
-    if (value > limit && lobe.frames < SETTLED) {
+    if (value > limit && limit > 0.0 && lobe.frames < settled) {
         lobe.radiance *= limit / value;
         lobe.second_moment *= square(limit / value);
         near += OWN_WEIGHT * (limit - value) / sum.weight;
