@@ -26,8 +26,8 @@ void add_moments(inout Moments sum, Lobe lobe, float weight) {
     sum.second_moment += weight * lobe.second_moment;
 }
 
-// In few frames, a pixel far brighter than its neighbors and the block around it is limited, unless all these are black.
-// The history isn't, so that this light is in the picture when more frames confirm it.
+// In few frames, a pixel far brighter than its neighbors and the block around it is limited, unless these are black.
+// The history isn't limited, so that this light is in the picture when more frames confirm it.
 Signal begin(Lobe lobe, Moments sum, float block_luminance) {
     if (lobe.frames == 0.0) { return Signal(vec3(0.0), -1.0); }
     float near = sum.mean / sum.weight, value = luminance(lobe.radiance);
