@@ -14,6 +14,7 @@ float square(float x) { return x * x; }
 float safe_sqrt(float x) { return sqrt(max(x, 0.0)); }
 float max_component(vec3 v) { return max(v.x, max(v.y, v.z)); }
 float luminance(vec3 color) { return dot(color, LUMINANCE_WEIGHTS); }
+bool is_valid(vec3 color) { return !any(isnan(color)) && !any(isinf(color)); }
 
 // Returns v normalized, or the fallback where v has no direction. Scales v first, so that squares neither underflow nor
 // overflow.
@@ -30,6 +31,12 @@ mat3 orthonormalize(vec3 z_basis) {
     vec3 x_basis = vec3(1.0 + z_sign * z_basis.x * z_basis.x * a, z_sign * b, -z_sign * z_basis.x);
     vec3 y_basis = vec3(b, z_sign + z_basis.y * z_basis.y * a, -z_basis.y);
     return mat3(x_basis, y_basis, z_basis);
+}
+
+// The weights of Catmull-Rom splines at a share of the way from the second of four points to the third.
+vec4 spline(float t) {
+    return 0.5 * vec4(((2.0 - t) * t - 1.0) * t, (3.0 * t - 5.0) * t * t + 2.0, ((4.0 - 3.0 * t) * t + 1.0) * t,
+                      (t - 1.0) * t * t);
 }
 
 // f / (f + g), correct for infinite f or g too.

@@ -36,8 +36,8 @@ CameraRay make_camera_ray(vec2 pixel_position) {
     ray.direction = normalize(mat3(camera.world_from_view) * view_direction);
     ray.t_min = camera.near * slant;
     ray.depth_per_t = 1.0 / slant;
-    // A pixel's height at distance 1 shrinks with the square of the slant towards the picture's edge. Textures are as
-    // sharp as the picture's own pixels show them.
+    // A pixel's height at distance 1 shrinks with the square of the slant towards the picture's edge. The
+    // picture's pixels count, so that upscaled pictures show textures as sharply as others.
     ray.cone_spread = 2.0 * camera.tan_half_fov.y / (float(camera.picture_size.y) * slant * slant);
     return ray;
 }

@@ -43,7 +43,8 @@ class Lights:
 
     An emissive instance takes the index behind the others; when it is removed, the last one takes its place. All other
     lights are few and are written anew with each change. When lights are added or removed or change their power, the
-    probabilities of all lights change, and all rows are uploaded; when lights move, only their nodes of the tree.
+    probabilities of all lights change, and all rows are uploaded. When emissive instances move, only their nodes of the
+    tree are; when another light moves, all rows.
     """
 
     def __init__(self, device: Device, layout: dict[str, Any]) -> None:

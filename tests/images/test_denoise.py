@@ -11,7 +11,7 @@ from support.frames import differing, find, settle
 import solari_vk as sv
 from solari_vk.conformance.realtime import JITTER_PERIOD, make_renderer
 from solari_vk.gpu.shaders.patches import patched_shaders
-from solari_vk.measure.statistics import sixteenths
+from solari_vk.measure.statistics import relative_mse, sixteenths
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import builtin, cornell_box, matte, place
 
@@ -28,11 +28,6 @@ def make(device, scene, size=SIZE, **settings):
 
 def read(frame, name="radiance"):
     return np.asarray(frame[name], np.float64)[..., :3]
-
-
-def relative_error(picture, reference):
-    """relMSE: the mean square error over the reference's square."""
-    return float((((picture - reference) ** 2) / (reference**2 + 1e-2 * reference.mean() ** 2)).mean())
 
 
 # ---- a still picture --------------------------------------------------------------------------------
@@ -64,7 +59,7 @@ def errors_of(device, name, reference):
             renderer.seed = seed
             renderer.reset()
             pictures = [read(renderer.render()) for _ in range(32)]
-            found.append([relative_error(pictures[frame - 1], reference) for frame in (1, 8, 32)])
+            found.append([relative_mse(pictures[frame - 1], reference) for frame in (1, 8, 32)])
     print(name, np.round(found, 4))
     return np.mean(found, axis=0)
 
@@ -233,8 +228,8 @@ def pan(device):
             errors.append((read(frame), read(frame, "raw_radiance")))
     with patched_shaders(SEES_CENTERS), sv.PathTracer(device, scene, SIZE, seed=3) as tracer:
         reference = read(tracer.render(view(16), samples=512))
-    found = np.mean([relative_error(picture, reference) for picture, _ in errors])
-    raw = np.mean([relative_error(picture, reference) for _, picture in errors])
+    found = np.mean([relative_mse(picture, reference) for picture, _ in errors])
+    raw = np.mean([relative_mse(picture, reference) for _, picture in errors])
     mean = np.mean([picture.mean() for picture, _ in errors]) / reference.mean() - 1
     print(f"{found:.4f} of {raw:.4f}, mean {mean:+.4f}")
     return found / raw, abs(mean)

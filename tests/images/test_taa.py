@@ -13,7 +13,7 @@ from support.frames import differing, find, left_of, settle
 import solari_vk as sv
 from solari_vk.conformance.realtime import SPLIT, make_renderer
 from solari_vk.gpu.shaders.patches import patched_shaders
-from solari_vk.measure.statistics import sixteenths
+from solari_vk.measure.statistics import relative_mse, sixteenths
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import builtin, cornell_box, place
 
@@ -28,11 +28,6 @@ def make(device, scene, size=SIZE, **settings):
 
 def read(frame, name="radiance"):
     return np.asarray(frame[name], np.float64)[..., :3]
-
-
-def relative_error(picture, reference):
-    """relMSE: the mean square error over the reference's square."""
-    return float((((picture - reference) ** 2) / (reference**2 + 1e-2 * reference.mean() ** 2)).mean())
 
 
 def trace(device, scene, camera=None, size=SIZE, samples=512):
@@ -69,7 +64,7 @@ def settled(device, **settings):
 
 def still_error(device, reference):
     picture, samples = settled(device)
-    errors = relative_error(picture, reference), relative_error(samples, reference)
+    errors = relative_mse(picture, reference), relative_mse(samples, reference)
     print("still: {:.4f}, without antialiasing {:.4f}".format(*errors))
     return errors
 
@@ -82,23 +77,27 @@ def test_a_single_frame_has_no_aliasing(device, reference):
 
 
 def upscaled_errors(device, reference):
-    """relMSE of a picture of 2 x 2 pixels for each that is rendered, of bilinear interpolation, and of a denoised frame
-    of all pixels."""
+    """relMSE of a picture of 2 x 2 pixels for each that is rendered, of bilinear interpolation, and of the picture for
+    which all pixels are rendered in as many frames."""
     half = SIZE_OF_ERRORS[0] // 2, SIZE_OF_ERRORS[1] // 2
     small = settled(device, size=half, antialiasing=False)[0].astype(np.float32)
     channels = [Image.fromarray(small[..., i]).resize(SIZE_OF_ERRORS, Image.Resampling.BILINEAR) for i in range(3)]
-    bilinear = relative_error(np.stack(channels, axis=-1), reference)
-    native = relative_error(settled(device)[1], reference)
-    error = relative_error(settled(device, upscale=2)[0], reference)
+    bilinear = relative_mse(np.stack(channels, axis=-1), reference)
+    native = relative_mse(settled(device)[0], reference)
+    error = relative_mse(settled(device, upscale=2)[0], reference)
     print(f"upscaled {error:.4f}, bilinear {bilinear:.4f}, all pixels {native:.4f}")
     return error, bilinear, native
 
 
 def test_upscaled_pictures(device, reference):
-    """Measured: 0.014, 2.7, 0.052."""
+    """Measured with other seeds: 0.0149 and 0.0144, 3.8 and 3.6 times the error of all pixels. Bilinear: 2.7."""
     error, bilinear, native = upscaled_errors(device, reference)
-    assert error < 0.5 * bilinear
-    assert error < 1.3 * native
+    assert is_upscaled_well(error, native)
+    assert error < 0.01 * bilinear
+
+
+def is_upscaled_well(error, native):
+    return error < 0.025 and error < 5 * native
 
 
 def checkers():
@@ -200,7 +199,7 @@ def passing_block(device):
     never = np.zeros(SIZE, bool)
     never[4:20, 4:-4] = True
     trail = left_of(pictures[8][left], truth[left], picture[left])
-    found, usual = relative_error(picture[uncovered], truth[uncovered]), relative_error(samples[never], truth[never])
+    found, usual = relative_mse(picture[uncovered], truth[uncovered]), relative_mse(samples[never], truth[never])
     print(f"trail {trail:+.4f}, uncovered {found:.5f}, samples {usual:.5f}")
     return abs(trail), found / usual
 
@@ -333,7 +332,7 @@ def test_upscale_is_live(device):
         assert renderer.render()["display"].shape == (*SIZE, 4)
         renderer.view = "picture"
         found, right = read(settle(renderer, None, 20)), read(settle(other, None, 24))
-    assert relative_error(found, right) < 0.1
+    assert relative_mse(found, right) < 0.1
 
 
 def test_values_that_are_not_finite_spread_nowhere(device):
@@ -359,7 +358,7 @@ def test_exposure_changes_nothing(device, ev100):
     other.camera.ev100 = ev100
     with make(device, scene) as renderer, make(device, other) as exposed:
         frame, found = settle(renderer, None, 4), settle(exposed, None, 4)
-        assert relative_error(read(found), read(frame)) < 1e-4
+        assert relative_mse(read(found), read(frame)) < 1e-4
 
 
 def test_the_cameras_own_jitter_moves_the_picture(device):
@@ -386,9 +385,9 @@ def test_same_seed_same_bits(device):
 
 def caught_by_upscaled(device, reference):
     settled.cache_clear()
-    error, bilinear, native = upscaled_errors(device, reference)
+    error, _, native = upscaled_errors(device, reference)
     settled.cache_clear()
-    return error > 0.5 * bilinear or error > 1.3 * native
+    return not is_upscaled_well(error, native)
 
 
 CAUGHT = {

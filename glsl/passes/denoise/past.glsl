@@ -12,7 +12,6 @@
 const float SAME_PLANE = 1.5, PLANE_OF_REFLECTION = 8.0;
 const float SAME_NORMAL = 0.9;      // smallest cosine between normals
 const float SAME_MATERIAL = 0.1;
-const float SAME_DEPTH = 0.1;       // largest relative difference in depth of what mirrors show
 
 // A surface in the previous frame.
 struct Past {
@@ -86,12 +85,6 @@ void add_tap(inout Taps taps, ivec2 pixel, float weight, Past past, Guide guide,
     taps.weights[taps.count] = weight;
     taps.count += 1;
     taps.weight += weight;
-}
-
-// The weights of Catmull-Rom splines at a share of the way from the second of four points to the third.
-vec4 spline(float t) {
-    return 0.5 * vec4(((2.0 - t) * t - 1.0) * t, (3.0 * t - 5.0) * t * t + 2.0, ((4.0 - 3.0 * t) * t + 1.0) * t,
-                      (t - 1.0) * t * t);
 }
 
 // The pixels around a position that showed the surface: by splines, which keep what moves from frame to frame sharp, or

@@ -8,9 +8,6 @@
 
 const float RECENT = 0.2;  // weight of a frame in Lobe.recent
 
-// Other radiance is left out.
-bool is_valid(vec3 radiance) { return !any(isnan(radiance)) && !any(isinf(radiance)); }
-
 // Radiance, and the distance to where it came from: paths_diffuse.
 vec4 diffuse_sample(uint index) { return paths_diffuse.at[index]; }
 

@@ -7,6 +7,8 @@
 #include "scene/camera.glsl"
 #include "scene/surface.glsl"
 
+const float SAME_DEPTH = 0.1;  // largest relative difference of depths, in two frames, that may be of one surface
+
 struct GBufferSurface {
     bool exists;
     uint instance;

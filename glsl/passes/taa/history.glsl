@@ -15,7 +15,6 @@ struct Past {
 const Past NO_PAST = Past(vec3(0.0), 0.0);
 const float LONGEST = 63.0;          // samples in a mean
 const float LONGEST_IN_MOTION = 15.0;  // the same where resampling would blur a longer one
-const float SAME_DEPTH = 0.1;        // largest relative difference
 // The sum of differences over the largest that it can be, between which they count as common.
 const float ALONG_LINES = 0.8, OVER_AREAS = 0.95;
 
@@ -34,12 +33,6 @@ Past unpack_past(uvec2 bits) {
 Past load_past(ivec2 at) {
     ivec2 inside = clamp(at, ivec2(0), ivec2(camera.picture_size) - 1);
     return unpack_past(previous_taa_history.at[uint(inside.y) * camera.picture_size.x + uint(inside.x)]);
-}
-
-// The weights of Catmull-Rom splines at a share of the way from the second of four points to the third.
-vec4 spline(float t) {
-    return 0.5 * vec4(((2.0 - t) * t - 1.0) * t, (3.0 * t - 5.0) * t * t + 2.0, ((4.0 - 3.0 * t) * t + 1.0) * t,
-                      (t - 1.0) * t * t);
 }
 
 // The past between pixels.
@@ -99,7 +92,7 @@ bool changed(uint instance) {
     return now.mesh == NO_INDEX || before.id != now.id || before.world_from_object != now.world_from_object;
 }
 
-// Whether nothing moves in the samples around, and nothing does that the previous frame showed there by itself.
+// Whether neither the camera nor any surface around moved, among them those that only the previous frame shows there.
 bool is_still(ivec2 center) {
     if (camera.world_from_view != previous_camera.world_from_view) { return false; }
     uint known = NO_INDEX;

@@ -15,7 +15,8 @@ const float INTERPOLATED = 0.125;    // weight of an interpolated sample
 const float ENOUGH = 8.0;            // samples that need no interpolated ones beside them
 
 // Moves the past into the range of what the samples around show: Salvi, "An Excursion in Temporal Supersampling" (GDC
-// 2016). Where nothing moves, only when they differ from it together, and by as much: the light changed.
+// 2016). Where nothing moves, the past changes only if most samples around differ from it in the same direction, as
+// they do when the light changes, and by the share that they have in common.
 Past limited(Past past, Neighborhood around) {
     vec3 color = to_ycocg(past.radiance) - around.mean;
     vec3 extent = BOX * around.deviation + DENOISED_ERROR * around.mean.x + 1e-30;

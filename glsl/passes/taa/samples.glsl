@@ -26,8 +26,6 @@ bool is_rendered(ivec2 pixel) {
 
 vec3 load_sample(ivec2 pixel) { return sample_radiance.at[uint(pixel.y) * camera.size.x + uint(pixel.x)]; }
 
-bool is_valid(vec3 radiance) { return !any(isnan(radiance)) && !any(isinf(radiance)); }
-
 // The sample inside a pixel of the picture. There is at most one, and always one when nothing is upscaled.
 Found find_own_sample(ivec2 at) {
     ivec2 pixel = ivec2(ceil(among_samples(vec2(at))));
