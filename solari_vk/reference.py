@@ -136,6 +136,8 @@ class PathTracer(PictureRenderer):
             self._set_denoising(denoise)
         started = time.perf_counter()
         self._prepare(camera)
+        if denoise:
+            self._find_guides()  # now, because the scene may be edited before the picture is read
         while self.samples < samples:
             next_look = samples if target_error is None else min(samples, self._estimate.next_count)
             self.advance(camera, max(next_look - self.samples, 1))
@@ -227,11 +229,14 @@ class PathTracer(PictureRenderer):
             raise unknown_name("PathTracer: there is no result", name, self.OUTPUTS)
         return self._frame[name]
 
-    def _read_denoised(self) -> NDArray[np.float32]:
+    def _find_guides(self) -> list[NDArray[Any]]:
         if self._guides is None:
             self._guides = self.first_hits.read_means(("albedo", "shading_normal"), self._projection, self.size)
+        return self._guides
+
+    def _read_denoised(self) -> NDArray[np.float32]:
         if self._denoised is None or self._denoised[0] != self.samples:
-            self._denoised = self.samples, oidn.denoise(self.read("raw_radiance"), *self._guides)
+            self._denoised = self.samples, oidn.denoise(self.read("raw_radiance"), *self._find_guides())
         return self._denoised[1]
 
     @property

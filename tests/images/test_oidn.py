@@ -98,6 +98,21 @@ def test_guides_follow_the_camera_and_edits(tracer):
 
 
 @needs_oidn
+def test_guides_are_those_of_the_rendered_scene(tracer):
+    """An edit that the binder takes over between `render` and the read changes nothing."""
+    pictures = []
+    for edits in (False, True):
+        scene = builtin("cornell_box")
+        renderer = tracer(scene, SIZE)
+        frame = renderer.render(samples=2, denoise=True)
+        if edits:
+            scene.instances["short block"].material.update(base_color=(0.1, 0.6, 0.2))
+            renderer.binder.update()
+        pictures.append(frame["radiance"])
+    np.testing.assert_array_equal(*pictures)
+
+
+@needs_oidn
 @pytest.mark.parametrize("exponent", [-60, 40])
 def test_units_do_not_matter(exponent):
     """Radiance from 1e-18 to 1e12 cd/m^2 gives the same picture, scaled."""
