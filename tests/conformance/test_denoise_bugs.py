@@ -9,7 +9,8 @@ from solari_vk.conformance import denoise_checks as checks
 from solari_vk.conformance.rules import Rule
 
 FOLDER = "passes/denoise/"
-PAST, LIKENESS, SAMPLE = (f"{FOLDER}{name}.glsl" for name in ("past", "likeness", "sample"))
+PAST, LIKENESS = f"{FOLDER}past.glsl", f"{FOLDER}likeness.glsl"
+MATH = "common/math.glsl"
 ACCUMULATE, VARIANCE, BLUR = (f"{FOLDER}{name}.comp" for name in ("accumulate", "variance", "blur"))
 SUMS, CHANGES, COMPOSE = f"{FOLDER}sum_cells.comp", f"{FOLDER}find_changes.comp", "passes/paths/compose.comp"
 EVEN, ERROR, RETURNED, FOUND, NEW, SHARP, FORGOTTEN, NOT_FINITE, EDGES = (rule.name for rule in (
@@ -30,8 +31,8 @@ BUGS = {
                                              "past.frames * confidence", "past.frames"),
     "short means": (checks.measure_even_light, [EVEN], ACCUMULATE, "float weight = 1.0 / (past.frames + 1.0);",
                     "float weight = max(1.0 / (past.frames + 1.0), 0.5);"),
-    "what isn't finite counts": (checks.measure_not_finite, [NOT_FINITE], SAMPLE,
-                                 "return !any(isnan(radiance)) && !any(isinf(radiance));", "return true;"),
+    "what isn't finite counts": (checks.measure_not_finite, [NOT_FINITE], MATH,
+                                 "return !any(isnan(color)) && !any(isinf(color));", "return true;"),
     "outliers limited for good": (checks.measure_outliers, [RETURNED], VARIANCE,
                                   "if (value > limit && limit > 0.0 && lobe.frames < settled) {",
                                   "limit = 2.0 * others;\n    if (value > limit) {"),

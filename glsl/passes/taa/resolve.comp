@@ -54,7 +54,7 @@ void main() {
     if (found.exists) {
         // A sample counts in proportion to its number in the sequence, since the denoiser knows more from frame to
         // frame. Up to a factor, these weights sum to the square of the number.
-        float total = past.weight + weight, share = weight * (2.0 * past.weight + weight) / square(total);
+        float total = past.weight + weight, share = 1.0 - square(past.weight / total);  // never above 1 by rounding
         past = Past(mix(past.radiance, found.radiance, share), total);
     }
     radiance.at[index] = past.radiance;
