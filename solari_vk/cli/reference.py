@@ -6,12 +6,13 @@ import argparse
 import sys
 
 import solari_vk as sv
+from solari_vk.cli.plan import UNLIMITED
 from solari_vk.cli.progress import Progress, Stopped, error_text
 from solari_vk.cli.subject import check_aovs, load, names_of_aovs
 from solari_vk.gpu.device.rays import IN_WORDS
 from solari_vk.output import oidn
 
-SAMPLES, DENOISED_SAMPLES, UNLIMITED = 256, 64, 1 << 24
+SAMPLES, DENOISED_SAMPLES = 256, 64
 
 
 def run(options: argparse.Namespace) -> None:

@@ -101,12 +101,7 @@ def measure_even_light(device: Device) -> Iterator[Measurement]:
 
 def measure_outliers(device: Device) -> Iterator[Measurement]:
     """Samples of 0.5, and one in a hundred of 50.5: in few frames, the picture has less of these."""
-    scene = wall()
-    scale = _scale(device, scene)
-    with _denoising(device, scene, "0.5 + (u < 0.01 ? 50.0 : 0.0)") as renderer:
-        for _ in range(64):
-            frame = renderer.render()
-        mean = float((_light(frame) / scale).mean())
+    mean = _mean_after(device, 64, "0.5 + (u < 0.01 ? 50.0 : 0.0)")
     yield Measurement(RETURNED, abs(mean - 1), 0.04, "of the mean", f"{mean:.3f} of it")
 
 
@@ -133,6 +128,16 @@ def measure_motion(device: Device) -> Iterator[Measurement]:
         yield Measurement(SHARP, abs(kept - 1), 0.1, "of the contrast", f"{note}: {kept:.3f} of it")
 
 
+def _mean_after(device: Device, frames: int, light: str) -> float:
+    """The mean of a denoised wall after some frames, where light of 1 would have the mean 1."""
+    scene = wall()
+    scale = _scale(device, scene)
+    with _denoising(device, scene, light) as renderer:
+        for _ in range(frames):
+            frame = renderer.render()
+        return float((_light(frame) / scale).mean())
+
+
 def _count_unequal(rule: Rule, found: Image, expected: float, note: str) -> Measurement:
     return Measurement(rule, float((found != expected).sum()), 0.0, f"of {found.size} pixels", note)
 
@@ -145,12 +150,7 @@ def _moved(pixels: float) -> sv.Camera:
 
 def measure_light_off(device: Device) -> Iterator[Measurement]:
     """Noise around 1 for 32 frames, around 0.1 after it."""
-    scene = wall()
-    scale = _scale(device, scene)
-    with _denoising(device, scene, "this_frame.index < 32u ? noise : 0.1 * noise") as renderer:
-        for _ in range(33):
-            frame = renderer.render()
-        left = float((_light(frame) / scale).mean() - 0.1) / 0.9
+    left = (_mean_after(device, 33, "this_frame.index < 32u ? noise : 0.1 * noise") - 0.1) / 0.9
     yield Measurement(FORGOTTEN, abs(left), 0.05, "of the old light")
 
 
