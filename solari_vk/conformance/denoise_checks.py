@@ -114,7 +114,7 @@ def measure_motion(device: Device) -> Iterator[Measurement]:
         place = f"float(pixel.x) + {step} * float(this_frame.index)"
         with _denoising(device, scene, f"1.0 + 0.5 * sin({2 * np.pi / 8} * ({place}))") as renderer:
             for number in range(12):
-                frame = renderer.render(_moved(step * number))
+                frame = renderer.render(moved(step * number))
             lengths, picture = np.round(_lengths(frame)), _light(frame)
         note = f"{step} pixels a frame"
         if rule is FOUND:
@@ -142,7 +142,7 @@ def _count_unequal(rule: Rule, found: Image, expected: float, note: str) -> Meas
     return Measurement(rule, float((found != expected).sum()), 0.0, f"of {found.size} pixels", note)
 
 
-def _moved(pixels: float) -> sv.Camera:
+def moved(pixels: float) -> sv.Camera:
     transform = np.eye(4)
     transform[0, 3] = PIXEL * pixels
     return sv.Camera(transform=transform, vertical_fov=np.pi / 2)

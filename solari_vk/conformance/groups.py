@@ -30,6 +30,7 @@ from solari_vk.conformance import (
     reuse_checks,
     specular_checks,
     structure_checks,
+    taa_checks,
     world_cache_checks,
 )
 from solari_vk.conformance.probe_table import PROBES
@@ -184,6 +185,14 @@ GROUPS: dict[str, dict[str, Measure]] = {
         "light_off": lambda run: denoise_checks.measure_light_off(run.device),
         "not_finite": lambda run: denoise_checks.measure_not_finite(run.device),
         "edges": lambda run: denoise_checks.measure_edges(run.device),
+    },
+    "taa": {
+        "even_light": lambda run: taa_checks.measure_even_light(run.device),
+        "areas": lambda run: taa_checks.measure_areas(run.device),
+        "motion": lambda run: taa_checks.measure_motion(run.device),
+        "changes": lambda run: taa_checks.measure_changes(run.device),
+        "noise": lambda run: taa_checks.measure_noise(run.device),
+        "not_finite": lambda run: taa_checks.measure_not_finite(run.device),
     },
     "display": {
         "picture": lambda run: display_checks.measure_picture(run.device),

@@ -56,6 +56,10 @@ _GROUPS = (
             "standard error of the diffuse light before the blur over its mean, yellow for 1.",
             "show_share(noise_of(diffuse))",
         ),
+        "denoise_error": (
+            "estimated standard error of the denoised luminance over it, yellow for 25 %.",
+            "show_share(4.0 * error.at[index] / max(luminance(sample_radiance.at[index]), 1e-30))",
+        ),
     }, "paths"),
     ViewGroup("", "", {
         "di": ("Direct light.", "show_radiance(di_diffuse.at[index] + di_specular.at[index])"),
