@@ -12,6 +12,7 @@ from solari_vk.scene import checks
 from solari_vk.scene.gltf.accessors import Accessors
 from solari_vk.scene.gltf.deform import Pose
 from solari_vk.scene.gltf.document import Document
+from solari_vk.scene.gltf.extensions import SUPPORTED_EXTENSIONS
 from solari_vk.scene.gltf.materials import Materials
 from solari_vk.scene.gltf.nodes import PlacedNode, joint_matrices, repeated, repetitions, roots, upright, walk
 from solari_vk.scene.gltf.primitives import Primitives
@@ -19,19 +20,6 @@ from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry, shown
 from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material, Mesh, Scene
 
-SUPPORTED_EXTENSIONS = (
-    "EXT_mesh_gpu_instancing",
-    "KHR_lights_punctual",
-    "KHR_materials_emissive_strength",
-    "KHR_materials_ior",
-    "KHR_materials_specular",
-    "KHR_materials_unlit",  # reported where it is used
-    "KHR_materials_variants",  # the default ones are shown
-    "KHR_mesh_quantization",
-    "KHR_node_visibility",
-    "KHR_texture_transform",
-    "KHR_xmp_json_ld",
-)
 _NODE_EXTENSIONS = ("EXT_mesh_gpu_instancing", "KHR_lights_punctual", "KHR_node_visibility", "KHR_xmp_json_ld")
 # A file may have this many instances more than it has nodes and instances of EXT_mesh_gpu_instancing together.
 SPARE_INSTANCES = 2**17

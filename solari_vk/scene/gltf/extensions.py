@@ -1,0 +1,71 @@
+"""What the loader does with each extension of glTF. docs/gltf.md shows this table, and a test compares the two."""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+
+class Extension(NamedTuple):
+    """An extension, and how much of it is shown."""
+
+    name: str
+    status: Literal["works", "part", "no"]
+    """Files that require an extension with "no" are refused; in other files it is reported and ignored."""
+    remark: str
+
+
+EXTENSIONS = (
+    # Ratified by Khronos.
+    Extension("KHR_animation_pointer", "no", "its channels are ignored"),
+    Extension("KHR_draco_mesh_compression", "no", "compressed primitives are left out"),
+    Extension("KHR_gaussian_splatting", "no", "splats have no surface"),
+    Extension("KHR_interactivity", "no", "behavior graphs are ignored"),
+    Extension("KHR_lights_punctual", "part", "directional lights; point and spot lights are left out"),
+    Extension("KHR_materials_anisotropy", "no", "the material reflects alike in all directions"),
+    Extension("KHR_materials_clearcoat", "no", "the material has no coat"),
+    Extension("KHR_materials_dispersion", "no", "all colors refract alike"),
+    Extension("KHR_materials_emissive_strength", "works", ""),
+    Extension("KHR_materials_ior", "works", "reflections of dielectrics when seen straight on are at most 16 %"),
+    Extension("KHR_materials_iridescence", "no", "the material has no thin film"),
+    Extension("KHR_materials_sheen", "no", "the material has no sheen"),
+    Extension("KHR_materials_specular", "part", "without its textures; reflections at grazing angles stay"),
+    Extension("KHR_materials_transmission", "no", "the material is opaque"),
+    Extension("KHR_materials_unlit", "part", "the material is lit as any other"),
+    Extension("KHR_materials_variants", "part", "the default materials are shown"),
+    Extension("KHR_materials_volume", "no", "the material is opaque"),
+    Extension("KHR_mesh_quantization", "works", ""),
+    Extension("KHR_node_hoverability", "no", "for interaction only"),
+    Extension("KHR_node_selectability", "no", "for interaction only"),
+    Extension("KHR_node_visibility", "works", ""),
+    Extension("KHR_texture_basisu", "no", "the texture's other image is used, if it has one"),
+    Extension("KHR_texture_transform", "works", ""),
+    Extension("KHR_xmp_json_ld", "works", "metadata, which pictures don't show"),
+    # Drafts of Khronos.
+    Extension("KHR_audio_emitter", "no", "sounds are ignored"),
+    Extension("KHR_implicit_shapes", "no", "shapes are for physics"),
+    Extension("KHR_materials_diffuse_transmission", "no", "the material is opaque"),
+    Extension("KHR_materials_volume_scatter", "no", "volumes scatter no light"),
+    Extension("KHR_meshopt_compression", "no", "as EXT_meshopt_compression"),
+    Extension("KHR_physics_rigid_bodies", "no", "physics is ignored"),
+    # Of several vendors.
+    Extension("EXT_instance_features", "no", "identifiers of instances are ignored"),
+    Extension("EXT_lights_ies", "no", "the lights are left out"),
+    Extension("EXT_lights_image_based", "no", "the environment is left out"),
+    Extension("EXT_mesh_features", "no", "identifiers of features are ignored"),
+    Extension("EXT_mesh_gpu_instancing", "works", "attributes other than translation, rotation and scale are ignored"),
+    Extension("EXT_mesh_manifold", "no", "information for solid modelling is ignored"),
+    Extension("EXT_meshopt_compression", "no", "files that need it can't be read"),
+    Extension("EXT_structural_metadata", "no", "metadata, which pictures don't show"),
+    Extension("EXT_texture_avif", "no", "the texture's other image is used, if it has one"),
+    Extension("EXT_texture_webp", "no", "the texture's other image is used, if it has one"),
+    # Of one vendor, and withdrawn ones.
+    Extension("CESIUM_primitive_outline", "no", "outlines are not drawn"),
+    Extension("GODOT_single_root", "no", "a hint for game engines"),
+    Extension("KHR_materials_pbrSpecularGlossiness", "no", "withdrawn; its metallic-roughness values are used"),
+    Extension("MSFT_lod", "no", "the most detailed level is shown"),
+    Extension("MSFT_texture_dds", "no", "the texture's other image is used, if it has one"),
+    Extension("VRMC_vrm", "no", "avatars are shown as any other model"),
+)
+
+SUPPORTED_EXTENSIONS = tuple(extension.name for extension in EXTENSIONS if extension.status != "no")
+"""The extensions that a file may require."""
