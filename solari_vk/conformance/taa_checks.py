@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 
@@ -41,7 +42,7 @@ _GIVEN = """{{
 def _antialiasing(device: Device, light: str, upscale: float = 1.0) -> Iterator[Renderer]:
     """A renderer whose samples have this light, a GLSL expression."""
     patch = ("passes/taa/samples.glsl", _SAMPLE, _GIVEN.format(light=light))
-    settings = {"antialiasing": True, "jitter": True, "upscale": upscale}
+    settings: dict[str, Any] = {"antialiasing": True, "jitter": True, "upscale": upscale}
     with patched_shaders(patch), make_renderer(device, wall(), SIZE, passes=PASSES, **settings) as renderer:
         yield renderer
 
