@@ -52,7 +52,9 @@ class FirstHits:
         if self._frame is None or built != self._built:
             self.close()
             external = {**self._binder.resources, **self._tables}
-            self._frame = Frame(self._device, [pathtracer.aov_stage(size, rows)], external=external)
+            self._frame = Frame(
+                self._device, [pathtracer.aov_stage(size, rows)], external=external, features=self._binder.features
+            )
             self._built = built
         shown = self._binder.revision, projection[1:], offset
         if shown != self._shown:

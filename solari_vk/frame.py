@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from typing import Any, Self
 
@@ -47,7 +47,7 @@ class SceneUser:
 class SceneFrame(SceneUser, Frame):
     """A frame of custom passes over a scene.
 
-    Shaders that include "scene/bindings.glsl" have the scene in descriptor set 0.
+    Shaders that include "scene/bindings.glsl" have the scene in descriptor set 0, and its features as constants.
     Each `submit` first applies the scene's edits. `external` and the other options are those of `Frame`; glsl_root is
     the folder (or the folders) of the custom shaders, which may include the package's by their paths.
     """
@@ -60,14 +60,20 @@ class SceneFrame(SceneUser, Frame):
         try:
             self.binder.update()
             self._bound_version = self.binder.version
-            Frame.__init__(self, device, stages, external={**self.binder.resources, **(external or {})}, **options)
+            Frame.__init__(
+                self, device, stages, external={**self.binder.resources, **(external or {})},
+                features=self.binder.features, **options,
+            )  # fmt: skip
         except BaseException:
             self._owned.close()
             raise
 
-    def rebuild(self, stages: Sequence[Stage] | None = None, external: Mapping[str, Any] | None = None) -> None:
+    def rebuild(
+        self, stages: Sequence[Stage] | None = None, external: Mapping[str, Any] | None = None,
+        features: Collection[str] | None = None,
+    ) -> None:  # fmt: skip
         """As `Frame.rebuild`; external resources are added to the scene's."""
-        super().rebuild(stages, None if external is None else {**self.binder.resources, **external})
+        super().rebuild(stages, None if external is None else {**self.binder.resources, **external}, features)
 
     def apply_edits(self) -> None:
         """Apply the scene's edits before the next frame, for callers that need to see the edited scene first."""
@@ -76,6 +82,8 @@ class SceneFrame(SceneUser, Frame):
         if binder.version != self._bound_version:
             self._bound_version = binder.version
             self.bind(binder.resources)
+        if self.features != binder.features:
+            self.rebuild(features=binder.features)
 
     def submit(self, before: Sequence[raw.CData] = ()) -> int:
         """Apply the scene's edits and run the next frame; returns the device's timeline value."""

@@ -8,6 +8,7 @@
 #extension GL_EXT_nonuniform_qualifier : require
 
 #include "generated/scene/constants.glsl"
+#include "generated/scene/features.glsl"
 
 // ---- geometry: each mesh has its own addresses, so no pool limits the size of a scene ---------------
 

@@ -19,6 +19,7 @@ from solari_vk.gpu.shaders import spirv
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.scene.constants import NO_INDEX
 from solari_vk.scene.emission import Emissions
+from solari_vk.scene.features import Features
 from solari_vk.scene.geometry import Geometry
 from solari_vk.scene.lights import ORIGIN, Lights
 from solari_vk.scene.materials import Materials
@@ -36,7 +37,8 @@ INSTANCE = ("world_from_object", "mesh", "ray_mesh", "material", "light_index", 
 class SceneBinder:
     """A scene on a device, which several renderers may share. `resources` are those of descriptor set 0, by name.
 
-    `version` increases when a resource was replaced by another one, `revision` with each change of the scene.
+    `version` increases when a resource was replaced by another one or the scene got a new feature, `revision` with each
+    change of the scene.
     """
 
     def __init__(self, device: Device, scene: Scene) -> None:
@@ -46,12 +48,13 @@ class SceneBinder:
         self._device = device
         bindings = spirv.reflect(compile_shader("scene/layout.comp"), "scene/layout.comp").bindings
         layout: dict[str, Any] = {name: b.dtype if b.element is None else b.element for name, b in bindings.items()}
-        self._geometry = Geometry(device, layout["meshes"], layout["vertex_attributes"], self)
+        self._features = Features()
+        self._geometry = Geometry(device, layout["meshes"], layout["vertex_attributes"], self._features, self)
         self._textures = Textures(device, layout["textures"], self)
         self._emissions = Emissions(device, layout["light_sources"]["choice"])
         self.lights = Lights(device, layout)
         """The list of light sources, as of the latest `update`."""
-        self._materials = Materials(device, layout["materials"], self._textures, self)
+        self._materials = Materials(device, layout["materials"], self._textures, self._features, self)
         self._instances = Table(device, "instances", layout["instances"], INSTANCE)
         self._instance_rows: Rows[Instance] = Rows()
         self._traced = TracedInstances(device)
@@ -79,6 +82,11 @@ class SceneBinder:
             "previous_tlas": self._traced.previous or self._traced.tlas,
             "texture_images": self._textures.bound,
         }
+
+    @property
+    def features(self) -> frozenset[str]:
+        """The specialization constants that are true in the scene's pipelines, as of the latest `update`."""
+        return self._features.constants
 
     @property
     def instances(self) -> dict[int, Instance]:
@@ -120,6 +128,7 @@ class SceneBinder:
         self._up_to_date = weakref.WeakSet([user])
         self.revision += 1
         changed, self._changed = self._changed, {}
+        features = self.features
         try:
             for item in changed:
                 self._take_up(item)
@@ -129,6 +138,7 @@ class SceneBinder:
             self._materials.update()
             self._update_instances()
             self.lights.update(self._traced.lit_area)
+            self.version += self.features != features
             self._upload()
         except BaseException:
             self._changed = changed | self._changed  # the next update tries again, and uploads everything
@@ -144,6 +154,8 @@ class SceneBinder:
             self._take_up_instance(item)
         elif isinstance(item, Light):
             present = item in self.scene.lights
+            if present:
+                self._features.note(item)
             self.lights.set_light(item, present)
             (item.watch if present else item.unwatch)(self)
         elif isinstance(item, Material):

@@ -14,6 +14,7 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.uploads import Uploads
 from solari_vk.scene.constants import MESH_HAS_NORMALS, MESH_HAS_TANGENTS, MESH_HAS_UVS
+from solari_vk.scene.features import Features
 from solari_vk.scene.model import Mesh
 from solari_vk.scene.observed import Observable
 from solari_vk.scene.spatial import spatial_order
@@ -23,12 +24,15 @@ from solari_vk.scene.table import Rows, Table
 class Geometry:
     """The `meshes` table and everything its addresses point to."""
 
-    def __init__(self, device: Device, record: np.dtype[Any], attributes: np.dtype[Any], watcher: Any) -> None:
+    def __init__(
+        self, device: Device, record: np.dtype[Any], attributes: np.dtype[Any], features: Features, watcher: Any
+    ) -> None:
         self.table = Table(device, "meshes", record)
         self.rows: Rows[Mesh] = Rows()
         self._ray_users: Rows[Mesh] = Rows()
         self._attributes = attributes
         self._device = device
+        self._features = features
         self._watcher = watcher
         self._buffers: dict[Mesh, Buffer] = {}
         self.centers: dict[Mesh, NDArray[np.float32]] = {}
@@ -78,6 +82,7 @@ class Geometry:
         blases = {}
         with self._device.uploads() as uploads:
             for mesh in self._to_upload:
+                self._features.note(mesh)
                 geometry = self._upload(mesh, uploads)
                 if mesh in self._ray_users:
                     blases[mesh] = Blas(self._device, [geometry], name=mesh.name or "mesh")

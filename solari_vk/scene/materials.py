@@ -8,6 +8,7 @@ import numpy as np
 
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.constants import MATERIAL_DOUBLE_SIDED, NO_INDEX
+from solari_vk.scene.features import Features
 from solari_vk.scene.model import Instance, Material, Texture
 from solari_vk.scene.table import Rows, Table
 from solari_vk.scene.textures import Textures
@@ -25,12 +26,15 @@ TEXTURE_SLOTS = {
 class Materials:
     """The `materials` table. watcher: is notified of edits of the materials in use."""
 
-    def __init__(self, device: Device, record: np.dtype[Any], textures: Textures, watcher: Any) -> None:
+    def __init__(
+        self, device: Device, record: np.dtype[Any], textures: Textures, features: Features, watcher: Any
+    ) -> None:
         self.table = Table(device, "materials", record)
         self.rows: Rows[Material] = Rows()
         self.emitting: set[Material] = set()
         """The materials that emit light, as of the last `update`."""
         self._textures = textures
+        self._features = features
         self._watcher = watcher
         self._textures_of: dict[Material, dict[str, Texture]] = {}
         self._to_write: dict[Material, None] = {}
@@ -70,6 +74,7 @@ class Materials:
         """Write the records of new and changed materials; their textures must have rows."""
         self.table.reserve(self.rows.limit)
         for material in self._to_write:
+            self._features.note(material)
             row = self.rows[material]
             record = self.table.records[row]
             for name in NUMBERS:

@@ -7,6 +7,7 @@ import pytest
 
 import solari_vk as sv
 from solari_vk.gpu.shaders.compiler import CompilationError
+from solari_vk.scene import features
 from solari_vk.scene.binder import SceneBinder
 
 SHADER = """#version 460
@@ -144,4 +145,37 @@ def test_a_binder_is_shared(device, folder, factor):
             frame.submit()
             assert frame["answer"][0, 3] == pytest.approx(1)
             frame.close()
+    binder.destroy()
+
+
+def test_shaders_know_the_features_that_the_scene_has(device, tmp_path, monkeypatch):
+    row = features.Feature("SHINY", sv.Material, lambda material: material.metallic == 1)
+    monkeypatch.setattr(features, "FEATURES", (*features.FEATURES, row))
+    (tmp_path / "passes").mkdir()
+    (tmp_path / "passes/shiny.comp").write_text(
+        '#version 460\n#include "scene/bindings.glsl"\nlayout(local_size_x = 1) in;\n'
+        "layout(set = 1, binding = 0, scalar) buffer ShinyBlock { uint at[]; } shiny;\n"
+        "void main() { shiny.at[0] = SCENE_SHINY ? 2u : 1u; }\n"
+    )
+    (tmp_path / "passes/plain.comp").write_text("#version 460\nlayout(local_size_x = 1) in;\nvoid main() {}\n")
+    stage = sv.Stage("shiny", buffers={"shiny": 1}, passes=[sv.Pass("shiny", threads=1), sv.Pass("plain", threads=1)])
+    instance = sv.Instance(mesh=triangle())
+    scene = sv.Scene(instance)
+    binder = SceneBinder(device, scene)
+    with sv.SceneFrame(device, binder, [stage], glsl_root=tmp_path) as frame:
+
+        def seen():
+            frame.submit()
+            return int(frame["shiny"][0])
+
+        assert (seen(), binder.features) == (1, set())
+        version = binder.version
+        instance.material.metallic = 1.0
+        assert (seen(), binder.features) == (2, {"SCENE_SHINY"})
+        assert binder.version > version
+        scene.remove(instance)
+        assert seen() == 2  # kept, so that objects that come and go don't compile pipelines again and again
+        with sv.SceneFrame(device, binder, [stage], glsl_root=tmp_path) as other:
+            other.submit()
+            assert other["shiny"][0] == 2
     binder.destroy()

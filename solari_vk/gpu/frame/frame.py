@@ -8,7 +8,7 @@ everything submitted before, including uploads. The barriers between its steps a
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,6 +52,7 @@ class Frame:
     external: resources made elsewhere, such as a scene's, by name; names that no shader has are ignored.
     barrier_every_pass: put a barrier before every step, to find out whether a derived one is missing; on by default
     if SOLARI_VK_BARRIERS=all. glsl_root: one or several folders that hold passes/, searched before the package's.
+    features: boolean specialization constants that are true in all shaders that have them.
     The frame owns the shaders' uniform blocks unless they are external; `uniforms` sets their fields.
     Raises SolariError if a shader's resource is neither declared by a stage nor external.
     """
@@ -59,7 +60,7 @@ class Frame:
     @checked_keywords()
     def __init__(
         self, device: Device, stages: Sequence[Stage], *, external: Mapping[str, Any] | None = None,
-        barrier_every_pass: bool | None = None, glsl_root: Roots | None = None,
+        barrier_every_pass: bool | None = None, glsl_root: Roots | None = None, features: Collection[str] = (),
     ) -> None:  # fmt: skip
         self.device = device
         self.uniforms = Uniforms(int(device.properties.limits.minUniformBufferOffsetAlignment))
@@ -72,6 +73,7 @@ class Frame:
         self._resources = Resources(device)
         self._builder = ProgramBuilder(device, glsl_root)
         self._program: Program | None = None
+        self.features = frozenset(features)
         self._closed = False
         self._pool = CommandPool(device, "frame")
         self._slots = [Slot(device, index, commands) for index, commands in enumerate(self._pool.allocate(SLOTS))]
@@ -82,15 +84,19 @@ class Frame:
             self.close()
             raise
 
-    def rebuild(self, stages: Sequence[Stage] | None = None, external: Mapping[str, Any] | None = None) -> None:
-        """Use changed shaders, other stages (sizes, constants) or other external resources.
+    def rebuild(
+        self, stages: Sequence[Stage] | None = None, external: Mapping[str, Any] | None = None,
+        features: Collection[str] | None = None,
+    ) -> None:  # fmt: skip
+        """Use changed shaders, other stages (sizes, constants), external resources or features.
 
         Only what changed is made again; resources that still fit keep their contents. After an error, such as a
         CompilationError, the frame is as before.
         """
         stages = self._stages if stages is None else list(stages)
         external = self._external if external is None else dict(external)
-        program = self._builder.build(stages, self._program)
+        features = self.features if features is None else frozenset(features)
+        program = self._builder.build(stages, self._program, features)
         resources = self._resources
         try:
             resources = self._resources.changed_to(stages, program.interface)
@@ -106,6 +112,7 @@ class Frame:
         self._accesses = accesses
         self._resources.destroy_all_but(resources)
         self._stages, self._external, self._resources = stages, external, resources
+        self.features = features
         self._note_structures()
         kinds = program.interface.bindings.values()
         blocks = {binding.name: binding.dtype for binding in kinds if binding.kind == "uniform_buffer"}

@@ -137,8 +137,11 @@ class ProgramBuilder:
         self._root = glsl_root
         self._pipelines = Pipelines(device)
 
-    def build(self, stages: Sequence[Stage], old: Program | None) -> Program:
-        """The program of these stages from the shaders as they are now. Raises CompilationError or SolariError."""
+    def build(self, stages: Sequence[Stage], old: Program | None, features: frozenset[str]) -> Program:
+        """The program of these stages from the shaders as they are now. Raises CompilationError or SolariError.
+
+        features: boolean constants that are true in all shaders that have them.
+        """
         items = [item for stage in stages for item in stage.passes]
         if not items:
             raise SolariError("a frame needs at least one pass")
@@ -152,7 +155,7 @@ class ProgramBuilder:
         program = Program(interface, [], dict(modules), set())
         try:
             named = _named(items)
-            wanted = {name: self._pipeline_info(name, item, parts, program)
+            wanted = {name: self._pipeline_info(name, item, parts, program, features)
                       for (name, item), parts in zip(named.items(), shaders, strict=True)
                       if not isinstance(item, Step)}  # fmt: skip
             made = dict(zip(wanted, self._pipelines.make(list(wanted.values()), interface), strict=True))
@@ -165,13 +168,18 @@ class ProgramBuilder:
             raise
         return program
 
-    def _pipeline_info(self, name: str, item: Pass | Draw, shaders: StepShaders, program: Program) -> PipelineInfo:
+    def _pipeline_info(
+        self, name: str, item: Pass | Draw, shaders: StepShaders, program: Program, features: frozenset[str]
+    ) -> PipelineInfo:
         kind: Targets | RayGroups | None = shaders.groups
         if isinstance(item, Draw):
             check_draw(self._device, name, item, program.interface)
             colors = (image_format(program.interface[image].image_format) for image in item.colors)
             kind = Targets(tuple(colors), image_format(DEPTH_FORMAT))
-        return PipelineInfo(name, [program.modules[key] for key in shaders.keys], item.constants, kind)
+        modules = [program.modules[key] for key in shaders.keys]
+        known = {constant for module in modules for constant in module.constants}
+        constants = {**item.constants, **dict.fromkeys(sorted(features & known), True)}
+        return PipelineInfo(name, modules, constants, kind)
 
     def _step(self, item: Pass | Draw, info: PipelineInfo, pipeline: Pipeline) -> BuiltStep:
         counts = (0, 0, 0)

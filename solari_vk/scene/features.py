@@ -1,0 +1,51 @@
+"""Scene features: what some scenes hold and others don't, so that the shaders of the others are compiled without it.
+
+Each row of FEATURES is a boolean specialization constant SCENE_NAME, which `generated/scene/features.glsl` declares and
+scene/bindings.glsl includes. It is false in the pipelines of scenes without the feature, where drivers remove the code
+below `if (SCENE_NAME)`. To add a feature, write its row, and use the constant in GLSL; frames over a scene do the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+FIRST_ID = 100  # of the constants: passes have smaller numbers
+
+
+@dataclass(frozen=True)
+class Feature:
+    """A row of `FEATURES`: the class of the scene's objects that may have the feature, and whether one has it."""
+
+    name: str
+    source: type[Any]
+    held_by: Callable[[Any], bool]
+
+    @property
+    def constant(self) -> str:
+        """The name of the specialization constant."""
+        return f"SCENE_{self.name}"
+
+
+FEATURES: tuple[Feature, ...] = ()
+
+
+class Features:
+    """The features that a scene has, or has had: objects that come and go then cost one compilation of pipelines."""
+
+    def __init__(self) -> None:
+        self.constants: frozenset[str] = frozenset()
+        """The constants that are true."""
+
+    def note(self, item: Any) -> None:
+        """Take note of a new or changed object of the scene."""
+        self.constants |= {row.constant for row in FEATURES if isinstance(item, row.source) and row.held_by(item)}
+
+
+def glsl_header() -> str:
+    """The declarations of the constants."""
+    return "\n".join(
+        f"layout(constant_id = {number}) const bool {feature.constant} = false;"
+        for number, feature in enumerate(FEATURES, FIRST_ID)
+    )
