@@ -122,3 +122,19 @@ def test_quick_page_of_the_frame(any_device, tmp_path, way):
     lowest, highest = (rays - half) / (bare + half), (rays + half) / max(bare - half, 1e-9)
     assert lowest - half <= ratio <= highest + half or np.isnan(ratio)
     assert sorted(path.name for path in pictures.iterdir()) == ["cornell_box.png", "many_lights.png"]
+
+
+def test_quick_page_of_the_denoiser(any_device, tmp_path):
+    """A table for each case, pictures, and references that the second run takes from the folder."""
+    page, pictures, kept = (tmp_path / name for name in ("page.md", "pictures", "kept"))
+    quick = ["bench", "denoise", "--quick", "--markdown", str(page), "--references", str(kept)]
+    assert main([*quick, "--pictures", str(pictures)]) == 0
+    text = page.read_text()
+    titles = [line.partition(", ")[2] for line in text.splitlines() if line.startswith("## ")]
+    assert titles == ["still", "camera turns", "camera orbits", "short block moves", "lamp moves"]
+    assert {path.stem.partition(", ")[2] for path in pictures.iterdir()} == set(titles)
+    for path in kept.iterdir():
+        held = dict(np.load(path))
+        np.savez(path, truth=held["truth"] * 2, view=held["view"])
+    assert main(quick) == 0
+    assert page.read_text().splitlines()[-1] != text.splitlines()[-1]

@@ -34,10 +34,16 @@ def add_parser(commands: Any) -> None:
 
     frame.add_argument("--pictures", type=Path, metavar="FOLDER", help="write a picture of each scene")
 
-    for part in (claims, frame):
+    denoise = parts.add_parser("denoise", help="errors of denoised single frames, still and in motion, beside OIDN's")
+    denoise.set_defaults(run=_denoise)
+    denoise.add_argument("files", nargs="*", type=Path, help="glTF files to measure beside the built-in scenes")
+    denoise.add_argument("--pictures", type=Path, metavar="FOLDER", help="write raw frames, denoised ones, the truth")
+    denoise.add_argument("--references", type=Path, metavar="FOLDER", help="keep the path tracer's pictures there")
+
+    for part in (claims, frame, denoise):
         part.add_argument("--quick", action="store_true", help="tiny pictures and few runs, only to try the command")
     claims.add_argument("--seeds", type=positive, metavar="N", help="independent runs of each comparison (5)")
-    for part in (speed, claims, frame):
+    for part in (speed, claims, frame, denoise):
         _add_common(part, argparse.SUPPRESS)  # an option before the part's name counts too
 
 
@@ -64,3 +70,10 @@ def _frame(options: argparse.Namespace) -> None:
 
     run(options.device, options.files, rays=options.rays, markdown=options.markdown, pictures=options.pictures,
         quick=options.quick)  # fmt: skip
+
+
+def _denoise(options: argparse.Namespace) -> None:
+    from solari_vk.measure.denoised import run
+
+    run(options.device, options.files, rays=options.rays, markdown=options.markdown, pictures=options.pictures,
+        references=options.references, quick=options.quick)  # fmt: skip

@@ -1,0 +1,197 @@
+"""`solari-vk bench denoise`: the errors of denoised single frames, beside OIDN's of the same raw frames."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from solari_vk.gpu.device.device import Device
+from solari_vk.measure.report import Report, check_page
+from solari_vk.measure.statistics import relative_mse
+from solari_vk.measure.subjects import from_file
+from solari_vk.output import oidn
+from solari_vk.output.animation import orbit
+from solari_vk.output.tone_mapping import encode_picture
+from solari_vk.reference import PathTracer
+from solari_vk.renderer import Renderer
+from solari_vk.scene.builtin import builtin
+from solari_vk.scene.matrices import rotation, turned_about
+from solari_vk.scene.model import Camera, Instance, Scene
+from solari_vk.scene.projection import Projection
+
+Picture = NDArray[np.float64]
+SCENES = ("cornell_box", "sphere_grid", "mirror_hall", "many_lights")
+MOVED = {"cornell_box": ("short block", "lamp")}  # instances of built-in scenes that a case moves
+LOOKS = (1, 8, 32, 128)  # frames after a reset
+MOTION = 32  # frames of a case in motion
+TURN, ORBIT, SLIDE = 1.0, 0.3, 0.004  # of a frame: pixels, degrees, and the share of the scene's size
+SEED, REFERENCE_SEED = 5, 1_000_003
+INTRO = (
+    "Written by `solari-vk bench denoise FILES --markdown FILE`. relMSE, and FLIP for high dynamic range (Andersson et "
+    "al., 2021), against the path tracer. Frames are jittered and counted from a reset. OIDN denoises the mean of the "
+    "same raw frames, in motion the latest raw frame alone, with albedo and normals that have no noise. x OIDN: the "
+    "denoised frame's relMSE over OIDN's.",
+)
+HEAD = ("frame", "raw", "mean of raw", "denoised", "OIDN", "x OIDN", "FLIP, denoised", "FLIP, OIDN")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene that stands still or moves. `place(i)` puts it where it is in frame i, counted from 0."""
+
+    name: str
+    place: Callable[[int], Camera]
+    looks: Sequence[int]
+
+
+@dataclass
+class Look:
+    """The pictures of one frame."""
+
+    frame: int
+    raw: Picture
+    mean: Picture | None
+    """The mean of all raw frames so far, where nothing moves."""
+    denoised: Picture
+    oidn: Picture | None = None
+
+
+def run(
+    select: str | None, files: list[Path], *, rays: str | None = None, markdown: Path | None = None,
+    pictures: Path | None = None, references: Path | None = None, quick: bool = False,
+) -> None:  # fmt: skip
+    """Measure and print everything.
+
+    markdown: a page to write too. pictures: a folder for a picture of each case. references: a folder that keeps the
+    path tracer's pictures for the next run, for as long as the scenes are the same. quick: tiny pictures and few
+    frames. Raises SolariError for files that can't be loaded, and without a folder for the page.
+    """
+    check_page(markdown)
+    for folder in (pictures, references):
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+    size, samples, limit = ((16, 16), 16, 2) if quick else ((128, 128), 4096, max(LOOKS))
+    scenes = [builtin(name) for name in SCENES[: 1 if quick else None]] + [from_file(path) for path in files]
+    with Device(select, rays=rays) as device:
+        report = Report(device, markdown, "Denoised frames in figures", INTRO)
+        for scene in scenes:
+            for case in _cases(scene, size, min(MOTION, limit)):
+                report.progress(f"{scene.name}, {case.name}")
+                kept = references and references / f"{scene.name}, {case.name}, {size[0]}x{size[1]}.npz"
+                looks = [look for look in case.looks if look <= limit]
+                camera, found, truth = _measure(device, scene, case, size, looks, samples, kept)
+                rows = [_row(look, truth, camera.exposure) for look in found]
+                title = f"{scene.name} {size[0]}x{size[1]}, {case.name}"
+                report.table(title, HEAD, rows)
+                if pictures is not None:
+                    _sheet(found, truth, camera.exposure).save(pictures / f"{scene.name}, {case.name}.png")
+    if markdown is not None:
+        print(f"wrote {markdown}")
+
+
+# ---- cases ------------------------------------------------------------------------------------------
+
+
+def _cases(scene: Scene, size: tuple[int, int], frames: int) -> Iterator[Case]:
+    camera = scene.camera_for(size[0] / size[1])
+    yield Case("still", lambda frame: camera, LOOKS)
+    pixel = camera.vertical_fov / size[1]
+    yield Case("camera turns", lambda frame: _turned(camera, (frame - frames + 1) * TURN * pixel), [frames])
+    # An orbit swings; its first quarter is nearly even, and ends at the widest angle.
+    path = orbit(camera, scene.bounds.center, 4 * frames, 4 * ORBIT * frames / math.pi)
+    yield Case("camera orbits", lambda frame: path[frame], [frames])
+    for name in MOVED.get(scene.name, ()):
+        with _kept_place(scene.instances[name]) as instance:
+            start, side = instance.transform.copy(), float(scene.bounds.size.max())
+            yield Case(f"{name} moves", partial(_slide, instance, start, side, camera), [frames])
+
+
+def _turned(camera: Camera, angle: float) -> Camera:
+    transform = turned_about(camera.transform[:3, 3], rotation((0, 1, 0), -angle), camera.transform)
+    return Camera(transform=transform, vertical_fov=camera.vertical_fov, near=camera.near, ev100=camera.ev100)
+
+
+def _slide(instance: Instance, start: NDArray[np.float64], side: float, camera: Camera, frame: int) -> Camera:
+    """Swing an instance from left to right about its place."""
+    transform = start.copy()
+    transform[0, 3] += side * SLIDE * MOTION / (2 * math.pi) * math.sin(2 * math.pi * frame / MOTION)
+    instance.transform = transform
+    return camera
+
+
+@contextmanager
+def _kept_place(instance: Instance) -> Iterator[Instance]:
+    start = instance.transform.copy()
+    yield instance
+    instance.transform = start
+
+
+# ---- measuring --------------------------------------------------------------------------------------
+
+
+def _measure(
+    device: Device, scene: Scene, case: Case, size: tuple[int, int], looks: Sequence[int], samples: int,
+    kept: Path | None,
+) -> tuple[Camera, list[Look], Picture]:  # fmt: skip
+    """The last camera of a case, its pictures at some frames, and the reference of the last one."""
+    found, total = [], np.zeros(3)
+    with Renderer(device, scene, size, seed=SEED) as renderer:
+        for index in range(max(looks)):
+            camera = case.place(index)
+            frame = renderer.render(camera)
+            raw = np.asarray(frame["raw_radiance"], np.float64)
+            total = total + raw
+            if index + 1 in looks:
+                mean = total / (index + 1) if case.name == "still" else None
+                found.append(Look(index + 1, raw, mean, np.asarray(frame["radiance"], np.float64)))
+    with PathTracer(device, scene, size, seed=REFERENCE_SEED) as tracer:
+        guides = tracer.first_hits.read_means(("albedo", "shading_normal"), Projection.of(camera, size), size)
+        kept_picture = np.load(kept) if kept is not None and kept.is_file() else None
+        if kept_picture is not None and np.array_equal(kept_picture["view"], camera.transform):
+            truth = kept_picture["truth"]
+        else:
+            truth = tracer.render(camera, samples=samples)["radiance"]
+            if kept is not None:
+                np.savez(kept, truth=truth, view=camera.transform)
+    for look in found if oidn.is_installed() else ():
+        given = look.raw if look.mean is None else look.mean
+        look.oidn = oidn.denoise(given, *guides).astype(np.float64)
+    return camera, found, np.asarray(truth, np.float64)
+
+
+def _row(look: Look, truth: Picture, exposure: float) -> list[str]:
+    """The cells below HEAD."""
+    relmse = [math.nan if picture is None else relative_mse(picture, truth)
+              for picture in (look.raw, look.mean, look.denoised, look.oidn)]  # fmt: skip
+    flips = [_flip(picture, truth, exposure) for picture in (look.denoised, look.oidn)]
+    cells = [*(f"{value:.3g}" for value in relmse), f"{relmse[2] / relmse[3]:.2f}", *(f"{flip:.3f}" for flip in flips)]
+    return [str(look.frame), *("" if cell == "nan" else cell for cell in cells)]
+
+
+def _flip(picture: Picture | None, truth: Picture, exposure: float) -> float:
+    """The mean FLIP at five exposures around the camera's, a stop apart; NaN without its package."""
+    if picture is None or importlib.util.find_spec("flip_evaluator") is None:
+        return math.nan
+    import flip_evaluator
+
+    given = (np.maximum(image, 0.0).astype(np.float32) for image in (truth, picture))
+    middle = math.log2(exposure)
+    exposures = {"startExposure": middle - 2, "stopExposure": middle + 2, "numExposures": 5}
+    return float(flip_evaluator.evaluate(*given, "HDR", applyMagma=False, parameters=exposures)[1])
+
+
+def _sheet(looks: Sequence[Look], truth: Picture, exposure: float) -> Image.Image:
+    """A row of pictures for each look: the raw frame, the denoised one, OIDN's, and the path tracer's."""
+    rows = [[picture for picture in (look.raw, look.denoised, look.oidn, truth) if picture is not None]
+            for look in looks]  # fmt: skip
+    codes = [np.concatenate([encode_picture(picture, exposure=exposure) for picture in row], axis=1) for row in rows]
+    return Image.fromarray(np.concatenate(codes))
