@@ -44,6 +44,31 @@ def quaternion_rotation(x: Any, y: Any, z: Any, w: Any) -> list[list[Any]]:
     ]
 
 
+def compose(translations: NDArray[Any], rotations: NDArray[Any], scales: NDArray[Any]) -> NDArray[np.float64]:
+    """Matrices (N, 4, 4) from translations (N, 3), quaternions (N, 4: x y z w) and scales (N, 3).
+
+    A quaternion of zero length gives a singular matrix.
+    """
+    length = np.linalg.norm(rotations, axis=1, keepdims=True)
+    x, y, z, w = (rotations / np.where(length > 0, length, 1)).T
+    matrices = np.tile(np.eye(4), (len(translations), 1, 1))
+    matrices[:, :3, :3] = np.moveaxis(np.array(quaternion_rotation(x, y, z, w)), 2, 0) * scales[:, None, :]
+    matrices[:, :3, 3] = translations
+    return matrices
+
+
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
+def upright(world: NDArray[Any]) -> NDArray[np.float64] | None:
+    """The matrix without scale and shear, with the same view along -z and the same up; None if that is degenerate."""
+    back = world[:3, 2] / np.linalg.norm(world[:3, 2])
+    right = np.cross(world[:3, 1], back)
+    right /= np.linalg.norm(right)
+    result = np.eye(4)
+    result[:3, :3] = np.stack([right, np.cross(back, right), back], axis=1)
+    result[:3, 3] = world[:3, 3]
+    return result if np.isfinite(result).all() else None
+
+
 def nearest_rotation(matrix: NDArray[Any]) -> NDArray[np.float64]:
     """The rotation (3, 3) nearest to a matrix that doesn't mirror."""
     left, _, right = np.linalg.svd(matrix)

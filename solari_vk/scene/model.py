@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.errors import SolariError, checked_keywords, unknown_name
+from solari_vk.scene.animation import Animation as Animation
 from solari_vk.scene.camera import Camera as Camera
 from solari_vk.scene.collection import Collection, Items
 from solari_vk.scene.matrices import transform_points
@@ -67,6 +68,7 @@ class Scene(Observable):
         self._instances: Items[Instance] = Items("instance", (Instance,), self._notify)
         self._lights: Items[Light] = Items("light", (Light,), self._notify)
         self._cameras: Items[Camera] = Items("camera", (Camera,), self._notify)
+        self._animations: Items[Animation] = Items("animation", (Animation,), self._notify)
         self._camera: Camera | None = None
         self.warnings: list[str] = []
         """What a loader could not use of its file, one line for each kind of problem."""
@@ -75,9 +77,9 @@ class Scene(Observable):
 
     def __setattr__(self, name: str, value: Any) -> None:
         if name not in SCENE_FIELDS and not name.startswith("_"):
-            if name in ("instances", "lights", "cameras"):
+            if name in COLLECTIONS:
                 raise SolariError(f"Scene.{name} can't be replaced: use scene.{name}.add and scene.{name}.remove")
-            raise unknown_name("Scene has no field", name, (*SCENE_FIELDS, "instances", "lights", "cameras"))
+            raise unknown_name("Scene has no field", name, (*SCENE_FIELDS, *COLLECTIONS))
         object.__setattr__(self, name, value)
 
     @property
@@ -94,6 +96,19 @@ class Scene(Observable):
     def cameras(self) -> Items[Camera]:
         """The cameras of the file, and those that were added."""
         return self._cameras
+
+    @property
+    def animations(self) -> Items[Animation]:
+        """The clips of the file, which `animate` plays."""
+        return self._animations
+
+    def animate(self, seconds: float, clip: int | str = 0, *, loop: bool = True) -> None:
+        """Pose the scene as it is some seconds after the start of a clip, by its number or name in `animations`.
+
+        loop: start again after the end; otherwise the end stays. Raises SolariError for an unknown clip, and for a time
+        that isn't finite.
+        """
+        self._animations[clip].apply(self, seconds, loop=loop)
 
     @property
     def materials(self) -> Collection[Material]:
@@ -190,3 +205,4 @@ class Scene(Observable):
 
 
 SCENE_FIELDS = ("name", "camera", "warnings")
+COLLECTIONS = ("instances", "lights", "cameras", "animations")

@@ -16,7 +16,7 @@ class Extension(NamedTuple):
 
 EXTENSIONS = (
     # Ratified by Khronos.
-    Extension("KHR_animation_pointer", "no", "its channels are ignored"),
+    Extension("KHR_animation_pointer", "part", "properties of nodes; those of materials, cameras and lights stay"),
     Extension("KHR_draco_mesh_compression", "no", "compressed primitives are left out"),
     Extension("KHR_gaussian_splatting", "no", "splats have no surface"),
     Extension("KHR_interactivity", "no", "behavior graphs are ignored"),

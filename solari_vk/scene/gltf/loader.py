@@ -10,15 +10,17 @@ import numpy as np
 
 from solari_vk.scene import checks
 from solari_vk.scene.gltf.accessors import Accessors
+from solari_vk.scene.gltf.animations import Animations
 from solari_vk.scene.gltf.deform import Pose
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.extensions import SUPPORTED_EXTENSIONS
 from solari_vk.scene.gltf.materials import Materials
-from solari_vk.scene.gltf.nodes import PlacedNode, joint_matrices, repeated, repetitions, roots, upright, walk
+from solari_vk.scene.gltf.nodes import PlacedNode, joint_matrices, repeated, repetitions, roots, walk
 from solari_vk.scene.gltf.primitives import Primitives
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry, shown
-from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material, Mesh, Scene
+from solari_vk.scene.matrices import upright
+from solari_vk.scene.model import Camera, DirectionalLight, Instance, Light, Material, Mesh, Scene
 
 _NODE_EXTENSIONS = ("EXT_mesh_gpu_instancing", "KHR_lights_punctual", "KHR_node_visibility", "KHR_xmp_json_ld")
 # A file may have this many instances more than it has nodes and instances of EXT_mesh_gpu_instancing together.
@@ -61,17 +63,19 @@ class _Loader:
         if owner is not self._document.root:
             self._report.add_extensions(owner)
         placed = walk(self._document, first, owner)
+        self._animations = Animations(self._document, self._accessors, placed, self._report)
         self._check_instance_count(placed)
         self._load_materials()
         for node in placed.values():
             self._report.add_extensions(node.entry, _NODE_EXTENSIONS)
             if "mesh" in node.entry:
                 self._add_meshes(node, placed)
-            if node.visible and "camera" in node.entry:
-                self._add_camera(node)
-            if node.visible and node.entry.extension("KHR_lights_punctual"):
-                self._add_light(node)
-        self._remark_animations(placed)
+            if "camera" in node.entry:
+                self._add(node, self._camera(node))
+            if node.entry.extension("KHR_lights_punctual"):
+                self._add(node, self._light(node))
+        for animation in self._animations.finish():
+            self._scene.animations.add(animation)
         self._remark_unseen_extensions()
         self._scene.warnings.extend(self._report.lines())
         return self._scene
@@ -102,6 +106,16 @@ class _Loader:
             if not known and name not in named:
                 self._report.add(f"the extension {shown(name)[1:-1]} is not supported and was ignored", "the file")
 
+    def _add(self, node: PlacedNode, item: Instance | Camera | Light | None, transform: Any = None) -> None:
+        """Add what hangs on a node. transform: from the item's space to the node's, by default the identity."""
+        row = self._animations.row(node.number)
+        if item is None or (row is None and not node.visible and not isinstance(item, Instance)):
+            return
+        if row is not None:
+            self._animations.rig.attach(item, row, transform, shown=node.visible)
+        if node.visible or isinstance(item, Instance):
+            self._scene.add(item)
+
     # ---- meshes -------------------------------------------------------------------------------------
 
     def _primitives_of(self, node: PlacedNode) -> list[Entry]:
@@ -128,14 +142,27 @@ class _Loader:
         worlds = repeated(node, self._accessors) if pose.joints is None else np.eye(4)[None]
         parts = self._parts(node, mesh, pose)
         name = node.entry.name or mesh.name or mesh.place
-        for world in worlds:
+        moves = self._animations.row(node.number) is not None
+        if self._animations.rig.count and (pose.joints is not None or node.number in self._animations.weighted):
+            self._report.add("animations of skins and morph targets are not played", node.entry.place)
+        for local in worlds:
+            with np.errstate(over="ignore", invalid="ignore"):
+                world = node.world @ local if pose.joints is None else local
+            visible = node.visible
             try:
                 world = checks.affine_transform(world)
             except ValueError:
-                self._report.add("nodes whose transform is singular or not affine have no surface", node.entry.place)
-                continue
+                if not moves:
+                    place = node.entry.place
+                    self._report.add("nodes whose transform is singular or not affine have no surface", place)
+                    continue
+                world, visible = np.eye(4), False  # until an animation gives it a size
             for suffix, shape, material in parts:
-                self._scene.add(Instance(shape, material, world, visible=node.visible, name=name + suffix))
+                instance = Instance(shape, material, world, visible=visible, name=name + suffix)
+                if pose.joints is None:
+                    self._add(node, instance, local)
+                else:
+                    self._scene.add(instance)
 
     def _parts(self, node: PlacedNode, mesh: Entry, pose: Pose) -> list[Part]:
         """The meshes and materials of a mesh's primitives that have a surface, and suffixes for their names."""
@@ -162,7 +189,7 @@ class _Loader:
 
     # ---- cameras and lights -------------------------------------------------------------------------
 
-    def _add_camera(self, node: PlacedNode) -> None:
+    def _camera(self, node: PlacedNode) -> Camera | None:
         camera = self._document.item("camera", node.entry.integer("camera"), node.entry)
         kind = camera.text("type", None, ("perspective", "orthographic"))
         perspective = camera.entry("perspective")
@@ -174,16 +201,15 @@ class _Loader:
         elif transform is None:
             self._report.add("cameras whose node's transform is singular are left out", node.entry.place)
         else:
-            self._scene.add(
-                Camera(
-                    transform=transform,
-                    vertical_fov=perspective.number("yfov", low=1e-3, high=math.pi - 1e-3),
-                    near=max(perspective.number("znear", low=0, high=1e15), 1e-9),
-                    name=node.entry.name or camera.name,
-                )
+            return Camera(
+                transform=transform,
+                vertical_fov=perspective.number("yfov", low=1e-3, high=math.pi - 1e-3),
+                near=max(perspective.number("znear", low=0, high=1e15), 1e-9),
+                name=node.entry.name or camera.name,
             )
+        return None
 
-    def _add_light(self, node: PlacedNode) -> None:
+    def _light(self, node: PlacedNode) -> Light | None:
         user = node.entry.extension("KHR_lights_punctual")
         if self._lights is None:
             extension = self._document.root.extension("KHR_lights_punctual")
@@ -207,13 +233,5 @@ class _Loader:
         else:
             travel = -direction[:3, 2].astype(np.float32)
             tint = np.array(color, np.float32)
-            self._scene.add(DirectionalLight(direction=travel, illuminance=intensity, color=tint, name=name))
-
-    def _remark_animations(self, placed: dict[int, PlacedNode]) -> None:
-        for number in range(len(self._document.array("animation"))):
-            animation = self._document.item("animation", number, self._document.root)
-            for channel in animation.entries("channels", "channel"):
-                target = channel.entry("target")
-                if target is not None and target.index("node") in placed:
-                    self._report.add("animations are not played: the rest pose is shown", animation.place)
-                    break
+            return DirectionalLight(direction=travel, illuminance=intensity, color=tint, name=name)
+        return None

@@ -13,7 +13,7 @@ from solari_vk.scene.gltf.accessors import Accessors
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry, shown
-from solari_vk.scene.matrices import quaternion_rotation
+from solari_vk.scene.matrices import compose, quaternion_rotation
 
 Matrix = NDArray[np.float64]
 _IDENTITY = tuple(np.eye(4).reshape(-1).tolist())
@@ -21,9 +21,10 @@ _IDENTITY = tuple(np.eye(4).reshape(-1).tolist())
 
 @dataclass(frozen=True)
 class PlacedNode:
-    """A node with its matrix, world from node (4, 4)."""
+    """A node with its matrix, world from node (4, 4). parent: its parent's number, -1 for a root."""
 
     number: int
+    parent: int
     entry: Entry
     world: Matrix
     visible: bool
@@ -65,24 +66,29 @@ def walk(document: Document, first: list[int], owner: Entry) -> dict[int, Placed
     """All nodes below some roots by number, parents first, in the file's order."""
     placed: dict[int, PlacedNode] = {}
     identity = np.eye(4)
-    waiting: list[tuple[int, Matrix, bool, Entry]] = [(number, identity, True, owner) for number in reversed(first)]
+    waiting: list[tuple[int, int, Matrix, bool, Entry]] = [(n, -1, identity, True, owner) for n in reversed(first)]
     while waiting:
-        number, parent, visible, user = waiting.pop()
+        number, above, parent, visible, user = waiting.pop()
         entry = document.item("node", number, user)
         if number in placed:
             raise entry.error(
                 f"is reached twice, the second time from {user.place}: nodes form a tree, where each has one parent "
                 "and none is below itself; export the file again"
             )
-        world = parent @ _local_matrix(entry)
-        visibility = entry.extension("KHR_node_visibility")
-        visible = visible and (visibility is None or visibility.flag("visible", True))
-        placed[number] = PlacedNode(number, entry, world, visible)
-        waiting.extend((child, world, visible, entry) for child in reversed(entry.integers("children")))
+        world = parent @ local_matrix(entry)
+        visible = visible and own_visibility(entry)
+        placed[number] = PlacedNode(number, above, entry, world, visible)
+        waiting.extend((child, number, world, visible, entry) for child in reversed(entry.integers("children")))
     return placed
 
 
-def _local_matrix(entry: Entry) -> Matrix:
+def own_visibility(entry: Entry) -> bool:
+    """Whether a node shows what hangs on it and below it, if all above it do."""
+    visibility = entry.extension("KHR_node_visibility")
+    return visibility is None or visibility.flag("visible", True)
+
+
+def local_matrix(entry: Entry) -> Matrix:
     """The matrix from the node's space to its parent's."""
     if "matrix" in entry:
         matrix: Matrix = np.array(entry.numbers("matrix", _IDENTITY)).reshape(4, 4).T
@@ -100,19 +106,6 @@ def _local_matrix(entry: Entry) -> Matrix:
         [[*(a * b for a, b in zip(row, scale, strict=True)), x] for row, x in zip(turned, position, strict=True)]
         + [[0.0, 0.0, 0.0, 1.0]]
     )
-
-
-def _compose(translations: Matrix, rotations: Matrix, scales: Matrix) -> Matrix:
-    """Matrices (N, 4, 4) from translations (N, 3), quaternions (N, 4: x y z w) and scales (N, 3).
-
-    A quaternion of zero length gives a singular matrix.
-    """
-    length = np.linalg.norm(rotations, axis=1, keepdims=True)
-    x, y, z, w = (rotations / np.where(length > 0, length, 1)).T
-    matrices = np.tile(np.eye(4), (len(translations), 1, 1))
-    matrices[:, :3, :3] = np.moveaxis(np.array(quaternion_rotation(x, y, z, w)), 2, 0) * scales[:, None, :]
-    matrices[:, :3, 3] = translations
-    return matrices
 
 
 def repetitions(node: PlacedNode, accessors: Accessors) -> tuple[int, dict[str, NDArray[Any]]]:
@@ -134,12 +127,12 @@ def repetitions(node: PlacedNode, accessors: Accessors) -> tuple[int, dict[str, 
 
 @np.errstate(over="ignore", invalid="ignore")
 def repeated(node: PlacedNode, accessors: Accessors) -> Matrix:
-    """World matrices (N, 4, 4) of a node's mesh: one, or those of EXT_mesh_gpu_instancing."""
+    """Matrices (N, 4, 4) from a node's mesh to the node: the identity, or those of EXT_mesh_gpu_instancing."""
     count, attributes = repetitions(node, accessors)
     if not attributes:
-        return node.world[None]
+        return np.eye(4)[None]
     found = {name: values.astype(np.float64) for name, values in attributes.items()}
-    return node.world @ _compose(
+    return compose(
         found.get("TRANSLATION", np.zeros((count, 3))),
         found.get("ROTATION", np.tile((0.0, 0.0, 0.0, 1.0), (count, 1))),
         found.get("SCALE", np.ones((count, 3))),
@@ -169,15 +162,3 @@ def joint_matrices(
     if len(bind) < len(joints):
         raise skin.error(f"has {len(bind)} inverse bind matrices for {len(joints)} joints; export the file again")
     return matrices @ bind[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1)
-
-
-@np.errstate(over="ignore", invalid="ignore", divide="ignore")
-def upright(world: Matrix) -> Matrix | None:
-    """The matrix without scale and shear, with the same view along -z and the same up; None if that is degenerate."""
-    back = world[:3, 2] / np.linalg.norm(world[:3, 2])
-    right = np.cross(world[:3, 1], back)
-    right /= np.linalg.norm(right)
-    result = np.eye(4)
-    result[:3, :3] = np.stack([right, np.cross(back, right), back], axis=1)
-    result[:3, 3] = world[:3, 3]
-    return result if np.isfinite(result).all() else None

@@ -1,0 +1,132 @@
+"""The animations of a glTF file: its channels, and the rig of all nodes that one of them moves."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.scene.animation import INTERPOLATIONS, WIDTHS, Animation, Channel
+from solari_vk.scene.gltf.accessors import Accessors
+from solari_vk.scene.gltf.document import Document
+from solari_vk.scene.gltf.nodes import PlacedNode, local_matrix, own_visibility
+from solari_vk.scene.gltf.report import Report
+from solari_vk.scene.gltf.values import Entry, shown
+from solari_vk.scene.rig import Rig
+
+_POINTER = re.compile(r"/nodes/(\d{1,9})/(translation|rotation|scale|weights|extensions/KHR_node_visibility/visible)")
+_KINDS = {"translation": "VEC3", "rotation": "VEC4", "scale": "VEC3"}
+_NO_ROTATION = (0.0, 0.0, 0.0, 1.0)
+
+
+class Animations:
+    """Reads the channels of nodes that are in the scene, `placed`. `rig` has them and all nodes below them."""
+
+    def __init__(self, document: Document, accessors: Accessors, placed: dict[int, PlacedNode], report: Report) -> None:
+        self._document = document
+        self._accessors = accessors
+        self._placed = placed
+        self._report = report
+        self._clips = [self._channels(number) for number in range(len(document.array("animation")))]
+        targets = {node for _, channels in self._clips for node, *_ in channels}
+        self._row: dict[int, int] = {}  # of the rig's nodes
+        for number, node in placed.items():  # parents come first
+            if number in targets or node.parent in self._row:
+                self._row[number] = len(self._row)
+        changes = [(node, path) for _, channels in self._clips for node, path, *_ in channels]
+        self.weighted = {node for node, path in changes if path == "weights"}
+        """Nodes whose meshes' morph targets are animated."""
+        self.rig = self._make_rig({node for node, path in changes if path in _KINDS})
+
+    def row(self, node: int) -> int | None:
+        """The rig's node for a node of the file, None for one that nothing moves."""
+        return self._row.get(node)
+
+    def _make_rig(self, moved: set[int]) -> Rig:
+        nodes = [self._placed[number] for number in self._row]
+        entries = [node.entry for node in nodes]
+        for node in nodes:
+            if node.number in moved and "matrix" in node.entry:
+                raise node.entry.error("is animated, so it can't have a 'matrix'; export the file again")
+        above = [self._placed.get(node.parent) for node in nodes]
+        return Rig(
+            [self._row.get(node.parent, -1) for node in nodes],
+            [local_matrix(entry) for entry in entries],
+            [entry.numbers("translation", (0.0, 0.0, 0.0)) for entry in entries],
+            [entry.numbers("rotation", _NO_ROTATION) for entry in entries],
+            [entry.numbers("scale", (1.0, 1.0, 1.0)) for entry in entries],
+            [(np.eye(4), True) if parent is None else (parent.world, parent.visible) for parent in above],
+            [own_visibility(entry) for entry in entries],
+        )
+
+    def finish(self) -> list[Animation]:
+        """All animations that move something in the scene."""
+        made = []
+        for entry, channels in self._clips:
+            if channels:
+                rows = [Channel(self._row[node], path, *keys) for node, path, *keys in channels]
+                made.append(Animation(self.rig, rows, name=entry.name))
+        return made
+
+    # ---- channels -----------------------------------------------------------------------------------
+
+    def _channels(self, number: int) -> tuple[Entry, list[tuple[Any, ...]]]:
+        """An animation, and the node, path, times, values and interpolation of its channels."""
+        entry = self._document.item("animation", number, self._document.root)
+        samplers = entry.entries("samplers", "sampler")
+        found = []
+        for channel in entry.entries("channels", "channel"):
+            target = self._target(channel)
+            if target is None:
+                continue
+            which = channel.integer("sampler")
+            if which >= len(samplers):
+                raise channel.error(f"refers to sampler {shown(which)}, but there are only {len(samplers)} of them")
+            node, path = target
+            found.append((node, path, *self._keys(samplers[which], path)))
+        return entry, found
+
+    def _target(self, channel: Entry) -> tuple[int, str] | None:
+        """The node and the path of a channel; None (reported) for one that isn't supported or not in the scene."""
+        target = channel.entry("target")
+        if target is None:
+            raise channel.error("has no 'target'; export the file again")
+        path = target.text("path")
+        pointer = target.extension("KHR_animation_pointer")
+        node = target.index("node")
+        if pointer is not None:
+            text = pointer.text("pointer")
+            match = _POINTER.fullmatch(text)
+            if match is None:
+                self._report.add("animations of properties other than those of nodes are not played", channel.place)
+                return None
+            node, path = int(match[1]), "visible" if match[2].endswith("visible") else match[2]
+        elif path not in ("translation", "rotation", "scale", "weights"):
+            raise target.wrong("path", "translation, rotation, scale or weights")
+        if node is None:
+            return None
+        self._document.item("node", node, target)
+        return (node, path) if node in self._placed else None
+
+    def _keys(self, sampler: Entry, path: str) -> tuple[NDArray[Any], NDArray[Any], str]:
+        times = self._accessors.floats(sampler.integer("input"), sampler, ("SCALAR",))[:, 0]
+        interpolation = sampler.text("interpolation", "LINEAR", INTERPOLATIONS)
+        output = sampler.integer("output")
+        if path == "visible":
+            values = self._accessors.integers(output, sampler, ("SCALAR",))
+            interpolation = "STEP"
+        else:
+            values = self._accessors.floats(output, sampler, (_KINDS.get(path, "SCALAR"),))
+        if not len(times) or times[0] < 0 or (np.diff(times) < 0).any():
+            raise sampler.error("needs times from 0 on that ascend; export the file again")
+        parts = (len(times), 3) if interpolation == "CUBICSPLINE" else (len(times),)
+        width = WIDTHS[path] or max(values.size // int(np.prod(parts)), 1)
+        if values.size != width * int(np.prod(parts)):
+            per_key = "three values" if len(parts) > 1 else "one value"
+            raise sampler.error(
+                f"has {len(values)} values for {len(times)} keys of {path}, but {per_key} of {width} numbers a key are "
+                "needed; export the file again"
+            )
+        return times, values.reshape(*parts, width), interpolation

@@ -1,0 +1,138 @@
+"""A rig: a hierarchy of nodes that animations move, and the objects of the scene that hang on the nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from solari_vk.errors import SolariError
+from solari_vk.scene.camera import Camera
+from solari_vk.scene.matrices import compose, upright
+from solari_vk.scene.objects import Instance, Light
+
+if TYPE_CHECKING:
+    from solari_vk.scene.model import Scene
+
+Matrix = NDArray[np.float64]
+Sample = tuple[int, str, NDArray[np.float64]]
+
+
+class Rig:
+    """Nodes in their rest pose, parents before children.
+
+    parents (N,): each node's parent, -1 for none. transforms (N, 4, 4): from each node's space to its parent's, or for
+    nodes without a parent to the world. translations (N, 3), rotations (N, 4: x, y, z, w) and scales (N, 3): what the
+    transforms of nodes that animations move are made of. bases: for nodes without a parent the matrix (4, 4) between
+    their transform and the world, and whether what hangs there is visible. visible (N,): whether each node is.
+    """
+
+    def __init__(
+        self, parents: Sequence[int], transforms: ArrayLike, translations: ArrayLike, rotations: ArrayLike,
+        scales: ArrayLike, bases: Sequence[tuple[Matrix, bool]] | None = None, visible: Sequence[bool] | None = None,
+    ) -> None:  # fmt: skip
+        self.count = count = len(parents)
+        given = [(np.eye(4), True)] * count if bases is None else bases
+        self._transforms = np.reshape(np.asarray(transforms, np.float64), (count, 4, 4))
+        self._rest = {
+            "translation": np.reshape(np.asarray(translations, np.float64), (count, 3)),
+            "rotation": np.reshape(np.asarray(rotations, np.float64), (count, 4)),
+            "scale": np.reshape(np.asarray(scales, np.float64), (count, 3)),
+        }
+        self._visible = np.ones(count, bool) if visible is None else np.array(visible, bool)
+        self._bases = np.array([matrix for matrix, _ in given]).reshape(count, 4, 4)
+        self._bases_visible = np.array([shown for _, shown in given], bool)
+        self._levels = _levels(parents)
+        self._placed: list[tuple[Any, int, Matrix | None]] = []
+        self._shown: dict[Any, bool] = {}
+
+    # ---- what hangs on the nodes --------------------------------------------------------------------
+
+    def attach(
+        self, item: Instance | Camera | Light, node: int, transform: Matrix | None = None, *, shown: bool = True
+    ) -> None:
+        """Have an object follow a node.
+
+        transform: from the object's space to the node's, by default the identity. shown: whether it is visible now or,
+        for a light, in the scene.
+        """
+        self._placed.append((item, node, transform))
+        self._shown[item] = item.visible if isinstance(item, Instance) else shown
+
+    # ---- poses --------------------------------------------------------------------------------------
+
+    @np.errstate(over="ignore", invalid="ignore")
+    def pose(self, scene: Scene, samples: Iterable[Sample]) -> None:
+        """Move the nodes to the sampled values, the others to their rest pose, and all objects with them."""
+        parts = {name: values.copy() for name, values in self._rest.items()}
+        visible = self._visible.copy()
+        moved: set[int] = set()
+        for node, path, value in samples:
+            if path in parts:
+                parts[path][node] = value
+                moved.add(node)
+            elif path == "visible":
+                visible[node] = value[0] > 0
+        worlds, shown = self._place_nodes(parts, sorted(moved), visible)
+        for item, node, transform in self._placed:
+            world = worlds[node] if transform is None else worlds[node] @ transform
+            self._place(scene, item, world, bool(shown[node]))
+
+    def _place_nodes(
+        self, parts: dict[str, Matrix], moved: list[int], visible: NDArray[np.bool_]
+    ) -> tuple[Matrix, NDArray[np.bool_]]:
+        """Matrices (N, 4, 4) from the nodes to the world, and whether they and all above them are visible (N,)."""
+        transforms = self._transforms.copy()
+        if moved:
+            transforms[moved] = compose(*(parts[name][moved] for name in ("translation", "rotation", "scale")))
+        worlds, shown = np.empty_like(transforms), np.empty_like(visible)
+        for nodes, parents in self._levels:
+            above = self._bases[nodes] if parents is None else worlds[parents]
+            worlds[nodes] = above @ transforms[nodes]
+            shown[nodes] = visible[nodes] & (self._bases_visible[nodes] if parents is None else shown[parents])
+        return worlds, shown
+
+    def _place(self, scene: Scene, item: Any, world: Matrix, shown: bool) -> None:
+        """Move an object. An instance whose transform has no inverse, as with a scale of 0, is hidden."""
+        if isinstance(item, Instance):
+            try:
+                if not np.array_equal(item.transform, world):
+                    item.transform = world
+            except SolariError:
+                shown = False
+            if shown != self._shown[item]:
+                item.visible = shown
+        elif isinstance(item, Camera):
+            transform = upright(world)
+            if transform is not None and not np.array_equal(item.transform, transform):
+                item.transform = transform
+        else:
+            self._place_light(scene, item, world, shown)
+        self._shown[item] = shown
+
+    def _place_light(self, scene: Scene, light: Light, world: Matrix, shown: bool) -> None:
+        """Move a light, which shines along its node's -z. A hidden light isn't in the scene."""
+        if (transform := upright(world)) is None:
+            shown = False
+        else:
+            fields = {"direction": -transform[:3, 2], "position": transform[:3, 3]}
+            values = {name: fields[name].astype(np.float32) for name in fields if hasattr(light, name)}
+            if any(not np.allclose(getattr(light, name), values[name], rtol=0, atol=1e-7) for name in values):
+                light.update(**values)
+        if shown != self._shown[light]:
+            (scene.lights.add if shown else scene.lights.remove)(light)
+
+
+def _levels(parents: Sequence[int]) -> list[tuple[NDArray[np.int64], NDArray[np.int64] | None]]:
+    """The nodes of each depth and their parents; the first level has none."""
+    above = np.asarray(parents, np.int64).reshape(-1)
+    if ((above < -1) | (above >= np.arange(len(above)))).any():
+        raise SolariError("a rig lists parents before their children")
+    depths = np.zeros(len(above), np.int64)
+    for node, parent in enumerate(above.tolist()):
+        depths[node] = 0 if parent < 0 else depths[parent] + 1
+    order = np.argsort(depths, kind="stable")
+    groups = np.split(order, np.flatnonzero(np.diff(depths[order])) + 1)
+    return [(nodes, above[nodes] if number else None) for number, nodes in enumerate(groups)]

@@ -1,0 +1,230 @@
+"""Animations of nodes: keys between and at their times, hierarchies, cameras, lights, visibility, and bad files."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from solari_vk.errors import SolariError
+from solari_vk.scene.animation import Channel
+
+HALF = math.sqrt(0.5)
+QUARTER = [0, HALF, 0, HALF]  # a quarter turn about y
+
+
+def animate(writer, node, path, times, values, interpolation="LINEAR", **target):
+    """Add a channel to the writer's only animation."""
+    clips = writer.json.setdefault("animations", [])
+    if not clips:
+        writer.add("animations", channels=[], samplers=[], name="clip")
+    clip = clips[0]
+    target |= {"path": path} | ({} if node is None else {"node": node})
+    clip["channels"].append({"sampler": len(clip["samplers"]), "target": target})
+    clip["samplers"].append(
+        {"input": writer.accessor(times), "output": writer.accessor(values), "interpolation": interpolation}
+    )
+
+
+# ---- keys -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("seconds", "linear", "step"),
+    [(0, 1, 1), (0.5, 1, 1), (1, 1, 1), (1.5, 3, 1), (2, 5, 5), (2.75, -2.5, 5), (3, -5, -5), (9, -5, -5)],
+)
+def test_linear_and_step_keys(seconds, linear, step):
+    keys = [1, 2, 3], [[1, 0, 0], [5, 0, 0], [-5, 0, 0]]
+    assert Channel(0, "translation", *keys).at(seconds).tolist() == [linear, 0, 0]
+    assert Channel(0, "translation", *keys, "STEP").at(seconds).tolist() == [step, 0, 0]
+
+
+def test_cubic_keys_follow_hermite_curves():
+    """A cubic polynomial with its own derivatives as tangents is met exactly."""
+    times = np.array([0.5, 2.0, 2.5])
+    curve = np.polynomial.Polynomial([1.0, -2.0, 0.5, 0.25])
+    values = np.stack([curve.deriv()(times), curve(times), curve.deriv()(times)], axis=1)[..., None] * [1.0, 2.0, 3.0]
+    channel = Channel(0, "scale", times, values, "CUBICSPLINE")
+    for seconds in np.linspace(0.5, 2.5, 33):
+        np.testing.assert_allclose(channel.at(seconds), curve(seconds) * np.array([1, 2, 3]), rtol=1e-12, atol=1e-12)
+
+
+def test_rotations_turn_at_constant_speed_along_the_shorter_arc():
+    angle = 1.9
+    end = [0, -math.sin(angle / 2), 0, -math.cos(angle / 2)]  # the opposite quaternion of the same rotation
+    channel = Channel(0, "rotation", [0, 1], [[0, 0, 0, 1], end])
+    for t in np.linspace(0, 1, 11):
+        expected = np.array([0, math.sin(t * angle / 2), 0, math.cos(t * angle / 2)])
+        assert abs(channel.at(t) @ expected) == pytest.approx(1, abs=1e-12)
+        assert np.linalg.norm(channel.at(t)) == pytest.approx(1)
+
+
+def test_a_rotation_of_no_length_is_none():
+    assert Channel(0, "rotation", [0], [[0, 0, 0, 0]]).at(0).tolist() == [0, 0, 0, 1]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [({"times": []}, "at least one key"), ({"times": [1, 0]}, "descend"), ({"times": [-1, 0]}, "descend"),
+     ({"times": [0, math.nan]}, "finite"), ({"values": [[1, 2], [3, 4]]}, r"must have \(2, 3\)"),
+     ({"values": [[math.inf] * 3] * 2}, "finite"), ({"path": "color"}, "'color'"), ({"interpolation": "C"}, "C keys")],
+)  # fmt: skip
+def test_wrong_channels_are_refused(change, message):
+    with pytest.raises(SolariError, match=message):
+        Channel(**{"node": 0, "path": "scale", "times": [0, 1], "values": [[1, 1, 1]] * 2, **change})
+
+
+# ---- nodes ------------------------------------------------------------------------------------------
+
+
+def test_children_follow_their_animated_parents(writer):
+    leaf = writer.node(mesh=writer.mesh(), translation=[1, 0, 0])
+    turning = writer.node(children=[leaf], translation=[0, 2, 0])
+    writer.node(children=[turning], scale=[2, 2, 2])
+    still = writer.node(mesh=0, name="still")
+    animate(writer, turning, "rotation", [0, 2], [[0, 0, 0, 1], QUARTER])
+    animate(writer, turning, "translation", [0, 2], [[0, 2, 0], [0, 4, 0]])
+    scene = writer.load()
+    moving, fixed = scene.instances
+    assert (scene.animations[0].name, scene.animations[0].duration) == ("clip", 2)
+    before = fixed.transform
+    scene.animate(1.0, "clip")
+    expected = np.eye(4)  # half of the turn, and the scale of the root
+    expected[:3] = 2 * np.array([[HALF, 0, HALF, HALF], [0, 1, 0, 3], [-HALF, 0, HALF, -HALF]])
+    np.testing.assert_allclose(moving.transform, expected, atol=1e-6)
+    assert fixed.transform is before
+    assert still == 3
+    assert not scene.warnings
+
+
+def test_the_end_of_a_clip(writer):
+    node = writer.node(mesh=writer.mesh())
+    animate(writer, node, "translation", [0, 2], [[0, 0, 0], [4, 0, 0]])
+    scene = writer.load()
+    (instance,) = scene
+    for seconds, looped, once in ((0.5, 1, 1), (2, 0, 4), (2.5, 1, 4), (-0.5, 3, 0)):
+        scene.animate(seconds)
+        assert instance.transform[0, 3] == looped
+        scene.animate(seconds, loop=False)
+        assert instance.transform[0, 3] == once
+    for wrong in (math.nan, math.inf, "soon"):
+        with pytest.raises(SolariError, match="finite number of seconds"):
+            scene.animate(wrong)
+    with pytest.raises(SolariError, match="there is no animation 'run'"):
+        scene.animate(0, "run")
+    with pytest.raises(SolariError, match="there is no animation 3"):
+        scene.animate(0, 3)
+
+
+def test_a_clip_leaves_other_nodes_in_their_rest_pose(writer):
+    nodes = [writer.node(mesh=writer.mesh() if n == 0 else 0, translation=[0, n, 0]) for n in range(2)]
+    animate(writer, nodes[0], "translation", [0, 1], [[5, 0, 0], [6, 0, 0]])
+    first = writer.json["animations"].pop()
+    animate(writer, nodes[1], "translation", [0, 1], [[7, 0, 0], [8, 0, 0]])
+    writer.json["animations"].append(first)
+    a, b = (scene := writer.load()).instances
+    scene.animate(0, 0)
+    assert (a.transform[0, 3], b.transform[0, 3]) == (0, 7)
+    scene.animate(0, 1)
+    assert (a.transform[0, 3], *b.transform[:2, 3]) == (5, 0, 1)
+
+
+def test_instances_without_a_size_are_hidden_until_they_have_one(writer):
+    node = writer.node(mesh=writer.mesh(), scale=[0, 0, 0])
+    animate(writer, node, "scale", [0, 1], [[0, 0, 0], [2, 2, 2]])
+    scene = writer.load()
+    (instance,) = scene
+    assert not instance.visible
+    scene.animate(0.5)
+    assert instance.visible
+    assert instance.transform[0, 0] == 1
+    scene.animate(0)
+    assert not instance.visible
+
+
+def test_repeated_instances_cameras_and_lights_follow_their_nodes(writer):
+    moved = writer.accessor([[1, 0, 0], [2, 0, 0]])
+    camera = writer.add("cameras", type="perspective", perspective={"yfov": 0.7, "znear": 0.1})
+    writer.json["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "directional"}]}}
+    children = [
+        writer.node(mesh=writer.mesh(), extensions={"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": moved}}}),
+        writer.node(camera=camera, translation=[0, 1, 0]),
+        writer.node(extensions={"KHR_lights_punctual": {"light": 0}}),
+    ]
+    root = writer.node(children=children)
+    animate(writer, root, "rotation", [0, 1], [[0, 0, 0, 1], QUARTER])
+    scene = writer.load()
+    scene.animate(1, loop=False)
+    np.testing.assert_allclose([i.transform[:3, 3] for i in scene], [[0, 0, -1], [0, 0, -2]], atol=1e-6)
+    np.testing.assert_allclose(scene.cameras[0].transform[:3, [2, 3]], [[1, 0], [0, 1], [0, 0]], atol=1e-6)
+    np.testing.assert_allclose(scene.lights[0].direction, [-1, 0, 0], atol=1e-6)
+
+
+def test_visibility_by_pointers(writer):
+    writer.json["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "directional"}]}}
+    light = writer.node(extensions={"KHR_lights_punctual": {"light": 0}})
+    node = writer.node(mesh=writer.mesh(), children=[light])
+    pointer = {"KHR_animation_pointer": {"pointer": f"/nodes/{node}/extensions/KHR_node_visibility/visible"}}
+    animate(writer, None, "pointer", [0, 1, 2], [[1.0], [0.0], [1.0]], "STEP", extensions=pointer)
+    output = writer.json["animations"][0]["samplers"][0]["output"]
+    writer.json["animations"][0]["samplers"][0]["output"] = writer.accessor([[1], [0], [1]], "u1")
+    assert output
+    other = {"KHR_animation_pointer": {"pointer": "/materials/0/alphaCutoff"}}
+    animate(writer, None, "pointer", [0], [[1.0]], extensions=other)
+    scene = writer.load()
+    (instance,) = scene
+    for seconds, seen in ((0.5, True), (1.5, False), (2, True)):
+        scene.animate(seconds, loop=False)
+        assert (instance.visible, len(scene.lights)) == (seen, seen)
+    [warning] = scene.warnings
+    assert warning.startswith("animations of properties other than those of nodes are not played: animation 0 'clip'")
+
+
+# ---- bad files --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("times", "values", "interpolation", "message"),
+    [
+        ([0, 1], [[0, 0, 0]], "LINEAR", "has 1 values for 2 keys of translation"),
+        ([0, 1], [[0, 0, 0]] * 2, "CUBICSPLINE", "three values of 3 numbers a key"),
+        ([1, 0], [[0, 0, 0]] * 2, "LINEAR", "times from 0 on that ascend"),
+        ([-1, 0], [[0, 0, 0]] * 2, "LINEAR", "times from 0 on that ascend"),
+        ([0, math.nan], [[0, 0, 0]] * 2, "LINEAR", "must be finite"),
+        ([0, 1], [[0, 0, math.inf]] * 2, "LINEAR", "must be finite"),
+        ([0, 1], [[0, 0, 0, 0]] * 2, "LINEAR", "must be VEC3"),
+        ([0, 1], [[0, 0, 0]] * 2, "SINE", "one of LINEAR, STEP, CUBICSPLINE"),
+    ],
+)
+def test_wrong_keys_in_files(writer, times, values, interpolation, message):
+    node = writer.node(mesh=writer.mesh())
+    animate(writer, node, "translation", times, values, interpolation)
+    with pytest.raises(SolariError, match=message) as error:
+        writer.load()
+    assert "animation 0 'clip'" in str(error.value) or "accessor" in str(error.value)
+
+
+def test_wrong_targets_in_files(writer):
+    node = writer.node(mesh=writer.mesh(), matrix=np.eye(4).reshape(-1).tolist())
+    animate(writer, node, "translation", [0], [[0, 0, 0]])
+    channel = writer.json["animations"][0]["channels"][0]
+    with pytest.raises(SolariError, match="is animated, so it can't have a 'matrix'"):
+        writer.load()
+    for change, message in (
+        ({"target": {"node": 9, "path": "scale"}}, "node 9"), ({"target": {"node": 0, "path": "spin"}}, "'path'"),
+        ({"sampler": 3}, "refers to sampler 3"), ({"target": None}, "target"),
+    ):  # fmt: skip
+        writer.json["animations"][0]["channels"] = [channel | change]
+        with pytest.raises(SolariError, match=message):
+            writer.load()
+
+
+def test_values_that_no_object_can_take(writer):
+    node = writer.node(mesh=writer.mesh())
+    animate(writer, node, "translation", [0, 1], [[0, 0, 0], [1e30, 0, 0]])
+    scene = writer.load()
+    scene.animate(0.5)
+    assert not scene.instances[0].visible, "a transform that devices can't hold"
+    scene.animate(0)
+    assert scene.instances[0].visible
