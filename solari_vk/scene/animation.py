@@ -140,7 +140,8 @@ class Animation(Checked):
         if loop and duration > 0:
             seconds %= duration
         try:
-            self.rig.pose(scene, [(channel.node, channel.path, channel.at(seconds)) for channel in self.channels])
+            samples = [(channel.node, channel.path, channel.at(seconds)) for channel in self.channels]
+            self.rig.pose(scene.lights, samples)
         except SolariError as error:
             raise SolariError(f"{self.describe()} at {seconds:g} s: {error}") from None
 

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.errors import SolariError
 from solari_vk.scene.camera import Camera
+from solari_vk.scene.collection import Items
 from solari_vk.scene.matrices import compose, upright
 from solari_vk.scene.objects import Instance, Light
-
-if TYPE_CHECKING:
-    from solari_vk.scene.model import Scene
 
 Matrix = NDArray[np.float64]
 Sample = tuple[int, str, NDArray[np.float64]]
@@ -64,8 +62,11 @@ class Rig:
     # ---- poses --------------------------------------------------------------------------------------
 
     @np.errstate(over="ignore", invalid="ignore")
-    def pose(self, scene: Scene, samples: Iterable[Sample]) -> None:
-        """Move the nodes to the sampled values, the others to their rest pose, and all objects with them."""
+    def pose(self, lights: Items[Light], samples: Iterable[Sample]) -> None:
+        """Move the nodes to the sampled values, the others to their rest pose, and all objects with them.
+
+        lights: the scene's, which hidden lights leave.
+        """
         parts = {name: values.copy() for name, values in self._rest.items()}
         visible = self._visible.copy()
         moved: set[int] = set()
@@ -78,7 +79,7 @@ class Rig:
         worlds, shown = self._place_nodes(parts, sorted(moved), visible)
         for item, node, transform in self._placed:
             world = worlds[node] if transform is None else worlds[node] @ transform
-            self._place(scene, item, world, bool(shown[node]))
+            self._place(lights, item, world, bool(shown[node]))
 
     def _place_nodes(
         self, parts: dict[str, Matrix], moved: list[int], visible: NDArray[np.bool_]
@@ -94,7 +95,7 @@ class Rig:
             shown[nodes] = visible[nodes] & (self._bases_visible[nodes] if parents is None else shown[parents])
         return worlds, shown
 
-    def _place(self, scene: Scene, item: Any, world: Matrix, shown: bool) -> None:
+    def _place(self, lights: Items[Light], item: Any, world: Matrix, shown: bool) -> None:
         """Move an object. An instance whose transform has no inverse, as with a scale of 0, is hidden."""
         if isinstance(item, Instance):
             try:
@@ -109,10 +110,10 @@ class Rig:
             if transform is not None and not np.array_equal(item.transform, transform):
                 item.transform = transform
         else:
-            self._place_light(scene, item, world, shown)
+            self._place_light(lights, item, world, shown)
         self._shown[item] = shown
 
-    def _place_light(self, scene: Scene, light: Light, world: Matrix, shown: bool) -> None:
+    def _place_light(self, lights: Items[Light], light: Light, world: Matrix, shown: bool) -> None:
         """Move a light, which shines along its node's -z. A hidden light isn't in the scene."""
         if (transform := upright(world)) is None:
             shown = False
@@ -122,7 +123,7 @@ class Rig:
             if any(not np.allclose(getattr(light, name), values[name], rtol=0, atol=1e-7) for name in values):
                 light.update(**values)
         if shown != self._shown[light]:
-            (scene.lights.add if shown else scene.lights.remove)(light)
+            (lights.add if shown else lights.remove)(light)
 
 
 def _levels(parents: Sequence[int]) -> list[tuple[NDArray[np.int64], NDArray[np.int64] | None]]:
