@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
+from solari_vk.scene import ktx2
 
 Pixels = NDArray[np.uint8]
 LARGEST_SIDE = 16_384
@@ -17,29 +18,36 @@ LARGEST_PIXEL_COUNT = 2**27  # of one image: 512 MiB as RGBA
 
 
 def open_image(data: bytes | memoryview, who: str) -> Any:
-    """Open a PNG or JPEG image and check its header; `decode` reads the pixels. `who` names the image in errors."""
+    """Open an image and check its header; `decode` reads the pixels. `who` names the image in errors."""
+    image = ktx2.Ktx2Image(bytes(data), who) if data[:12] == ktx2.IDENTIFIER else _open_by_pillow(data, who)
+    if max(image.width, image.height) > LARGEST_SIDE or image.width * image.height > LARGEST_PIXEL_COUNT:
+        raise SolariError(_too_large(who, f"has {image.width} x {image.height} pixels; "))
+    return image
+
+
+def _open_by_pillow(data: bytes | memoryview, who: str) -> Any:
     from PIL import Image, UnidentifiedImageError
 
     try:
         with warnings.catch_warnings():
             # The limits below replace Pillow's warning.
             warnings.simplefilter("ignore")
-            image = Image.open(io.BytesIO(data), formats=("PNG", "JPEG"))
+            return Image.open(io.BytesIO(data), formats=("PNG", "JPEG", "WEBP"))
     except UnidentifiedImageError:
-        raise SolariError(f"{who} is not a PNG or JPEG image, or is damaged: save it again as one of these") from None
+        raise SolariError(
+            f"{who} is not a PNG, JPEG, WebP or KTX2 image, or is damaged: save it again as one of these"
+        ) from None
     except (Image.DecompressionBombError, MemoryError):
         raise SolariError(_too_large(who)) from None
     except Exception as error:  # Pillow raises many types of exceptions for damaged headers
         raise SolariError(f"{who} is a damaged image ({_short(error)}): save it again") from None
-    width, height = image.size
-    if max(width, height) > LARGEST_SIDE or width * height > LARGEST_PIXEL_COUNT:
-        raise SolariError(_too_large(who, f"has {width} x {height} pixels; "))
-    return image
 
 
 def decode(image: Any, who: str) -> Pixels:
     """The pixels (height, width, 4) of an opened image; 16-bit values are rounded to 8, no color profile applied."""
     try:
+        if isinstance(image, ktx2.Ktx2Image):
+            return image.decode(who)
         if image.mode in ("I;16", "I;16B", "I;16L", "I"):
             # Pillow's own conversion of 16-bit gray to RGBA clips at 255.
             gray = np.asarray(image).astype(np.uint32)
@@ -47,6 +55,8 @@ def decode(image: Any, who: str) -> Pixels:
             pixels[..., :3] = ((gray * 255 + 32_767) // 65_535)[..., None]
             return pixels
         return np.asarray(image if image.mode == "RGBA" else image.convert("RGBA"))
+    except SolariError:
+        raise
     except MemoryError:
         raise SolariError(_too_large(who)) from None
     except Exception as error:  # Pillow raises many types of exceptions for damaged pixels too

@@ -46,7 +46,7 @@ def refusal(path, content):
         content = json.dumps(content).encode()
     path.write_bytes(content if isinstance(content, bytes) else content.glb())
     with pytest.raises(SolariError) as caught:
-        load_gltf(path)
+        load_gltf(path, strict=True)
     assert str(caught.value).startswith(f"{path}: ")
     assert len(str(caught.value)) < 700
     return str(caught.value).removeprefix(f"{path}: ")
@@ -118,6 +118,10 @@ def test_uris_outside_the_folder(tmp_path, basic, kind, uri):
     message = refusal(folder / "file.gltf", content)
     assert message.startswith(f"{kind[:-1]} 0 has the 'uri'")
     assert "copy the file there" in message
+    if kind == "images":
+        scene = load_gltf(folder / "file.gltf")
+        assert scene.instances[0].material.emissive_texture is None
+        assert message in scene.warnings[0]
 
 
 def test_uris_inside_the_folder_may_take_detours_and_links(tmp_path, basic):

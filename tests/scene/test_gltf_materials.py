@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 from support.gltf_writer import GltfWriter, encoded
 
-from solari_vk.errors import SolariError
-
 UVS = [[0, 0], [1, 0], [0, 1]]
 NORMALS = [[0, 0, 1]] * 3
 GRAY = np.full((2, 2, 3), 128)
@@ -83,13 +81,6 @@ def test_material_extensions_are_reported_when_they_matter(writer, name, fields,
         assert name in warnings[0]
         assert "material 1 'used'" in warnings[0]
         assert "unused" not in warnings[0]
-
-
-@pytest.mark.parametrize("name", ["KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_texture_basisu"])
-def test_required_extensions_must_be_supported(writer, name):
-    writer.json["extensionsRequired"] = ["KHR_mesh_quantization", name]
-    with pytest.raises(SolariError, match=f"file.glb: the file requires the extension {name}, which is not supported"):
-        load(writer)
 
 
 def test_optional_draco_without_fallback_is_left_out_by_name(writer):
@@ -197,19 +188,11 @@ def test_a_second_set_of_uvs(writer):
 
 
 def test_textures_in_other_formats_are_reported(writer):
-    texture = writer.add("textures", name="wood", **extension("KHR_texture_basisu", source=0))
+    texture = writer.add("textures", name="wood", **extension("MSFT_texture_dds", source=0))
     material, warnings = load(writer, emissiveTexture={"index": texture})
     assert material.emissive_texture is None
-    expected = "textures have no image in a format that can be read (KHR_texture_basisu) and are left out"
+    expected = "textures have no image in a format that can be read (MSFT_texture_dds) and are left out"
     assert warnings == [f"{expected}: texture 0 'wood'"]
-
-
-def test_damaged_images_name_their_place(writer):
-    noise = np.random.default_rng(2).integers(0, 255, (9, 9, 3))
-    image = writer.add("images", bufferView=writer.view(encoded(noise)[:99]), name="bark")
-    texture = writer.add("textures", source=image)
-    with pytest.raises(SolariError, match=r"file\.glb: image 0 'bark' is a damaged image"):
-        load(writer, emissiveTexture={"index": texture})
 
 
 # ---- tangents ---------------------------------------------------------------------------------------

@@ -50,13 +50,21 @@ def test_jpeg():
     "data", [b"", b"GIF89a" + b"\0" * 50, encoded(np.zeros((9, 9, 3)), "GIF"), encoded(np.zeros((9, 9, 3)), "BMP")]
 )
 def test_other_files_are_refused(data):
-    with pytest.raises(SolariError, match="the sky is not a PNG or JPEG image, or is damaged"):
+    with pytest.raises(SolariError, match="the sky is not a PNG, JPEG, WebP or KTX2 image, or is damaged"):
         decode_image(data, "the sky")
+
+
+@pytest.mark.parametrize("lossless", [False, True])
+def test_webp(lossless):
+    pixels = np.random.default_rng(6).integers(0, 256, (4, 6, 4), dtype=np.uint8).repeat(8, 0).repeat(8, 1)
+    found = decode_image(encoded(pixels, "WEBP", lossless=lossless, exact=True, quality=95))
+    np.testing.assert_allclose(found.astype(int), pixels, atol=0 if lossless else 140)  # lossy: half the chroma
+    np.testing.assert_allclose(found.astype(int)[4::8, 4::8], pixels[4::8, 4::8], atol=0 if lossless else 25)
 
 
 def test_damaged_files_are_refused_wherever_they_are_cut():
     noise = np.random.default_rng(2).integers(0, 256, (16, 16, 3))
-    for format in ("PNG", "JPEG"):
+    for format in ("PNG", "JPEG", "WEBP"):
         whole = encoded(noise, format)
         for length in range(0, len(whole) - 30, 23):
             with pytest.raises(SolariError):

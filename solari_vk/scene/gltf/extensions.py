@@ -37,7 +37,7 @@ EXTENSIONS = (
     Extension("KHR_node_hoverability", "no", "for interaction only"),
     Extension("KHR_node_selectability", "no", "for interaction only"),
     Extension("KHR_node_visibility", "works", ""),
-    Extension("KHR_texture_basisu", "no", "the texture's other image is used, if it has one"),
+    Extension("KHR_texture_basisu", "works", "with the extra `formats`"),
     Extension("KHR_texture_transform", "works", ""),
     Extension("KHR_xmp_json_ld", "works", "metadata, which pictures don't show"),
     # Drafts of Khronos.
@@ -57,7 +57,7 @@ EXTENSIONS = (
     Extension("EXT_meshopt_compression", "no", "files that need it can't be read"),
     Extension("EXT_structural_metadata", "no", "metadata, which pictures don't show"),
     Extension("EXT_texture_avif", "no", "the texture's other image is used, if it has one"),
-    Extension("EXT_texture_webp", "no", "the texture's other image is used, if it has one"),
+    Extension("EXT_texture_webp", "works", ""),
     # Of one vendor, and withdrawn ones.
     Extension("CESIUM_primitive_outline", "no", "outlines are not drawn"),
     Extension("GODOT_single_root", "no", "a hint for game engines"),

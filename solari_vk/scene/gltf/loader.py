@@ -29,8 +29,11 @@ SPARE_INSTANCES = 2**17
 Part = tuple[str, Mesh, Material]
 
 
-def load_gltf(path: str | os.PathLike[str], *, scene: int | str | None = None) -> Scene:
+def load_gltf(path: str | os.PathLike[str], *, scene: int | str | None = None, strict: bool = False) -> Scene:
     """Load a scene of a .gltf or .glb file, by index or name; by default the file's default scene.
+
+    An image that is missing or damaged, or in an unknown format, is left out of its materials and reported; with
+    `strict` it is an error.
 
     Deforming meshes are shown in their rest pose. Suns get the angular size of the real one, because glTF has no
     field for it. `Scene.warnings` names what the file contains and the renderer can't show. Files outside the
@@ -39,18 +42,18 @@ def load_gltf(path: str | os.PathLike[str], *, scene: int | str | None = None) -
     """
     document = Document(path)
     try:
-        return _Loader(document).load(scene)
+        return _Loader(document, strict).load(scene)
     except (MemoryError, RecursionError):
         raise document.error("is too large for this machine's memory") from None
 
 
 class _Loader:
-    def __init__(self, document: Document) -> None:
+    def __init__(self, document: Document, strict: bool) -> None:
         self._document = document
         self._report = Report()
         self._accessors = Accessors(document)
         self._primitives = Primitives(self._accessors, self._report)
-        self._materials = Materials(document, self._report)
+        self._materials = Materials(document, self._report, strict)
         self._mesh_primitives: dict[int, list[Entry]] = {}
         self._parts_made: dict[Any, list[Part]] = {}
         self._lights: list[Entry] | None = None

@@ -46,18 +46,19 @@ class LoadedMaterial:
 class Materials:
     """Creates the materials of the scene, and keeps them."""
 
-    def __init__(self, document: Document, report: Report) -> None:
+    def __init__(self, document: Document, report: Report, strict: bool) -> None:
         self._document = document
         self._report = report
-        self._textures = Textures(document, report)
+        self._textures = Textures(document, report, strict)
         self._loaded: dict[int | None, LoadedMaterial] = {}
 
     def load(self, users: dict[int, Entry]) -> None:
         """Load these materials (index: the object that refers to it) and all their images."""
         parsed = {index: self._parse(self._document.item("material", index, user)) for index, user in users.items()}
         self._textures.decode([slot for _, slots in parsed.values() for slot in slots.values()])
-        for index, one in parsed.items():
-            self._loaded[index] = self._make(*one)
+        for index, (entry, slots) in parsed.items():
+            readable = {name: slot for name, slot in slots.items() if slot in self._textures}
+            self._loaded[index] = self._make(entry, readable)
 
     def __getitem__(self, index: int | None) -> LoadedMaterial:
         if index is None and None not in self._loaded:

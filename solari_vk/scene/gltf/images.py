@@ -1,0 +1,96 @@
+"""Images of a glTF file: each is decoded once, in parallel. One that can't be read costs its texture, not the file."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+from solari_vk.errors import SolariError
+from solari_vk.scene import images
+from solari_vk.scene.gltf.document import Document
+from solari_vk.scene.gltf.report import Report
+from solari_vk.scene.gltf.values import Entry
+from solari_vk.scene.model import TextureImage
+
+LARGEST_TOTAL_PIXEL_COUNT = 2**30  # of one file: 4 GiB as RGBA
+
+Source = tuple[str, str | int]  # equal sources are the same image
+Choice = tuple[int, ...]  # images of one texture, the preferred one first
+
+
+class Images:
+    """Reads images by their numbers in the file, and keeps them."""
+
+    def __init__(self, document: Document, report: Report, strict: bool) -> None:
+        """strict: whether an image that can't be read is an error."""
+        self._document = document
+        self._report = report
+        self._strict = strict
+        self._pixel_count = 0
+        self._made: dict[Source, TextureImage | None] = {}
+        self._read: dict[int, TextureImage | None] = {}
+
+    def read(self, users: dict[Choice, Entry]) -> None:
+        """Read an image of each choice: the first, and where that fails the next. users: what refers to them."""
+        while users:
+            self._read_all({choice[0]: user for choice, user in users.items()})
+            failed = (choice for choice in users if self._read[choice[0]] is None and len(choice) > 1)
+            users = {choice[1:]: users[choice] for choice in failed}
+
+    def __getitem__(self, choice: Choice) -> TextureImage | None:
+        """The image of a choice, after `read`; None if there is none that can be read."""
+        return next((image for number in choice if (image := self._read.get(number)) is not None), None)
+
+    def _read_all(self, users: dict[int, Entry]) -> None:
+        sources: dict[int, Source] = {}
+        opened: dict[Source, tuple[Any, str, str]] = {}
+        for number, user in users.items():
+            entry = self._document.item("image", number, user)
+            try:
+                source = sources[number] = self._source(entry)
+                if source not in self._made and source not in opened:
+                    opened[source] = self._open(entry, source)
+            except SolariError as error:
+                self._remark(error)
+
+        def decoded(source: Source) -> TextureImage | SolariError:
+            image, who, name = opened[source]
+            try:
+                return TextureImage(pixels=images.decode(image, who), name=name)
+            except SolariError as error:
+                return error
+
+        with ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1)) as pool:
+            for source, made in zip(opened, pool.map(decoded, opened), strict=True):
+                self._made[source] = None if isinstance(made, SolariError) else made
+                if isinstance(made, SolariError):
+                    self._remark(made)
+        for number in users:
+            self._read[number] = self._made.get(sources[number]) if number in sources else None
+
+    def _remark(self, error: SolariError) -> None:
+        if self._strict:
+            raise error
+        place = str(error).removeprefix(f"{self._document.file}: ")
+        self._report.add("textures whose image can't be read are replaced by another image or their factor", place)
+
+    def _source(self, entry: Entry) -> Source:
+        if "uri" not in entry:
+            return "view", entry.integer("bufferView")
+        uri = entry.text("uri")
+        return ("data", uri) if uri[:5].lower() == "data:" else ("file", str(self._document.resource_path(entry)))
+
+    def _open(self, entry: Entry, source: Source) -> tuple[Any, str, str]:
+        """The opened image, the words for it in errors, and its name."""
+        file = os.path.basename(str(source[1])) if source[0] == "file" else ""
+        who = f"{entry.file}: {entry.place}" + (f" ({file})" if file else "")
+        view = source[1]
+        resource = self._document.view(view, entry)[0] if isinstance(view, int) else self._document.resource(entry)
+        image = images.open_image(resource.tobytes(), who)
+        self._pixel_count += image.width * image.height
+        if self._pixel_count > LARGEST_TOTAL_PIXEL_COUNT:
+            self._pixel_count -= image.width * image.height
+            limit = LARGEST_TOTAL_PIXEL_COUNT >> 20
+            raise SolariError(f"{who} brings the file's images above {limit} Mi pixels in all: scale them down")
+        return image, who, os.path.basename(entry.name) or file or entry.place
