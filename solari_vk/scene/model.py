@@ -13,14 +13,14 @@ from solari_vk.errors import SolariError, checked_keywords, unknown_name
 from solari_vk.scene.animation import Animation as Animation
 from solari_vk.scene.camera import Camera as Camera
 from solari_vk.scene.collection import Collection, Items
+from solari_vk.scene.material import Material as Material
+from solari_vk.scene.material import Texture as Texture
+from solari_vk.scene.material import TextureImage as TextureImage
 from solari_vk.scene.matrices import transform_points
 from solari_vk.scene.objects import DirectionalLight as DirectionalLight
 from solari_vk.scene.objects import Instance as Instance
 from solari_vk.scene.objects import Light as Light
-from solari_vk.scene.objects import Material as Material
 from solari_vk.scene.objects import Mesh as Mesh
-from solari_vk.scene.objects import Texture as Texture
-from solari_vk.scene.objects import TextureImage as TextureImage
 from solari_vk.scene.observed import Observable
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import KW_ONLY, field
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +18,13 @@ from numpy.typing import NDArray
 from solari_vk.errors import SolariError
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
+from solari_vk.scene.material import Material
 from solari_vk.scene.observed import Checked, checked
 
 SUN_ANGULAR_DIAMETER = 0.00930842  # radians, mean over the year
 
 
-# ---- geometry and materials -------------------------------------------------------------------------
+# ---- geometry ---------------------------------------------------------------------------------------
 
 
 @checked
@@ -96,105 +97,6 @@ class Mesh(Checked):
             every_three.setflags(write=False)
             object.__setattr__(self, "triangles", every_three)
             object.__setattr__(self, "_default_triangles", every_three)
-
-
-@checked
-class TextureImage(Checked):
-    """An image with 8 bits per channel: RGBA (height, width, 4), RGB (height, width, 3) or gray (height, width).
-
-    `pixels` is always RGBA. Materials decide by the kind of the texture whether it is sRGB.
-    """
-
-    pixels: NDArray[np.uint8]
-    name: str = ""
-
-    _converters = {"pixels": checks.pixels, "name": checks.text}
-
-    def _validate(self) -> None:
-        if 0 in self.pixels.shape:
-            raise SolariError(f"{self.describe()}: an image needs at least one pixel")
-
-
-@checked
-class Texture(Checked):
-    """An image and how it is sampled. image: a TextureImage, or an array of pixels.
-
-    uv_transform (2, 3) maps a mesh's (u, v, 1) to texture coordinates.
-    wrap_u and wrap_v: "repeat", "mirrored_repeat" or "clamp_to_edge". magnification and minification: "linear" or
-    "nearest".
-    """
-
-    image: TextureImage
-    _: KW_ONLY
-    wrap_u: str = "repeat"
-    wrap_v: str = "repeat"
-    magnification: str = "linear"
-    minification: str = "linear"
-    mipmaps: bool = True
-    uv_transform: FloatArray = field(default_factory=lambda: np.eye(2, 3, dtype=np.float32))
-
-    _converters = {
-        "image": checks.made_of(lambda: TextureImage),
-        "wrap_u": checks.one_of(checks.WRAP_MODES),
-        "wrap_v": checks.one_of(checks.WRAP_MODES),
-        "magnification": checks.one_of(checks.FILTERS),
-        "minification": checks.one_of(checks.FILTERS),
-        "mipmaps": bool,
-        "uv_transform": checks.array(2, 3),
-    }
-
-
-@checked
-class Material(Checked):
-    """A metallic-roughness surface, as in glTF.
-
-    Colors are linear, (3,); one number stands for gray. base_color, metallic, perceptual_roughness and reflectance
-    are in [0, 1]. `roughness` is another name of perceptual_roughness, as in glTF and modeling programs; the alpha of
-    the GGX distribution is its square. A dielectric's F0 is 0.16 reflectance^2; a reflectance of 0.5 is glass. emissive
-    is radiance in cd/m^2.
-
-    A texture is a Texture, a TextureImage or an array of pixels. Textures multiply the values: base color and emissive
-    are sRGB; the metallic-roughness texture has roughness in green and metallic in blue; normals are in tangent space,
-    with z computed from x and y. A double-sided material is visible, and emits, on both sides. The back side of other
-    materials is invisible to cameras, but blocks all other rays. Raises SolariError for values out of range.
-    """
-
-    _: KW_ONLY
-    base_color: FloatArray = field(default_factory=lambda: np.full(3, 0.8, np.float32))
-    metallic: float = 0.0
-    perceptual_roughness: float = 0.5
-    if TYPE_CHECKING:
-        roughness: float = 0.5  # the same
-    reflectance: FloatArray = field(default_factory=lambda: np.full(3, 0.5, np.float32))
-    emissive: FloatArray = field(default_factory=lambda: np.zeros(3, np.float32))
-    normal_scale: float = 1.0
-    base_color_texture: Texture | None = None
-    metallic_roughness_texture: Texture | None = None
-    emissive_texture: Texture | None = None
-    normal_texture: Texture | None = None
-    double_sided: bool = False
-    name: str = ""
-
-    _aliases = {"roughness": "perceptual_roughness"}
-    _converters = {
-        "name": checks.text,
-        "base_color": checks.color(0, 1),
-        "metallic": checks.number(0, 1),
-        "perceptual_roughness": checks.number(0, 1),
-        "reflectance": checks.color(0, 1),
-        "emissive": checks.color(0, checks.LARGEST_RADIANCE),
-        "normal_scale": checks.number(-1e6, 1e6),
-        "base_color_texture": checks.made_of(lambda: Texture, optional=True),
-        "metallic_roughness_texture": checks.made_of(lambda: Texture, optional=True),
-        "emissive_texture": checks.made_of(lambda: Texture, optional=True),
-        "normal_texture": checks.made_of(lambda: Texture, optional=True),
-        "double_sided": bool,
-    }
-
-    @property
-    def emits(self) -> bool:
-        """Whether the material emits light, so that its instances are lights."""
-        return bool((self.emissive > 0).any())
 
 
 # ---- instances and lights ---------------------------------------------------------------------------
