@@ -25,6 +25,11 @@ class _Layout(NamedTuple):
     rows: int = 1
 
     @property
+    def width(self) -> int:
+        """Components of an element."""
+        return self.columns * self.rows
+
+    @property
     def column_size(self) -> int:
         """Bytes from one column to the next. Every column of a matrix starts at a multiple of four bytes."""
         size = self.rows * self.dtype.itemsize
@@ -37,6 +42,15 @@ class Accessors:
     def __init__(self, document: Document) -> None:
         self._document = document
         self._floats: dict[int, NDArray[np.float32]] = {}
+        self._provided: dict[int, NDArray[Any]] = {}
+
+    def provide(self, index: int, array: NDArray[Any], user: Entry) -> None:
+        """Replace the data of an accessor by an array (count, components). Integers get the accessor's own type."""
+        entry = self._document.item("accessor", index, user)
+        component, width = _component(entry), _Layout(_component(entry), *_shape(entry)).width
+        if array.ndim != 2 or array.shape[1] != width:
+            raise entry.error(f"has {width} components, but the data of {user.place} has the shape {array.shape}")
+        self._provided[index] = array if array.dtype.kind == "f" else array.astype(component)
 
     def floats(self, index: int, user: Entry, kinds: tuple[str, ...]) -> NDArray[np.float32]:
         """Finite float32 values (count, components); integers are normalized if the accessor is.
@@ -47,7 +61,7 @@ class Accessors:
         entry = self._document.item("accessor", index, user)
         self._check_kind(entry, user, kinds)
         if array is None:
-            raw = self._decode(entry)
+            raw = self._decode(index, entry)
             if entry.flag("normalized", False) and raw.dtype.kind in "iu":
                 # The most negative integer has no positive partner: the format clamps it to -1.
                 array = np.maximum(raw / np.float32(np.iinfo(raw.dtype).max), np.float32(-1)).astype(np.float32)
@@ -67,17 +81,19 @@ class Accessors:
         """Unsigned integers (count, components) of the accessor's own type."""
         entry = self._document.item("accessor", index, user)
         self._check_kind(entry, user, kinds)
-        array = self._decode(entry)
+        array = self._decode(index, entry)
         if array.dtype.kind != "u":
             raise entry.error(f"(used by {user.place}) must hold unsigned integers, not {array.dtype.name}")
         return array
 
     def count(self, index: int, user: Entry) -> int:
         """The number of elements, without decoding them."""
+        if index in self._provided:
+            return len(self._provided[index])
         return self._document.item("accessor", index, user).integer("count")
 
     def has_data(self, index: int, user: Entry) -> bool:
-        """Whether the accessor can have values other than zero."""
+        """Whether the accessor has data of its own."""
         entry = self._document.item("accessor", index, user)
         return "bufferView" in entry or "sparse" in entry
 
@@ -87,10 +103,12 @@ class Accessors:
         if kind not in kinds:
             raise entry.error(f"(used by {user.place}) has the type {kind}, but must be {' or '.join(kinds)}")
 
-    def _decode(self, entry: Entry) -> NDArray[Any]:
+    def _decode(self, index: int, entry: Entry) -> NDArray[Any]:
+        if index in self._provided:
+            return self._provided[index]
         count = entry.integer("count")
-        layout = _Layout(_component(entry), *_SHAPES[entry.text("type", None, tuple(_SHAPES))])
-        width = layout.columns * layout.rows
+        layout = _Layout(_component(entry), *_shape(entry))
+        width = layout.width
         if count == 0:
             return np.zeros((0, width), layout.dtype)
         if "bufferView" in entry:
@@ -139,7 +157,12 @@ class Accessors:
             )
         strides = (step, layout.column_size, dtype.itemsize)
         elements: NDArray[Any] = np.ndarray((count, columns, rows), dtype, data, offset, strides)
-        return elements.reshape(count, columns * rows)
+        return elements.reshape(count, layout.width)
+
+
+def _shape(entry: Entry) -> tuple[int, int]:
+    """Columns and rows of an element."""
+    return _SHAPES[entry.text("type", None, tuple(_SHAPES))]
 
 
 def _component(entry: Entry) -> np.dtype[Any]:

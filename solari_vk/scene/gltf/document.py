@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import base64
-import binascii
 import json
 import os
 import re
-import stat
 import struct
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote, unquote_to_bytes
+from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
+from solari_vk.scene.gltf import files, meshopt
 from solari_vk.scene.gltf.values import Entry, clean, shown
 
 Bytes = NDArray[np.uint8]
@@ -31,10 +29,10 @@ class Document:
         self.path = Path(path)
         self.file = clean(str(path))
         # Read at most what a valid file can have: a .glb declares its size, JSON has a limit.
-        head = _read_regular(self.path, self.file, 12)
+        head = files.read_regular(self.path, self.file, 12)
         glb = head[:4] == _GLB_MAGIC.to_bytes(4, "little") and len(head) == 12
         max_bytes = max(struct.unpack_from("<I", head, 8)[0], 20) if glb else LARGEST_JSON + 1
-        data = _read_regular(self.path, self.file, max_bytes)
+        data = files.read_regular(self.path, self.file, max_bytes)
         self._binary: Bytes | None = None
         if len(data) >= 4 and struct.unpack_from("<I", data)[0] == _GLB_MAGIC:
             text, self._binary = self._split_glb(data)
@@ -43,6 +41,7 @@ class Document:
         self.root = Entry(self.file, "the file", self._parse(text))
         self._items: dict[tuple[str, int], Entry] = {}
         self._buffers: dict[int, Bytes] = {}
+        self._unpacked: dict[int, Bytes] = {}
         self._decoded_bytes = 0
         self.held_bytes = 0
         self._check_version()
@@ -130,9 +129,13 @@ class Document:
 
     # ---- the binary data ----------------------------------------------------------------------------
 
-    def charge(self, size: int, user: Entry) -> None:
-        """Add to the count of decoded bytes. Raises SolariError if a small file expands to a very large size."""
+    def charge(self, size: int, user: Entry, compressed: int = 0) -> None:
+        """Add to the count of decoded bytes. Raises SolariError if a small file expands to a very large size.
+
+        compressed: the size of the compressed data that these bytes come from. They count for four times as many.
+        """
         self._decoded_bytes += size
+        self.held_bytes += min(size, 4 * compressed)
         if self._decoded_bytes > 32 * 2**20 + 16 * self.held_bytes:
             raise user.error(
                 f"makes the geometry {self._decoded_bytes >> 20} MiB large although the file's buffers have only "
@@ -143,18 +146,37 @@ class Document:
         """The bytes of a buffer view and its stride, None if its elements are packed."""
         view = self.item("bufferView", index, user)
         stride = view.integer("byteStride", low=4, high=252) if "byteStride" in view else None
-        number = view.integer("buffer")
+        part = meshopt.packed_part(view)
+        if part is None or (self._has_data(view) and not meshopt.is_installed()):
+            return self._range(view), stride
+        data = self._unpacked.get(index)
+        if data is None:
+            packed = self._range(part)
+            self.charge(meshopt.unpacked_size(part), part, len(packed))
+            data = self._unpacked[index] = meshopt.unpack(part, packed)
+        if len(data) < view.integer("byteLength", low=1):
+            raise view.error(f"says more bytes than the {len(data)} of its compressed data; compress the file again")
+        return data, stride
+
+    def _range(self, part: Entry) -> Bytes:
+        """The bytes of a buffer that an object refers to."""
+        number = part.integer("buffer")
         buffer = self._buffers.get(number)
         if buffer is None:
-            buffer = self._buffers[number] = self._load_buffer(number, view)
+            buffer = self._buffers[number] = self._load_buffer(number, part)
             self.held_bytes += len(buffer)
-        offset, length = view.integer("byteOffset", 0), view.integer("byteLength", low=1)
+        offset, length = part.integer("byteOffset", 0), part.integer("byteLength", low=1)
         if offset + length > len(buffer):
-            raise view.error(
+            raise part.error(
                 f"reaches from byte {offset} to {shown(offset + length)} of buffer {number}, which has only "
                 f"{len(buffer)} bytes; the file is truncated or damaged: export it again"
             )
-        return buffer[offset : offset + length], stride
+        return buffer[offset : offset + length]
+
+    def _has_data(self, part: Entry) -> bool:
+        """Whether there are bytes for what an object refers to, which the file need not have if it has others."""
+        number = part.integer("buffer")
+        return "uri" in self.item("buffer", number, part) or (number == 0 and self._binary is not None)
 
     def _load_buffer(self, index: int, user: Entry) -> Bytes:
         entry = self.item("buffer", index, user)
@@ -164,8 +186,7 @@ class Document:
         elif index == 0 and self._binary is not None:
             data = self._binary
         else:
-            remark = next((f" ({name} would make its data)" for name in user.extensions()), "")
-            raise entry.error(f"has no data: neither a 'uri' nor a .glb chunk holds it{remark}; export the file again")
+            raise entry.error("has no data: neither a 'uri' nor a .glb chunk holds it; export the file again")
         if len(data) < length:
             raise entry.error(
                 f"says {length} bytes, but its data has {len(data)}: the file is truncated; copy or export it again"
@@ -179,9 +200,9 @@ class Document:
         """
         uri = entry.text("uri")
         if uri[:5].lower() == "data:":
-            return _decode_data_uri(uri, entry)
+            return files.decode_data_uri(uri, entry)
         path = self.resource_path(entry)
-        return np.frombuffer(_read_regular(path, f"{self.file}: {entry.place}: {shown(uri)}", length), np.uint8)
+        return np.frombuffer(files.read_regular(path, f"{self.file}: {entry.place}: {shown(uri)}", length), np.uint8)
 
     def resource_path(self, entry: Entry) -> Path:
         """The file that an object's 'uri' names, which must be inside the glTF's own folder."""
@@ -194,7 +215,7 @@ class Document:
                 raise self._outside(entry, uri)
             try:
                 path = Path(os.path.realpath(folder / clean(name)))
-                exists = path.is_relative_to(folder) and _exists(path)
+                exists = path.is_relative_to(folder) and files.exists(path)
             except (OSError, ValueError):
                 raise entry.error(f"has a 'uri' that no file can have: {shown(uri)}") from None
             if not path.is_relative_to(folder) or path == folder:
@@ -211,43 +232,5 @@ class Document:
         )
 
 
-def _exists(path: Path) -> bool:
-    """Whether there is a file; OSError for a name that none can have (`Path.exists` of Python 3.14 raises nothing)."""
-    try:
-        path.stat()
-    except (FileNotFoundError, NotADirectoryError):
-        return False
-    return True
-
-
 def _refuse_constant(name: str) -> None:
     raise ValueError(f"{name} is not a JSON number")
-
-
-def _decode_data_uri(uri: str, entry: Entry) -> Bytes:
-    header, comma, body = uri.partition(",")
-    try:
-        if not comma:
-            raise ValueError
-        if header.lower().endswith(";base64"):
-            body = unquote(body) if "%" in body else body
-            return np.frombuffer(base64.b64decode(body + "=" * (-len(body) % 4), validate=True), np.uint8)
-        return np.frombuffer(unquote_to_bytes(body), np.uint8)
-    except (ValueError, binascii.Error):
-        raise entry.error("has a data URI that is not valid base64; export the file again") from None
-
-
-def _read_regular(path: Path, who: str, length: int | None = None) -> bytes:
-    """The first `length` bytes of a file; pipes, devices and folders are refused, because they may never end."""
-    try:
-        # Non-blocking, because opening a pipe without a writer would block.
-        with open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb") as file:
-            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                raise SolariError(f"{who}: not a readable file: give the path of a glTF file")
-            return file.read(-1 if length is None else length)
-    except FileNotFoundError:
-        raise SolariError(f"{who}: there is no such file: check the path") from None
-    except (OSError, ValueError) as error:
-        raise SolariError(f"{who}: can't be read: {getattr(error, 'strerror', None) or error}") from None
-    except (MemoryError, OverflowError):
-        raise SolariError(f"{who}: too large for this machine's memory") from None

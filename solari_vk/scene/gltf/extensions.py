@@ -17,7 +17,7 @@ class Extension(NamedTuple):
 EXTENSIONS = (
     # Ratified by Khronos.
     Extension("KHR_animation_pointer", "part", "properties of nodes; those of materials, cameras and lights stay"),
-    Extension("KHR_draco_mesh_compression", "no", "compressed primitives are left out"),
+    Extension("KHR_draco_mesh_compression", "works", "with the extra `formats`"),
     Extension("KHR_gaussian_splatting", "no", "splats have no surface"),
     Extension("KHR_interactivity", "no", "behavior graphs are ignored"),
     Extension("KHR_lights_punctual", "part", "directional lights; point and spot lights are left out"),
@@ -45,7 +45,7 @@ EXTENSIONS = (
     Extension("KHR_implicit_shapes", "no", "shapes are for physics"),
     Extension("KHR_materials_diffuse_transmission", "no", "the material is opaque"),
     Extension("KHR_materials_volume_scatter", "no", "volumes scatter no light"),
-    Extension("KHR_meshopt_compression", "no", "as EXT_meshopt_compression"),
+    Extension("KHR_meshopt_compression", "works", "with the extra `formats`"),
     Extension("KHR_physics_rigid_bodies", "no", "physics is ignored"),
     # Of several vendors.
     Extension("EXT_instance_features", "no", "identifiers of instances are ignored"),
@@ -54,7 +54,7 @@ EXTENSIONS = (
     Extension("EXT_mesh_features", "no", "identifiers of features are ignored"),
     Extension("EXT_mesh_gpu_instancing", "works", "attributes other than translation, rotation and scale are ignored"),
     Extension("EXT_mesh_manifold", "no", "information for solid modelling is ignored"),
-    Extension("EXT_meshopt_compression", "no", "files that need it can't be read"),
+    Extension("EXT_meshopt_compression", "works", "with the extra `formats`"),
     Extension("EXT_structural_metadata", "no", "metadata, which pictures don't show"),
     Extension("EXT_texture_avif", "no", "the texture's other image is used, if it has one"),
     Extension("EXT_texture_webp", "works", ""),

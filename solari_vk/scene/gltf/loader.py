@@ -13,6 +13,7 @@ from solari_vk.scene.gltf.accessors import Accessors
 from solari_vk.scene.gltf.animations import Animations
 from solari_vk.scene.gltf.deform import Pose
 from solari_vk.scene.gltf.document import Document
+from solari_vk.scene.gltf.draco import DracoMeshes
 from solari_vk.scene.gltf.extensions import SUPPORTED_EXTENSIONS
 from solari_vk.scene.gltf.materials import Materials
 from solari_vk.scene.gltf.nodes import PlacedNode, joint_matrices, repeated, repetitions, roots, walk
@@ -52,7 +53,7 @@ class _Loader:
         self._document = document
         self._report = Report()
         self._accessors = Accessors(document)
-        self._primitives = Primitives(self._accessors, self._report)
+        self._primitives = Primitives(self._accessors, DracoMeshes(document, self._accessors), self._report)
         self._materials = Materials(document, self._report, strict)
         self._mesh_primitives: dict[int, list[Entry]] = {}
         self._parts_made: dict[Any, list[Part]] = {}

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from solari_vk.scene import checks
 from solari_vk.scene.gltf.accessors import Accessors
 from solari_vk.scene.gltf.deform import Pose, Vertices, morph, skin
+from solari_vk.scene.gltf.draco import DracoMeshes
 from solari_vk.scene.gltf.materials import LoadedMaterial
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry
@@ -24,8 +25,9 @@ _HARMLESS = ("KHR_materials_variants", "KHR_draco_mesh_compression", "KHR_xmp_js
 class Primitives:
     """Creates the meshes of the scene; primitives with the same data share a mesh."""
 
-    def __init__(self, accessors: Accessors, report: Report) -> None:
+    def __init__(self, accessors: Accessors, draco: DracoMeshes, report: Report) -> None:
         self._accessors = accessors
+        self._draco = draco
         self._report = report
         self._meshes: dict[Any, Mesh | None] = {}
 
@@ -36,6 +38,8 @@ class Primitives:
             raise primitive.error("has no 'attributes'; export the file again")
         turned = None if material.normal_map is None else material.normal_map.uv_transform
         mode = primitive.integer("mode", 4, high=6)
+        if self._draco.unpack(primitive, attributes):
+            mode = 4
         targets = primitive.entries("targets", "target") if any(pose.weights) else []
         key = (
             *(attributes.index(a) for a in ("POSITION", "NORMAL", "TANGENT", f"TEXCOORD_{material.uv_set}")),
@@ -92,9 +96,6 @@ class Primitives:
         position = attributes.index("POSITION")
         if position is None:
             self._report.add("primitives without POSITION are left out", primitive.place)
-            return None
-        if primitive.extension("KHR_draco_mesh_compression") and not self._accessors.has_data(position, attributes):
-            self._report.add("KHR_draco_mesh_compression is not supported: primitives are left out", primitive.place)
             return None
         wanted = {
             "POSITION": (position, ("VEC3",)),
