@@ -82,7 +82,8 @@ def everything() -> GltfWriter:
         writer.node(extensions={"KHR_lights_punctual": {"light": 1}}),
     ]  # fmt: skip
     root = writer.node(children=children, rotation=[0, 0.6, 0, 0.8])
-    writer.add("animations", channels=[{"sampler": 0, "target": {"node": root, "path": "scale"}}], samplers=[])
+    moves = {"input": writer.accessor([[0.0], [1.0]]), "output": writer.accessor(np.ones((2, 3)))}
+    writer.add("animations", channels=[{"sampler": 0, "target": {"node": root, "path": "scale"}}], samplers=[moves])
     writer.json["extensionsUsed"] = ["KHR_materials_ior", "KHR_lights_punctual"]
     writer.json["extensionsRequired"] = ["KHR_mesh_quantization"]
     writer.add("scenes", nodes=[root, *joints], name="main")
