@@ -23,7 +23,9 @@ _HOMES = {
     "errors": ("CallbackError", "DeviceError", "SolariError", "ValidationError"),
     "gpu.device.device": ("Device", "list_devices"),
     "gpu.frame.frame": ("Frame", "HitGroup", "Pass", "RayPass", "Stage"),
-    "scene.model": ("Camera", "DirectionalLight", "Instance", "Material", "Mesh", "Scene", "Texture", "TextureImage"),
+    "scene.model": (
+        "Camera", "DirectionalLight", "Environment", "Instance", "Material", "Mesh", "Scene", "Texture", "TextureImage",
+    ),
     "scene.binder": ("SceneBinder",),
     "scene.gltf": ("load_gltf",),
     "scene.builtin": ("builtin",),
@@ -42,7 +44,7 @@ _MODULES = {"rt": "rt", "shapes": "scene.shapes"}
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
-    "CallbackError", "Camera", "Device", "DeviceError", "DirectionalLight", "Frame", "HitGroup", "Instance",
+    "CallbackError", "Camera", "Device", "DeviceError", "DirectionalLight", "Environment", "Frame", "HitGroup", "Instance",
     "Material", "Mesh", "Pass", "PathTracer", "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Scene",
     "SceneBinder", "SceneFrame", "Settings", "SolariError", "Stage", "Texture", "TextureImage", "ValidationError",
     "Viewer", "__version__", "auto_exposure", "builtin", "check_output", "list_devices", "load_gltf", "rt",
@@ -64,7 +66,17 @@ if TYPE_CHECKING:
     from solari_vk.scene.binder import SceneBinder
     from solari_vk.scene.builtin import builtin
     from solari_vk.scene.gltf import load_gltf
-    from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material, Mesh, Scene, Texture, TextureImage
+    from solari_vk.scene.model import (
+        Camera,
+        DirectionalLight,
+        Environment,
+        Instance,
+        Material,
+        Mesh,
+        Scene,
+        Texture,
+        TextureImage,
+    )
     from solari_vk.scene.studio import studio_lights
     from solari_vk.settings import Settings
     from solari_vk.tracer import RayTracer

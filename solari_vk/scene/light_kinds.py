@@ -6,7 +6,7 @@ choose between the kinds. Each NAME.glsl defines:
 
     ResolvedLightSample resolve_NAME(uint index, uint part, vec2 u, float inverse_probability)
         The point of a part of the light, or the direction, for random numbers u in [0, 1), with its radiance. The part
-        is a triangle of an emissive mesh, 0 for all other kinds. Its inverse_pdf is inverse_probability times the
+        is a triangle of an emissive mesh or a texel of an environment, 0 for all other kinds. Its inverse_pdf is inverse_probability times the
         inverse density of the point in area, or of the direction in solid angle.
     float emission_cosine_NAME(uint data, float cosine)
         The factor of a sample's radiance times projected area towards a receiver: `data` is the sample's, `cosine` the
@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 
 from solari_vk.color import LUMINANCE_WEIGHTS
 from solari_vk.gpu.shaders import headers
+from solari_vk.scene.environment import EnvironmentLight
 from solari_vk.scene.model import DirectionalLight, Instance
 
 AT_SURFACES, AT_INFINITY, NEVER = "at surfaces", "at infinity", "never"
@@ -77,6 +78,10 @@ def _directional_record(light: DirectionalLight) -> dict[str, Any]:
     }
 
 
+def _environment_record(light: EnvironmentLight) -> dict[str, Any]:
+    return {"intensity": light.intensity, "world_from_map": light.rotation.T}  # GLSL holds columns
+
+
 LIGHT_KINDS = (
     LightKind(
         "emissive_mesh", Instance, AT_SURFACES,
@@ -90,6 +95,13 @@ LIGHT_KINDS = (
         buffer="directional_lights",
         record=_directional_record,
         position=lambda light: -SHADOW_DISTANCE * light.direction,
+    ),
+    LightKind(
+        "environment", EnvironmentLight, AT_INFINITY,
+        power=lambda light, area: area * light.flux,
+        buffer="environments",
+        record=_environment_record,
+        position=lambda light: SHADOW_DISTANCE * light.brightest,
     ),
 )  # fmt: skip
 KIND_INDEX = {kind.name: index for index, kind in enumerate(LIGHT_KINDS)}

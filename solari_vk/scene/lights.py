@@ -14,6 +14,8 @@ from solari_vk.scene import light_kinds
 from solari_vk.scene.alias_table import alias_table
 from solari_vk.scene.constants import NO_INDEX
 from solari_vk.scene.emission import Emission
+from solari_vk.scene.environment import EnvironmentLight
+from solari_vk.scene.environment_map import EnvironmentMap
 from solari_vk.scene.light_kinds import AT_INFINITY, LightKind
 from solari_vk.scene.light_tree import LightTree
 from solari_vk.scene.model import Instance, Light
@@ -52,15 +54,16 @@ class Lights:
         self.info = Table(device, "scene_info", layout["scene_info"])
         self.tree = Table(device, "light_tree", layout["light_tree"])
         self._nodes = LightTree(layout["light_tree"])
-        self._kinds = {kind.source: kind for kind in light_kinds.LIGHT_KINDS}
         self._index_of_kind = {kind: index for index, kind in enumerate(light_kinds.LIGHT_KINDS)}
-        self._mesh_kind = self._kinds[Instance]
+        self._mesh_kind = self._kind_of(Instance)
         with_records = [kind for kind in self._index_of_kind if kind.buffer]
         with_records.sort(key=lambda kind: kind.met_by_rays == AT_INFINITY)
         self._records = {kind: Table(device, str(kind.buffer), layout[str(kind.buffer)]) for kind in with_records}
         self._emissive: list[Instance] = []
         self._index: dict[Instance, int] = {}
         self._others: dict[LightKind, dict[Light, None]] = {kind: {} for kind in with_records}
+        self._device = device
+        self._maps: dict[Light, EnvironmentMap] = {}
         self._changed = True
         self._id_of: dict[Instance | Light, int] = {}
         self._last_id = 0
@@ -137,14 +140,34 @@ class Lights:
 
     def set_light(self, light: Light, present: bool) -> None:
         """Add, update or remove a light that is no instance."""
-        listed = self._others[self._kinds[type(light)]]
+        kind = self._kind_of(type(light))
+        listed = self._others[kind]
         if not present:
             for known in (listed, self._id_of, self._power_of):
                 known.pop(light, None)
+            self._drop_map(light)
         elif light not in listed:
             listed[light] = None
             self.renew(light)
+        if present and isinstance(light, EnvironmentLight):
+            self._update_map(light)
         self._changed = True
+
+    def _update_map(self, light: EnvironmentLight) -> None:
+        """Put an environment's image on the device if it isn't there yet."""
+        if light in self._maps and self._maps[light].image is light.image:
+            return
+        made = EnvironmentMap(self._device, self.sources.records["choice"].dtype, light.image)
+        self.renew(light)
+        self._drop_map(light)
+        self._maps[light] = made
+
+    def _drop_map(self, light: Light) -> None:
+        if light in self._maps:
+            self._maps.pop(light).destroy()
+
+    def _kind_of(self, source: type[Any]) -> LightKind:
+        return next(kind for kind in self._index_of_kind if issubclass(source, kind.source))
 
     def _set_place(self, index: int, position: Position, half_size: Position) -> None:
         if index >= len(self._emissive_places):
@@ -222,8 +245,9 @@ class Lights:
             table = self._records[kind]
             table.reserve(len(lights))
             for index, light in enumerate(lights):
-                self._write_source(row, kind, index)
-                for field, value in kind.record(light).items():
+                found = self._maps.get(light)
+                self._write_source(row, kind, index, found.emission if found else ONE_PART)
+                for field, value in (kind.record(light) | (found.record if found else {})).items():
                     table.records[index][field] = value
                 row += 1
             table.mark(range(len(lights)))
@@ -233,5 +257,5 @@ class Lights:
 
     def destroy(self) -> None:
         """Free the tables."""
-        for table in self.tables:
-            table.destroy()
+        for owner in (*self.tables, *self._maps.values()):
+            owner.destroy()

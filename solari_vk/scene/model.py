@@ -13,6 +13,8 @@ from solari_vk.errors import SolariError, checked_keywords, unknown_name
 from solari_vk.scene.animation import Animation as Animation
 from solari_vk.scene.camera import Camera as Camera
 from solari_vk.scene.collection import Collection, Items
+from solari_vk.scene.environment import Environment as Environment
+from solari_vk.scene.environment import EnvironmentLight
 from solari_vk.scene.material import Material as Material
 from solari_vk.scene.material import Texture as Texture
 from solari_vk.scene.material import TextureImage as TextureImage
@@ -91,6 +93,23 @@ class Scene(Observable):
     def lights(self) -> Items[Light]:
         """The lights that aren't meshes."""
         return self._lights
+
+    @property
+    def environment(self) -> EnvironmentLight | None:
+        """The Environment or Sky among `lights`, if there is one. Assign another, or None, to replace it."""
+        return next((light for light in self._lights if isinstance(light, EnvironmentLight)), None)
+
+    @environment.setter
+    def environment(self, environment: EnvironmentLight | None) -> None:
+        if environment is not None and not isinstance(environment, EnvironmentLight):
+            kind = type(environment).__name__
+            raise SolariError(f"{self.describe()}: environment must be an Environment, a Sky or None, not {kind}")
+        before = self.environment
+        for light in before.lights if before else ():
+            if light in self._lights:
+                self._lights.remove(light)
+        for light in environment.lights if environment else ():
+            self._lights.add(light)
 
     @property
     def cameras(self) -> Items[Camera]:
@@ -204,5 +223,5 @@ class Scene(Observable):
         return Bounds(every.min(axis=0), every.max(axis=0))
 
 
-SCENE_FIELDS = ("name", "camera", "warnings")
+SCENE_FIELDS = ("name", "camera", "environment", "warnings")
 COLLECTIONS = ("instances", "lights", "cameras", "animations")

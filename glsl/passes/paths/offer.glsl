@@ -7,19 +7,22 @@
 
 uvec4 light_point(uint light_index, uint part, vec2 u) { return uvec4(light_index, part, floatBitsToUint(u)); }
 
-// The point of a light that the path's first ray has met. Where two suns overlap, the light of both is taken to come
-// from the first one, in its color.
-uvec4 met_point(Path path) {
+// The point of a light that the path's first ray has met. Where lights at infinity overlap, such as a sun and its sky,
+// one of them stands for all, by its radiance.
+uvec4 met_point(inout Path path) {
     if (path.hit.instance != NO_INDEX) {
         uint light_index = instances.at[path.hit.instance].light_index;
         return light_point(light_index, path.hit.triangle, triangle_numbers(path.hit.barycentrics));
     }
+    uvec4 point = uvec4(NO_INDEX);
+    float sum = 0.0;
     for (uint i = scene_info.first_light_at_infinity; i < scene_info.light_count; i++) {
         LightSource light = light_sources.at[i];
         MetLight met = meet_light(light.kind, light.index, path.direction);
-        if (met.inverse_pdf > 0.0) { return light_point(i, 0u, met.u); }
+        bool chosen = met.inverse_pdf > 0.0 && choose_weighted(sum, luminance(met.radiance), path.rng);
+        if (chosen) { point = light_point(i, met.part, met.u); }
     }
-    return uvec4(NO_INDEX);
+    return point;
 }
 
 // Writes the offer of a path that has traced its first ray, and returns the light that is the pixel's alone. Until now

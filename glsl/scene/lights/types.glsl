@@ -26,7 +26,8 @@ struct ResolvedLightSample {
 struct MetLight {
     vec3 radiance;
     float inverse_pdf;  // in solid angle, once the light is chosen; 0: the ray doesn't meet the light
-    vec2 u;             // the random numbers for which light samples have the ray's direction
+    uint part;          // the part of the light that the ray meets
+    vec2 u;             // the random numbers for which light samples of the part have the ray's direction
 };
 
 #endif
