@@ -44,8 +44,8 @@ _MODULES = {"rt": "rt", "shapes": "scene.shapes"}
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
-    "CallbackError", "Camera", "Device", "DeviceError", "DirectionalLight", "Environment", "Frame", "HitGroup", "Instance",
-    "Material", "Mesh", "Pass", "PathTracer", "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Scene",
+    "CallbackError", "Camera", "Device", "DeviceError", "DirectionalLight", "Environment", "Frame", "HitGroup",
+    "Instance", "Material", "Mesh", "Pass", "PathTracer", "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Scene",
     "SceneBinder", "SceneFrame", "Settings", "SolariError", "Stage", "Texture", "TextureImage", "ValidationError",
     "Viewer", "__version__", "auto_exposure", "builtin", "check_output", "list_devices", "load_gltf", "rt",
     "save_image", "shapes", "studio_lights", "tonemap",

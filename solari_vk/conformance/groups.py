@@ -13,6 +13,7 @@ from solari_vk.conformance import (
     direct_checks,
     display_checks,
     embree_checks,
+    environment_checks,
     frame_checks,
     gbuffer_checks,
     guide_checks,
@@ -197,6 +198,16 @@ GROUPS: dict[str, dict[str, Measure]] = {
     "display": {
         "picture": lambda run: display_checks.measure_picture(run.device),
         "views": lambda run: display_checks.measure_views(run.device),
+    },
+    "environments": {
+        **_cases("floor", lambda run, strategy: environment_checks.measure_floor(run.device, strategy),
+                 "mis", "nee", "brdf"),
+        "background": lambda run: environment_checks.measure_background(run.device),
+        "mirror": lambda run: environment_checks.measure_mirror(run.device),
+        "texels": lambda run: environment_checks.measure_texels(run.device),
+        "sun": lambda run: environment_checks.measure_sun(run.device, 4096 if run.full else 512),
+        "means": lambda run: environment_checks.measure_means(
+            run.device, environment_checks.FULL if run.full else environment_checks.FAST),
     },
     "frame": {
         "determinism": lambda run: frame_checks.measure_determinism(run.device),

@@ -13,7 +13,8 @@ from solari_vk.color import LUMINANCE_WEIGHTS
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.matrices import rotation
-from solari_vk.scene.objects import Light, checked
+from solari_vk.scene.objects import Light
+from solari_vk.scene.observed import checked
 
 MOST_TEXELS = 2**23  # 4096 x 2048; larger pictures are averaged down
 _ROTATION_ERROR = 1e-3
@@ -45,7 +46,7 @@ class EnvironmentLight(Light):
     @property
     def brightest(self) -> NDArray[np.float64]:
         """The direction (3,) in the world of the texel that sends the most light."""
-        found: NDArray[np.float64] = self.rotation @ self._facts()[2]
+        found: NDArray[np.float64] = self.rotation.astype(np.float64) @ self._facts()[2]
         return found
 
     def _facts(self) -> tuple[FloatArray, float, NDArray[np.float64]]:
@@ -88,8 +89,7 @@ def _halved(image: FloatArray, axis: int) -> FloatArray:
     starts = np.arange(0, image.shape[axis], 2)
     counts = np.diff(np.append(starts, image.shape[axis])).astype(np.float32)
     sums = np.add.reduceat(image, starts, axis=axis)
-    halved: FloatArray = sums / counts.reshape(-1, *[1] * (2 - axis))
-    return halved
+    return (sums / counts.reshape(-1, *[1] * (2 - axis))).astype(np.float32)
 
 
 def _rotation(value: ArrayLike) -> FloatArray:
@@ -112,8 +112,8 @@ class Environment(EnvironmentLight):
     up, +y, and the middle column is +x, as in Blender and three.js. Any size and shape covers all directions. A number
     or a color (3,) is the same light from everywhere. A path names a file: .hdr (Radiance), .exr, or .png and .jpg,
     whose white is 1 cd/m^2. Pictures of more than 8 Mi pixels, 4096 x 2048, are averaged down.
-    intensity: a factor of the radiance. rotation: an angle in radians about +y, or a rotation matrix (3, 3), which turns
-    the picture in the world. Changes of both are as cheap as moving a light. Raises SolariError for negative and
+    intensity: a factor of the radiance. rotation: an angle in radians about +y, or a rotation matrix (3, 3), which
+    turns the picture in the world. Changes of both are as cheap as moving a light. Raises SolariError for negative and
     infinite values, and for files that can't be read.
     """
 

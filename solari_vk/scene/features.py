@@ -11,6 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from solari_vk.scene.environment import EnvironmentLight
+
 FIRST_ID = 100  # of the constants: passes have smaller numbers
 
 
@@ -28,7 +30,9 @@ class Feature:
         return f"SCENE_{self.name}"
 
 
-FEATURES: tuple[Feature, ...] = ()
+FEATURES: tuple[Feature, ...] = (
+    Feature("ENVIRONMENT", EnvironmentLight, lambda light: True),
+)  # fmt: skip
 
 
 class Features:

@@ -6,8 +6,8 @@ choose between the kinds. Each NAME.glsl defines:
 
     ResolvedLightSample resolve_NAME(uint index, uint part, vec2 u, float inverse_probability)
         The point of a part of the light, or the direction, for random numbers u in [0, 1), with its radiance. The part
-        is a triangle of an emissive mesh or a texel of an environment, 0 for all other kinds. Its inverse_pdf is inverse_probability times the
-        inverse density of the point in area, or of the direction in solid angle.
+        is a triangle of an emissive mesh or a texel of an environment, 0 for all other kinds. Its inverse_pdf is
+        inverse_probability times the inverse density of the point in area, or of the direction in solid angle.
     float emission_cosine_NAME(uint data, float cosine)
         The factor of a sample's radiance times projected area towards a receiver: `data` is the sample's, `cosine` the
         cosine between its normal and the direction to the receiver.
@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 from solari_vk.color import LUMINANCE_WEIGHTS
 from solari_vk.gpu.shaders import headers
 from solari_vk.scene.environment import EnvironmentLight
+from solari_vk.scene.features import FEATURES
 from solari_vk.scene.model import DirectionalLight, Instance
 
 AT_SURFACES, AT_INFINITY, NEVER = "at surfaces", "at infinity", "never"
@@ -128,11 +129,16 @@ def glsl_header() -> str:
 
 
 def _choose(function: str, parameters: str, kinds: list[str], argument: str = "index") -> str:
-    """A function `TYPE NAME(kind, argument, parameters)` that calls the kind's own."""
+    """A function `TYPE NAME(kind, argument, parameters)` that calls the kind's own.
+
+    A kind that is a scene feature too costs nothing in the shaders of scenes without such a light.
+    """
     own = function.split()[-1].removesuffix("_light")
     names = [argument, *(parameter.split()[-1] for parameter in parameters.split(", ") if parameter)]
+    features = {feature.name.lower(): f"{feature.constant} && " for feature in FEATURES}
     *lines, last = [
-        f"if (kind == LIGHT_{kind.upper()}) {{ return {own}_{kind}({', '.join(names)}); }}" for kind in kinds
+        f"if ({features.get(kind, '')}kind == LIGHT_{kind.upper()}) {{ return {own}_{kind}({', '.join(names)}); }}"
+        for kind in sorted(kinds, key=lambda kind: kind not in features)
     ]
     unconditional = last[last.index("return") : -2]
     declared = ", ".join(["uint kind", f"uint {argument}", *([parameters] if parameters else [])])

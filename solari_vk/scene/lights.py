@@ -257,5 +257,7 @@ class Lights:
 
     def destroy(self) -> None:
         """Free the tables."""
-        for owner in (*self.tables, *self._maps.values()):
-            owner.destroy()
+        for table in self.tables:
+            table.destroy()
+        for found in self._maps.values():
+            found.destroy()

@@ -30,8 +30,11 @@ def select_variant(vectorized):
     return mitsuba
 
 
-def scene_of(mi, scene, width, height, *, bounces, lambert, camera=None):
-    """The Mitsuba scene; pixels are averaged by a box, paths go up to `bounces` bounces without roulette."""
+def scene_of(mi, scene, width, height, *, bounces, lambert, camera=None, emitters=None):
+    """The Mitsuba scene; pixels are averaged by a box, paths go up to `bounces` bounces without roulette.
+
+    emitters: lights that have no counterpart in ours, as Mitsuba's dictionaries by name.
+    """
     camera = camera or scene.camera
     # Mitsuba looks along +z with +x to the left; ours looks along -z with +x to the right.
     to_world = camera.transform @ np.diag((-1.0, 1.0, -1.0, 1.0))
@@ -41,7 +44,7 @@ def scene_of(mi, scene, width, height, *, bounces, lambert, camera=None):
               "far_clip": 1e6, "to_world": mi.ScalarTransform4f(to_world), "film": film,
               "sampler": {"type": "independent"}}  # fmt: skip
     integrator = {"type": "path", "max_depth": bounces + 1, "rr_depth": 1000}
-    parts = {"type": "scene", "integrator": integrator, "sensor": sensor}
+    parts = {"type": "scene", "integrator": integrator, "sensor": sensor, **(emitters or {})}
     for index, instance in enumerate(scene):
         if instance.visible:
             parts[f"shape{index}"] = _mesh(mi, instance, f"shape{index}", lambert)
