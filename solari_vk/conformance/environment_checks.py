@@ -15,12 +15,12 @@ import solari_vk as sv
 from solari_vk.conformance.light_checks import floor_scene
 from solari_vk.conformance.oracles import closed_forms, environments
 from solari_vk.conformance.pictures import compare_picture, take_picture
-from solari_vk.conformance.realtime import OFF, Effort, make_renderer, measure_mean, run_pictures, trace
+from solari_vk.conformance.realtime import GBUFFER, OFF, Effort, make_renderer, measure_mean, run_pictures, trace
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.statistics import chi_squared_p, standard_deviations
 from solari_vk.scene import shapes
-from solari_vk.scene.builtin import matte, rgb
+from solari_vk.scene.builtin import matte, place, rgb
 from solari_vk.scene.environment import directions, luminances, solid_angles
 
 _CLOSED = "closed form"
@@ -28,6 +28,7 @@ BACKGROUND = Rule("the background is the map in the direction of each pixel's ra
 MIRROR = Rule("a flat mirror shows the map in the reflected direction", SUITE, "Environments")
 TEXELS = Rule("light samples take texels by their light", SUITE, "Environments")
 DIRECTIONS = Rule("a light sample's direction lies in its texel, whose probability it has", SUITE, "Environments")
+EVEN = Rule("the points of light samples are spread evenly over a texel", SUITE, "Environments")
 NOISE = Rule("a sun of 100,000 in a map: noise of one light sample over its mean", SUITE, "Environments")
 MEANS = Rule("a frame under a map and a sun has the path tracer's mean", SUITE, "Environments")
 FAST, FULL = Effort(6, 16, 32, 1024), Effort(16, 32, 64, 8192)
@@ -81,35 +82,37 @@ def measure_background(device: Device) -> Iterator[Measurement]:
     scene = sv.Scene(sv.Camera.look_at((0, 0, 0), (0.3, 0.2, -1), vertical_fov=2.0))
     scene.environment = environment = sv.Environment(image, intensity=2.0, rotation=turned(1.0))
     largest = _HALF_STEP * 2.0 * float(image.max())
-    with make_renderer(device, scene, (32, 32), **OFF) as renderer:
-        seen = renderer.render(scene.camera)["radiance"]
-        _, rays = closed_forms.camera_rays(scene.camera, 32, 32)
-        expected = environments.radiance(environment, rays.reshape(-1, 3)).reshape(seen.shape)
-        yield Measurement(BACKGROUND, float(np.abs(seen - expected).max()) / largest, 1.0, "of a step")
+    with make_renderer(device, scene, (32, 32), passes=(*GBUFFER, "display/"), **OFF) as renderer:
+        seen = renderer.render(scene.camera)["emission"][..., :3]
+    _, rays = closed_forms.camera_rays(scene.camera, 32, 32)
+    expected = environments.radiance(environment, rays.reshape(-1, 3)).reshape(seen.shape)
+    yield Measurement(BACKGROUND, float(np.abs(seen - expected).max()) / largest, 1.0, "of a step")
 
 
 def measure_mirror(device: Device, **settings: Any) -> Iterator[Measurement]:
-    """What a mirror of metal that fills the picture shows of a map."""
+    """What a frame shows of a map in a mirror of metal, and beside it."""
     image = random_map(2)
     scene = sv.Scene(sv.Camera.look_at((0, 0, 0), (0.1, 0, -1), vertical_fov=1.0))
     scene.environment = environment = sv.Environment(image, rotation=turned(1.0))
     normal = np.array((0.0, 0.6, 0.8))
     mirror = sv.Material(base_color=rgb(1.0), metallic=1.0, roughness=0.0)
-    scene.add(shapes.quad((0, 0, -2), (9, 0, 0), (0, 9 * 0.8, -9 * 0.6)), mirror)
+    scene.add(shapes.quad((0, 0, -2), (9, 0, 0), (0, 0.4, -0.3)), mirror)
     with make_renderer(device, scene, (32, 32), jitter=False, **settings) as renderer:
-        seen = renderer.render(scene.camera)["radiance"]
+        frame = renderer.render(scene.camera)
+        seen, in_mirror = frame["radiance"], np.isfinite(frame["depth"])
     _, rays = closed_forms.camera_rays(scene.camera, 32, 32)
-    reflected = rays - 2 * (rays @ normal)[..., None] * normal
-    expected = environments.radiance(environment, reflected.reshape(-1, 3)).reshape(seen.shape)
-    error = float(np.abs(seen - expected).max()) / (_HALF_STEP * float(image.max()))
-    yield Measurement(MIRROR, error, 2.0, "of a step")
+    for rule, where, along in (
+        (BACKGROUND, ~in_mirror, rays), (MIRROR, in_mirror, rays - 2 * (rays @ normal)[..., None] * normal)
+    ):  # fmt: skip
+        errors = np.abs(seen[where] - environments.radiance(environment, along[where]))
+        yield Measurement(rule, float(errors.max()) / (_HALF_STEP * float(image.max())), 2.0, "of a step")
 
 
 def measure_texels(device: Device) -> Iterator[Measurement]:
     """The light samples of a frame."""
     scene = floor_scene(matte(1.0))
     scene.environment = environment = sv.Environment(random_map(3), rotation=turned(0.5))
-    with make_renderer(device, scene, (8, 8), **OFF) as renderer:
+    with make_renderer(device, scene, (8, 8), passes=(*GBUFFER, "light_tiles/"), **OFF) as renderer:
         frame = renderer.render(scene.camera)
         part, packed = frame["light_tile_samples"]["part"].ravel(), frame["light_tiles"].ravel()
     height, width = environment.image.shape[:2]
@@ -128,10 +131,15 @@ def measure_texels(device: Device) -> Iterator[Measurement]:
     x, y, z_axis = (packed["world_position"].astype(np.float64) @ environment.rotation.astype(np.float64)).T
     column = width * (np.arctan2(z_axis, x) / (2 * np.pi) + 0.5)
     row = height * np.arctan2(np.hypot(x, z_axis), y) / np.pi
-    apart = np.abs(np.stack([column - part % width, row - part // width]) - 0.5).max()
+    points = np.stack([column - part % width, row - part // width])
+    apart = np.abs(points - 0.5).max()
     solid_angle = 2 * np.pi**2 / (width * height) * np.hypot(x, z_axis)
     error = np.abs(packed["inverse_pdf"] * _chances(fine)[part] / solid_angle - 1).max()
     yield Measurement(DIRECTIONS, float(max(apart - 0.5, error)), 1e-4, "texels, or relative error")
+    cells = np.floor(points * 8).clip(0, 7).astype(int)
+    counts = np.bincount(cells[0] * 8 + cells[1], minlength=64)
+    z = standard_deviations(chi_squared_p(counts, np.full(64, part.size / 64)))
+    yield Measurement(EVEN, z, _MAX_Z, "standard deviations")
 
 
 def _chances(environment: sv.Environment) -> NDArray[np.float64]:
@@ -162,10 +170,10 @@ def measure_means(device: Device, effort: Effort, **settings: Any) -> Iterator[M
     """A floor, a matte ball and a shiny one under a map with a sun beside it."""
     scene = floor_scene(matte(0.5))
     scene.environment = sv.Environment(random_map(4), rotation=1.0)
-    scene.add(sv.DirectionalLight((-1, -1, -1), illuminance=10.0, angular_diameter=0.1))
-    scene.add(shapes.sphere(0.5, 16), matte(rgb(_ALBEDO)), (0.6, 0.5, 0))
+    scene.add(sv.DirectionalLight(rgb(-1), illuminance=10.0, angular_diameter=0.1))
+    scene.add(shapes.sphere(0.5, 16), matte(rgb(_ALBEDO)), place(at=(0.6, 0.5, 0)))
     shiny = sv.Material(base_color=rgb(0.9), metallic=1.0, roughness=0.3)
-    scene.add(shapes.sphere(0.5, 16), shiny, (-0.6, 0.5, 0))
+    scene.add(shapes.sphere(0.5, 16), shiny, place(at=(-0.6, 0.5, 0)))
     expected = trace(device, scene, effort.samples).mean(axis=(0, 1))
     with make_renderer(device, scene, **settings) as renderer:
         found = run_pictures(

@@ -117,10 +117,10 @@ class Environment(EnvironmentLight):
     infinite values, and for files that can't be read.
     """
 
-    image: FloatArray
+    image: Any
     _: KW_ONLY
     intensity: float = 1.0
-    rotation: FloatArray = field(default_factory=lambda: np.eye(3, dtype=np.float32))
+    rotation: Any = field(default_factory=lambda: np.eye(3, dtype=np.float32))
     name: str = ""
 
     _converters = {

@@ -124,9 +124,12 @@ def test_frames_by_queries_and_pipelines_are_the_same(any_device, lighting):
     for rays in ("query", "pipeline"):
         scene = floor_scene(matte(0.5), shapes_ball())
         scene.environment = map_with_sun(8, 50.0)
-        with sv.Device(validation=True, rays=rays) as device, make_renderer(device, scene, (24, 16), **lighting) as made:
+        with (
+            sv.Device(validation=True, rays=rays) as device,
+            make_renderer(device, scene, (24, 16), **lighting) as renderer,
+        ):
             for _ in range(3):
-                frame = made.render(scene.camera)
+                frame = renderer.render(scene.camera)
             pictures.append(frame["radiance"])
     assert pictures[0].tobytes() == pictures[1].tobytes()
 

@@ -38,9 +38,10 @@ def irradiance(environment: EnvironmentLight, normal: ArrayLike, rows: int = _RO
     z = np.asarray(normal, np.float64)
     x = np.cross(z, (0.0, 0.0, 1.0) if abs(z[2]) < 0.9 else (1.0, 0.0, 0.0))
     x /= np.linalg.norm(x)
-    share, turn = np.meshgrid((np.arange(rows) + 0.5) / rows, 2 * np.pi * (np.arange(2 * rows) + 0.5) / (2 * rows))
-    sine = np.sqrt(share.ravel())  # the square of the sine is even over cosine-weighted directions
-    turn = turn.ravel()
-    local = np.stack([sine * np.cos(turn), sine * np.sin(turn), np.sqrt(1 - share.ravel())], axis=-1)
+    # The square of the sine is even over cosine-weighted directions.
+    share = np.repeat((np.arange(rows) + 0.5) / rows, 2 * rows)
+    turn = np.tile(2 * np.pi * (np.arange(2 * rows) + 0.5) / (2 * rows), rows)
+    sine = np.sqrt(share)
+    local = np.stack([sine * np.cos(turn), sine * np.sin(turn), np.sqrt(1 - share)], axis=-1)
     found: Floats = np.pi * radiance(environment, local @ np.stack([x, np.cross(z, x), z])).mean(axis=0)
     return found
