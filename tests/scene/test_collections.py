@@ -109,8 +109,8 @@ def test_collections_cannot_be_replaced_or_misspelt():
     scene = scene_of("floor")
     with pytest.raises(SolariError, match=r"Scene.instances can't be replaced: use scene.instances.add"):
         scene.instances = []
-    with pytest.raises(SolariError, match=r"Scene has no field 'enviroment'; there are name, camera"):
-        scene.enviroment = 1
+    with pytest.raises(SolariError, match=r"Scene has no field 'weather'; there are name, camera"):
+        scene.weather = 1
     with pytest.raises(SolariError, match="a camera can't be replaced by assigning to 0: change its fields"):
         scene.cameras[0] = Camera()
     with pytest.raises(SolariError, match="assign another one to the instances that use it"):
