@@ -12,6 +12,7 @@ import solari_vk as sv
 from solari_vk.conformance.realtime import JITTER_PERIOD, make_renderer
 from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.measure.statistics import relative_mse, sixteenths
+from solari_vk.output.animation import orbit
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import builtin, cornell_box, matte, place
 
@@ -242,6 +243,29 @@ def test_a_moving_camera_keeps_its_history(device):
 
 
 # ---- hard input -------------------------------------------------------------------------------------
+
+
+def frame_of_orbit(device, size):
+    """The last frame around the balls of sphere_grid, the path tracer's picture of it, and the renderer's settings."""
+    scene = builtin("sphere_grid")
+    path = orbit(scene.camera, scene.bounds.center, 96, 20.0)[:25]  # half a degree a frame
+    with make(device, scene, size) as renderer, sv.PathTracer(device, scene, size, seed=99) as tracer:
+        for camera in path:
+            frame = renderer.render(camera)
+        names = ("sample_radiance", "raw_radiance", "denoise_guides", "gbuffer_depth")
+        return {name: np.asarray(frame[name]) for name in names}, read(tracer.render(camera, samples=256))
+
+
+def test_reflections_in_balls_follow_the_camera(device):
+    """In a mirror of metal, lights and what is behind all surfaces have no noise, so they are shown as they are."""
+    found, truth = frame_of_orbit(device, (64, 64))
+    unfiltered = (found["denoise_guides"].reshape(64, 64, 2)[..., 0] >> 30 == 0) & (found["gbuffer_depth"].reshape(64, 64) > 0)
+    assert unfiltered.sum() > 20
+    assert np.array_equal(found["sample_radiance"][unfiltered], found["raw_radiance"][unfiltered])
+    error = relative_mse(found["sample_radiance"].astype(np.float64), truth)
+    print(error)
+    assert error < 0.2
+
 
 
 @pytest.mark.parametrize("value", ["0.0 / 0.0", "1.0 / 0.0"])

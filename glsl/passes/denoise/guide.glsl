@@ -8,10 +8,9 @@
 #include "passes/denoise/bindings.glsl"
 #include "passes/guides/bindings.glsl"
 
-const uint NOTHING_SHOWN = 0u;
+const uint NOTHING_SHOWN = 0u;     // no surface, or in mirrors of metal none but lights: nothing that has noise
 const uint SURFACE_SHOWN = 1u;
 const uint REFLECTION_SHOWN = 2u;  // of a surface, in mirrors of metal
-const uint LIGHT_REFLECTED = 3u;   // a light, or what is behind all surfaces, in mirrors of metal
 
 struct Guide {
     uint kind;
@@ -73,8 +72,7 @@ Guide make_guide(ivec2 pixel) {
     bool own = imageLoad(guides_specular_albedo, pixel).a > 0.5;
     bool lit = imageLoad(guides_diffuse_albedo, pixel).a > 0.5;
     Guide guide;
-    guide.kind = own ? SURFACE_SHOWN : lit ? REFLECTION_SHOWN : LIGHT_REFLECTED;
-    if (imageLoad(depth, pixel).x == 0.0) { guide.kind = NOTHING_SHOWN; }
+    guide.kind = depth_value == 0.0 ? NOTHING_SHOWN : own ? SURFACE_SHOWN : lit ? REFLECTION_SHOWN : NOTHING_SHOWN;
     guide.depth = depth_value > 0.0 ? camera.near / depth_value : FARTHEST;
     guide.position = guide.depth * direction_at(vec2(pixel) + 0.5, camera);
     guide.normal = safe_normalize(normal_roughness.xyz, vec3(0.0, 0.0, 1.0));

@@ -63,7 +63,6 @@ bool showed_the_same(ivec2 pixel, Past past, Guide guide, float plane_distance) 
     if (any(lessThan(pixel, ivec2(0))) || any(greaterThanEqual(pixel, ivec2(camera.size)))) { return false; }
     Guide then = load_previous_guide(pixel);
     if (then.kind != guide.kind) { return false; }
-    if (guide.kind == LIGHT_REFLECTED) { return true; }
     bool near = guide.kind == SURFACE_SHOWN
         ? abs(dot(then.position - past.position, past.normal)) < plane_distance * pixel_width() * then.depth
         : abs(then.depth - guide.depth) < SAME_DEPTH * guide.depth;

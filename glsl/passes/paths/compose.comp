@@ -27,10 +27,11 @@ void main() {
     vec3 emitted = visible_emission(pixel);
     raw_radiance.at[index] = emitted + diffuse + specular;
     error.at[index] = 0.0;
-    if (denoise_settings.denoise != 0u && surface.exists) {
+    uint kind = kind_of(denoise_guides.at[index]);
+    if (denoise_settings.denoise != 0u && kind != NOTHING_SHOWN) {
         Signal by_diffuse, by_specular;
         light_at_sample(ivec2(pixel), by_diffuse, by_specular);
-        by.specular *= reflected_albedo(ivec2(pixel), load_guide(ivec2(pixel)).kind);
+        by.specular *= reflected_albedo(ivec2(pixel), kind);
         diffuse = by_diffuse.radiance * by.diffuse;
         specular = by_specular.radiance * by.specular;
         vec2 variances = max(vec2(by_diffuse.variance, by_specular.variance), 0.0);

@@ -76,13 +76,6 @@ vec2 motion_in_picture(ivec2 pixel) {
     return imageLoad(guides_specular_motion, pixel).xy * vec2(camera.picture_size) + this_frame.picture_shift;
 }
 
-Past find_past(ivec2 at, Neighborhood around) {
-    vec2 motion = motion_in_picture(around.nearest), position = vec2(at) + 0.5 + motion;
-    bool inside = all(greaterThanEqual(position, vec2(0.0))) && all(lessThan(position, vec2(camera.picture_size)));
-    if (this_frame.has_history == 0u || !inside || !was_visible(around.nearest, position)) { return NO_PAST; }
-    return motion == vec2(0.0) ? load_past(at) : interpolate_past(position, around);
-}
-
 // ---- what still holds -------------------------------------------------------------------------------
 
 // Whether an instance moved, or was replaced, hidden or removed.
@@ -106,6 +99,15 @@ bool is_still(ivec2 center) {
         known = instance;
     }
     return true;
+}
+
+Past find_past(ivec2 at, Neighborhood around) {
+    vec2 motion = motion_in_picture(around.nearest), position = vec2(at) + 0.5 + motion;
+    bool inside = all(greaterThanEqual(position, vec2(0.0))) && all(lessThan(position, vec2(camera.picture_size)));
+    if (this_frame.has_history == 0u || !inside) { return NO_PAST; }
+    // What is smaller than a pixel may be missing from the previous samples though nothing moved.
+    if (!was_visible(around.nearest, position) && !is_still(around.center)) { return NO_PAST; }
+    return motion == vec2(0.0) ? load_past(at) : interpolate_past(position, around);
 }
 
 // The difference of two luminances over their sum.
