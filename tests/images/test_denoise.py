@@ -259,7 +259,8 @@ def frame_of_orbit(device, size):
 def test_reflections_in_balls_follow_the_camera(device):
     """In a mirror of metal, lights and what is behind all surfaces have no noise, so they are shown as they are."""
     found, truth = frame_of_orbit(device, (64, 64))
-    unfiltered = (found["denoise_guides"].reshape(64, 64, 2)[..., 0] >> 30 == 0) & (found["gbuffer_depth"].reshape(64, 64) > 0)
+    guides, depth = found["denoise_guides"].reshape(64, 64, 2), found["gbuffer_depth"].reshape(64, 64)
+    unfiltered = (guides[..., 0] >> 30 == 0) & (depth > 0)
     assert unfiltered.sum() > 20
     assert np.array_equal(found["sample_radiance"][unfiltered], found["raw_radiance"][unfiltered])
     error = relative_mse(found["sample_radiance"].astype(np.float64), truth)

@@ -35,7 +35,8 @@ Lobe limited(Lobe past, ivec2 pixel) {
         sums += vec2(value, value * value);
         count += 1.0;
     }
-    float mean = sums.x / count, deviation = sqrt(max(sums.y / count - mean * mean, 0.0)), own = luminance(past.radiance);
+    float mean = sums.x / count, deviation = sqrt(max(sums.y / count - mean * mean, 0.0));
+    float own = luminance(past.radiance);
     float inside = clamp(own, mean - BOX * deviation, mean + BOX * deviation);
     float scale = own > 0.0 ? inside / own : 1.0;
     past.radiance *= scale;
