@@ -28,6 +28,7 @@ _HOMES = {
     ),
     "scene.binder": ("SceneBinder",),
     "scene.gltf": ("load_gltf",),
+    "scene.load": ("load",),
     "scene.builtin": ("builtin",),
     "scene.studio": ("studio_lights",),
     "output.picture": ("check_output", "save_image"),
@@ -47,7 +48,7 @@ __all__ = [
     "CallbackError", "Camera", "Device", "DeviceError", "DirectionalLight", "Environment", "Frame", "HitGroup",
     "Instance", "Material", "Mesh", "Pass", "PathTracer", "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Scene",
     "SceneBinder", "SceneFrame", "Settings", "SolariError", "Stage", "Texture", "TextureImage", "ValidationError",
-    "Viewer", "__version__", "auto_exposure", "builtin", "check_output", "list_devices", "load_gltf", "rt",
+    "Viewer", "__version__", "auto_exposure", "builtin", "check_output", "list_devices", "load", "load_gltf", "rt",
     "save_image", "shapes", "studio_lights", "tonemap",
 ]  # fmt: skip
 
@@ -66,6 +67,7 @@ if TYPE_CHECKING:
     from solari_vk.scene.binder import SceneBinder
     from solari_vk.scene.builtin import builtin
     from solari_vk.scene.gltf import load_gltf
+    from solari_vk.scene.load import load
     from solari_vk.scene.model import (
         Camera,
         DirectionalLight,

@@ -20,11 +20,17 @@ def add_scene_options(parser: Any, window_size: tuple[int, int] | None = None) -
     """Add the options that say what a command renders. window_size: the default size of a window, None for pictures."""
     width, height = window_size or (640, 360)
     pixels = "of the window" if window_size else "in pixels"
-    parser.add_argument("source", metavar="FILE|builtin:NAME", help="a .gltf or .glb file, or a built-in scene")
+    parser.add_argument("source", metavar="FILE|builtin:NAME",
+                        help="a .gltf, .glb, .obj, .ply or .stl file, or a built-in scene")
     parser.add_argument("--size", type=size, default=(width, height), metavar="WxH",
                         help=f"width and height {pixels} ({width}x{height})")
     parser.add_argument("--seed", type=count, default=0, help="seed of the random numbers, which choose the noise (0)")
     parser.add_argument("--scene", help="a scene of the file, by index or name (the file's default)")
+    parser.add_argument("--variant", metavar="NAME", help="the materials of one of the file's variants")
+    parser.add_argument("--up", choices=("x", "y", "z"), help="the axis of an .obj, .ply or .stl file that points up "
+                        "(y; z for .stl)")
+    parser.add_argument("--unit", type=float, metavar="M", help="the unit of such a file, in meters (1)")
+    parser.add_argument("--strict", action="store_true", help="stop at an image that is missing or damaged")
     parser.add_argument("--camera", metavar="N|NAME|JSON|FILE",
                         help="a camera of the scene by index or name, or a pose, as JSON or in a file: "
                         "{'position': [x, y, z], 'target': [x, y, z]}")

@@ -45,12 +45,16 @@ def load(options: argparse.Namespace) -> Subject:
     """The scene, the cameras and the exposure that the options ask for."""
     builtin = options.source.startswith("builtin:")
     if builtin:
-        if options.scene is not None:
-            raise SolariError(f"--scene {options.scene}: a built-in scene has only one: leave the option out")
+        for name in ("scene", "variant", "up", "unit"):
+            if getattr(options, name) is not None:
+                raise SolariError(f"--{name} {getattr(options, name)}: a built-in scene has none: leave the option out")
         scene = sv.builtin(options.source.removeprefix("builtin:"))
     else:
         which = options.scene
-        scene = sv.load_gltf(options.source, scene=int(which) if which and which.isdecimal() else which)
+        scene = sv.load(
+            options.source, scene=int(which) if which and which.isdecimal() else which, variant=options.variant,
+            up=options.up, unit=options.unit, strict=options.strict,
+        )  # fmt: skip
     camera = _find_camera(scene, options.camera, options.size[0] / options.size[1])
     cameras = [camera] if options.animate is None else _path(options, scene, camera)
     lit = any(light.emits for light in scene.lights)

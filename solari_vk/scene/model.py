@@ -72,6 +72,8 @@ class Scene(Observable):
         self._cameras: Items[Camera] = Items("camera", (Camera,), self._notify)
         self._animations: Items[Animation] = Items("animation", (Animation,), self._notify)
         self._camera: Camera | None = None
+        self.variants: dict[str, dict[Instance, Material]] = {}
+        """The materials of instances by the name of a variant, as `use_variant` assigns them."""
         self.warnings: list[str] = []
         """What a loader could not use of its file, one line for each kind of problem."""
         for item in items:
@@ -180,6 +182,17 @@ class Scene(Observable):
     def __iter__(self) -> Iterator[Instance]:
         return iter(self._instances)
 
+    def use_variant(self, name: str) -> None:
+        """Give instances the materials of one of `variants`, such as the colors in which a product is sold.
+
+        Each variant of a glTF file has a material for all instances that any of its variants changes. Raises
+        SolariError for an unknown name.
+        """
+        if name not in self.variants:
+            raise unknown_name("there is no variant", name, self.variants)
+        for instance, material in self.variants[name].items():
+            instance.material = material
+
     def camera_for(self, aspect: float) -> Camera:
         """The camera that renderers and the command line use by default, for pictures with width / height = aspect.
 
@@ -223,5 +236,5 @@ class Scene(Observable):
         return Bounds(every.min(axis=0), every.max(axis=0))
 
 
-SCENE_FIELDS = ("name", "camera", "environment", "warnings")
+SCENE_FIELDS = ("name", "camera", "environment", "variants", "warnings")
 COLLECTIONS = ("instances", "lights", "cameras", "animations")

@@ -46,7 +46,7 @@ def generate_tangents(
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         along_u, preserving, has_uv = _uv_directions(position[triangles], np.asarray(uvs, np.float64)[triangles])
         solid = ~_has_equal_corners(weld(positions)[triangles])
-        neighbor = _neighbors(welded, solid)
+        neighbor = neighbors(welded, solid)
         preserving = _orient_without_uv(preserving, has_uv, neighbor)
         group = _groups(preserving, neighbor)
         # Triangles without area have no own groups: their corners join a group of the same vertex if there is one.
@@ -105,7 +105,7 @@ def _has_equal_corners(positions: Integers) -> NDArray[np.bool_]:
     return equal
 
 
-def _neighbors(welded: Integers, solid: NDArray[np.bool_]) -> Integers:
+def neighbors(welded: Integers, solid: NDArray[np.bool_]) -> Integers:
     """For each edge, from corner i to i + 1 of a triangle, the edge (3 * triangle + corner) of its neighbor, or -1.
 
     Neighbors' edges run in opposite directions. Where more than two edges meet, the k-th of one direction is paired
@@ -151,15 +151,19 @@ def _orient_without_uv(
 
 
 def _groups(preserving: NDArray[np.bool_], neighbor: Integers) -> Integers:
-    """The group of each corner (3M,), named by its lowest corner: connected components by label propagation."""
-    label = np.arange(len(preserving) * 3, dtype=np.int64)
+    """The group of each corner (3M,), named by its lowest corner."""
     edge = np.flatnonzero(neighbor > np.arange(len(neighbor)))
     other = neighbor[edge]
     same = preserving[edge // 3] == preserving[other // 3]
     edge, other = edge[same], other[same]
     # An edge's start is the other's end: both pairs of corners are linked.
-    a = np.concatenate([edge, _next(edge)])
-    b = np.concatenate([_next(other), other])
+    ends = np.concatenate([next_corner(other), other])
+    return components(len(neighbor), np.concatenate([edge, next_corner(edge)]), ends)
+
+
+def components(count: int, a: Integers, b: Integers) -> Integers:
+    """The connected component of each of `count` things, named by its lowest: a[i] is linked with b[i]."""
+    label = np.arange(count, dtype=np.int64)
     while True:
         low, high = np.minimum(label[a], label[b]), np.maximum(label[a], label[b])
         apart = low != high
@@ -171,7 +175,8 @@ def _groups(preserving: NDArray[np.bool_], neighbor: Integers) -> Integers:
         a, b = a[apart], b[apart]
 
 
-def _next(corner: Integers) -> Integers:
+def next_corner(corner: Integers) -> Integers:
+    """The corner after each corner in its triangle."""
     return np.where(corner % 3 == 2, corner - 2, corner + 1)
 
 

@@ -31,7 +31,7 @@ EXTENSIONS = (
     Extension("KHR_materials_specular", "part", "without its textures; reflections at grazing angles stay"),
     Extension("KHR_materials_transmission", "no", "the material is opaque"),
     Extension("KHR_materials_unlit", "part", "the material is lit as any other"),
-    Extension("KHR_materials_variants", "part", "the default materials are shown"),
+    Extension("KHR_materials_variants", "works", "`load_gltf(variant=)`, `scene.use_variant`, `--variant`"),
     Extension("KHR_materials_volume", "no", "the material is opaque"),
     Extension("KHR_mesh_quantization", "works", ""),
     Extension("KHR_node_hoverability", "no", "for interaction only"),

@@ -45,7 +45,7 @@ def read_regular(path: Path, who: str, length: int | None = None) -> bytes:
         # Non-blocking, because opening a pipe without a writer would block.
         with open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb") as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                raise SolariError(f"{who}: not a readable file: give the path of a glTF file")
+                raise SolariError(f"{who}: not a readable file: give the path of a regular file")
             return file.read(-1 if length is None else length)
     except FileNotFoundError:
         raise SolariError(f"{who}: there is no such file: check the path") from None

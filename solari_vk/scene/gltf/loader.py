@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from solari_vk.errors import SolariError
 from solari_vk.scene import checks
 from solari_vk.scene.gltf.accessors import Accessors
 from solari_vk.scene.gltf.animations import Animations
@@ -20,6 +21,7 @@ from solari_vk.scene.gltf.nodes import PlacedNode, joint_matrices, repeated, rep
 from solari_vk.scene.gltf.primitives import Primitives
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry, shown
+from solari_vk.scene.gltf.variants import Variants
 from solari_vk.scene.matrices import upright
 from solari_vk.scene.model import Camera, DirectionalLight, Instance, Light, Material, Mesh, Scene
 
@@ -27,12 +29,15 @@ _NODE_EXTENSIONS = ("EXT_mesh_gpu_instancing", "KHR_lights_punctual", "KHR_node_
 # A file may have this many instances more than it has nodes and instances of EXT_mesh_gpu_instancing together.
 SPARE_INSTANCES = 2**17
 
-Part = tuple[str, Mesh, Material]
+Part = tuple[str, Mesh, Material, dict[str, Material]]
 
 
-def load_gltf(path: str | os.PathLike[str], *, scene: int | str | None = None, strict: bool = False) -> Scene:
+def load_gltf(
+    path: str | os.PathLike[str], *, scene: int | str | None = None, variant: str | None = None, strict: bool = False
+) -> Scene:
     """Load a scene of a .gltf or .glb file, by index or name; by default the file's default scene.
 
+    variant: the name of one of the file's variants of materials; `Scene.use_variant` changes to another.
     An image that is missing or damaged, or in an unknown format, is left out of its materials and reported; with
     `strict` it is an error.
 
@@ -43,9 +48,15 @@ def load_gltf(path: str | os.PathLike[str], *, scene: int | str | None = None, s
     """
     document = Document(path)
     try:
-        return _Loader(document, strict).load(scene)
+        loaded = _Loader(document, strict).load(scene)
     except (MemoryError, RecursionError):
         raise document.error("is too large for this machine's memory") from None
+    if variant is not None:
+        try:
+            loaded.use_variant(variant)
+        except SolariError as error:
+            raise document.error(str(error)) from None
+    return loaded
 
 
 class _Loader:
@@ -55,6 +66,7 @@ class _Loader:
         self._accessors = Accessors(document)
         self._primitives = Primitives(self._accessors, DracoMeshes(document, self._accessors), self._report)
         self._materials = Materials(document, self._report, strict)
+        self._variants = Variants(document)
         self._mesh_primitives: dict[int, list[Entry]] = {}
         self._parts_made: dict[Any, list[Part]] = {}
         self._lights: list[Entry] | None = None
@@ -135,8 +147,9 @@ class _Loader:
         users: dict[int, Entry] = {}
         for primitives in self._mesh_primitives.values():
             for primitive in primitives:
-                if (material := primitive.index("material")) is not None:
-                    users.setdefault(material, primitive)
+                for material in (primitive.index("material"), *self._variants.materials(primitive).values()):
+                    if material is not None:
+                        users.setdefault(material, primitive)
         self._materials.load(users)
 
     def _add_meshes(self, node: PlacedNode, placed: dict[int, PlacedNode]) -> None:
@@ -161,8 +174,10 @@ class _Loader:
                     self._report.add("nodes whose transform is singular or not affine have no surface", place)
                     continue
                 world, visible = np.eye(4), False  # until an animation gives it a size
-            for suffix, shape, material in parts:
+            for suffix, shape, material, others in parts:
                 instance = Instance(shape, material, world, visible=visible, name=name + suffix)
+                for variant in self._variants.names if others else ():
+                    self._scene.variants.setdefault(variant, {})[instance] = others.get(variant, material)
                 if pose.joints is None:
                     self._add(node, instance, local)
                 else:
@@ -177,9 +192,14 @@ class _Loader:
             for number, primitive in enumerate(primitives):
                 suffix = f"/{number}" if len(primitives) > 1 else ""
                 material = self._materials[primitive.index("material")]
-                made = self._primitives.mesh(primitive, (mesh.name or mesh.place) + suffix, material, pose)
+                numbers = self._variants.materials(primitive)
+                others = {name: self._materials[number] for name, number in numbers.items()}
+                # One mesh serves all variants, so it has tangents if any of them has a normal map.
+                wanted = next((one for one in (material, *others.values()) if one.normal_map is not None), material)
+                made = self._primitives.mesh(primitive, (mesh.name or mesh.place) + suffix, wanted, pose)
                 if made is not None:
-                    parts.append((suffix, made, material.material))
+                    materials = {name: other.material for name, other in others.items()}
+                    parts.append((suffix, made, material.material, materials))
         return self._parts_made[key]
 
     def _pose(self, node: PlacedNode, mesh: Entry, placed: dict[int, PlacedNode]) -> Pose:

@@ -1,0 +1,32 @@
+"""Any file with a model into a scene: `load`."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from solari_vk.errors import SolariError
+from solari_vk.scene.gltf import load_gltf
+from solari_vk.scene.mesh_files import UP_AXES, load_mesh_file
+from solari_vk.scene.model import Scene
+
+
+def load(
+    path: str | os.PathLike[str], *, scene: int | str | None = None, variant: str | None = None,
+    up: str | None = None, unit: float | None = None, strict: bool = False,
+) -> Scene:  # fmt: skip
+    """Load a .gltf, .glb, .obj, .ply or .stl file.
+
+    scene and variant are those of `load_gltf`, for glTF files only. Mesh files don't say which axis points up ("x",
+    "y" or "z": by default "y", and "z" for .stl) nor their unit, in meters (1). Their coordinates become those of the
+    scene, y up. A missing or damaged image is left out and reported; with `strict` it is an error. Raises SolariError
+    for options of another kind of file, for unknown formats, and for damaged files.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix in UP_AXES:
+        if scene is not None or variant is not None:
+            raise SolariError(f"{path}: only glTF files have scenes and variants: leave out the option")
+        return load_mesh_file(path, up=up, unit_length=1.0 if unit is None else unit, strict=strict)
+    if up is not None or unit is not None:
+        raise SolariError(f"{path}: only {', '.join(UP_AXES)} files need the axis that points up and the unit")
+    return load_gltf(path, scene=scene, variant=variant, strict=strict)

@@ -1,0 +1,109 @@
+"""Meshes from OBJ, PLY and STL files, by the library trimesh."""
+
+from __future__ import annotations
+
+import io
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.errors import SolariError
+from solari_vk.scene import checks
+from solari_vk.scene.gltf.files import read_regular
+from solari_vk.scene.libraries import library
+from solari_vk.scene.matrices import rotation, unit
+from solari_vk.scene.model import Instance, Material, Mesh, Scene
+from solari_vk.scene.mtl import MtlFiles
+from solari_vk.scene.smoothing import smooth_normals
+
+UP_AXES = {".obj": "y", ".ply": "y", ".stl": "z"}
+"""The formats, and the axis that points up in most of their files. No format says so."""
+
+
+def load_mesh_file(
+    path: str | os.PathLike[str], *, up: str | None = None, unit_length: float = 1.0, strict: bool = False
+) -> Scene:
+    """Load an .obj file with its materials, or a .ply or .stl file.
+
+    up: the file's axis that points up, "x", "y" or "z"; by default "y", and "z" for .stl. unit_length: the file's unit
+    in meters. Meshes without normals get smooth ones, with edges sharper than 40 degrees. Raises SolariError for a
+    damaged file, and with `strict` for a missing material or image.
+    """
+    path = Path(path)
+    if not 1e-12 <= unit_length <= 1e12:
+        raise SolariError(f"{path}: the unit must be from 1e-12 to 1e12 meters, not {unit_length}")
+    turn = _upright(up or UP_AXES[path.suffix.lower()]) * unit_length
+    scene = Scene(name=path.stem)
+    files = MtlFiles(path.parent)
+    kind = path.suffix[1:].lower()
+    reader = library("trimesh.exchange.load", str(path)).mesh_loaders[kind]
+    data = io.BytesIO(read_regular(path, str(path)))
+    try:
+        # Of a .ply file's materials there are only images, which hold no more than the colors of its vertices.
+        read = reader(data, file_type=kind, resolver=files, skip_materials=kind == "ply")
+    except MemoryError:
+        raise SolariError(f"{path}: too large for this machine's memory") from None
+    except Exception as error:  # trimesh raises many types of exceptions for damaged files
+        reason = (str(error) or type(error).__name__).splitlines()[0][:100]
+        raise SolariError(f"{path}: a damaged {path.suffix} file ({reason}): export it again") from None
+    if strict and files.failures:
+        raise SolariError(f"{path}: {files.failures[0]}")
+    scene.warnings.extend((*files.failures, *files.remarks))
+    plain = Material(base_color=np.full(3, 0.6, np.float32), double_sided=True, name="default")
+    for name, part in read.get("geometry", {path.stem: read}).items():
+        material = getattr(getattr(part.get("visual"), "material", None), "name", None)
+        _add(scene, path, str(name), part, files.materials.get(str(material), plain), turn)
+    if not scene.instances:
+        raise SolariError(f"{path}: has no triangles: give a file with a surface")
+    return scene
+
+
+def _add(
+    scene: Scene, path: Path, name: str, part: dict[str, Any], material: Material, turn: NDArray[np.float64]
+) -> None:
+    """Add a part of the file to the scene."""
+    positions = np.asarray(part.get("vertices", ()), np.float64)
+    triangles = library("trimesh.geometry", str(path)).triangulate_quads(part.get("faces", ()))
+    if triangles.ndim != 2 or triangles.shape[1] != 3 or positions.ndim != 2 or positions.shape[1] != 3:
+        scene.warnings.append(f"parts without triangles have no surface and are left out: '{name}'")
+        return
+    if triangles.min() < 0 or triangles.max() >= len(positions):
+        raise SolariError(f"{path}: '{name}' has triangles of vertices that don't exist: export the file again")
+    positions = positions @ turn.T
+    if not (np.abs(positions) <= checks.LARGEST_COORDINATE).all():
+        raise SolariError(
+            f"{path}: '{name}' has coordinates that aren't finite, or above {checks.LARGEST_COORDINATE:g} meters: "
+            "export the file again, or give its unit"
+        )
+    a, b, c = (positions[triangles[:, corner]] for corner in range(3))
+    triangles = triangles[np.cross(b - a, c - a).any(axis=1)]
+    if not len(triangles):
+        scene.warnings.append(f"parts whose triangles have no area are left out: '{name}'")
+        return
+    if any(color in part for color in ("vertex_colors", "face_colors")):
+        scene.warnings.append(f"colors of vertices and faces are ignored: '{name}'")
+    uvs: Any = getattr(part.get("visual"), "uv", None)
+    normals: Any = part.get("vertex_normals")
+    if normals is None or np.shape(normals) != positions.shape or not np.isfinite(normals).all():
+        source, normals, triangles = smooth_normals(positions, triangles)
+        positions, uvs = positions[source], None if uvs is None else np.asarray(uvs)[source]
+    else:
+        normals = unit(np.asarray(normals, np.float64) @ turn.T)
+        normals[~normals.any(axis=1)] = (0, 1, 0)
+    if uvs is not None and (len(uvs) != len(positions) or not np.isfinite(uvs).all()):
+        uvs = None
+    flipped: Any = None if uvs is None else np.array([0, 1]) + np.array([1, -1]) * np.asarray(uvs)[:, :2]
+    mesh = Mesh(positions.astype(np.float32), triangles.astype(np.uint32), normals=normals, uvs=flipped, name=name)
+    scene.add(Instance(mesh, material, name=name))
+
+
+def _upright(up: str) -> NDArray[np.float64]:
+    """The rotation (3, 3) that turns a file's axis upwards."""
+    turns = {"y": np.eye(3), "z": rotation((1, 0, 0), -math.pi / 2), "x": rotation((0, 0, 1), math.pi / 2)}
+    if up not in turns:
+        raise SolariError(f"up: the axis that points up is 'x', 'y' or 'z', not {up!r}")
+    return turns[up]

@@ -1,0 +1,113 @@
+"""Materials of Wavefront .mtl files, with the physically based fields that newer programs write.
+
+Bourke, "MTL material format" (1995); Pr, Pm, Ke and norm are those of "Extending the MTL format for physically based
+rendering". Colors are taken as linear, and those of textures as sRGB.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from solari_vk.errors import SolariError
+from solari_vk.scene import images
+from solari_vk.scene.gltf.files import read_regular
+from solari_vk.scene.model import Material, TextureImage
+
+LARGEST_FILE = 2**26
+_TEXTURES = {"map_kd": "base_color_texture", "map_ke": "emissive_texture", "norm": "normal_texture"}
+
+
+class MtlFiles:
+    """Reads the .mtl files of an .obj file, and the images that they name. Nothing outside its folder is read."""
+
+    def __init__(self, folder: Path) -> None:
+        self.materials: dict[str, Material] = {}
+        self.failures: list[str] = []
+        """What could not be read, a line each."""
+        self.remarks: list[str] = []
+        """What is not shown, a line each."""
+        self._folder = folder
+        self._images: dict[str, TextureImage | None] = {}
+
+    def get(self, name: str) -> bytes:
+        """Read a file's materials. The result is the file without all but their names, for the reader of the .obj."""
+        try:
+            text = self._read(name).decode("utf-8", "replace")
+        except SolariError as error:
+            self.failures.append(f"materials are replaced by a gray one: {error}")
+            return b""
+        fields: dict[str, dict[str, str]] = {}
+        for line in text.splitlines():
+            key, _, value = line.strip().partition(" ")
+            if key == "newmtl":
+                current = fields.setdefault(" ".join(value.split()), {})
+            elif fields:
+                current[key.lower()] = value.strip()
+        self.materials |= {name: self._material(name, given) for name, given in fields.items()}
+        return "".join(f"newmtl {name}\n" for name in fields).encode()
+
+    __getitem__ = get
+
+    def _material(self, name: str, given: dict[str, str]) -> Material:
+        found: dict[str, Any] = {"name": name, "double_sided": True, "base_color": _numbers(given.get("kd"), 0.8, 1.0)}
+        for key, field in _TEXTURES.items():
+            # Options stand before the file's name.
+            if key in given and (image := self._image(given[key].split()[-1:])) is not None:
+                found[field] = image
+        if "base_color_texture" in found and not found["base_color"].any():
+            found["base_color"] = np.ones(3)  # some programs write black beside a texture
+        emissive = _numbers(given.get("ke"), 0.0, 1e9)
+        found["emissive"] = np.ones(3) if "emissive_texture" in found and not emissive.any() else emissive
+        # The width of Blinn's highlight with the exponent Ns: Walter et al., "Microfacet models for refraction".
+        alpha = math.sqrt(2 / (_number(given.get("ns"), 30.0, 1e9) + 2))
+        found["perceptual_roughness"] = _number(given.get("pr"), min(math.sqrt(alpha), 1.0), 1.0)
+        found["metallic"] = _number(given.get("pm"), 0.0, 1.0)
+        index = max(_number(given.get("ni"), 1.5, 10.0), 1.0)
+        found["reflectance"] = min(math.sqrt(((index - 1) / (index + 1)) ** 2 / 0.16), 1.0) if index > 1 else 0.5
+        if _number(given.get("d"), 1.0, 1.0) < 1 or _number(given.get("tr"), 0.0, 1.0) > 0:
+            self.remarks.append(f"material '{name}' is transparent, but is shown opaque")
+        return Material(**found)
+
+    def _image(self, words: list[str]) -> TextureImage | None:
+        name = "".join(words)
+        if name not in self._images:
+            self._images[name] = None
+            try:
+                who = f"the image '{name}'"
+                pixels = images.decode(images.open_image(self._read(name), who), who)
+                self._images[name] = TextureImage(pixels, os.path.basename(name))
+            except SolariError as error:
+                self.failures.append(f"textures are left out: {error}")
+        return self._images[name]
+
+    def _read(self, name: str) -> bytes:
+        name = name.replace("\\", "/")
+        folder = Path(os.path.realpath(self._folder))
+        try:
+            path = Path(os.path.realpath(folder / name))
+        except (OSError, ValueError):
+            raise SolariError(f"no file can have the name {name!r}") from None
+        if not path.is_relative_to(folder):
+            raise SolariError(f"the file '{name}' is outside the model's folder, where nothing is read: copy it there")
+        return read_regular(path, f"'{name}'", LARGEST_FILE)
+
+
+def _number(text: str | None, default: float, highest: float) -> float:
+    """The number at the start of a field, from 0; the default for a field that is missing or has none."""
+    try:
+        value = float((text or "").split()[0])
+    except (IndexError, ValueError):
+        return default
+    return min(max(value, 0.0), highest) if math.isfinite(value) else default
+
+
+def _numbers(text: str | None, default: float, highest: float) -> Any:
+    """Three numbers of a field; a single one stands for all three."""
+    words = (text or "").split()
+    three = words[:3] if len(words) > 2 else (words or [""])[:1] * 3
+    return np.array([_number(word, default, highest) for word in three])

@@ -1,0 +1,182 @@
+"""Meshes from OBJ, PLY and STL files: geometry, materials, normals, axes, and what is damaged or outside the folder."""
+
+from __future__ import annotations
+
+import os
+import re
+import struct
+import sys
+
+import numpy as np
+import pytest
+import trimesh
+from support.gltf_writer import encoded
+
+import solari_vk as sv
+from solari_vk.errors import SolariError
+
+PLANE = """mtllib plane.mtl
+v 0 0 0
+v 1 0 0
+v 1 1 0
+v 0 1 0
+v 3 3 3
+vt 0 0
+vt 1 0
+vt 1 1
+vt 0 1
+usemtl red
+f 1/1 2/2 3/3 4/4
+usemtl lamp
+f 1/1 3/3 5/2
+"""
+MTL = """# a comment
+newmtl red
+Kd 0.8 0.1 0.1
+Ns 98
+map_Kd -clamp on wood.png
+newmtl lamp
+Kd 0 0 0
+Ke 5 4 3
+Pr 0.25
+Pm 1
+Ni 1.33
+d 0.5
+"""
+
+
+@pytest.fixture
+def plane(tmp_path):
+    (tmp_path / "plane.obj").write_text(PLANE)
+    (tmp_path / "plane.mtl").write_text(MTL)
+    (tmp_path / "wood.png").write_bytes(encoded(np.full((2, 2, 3), [90, 60, 30])))
+    return tmp_path / "plane.obj"
+
+
+def test_obj_with_materials(plane):
+    scene = sv.load(plane)
+    assert scene.name == "plane"
+    assert scene.warnings == ["material 'lamp' is transparent, but is shown opaque"]
+    by_material = {instance.material.name: instance for instance in scene}
+    red, lamp = by_material["red"].material, by_material["lamp"].material
+    np.testing.assert_allclose(red.base_color, [0.8, 0.1, 0.1], rtol=1e-6)
+    assert red.perceptual_roughness == pytest.approx((2 / 100) ** 0.25)
+    assert red.base_color_texture.image.pixels[0, 0].tolist() == [90, 60, 30, 255]
+    assert (lamp.metallic, lamp.perceptual_roughness) == (1, 0.25)
+    assert lamp.emissive.tolist() == [5, 4, 3]
+    np.testing.assert_allclose(lamp.reflectance, 0.33 / 2.33 / 0.4, rtol=1e-6)
+    mesh = by_material["red"].mesh
+    assert len(mesh.triangles) == 2
+    order = np.lexsort(mesh.positions.T)
+    np.testing.assert_allclose(mesh.uvs[order], [[0, 1], [1, 1], [0, 0], [1, 0]], err_msg="v points down, as in glTF")
+    np.testing.assert_allclose(mesh.normals, [[0, 0, 1]] * 4, atol=1e-6)
+
+
+@pytest.mark.parametrize("format", ["ply", "stl", "obj", "ascii"])
+def test_formats_give_the_same_ball(tmp_path, format):
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    data = ball.export(file_type="stl_ascii" if format == "ascii" else format)
+    path = tmp_path / f"ball.{'stl' if format == 'ascii' else format.upper()}"
+    path.write_bytes(data.encode() if isinstance(data, str) else data)
+    (instance,) = sv.load(path, up="y")
+    mesh = instance.mesh
+    assert len(mesh.triangles) == len(ball.faces)
+    assert len(mesh.positions) == len(ball.vertices), "a smooth surface needs no vertex twice"
+    np.testing.assert_allclose(mesh.normals, mesh.positions, atol=0.01)
+
+
+def test_edges_stay_sharp(tmp_path):
+    trimesh.creation.box().export(tmp_path / "box.stl")
+    mesh = sv.load(tmp_path / "box.stl").instances[0].mesh
+    assert len(mesh.positions) == 24
+    np.testing.assert_allclose(np.abs(mesh.normals).max(axis=1), 1, atol=1e-6)
+    trimesh.creation.cylinder(1, 2, sections=32).export(tmp_path / "can.ply")
+    mesh = sv.load(tmp_path / "can.ply").instances[0].mesh
+    wall = np.abs(mesh.normals[:, 2]) < 0.5
+    np.testing.assert_allclose(mesh.normals[wall, :2], mesh.positions[wall, :2], atol=0.02)
+    np.testing.assert_allclose(np.abs(mesh.normals[~wall, 2]), 1, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "up", "top"), [("stl", None, 2), ("stl", "y", 1), ("ply", None, 1), ("ply", "x", 0)]
+)
+def test_axes_and_units(tmp_path, suffix, up, top):
+    box = trimesh.creation.box((1, 2, 3))
+    box.apply_translation(np.eye(3)[top] * 1000)
+    box.export(tmp_path / f"box.{suffix}")
+    bounds = sv.load(tmp_path / f"box.{suffix}", up=up, unit=0.001).bounds
+    np.testing.assert_allclose(bounds.center, [0, 1, 0], atol=1e-6)
+    assert bounds.size[1] == pytest.approx((1, 2, 3)[top] / 1000, abs=1e-6)
+    mesh = sv.load(tmp_path / f"box.{suffix}", up=up).instances[0].mesh
+    a, b, c = (mesh.positions[mesh.triangles[:, i]] for i in range(3))
+    outside = ((a + b + c) / 3 - [0, 1000, 0]) * np.cross(b - a, c - a)
+    assert (outside.sum(axis=1) > 0).all(), "turning must not mirror"
+
+
+def test_given_normals_are_kept(tmp_path):
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    ball.vertex_normals = -ball.vertices
+    (tmp_path / "ball.ply").write_bytes(ball.export(file_type="ply", vertex_normal=True))
+    mesh = sv.load(tmp_path / "ball.ply").instances[0].mesh
+    np.testing.assert_allclose(mesh.normals, -mesh.positions, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("mtl", "reason"),
+    [(None, "'plane.mtl'.*no such file"), ("newmtl red\nmap_Kd gone.png\n", "'gone.png'.*no such file"),
+     ("newmtl red\nmap_Kd plane.obj\n", "the image 'plane.obj' is not a PNG"),
+     ("newmtl red\nmap_Kd ../secret.png\n", "outside the model's folder"),
+     ("newmtl red\nmap_Kd /etc/passwd\n", "outside the model's folder"),
+     ("newmtl red\nmap_Kd link.png\n", "outside the model's folder"),
+     ("newmtl red\nmap_Kd a\0b\n", "no file can have")],
+)  # fmt: skip
+def test_materials_that_can_not_be_read(tmp_path, mtl, reason):
+    (tmp_path / "secret.png").write_bytes(encoded(np.zeros((1, 1, 3))))
+    folder = tmp_path / "model"
+    folder.mkdir()
+    (folder / "link.png").symlink_to(tmp_path / "secret.png")
+    (folder / "plane.obj").write_text(PLANE)
+    if mtl is not None:
+        (folder / "plane.mtl").write_text(mtl)
+    scene = sv.load(folder / "plane.obj")
+    assert all(instance.material.base_color_texture is None for instance in scene)
+    assert re.search(reason, scene.warnings[0])
+    with pytest.raises(SolariError, match=reason):
+        sv.load(folder / "plane.obj", strict=True)
+
+
+BIG = "ply\nformat binary_little_endian 1.0\nelement vertex 4000000000\nproperty float x\nproperty float y\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [("a.obj", b""), ("a.obj", b"v 0 0 0\n"), ("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n"),
+     ("a.obj", b"v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n"), ("a.obj", b"v 0 0 0\nv 0 0 0\nv 0 1 0\nf 1 2 3\n"),
+     ("a.stl", b"solid"), ("a.stl", bytes(80) + struct.pack("<I", 2**31)), ("a.ply", b"ply\nend_header\n"),
+     ("a.ply", BIG.encode() + b"property float z\nend_header\n" + bytes(100)), ("a.stl", bytes(84))],
+)  # fmt: skip
+def test_files_without_a_surface(tmp_path, name, content):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(SolariError) as caught:
+        sv.load(tmp_path / name)
+    assert str(caught.value).startswith(str(tmp_path / name))
+
+
+def test_wrong_use(tmp_path, plane):
+    for call, message in (
+        (lambda: sv.load(tmp_path / "none.ply"), "no such file"), (lambda: sv.load(plane, up="w"), "'x', 'y' or 'z'"),
+        (lambda: sv.load(plane, unit=0), "the unit must be"),
+        (lambda: sv.load(plane, variant="red"), "only glTF files have"),
+        (lambda: sv.load(tmp_path / "x.glb", up="z"), "only .obj, .ply, .stl files need"),
+    ):  # fmt: skip
+        with pytest.raises(SolariError, match=message):
+            call()
+    os.mkfifo(tmp_path / "pipe.stl")
+    with pytest.raises(SolariError, match="not a readable file"):
+        sv.load(tmp_path / "pipe.stl")
+
+
+def test_a_missing_library_is_named_with_what_installs_it(plane, monkeypatch):
+    monkeypatch.setitem(sys.modules, "trimesh.exchange.load", None)
+    with pytest.raises(SolariError, match=r"pip install 'solari-vk\[formats\]'"):
+        sv.load(plane)
