@@ -26,6 +26,7 @@ _HOMES = {
     "scene.model": (
         "Camera", "DirectionalLight", "Environment", "Instance", "Material", "Mesh", "Scene", "Texture", "TextureImage",
     ),
+    "scene.punctual": ("PointLight", "SpotLight"),
     "scene.binder": ("SceneBinder",),
     "scene.gltf": ("load_gltf",),
     "scene.load": ("load",),
@@ -46,10 +47,10 @@ _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
     "CallbackError", "Camera", "Device", "DeviceError", "DirectionalLight", "Environment", "Frame", "HitGroup",
-    "Instance", "Material", "Mesh", "Pass", "PathTracer", "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Scene",
-    "SceneBinder", "SceneFrame", "Settings", "SolariError", "Stage", "Texture", "TextureImage", "ValidationError",
-    "Viewer", "__version__", "auto_exposure", "builtin", "check_output", "list_devices", "load", "load_gltf", "rt",
-    "save_image", "shapes", "studio_lights", "tonemap",
+    "Instance", "Material", "Mesh", "Pass", "PathTracer", "PointLight", "RayPass", "RayTracer", "RenderedFrame",
+    "Renderer", "Scene", "SceneBinder", "SceneFrame", "Settings", "SolariError", "SpotLight", "Stage", "Texture",
+    "TextureImage", "ValidationError", "Viewer", "__version__", "auto_exposure", "builtin", "check_output",
+    "list_devices", "load", "load_gltf", "rt", "save_image", "shapes", "studio_lights", "tonemap",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -79,6 +80,7 @@ if TYPE_CHECKING:
         Texture,
         TextureImage,
     )
+    from solari_vk.scene.punctual import PointLight, SpotLight
     from solari_vk.scene.studio import studio_lights
     from solari_vk.settings import Settings
     from solari_vk.tracer import RayTracer

@@ -42,6 +42,10 @@ HitPastMirrors trace_past_mirrors(vec3 origin, vec3 direction, float t_max, floa
         count_ray();
         Hit hit = trace_closest_hit(origin, 0.0, direction, t_max, TRACE_BOTH_FACES);
         found.exists = hit.instance != NO_INDEX;
+        if (found.mirror_count > 0u) {
+            float t_end = min(hit.t, t_max);
+            found.emitted += found.throughput * radiance_passed(origin, direction, t_end, INFINITY);
+        }
         if (!found.exists) {
             if (found.mirror_count > 0u) {
                 found.emitted += found.throughput * radiance_at_infinity(direction, INFINITY);

@@ -101,7 +101,8 @@ layout(set = 0, binding = 6, scalar) readonly buffer LightTreeBlock { LightNode 
 layout(set = 0, binding = 7, scalar) readonly buffer SceneInfoBlock {
     uint light_count;
     uint part_count;               // of all light sources together
-    uint first_light_at_infinity;  // index into light_sources, where lights at infinity come last
+    uint first_passed_light;       // index into light_sources; first those that rays pass, then those at infinity
+    uint first_light_at_infinity;  // come last
     float finite_probability;      // that a row of light_sources that is not at infinity is chosen by its `choice`
 } scene_info;
 // Bindings 16 to 62 are free for the buffers of light kinds: scene/lights/. The texture array has the largest number,

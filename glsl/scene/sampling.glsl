@@ -1,5 +1,5 @@
 // Next event estimation: chooses a point of a light, resolves it, and computes what it sends to a point in the world;
-// and what rays that meet no surface see of lights at infinity.
+// and what rays see of lights at infinity, and of those that they pass.
 #ifndef SCENE_SAMPLING_GLSL
 #define SCENE_SAMPLING_GLSL
 
@@ -18,6 +18,7 @@ struct LightContribution {
 };
 
 bool is_at_infinity(uint kind) { return (KINDS_AT_INFINITY >> kind & 1u) != 0u; }
+bool is_met_by_rays(uint kind) { return (KINDS_MET_BY_RAYS >> kind & 1u) != 0u; }
 
 LightSample generate_random_light_sample(inout uint rng) {
     uint light_index = choose_light(rng);
@@ -47,6 +48,7 @@ ResolvedLightSample resolve_light_sample(LightSample light_sample) {
 
 // Without occlusion. A light at infinity is computed like a point at distance 1.
 LightContribution calculate_resolved_light_contribution(ResolvedLightSample light_sample, vec3 world_position) {
+    light_sample = aim_light(light_sample, world_position);
     vec3 origin = is_at_infinity(light_sample.kind) ? vec3(0.0) : world_position;
     vec3 to_light = light_sample.world_position - origin;
     vec3 wi = safe_normalize(to_light, vec3(0.0));
@@ -56,27 +58,42 @@ LightContribution calculate_resolved_light_contribution(ResolvedLightSample ligh
     float solid_angle_per_area = distance_squared > 0.0 ? cosine / distance_squared : 0.0;
     float inverse_solid_angle_pdf = solid_angle_per_area * light_sample.inverse_pdf;
     float solid_angle_pdf = inverse_solid_angle_pdf > 0.0 ? 1.0 / inverse_solid_angle_pdf : 0.0;
-    bool met_by_rays = (KINDS_MET_BY_RAYS >> light_sample.kind & 1u) != 0u;
     return LightContribution(
         light_sample.radiance * solid_angle_per_area,
         light_sample.inverse_pdf,
         wi,
-        met_by_rays ? solid_angle_pdf : INFINITY
+        is_met_by_rays(light_sample.kind) ? solid_angle_pdf : INFINITY
     );
 }
 
-// The radiance of all lights at infinity along a ray that met no surface, weighted by MIS against light samples.
-// `bounce_pdf` is the density of the ray's direction: INFINITY gives full weight, for paths without light samples;
-// 0 gives none.
+// The radiance of a light that a ray meets, weighted by MIS against light samples, which choose the light with a
+// probability. `bounce_pdf` is the density of the ray's direction: INFINITY gives full weight, for paths without light
+// samples; 0 gives none.
+vec3 met_radiance(MetLight met, float choice_probability, float bounce_pdf) {
+    if (!(met.inverse_pdf > 0.0)) { return vec3(0.0); }
+    float light_pdf = choice_probability / met.inverse_pdf;
+    return met.radiance * power_heuristic(bounce_pdf, light_pdf);
+}
+
+// The radiance of all lights at infinity along a ray that met no surface.
 vec3 radiance_at_infinity(vec3 direction, float bounce_pdf) {
     vec3 radiance = vec3(0.0);
     for (uint i = scene_info.first_light_at_infinity; i < scene_info.light_count; i++) {
         LightSource light = light_sources.at[i];
         MetLight met = meet_light(light.kind, light.index, direction);
-        if (met.inverse_pdf > 0.0) {
-            float light_pdf = light.choice.probability / met.inverse_pdf;
-            radiance += met.radiance * power_heuristic(bounce_pdf, light_pdf);
-        }
+        radiance += met_radiance(met, light.choice.probability, bounce_pdf);
+    }
+    return radiance;
+}
+
+// The same for lights that a ray passes before it ends.
+vec3 radiance_passed(vec3 origin, vec3 direction, float t_max, float bounce_pdf) {
+    vec3 radiance = vec3(0.0);
+    if (!SCENE_SPHERE) { return radiance; }
+    for (uint i = scene_info.first_passed_light; i < scene_info.first_light_at_infinity; i++) {
+        LightSource light = light_sources.at[i];
+        MetLight met = pass_light(light.kind, light.index, origin, direction, t_max);
+        radiance += met_radiance(met, light.choice.probability, bounce_pdf);
     }
     return radiance;
 }

@@ -87,10 +87,14 @@ def color(low: float = 0.0, high: float = math.inf) -> Callable[[Any], FloatArra
     return convert
 
 
-def number(low: float = -math.inf, high: float = math.inf, unit: str = "") -> Callable[[Any], float]:
+def number(
+    low: float = -math.inf, high: float = math.inf, unit: str = "", optional: bool = False
+) -> Callable[[Any], Any]:
     """A finite number within a range. unit: named in the error."""
 
-    def convert(value: Any) -> float:
+    def convert(value: Any) -> float | None:
+        if value is None and optional:
+            return None
         number = float(value)
         if not math.isfinite(number) or not low <= number <= high:
             raise ValueError(f"must be a finite number between {low:g} and {high:g}{unit and f' {unit}'}, not {value}")

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from solari_vk.scene.environment import EnvironmentLight
+from solari_vk.scene.punctual import PunctualLight
 
 FIRST_ID = 100  # of the constants: passes have smaller numbers
 
@@ -32,7 +33,9 @@ class Feature:
 
 FEATURES: tuple[Feature, ...] = (
     Feature("ENVIRONMENT", EnvironmentLight, lambda light: True),
-)  # fmt: skip
+    Feature("POINT", PunctualLight, lambda light: light.radius == 0),
+    Feature("SPHERE", PunctualLight, lambda light: light.radius > 0),
+)
 
 
 class Features:

@@ -1,4 +1,4 @@
-"""The list of light sources: all visible emissive instances, then all other lights, those at infinity last."""
+"""The list of light sources: all visible emissive instances, then all other lights by where rays meet them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from solari_vk.scene.constants import NO_INDEX
 from solari_vk.scene.emission import Emission
 from solari_vk.scene.environment import EnvironmentLight
 from solari_vk.scene.environment_map import EnvironmentMap
-from solari_vk.scene.light_kinds import AT_INFINITY, LightKind
+from solari_vk.scene.light_kinds import AT_INFINITY, PASSED, PLACES, LightKind, kind_of
 from solari_vk.scene.light_tree import LightTree
 from solari_vk.scene.model import Instance, Light
 from solari_vk.scene.table import Table
@@ -55,9 +55,9 @@ class Lights:
         self.tree = Table(device, "light_tree", layout["light_tree"])
         self._nodes = LightTree(layout["light_tree"])
         self._index_of_kind = {kind: index for index, kind in enumerate(light_kinds.LIGHT_KINDS)}
-        self._mesh_kind = self._kind_of(Instance)
+        self._mesh_kind = next(kind for kind in self._index_of_kind if kind.source is Instance)
         with_records = [kind for kind in self._index_of_kind if kind.buffer]
-        with_records.sort(key=lambda kind: kind.met_by_rays == AT_INFINITY)
+        with_records.sort(key=lambda kind: PLACES.index(kind.met_by_rays))
         self._records = {kind: Table(device, str(kind.buffer), layout[str(kind.buffer)]) for kind in with_records}
         self._emissive: list[Instance] = []
         self._index: dict[Instance, int] = {}
@@ -140,14 +140,16 @@ class Lights:
 
     def set_light(self, light: Light, present: bool) -> None:
         """Add, update or remove a light that is no instance."""
-        kind = self._kind_of(type(light))
-        listed = self._others[kind]
+        own = kind_of(light)
+        for kind, listed in self._others.items():
+            if kind is not own or not present:
+                listed.pop(light, None)
         if not present:
-            for known in (listed, self._id_of, self._power_of):
-                known.pop(light, None)
+            self._id_of.pop(light, None)
+            self._power_of.pop(light, None)
             self._drop_map(light)
-        elif light not in listed:
-            listed[light] = None
+        elif light not in self._others[own]:
+            self._others[own][light] = None
             self.renew(light)
         if present and isinstance(light, EnvironmentLight):
             self._update_map(light)
@@ -165,9 +167,6 @@ class Lights:
     def _drop_map(self, light: Light) -> None:
         if light in self._maps:
             self._maps.pop(light).destroy()
-
-    def _kind_of(self, source: type[Any]) -> LightKind:
-        return next(kind for kind in self._index_of_kind if issubclass(source, kind.source))
 
     def _set_place(self, index: int, position: Position, half_size: Position) -> None:
         if index >= len(self._emissive_places):
@@ -197,7 +196,7 @@ class Lights:
         chosen_otherwise = self._changed or self._powers_changed
         if chosen_otherwise:
             self._update_choices(others, lit_area)
-        if self._update_tree(places[:, 1]) or chosen_otherwise:
+        if self._update_tree(places, others) or chosen_otherwise:
             self.sources.mark(range(len(self.powers)))
 
     def _update_choices(self, others: list[tuple[LightKind, Light]], lit_area: Callable[[], float]) -> None:
@@ -216,12 +215,13 @@ class Lights:
         choices = self.sources.records["choice"]
         choices[: len(listed)] = alias_table(choice_weights(self.powers), choices.dtype)
 
-    def _update_tree(self, half_sizes: NDArray[np.float64]) -> bool:
+    def _update_tree(self, places: NDArray[np.float64], others: list[tuple[LightKind, Light]]) -> bool:
         """Update the tree over all lights but those at infinity; returns whether lights have other leaves."""
         count, info = len(self.powers), self.info.records[0]
         finite = int(info["first_light_at_infinity"])
-        bounds = np.repeat(self.positions[:finite, None], 2, axis=1)
-        bounds[: len(half_sizes)] += half_sizes[:, None] * ((-1.0,), (1.0,))
+        boxes = [kind.bounds(light) for kind, light in others if kind.bounds]
+        emissive = places[:, :1] + places[:, 1:] * ((-1.0,), (1.0,))
+        bounds = np.concatenate([emissive, np.reshape(boxes, (-1, 2, 3))])
         leaves = self._nodes.leaves
         changed = self._nodes.update(self.ids[:finite], bounds, self.powers[:finite])
         self.tree.reserve(len(self._nodes.nodes))
@@ -238,9 +238,9 @@ class Lights:
         """Write the rows behind the emissive instances, the records of their kinds, and `scene_info`."""
         self.sources.reserve(light_count)
         row = len(self._emissive)
-        first_at_infinity = light_count - sum(
-            len(lights) for kind, lights in self._others.items() if kind.met_by_rays == AT_INFINITY
-        )
+        counts = {place: sum(len(lights) for kind, lights in self._others.items() if kind.met_by_rays == place)
+                  for place in (PASSED, AT_INFINITY)}  # fmt: skip
+        first_at_infinity = light_count - counts[AT_INFINITY]
         for kind, lights in self._others.items():
             table = self._records[kind]
             table.reserve(len(lights))
@@ -253,6 +253,7 @@ class Lights:
             table.mark(range(len(lights)))
         info = self.info.records[0]
         info["light_count"], info["first_light_at_infinity"] = light_count, first_at_infinity
+        info["first_passed_light"] = first_at_infinity - counts[PASSED]
         self.info.mark([0])
 
     def destroy(self) -> None:

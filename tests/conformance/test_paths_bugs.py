@@ -67,7 +67,7 @@ BUGS = {
                                       "radiance_at_infinity(path.direction, INFINITY)"),
     "probability of light samples forgotten": (one, [ONE_TILES], PATH, "path.throughput / probability",
                                                "path.throughput"),
-    "1/M dropped": (several, [SEVERAL, SEVERAL_TILES], VERTEX, "(float(candidates) * chosen_target)", "chosen_target"),
+    "1/M dropped": (several, [SEVERAL, SEVERAL_TILES], VERTEX, "(float(candidates) * chosen_weight)", "chosen_weight"),
     "light samples weighted as one": (several, [SEVERAL_TILES], VERTEX, "power_heuristic(density * light",
                                       "power_heuristic(light"),
     "hits weighted against one light sample": (several, [SEVERAL_TILES], PATH, "? next.pdf / density : INFINITY",

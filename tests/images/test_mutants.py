@@ -35,7 +35,7 @@ MUTANTS = {  # the proof that must fail, and the patch
     "emission counted twice": ("glossy lamp", TRACE, "surface.material.emissive * hit_weight(bounce_pdf, light_pdf)",
                                "surface.material.emissive"),
     "no cosine at the light": ("glossy lamp", SAMPLING, "? cosine / distance_squared", "? 1.0 / distance_squared"),
-    "sun's pdf forgets its probability": ("wide sun", SAMPLING, "light.choice.probability / met.inverse_pdf",
+    "sun's pdf forgets its probability": ("wide sun", SAMPLING, "choice_probability / met.inverse_pdf",
                                           "0.5 / met.inverse_pdf"),
     "no shadows": ("closed surface", TRACE, "trace_light_visibility(origin, light_sample)", "true"),
     "no average under the layer": ("white box", BRDF, "*= through / (1.0 - average)", "*= through"),

@@ -126,25 +126,57 @@ def test_cameras(writer):
     assert scene.warnings == ["orthographic cameras are not supported and are left out: camera 1 'flat'"]
 
 
-def test_directional_lights_and_reports_of_others(writer):
+def test_lights(writer):
+    """Lights take the place and turn of their node, never its scale."""
     kinds = [
         {"type": "directional", "intensity": 1000.0, "color": [1, 0.5, 0.25], "name": "sun"},
-        {"type": "point", "name": "bulb"},
+        {"type": "point", "name": "bulb", "intensity": 40, "range": 12.5},
         {"type": "spot", "spot": {}},
-        {"type": "point", "intensity": 0},
+        {"type": "spot", "name": "stage", "spot": {"innerConeAngle": 0.25, "outerConeAngle": math.pi / 2}},
+        {"type": "spot", "name": "hard", "spot": {"innerConeAngle": 0.5, "outerConeAngle": 0.5}},
     ]
     writer.json["extensions"] = {"KHR_lights_punctual": {"lights": kinds}}
-    for number in range(4):
-        writer.node(extensions={"KHR_lights_punctual": {"light": number}}, rotation=[-HALF, 0, 0, HALF])
+    children = [
+        writer.node(extensions={"KHR_lights_punctual": {"light": number}}, rotation=[-HALF, 0, 0, HALF],
+                    translation=[number, 0, 0])
+        for number in range(len(kinds))
+    ]  # fmt: skip
+    writer.node(children=children, scale=[2, 2, 5], translation=[0, 3, 0])
     scene = writer.load()
-    (light,) = scene.lights
-    assert (light.name, light.illuminance) == ("sun", 1000)
-    assert light.color.tolist() == [1, 0.5, 0.25]
-    np.testing.assert_allclose(light.direction, [0, -1, 0], atol=1e-6)
-    assert scene.warnings == [
-        "point lights are not supported and are left out: node 1",
-        "spot lights are not supported and are left out: node 2",
-    ]
+    sun, bulb, plain, stage, hard = scene.lights
+    assert (sun.name, sun.illuminance) == ("sun", 1000)
+    assert sun.color.tolist() == [1, 0.5, 0.25]
+    assert [light.position.tolist() for light in (bulb, plain, stage)] == [[2, 3, 0], [4, 3, 0], [6, 3, 0]]
+    assert (bulb.name, bulb.intensity, bulb.range, bulb.radius) == ("bulb", 40, 12.5, 0)
+    assert (plain.intensity, plain.range, plain.inner_cone_angle, plain.outer_cone_angle) == (1, None, 0, math.pi / 4)
+    assert (stage.inner_cone_angle, stage.outer_cone_angle) == (0.25, math.pi / 2)
+    assert 0.499 < hard.inner_cone_angle < hard.outer_cone_angle == 0.5
+    for light in (sun, plain, stage):
+        np.testing.assert_allclose(light.direction, [0, -1, 0], atol=1e-6)
+    (warning,) = scene.warnings
+    assert warning.startswith("spotlights with cones of the same angle get a hard edge: ")
+
+
+def test_lights_of_singular_nodes(writer):
+    """A point light needs a place only."""
+    writer.json["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": kind} for kind in ("point", "spot")]}}
+    for number in range(2):
+        writer.node(extensions={"KHR_lights_punctual": {"light": number}}, scale=[0, 0, 0], translation=[1, 2, 3])
+    scene = writer.load()
+    assert [light.position.tolist() for light in scene.lights] == [[1, 2, 3]]
+    assert scene.warnings == ["lights whose node's transform is singular are left out: node 1"]
+
+
+@pytest.mark.parametrize("light", [
+    {"type": "point", "intensity": -1}, {"type": "point", "range": 0}, {"type": "area"},
+    {"type": "spot", "spot": {"outerConeAngle": 2}}, {"type": "spot", "spot": {"innerConeAngle": -0.1}},
+    {"type": "point", "color": [1, 1]},
+])  # fmt: skip
+def test_wrong_lights(writer, light):
+    writer.json["extensions"] = {"KHR_lights_punctual": {"lights": [light]}}
+    writer.node(extensions={"KHR_lights_punctual": {"light": 0}})
+    with pytest.raises(SolariError, match="light 0"):
+        writer.load()
 
 
 # ---- deformation ------------------------------------------------------------------------------------

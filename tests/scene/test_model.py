@@ -10,8 +10,10 @@ import pytest
 
 from solari_vk.errors import SolariError
 from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material, Mesh, Texture, TextureImage
+from solari_vk.scene.punctual import PointLight, SpotLight
 
 TRIANGLE = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+SPOT = {"position": [0, 1, 0], "direction": [0, -1, 0]}
 
 
 def mesh(**fields):
@@ -72,6 +74,19 @@ REFUSED = [
     (DirectionalLight, {"direction": [0, 0, 0]}, "direction must not be zero"),
     (DirectionalLight, {"direction": [0, 1, 0], "angular_diameter": 0}, "angular_diameter"),
     (DirectionalLight, {"direction": [0, 1, 0], "illuminance": -1}, "illuminance"),
+    (PointLight, {"position": [0, 1]}, "position must have the shape"),
+    (PointLight, {"position": [0, 1, np.nan]}, "position must be finite"),
+    (PointLight, {"position": [0, 1, 0], "intensity": -1}, "intensity"),
+    (PointLight, {"position": [0, 1, 0], "intensity": np.nan}, "intensity must be a finite number"),
+    (PointLight, {"position": [0, 1, 0], "radius": -1}, "radius"),
+    (PointLight, {"position": [0, 1, 0], "radius": 1e-9}, "radius must be 0 or at least 1e-05 m"),
+    (PointLight, {"position": [0, 1, 0], "range": 0}, "range"),
+    (PointLight, {"position": [0, 1, 0], "color": -1}, "color"),
+    (SpotLight, {"position": [0, 1, 0], "direction": [0, 0, 0]}, "direction must not be zero"),
+    (SpotLight, {**SPOT, "outer_cone_angle": 1.6}, "outer_cone_angle must be a finite number between 0 and 1.57"),
+    (SpotLight, {**SPOT, "inner_cone_angle": 0.8}, "inner_cone_angle must be smaller than outer_cone_angle"),
+    (SpotLight, {**SPOT, "inner_cone_angle": 0.5, "outer_cone_angle": 0.5}, "inner_cone_angle must be smaller"),
+    (SpotLight, {**SPOT, "inner_cone_angle": -0.1}, "inner_cone_angle"),
     (Camera, {"vertical_fov": 4}, "vertical_fov"),
     (Camera, {"near": 0}, "near"),
     (Camera, {"near": 1e39}, r"near must be a finite number between 1e-09 and 1e\+18"),

@@ -7,10 +7,17 @@
 
 uvec4 light_point(uint light_index, uint part, vec2 u) { return uvec4(light_index, part, floatBitsToUint(u)); }
 
-// The point of a light that the path's first ray has met. Where lights at infinity overlap, such as a sun and its sky,
-// one of them stands for all, by its radiance.
+// The point of a light that the path's first ray has met. A light that it passes stands for what lies behind it too;
+// where lights at infinity overlap, such as a sun and its sky, one of them stands for all, by its radiance.
 uvec4 met_point(inout Path path) {
-    if (path.hit.instance != NO_INDEX) {
+    bool hits = path.hit.instance != NO_INDEX;
+    vec3 origin = hits ? path.vertex.position - path.hit.t * path.direction : path.vertex.origin;
+    for (uint i = scene_info.first_passed_light; SCENE_SPHERE && i < scene_info.first_light_at_infinity; i++) {
+        LightSource light = light_sources.at[i];
+        MetLight met = pass_light(light.kind, light.index, origin, path.direction, path.hit.t);
+        if (met.inverse_pdf > 0.0) { return light_point(i, 0u, met.u); }
+    }
+    if (hits) {
         uint light_index = instances.at[path.hit.instance].light_index;
         return light_point(light_index, path.hit.triangle, triangle_numbers(path.hit.barycentrics));
     }

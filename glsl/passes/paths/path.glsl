@@ -194,6 +194,8 @@ bool advance(inout Path path) {
 
     count_ray();
     path.hit = trace_closest_hit(origin, 0.0, path.direction, INFINITY, TRACE_BOTH_FACES);
+    vec3 passed = radiance_passed(path.vertex, path.direction, path.hit.t, mis_pdf);
+    add_light(path, path.throughput * passed, path.shares);
     if (path.hit.instance == NO_INDEX) {
         add_light(path, path.throughput * radiance_at_infinity(path.direction, mis_pdf), path.shares);
         return false;

@@ -48,14 +48,14 @@ void regularize(inout ResolvedMaterial material, float squared_slope) {
 
 // ---- light samples -----------------------------------------------------------------------------------
 
-// What a vertex reflects of a light sample without occlusion, to be multiplied by the sample's inverse pdf, with its
-// MIS weight against BRDF samples. `density` is the number of light samples that compete with one BRDF sample.
+// What a vertex reflects of a light sample without occlusion, over the sample's pdf, with its MIS weight against BRDF
+// samples. `density` is the number of light samples that compete with one BRDF sample.
 Lobes reflect_light(Vertex vertex, ResolvedLightSample light_sample, float density) {
     LightContribution light = calculate_resolved_light_contribution(light_sample, vertex.position);
     if (!(dot(light.wi, vertex.geometric_normal) > 0.0)) { return NO_LIGHT; }
     vec3 wi = light.wi * vertex.frame;
     float mis_weight = power_heuristic(density * light.solid_angle_pdf, brdf_pdf(vertex.brdf, vertex.wo, wi));
-    return scale(evaluate_lobes(vertex, wi), light.received_radiance * mis_weight);
+    return scale(evaluate_lobes(vertex, wi), light.received_radiance * mis_weight * light.inverse_pdf);
 }
 
 // A light sample that waits for its shadow ray.
@@ -72,21 +72,21 @@ Receiver receiver(Vertex vertex) { return Receiver(vertex.position, vertex.frame
 DrawnLight draw_light(Vertex vertex, uint candidates, float density, inout uint rng) {
     DrawnLight drawn;
     drawn.light = NO_LIGHT;
-    float weight_sum = 0.0, chosen_target = 0.0;
+    float weight_sum = 0.0, chosen_weight = 0.0;
     for (uint i = 0u; i < candidates; i++) {
         ChosenLight light = choose_light(receiver(vertex), rng);
         uint part = choose_part(light_sources.at[light.index], rng);
         LightSample light_sample = LightSample(light.index, part, rand_u(rng));
         ResolvedLightSample resolved = resolve_light_sample(light_sample, light.probability);
         Lobes reflected = reflect_light(vertex, resolved, density);
-        float target = luminance(sum(reflected));
-        if (choose_weighted(weight_sum, target * resolved.inverse_pdf, rng)) {
+        float weight = luminance(sum(reflected));
+        if (choose_weighted(weight_sum, weight, rng)) {
             drawn = DrawnLight(light_sample, resolved, reflected);
-            chosen_target = target;
+            chosen_weight = weight;
         }
     }
-    float inverse_pdf = chosen_target > 0.0 ? weight_sum / (float(candidates) * chosen_target) : 0.0;
-    drawn.light = scale(drawn.light, vec3(inverse_pdf));
+    float inverse_share = chosen_weight > 0.0 ? weight_sum / (float(candidates) * chosen_weight) : 0.0;
+    drawn.light = scale(drawn.light, vec3(inverse_share));
     return drawn;
 }
 
@@ -96,6 +96,20 @@ float hit_light_pdf(Vertex vertex, Hit hit, ResolvedRayHitFull surface, vec3 dir
     if (!(pdf > 0.0)) { return 0.0; }
     uint light = instances.at[hit.instance].light_index;
     return pdf * light_choice_probability(light, receiver(vertex)) / light_sources.at[light].choice.probability;
+}
+
+// The radiance of the lights that a ray from a vertex passes, weighted by MIS against the vertex's light samples.
+vec3 radiance_passed(Vertex vertex, vec3 direction, float t_max, float bounce_pdf) {
+    vec3 radiance = vec3(0.0);
+    if (!SCENE_SPHERE) { return radiance; }
+    for (uint i = scene_info.first_passed_light; i < scene_info.first_light_at_infinity; i++) {
+        LightSource light = light_sources.at[i];
+        MetLight met = pass_light(light.kind, light.index, vertex.origin, direction, t_max);
+        if (met.inverse_pdf > 0.0) {
+            radiance += met_radiance(met, light_choice_probability(i, receiver(vertex)), bounce_pdf);
+        }
+    }
+    return radiance;
 }
 
 #endif

@@ -85,6 +85,7 @@ void main() {
         rays += 1u;
         uint faces = bounce == 0u ? TRACE_FRONT_FACES : TRACE_BOTH_FACES;
         Hit hit = trace_closest_hit(origin, t_min, direction, INFINITY, faces);
+        radiance += throughput * radiance_passed(origin, direction, hit.t, bounce_pdf);
         if (hit.instance == NO_INDEX) {
             radiance += throughput * radiance_at_infinity(direction, bounce_pdf);
             path_ended = true;

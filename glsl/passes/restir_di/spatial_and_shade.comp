@@ -60,7 +60,7 @@ void main() {
         float inverse_point_pdf = light.inverse_pdf * light_sample_probability(reservoir.light_sample);
         vec3 received = light.received_radiance * (inverse_point_pdf * reservoir.unbiased_contribution_weight);
         diffuse = received * evaluate_diffuse_brdf(brdf, wo, wi);
-        if (surface.material.roughness > specular_gi_settings.di_roughness) {
+        if (di_shades_specular(surface.material, resolved.kind)) {
             specular = received * evaluate_specular_brdf(brdf, wo, wi);
         }
         // last, when the surface isn't needed any more

@@ -7,12 +7,17 @@
 #include "scene/brdf.glsl"
 #include "scene/sampling.glsl"
 
+// Whether DI shades the specular lobe. On smooth surfaces rays of that lobe find the lights that rays can meet.
+bool di_shades_specular(ResolvedMaterial material, uint light_kind) {
+    return material.roughness > specular_gi_settings.di_roughness || !is_met_by_rays(light_kind);
+}
+
 // The specular lobe, if DI shades it. Color and multiple scattering are left out, because they would cost time and
 // change little.
-float specular_target(GBufferSurface surface, vec3 dielectric_f0, vec3 world_wi) {
+float specular_target(GBufferSurface surface, uint light_kind, vec3 dielectric_f0, vec3 world_wi) {
     ResolvedMaterial material = surface.material;
     if (brdf_lambert || restir_di_settings.target == DI_TARGET_MATTE) { return 0.0; }
-    if (material.roughness <= max(specular_gi_settings.di_roughness, MIRROR_ROUGHNESS)) { return 0.0; }
+    if (material.roughness <= MIRROR_ROUGHNESS || !di_shades_specular(material, light_kind)) { return 0.0; }
     mat3 frame = orthonormalize(surface.world_normal);
     vec3 wo = surface.wo * frame, wi = world_wi * frame;
     if (!(wo.z > 0.0 && wi.z > 0.0)) { return 0.0; }
@@ -34,7 +39,7 @@ float di_weight(GBufferSurface surface, ResolvedLightSample resolved) {
     vec3 dielectric_f0 = reflectance_f0(surface.material.reflectance);
     vec3 color = max(surface.material.base_color + (1.0 - surface.material.metallic) * dielectric_f0, 0.01);
     float cosine = max(dot(light.wi, surface.world_normal), 0.0);
-    vec3 brdf = INVERSE_PI * color + specular_target(surface, dielectric_f0, light.wi);
+    vec3 brdf = INVERSE_PI * color + specular_target(surface, resolved.kind, dielectric_f0, light.wi);
     return min(luminance(brdf * light.received_radiance) * (cosine * light.inverse_pdf), 1.0 / MIN_DI_TARGET);
 }
 

@@ -79,6 +79,7 @@ vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
     while (true) {
         count_ray();
         Hit hit = trace_closest_hit(path.origin, 0.0, path.direction, INFINITY, TRACE_BOTH_FACES);
+        radiance += path.throughput * radiance_passed(path.origin, path.direction, hit.t, path.bounce_pdf);
         if (hit.instance == NO_INDEX) {
             return radiance + path.throughput * radiance_at_infinity(path.direction, path.bounce_pdf);
         }

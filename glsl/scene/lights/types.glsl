@@ -14,7 +14,7 @@ struct LightSample {
 
 struct ResolvedLightSample {
     uint kind;
-    uint data;            // what the kind stores for emission_cosine
+    uint data;            // what the kind stores for emission_cosine and aim_light
     vec3 world_position;  // for kinds at infinity, the direction to the light
     vec3 world_normal;
     float ray_offset;
@@ -22,7 +22,7 @@ struct ResolvedLightSample {
     float inverse_pdf;    // in area; for kinds at infinity, in solid angle
 };
 
-// What a ray that meets no surface sees of a light at infinity.
+// What a ray sees of a light at infinity, or of one that it passes.
 struct MetLight {
     vec3 radiance;
     float inverse_pdf;  // in solid angle, once the light is chosen; 0: the ray doesn't meet the light

@@ -20,7 +20,7 @@ EXTENSIONS = (
     Extension("KHR_draco_mesh_compression", "works", "with the extra `formats`"),
     Extension("KHR_gaussian_splatting", "no", "splats have no surface"),
     Extension("KHR_interactivity", "no", "behavior graphs are ignored"),
-    Extension("KHR_lights_punctual", "part", "directional lights; point and spot lights are left out"),
+    Extension("KHR_lights_punctual", "works", ""),
     Extension("KHR_materials_anisotropy", "no", "the material reflects alike in all directions"),
     Extension("KHR_materials_clearcoat", "no", "the material has no coat"),
     Extension("KHR_materials_dispersion", "no", "all colors refract alike"),

@@ -16,6 +16,8 @@ from solari_vk.scene.gltf.deform import Pose
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.draco import DracoMeshes
 from solari_vk.scene.gltf.extensions import SUPPORTED_EXTENSIONS
+from solari_vk.scene.gltf.lights import EXTENSION as LIGHTS
+from solari_vk.scene.gltf.lights import Lights
 from solari_vk.scene.gltf.materials import Materials
 from solari_vk.scene.gltf.nodes import PlacedNode, joint_matrices, repeated, repetitions, roots, walk
 from solari_vk.scene.gltf.primitives import Primitives
@@ -23,7 +25,7 @@ from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry, shown
 from solari_vk.scene.gltf.variants import Variants
 from solari_vk.scene.matrices import upright
-from solari_vk.scene.model import Camera, DirectionalLight, Instance, Light, Material, Mesh, Scene
+from solari_vk.scene.model import Camera, Instance, Light, Material, Mesh, Scene
 
 _NODE_EXTENSIONS = ("EXT_mesh_gpu_instancing", "KHR_lights_punctual", "KHR_node_visibility", "KHR_xmp_json_ld")
 # A file may have this many instances more than it has nodes and instances of EXT_mesh_gpu_instancing together.
@@ -69,7 +71,7 @@ class _Loader:
         self._variants = Variants(document)
         self._mesh_primitives: dict[int, list[Entry]] = {}
         self._parts_made: dict[Any, list[Part]] = {}
-        self._lights: list[Entry] | None = None
+        self._lights = Lights(document, self._report)
         self._scene = Scene()
 
     def load(self, which: int | str | None) -> Scene:
@@ -88,8 +90,8 @@ class _Loader:
                 self._add_meshes(node, placed)
             if "camera" in node.entry:
                 self._add(node, self._camera(node))
-            if node.entry.extension("KHR_lights_punctual"):
-                self._add(node, self._light(node))
+            if node.entry.extension(LIGHTS):
+                self._add(node, self._lights.light(node))
         for animation in self._animations.finish():
             self._scene.animations.add(animation)
         self._remark_unseen_extensions()
@@ -211,7 +213,7 @@ class _Loader:
         key = (weights if any(weights) else None, None if joints is None else node.number)
         return Pose(None if key == (None, None) else key, weights, joints)
 
-    # ---- cameras and lights -------------------------------------------------------------------------
+    # ---- cameras ------------------------------------------------------------------------------------
 
     def _camera(self, node: PlacedNode) -> Camera | None:
         camera = self._document.item("camera", node.entry.integer("camera"), node.entry)
@@ -231,31 +233,4 @@ class _Loader:
                 near=max(perspective.number("znear", low=0, high=1e15), 1e-9),
                 name=node.entry.name or camera.name,
             )
-        return None
-
-    def _light(self, node: PlacedNode) -> Light | None:
-        user = node.entry.extension("KHR_lights_punctual")
-        if self._lights is None:
-            extension = self._document.root.extension("KHR_lights_punctual")
-            self._lights = extension.entries("lights", "light") if extension else []
-        number = user.integer("light") if user else 0
-        if number >= len(self._lights):
-            raise node.entry.error(
-                f"refers to light {shown(number)}, but the file has only {len(self._lights)} of them"
-            )
-        light = self._lights[number]
-        name = node.entry.name or light.name
-        kind = light.text("type", None, ("directional", "point", "spot"))
-        intensity = light.number("intensity", 1.0, low=0, high=1e30)
-        color = light.numbers("color", (1.0, 1.0, 1.0), low=0, high=1e6)
-        direction = upright(node.world)
-        if kind != "directional":
-            if intensity > 0 and any(color):
-                self._report.add(f"{kind} lights are not supported and are left out", node.entry.place)
-        elif direction is None:
-            self._report.add("lights whose node's transform is singular are left out", node.entry.place)
-        else:
-            travel = -direction[:3, 2].astype(np.float32)
-            tint = np.array(color, np.float32)
-            return DirectionalLight(direction=travel, illuminance=intensity, color=tint, name=name)
         return None

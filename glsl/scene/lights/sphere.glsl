@@ -1,0 +1,90 @@
+// Lights that are spheres: points and spots with a radius. Rays see them and pass through. A light sample is a
+// direction on the unit sphere; each receiver maps it to the cone of directions in which it sees the sphere, with the
+// same density everywhere: Shirley, Wang and Zimmerman, "Monte Carlo Techniques for Direct Lighting Calculations"
+// (1996).
+#ifndef SCENE_LIGHTS_SPHERE_GLSL
+#define SCENE_LIGHTS_SPHERE_GLSL
+
+#include "common/random.glsl"
+#include "scene/bindings.glsl"
+#include "scene/lights/punctual.glsl"
+#include "scene/lights/types.glsl"
+
+layout(set = 0, binding = LIGHT_RECORDS + LIGHT_SPHERE, scalar) readonly buffer SphereLightsBlock {
+    PunctualLight at[];
+} sphere_lights;
+
+const vec3 SPHERE_POLE = vec3(0.0, 0.0, 1.0);
+
+// The cone in which a receiver sees a sphere.
+struct SphereCone {
+    vec3 axis;             // to the sphere's center
+    float distance;        // of the center
+    float one_minus_cos;   // of the half angle; 0 inside the sphere, which emits only outwards
+    float falloff;
+};
+
+SphereCone sphere_cone(PunctualLight light, vec3 receiver) {
+    vec3 to_center = light.position - receiver;
+    SphereCone cone;
+    cone.distance = length(to_center);
+    cone.axis = safe_normalize(to_center, -light.axis);
+    float squared_sine = cone.distance > light.radius ? square(light.radius / cone.distance) : 0.0;
+    cone.one_minus_cos = squared_sine / (1.0 + sqrt(1.0 - squared_sine));
+    cone.falloff = punctual_falloff(light, -cone.axis, cone.distance);
+    return cone;
+}
+
+// The distance at which a ray enters the sphere. Its direction's cosine to the cone's axis is 1 - one_minus_cos.
+float sphere_distance(PunctualLight light, SphereCone cone, float one_minus_cos) {
+    float squared_sine = one_minus_cos * (2.0 - one_minus_cos);
+    float half_chord = safe_sqrt(square(light.radius) - square(cone.distance) * squared_sine);
+    return cone.distance * (1.0 - one_minus_cos) - half_chord;
+}
+
+ResolvedLightSample resolve_sphere(uint index, uint part, vec2 u, float inverse_probability) {
+    PunctualLight light = sphere_lights.at[index];
+    vec3 on_unit_sphere = sample_cone(SPHERE_POLE, 2.0, u);
+    return ResolvedLightSample(
+        LIGHT_SPHERE, index, light.position, on_unit_sphere, 0.0, light.strength, inverse_probability
+    );
+}
+
+ResolvedLightSample aim_sphere(ResolvedLightSample light_sample, vec3 receiver) {
+    PunctualLight light = sphere_lights.at[light_sample.data];
+    SphereCone cone = sphere_cone(light, receiver);
+    float along = dot(light_sample.world_normal, cone.axis);
+    vec3 sideways = light_sample.world_normal - along * cone.axis;
+    float one_minus_cos = cone.one_minus_cos * saturate(0.5 - 0.5 * along);
+    float sine = safe_sqrt(one_minus_cos * (2.0 - one_minus_cos));
+    vec3 direction = normalize(
+        cone.axis - cone.axis * one_minus_cos + sine * safe_normalize(sideways, orthonormalize(cone.axis)[0])
+    );
+    float distance = sphere_distance(light, cone, one_minus_cos);
+    light_sample.world_position = receiver + distance * direction;
+    light_sample.world_normal = -direction;
+    light_sample.radiance *= cone.falloff;
+    light_sample.inverse_pdf *= 2.0 * PI * cone.one_minus_cos * square(distance);
+    return light_sample;
+}
+
+float emission_cosine_sphere(uint index, float cosine) { return 1.0; }
+
+uint shown_id_sphere(uint index) { return 0xC0000000u + index; }
+
+MetLight pass_sphere(uint index, vec3 origin, vec3 direction, float t_max) {
+    MetLight nothing = MetLight(vec3(0.0), 0.0, 0u, vec2(0.0));
+    PunctualLight light = sphere_lights.at[index];
+    SphereCone cone = sphere_cone(light, origin);
+    vec3 difference = direction - cone.axis;
+    float one_minus_cos = 0.5 * dot(difference, difference);  // precise for small spheres too
+    if (!(one_minus_cos < cone.one_minus_cos && cone.falloff > 0.0)) { return nothing; }
+    if (!(sphere_distance(light, cone, one_minus_cos) < t_max)) { return nothing; }
+    float along = 1.0 - 2.0 * one_minus_cos / cone.one_minus_cos;
+    vec3 sideways = safe_normalize(direction - cone.axis * (1.0 - one_minus_cos), vec3(0.0));
+    vec3 on_unit_sphere = along * cone.axis + safe_sqrt(1.0 - square(along)) * sideways;
+    vec2 u = cone_numbers(SPHERE_POLE, 2.0, on_unit_sphere, 1.0 - on_unit_sphere.z);
+    return MetLight(light.strength * cone.falloff, 2.0 * PI * cone.one_minus_cos, 0u, u);
+}
+
+#endif

@@ -1,0 +1,81 @@
+"""Lights of a glTF file: KHR_lights_punctual."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from solari_vk.scene.checks import LARGEST_COORDINATE, FloatArray
+from solari_vk.scene.gltf.document import Document
+from solari_vk.scene.gltf.nodes import PlacedNode
+from solari_vk.scene.gltf.report import Report
+from solari_vk.scene.gltf.values import Entry, shown
+from solari_vk.scene.matrices import upright
+from solari_vk.scene.objects import DirectionalLight, Light
+from solari_vk.scene.punctual import PointLight, SpotLight
+
+EXTENSION = "KHR_lights_punctual"
+MAX_INTENSITY = 1e15  # in lux or cd, of the scene's lights
+HARD_EDGE = 1e-3  # how much smaller the inner cone is made where a file has none that is smaller
+
+
+class Lights:
+    """Makes the lights of nodes."""
+
+    def __init__(self, document: Document, report: Report) -> None:
+        self._document = document
+        self._report = report
+        self._entries: list[Entry] | None = None
+
+    def light(self, node: PlacedNode) -> Light | None:
+        """The light of a node, which has the extension; None when it is left out, which is reported."""
+        entry = self._entry(node)
+        kind = entry.text("type", None, ("directional", "point", "spot"))
+        intensity = min(entry.number("intensity", 1.0, low=0, high=1e30), MAX_INTENSITY)
+        place, (x, y, z) = upright(node.world), node.world[:3, 3]
+        if not max(abs(x), abs(y), abs(z)) <= LARGEST_COORDINATE or (place is None and kind != "point"):
+            self._report.add("lights whose node's transform is singular are left out", node.entry.place)
+            return None
+        name = node.entry.name or entry.name
+        color = np.array(entry.numbers("color", (1.0, 1.0, 1.0), low=0, high=1e6), np.float32)
+        if kind == "directional":
+            return DirectionalLight(direction=_travel(place), illuminance=intensity, color=color, name=name)
+        position = node.world[:3, 3].astype(np.float32)
+        reach = entry.number("range", low=1e-5, high=1e18) if "range" in entry else None
+        common: dict[str, Any] = {"intensity": intensity, "color": color, "range": reach, "name": name}
+        if kind == "point":
+            return PointLight(position, **common)
+        inner, outer = self._cones(entry)
+        return SpotLight(position, _travel(place), inner_cone_angle=inner, outer_cone_angle=outer, **common)
+
+    def _entry(self, node: PlacedNode) -> Entry:
+        user = node.entry.extension(EXTENSION)
+        if self._entries is None:
+            extension = self._document.root.extension(EXTENSION)
+            self._entries = extension.entries("lights", "light") if extension else []
+        number = user.integer("light") if user else 0
+        if number >= len(self._entries):
+            count = len(self._entries)
+            raise node.entry.error(f"refers to light {shown(number)}, but the file has only {count} of them")
+        return self._entries[number]
+
+    def _cones(self, light: Entry) -> tuple[float, float]:
+        """The angles of a spotlight's inner and outer cone. Some programs write cones of the same angle."""
+        spot = light.entry("spot")
+        if spot is None:
+            return 0.0, math.pi / 4
+        inner = spot.number("innerConeAngle", 0.0, low=0, high=math.pi / 2)
+        outer = spot.number("outerConeAngle", math.pi / 4, low=0, high=math.pi / 2)
+        outer = max(outer, HARD_EDGE)
+        if inner >= outer:
+            self._report.add("spotlights with cones of the same angle get a hard edge", light.place)
+            inner = outer * (1 - HARD_EDGE)
+        return inner, outer
+
+
+def _travel(place: Any) -> FloatArray:
+    """The direction (3,) in which light leaves a node of this upright transform."""
+    travel: FloatArray = -place[:3, 2].astype(np.float32)
+    return travel
