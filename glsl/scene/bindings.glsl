@@ -24,6 +24,7 @@ layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Tri
 
 struct Mesh {
     Positions positions;
+    Positions previous_positions;  // in the previous frame; the same buffer for a mesh that doesn't change its pose
     Attributes attributes;
     Triangles triangles;
     uint triangle_count;

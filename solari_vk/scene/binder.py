@@ -20,7 +20,7 @@ from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.scene.constants import NO_INDEX
 from solari_vk.scene.emission import Emissions
 from solari_vk.scene.features import Features
-from solari_vk.scene.geometry import Geometry
+from solari_vk.scene.geometry import Geometry, Shape
 from solari_vk.scene.lights import ORIGIN, Lights
 from solari_vk.scene.materials import Materials
 from solari_vk.scene.model import Instance, Light, Material, Mesh, Scene, Texture, TextureImage
@@ -49,7 +49,7 @@ class SceneBinder:
         bindings = spirv.reflect(compile_shader("scene/layout.comp"), "scene/layout.comp").bindings
         layout: dict[str, Any] = {name: b.dtype if b.element is None else b.element for name, b in bindings.items()}
         self._features = Features()
-        self._geometry = Geometry(device, layout["meshes"], layout["vertex_attributes"], self._features, self)
+        self._geometry = Geometry(device, layout, self._features, self)
         self._textures = Textures(device, layout["textures"], self)
         self._emissions = Emissions(device, layout["light_sources"]["choice"])
         self.lights = Lights(device, layout)
@@ -58,9 +58,10 @@ class SceneBinder:
         self._instances = Table(device, "instances", layout["instances"], INSTANCE)
         self._instance_rows: Rows[Instance] = Rows()
         self._traced = TracedInstances(device)
-        self._tables = (self._geometry.table, self._textures.table, self._materials.table, self._instances,
-                        *self.lights.tables, self._traced.table)  # fmt: skip
-        self._uses: dict[Instance, tuple[Mesh, Mesh, Material]] = {}
+        self._tables = (self._geometry.table, *self._geometry.posed.tables, self._textures.table,
+                        self._materials.table, self._instances, *self.lights.tables, self._traced.table)  # fmt: skip
+        self._unbound = (self._traced.table, *self._geometry.posed.tables)  # no frame's shader has them
+        self._uses: dict[Instance, tuple[Shape, Shape, Material]] = {}
         self._ids: dict[Instance, int] = {}
         self._last_id = 0
         self._previous_users: set[object] = set()
@@ -77,7 +78,7 @@ class SceneBinder:
     @property
     def resources(self) -> dict[str, Any]:
         """The resources of descriptor set 0 by their names in GLSL."""
-        return {table.name: table.buffer for table in self._tables if table is not self._traced.table} | {
+        return {table.name: table.buffer for table in self._tables if table not in self._unbound} | {
             "tlas": self._traced.tlas,
             "previous_tlas": self._traced.previous or self._traced.tlas,
             "texture_images": self._textures.bound,
@@ -121,6 +122,8 @@ class SceneBinder:
         self.version += self._traced.keep_previous(bool(self._previous_users))
         if not self._changed and not self._first:
             if user in self._up_to_date:
+                if self._geometry.posed.settle():
+                    upload(self._device, [self._geometry.table])
                 self._traced.rebuild()
             self._up_to_date.add(user)
             return
@@ -162,7 +165,8 @@ class SceneBinder:
             self._write_rows.update(dict.fromkeys(self._materials.change(item)))
         elif isinstance(item, Mesh):
             users = self._geometry.change(item)
-            self._write_rows.update(dict.fromkeys(users))
+            for instance in users:
+                self._take_up_instance(instance)  # its pose may have no effect any more
             self._emissions.change(item)
             for instance in users:
                 if self.lights.index(instance) is not None:
@@ -174,7 +178,10 @@ class SceneBinder:
     def _take_up_instance(self, instance: Instance) -> None:
         before = self._uses.get(instance)
         if instance in self.scene.instances:
-            after = (instance.mesh, instance.ray_mesh or instance.mesh, instance.material)
+            shape = self._geometry.shape(instance.mesh, instance)
+            ray_shape = shape if instance.ray_mesh is None else self._geometry.shape(instance.ray_mesh, instance)
+            after = shape, ray_shape, instance.material
+            self._features.note(instance)
             if before is None and self._instance_rows.acquire(instance, None):
                 instance.watch(self)
                 self._last_id += 1
@@ -183,7 +190,7 @@ class SceneBinder:
                     raise SolariError(f"{self.scene.describe()} has more than {MAX_INSTANCES} instances")
             self._write_rows[instance] = None
             if before != after:
-                if before is not None and before[1] is not after[1] and self.lights.index(instance) is not None:
+                if before is not None and before[1] is not ray_shape and self.lights.index(instance) is not None:
                     self.lights.renew(instance)
                 self._acquire(instance, after)
                 self._uses[instance] = after
@@ -201,13 +208,13 @@ class SceneBinder:
         if before is not None and before != self._uses.get(instance):
             self._release(instance, before)
 
-    def _acquire(self, instance: Instance, uses: tuple[Mesh, Mesh, Material]) -> None:
+    def _acquire(self, instance: Instance, uses: tuple[Shape, Shape, Material]) -> None:
         mesh, ray_mesh, material = uses
         self._geometry.acquire(mesh, instance, traced=False)
         self._geometry.acquire(ray_mesh, instance, traced=True)
         self._materials.acquire(material, instance)
 
-    def _release(self, instance: Instance, uses: tuple[Mesh, Mesh, Material]) -> None:
+    def _release(self, instance: Instance, uses: tuple[Shape, Shape, Material]) -> None:
         mesh, ray_mesh, material = uses
         self._geometry.release(mesh, instance, traced=False)
         self._geometry.release(ray_mesh, instance, traced=True)
@@ -218,7 +225,7 @@ class SceneBinder:
     def _set_emissive(self, instance: Instance, row: int, emits: bool) -> None:
         emission, area, position, half_size = None, 0.0, ORIGIN, ORIGIN
         if emits:
-            mesh = instance.ray_mesh or instance.mesh
+            _, mesh, _ = self._uses[instance]
             (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = instance.transform.tolist()
             p, q, r = self._geometry.centers[mesh].tolist()
             position = a * p + b * q + c * r + x, d * p + e * q + f * r + y, g * p + h * q + i * r + z
@@ -230,7 +237,7 @@ class SceneBinder:
             )
             volume = abs(a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g))
             emission = self._emissions.acquire(instance, self._geometry.orders[mesh])
-            area = volume ** (2 / 3) * emission.area
+            area = volume ** (2 / 3) * emission.area_in(instance.joint_matrices)
         else:
             self._emissions.release(instance)
         moved = self.lights.set_emissive(instance, row, emission, area, position, half_size)
@@ -251,7 +258,7 @@ class SceneBinder:
     def _write_instance(self, instance: Instance) -> None:
         """Write an instance's records as plain numbers, which is fastest for the few that move in most frames."""
         row, visible, material = self._instance_rows[instance], instance.visible, instance.material
-        mesh, ray_mesh = instance.mesh, instance.ray_mesh or instance.mesh
+        mesh, ray_mesh, _ = self._uses[instance]
         rows, light = self._geometry.rows, self.lights.index(instance)
         (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = instance.transform.tolist()
         self._instances.set(
@@ -274,6 +281,7 @@ class SceneBinder:
             if table.replace():
                 self.version += 1
         upload(self._device, changed)
+        self._geometry.posed.submit()
         self._traced.rebuild(self._geometry.kept)
         self._geometry.kept = True
 

@@ -170,6 +170,17 @@ def affine_transform(value: ArrayLike) -> NDArray[np.float64]:
     return matrix
 
 
+def joint_matrices(value: Any) -> NDArray[np.float64] | None:
+    """Read-only affine matrices (J, 3, 4) from such matrices or from (J, 4, 4), whose last rows don't count."""
+    if value is None:
+        return None
+    given = np.asarray(value, np.float64)
+    if given.ndim == 3 and given.shape[1:] == (4, 4):
+        given = given[:, :3]
+    found: NDArray[np.float64] = array(None, 3, 4, dtype=np.float64, max_abs=LARGEST_TRANSFORM)(given)
+    return found
+
+
 def one_of(choices: tuple[str, ...]) -> Callable[[Any], str]:
     def convert(value: Any) -> str:
         if value not in choices:

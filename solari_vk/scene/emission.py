@@ -35,6 +35,16 @@ class Emission:
     area: float
     triangle_count: int
     choices: Buffer | None
+    joint_areas: NDArray[np.float64] | None = None
+    """The parts of `area` that each joint moves; the last one is moved by none."""
+
+    def area_in(self, joint_matrices: NDArray[np.float64] | None) -> float:
+        """The area in a pose, roughly: of triangles that one joint turns and scales evenly, exactly."""
+        if joint_matrices is None or self.joint_areas is None:
+            return self.area
+        count = len(self.joint_areas) - 1
+        scales = np.abs(np.linalg.det(joint_matrices[:count, :, :3])) ** (2 / 3)
+        return float(self.joint_areas[:count] @ scales + self.joint_areas[count])
 
 
 class Emissions:
@@ -92,12 +102,15 @@ class Emissions:
             bright = float(weights @ found)
             weights *= np.maximum(found, MIN_LUMINANCE * bright / area)
             area = bright
+        joint_areas = _areas_by_joint(mesh, triangles, weights)
+        if mesh.deformation is not None:  # which may enlarge triangles that are tiny in the rest pose
+            weights = np.maximum(weights, MIN_LUMINANCE * weights.mean())
         choices = None
         if weights.max() > weights.min() * (1 + 1e-4):
             table = alias_table(weights, self._choice)
             choices = self._device.buffer(table.nbytes, f"choices of {mesh.name or 'mesh'}")
             choices.upload(table)
-        return Emission(area, len(triangles), choices)
+        return Emission(area, len(triangles), choices, joint_areas)
 
     def end_update(self) -> None:
         """Free what only acquires in the same update share."""
@@ -107,6 +120,23 @@ class Emissions:
         """Free everything."""
         for key in list(self._emissions):
             self._drop(key)
+
+
+def _areas_by_joint(
+    mesh: Mesh, triangles: NDArray[np.uint32], areas: NDArray[np.float64]
+) -> NDArray[np.float64] | None:
+    """How much of the areas (M,) of triangles (M, 3) each joint moves (J + 1,), the last for no joint; None without
+    joints."""
+    deformation = mesh.deformation
+    if deformation is None or deformation.joints is None or deformation.joint_weights is None:
+        return None
+    corners = np.bincount(triangles.reshape(-1), np.repeat(areas / 3, 3), len(mesh.positions))
+    count = deformation.joint_count
+    shares = deformation.joint_weights * corners[:, None]
+    joints = np.where(deformation.joint_weights > 0, deformation.joints, count).reshape(-1)
+    found: NDArray[np.float64] = np.bincount(joints, shares.reshape(-1), count + 1).astype(np.float64)
+    found[count] = corners[~(deformation.joint_weights > 0).any(axis=1)].sum()
+    return found
 
 
 def luminance_sums(image: TextureImage) -> Sums:

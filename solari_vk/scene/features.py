@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from solari_vk.scene.environment import EnvironmentLight
+from solari_vk.scene.objects import Instance
 from solari_vk.scene.punctual import PunctualLight
 
 FIRST_ID = 100  # of the constants: passes have smaller numbers
@@ -35,6 +36,7 @@ FEATURES: tuple[Feature, ...] = (
     Feature("ENVIRONMENT", EnvironmentLight, lambda light: True),
     Feature("POINT", PunctualLight, lambda light: light.radius == 0),
     Feature("SPHERE", PunctualLight, lambda light: light.radius > 0),
+    Feature("POSES", Instance, lambda instance: instance.posed),
 )
 
 

@@ -1,4 +1,7 @@
-"""Meshes on the device: vertex and index buffers, and acceleration structures."""
+"""Meshes on the device: vertex and index buffers, and acceleration structures.
+
+A `Shape` is a mesh, or a mesh in the pose of an instance, whose vertices are made on the device: posed.py.
+"""
 
 from __future__ import annotations
 
@@ -15,48 +18,77 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.uploads import Uploads
 from solari_vk.scene.constants import MESH_HAS_NORMALS, MESH_HAS_TANGENTS, MESH_HAS_UVS
 from solari_vk.scene.features import Features
-from solari_vk.scene.model import Mesh
-from solari_vk.scene.observed import Observable
+from solari_vk.scene.model import Instance, Mesh
+from solari_vk.scene.posed import PosedMeshes
+from solari_vk.scene.poser import PosedMesh
 from solari_vk.scene.spatial import spatial_order
 from solari_vk.scene.table import Rows, Table
 
+Shape = Mesh | PosedMesh
+
 
 class Geometry:
-    """The `meshes` table and everything its addresses point to."""
+    """The `meshes` table and everything its addresses point to. layout: the records of the shaders' blocks, by name."""
 
-    def __init__(
-        self, device: Device, record: np.dtype[Any], attributes: np.dtype[Any], features: Features, watcher: Any
-    ) -> None:
-        self.table = Table(device, "meshes", record)
-        self.rows: Rows[Mesh] = Rows()
-        self._ray_users: Rows[Mesh] = Rows()
-        self._attributes = attributes
+    def __init__(self, device: Device, layout: dict[str, Any], features: Features, watcher: Any) -> None:
+        self.table = Table(device, "meshes", layout["meshes"])
+        self.posed = PosedMeshes(device, layout, self.table)
+        self.rows: Rows[Shape] = Rows()
+        self._ray_users: Rows[Shape] = Rows()
+        self._shapes: dict[tuple[Mesh, Instance], PosedMesh] = {}
+        self._attributes = layout["vertex_attributes"]
         self._device = device
         self._features = features
         self._watcher = watcher
         self._buffers: dict[Mesh, Buffer] = {}
-        self.centers: dict[Mesh, NDArray[np.float32]] = {}
-        """The center (3,) of each uploaded mesh's bounds, in object space."""
-        self.half_sizes: dict[Mesh, NDArray[np.float32]] = {}
+        self.centers: dict[Shape, NDArray[np.float32]] = {}
+        """The center (3,) of each uploaded shape's bounds, in object space."""
+        self.half_sizes: dict[Shape, NDArray[np.float32]] = {}
         """Half the size (3,) of the same bounds."""
-        self.orders: dict[Mesh, NDArray[np.int64]] = {}
-        """For each uploaded mesh the mesh's triangle of each uploaded triangle."""
-        self.blases: dict[Mesh, Blas] = {}
-        """The acceleration structure of each traced mesh, as of the latest `update`."""
+        self.orders: dict[Shape, NDArray[np.int64]] = {}
+        """For each uploaded shape the mesh's triangle of each uploaded triangle."""
+        self.blases: dict[Shape, Blas] = {}
+        """The acceleration structure of each traced shape, as of the latest `update`."""
         self._to_upload: dict[Mesh, None] = {}
         self.kept = True
         """Whether no acceleration structure was destroyed since this was last set."""
 
-    def acquire(self, mesh: Mesh, user: Observable, *, traced: bool) -> None:
-        """Add a use of a mesh. traced: rays hit it, so it needs an acceleration structure."""
-        if self.rows.acquire(mesh, user):
-            mesh.watch(self._watcher)
-            self._to_upload[mesh] = None
-        if traced and self._ray_users.acquire(mesh, user):
-            self._to_upload[mesh] = None
+    def shape(self, mesh: Mesh, instance: Instance) -> Shape:
+        """An instance's mesh in its pose, or the mesh if it has none. Takes note of the pose."""
+        if not instance.posed or mesh.deformation is None:
+            return mesh
+        pose = instance.joint_matrices, instance.morph_weights  # which the mesh may no longer fit
+        mesh.deformation.check(len(mesh.positions), *pose, instance.describe())
+        shape = self._shapes.setdefault((mesh, instance), PosedMesh(mesh, instance))
+        self.posed.note(shape)
+        return shape
 
-    def release(self, mesh: Mesh, user: Observable, *, traced: bool) -> None:
+    def acquire(self, shape: Shape, user: Instance, *, traced: bool) -> None:
+        """Add a use of a shape. traced: rays hit it, so it needs an acceleration structure."""
+        if isinstance(shape, PosedMesh):
+            self.rows.acquire(shape, user)
+            self._shapes[shape.mesh, shape.instance] = shape
+            self.posed.add(shape, self.rows[shape], traced)
+            self.acquire(shape.mesh, user, traced=False)
+            return
+        if self.rows.acquire(shape, user):
+            shape.watch(self._watcher)
+            self._to_upload[shape] = None
+        if traced and self._ray_users.acquire(shape, user):
+            self._to_upload[shape] = None
+
+    def release(self, shape: Shape, user: Instance, *, traced: bool) -> None:
         """Undo one `acquire`."""
+        if isinstance(shape, PosedMesh):
+            if self.rows.release(shape, user):
+                self.posed.remove(shape)
+                self.kept = self.blases.pop(shape, None) is None and self.kept
+                for known in (self.centers, self.half_sizes, self.orders):
+                    known.pop(shape, None)
+                self._shapes.pop((shape.mesh, shape.instance), None)
+            self.release(shape.mesh, user, traced=False)
+            return
+        mesh = shape
         if traced and self._ray_users.release(mesh, user) and mesh in self.blases:
             self.blases.pop(mesh).destroy()
             self.kept = False
@@ -72,13 +104,24 @@ class Geometry:
         if mesh not in self.rows:
             return []
         self._to_upload[mesh] = None
+        if self.posed.renew(mesh):
+            self.kept = False
         return self.rows.users(mesh)
 
     def update(self) -> None:
-        """Upload new and changed meshes and build their acceleration structures."""
-        if not self._to_upload:
-            return
+        """Upload new and changed meshes and build their acceleration structures, and write the records of new poses."""
         self.table.reserve(self.rows.limit)
+        if self._to_upload:
+            self._update_meshes()
+        for shape in self.posed.update(self.rows.__getitem__, lambda mesh: self._pack_attributes(mesh)[1]):
+            record = self.table.records[self.rows[shape]]
+            low, high = record["bounds_min"], record["bounds_max"]
+            self.centers[shape], self.half_sizes[shape] = (low + high) / 2, (high - low) / 2
+            self.orders[shape] = self.orders[shape.mesh]
+            if shape.blases:
+                self.blases[shape] = shape.blases[shape.side]
+
+    def _update_meshes(self) -> None:
         blases = {}
         with self._device.uploads() as uploads:
             for mesh in self._to_upload:
@@ -102,19 +145,8 @@ class Geometry:
         triangles = triangles[order]
         low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
         self.centers[mesh], self.half_sizes[mesh] = (low + high) / 2, (high - low) / 2
-        parts = [mesh.positions, triangles]
-        flags = 0
-        if any(part is not None for part in (mesh.normals, mesh.uvs, mesh.tangents)):
-            attributes = np.zeros(len(mesh.positions), self._attributes)
-            for flag, name, values in (
-                (MESH_HAS_NORMALS, "normal", mesh.normals),
-                (MESH_HAS_UVS, "uv", mesh.uvs),
-                (MESH_HAS_TANGENTS, "tangent", mesh.tangents),
-            ):
-                if values is not None:
-                    attributes[name] = values
-                    flags |= flag
-            parts.append(attributes)
+        flags, attributes = self._pack_attributes(mesh)
+        parts = [part for part in (mesh.positions, triangles, attributes) if part is not None]
         name = mesh.name or "mesh"
         buffer = self._device.buffer(sum(part.nbytes for part in parts), name)
         offsets = []
@@ -128,6 +160,7 @@ class Geometry:
         self._buffers[mesh] = buffer
         record = self.table.records[self.rows[mesh]]
         record["positions"], record["triangles"] = offsets[:2]
+        record["previous_positions"] = record["positions"]
         record["attributes"] = offsets[2] if flags else 0
         record["triangle_count"] = len(triangles)
         record["flags"] = flags
@@ -137,12 +170,27 @@ class Geometry:
             positions=offsets[0], position_count=len(mesh.positions), indices=offsets[1], triangle_count=len(triangles)
         )
 
+    def _pack_attributes(self, mesh: Mesh) -> tuple[int, NDArray[Any] | None]:
+        """The flags of the attributes that a mesh has, and the attributes if there are any."""
+        flags, attributes = 0, np.zeros(len(mesh.positions), self._attributes)
+        for flag, name, values in (
+            (MESH_HAS_NORMALS, "normal", mesh.normals),
+            (MESH_HAS_UVS, "uv", mesh.uvs),
+            (MESH_HAS_TANGENTS, "tangent", mesh.tangents),
+        ):
+            if values is not None:
+                attributes[name] = values
+                flags |= flag
+        return flags, attributes if flags else None
+
     def destroy(self) -> None:
         """Free everything."""
+        self.posed.destroy()
         for blas in self.blases.values():
             blas.destroy()
         for buffer in self._buffers.values():
             buffer.destroy()
         self.table.destroy()
-        for mesh in self.rows:
-            mesh.unwatch(self._watcher)
+        for shape in self.rows:
+            if isinstance(shape, Mesh):
+                shape.unwatch(self._watcher)

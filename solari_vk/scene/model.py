@@ -226,10 +226,10 @@ class Scene(Observable):
         boxes: dict[Mesh, NDArray[Any]] = {}
         for instance in self._instances:
             if instance.visible:
-                positions = instance.mesh.positions
-                if instance.mesh not in boxes:
-                    boxes[instance.mesh] = Bounds(positions.min(axis=0), positions.max(axis=0)).corners
-                corners.append(transform_points(instance.transform, boxes[instance.mesh]))
+                mesh = instance.posed_mesh()
+                if mesh not in boxes:
+                    boxes[mesh] = Bounds(mesh.positions.min(axis=0), mesh.positions.max(axis=0)).corners
+                corners.append(transform_points(instance.transform, boxes[mesh]))
         if not corners:
             raise SolariError(f"{self.describe()} has no visible instance, so it has no bounds")
         every = np.concatenate(corners)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from solari_vk.errors import SolariError
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
+from solari_vk.scene.deformation import Deformation, check_pose
 from solari_vk.scene.material import Material
 from solari_vk.scene.observed import Checked, checked
 
@@ -33,8 +34,9 @@ class Mesh(Checked):
 
     positions (N, 3) in meters. triangles (M, 3): rows of `positions`; by default each three positions are a triangle.
     normals (N, 3): by default those of the triangles. uvs (N, 2): v increases downwards, as in glTF. tangents (N, 4):
-    w is the bitangent's sign; by default they are computed from the uvs. `vertices`, `faces` and `indices` are other
-    names of positions and triangles. Raises SolariError for arrays that don't fit each other.
+    w is the bitangent's sign; by default they are computed from the uvs. deformation: what joints and morph targets
+    do; instances have the poses. `vertices`, `faces` and `indices` are other names of positions and triangles. Raises
+    SolariError for arrays that don't fit each other.
     """
 
     positions: FloatArray
@@ -43,6 +45,7 @@ class Mesh(Checked):
     normals: FloatArray | None = None
     uvs: FloatArray | None = None
     tangents: FloatArray | None = None
+    deformation: Deformation | None = None
     name: str = ""
 
     _aliases = {"vertices": "positions", "faces": "triangles", "indices": "triangles"}
@@ -53,6 +56,7 @@ class Mesh(Checked):
         "normals": checks.array(None, 3, optional=True),
         "uvs": checks.array(None, 2, optional=True),
         "tangents": checks.array(None, 4, optional=True),
+        "deformation": checks.instance_of(lambda: Deformation, optional=True),
     }
     _default_triangles: ClassVar[NDArray[np.uint32] | None] = None
 
@@ -92,6 +96,8 @@ class Mesh(Checked):
             attribute = getattr(self, name)
             if attribute is not None and len(attribute) != count:
                 raise SolariError(f"{self.describe()}: {name} has {len(attribute)} rows for {count} positions")
+        if self.deformation is not None:
+            self.deformation.check(count, None, None, self.describe())
         if by_default:
             every_three = np.arange(count, dtype=np.uint32).reshape(-1, 3)
             every_three.setflags(write=False)
@@ -109,7 +115,9 @@ class Instance(Checked):
     transform is the matrix from object to world space, (4, 4) or (3, 4); it may mirror, shear and scale, but must be
     invertible. A vector (3,) stands for a position in meters. It is read-only: to move an instance, assign a new one,
     such as `move @ instance.transform`. ray_mesh: a simpler mesh that rays hit instead of `mesh`. An instance
-    that isn't visible neither blocks nor emits light. Raises SolariError for a singular transform.
+    that isn't visible neither blocks nor emits light. joint_matrices (J, 3, 4) or (J, 4, 4) and morph_weights (T,) are
+    its pose, if the mesh has a `deformation`: what the joints do to the mesh, up to `transform`, and how much of each
+    morph target is added. Raises SolariError for a singular transform, and for poses that don't fit the mesh.
     """
 
     mesh: Mesh
@@ -118,6 +126,8 @@ class Instance(Checked):
     _: KW_ONLY
     ray_mesh: Mesh | None = None
     visible: bool = True
+    joint_matrices: NDArray[np.float64] | None = None
+    morph_weights: NDArray[np.float64] | None = None
     name: str = ""
 
     _converters = {
@@ -127,7 +137,27 @@ class Instance(Checked):
         "transform": checks.affine_transform,
         "ray_mesh": checks.instance_of(lambda: Mesh, optional=True),
         "visible": bool,
+        "joint_matrices": checks.joint_matrices,
+        "morph_weights": checks.array(None, dtype=np.float64, optional=True, max_abs=1e6),
     }
+
+    def _validate(self) -> None:
+        if self.posed:
+            check_pose(self)
+
+    @property
+    def posed(self) -> bool:
+        """Whether joints or morph targets move the mesh."""
+        return self.joint_matrices is not None or self.morph_weights is not None
+
+    def posed_mesh(self) -> Mesh:
+        """A mesh without a deformation that looks like this instance's mesh in its pose; `mesh` without a pose."""
+        mesh, deformation = self.mesh, self.mesh.deformation
+        if not self.posed or deformation is None:
+            return mesh
+        parts = deformation.pose(mesh.positions, mesh.normals, mesh.tangents, self.joint_matrices, self.morph_weights)
+        fields: dict[str, Any] = dict(zip(("positions", "normals", "tangents"), parts, strict=True))
+        return Mesh(triangles=mesh.triangles, uvs=mesh.uvs, name=mesh.name, **fields)
 
 
 class Light(Checked):

@@ -16,6 +16,7 @@ from solari_vk.scene.objects import Instance, Light
 
 Matrix = NDArray[np.float64]
 Sample = tuple[int, str, NDArray[np.float64]]
+NOT_MOVED = np.eye(4)  # stands for the transform of what only becomes visible or hidden with its node
 
 
 class Rig:
@@ -44,20 +45,39 @@ class Rig:
         self._bases_visible = np.array([shown for _, shown in given], bool)
         self._levels = _levels(parents)
         self._placed: list[tuple[Any, int, Matrix | None]] = []
+        self._skins: list[tuple[Instance, NDArray[np.int64], Matrix, Matrix]] = []
+        self._weighted: list[tuple[Instance, int, Matrix]] = []
         self._shown: dict[Any, bool] = {}
 
     # ---- what hangs on the nodes --------------------------------------------------------------------
 
     def attach(
-        self, item: Instance | Camera | Light, node: int, transform: Matrix | None = None, *, shown: bool = True
-    ) -> None:
+        self, item: Instance | Camera | Light, node: int, transform: Matrix | None = None, *, moves: bool = True,
+        shown: bool = True,
+    ) -> None:  # fmt: skip
         """Have an object follow a node.
 
-        transform: from the object's space to the node's, by default the identity. shown: whether it is visible now or,
-        for a light, in the scene.
+        transform: from the object's space to the node's, by default the identity. moves: not only the visibility
+        follows. shown: whether it is visible now or, for a light, in the scene.
         """
-        self._placed.append((item, node, transform))
+        self._placed.append((item, node, transform if moves else NOT_MOVED))
         self._shown[item] = item.visible if isinstance(item, Instance) else shown
+
+    def attach_skin(
+        self, instance: Instance, joints: Sequence[int], rest: ArrayLike, joints_from_mesh: ArrayLike
+    ) -> None:
+        """Have nodes be the joints of an instance.
+
+        joints (J,): the nodes, -1 for joints that never move. rest (J, 4, 4): world from joint; only those of joints
+        that never move count. joints_from_mesh (J, 4, 4): the inverse bind matrices.
+        """
+        places, bind = (np.reshape(np.asarray(part, np.float64), (-1, 4, 4)) for part in (rest, joints_from_mesh))
+        self._skins.append((instance, np.asarray(joints, np.int64), places, bind))
+
+    def attach_weights(self, instance: Instance, node: int) -> None:
+        """Have a node's weights be those of the instance's morph targets; at rest they are what they are now."""
+        assert instance.morph_weights is not None
+        self._weighted.append((instance, node, instance.morph_weights))
 
     # ---- poses --------------------------------------------------------------------------------------
 
@@ -70,16 +90,24 @@ class Rig:
         parts = {name: values.copy() for name, values in self._rest.items()}
         visible = self._visible.copy()
         moved: set[int] = set()
+        weights: dict[int, Matrix] = {}
         for node, path, value in samples:
             if path in parts:
                 parts[path][node] = value
                 moved.add(node)
             elif path == "visible":
                 visible[node] = value[0] > 0
+            else:
+                weights[node] = value
         worlds, shown = self._place_nodes(parts, sorted(moved), visible)
         for item, node, transform in self._placed:
             world = worlds[node] if transform is None else worlds[node] @ transform
-            self._place(lights, item, world, bool(shown[node]))
+            self._place(lights, item, None if transform is NOT_MOVED else world, bool(shown[node]))
+        for instance, joints, rest, joints_from_mesh in self._skins:
+            places = np.where((joints >= 0)[:, None, None], worlds[joints], rest)
+            _assign(instance, "joint_matrices", (places @ joints_from_mesh)[:, :3])
+        for instance, node, resting in self._weighted:
+            _assign(instance, "morph_weights", weights.get(node, resting))
 
     def _place_nodes(
         self, parts: dict[str, Matrix], moved: list[int], visible: NDArray[np.bool_]
@@ -95,20 +123,22 @@ class Rig:
             shown[nodes] = visible[nodes] & (self._bases_visible[nodes] if parents is None else shown[parents])
         return worlds, shown
 
-    def _place(self, lights: Items[Light], item: Any, world: Matrix, shown: bool) -> None:
+    def _place(self, lights: Items[Light], item: Any, world: Matrix | None, shown: bool) -> None:
         """Move an object. An instance whose transform has no inverse, as with a scale of 0, is hidden."""
         if isinstance(item, Instance):
             try:
-                if not np.array_equal(item.transform, world):
-                    item.transform = world
+                if world is not None:
+                    _assign(item, "transform", world)
             except SolariError:
                 shown = False
             if shown != self._shown[item]:
                 item.visible = shown
+        elif world is None:
+            return
         elif isinstance(item, Camera):
             transform = upright(world)
-            if transform is not None and not np.array_equal(item.transform, transform):
-                item.transform = transform
+            if transform is not None:
+                _assign(item, "transform", transform)
         else:
             self._place_light(lights, item, world, shown)
         self._shown[item] = shown
@@ -124,6 +154,12 @@ class Rig:
                 light.update(**values)
         if shown != self._shown[light]:
             (lights.add if shown else lights.remove)(light)
+
+
+def _assign(item: Instance | Camera, field: str, value: Matrix) -> None:
+    """Assign to a field whose value differs; others would cost work on the device."""
+    if not np.array_equal(getattr(item, field), value):
+        setattr(item, field, value)
 
 
 def _levels(parents: Sequence[int]) -> list[tuple[NDArray[np.int64], NDArray[np.int64] | None]]:

@@ -33,7 +33,7 @@ class Actions:
             session.camera_control.focus_home()
             return
         instance = session.pick.instance
-        corners = instance.mesh.positions @ instance.transform[:3, :3].T
+        corners = instance.posed_mesh().positions @ instance.transform[:3, :3].T
         session.camera_control.focus(session.pick.point, float(np.linalg.norm(np.ptp(corners, axis=0))) / 2)
 
     def reset(self) -> None:

@@ -21,9 +21,6 @@ REMARKS = {
         "the extension KHR_materials_volume is not supported and was ignored: material 2 'Lamp Glass'",
     ],
     "FlightHelmet": ["alphaMode BLEND is not supported: surfaces are opaque: material 5 'LensesMat'"],
-    "Fox": ["animations of skins and morph targets are not played: node 1 'fox'"],
-    "MorphStressTest": ["animations of skins and morph targets are not played: node 0 'Main'"],
-    "SimpleSkin": ["animations of skins and morph targets are not played: node 0"],
 }
 FILES = sorted([*ASSETS.glob("*/*.glb"), *ASSETS.glob("*/*.gltf")]) if ASSETS.is_dir() else []
 

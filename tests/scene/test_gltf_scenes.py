@@ -182,7 +182,7 @@ def test_wrong_lights(writer, light):
 # ---- deformation ------------------------------------------------------------------------------------
 
 
-def test_skins_and_morphs_are_shown_in_their_rest_pose(writer):
+def test_skins_and_morphs_have_the_pose_of_the_file(writer):
     target = writer.accessor([[0, 0, 1], [0, 0, 0], [0, 0, 0]])
     attributes = {"NORMAL": [[0, 0, 1]] * 3, "WEIGHTS_0": [[0.5, 0.5, 0, 0]] * 3}
     attributes["JOINTS_0"] = writer.accessor([[0, 1, 0, 0]] * 3, "u1")
@@ -197,6 +197,6 @@ def test_skins_and_morphs_are_shown_in_their_rest_pose(writer):
     (instance,) = scene
     expected = np.add(TRIANGLE, [2.0, 3.0, 1.0])
     expected[0, 2] += 2
-    np.testing.assert_allclose(instance.mesh.positions, expected)
+    np.testing.assert_allclose(instance.posed_mesh().positions, expected)
     assert instance.transform.tolist() == np.eye(4).tolist(), "the node's own transform has no effect"
     assert not scene.warnings

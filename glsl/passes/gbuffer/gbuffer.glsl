@@ -130,11 +130,30 @@ GBufferSurface load_previous_gbuffer(uvec2 pixel) {
 
 // ---- between frames ---------------------------------------------------------------------------------
 
-// The position of an instance's point in the previous frame; `world_position` when the instance is new.
-vec3 previous_world_position(uint instance_index, vec3 object_position, vec3 world_position) {
-    PreviousInstance previous = previous_instances.at[instance_index];
-    bool known = previous.id == instances.at[instance_index].id;
-    return known ? previous.world_from_object * vec4(object_position, 1.0) : world_position;
+// Whether joints or morph targets moved the vertices of a mesh since the previous frame.
+bool changes_pose(Mesh mesh) { return SCENE_POSES && uvec2(mesh.previous_positions) != uvec2(mesh.positions); }
+
+// Whether an instance was there in the previous frame and is where it was, in the same pose.
+bool rests(uint instance_index) {
+    PreviousInstance before = previous_instances.at[instance_index];
+    Instance now = instances.at[instance_index];
+    return now.mesh != NO_INDEX && now.id == before.id && now.world_from_object == before.world_from_object
+        && !(SCENE_POSES && changes_pose(meshes.at[now.mesh]));
+}
+
+// The point of a hit in object space. positions: those of the mesh, or its previous ones.
+vec3 interpolate_position(Positions positions, Mesh mesh, Hit hit) {
+    uvec3 corners = mesh.triangles.at[hit.triangle];
+    return (1.0 - hit.barycentrics.x - hit.barycentrics.y) * positions.at[corners.x]
+        + hit.barycentrics.x * positions.at[corners.y] + hit.barycentrics.y * positions.at[corners.z];
+}
+
+// The position of a hit point of an instance's mesh in the previous frame; `world_position` when the instance is new.
+vec3 previous_world_position(Hit hit, Mesh mesh, vec3 object_position, vec3 world_position) {
+    PreviousInstance previous = previous_instances.at[hit.instance];
+    if (previous.id != instances.at[hit.instance].id) { return world_position; }
+    if (changes_pose(mesh)) { object_position = interpolate_position(mesh.previous_positions, mesh, hit); }
+    return previous.world_from_object * vec4(object_position, 1.0);
 }
 
 vec2 motion_vector(vec3 world_position, vec3 previous_world_position) {

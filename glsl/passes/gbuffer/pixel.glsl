@@ -14,12 +14,10 @@ struct GBufferPixel {
 GBufferPixel resolve_pixel(CameraRay ray, Hit hit, Mesh mesh) {
     ResolvedRayHitFull surface = resolve_hit_full(hit, mesh, ray.direction, ray.cone_spread * hit.t);
     vec3 emissive = surface.emits ? surface.material.emissive : vec3(0.0);
-    uvec3 corners = mesh.triangles.at[hit.triangle];
-    vec3 object_position = (1.0 - hit.barycentrics.x - hit.barycentrics.y) * mesh.positions.at[corners.x]
-        + hit.barycentrics.x * mesh.positions.at[corners.y] + hit.barycentrics.y * mesh.positions.at[corners.z];
+    vec3 object_position = interpolate_position(mesh.positions, mesh, hit);
     // Both positions are computed from the object-space position, so that rounding gives no motion to static surfaces.
     vec3 now = instances.at[hit.instance].world_from_object * vec4(object_position, 1.0);
-    vec3 before = previous_world_position(hit.instance, object_position, now);
+    vec3 before = previous_world_position(hit, mesh, object_position, now);
     // Passes reconstruct positions from depth along the pixel's ray, so the depth is that of the ray's intersection
     // with the triangle's plane. The point that was found may lie beside the ray, by rounding or because raster snaps
     // vertices; its own depth would move the reconstructed position off the plane.

@@ -37,11 +37,7 @@ MirrorPlane previous_mirror(uint instance_index, MirrorPlane mirror) {
 // The position of a hit point in the previous frame.
 vec3 previous_hit_position(Hit hit, vec3 world_position) {
     Mesh mesh = meshes.at[instances.at[hit.instance].ray_mesh];
-    uvec3 corners = mesh.triangles.at[hit.triangle];
-    vec3 weights = vec3(1.0 - hit.barycentrics.x - hit.barycentrics.y, hit.barycentrics);
-    vec3 object_position = weights.x * mesh.positions.at[corners.x] + weights.y * mesh.positions.at[corners.y]
-        + weights.z * mesh.positions.at[corners.z];
-    return previous_world_position(hit.instance, object_position, world_position);
+    return previous_world_position(hit, mesh, interpolate_position(mesh.positions, mesh, hit), world_position);
 }
 
 #endif

@@ -38,10 +38,7 @@ PathReservoir load_previous_reservoir(uvec2 pixel) {
 // moves stay where they were, and the light of hits is what it was, so that they count less while lights change.
 float previous_confidence(float confidence, PathReservoir found) {
     if (is_hit(found)) {
-        Instance now = instances.at[found.instance];
-        PreviousInstance before = previous_instances.at[found.instance];
-        bool rests = now.mesh != NO_INDEX && now.id == before.id && now.world_from_object == before.world_from_object;
-        return rests ? confidence * (1.0 - this_frame.lighting_change) : 0.0;
+        return rests(found.instance) ? confidence * (1.0 - this_frame.lighting_change) : 0.0;
     }
     return found.weight > 0.0 && previous_light.at[found.point.x] == NO_INDEX ? 0.0 : confidence;
 }

@@ -78,13 +78,6 @@ vec2 motion_in_picture(ivec2 pixel) {
 
 // ---- what still holds -------------------------------------------------------------------------------
 
-// Whether an instance moved, or was replaced, hidden or removed.
-bool changed(uint instance) {
-    PreviousInstance before = previous_instances.at[instance];
-    Instance now = instances.at[instance];
-    return now.mesh == NO_INDEX || before.id != now.id || before.world_from_object != now.world_from_object;
-}
-
 // Whether neither the camera nor any surface around moved, among them those that only the previous frame shows there.
 bool is_still(ivec2 center) {
     if (camera.world_from_view != previous_camera.world_from_view) { return false; }
@@ -95,7 +88,7 @@ bool is_still(ivec2 center) {
         if (motion_in_picture(pixel) != vec2(0.0)) { return false; }
         uint instance = imageLoad(previous_gbuffer_surface, pixel).y;
         if (instance == known || instance == NO_INDEX) { continue; }
-        if (changed(instance)) { return false; }
+        if (!rests(instance)) { return false; }
         known = instance;
     }
     return true;

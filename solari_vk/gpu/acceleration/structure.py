@@ -136,8 +136,13 @@ class Structure:
         self.address = int(device.vk.vkGetAccelerationStructureDeviceAddressKHR(device.handle, info))
         self.size = size
 
-    def build_info(self, scratch: int = 0, *, update: bool = False) -> raw.CData:
-        """The VkAccelerationStructureBuildGeometryInfoKHR of a build or, with `update`, a refit."""
+    def build_info(
+        self, scratch: int = 0, *, update: bool = False, source: Structure | None = None
+    ) -> raw.CData:
+        """The VkAccelerationStructureBuildGeometryInfoKHR of a build or, with `update`, a refit.
+
+        source: the structure of the same kind of geometry that a refit starts from, by default this one.
+        """
         build = raw.VK_BUILD_ACCELERATION_STRUCTURE_MODE_BUILD_KHR
         refit = raw.VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR
         return raw.struct(
@@ -145,7 +150,7 @@ class Structure:
             type=self._kind,
             flags=self.flags,
             mode=refit if update else build,
-            srcAccelerationStructure=self.handle if update else None,
+            srcAccelerationStructure=(source or self).handle if update else None,
             dstAccelerationStructure=self.handle,
             geometryCount=self._geometry_count,
             pGeometries=self._geometries,

@@ -44,11 +44,11 @@ _IMAGE_FORMATS = (
 
 
 @lru_cache(maxsize=128)  # modules never change, and reading one takes 50 ms
-def reflect(spirv: bytes, name: str = "shader") -> Module:
+def reflect(spirv: bytes, name: str = "shader", *, writes_by_address: bool = False) -> Module:
     """Read a module. Raises SolariError with `name` if it isn't valid SPIR-V, has a block without scalar layout, reads
-    data of a shader record, or writes through a buffer reference."""
+    data of a shader record, or writes through a buffer reference without `writes_by_address`."""
     try:
-        return _Reader(spirv, name).module()
+        return _Reader(spirv, name).module(writes_by_address)
     except (KeyError, IndexError, ValueError, TypeError, OverflowError, RecursionError) as error:
         raise SolariError(f"{name}: the SPIR-V module is damaged or uses unsupported features ({error!r})") from error
 
@@ -92,10 +92,10 @@ class _Reader:
         elif op in (code.OP_EXECUTION_MODE, code.OP_EXECUTION_MODE_ID):
             self.modes.append(item)
 
-    def module(self) -> Module:
+    def module(self, writes_by_address: bool) -> Module:
         bound = {variable: self._binding(variable, pointer, storage) for variable, pointer, storage in self.variables
                  if storage in code.RESOURCE_STORAGE}  # fmt: skip
-        analysis = code.AccessAnalysis(self.code, self.name)
+        analysis = code.AccessAnalysis(self.code, self.name, writes_by_address)
         entries = {}
         for words in self.entry_points:
             entry, found = code.text(words[2:]), analysis.effects(words[1])

@@ -85,10 +85,14 @@ def text(words: list[int]) -> str:
 
 
 class AccessAnalysis:
-    """Finds which variables in resource storage classes each function reads and writes."""
+    """Finds which variables in resource storage classes each function reads and writes.
 
-    def __init__(self, code: list[Instruction], module: str) -> None:
+    writes_by_address: writes through buffer references are of no variable; otherwise they are refused.
+    """
+
+    def __init__(self, code: list[Instruction], module: str, writes_by_address: bool = False) -> None:
         self._module = module
+        self._writes_by_address = writes_by_address
         self._functions: dict[int, Function] = {}
         self._variables: dict[int, int] = {}
         self._physical_types: set[int] = set()
@@ -141,6 +145,8 @@ class AccessAnalysis:
                     read |= roots.of(pointer)
             for pointer in _writes(op, words):
                 if self._type_of.get(pointer) in self._physical_types:
+                    if self._writes_by_address:
+                        continue
                     raise SolariError(
                         f"{self._module}: writes through a buffer_reference, for which barriers can't be derived. "
                         "Write to a bound buffer instead, and declare the reference readonly"

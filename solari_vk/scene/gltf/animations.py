@@ -36,13 +36,25 @@ class Animations:
             if number in targets or node.parent in self._row:
                 self._row[number] = len(self._row)
         changes = [(node, path) for _, channels in self._clips for node, path, *_ in channels]
-        self.weighted = {node for node, path in changes if path == "weights"}
-        """Nodes whose meshes' morph targets are animated."""
         self.rig = self._make_rig({node for node, path in changes if path in _KINDS})
 
     def row(self, node: int) -> int | None:
         """The rig's node for a node of the file, None for one that nothing moves."""
         return self._row.get(node)
+
+    def weights_of(self, node: PlacedNode, count: int) -> bool:
+        """Whether the weights of a node's morph targets are animated. Raises SolariError unless there are `count`."""
+        found = False
+        for entry, channels in self._clips:
+            for target, path, _, values, _ in channels:
+                if target == node.number and path == "weights":
+                    found = True
+                    if values.shape[-1] != count:
+                        raise entry.error(
+                            f"has {values.shape[-1]} weights for {node.entry.place}, whose mesh has {count} morph "
+                            "targets; export the file again"
+                        )
+        return found
 
     def _make_rig(self, moved: set[int]) -> Rig:
         nodes = [self._placed[number] for number in self._row]

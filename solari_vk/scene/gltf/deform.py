@@ -1,84 +1,64 @@
-"""The rest pose of morphed and skinned meshes, baked into their vertices."""
+"""The joints and morph targets of a primitive, as arrays with a row for each vertex."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.scene.deformation import Deformation
 from solari_vk.scene.gltf.accessors import Accessors
 from solari_vk.scene.gltf.values import Entry
 
-Vertices = dict[str, NDArray[np.float32]]  # by attribute: "POSITION", "NORMAL", "TANGENT", ...
+Vertices = dict[str, NDArray[Any]]  # by attribute: "POSITION", "NORMAL", "TANGENT", ...
+TARGETS = {"POSITION": "targets", "NORMAL": "target_normals", "TANGENT": "target_tangents"}
+"""What a morph target adds to, and the field of `Deformation` that has it."""
 
 
-@dataclass(frozen=True)
-class Pose:
-    """How a node deforms its mesh. Poses are the same if their keys are equal."""
-
-    key: Any = None
-    weights: tuple[float, ...] = ()
-    joints: NDArray[np.float64] | None = None  # (J, 4, 4), from vertices to world space
-
-
-def morph(vertices: Vertices, targets: Sequence[Entry], weights: Sequence[float], accessors: Accessors) -> Vertices:
-    """The vertices plus the weighted displacements of the targets."""
-    result = dict(vertices)
-    for target, weight in zip(targets, weights, strict=False):
-        for name in ("POSITION", "NORMAL", "TANGENT"):
+def read_targets(vertices: Vertices, targets: Sequence[Entry], accessors: Accessors) -> Vertices:
+    """What each target adds (N, T, 3), by the field of `Deformation`, for the attributes that the vertices have."""
+    found: Vertices = {}
+    for name, field in TARGETS.items():
+        if not any(name in target for target in targets) or name not in vertices:
+            continue
+        count = len(vertices[name])
+        added = np.zeros((count, len(targets), 3), np.float32)
+        for number, target in enumerate(targets):
             index = target.index(name)
-            if index is None or weight == 0 or name not in vertices:
+            if index is None:
                 continue
-            moved = accessors.floats(index, target, ("VEC3",))
-            if len(moved) != len(vertices[name]):
-                raise target.error(
-                    f"moves {len(moved)} vertices, but there are {len(vertices[name])}; export the file again"
-                )
-            sum_of_both = result[name].copy()
-            sum_of_both[:, :3] += np.float32(weight) * moved
-            result[name] = sum_of_both
-    return result
+            values = accessors.floats(index, target, ("VEC3",))
+            if len(values) != count:
+                raise target.error(f"moves {len(values)} vertices, but there are {count}; export the file again")
+            added[:, number] = values
+        found[field] = added
+    if found and "targets" not in found:
+        found["targets"] = np.zeros((len(vertices["POSITION"]), len(targets), 3), np.float32)
+    return found
 
 
-def skin(vertices: Vertices, attributes: Entry, joints: NDArray[np.float64], accessors: Accessors) -> Vertices:
-    """The vertices in world space, moved by their joints."""
-    count = len(vertices["POSITION"])
-    blended = np.zeros((count, 4, 4))
-    total = np.zeros(count)
-    number = 0
-    while f"JOINTS_{number}" in attributes:
-        indices = accessors.integers(attributes.integer(f"JOINTS_{number}"), attributes, ("VEC4",))
-        weights = accessors.floats(attributes.integer(f"WEIGHTS_{number}"), attributes, ("VEC4",))
-        if not len(indices) == len(weights) == count:
-            raise attributes.error(f"has {len(indices)} joints and {len(weights)} weights for {count} positions")
-        for column in range(4):
-            used = weights[:, column] != 0
-            if used.any() and int(indices[used, column].max()) >= len(joints):
-                raise attributes.error(
-                    f"refers to joint {indices[used, column].max()}, but the skin has {len(joints)} joints"
-                )
-            blended[used] += weights[used, column, None, None] * joints[indices[used, column]]
-            total += weights[:, column]
-        number += 1
-    blended /= np.where(total > 0, total, 1)[:, None, None]
-    blended[total <= 0] = np.eye(4)
-    linear = blended[:, :3, :3]
-    result = dict(vertices)
-    result["POSITION"] = (_apply(linear, vertices["POSITION"]) + blended[:, :3, 3]).astype(np.float32)
-    if "NORMAL" in vertices:
-        # The cofactor matrix rotates normals like the inverse transpose, and exists for singular joints too.
-        cofactors = np.cross(linear[:, [1, 2, 0]], linear[:, [2, 0, 1]])
-        result["NORMAL"] = _apply(cofactors, vertices["NORMAL"]).astype(np.float32)
-    if "TANGENT" in vertices:
-        tangents = vertices["TANGENT"].copy()
-        tangents[:, :3] = _apply(linear, tangents[:, :3]).astype(np.float32)
-        result["TANGENT"] = tangents
-    return result
+def read_joints(count: int, attributes: Entry, accessors: Accessors) -> Vertices:
+    """The joints and their weights (N, K) of `count` vertices, by the field of `Deformation`."""
+    joints: list[NDArray[Any]] = []
+    weights: list[NDArray[Any]] = []
+    while (number := len(joints)) < 64 and f"JOINTS_{number}" in attributes:
+        joints.append(accessors.integers(attributes.integer(f"JOINTS_{number}"), attributes, ("VEC4",)))
+        weights.append(accessors.floats(attributes.integer(f"WEIGHTS_{number}"), attributes, ("VEC4",)))
+        if not len(joints[-1]) == len(weights[-1]) == count:
+            raise attributes.error(f"has {len(joints[-1])} joints and {len(weights[-1])} weights for {count} positions")
+        if (weights[-1] < 0).any():
+            raise attributes.error(f"has negative weights in WEIGHTS_{number}; export the file again")
+    if not joints:
+        return {}
+    indices, shares = np.concatenate(joints, axis=1), np.concatenate(weights, axis=1)
+    used = np.flatnonzero((shares > 0).any(axis=0)).tolist() or [0]
+    return {"joints": indices[:, used].astype(np.uint32), "joint_weights": shares[:, used]}
 
 
-def _apply(matrices: NDArray[np.float64], vectors: NDArray[np.float32]) -> NDArray[np.float64]:
-    product: NDArray[np.float64] = np.einsum("nij,nj->ni", matrices, vectors)
-    return product
+def deformation_of(vertices: Vertices) -> Deformation | None:
+    """The deformation of vertices with rows of `read_targets` and `read_joints`."""
+    fields: dict[str, Any] = {field: vertices.get(field) for field in ("joints", "joint_weights")}
+    fields |= {field: np.moveaxis(vertices[field], 1, 0) for field in TARGETS.values() if field in vertices}
+    return Deformation(**fields) if any(values is not None for values in fields.values()) else None

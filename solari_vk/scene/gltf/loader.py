@@ -12,14 +12,14 @@ from solari_vk.errors import SolariError
 from solari_vk.scene import checks
 from solari_vk.scene.gltf.accessors import Accessors
 from solari_vk.scene.gltf.animations import Animations
-from solari_vk.scene.gltf.deform import Pose
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.draco import DracoMeshes
 from solari_vk.scene.gltf.extensions import SUPPORTED_EXTENSIONS
 from solari_vk.scene.gltf.lights import EXTENSION as LIGHTS
 from solari_vk.scene.gltf.lights import Lights
 from solari_vk.scene.gltf.materials import Materials
-from solari_vk.scene.gltf.nodes import PlacedNode, joint_matrices, repeated, repetitions, roots, walk
+from solari_vk.scene.gltf.nodes import PlacedNode, repeated, repetitions, roots, skin_of, walk
+from solari_vk.scene.gltf.poses import Pose
 from solari_vk.scene.gltf.primitives import Primitives
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry, shown
@@ -43,10 +43,10 @@ def load_gltf(
     An image that is missing or damaged, or in an unknown format, is left out of its materials and reported; with
     `strict` it is an error.
 
-    Deforming meshes are shown in their rest pose. Suns get the angular size of the real one, because glTF has no
-    field for it. `Scene.warnings` names what the file contains and the renderer can't show. Files outside the
-    glTF's own folder are never read. Raises SolariError when the file is missing, damaged or hostile, or requires
-    an extension that is not supported.
+    `Scene.animations` has the clips; until one of them is played, the nodes are as the file has them. Suns get the
+    angular size of the real one, because glTF has no field for it. `Scene.warnings` names what the file contains and
+    the renderer can't show. Files outside the glTF's own folder are never read. Raises SolariError when the file is
+    missing, damaged or hostile, or requires an extension that is not supported.
     """
     document = Document(path)
     try:
@@ -124,13 +124,16 @@ class _Loader:
             if not known and name not in named:
                 self._report.add(f"the extension {shown(name)[1:-1]} is not supported and was ignored", "the file")
 
-    def _add(self, node: PlacedNode, item: Instance | Camera | Light | None, transform: Any = None) -> None:
-        """Add what hangs on a node. transform: from the item's space to the node's, by default the identity."""
+    def _add(
+        self, node: PlacedNode, item: Instance | Camera | Light | None, transform: Any = None, *, moves: bool = True
+    ) -> None:
+        """Add what hangs on a node. transform: from the item's space to the node's, by default the identity. moves: the
+        item follows the node, not only its visibility."""
         row = self._animations.row(node.number)
         if item is None or (row is None and not node.visible and not isinstance(item, Instance)):
             return
         if row is not None:
-            self._animations.rig.attach(item, row, transform, shown=node.visible)
+            self._animations.rig.attach(item, row, transform, moves=moves, shown=node.visible)
         if node.visible or isinstance(item, Instance):
             self._scene.add(item)
 
@@ -156,22 +159,19 @@ class _Loader:
 
     def _add_meshes(self, node: PlacedNode, placed: dict[int, PlacedNode]) -> None:
         mesh = self._document.item("mesh", node.entry.integer("mesh"), node.entry)
-        pose = self._pose(node, mesh, placed)
-        # The position of a skinned mesh follows from its joints alone.
-        worlds = repeated(node, self._accessors) if pose.joints is None else np.eye(4)[None]
-        parts = self._parts(node, mesh, pose)
+        skin = skin_of(self._document, self._accessors, node, placed, self._report)
         name = node.entry.name or mesh.name or mesh.place
-        moves = self._animations.row(node.number) is not None
-        if self._animations.rig.count and (pose.joints is not None or node.number in self._animations.weighted):
-            self._report.add("animations of skins and morph targets are not played", node.entry.place)
-        for local in worlds:
-            with np.errstate(over="ignore", invalid="ignore"):
-                world = node.world @ local if pose.joints is None else local
+        pose = Pose(self._animations, node, mesh, skin, placed)
+        parts = self._parts(node, mesh, skin is not None)
+        # The position of a skinned mesh follows from its joints alone.
+        for local in repeated(node, self._accessors) if skin is None else np.eye(4)[None]:
             visible = node.visible
+            with np.errstate(over="ignore", invalid="ignore"):
+                world = node.world @ local if skin is None else local
             try:
                 world = checks.affine_transform(world)
             except ValueError:
-                if not moves:
+                if self._animations.row(node.number) is None:
                     place = node.entry.place
                     self._report.add("nodes whose transform is singular or not affine have no surface", place)
                     continue
@@ -180,14 +180,12 @@ class _Loader:
                 instance = Instance(shape, material, world, visible=visible, name=name + suffix)
                 for variant in self._variants.names if others else ():
                     self._scene.variants.setdefault(variant, {})[instance] = others.get(variant, material)
-                if pose.joints is None:
-                    self._add(node, instance, local)
-                else:
-                    self._scene.add(instance)
+                pose.give(instance)
+                self._add(node, instance, local, moves=skin is None)
 
-    def _parts(self, node: PlacedNode, mesh: Entry, pose: Pose) -> list[Part]:
+    def _parts(self, node: PlacedNode, mesh: Entry, skinned: bool) -> list[Part]:
         """The meshes and materials of a mesh's primitives that have a surface, and suffixes for their names."""
-        key = (node.entry.integer("mesh"), pose.key)
+        key = (node.entry.integer("mesh"), skinned)
         if key not in self._parts_made:
             primitives = self._primitives_of(node)
             parts = self._parts_made[key] = []
@@ -198,20 +196,11 @@ class _Loader:
                 others = {name: self._materials[number] for name, number in numbers.items()}
                 # One mesh serves all variants, so it has tangents if any of them has a normal map.
                 wanted = next((one for one in (material, *others.values()) if one.normal_map is not None), material)
-                made = self._primitives.mesh(primitive, (mesh.name or mesh.place) + suffix, wanted, pose)
+                made = self._primitives.mesh(primitive, (mesh.name or mesh.place) + suffix, wanted, skinned)
                 if made is not None:
                     materials = {name: other.material for name, other in others.items()}
                     parts.append((suffix, made, material.material, materials))
         return self._parts_made[key]
-
-    def _pose(self, node: PlacedNode, mesh: Entry, placed: dict[int, PlacedNode]) -> Pose:
-        """The rest pose of a node's mesh."""
-        joints = joint_matrices(self._document, self._accessors, node, placed, self._report)
-        owner = node.entry if "weights" in node.entry else mesh
-        count = len(owner.values("weights", "numbers"))
-        weights = owner.numbers("weights", (0.0,) * count, low=-1e6, high=1e6)
-        key = (weights if any(weights) else None, None if joints is None else node.number)
-        return Pose(None if key == (None, None) else key, weights, joints)
 
     # ---- cameras ------------------------------------------------------------------------------------
 

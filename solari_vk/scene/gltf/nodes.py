@@ -139,11 +139,11 @@ def repeated(node: PlacedNode, accessors: Accessors) -> Matrix:
     )
 
 
-@np.errstate(over="ignore", invalid="ignore")
-def joint_matrices(
+def skin_of(
     document: Document, accessors: Accessors, node: PlacedNode, placed: dict[int, PlacedNode], report: Report
-) -> Matrix | None:
-    """Matrices (J, 4, 4) of a node's joints, from vertices to world space; None without skin or (reported) joints."""
+) -> tuple[list[int], Matrix] | None:
+    """The joints of a node's skin, and matrices (J, 4, 4) from vertices to the joints in the pose of the vertices;
+    None without skin or (reported) joints."""
     index = node.entry.index("skin")
     if index is None:
         return None
@@ -154,11 +154,10 @@ def joint_matrices(
             document.item("node", joint, skin)
         report.add("skins whose joints are not in the scene are left out", skin.place)
         return None
-    matrices = np.array([placed[joint].world for joint in joints])
     inverse = skin.index("inverseBindMatrices")
     if inverse is None:
-        return matrices
+        return joints, np.tile(np.eye(4), (len(joints), 1, 1))
     bind = accessors.floats(inverse, skin, ("MAT4",))
     if len(bind) < len(joints):
         raise skin.error(f"has {len(bind)} inverse bind matrices for {len(joints)} joints; export the file again")
-    return matrices @ bind[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1)
+    return joints, bind[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1).astype(np.float64)

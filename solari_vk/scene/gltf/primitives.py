@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from solari_vk.scene import checks
 from solari_vk.scene.gltf.accessors import Accessors
-from solari_vk.scene.gltf.deform import Pose, Vertices, morph, skin
+from solari_vk.scene.gltf.deform import Vertices, deformation_of, read_joints, read_targets
 from solari_vk.scene.gltf.draco import DracoMeshes
 from solari_vk.scene.gltf.materials import LoadedMaterial
 from solari_vk.scene.gltf.report import Report
@@ -31,8 +31,8 @@ class Primitives:
         self._report = report
         self._meshes: dict[Any, Mesh | None] = {}
 
-    def mesh(self, primitive: Entry, name: str, material: LoadedMaterial, pose: Pose) -> Mesh | None:
-        """The primitive as a mesh fit for a material, or None (reported) if it has no surface."""
+    def mesh(self, primitive: Entry, name: str, material: LoadedMaterial, skinned: bool) -> Mesh | None:
+        """The primitive as a mesh fit for a material, or None (reported) if it has no surface. skinned: with joints."""
         attributes = primitive.entry("attributes")
         if attributes is None:
             raise primitive.error("has no 'attributes'; export the file again")
@@ -40,14 +40,16 @@ class Primitives:
         mode = primitive.integer("mode", 4, high=6)
         if self._draco.unpack(primitive, attributes):
             mode = 4
-        targets = primitive.entries("targets", "target") if any(pose.weights) else []
+        targets = primitive.entries("targets", "target")
+        joints = [name for name in sorted(attributes.data) if skinned and name.startswith(("JOINTS_", "WEIGHTS_"))]
         key = (
             *(attributes.index(a) for a in ("POSITION", "NORMAL", "TANGENT", f"TEXCOORD_{material.uv_set}")),
-            primitive.index("indices"), mode, turned, material.uv_set if material.has_textures else None, pose.key,
+            primitive.index("indices"), mode, turned, material.uv_set if material.has_textures else None,
+            *map(attributes.index, joints),
             tuple(tuple(sorted((k, str(v)) for k, v in target.data.items())) for target in targets),
         )  # fmt: skip
         if key not in self._meshes:
-            self._meshes[key] = self._make(primitive, attributes, mode, name, material, pose, targets)
+            self._meshes[key] = self._make(primitive, attributes, mode, name, material, skinned, targets)
         self._remark(primitive, attributes, material)
         return self._meshes[key]
 
@@ -62,7 +64,7 @@ class Primitives:
 
     def _make(
         self, primitive: Entry, attributes: Entry, mode: int, name: str,
-        material: LoadedMaterial, pose: Pose, targets: list[Entry],
+        material: LoadedMaterial, skinned: bool, targets: list[Entry],
     ) -> Mesh | None:  # fmt: skip
         if mode < 4:
             self._report.add(f"{_MODES[mode]} have no surface and are left out", primitive.place)
@@ -71,11 +73,11 @@ class Primitives:
         if vertices is None:
             return None
         triangles = self._triangles(primitive, mode, len(vertices["POSITION"]))
-        with np.errstate(over="ignore", invalid="ignore"):
-            vertices = morph(vertices, targets, pose.weights, self._accessors)
-            if pose.joints is not None:
-                vertices = skin(vertices, attributes, pose.joints, self._accessors)
+        moved = read_targets(vertices, targets, self._accessors)
         positions = vertices["POSITION"]
+        if skinned:
+            moved |= read_joints(len(positions), attributes, self._accessors)
+        vertices |= moved
         if len(positions) and not np.abs(positions).max() <= checks.LARGEST_COORDINATE:
             raise primitive.error(f"has coordinates above {checks.LARGEST_COORDINATE:g} meters; scale it down")
 
@@ -85,7 +87,7 @@ class Primitives:
         if len(used) < len(positions):
             vertices = {attribute: values[used] for attribute, values in vertices.items()}
         cross = _area_vectors(vertices["POSITION"], triangles)
-        if not cross.any():
+        if not (cross.any() or moved):
             self._report.add("primitives without any triangle of some area are left out", primitive.place)
             return None
         if "NORMAL" in vertices:
@@ -158,21 +160,26 @@ class Primitives:
         material: LoadedMaterial,
     ) -> Mesh:  # fmt: skip
         normals, uvs = vertices.get("NORMAL"), vertices.get("TEXCOORD")
-        positions, tangents = vertices["POSITION"], vertices.get("TANGENT")
-        if tangents is not None and normals is not None:
-            tangents = _fit_tangents(tangents, normals)
-        if material.normal_map is not None and tangents is None and uvs is not None:
-            shading = normals
-            if shading is None:  # flat shading: every corner has the normal of its triangle
-                positions, uvs = positions[triangles].reshape(-1, 3), uvs[triangles].reshape(-1, 2)
-                shading = np.repeat(unit(cross), 3, axis=0).astype(np.float32)
-                triangles = np.arange(len(positions), dtype=np.uint32).reshape(-1, 3)
+        if "TANGENT" in vertices and normals is not None:
+            vertices["TANGENT"] = _fit_tangents(vertices["TANGENT"], normals)
+        if material.normal_map is not None and "TANGENT" not in vertices and uvs is not None:
+            if normals is None:  # flat shading: every corner has the normal of its triangle
+                vertices = {attribute: values[triangles.reshape(-1)] for attribute, values in vertices.items()}
+                normals = np.repeat(unit(cross), 3, axis=0).astype(np.float32)
+                triangles = np.arange(triangles.size, dtype=np.uint32).reshape(-1, 3)
             linear = np.reshape(material.normal_map.uv_transform, (2, 3))[:, :2]
-            split = generate_tangents(positions, shading, uvs @ linear.T, triangles)
-            positions, uvs = positions[split.source], uvs[split.source]
-            tangents, triangles = split.tangents, split.indices
-            normals = None if normals is None else normals[split.source]
-        return Mesh(positions=positions, triangles=triangles, normals=normals, uvs=uvs, tangents=tangents, name=name)
+            split = generate_tangents(vertices["POSITION"], normals, vertices["TEXCOORD"] @ linear.T, triangles)
+            vertices = {attribute: values[split.source] for attribute, values in vertices.items()}
+            vertices["TANGENT"], triangles = split.tangents, split.indices
+        return Mesh(
+            positions=vertices["POSITION"],
+            triangles=triangles,
+            normals=vertices.get("NORMAL"),
+            uvs=vertices.get("TEXCOORD"),
+            tangents=vertices.get("TANGENT"),
+            deformation=deformation_of(vertices),
+            name=name,
+        )
 
 
 def _compact(triangles: NDArray[np.uint32], count: int) -> tuple[NDArray[Any], NDArray[np.uint32]]:

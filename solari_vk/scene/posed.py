@@ -1,0 +1,185 @@
+"""Meshes in the poses of their instances on the device: vertices and acceleration structures of their own.
+
+A pose is computed by scene/deform.comp. Each posed mesh has its positions and its BLAS twice, and poses alternate
+between the two: motion vectors read the previous positions, and rays through the TLAS of the previous frame meet the
+previous pose. A BLAS is refitted from the other one, which takes a fraction of the time of a build but leaves the boxes
+of its tree as they were grouped; after some poses, and when the bounds have grown or shrunk, it is built anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.gpu.acceleration.blas import Blas
+from solari_vk.gpu.acceleration.geometry import TriangleGeometry
+from solari_vk.gpu.acceleration.structure import UpdateMode
+from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.device import Device
+from solari_vk.scene.deformation import Deformation
+from solari_vk.scene.objects import Mesh
+from solari_vk.scene.poser import PosedMesh, Poser
+from solari_vk.scene.table import Table
+
+
+class PosedMeshes:
+    """The posed meshes of a scene. layout: the records of scene/posed.glsl, by name. meshes: the table of meshes."""
+
+    def __init__(self, device: Device, layout: dict[str, Any], meshes: Table) -> None:
+        self._device = device
+        self._meshes = meshes
+        self._poser = Poser(device, layout)
+        self.tables = self._poser.tables
+        """Are uploaded between `update` and `submit`."""
+        self._influence = layout["influences"]
+        self._sources: dict[Mesh, Buffer] = {}  # influences and targets
+        self._rows: dict[PosedMesh, tuple[int, bool]] = {}  # in `meshes`, and whether rays meet it
+        self._changed: dict[PosedMesh, None] = {}
+        self._to_do: dict[PosedMesh, None] = {}  # whose vertices are to be computed by `submit`
+        self._moving: dict[PosedMesh, None] = {}  # whose previous positions differ
+
+    def add(self, shape: PosedMesh, row: int, traced: bool) -> None:
+        """Add a posed mesh with a row of its own, or another use of it."""
+        _, was_traced = self._rows.get(shape, (row, False))
+        self._rows[shape] = row, traced or was_traced
+        if traced and not was_traced:
+            shape.destroy()  # a mesh that no ray met has no BLAS
+        if shape.buffer is None:
+            self._changed[shape] = None
+
+    def remove(self, shape: PosedMesh) -> None:
+        """Remove a posed mesh."""
+        for known in (self._rows, self._changed, self._to_do, self._moving):
+            known.pop(shape, None)
+        shape.destroy()
+        if not any(other.mesh is shape.mesh for other in self._rows) and shape.mesh in self._sources:
+            self._sources.pop(shape.mesh).destroy()
+
+    def note(self, shape: PosedMesh) -> None:
+        """Take note of the pose of its instance, which may have changed."""
+        pose = shape.instance.joint_matrices, shape.instance.morph_weights
+        if pose[0] is not shape.pose[0] or pose[1] is not shape.pose[1]:
+            shape.pose = pose
+            self._changed[shape] = None
+
+    def renew(self, mesh: Mesh) -> bool:
+        """Take note of an edit of a mesh; returns whether posed meshes were freed, which `update` makes anew."""
+        found = [shape for shape in self._rows if shape.mesh is mesh]
+        if mesh in self._sources:
+            self._sources.pop(mesh).destroy()
+        for shape in found:
+            shape.destroy()
+            self._changed[shape] = None
+        return bool(found)
+
+    # ---- records ------------------------------------------------------------------------------------
+
+    def update(
+        self, base: Callable[[Mesh], int], packed: Callable[[Mesh], NDArray[Any] | None]
+    ) -> list[PosedMesh]:
+        """Write the records of meshes in new poses; returns these meshes.
+
+        base(mesh): the row of a mesh in its rest pose, which is uploaded. packed(mesh): its attributes as records.
+        """
+        found = [shape for shape in self._changed if shape in self._rows]
+        for shape in found:
+            if shape.buffer is None:
+                self._make(shape, base(shape.mesh), packed(shape.mesh))
+            elif shape not in self._to_do:
+                shape.side = 1 - shape.side
+                self._moving[shape] = None
+            self._to_do[shape] = None
+            self._write_record(shape, base(shape.mesh))
+        self._changed.clear()
+        self.settle()
+        if self._to_do:
+            work = [(shape, self._meshes.records[base(shape.mesh)], self._sources[shape.mesh]) for shape in self._to_do]
+            self._poser.write(work)
+        return found
+
+    def settle(self) -> bool:
+        """Note that meshes that wait for no pose stand still from now on; returns whether records were written."""
+        resting = [shape for shape in self._moving if shape not in self._to_do]
+        for shape in resting:
+            row, _ = self._rows[shape]
+            self._meshes.records[row]["previous_positions"] = self._meshes.records[row]["positions"]
+            self._meshes.mark([row])
+            del self._moving[shape]
+        return bool(resting)
+
+    def _make(self, shape: PosedMesh, base: int, attributes: NDArray[Any] | None) -> None:
+        """Make vertices and BLASes of its own. attributes: those of the rest pose."""
+        device, mesh = self._device, shape.mesh
+        if mesh not in self._sources:
+            self._sources[mesh] = self._upload_source(mesh.deformation)
+        size = mesh.positions.nbytes
+        total = 2 * size + (0 if attributes is None else attributes.nbytes)
+        name = f"posed {mesh.name or 'mesh'}"
+        shape.buffer = buffer = device.buffer(total, name)
+        if attributes is not None:
+            buffer.upload(attributes, 2 * size)
+        shape.addresses = buffer.address, buffer.address + size, buffer.address + 2 * size
+        shape.side, shape.refits = 0, 0
+        self._moving.pop(shape, None)
+        if not self._rows[shape][1]:
+            return
+        record = self._meshes.records[base]
+        for address in shape.addresses[:2]:
+            geometry = TriangleGeometry(
+                positions=address,
+                position_count=len(mesh.positions),
+                indices=int(record["triangles"]),
+                triangle_count=int(record["triangle_count"]),
+            )
+            blas = Blas(device, [geometry], allow_compaction=False, name=name, update_mode=UpdateMode.PREFER_UPDATE)
+            blas.ensure_storage()
+            shape.blases.append(blas)
+
+    def _upload_source(self, deformation: Deformation | None) -> Buffer:
+        """Influences, then for each target and vertex all that it adds."""
+        assert deformation is not None
+        parts: list[NDArray[Any]] = []
+        if deformation.joints is not None and deformation.joint_weights is not None:
+            influences = np.zeros(deformation.joints.shape, self._influence)
+            influences["weight"] = deformation.joint_weights
+            influences["joint"] = np.where(deformation.joint_weights > 0, deformation.joints, 0)
+            parts.append(influences)
+        if deformation.targets is not None:
+            added = (deformation.targets, deformation.target_normals, deformation.target_tangents)
+            parts.append(np.concatenate([part for part in added if part is not None], axis=2))
+        buffer = self._device.buffer(max(sum(part.nbytes for part in parts), 4), "deformation")
+        offset = 0
+        for part in parts:
+            buffer.upload(part, offset)
+            offset += part.nbytes
+        return buffer
+
+    def _write_record(self, shape: PosedMesh, base: int) -> None:
+        row, _ = self._rows[shape]
+        self._meshes.records[row] = self._meshes.records[base]
+        record = self._meshes.records[row]
+        low, high = shape.deformation.bounds(shape.mesh.positions, *shape.pose)
+        record["bounds_min"], record["bounds_max"] = low, high
+        record["positions"] = shape.addresses[shape.side]
+        record["previous_positions"] = shape.addresses[1 - shape.side if shape in self._moving else shape.side]
+        record["attributes"] = shape.addresses[2] if record["flags"] else 0
+        self._meshes.mark([row])
+        x, y, z = high - low
+        shape.area = float(x * y + y * z + z * x)
+
+    def submit(self) -> None:
+        """Compute the vertices of new poses and bring their BLASes up to date, just before the next submission."""
+        if self._to_do:
+            self._poser.submit(list(self._to_do))
+            self._to_do.clear()
+
+    def destroy(self) -> None:
+        """Free everything."""
+        for shape in self._rows:
+            shape.destroy()
+        for source in self._sources.values():
+            source.destroy()
+        self._poser.destroy()

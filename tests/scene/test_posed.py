@@ -1,0 +1,193 @@
+"""Skinned and morphed vertices on the device against numpy, poses of several instances, and wrong poses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.characters import bent, tube
+
+import solari_vk as sv
+from solari_vk.errors import SolariError
+from solari_vk.scene.binder import SceneBinder
+from solari_vk.scene.deformation import Deformation
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(20)
+
+
+@pytest.fixture
+def bound(device):
+    """A function that binds a scene to the device."""
+    made = []
+
+    def bind(scene):
+        made.append(SceneBinder(device, scene))
+        return made[-1]
+
+    yield bind
+    for binder in made:
+        binder.destroy()
+
+
+def vertices(binder, instance):
+    """What the device has: positions, previous positions, and records of attributes."""
+    binder.update()
+    geometry = binder._geometry
+    shape, _, _ = binder._uses[instance]
+    record = geometry.table.records[geometry.rows[shape]]
+    count, buffer = len(instance.mesh.positions), shape.buffer
+    places = [int(record[name]) - buffer.address for name in ("positions", "previous_positions", "attributes")]
+    now, before = (buffer.read(np.float32, 3 * count, place).reshape(-1, 3) for place in places[:2])
+    return now, before, buffer.read(geometry._attributes, count, places[2])
+
+
+def expected(mesh, matrices=None, weights=None):
+    """Positions, normals and tangents in 64 bits, vertex by vertex, as glTF's specification says."""
+    rest = [part[:, :3].astype(np.float64) for part in (mesh.positions, mesh.normals, mesh.tangents)]
+    added = mesh.deformation
+    for part, deltas in zip(rest, (added.targets, added.target_normals, added.target_tangents), strict=True):
+        if weights is not None:
+            part += sum(w * d.astype(np.float64) for w, d in zip(np.float32(weights), deltas, strict=True))
+    if matrices is not None:
+        matrices = np.float32(matrices).astype(np.float64)
+        for row, (joints, shares) in enumerate(zip(added.joints, added.joint_weights.astype(np.float64), strict=True)):
+            matrix = sum(share * matrices[joint] for joint, share in zip(joints, shares, strict=True))
+            rest[0][row] = matrix[:3, :3] @ rest[0][row] + matrix[:3, 3]
+            rest[1][row] = np.linalg.inv(matrix[:3, :3]).T @ rest[1][row] * np.linalg.det(matrix[:3, :3])
+            rest[2][row] = matrix[:3, :3] @ rest[2][row]
+    return [rest[0], *(part / np.linalg.norm(part, axis=1, keepdims=True) for part in rest[1:])]
+
+
+def compare(found, wanted):
+    positions, _, attributes = found
+    for part, right in zip((positions, attributes["normal"], attributes["tangent"][:, :3]), wanted, strict=True):
+        assert np.abs(part - right).max() <= 1e-6 * np.abs(right).max()
+
+
+# ---- vertices ---------------------------------------------------------------------------------------
+
+
+def test_vertices_of_poses(bound, rng):
+    """Joints that turn, scale and shear; several targets of which some have no weight; both; and neither."""
+    mesh, rest = tube(4, targets=5)
+    instance = sv.Instance(mesh, transform=[1, 2, 3])
+    binder = bound(sv.Scene(instance))
+    sheared = bent(rest, 0.4)
+    sheared[:, :3, :3] += rng.normal(scale=0.1, size=(4, 3, 3))
+    weights = np.array([0.5, 0, -0.25, 0, 1.5])
+    for pose in ((bent(rest, 0.3), None), (sheared, None), (None, weights), (sheared, weights), (None, 0 * weights)):
+        instance.update(joint_matrices=pose[0], morph_weights=pose[1])
+        found = vertices(binder, instance)
+        compare(found, expected(mesh, *pose))
+        assert (found[2]["uv"] == mesh.uvs).all()
+        assert (found[2]["tangent"][:, 3] == 1).all()
+        host = instance.posed_mesh()
+        compare((host.positions, None, {"normal": host.normals, "tangent": host.tangents}), expected(mesh, *pose))
+        low, high = (binder._geometry.table.records[binder._geometry.rows[binder._uses[instance][0]]][name]
+                     for name in ("bounds_min", "bounds_max"))  # fmt: skip
+        assert (found[0] >= low).all()
+        assert (found[0] <= high).all()
+
+
+def test_instances_of_a_mesh_have_poses_of_their_own(bound):
+    mesh, rest = tube()
+    poses = [bent(rest, angle) for angle in (0.1, -0.5, 1.2)]
+    instances = [sv.Instance(mesh, joint_matrices=pose) for pose in poses]
+    still = sv.Instance(mesh)
+    binder = bound(sv.Scene(still, *instances))
+    for instance, pose in zip(instances, poses, strict=True):
+        compare(vertices(binder, instance), expected(mesh, pose))
+    instances[1].joint_matrices = poses[2]
+    compare(vertices(binder, instances[1]), expected(mesh, poses[2]))
+    compare(vertices(binder, instances[0]), expected(mesh, poses[0]))
+    assert binder._uses[still][0] is mesh
+
+
+def test_previous_positions_are_those_of_the_previous_frame(bound):
+    mesh, rest = tube()
+    one, other = (sv.Instance(mesh, joint_matrices=bent(rest, 0.0)) for _ in range(2))
+    binder = bound(sv.Scene(one, other))
+    before = None
+    for angle in (0.1, 0.2, 0.3):
+        one.joint_matrices = bent(rest, angle)
+        now, previous, _ = vertices(binder, one)
+        assert before is None or (previous == before).all()
+        before = now
+    other.transform = [1, 0, 0]
+    now, previous, _ = vertices(binder, one)
+    assert (now == before).all()
+    assert (previous == now).all(), "another instance moved"
+    one.joint_matrices = bent(rest, 0.5)
+    vertices(binder, one)
+    now, previous, _ = vertices(binder, one)
+    assert (previous == now).all(), "a second frame without edits"
+
+
+def test_edits_of_posed_meshes(bound):
+    mesh, rest = tube()
+    instance = sv.Instance(mesh, joint_matrices=bent(rest, 0.2))
+    binder = bound(scene := sv.Scene(instance))
+    vertices(binder, instance)
+    mesh.positions = mesh.positions * [2, 1, 2]
+    compare(vertices(binder, instance), expected(mesh, bent(rest, 0.2)))
+    longer, rest = tube(5, rings=20)
+    instance.update(mesh=longer, joint_matrices=bent(rest, 0.1))
+    compare(vertices(binder, instance), expected(longer, bent(rest, 0.1)))
+    instance.joint_matrices = None
+    binder.update()
+    assert binder._uses[instance][0] is longer
+    instance.joint_matrices = bent(rest, 0.1)
+    compare(vertices(binder, instance), expected(longer, bent(rest, 0.1)))
+    longer.deformation = None
+    binder.update()
+    assert binder._uses[instance][0] is longer
+    scene.remove(instance)
+    binder.update()
+    assert not binder._geometry.rows
+    assert not binder._geometry.posed._sources
+
+
+# ---- wrong poses ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"joints": [[0, 1]], "joint_weights": [[1]]}, r"one shape \(N, K\)"),
+        ({"joints": [[0]], "joint_weights": [[-1]]}, "negative, but those of vertex 0"),
+        ({"joints": [[0]], "joint_weights": [[np.nan]]}, "joint_weights must be finite"),
+        ({"joints": [[1 << 20]], "joint_weights": [[1]]}, "joints must be less than"),
+        ({"joints": [[0]]}, "together"), ({}, "targets or both"),
+        ({"targets": np.zeros((2, 3, 3)), "target_normals": np.zeros((1, 3, 3))}, "the shape of targets"),
+        ({"targets": np.full((1, 1, 3), 1e30)}, "must lie within"),
+    ],
+)  # fmt: skip
+def test_wrong_deformations(fields, message):
+    with pytest.raises(SolariError, match=message):
+        Deformation(**fields)
+
+
+def test_wrong_poses():
+    mesh, rest = tube(3, targets=2)
+    instance = sv.Instance(mesh)
+    nan, far = np.full((3, 3, 4), np.nan), bent(rest, 0) * 1e11
+    for fields, message in (
+        ({"joint_matrices": bent(rest, 0)[:2]}, "has 2 matrices, but the mesh has 3 joints"),
+        ({"morph_weights": [1.0]}, "has 1 weights, but the mesh has 2 morph targets"),
+        ({"joint_matrices": nan}, "joint_matrices must be finite"),
+        ({"morph_weights": [np.nan, 0]}, "morph_weights must be finite"),
+        ({"joint_matrices": np.eye(4)}, "joint_matrices must have the shape"),
+        ({"mesh": sv.shapes.sphere(), "joint_matrices": bent(rest, 0)}, "needs a mesh with a deformation"),
+        ({"mesh": tube(3)[0], "morph_weights": [1.0]}, "the mesh has 0 morph targets"),
+    ):
+        with pytest.raises(SolariError, match=message):
+            instance.update(**fields)
+    assert not instance.posed
+    instance.joint_matrices = far
+    huge = sv.Mesh(mesh.positions * 1e9, mesh.triangles, deformation=mesh.deformation)
+    with pytest.raises(SolariError, match="coordinates above 1e"):
+        instance.mesh = huge
+    with pytest.raises(SolariError, match="is for 72 vertices, but the mesh has 3"):
+        sv.Mesh(np.zeros((3, 3)), deformation=mesh.deformation)
