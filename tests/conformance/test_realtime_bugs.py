@@ -222,7 +222,7 @@ BUGS = {
     "lengths as depths": (measure_one_mirror, ["virtual depths"], WRITE, "path_length * camera_ray.depth_per_t",
                           "path_length"),
     "mirrors that stand still": (measure_one_mirror, ["motion"], MIRRORS, "previous.id != instance.id", "true"),
-    "hits don't move": (measure_one_mirror, ["motion"], MIRRORS, "weights.x * mesh.positions.at[corners.x]",
+    "hits don't move": (measure_one_mirror, ["motion"], MIRRORS, "interpolate_position(mesh.positions, mesh, hit)",
                         "0.0 * world_position"),
     "normals don't turn": (measure_one_mirror, ["motion"], MIRRORS, "cofactors * object_normal", "mirror.normal"),
     "planes through the origin": (measure_one_mirror, ["motion"], MIRRORS, "mat3(chain) * moved + chain[3]",

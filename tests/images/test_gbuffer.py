@@ -254,7 +254,7 @@ MUTANTS = {
     ),
     "rows remembered, not instances": (
         test_rows_of_new_instances_have_no_history, "gbuffer.glsl",
-        "previous.id == instances.at[instance_index].id", "previous.id != 0u",
+        "previous.id == instances.at[hit.instance].id", "previous.id != 0u",
     ),
     "nothing is ever hidden": (test_counts, "cull.comp", "/ nearest * 1.0001 <", "/ nearest * 1e9 <"),
     "nothing is ever out of view": (test_counts, "cull.comp", "&& is_outside_frustum(box)", "&& box.rounding < 0.0"),

@@ -151,9 +151,9 @@ vec3 interpolate_position(Positions positions, Mesh mesh, Hit hit) {
 // The position of a hit point of an instance's mesh in the previous frame; `world_position` when the instance is new.
 vec3 previous_world_position(Hit hit, Mesh mesh, vec3 object_position, vec3 world_position) {
     PreviousInstance previous = previous_instances.at[hit.instance];
-    if (previous.id != instances.at[hit.instance].id) { return world_position; }
+    bool known = previous.id == instances.at[hit.instance].id;
     if (changes_pose(mesh)) { object_position = interpolate_position(mesh.previous_positions, mesh, hit); }
-    return previous.world_from_object * vec4(object_position, 1.0);
+    return known ? previous.world_from_object * vec4(object_position, 1.0) : world_position;
 }
 
 vec2 motion_vector(vec3 world_position, vec3 previous_world_position) {
