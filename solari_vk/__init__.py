@@ -31,6 +31,7 @@ _HOMES = {
     "scene.gltf": ("load_gltf",),
     "scene.load": ("load",),
     "scene.builtin": ("builtin",),
+    "scene.sky": ("Sky",),
     "scene.studio": ("studio_lights",),
     "output.picture": ("check_output", "save_image"),
     "output.tone_mapping": ("auto_exposure", "tonemap"),
@@ -48,9 +49,9 @@ _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 __all__ = [
     "CallbackError", "Camera", "Device", "DeviceError", "DirectionalLight", "Environment", "Frame", "HitGroup",
     "Instance", "Material", "Mesh", "Pass", "PathTracer", "PointLight", "RayPass", "RayTracer", "RenderedFrame",
-    "Renderer", "Scene", "SceneBinder", "SceneFrame", "Settings", "SolariError", "SpotLight", "Stage", "Texture",
-    "TextureImage", "ValidationError", "Viewer", "__version__", "auto_exposure", "builtin", "check_output",
-    "list_devices", "load", "load_gltf", "rt", "save_image", "shapes", "studio_lights", "tonemap",
+    "Renderer", "Scene", "SceneBinder", "SceneFrame", "Settings", "Sky", "SolariError", "SpotLight", "Stage",
+    "Texture", "TextureImage", "ValidationError", "Viewer", "__version__", "auto_exposure", "builtin",
+    "check_output", "list_devices", "load", "load_gltf", "rt", "save_image", "shapes", "studio_lights", "tonemap",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -81,6 +82,7 @@ if TYPE_CHECKING:
         TextureImage,
     )
     from solari_vk.scene.punctual import PointLight, SpotLight
+    from solari_vk.scene.sky import Sky
     from solari_vk.scene.studio import studio_lights
     from solari_vk.settings import Settings
     from solari_vk.tracer import RayTracer

@@ -119,7 +119,7 @@ class RenderedFrame:
             return
         radiance = self["radiance"]
         if exposure == "auto":
-            exposure = Camera(ev100=auto_exposure(radiance)).exposure
+            exposure = Camera(ev100=renderer.auto_exposure(radiance)).exposure
         elif isinstance(exposure, str):
             raise SolariError(f"{path}: exposure is a factor or 'auto', not {exposure!r}")
         exposure = self.camera.exposure if exposure is None else exposure
@@ -138,7 +138,7 @@ def _warn_of_exposure(picture: NDArray[Any]) -> None:
     """Warn if nothing can be seen in a picture after exposure."""
     if not picture.any():
         text = "is black: the scene's lights don't reach it. Lights are DirectionalLight, instances with an emissive "
-        warnings.warn(f"the picture {text}material, and studio_lights(scene)", stacklevel=3)
+        warnings.warn(f"the picture {text}material, scene.environment, and studio_lights(scene)", stacklevel=3)
     elif not DARKEST < (typical := float(np.median(picture[picture > 0]))) < BRIGHTEST:
         text = f"the picture is far too {'bright' if typical > 1 else 'dark'}"
         warnings.warn(f'{text}: set camera.ev100, or save it with exposure="auto"', stacklevel=3)
@@ -231,6 +231,15 @@ class PictureRenderer(SceneUser, ABC):
     @abstractmethod
     def read(self, name: str) -> NDArray[Any]:
         """A result of the latest frame that isn't in pathtracer.FIRST_HIT_AOVS."""
+
+    def auto_exposure(self, radiance: NDArray[Any] | None = None) -> float:
+        """The EV100 that suits the latest picture: surfaces count, and an environment behind them doesn't.
+
+        radiance (height, width, 3): another picture of the same view, such as the mean of several frames.
+        """
+        radiance = self["radiance"] if radiance is None else radiance
+        surfaces = None if self.binder.scene.environment is None else np.isfinite(self["depth"])
+        return auto_exposure(radiance, surfaces)
 
     def check_latest(self, frame: RenderedFrame, name: str) -> None:
         """Raise SolariError if a frame's results are no longer on the device. name: the result that is asked for."""

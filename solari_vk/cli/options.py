@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Iterable
 from typing import Any
 
+from solari_vk.cli.environment import add_environment_options
 from solari_vk.errors import unknown_name
 
 
@@ -37,8 +38,7 @@ def add_scene_options(parser: Any, window_size: tuple[int, int] | None = None) -
     parser.add_argument("--exposure", metavar="EV100|auto", help="exposure value (the camera's; for files auto)")
     parser.add_argument("--tonemap", type=tonemap, default="agx", metavar="NAME",
                         help="tone mapping: none, reinhard, aces or agx (agx)")
-    parser.add_argument("--lights", choices=("auto", "studio", "none"), default="auto",
-                        help="studio adds lights, auto adds them to a file without any light (auto)")
+    add_environment_options(parser)
     parser.add_argument("--validation", action="store_true", help="use the Vulkan validation layer")
     add_device_options(parser)
 

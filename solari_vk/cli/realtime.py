@@ -22,7 +22,6 @@ from solari_vk.gpu.device.rays import IN_WORDS
 from solari_vk.output.error import ErrorEstimate, area_means
 from solari_vk.output.movie import write_movie
 from solari_vk.output.picture import save_image, write_png
-from solari_vk.output.tone_mapping import auto_exposure
 from solari_vk.passes import lighting, pathtracer
 from solari_vk.passes.taa import render_size
 from solari_vk.renderer import LIGHT, Renderer
@@ -82,11 +81,10 @@ def _meter(renderer: Renderer, cameras: Sequence[Camera]) -> None:
     """Choose a first exposure by what the first camera sees: passes pack radiance relative to the exposure."""
     for _ in range(METERING_FRAMES):
         renderer.render(cameras[0])
-        _expose(cameras, renderer["radiance"])
+        _expose(cameras, renderer.auto_exposure())
 
 
-def _expose(cameras: Sequence[Camera], radiance: NDArray[Any]) -> None:
-    ev100 = auto_exposure(radiance)
+def _expose(cameras: Sequence[Camera], ev100: float) -> None:
     for camera in cameras:
         camera.ev100 = ev100
 
@@ -172,7 +170,7 @@ class _Shooting:
     def _write(self, camera: Camera, target: Path) -> None:
         radiance, options = self._result("radiance"), self._options
         if self._meters and not self._written:
-            _expose(self._plan.cameras, radiance)
+            _expose(self._plan.cameras, self._renderer.auto_exposure(radiance))
         if options.view != "picture":
             write_png(target, self._renderer["display"][..., :3])
         else:

@@ -42,7 +42,7 @@ def run(options: argparse.Namespace) -> None:
         radiance = renderer["radiance"]
         seconds = progress.seconds
         if subject.auto_exposure:
-            camera.ev100 = sv.auto_exposure(radiance)
+            camera.ev100 = renderer.auto_exposure(radiance)
         layers = {name: renderer[name] for name in names}
         sv.save_image(options.output, radiance, exposure=camera.exposure, tonemap=options.tonemap, layers=layers)
     print(

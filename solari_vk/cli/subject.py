@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import solari_vk as sv
+from solari_vk.cli.environment import add_environment
 from solari_vk.errors import SolariError
 from solari_vk.output.animation import load_path, orbit
 from solari_vk.scene.model import Camera, Scene
@@ -57,12 +58,7 @@ def load(options: argparse.Namespace) -> Subject:
         )  # fmt: skip
     camera = _find_camera(scene, options.camera, options.size[0] / options.size[1])
     cameras = [camera] if options.animate is None else _path(options, scene, camera)
-    lit = any(light.emits for light in scene.lights)
-    lit = lit or any(i.visible and i.material.emits for i in scene.instances)
-    if options.lights == "studio" or (options.lights == "auto" and not lit):
-        if options.lights == "auto":
-            print(f"{options.source} has no light of its own: adding studio lights", file=sys.stderr)
-        sv.studio_lights(scene, camera=camera)
+    add_environment(scene, camera, options)
     exposure = options.exposure or ("camera" if builtin else "auto")
     if exposure not in ("auto", "camera"):
         try:

@@ -33,6 +33,7 @@ def add_parser(commands: Any) -> None:
 def run(options: argparse.Namespace) -> None:
     """Show the window until it is closed."""
     import solari_vk as sv
+    from solari_vk.cli.environment import environment_words
     from solari_vk.cli.plan import make_settings
     from solari_vk.cli.subject import load
     from solari_vk.output.picture import write_png
@@ -45,12 +46,13 @@ def run(options: argparse.Namespace) -> None:
     settings = make_settings(options)
     check_view(options.view, settings.lighting)
     subject = load(options)
-    words = ["--lights", options.lights] + (["--scene", options.scene] if options.scene else [])
+    words = [*environment_words(options), *(["--scene", options.scene] if options.scene else [])]
     is_file = not options.source.startswith("builtin:")
     with sv.Device(options.device, validation=options.validation or None, rays=options.rays) as device:
         if subject.auto_exposure:  # by a small picture
             with sv.PathTracer(device, subject.scene, (96, 54)) as tracer:
-                subject.cameras[0].ev100 = sv.auto_exposure(tracer.render(subject.cameras[0], samples=16))
+                tracer.render(subject.cameras[0], samples=16)
+                subject.cameras[0].ev100 = tracer.auto_exposure()
         with sv.Viewer(
             device, subject.scene, size=options.size, camera=subject.cameras[0], mode=options.mode,
             scale=options.scale, fps=options.fps, settings=settings, seed=options.seed,

@@ -124,13 +124,17 @@ def encode_picture(radiance: ArrayLike, *, exposure: float = 1.0, curve: str = "
     return np.round(encoded * 255).astype(np.uint8)
 
 
-def auto_exposure(radiance: ArrayLike) -> float:
+def auto_exposure(radiance: ArrayLike, surfaces: ArrayLike | None = None) -> float:
     """The EV100 that shows the log-average luminance of radiance (..., 3), in cd/m^2, as middle gray, 0.18.
 
     Pixels that are black, or a million times darker than the mean, are left out, so that a black background does not
-    brighten the picture. Returns 0 for a picture without light.
+    brighten the picture. surfaces (...): which pixels show a surface. If at least 1 % do, only they count, so that a
+    bright sky doesn't make what stands before it black. Returns 0 for a picture without light.
     """
     luminance = np.asarray(radiance, np.float64) @ LUMINANCE.astype(np.float64)
+    shown = None if surfaces is None else np.asarray(surfaces, bool)
+    if shown is not None and shown.mean() >= 0.01:
+        luminance = luminance[shown]
     luminance = luminance[np.isfinite(luminance) & (luminance > 0)]
     if not luminance.size:
         return 0.0

@@ -33,6 +33,10 @@ class EnvironmentLight(Light):
         """The lights that the scene gets."""
         return (self,)
 
+    def turn(self, angle: float) -> None:
+        """Turn the environment about the y axis by an angle in radians."""
+        raise NotImplementedError
+
     @property
     def emits(self) -> bool:
         """Whether the environment emits anything."""
@@ -129,6 +133,10 @@ class Environment(EnvironmentLight):
         "rotation": _rotation,
         "name": checks.text,
     }
+
+    def turn(self, angle: float) -> None:
+        """Turn the map about the y axis by an angle in radians."""
+        self.rotation = rotation((0, 1, 0), angle) @ self.rotation
 
 
 def luminances(image: FloatArray) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""Lights and a ground for scenes that have no light of their own, such as most glTF files of single objects."""
+"""A photo studio for scenes that have no light of their own, such as most glTF files of single objects."""
 
 from __future__ import annotations
 
@@ -9,35 +9,85 @@ from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
 from solari_vk.scene import shapes
-from solari_vk.scene.builtin import lamp, matte
+from solari_vk.scene.builtin import matte
+from solari_vk.scene.environment import Environment, directions, solid_angles
 from solari_vk.scene.model import Camera, Scene
+
+HEIGHT, WIDTH = 256, 512
+FLOOR_ALBEDO = 0.32
+FLOOR_IN_RADII = 60.0  # of the scene
+ZENITH = 0.5  # radiance of the walls overhead over that at the horizon
+# Soft boxes: heading from the camera and height of the center, half width and half height, all in degrees, and the
+# radiance. The key light stands at the camera's left, the fill light at its right, two strips behind the scene.
+BOXES = (
+    (-50, 42, 18, 16, 60.0),
+    (60, 25, 22, 26, 3.5),
+    (155, 35, 8, 30, 14.0),
+    (-150, 30, 6, 28, 9.0),
+    (0, 85, 20, 20, 4.0),
+)
+_EDGE = math.radians(5)  # over which a box fades out
+
+
+def studio_environment(brightness: float = 1.0) -> Environment:
+    """Soft boxes before a wall, (HEIGHT, WIDTH) texels, seen from +z; the wall's radiance at the horizon is given.
+
+    Below the horizon the map has the radiance of an endless matte floor of FLOOR_ALBEDO. A real floor of that albedo
+    in this light looks the same, and so it shows nothing but shadows.
+    """
+    toward = directions(HEIGHT, WIDTH)
+    up = toward[..., 1]
+    boxes = np.zeros((HEIGHT, WIDTH))
+    for heading, height, half_width, half_height, radiance in BOXES:
+        boxes = np.maximum(boxes, radiance * _box(toward, heading, height, half_width, half_height))
+    wall = 1 + (ZENITH - 1) * np.clip(up, 0, 1)
+    weights = np.clip(up, 0, None) * solid_angles(HEIGHT, WIDTH) * (FLOOR_ALBEDO / math.pi)
+    # The floor has the wall's radiance at the horizon, 1, when the boxes give what the wall itself doesn't.
+    boxes *= (1 - (weights * wall).sum()) / (weights * boxes).sum()
+    gray = brightness * np.where(up > 0, wall + boxes, 1.0)
+    return Environment(gray, name="studio")
+
+
+def _box(
+    toward: NDArray[np.float64], heading: float, height: float, half_width: float, half_height: float
+) -> NDArray[np.float64]:
+    """How much of a soft box each direction sees, from 0 to 1."""
+    angle, up = math.radians(heading), math.radians(height)
+    center = np.array((math.sin(angle) * math.cos(up), math.sin(up), math.cos(angle) * math.cos(up)))
+    side = np.array((math.cos(angle), 0.0, -math.sin(angle)))
+    along = toward @ center
+    across = np.arctan2(toward @ side, along), np.arctan2(toward @ np.cross(center, side), along)
+    seen = np.ones(toward.shape[:2])
+    for offset, half in zip(across, (half_width, half_height), strict=True):
+        share = np.clip((math.radians(half) - np.abs(offset)) / _EDGE + 0.5, 0, 1)
+        seen *= share**2 * (3 - 2 * share)
+    return seen
 
 
 def studio_lights(scene: Scene, *, ev100: float = 0.0, ground: bool = True, camera: Camera | None = None) -> Scene:
-    """Add three area lights and a ground plane around the scene's bounds, and return the scene.
+    """Light a scene as in a photo studio, and return it: its environment is replaced, and it gets a floor.
 
-    Key (from the camera's left, above), fill (right, a quarter as bright) and rim (behind) are squares as
-    wide as the scene's radius, 2.5 radii from its center, and as bright as a picture with this ev100 needs.
-    Without a camera the front is +z. The ground is matte gray, 20 radii wide, just under the scene.
+    The soft boxes stand around the camera's view of the scene; without a camera the front is +z. They are as bright as
+    a picture with this ev100 needs. The floor lies under the scene's bounds; it shows shadows, and looks like the
+    background elsewhere. Raises SolariError for a scene that is a single point.
     """
     bounds = scene.bounds
-    center, radius = bounds.center, bounds.radius
-    if not radius > 0:
+    if not bounds.radius > 0:
         raise SolariError(f"{scene.describe()} is a single point: a studio needs geometry with a size")
-    turn = _heading(camera, center)
-    half_side, distance = 0.5 * radius, 2.5 * radius
-    # White paint that faces the key light is shown as about 0.9 = exposure * E / pi, with E = L * area / distance^2.
-    key = 0.9 * math.pi * 1.2 * 2.0**ev100 * (distance / (2 * half_side)) ** 2
-    for name, heading, height, strength in (("key", -40, 40, 1.0), ("fill", 55, 15, 0.25), ("rim", 160, 50, 0.6)):
-        angle, up = turn + math.radians(heading), math.radians(height)
-        toward = np.array((math.sin(angle) * math.cos(up), math.sin(up), math.cos(angle) * math.cos(up)))
-        mesh = shapes.facing_quad(center + distance * toward, half_side, center)
-        scene.add(mesh, lamp(key * strength, f"{name} light"), name=f"{name} light")
+    scene.environment = environment = studio_environment(0.3 * 1.2 * 2.0**ev100)
+    environment.rotation = _heading(camera, bounds.center)
     if ground:
-        at = np.array((center[0], bounds.min[1] - 1e-3 * radius, center[2]))
-        mesh = shapes.quad(at, (0, 0, 10 * radius), (10 * radius, 0, 0), name="ground")
-        scene.add(mesh, matte(0.35, "ground"), name="ground")
+        add_floor(scene, FLOOR_ALBEDO)
     return scene
+
+
+def add_floor(scene: Scene, albedo: float) -> None:
+    """Add a matte round floor just under the scene's bounds."""
+    bounds, sides = scene.bounds, 64
+    turns = np.linspace(0, 2 * math.pi, sides, endpoint=False)
+    rim = FLOOR_IN_RADII * bounds.radius * np.stack([np.cos(turns), np.zeros(sides), -np.sin(turns)], axis=-1)
+    at = np.array((bounds.center[0], bounds.min[1] - 1e-3 * bounds.radius, bounds.center[2]))
+    scene.add(shapes.polygons(at + rim), matte(albedo, "floor"), name="floor")
 
 
 def _heading(camera: Camera | None, center: NDArray[np.float64]) -> float:

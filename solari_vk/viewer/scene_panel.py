@@ -111,6 +111,9 @@ class ScenePanel:
                 self._edit(light, "color", color("color", value))
             elif np.shape(value) == (3,):
                 self._edit(light, field.name, imgui.drag_float3(label, value.tolist(), 0.01, format="%.4g"))
+            elif np.shape(value) == (3, 3):
+                turned, degrees = imgui.drag_float("turn by", 0.0, 0.5, format="%.1f deg")
+                self._edit(light, field.name, (turned, rotation(AXES[1], math.radians(degrees)) @ value))
             elif isinstance(value, float):
                 speed = max(0.01 * abs(value), 1e-3)
                 self._edit(light, field.name, imgui.drag_float(label, value, speed, format="%.4g"))

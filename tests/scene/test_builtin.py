@@ -7,12 +7,13 @@ import math
 import numpy as np
 import pytest
 
+from solari_vk.conformance.oracles import environments
 from solari_vk.errors import SolariError
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import SCENES, builtin, cornell_box
 from solari_vk.scene.matrices import transform_points
 from solari_vk.scene.model import Camera, Instance, Material, Scene
-from solari_vk.scene.studio import studio_lights
+from solari_vk.scene.studio import FLOOR_ALBEDO, studio_environment, studio_lights
 
 
 def corners_of(mesh):
@@ -152,20 +153,23 @@ def test_a_framing_camera_sees_all_and_fills_the_picture(aspect, scale):
     assert place.max() == pytest.approx(1 / 1.1, rel=1e-6)
 
 
-def test_studio_lights_face_the_scene_and_follow_exposure():
+def test_a_studio_has_the_light_of_its_floor_below_the_horizon():
+    """Without a scene, the floor looks like the map beside it: its albedo times its irradiance over pi."""
+    environment = studio_environment(2.0)
+    expected = FLOOR_ALBEDO / math.pi * environments.irradiance(environment, (0, 1, 0), rows=256)
+    np.testing.assert_allclose(environment.image[len(environment.image) // 2 :], 2.0)
+    np.testing.assert_allclose(expected, 2.0, rtol=5e-3)
+
+
+def test_a_studio_faces_the_camera_and_follows_exposure():
+    camera = Camera.look_at((9, 1, 0), (0, 0, 0))
     scene = Scene(Instance(mesh=shapes.sphere(3.0), material=Material(), name="ball"))
-    studio_lights(scene, ev100=5)
-    lamps = [i for i in scene if i.material.emits]
-    assert [i.name for i in lamps] == ["key light", "fill light", "rim light"]
-    for lamp in lamps:
-        center = corners_of(lamp.mesh).mean(axis=(0, 1))
-        assert np.dot(geometric_normals(lamp.mesh)[0], -center) > 0.99 * np.linalg.norm(center)
-    # Key light on white paint facing it: E = L A / d^2, and the picture shows exposure * E / pi.
-    key = corners_of(lamps[0].mesh)
-    area = np.linalg.norm(np.cross(key[:, 1] - key[:, 0], key[:, 2] - key[:, 0]), axis=1).sum() / 2
-    distance = np.linalg.norm(key.mean(axis=(0, 1)))
-    shown = lamps[0].material.emissive[0] * area / distance**2 / math.pi / (1.2 * 2.0**5)
-    assert shown == pytest.approx(0.9, rel=1e-4)
-    ground = next(i for i in scene if i.name == "ground")
-    assert geometric_normals(ground.mesh)[0, 1] == pytest.approx(1.0)
-    assert ground.mesh.positions[:, 1].max() < -3
+    studio_lights(scene, ev100=5, camera=camera)
+    key = scene.environment.brightest
+    assert key.min() > 0.3, "in front of the camera, above, at its left"
+    light = scene.environment.flux
+    assert studio_lights(scene, ev100=6, ground=False).environment.flux == pytest.approx(2 * light)
+    floor = scene.instances["floor"]
+    assert geometric_normals(floor.mesh)[0, 1] == pytest.approx(1.0)
+    assert -3.1 < floor.mesh.positions[:, 1].max() < -3
+    assert len(scene.lights) == 1
