@@ -17,14 +17,16 @@ LEVELS = 5  # passes of the blur, each twice as wide as the one before; an odd n
 
 
 def stage(size: tuple[int, int]) -> Stage:
-    """Denoises `paths_diffuse` and `paths_specular`; the result is in `denoise_odd`. Does nothing when denoise=off."""
+    """Denoises `paths_diffuse` and `paths_specular`. Does nothing when denoise=off.
+
+    The result is in what glsl/passes/denoise/bindings.glsl calls `denoise_odd`.
+    """
     pixels = size[0] * size[1]
     cells = (-(-size[0] // CELL), -(-size[1] // CELL))
     return Stage(
         "denoise",
         buffers={
             **dict.fromkeys(("denoise_guides", "denoise_diffuse", "denoise_specular"), History(pixels)),
-            **dict.fromkeys(("denoise_even", "denoise_odd", "denoise_luminance"), pixels),
             **dict.fromkeys(("denoise_cells", "denoise_blocks"), cells[0] * cells[1]),
         },
         passes=[

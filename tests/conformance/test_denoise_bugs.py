@@ -37,15 +37,16 @@ BUGS = {
                                   "if (value > limit && limit > 0.0 && lobe.frames < settled) {",
                                   "limit = 2.0 * others;\n    if (value > limit) {"),
     "variance of a frame": (checks.measure_even_light, [ERROR], VARIANCE, "of_sample / lobe.frames", "of_sample"),
-    "outliers pass on nothing": (checks.measure_even_light, [EVEN], BLUR, "(center.variance + other.variance)",
-                                 "(2.0 * center.variance)"),
-    "no blur": (checks.measure_even_light, [EVEN], BLUR, "weight /= square(1.0 + unlike);", "weight = 0.0;"),
+    "outliers pass on nothing": (checks.measure_even_light, [EVEN], BLUR,
+                                 "+ other.deviation * other.deviation;", "+ center.deviation * center.deviation;"),
+    "no blur": (checks.measure_even_light, [EVEN], BLUR, "weight * share * share;", "0.0;"),
     "noise of all pixels alike": (checks.measure_even_light, [ERROR], BLUR, "CORRELATION[min(level, 2u)]);", "1.0);"),
-    "blur across depths": (checks.measure_edges, [EDGES], LIKENESS, "exp(-(off + turned", "exp(-(turned"),
-    "blur around corners": (checks.measure_edges, [EDGES], LIKENESS, "exp(-(off + turned * pattern.normal_sharpness",
+    "blur across depths": (checks.measure_edges, [EDGES], LIKENESS, "exp(-(off + dot(", "exp(-(dot("),
+    "blur around corners": (checks.measure_edges, [EDGES], LIKENESS,
+                            "exp(-(off + dot(turned, turned) * pattern.normal_sharpness",
                             "exp(-(min(off, 0.1) + 0.0 * pattern.normal_sharpness"),
-    "error of the sum of lobes": (checks.measure_even_light, [ERROR], COMPOSE, "sqrt(ERROR_OVER_NOISE * dot(",
-                                  "(ERROR_OVER_NOISE * dot("),
+    "variance for error": (checks.measure_even_light, [ERROR], COMPOSE, "length(deviations * ",
+                           "length(deviations * deviations * "),
 }  # fmt: skip
 
 

@@ -12,11 +12,11 @@ layout(set = 1, binding = 142, scalar) buffer DenoiseDiffuseBlock { uvec4 at[]; 
 layout(set = 1, binding = 143, scalar) buffer PreviousDenoiseDiffuseBlock { uvec4 at[]; } previous_denoise_diffuse;
 layout(set = 1, binding = 144, scalar) buffer DenoiseSpecularBlock { uvec4 at[]; } denoise_specular;
 layout(set = 1, binding = 145, scalar) buffer PreviousDenoiseSpecularBlock { uvec4 at[]; } previous_denoise_specular;
-// The light of both lobes while it is filtered, packed by passes/denoise/lobe.glsl. Filters read one and write another.
-layout(set = 1, binding = 147, scalar) buffer DenoiseEvenBlock { uvec4 at[]; } denoise_even;
-layout(set = 1, binding = 148, scalar) buffer DenoiseOddBlock { uvec4 at[]; } denoise_odd;
-// The luminance of both lobes, averaged over 3 x 3 pixels.
-layout(set = 1, binding = 149, scalar) buffer DenoiseLuminanceBlock { vec2 at[]; } denoise_luminance;
+// Filters work where the histories of the previous frame were, which only `denoise/temporal` reads. They read one of
+// these buffers and write the other. The first three words hold the light of both lobes, packed by
+// passes/denoise/signal.glsl. For the first pass of the blur, the last word holds the mean luminances of 3 x 3 pixels.
+#define denoise_even previous_denoise_diffuse
+#define denoise_odd previous_denoise_specular
 // The estimated standard error of the luminance of `sample_radiance`, in cd/m^2. The result `frame["error"]`.
 layout(set = 1, binding = 152, scalar) buffer ErrorBlock { float at[]; } error;
 

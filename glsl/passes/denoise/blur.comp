@@ -4,7 +4,7 @@
 // long. Both pixels' uncertainties count, so that outliers are spread over their neighbors and no energy is lost.
 #version 460
 #include "passes/denoise/likeness.glsl"
-#include "passes/denoise/lobe.glsl"
+#include "passes/denoise/signal.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
@@ -18,10 +18,12 @@ const float CLEAN = 0.04;          // standard deviation over mean
 // Of the noise of the pixels that a pass averages, by its level, since earlier passes averaged some of the same pixels.
 const float CORRELATION[3] = float[](0.0, 0.081, 0.125);
 
-uvec4 load_bits(uint index) { return (level & 1u) == 0u ? denoise_even.at[index] : denoise_odd.at[index]; }
+const bool EVEN = (level & 1u) == 0u;
+
+uvec4 load_bits(uint index) { return EVEN ? denoise_even.at[index] : denoise_odd.at[index]; }
 
 void store_bits(uint index, uvec4 bits) {
-    if ((level & 1u) == 0u) {
+    if (EVEN) {
         denoise_odd.at[index] = bits;
     } else {
         denoise_even.at[index] = bits;
@@ -33,88 +35,86 @@ struct Sum {
     float weight;
     float response;   // by how much the sum changes when all its signals change by 1
     float variance;
-    float deviation;
+    float deviation;  // if the noise of all pixels were the same
 };
+
+const Sum NOTHING_ADDED = Sum(vec3(0.0), 0.0, 0.0, 0.0, 0.0);
 
 // response: by how much the sum changes when the signal changes by 1.
 void add(inout Sum sum, Signal signal, float weight, float response) {
+    float deviation = response * signal.deviation;
     sum.radiance += weight * signal.radiance;
     sum.weight += weight;
     sum.response += response;
-    sum.variance += response * response * signal.variance;
-    sum.deviation += response * sqrt(signal.variance);
+    sum.variance += deviation * deviation;
+    sum.deviation += deviation;
 }
 
 // What signals are compared by: in the first pass, where they have most noise, means of 3 x 3 pixels.
-vec2 luminances(uint index, Signal diffuse, Signal specular) {
-    if (level == 0u) { return denoise_luminance.at[index]; }
-    return vec2(luminance(diffuse.radiance), luminance(specular.radiance));
+vec2 luminances(uint means, Signals signals) {
+    if (level > 0u) { return vec2(luminance(signals.diffuse.radiance), luminance(signals.specular.radiance)); }
+    return vec2(unpack_positive(means, 16u), unpack_positive(means >> 16u, 16u));
 }
 
-// Whether wider passes would change nothing that can be seen in the sum of both lobes.
-bool is_clean(ivec2 pixel, uint kind, vec2 values, vec2 variances) {
-    if (min(variances.x, variances.y) < 0.0) { return false; }
+// Whether wider passes would change nothing that can be seen in the sum of both lobes. Where all is black they may
+// bring light.
+bool is_clean(ivec2 pixel, uint kind, Signals signals) {
+    vec2 values = vec2(luminance(signals.diffuse.radiance), luminance(signals.specular.radiance));
+    vec2 deviations = vec2(signals.diffuse.deviation, signals.specular.deviation);
+    if (min(deviations.x, deviations.y) < 0.0) { return false; }
     vec2 albedos = vec2(imageLoad(guides_diffuse_albedo, pixel).g, imageLoad(guides_specular_albedo, pixel).g);
     if (kind != SURFACE_SHOWN) { albedos = vec2(0.0, 1.0); }
-    return dot(albedos * albedos, variances) <= square(CLEAN * dot(albedos, values));
+    return length(albedos * deviations) < CLEAN * dot(albedos, values);
 }
 
-// A neighbor counts by how well noise explains its difference. Since its weight falls when it differs more, the sum
-// responds less to the neighbor than the weight says, and more to the center. In the first pass, weights hardly depend
-// on the signals themselves.
+// A neighbor counts by how well noise explains its difference: by the square of `share`. Since its weight falls when it
+// differs more, the sum responds less to the neighbor than the weight says, and more to the center. In the first pass,
+// weights hardly depend on the signals themselves.
 void add_neighbor(inout Sum sum, Signal center, Signal other, float difference, float weight) {
-    if (other.variance < 0.0) { return; }
-    if (center.variance < 0.0) {
-        add(sum, other, weight, weight);
-        return;
-    }
-    float tolerance = TOLERANCE * TOLERANCE * (center.variance + other.variance) + DARKEST;
-    float unlike = difference * difference / tolerance;
-    weight /= square(1.0 + unlike);
-    float response = level == 0u ? weight : weight * max(1.0 - 3.0 * unlike, 0.0) / (1.0 + unlike);
-    add(sum, other, weight, response);
+    float variance = center.deviation * center.deviation + other.deviation * other.deviation;
+    float tolerance = TOLERANCE * TOLERANCE * variance + DARKEST;
+    float share = center.deviation < 0.0 ? 1.0 : tolerance / (tolerance + difference * difference);
+    weight = other.deviation < 0.0 ? 0.0 : weight * share * share;
+    add(sum, other, weight, level == 0u ? weight : weight * max(4.0 * share - 3.0, 0.0));
 }
 
 // The mean of the sum and the center.
 Signal mean(Sum sum, Signal center) {
-    if (center.variance >= 0.0) { add(sum, center, CENTER_WEIGHT, sum.weight + CENTER_WEIGHT - sum.response); }
+    if (center.deviation >= 0.0) { add(sum, center, CENTER_WEIGHT, sum.weight + CENTER_WEIGHT - sum.response); }
     if (sum.weight == 0.0) { return Signal(vec3(0.0), -1.0); }
-    float variance = mix(sum.variance, square(sum.deviation), CORRELATION[min(level, 2u)]);
-    return Signal(sum.radiance / sum.weight, variance / square(sum.weight));
+    float variance = mix(sum.variance, sum.deviation * sum.deviation, CORRELATION[min(level, 2u)]);
+    return Signal(sum.radiance / sum.weight, sqrt(variance) / sum.weight);
 }
 
 void main() {
     ivec2 pixel = ivec2(gl_GlobalInvocationID.xy), size = ivec2(camera.size);
     if (denoise_settings.denoise == 0u || any(greaterThanEqual(pixel, size))) { return; }
     uint index = uint(pixel.y) * camera.size.x + uint(pixel.x);
-    Guide guide = load_guide(pixel);
-    if (guide.kind == NOTHING_SHOWN) { return; }
     uvec4 bits = load_bits(index);
-    Signal diffuse = unpack_signal(bits.xy), specular = unpack_signal(bits.zw);
-    vec2 values = luminances(index, diffuse, specular);
-    if (level > 0u && is_clean(pixel, guide.kind, values, vec2(diffuse.variance, specular.variance))) {
-        store_bits(index, bits);
-        return;
+    uint state = state_of(bits.z);
+    if (state == FILTERED) { store_bits(index, bits ^ uvec4(0u, 0u, (FILTERED ^ IN_BOTH) << 30u, 0u)); }
+    if (state != 0u) { return; }
+    Guide guide = load_guide(pixel);
+    Signals own = unpack_signals(bits.xyz);
+    vec2 values = luminances(bits.w, own);
+    Pattern pattern = make_pattern(guide, max(own.specular.deviation, 0.0) / max(values.y, 1e-9));
+    Sum diffuse = NOTHING_ADDED, specular = NOTHING_ADDED;
+    for (int y = -1; y <= 1; y++) {
+        for (int x = -1; x <= 1; x++) {
+            if (x == 0 && y == 0) { continue; }
+            ivec2 step = ivec2(x, y) << level, other = pixel + step, inside = clamp(other, ivec2(0), size - 1);
+            uint at = uint(inside.y) * camera.size.x + uint(inside.x);
+            float share = inside == other ? float((2 - abs(x)) * (2 - abs(y))) : 0.0;
+            vec2 weights = share * likeness(pattern, denoise_guides.at[at], step);
+            uvec4 other_bits = load_bits(at);
+            Signals found = unpack_signals(other_bits.xyz);
+            vec2 differences = luminances(other_bits.w, found) - values;
+            add_neighbor(diffuse, own.diffuse, found.diffuse, differences.x, weights.x);
+            add_neighbor(specular, own.specular, found.specular, differences.y, weights.y);
+        }
     }
-    Pattern pattern = make_pattern(guide, sqrt(max(specular.variance, 0.0)) / max(values.y, 1e-9));
-    Sum diffuse_sum = Sum(vec3(0.0), 0.0, 0.0, 0.0, 0.0), specular_sum = diffuse_sum;
-
-    int stride = 1 << level;
-    for (int i = 0; i < 9; i++) {
-        ivec2 direction = ivec2(i % 3, i / 3) - 1, step = direction * stride, other = pixel + step;
-        if (i == 4 || any(lessThan(other, ivec2(0))) || any(greaterThanEqual(other, size))) { continue; }
-        uint at = uint(other.y) * camera.size.x + uint(other.x);
-        vec2 weights = likeness(pattern, denoise_guides.at[at], step);
-        if (max(weights.x, weights.y) < 1e-3) { continue; }
-        weights *= float((2 - abs(direction.x)) * (2 - abs(direction.y)));
-        uvec4 other_bits = load_bits(at);
-        Signal other_diffuse = unpack_signal(other_bits.xy), other_specular = unpack_signal(other_bits.zw);
-        vec2 apart = luminances(at, other_diffuse, other_specular) - values;
-        add_neighbor(diffuse_sum, diffuse, other_diffuse, apart.x, weights.x);
-        add_neighbor(specular_sum, specular, other_specular, apart.y, weights.y);
-    }
-    uint rng = seed_rng(uvec2(pixel), this_frame.index, this_frame.seed ^ (PASS_SALT + level));
-    uvec2 by_diffuse = pack_signal(mean(diffuse_sum, diffuse), rng);
-    uvec2 by_specular = pack_signal(mean(specular_sum, specular), rng);
-    store_bits(index, uvec4(by_diffuse, by_specular));
+    Signals filtered = Signals(mean(diffuse, own.diffuse), mean(specular, own.specular), 0u);
+    if (is_clean(pixel, guide.kind, filtered)) { filtered.state = FILTERED; }
+    uvec3 random = pcg4d(uvec4(pixel, this_frame.index, this_frame.seed ^ (PASS_SALT + level))).xyz;
+    store_bits(index, uvec4(pack_signals(filtered, random), 0u));
 }

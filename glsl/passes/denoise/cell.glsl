@@ -6,26 +6,33 @@
 #extension GL_EXT_scalar_block_layout : require
 
 #include "generated/passes/denoise.glsl"
+#include "passes/denoise/lobe.glsl"
 #include "scene/camera.glsl"
 
 struct Difference {
-    float total;     // luminance minus that of the history; noise of either sign cancels out
+    float total;    // luminance minus that of the history; noise of either sign cancels out
     float squares;
-    float variance;  // that the history lets expect
-    float larger;    // of both luminances
+    float larger;   // of both luminances
 };
 
 struct LobeCell {
     Difference now;       // of this frame
     Difference recently;  // of the latest frames
+    float variance;       // of a frame, as the history lets expect
     float luminance;      // of the history with this frame
     float brightest;      // pixel of the cell
     float pixels;
 };
 
+struct PackedLobeCell {
+    float total_now;
+    float total_recently;
+    uvec4 others;
+};
+
 struct Cell {
-    LobeCell diffuse;
-    LobeCell specular;
+    PackedLobeCell diffuse;
+    PackedLobeCell specular;
 };
 
 // What the cells around one tell: the share of the histories that changes of light leave valid, and the luminance
@@ -45,7 +52,26 @@ uint cell_at(ivec2 pixel) {
 
 uvec2 cell_count() { return (camera.size + CELL - 1u) / CELL; }
 
-const Difference NO_DIFFERENCE = Difference(0.0, 0.0, 0.0, 0.0);
-const LobeCell NO_PIXELS = LobeCell(NO_DIFFERENCE, NO_DIFFERENCE, 0.0, 0.0, 0.0);
+const Difference NO_DIFFERENCE = Difference(0.0, 0.0, 0.0);
+const LobeCell NO_PIXELS = LobeCell(NO_DIFFERENCE, NO_DIFFERENCE, 0.0, 0.0, 0.0, 0.0);
+
+PackedLobeCell pack_cell(LobeCell cell, inout uint rng) {
+    return PackedLobeCell(cell.now.total, cell.recently.total, uvec4(
+        pack_two(cell.now.squares, cell.now.larger, rng), pack_two(cell.recently.squares, cell.recently.larger, rng),
+        pack_two(cell.variance, cell.pixels, rng), pack_two(cell.luminance, cell.brightest, rng)
+    ));
+}
+
+LobeCell unpack_cell(PackedLobeCell cell) {
+    vec4 low, high;
+    for (int i = 0; i < 4; i++) {
+        low[i] = unpack_positive(cell.others[i], 16u);
+        high[i] = unpack_positive(cell.others[i] >> 16u, 16u);
+    }
+    return LobeCell(
+        Difference(cell.total_now, low.x, high.x), Difference(cell.total_recently, low.y, high.y), low.z, low.w, high.w,
+        high.z
+    );
+}
 
 #endif

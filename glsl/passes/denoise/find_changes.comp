@@ -12,34 +12,37 @@ const int WIDEST = 2;  // cells from the center of the widest block
 // Standard deviations between which a difference becomes certain; and the same after all lights changed.
 const vec2 CERTAIN = vec2(3.5, 6.0), CERTAIN_AFTER_CHANGE = vec2(0.5, 1.5);
 const float EXPONENT = 16.0;
+const float RECENT_VARIANCE = 0.111;  // of the mean of the latest frames over that of a frame: 0.2 / (2 - 0.2)
 const float DARKEST = 1e-30;
 const float FEW = 8.0;  // pixels; less than BLOCK_LIMIT in variance.comp, so that none of them is limited
 
 void add_difference(inout Difference sum, Difference other) {
     sum.total += other.total;
     sum.squares += other.squares;
-    sum.variance += other.variance;
     sum.larger += other.larger;
 }
 
 void add_cell(inout LobeCell sum, LobeCell other) {
     add_difference(sum.now, other.now);
     add_difference(sum.recently, other.recently);
+    sum.variance += other.variance;
     sum.luminance += other.luminance;
     sum.brightest = max(sum.brightest, other.brightest);
     sum.pixels += other.pixels;
 }
 
 // The share of the history that remains valid. Squares count as variance too, since a history may not know outliers.
-float confidence(Difference sum) {
-    float deviation = sqrt(max(sum.squares, sum.variance));
+float confidence(Difference sum, float variance) {
+    float deviation = sqrt(max(sum.squares, variance));
     if (!(deviation > 0.0)) { return 1.0; }
     vec2 bounds = mix(CERTAIN, CERTAIN_AFTER_CHANGE, min(4.0 * this_frame.lighting_change, 1.0));
     float certain = smoothstep(bounds.x, bounds.y, abs(sum.total) / deviation);
     return pow(1.0 - certain * min(abs(sum.total) / max(sum.larger, DARKEST), 1.0), EXPONENT);
 }
 
-float confidence(LobeCell sum) { return min(confidence(sum.now), confidence(sum.recently)); }
+float confidence(LobeCell sum) {
+    return min(confidence(sum.now, sum.variance), confidence(sum.recently, RECENT_VARIANCE * sum.variance));
+}
 
 // The mean without the brightest pixel. Few pixels tell nothing without it.
 float robust_luminance(LobeCell sum) {
@@ -51,7 +54,7 @@ void main() {
     ivec2 cell = ivec2(gl_GlobalInvocationID.xy), cells = ivec2(cell_count());
     if (denoise_settings.denoise == 0u || any(greaterThanEqual(cell, cells))) { return; }
     vec2 trust = vec2(1.0), light = vec2(0.0);
-    Cell sums = Cell(NO_PIXELS, NO_PIXELS);
+    LobeCell diffuse = NO_PIXELS, specular = NO_PIXELS;
     for (int ring = 0; ring <= WIDEST; ring++) {
         for (int y = -ring; y <= ring; y++) {
             int step = abs(y) == ring ? 1 : 2 * ring;  // the cells of the ring alone
@@ -59,12 +62,12 @@ void main() {
                 ivec2 other = cell + ivec2(x, y);
                 if (any(lessThan(other, ivec2(0))) || any(greaterThanEqual(other, cells))) { continue; }
                 Cell found = denoise_cells.at[other.y * cells.x + other.x];
-                add_cell(sums.diffuse, found.diffuse);
-                add_cell(sums.specular, found.specular);
+                add_cell(diffuse, unpack_cell(found.diffuse));
+                add_cell(specular, unpack_cell(found.specular));
             }
         }
-        trust = min(trust, vec2(confidence(sums.diffuse), confidence(sums.specular)));
-        if (ring == 1) { light = vec2(robust_luminance(sums.diffuse), robust_luminance(sums.specular)); }
+        trust = min(trust, vec2(confidence(diffuse), confidence(specular)));
+        if (ring == 1) { light = vec2(robust_luminance(diffuse), robust_luminance(specular)); }
     }
     denoise_blocks.at[cell.y * cells.x + cell.x] = Block(trust, light);
 }

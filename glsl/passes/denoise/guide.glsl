@@ -22,10 +22,15 @@ struct Guide {
 
 const float FARTHEST = 1e6;
 
+const float NORMAL_CODES = 511.0, MATERIAL_CODES = 63.0;
+
+// Ten bits for each coordinate of the normal, since filters unpack many, and a float of 26 bits without a sign.
 uvec2 pack_guide(Guide guide) {
-    uint material = pack_unorm(guide.material, 6u);
+    ivec3 normal = ivec3(round(NORMAL_CODES * guide.normal)) & 0x3FF;
+    uint depth = floatBitsToUint(guide.depth) + 0x10u >> 5u;
     return uvec2(
-        pack_octahedral_24(guide.normal) | material << 24u | guide.kind << 30u, floatBitsToUint(guide.depth)
+        uint(normal.x | normal.y << 10 | normal.z << 20) | guide.kind << 30u,
+        depth << 6u | pack_unorm(guide.material, 6u)
     );
 }
 
@@ -37,11 +42,22 @@ vec3 direction_at(vec2 position, Camera from) {
 
 uint kind_of(uvec2 guide) { return guide.x >> 30u; }
 
+float depth_of(uvec2 guide) { return uintBitsToFloat(guide.y >> 6u << 5u); }
+
+// In units of 1 / MATERIAL_CODES.
+float material_code(uvec2 guide) { return float(int(guide.y) & int(MATERIAL_CODES)); }
+
+// In units of 1 / NORMAL_CODES; its length may be off by 0.2 %.
+vec3 normal_code(uvec2 guide) {
+    int bits = int(guide.x);
+    return vec3(bitfieldExtract(bits, 0, 10), bitfieldExtract(bits, 10, 10), bitfieldExtract(bits, 20, 10));
+}
+
 Guide unpack_guide(uvec2 bits, ivec2 pixel, Camera from) {
-    float depth = uintBitsToFloat(bits.y);
+    float depth = depth_of(bits);
     return Guide(
-        kind_of(bits), depth, depth * direction_at(vec2(pixel) + 0.5, from), unpack_octahedral_24(bits.x & 0xFFFFFFu),
-        unpack_unorm(bits.x >> 24u, 6u)
+        kind_of(bits), depth, depth * direction_at(vec2(pixel) + 0.5, from), normal_code(bits) / NORMAL_CODES,
+        material_code(bits) / MATERIAL_CODES
     );
 }
 

@@ -15,11 +15,13 @@ const float MATERIAL_TOLERANCE = 0.1;
 
 // What other pixels are compared with.
 struct Pattern {
-    Guide guide;
+    uint kind;
     // A pixel that is x, y away and d deep is d * dot(plane, (x, y, 1)) - plane_offset tolerances off the plane.
     vec3 plane;
     float plane_offset;
-    vec2 normal_sharpness;  // 1 / tolerance for the diffuse and for the specular lobe
+    vec3 normal;             // as normal_code gives it
+    float material;          // as material_code gives it
+    vec2 normal_sharpness;   // by the squared difference of normals, for the diffuse and for the specular lobe
 };
 
 // uncertainty: the standard deviation of the light by the specular lobe over its mean.
@@ -32,18 +34,19 @@ Pattern make_pattern(Guide guide, float uncertainty) {
     bool reflected = guide.kind != SURFACE_SHOWN;
     float tolerance = reflected ? MIRROR_NORMAL_TOLERANCE : SPECULAR_NORMAL_TOLERANCE * alpha;
     return Pattern(
-        guide, vec3(in_view.xy * slopes, offset / guide.depth), offset,
-        1.0 / vec2(DIFFUSE_NORMAL_TOLERANCE, tolerance)
+        guide.kind, vec3(in_view.xy * slopes, offset / guide.depth), offset, NORMAL_CODES * guide.normal,
+        MATERIAL_CODES * guide.material,
+        0.5 / (NORMAL_CODES * NORMAL_CODES * vec2(DIFFUSE_NORMAL_TOLERANCE, tolerance))
     );
 }
 
 // The weights for the diffuse and for the specular lobe of the pixel that is `step` away.
 vec2 likeness(Pattern pattern, uvec2 other, ivec2 step) {
-    if (kind_of(other) != pattern.guide.kind) { return vec2(0.0); }
-    float off = abs(uintBitsToFloat(other.y) * dot(pattern.plane, vec3(step, 1.0)) - pattern.plane_offset);
-    float turned = 1.0 - min(dot(pattern.guide.normal, unpack_octahedral_24(other.x & 0xFFFFFFu)), 1.0);
-    float unlike = abs(pattern.guide.material - unpack_unorm(other.x >> 24u, 6u)) / MATERIAL_TOLERANCE;
-    return exp(-(off + turned * pattern.normal_sharpness + vec2(0.0, unlike)));
+    float off = abs(depth_of(other) * dot(pattern.plane, vec3(step, 1.0)) - pattern.plane_offset);
+    vec3 turned = normal_code(other) - pattern.normal;
+    float unlike = abs(material_code(other) - pattern.material) / (MATERIAL_TOLERANCE * MATERIAL_CODES);
+    vec2 weights = exp(-(off + dot(turned, turned) * pattern.normal_sharpness + vec2(0.0, unlike)));
+    return kind_of(other) == pattern.kind ? weights : vec2(0.0);
 }
 
 #endif

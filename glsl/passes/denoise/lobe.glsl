@@ -1,5 +1,4 @@
-// The light of a lobe in the denoiser: its mean over frames, and its value while it is filtered. Radiance is
-// demodulated and linear.
+// The light of a lobe in the denoiser: its mean over frames. Radiance is demodulated and linear.
 #ifndef PASSES_DENOISE_LOBE_GLSL
 #define PASSES_DENOISE_LOBE_GLSL
 
@@ -16,12 +15,6 @@ struct Lobe {
 };
 
 const Lobe NO_HISTORY = Lobe(vec3(0.0), 0.0, 0.0, 0.0, 0.0);
-
-// A value that filters work on.
-struct Signal {
-    vec3 radiance;
-    float variance;  // of the luminance; negative where the pixel has no sample
-};
 
 // ---- packing ----------------------------------------------------------------------------------------
 
@@ -60,23 +53,6 @@ Lobe unpack_lobe(uvec4 bits) {
              unpack_positive(bits.y >> 10u, 21u)),
         unpack_positive(bits.z, 16u), unpack_positive(bits.z >> 16u, 16u),
         unpack_positive(bits.w, 16u), unpack_positive(bits.w >> 16u, 16u)
-    );
-}
-
-const uint NO_SAMPLE = 0xFFFFu;  // no variance is packed so
-
-uvec2 pack_signal(Signal signal, inout uint rng) {
-    uint last = pack_two(signal.radiance.b, signal.variance, rng);
-    return uvec2(
-        pack_two(signal.radiance.r, signal.radiance.g, rng), signal.variance < 0.0 ? last | NO_SAMPLE << 16u : last
-    );
-}
-
-Signal unpack_signal(uvec2 bits) {
-    uint variance = bits.y >> 16u;
-    return Signal(
-        vec3(unpack_positive(bits.x, 16u), unpack_positive(bits.x >> 16u, 16u), unpack_positive(bits.y, 16u)),
-        variance == NO_SAMPLE ? -1.0 : unpack_positive(variance, 16u)
     );
 }
 

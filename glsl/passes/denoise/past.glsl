@@ -42,21 +42,16 @@ vec2 previous_pixel(vec3 position, vec3 previous_position, ivec2 pixel) {
 }
 
 Past find_past(ivec2 pixel, Guide guide) {
-    Past past;
-    if (guide.kind != SURFACE_SHOWN) {
-        past.pixel = vec2(pixel) + 0.5 + in_pixels(imageLoad(guides_specular_motion, pixel).xy);
-        past.position = guide.position;
-        past.normal = guide.normal;
-        return past;
+    vec2 motion = in_pixels(imageLoad(guides_specular_motion, pixel).xy);
+    bool moved = motion != vec2(0.0) || previous_camera.world_from_view != camera.world_from_view;
+    if (guide.kind != SURFACE_SHOWN || !moved) {
+        return Past(vec2(pixel) + 0.5 + motion, guide.position, guide.normal);
     }
     vec3 origin = camera.world_from_view[3];
     uint instance = imageLoad(gbuffer_surface, pixel).y;
     MirrorPlane plane = previous_mirror(instance, MirrorPlane(origin + guide.position, guide.normal));
-    bool moved = plane.point != origin + guide.position || previous_camera.world_from_view != camera.world_from_view;
-    past.position = moved ? plane.point - previous_camera.world_from_view[3] : guide.position;
-    past.pixel = previous_pixel(guide.position, past.position, pixel);
-    past.normal = plane.normal;
-    return past;
+    vec3 position = plane.point - previous_camera.world_from_view[3];
+    return Past(previous_pixel(guide.position, position, pixel), position, plane.normal);
 }
 
 bool showed_the_same(ivec2 pixel, Past past, Guide guide, float plane_distance) {

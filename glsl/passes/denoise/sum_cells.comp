@@ -7,12 +7,11 @@
 layout(local_size_x = 8, local_size_y = 8) in;
 
 const float MIN_FRAMES = 3.0;          // shorter histories tell nothing
-const float RECENT_VARIANCE = 0.111;   // of the mean of the latest frames over that of a frame: 0.2 / (2 - 0.2)
+const uint PASS_SALT = 0x1F83D9ABu;
 
-void add_difference(inout Difference sum, float value, float mean, float variance) {
+void add_difference(inout Difference sum, float value, float mean) {
     sum.total += value - mean;
     sum.squares += square(value - mean);
-    sum.variance += variance;
     sum.larger += max(value, mean);
 }
 
@@ -24,24 +23,25 @@ void add_pixel(inout LobeCell cell, Lobe past, vec3 radiance) {
     cell.brightest = max(cell.brightest, both);
     cell.pixels += 1.0;
     if (past.frames < MIN_FRAMES) { return; }
-    float variance = max(past.second_moment - mean * mean, 0.0);
-    add_difference(cell.now, value, mean, variance);
-    add_difference(cell.recently, mix(past.recent, value, RECENT), mean, RECENT_VARIANCE * variance);
+    cell.variance += max(past.second_moment - mean * mean, 0.0);
+    add_difference(cell.now, value, mean);
+    add_difference(cell.recently, mix(past.recent, value, RECENT), mean);
 }
 
 void main() {
     uvec2 cell = gl_GlobalInvocationID.xy, cells = cell_count();
     if (denoise_settings.denoise == 0u || any(greaterThanEqual(cell, cells))) { return; }
     uvec2 begin = cell * CELL, end = min(begin + CELL, camera.size);
-    Cell sums = Cell(NO_PIXELS, NO_PIXELS);
+    LobeCell diffuse = NO_PIXELS, specular = NO_PIXELS;
     for (uint y = begin.y; y < end.y; y++) {
         for (uint x = begin.x; x < end.x; x++) {
             uint index = y * camera.size.x + x, kind = kind_of(denoise_guides.at[index]);
             if (kind == NOTHING_SHOWN) { continue; }
-            add_pixel(sums.diffuse, unpack_lobe(denoise_diffuse.at[index]), diffuse_sample(index).rgb);
+            add_pixel(diffuse, unpack_lobe(denoise_diffuse.at[index]), diffuse_sample(index).rgb);
             vec4 by_specular = specular_sample(index, ivec2(x, y), kind);
-            add_pixel(sums.specular, unpack_lobe(denoise_specular.at[index]), by_specular.rgb);
+            add_pixel(specular, unpack_lobe(denoise_specular.at[index]), by_specular.rgb);
         }
     }
-    denoise_cells.at[cell.y * cells.x + cell.x] = sums;
+    uint rng = seed_rng(cell, this_frame.index, this_frame.seed ^ PASS_SALT);
+    denoise_cells.at[cell.y * cells.x + cell.x] = Cell(pack_cell(diffuse, rng), pack_cell(specular, rng));
 }

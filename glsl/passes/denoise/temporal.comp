@@ -76,6 +76,12 @@ void main() {
     if (this_frame.has_history != 0u) {
         Past past = find_past(pixel, guide);
         Taps taps = find_taps(past.pixel, past, guide, SAME_PLANE);
+        bool moved = past.pixel != vec2(pixel) + 0.5 || past.position != guide.position;
+        if (!moved && taps.weight > 0.0) {
+            denoise_diffuse.at[index] = previous_denoise_diffuse.at[taps.at[0]];
+            denoise_specular.at[index] = previous_denoise_specular.at[taps.at[0]];
+            return;
+        }
         if (taps.weight == 0.0) { taps = find_nearby(past, guide); }
         if (taps.weight > 0.0) {
             diffuse = read_diffuse(taps);

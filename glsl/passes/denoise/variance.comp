@@ -3,7 +3,7 @@
 #version 460
 #include "passes/denoise/cell.glsl"
 #include "passes/denoise/likeness.glsl"
-#include "passes/denoise/lobe.glsl"
+#include "passes/denoise/signal.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
@@ -20,7 +20,7 @@ struct Moments {
 };
 
 void add_moments(inout Moments sum, Lobe lobe, float weight) {
-    if (lobe.frames == 0.0) { return; }
+    if (lobe.frames == 0.0) { weight = 0.0; }
     sum.weight += weight;
     sum.mean += weight * luminance(lobe.radiance);
     sum.second_moment += weight * lobe.second_moment;
@@ -43,7 +43,7 @@ Signal begin(Lobe lobe, Moments sum, float block_luminance) {
     float spread = max(sum.second_moment / sum.weight - near * near, 0.0);
     float own = max(lobe.second_moment + near * (near - 2.0 * value), 0.0);  // mean square of sample - near
     float of_sample = (NEIGHBORHOOD * spread + lobe.frames * own) / (NEIGHBORHOOD + lobe.frames);
-    return Signal(lobe.radiance, of_sample / lobe.frames);
+    return Signal(lobe.radiance, sqrt(of_sample / lobe.frames));
 }
 
 void main() {
@@ -51,24 +51,27 @@ void main() {
     if (denoise_settings.denoise == 0u || any(greaterThanEqual(pixel, size))) { return; }
     uint index = uint(pixel.y) * camera.size.x + uint(pixel.x);
     Guide guide = load_guide(pixel);
-    if (guide.kind == NOTHING_SHOWN) { return; }
+    if (guide.kind == NOTHING_SHOWN) {
+        denoise_even.at[index] = denoise_odd.at[index] = uvec4(0u, 0u, IN_BOTH << 30u, 0u);
+        return;
+    }
     Lobe own_diffuse = unpack_lobe(denoise_diffuse.at[index]), own_specular = unpack_lobe(denoise_specular.at[index]);
-    Pattern pattern = make_pattern(guide, inversesqrt(max(own_specular.frames, 1.0)));
     Moments diffuse = Moments(0.0, 0.0, 0.0), specular = diffuse;
     bool settled = min(own_diffuse.frames, own_specular.frames) >= SETTLED;
+    Pattern pattern;
+    if (!settled) { pattern = make_pattern(guide, inversesqrt(max(own_specular.frames, 1.0))); }
     for (int i = settled ? 4 : 0; i < (settled ? 5 : 9); i++) {
         ivec2 step = ivec2(i % 3, i / 3) - 1, other = pixel + step;
-        if (any(lessThan(other, ivec2(0))) || any(greaterThanEqual(other, size))) { continue; }
-        vec2 weights = vec2((2 - abs(step.x)) * (2 - abs(step.y)));
-        uint at = uint(other.y) * camera.size.x + uint(other.x);
+        ivec2 inside = clamp(other, ivec2(0), size - 1);
+        uint at = uint(inside.y) * camera.size.x + uint(inside.x);
+        vec2 weights = vec2(inside == other ? (2 - abs(step.x)) * (2 - abs(step.y)) : 0);
         if (i != 4) { weights *= likeness(pattern, denoise_guides.at[at], step); }
         add_moments(diffuse, unpack_lobe(denoise_diffuse.at[at]), weights.x);
         add_moments(specular, unpack_lobe(denoise_specular.at[at]), weights.y);
     }
-    uint rng = seed_rng(uvec2(pixel), this_frame.index, this_frame.seed ^ PASS_SALT);
+    uvec4 random = pcg4d(uvec4(pixel, this_frame.index, this_frame.seed ^ PASS_SALT));
     vec2 block = denoise_blocks.at[cell_at(pixel)].luminance;
-    uvec2 by_diffuse = pack_signal(begin(own_diffuse, diffuse, block.x), rng);
-    uvec2 by_specular = pack_signal(begin(own_specular, specular, block.y), rng);
-    denoise_even.at[index] = uvec4(by_diffuse, by_specular);
-    denoise_luminance.at[index] = vec2(diffuse.mean, specular.mean) / max(vec2(diffuse.weight, specular.weight), 1e-9);
+    Signals begun = Signals(begin(own_diffuse, diffuse, block.x), begin(own_specular, specular, block.y), 0u);
+    vec2 means = vec2(diffuse.mean, specular.mean) / max(vec2(diffuse.weight, specular.weight), 1e-9);
+    denoise_even.at[index] = uvec4(pack_signals(begun, random.xyz), pack_two(means.x, means.y, random.w));
 }

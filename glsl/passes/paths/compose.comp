@@ -8,9 +8,9 @@
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
-// The squared error over the variance of the noise that is left, since the blur has an error of its own: chosen so that
+// The error over the deviation of the noise that is left, since the blur has an error of its own: chosen so that
 // about 68 % of the pixels of mirror_hall and other scenes are within one standard error (docs/denoising.md).
-const float ERROR_OVER_NOISE = 1.85;
+const float ERROR_OVER_NOISE = 1.36;
 
 void main() {
     uvec2 pixel = gl_GlobalInvocationID.xy;
@@ -34,9 +34,8 @@ void main() {
         by.specular *= reflected_albedo(ivec2(pixel), kind);
         diffuse = by_diffuse.radiance * by.diffuse;
         specular = by_specular.radiance * by.specular;
-        vec2 variances = max(vec2(by_diffuse.variance, by_specular.variance), 0.0);
-        vec2 albedos = vec2(luminance(by.diffuse), luminance(by.specular));
-        error.at[index] = sqrt(ERROR_OVER_NOISE * dot(variances, albedos * albedos));
+        vec2 deviations = max(vec2(by_diffuse.deviation, by_specular.deviation), 0.0);
+        error.at[index] = ERROR_OVER_NOISE * length(deviations * vec2(luminance(by.diffuse), luminance(by.specular)));
     }
     emission.at[index] = emitted;
     diffuse_radiance.at[index] = diffuse;

@@ -1,0 +1,63 @@
+// The light of both lobes of a pixel while it is filtered. Radiance is demodulated and linear.
+#ifndef PASSES_DENOISE_SIGNAL_GLSL
+#define PASSES_DENOISE_SIGNAL_GLSL
+
+#include "passes/denoise/bindings.glsl"
+#include "passes/denoise/lobe.glsl"
+
+struct Signal {
+    vec3 radiance;
+    float deviation;  // standard deviation of the luminance; negative where the pixel has no sample
+};
+
+struct Signals {
+    Signal diffuse;
+    Signal specular;
+    uint state;
+};
+
+// What is known of a pixel's signals in a buffer: filters leave them as they are, and they are in both buffers.
+const uint FILTERED = 1u, IN_BOTH = 2u;
+const uint NO_SAMPLE = 0x7FFFu;  // no deviation is packed so
+
+// Eight bits a channel with the exponent of the largest. random: 30 bits, for random rounding.
+uint pack_color(vec3 color, uint random) {
+    color = clamp(color, 0.0, LARGEST);
+    uint exponent = max(floatBitsToUint(max_component(color)) >> 23u, 8u);
+    float scale = 255.0 / 256.0 * uintBitsToFloat(261u - exponent << 23u);
+    vec3 shares = vec3(ivec3(int(random), int(random >> 10u), int(random >> 20u)) & 0x3FF) / 1024.0;
+    uvec3 codes = uvec3(ivec3(color * scale + shares));
+    return codes.r | codes.g << 8u | codes.b << 16u | exponent << 24u;
+}
+
+vec3 unpack_color(uint bits) {
+    float scale = 256.0 / 255.0 * uintBitsToFloat((bits >> 24u) - 7u << 23u);
+    return scale * vec3(ivec3(int(bits), int(bits >> 8u), int(bits >> 16u)) & 0xFF);
+}
+
+// random: 16 bits, for random rounding.
+uint pack_deviation(float deviation, uint random) {
+    return deviation < 0.0 ? NO_SAMPLE : floatBitsToUint(min(deviation, LARGEST)) + random >> 16u;
+}
+
+float unpack_deviation(uint bits) { return (bits & NO_SAMPLE) == NO_SAMPLE ? -1.0 : unpack_positive(bits, 15u); }
+
+uvec3 pack_signals(Signals signals, uvec3 random) {
+    uint diffuse = pack_deviation(signals.diffuse.deviation, random.z & 0xFFFFu);
+    uint specular = pack_deviation(signals.specular.deviation, random.z >> 16u);
+    return uvec3(
+        pack_color(signals.diffuse.radiance, random.x), pack_color(signals.specular.radiance, random.y),
+        diffuse | specular << 15u | signals.state << 30u
+    );
+}
+
+uint state_of(uint last_word) { return last_word >> 30u; }
+
+Signals unpack_signals(uvec3 bits) {
+    return Signals(
+        Signal(unpack_color(bits.x), unpack_deviation(bits.z)),
+        Signal(unpack_color(bits.y), unpack_deviation(bits.z >> 15u)), state_of(bits.z)
+    );
+}
+
+#endif
