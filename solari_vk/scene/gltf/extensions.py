@@ -50,7 +50,7 @@ EXTENSIONS = (
     # Of several vendors.
     Extension("EXT_instance_features", "no", "identifiers of instances are ignored"),
     Extension("EXT_lights_ies", "no", "the lights are left out"),
-    Extension("EXT_lights_image_based", "no", "the environment is left out"),
+    Extension("EXT_lights_image_based", "works", "the sharpest images of the cube light the scene"),
     Extension("EXT_mesh_features", "no", "identifiers of features are ignored"),
     Extension("EXT_mesh_gpu_instancing", "works", "attributes other than translation, rotation and scale are ignored"),
     Extension("EXT_mesh_manifold", "no", "information for solid modelling is ignored"),

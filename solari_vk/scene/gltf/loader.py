@@ -15,6 +15,8 @@ from solari_vk.scene.gltf.animations import Animations
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.draco import DracoMeshes
 from solari_vk.scene.gltf.extensions import SUPPORTED_EXTENSIONS
+from solari_vk.scene.gltf.image_lights import EXTENSION as ENVIRONMENT
+from solari_vk.scene.gltf.image_lights import read_environment
 from solari_vk.scene.gltf.lights import EXTENSION as LIGHTS
 from solari_vk.scene.gltf.lights import Lights
 from solari_vk.scene.gltf.materials import Materials
@@ -72,6 +74,7 @@ class _Loader:
         self._mesh_primitives: dict[int, list[Entry]] = {}
         self._parts_made: dict[Any, list[Part]] = {}
         self._lights = Lights(document, self._report)
+        self._strict = strict
         self._scene = Scene()
 
     def load(self, which: int | str | None) -> Scene:
@@ -79,7 +82,8 @@ class _Loader:
         first, owner = roots(self._document, which)
         self._scene.name = owner.name or self._document.path.stem
         if owner is not self._document.root:
-            self._report.add_extensions(owner)
+            self._report.add_extensions(owner, (ENVIRONMENT,))
+            self._scene.environment = read_environment(self._document, owner, self._report, strict=self._strict)
         placed = walk(self._document, first, owner)
         self._animations = Animations(self._document, self._accessors, placed, self._report)
         self._check_instance_count(placed)

@@ -1,0 +1,229 @@
+"""Environments without a device: what a map holds, files of pictures, errors, and the sky."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import OpenEXR
+import pytest
+from PIL import Image
+
+import solari_vk as sv
+from solari_vk.conformance.oracles import encodings, environments
+from solari_vk.errors import SolariError
+from solari_vk.output.tone_mapping import auto_exposure
+from solari_vk.scene.atmosphere import EYE, HAZE_HEIGHT, OZONE, OZONE_HALF_WIDTH, RAYLEIGH, RAYLEIGH_HEIGHT, atmosphere
+from solari_vk.scene.environment import directions, solid_angles
+from solari_vk.scene.environment_map import encode_texels
+from solari_vk.scene.sky import SUN_ILLUMINANCE
+
+
+def rgbe(colors):
+    """The codes (H, W, 4) of colors (H, W, 3), as Radiance writes them."""
+    largest = colors.max(axis=-1)
+    mantissa, exponent = np.frexp(largest)
+    scale = np.where(largest > 0, mantissa * 256 / np.where(largest > 0, largest, 1), 0)
+    codes = np.concatenate([colors * scale[..., None], (exponent + 128)[..., None]], axis=-1).astype(np.uint8)
+    codes[largest == 0] = 0
+    return codes
+
+
+def hdr(codes, runs=True, header=b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n"):
+    """A Radiance file of codes (H, W, 4), flat or with run lengths."""
+    height, width = codes.shape[:2]
+    data = header + b"\n-Y %d +X %d\n" % (height, width)
+    if not runs:
+        return data + codes.tobytes()
+    for row in codes:
+        data += bytes((2, 2, width >> 8, width & 255))
+        for channel in row.T:
+            at = 0
+            while at < width:
+                same = 1
+                while at + same < width and same < 127 and channel[at + same] == channel[at]:
+                    same += 1
+                data += bytes((128 + same, channel[at])) if same > 2 else bytes((1, channel[at]))
+                at += same if same > 2 else 1
+    return data
+
+
+@pytest.fixture
+def colors():
+    """Colors (16, 32, 3) from 1e-6 to 1e6, with runs of the same ones and black ones."""
+    generator = np.random.default_rng(1)
+    found = np.exp(generator.uniform(-13, 13, (16, 32, 1)) + generator.uniform(-1, 0, (16, 32, 3)))
+    found[3:6, 4:20] = found[0, 0]
+    found[8, 3:5] = 0
+    return found
+
+
+@pytest.mark.parametrize("runs", [True, False])
+def test_radiance_pictures(tmp_path, colors, runs):
+    file = tmp_path / "map.hdr"
+    file.write_bytes(hdr(rgbe(colors), runs))
+    found = sv.Environment(file).image
+    assert (np.abs(found - colors).max(axis=-1) <= colors.max(axis=-1) / 128).all()
+    file.write_bytes(hdr(rgbe(colors), runs, b"#?RGBE\nEXPOSURE=2.0\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=4\n"))
+    np.testing.assert_allclose(sv.Environment(str(file)).image, found / 8)
+
+
+def test_exr_and_png_pictures(tmp_path, colors):
+    sv.save_image(tmp_path / "map.exr", colors)
+    np.testing.assert_allclose(sv.Environment(tmp_path / "map.exr").image, colors, rtol=1e-6)
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    gray = colors[..., 0].clip(0, 1e4).astype(np.float16).astype(np.float32)
+    OpenEXR.File(header, {"Y": gray}).write(str(tmp_path / "gray.exr"))
+    np.testing.assert_allclose(sv.Environment(tmp_path / "gray.exr").image, np.stack([gray] * 3, axis=-1))
+    Image.fromarray(np.full((2, 4, 3), 188, np.uint8)).save(tmp_path / "map.png")
+    np.testing.assert_allclose(sv.Environment(tmp_path / "map.png").image, 0.5028865, rtol=1e-5)
+
+
+def test_broken_files_are_refused(tmp_path, colors):
+    good = hdr(rgbe(colors))
+    body = good.index(b"+X 32\n") + 6
+    for data, text in (
+        (good[:-7], "cut off"), (good[: body + 9], "cut off"), (good[:body], "cut off"), (b"", "header is missing"),
+        (good.replace(b"-Y", b"+Y"), "orientation"), (good.replace(b"-Y 16", b"-Y 99999"), "pixels; from 1"),
+        (good.replace(b"-Y 16", b"-Y 0"), "pixels; from 1"), (good.replace(b"rgbe", b"xyze"), "XYZ"),
+        (good[:body] + bytes((2, 2, 0, 32)) + bytes(400), "cut off"), (hdr(rgbe(colors), False)[:-1], "cut off"),
+        (good[:body] + bytes((1, 1, 1, 9)) * 512, "old kind"),
+    ):  # fmt: skip
+        (tmp_path / "map.hdr").write_bytes(data)
+        with pytest.raises(SolariError, match=text):
+            sv.Environment(tmp_path / "map.hdr")
+    (tmp_path / "map.exr").write_bytes(b"\x76\x2f\x31\x01nothing")
+    (tmp_path / "map.png").write_bytes(b"\x89PNGnothing")
+    (tmp_path / "map.tif").write_bytes(b"")
+    for name, text in (("map.exr", "damaged EXR"), ("map.png", "PNG"), ("map.tif", "not '.tif'"),
+                       ("none.hdr", "can't be read"), ("none.exr", "no such file")):  # fmt: skip
+        with pytest.raises(SolariError, match=re.escape(text)):
+            sv.Environment(tmp_path / name)
+
+
+def test_files_with_wrong_values_are_refused_and_other_shapes_reported(tmp_path, colors):
+    for value, text in ((np.nan, "NaN"), (np.inf, "NaN or infinite"), (-1.0, "negative")):
+        wrong = colors.astype(np.float32)
+        wrong[2, 3, 1] = value
+        sv.save_image(tmp_path / "map.exr", wrong)
+        with pytest.raises(SolariError, match=text):
+            sv.Environment(tmp_path / "map.exr")
+    sv.save_image(tmp_path / "map.exr", colors[:, :16])
+    with pytest.warns(UserWarning, match="twice as wide as high"):
+        sv.Environment(tmp_path / "map.exr")
+
+
+@pytest.mark.parametrize(("fields", "text"), [
+    ({"image": -1.0}, "negative"), ({"image": np.nan}, "finite"), ({"image": np.zeros((2, 2, 2))}, "shape"),
+    ({"image": np.zeros((0, 2, 3))}, "at least one pixel"), ({"image": 1e30}, "1e+18"),
+    ({"image": 1.0, "intensity": -1}, "intensity"), ({"image": 1.0, "rotation": np.inf}, "rotation"),
+    ({"image": 1.0, "rotation": 2 * np.eye(3)}, "neither scales nor mirrors"),
+    ({"image": 1.0, "rotation": np.diag((1, 1, -1))}, "neither scales nor mirrors"),
+])  # fmt: skip
+def test_wrong_fields_are_refused(fields, text):
+    with pytest.raises(SolariError, match=re.escape(text)):
+        sv.Environment(**fields)
+
+
+def test_scenes_take_environments_only():
+    scene = sv.Scene()
+    with pytest.raises(SolariError, match="must be an Environment, a Sky or None, not float"):
+        scene.environment = 1.0
+    scene.environment = sv.Environment(0.0)
+    assert not scene.environment.emits
+    scene.environment = sky = sv.Sky((1, 1, 0))
+    assert list(scene.lights) == [sky, sky.sun]
+    scene.environment = sv.Environment(1.0)
+    assert len(scene.lights) == 1
+
+
+def test_large_pictures_are_averaged_down(monkeypatch):
+    image = np.random.default_rng(2).random((7, 15, 3)).astype(np.float32)
+    monkeypatch.setattr("solari_vk.scene.environment.MOST_TEXELS", 40)
+    small = sv.Environment(image).image
+    assert small.shape == (4, 8, 3)
+    np.testing.assert_allclose(small[:3, :7], image[:6, :14].reshape(3, 2, 7, 2, 3).mean(axis=(1, 3)), rtol=1e-6)
+    np.testing.assert_allclose(small[3, 7], image[6, 14])
+
+
+def test_texels_are_stored_to_half_a_step(colors):
+    codes, scale = encode_texels(colors.astype(np.float32))
+    found = encodings.decode_rgb9e5(codes).reshape(colors.shape) * scale
+    steps = encodings.rgb9e5_step(codes).reshape((*colors.shape[:2], 1)) * scale
+    assert (np.abs(found - colors) <= 0.5000001 * steps + 1e-6 * colors).all()
+    fine = np.maximum(colors.max(axis=-1) / 255, scale * 2.0**-24)
+    assert (steps[..., 0] <= fine)[colors.any(axis=-1)].all()
+    assert scale * 2.0**14 <= colors.max() < scale * 2.0**15
+
+
+def test_solid_angles_and_flux():
+    assert solid_angles(7, 13).sum() * 13 == pytest.approx(4 * np.pi)
+    assert sv.Environment((1.0, 1.0, 1.0), intensity=3).flux == pytest.approx(12 * np.pi)
+    image = np.zeros((64, 128, 3), np.float32)
+    image[10, 90] = 1
+    expected = directions(64, 128)[10, 90]
+    np.testing.assert_allclose(sv.Environment(image).brightest, expected, atol=1e-6)
+    turned = sv.Environment(image, rotation=np.pi / 2).brightest
+    np.testing.assert_allclose(turned, (expected[2], expected[1], -expected[0]), atol=1e-6)
+
+
+# ---- the sky ----------------------------------------------------------------------------------------
+
+
+def test_sunlight_through_the_zenith_has_its_closed_form():
+    """Air and haze of exponential density, and a triangle of ozone."""
+    air = atmosphere(3.0, (0.3, 0.3, 0.3))
+    depths = RAYLEIGH * RAYLEIGH_HEIGHT + air.haze * HAZE_HEIGHT + OZONE * OZONE_HALF_WIDTH
+    found = air.transmittance(np.array([EYE]), np.array([1.0]))[0]
+    np.testing.assert_allclose(found, np.exp(-depths), rtol=5e-3)
+    assert depths[1] - OZONE[1] * OZONE_HALF_WIDTH == pytest.approx(3.0 * RAYLEIGH[1] * RAYLEIGH_HEIGHT), "turbidity"
+
+
+@pytest.mark.parametrize("turbidity", [1.0, 3.0, 8.0])
+def test_the_ground_gets_no_more_than_the_sun_sends(turbidity):
+    """The lit ground has the light of sky and sun, which together are less than the sun's above the atmosphere."""
+    sky = sv.Sky((0, 1, 1), turbidity=turbidity, ground_albedo=0.5)
+    from_sky = environments.irradiance(sky, (0, 1, 0), rows=128)
+    from_sun = sky.sun.illuminance * sky.sun.color * np.sqrt(0.5)
+    np.testing.assert_allclose(sky.image[-1, 0], 0.5 / np.pi * (from_sky + from_sun), rtol=0.01)
+    share = (from_sky + from_sun) / (SUN_ILLUMINANCE * np.sqrt(0.5))
+    assert (share < 1).all()
+    assert (share > 0.5).all()
+
+
+def test_a_clear_sky_is_blue_and_bright_around_the_sun_and_haze_whitens_it():
+    clear, hazy = sv.Sky((1, 0.6, 0)), sv.Sky((1, 0.6, 0), turbidity=8)
+    away = [(-1, 1, 0)]
+    blue, white = (environments.radiance(sky, away)[0] for sky in (clear, hazy))
+    assert blue[2] > 1.8 * blue[0]
+    assert white[2] / white[0] < 0.8 * blue[2] / blue[0]
+    np.testing.assert_allclose(clear.brightest, clear.sun_direction, atol=0.1)
+    low = sv.Sky((1, 0.05, 0)).sun
+    assert low.color[0] > 3 * low.color[2], "the setting sun is red"
+    assert not sv.Sky((1, -0.1, 0)).sun.emits
+
+
+def test_edits_of_a_sky_move_its_sun():
+    sky = sv.Sky((1, 1, 0))
+    image, sun = sky.image, sky.sun
+    sky.turn(-np.pi / 2)
+    np.testing.assert_allclose(sky.sun.direction, (0, -np.sqrt(0.5), -np.sqrt(0.5)), atol=1e-6)
+    assert sky.sun is sun
+    assert sky.image is image, "a turn about the zenith keeps the map"
+    sky.intensity = 0.5
+    assert sky.image is image
+    assert sun.illuminance == pytest.approx(sv.Sky((1, 1, 0)).sun.illuminance / 2)
+    sky.turbidity = 5
+    assert sky.image is not image
+    assert sun.illuminance < 0.5 * sv.Sky((1, 1, 0)).sun.illuminance
+    with pytest.raises(SolariError, match="turbidity"):
+        sky.turbidity = 0.5
+    assert sky.turbidity == 5
+
+
+def test_auto_exposure_counts_surfaces():
+    picture = np.full((10, 10, 3), 1000.0)
+    picture[4:6, 4:6] = 1.0
+    shown = picture[..., 0] == 1
+    assert auto_exposure(picture, shown) == pytest.approx(auto_exposure(np.ones((1, 3))))
+    assert auto_exposure(picture, np.zeros((10, 10), bool)) == auto_exposure(picture)
