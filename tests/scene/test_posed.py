@@ -149,6 +149,25 @@ def test_edits_of_posed_meshes(bound):
     assert not binder._geometry.posed._sources
 
 
+def test_lights_follow_poses(bound):
+    """Power and place of a light follow its pose, and no triangle is sampled too rarely to grow."""
+    mesh, rest = tube(3)
+    flat = mesh.positions * np.where(mesh.positions[:, 1:2] < 1, [1, 1e-4, 1], 1)
+    skin = sv.Mesh(flat, mesh.triangles, normals=mesh.normals, deformation=mesh.deformation)
+    lamp = sv.Instance(skin, sv.Material(emissive=1.0), joint_matrices=bent(rest, 0))
+    binder = bound(sv.Scene(lamp, sv.Instance(mesh, sv.Material(emissive=1.0), joint_matrices=bent(rest, 0))))
+    binder.update()
+    before = binder.lights.powers.copy()
+    lamp.joint_matrices = np.diag([2.0, 2.0, 2.0, 1.0]) @ bent(rest, 0.5)
+    now, _, _ = vertices(binder, lamp)
+    np.testing.assert_allclose(binder.lights.powers, before * [4, 1], rtol=1e-6)
+    lights = binder.lights
+    node = lights.tree.records[lights.sources.records[lights.index(lamp)]["node"]]
+    assert (np.abs(now - node["center"]) <= node["half_size"] * (1 + 1e-5)).all()
+    choices = binder._emissions._emissions[skin, None].choices
+    assert choices.read(binder._emissions._choice)["probability"].min() > 0.05 / len(mesh.triangles)
+
+
 # ---- wrong poses ------------------------------------------------------------------------------------
 
 
