@@ -137,8 +137,8 @@ class RenderedFrame:
 def _warn_of_exposure(picture: NDArray[Any]) -> None:
     """Warn if nothing can be seen in a picture after exposure."""
     if not picture.any():
-        text = "is black: the scene's lights don't reach it. Lights are DirectionalLight, instances with an emissive "
-        warnings.warn(f"the picture {text}material, scene.environment, and studio_lights(scene)", stacklevel=3)
+        text = "is black: the scene's lights don't reach it. Lights are those of scene.lights, instances with an "
+        warnings.warn(f"the picture {text}emissive material, scene.environment, and studio_lights(scene)", stacklevel=3)
     elif not DARKEST < (typical := float(np.median(picture[picture > 0]))) < BRIGHTEST:
         text = f"the picture is far too {'bright' if typical > 1 else 'dark'}"
         warnings.warn(f'{text}: set camera.ev100, or save it with exposure="auto"', stacklevel=3)

@@ -138,7 +138,7 @@ def test_pictures_in_which_nothing_is_seen_are_told_of(device, tmp_path):
     scene = sv.Scene()
     scene.add(sv.shapes.box())
     with sv.PathTracer(device, scene, SIZE) as tracer:
-        with pytest.warns(UserWarning, match=r"black: .*Lights are DirectionalLight"):
+        with pytest.warns(UserWarning, match=r"black: .*Lights are those of scene.lights"):
             tracer.render(samples=1).save(tmp_path / "black.png")
         scene.add(sv.DirectionalLight((-1, -1, -1)))
         with pytest.warns(UserWarning, match=r"far too bright: set camera.ev100"):
