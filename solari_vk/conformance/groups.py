@@ -157,9 +157,6 @@ def _large_tlas(run: Run, count: int) -> Iterable[Measurement]:
 
 # Each light strategy; random directions almost never meet the small sun, so that "brdf" leaves it out.
 _SUNS = [(0.0093, "mis"), (0.0093, "nee"), (0.8, "mis"), (0.8, "nee"), (0.8, "brdf")]
-# Random directions meet only lamps with a radius.
-_PUNCTUAL = [(name, strategy) for name, lamp in punctual_checks.LAMPS.items()
-             for strategy in (("mis", "nee", "brdf") if lamp.radius else ("mis",))]  # fmt: skip
 _WHITE_WALLS = [(roughness, metallic) for roughness in (0.0, 0.15, 0.5, 1.0) for metallic in (0.0, 0.5, 1.0)]
 
 RAYS = {"ray_pipelines": "pipeline", "ray_queries": "query"}
@@ -246,7 +243,7 @@ GROUPS: dict[str, dict[str, Measure]] = {
         ),
         **_cases("sun", lambda run, *case: light_checks.measure_sun(run.device, *case), *_SUNS),
         "invariance": lambda run: light_checks.measure_invariance(run.device),
-        **_cases("punctual", lambda run, *case: punctual_checks.measure_floor(run.device, *case), *_PUNCTUAL),
+        **_cases("punctual", lambda run, *case: punctual_checks.measure_floor(run.device, *case), *punctual_checks.CASES),
         "punctual_several": lambda run: punctual_checks.measure_several(run.device),
         "punctual_seen": lambda run: punctual_checks.measure_seen(run.device),
     },

@@ -35,6 +35,11 @@ LAMPS: dict[str, PunctualLight] = {
     "a spotlight with a radius": sv.SpotLight(_HIGH, _TILTED, intensity=50, radius=0.4, outer_cone_angle=0.9),
 }
 
+# A lamp and a light strategy each. Random directions meet only lamps with a radius.
+CASES = [(name, "mis") for name in LAMPS] + [
+    (name, strategy) for name, lamp in LAMPS.items() if lamp.radius for strategy in ("nee", "brdf")
+]
+
 
 def irradiance(light: PunctualLight, points: Floats) -> Floats:
     """Irradiance (N,) of points (N, 3) of a floor, from the formulas of KHR_lights_punctual.
