@@ -26,7 +26,6 @@ struct Taps {
     float weights[16];
     int count;
     float weight;  // sum of the weights that count, before they were normalized; 0 when none does
-    bool nearby;   // taken from pixels beside the surface's own
 };
 
 // Motion in pixels, with that of the picture by the camera's own jitter.
@@ -69,7 +68,6 @@ Taps no_taps() {
     Taps taps;  // without the values of pixels that don't count
     taps.count = 0;
     taps.weight = 0.0;
-    taps.nearby = false;
     return taps;
 }
 
@@ -102,21 +100,6 @@ Taps find_taps(vec2 where, Past past, Guide guide, float plane_distance) {
         ivec2 step = ivec2(i & 1, i >> 1);
         vec2 weights = mix(1.0 - share, share, vec2(step));
         add_tap(taps, corner + step, weights.x * weights.y, past, guide, plane_distance);
-    }
-    return taps;
-}
-
-// The pixels around the nearest one. At edges, where jitter lets pixels show one surface or another, these hold the
-// history of the surface that the pixel itself didn't show in the previous frame.
-Taps find_nearby(Past past, Guide guide) {
-    Taps taps = no_taps();
-    taps.nearby = true;
-    float width = pixel_width() * guide.depth;
-    for (int i = 0; i < 9; i++) {
-        ivec2 pixel = ivec2(floor(past.pixel)) + ivec2(i % 3 - 1, i / 3 - 1);
-        vec3 apart = load_previous_guide(clamp(pixel, ivec2(0), ivec2(camera.size) - 1)).position - past.position;
-        float nearness = 1.0 / (0.1 + dot(apart, apart) / (width * width));
-        add_tap(taps, pixel, nearness, past, guide, SAME_PLANE);
     }
     return taps;
 }

@@ -9,7 +9,6 @@
 layout(local_size_x = 8, local_size_y = 8) in;
 
 const uint PASS_SALT = 0x6A09E667u;
-const float FRAMES_AT_EDGES = 8.0;     // of histories taken from neighbors
 const float ONLY_SURFACE_MOTION = 0.8; // perceptual roughness from which reflections move like their surface
 const float ONLY_VIRTUAL_MOTION = 0.5;
 
@@ -82,14 +81,9 @@ void main() {
             denoise_specular.at[index] = previous_denoise_specular.at[taps.at[0]];
             return;
         }
-        if (taps.weight == 0.0) { taps = find_nearby(past, guide); }
         if (taps.weight > 0.0) {
             diffuse = read_diffuse(taps);
             specular = find_specular(pixel, guide, past, taps);
-        }
-        if (taps.nearby) {
-            diffuse.frames = min(diffuse.frames, FRAMES_AT_EDGES);
-            specular.frames = min(specular.frames, FRAMES_AT_EDGES);
         }
     }
     uint rng = seed_rng(uvec2(pixel), this_frame.index, this_frame.seed ^ PASS_SALT);
