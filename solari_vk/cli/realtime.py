@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from solari_vk.cli.plan import UNLIMITED, Plan, check_output, check_target_error, check_view, make_plan, make_settings
 from solari_vk.cli.progress import Progress, Stopped, error_text
-from solari_vk.cli.subject import check_aovs, load, names_of_aovs
+from solari_vk.cli.subject import Subject, check_aovs, load, names_of_aovs
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.rays import IN_WORDS
@@ -48,11 +48,13 @@ def run(options: argparse.Namespace) -> None:
             print(f"rendering {options.source} with {device.name}, by {IN_WORDS[device.rays]}", file=sys.stderr)
             renderer = Renderer(device, subject.scene, options.size, settings, seed=options.seed)
             renderer.view, renderer.tonemap = options.view, options.tonemap
+            if subject.clip is not None:
+                subject.clip.apply(subject.scene, 0.0)
             if subject.auto_exposure:
                 _meter(renderer, plan.cameras)
             total = None if plan.frames == UNLIMITED else renderer.frame_count + plan.frame_count
             with Progress("frames", total, options.time_limit) as progress:
-                shooting = _Shooting(renderer, plan, options, names, subject.auto_exposure, progress)
+                shooting = _Shooting(renderer, plan, options, names, subject, progress)
                 written = shooting.run()
         if is_movie:
             write_movie(options.output, written, options.fps)
@@ -90,18 +92,18 @@ def _expose(cameras: Sequence[Camera], ev100: float) -> None:
 
 
 class _Shooting:
-    """Renders and writes the pictures of a plan. meters: the first picture decides the exposure of all.
+    """Renders and writes the pictures of a plan. The first one decides the exposure of all, if it is automatic.
 
     Radiance and its parts are the mean of a picture's last frames, in float64; other outputs are the last frame's. The
     error of a still picture is estimated by comparing it with what the paths gave in later frames.
     """
 
     def __init__(
-        self, renderer: Renderer, plan: Plan, options: argparse.Namespace, names: Sequence[str], meters: bool,
-        progress: Progress,
+        self, renderer: Renderer, plan: Plan, options: argparse.Namespace, names: Sequence[str],
+        subject: Subject, progress: Progress,
     ) -> None:  # fmt: skip
         self._renderer, self._plan, self._options, self._names = renderer, plan, options, names
-        self._meters, self._progress = meters, progress
+        self._subject, self._progress = subject, progress
         self._written: list[Path] = []
         self._estimate = ErrorEstimate(FIRST_LOOK) if options.view == "picture" and len(plan.targets) == 1 else None
         self._begin_mean()
@@ -116,7 +118,9 @@ class _Shooting:
         plan = self._plan
         try:
             self._render(plan.cameras[0], plan.warm_up, averaged=0)
-            for camera, target in zip(plan.cameras, plan.targets, strict=True):
+            for number, (camera, target) in enumerate(zip(plan.cameras, plan.targets, strict=True)):
+                if self._subject.clip is not None:
+                    self._subject.clip.apply(self._subject.scene, number / self._options.fps)
                 self._begin_mean()
                 self._render(camera, plan.frames, plan.average)
                 self._write(camera, target)
@@ -169,7 +173,7 @@ class _Shooting:
 
     def _write(self, camera: Camera, target: Path) -> None:
         radiance, options = self._result("radiance"), self._options
-        if self._meters and not self._written:
+        if self._subject.auto_exposure and not self._written:
             _expose(self._plan.cameras, self._renderer.auto_exposure(radiance))
         if options.view != "picture":
             write_png(target, self._renderer["display"][..., :3])

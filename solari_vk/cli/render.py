@@ -35,6 +35,8 @@ def add_parser(commands: Any) -> None:
                         help="realtime lighting, or the reference path tracer; auto is the mode whose options are "
                         "given, otherwise the denoised reference, or realtime where OIDN isn't installed (auto)")
     render.add_argument("--aov", default="", metavar="A,B", help="more outputs: layers of an .exr, otherwise files")
+    render.add_argument("--clip", metavar="N|NAME", help="the animation that --animate file and --time take (0)")
+    render.add_argument("--time", type=float, metavar="S", help="pose the scene as it is S seconds into the clip")
     render.add_argument("--time-limit", type=float, metavar="S", help="stop after this many seconds of rendering")
     render.add_argument("--target-error", type=float, metavar="E",
                         help="stop a still picture when its estimated error is this small: the root of relMSE, the "
@@ -49,8 +51,9 @@ def add_parser(commands: Any) -> None:
     realtime.add_argument("--average", type=positive, metavar="N",
                           help="the picture is the mean of the last N frames (all); each picture of an animation is "
                           "the mean of N frames (4)")
-    realtime.add_argument("--animate", metavar="orbit[:DEGREES]|FILE",
-                          help="go around the scene, swing by an angle, or follow the camera poses of a JSON file")
+    realtime.add_argument("--animate", metavar="orbit[:DEGREES]|file|FILE",
+                          help="go around the scene, swing by an angle, play the file's animation (the word file), or "
+                          "follow the camera poses of a JSON file")
     realtime.add_argument("--fps", type=positive, metavar="N", help="pictures a second of an animation (24)")
 
     reference = render.add_argument_group("reference")

@@ -14,7 +14,7 @@ import solari_vk as sv
 from solari_vk.cli.environment import add_environment
 from solari_vk.errors import SolariError
 from solari_vk.output.animation import load_path, orbit
-from solari_vk.scene.model import Camera, Scene
+from solari_vk.scene.model import Animation, Camera, Scene
 
 ORBIT_PICTURES = 48
 
@@ -40,6 +40,8 @@ class Subject:
     """One camera, or those of an animation."""
     auto_exposure: bool
     """Whether the picture chooses the exposure, not the cameras."""
+    clip: Animation | None = None
+    """What --animate file plays."""
 
 
 def load(options: argparse.Namespace) -> Subject:
@@ -57,7 +59,10 @@ def load(options: argparse.Namespace) -> Subject:
             up=options.up, unit=options.unit, strict=options.strict,
         )  # fmt: skip
     camera = _find_camera(scene, options.camera, options.size[0] / options.size[1])
-    cameras = [camera] if options.animate is None else _path(options, scene, camera)
+    clip = _find_clip(options, scene)
+    if clip is not None and options.time is not None:
+        clip.apply(scene, options.time, loop=False)
+    cameras = [camera] if options.animate is None else _path(options, scene, camera, clip)
     add_environment(scene, camera, options)
     exposure = options.exposure or ("camera" if builtin else "auto")
     if exposure not in ("auto", "camera"):
@@ -68,11 +73,30 @@ def load(options: argparse.Namespace) -> Subject:
             raise SolariError(f"--exposure {exposure}: give an EV100 such as 9.5, or auto") from None
     for warning in scene.warnings:
         print(f"warning: {warning}", file=sys.stderr)
-    return Subject(scene, cameras, exposure == "auto")
+    return Subject(scene, cameras, exposure == "auto", clip if options.animate == "file" else None)
 
 
-def _path(options: argparse.Namespace, scene: Scene, camera: Camera) -> list[Camera]:
+def _find_clip(options: argparse.Namespace, scene: Scene) -> Animation | None:
+    """The clip that the options name, the first if they only need one. Raises SolariError for an unknown one."""
+    if options.clip is None and options.time is None and options.animate != "file":
+        return None
+    if not scene.animations:
+        name = "--clip" if options.clip is not None else "--time" if options.time is not None else "--animate file"
+        raise SolariError(f"{name}: {options.source} has no animations")
+    if options.animate == "file" and options.time is not None:
+        raise SolariError(f"--time {options.time:g}: --animate file plays the whole clip: leave one of the two out")
+    if options.animate != "file" and options.time is None:
+        raise SolariError(f"--clip {options.clip}: give --animate file for a movie of it, or --time for a picture")
+    text = options.clip or "0"
+    if text.isdecimal() and text not in scene.animations:
+        return scene.animations[int(text)]
+    return scene.animations[text]
+
+
+def _path(options: argparse.Namespace, scene: Scene, camera: Camera, clip: Animation | None) -> list[Camera]:
     """The cameras of an animation that starts at `camera`. Call it before added lights widen the scene's bounds."""
+    if options.animate == "file" and clip is not None:
+        return [camera] * (options.frames or max(round(clip.duration * options.fps), 1))
     kind, colon, sweep = options.animate.partition(":")
     if kind != "orbit":
         return load_path(options.animate, camera, fps=options.fps, count=options.frames)

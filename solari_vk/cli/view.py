@@ -15,7 +15,7 @@ from solari_vk.gpu.device.rays import IN_WORDS
 def add_parser(commands: Any) -> None:
     """Add the command with its options."""
     view = commands.add_parser("view", help="open a window on a scene: fly around, edit, compare")
-    view.set_defaults(run=run, animate=None)
+    view.set_defaults(run=run, animate=None, clip=None, time=None)
     add_scene_options(view, window_size=(1280, 720))
     add_realtime_options(view)
     view.set_defaults(view="picture", quality="medium", settings=[])

@@ -1,0 +1,80 @@
+"""`solari-vk render` with a file's animations: movies of a clip, pictures of a moment, and wrong options."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PIL import Image
+from support.gltf_writer import GltfWriter
+
+from solari_vk.cli import main
+
+SMALL = ["--size", "24x16", "--environment", "none"]
+
+
+@pytest.fixture
+def file(tmp_path):
+    """A triangle that moves sideways for a second, and another clip in which it grows, before a camera."""
+    writer = GltfWriter(tmp_path / "moving.glb")
+    node = writer.node(mesh=writer.mesh())
+    camera = writer.add("cameras", type="perspective", perspective={"yfov": 0.9, "znear": 0.1})
+    writer.node(camera=camera, translation=[0.5, 0.3, 3])
+    ways = ("slide", "translation", [[-1, 0, 0], [1, 0, 0]]), ("grow", "scale", [[0, 0, 0], [3, 3, 3]])
+    for name, path, values in ways:
+        sampler = {"input": writer.accessor([0, 1]), "output": writer.accessor(values)}
+        target = {"node": node, "path": path}
+        writer.add("animations", name=name, samplers=[sampler], channels=[{"sampler": 0, "target": target}])
+    return writer.save(tmp_path / "moving.glb")
+
+
+@pytest.fixture
+def render(any_device, tmp_path, capsys):
+    def run(source, *arguments):
+        code = main(["render", str(source), *SMALL, *map(str, arguments), "-o", str(tmp_path / "picture.png")])
+        return code, capsys.readouterr().err
+
+    return run
+
+
+def seen(path):
+    """Where a picture of a debug view isn't black, (h, w)."""
+    return np.asarray(Image.open(path)).any(axis=2)
+
+
+def test_a_movie_of_a_clip(render, file, tmp_path):
+    code, said = render(file, "--animate", "file", "--clip", "slide", "--fps", 4, "--view", "depth", "--warm-up", 1)
+    assert code == 0, said
+    assert "picture 4 of 4" in said
+    places = [np.argwhere(seen(path))[:, 1].mean() for path in sorted(tmp_path.glob("picture.*.png"))]
+    assert len(places) == 4
+    assert (np.diff(places) > 2).all(), "the triangle goes to the right"
+
+
+def test_pictures_of_a_moment(render, file, tmp_path):
+    sizes = []
+    for seconds in (0.2, 1.0):
+        code, said = render(file, "--clip", 1, "--time", seconds, "--view", "depth", "--frames", 1, "--warm-up", 0)
+        assert code == 0, said
+        sizes.append(seen(tmp_path / "picture.png").sum())
+    assert sizes[1] > 4 * sizes[0] > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--animate", "file", "--clip", "jump"], ["jump", "slide"]), (["--animate", "file", "--clip", "7"], ["7"]),
+        (["--clip", "slide"], ["--clip slide", "--time"]), (["--time", "nan"], ["finite"]),
+        (["--animate", "file", "--time", "1"], ["--time 1", "--animate file"]),
+    ],
+)  # fmt: skip
+def test_wrong_options(render, file, arguments, words):
+    code, said = render(file, *arguments)
+    assert code == 2
+    assert all(word in said for word in words), said
+
+
+def test_a_scene_without_animations(render):
+    for arguments, word in ((["--animate", "file"], "--animate file"), (["--time", "1"], "--time")):
+        code, said = render("builtin:cornell_box", *arguments)
+        assert code == 2
+        assert f"{word}: builtin:cornell_box has no animations" in said
