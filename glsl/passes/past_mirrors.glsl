@@ -17,7 +17,8 @@ struct HitPastMirrors {
     ResolvedRayHitFull surface;
     vec3 direction;       // of the last ray, which hit `surface`
     float ray_t;          // length of the last ray
-    vec3 throughput;      // product of the mirrors' reflectances
+    vec3 throughput;      // product of the mirrors' reflectances, and of the tints of all rays but the first
+    Passage first_passage;  // of the first ray
     uint mirror_count;
     vec3 first_position;  // where the first ray ended, moved off the surface
     vec3 emitted;         // light of lights seen in mirrors, which light samples can't find; includes throughput
@@ -33,14 +34,20 @@ bool always_reflects(ResolvedMaterial material) {
     return world_cache_settings.surfaces == WORLD_CACHE_SURFACES_WHOLE && is_metal_mirror(material);
 }
 
-HitPastMirrors trace_past_mirrors(vec3 origin, vec3 direction, float t_max, float cone_width) {
+HitPastMirrors trace_past_mirrors(vec3 origin, vec3 direction, float t_max, float cone_width, inout uint rng) {
     HitPastMirrors found;
     found.throughput = vec3(1.0);
     found.emitted = vec3(0.0);
     found.first_position = origin;
     for (found.mirror_count = 0u; found.mirror_count < MAX_MIRRORS; found.mirror_count++) {
         count_ray();
-        Hit hit = trace_closest_hit(origin, 0.0, direction, t_max, TRACE_BOTH_FACES);
+        Hit hit = trace_closest_hit(origin, 0.0, direction, t_max, TRACE_BOTH_FACES, blend_seed(rng));
+        Passage passage = trace_passage(origin, direction, t_max, hit);
+        if (found.mirror_count == 0u) {
+            found.first_passage = passage;
+        } else {
+            found.throughput *= passage.tint;
+        }
         found.exists = hit.instance != NO_INDEX;
         if (found.mirror_count > 0u) {
             float t_end = min(hit.t, t_max);

@@ -21,12 +21,16 @@ struct VertexAttributes {
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Positions { vec3 at[]; };
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Attributes { VertexAttributes at[]; };
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Triangles { uvec3 at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer SecondUvs { vec2 at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Colors { vec4 at[]; };
 
 struct Mesh {
     Positions positions;
     Positions previous_positions;  // in the previous frame; the same buffer for a mesh that doesn't change its pose
     Attributes attributes;
     Triangles triangles;
+    SecondUvs second_uvs;
+    Colors colors;
     uint triangle_count;
     uint flags;
     vec3 bounds_min;  // in object space
@@ -51,6 +55,8 @@ struct Material {
     float metallic;
     vec3 reflectance;   // see reflectance_f0
     float normal_scale;
+    float alpha;
+    float alpha_cutoff;               // with MATERIAL_MASK
     uint base_color_texture;          // into textures, or NO_INDEX
     uint metallic_roughness_texture;
     uint emissive_texture;
@@ -61,6 +67,7 @@ struct Material {
 struct Texture {
     mat3x2 uv_transform;  // applied to (u, v, 1)
     uint image;           // into texture_images
+    uint uv_set;          // 0 or 1
 };
 
 // ---- lights -----------------------------------------------------------------------------------------

@@ -14,11 +14,11 @@ vec3 light_segment(vec3 ray_origin, ResolvedLightSample light_sample) {
     return to_light - light_sample.world_normal * (dot(to_light, light_sample.world_normal) < 0.0 ? -offset : offset);
 }
 
-// Whether nothing occludes a light sample from a ray origin that is already offset from its surface.
-bool trace_light_visibility(vec3 ray_origin, ResolvedLightSample light_sample) {
+// The share of a light sample's light that reaches a ray origin, which is already offset from its surface.
+vec3 trace_light_transmittance(vec3 ray_origin, ResolvedLightSample light_sample) {
     bool at_infinity = is_at_infinity(light_sample.kind);
     vec3 segment = at_infinity ? light_sample.world_position : light_segment(ray_origin, light_sample);
-    return trace_visibility(ray_origin, segment, at_infinity ? INFINITY : 1.0);
+    return trace_transmittance(ray_origin, segment, at_infinity ? INFINITY : 1.0);
 }
 
 #endif

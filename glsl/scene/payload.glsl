@@ -2,11 +2,25 @@
 #ifndef SCENE_PAYLOAD_GLSL
 #define SCENE_PAYLOAD_GLSL
 
+#include "scene/alpha.glsl"
+
+// A ray that skips the closest-hit shader has no hit but a passage in the same memory: its probability in `triangle`,
+// its tint in `t` and `barycentrics`. For other rays `triangle` is the seed until there is a hit.
 struct RayPayload {
     uint instance;  // 2 * index + 1 for a front face, 2 * index for a back face; NO_INDEX when nothing was hit
     uint triangle;
     float t;
     vec2 barycentrics;
 };
+
+void write_passage(inout RayPayload payload, Passage passage) {
+    payload.triangle = floatBitsToUint(passage.probability);
+    payload.t = passage.tint.x;
+    payload.barycentrics = passage.tint.yz;
+}
+
+Passage read_passage(RayPayload payload) {
+    return Passage(vec3(payload.t, payload.barycentrics), uintBitsToFloat(payload.triangle));
+}
 
 #endif

@@ -6,6 +6,7 @@
 #include "scene/bindings.glsl"
 #include "scene/hit.glsl"
 #include "scene/lights/choice.glsl"
+#include "scene/textures.glsl"
 
 struct ResolvedMaterial {
     vec3 base_color;
@@ -22,7 +23,7 @@ struct TrianglePoint {
     vec3 geometric_world_normal;  // on the front, where the vertices run counter-clockwise in object space
     float area;        // of the whole triangle, in world space
     float ray_offset;  // see world_ray_offset
-    vec2 uv;
+    TexturePoint texture_point;
     uvec3 vertices;
     mat3x3 object_edges;  // the first vertex, and the edges from it to the second and third
     mat3x3 normal_matrix;  // world from object for normals; does not keep their length
@@ -78,43 +79,31 @@ TrianglePoint resolve_triangle(Instance instance, Mesh mesh, uint triangle, vec2
     }
     point.geometric_world_normal = safe_normalize(cofactors * object_normal, vec3(0.0, 0.0, 1.0));
     point.ray_offset = world_ray_offset(abs(corner) + extent, m, cofactors, object_normal);
-    point.uv = vec2(0.0);
-    if ((mesh.flags & MESH_HAS_UVS) != 0u) {
-        vec2 uv = mesh.attributes.at[point.vertices.x].uv;
-        point.uv = uv + barycentrics.x * (mesh.attributes.at[point.vertices.y].uv - uv)
-            + barycentrics.y * (mesh.attributes.at[point.vertices.z].uv - uv);
-    }
+    point.texture_point = texture_point(mesh, point.vertices, barycentrics);
     return point;
 }
 
-// ---- textures ---------------------------------------------------------------------------------------
-
-vec4 sample_texture(uint texture_index, vec2 uv, float footprint_lod) {
-    Texture source = textures.at[texture_index];
-    vec2 scale = vec2(textureSize(texture_images[nonuniformEXT(source.image)], 0));
-    float uv_scale = abs(determinant(mat2(source.uv_transform)));
-    float lod = footprint_lod + 0.5 * log2(max(uv_scale * scale.x * scale.y, 1e-30));
-    return textureLod(texture_images[nonuniformEXT(source.image)], source.uv_transform * vec3(uv, 1.0), lod);
-}
+// ---- materials --------------------------------------------------------------------------------------
 
 // Sampled at the finest level for every ray, so that light samples and rays that hit the light see the same radiance.
-vec3 resolve_emissive(Material material, vec2 uv) {
+vec3 resolve_emissive(Material material, TexturePoint point) {
     if (material.emissive_texture == NO_INDEX) { return material.emissive; }
-    return material.emissive * sample_texture(material.emissive_texture, uv, -1000.0).rgb;
+    point.footprint_lod = point.second_footprint_lod = FINEST_LOD;
+    return material.emissive * sample_texture(material.emissive_texture, point).rgb;
 }
 
-ResolvedMaterial resolve_material(Material material, vec2 uv, float footprint_lod) {
+ResolvedMaterial resolve_material(Material material, vec3 vertex_color, TexturePoint point) {
     ResolvedMaterial resolved;
-    resolved.base_color = material.base_color;
-    resolved.emissive = resolve_emissive(material, uv);
+    resolved.base_color = material.base_color * vertex_color;
+    resolved.emissive = resolve_emissive(material, point);
     resolved.reflectance = material.reflectance;
     resolved.perceptual_roughness = material.perceptual_roughness;
     resolved.metallic = material.metallic;
     if (material.base_color_texture != NO_INDEX) {
-        resolved.base_color *= sample_texture(material.base_color_texture, uv, footprint_lod).rgb;
+        resolved.base_color *= sample_texture(material.base_color_texture, point).rgb;
     }
     if (material.metallic_roughness_texture != NO_INDEX) {
-        vec2 factors = sample_texture(material.metallic_roughness_texture, uv, footprint_lod).gb;
+        vec2 factors = sample_texture(material.metallic_roughness_texture, point).gb;
         resolved.perceptual_roughness *= factors.x;
         resolved.metallic *= factors.y;
     }
@@ -126,11 +115,9 @@ ResolvedMaterial resolve_material(Material material, vec2 uv, float footprint_lo
 
 // The tangent of a triangle from its uvs, for meshes without tangents, with the sign of the bitangent in w: in glTF the
 // bitangent points towards smaller v. Returns w = 0 where the uvs have no area.
-vec4 tangent_from_uvs(Mesh mesh, TrianglePoint point, vec3 object_normal) {
-    if ((mesh.flags & MESH_HAS_UVS) == 0u) { return vec4(0.0); }
-    vec2 uv = mesh.attributes.at[point.vertices.x].uv;
-    vec2 uv_1 = mesh.attributes.at[point.vertices.y].uv - uv;
-    vec2 uv_2 = mesh.attributes.at[point.vertices.z].uv - uv;
+vec4 tangent_from_uvs(Mesh mesh, TrianglePoint point, uint uv_set, vec3 object_normal) {
+    mat2 edges = uv_edges(mesh, point.vertices, uv_set);
+    vec2 uv_1 = edges[0], uv_2 = edges[1];
     float side = sign(uv_1.x * uv_2.y - uv_1.y * uv_2.x);
     vec3 along_u = side * (uv_2.y * point.object_edges[1] - uv_1.y * point.object_edges[2]);
     vec3 along_v = side * (uv_1.x * point.object_edges[2] - uv_2.x * point.object_edges[1]);
@@ -140,7 +127,7 @@ vec4 tangent_from_uvs(Mesh mesh, TrianglePoint point, vec3 object_normal) {
 // The shading normal on the front side. A smooth normal that points to the back, as in files with inverted normals, is
 // negated.
 vec3 resolve_shading_normal(
-    Instance instance, Mesh mesh, Material material, TrianglePoint point, vec2 barycentrics, float footprint_lod
+    Instance instance, Mesh mesh, Material material, TrianglePoint point, vec2 barycentrics
 ) {
     vec3 weights = vec3(1.0 - barycentrics.x - barycentrics.y, barycentrics);
     vec3 normal = point.geometric_world_normal;
@@ -160,7 +147,8 @@ vec3 resolve_shading_normal(
             + weights.z * mesh.attributes.at[point.vertices.z].tangent.xyz;
         tangent.w = mesh.attributes.at[point.vertices.x].tangent.w;
     } else {
-        tangent = tangent_from_uvs(mesh, point, cross(point.object_edges[1], point.object_edges[2]));
+        uint uv_set = textures.at[material.normal_texture].uv_set;
+        tangent = tangent_from_uvs(mesh, point, uv_set, cross(point.object_edges[1], point.object_edges[2]));
     }
     mat3 m = mat3(instance.world_from_object);
     tangent.w *= sign(dot(m[0], cross(m[1], m[2])));
@@ -169,7 +157,7 @@ vec3 resolve_shading_normal(
     vec3 along = safe_normalize(tangent.xyz, vec3(0.0));
     if (tangent.w == 0.0 || along == vec3(0.0)) { return normal; }
     // z is computed from x and y, so that two-channel maps work
-    vec2 xy = sample_texture(material.normal_texture, point.uv, footprint_lod).xy * 2.0 - 1.0;
+    vec2 xy = sample_texture(material.normal_texture, point.texture_point).xy * 2.0 - 1.0;
     vec3 mapped = vec3(material.normal_scale * xy, safe_sqrt(1.0 - dot(xy, xy)));
     return safe_normalize(mat3(along, cross(normal, along) * sign(tangent.w), normal) * mapped, normal);
 }
@@ -192,6 +180,13 @@ vec3 bend_shading_normal(vec3 normal, vec3 geometric_normal, vec3 wo) {
 
 // ---- hits -------------------------------------------------------------------------------------------
 
+// The footprint's narrow axis: the long axis would blur at grazing angles, and a pixel's samples average along it.
+float footprint_lod(Mesh mesh, TrianglePoint point, uint uv_set, float cone_width) {
+    if (!has_uvs(mesh, uv_set)) { return 0.0; }
+    float uv_area = 0.5 * abs(determinant(uv_edges(mesh, point.vertices, uv_set)));
+    return 0.5 * log2(max(uv_area, 1e-30) / max(point.area, 1e-30)) + log2(max(cone_width, 1e-30));
+}
+
 // Resolves the surface at a hit. `cone_width` is the width of the ray cone there: Akenine-Moeller et al., "Texture
 // Level of Detail Strategies for Real-Time Ray Tracing" (Ray Tracing Gems, 2019) and "Improved Shader and Texture Level
 // of Detail Using Ray Cones" (JCGT 2021).
@@ -212,18 +207,11 @@ ResolvedRayHitFull resolve_hit_full(Hit hit, Mesh mesh, vec3 ray_direction, floa
     }
     surface.emits = front_face || (material.flags & MATERIAL_DOUBLE_SIDED) != 0u;
 
-    float footprint_lod = 0.0;
-    if ((mesh.flags & MESH_HAS_UVS) != 0u) {
-        vec2 uv = mesh.attributes.at[point.vertices.x].uv;
-        vec2 uv_1 = mesh.attributes.at[point.vertices.y].uv - uv;
-        vec2 uv_2 = mesh.attributes.at[point.vertices.z].uv - uv;
-        float uv_area = 0.5 * abs(uv_1.x * uv_2.y - uv_1.y * uv_2.x);
-        // The footprint's narrow axis: the long axis would blur at grazing angles, and a pixel's samples average along
-        // it.
-        footprint_lod = 0.5 * log2(max(uv_area, 1e-30) / max(point.area, 1e-30)) + log2(max(cone_width, 1e-30));
-    }
-    surface.material = resolve_material(material, point.uv, footprint_lod);
-    vec3 normal = resolve_shading_normal(instance, mesh, material, point, hit.barycentrics, footprint_lod);
+    point.texture_point.footprint_lod = footprint_lod(mesh, point, 0u, cone_width);
+    if (SCENE_SECOND_UVS) { point.texture_point.second_footprint_lod = footprint_lod(mesh, point, 1u, cone_width); }
+    vec3 color = vertex_color(mesh, point.vertices, hit.barycentrics).rgb;
+    surface.material = resolve_material(material, color, point.texture_point);
+    vec3 normal = resolve_shading_normal(instance, mesh, material, point, hit.barycentrics);
     surface.world_normal = bend_shading_normal(
         front_face ? normal : -normal, surface.geometric_world_normal, -ray_direction
     );

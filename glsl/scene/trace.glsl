@@ -1,7 +1,8 @@
 // Tracing rays through the scene, the only file by which the renderer does it: by ray queries, or, in shaders that are
-// compiled as ray generation shaders (RAY_PIPELINES), by a ray pipeline with scene/trace.rchit and scene/trace.rmiss.
-// Passes that trace therefore use no shared memory and no barriers, and read their invocation's index from
-// INVOCATION_INDEX. They keep few values across a ray, since on a GPU each one costs time.
+// compiled as ray generation shaders (RAY_PIPELINES), by a ray pipeline with scene/trace.rchit, scene/trace.rmiss and,
+// in scenes with alpha, scene/trace.rahit. Passes that trace therefore use no shared memory and no barriers, and read
+// their invocation's index from INVOCATION_INDEX. They keep few values across a ray, since on a GPU each one costs
+// time.
 #ifndef SCENE_TRACE_GLSL
 #define SCENE_TRACE_GLSL
 
@@ -14,17 +15,20 @@
 #endif
 
 #include "common/math.glsl"
+#include "common/random.glsl"
+#include "scene/alpha.glsl"
 #include "scene/bindings.glsl"
 #include "scene/hit.glsl"
 
 layout(set = 0, binding = 0) uniform accelerationStructureEXT tlas;
 layout(set = 0, binding = 12) uniform accelerationStructureEXT previous_tlas;  // the previous frame's, or `tlas`
 
-const uint TRACE_BOTH_FACES = gl_RayFlagsOpaqueEXT;
+// In scenes with alpha, instances say whether rays ask the shader about their triangles.
+const uint TRACE_BOTH_FACES = SCENE_ALPHA ? gl_RayFlagsNoneEXT : gl_RayFlagsOpaqueEXT;
 // Returns the first hit that is found, which need not be the closest.
-const uint TRACE_ANY_HIT = gl_RayFlagsOpaqueEXT | gl_RayFlagsTerminateOnFirstHitEXT;
+const uint TRACE_ANY_HIT = TRACE_BOTH_FACES | gl_RayFlagsTerminateOnFirstHitEXT;
 // Camera rays pass through the backs of single-sided materials, as raster does.
-const uint TRACE_FRONT_FACES = gl_RayFlagsOpaqueEXT | gl_RayFlagsCullBackFacingTrianglesEXT;
+const uint TRACE_FRONT_FACES = TRACE_BOTH_FACES | gl_RayFlagsCullBackFacingTrianglesEXT;
 
 #ifdef RAY_PIPELINES
 
@@ -32,7 +36,8 @@ const uint TRACE_FRONT_FACES = gl_RayFlagsOpaqueEXT | gl_RayFlagsCullBackFacingT
 
 layout(location = 0) rayPayloadEXT RayPayload ray_payload;
 
-Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uint flags) {
+Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uint flags, uint seed) {
+    if (SCENE_BLEND) { ray_payload.triangle = seed; }
     traceRayEXT(tlas, flags, SCENE_MASK, 0u, 0u, 0u, origin, t_min, direction, t_max, 0);
     if (ray_payload.instance == NO_INDEX) { return NO_HIT; }
     return Hit(
@@ -41,20 +46,31 @@ Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uin
     );
 }
 
-// Returns whether nothing is hit. Both faces of every triangle cast shadows.
-bool trace_visibility_in(accelerationStructureEXT structure, vec3 origin, vec3 direction, float t_max) {
+// Returns whether nothing opaque is hit. Both faces of every triangle cast shadows.
+bool trace_passage_in(
+    accelerationStructureEXT structure, vec3 origin, float t_min, vec3 direction, float t_max, uint mask,
+    out Passage passage
+) {
     ray_payload.instance = 0u;  // a hit runs no shader, a miss sets NO_INDEX
+    if (SCENE_BLEND) { write_passage(ray_payload, FREE_PASSAGE); }
     uint flags = TRACE_ANY_HIT | gl_RayFlagsSkipClosestHitShaderEXT;
-    traceRayEXT(structure, flags, SCENE_MASK, 0u, 0u, 0u, origin, 0.0, direction, t_max, 0);
+    traceRayEXT(structure, flags, mask, 0u, 0u, 0u, origin, t_min, direction, t_max, 0);
+    passage = SCENE_BLEND ? read_passage(ray_payload) : FREE_PASSAGE;
     return ray_payload.instance == NO_INDEX;
 }
 
 #else
 
-Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uint flags) {
+Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uint flags, uint seed) {
     rayQueryEXT query;
     rayQueryInitializeEXT(query, tlas, flags, SCENE_MASK, origin, t_min, direction, t_max);
-    while (rayQueryProceedEXT(query)) {}
+    while (rayQueryProceedEXT(query)) {
+        if (!SCENE_ALPHA) { continue; }
+        uint instance = uint(rayQueryGetIntersectionInstanceCustomIndexEXT(query, false));
+        uint triangle = uint(rayQueryGetIntersectionPrimitiveIndexEXT(query, false));
+        vec4 cover = resolve_cover(instance, triangle, rayQueryGetIntersectionBarycentricsEXT(query, false));
+        if (is_met(cover, seed, instance, triangle)) { rayQueryConfirmIntersectionEXT(query); }
+    }
     if (rayQueryGetIntersectionTypeEXT(query, true) != gl_RayQueryCommittedIntersectionTriangleEXT) {
         return NO_HIT;
     }
@@ -67,23 +83,73 @@ Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uin
     );
 }
 
-// Returns whether nothing is hit. Both faces of every triangle cast shadows.
-bool trace_visibility_in(accelerationStructureEXT structure, vec3 origin, vec3 direction, float t_max) {
+// Returns whether nothing opaque is hit. Both faces of every triangle cast shadows.
+bool trace_passage_in(
+    accelerationStructureEXT structure, vec3 origin, float t_min, vec3 direction, float t_max, uint mask,
+    out Passage passage
+) {
+    passage = FREE_PASSAGE;
     rayQueryEXT query;
-    rayQueryInitializeEXT(query, structure, TRACE_ANY_HIT, SCENE_MASK, origin, 0.0, direction, t_max);
-    while (rayQueryProceedEXT(query)) {}
+    rayQueryInitializeEXT(query, structure, TRACE_ANY_HIT, mask, origin, t_min, direction, t_max);
+    while (rayQueryProceedEXT(query)) {
+        if (!SCENE_ALPHA) { continue; }
+        vec4 cover = resolve_cover(
+            uint(rayQueryGetIntersectionInstanceCustomIndexEXT(query, false)),
+            uint(rayQueryGetIntersectionPrimitiveIndexEXT(query, false)),
+            rayQueryGetIntersectionBarycentricsEXT(query, false)
+        );
+        if (cover.w >= 1.0) {
+            rayQueryConfirmIntersectionEXT(query);
+        } else if (SCENE_BLEND) {
+            pass_through(passage, cover);
+        }
+    }
     return rayQueryGetIntersectionTypeEXT(query, true) == gl_RayQueryCommittedIntersectionNoneEXT;
 }
 
 #endif
 
-bool trace_visibility(vec3 origin, vec3 direction, float t_max) {
-    return trace_visibility_in(tlas, origin, direction, t_max);
+// ---- surfaces ---------------------------------------------------------------------------------------
+
+// `seed` decides which blended surfaces the ray passes: random, and independent of those of other rays.
+uint blend_seed(inout uint rng) { return SCENE_BLEND ? rand_u(rng) : 0u; }
+
+Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uint flags) {
+    return trace_closest_hit(origin, t_min, direction, t_max, flags, 0u);
+}
+
+// What light on the way of a ray from its origin to its hit meets: the blended surfaces that the ray has passed.
+Passage trace_passage(vec3 origin, vec3 direction, float t_max, Hit hit) {
+    Passage passage = FREE_PASSAGE;
+    if (SCENE_BLEND) {
+        // ends before the hit, which may be on a blended surface too
+        float end = hit.instance == NO_INDEX ? t_max : uintBitsToFloat(max(floatBitsToUint(hit.t), 1u) - 1u);
+        trace_passage_in(tlas, origin, 0.0, direction, end, BLENDED_MASK, passage);
+    }
+    return passage;
+}
+
+// ---- light ------------------------------------------------------------------------------------------
+
+vec3 trace_transmittance_in(accelerationStructureEXT structure, vec3 origin, vec3 direction, float t_max) {
+    Passage passage;
+    bool passes = trace_passage_in(structure, origin, 0.0, direction, t_max, SCENE_MASK, passage);
+    return passes ? passage.tint * passage.probability : vec3(0.0);
+}
+
+// The share of light that passes: 0 behind an opaque surface. Its mean is known without random numbers.
+vec3 trace_transmittance(vec3 origin, vec3 direction, float t_max) {
+    return trace_transmittance_in(tlas, origin, direction, t_max);
 }
 
 // The same in the scene as it was in the previous frame.
-bool trace_previous_visibility(vec3 origin, vec3 direction, float t_max) {
-    return trace_visibility_in(previous_tlas, origin, direction, t_max);
+vec3 trace_previous_transmittance(vec3 origin, vec3 direction, float t_max) {
+    return trace_transmittance_in(previous_tlas, origin, direction, t_max);
+}
+
+// Returns whether any light passes.
+bool trace_visibility(vec3 origin, vec3 direction, float t_max) {
+    return trace_transmittance(origin, direction, t_max) != vec3(0.0);
 }
 
 #endif

@@ -135,6 +135,7 @@ class SceneBinder:
         try:
             for item in changed:
                 self._take_up(item)
+            self._note_alpha()
             self._geometry.update()
             if self._textures.update():
                 self.version += 1
@@ -173,7 +174,8 @@ class SceneBinder:
                     self.lights.renew(instance)
         elif isinstance(item, (Texture, TextureImage)):
             self._textures.change(item)
-            self._write_rows.update(dict.fromkeys(self._emissions.change(item)))
+            for users in (self._emissions.change(item), self._materials.users_of_image(item)):
+                self._write_rows.update(dict.fromkeys(users))
 
     def _take_up_instance(self, instance: Instance) -> None:
         before = self._uses.get(instance)
@@ -244,6 +246,13 @@ class SceneBinder:
         if moved is not None:
             self._write_rows[moved] = None
 
+    def _note_alpha(self) -> None:
+        for instance in self._write_rows:
+            if instance.material.alpha_mode != "opaque":
+                self._features.note(instance)
+                if instance.alpha_mode == "blend":
+                    self._geometry.meet_once(instance.ray_mesh or instance.mesh)
+
     def _update_instances(self) -> None:
         self._instances.reserve(self._instance_rows.limit)
         for instance in list(self._write_rows):
@@ -267,7 +276,7 @@ class SceneBinder:
         )  # fmt: skip
         self._traced.write(
             row, (a, b, c, x, d, e, f, y, g, h, i, z), self._geometry.centers[ray_mesh], visible, material.double_sided,
-            self._geometry.blases[ray_mesh].address,
+            instance.alpha_mode, self._geometry.blases[ray_mesh].address,
         )  # fmt: skip
 
     # ---- from records to the device -----------------------------------------------------------------

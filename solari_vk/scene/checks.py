@@ -18,6 +18,7 @@ from solari_vk.scene.observed import Checked
 FloatArray = NDArray[np.float32]
 WRAP_MODES = ("repeat", "mirrored_repeat", "clamp_to_edge")
 FILTERS = ("linear", "nearest")
+ALPHA_MODES = ("opaque", "mask", "blend")
 LARGEST_COORDINATE = 1e18  # meters: the areas of larger triangles overflow
 LARGEST_RADIANCE = 1e18  # cd/m^2: products along a path must not overflow
 LARGEST_TRANSFORM = 1e12  # the product of three axes must not overflow
@@ -49,6 +50,24 @@ def array(
         return array
 
     return convert
+
+
+def vertex_colors(value: Any) -> FloatArray | None:
+    """Read-only colors (N, 3) or (N, 4) in [0, 1]."""
+    if value is None:
+        return None
+    columns = 4 if np.shape(value)[1:] == (4,) else 3
+    colors: FloatArray = array(None, columns)(value)
+    if colors.size and not (colors.min() >= 0 and colors.max() <= 1):
+        raise ValueError("must lie between 0 and 1")
+    return colors
+
+
+def uv_set(value: Any) -> int:
+    """0 or 1."""
+    if value not in (0, 1):
+        raise ValueError(f"must be 0 or 1, not {value!r}")
+    return int(value)
 
 
 def pixels(value: Any) -> NDArray[np.uint8]:

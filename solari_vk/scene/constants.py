@@ -6,12 +6,14 @@ from solari_vk.gpu.shaders.headers import constants
 
 NO_INDEX = 0xFFFFFFFF
 """An index that points to nothing."""
-MESH_HAS_NORMALS, MESH_HAS_UVS, MESH_HAS_TANGENTS = 1, 2, 4
+MESH_HAS_NORMALS, MESH_HAS_UVS, MESH_HAS_TANGENTS, MESH_HAS_SECOND_UVS, MESH_HAS_COLORS = 1, 2, 4, 8, 16
 """Flags of a mesh record: which attributes its vertices have."""
 MATERIAL_DOUBLE_SIDED = 1
 """The flag of a material record whose back side emits and is seen by the camera too."""
-SCENE_MASK = 0x7F
-"""The mask of rays through a scene: hidden instances have only the bit above."""
+MATERIAL_MASK, MATERIAL_BLEND = 2, 4
+"""Flags of a material record with such an alpha mode."""
+SCENE_MASK, BLENDED_MASK = 0x7F, 0x40
+"""The masks of rays through a scene, and through its blended instances alone: hidden ones have only the bit above."""
 
 
 def glsl_header() -> str:

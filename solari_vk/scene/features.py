@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from solari_vk.scene.environment import EnvironmentLight
-from solari_vk.scene.objects import Instance
+from solari_vk.scene.objects import Instance, Mesh
 from solari_vk.scene.punctual import PunctualLight
 
 FIRST_ID = 100  # of the constants: passes have smaller numbers
@@ -32,11 +32,15 @@ class Feature:
         return f"SCENE_{self.name}"
 
 
-FEATURES: tuple[Feature, ...] = (
+FEATURES = (
     Feature("ENVIRONMENT", EnvironmentLight, lambda light: True),
     Feature("POINT", PunctualLight, lambda light: light.radius == 0),
     Feature("SPHERE", PunctualLight, lambda light: light.radius > 0),
     Feature("POSES", Instance, lambda instance: instance.posed),
+    Feature("ALPHA", Instance, lambda instance: instance.alpha_mode != "opaque"),
+    Feature("BLEND", Instance, lambda instance: instance.alpha_mode == "blend"),
+    Feature("VERTEX_COLORS", Mesh, lambda mesh: mesh.colors is not None),
+    Feature("SECOND_UVS", Mesh, lambda mesh: mesh.second_uvs is not None),
 )
 
 

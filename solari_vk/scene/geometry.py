@@ -16,7 +16,13 @@ from solari_vk.gpu.acceleration.geometry import TriangleGeometry
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.uploads import Uploads
-from solari_vk.scene.constants import MESH_HAS_NORMALS, MESH_HAS_TANGENTS, MESH_HAS_UVS
+from solari_vk.scene.constants import (
+    MESH_HAS_COLORS,
+    MESH_HAS_NORMALS,
+    MESH_HAS_SECOND_UVS,
+    MESH_HAS_TANGENTS,
+    MESH_HAS_UVS,
+)
 from solari_vk.scene.features import Features
 from solari_vk.scene.model import Instance, Mesh
 from solari_vk.scene.posed import PosedMeshes
@@ -49,6 +55,7 @@ class Geometry:
         """For each uploaded shape the mesh's triangle of each uploaded triangle."""
         self.blases: dict[Shape, Blas] = {}
         """The acceleration structure of each traced shape, as of the latest `update`."""
+        self._met_once: set[Mesh] = set()  # whose triangles a ray asks the shader about only once
         self._to_upload: dict[Mesh, None] = {}
         self.kept = True
         """Whether no acceleration structure was destroyed since this was last set."""
@@ -95,6 +102,7 @@ class Geometry:
         if self.rows.release(mesh, user):
             mesh.unwatch(self._watcher)
             self._to_upload.pop(mesh, None)
+            self._met_once.discard(mesh)
             if mesh in self._buffers:
                 self._buffers.pop(mesh).destroy()
                 del self.centers[mesh], self.half_sizes[mesh], self.orders[mesh]
@@ -107,6 +115,12 @@ class Geometry:
         if self.posed.renew(mesh):
             self.kept = False
         return self.rows.users(mesh)
+
+    def meet_once(self, mesh: Mesh) -> None:
+        """Build the acceleration structure of a blended mesh so that no ray meets a triangle twice, before `update`."""
+        if mesh not in self._met_once:
+            self._met_once.add(mesh)
+            self.change(mesh)
 
     def update(self) -> None:
         """Upload new and changed meshes and build their acceleration structures, and write the records of new poses."""
@@ -146,29 +160,38 @@ class Geometry:
         low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
         self.centers[mesh], self.half_sizes[mesh] = (low + high) / 2, (high - low) / 2
         flags, attributes = self._pack_attributes(mesh)
-        parts = [part for part in (mesh.positions, triangles, attributes) if part is not None]
-        name = mesh.name or "mesh"
-        buffer = self._device.buffer(sum(part.nbytes for part in parts), name)
-        offsets = []
+        parts: dict[str, NDArray[Any]] = {"positions": mesh.positions, "triangles": triangles}
+        if attributes is not None:
+            parts["attributes"] = attributes
+        if mesh.second_uvs is not None:
+            parts["second_uvs"] = mesh.second_uvs
+            flags |= MESH_HAS_SECOND_UVS
+        if mesh.colors is not None:
+            parts["colors"] = np.ones((len(mesh.positions), 4), np.float32)
+            parts["colors"][:, : mesh.colors.shape[1]] = mesh.colors
+            flags |= MESH_HAS_COLORS
+        buffer = self._device.buffer(sum(part.nbytes for part in parts.values()), mesh.name or "mesh")
+        addresses = dict.fromkeys(("attributes", "second_uvs", "colors"), 0)
         offset = 0
-        for part in parts:
-            offsets.append(buffer.address + offset)
+        for name, part in parts.items():
+            addresses[name] = buffer.address + offset
             uploads.buffer(buffer, part, offset)
             offset += part.nbytes
         if mesh in self._buffers:
             self._buffers[mesh].destroy()
         self._buffers[mesh] = buffer
         record = self.table.records[self.rows[mesh]]
-        record["positions"], record["triangles"] = offsets[:2]
+        for name, address in addresses.items():
+            record[name] = address
         record["previous_positions"] = record["positions"]
-        record["attributes"] = offsets[2] if flags else 0
         record["triangle_count"] = len(triangles)
         record["flags"] = flags
         record["bounds_min"], record["bounds_max"] = low, high
         self.table.mark([self.rows[mesh]])
         return TriangleGeometry(
-            positions=offsets[0], position_count=len(mesh.positions), indices=offsets[1], triangle_count=len(triangles)
-        )
+            positions=addresses["positions"], position_count=len(mesh.positions), indices=addresses["triangles"],
+            triangle_count=len(triangles), no_duplicate_any_hit=mesh in self._met_once,
+        )  # fmt: skip
 
     def _pack_attributes(self, mesh: Mesh) -> tuple[int, NDArray[Any] | None]:
         """The flags of the attributes that a mesh has, and the attributes if there are any."""

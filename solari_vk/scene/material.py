@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,18 +26,27 @@ class TextureImage(Checked):
 
     _converters = {"pixels": checks.pixels, "name": checks.text}
 
+    _least_alpha: ClassVar[tuple[Any, float]] = (None, 1.0)
+
     def _validate(self) -> None:
         if 0 in self.pixels.shape:
             raise SolariError(f"{self.describe()}: an image needs at least one pixel")
+
+    @property
+    def least_alpha(self) -> float:
+        """The smallest alpha, in [0, 1]."""
+        if self._least_alpha[0] is not self.pixels:
+            object.__setattr__(self, "_least_alpha", (self.pixels, int(self.pixels[..., 3].min()) / 255))
+        return self._least_alpha[1]
 
 
 @checked
 class Texture(Checked):
     """An image and how it is sampled. image: a TextureImage, or an array of pixels.
 
-    uv_transform (2, 3) maps a mesh's (u, v, 1) to texture coordinates.
-    wrap_u and wrap_v: "repeat", "mirrored_repeat" or "clamp_to_edge". magnification and minification: "linear" or
-    "nearest".
+    uv_transform (2, 3) maps a mesh's (u, v, 1) to texture coordinates. uv_set: 0 for the mesh's uvs, 1 for its
+    second_uvs. wrap_u and wrap_v: "repeat", "mirrored_repeat" or "clamp_to_edge". magnification and minification:
+    "linear" or "nearest".
     """
 
     image: TextureImage
@@ -48,6 +57,7 @@ class Texture(Checked):
     minification: str = "linear"
     mipmaps: bool = True
     uv_transform: FloatArray = field(default_factory=lambda: np.eye(2, 3, dtype=np.float32))
+    uv_set: int = 0
 
     _converters = {
         "image": checks.made_of(lambda: TextureImage),
@@ -57,6 +67,7 @@ class Texture(Checked):
         "minification": checks.one_of(checks.FILTERS),
         "mipmaps": bool,
         "uv_transform": checks.array(2, 3),
+        "uv_set": checks.uv_set,
     }
 
 
@@ -72,13 +83,21 @@ class Material(Checked):
     A texture is a Texture, a TextureImage or an array of pixels. Textures multiply the values: base color and emissive
     are sRGB; the metallic-roughness texture has roughness in green and metallic in blue; normals are in tangent space,
     with z computed from x and y. A double-sided material is visible, and emits, on both sides. The back side of other
-    materials is invisible to cameras, but blocks all other rays. Raises SolariError for values out of range.
+    materials is invisible to cameras, but blocks all other rays.
+
+    The alpha of a surface is `alpha` times that of the base color texture and of the vertices' colors. With the
+    alpha_mode "mask" the surface is cut out where its alpha is below alpha_cutoff. With "blend" it covers what lies
+    behind by its alpha, and the light that passes takes the base color, with the weight alpha. With "opaque" alpha
+    means nothing. Raises SolariError for values out of range.
     """
 
     _: KW_ONLY
     base_color: FloatArray = field(default_factory=lambda: np.full(3, 0.8, np.float32))
     metallic: float = 0.0
     perceptual_roughness: float = 0.5
+    alpha: float = 1.0
+    alpha_mode: str = "opaque"
+    alpha_cutoff: float = 0.5
     if TYPE_CHECKING:
         roughness: float = 0.5  # the same
     reflectance: FloatArray = field(default_factory=lambda: np.full(3, 0.5, np.float32))
@@ -97,6 +116,9 @@ class Material(Checked):
         "base_color": checks.color(0, 1),
         "metallic": checks.number(0, 1),
         "perceptual_roughness": checks.number(0, 1),
+        "alpha": checks.number(0, 1),
+        "alpha_mode": checks.one_of(checks.ALPHA_MODES),
+        "alpha_cutoff": checks.number(0, 1e6),
         "reflectance": checks.color(0, 1),
         "emissive": checks.color(0, checks.LARGEST_RADIANCE),
         "normal_scale": checks.number(-1e6, 1e6),

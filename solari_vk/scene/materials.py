@@ -7,13 +7,17 @@ from typing import Any
 import numpy as np
 
 from solari_vk.gpu.device.device import Device
-from solari_vk.scene.constants import MATERIAL_DOUBLE_SIDED, NO_INDEX
+from solari_vk.scene.constants import MATERIAL_BLEND, MATERIAL_DOUBLE_SIDED, MATERIAL_MASK, NO_INDEX
 from solari_vk.scene.features import Features
-from solari_vk.scene.model import Instance, Material, Texture
+from solari_vk.scene.model import Instance, Material, Texture, TextureImage
 from solari_vk.scene.table import Rows, Table
 from solari_vk.scene.textures import Textures
 
-NUMBERS = ("base_color", "perceptual_roughness", "emissive", "metallic", "reflectance", "normal_scale")
+NUMBERS = (
+    "base_color", "perceptual_roughness", "emissive", "metallic", "reflectance", "normal_scale", "alpha",
+    "alpha_cutoff",
+)  # fmt: skip
+_ALPHA_FLAGS = {"opaque": 0, "mask": MATERIAL_MASK, "blend": MATERIAL_BLEND}
 # A material's textures: the field of the material and of the record, and whether its colors are sRGB.
 TEXTURE_SLOTS = {
     "base_color_texture": True,
@@ -60,6 +64,14 @@ class Materials:
             self._take_up(material)
         return self.rows.users(material)
 
+    def users_of_image(self, changed: Texture | TextureImage) -> list[Instance]:
+        """The instances whose alpha depends on a texture or an image."""
+        return [
+            instance for material in self.rows if (texture := material.base_color_texture) is not None
+            and material.alpha_mode != "opaque" and changed in (texture, texture.image)
+            for instance in self.rows.users(material)
+        ]  # fmt: skip
+
     def _take_up(self, material: Material) -> None:
         before = self._textures_of.get(material, {})
         after = {slot: texture for slot in TEXTURE_SLOTS if (texture := getattr(material, slot)) is not None}
@@ -82,7 +94,8 @@ class Materials:
             textures = self._textures_of[material]
             for slot, srgb in TEXTURE_SLOTS.items():
                 record[slot] = self._textures.rows[textures[slot], srgb] if slot in textures else NO_INDEX
-            record["flags"] = MATERIAL_DOUBLE_SIDED if material.double_sided else 0
+            double_sided = MATERIAL_DOUBLE_SIDED if material.double_sided else 0
+            record["flags"] = double_sided | _ALPHA_FLAGS[material.alpha_mode]
             (self.emitting.add if material.emits else self.emitting.discard)(material)
             self.table.mark([row])
         self._to_write.clear()

@@ -33,10 +33,11 @@ class Mesh(Checked):
     """Triangles in object space, whose front faces are counter-clockwise.
 
     positions (N, 3) in meters. triangles (M, 3): rows of `positions`; by default each three positions are a triangle.
-    normals (N, 3): by default those of the triangles. uvs (N, 2): v increases downwards, as in glTF. tangents (N, 4):
-    w is the bitangent's sign; by default they are computed from the uvs. deformation: what joints and morph targets
-    do; instances have the poses. `vertices`, `faces` and `indices` are other names of positions and triangles. Raises
-    SolariError for arrays that don't fit each other.
+    normals (N, 3): by default those of the triangles. uvs (N, 2): v increases downwards, as in glTF. second_uvs (N, 2):
+    for textures with uv_set 1. tangents (N, 4): w is the bitangent's sign; by default they are computed from the uvs of
+    the normal texture. colors (N, 3) or (N, 4), in [0, 1], linear: they multiply the material's base color and alpha.
+    deformation: what joints and morph targets do; instances have the poses. `vertices`, `faces` and `indices` are other
+    names of positions and triangles. Raises SolariError for arrays that don't fit each other.
     """
 
     positions: FloatArray
@@ -44,7 +45,9 @@ class Mesh(Checked):
     _: KW_ONLY
     normals: FloatArray | None = None
     uvs: FloatArray | None = None
+    second_uvs: FloatArray | None = None
     tangents: FloatArray | None = None
+    colors: FloatArray | None = None
     deformation: Deformation | None = None
     name: str = ""
 
@@ -55,10 +58,21 @@ class Mesh(Checked):
         "triangles": checks.array(None, 3, dtype=np.uint32, optional=True),
         "normals": checks.array(None, 3, optional=True),
         "uvs": checks.array(None, 2, optional=True),
+        "second_uvs": checks.array(None, 2, optional=True),
+        "colors": checks.vertex_colors,
         "tangents": checks.array(None, 4, optional=True),
         "deformation": checks.instance_of(lambda: Deformation, optional=True),
     }
     _default_triangles: ClassVar[NDArray[np.uint32] | None] = None
+    _least_alpha: ClassVar[tuple[Any, float]] = (None, 1.0)
+
+    @property
+    def least_alpha(self) -> float:
+        """The smallest alpha of the colors, in [0, 1]."""
+        if self._least_alpha[0] is not self.colors:
+            least = 1.0 if self.colors is None or self.colors.shape[1] == 3 else float(self.colors[:, 3].min())
+            object.__setattr__(self, "_least_alpha", (self.colors, least))
+        return self._least_alpha[1]
 
     @classmethod
     def from_trimesh(cls, mesh: Any, *, smooth: bool = False) -> Mesh:
@@ -92,7 +106,7 @@ class Mesh(Checked):
                 )
         elif len(self.triangles) == 0 or int(self.triangles.max()) >= count:
             raise SolariError(f"{self.describe()}: triangles must be rows of positions, 0 to {count - 1}")
-        for name in ("normals", "uvs", "tangents"):
+        for name in ("normals", "uvs", "second_uvs", "tangents", "colors"):
             attribute = getattr(self, name)
             if attribute is not None and len(attribute) != count:
                 raise SolariError(f"{self.describe()}: {name} has {len(attribute)} rows for {count} positions")
@@ -157,7 +171,20 @@ class Instance(Checked):
             return mesh
         parts = deformation.pose(mesh.positions, mesh.normals, mesh.tangents, self.joint_matrices, self.morph_weights)
         fields: dict[str, Any] = dict(zip(("positions", "normals", "tangents"), parts, strict=True))
-        return Mesh(triangles=mesh.triangles, uvs=mesh.uvs, name=mesh.name, **fields)
+        fields |= {name: getattr(mesh, name) for name in ("triangles", "uvs", "second_uvs", "colors", "name")}
+        return Mesh(**fields)
+
+    @property
+    def alpha_mode(self) -> str:
+        """The material's, but "opaque" where neither it, nor its texture, nor the mesh's colors leave anything out."""
+        material = self.material
+        if material.alpha_mode == "opaque":
+            return "opaque"
+        least = material.alpha * min(self.mesh.least_alpha, (self.ray_mesh or self.mesh).least_alpha)
+        if material.base_color_texture is not None:
+            least *= material.base_color_texture.image.least_alpha
+        whole = least >= (1.0 if material.alpha_mode == "blend" else material.alpha_cutoff)
+        return "opaque" if whole else material.alpha_mode
 
 
 class Light(Checked):

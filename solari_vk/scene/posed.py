@@ -133,6 +133,7 @@ class PosedMeshes:
                 position_count=len(mesh.positions),
                 indices=int(record["triangles"]),
                 triangle_count=int(record["triangle_count"]),
+                no_duplicate_any_hit=shape.instance.alpha_mode == "blend",
             )
             blas = Blas(device, [geometry], allow_compaction=False, name=name, update_mode=UpdateMode.PREFER_UPDATE)
             blas.ensure_storage()

@@ -112,6 +112,7 @@ class Textures:
         self._linked[key] = descriptor
         row = self.rows[key]
         self.table.records[row]["uv_transform"] = by_columns(texture.uv_transform)
+        self.table.records[row]["uv_set"] = texture.uv_set
         self.table.records[row]["image"] = self._descriptors[descriptor]
         self.table.mark([row])
 

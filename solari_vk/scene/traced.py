@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE, Tlas, TlasBuild, TlasCopy
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
-from solari_vk.scene.constants import SCENE_MASK
+from solari_vk.scene.constants import BLENDED_MASK, SCENE_MASK
 from solari_vk.scene.spatial import spatial_order
 from solari_vk.scene.table import Table
 
-# Masks. HIDDEN isn't 0, because Mesa 26.2 loses other instances where
-# a mask is 0 (docs/driver_faults.md).
-VISIBLE, HIDDEN = SCENE_MASK << 24, 0x80 << 24
+# Masks. HIDDEN isn't 0, because Mesa 26.2 loses other instances where a mask is 0 (docs/driver_faults.md).
+VISIBLE, BLENDED, HIDDEN = (SCENE_MASK & ~BLENDED_MASK) << 24, SCENE_MASK << 24, 0x80 << 24
+NO_OPAQUE = raw.VK_GEOMETRY_INSTANCE_FORCE_NO_OPAQUE_BIT_KHR << 24
 NO_CULLING = raw.VK_GEOMETRY_INSTANCE_TRIANGLE_FACING_CULL_DISABLE_BIT_KHR << 24
 # The fields that `write` sets, in order.
 RECORD = ("transform", "custom_index_and_mask", "sbt_offset_and_flags", "blas_address")
@@ -61,7 +61,7 @@ class TracedInstances:
 
     def write(
         self, row: int, transform: Sequence[float], mesh_center: NDArray[np.float32], visible: bool, double_sided: bool,
-        address: int,
+        alpha_mode: str, address: int,
     ) -> None:  # fmt: skip
         """Set a row: world from object (12 numbers, row by row), the mesh's center (3,), and its BLAS's address."""
         index = self._indices.get(row)
@@ -73,8 +73,9 @@ class TracedInstances:
         self._mesh_centers[row] = mesh_center
         self._moved += 1
         # By default Vulkan's front faces are glTF's: counter-clockwise in object space, for mirrored instances too.
-        mask = VISIBLE if visible else HIDDEN
-        self.table.set(index, *transform, row | mask, NO_CULLING if double_sided else 0, address)
+        mask = HIDDEN if not visible else BLENDED if alpha_mode == "blend" else VISIBLE
+        flags = (NO_CULLING if double_sided else 0) | (0 if alpha_mode == "opaque" else NO_OPAQUE)
+        self.table.set(index, *transform, row | mask, flags, address)
 
     def remove(self, row: int) -> None:
         """Remove a row."""

@@ -121,12 +121,12 @@ BUGS = {
     "visibility kept for the next frame": (
         direct_checks.measure_direct, ["of a Cornell box", "part of the lamp"], DI,
         "    di_reservoirs.at[index] = reservoir;",
-        "    if (reservoir.unbiased_contribution_weight > 0.0 && !is_seen(surface, resolve_light_sample("
-        "reservoir.light_sample))) { reservoir.unbiased_contribution_weight = 0.0; }\n"
+        "    if (reservoir.unbiased_contribution_weight > 0.0 && transmittance(surface, resolve_light_sample("
+        "reservoir.light_sample)) == vec3(0.0)) { reservoir.unbiased_contribution_weight = 0.0; }\n"
         "    di_reservoirs.at[index] = reservoir;",
     ),
     "no shadows": (direct_checks.measure_direct, ["part of the lamp", "nothing of the lamp"], DI,
-                   "is_seen(surface, resolved) ?", "true ?"),
+                   "= transmittance(surface, resolved);", "= vec3(1.0);"),
     "lights not translated": (direct_checks.measure_changes, ["removing lights"], DI_INITIAL,
                               "= light_translation.at[reservoir.light_sample.light_index];",
                               "= reservoir.light_sample.light_index;"),

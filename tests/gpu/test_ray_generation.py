@@ -20,6 +20,7 @@ RAY_STAGES = {"rgen", "rmiss", "rchit", "rahit", "rint"}
 CLOSEST, ANY, FRONT = 0x1, 0x5, 0x11  # opaque; and terminate on the first hit; or cull back faces
 VISIBILITY = 0xD  # opaque, terminate on the first hit, skip the closest-hit shader
 TRACE_RAY = 4445
+SPEC_CONSTANT_FALSE, SPEC_CONSTANT_OP, SELECT, BITWISE_OR = 49, 52, 169, 197
 
 START = """#include "scene/trace.glsl"
 layout(
@@ -36,11 +37,20 @@ def module(shaders: ShaderFolder, body: str, name: str = "passes/x.comp", start:
 
 
 def traced_flags(spirv: bytes) -> set[int | None]:
-    """The flags of all rays that a module traces; None for flags that are no constant."""
+    """The flags of all rays that a module traces in scenes without features; None for flags that are no constant."""
     constants, found = {}, set()
     for words in ray_generation.instructions(spirv):
         if words[0] == 4 << 16 | 43:  # OpConstant of one word
             constants[int(words[2])] = int(words[3])
+        if words[0] & 0xFFFF == SPEC_CONSTANT_FALSE:
+            constants[int(words[2])] = 0
+        if words[0] & 0xFFFF == SPEC_CONSTANT_OP:
+            result, op, *operands = (int(word) for word in words[2:])
+            values = [constants.get(operand) for operand in operands]
+            if op == SELECT and values[0] is not None:
+                constants[result] = values[1] if values[0] else values[2]
+            if op == BITWISE_OR:
+                constants[result] = values[0] | values[1]
         if words[0] & 0xFFFF == TRACE_RAY:
             found.add(constants.get(int(words[2])))
     return found

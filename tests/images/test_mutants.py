@@ -37,7 +37,7 @@ MUTANTS = {  # the proof that must fail, and the patch
     "no cosine at the light": ("glossy lamp", SAMPLING, "? cosine / distance_squared", "? 1.0 / distance_squared"),
     "sun's pdf forgets its probability": ("wide sun", SAMPLING, "choice_probability / met.inverse_pdf",
                                           "0.5 / met.inverse_pdf"),
-    "no shadows": ("closed surface", TRACE, "trace_light_visibility(origin, light_sample)", "true"),
+    "no shadows": ("closed surface", TRACE, "trace_light_transmittance(origin, light_sample)", "1.0"),
     "no average under the layer": ("white box", BRDF, "*= through / (1.0 - average)", "*= through"),
     "no multiple scattering": ("white metal", BRDF, "brdf.multiscatter = 1.0 / (ab.x + ab.y) - 1.0",
                                "brdf.multiscatter = 0.0"),

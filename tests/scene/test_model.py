@@ -167,7 +167,7 @@ def test_updates_are_all_or_nothing():
     for fields, message in (
         ({"uvs": [[0, 0]] * 3, "normals": "x"}, "Mesh 'wall': normals"),
         ({"uvs": [[0, 0]] * 3, "positions": [*TRIANGLE, [1, 1, 1]], "triangles": [[0, 1, 2]]}, "uvs has 3 rows"),
-        ({"uvs": [[0, 0]] * 3, "color": 1}, "has no field 'color'; there are positions, triangles"),
+        ({"uvs": [[0, 0]] * 3, "shade": 1}, "has no field 'shade'; there are positions, triangles"),
     ):
         with pytest.raises(SolariError, match=message):
             made.update(**fields)

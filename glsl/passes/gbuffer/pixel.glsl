@@ -2,7 +2,13 @@
 #ifndef PASSES_GBUFFER_PIXEL_GLSL
 #define PASSES_GBUFFER_PIXEL_GLSL
 
+#include "common/random.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
+
+const uint GBUFFER_SALT = 0x8DA6B343u;
+
+// Decides which blended surfaces a pixel shows in this frame.
+uint gbuffer_seed(uvec2 pixel) { return seed_rng(pixel, this_frame.index, this_frame.seed ^ GBUFFER_SALT); }
 
 struct GBufferPixel {
     uvec4 gbuffer;

@@ -9,7 +9,8 @@ void main() {
     uvec2 at = INVOCATION_INDEX;
     if (any(greaterThanEqual(at, camera.size))) { return; }
     CameraRay ray = make_camera_ray(vec2(at) + 0.5);
-    Hit hit = trace_closest_hit(ray.origin, ray.t_min, ray.direction, INFINITY, TRACE_FRONT_FACES);
+    uint seed = gbuffer_seed(at);
+    Hit hit = trace_closest_hit(ray.origin, ray.t_min, ray.direction, INFINITY, TRACE_FRONT_FACES, seed);
     if (hit.instance == NO_INDEX) {
         store_pixel(ivec2(at), resolve_empty_pixel(ray));
     } else {

@@ -13,6 +13,7 @@
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
+const uint PASS_SALT = 0x4CF5AD43u;
 const float FAR_AWAY = 1e6;  // the distance that stands for infinity where a position is needed
 
 struct Guides {
@@ -46,6 +47,7 @@ Guides describe_reflection(GBufferSurface seen, uvec2 pixel) {
     float path_length = length(seen.world_position - camera_ray.origin);
     mat4x3 chain = mat4x3(1.0), previous_chain = mat4x3(1.0);
     vec3 previous_position;
+    uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
 
     for (uint i = 0u; i < MAX_MIRRORS && instance != NO_INDEX && is_metal_mirror(surface.material); i++) {
         MirrorPlane mirror = MirrorPlane(surface.world_position, surface.world_normal);
@@ -54,7 +56,7 @@ Guides describe_reflection(GBufferSurface seen, uvec2 pixel) {
         direction = normalize(reflect(direction, surface.world_normal));
         vec3 origin = surface.world_position + surface.geometric_world_normal * surface.ray_offset;
         count_ray();
-        Hit hit = trace_closest_hit(origin, 0.0, direction, INFINITY, TRACE_BOTH_FACES);
+        Hit hit = trace_closest_hit(origin, 0.0, direction, INFINITY, TRACE_BOTH_FACES, blend_seed(rng));
         instance = hit.instance;
         if (instance == NO_INDEX) {
             path_length = INFINITY;

@@ -35,7 +35,9 @@ uvec4 met_point(inout Path path) {
 // Writes the offer of a path that has traced its first ray, and returns the light that is the pixel's alone. Until now
 // `path.radiance` is what lights emit along the ray.
 Lobes offer_light(inout Path path, uint index, float perceptual_roughness) {
-    Lobes met = scale(path.first_weight, path.radiance);
+    // Targets leave out what light passes on its way, and rays find what is behind it with a probability.
+    Passage passage = path.first_passage;
+    Lobes met = scale(path.first_weight, path.radiance / (passage.tint * passage.probability));
     float drawn_luminance = luminance(sum(shared_lobes(path.direct, perceptual_roughness)));
     float met_luminance = luminance(sum(shared_lobes(met, perceptual_roughness)));
     float luminance_sum = drawn_luminance + met_luminance;
@@ -48,7 +50,8 @@ Lobes offer_light(inout Path path, uint index, float perceptual_roughness) {
         offer.light = light_point(path.direct_sample.light_index, path.direct_sample.part, rand_vec2f(rng));
     }
     offer.instance = path.hit.instance;
-    offer.hit_weight = path.hit.instance == NO_INDEX ? 0.0 : path.squared_slope;  // the first ray's alone until now
+    // the squared slope is of the first ray alone until now
+    offer.hit_weight = path.hit.instance == NO_INDEX ? 0.0 : path.squared_slope / passage.probability;
     offer.position = path.vertex.origin;
     offer.normal = pack_octahedral_2x16(path.vertex.geometric_normal);
     offer.radiance = path.shareable;

@@ -28,13 +28,15 @@ struct Path {
     uint bounce;                  // rays traced so far
     uint mirrors;                 // of them, those that left mirrors
     vec3 throughput;              // since the first ray
-    Lobes first_weight;           // BRDF times cosine over pdf of the first ray
+    Lobes first_weight;           // BRDF times cosine over pdf of the first ray, times the tint of its passage
+    Passage first_passage;
     vec3 radiance;                // found so far along the first ray, without `shareable`
     // With reuse, the light that leaves the first hit by its diffuse lobe; and whether the path left it by that lobe.
     vec3 shareable;
     bool shares;
     LightSample direct_sample;    // with reuse, the light sample at the first vertex
-    Lobes direct;                 // reflected light of the light sample at the first vertex
+    Lobes direct;                 // reflected light of the light sample at the first vertex, without its transmittance
+    vec3 direct_transmittance;
     bool diffuse_first;           // whether the diffuse lobe proposed the first ray
     float squared_slope, spread;  // the spread grows by the slope for each meter
     float cone_width, cone_spread;  // the same for the footprint of textures
@@ -56,6 +58,8 @@ Path start_path(uint rng) {
     path.throughput = vec3(1.0);
     path.first_weight = path.direct = NO_LIGHT;
     path.radiance = path.shareable = vec3(0.0);
+    path.first_passage = FREE_PASSAGE;
+    path.direct_transmittance = vec3(1.0);
     path.shares = false;
     path.direct_sample = LightSample(NO_INDEX, 0u, 0u);
     path.diffuse_first = true;
@@ -69,8 +73,8 @@ Path start_path(uint rng) {
 
 // The light that the first vertex reflects.
 Lobes path_light(Path path) {
-    Lobes indirect = scale(path.first_weight, path.radiance);
-    return Lobes(path.direct.diffuse + indirect.diffuse, path.direct.specular + indirect.specular);
+    Lobes direct = scale(path.direct, path.direct_transmittance), indirect = scale(path.first_weight, path.radiance);
+    return Lobes(direct.diffuse + indirect.diffuse, direct.specular + indirect.specular);
 }
 
 void add_light(inout Path path, vec3 light, bool shares) {
@@ -178,22 +182,31 @@ bool advance(inout Path path) {
 
     if (max_component(sum(drawn.light)) > 0.0) {
         count_ray();
-        if (trace_light_visibility(origin, drawn.light_sample)) {
+        vec3 transmittance = trace_light_transmittance(origin, drawn.light_sample);
+        if (transmittance != vec3(0.0)) {
             if (first) {
                 path.direct = drawn.light;
+                path.direct_transmittance = transmittance;
                 path.direct_sample = drawn.chosen;
             } else if (path.bounce == 2u) {
-                add_light(path, drawn.light.diffuse, true);
-                add_light(path, drawn.light.specular, false);
+                add_light(path, drawn.light.diffuse * transmittance, true);
+                add_light(path, drawn.light.specular * transmittance, false);
             } else {
-                add_light(path, sum(drawn.light), path.shares);
+                add_light(path, sum(drawn.light) * transmittance, path.shares);
             }
         }
     }
     if (!goes_on) { return false; }
 
     count_ray();
-    path.hit = trace_closest_hit(origin, 0.0, path.direction, INFINITY, TRACE_BOTH_FACES);
+    path.hit = trace_closest_hit(origin, 0.0, path.direction, INFINITY, TRACE_BOTH_FACES, blend_seed(path.rng));
+    Passage passage = trace_passage(origin, path.direction, INFINITY, path.hit);
+    if (first) {
+        path.first_passage = passage;
+        path.first_weight = scale(path.first_weight, passage.tint);
+    } else {
+        path.throughput *= passage.tint;
+    }
     vec3 passed = radiance_passed(path.vertex, path.direction, path.hit.t, mis_pdf);
     add_light(path, path.throughput * passed, path.shares);
     if (path.hit.instance == NO_INDEX) {

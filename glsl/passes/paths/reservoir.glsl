@@ -19,7 +19,7 @@
 // Shifts that change a solid angle by more than this factor are refused: their weights would be outliers.
 const float MAX_JACOBIAN = 8.0;
 
-// A sample's light at a surface, without occlusion.
+// A sample's light at a surface, without occlusion and transmittance, which targets leave out.
 struct SharedLight {
     Lobes light;   // to be multiplied by the sample's weight
     float target;  // its luminance
@@ -88,7 +88,8 @@ float shift_jacobian(Vertex from, Vertex to, PathReservoir reservoir) {
     return max(jacobian, 1.0 / jacobian) <= MAX_JACOBIAN ? jacobian : 0.0;
 }
 
-bool is_visible(Vertex vertex, PathReservoir reservoir, bool in_previous_frame) {
+// The share of a sample's light that reaches a vertex.
+vec3 transmittance(Vertex vertex, PathReservoir reservoir, bool in_previous_frame) {
     vec3 segment;
     float t_max = 1.0;
     if (is_hit(reservoir)) {
@@ -102,8 +103,12 @@ bool is_visible(Vertex vertex, PathReservoir reservoir, bool in_previous_frame) 
         t_max = at_infinity ? INFINITY : 1.0;
     }
     count_ray();
-    if (in_previous_frame) { return trace_previous_visibility(vertex.origin, segment, t_max); }
-    return trace_visibility(vertex.origin, segment, t_max);
+    if (in_previous_frame) { return trace_previous_transmittance(vertex.origin, segment, t_max); }
+    return trace_transmittance(vertex.origin, segment, t_max);
+}
+
+bool is_visible(Vertex vertex, PathReservoir reservoir, bool in_previous_frame) {
+    return transmittance(vertex, reservoir, in_previous_frame) != vec3(0.0);
 }
 
 // A pixel's reservoir after a merge, and the light of both samples, each by its share.
@@ -127,13 +132,21 @@ Merge merge_reservoirs(
         own_share = balance_heuristic(own.confidence * own_light.target, other_confidence.x * elsewhere);
         if (own_share < 1.0 && !is_visible(there, own, there_in_previous_frame)) { own_share = 1.0; }
     }
+    // Only spatial reuse takes the light.
+    if (SCENE_BLEND && own_light.target > 0.0 && !there_in_previous_frame) {
+        own_light.light = scale(own_light.light, transmittance(here, own, false));
+    }
     if (other_light.target > 0.0) {
         float jacobian = shift_jacobian(there, here, other);
         other_share = balance_heuristic(
             other_confidence.y * reflect_sample(there, other).target, own.confidence * other_light.target * jacobian
         );
         other.weight *= jacobian;
-        if (other_share * jacobian > 0.0 && !is_visible(here, other, false)) { other_share = 0.0; }
+        if (other_share * jacobian > 0.0) {
+            vec3 arriving = transmittance(here, other, false);
+            if (arriving == vec3(0.0)) { other_share = 0.0; }
+            other_light.light = scale(other_light.light, arriving);
+        }
     }
 
     float own_weight = own_share * own.weight, other_weight = other_share * other.weight;

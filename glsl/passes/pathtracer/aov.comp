@@ -1,5 +1,6 @@
 // Writes the path tracer's AOVs: the surface that the ray through each pixel's center hits.
 #version 460
+#include "common/random.glsl"
 #include "passes/pathtracer/bindings.glsl"
 #include "scene/camera.glsl"
 #include "scene/surface.glsl"
@@ -13,7 +14,8 @@ void main() {
     uint index = pixel.y * camera.size.x + pixel.x;
 
     CameraRay ray = make_camera_ray(vec2(pixel) + 0.5);
-    Hit hit = trace_closest_hit(ray.origin, ray.t_min, ray.direction, INFINITY, TRACE_FRONT_FACES);
+    uint seed = seed_rng(pixel, floatBitsToUint(camera.jitter.x), floatBitsToUint(camera.jitter.y));
+    Hit hit = trace_closest_hit(ray.origin, ray.t_min, ray.direction, INFINITY, TRACE_FRONT_FACES, seed);
     aov_instance_id.at[index] = hit.instance;
     if (hit.instance == NO_INDEX) {
         aov_depth.at[index] = INFINITY;

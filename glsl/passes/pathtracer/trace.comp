@@ -84,7 +84,8 @@ void main() {
 
         rays += 1u;
         uint faces = bounce == 0u ? TRACE_FRONT_FACES : TRACE_BOTH_FACES;
-        Hit hit = trace_closest_hit(origin, t_min, direction, INFINITY, faces);
+        Hit hit = trace_closest_hit(origin, t_min, direction, INFINITY, faces, blend_seed(rng));
+        if (SCENE_BLEND && bounce > 0u) { throughput *= trace_passage(origin, direction, INFINITY, hit).tint; }
         radiance += throughput * radiance_passed(origin, direction, hit.t, bounce_pdf);
         if (hit.instance == NO_INDEX) {
             radiance += throughput * radiance_at_infinity(direction, bounce_pdf);
@@ -123,7 +124,7 @@ void main() {
                 // last, when the surface isn't needed any more
                 if (max_component(direct) > 0.0) {
                     rays += 1u;
-                    radiance += trace_light_visibility(origin, light_sample) ? direct : vec3(0.0);
+                    radiance += direct * trace_light_transmittance(origin, light_sample);
                 }
             }
         }

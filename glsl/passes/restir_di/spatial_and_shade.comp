@@ -16,10 +16,10 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 const uint PASS_SALT = 0xB5297A4Du;
 
-bool is_seen(GBufferSurface surface, ResolvedLightSample resolved) {
+vec3 transmittance(GBufferSurface surface, ResolvedLightSample resolved) {
     count_ray();
     vec3 origin = surface.world_position + surface.geometric_world_normal * surface.ray_offset;
-    return trace_light_visibility(origin, resolved);
+    return trace_light_transmittance(origin, resolved);
 }
 
 // Returns the index of the neighbor, or NO_INDEX when no tried pixel is similar.
@@ -64,9 +64,12 @@ void main() {
             specular = received * evaluate_specular_brdf(brdf, wo, wi);
         }
         // last, when the surface isn't needed any more
-        outcome.y = is_seen(surface, resolved) ? 1u : 0u;
+        vec3 arriving = transmittance(surface, resolved);
+        outcome.y = arriving != vec3(0.0) ? 1u : 0u;
+        diffuse *= arriving;
+        specular *= arriving;
     }
-    di_diffuse.at[index] = outcome.y != 0u ? diffuse : vec3(0.0);
-    di_specular.at[index] = outcome.y != 0u ? specular : vec3(0.0);
+    di_diffuse.at[index] = diffuse;
+    di_specular.at[index] = specular;
     di_outcomes.at[index] = outcome;
 }

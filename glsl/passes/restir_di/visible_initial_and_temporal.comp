@@ -11,8 +11,8 @@ void test_visibility(GBufferSurface surface, inout DiReservoir reservoir) {
     if (reservoir.light_sample.light_index == NO_INDEX) { return; }
     count_ray();
     vec3 origin = surface.world_position + surface.geometric_world_normal * surface.ray_offset;
-    bool seen = trace_light_visibility(origin, resolve_light_sample(reservoir.light_sample));
-    reservoir.unbiased_contribution_weight *= seen ? 1.0 : 0.0;
+    vec3 transmittance = trace_light_transmittance(origin, resolve_light_sample(reservoir.light_sample));
+    reservoir.unbiased_contribution_weight *= transmittance != vec3(0.0) ? 1.0 : 0.0;
 }
 
 void main() {

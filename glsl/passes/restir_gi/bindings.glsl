@@ -16,10 +16,10 @@ struct GiReservoir {
     uint world_cache_cell;
     vec3 sample_point_world_normal;    // geometric, on the side that the pixel sees
     float confidence_weight;           // in frames; 0 for pixels without GI
-    vec3 radiance;                     // of the point towards the pixel, without emission
+    vec3 radiance;                     // of the point towards the pixel, without emission and before its passage
     float unbiased_contribution_weight;  // in solid angle at the pixel; 0 when no light was found
     vec3 reflectance;                  // of the point: radiance over irradiance
-    uint padding;
+    uint transmittance;  // rgb9e5, from the point to the pixel that shades with it, of scenes with blended surfaces
 };
 
 layout(set = 1, binding = 65, scalar) buffer GiTemporalReservoirsBlock { GiReservoir at[]; } gi_temporal_reservoirs;

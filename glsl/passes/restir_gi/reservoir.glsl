@@ -19,6 +19,11 @@ GiReservoir empty_gi_reservoir(float confidence_weight) {
 // gi_visibility=neighbor, which tests samples of spatial neighbors only: a temporal sample may be hidden by now.
 GiReservoir load_gi_reservoir(uvec2 pixel) { return gi_reservoirs.at[pixel.y * camera.size.x + pixel.x]; }
 
+// The light of a reservoir's sample that reaches the pixel which shades with it.
+vec3 gi_radiance(GiReservoir reservoir) {
+    return SCENE_BLEND ? reservoir.radiance * unpack_rgb9e5(reservoir.transmittance) : reservoir.radiance;
+}
+
 // Whether the pixel needs no reservoir: its surface has no diffuse lobe, and is too smooth to reuse the reservoir for
 // its specular lobe.
 bool takes_no_gi(GBufferSurface surface) {
@@ -62,13 +67,17 @@ float gi_mis_weight(GBufferSurface own, GiReservoir reservoir, GBufferSurface ot
     );
 }
 
-bool trace_sample_visibility(GBufferSurface surface, GiReservoir reservoir) {
+vec3 trace_sample_transmittance(GBufferSurface surface, GiReservoir reservoir) {
     vec3 origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
     vec3 segment = reservoir.sample_point_world_position - origin;
     // The ray ends before the point by the rounding error of a ray of this length.
     vec3 end = segment + reservoir.sample_point_world_normal * (16.0 * ROUNDING_UNIT * max_component(abs(segment)));
     count_ray();
-    return trace_visibility(origin, end, 1.0);
+    return trace_transmittance(origin, end, 1.0);
+}
+
+bool trace_sample_visibility(GBufferSurface surface, GiReservoir reservoir) {
+    return trace_sample_transmittance(surface, reservoir) != vec3(0.0);
 }
 
 // Whose sample a merge keeps, and its new weights.

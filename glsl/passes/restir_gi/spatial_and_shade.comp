@@ -16,7 +16,7 @@ vec3 shade_diffuse(GBufferSurface surface, GiReservoir reservoir) {
     mat3 frame = orthonormalize(surface.world_normal);
     vec3 wo = surface.wo * frame;
     vec3 wi = normalize(reservoir.sample_point_world_position - surface.world_position) * frame;
-    return reservoir.radiance * reservoir.unbiased_contribution_weight
+    return gi_radiance(reservoir) * reservoir.unbiased_contribution_weight
         * evaluate_diffuse_brdf(prepare_brdf(surface.material, wo), wo, wi);
 }
 
@@ -37,6 +37,9 @@ void main() {
             // loaded again, instead of kept across rays
             reservoir = apply_merge(merged, gi_temporal_reservoirs.at[merged.other_chosen ? neighbor_index : index]);
         }
+    }
+    if (SCENE_BLEND && reservoir.unbiased_contribution_weight > 0.0) {
+        reservoir.transmittance = pack_rgb9e5(trace_sample_transmittance(surface, reservoir));
     }
     gi_reservoirs.at[index] = reservoir;
     gi_diffuse.at[index] = shade_diffuse(load_gbuffer(pixel), reservoir);

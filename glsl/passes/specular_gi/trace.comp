@@ -78,7 +78,8 @@ vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
     bool as_solari = specular_gi_settings.termination == SPECULAR_TERMINATION_CAMERA_SPREAD;
     while (true) {
         count_ray();
-        Hit hit = trace_closest_hit(path.origin, 0.0, path.direction, INFINITY, TRACE_BOTH_FACES);
+        Hit hit = trace_closest_hit(path.origin, 0.0, path.direction, INFINITY, TRACE_BOTH_FACES, blend_seed(rng));
+        path.throughput *= trace_passage(path.origin, path.direction, INFINITY, hit).tint;
         radiance += path.throughput * radiance_passed(path.origin, path.direction, hit.t, path.bounce_pdf);
         if (hit.instance == NO_INDEX) {
             return radiance + path.throughput * radiance_at_infinity(path.direction, path.bounce_pdf);
@@ -125,7 +126,7 @@ vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
         // last, when the surface isn't needed any more
         if (max_component(direct) > 0.0) {
             count_ray();
-            radiance += trace_light_visibility(path.origin, light_sample) ? direct : vec3(0.0);
+            radiance += direct * trace_light_transmittance(path.origin, light_sample);
         }
         if (!goes_on) { return radiance; }
         if (visited + mirrors >= FIRST_ROULETTE_SURFACE) {
@@ -148,7 +149,7 @@ bool reuses_gi(GBufferSurface surface) {
 vec3 shade_gi_sample(GBufferSurface surface, GiReservoir reservoir, Brdf brdf, mat3 frame, vec3 wo) {
     if (!(reservoir.unbiased_contribution_weight > 0.0)) { return vec3(0.0); }
     vec3 wi = normalize(reservoir.sample_point_world_position - surface.world_position) * frame;
-    return reservoir.radiance * reservoir.unbiased_contribution_weight * evaluate_specular_brdf(brdf, wo, wi);
+    return gi_radiance(reservoir) * reservoir.unbiased_contribution_weight * evaluate_specular_brdf(brdf, wo, wi);
 }
 
 void main() {

@@ -67,12 +67,12 @@ vec3 sample_irradiance(ResolvedRayHitFull hit, inout uint rng) {
     if (!(cosine > 0.0 && max_component(irradiance) > 0.0)) { return vec3(0.0); }
     vec3 origin = hit.world_position + hit.ray_offset * hit.geometric_world_normal;
     count_ray();
-    return trace_light_visibility(origin, light_sample) ? irradiance : vec3(0.0);
+    return irradiance * trace_light_transmittance(origin, light_sample);
 }
 
 const uint MAX_CACHE_MISSES = 4u;  // maximum of consecutive hits of a path for which the cache has no value
 
-// The light along a ray: `emitted` + `reflectance` * `irradiance`.
+// The light along a ray, without the tint of `passage`: `emitted` + `reflectance` * `irradiance`.
 struct GatheredLight {
     vec3 first_position;  // where the ray ended, moved off the surface; of a ray that met nothing its origin
     vec3 first_normal;    // geometric, there; 0 when that is a mirror or nothing
@@ -80,6 +80,7 @@ struct GatheredLight {
     vec3 reflectance;     // of the surface that the ray, or its reflections, met: radiance over irradiance
     vec3 irradiance;      // of that surface
     uint cell;            // in which that surface was looked up, or NO_INDEX
+    Passage passage;      // of the ray, to where it ended
 };
 
 vec3 gathered_radiance(GatheredLight light) { return light.emitted + light.reflectance * light.irradiance; }
@@ -93,15 +94,18 @@ GatheredLight gather_light(
     vec3 origin, vec3 direction, float t_max, float cone_width, bool finest_for_short_rays, uint lifetime,
     inout uint rng
 ) {
-    GatheredLight light = GatheredLight(origin, vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), NO_INDEX);
+    GatheredLight light = GatheredLight(
+        origin, vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), NO_INDEX, FREE_PASSAGE
+    );
     vec3 throughput = vec3(1.0);
     for (uint i = 0u; i <= MAX_CACHE_MISSES; i++) {
-        HitPastMirrors found = trace_past_mirrors(origin, direction, t_max, cone_width);
+        HitPastMirrors found = trace_past_mirrors(origin, direction, t_max, cone_width, rng);
         if (i == 0u) {
             light.first_position = found.first_position;
             light.emitted = found.emitted;
+            light.passage = found.first_passage;
         } else {
-            throughput *= PI;  // the ray's cosine over its pdf
+            throughput *= PI * found.first_passage.tint;  // PI is the ray's cosine over its pdf
             light.irradiance += throughput * found.emitted;
         }
         if (!found.exists) { break; }

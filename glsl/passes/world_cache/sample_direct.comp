@@ -33,10 +33,10 @@ vec3 sample_direct_irradiance(WorldCacheSurface surface, inout uint rng) {
     LightContribution light = calculate_resolved_light_contribution(light_sample, surface.world_position);
     vec3 origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
     count_ray();
-    if (!trace_light_visibility(origin, light_sample)) { return vec3(0.0); }
+    vec3 transmittance = trace_light_transmittance(origin, light_sample);
     float cosine = max(dot(light.wi, surface.geometric_world_normal), 0.0);
     float inverse_pdf = weight_sum / (float(world_cache_settings.candidates) * chosen_target);
-    return light.received_radiance * (cosine * inverse_pdf);
+    return light.received_radiance * (cosine * inverse_pdf) * transmittance;
 }
 
 void main() {

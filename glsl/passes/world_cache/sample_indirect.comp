@@ -23,5 +23,6 @@ void main() {
     GatheredLight light = gather_light(
         origin, direction, world_cache_settings.ray_length, cell_size, false, lifetime, rng
     );
-    world_cache_samples.at[thread].irradiance += PI * gathered_radiance(light);  // PI is the cosine over the pdf
+    world_cache_samples.at[thread].irradiance +=
+        PI * light.passage.tint * gathered_radiance(light);  // PI is the cosine over the pdf
 }

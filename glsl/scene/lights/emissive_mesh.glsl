@@ -3,6 +3,7 @@
 #define SCENE_LIGHTS_EMISSIVE_MESH_GLSL
 
 #include "common/random.glsl"
+#include "scene/alpha.glsl"
 #include "scene/bindings.glsl"
 #include "scene/lights/types.glsl"
 #include "scene/surface.glsl"
@@ -11,14 +12,17 @@ ResolvedLightSample resolve_emissive_mesh(uint index, uint part, vec2 u, float i
     Instance instance = instances.at[index];
     Mesh mesh = meshes.at[instance.ray_mesh];
     Material material = materials.at[instance.material];
-    TrianglePoint point = resolve_triangle(instance, mesh, part, sample_triangle_barycentrics(u));
+    vec2 barycentrics = sample_triangle_barycentrics(u);
+    TrianglePoint point = resolve_triangle(instance, mesh, part, barycentrics);
+    vec3 radiance = resolve_emissive(material, point.texture_point);
+    if (has_alpha(material)) { radiance *= resolve_cover(material, mesh, part, barycentrics).w; }
     return ResolvedLightSample(
         LIGHT_EMISSIVE_MESH,
         material.flags & MATERIAL_DOUBLE_SIDED,
         point.world_position,
         point.geometric_world_normal,
         point.ray_offset,
-        resolve_emissive(material, point.uv),
+        radiance,
         inverse_probability * point.area
     );
 }

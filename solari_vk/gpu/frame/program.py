@@ -145,7 +145,7 @@ class ProgramBuilder:
         items = [item for stage in stages for item in stage.passes]
         if not items:
             raise SolariError("a frame needs at least one pass")
-        modules = Modules(self._device, self._root, old.modules if old else {})
+        modules = Modules(self._device, self._root, old.modules if old else {}, features)
         shaders = modules.add(items)
         merged = merge_bindings(modules.values())
         if old is not None and old.interface.fits(merged, modules.values()):

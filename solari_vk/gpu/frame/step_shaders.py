@@ -18,8 +18,9 @@ from solari_vk.gpu.shaders.spirv import Module, reflect
 ModuleKey = tuple[str, str]
 """The path and the header of a shader."""
 
-# What the rays of all passes run that trace by scene/trace.glsl.
+# What the rays of all passes run that trace by scene/trace.glsl; with this feature they ask about hits.
 _MISS, _HIT = "scene/trace.rmiss", HitGroup("scene/trace.rchit")
+_ALPHA, _ALPHA_HIT = "SCENE_ALPHA", HitGroup("scene/trace.rchit", any_hit="scene/trace.rahit")
 
 
 @dataclass(frozen=True)
@@ -31,10 +32,13 @@ class StepShaders:
 
 
 class Modules(dict[ModuleKey, Module]):
-    """The modules of a frame. Those that are the same as in `old` are taken from there."""
+    """The modules of a frame with some features. Those that are the same as in `old` are taken from there."""
 
-    def __init__(self, device: Device, root: Roots | None, old: Mapping[ModuleKey, Module]) -> None:
+    def __init__(
+        self, device: Device, root: Roots | None, old: Mapping[ModuleKey, Module], features: Collection[str]
+    ) -> None:
         super().__init__()
+        self._hit = _ALPHA_HIT if _ALPHA in features else _HIT
         self._ray_pipelines, self._sources, self._old = device.rays == "pipeline", Sources(roots(root)), old
 
     def add(self, items: Sequence[Pass | Draw | Step]) -> list[StepShaders]:
@@ -66,7 +70,7 @@ class Modules(dict[ModuleKey, Module]):
                 )
             return _ray_shaders(keys, item.misses, item.hits, item.header)
         if isinstance(item, Pass) and self[keys[0]].main.stage == "rgen":
-            return _ray_shaders(keys, [_MISS], [_HIT], "")
+            return _ray_shaders(keys, [_MISS], [self._hit], "")
         return StepShaders(keys)
 
 

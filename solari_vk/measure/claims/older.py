@@ -29,11 +29,11 @@ CONSTANT_WEIGHTS: tuple[Patch, ...] = (
 
 VISIBILITY_FED_FORWARD: tuple[Patch, ...] = (
     (_SHADE_DI, "    reservoir = merge_di_reservoirs(reservoir, other, here, there, rng);\n",
-     "    if (here.y > 0.0 && !is_seen(surface, resolve_light_sample(other.light_sample))) {\n"
+     "    if (here.y > 0.0 && transmittance(surface, resolve_light_sample(other.light_sample)) == vec3(0.0)) {\n"
      "        other.unbiased_contribution_weight = 0.0;\n"
      "    }\n"
      "    reservoir = merge_di_reservoirs(reservoir, other, here, there, rng);\n"),
-    (_SHADE_DI, "is_seen(surface, resolved) ? 1u : 0u", "1u"),
+    (_SHADE_DI, "= transmittance(surface, resolved);", "= vec3(1.0);"),
 )  # fmt: skip
 """ReSTIR DI tests the visibility of the spatial sample before the merge, and none after it."""
 
