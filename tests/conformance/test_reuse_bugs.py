@@ -26,7 +26,7 @@ BUGS = {
     "no Jacobian": (means, [TILES], RESERVOIR, "<= MAX_JACOBIAN ? jacobian : 0.0", "<= MAX_JACOBIAN ? 1.0 : 0.0"),
     "MIS weights without visibility": (means, [MEAN, TILES], RESERVOIR, "if (own_share < 1.0 && !is_visible(",
                                        "if (false && !is_visible("),
-    "hidden samples": (means, [MEAN, TILES], RESERVOIR, "if (other_share * jacobian > 0.0 && !", "if (false && !"),
+    "hidden samples": (means, [MEAN, TILES], RESERVOIR, "= transmittance(here, other, false);", "= vec3(1.0);"),
     "normals of hits on the wrong side": (noise, [NOISE], RESERVOIR, "return unpack_octahedral_2x16(reservoir",
                                           "return -unpack_octahedral_2x16(reservoir"),
     "visibility of the previous frame in this one": (lag, [LAG], RESERVOIR, "if (in_previous_frame) {",

@@ -143,11 +143,13 @@ def test_single_rays_are_equal(devices, by_queries):
 
 MUTANTS = {
     "visibility rays take another miss shader": (
-        "scene/trace.glsl", "0u, 0u, 0u, origin, 0.0", "0u, 0u, 1u, origin, 0.0"),
+        "scene/trace.glsl", " mask, 0u, 0u, 0u,", " mask, 0u, 0u, 1u,"),
     "other rays take another miss shader": (
-        "scene/trace.glsl", "0u, 0u, 0u, origin, t_min", "0u, 0u, 1u, origin, t_min"),
+        "scene/trace.glsl", "SCENE_MASK, 0u, 0u, 0u,", "SCENE_MASK, 0u, 0u, 1u,"),
     "payload of visibility rays not reset": ("scene/trace.glsl", "ray_payload.instance = 0u;", ""),
-    "visibility rays never end": ("scene/trace.glsl", "0.0, direction, t_max, 0)", "0.0, direction, INFINITY, 0)"),
+    "visibility rays never end": (
+        "scene/trace.glsl", "flags, mask, 0u, 0u, 0u, origin, t_min, direction, t_max",
+        "flags, mask, 0u, 0u, 0u, origin, t_min, direction, INFINITY"),
     "faces forgotten": ("scene/trace.rchit", "? 1u : 0u", "? 1u : 1u"),
     "misses are hits": ("scene/trace.rmiss", "= NO_INDEX", "= 0u"),
 }  # fmt: skip

@@ -105,7 +105,8 @@ GatheredLight gather_light(
             light.emitted = found.emitted;
             light.passage = found.first_passage;
         } else {
-            throughput *= PI * found.first_passage.tint;  // PI is the ray's cosine over its pdf
+            throughput *= PI;  // the ray's cosine over its pdf
+            throughput *= found.first_passage.tint;
             light.irradiance += throughput * found.emitted;
         }
         if (!found.exists) { break; }

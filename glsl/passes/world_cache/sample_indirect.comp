@@ -24,5 +24,5 @@ void main() {
         origin, direction, world_cache_settings.ray_length, cell_size, false, lifetime, rng
     );
     world_cache_samples.at[thread].irradiance +=
-        PI * light.passage.tint * gathered_radiance(light);  // PI is the cosine over the pdf
+        PI * gathered_radiance(light) * light.passage.tint;  // PI is the cosine over the pdf
 }
