@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from support.gltf_writer import GltfWriter
 
 import solari_vk as sv
 from solari_vk.cli import main
@@ -134,6 +135,30 @@ def test_exposure_by_what_is_seen(done):
     said, path = done(*FRAMES, "--frames", 8, "--exposure", "auto")
     assert "EV100" in said
     assert 0.05 < np.median(decode_srgb(pixels(path) / 255)) < 0.5
+
+
+def test_environments_of_files(done, render, tmp_path):
+    """A file without lights stands in a studio; a picture of one color, half as bright, fills what is not covered."""
+    box = sv.shapes.box()
+    file = GltfWriter(tmp_path / "box.glb")
+    file.node(mesh=file.mesh({"POSITION": box.positions}, box.triangles.ravel()))
+    file.save(file.path)
+    said, path = done(*SAMPLES, source=file.path)
+    assert "it is shown in a studio" in said
+    assert "EV100 0.00" in said
+    assert pixels(path).min() > 20
+    sv.save_image(tmp_path / "map.exr", np.full((2, 4, 3), 0.8))
+    words = ["--environment", tmp_path / "map.exr", "--environment-intensity", 0.5, "--environment-rotation", 30]
+    _, path = done(*SAMPLES, *words, source=file.path, output="lit.npy")
+    np.testing.assert_allclose(np.load(path)[0, 0], 0.4, rtol=2e-3)
+    _, path = done(*SAMPLES, "--environment", "sky", source=file.path, output="sky.npy")
+    assert 1000 < np.load(path)[0, 0, 2] < 50_000
+    _, path = done(*SAMPLES, "--environment", "none", source=file.path, output="dark.npy")
+    assert not np.load(path).any()
+    for words, text in ((["--environment", "none", "--environment-rotation", "9"], "there is no environment"),
+                        (["--environment", "x.hdr"], "can't be read"), (["--environment", "x"], "not ''")):  # fmt: skip
+        code, said, _ = render(*SAMPLES, *words, source=file.path)
+        assert (code, text in said) == (2, True), said
 
 
 @pytest.mark.parametrize("output", ["turn.png", "turn.gif"])

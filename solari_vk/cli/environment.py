@@ -35,8 +35,8 @@ def environment_words(options: argparse.Namespace) -> list[str]:
     ]  # fmt: skip
 
 
-def add_environment(scene: Scene, camera: Camera, options: argparse.Namespace) -> None:
-    """Surround a scene by what the options ask for."""
+def add_environment(scene: Scene, camera: Camera, options: argparse.Namespace) -> bool:
+    """Surround a scene by what the options ask for. Returns whether a studio alone lights it, which suits EV100 0."""
     lit = any(light.emits for light in scene.lights) or any(i.visible and i.material.emits for i in scene.instances)
     kind = options.environment
     if kind == "auto" and not lit:
@@ -55,6 +55,7 @@ def add_environment(scene: Scene, camera: Camera, options: argparse.Namespace) -
 
         scene.environment = Environment(kind)
     _adjust(scene, math.radians(options.environment_rotation), options.environment_intensity)
+    return kind == "studio" and not lit
 
 
 def _add_sky(scene: Scene, camera: Camera, lit: bool) -> None:

@@ -35,7 +35,8 @@ def add_scene_options(parser: Any, window_size: tuple[int, int] | None = None) -
     parser.add_argument("--camera", metavar="N|NAME|JSON|FILE",
                         help="a camera of the scene by index or name, or a pose, as JSON or in a file: "
                         "{'position': [x, y, z], 'target': [x, y, z]}")
-    parser.add_argument("--exposure", metavar="EV100|auto", help="exposure value (the camera's; for files auto)")
+    parser.add_argument("--exposure", metavar="EV100|auto",
+                        help="exposure value (the camera's; for files with lights auto)")
     parser.add_argument("--tonemap", type=tonemap, default="agx", metavar="NAME",
                         help="tone mapping: none, reinhard, aces or agx (agx)")
     add_environment_options(parser)

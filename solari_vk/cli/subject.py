@@ -63,8 +63,8 @@ def load(options: argparse.Namespace) -> Subject:
     if clip is not None and options.time is not None:
         clip.apply(scene, options.time, loop=False)
     cameras = [camera] if options.animate is None else _path(options, scene, camera, clip)
-    add_environment(scene, camera, options)
-    exposure = options.exposure or ("camera" if builtin else "auto")
+    in_studio = add_environment(scene, camera, options)
+    exposure = options.exposure or ("camera" if builtin or in_studio else "auto")
     if exposure not in ("auto", "camera"):
         try:
             for camera in cameras:

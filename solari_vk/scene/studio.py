@@ -74,7 +74,7 @@ def studio_lights(scene: Scene, *, ev100: float = 0.0, ground: bool = True, came
     bounds = scene.bounds
     if not bounds.radius > 0:
         raise SolariError(f"{scene.describe()} is a single point: a studio needs geometry with a size")
-    scene.environment = environment = studio_environment(0.3 * 1.2 * 2.0**ev100)
+    scene.environment = environment = studio_environment(0.32 * 1.2 * 2.0**ev100)
     environment.rotation = _heading(camera, bounds.center)
     if ground:
         add_floor(scene, FLOOR_ALBEDO)

@@ -14,7 +14,7 @@ from solari_vk.conformance.environment_checks import floor_scene, map_with_sun, 
 from solari_vk.conformance.oracles import environments
 from solari_vk.conformance.realtime import make_renderer, trace
 from solari_vk.gpu.shaders.patches import patched_shaders
-from solari_vk.scene import shapes
+from solari_vk.scene import environment_map, shapes
 from solari_vk.scene.builtin import matte, rgb
 from solari_vk.scene.environment_map import EnvironmentMap
 
@@ -66,6 +66,15 @@ def test_a_seeded_bug_is_noticed(device, name):
     measure, *patch = MUTANTS[name]
     with patched_shaders((LIGHT, *patch)), pytest.raises(AssertionError):
         hold(measure(device))
+
+
+def test_a_table_that_ignores_the_map_is_noticed(device, monkeypatch):
+    """Texels are taken alike: still unbiased, but noisy where the map has a sun."""
+    monkeypatch.setattr(environment_map, "texel_weights", lambda image: np.ones(image.shape[:2]))
+    found = {measured.rule: measured for measured in environment_checks.measure_texels(device)}
+    assert not found[environment_checks.TEXELS].holds
+    noisy = {measured.rule: measured for measured in environment_checks.measure_sun(device, 256)}
+    assert not noisy[environment_checks.NOISE].holds
 
 
 @pytest.mark.parametrize("seed", range(3))
