@@ -12,7 +12,6 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Frame
 from solari_vk.passes import pathtracer
 from solari_vk.scene.binder import SceneBinder
-from solari_vk.scene.model import Camera
 from solari_vk.scene.projection import JITTERS, CameraUniforms, Projection
 
 AVERAGED = 16  # rays of a pixel in a mean
@@ -58,10 +57,8 @@ class FirstHits:
             self._built = built
         shown = self._binder.revision, projection[1:], offset
         if shown != self._shown:
-            transform, jitter, vertical_fov, near, ev100, _ = projection.source
-            camera = Camera(transform=transform, jitter=jitter, vertical_fov=vertical_fov, near=near, ev100=ev100)
             uniforms = self._frame.uniforms
-            CameraUniforms(uniforms).write(camera, size, offset)
+            CameraUniforms(uniforms).write_projection(projection, size, offset)
             uniforms["path_sampling.row_count"] = rows
             for row in range(0, size[1], rows):
                 uniforms["path_sampling.first_row"] = row

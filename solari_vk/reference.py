@@ -170,7 +170,10 @@ class PathTracer(PictureRenderer):
     def _prepare(self, camera: Camera) -> None:
         """Apply edits of the scene; discard the samples if the scene, the size or the camera has changed."""
         self.binder.update()
-        view = (camera.transform.tobytes(), camera.vertical_fov, camera.near, *camera.jitter.tolist())
+        view = (
+            camera.transform.tobytes(), camera.vertical_fov, camera.near, *camera.jitter.tolist(),
+            camera.orthographic_height, camera.aperture, camera.focus_distance,
+        )  # fmt: skip
         shown = (self.binder.revision, self.size, *view)
         if shown != self._shown:
             self._shown = shown

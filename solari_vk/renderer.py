@@ -120,6 +120,8 @@ class Renderer(PictureRenderer):
         """
         if not isinstance(camera, Camera):
             camera = self._camera_or_default(camera)
+        if camera.aperture:
+            raise SolariError(f"{camera.describe()}: only PathTracer renders depth of field: set the aperture to 0")
         self._frame.apply_edits()
         seen = (self.size, self.settings, self.settings.revision, self.binder.version, self._debug_view, self._tonemap,
                 self._frame.uniforms.version)  # fmt: skip

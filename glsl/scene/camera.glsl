@@ -8,8 +8,11 @@
 struct Camera {
     mat4x3 world_from_view;  // the camera looks along -z, y up
     mat4x3 view_from_world;
-    vec2 tan_half_fov;       // horizontal, vertical
+    vec2 tan_half_fov;       // horizontal, vertical; of parallel projections half the width and the height in meters
     float near;              // distance of the near plane
+    float parallel_range;    // 0 for perspective; else how far raster sees behind the near plane
+    float lens_radius;       // 0 where all is sharp
+    float focus_distance;    // along the view axis
     uvec2 size;              // in pixels, of what is rendered
     uvec2 picture_size;      // in pixels, of the picture that is made of it
     vec2 jitter;             // offset of this frame's samples from the pixels' positions, in pixels
@@ -18,35 +21,68 @@ struct Camera {
 layout(set = 0, binding = 8, scalar) uniform CameraBlock { Camera camera; };
 layout(set = 0, binding = 9, scalar) uniform PreviousCameraBlock { Camera previous_camera; };
 
+bool is_parallel(Camera from) { return from.parallel_range > 0.0; }
+
+// The line of sight of a position in the picture, in view space: the point at a depth is start + depth * along.
+struct ViewLine {
+    vec3 start;
+    vec3 along;
+};
+
+// position: in pixels, with jitter; the center of the first pixel is (0.5, 0.5).
+ViewLine view_line(vec2 position, Camera from) {
+    vec2 ndc = 2.0 * position / vec2(camera.size) - 1.0;
+    vec2 lateral = ndc * from.tan_half_fov * vec2(1.0, -1.0);
+    bool parallel = is_parallel(from);
+    return ViewLine(vec3(parallel ? lateral : vec2(0.0), 0.0), vec3(parallel ? vec2(0.0) : lateral, -1.0));
+}
+
 struct CameraRay {
     vec3 origin;
     vec3 direction;
     float t_min;        // at the near plane
     float depth_per_t;  // depth along the view axis of a step along the ray
-    float cone_spread;  // how fast a pixel's footprint widens
+    float cone_width;   // of a pixel's footprint at the origin
+    float cone_spread;  // how fast the footprint widens
 };
 
-// The ray through a position of the picture in pixels; the center of the first pixel is (0.5, 0.5).
+// The ray through a position of the picture in pixels, without jitter.
 CameraRay make_camera_ray(vec2 pixel_position) {
-    vec2 ndc = 2.0 * (pixel_position + camera.jitter) / vec2(camera.size) - 1.0;
-    vec3 view_direction = vec3(ndc * camera.tan_half_fov * vec2(1.0, -1.0), -1.0);
-    float slant = length(view_direction);
+    ViewLine line = view_line(pixel_position + camera.jitter, camera);
+    mat3 axes = mat3(camera.world_from_view);
+    float slant = length(line.along);
     CameraRay ray;
-    ray.origin = camera.world_from_view[3];
-    ray.direction = normalize(mat3(camera.world_from_view) * view_direction);
+    ray.origin = camera.world_from_view[3] + axes * line.start;
+    ray.direction = normalize(axes * line.along);
     ray.t_min = camera.near * slant;
     ray.depth_per_t = 1.0 / slant;
     // A pixel's height at distance 1 shrinks with the square of the slant towards the picture's edge. The
     // picture's pixels count, so that upscaled pictures show textures as sharply as others.
-    ray.cone_spread = 2.0 * camera.tan_half_fov.y / (float(camera.picture_size.y) * slant * slant);
+    float height = 2.0 * camera.tan_half_fov.y / (float(camera.picture_size.y) * slant * slant);
+    bool parallel = is_parallel(camera);
+    ray.cone_width = parallel ? height : 0.0;
+    ray.cone_spread = parallel ? 0.0 : height;
+    return ray;
+}
+
+// A camera ray through another point of the lens, as a thin lens refracts it. on_lens: in the unit disk. Cook, Porter
+// and Carpenter, "Distributed Ray Tracing" (1984).
+CameraRay through_lens(CameraRay ray, vec2 on_lens) {
+    vec3 in_focus = ray.origin + ray.direction * (camera.focus_distance / ray.depth_per_t);
+    ray.origin += mat3(camera.world_from_view) * vec3(camera.lens_radius * on_lens, 0.0);
+    vec3 along = in_focus - ray.origin;
+    float distance = length(along);
+    ray.direction = along / distance;
+    ray.depth_per_t = camera.focus_distance / distance;
+    ray.t_min = camera.near / ray.depth_per_t;
     return ray;
 }
 
 // The position of a world point in a camera's picture in uv, without jitter; far outside for points behind the camera.
-vec2 project_to_uv(vec3 world_position, mat4x3 view_from_world, vec2 tan_half_fov) {
-    vec3 view = view_from_world * vec4(world_position, 1.0);
+vec2 project_to_uv(vec3 world_position, Camera from) {
+    vec3 view = from.view_from_world * vec4(world_position, 1.0);
     if (!(view.z < 0.0)) { return vec2(-1000.0); }
-    return 0.5 + vec2(0.5, -0.5) * view.xy / (tan_half_fov * -view.z);
+    return 0.5 + vec2(0.5, -0.5) * view.xy / (from.tan_half_fov * (is_parallel(from) ? 1.0 : -view.z));
 }
 
 #endif

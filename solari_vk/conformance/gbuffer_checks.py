@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -76,12 +77,12 @@ def measure_raster(device: Device, scene: sv.Scene, size: tuple[int, int] = SIZE
 # ---- motion -----------------------------------------------------------------------------------------
 
 
-def measure_motion(device: Device, way: str = "raster") -> Iterator[Measurement]:
+def measure_motion(device: Device, way: str = "raster", orthographic_height: float = 0.0) -> Iterator[Measurement]:
     """Measures motion vectors while camera and instances move, turn and scale, with jitter and mirrored instances."""
     random, scene = np.random.default_rng(4), material_zoo()
     scene.add(sv.Instance(mesh=shapes.sphere(0.2, 12), material=matte(0.3), transform=place(1.0, (0, 0.5, 0.5))))
     *moving, _, _ = scene.instances
-    camera, worst, largest = scene.camera, 0.0, 0.0
+    camera, worst, largest = dataclasses.replace(scene.camera, orthographic_height=orthographic_height), 0.0, 0.0
     with make_renderer(device, scene, SIZE, passes=GBUFFER, gbuffer=way) as renderer:
         renderer.render(camera)
         for _ in range(4):
@@ -90,15 +91,20 @@ def measure_motion(device: Device, way: str = "raster") -> Iterator[Measurement]
                 instance.transform = turned(instance.transform, random, 0.1, 0.05)
             pose = turned(camera.transform, random, 0.03, 0.1)
             pose[:3, :3] /= np.cbrt(np.linalg.det(pose[:3, :3]))
-            camera = sv.Camera(transform=pose, vertical_fov=camera.vertical_fov * random.uniform(0.95, 1.05))
+            zoom = random.uniform(0.95, 1.05)
+            camera = sv.Camera(transform=pose, vertical_fov=camera.vertical_fov * zoom,
+                               orthographic_height=camera.orthographic_height * zoom)  # fmt: skip
             found = gbuffer.decode(renderer.render(camera))
             world = gbuffer.world_positions(camera, found["depth"], get_jitter(renderer))
             was = world.copy()
-            was[found["depth"] == 0] += previous.transform[:3, 3] - pose[:3, 3]
+            # The background is infinitely far away; in parallel projections it has one color and doesn't move.
+            background = found["depth"] == 0
+            was[background] += previous.transform[:3, 3] - pose[:3, 3]
             for row, instance in renderer.binder.instances.items():
                 here, step = found["instance"] == row, before[instance] @ np.linalg.inv(instance.transform)
                 was[here] = transform_points(step, world[here])
             expected = gbuffer.project(previous, was) - gbuffer.project(camera, world)
+            expected[background & (orthographic_height > 0)] = 0
             worst = max(worst, float(np.abs(found["motion"] * SIZE - expected).max()))
             largest = max(largest, float(np.abs(expected).max()))
     note = f"the fastest moves by {largest:.1f} pixels"
@@ -128,7 +134,7 @@ def _change(scene: sv.Scene, random: np.random.Generator, number: int) -> None:
         instances[-1].visible = not instances[-1].visible
 
 
-def measure_culling(device: Device) -> Iterator[Measurement]:
+def measure_culling(device: Device, orthographic_height: float = 0.0) -> Iterator[Measurement]:
     """Culling changes no pixel while a camera moves and jumps among walls, and instances move, appear and disappear."""
     frame_count, random = 32, np.random.default_rng(5)
     scene = walled(random)
@@ -145,7 +151,8 @@ def measure_culling(device: Device) -> Iterator[Measurement]:
             eye, target = (at + random.uniform(-0.2, 0.2, 3) for at in (eye, target))
             if number % 7 == 6:  # a cut: visibility in the previous frame says nothing about this one
                 eye, target = random.uniform(-9, 9, 3), random.uniform(-3, 3, 3)
-            camera = sv.Camera.look_at(eye, target, vertical_fov=random.uniform(1.0, 1.6))
+            fov = random.uniform(1.0, 1.6)
+            camera = sv.Camera.look_at(eye, target, vertical_fov=fov, orthographic_height=orthographic_height * fov)
             _change(scene, random, number)
             frames = {name: renderer.render(camera) for name, renderer in renderers.items()}
             visible = sum(instance.visible for instance in scene.instances)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from itertools import pairwise
@@ -115,4 +116,4 @@ def _interpolate(
 
 
 def _camera(like: Camera, transform: NDArray[np.float64], vertical_fov: float, ev100: float) -> Camera:
-    return Camera(transform=transform, vertical_fov=vertical_fov, near=like.near, ev100=ev100, name=like.name)
+    return dataclasses.replace(like, transform=transform, vertical_fov=vertical_fov, ev100=ev100)

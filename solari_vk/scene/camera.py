@@ -55,17 +55,23 @@ class _Placing:
 
 @checked
 class Camera(Checked):
-    """A perspective camera looking along its -z axis, +y up.
+    """A camera looking along its -z axis, +y up: perspective, or orthographic if it has an orthographic_height.
 
     transform is world from camera, (4, 4), or just a position (3,) in meters. vertical_fov is in radians
-    (`math.radians(45)`). Surfaces closer than near, in meters, are not shown. ev100 is the exposure value at ISO 100:
-    pictures show radiance / (1.2 * 2^ev100). jitter (2,) shifts the picture, in pixels.
+    (`math.radians(45)`). orthographic_height is the height of the picture in meters; 0 means perspective. Surfaces
+    closer than near, in meters, are not shown. ev100 is the exposure value at ISO 100: pictures show radiance / (1.2 *
+    2^ev100). jitter (2,) shifts the picture, in pixels. aperture is the diameter of a thin lens in meters, which is
+    focused at focus_distance, in meters along the view axis; with 0 all is sharp. Only PathTracer renders depth of
+    field. `focus_on` sets both as photographers do.
     """
 
     _: KW_ONLY
     transform: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
     vertical_fov: float = math.radians(45)
+    orthographic_height: float = 0.0
     near: float = 0.01
+    aperture: float = 0.0
+    focus_distance: float = 1.0
     ev100: float = 0.0
     jitter: FloatArray = field(default_factory=lambda: np.zeros(2, np.float32))
     name: str = ""
@@ -74,7 +80,10 @@ class Camera(Checked):
         "name": checks.text,
         "transform": checks.affine_transform,
         "vertical_fov": checks.number(1e-4, math.pi - 1e-4, "radians"),
+        "orthographic_height": checks.number(0, checks.LARGEST_COORDINATE, "meters"),
         "near": checks.number(1e-9, checks.LARGEST_COORDINATE),
+        "aperture": checks.number(0, checks.LARGEST_COORDINATE, "meters"),
+        "focus_distance": checks.number(1e-9, checks.LARGEST_COORDINATE, "meters"),
         "ev100": checks.number(-100, 100),
         "jitter": checks.array(2),
     }
@@ -84,13 +93,14 @@ class Camera(Checked):
     @classmethod
     def framing(
         cls, bounds: tuple[NDArray[np.float64], NDArray[np.float64]], direction: ArrayLike = (-0.45, -0.3, -1.0), *,
-        aspect: float = 1.0, vertical_fov: float = math.radians(35), margin: float = 1.1, **fields: Any,
+        aspect: float = 1.0, vertical_fov: float = math.radians(35), margin: float = 1.1, orthographic: bool = False,
+        **fields: Any,
     ) -> Camera:  # fmt: skip
         """A camera that looks along `direction` and sees the whole of a box, such as `scene.bounds`.
 
         bounds: the minimum and the maximum corner of the box, (3,) each, in meters. direction (3,) must not be
         vertical. aspect is width / height of the picture. With a margin of 1 the box touches the picture's edges.
-        fields: further arguments of the constructor.
+        orthographic: instead of perspective. fields: further arguments of the constructor.
         """
         low, high = (np.asarray(corner, np.float64) for corner in bounds)
         center = (low + high) / 2
@@ -104,19 +114,39 @@ class Camera(Checked):
         transform = camera.transform.copy()
         transform[:3, 3] = center + transform[:3, 2] * max(distance, 1e-3 * extent)
         camera.update(transform=transform, near=max(1e-4 * extent, 1e-9))
+        if orthographic:
+            half_width, half_height = np.abs(seen[:, :2]).max(axis=0)
+            camera.orthographic_height = 2 * margin * max(half_height, half_width / aspect)
         return camera
+
+    def focus_on(self, target: ArrayLike, f_number: float, *, sensor_height: float = 0.024) -> Camera:
+        """Focus on a point (3,) in meters, or at a distance in meters along the view axis, and return the camera.
+
+        f_number: of a lens with this camera's field of view, on a sensor of this height in meters (full frame). Its
+        focal length over the f-number is the aperture: f/1.4 blurs more than f/8. Raises SolariError for a target that
+        isn't before the camera, an f-number that isn't positive, and an orthographic camera, which has no focal length.
+        """
+        given = np.asarray(target, np.float64)
+        back = self.transform[:3, 2] / np.linalg.norm(self.transform[:3, 2])
+        distance = float((self.transform[:3, 3] - given) @ back if given.shape == (3,) else given)
+        if not distance > 0 or not f_number > 0 or self.orthographic_height:
+            raise SolariError("Camera.focus_on: a perspective camera, a target before it and a positive f-number are "
+                              f"needed, not {distance:g} m and f/{f_number}")  # fmt: skip
+        focal_length = sensor_height / (2 * math.tan(self.vertical_fov / 2))
+        self.update(focus_distance=distance, aperture=focal_length / f_number)
+        return self
 
     @classmethod
     def from_pose(cls, pose: Any) -> Camera:
         """A camera from the result of `pose`, or from {"position": [x, y, z], "target": [x, y, z]}.
 
-        Also takes "up", "vertical_fov_degrees", "near" and "ev100", or a whole "transform" for position and target.
+        Also takes "up", "vertical_fov_degrees" and the fields of POSED, or a whole "transform" for position and target.
         """
-        known = {"position", "target", "up", "transform", "vertical_fov_degrees", "near", "ev100"}
+        known = {"position", "target", "up", "transform", "vertical_fov_degrees", *POSED}
         if not isinstance(pose, dict) or not known.issuperset(pose):
             raise SolariError(f"a camera pose is a JSON object of {', '.join(sorted(known))}, not {pose!r}")
         try:
-            fields: dict[str, Any] = {name: float(pose[name]) for name in ("near", "ev100") if name in pose}
+            fields: dict[str, Any] = {name: float(pose[name]) for name in POSED if name in pose}
             if "vertical_fov_degrees" in pose:
                 fields["vertical_fov"] = math.radians(pose["vertical_fov_degrees"])
             if "transform" in pose:
@@ -130,11 +160,14 @@ class Camera(Checked):
         return {
             "transform": self.transform.tolist(),
             "vertical_fov_degrees": math.degrees(self.vertical_fov),
-            "near": self.near,
-            "ev100": self.ev100,
+            **{name: getattr(self, name) for name in POSED},
         }
 
     @property
     def exposure(self) -> float:
         """The factor by which pictures multiply radiance."""
         return float(1.0 / (1.2 * 2.0**self.ev100))
+
+
+POSED = ("near", "ev100", "orthographic_height", "aperture", "focus_distance")
+"""The fields of a camera that a pose has under the same name."""

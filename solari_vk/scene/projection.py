@@ -14,7 +14,12 @@ from solari_vk.scene.model import Camera
 
 Numbers = tuple[float, ...]
 # Of struct Camera.
-FIELDS = ("world_from_view", "view_from_world", "tan_half_fov", "near", "size", "picture_size", "jitter")
+FIELDS = (
+    "world_from_view", "view_from_world", "tan_half_fov", "near", "parallel_range", "lens_radius", "focus_distance",
+    "size", "picture_size", "jitter",
+)  # fmt: skip
+PARALLEL_RANGE = 4096.0
+"""How far raster sees in parallel projections, in heights of the picture: further away depths would be too coarse."""
 
 
 def _halton(index: int, base: int) -> float:
@@ -50,7 +55,10 @@ class Projection(NamedTuple):
     @classmethod
     def of(cls, camera: Camera, size: tuple[int, int], known: Projection | None = None) -> Projection:
         """The projection of a camera as it is now; `known` itself if nothing was assigned to the camera since then."""
-        source = camera.transform, camera.jitter, camera.vertical_fov, camera.near, camera.ev100, size
+        source = (
+            camera.transform, camera.jitter, camera.vertical_fov, camera.near, camera.ev100,
+            camera.orthographic_height, camera.aperture, camera.focus_distance, size,
+        )  # fmt: skip
         if known is not None and all(map(is_, source, known.source)):
             return known
         (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = camera.transform.tolist()
@@ -62,13 +70,15 @@ class Projection(NamedTuple):
         j, k, m = (e * i - h * f) / volume, (h * c - b * i) / volume, (b * f - e * c) / volume
         n, o, p = (f * g - i * d) / volume, (i * a - c * g) / volume, (c * d - f * a) / volume
         q, r, s = (d * h - g * e) / volume, (g * b - a * h) / volume, (a * e - d * b) / volume
-        tan_half_fov = math.tan(camera.vertical_fov / 2)
+        height = camera.orthographic_height
+        half_height = height / 2 if height else math.tan(camera.vertical_fov / 2)
         jitter_x, jitter_y = camera.jitter.tolist()
         numbers = (
             a, d, g, b, e, h, c, f, i, x, y, z,
             j, n, q, k, o, r, m, p, s,
             -j * x - k * y - m * z, -n * x - o * y - p * z, -q * x - r * y - s * z,
-            tan_half_fov * size[0] / size[1], tan_half_fov, camera.near,
+            half_height * size[0] / size[1], half_height, camera.near, PARALLEL_RANGE * height, camera.aperture / 2,
+            camera.focus_distance,
         )  # fmt: skip
         return cls(source, numbers, (jitter_x, jitter_y), camera.exposure)
 
@@ -91,7 +101,15 @@ class CameraUniforms:
         size: of the picture in pixels. render_size: of what is rendered, by default the same. offset: added to the
         camera's jitter, in pixels of what is rendered.
         """
-        projection = self._projection = Projection.of(camera, size, self._projection)
+        self._projection = Projection.of(camera, size, self._projection)
+        self.write_projection(self._projection, size, offset, render_size=render_size, has_history=has_history)
+        return self._projection
+
+    def write_projection(
+        self, projection: Projection, size: tuple[int, int], offset: tuple[float, float] = (0.0, 0.0), *,
+        render_size: tuple[int, int] | None = None, has_history: bool = False,
+    ) -> None:  # fmt: skip
+        """As `write`, for a camera's projection over a picture of this size."""
         width, height = render_size or size
         (x, y), (dx, dy) = projection.jitter, offset
         jitter = x * (width / size[0]) + dx, y * (height / size[1]) + dy
@@ -99,4 +117,3 @@ class CameraUniforms:
         self._current.write(*numbers)
         self._previous.write(*(self._latest if has_history else numbers))
         self._latest = numbers
-        return projection

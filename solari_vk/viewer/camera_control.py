@@ -115,7 +115,10 @@ class CameraControl:
 
     def focus(self, point: ArrayLike, radius: float) -> None:
         """Look at a point, keeping the view direction, from where the whole sphere of `radius` around it is visible."""
-        self._look_from(point, max(radius, 1e-6) / math.sin(self.camera.vertical_fov / 2))
+        radius = max(radius, 1e-6)
+        if self.camera.orthographic_height:
+            self.camera.orthographic_height = 2 * radius
+        self._look_from(point, radius / math.sin(self.camera.vertical_fov / 2))
 
     def focus_home(self) -> None:
         """Look at what the first view showed in its middle, from as far away, keeping the view direction."""
@@ -134,7 +137,9 @@ class CameraControl:
 
     def take(self, camera: Camera) -> None:
         """Take another camera's pose and field of view, and keep the exposure."""
-        self.camera.update(vertical_fov=camera.vertical_fov, near=camera.near)
+        self.camera.update(
+            vertical_fov=camera.vertical_fov, near=camera.near, orthographic_height=camera.orthographic_height
+        )
         self._jump(camera.transform)
 
     def reset(self) -> None:
@@ -154,7 +159,7 @@ class CameraControl:
         except ValueError:
             raise SolariError(f"the clipboard holds no camera pose, but {text[:40]!r}") from None
         pasted = Camera.from_pose(pose)
-        self.camera.vertical_fov = pasted.vertical_fov
+        self.camera.update(vertical_fov=pasted.vertical_fov, orthographic_height=pasted.orthographic_height)
         self._jump(pasted.transform)
         if "ev100" in pose:
             self.camera.ev100 = pasted.ev100

@@ -118,12 +118,11 @@ def test_files_without_scenes_show_all_roots(writer, monkeypatch):
 def test_cameras(writer):
     camera = writer.add("cameras", type="perspective", perspective={"yfov": 0.7, "znear": 0.1, "aspectRatio": 2.0})
     writer.node(camera=camera, name="eye", translation=[1, 2, 3], scale=[2, 2, 2])
-    writer.node(camera=writer.add("cameras", type="orthographic", orthographic={}, name="flat"))
     scene = writer.load()
     (found,) = scene.cameras
     assert (found.name, found.vertical_fov, found.near) == ("eye", 0.7, 0.1)
     np.testing.assert_allclose(found.transform, [[1, 0, 0, 1], [0, 1, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]])
-    assert scene.warnings == ["orthographic cameras are not supported and are left out: camera 1 'flat'"]
+    assert scene.warnings == []
 
 
 def test_lights(writer):

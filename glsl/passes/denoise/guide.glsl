@@ -34,10 +34,10 @@ uvec2 pack_guide(Guide guide) {
     );
 }
 
-// From the camera to where a position of the picture in pixels shows depth 1.
-vec3 direction_at(vec2 position, Camera from) {
-    vec2 ndc = 2.0 * (position + from.jitter) / vec2(camera.size) - 1.0;
-    return mat3(from.world_from_view) * vec3(ndc * from.tan_half_fov * vec2(1.0, -1.0), -1.0);
+// What a position of the picture in pixels shows at a depth, relative to the camera.
+vec3 position_at(vec2 pixel_position, float depth, Camera from) {
+    ViewLine line = view_line(pixel_position + from.jitter, from);
+    return mat3(from.world_from_view) * line.start + depth * (mat3(from.world_from_view) * line.along);
 }
 
 uint kind_of(uvec2 guide) { return guide.x >> 30u; }
@@ -56,7 +56,7 @@ vec3 normal_code(uvec2 guide) {
 Guide unpack_guide(uvec2 bits, ivec2 pixel, Camera from) {
     float depth = depth_of(bits);
     return Guide(
-        kind_of(bits), depth, depth * direction_at(vec2(pixel) + 0.5, from), normal_code(bits) / NORMAL_CODES,
+        kind_of(bits), depth, position_at(vec2(pixel) + 0.5, depth, from), normal_code(bits) / NORMAL_CODES,
         material_code(bits) / MATERIAL_CODES
     );
 }
@@ -90,13 +90,15 @@ Guide make_guide(ivec2 pixel) {
     Guide guide;
     guide.kind = depth_value == 0.0 ? NOTHING_SHOWN : own ? SURFACE_SHOWN : lit ? REFLECTION_SHOWN : NOTHING_SHOWN;
     guide.depth = depth_value > 0.0 ? camera.near / depth_value : FARTHEST;
-    guide.position = guide.depth * direction_at(vec2(pixel) + 0.5, camera);
+    guide.position = position_at(vec2(pixel) + 0.5, guide.depth, camera);
     guide.normal = safe_normalize(normal_roughness.xyz, vec3(0.0, 0.0, 1.0));
     guide.material = own ? normal_roughness.w : luminance(shown_albedo(pixel));
     return guide;
 }
 
-// The width of a pixel at depth 1.
-float pixel_width() { return 2.0 * camera.tan_half_fov.y / float(camera.size.y); }
+// The width in meters of what a pixel shows at a depth.
+float pixel_width(float depth) {
+    return 2.0 * camera.tan_half_fov.y / float(camera.size.y) * (is_parallel(camera) ? 1.0 : depth);
+}
 
 #endif

@@ -16,7 +16,8 @@ const float MATERIAL_TOLERANCE = 0.1;
 // What other pixels are compared with.
 struct Pattern {
     uint kind;
-    // A pixel that is x, y away and d deep is d * dot(plane, (x, y, 1)) - plane_offset tolerances off the plane.
+    // A pixel that is x, y away and d deep is d * dot(plane, (x, y, 1)) - plane_offset tolerances off the plane; in
+    // parallel projections dot(plane, (x, y, d)) - plane_offset.
     vec3 plane;
     float plane_offset;
     vec3 normal;             // as normal_code gives it
@@ -27,14 +28,19 @@ struct Pattern {
 // uncertainty: the standard deviation of the light by the specular lobe over its mean.
 Pattern make_pattern(Guide guide, float uncertainty) {
     vec2 slopes = 2.0 * camera.tan_half_fov * vec2(1.0, -1.0) / vec2(camera.size);
-    vec3 normal = guide.normal / (PLANE_TOLERANCE * pixel_width() * guide.depth);
+    vec3 normal = guide.normal / (PLANE_TOLERANCE * pixel_width(guide.depth));
     vec3 in_view = normal * mat3(camera.world_from_view);
     float offset = dot(guide.position, normal);
     float alpha = max(guide.material * guide.material, mix(CERTAIN_ALPHA, UNCERTAIN_ALPHA, min(uncertainty, 1.0)));
     bool reflected = guide.kind != SURFACE_SHOWN;
     float tolerance = reflected ? MIRROR_NORMAL_TOLERANCE : SPECULAR_NORMAL_TOLERANCE * alpha;
+    float per_depth = offset / guide.depth;
+    if (is_parallel(camera)) {
+        per_depth = -in_view.z;
+        offset = per_depth * guide.depth;
+    }
     return Pattern(
-        guide.kind, vec3(in_view.xy * slopes, offset / guide.depth), offset, NORMAL_CODES * guide.normal,
+        guide.kind, vec3(in_view.xy * slopes, per_depth), offset, NORMAL_CODES * guide.normal,
         MATERIAL_CODES * guide.material,
         0.5 / (NORMAL_CODES * NORMAL_CODES * vec2(DIFFUSE_NORMAL_TOLERANCE, tolerance))
     );
@@ -42,7 +48,11 @@ Pattern make_pattern(Guide guide, float uncertainty) {
 
 // The weights for the diffuse and for the specular lobe of the pixel that is `step` away.
 vec2 likeness(Pattern pattern, uvec2 other, ivec2 step) {
-    float off = abs(depth_of(other) * dot(pattern.plane, vec3(step, 1.0)) - pattern.plane_offset);
+    float depth = depth_of(other);
+    float along = is_parallel(camera)
+        ? dot(pattern.plane, vec3(step, depth))
+        : depth * dot(pattern.plane, vec3(step, 1.0));
+    float off = abs(along - pattern.plane_offset);
     vec3 turned = normal_code(other) - pattern.normal;
     float unlike = abs(material_code(other) - pattern.material) / (MATERIAL_TOLERANCE * MATERIAL_CODES);
     vec2 weights = exp(-(off + dot(turned, turned) * pattern.normal_sharpness + vec2(0.0, unlike)));

@@ -58,7 +58,7 @@ bool showed_the_same(ivec2 pixel, Past past, Guide guide, float plane_distance) 
     Guide then = load_previous_guide(pixel);
     if (then.kind != guide.kind) { return false; }
     bool near = guide.kind == SURFACE_SHOWN
-        ? abs(dot(then.position - past.position, past.normal)) < plane_distance * pixel_width() * then.depth
+        ? abs(dot(then.position - past.position, past.normal)) < plane_distance * pixel_width(then.depth)
         : abs(then.depth - guide.depth) < SAME_DEPTH * guide.depth;
     return near && dot(then.normal, past.normal) > SAME_NORMAL
         && abs(then.material - guide.material) < SAME_MATERIAL;

@@ -39,8 +39,11 @@ bool is_beyond(ViewBox box, vec3 normal, float distance) {
 bool is_outside_frustum(ViewBox box) {
     // Jitter moves the picture's edge by less than a pixel, whose width is 2 / size of tan_half_fov.
     vec2 slope = camera.tan_half_fov * (1.0 + 4.0 / vec2(camera.size));
-    return is_beyond(box, vec3(1.0, 0.0, slope.x), 0.0) || is_beyond(box, vec3(-1.0, 0.0, slope.x), 0.0)
-        || is_beyond(box, vec3(0.0, 1.0, slope.y), 0.0) || is_beyond(box, vec3(0.0, -1.0, slope.y), 0.0)
+    bool parallel = is_parallel(camera);
+    vec2 distance = parallel ? slope : vec2(0.0);
+    slope = parallel ? vec2(0.0) : slope;
+    return is_beyond(box, vec3(1.0, 0.0, slope.x), distance.x) || is_beyond(box, vec3(-1.0, 0.0, slope.x), distance.x)
+        || is_beyond(box, vec3(0.0, 1.0, slope.y), distance.y) || is_beyond(box, vec3(0.0, -1.0, slope.y), distance.y)
         || is_beyond(box, vec3(0.0, 0.0, 1.0), -camera.near);
 }
 
@@ -52,7 +55,7 @@ bool is_occluded(ViewBox box) {
         vec3 corner = box.center + box.half_axes * (2.0 * vec3(i & 1u, i >> 1u & 1u, i >> 2u) - 1.0);
         float view_depth = -corner.z - box.rounding;
         if (view_depth <= camera.near) { return false; }
-        vec2 ndc = corner.xy * vec2(1.0, -1.0) / (camera.tan_half_fov * view_depth);
+        vec2 ndc = corner.xy * vec2(1.0, -1.0) / (camera.tan_half_fov * (is_parallel(camera) ? 1.0 : view_depth));
         vec2 position = (0.5 + 0.5 * ndc) * vec2(camera.size) - camera.jitter;
         low = min(low, position);
         high = max(high, position);
@@ -70,7 +73,10 @@ bool is_occluded(ViewBox box) {
             farthest = min(farthest, depth_pyramid.at[pyramid_index(level, uvec2(x, y))]);
         }
     }
-    return camera.near / nearest * 1.0001 < farthest;
+    float depth_value = is_parallel(camera)
+        ? 1.0 - (nearest - camera.near) / camera.parallel_range + 1e-6
+        : camera.near / nearest * 1.0001;
+    return depth_value < farthest;
 }
 
 void main() {

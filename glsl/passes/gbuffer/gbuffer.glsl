@@ -88,16 +88,16 @@ float gbuffer_ray_offset(GBufferSurface surface) {
 }
 
 GBufferSurface unpack_gbuffer(
-    uvec4 texel, uvec2 surface_texel, float depth_value, vec2 position, mat4x3 world_from_view, vec2 tan_half_fov,
-    float near
+    uvec4 texel, uvec2 surface_texel, float depth_value, vec2 position, Camera from
 ) {
     GBufferSurface surface;
     surface.exists = depth_value > 0.0;
     surface.instance = surface_texel.y;
-    surface.view_depth = surface.exists ? near / depth_value : INFINITY;
-    vec2 ndc = 2.0 * position / vec2(camera.size) - 1.0;
-    vec3 along = mat3(world_from_view) * vec3(ndc * tan_half_fov * vec2(1.0, -1.0), -1.0);
-    surface.world_position = world_from_view[3] + (surface.exists ? along * surface.view_depth : vec3(0.0));
+    surface.view_depth = surface.exists ? from.near / depth_value : INFINITY;
+    ViewLine line = view_line(position, from);
+    vec3 start = from.world_from_view[3] + mat3(from.world_from_view) * line.start;
+    vec3 along = mat3(from.world_from_view) * line.along;
+    surface.world_position = start + (surface.exists ? along * surface.view_depth : vec3(0.0));
     surface.wo = -normalize(along);
     surface.geometric_world_normal = unpack_octahedral_2x16(surface_texel.x);
     // Packing rounds the normal, which may then no longer face the camera.
@@ -112,7 +112,7 @@ GBufferSurface load_gbuffer(uvec2 pixel) {
     ivec2 at = ivec2(pixel);
     GBufferSurface surface = unpack_gbuffer(
         imageLoad(gbuffer, at), imageLoad(gbuffer_surface, at).xy, imageLoad(depth, at).x,
-        vec2(pixel) + 0.5 + camera.jitter, camera.world_from_view, camera.tan_half_fov, camera.near
+        vec2(pixel) + 0.5 + camera.jitter, camera
     );
     if (surface.exists) { surface.ray_offset = gbuffer_ray_offset(surface); }
     return surface;
@@ -123,8 +123,7 @@ GBufferSurface load_previous_gbuffer(uvec2 pixel) {
     ivec2 at = ivec2(pixel);
     return unpack_gbuffer(
         imageLoad(previous_gbuffer, at), imageLoad(previous_gbuffer_surface, at).xy, imageLoad(previous_depth, at).x,
-        vec2(pixel) + 0.5 + previous_camera.jitter, previous_camera.world_from_view, previous_camera.tan_half_fov,
-        previous_camera.near
+        vec2(pixel) + 0.5 + previous_camera.jitter, previous_camera
     );
 }
 
@@ -157,8 +156,7 @@ vec3 previous_world_position(Hit hit, Mesh mesh, vec3 object_position, vec3 worl
 }
 
 vec2 motion_vector(vec3 world_position, vec3 previous_world_position) {
-    return project_to_uv(previous_world_position, previous_camera.view_from_world, previous_camera.tan_half_fov)
-        - project_to_uv(world_position, camera.view_from_world, camera.tan_half_fov);
+    return project_to_uv(previous_world_position, previous_camera) - project_to_uv(world_position, camera);
 }
 
 // The position in the previous picture, in pixels with centers at + 0.5, of the point that a pixel shows now.

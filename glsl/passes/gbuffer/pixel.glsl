@@ -18,7 +18,7 @@ struct GBufferPixel {
 };
 
 GBufferPixel resolve_pixel(CameraRay ray, Hit hit, Mesh mesh) {
-    ResolvedRayHitFull surface = resolve_hit_full(hit, mesh, ray.direction, ray.cone_spread * hit.t);
+    ResolvedRayHitFull surface = resolve_hit_full(hit, mesh, ray.direction, ray.cone_width + ray.cone_spread * hit.t);
     vec3 emissive = surface.emits ? surface.material.emissive : vec3(0.0);
     vec3 object_position = interpolate_position(mesh.positions, mesh, hit);
     // Both positions are computed from the object-space position, so that rounding gives no motion to static surfaces.
@@ -38,11 +38,12 @@ GBufferPixel resolve_pixel(CameraRay ray, Hit hit, Mesh mesh) {
     );
 }
 
-// The background is infinitely far, so only the camera's rotation moves it.
+// The background is infinitely far, so only the camera's rotation moves it. In parallel projections it has one color.
 GBufferPixel resolve_empty_pixel(CameraRay ray) {
     vec3 far = camera.world_from_view[3] + ray.direction * 1e6;
     vec3 previous_far = previous_camera.world_from_view[3] + ray.direction * 1e6;
-    return GBufferPixel(uvec4(0u), uvec2(0u, NO_INDEX), 0.0, motion_vector(far, previous_far));
+    vec2 motion = is_parallel(camera) ? vec2(0.0) : motion_vector(far, previous_far);
+    return GBufferPixel(uvec4(0u), uvec2(0u, NO_INDEX), 0.0, motion);
 }
 
 void store_pixel(ivec2 at, GBufferPixel pixel) {

@@ -63,7 +63,8 @@ Guides describe_reflection(GBufferSurface seen, uvec2 pixel) {
             previous_position = direction * FAR_AWAY;
         } else {
             path_length += hit.t;
-            surface = resolve_ray_hit_full(hit, direction, camera_ray.cone_spread * path_length);
+            float cone_width = camera_ray.cone_width + camera_ray.cone_spread * path_length;
+            surface = resolve_ray_hit_full(hit, direction, cone_width);
             previous_position = previous_hit_position(hit, surface.world_position);
         }
     }
@@ -81,7 +82,8 @@ Guides describe_reflection(GBufferSurface seen, uvec2 pixel) {
         virtual_position = chain * vec4(surface.world_position, 1.0);
         previous_virtual_position = previous_chain * vec4(previous_position, 1.0);
     }
-    guides.specular_motion = motion_vector(virtual_position, previous_virtual_position);
+    bool unmoved = is_parallel(camera) && instance == NO_INDEX;  // one color, as the background by itself
+    guides.specular_motion = unmoved ? vec2(0.0) : motion_vector(virtual_position, previous_virtual_position);
     return guides;
 }
 

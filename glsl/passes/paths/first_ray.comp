@@ -20,8 +20,9 @@ Path start_path(uvec2 pixel, GBufferSurface surface) {
     uint sequence = seed_rng(pixel, 0u, this_frame.seed ^ PASS_SALT);
     path.choice = sobol_point(this_frame.index, sequence).x;
     path.u = sobol_point(this_frame.index, sequence + 1u);
-    path.cone_spread = make_camera_ray(vec2(pixel) + 0.5).cone_spread;
-    path.cone_width = path.cone_spread * distance(surface.world_position, camera.world_from_view[3]);
+    CameraRay ray = make_camera_ray(vec2(pixel) + 0.5);
+    path.cone_spread = ray.cone_spread;
+    path.cone_width = ray.cone_width + ray.cone_spread * distance(surface.world_position, ray.origin);
     return path;
 }
 

@@ -27,7 +27,7 @@ void main() {
         aov_emissive.at[index] = vec3(0.0);
         return;
     }
-    ResolvedRayHitFull surface = resolve_ray_hit_full(hit, ray.direction, ray.cone_spread * hit.t);
+    ResolvedRayHitFull surface = resolve_ray_hit_full(hit, ray.direction, ray.cone_width + ray.cone_spread * hit.t);
     aov_depth.at[index] = hit.t * ray.depth_per_t;
     aov_position.at[index] = surface.world_position;
     aov_geometric_normal.at[index] = surface.geometric_world_normal;

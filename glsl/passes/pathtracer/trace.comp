@@ -70,11 +70,12 @@ void main() {
             if (sample_index == last_sample_index) { break; }
             rng = seed_rng(pixel, sample_index, path_sampling.seed);
             CameraRay ray = make_camera_ray(vec2(pixel) + 0.5 + sample_pixel_filter(rand_vec2f(rng)));
+            if (camera.lens_radius > 0.0) { ray = through_lens(ray, sample_disk(rand_vec2f(rng))); }
             origin = ray.origin;
             direction = ray.direction;
             t_min = ray.t_min;
             cone_spread = ray.cone_spread;
-            cone_width = 0.0;
+            cone_width = ray.cone_width;
             bounce = 0u;
             bounce_pdf = INFINITY;
             radiance = vec3(0.0);

@@ -72,7 +72,7 @@ bool may_end(ResolvedRayHitFull surface, float spread_width, float ray_t, inout 
 }
 
 // The radiance that arrives along the path's first ray. `distance` is the distance from the camera to its origin.
-vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
+vec3 trace_path(Path path, float distance, CameraRay camera_ray, inout uint rng) {
     vec3 radiance = vec3(0.0);
     uint visited = 0u, mirrors = 0u;
     bool as_solari = specular_gi_settings.termination == SPECULAR_TERMINATION_CAMERA_SPREAD;
@@ -86,7 +86,9 @@ vec3 trace_path(Path path, float distance, float cone_spread, inout uint rng) {
         }
         distance += hit.t;
         if (!as_solari) { path.spread_width += sqrt(path.spread) * hit.t; }
-        ResolvedRayHitFull surface = resolve_ray_hit_full(hit, path.direction, cone_spread * distance);
+        ResolvedRayHitFull surface = resolve_ray_hit_full(
+            hit, path.direction, camera_ray.cone_width + camera_ray.cone_spread * distance
+        );
         if (surface.emits) {
             float light_pdf = emissive_hit_pdf(surface, path.direction, hit.t);
             radiance += path.throughput * surface.material.emissive * power_heuristic(path.bounce_pdf, light_pdf);
@@ -175,9 +177,10 @@ void main() {
     Path path = Path(origin, -surface.wo, vec3(1.0), 0.0, 0.0, 0.0);
     if (!leave_surface(path, next, brdf, frame, surface.geometric_world_normal)) { return; }
     path.bounce_pdf = surface.material.roughness <= specular_gi_settings.di_roughness ? INFINITY : 0.0;
-    float distance = length(surface.world_position - camera.world_from_view[3]);
+    CameraRay camera_ray = make_camera_ray(vec2(pixel) + 0.5);
+    float distance = length(surface.world_position - camera_ray.origin);
     if (specular_gi_settings.termination == SPECULAR_TERMINATION_CAMERA_SPREAD) {
         path.spread_width = widen_as_solari(0.0, distance, surface.material.roughness);
     }
-    specular_gi.at[index] = trace_path(path, distance, make_camera_ray(vec2(pixel) + 0.5).cone_spread, rng);
+    specular_gi.at[index] = trace_path(path, distance, camera_ray, rng);
 }

@@ -57,12 +57,14 @@ def camera_rays(
     """Origins and unit directions (h, w, 3), row 0 at the top, through `offset` within each pixel (x right, y down)."""
     x = (np.arange(width) + offset[0]) / width * 2 - 1
     y = 1 - (np.arange(height) + offset[1]) / height * 2
-    tangent = np.tan(camera.vertical_fov / 2)
-    x, y = np.meshgrid(x * tangent * width / height, y * tangent)
-    local = np.stack([x, y, -np.ones_like(x)], axis=-1)
-    directions = transform_directions(camera.transform, local)
+    parallel = camera.orthographic_height
+    half_height = parallel / 2 if parallel else np.tan(camera.vertical_fov / 2)
+    x, y = np.meshgrid(x * half_height * width / height, y * half_height)
+    across, along = np.stack([x, y, 0 * x], axis=-1), np.broadcast_to((0.0, 0.0, -1.0), (height, width, 3))
+    directions = transform_directions(camera.transform, along if parallel else along + across)
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-    return np.broadcast_to(camera.transform[:3, 3], directions.shape), directions
+    start = transform_directions(camera.transform, across) if parallel else np.zeros(directions.shape)
+    return camera.transform[:3, 3] + start, directions
 
 
 def over_pixels(camera: Camera, size: int, value: Callable[[Floats], Floats], nodes: int = 3) -> Floats:

@@ -52,5 +52,6 @@ def project(camera: Camera, positions: Image) -> Image:
     """Positions (h, w, 2) in the picture, in pixels from the top left, of world positions (h, w, 3)."""
     size = np.array(positions.shape[1::-1])
     view = (positions - camera.transform[:3, 3]) @ np.linalg.inv(camera.transform[:3, :3]).T
-    slope = np.tan(camera.vertical_fov / 2) * np.array((size[0] / size[1], -1.0))
-    return np.asarray((view[..., :2] / (-view[..., 2:] * slope) + 1) / 2 * size)
+    parallel = camera.orthographic_height
+    half_height = parallel / 2 if parallel else -view[..., 2:] * np.tan(camera.vertical_fov / 2)
+    return np.asarray((view[..., :2] / (half_height * np.array((size[0] / size[1], -1.0))) + 1) / 2 * size)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from typing import Any
 
@@ -12,6 +11,7 @@ from solari_vk.errors import SolariError
 from solari_vk.scene import checks
 from solari_vk.scene.gltf.accessors import Accessors
 from solari_vk.scene.gltf.animations import Animations
+from solari_vk.scene.gltf.cameras import make_camera
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.draco import DracoMeshes
 from solari_vk.scene.gltf.extensions import SUPPORTED_EXTENSIONS
@@ -26,7 +26,6 @@ from solari_vk.scene.gltf.primitives import Primitives
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry, shown
 from solari_vk.scene.gltf.variants import Variants
-from solari_vk.scene.matrices import upright
 from solari_vk.scene.model import Camera, Instance, Light, Material, Mesh, Scene
 
 _NODE_EXTENSIONS = ("EXT_mesh_gpu_instancing", "KHR_lights_punctual", "KHR_node_visibility", "KHR_xmp_json_ld")
@@ -93,7 +92,7 @@ class _Loader:
             if "mesh" in node.entry:
                 self._add_meshes(node, placed)
             if "camera" in node.entry:
-                self._add(node, self._camera(node))
+                self._add(node, make_camera(self._document, node, self._report))
             if node.entry.extension(LIGHTS):
                 self._add(node, self._lights.light(node))
         for animation in self._animations.finish():
@@ -205,25 +204,3 @@ class _Loader:
                     materials = {name: other.material for name, other in others.items()}
                     parts.append((suffix, made, material.material, materials))
         return self._parts_made[key]
-
-    # ---- cameras ------------------------------------------------------------------------------------
-
-    def _camera(self, node: PlacedNode) -> Camera | None:
-        camera = self._document.item("camera", node.entry.integer("camera"), node.entry)
-        kind = camera.text("type", None, ("perspective", "orthographic"))
-        perspective = camera.entry("perspective")
-        transform = upright(node.world)
-        if kind == "orthographic":
-            self._report.add("orthographic cameras are not supported and are left out", camera.place)
-        elif perspective is None:
-            raise camera.error("has no 'perspective'; export the file again")
-        elif transform is None:
-            self._report.add("cameras whose node's transform is singular are left out", node.entry.place)
-        else:
-            return Camera(
-                transform=transform,
-                vertical_fov=perspective.number("yfov", low=1e-3, high=math.pi - 1e-3),
-                near=max(perspective.number("znear", low=0, high=1e15), 1e-9),
-                name=node.entry.name or camera.name,
-            )
-        return None
