@@ -111,7 +111,7 @@ BUGS = {
     "all is drawn twice": (gbuffer_checks.measure_culling, ["counted once"], CULL, "draws = visible && !was_visible",
                            "draws = visible"),
     "nothing is hidden": (gbuffer_checks.measure_culling, ["culling drops"], CULL,
-                          "nearest * 1.0001 < farthest", "nearest * 1e9 < farthest"),
+                          "depth_value < farthest", "depth_value * 1e9 < farthest"),
     "lights twice as likely": (direct_checks.measure_direct, ["of a Cornell box", "all of the lamp"], DI,
                                "light.inverse_pdf * light_sample", "light.inverse_pdf * 0.5 * light_sample"),
     "1/M dropped": (direct_checks.measure_direct, ["of a Cornell box", "all of the lamp", "4 x 4 tiles"], DI_INITIAL,
