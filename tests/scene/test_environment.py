@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 
 import numpy as np
 import OpenEXR
@@ -17,6 +18,8 @@ from solari_vk.scene.atmosphere import EYE, HAZE_HEIGHT, OZONE, OZONE_HALF_WIDTH
 from solari_vk.scene.environment import directions, solid_angles
 from solari_vk.scene.environment_map import encode_texels
 from solari_vk.scene.sky import SUN_ILLUMINANCE
+
+MUTANTS = 300
 
 
 def rgbe(colors):
@@ -99,6 +102,34 @@ def test_broken_files_are_refused(tmp_path, colors):
                        ("none.hdr", "can't be read"), ("none.exr", "no such file")):  # fmt: skip
         with pytest.raises(SolariError, match=re.escape(text)):
             sv.Environment(tmp_path / name)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_random_damage_to_files_is_an_error_or_harmless(tmp_path, colors, seed):
+    generator = np.random.default_rng(seed)
+    sv.save_image(tmp_path / "good.exr", colors)
+    goods = {".hdr": hdr(rgbe(colors)), ".exr": (tmp_path / "good.exr").read_bytes()}
+    refused = 0
+    for number in range(MUTANTS):
+        suffix = ".exr" if number % 8 == 0 else ".hdr"
+        data = bytearray(goods[suffix])
+        for _ in range(generator.integers(1, 4)):
+            at = int(generator.integers(len(data)) if generator.random() < 0.5 else generator.integers(80))
+            data[at] = generator.integers(256)
+        if generator.random() < 0.2:
+            del data[generator.integers(len(data)) :]
+        file = tmp_path / f"map{suffix}"
+        file.write_bytes(bytes(data))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                image = sv.Environment(file).image
+            except SolariError:
+                refused += 1
+                continue
+        assert np.isfinite(image).all()
+        assert image.min() >= 0
+    assert 0.1 < refused / MUTANTS < 0.95
 
 
 def test_files_with_wrong_values_are_refused_and_other_shapes_reported(tmp_path, colors):
