@@ -23,6 +23,9 @@ _HOMES = {
     "errors": ("CallbackError", "DeviceError", "SolariError", "ValidationError"),
     "gpu.device.device": ("Device", "list_devices"),
     "gpu.frame.frame": ("Frame", "HitGroup", "Pass", "RayPass", "Stage"),
+    "scene.animation": ("Animation", "Channel"),
+    "scene.deformation": ("Deformation",),
+    "scene.rig": ("Rig",),
     "scene.model": (
         "Camera", "DirectionalLight", "Environment", "Instance", "Material", "Mesh", "Scene", "Texture", "TextureImage",
     ),
@@ -47,11 +50,12 @@ _MODULES = {"rt": "rt", "shapes": "scene.shapes"}
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
-    "CallbackError", "Camera", "Device", "DeviceError", "DirectionalLight", "Environment", "Frame", "HitGroup",
-    "Instance", "Material", "Mesh", "Pass", "PathTracer", "PointLight", "RayPass", "RayTracer", "RenderedFrame",
-    "Renderer", "Scene", "SceneBinder", "SceneFrame", "Settings", "Sky", "SolariError", "SpotLight", "Stage",
-    "Texture", "TextureImage", "ValidationError", "Viewer", "__version__", "auto_exposure", "builtin",
-    "check_output", "list_devices", "load", "load_gltf", "rt", "save_image", "shapes", "studio_lights", "tonemap",
+    "Animation", "CallbackError", "Camera", "Channel", "Deformation", "Device", "DeviceError", "DirectionalLight",
+    "Environment", "Frame", "HitGroup", "Instance", "Material", "Mesh", "Pass", "PathTracer", "PointLight",
+    "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Rig", "Scene", "SceneBinder", "SceneFrame", "Settings",
+    "Sky", "SolariError", "SpotLight", "Stage", "Texture", "TextureImage", "ValidationError", "Viewer",
+    "__version__", "auto_exposure", "builtin", "check_output", "list_devices", "load", "load_gltf", "rt",
+    "save_image", "shapes", "studio_lights", "tonemap",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
@@ -66,8 +70,10 @@ if TYPE_CHECKING:
     from solari_vk.rendered import RenderedFrame
     from solari_vk.renderer import Renderer
     from solari_vk.scene import shapes
+    from solari_vk.scene.animation import Animation, Channel
     from solari_vk.scene.binder import SceneBinder
     from solari_vk.scene.builtin import builtin
+    from solari_vk.scene.deformation import Deformation
     from solari_vk.scene.gltf import load_gltf
     from solari_vk.scene.load import load
     from solari_vk.scene.model import (
@@ -82,6 +88,7 @@ if TYPE_CHECKING:
         TextureImage,
     )
     from solari_vk.scene.punctual import PointLight, SpotLight
+    from solari_vk.scene.rig import Rig
     from solari_vk.scene.sky import Sky
     from solari_vk.scene.studio import studio_lights
     from solari_vk.settings import Settings

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame.stopwatch import Stopwatch
 from solari_vk.gpu.shaders import spirv
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.scene.constants import NO_INDEX
@@ -103,6 +104,10 @@ class SceneBinder:
     def triangle_orders(self) -> dict[int, NDArray[np.int64]]:
         """For each row of `meshes` in use: the mesh's triangle of each uploaded triangle."""
         return {self._geometry.rows[mesh]: order for mesh, order in self._geometry.orders.items()}
+
+    def time_poses(self) -> Stopwatch:
+        """Have the device time the vertices and acceleration structures of poses from now on."""
+        return self._geometry.posed.time_poses()
 
     def keep_previous_tlas(self, renderer: object, needed: bool) -> None:
         """Say whether a renderer needs the TLAS of the previous frame as `previous_tlas`, from the next update on.

@@ -19,9 +19,10 @@ from solari_vk.gpu.acceleration.geometry import TriangleGeometry
 from solari_vk.gpu.acceleration.structure import UpdateMode
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame.stopwatch import Stopwatch
 from solari_vk.scene.deformation import Deformation
 from solari_vk.scene.objects import Mesh
-from solari_vk.scene.poser import PosedMesh, Poser
+from solari_vk.scene.poser import TIMED, PosedMesh, Poser
 from solari_vk.scene.table import Table
 
 
@@ -170,6 +171,12 @@ class PosedMeshes:
         self._meshes.mark([row])
         x, y, z = high - low
         shape.area = float(x * y + y * z + z * x)
+
+    def time_poses(self) -> Stopwatch:
+        """Time the device's work from now on; returns what tells the times of the latest poses, by TIMED."""
+        if self._poser.stopwatch is None:
+            self._poser.stopwatch = Stopwatch(self._device, TIMED)
+        return self._poser.stopwatch
 
     def submit(self) -> None:
         """Compute the vertices of new poses and bring their BLASes up to date, just before the next submission."""

@@ -15,6 +15,7 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.storage import Storage
 from solari_vk.gpu.frame.kernel import Kernel
+from solari_vk.gpu.frame.stopwatch import Stopwatch
 from solari_vk.scene.constants import MESH_HAS_NORMALS, MESH_HAS_TANGENTS, NO_INDEX
 from solari_vk.scene.deformation import Deformation
 from solari_vk.scene.matrices import by_columns
@@ -24,6 +25,8 @@ from solari_vk.scene.table import Table
 MAX_REFITS = 32
 MAX_GROWTH = 1.5
 """A BLAS is built anew when the surface area of the bounds has changed by this factor since the last build."""
+TIMED = ("vertices", "structures")
+"""The parts of the device's work that `Poser.stopwatch` times."""
 MAX_GROUPS = 65535  # in one dimension of a dispatch, on any device
 
 Pose = tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]
@@ -78,6 +81,7 @@ class Poser:
         """Are uploaded between `write` and `submit`."""
         self._influence = layout["influences"]
         self._attributes = layout["vertex_attributes"]
+        self.stopwatch: Stopwatch | None = None
         self._kernel: Kernel | None = None
         self._scratch: tuple[Storage, int, int] | None = None  # with its address and size
 
@@ -154,6 +158,8 @@ class Poser:
         vk = self._device.vk
         assert self._kernel is not None
         vk.vkCmdPipelineBarrier2(commands, full_barrier())
+        if self.stopwatch is not None:
+            self.stopwatch.begin(commands)
         vertices = max(len(shape.mesh.positions) for shape in shapes)
         for first in range(0, len(shapes), MAX_GROUPS):
             self._kernel.record(
@@ -161,8 +167,15 @@ class Poser:
                 joints=self._joints.buffer.address, targets=self._targets.buffer.address, first_mesh=first,
             )  # fmt: skip
         vk.vkCmdPipelineBarrier2(commands, full_barrier())
-        if not builds:
-            return
+        if self.stopwatch is not None:
+            self.stopwatch.mark(commands, TIMED[0])
+        if builds:
+            self._record_builds(commands, builds)
+        if self.stopwatch is not None:
+            self.stopwatch.mark(commands, TIMED[1])
+
+    def _record_builds(self, commands: raw.CData, builds: list[tuple[PosedMesh, bool]]) -> None:
+        vk = self._device.vk
         sizes = [scratch_size(self._device, shape.blases[shape.side], update) for shape, update in builds]
         address = self._scratch_address(sum(sizes))
         infos = []
@@ -186,6 +199,7 @@ class Poser:
 
     def destroy(self) -> None:
         """Free everything."""
-        for owned in (*self.tables, self._kernel, self._scratch[0] if self._scratch is not None else None):
+        scratch = None if self._scratch is None else self._scratch[0]
+        for owned in (*self.tables, self._kernel, self.stopwatch, scratch):
             if owned is not None:
                 owned.destroy()

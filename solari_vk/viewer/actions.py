@@ -77,6 +77,21 @@ class Actions:
     def move_divider_left(self) -> None:
         self.move_divider_right(-DIVIDER_STEP)
 
+    def play(self) -> None:
+        player = self._session.player
+        if player.clip is None:
+            self._session.say("the scene has no animations")
+        else:
+            player.playing = not player.playing
+
+    def next_clip(self) -> None:
+        player = self._session.player
+        if player.clip is None:
+            self._session.say("the scene has no animations")
+            return
+        player.choose((player.number + 1) % len(self._session.scene.animations))
+        self._session.say(f"clip: {player.clip.name or player.number}")
+
     def brighter(self) -> None:
         self._session.camera_control.expose(EXPOSURE_STEP)
 

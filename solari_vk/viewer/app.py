@@ -31,7 +31,7 @@ from solari_vk.viewer.session import Session
 from solari_vk.viewer.window import Window
 
 CPU_FPS, GPU_FPS = 7.0, 60.0  # frames per second that the scale "auto" aims at by default
-MAX_STEP = 0.25  # seconds that the camera flies in one frame at most, even if the frame took longer
+MAX_STEP = 0.25  # seconds that camera and animation move in one frame at most, even if the frame took longer
 SEEING = 0.1  # seconds between two looks at the distance of what is seen, each of which waits for the picture
 HIDDEN_WAIT = 0.1  # seconds that a frame of a minimized window waits for events
 
@@ -130,6 +130,8 @@ class Viewer(Session):
         now = time.perf_counter()
         seconds, self._last = now - self._last, now
         self._fly(seconds, now)
+        with self.showing_mistakes():
+            self.player.advance(min(seconds, MAX_STEP))
         self.reload_changed()
         if on_frame is not None:
             on_frame(self, seconds)

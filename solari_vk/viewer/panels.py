@@ -40,6 +40,8 @@ class Panels:
         """Lay out everything, from top to bottom."""
         if imgui.collapsing_header("Picture", OPEN):
             self._picture()
+        if self._session.player.clip is not None and imgui.collapsing_header("Animation", OPEN):
+            self._animation()
         self._note_times()
         if imgui.collapsing_header("Time"):
             self._time()
@@ -109,6 +111,24 @@ class Panels:
             failures = int(pictures.realtime["world_cache/insert_failures"])
             share = 100 * cells / self._session.settings.world_cache_cells
             self._slow.append(f"world cache: {cells:,} cells, {share:.1f} % full; {failures} points found no free cell")
+
+    # ---- animation ----------------------------------------------------------------------------------
+
+    def _animation(self) -> None:
+        """Choose a clip, play and pause, and scrub through its time."""
+        session, player = self._session, self._session.player
+        assert player.clip is not None
+        names = [clip.name or f"clip {number}" for number, clip in enumerate(session.scene.animations)]
+        chosen, number = imgui.combo("clip", player.number, names)
+        if imgui.button("pause" if player.playing else "play"):
+            act(session, "play")
+        imgui.same_line()
+        scrubbed, seconds = imgui.slider_float("seconds", player.seconds, 0.0, max(player.clip.duration, 1e-3), "%.2f")
+        with session.showing_mistakes():
+            if chosen:
+                player.choose(number)
+            elif scrubbed:
+                player.show(seconds)
 
     # ---- time ---------------------------------------------------------------------------------------
 

@@ -52,6 +52,9 @@ class Sources:
                 scene.remove(item)
                 if put:
                     self.scene.add(item)
+        self.scene.animations.clear()
+        for animation in loaded.animations:
+            self.scene.animations.add(animation)
         self.scene.warnings = loaded.warnings
         return True
 

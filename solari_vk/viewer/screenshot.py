@@ -45,6 +45,8 @@ def command_line(session: Session, output: Path) -> str:
     words += ["-o", str(output), "--size", f"{width}x{height}"]
     words += ["--camera", json.dumps(camera.pose()), "--exposure", repr(camera.ev100), "--seed", str(pictures.seed)]
     words += ["--tonemap", pictures.tonemap]
+    if session.player.posed:
+        words += ["--clip", str(session.player.number), "--time", repr(session.player.seconds)]
     if pictures.mode == "reference":
         assert pictures.reference is not None
         return shlex.join([*words, "--mode", "reference", "--samples", str(pictures.reference.tracer.samples)])

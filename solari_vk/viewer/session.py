@@ -11,6 +11,7 @@ from solari_vk.viewer.camera_control import CameraControl
 from solari_vk.viewer.messages import Messages
 from solari_vk.viewer.picking import Pick
 from solari_vk.viewer.pictures import Pictures
+from solari_vk.viewer.player import Player
 from solari_vk.viewer.reload import Sources
 from solari_vk.viewer.scaling import ScaleControl
 from solari_vk.viewer.window import Window
@@ -38,6 +39,7 @@ class Session(Messages):
         self.window, self.pictures, self.camera_control, self.scale = window, pictures, camera_control, scale
         self.device, self.scene, self.settings = pictures.device, pictures.scene, pictures.settings
         self.source, self.source_options, self.folder = source, source_options, folder
+        self.player = Player(self.scene)
         self.pick: Pick | None = None
         """The instance and the point that the user picked."""
         self.has_panels = self.shows_panels = self.shows_help = False
@@ -89,3 +91,5 @@ class Session(Messages):
     def _load_file(self) -> None:
         if self._sources.load_again():
             self.pick = None
+            if self.player.posed:
+                self.player.show(self.player.seconds)

@@ -9,7 +9,8 @@ from pathlib import Path
 
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
-from solari_vk.measure.frame import costs, error, error_over_time, passes
+from solari_vk.measure.character import character
+from solari_vk.measure.frame import animated, costs, error, error_over_time, passes
 from solari_vk.measure.frame.plan import Plan, Size, plan_for
 from solari_vk.measure.report import Report, check_page, milliseconds
 from solari_vk.measure.subjects import from_file, glowing, hilly, scattered, subjects
@@ -51,6 +52,7 @@ def run(
         _start(device, report, plan)
         _host(device, report, plan.host_frames)
         _growth(device, report, plan)
+        _animated(device, report, chosen, plan)
         _memory(device, report)
         _error(device, report, [*map(builtin, plan.error_scenes), *map(from_file, files)], plan)
     if markdown is not None:
@@ -201,6 +203,15 @@ def _growth(device: Device, report: Report, plan: Plan) -> None:
             first = spent if math.isnan(first) else first
             rows.append([f"{count:,}", milliseconds(spent), f"{count / cases[0]:,.1f}", f"{spent / first:.2f}"])
         report.table(title, [what, "ms a frame", "count / first count", "time / first time"], rows, note)
+
+
+def _animated(device: Device, report: Report, chosen: list[Scene], plan: Plan) -> None:
+    rows = []
+    for scene in (character(), *(scene for scene in chosen if scene.animations)):
+        report.progress(f"{scene.name}: animated")
+        rows.append(animated.measure(device, scene, plan))
+    width, height = plan.growth_size
+    report.table(f"An animated character, {width}x{height}", animated.HEAD, rows, animated.NOTE)
 
 
 def _memory(device: Device, report: Report) -> None:
