@@ -134,7 +134,7 @@ class PosedMeshes:
                 position_count=len(mesh.positions),
                 indices=int(record["triangles"]),
                 triangle_count=int(record["triangle_count"]),
-                no_duplicate_any_hit=shape.instance.alpha_mode == "blend",
+                no_duplicate_any_hit=True,  # which blended surfaces need, and structures that are refitted allow
             )
             blas = Blas(device, [geometry], allow_compaction=False, name=name, update_mode=UpdateMode.PREFER_UPDATE)
             blas.ensure_storage()
@@ -167,7 +167,7 @@ class PosedMeshes:
         record["bounds_min"], record["bounds_max"] = low, high
         record["positions"] = shape.addresses[shape.side]
         record["previous_positions"] = shape.addresses[1 - shape.side if shape in self._moving else shape.side]
-        record["attributes"] = shape.addresses[2] if record["flags"] else 0
+        record["attributes"] = shape.addresses[2] if record["attributes"] else 0
         self._meshes.mark([row])
         x, y, z = high - low
         shape.area = float(x * y + y * z + z * x)

@@ -157,7 +157,8 @@ void main() {
     uint i = INVOCATION_INDEX.x;
     vec3 origin = vec3(-2.0 + 4.0 * (float(i) + 0.5) / 64.0, 1.0, 3.0);
     vec3 direction = vec3(0.0, 0.0, -1.0);
-    seen.at[i] = uvec2(trace_visibility(origin, direction, 10.0), trace_previous_visibility(origin, direction, 10.0));
+    bool before = trace_previous_transmittance(origin, direction, 10.0) == vec3(1.0);
+    seen.at[i] = uvec2(trace_visibility(origin, direction, 10.0), before);
 }
 """
 

@@ -168,6 +168,21 @@ def test_lights_follow_poses(bound):
     assert choices.read(binder._emissions._choice)["probability"].min() > 0.05 / len(mesh.triangles)
 
 
+def test_meshes_with_colors_alone(bound):
+    """A posed mesh shares its colors with the mesh, and has no other attributes."""
+    mesh, rest = tube(3)
+    bare = sv.Mesh(mesh.positions, mesh.triangles, colors=np.full((len(mesh.positions), 3), 0.5),
+                   deformation=mesh.deformation)  # fmt: skip
+    instance = sv.Instance(bare, joint_matrices=bent(rest, 0.3))
+    binder = bound(sv.Scene(instance))
+    binder.update()
+    geometry = binder._geometry
+    posed, base = (geometry.table.records[geometry.rows[shape]] for shape in (binder._uses[instance][0], bare))
+    assert posed["colors"] == base["colors"] != 0
+    assert posed["attributes"] == 0
+    assert instance.posed_mesh().colors is not None
+
+
 # ---- wrong poses ------------------------------------------------------------------------------------
 
 
