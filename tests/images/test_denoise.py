@@ -403,8 +403,8 @@ def caught_by_pan(device):
 MUTANTS = {
     "short history": ("error", mutant("accumulate.comp", "float weight = 1.0 / (past.frames + 1.0);",
                                       "float weight = max(1.0 / (past.frames + 1.0), 0.3);")),
-    "no blur": ("error", mutant("blur.comp", "weight * share * share;", "0.0;")),
-    "blur without end": ("error", mutant("blur.comp", "weight * share * share;", "weight;")),
+    "no blur": ("error", mutant("blur.comp", "weight *= share * share;", "weight = 0.0;")),
+    "blur without end": ("error", mutant("blur.comp", "weight *= share * share;", "")),
     "albedo of reflections": ("means", mutant("sample.glsl", "found.rgb / reflected_albedo(pixel, kind)", "found.rgb")),
     "light off unnoticed": ("lamp", mutant("accumulate.comp", "past.frames * confidence", "past.frames")),
     "wrong way": ("pan", mutant("past.glsl", "in_pixels(motion_vector(", "in_pixels(-motion_vector(")),

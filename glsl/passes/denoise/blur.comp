@@ -1,7 +1,8 @@
 // One of several passes of a blur whose width doubles from pass to pass: Dammertz et al., "Edge-Avoiding A-Trous
 // Wavelet Transform for Fast Global Illumination Filtering" (HPG 2010). Pixels count by how alike their surfaces are,
 // and by how well the uncertainty of their light explains its difference, so that the blur ends where histories are
-// long. Both pixels' uncertainties count, so that outliers are spread over their neighbors and no energy is lost.
+// long. Both pixels' uncertainties count, so that outliers are spread over their neighbors. Among surfaces that are
+// alike two pixels take the same share of each other's light, so that no energy is lost.
 #version 460
 #include "passes/denoise/likeness.glsl"
 #include "passes/denoise/signal.glsl"
@@ -11,7 +12,7 @@ layout(local_size_x = 8, local_size_y = 8) in;
 layout(constant_id = 2) const uint level = 0u;
 
 const uint PASS_SALT = 0x3C6EF372u;
-const float TOLERANCE = 1.8;       // standard deviations
+const float TOLERANCE = 2.2;       // standard deviations
 const float CENTER_WEIGHT = 4.0;
 const float DARKEST = 1e-30;
 const float CLEAN = 0.04;          // standard deviation over mean
@@ -32,13 +33,14 @@ void store_bits(uint index, uvec4 bits) {
 
 struct Sum {
     vec3 radiance;
-    float weight;
+    float whole;      // weight of the surfaces that are alike
+    float weight;     // of it, what was added
     float response;   // by how much the sum changes when all its signals change by 1
     float variance;
     float deviation;  // if the noise of all pixels were the same
 };
 
-const Sum NOTHING_ADDED = Sum(vec3(0.0), 0.0, 0.0, 0.0, 0.0);
+const Sum NOTHING_ADDED = Sum(vec3(0.0), 0.0, 0.0, 0.0, 0.0, 0.0);
 
 // response: by how much the sum changes when the signal changes by 1.
 void add(inout Sum sum, Signal signal, float weight, float response) {
@@ -67,20 +69,27 @@ bool is_clean(ivec2 pixel, uint kind, Signals signals) {
     return length(albedos * deviations) < CLEAN * dot(albedos, values);
 }
 
-// A neighbor counts by how well noise explains its difference: by the square of `share`. Since its weight falls when it
-// differs more, the sum responds less to the neighbor than the weight says, and more to the center. In the first pass,
-// weights hardly depend on the signals themselves.
-void add_neighbor(inout Sum sum, Signal center, Signal other, float difference, float weight) {
+// A neighbor counts by how well noise explains its difference: by the square of `share`. The rest of its weight is the
+// center's. A filtered neighbor takes no light, so that none is taken from it. Since a weight falls when signals differ
+// more, the sum responds less to the neighbor than the weight says, and more to the center. In the first pass, weights
+// hardly depend on the signals themselves.
+void add_neighbor(inout Sum sum, Signal center, Signal other, float difference, float weight, bool is_filtered) {
     float variance = center.deviation * center.deviation + other.deviation * other.deviation;
     float tolerance = TOLERANCE * TOLERANCE * variance + DARKEST;
-    float share = center.deviation < 0.0 ? 1.0 : tolerance / (tolerance + difference * difference);
-    weight = other.deviation < 0.0 ? 0.0 : weight * share * share;
+    float share = is_filtered ? 0.0 : tolerance / (tolerance + difference * difference);
+    share = center.deviation < 0.0 ? 1.0 : share;
+    weight = other.deviation < 0.0 ? 0.0 : weight;
+    sum.whole += weight;
+    weight *= share * share;
     add(sum, other, weight, level == 0u ? weight : weight * max(4.0 * share - 3.0, 0.0));
 }
 
 // The mean of the sum and the center.
 Signal mean(Sum sum, Signal center) {
-    if (center.deviation >= 0.0) { add(sum, center, CENTER_WEIGHT, sum.weight + CENTER_WEIGHT - sum.response); }
+    if (center.deviation >= 0.0) {
+        sum.whole += CENTER_WEIGHT;
+        add(sum, center, sum.whole - sum.weight, sum.whole - sum.response);
+    }
     if (sum.weight == 0.0) { return Signal(vec3(0.0), -1.0); }
     float variance = mix(sum.variance, sum.deviation * sum.deviation, CORRELATION[min(level, 2u)]);
     return Signal(sum.radiance / sum.weight, sqrt(variance) / sum.weight);
@@ -108,9 +117,10 @@ void main() {
             vec2 weights = share * likeness(pattern, denoise_guides.at[at], step);
             uvec4 other_bits = load_bits(at);
             Signals found = unpack_signals(other_bits.xyz);
+            bool is_filtered = found.state != 0u;
             vec2 differences = luminances(other_bits.w, found) - values;
-            add_neighbor(diffuse, own.diffuse, found.diffuse, differences.x, weights.x);
-            add_neighbor(specular, own.specular, found.specular, differences.y, weights.y);
+            add_neighbor(diffuse, own.diffuse, found.diffuse, differences.x, weights.x, is_filtered);
+            add_neighbor(specular, own.specular, found.specular, differences.y, weights.y, is_filtered);
         }
     }
     Signals filtered = Signals(mean(diffuse, own.diffuse), mean(specular, own.specular), 0u);
