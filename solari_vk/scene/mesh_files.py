@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from solari_vk.errors import SolariError
 from solari_vk.scene import checks
 from solari_vk.scene.gltf.files import read_regular
+from solari_vk.scene.images import LINEAR_OF_SRGB
 from solari_vk.scene.libraries import library
 from solari_vk.scene.matrices import rotation, unit
 from solari_vk.scene.model import Instance, Material, Mesh, Scene
@@ -53,17 +54,16 @@ def load_mesh_file(
     if strict and files.failures:
         raise SolariError(f"{path}: {files.failures[0]}")
     scene.warnings.extend((*files.failures, *files.remarks))
-    plain = Material(base_color=np.full(3, 0.6, np.float32), double_sided=True, name="default")
     for name, part in read.get("geometry", {path.stem: read}).items():
         material = getattr(getattr(part.get("visual"), "material", None), "name", None)
-        _add(scene, path, str(name), part, files.materials.get(str(material), plain), turn)
+        _add(scene, path, str(name), part, files.materials.get(str(material)), turn)
     if not scene.instances:
         raise SolariError(f"{path}: has no triangles: give a file with a surface")
     return scene
 
 
 def _add(
-    scene: Scene, path: Path, name: str, part: dict[str, Any], material: Material, turn: NDArray[np.float64]
+    scene: Scene, path: Path, name: str, part: dict[str, Any], material: Material | None, turn: NDArray[np.float64]
 ) -> None:
     """Add a part of the file to the scene."""
     positions = np.asarray(part.get("vertices", ()), np.float64)
@@ -84,21 +84,39 @@ def _add(
     if not len(triangles):
         scene.warnings.append(f"parts whose triangles have no area are left out: '{name}'")
         return
-    if any(color in part for color in ("vertex_colors", "face_colors")):
-        scene.warnings.append(f"colors of vertices and faces are ignored: '{name}'")
+    colors = _colors(part.get("vertex_colors"), len(positions))
+    if part.get("face_colors") is not None:
+        scene.warnings.append(f"colors of faces are ignored: '{name}'")
     uvs: Any = getattr(part.get("visual"), "uv", None)
     normals: Any = part.get("vertex_normals")
     if normals is None or np.shape(normals) != positions.shape or not np.isfinite(normals).all():
         source, normals, triangles = smooth_normals(positions, triangles)
-        positions, uvs = positions[source], None if uvs is None else np.asarray(uvs)[source]
+        positions, colors = positions[source], None if colors is None else colors[source]
+        uvs = None if uvs is None else np.asarray(uvs)[source]
     else:
         normals = unit(np.asarray(normals, np.float64) @ turn.T)
         normals[~normals.any(axis=1)] = (0, 1, 0)
     if uvs is not None and (len(uvs) != len(positions) or not np.isfinite(uvs).all()):
         uvs = None
     flipped: Any = None if uvs is None else np.array([0, 1]) + np.array([1, -1]) * np.asarray(uvs)[:, :2]
-    mesh = Mesh(positions.astype(np.float32), triangles.astype(np.uint32), normals=normals, uvs=flipped, name=name)
-    scene.add(Instance(mesh, material, name=name))
+    mesh = Mesh(positions.astype(np.float32), triangles.astype(np.uint32), normals=normals, uvs=flipped,
+                colors=colors, name=name)  # fmt: skip
+    scene.add(Instance(mesh, material if material is not None else _plain(colors is not None), name=name))
+
+
+def _plain(colored: bool) -> Material:
+    """The material of files without one: gray, or as the vertices' colors are."""
+    return Material(base_color=np.full(3, 1.0 if colored else 0.6, np.float32), double_sided=True, name="default")
+
+
+def _colors(given: Any, count: int) -> NDArray[np.float32] | None:
+    """Linear colors (N, 3) of vertices from those of a file, which are sRGB; None for what doesn't fit."""
+    colors = None if given is None else np.asarray(given)
+    if colors is None or colors.ndim != 2 or colors.shape[0] != count or colors.shape[1] < 3:
+        return None
+    codes = colors[:, :3] if colors.dtype.kind in "iu" else np.nan_to_num(colors[:, :3]) * 255
+    linear: NDArray[np.float32] = LINEAR_OF_SRGB[np.clip(np.rint(codes), 0, 255).astype(np.int64)]
+    return linear
 
 
 def _upright(up: str) -> NDArray[np.float64]:

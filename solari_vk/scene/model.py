@@ -15,6 +15,7 @@ from solari_vk.scene.camera import Camera as Camera
 from solari_vk.scene.collection import Collection, Items
 from solari_vk.scene.environment import Environment as Environment
 from solari_vk.scene.environment import EnvironmentLight
+from solari_vk.scene.framing import default_camera
 from solari_vk.scene.material import Material as Material
 from solari_vk.scene.material import Texture as Texture
 from solari_vk.scene.material import TextureImage as TextureImage
@@ -197,15 +198,16 @@ class Scene(Observable):
         """The camera that renderers and the command line use by default, for pictures with width / height = aspect.
 
         It is the assigned `camera`, otherwise the first of `cameras`. For a scene without cameras it is
-        `Camera.framing(bounds)`, which is created on the first call and kept, but not added to `cameras`. For an empty
-        scene it is Camera().
+        one that shows all of it from above at an angle, or a room from inside, which is created on the first call and
+        kept, but not added to `cameras`. For an empty scene it is Camera().
         """
         if self._camera is None:
             if self._cameras:
                 return self._cameras[0]
-            if not any(instance.visible for instance in self._instances):
+            visible = [instance for instance in self._instances if instance.visible]
+            if not visible:
                 return Camera()
-            self._camera = Camera.framing(self.bounds, aspect=aspect)
+            self._camera = default_camera(visible, self.bounds.center, aspect)
         return self._camera
 
     @property

@@ -121,6 +121,20 @@ def test_given_normals_are_kept(tmp_path):
     np.testing.assert_allclose(mesh.normals, -mesh.positions, atol=1e-6)
 
 
+@pytest.mark.parametrize("format", ["ply", "obj"])
+def test_colors_of_vertices(tmp_path, format):
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    ball.visual.vertex_colors = np.where(ball.vertices[:, :1] > 0, [[188, 0, 255, 255]], [[255, 255, 255, 255]])
+    ball.export(tmp_path / f"ball.{format}")
+    scene = sv.load(tmp_path / f"ball.{format}")
+    (instance,) = scene
+    assert scene.warnings == []
+    assert instance.material.base_color.tolist() == [1, 1, 1]
+    right = instance.mesh.positions[:, 0] > 0
+    np.testing.assert_allclose(instance.mesh.colors[right], np.tile([0.503, 0, 1], (right.sum(), 1)), atol=2e-3)
+    np.testing.assert_allclose(instance.mesh.colors[~right], 1)
+
+
 @pytest.mark.parametrize(
     ("mtl", "reason"),
     [(None, "'plane.mtl'.*no such file"), ("newmtl red\nmap_Kd gone.png\n", "'gone.png'.*no such file"),

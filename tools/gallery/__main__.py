@@ -9,6 +9,7 @@ camera is used; `assets` is a folder of glTF files that aren't part of this proj
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import runpy
 from pathlib import Path
 from typing import Any
@@ -33,9 +34,10 @@ def render(device: sv.Device, scene: sv.Scene, path: Path, samples: int) -> None
     with sv.PathTracer(device, scene, SIZE) as reference:
         reference.render(samples=samples).save(path)
     left = Image.open(path).convert("RGB")
+    sharp = dataclasses.replace(scene.camera_for(SIZE[0] / SIZE[1]), aperture=0.0)
     with sv.Renderer(device, scene, SIZE) as renderer:
         for _ in range(FRAMES):
-            frame = renderer.render()
+            frame = renderer.render(sharp)
         frame.save(path)
     both = Image.new("RGB", (2 * SIZE[0] + 4, SIZE[1]), "white")
     both.paste(left, (0, 0))

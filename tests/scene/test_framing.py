@@ -1,0 +1,104 @@
+"""The camera of a scene without one: objects fill the picture and are seen from above, rooms are seen from inside."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+import solari_vk as sv
+from solari_vk.scene import framing, shapes
+from solari_vk.scene.builtin import matte
+from solari_vk.scene.matrices import transform_points
+
+WHITE = matte(0.5)
+
+
+def inside_out(mesh):
+    return sv.Mesh(mesh.positions, mesh.triangles[:, ::-1])
+
+
+def room(walls=True):
+    """The inside of a box, 6 x 3 x 4 m, with a table."""
+    low, high = (-3, 0, -2), (3, 3, 2)
+    hull = inside_out(shapes.box(low, high)) if walls else shapes.quad((0, 0, 0), (0, 0, 2), (3, 0, 0))
+    return sv.Scene(sv.Instance(hull, WHITE), sv.Instance(shapes.box((-0.5, 0, -0.5), (0.5, 0.7, 0.5)), WHITE))
+
+
+def in_picture(scene, camera, aspect):
+    """Where all vertices are in the picture, (N, 2) from -1 to 1."""
+    points = np.concatenate([transform_points(i.transform, i.mesh.positions) for i in scene])
+    seen = transform_points(np.linalg.inv(camera.transform), points)
+    slope = np.tan(camera.vertical_fov / 2) * np.array((aspect, 1))
+    return seen[:, :2] / (-seen[:, 2:] * slope)
+
+
+@pytest.mark.parametrize("aspect", [1.0, 2.0])
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 500.0])
+def test_objects_touch_the_margin_on_both_sides(scale, aspect):
+    mesh = shapes.box((-1, 0, -2), (4, 1, 3))
+    scene = sv.Scene(sv.Instance(mesh, WHITE, np.diag([scale, scale, scale, 1.0])))
+    camera = scene.camera_for(aspect)
+    seen = in_picture(scene, camera, aspect)
+    assert np.abs(seen).max() == pytest.approx(1 / framing.MARGIN, rel=1e-6)
+    np.testing.assert_allclose(seen.min(axis=0), -seen.max(axis=0), atol=1e-6, err_msg="centered")
+    assert camera.transform[1, 2] > 0.2, "from above"
+    assert camera.near < np.linalg.norm(camera.transform[:3, 3]) / 100
+
+
+@pytest.mark.parametrize("shape", ["ball", "box", "cup", "chair", "plane", "jar"])
+def test_objects_are_seen_from_outside(shape):
+    ball = shapes.sphere(1.0, 16)
+    meshes = {
+        "ball": [ball], "box": [shapes.box()], "plane": [shapes.quad((0, 0, 0), (0, 0, 2), (3, 0, 0))],
+        "jar": [shapes.box((-0.1, 0, -0.1), (0.1, 0.4, 0.1)),
+                inside_out(shapes.box((-0.09, 0.01, -0.09), (0.09, 0.39, 0.09)))],
+        "cup": [shapes.box((-1, 0, -1), (1, 0.1, 1)), *(shapes.box(low, high) for low, high in (
+            ((-1, 0, -1), (-0.9, 1.6, 1)), ((0.9, 0, -1), (1, 1.6, 1)), ((-1, 0, -1), (1, 1.6, -0.9)),
+            ((-1, 0, 0.9), (1, 1.6, 1))))],
+        "chair": [shapes.box((-1, 1, -1), (1, 1.1, 1)), *(shapes.box((x, 0, z), (x + 0.1, 1, z + 0.1))
+                                                           for x in (-1, 0.9) for z in (-1, 0.9))],
+    }[shape]  # fmt: skip
+    scene = sv.Scene(*(sv.Instance(mesh, WHITE) for mesh in meshes))
+    bounds, eye = scene.bounds, scene.camera.transform[:3, 3]
+    assert ((eye < bounds.min) | (eye > bounds.max)).any()
+
+
+def test_rooms_are_seen_from_inside():
+    scene = room()
+    camera, bounds = scene.camera, scene.bounds
+    eye, back = camera.transform[:3, 3], camera.transform[:3, 2]
+    assert ((eye > bounds.min) & (eye < bounds.max)).all()
+    assert np.abs(back[0]) > np.abs(back[2]), "along the longer side"
+    assert eye[0] * back[0] > 0, "towards the middle"
+    outside = room(walls=False)
+    assert outside.camera.transform[1, 3] > 0.8
+
+
+def test_mirrored_rooms():
+    scene = room()
+    mirror = np.diag([-1.0, 1, 1, 1])
+    for instance in scene:
+        instance.transform = mirror @ instance.transform
+    assert abs(scene.camera.transform[0, 3]) < 3
+
+
+def test_rays_against_a_known_scene():
+    ball = shapes.sphere(1.0, 64)
+    corners = (ball.positions[ball.triangles] + [0, 0, -3]).astype(np.float64)
+    distance, front = framing.trace(np.zeros(3), np.array([[0, 0, -1.0], [0, 0, 1], [0, 1, 0]]), corners)
+    np.testing.assert_allclose(distance, [2, np.inf, np.inf], rtol=1e-2)
+    assert front.tolist() == [True, False, False]
+    distance, front = framing.trace(np.array([0, 0, -3.0]), np.array([[0.6, 0, -0.8]]), corners)
+    np.testing.assert_allclose(distance, 1, rtol=1e-2)
+    assert not front[0]
+
+
+def test_large_scenes_take_no_time():
+    ball = shapes.sphere(1.0, 256)
+    scene = sv.Scene(*(sv.Instance(ball, WHITE, (3.0 * k, 0, 0)) for k in range(30)))
+    began = time.process_time()
+    camera = scene.camera_for(2.0)
+    assert time.process_time() - began < 10
+    assert np.isfinite(camera.transform).all()
