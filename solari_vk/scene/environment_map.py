@@ -57,14 +57,14 @@ def texel_weights(image: FloatArray) -> NDArray[np.float64]:
 
 def encode_texels(image: FloatArray) -> tuple[NDArray[np.uint32], float]:
     """The codes (height * width,) of an image as rgb9e5, and the radiance of a code for 1, a power of two."""
-    colors = image.reshape(-1, 3).astype(np.float64)
-    _, exponent = np.frexp(colors.max())
-    scale = 2.0 ** (int(exponent) - 1 - _LARGEST_EXPONENT)
-    colors /= scale
-    _, exponents = np.frexp(colors.max(axis=1))
+    _, exponent = np.frexp(image.max())
+    step = int(exponent) - 1 - _LARGEST_EXPONENT
+    colors = np.ldexp(image.reshape(-1, 3), -step)
+    largest = np.maximum(np.maximum(colors[:, 0], colors[:, 1]), colors[:, 2])
+    _, exponents = np.frexp(largest)
     exponents = np.maximum(exponents + 15, 0)
-    exponents += np.rint(np.ldexp(colors.max(axis=1), 24 - exponents)) == 512
+    exponents += np.rint(np.ldexp(largest, 24 - exponents)) == 512
     mantissas = np.rint(np.ldexp(colors, (24 - exponents)[:, None])).astype(np.uint32)
     shifts = np.array((0, 9, 18), np.uint32)
-    codes: NDArray[np.uint32] = (mantissas << shifts).sum(axis=1, dtype=np.uint32)
-    return codes | exponents.astype(np.uint32) << np.uint32(27), scale
+    codes: NDArray[np.uint32] = np.bitwise_or.reduce(mantissas << shifts, axis=1)
+    return codes | exponents.astype(np.uint32) << np.uint32(27), 2.0**step

@@ -61,6 +61,17 @@ def test_all_frames_have_the_path_tracers_light(device, lighting):
     hold(environment_checks.measure_means(device, environment_checks.FAST, **lighting))
 
 
+@pytest.mark.slow  # the driver compiles frames
+@pytest.mark.parametrize(("measure", "bug"), [
+    (environment_checks.measure_mirror, (LIGHT, "direction * map.world_from_map", "direction")),
+    (lambda device: environment_checks.measure_means(device, environment_checks.FAST),
+     ("scene/sampling.glsl", "choice_probability / met.inverse_pdf", "0.0 * met.inverse_pdf")),
+], ids=["mirror", "means"])  # fmt: skip
+def test_a_seeded_bug_in_frames_is_noticed(device, measure, bug):
+    with patched_shaders(bug), pytest.raises(AssertionError):
+        hold(measure(device))
+
+
 @pytest.mark.parametrize("name", MUTANTS)
 def test_a_seeded_bug_is_noticed(device, name):
     measure, *patch = MUTANTS[name]

@@ -204,6 +204,17 @@ def test_the_scene_can_be_edited(open_viewer, replace):
     viewer.run(frames=2)
 
 
+def test_an_environment_can_be_turned(open_viewer, replace, monkeypatch):
+    viewer = open_viewer(size=SIZE, scale=0.2)
+    viewer.run(frames=1)
+    monkeypatch.setattr(viewer.pictures, "_render_realtime", lambda *_: None)
+    viewer.scene.environment = sv.Environment(1.0)
+    replace(drag_float=lambda label, value, *_, **__: (label == "turn by", 90.0 if label == "turn by" else value))
+    viewer.step()
+    expected = [(0, 0, 1), (0, 1, 0), (-1, 0, 0)]
+    np.testing.assert_allclose(viewer.scene.environment.rotation, expected, atol=1e-6)
+
+
 def test_turning_and_scaling_keep_the_position(open_viewer, replace):
     viewer = open_viewer(size=SIZE, scale=0.2)
     viewer.run(frames=1)
