@@ -53,7 +53,7 @@ def load_mesh_file(
         raise SolariError(f"{path}: a damaged {path.suffix} file ({reason}): export it again") from None
     if strict and files.failures:
         raise SolariError(f"{path}: {files.failures[0]}")
-    scene.warnings.extend((*files.failures, *files.remarks))
+    scene.warnings.extend(files.failures)
     for name, part in read.get("geometry", {path.stem: read}).items():
         material = getattr(getattr(part.get("visual"), "material", None), "name", None)
         _add(scene, path, str(name), part, files.materials.get(str(material)), turn)
@@ -66,15 +66,15 @@ def _add(
     scene: Scene, path: Path, name: str, part: dict[str, Any], material: Material | None, turn: NDArray[np.float64]
 ) -> None:
     """Add a part of the file to the scene."""
-    positions = np.asarray(part.get("vertices", ()), np.float64)
+    positions = _rows(part.get("vertices"), 3)
     triangles = library("trimesh.geometry", str(path)).triangulate_quads(part.get("faces", ()))
-    if triangles.ndim != 2 or triangles.shape[1] != 3 or positions.ndim != 2 or positions.shape[1] != 3:
-        scene.warnings.append(f"parts without triangles have no surface and are left out: '{name}'")
+    if positions is None or triangles.ndim != 2 or triangles.shape[1] != 3:
+        scene.warnings.append(f"parts without triangles, or with vertices that aren't finite, are left out: '{name}'")
         return
     if triangles.min() < 0 or triangles.max() >= len(positions):
         raise SolariError(f"{path}: '{name}' has triangles of vertices that don't exist: export the file again")
     positions = positions @ turn.T
-    if not (np.abs(positions) <= checks.LARGEST_COORDINATE).all():
+    if not np.abs(positions).max() <= checks.LARGEST_COORDINATE:
         raise SolariError(
             f"{path}: '{name}' has coordinates that aren't finite, or above {checks.LARGEST_COORDINATE:g} meters: "
             "export the file again, or give its unit"
@@ -87,18 +87,16 @@ def _add(
     colors = _colors(part.get("vertex_colors"), len(positions))
     if part.get("face_colors") is not None:
         scene.warnings.append(f"colors of faces are ignored: '{name}'")
-    uvs: Any = getattr(part.get("visual"), "uv", None)
-    normals: Any = part.get("vertex_normals")
-    if normals is None or np.shape(normals) != positions.shape or not np.isfinite(normals).all():
+    uvs = _rows(getattr(part.get("visual"), "uv", None), 2, len(positions))
+    normals: Any = _rows(part.get("vertex_normals"), 3, len(positions))
+    if normals is None:
         source, normals, triangles = smooth_normals(positions, triangles)
         positions, colors = positions[source], None if colors is None else colors[source]
-        uvs = None if uvs is None else np.asarray(uvs)[source]
+        uvs = None if uvs is None else uvs[source]
     else:
-        normals = unit(np.asarray(normals, np.float64) @ turn.T)
+        normals = unit(normals @ turn.T)
         normals[~normals.any(axis=1)] = (0, 1, 0)
-    if uvs is not None and (len(uvs) != len(positions) or not np.isfinite(uvs).all()):
-        uvs = None
-    flipped: Any = None if uvs is None else np.array([0, 1]) + np.array([1, -1]) * np.asarray(uvs)[:, :2]
+    flipped: Any = None if uvs is None else np.array([0, 1]) + np.array([1, -1]) * uvs
     mesh = Mesh(positions.astype(np.float32), triangles.astype(np.uint32), normals=normals, uvs=flipped,
                 colors=colors, name=name)  # fmt: skip
     scene.add(Instance(mesh, material if material is not None else _plain(colors is not None), name=name))
@@ -109,13 +107,23 @@ def _plain(colored: bool) -> Material:
     return Material(base_color=np.full(3, 1.0 if colored else 0.6, np.float32), double_sided=True, name="default")
 
 
-def _colors(given: Any, count: int) -> NDArray[np.float32] | None:
-    """Linear colors (N, 3) of vertices from those of a file, which are sRGB; None for what doesn't fit."""
-    colors = None if given is None else np.asarray(given)
-    if colors is None or colors.ndim != 2 or colors.shape[0] != count or colors.shape[1] < 3:
+def _rows(given: Any, width: int, count: int | None = None) -> NDArray[np.float64] | None:
+    """Finite numbers (count, width) from those that a file has for its vertices; None for what doesn't fit."""
+    try:
+        rows = np.asarray(given, np.float64)[:, :width]
+    except (IndexError, TypeError, ValueError):
         return None
-    codes = colors[:, :3] if colors.dtype.kind in "iu" else np.nan_to_num(colors[:, :3]) * 255
-    linear: NDArray[np.float32] = LINEAR_OF_SRGB[np.clip(np.rint(codes), 0, 255).astype(np.int64)]
+    fits = rows.shape == (len(rows) if count is None else count, width) and bool(np.isfinite(rows).all())
+    return rows if fits else None
+
+
+def _colors(given: Any, count: int) -> NDArray[np.float32] | None:
+    """Linear colors (N, 3) of vertices from those of a file, which are sRGB."""
+    colors = _rows(given, 3, count)
+    if colors is None:
+        return None
+    codes = colors if np.asarray(given).dtype.kind in "iu" else 255 * colors
+    linear: NDArray[np.float32] = LINEAR_OF_SRGB[np.rint(np.clip(codes, 0, 255)).astype(np.int64)]
     return linear
 
 

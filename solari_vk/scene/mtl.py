@@ -29,8 +29,6 @@ class MtlFiles:
         self.materials: dict[str, Material] = {}
         self.failures: list[str] = []
         """What could not be read, a line each."""
-        self.remarks: list[str] = []
-        """What is not shown, a line each."""
         self._folder = folder
         self._images: dict[str, TextureImage | None] = {}
 
@@ -69,8 +67,8 @@ class MtlFiles:
         found["metallic"] = _number(given.get("pm"), 0.0, 1.0)
         index = max(_number(given.get("ni"), 1.5, 10.0), 1.0)
         found["reflectance"] = min(math.sqrt(((index - 1) / (index + 1)) ** 2 / 0.16), 1.0) if index > 1 else 0.5
-        if _number(given.get("d"), 1.0, 1.0) < 1 or _number(given.get("tr"), 0.0, 1.0) > 0:
-            self.remarks.append(f"material '{name}' is transparent, but is shown opaque")
+        found["alpha"] = _number(given.get("d"), 1.0 - _number(given.get("tr"), 0.0, 1.0), 1.0)
+        found["alpha_mode"] = "blend" if found["alpha"] < 1 else "opaque"
         return Material(**found)
 
     def _image(self, words: list[str]) -> TextureImage | None:

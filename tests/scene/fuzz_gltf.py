@@ -1,18 +1,19 @@
-"""Loads mutated glTF files and prints what went wrong; run by test_gltf_fuzz.py in a process with limits.
+"""Loads mutated files and prints what went wrong; run by test_gltf_fuzz.py in a process with limits.
 
-    PYTHONPATH=tests python tests/scene/fuzz_gltf.py FOLDER COUNT SEED
+    PYTHONPATH=tests:tests/scene python tests/scene/fuzz_gltf.py KIND FOLDER COUNT SEED
 
-Every mutant must load or raise SolariError, within five seconds; the last line counts both.
+Every mutant must load or raise SolariError, within five seconds, and open no file outside the folder; the last line
+counts both.
 """
 
 from __future__ import annotations
 
 import copy
 import json
+import os
 import random
 import resource
 import signal
-import struct
 import sys
 import traceback
 from collections.abc import Callable
@@ -20,76 +21,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from support.gltf_writer import TRIANGLE, GltfWriter, glb
+from fuzz_seeds import GLTF, MTL, mesh_file
+from support.gltf_writer import GltfWriter, encoded, glb
 
+import solari_vk as sv
 from solari_vk.errors import SolariError
-from solari_vk.scene.gltf import load_gltf
 
 MEMORY_LIMIT = 3 * 2**30  # of address space, most of which the libraries only reserve
 SECONDS = 5
-
-
-def everything() -> GltfWriter:
-    """A small file that uses every part of the loader."""
-    writer = GltfWriter()
-    pixels = np.random.default_rng(3).integers(0, 255, (8, 8, 4))
-    texture, photo = writer.image(pixels), writer.image(pixels[..., :3], "JPEG")
-    writer.json["textures"][texture]["sampler"] = writer.add("samplers", wrapS=33071, magFilter=9728, minFilter=9985)
-    transform = {"KHR_texture_transform": {"offset": [0.5, 0.5], "rotation": 1.0, "scale": [2, 2], "texCoord": 0}}
-    writer.add(
-        "materials",
-        name="all",
-        pbrMetallicRoughness={"baseColorFactor": [1, 1, 1, 0.5], "metallicFactor": 0.5, "roughnessFactor": 0.5,
-                              "baseColorTexture": {"index": texture, "extensions": transform},
-                              "metallicRoughnessTexture": {"index": photo, "texCoord": 1}},
-        normalTexture={"index": photo, "scale": 0.5}, emissiveTexture={"index": texture}, emissiveFactor=[1, 1, 1],
-        alphaMode="MASK", alphaCutoff=0.5, doubleSided=True,
-        extensions={"KHR_materials_emissive_strength": {"emissiveStrength": 5}, "KHR_materials_ior": {"ior": 1.4},
-                    "KHR_materials_specular": {"specularFactor": 0.5, "specularColorFactor": [1, 0.5, 0.5]},
-                    "KHR_materials_clearcoat": {"clearcoatFactor": 1}, "KHR_materials_unlit": {}},
-    )  # fmt: skip
-    quad = [*TRIANGLE, [1, 1, 0]]
-    uvs = [[0, 0], [1, 0], [0, 1], [1, 1]]
-    full = writer.mesh(
-        {"POSITION": quad, "NORMAL": [[0, 0, 1]] * 4, "TEXCOORD_0": uvs, "TEXCOORD_1": uvs,
-         "COLOR_0": writer.accessor(np.full((4, 4), 200), "u1", normalized=True),
-         "JOINTS_0": writer.accessor([[0, 1, 0, 0]] * 4, "u1"), "WEIGHTS_0": [[0.5, 0.5, 0, 0]] * 4},
-        [0, 1, 2, 2, 1, 3], material=0, targets=[{"POSITION": writer.accessor(np.ones((4, 3)))}],
-    )  # fmt: skip
-    writer.json["meshes"][full]["weights"] = [0.5]
-    strip = writer.mesh({"POSITION": writer.accessor([[*map(int, row)] for row in quad], "i2", stride=8)}, mode=5)
-    writer.json["accessors"][-1]["sparse"] = {
-        "count": 1,
-        "indices": {"bufferView": writer.view(b"\3\0"), "componentType": 5123},
-        "values": {"bufferView": writer.view(struct.pack("<3h", 2, 2, 0))},
-    }
-    writer.mesh({"POSITION": quad, "TANGENT": [[1, 0, 0, 1]] * 4, "NORMAL": [[0, 0, 1]] * 4, "TEXCOORD_0": uvs}, mode=6,
-                material=0)  # fmt: skip
-    writer.mesh(mode=1)
-    joints = [writer.node(translation=[1, 0, 0]), writer.node(rotation=[0, 0, 0, 1], scale=[1, 2, 1])]
-    bind = writer.accessor(np.tile(np.eye(4).reshape(16), (2, 1)))
-    writer.add("skins", joints=joints, inverseBindMatrices=bind)
-    writer.json["extensions"] = {"KHR_lights_punctual": {"lights": [
-        {"type": "directional", "intensity": 3, "color": [1, 1, 1]}, {"type": "spot", "spot": {}}]}}  # fmt: skip
-    writer.add("cameras", type="perspective", perspective={"yfov": 1, "znear": 0.1})
-    children = [
-        writer.node(mesh=full, skin=0, name="skinned"),
-        writer.node(mesh=full, matrix=[2, 0, 0, 0, 0, 2, 0, 0, 0, 0, 2, 0, 1, 2, 3, 1]),
-        writer.node(mesh=strip, extensions={"EXT_mesh_gpu_instancing": {
-            "attributes": {"TRANSLATION": writer.accessor(np.ones((3, 3)))}}}),
-        writer.node(mesh=2, extensions={"KHR_node_visibility": {"visible": False}}),
-        writer.node(mesh=3, camera=0, extensions={"KHR_lights_punctual": {"light": 0}}),
-        writer.node(extensions={"KHR_lights_punctual": {"light": 1}}),
-    ]  # fmt: skip
-    root = writer.node(children=children, rotation=[0, 0.6, 0, 0.8])
-    moves = {"input": writer.accessor([[0.0], [1.0]]), "output": writer.accessor(np.ones((2, 3)))}
-    writer.add("animations", channels=[{"sampler": 0, "target": {"node": root, "path": "scale"}}], samplers=[moves])
-    writer.json["extensionsUsed"] = ["KHR_materials_ior", "KHR_lights_punctual"]
-    writer.json["extensionsRequired"] = ["KHR_mesh_quantization"]
-    writer.add("scenes", nodes=[root, *joints], name="main")
-    writer.json["scene"] = 0
-    writer.finish()
-    return writer
 
 
 VALUES: tuple[Callable[[random.Random], Any], ...] = (
@@ -101,6 +40,13 @@ VALUES: tuple[Callable[[random.Random], Any], ...] = (
     lambda r: r.choice([None, True, False]),
     lambda r: r.choice([[], {}, [[]], [{}], {"extensions": []}, [0] * 16, [0, 0, 0], [1e300] * 3]),
 )
+
+
+WORDS = (
+    b"", b"0", b"-1", b"1", b"3", b"99", b"4294967295", b"1e999", b"nan", b"-inf", b"1e38", b"x", b"\xff\xfe", b"../x",
+    b"/etc/passwd", b"mtllib", b"newmtl", b"map_Kd", b"usemtl", b"f", b"v", b"end_header", b"float", b"list",
+    b"element", b"1//1", b"1/", b"a" * 3000,
+)  # fmt: skip
 
 
 def places(value: Any) -> list[tuple[Any, Any]]:
@@ -168,27 +114,85 @@ def mutant(writer: GltfWriter, whole: bytes, generator: random.Random) -> bytes:
     return mutate_bytes(whole, generator)
 
 
+def mesh_mutant(data: bytes, generator: random.Random) -> bytes:
+    """A file of text or bytes with random changes of its bytes, its words or its lines."""
+    if generator.random() < 0.5:
+        return mutate_bytes(data, generator)
+    lines = data.split(b"\n")
+    for _ in range(generator.choice([1, 1, 2, 5])):
+        at = generator.randrange(len(lines))
+        words = lines[at].split(b" ")
+        kind = generator.random()
+        if kind < 0.6:
+            words[generator.randrange(len(words))] = generator.choice(WORDS)
+            lines[at] = b" ".join(words)
+        elif kind < 0.8:
+            lines.insert(generator.randrange(len(lines)), generator.choice(lines))
+        else:
+            del lines[at]
+            lines = lines or [b""]
+    return b"\n".join(lines)
+
+
+def subjects(kind: str, folder: Path) -> tuple[Path, Callable[[random.Random], None]]:
+    """The path of a kind of file, written as it should be, and a function that writes a mutant there."""
+    if kind in GLTF:
+        writer = GLTF[kind]()
+        whole, path = writer.glb(), folder / "mutant.glb"
+        path.write_bytes(whole)
+        return path, lambda generator: path.write_bytes(mutant(writer, whole, generator)) and None
+    data, path, materials = mesh_file(kind), folder / f"mutant.{kind.rpartition('.')[2]}", folder / "model.mtl"
+    path.write_bytes(data)
+    materials.write_bytes(MTL)
+    picture = encoded(np.zeros((2, 2, 3)))
+    (folder / "wood.png").write_bytes(picture)
+
+    def write(generator: random.Random) -> None:
+        which = generator.random() if kind == "obj" else 0.0
+        path.write_bytes(mesh_mutant(data, generator) if which < 0.6 else data)
+        materials.write_bytes(mesh_mutant(MTL, generator) if 0.5 < which < 0.9 else MTL)
+        (folder / "wood.png").write_bytes(mutate_bytes(picture, generator) if which > 0.85 else picture)
+
+    return path, write
+
+
+def watch_files(folder: Path) -> list[str]:
+    """The files outside a folder that are opened from now on, but for those of Python itself."""
+    outside: list[str] = []
+    allowed = tuple(map(str, (folder, sys.prefix, sys.base_prefix, Path(sv.__file__).parent, "/proc", "/sys")))
+
+    def watch(event: str, arguments: tuple[Any, ...]) -> None:
+        if event == "open" and isinstance(arguments[0], (str, bytes, Path)):
+            path = os.path.realpath(os.fsdecode(arguments[0]))
+            if not path.startswith(allowed):
+                outside.append(path)
+
+    sys.addaudithook(watch)
+    return outside
+
+
 def main() -> None:
-    folder, count, seed = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
+    kind, folder, count, seed = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT, MEMORY_LIMIT))
-    writer = everything()
-    whole = writer.glb()
-    path = folder / "mutant.glb"
-    path.write_bytes(whole)
-    assert len(load_gltf(path).instances) == 6, "the file itself must be fine"
+    path, write = subjects(kind, folder)
+    assert sv.load(path, strict=True).instances, "the file itself must be fine"
     counts = {"loaded": 0, "refused": 0, "failed": 0}
+    outside = watch_files(folder)
     for number in range(seed, seed + count):
-        content = mutant(writer, whole, random.Random(number))
-        path.write_bytes(content)
+        write(random.Random(number))
         signal.alarm(SECONDS)
         try:
-            scene = load_gltf(path)
+            scene = sv.load(path)
             assert all(np.isfinite(instance.mesh.positions).all() for instance in scene)
             str(scene.warnings).encode()
+            assert not outside, f"read outside the folder: {outside}"
             counts["loaded"] += 1
         except SolariError as error:
             named = str(error).encode().startswith(str(path).encode())
             counts["refused" if named else "failed"] += 1
+            assert not outside, f"read outside the folder: {outside}"
+            if not named:
+                print(f"seed {number}: the file isn't named: {error}", flush=True)
         except BaseException:
             counts["failed"] += 1
             print(f"seed {number}:", traceback.format_exc(), flush=True)

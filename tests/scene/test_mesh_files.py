@@ -56,13 +56,14 @@ def plane(tmp_path):
 def test_obj_with_materials(plane):
     scene = sv.load(plane)
     assert scene.name == "plane"
-    assert scene.warnings == ["material 'lamp' is transparent, but is shown opaque"]
+    assert scene.warnings == []
     by_material = {instance.material.name: instance for instance in scene}
     red, lamp = by_material["red"].material, by_material["lamp"].material
     np.testing.assert_allclose(red.base_color, [0.8, 0.1, 0.1], rtol=1e-6)
     assert red.perceptual_roughness == pytest.approx((2 / 100) ** 0.25)
     assert red.base_color_texture.image.pixels[0, 0].tolist() == [90, 60, 30, 255]
     assert (lamp.metallic, lamp.perceptual_roughness) == (1, 0.25)
+    assert (lamp.alpha, lamp.alpha_mode, red.alpha, red.alpha_mode) == (0.5, "blend", 1, "opaque")
     assert lamp.emissive.tolist() == [5, 4, 3]
     np.testing.assert_allclose(lamp.reflectance, 0.33 / 2.33 / 0.4, rtol=1e-6)
     mesh = by_material["red"].mesh

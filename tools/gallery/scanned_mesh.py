@@ -25,7 +25,7 @@ def scene(assets: Path | None) -> sv.Scene:
         radius += 0.22 / 1.8**octave * np.sin(direction @ waves.T + phases).mean(axis=1)
     # A saw has cut the stone in half, which leaves a sharp edge.
     points = direction * radius[:, None] * (60, 45, 40)
-    points[:, 2] = np.minimum(points[:, 2], 12 + 0.1 * points[:, 0])
+    points[:, 2] = np.minimum(points[:, 2], 18 - 0.4 * points[:, 0] + 0.5 * points[:, 1])
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "pebble.ply"
         header = (
