@@ -19,6 +19,7 @@ FloatArray = NDArray[np.float32]
 WRAP_MODES = ("repeat", "mirrored_repeat", "clamp_to_edge")
 FILTERS = ("linear", "nearest")
 ALPHA_MODES = ("opaque", "mask", "blend")
+LARGEST_CUTOFF = 1e6
 LARGEST_COORDINATE = 1e18  # meters: the areas of larger triangles overflow
 LARGEST_RADIANCE = 1e18  # cd/m^2: products along a path must not overflow
 LARGEST_TRANSFORM = 1e12  # the product of three axes must not overflow

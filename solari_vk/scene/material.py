@@ -118,7 +118,7 @@ class Material(Checked):
         "perceptual_roughness": checks.number(0, 1),
         "alpha": checks.number(0, 1),
         "alpha_mode": checks.one_of(checks.ALPHA_MODES),
-        "alpha_cutoff": checks.number(0, 1e6),
+        "alpha_cutoff": checks.number(0, checks.LARGEST_CUTOFF),
         "reflectance": checks.color(0, 1),
         "emissive": checks.color(0, checks.LARGEST_RADIANCE),
         "normal_scale": checks.number(-1e6, 1e6),

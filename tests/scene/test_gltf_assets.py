@@ -20,7 +20,6 @@ REMARKS = {
         "the extension KHR_materials_transmission is not supported and was ignored: material 2 'Lamp Glass'",
         "the extension KHR_materials_volume is not supported and was ignored: material 2 'Lamp Glass'",
     ],
-    "FlightHelmet": ["alphaMode BLEND is not supported: surfaces are opaque: material 5 'LensesMat'"],
 }
 FILES = sorted([*ASSETS.glob("*/*.glb"), *ASSETS.glob("*/*.gltf")]) if ASSETS.is_dir() else []
 

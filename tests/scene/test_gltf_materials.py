@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from support.gltf_writer import GltfWriter, encoded
 
+import solari_vk as sv
+
 UVS = [[0, 0], [1, 0], [0, 1]]
 NORMALS = [[0, 0, 1]] * 3
 GRAY = np.full((2, 2, 3), 128)
@@ -97,18 +99,43 @@ def test_optional_draco_without_fallback_is_left_out_by_name(writer):
      ("OPAQUE", 0.1, None, False), ("BLEND", 1.0, 255, False), ("BLEND", 1.0, 254, True), ("MASK", 1.0, 140, False),
      ("MASK", 0.9, 140, True)],
 )  # fmt: skip
-def test_alpha_is_reported_when_something_shows_through(writer, mode, factor, texture, influences):
+def test_alpha(writer, mode, factor, texture, influences):
     pbr = {"baseColorFactor": [1, 1, 1, factor]}
     if texture is not None:
         pbr["baseColorTexture"] = {"index": writer.image(np.full((2, 2, 4), texture))}
-    _, warnings = load(writer, alphaMode=mode, pbrMetallicRoughness=pbr)
-    assert warnings == [f"alphaMode {mode} is not supported: surfaces are opaque: material 0"] * influences
+    writer.mesh({"TEXCOORD_0": UVS}, material=writer.add("materials", alphaMode=mode, pbrMetallicRoughness=pbr))
+    scene = writer.load()
+    (instance,) = scene
+    assert (instance.material.alpha, instance.material.alpha_mode) == (factor, mode.lower())
+    assert instance.alpha_mode == (mode.lower() if influences else "opaque")
+    assert scene.warnings == []
 
 
-@pytest.mark.parametrize("value", [255, 128])
-def test_vertex_colors_are_reported_unless_white(writer, value):
-    writer.mesh({"COLOR_0": writer.accessor([[255, 255, value, 255]] * 3, "u1", normalized=True)})
-    assert len(writer.load().warnings) == (value != 255)
+def test_alpha_cutoff(writer):
+    assert load(writer, alphaMode="MASK", alphaCutoff=0.25)[0].alpha_cutoff == 0.25
+    assert load(GltfWriter(writer.path), alphaMode="MASK")[0].alpha_cutoff == 0.5
+    with pytest.raises(sv.SolariError, match="alphaCutoff"):
+        load(GltfWriter(writer.path), alphaMode="MASK", alphaCutoff=-1)
+
+
+@pytest.mark.parametrize(
+    ("colors", "kind"), [([[255, 0, 51, 102]] * 3, "u1"), ([[1, 0, 0.2, 0.4]] * 3, "f4"), ([[1, 0, 0.2]] * 3, "f4")]
+)
+def test_vertex_colors(writer, colors, kind):
+    writer.mesh({"COLOR_0": writer.accessor(colors, kind, normalized=kind == "u1")})
+    scene = writer.load()
+    np.testing.assert_allclose(scene.instances[0].mesh.colors, [[1, 0, 0.2, 0.4][: len(colors[0])]] * 3, atol=1e-6)
+    assert scene.warnings == []
+
+
+def test_vertex_colors_out_of_range_and_white_ones(writer):
+    writer.mesh({"COLOR_0": [[2.0, -1.0, 0.5]] * 3})
+    writer.mesh({"COLOR_0": [[1.0, 1.0, 1.0]] * 3})
+    scene = writer.load()
+    first, second = scene
+    assert first.mesh.colors.tolist() == [[1, 0, 0.5]] * 3
+    assert second.mesh.colors is None
+    assert scene.warnings == ["vertex colors below 0 or above 1 are clamped: mesh 0, primitive 0"]
 
 
 # ---- textures ---------------------------------------------------------------------------------------
@@ -177,13 +204,37 @@ def test_a_second_set_of_uvs(writer):
     writer.mesh({"TEXCOORD_0": UVS}, material=0)
     scene = writer.load()
     first, second = scene
-    assert first.material.emissive_texture is None
-    assert first.material.base_color_texture is not None
-    assert first.mesh.uvs.tolist() == [[5, 5]] * 3
-    assert second.mesh.uvs is None
+    assert first.material.emissive_texture.uv_set == 0
+    assert first.material.base_color_texture.uv_set == 1
+    assert first.mesh.uvs.tolist() == UVS
+    assert first.mesh.second_uvs.tolist() == [[5, 5]] * 3
+    assert second.mesh.second_uvs is None
     assert scene.warnings == [
-        "textures on a second set of uvs are not supported and are left out: material 0, emissiveTexture",
         "meshes without TEXCOORD_1 see their textures at a single point: mesh 1, primitive 0",
+    ]
+
+
+def test_one_set_of_uvs_is_the_first_of_the_mesh(writer):
+    slot = {"index": writer.image(GRAY), "texCoord": 3, **extension("KHR_texture_transform", texCoord=2)}
+    writer.mesh({"TEXCOORD_2": [[5, 5]] * 3}, material=writer.add("materials", emissiveTexture=slot))
+    scene = writer.load()
+    (instance,) = scene
+    assert instance.material.emissive_texture.uv_set == 0
+    assert instance.mesh.uvs.tolist() == [[5, 5]] * 3
+    assert (instance.mesh.second_uvs, scene.warnings) == (None, [])
+
+
+def test_a_third_set_of_uvs_is_reported(writer):
+    texture = writer.image(GRAY)
+    slots = {name: {"index": texture, "texCoord": at}
+             for at, name in enumerate(("normalTexture", "emissiveTexture"))}  # fmt: skip
+    pbr = {"baseColorTexture": {"index": texture, "texCoord": 2}}
+    writer.mesh({f"TEXCOORD_{at}": UVS for at in range(3)},
+                material=writer.add("materials", pbrMetallicRoughness=pbr, **slots))  # fmt: skip
+    scene = writer.load()
+    assert scene.instances[0].material.emissive_texture is None
+    assert scene.warnings == [
+        "textures on a third set of uvs are not supported and are left out: material 0, emissiveTexture"
     ]
 
 

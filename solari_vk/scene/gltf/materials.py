@@ -38,8 +38,8 @@ class LoadedMaterial:
     """A material, and what its meshes must have."""
 
     material: Material
-    uv_set: int = 0
-    has_textures: bool = False
+    uv_sets: tuple[int, ...] = ()
+    """The sets of uvs that its textures use: the mesh's uvs and second_uvs."""
     normal_map: Slot | None = None
 
 
@@ -78,11 +78,9 @@ class Materials:
             "emissive_texture": self._textures.slot(entry, "emissiveTexture"),
         }
         slots = {name: slot for name, slot in found.items() if slot is not None}
-        # A mesh has one set of uvs, which is that of its first texture.
-        uv_set = next((slot.uv_set for slot in slots.values()), 0)
         for name, slot in list(slots.items()):
-            if slot.uv_set != uv_set:
-                self._report.add("textures on a second set of uvs are not supported and are left out", slot.entry.place)
+            if slot.uv_set not in _uv_sets(slots):
+                self._report.add("textures on a third set of uvs are not supported and are left out", slot.entry.place)
                 del slots[name]
         return entry, slots
 
@@ -97,8 +95,10 @@ class Materials:
             raise entry.error(f"emits more than {checks.LARGEST_RADIANCE:g} cd/m^2; lower factor or strength")
         normal = slots.get("normal_texture")
         self._remark_extensions(entry)
-        self._remark_alpha(entry, base_color[3], slots.get("base_color_texture"))
-        textures: dict[str, Any] = {name: self._textures.texture(slot) for name, slot in slots.items()}
+        uv_sets = _uv_sets(slots)
+        textures: dict[str, Any] = {
+            name: self._textures.texture(slot, uv_sets.index(slot.uv_set)) for name, slot in slots.items()
+        }
         material = Material(
             base_color=np.array(base_color[:3], np.float32),
             metallic=pbr.number("metallicFactor", 1.0, low=0, high=1),
@@ -106,12 +106,14 @@ class Materials:
             reflectance=self._reflectance(entry),
             emissive=emissive.astype(np.float32),
             normal_scale=normal.entry.number("scale", 1.0, low=-1e6, high=1e6) if normal else 1.0,
+            alpha=base_color[3],
+            alpha_mode=entry.text("alphaMode", "OPAQUE", ("OPAQUE", "MASK", "BLEND")).lower(),
+            alpha_cutoff=min(entry.number("alphaCutoff", 0.5, low=0), checks.LARGEST_CUTOFF),
             double_sided=entry.flag("doubleSided", False),
             name=entry.name,
             **textures,
         )
-        uv_set = next((slot.uv_set for slot in slots.values()), 0)
-        return LoadedMaterial(material, uv_set, bool(slots), normal)
+        return LoadedMaterial(material, uv_sets, normal)
 
     def _reflectance(self, entry: Entry) -> NDArray[np.float32]:
         """The reflectance whose F0, 0.16 reflectance^2, is that of the index of refraction and the specular color."""
@@ -147,13 +149,10 @@ class Materials:
             else:
                 self._report.add(f"the extension {name} is not supported and was ignored", entry.place)
 
-    def _remark_alpha(self, entry: Entry, alpha: float, slot: Slot | None) -> None:
-        """Report a material through which something would be visible."""
-        mode = entry.text("alphaMode", "OPAQUE", ("OPAQUE", "MASK", "BLEND"))
-        cutoff = entry.number("alphaCutoff", 0.5, low=0)
-        min_alpha = alpha * (int(self._textures.image(slot).pixels[..., 3].min()) / 255 if slot else 1.0)
-        if min_alpha < {"OPAQUE": 0.0, "MASK": cutoff, "BLEND": 1.0}[mode]:
-            self._report.add(f"alphaMode {mode} is not supported: surfaces are opaque", entry.place)
+
+def _uv_sets(slots: dict[str, Slot]) -> tuple[int, ...]:
+    """The sets of uvs that a mesh has for these textures: those of the first two, in ascending order."""
+    return tuple(sorted(tuple(dict.fromkeys(slot.uv_set for slot in slots.values()))[:2]))
 
 
 def _pbr(entry: Entry) -> Entry:

@@ -43,8 +43,8 @@ class Primitives:
         targets = primitive.entries("targets", "target")
         joints = [name for name in sorted(attributes.data) if skinned and name.startswith(("JOINTS_", "WEIGHTS_"))]
         key = (
-            *(attributes.index(a) for a in ("POSITION", "NORMAL", "TANGENT", f"TEXCOORD_{material.uv_set}")),
-            primitive.index("indices"), mode, turned, material.uv_set if material.has_textures else None,
+            *(attributes.index(a) for a in ("POSITION", "NORMAL", "TANGENT", "COLOR_0", *_uv_names(material))),
+            primitive.index("indices"), mode, turned, material.uv_sets,
             *map(attributes.index, joints),
             tuple(tuple(sorted((k, str(v)) for k, v in target.data.items())) for target in targets),
         )  # fmt: skip
@@ -55,12 +55,9 @@ class Primitives:
 
     def _remark(self, primitive: Entry, attributes: Entry, material: LoadedMaterial) -> None:
         self._report.add_extensions(primitive, _HARMLESS)
-        color = attributes.index("COLOR_0")
-        if color is not None and not (self._accessors.floats(color, attributes, ("VEC3", "VEC4")) == 1).all():
-            self._report.add("vertex colors (COLOR_0) are not supported and are ignored", primitive.place)
-        uvs = f"TEXCOORD_{material.uv_set}"
-        if material.has_textures and uvs not in attributes:
-            self._report.add(f"meshes without {uvs} see their textures at a single point", primitive.place)
+        for uvs in _uv_names(material)[: len(material.uv_sets)]:
+            if uvs not in attributes:
+                self._report.add(f"meshes without {uvs} see their textures at a single point", primitive.place)
 
     def _make(
         self, primitive: Entry, attributes: Entry, mode: int, name: str,
@@ -103,8 +100,10 @@ class Primitives:
             "POSITION": (position, ("VEC3",)),
             "NORMAL": (attributes.index("NORMAL"), ("VEC3",)),
             "TANGENT": (attributes.index("TANGENT"), ("VEC4",)),
-            "TEXCOORD": (attributes.index(f"TEXCOORD_{material.uv_set}"), ("VEC2",)),
+            "COLOR": (attributes.index("COLOR_0"), ("VEC3", "VEC4")),
         }
+        for name, uvs in zip(("TEXCOORD", "SECOND_TEXCOORD"), _uv_names(material), strict=False):
+            wanted[name] = attributes.index(uvs), ("VEC2",)
         if wanted["NORMAL"][0] is None:
             del wanted["TANGENT"]  # as glTF demands: tangents need the normals that they were made for
         count = self._accessors.count(position, attributes)
@@ -114,6 +113,17 @@ class Primitives:
                 if (rows := self._accessors.count(index, attributes)) != count:
                     raise primitive.error(f"has {rows} of {name} for {count} positions; export the file again")
                 vertices[name] = self._accessors.floats(index, attributes, kinds)
+        return self._with_colors(vertices, primitive)
+
+    def _with_colors(self, vertices: Vertices, primitive: Entry) -> Vertices:
+        """With colors from 0 to 1, and without those that change nothing."""
+        if "COLOR" in vertices:
+            given = vertices.pop("COLOR")
+            colors = given.clip(0, 1)
+            if (colors != given).any():
+                self._report.add("vertex colors below 0 or above 1 are clamped", primitive.place)
+            if (colors != 1).any():
+                vertices["COLOR"] = colors
         return vertices
 
     def _triangles(self, primitive: Entry, mode: int, count: int) -> NDArray[np.uint32]:
@@ -159,16 +169,18 @@ class Primitives:
         self, vertices: Vertices, triangles: NDArray[np.uint32], cross: NDArray[np.float64], name: str,
         material: LoadedMaterial,
     ) -> Mesh:  # fmt: skip
-        normals, uvs = vertices.get("NORMAL"), vertices.get("TEXCOORD")
+        normals, normal_map = vertices.get("NORMAL"), material.normal_map
+        second = normal_map is not None and material.uv_sets.index(normal_map.uv_set) == 1
+        uvs = "SECOND_TEXCOORD" if second else "TEXCOORD"
         if "TANGENT" in vertices and normals is not None:
             vertices["TANGENT"] = _fit_tangents(vertices["TANGENT"], normals)
-        if material.normal_map is not None and "TANGENT" not in vertices and uvs is not None:
+        if normal_map is not None and "TANGENT" not in vertices and uvs in vertices:
             if normals is None:  # flat shading: every corner has the normal of its triangle
                 vertices = {attribute: values[triangles.reshape(-1)] for attribute, values in vertices.items()}
                 normals = np.repeat(unit(cross), 3, axis=0).astype(np.float32)
                 triangles = np.arange(triangles.size, dtype=np.uint32).reshape(-1, 3)
-            linear = np.reshape(material.normal_map.uv_transform, (2, 3))[:, :2]
-            split = generate_tangents(vertices["POSITION"], normals, vertices["TEXCOORD"] @ linear.T, triangles)
+            linear = np.reshape(normal_map.uv_transform, (2, 3))[:, :2]
+            split = generate_tangents(vertices["POSITION"], normals, vertices[uvs] @ linear.T, triangles)
             vertices = {attribute: values[split.source] for attribute, values in vertices.items()}
             vertices["TANGENT"], triangles = split.tangents, split.indices
         return Mesh(
@@ -176,10 +188,17 @@ class Primitives:
             triangles=triangles,
             normals=vertices.get("NORMAL"),
             uvs=vertices.get("TEXCOORD"),
+            second_uvs=vertices.get("SECOND_TEXCOORD"),
             tangents=vertices.get("TANGENT"),
+            colors=vertices.get("COLOR"),
             deformation=deformation_of(vertices),
             name=name,
         )
+
+
+def _uv_names(material: LoadedMaterial) -> list[str]:
+    """The attributes of the mesh's sets of uvs; without textures the first, which other materials may use."""
+    return [f"TEXCOORD_{number}" for number in material.uv_sets or (0,)]
 
 
 def _compact(triangles: NDArray[np.uint32], count: int) -> tuple[NDArray[Any], NDArray[np.uint32]]:

@@ -46,7 +46,7 @@ class Textures:
         self._document = document
         self._report = report
         self._images = Images(document, report, strict)
-        self._textures: dict[tuple[int, tuple[float, ...]], Texture] = {}
+        self._textures: dict[tuple[int, tuple[float, ...], int], Texture] = {}
 
     def slot(self, user: Entry, key: str) -> Slot | None:
         """The texture under a key of an object; None without a texture, or (reported) without a usable image."""
@@ -88,9 +88,9 @@ class Textures:
         assert image is not None, "the slot must be among the textures"
         return image
 
-    def texture(self, slot: Slot) -> Texture:
-        """The texture of a slot, after `decode`."""
-        key = (slot.texture, slot.uv_transform)
+    def texture(self, slot: Slot, uv_set: int) -> Texture:
+        """The texture of a slot, after `decode`. uv_set: 0 or 1, of the mesh."""
+        key = (slot.texture, slot.uv_transform, uv_set)
         if key not in self._textures:
             entry = self._document.item("texture", slot.texture, slot.entry)
             index = entry.index("sampler")
@@ -104,6 +104,7 @@ class Textures:
                 minification=minification,
                 mipmaps=mipmaps,
                 uv_transform=np.reshape(slot.uv_transform, (2, 3)),
+                uv_set=uv_set,
             )
         return self._textures[key]
 

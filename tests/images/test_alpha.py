@@ -1,0 +1,236 @@
+"""Masks and blended surfaces: closed forms, the same surfaces for all rays, random numbers, and seeded bugs."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import solari_vk as sv
+from solari_vk.conformance.realtime import GBUFFER, SPLIT, Effort, make_renderer, run_pictures, trace
+from solari_vk.gpu.shaders.patches import patched_shaders
+from solari_vk.measure.statistics import relative_interval
+from solari_vk.scene import shapes
+
+SIZE = (32, 32)
+CAMERA = sv.Camera(vertical_fov=2 * math.atan(0.5))  # sees a square of 2 x 2 meters in 2 meters
+FLOOR_CAMERA = sv.Camera.look_at((0, 0.5, 1e-3), (0, 0, 0))
+BLACK = {"base_color": 0.0, "reflectance": 0.0, "roughness": 1.0}
+
+
+def quad(distance, half=10.0):
+    """A square that faces the camera, with v = 0 below."""
+    return shapes.quad((0, 0, -distance), (half, 0, 0), (0, half, 0))
+
+
+def pane(distance=2.0, half=10.0, **fields):
+    return sv.Instance(quad(distance, half), sv.Material(**{**BLACK, "alpha_mode": "blend", **fields}))
+
+
+def before_a_lamp(*panes):
+    return sv.Scene(sv.Instance(quad(5.0), sv.Material(base_color=0.0, emissive=2.0)), *panes)
+
+
+def below_a_pane(**fields):
+    """A floor below a pane below a lamp; the camera is between floor and pane."""
+    def level(y, half, turned):
+        return shapes.quad((0, y, 0), (half, 0, 0), (0, 0, half if turned else -half))
+
+    return sv.Scene(
+        sv.Instance(level(0, 10, False), sv.Material(base_color=0.5)),
+        sv.Instance(level(1, 9, False), sv.Material(**{"alpha_mode": "blend", "double_sided": True, **fields})),
+        sv.Instance(level(3, 1, True), sv.Material(base_color=0.0, emissive=10.0)),
+    )
+
+
+def mean(tracer, scene, samples, camera=CAMERA, **settings):
+    return tracer(scene, SIZE, **settings).render(camera, samples)["radiance"].mean(axis=(0, 1))
+
+
+def check_share(tracer, scene, share, samples=64):
+    """The lamp's picture is dimmed to a share: a mean of independent samples, each 2 or 0."""
+    seen = mean(tracer, scene, samples, max_bounces=0) / 2
+    deviation = math.sqrt(share * (1 - share) / (SIZE[0] * SIZE[1] * samples))
+    assert abs(seen - share).max() < 4 * deviation
+
+
+def test_panes_cover_by_their_alpha(tracer):
+    check_share(tracer, before_a_lamp(pane(alpha=0.3)), 0.7)
+    check_share(tracer, before_a_lamp(pane(alpha=0.3), pane(3.0, alpha=0.6)), 0.7 * 0.4)
+
+
+def check_colored_light(tracer):
+    """Every strategy finds the light of the floor, times (1 - alpha) * mix(1, color, alpha)."""
+    free = mean(tracer, below_a_pane(alpha=0.0), 64, FLOOR_CAMERA, max_bounces=1)
+    for strategy in ("nee", "brdf", "mis"):
+        scene = below_a_pane(alpha=0.5, base_color=(1, 0.2, 0))
+        lit = mean(tracer, scene, 256, FLOOR_CAMERA, max_bounces=1, light_strategy=strategy)
+        np.testing.assert_allclose(lit / free, (0.5, 0.3, 0.25), rtol=0.02, err_msg=strategy)
+
+
+def test_light_takes_the_color_of_panes(tracer):
+    check_colored_light(tracer)
+
+
+def checkers(seed, count=8):
+    """An alpha texture of count x count random texels."""
+    pixels = np.full((count, count, 4), 255, np.uint8)
+    pixels[..., 3] = np.random.default_rng(seed).integers(0, 256, (count, count))
+    return sv.Texture(
+        image=sv.TextureImage(pixels=pixels), magnification="nearest", minification="nearest", mipmaps=False
+    )
+
+
+def cut_out(cutoff=0.4, factor=0.8):
+    """A mask that fills the picture, and which pixels it covers; v = 0 is the image's first row, below."""
+    texture = checkers(3)
+    material = sv.Material(
+        **BLACK, base_color_texture=texture, alpha=factor, alpha_mode="mask", alpha_cutoff=cutoff, emissive=1.0
+    )
+    covered = texture.image.pixels[::-1, :, 3] / 255 * factor >= cutoff
+    return sv.Instance(quad(2.0, 1.0), material), covered.repeat(4, axis=0).repeat(4, axis=1)
+
+
+def check_mask(device, tracer):
+    """Rays of all kinds agree with numpy about every pixel of a mask."""
+    instance, covered = cut_out()
+    scene = before_a_lamp(instance)
+    frame = tracer(scene, SIZE, max_bounces=0).render(CAMERA, 1)
+    np.testing.assert_array_equal(frame["emissive"][..., 0] == 1, covered)
+    x, y = np.meshgrid((np.arange(32) + 0.5) / 16 - 1, 1 - (np.arange(32) + 0.5) / 16)
+    points = np.stack([x, y, np.full_like(x, -2)], axis=-1)
+    with sv.RayTracer(device, scene) as rays:
+        hits = rays.trace(np.zeros(3), points)
+        np.testing.assert_array_equal(np.isclose(hits["t"], 1), covered)
+
+
+def test_masks_pixel_by_pixel(device, tracer):
+    check_mask(device, tracer)
+
+
+def test_light_comes_from_what_is_left_of_a_lamp(tracer):
+    """Light samples on cut-out parts give nothing, as rays that pass there."""
+    scene = below_a_pane(alpha=0.0)
+    pixels = np.full((2, 2, 4), 255, np.uint8)
+    pixels[0, :, 3] = 0
+    scene.instances[2].material.update(base_color_texture=sv.TextureImage(pixels=pixels), alpha_mode="mask")
+    found = {s: mean(tracer, scene, 256, FLOOR_CAMERA, max_bounces=1, light_strategy=s) for s in ("nee", "brdf")}
+    np.testing.assert_allclose(found["nee"], found["brdf"], rtol=0.03)
+    whole = mean(tracer, below_a_pane(alpha=0.0), 64, FLOOR_CAMERA, max_bounces=1, light_strategy="nee")
+    np.testing.assert_allclose(found["nee"] / whole, 0.5, rtol=0.05)  # seen from the middle of the floor
+
+
+def passes(tracer, seed):
+    """Which pixels' rays pass a pane that covers half of what lies behind, less the mean."""
+    seen = tracer(before_a_lamp(pane(alpha=0.5)), (64, 64), max_bounces=0, seed=seed).render(CAMERA, 1)["radiance"]
+    return (seen[..., 0] > 0) - 0.5
+
+
+def check_random_numbers(tracer):
+    """Pixels, seeds and panes have independent random numbers."""
+    first, second = passes(tracer, 0), passes(tracer, 1)
+    np.testing.assert_array_equal(first, passes(tracer, 0))
+    limit = 4 / math.sqrt(first.size)
+    for other in (second, np.roll(first, 1, axis=0), np.roll(first, 1, axis=1), np.roll(second, 1, axis=1)):
+        assert abs(np.mean(first * other)) * 4 < limit
+
+
+def test_random_numbers_are_independent(tracer):
+    check_random_numbers(tracer)
+
+
+def everything():
+    """A mask, two panes and vertex colors before a lit floor."""
+    mesh = quad(4.0, 3.0)
+    colors = np.random.default_rng(1).uniform(0.2, 1, (len(mesh.positions), 4))
+    ground = sv.Instance(sv.Mesh(mesh.positions, mesh.triangles, normals=mesh.normals, colors=colors))
+    mask = sv.Instance(
+        quad(2.5, 0.6), sv.Material(base_color_texture=checkers(5), alpha_mode="mask", alpha_cutoff=0.5)
+    )
+    lamp = sv.Instance(
+        shapes.quad((0, 2, -1), (0.5, 0, 0), (0, 0, 0.5)), sv.Material(base_color=0.0, emissive=30.0)
+    )
+    panes = [
+        sv.Instance(quad(2.0, 0.4), sv.Material(base_color=(1, 0.3, 0.1), alpha=0.4, alpha_mode="blend")),
+        sv.Instance(quad(3.0, 0.8), sv.Material(alpha=0.6, alpha_mode="blend", double_sided=True)),
+    ]
+    return sv.Scene(ground, mask, lamp, *panes)
+
+
+def pictures_by_way(device, scene, count):
+    """The path tracer's picture, and some frames of the realtime renderer."""
+    with sv.PathTracer(device, scene, SIZE, seed=5) as tracer:
+        taken = [tracer.render(CAMERA, 4)["radiance"].copy()]
+    if count:
+        with make_renderer(device, scene, SIZE, seed=5) as renderer:
+            taken += [renderer.render(CAMERA)["radiance"].copy() for _ in range(count)]
+    return taken
+
+
+@pytest.mark.parametrize("frames", [0, pytest.param(3, marks=pytest.mark.slow)])
+def test_queries_and_pipelines_are_equal(frames):
+    taken = []
+    for way in ("query", "pipeline"):
+        with sv.Device(validation=True, rays=way) as device:
+            taken.append(pictures_by_way(device, everything(), frames))
+    for query, pipeline in zip(*taken, strict=True):
+        assert query.tobytes() == pipeline.tobytes()
+
+
+def test_raster_and_rays_show_the_same(device):
+    """All but pixels at the edges of texels and squares, whose points raster snaps."""
+    shown = []
+    for way in ("raster", "traced"):
+        with make_renderer(device, everything(), (64, 64), seed=2, passes=GBUFFER, gbuffer=way) as renderer:
+            for _ in range(3):
+                renderer.render(CAMERA)
+            shown.append(renderer.read("gbuffer_surface")[..., 1])
+    assert (shown[0] != shown[1]).mean() < 0.002
+    assert len(np.unique(shown[0])) == 4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lighting", [{}, {"restir": True}, SPLIT], ids=["paths", "reuse", "split"])
+def test_frames_have_the_path_tracers_mean(device, lighting):
+    scene = below_a_pane(alpha=0.5, base_color=(1, 0.2, 0))
+    scene.instances[0].material.roughness = 1.0
+    right = trace(device, scene, 2048, (16, 16), FLOOR_CAMERA)
+    with make_renderer(device, scene, (16, 16), **lighting) as renderer:
+        effort = Effort(runs=8, warm_up=24, observed=64)
+        runs = run_pictures(renderer, FLOOR_CAMERA, effort, lambda frame: frame["radiance"].mean(axis=(0, 1)))
+    for channel, expected in enumerate(right.mean(axis=(0, 1))):
+        error, half_width = relative_interval(runs[:, channel], expected)
+        assert abs(error) < 0.01 + half_width, (channel, error, half_width)
+        assert half_width < 0.03
+
+
+MUTANTS = {  # the proof that must fail, and the patch
+    "all candidates are hits": (check_mask, "scene/alpha.glsl", "if (cover.w >= 1.0) { return true; }", "return true;"),
+    "the cutoff is ignored": (check_mask, "scene/alpha.glsl", "color.w >= material.alpha_cutoff ?", "color.w > 0.0 ?"),
+    "light keeps its color": (check_colored_light, "scene/alpha.glsl", "passage.tint *=", "//"),
+    "light isn't dimmed": (check_colored_light, "scene/alpha.glsl", "passage.probability *=", "//"),
+    "rays that are scattered keep their color": (
+        check_colored_light, "passes/pathtracer/trace.comp", "throughput *= trace_passage(", "trace_passage("),
+    "one seed for all rays": (check_random_numbers, "scene/trace.glsl", "SCENE_BLEND ? rand_u(rng) :",
+                              "SCENE_BLEND ? 7u :"),
+}  # fmt: skip
+QUICK = ("the cutoff is ignored",)
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in QUICK else pytest.mark.slow) for n in MUTANTS])
+def test_a_bug_is_noticed(name, device, tracer):
+    proof, *patch = MUTANTS[name]
+    arguments = (device, tracer) if proof is check_mask else (tracer,)
+    with patched_shaders(tuple(patch)), pytest.raises(AssertionError):
+        proof(*arguments)
+
+
+def test_a_hit_group_without_its_shader_is_noticed():
+    """Pipelines ask the any-hit shader."""
+    with (
+        patched_shaders(("scene/trace.rahit", "if (cover.w >= 1.0)", "if (true)")),
+        sv.Device(validation=True, rays="pipeline") as device,
+        sv.PathTracer(device, before_a_lamp(pane(alpha=0.5)), SIZE, max_bounces=0) as tracer,
+    ):
+        assert not tracer.render(CAMERA, 1)["radiance"].any()
