@@ -41,7 +41,7 @@ def scene(assets: Path | None) -> sv.Scene:
         side /= np.linalg.norm(side)
         placed = np.eye(4)
         placed[:3, :3] = np.stack([side, along, np.cross(side, along)], axis=1) * size
-        placed[:3, 3] = rng.uniform(-0.25, 0.25, 3) + (0, 0.3, 0)
+        placed[:3, 3] = rng.uniform((-0.25, 0.05, -0.25), (0.25, 0.55, 0.25))
         made.add(square, material, placed)
     made.camera = sv.Camera.look_at((0.6, 1.4, 3.4), (0, 0.75, 0), ev100=13.0)
     return made
