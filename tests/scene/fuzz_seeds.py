@@ -65,8 +65,13 @@ def everything() -> GltfWriter:
         writer.node(extensions={"KHR_lights_punctual": {"light": 1}}),
     ]  # fmt: skip
     root = writer.node(children=children, rotation=[0, 0.6, 0, 0.8])
-    moves = {"input": writer.accessor([[0.0], [1.0]]), "output": writer.accessor(np.ones((2, 3)))}
-    writer.add("animations", channels=[{"sampler": 0, "target": {"node": root, "path": "scale"}}], samplers=[moves])
+    times = writer.accessor([[0.0], [1.0]])
+    keys = [(root, "scale", np.ones((2, 3))), (joints[0], "rotation", [[0, 0, 0, 1], [0, 0, 1, 0]]),
+            (joints[1], "translation", np.ones((6, 3))), (children[0], "weights", [[0], [1]])]  # fmt: skip
+    samplers = [{"input": times, "output": writer.accessor(values)} for _, _, values in keys]
+    samplers[2]["interpolation"] = "CUBICSPLINE"
+    channels = [{"sampler": n, "target": {"node": node, "path": path}} for n, (node, path, _) in enumerate(keys)]
+    writer.add("animations", channels=channels, samplers=samplers)
     writer.json["extensionsUsed"] = ["KHR_materials_ior", "KHR_lights_punctual"]
     writer.json["extensionsRequired"] = ["KHR_mesh_quantization"]
     writer.add("scenes", nodes=[root, *joints], name="main")

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.scene import checks
 from solari_vk.scene.deformation import Deformation
 from solari_vk.scene.gltf.accessors import Accessors
 from solari_vk.scene.gltf.values import Entry
@@ -32,6 +33,8 @@ def read_targets(vertices: Vertices, targets: Sequence[Entry], accessors: Access
             values = accessors.floats(index, target, ("VEC3",))
             if len(values) != count:
                 raise target.error(f"moves {len(values)} vertices, but there are {count}; export the file again")
+            if not np.abs(values).max(initial=0) <= checks.LARGEST_COORDINATE:
+                raise target.error(f"moves vertices by more than {checks.LARGEST_COORDINATE:g} meters; scale it down")
             added[:, number] = values
         found[field] = added
     if found and "targets" not in found:

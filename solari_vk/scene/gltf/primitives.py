@@ -84,7 +84,7 @@ class Primitives:
         if len(used) < len(positions):
             vertices = {attribute: values[used] for attribute, values in vertices.items()}
         cross = _area_vectors(vertices["POSITION"], triangles)
-        if not (cross.any() or moved):
+        if not (cross.any() or (moved and len(triangles))):
             self._report.add("primitives without any triangle of some area are left out", primitive.place)
             return None
         if "NORMAL" in vertices:
