@@ -241,3 +241,34 @@ def test_a_thousand_poses_grow_nothing(device):
     assert state() == before
     assert device.live_objects <= objects + 8
     tracer.close()
+
+
+# ---- whole frames -----------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("restir", [False, True])
+def test_realtime_frames_follow_poses(device, restir):
+    """While a character moves, all frames are finite; soon after it stopped, they are as bright as the path tracer's
+    picture of the baked scene, where it is now and where it was."""
+    mesh, rest = tube(4, around=12, rings=16)
+    tubes = [sv.Instance(mesh, matte(color), [x, 0, 0], joint_matrices=bent(rest, 0))
+             for x, color in ((-0.7, (0.8, 0.3, 0.2)), (0.7, 0.6))]  # fmt: skip
+    lamp = sv.Instance(sv.shapes.quad((0, 4, 1), (1, 0, 0), (0, 0, 1)), sv.Material(emissive=20.0, double_sided=True))
+    floor = sv.Instance(sv.shapes.quad((0, 0, 0), (0, 0, 4), (4, 0, 0)), matte(0.6))
+    scene = sv.Scene(*tubes, floor, lamp)
+    settings = {"restir": restir, "gbuffer": "raster" if restir else "traced"}
+    with make_renderer(device, scene, (32, 32), **settings) as renderer:
+        total = 0.0
+        for frame in range(100):
+            if frame < 36:
+                tubes[0].joint_matrices = bent(rest, 0.012 * frame)
+                tubes[1].joint_matrices = bent(rest, -0.01 * frame, (1, 0, 0))
+            radiance = renderer.render(CAMERA)["radiance"]
+            assert np.isfinite(radiance).all()
+            total = total + radiance.astype(np.float64) / 60 * (frame >= 40)
+    with sv.PathTracer(device, baked(scene), (32, 32)) as tracer:
+        expected = tracer.render(CAMERA, samples=2048)["radiance"].astype(np.float64)
+    blocks = [picture[..., :3].reshape(4, 8, 4, 8, 3).mean(axis=(1, 3, 4)) for picture in (total, expected)]
+    np.testing.assert_allclose(blocks[0], blocks[1], rtol=0.08)
+    assert total[..., :3].mean() == pytest.approx(expected.mean(), rel=0.02)
