@@ -159,10 +159,11 @@ def measure_sun(device: Device, height: int) -> Iterator[Measurement]:
     angles = solid_angles(*environment.image.shape[:2])
     above = directions(*environment.image.shape[:2])[..., 1].clip(0)
     expected = np.einsum("yxc,yx->c", environment.image.astype(np.float64), above * angles) * _ALBEDO / math.pi
-    made = take_picture(device, scene, (16, 16), 512, max_bounces=1, lambert=True)
+    samples = 4096
+    made = take_picture(device, scene, (16, 16), samples, max_bounces=1, lambert=True)
     source = (_CLOSED, "irradiance by a sum over texels")
     yield from compare_picture(f"a floor under a sun in a map {height} wide", source, made, expected, 0.01)
-    deviation = np.sqrt(made.variance * 512) / made.mean
+    deviation = np.sqrt(made.variance * samples) / made.mean
     yield Measurement(NOISE, float(deviation.mean()), 3.0, "standard deviations")
 
 
