@@ -44,9 +44,8 @@ class Lights:
     """The tables `light_sources` and `scene_info`, and one for each kind that has a buffer of records.
 
     An emissive instance takes the index behind the others; when it is removed, the last one takes its place. All other
-    lights are few and are written anew with each change. When lights are added or removed or change their power, the
-    probabilities of all lights change, and all rows are uploaded. When emissive instances move, only their nodes of the
-    tree are; when another light moves, all rows.
+    lights follow. When lights are added or removed or change their power, the probabilities of all lights change, and
+    all rows are uploaded. When lights move, only their records and nodes of the tree are.
     """
 
     def __init__(self, device: Device, layout: dict[str, Any]) -> None:
@@ -64,6 +63,7 @@ class Lights:
         self._others: dict[LightKind, dict[Light, None]] = {kind: {} for kind in with_records}
         self._device = device
         self._maps: dict[Light, EnvironmentMap] = {}
+        self._edited: dict[Light, LightKind] = {}
         self._changed = True
         self._id_of: dict[Instance | Light, int] = {}
         self._last_id = 0
@@ -145,15 +145,17 @@ class Lights:
             if kind is not own or not present:
                 listed.pop(light, None)
         if not present:
-            self._id_of.pop(light, None)
-            self._power_of.pop(light, None)
+            for known in (self._id_of, self._power_of, self._edited):
+                known.pop(light, None)
             self._drop_map(light)
         elif light not in self._others[own]:
             self._others[own][light] = None
             self.renew(light)
+        else:
+            self._edited[light] = own
+        self._changed |= not present
         if present and isinstance(light, EnvironmentLight):
             self._update_map(light)
-        self._changed = True
 
     def _update_map(self, light: EnvironmentLight) -> None:
         """Put an environment's image on the device if it isn't there yet."""
@@ -186,6 +188,7 @@ class Lights:
     def update(self, lit_area: Callable[[], float]) -> None:
         """Update the arrays and tables after changes. lit_area(): the scene's cross-section, roughly, in m^2."""
         others = [(kind, light) for kind, lights in self._others.items() for light in lights]
+        self._update_edited(lit_area)
         if not (self._changed or self._powers_changed or self._positions_changed):
             return
         places = self._emissive_places[: len(self._emissive)]
@@ -198,6 +201,17 @@ class Lights:
             self._update_choices(others, lit_area)
         if self._update_tree(places, others) or chosen_otherwise:
             self.sources.mark(range(len(self.powers)))
+
+    def _update_edited(self, lit_area: Callable[[], float]) -> None:
+        """Write the records of edited lights, unless all are about to be written."""
+        for light, kind in self._edited.items():
+            self._set_power(light, kind.power(light, lit_area() if kind.met_by_rays == AT_INFINITY else 0.0))
+        if self._edited and not self._changed:
+            index_of = {light: index for lights in self._others.values() for index, light in enumerate(lights)}
+            for light, kind in self._edited.items():
+                self._write_record(kind, index_of[light], light)
+            self._positions_changed = True
+        self._edited.clear()
 
     def _update_choices(self, others: list[tuple[LightKind, Light]], lit_area: Callable[[], float]) -> None:
         """Update what depends on the lights' number, order and powers."""
@@ -242,19 +256,22 @@ class Lights:
                   for place in (PASSED, AT_INFINITY)}  # fmt: skip
         first_at_infinity = light_count - counts[AT_INFINITY]
         for kind, lights in self._others.items():
-            table = self._records[kind]
-            table.reserve(len(lights))
+            self._records[kind].reserve(len(lights))
             for index, light in enumerate(lights):
                 found = self._maps.get(light)
                 self._write_source(row, kind, index, found.emission if found else ONE_PART)
-                for field, value in (kind.record(light) | (found.record if found else {})).items():
-                    table.records[index][field] = value
+                self._write_record(kind, index, light)
                 row += 1
-            table.mark(range(len(lights)))
         info = self.info.records[0]
         info["light_count"], info["first_light_at_infinity"] = light_count, first_at_infinity
         info["first_passed_light"] = first_at_infinity - counts[PASSED]
         self.info.mark([0])
+
+    def _write_record(self, kind: LightKind, index: int, light: Light) -> None:
+        table, found = self._records[kind], self._maps.get(light)
+        for field, value in (kind.record(light) | (found.record if found else {})).items():
+            table.records[index][field] = value
+        table.mark([index])
 
     def destroy(self) -> None:
         """Free the tables."""

@@ -47,6 +47,7 @@ Guides describe_reflection(GBufferSurface seen, uvec2 pixel) {
     float path_length = length(seen.world_position - camera_ray.origin);
     mat4x3 chain = mat4x3(1.0), previous_chain = mat4x3(1.0);
     vec3 previous_position;
+    bool passes_light = false;
     uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
 
     for (uint i = 0u; i < MAX_MIRRORS && instance != NO_INDEX && is_metal_mirror(surface.material); i++) {
@@ -57,6 +58,7 @@ Guides describe_reflection(GBufferSurface seen, uvec2 pixel) {
         vec3 origin = surface.world_position + surface.geometric_world_normal * surface.ray_offset;
         count_ray();
         Hit hit = trace_closest_hit(origin, 0.0, direction, INFINITY, TRACE_BOTH_FACES, blend_seed(rng));
+        passes_light = passes_light || max_component(radiance_passed(origin, direction, hit.t, INFINITY)) > 0.0;
         instance = hit.instance;
         if (instance == NO_INDEX) {
             path_length = INFINITY;
@@ -76,7 +78,7 @@ Guides describe_reflection(GBufferSurface seen, uvec2 pixel) {
         previous_virtual_position = previous_camera.world_from_view[3] + mat3(previous_chain) * previous_position;
     } else {
         describe(guides, surface.material, dot(surface.world_normal, -direction));
-        guides.lit = !surface.emits || max_component(surface.material.emissive) == 0.0;
+        guides.lit = !passes_light && (!surface.emits || max_component(surface.material.emissive) == 0.0);
         guides.world_normal = mat3(chain) * surface.world_normal;
         guides.depth = camera.near / (path_length * camera_ray.depth_per_t);
         virtual_position = chain * vec4(surface.world_position, 1.0);
