@@ -7,8 +7,10 @@ import pytest
 
 from solari_vk.cli import main
 from solari_vk.measure.bare_rays import plain_tracer
-from solari_vk.measure.frame import run
+from solari_vk.measure.character import character
+from solari_vk.measure.frame import animated, run
 from solari_vk.measure.frame.passes import against_bare_rays, count_rays
+from solari_vk.measure.frame.plan import QUICK
 from solari_vk.measure.report import Report
 from solari_vk.renderer import Renderer
 from solari_vk.scene.binder import SceneBinder
@@ -82,7 +84,7 @@ def test_nothing_to_trace_is_no_ratio(device):
 
 
 def test_page_of_the_frame_names_the_way(any_device, tmp_path, monkeypatch):
-    for section in ("_passes", "_path_tracer", "_start", "_host", "_growth", "_error"):
+    for section in ("_passes", "_path_tracer", "_start", "_host", "_growth", "_animated", "_error"):
         monkeypatch.setattr(run, section, lambda *_: None)
     monkeypatch.setattr(run, "_memory", lambda device, report: report.figure("way", 1.0, device.rays))
     for way in ("query", "pipeline"):
@@ -92,8 +94,10 @@ def test_page_of_the_frame_names_the_way(any_device, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("way", ["query", pytest.param("pipeline", marks=pytest.mark.slow)])  # minutes of compiling
-def test_quick_page_of_the_frame(any_device, tmp_path, way):
-    """The page has every section and pictures are written; times and counts of rays are positive."""
+def test_quick_page_of_the_frame(any_device, tmp_path, monkeypatch, way):
+    """The page has every section but that of the slow test below, and pictures are written; times and counts of rays
+    are positive."""
+    monkeypatch.setattr(run, "_animated", lambda *_: None)
     page, pictures = tmp_path / "page.md", tmp_path / "pictures"
     quick = ["bench", "frame", "--quick", "--rays", way]
     assert main([*quick, "--markdown", str(page), "--pictures", str(pictures)]) == 0
@@ -138,3 +142,13 @@ def test_quick_page_of_the_denoiser(any_device, tmp_path):
         np.savez(path, truth=held["truth"] * 2, view=held["view"])
     assert main(quick) == 0
     assert page.read_text().splitlines()[-1] != text.splitlines()[-1]
+
+
+@pytest.mark.slow
+def test_the_row_of_an_animated_character(device):
+    row = animated.measure(device, character(1000, 5), QUICK)
+    assert len(row) == len(animated.HEAD)
+    assert row[0] == "character"
+    assert int(row[1].replace(",", "")) == pytest.approx(1000, rel=0.1)
+    *parts, moving, _ = map(float, row[2:])
+    assert 0 < sum(parts) < moving
