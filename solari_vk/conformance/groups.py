@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from solari_vk.conformance import (
+    alpha_checks,
     brdf_checks,
     bulk_checks,
     denoise_checks,
@@ -196,10 +197,8 @@ GROUPS: dict[str, dict[str, Measure]] = {
         "noise": lambda run: taa_checks.measure_noise(run.device),
         "not_finite": lambda run: taa_checks.measure_not_finite(run.device),
     },
-    "display": {
-        "picture": lambda run: display_checks.measure_picture(run.device),
-        "views": lambda run: display_checks.measure_views(run.device),
-    },
+    "display": {"picture": lambda run: display_checks.measure_picture(run.device),
+                "views": lambda run: display_checks.measure_views(run.device)},
     "environments": {
         **_cases("floor", lambda run, strategy: environment_checks.measure_floor(run.device, strategy),
                  "mis", "nee", "brdf"),
@@ -252,6 +251,7 @@ GROUPS: dict[str, dict[str, Measure]] = {
         **_cases("white_box", lambda run, *case: path_checks.measure_white_box(run.device, *case), *_WHITE_WALLS),
         "light_tight": lambda run: path_checks.measure_light_tight(run.device),
         "seeds": lambda run: path_checks.measure_seeds(run.device),
+        "alpha": lambda run: alpha_checks.measure_alpha(run.device),
     },
     "paths": {
         "means": lambda run: paths_checks.measure_means(

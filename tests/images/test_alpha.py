@@ -6,138 +6,73 @@ import math
 
 import numpy as np
 import pytest
+from support.measured import hold
 
 import solari_vk as sv
+from solari_vk.conformance import alpha_checks
+from solari_vk.conformance.alpha_checks import (
+    CAMERA,
+    FLOOR_CAMERA,
+    SIZE,
+    before_a_lamp,
+    below_a_pane,
+    checkers,
+    mean,
+    pane,
+    quad,
+)
 from solari_vk.conformance.realtime import GBUFFER, SPLIT, Effort, make_renderer, run_pictures, trace
 from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.measure.statistics import relative_interval
 from solari_vk.scene import shapes
 
-SIZE = (32, 32)
-CAMERA = sv.Camera(vertical_fov=2 * math.atan(0.5))  # sees a square of 2 x 2 meters in 2 meters
-FLOOR_CAMERA = sv.Camera.look_at((0, 0.5, 1e-3), (0, 0, 0))
-BLACK = {"base_color": 0.0, "reflectance": 0.0, "roughness": 1.0}
+
+def check_panes(device):
+    hold(alpha_checks.measure_panes(device))
 
 
-def quad(distance, half=10.0):
-    """A square that faces the camera, with v = 0 below."""
-    return shapes.quad((0, 0, -distance), (half, 0, 0), (0, half, 0))
+def check_colored_light(device):
+    hold(alpha_checks.measure_colored_light(device))
 
 
-def pane(distance=2.0, half=10.0, **fields):
-    return sv.Instance(quad(distance, half), sv.Material(**{**BLACK, "alpha_mode": "blend", **fields}))
+def check_mask(device):
+    hold(alpha_checks.measure_mask(device))
 
 
-def before_a_lamp(*panes):
-    return sv.Scene(sv.Instance(quad(5.0), sv.Material(base_color=0.0, emissive=2.0)), *panes)
+@pytest.mark.parametrize("check", [check_panes, check_colored_light, check_mask])
+def test_closed_forms(device, check):
+    check(device)
 
 
-def below_a_pane(**fields):
-    """A floor below a pane below a lamp; the camera is between floor and pane."""
-    def level(y, half, turned):
-        return shapes.quad((0, y, 0), (half, 0, 0), (0, 0, half if turned else -half))
-
-    return sv.Scene(
-        sv.Instance(level(0, 10, False), sv.Material(base_color=0.5)),
-        sv.Instance(level(1, 9, False), sv.Material(**{"alpha_mode": "blend", "double_sided": True, **fields})),
-        sv.Instance(level(3, 1, True), sv.Material(base_color=0.0, emissive=10.0)),
-    )
-
-
-def mean(tracer, scene, samples, camera=CAMERA, **settings):
-    return tracer(scene, SIZE, **settings).render(camera, samples)["radiance"].mean(axis=(0, 1))
-
-
-def check_share(tracer, scene, share, samples=64):
-    """The lamp's picture is dimmed to a share: a mean of independent samples, each 2 or 0."""
-    seen = mean(tracer, scene, samples, max_bounces=0) / 2
-    deviation = math.sqrt(share * (1 - share) / (SIZE[0] * SIZE[1] * samples))
-    assert abs(seen - share).max() < 4 * deviation
-
-
-def test_panes_cover_by_their_alpha(tracer):
-    check_share(tracer, before_a_lamp(pane(alpha=0.3)), 0.7)
-    check_share(tracer, before_a_lamp(pane(alpha=0.3), pane(3.0, alpha=0.6)), 0.7 * 0.4)
-
-
-def check_colored_light(tracer):
-    """Every strategy finds the light of the floor, times (1 - alpha) * mix(1, color, alpha)."""
-    free = mean(tracer, below_a_pane(alpha=0.0), 64, FLOOR_CAMERA, max_bounces=1)
-    for strategy in ("nee", "brdf", "mis"):
-        scene = below_a_pane(alpha=0.5, base_color=(1, 0.2, 0))
-        lit = mean(tracer, scene, 256, FLOOR_CAMERA, max_bounces=1, light_strategy=strategy)
-        np.testing.assert_allclose(lit / free, (0.5, 0.3, 0.25), rtol=0.02, err_msg=strategy)
-
-
-def test_light_takes_the_color_of_panes(tracer):
-    check_colored_light(tracer)
-
-
-def checkers(seed, count=8):
-    """An alpha texture of count x count random texels."""
-    pixels = np.full((count, count, 4), 255, np.uint8)
-    pixels[..., 3] = np.random.default_rng(seed).integers(0, 256, (count, count))
-    return sv.Texture(
-        image=sv.TextureImage(pixels=pixels), magnification="nearest", minification="nearest", mipmaps=False
-    )
-
-
-def cut_out(cutoff=0.4, factor=0.8):
-    """A mask that fills the picture, and which pixels it covers; v = 0 is the image's first row, below."""
-    texture = checkers(3)
-    material = sv.Material(
-        **BLACK, base_color_texture=texture, alpha=factor, alpha_mode="mask", alpha_cutoff=cutoff, emissive=1.0
-    )
-    covered = texture.image.pixels[::-1, :, 3] / 255 * factor >= cutoff
-    return sv.Instance(quad(2.0, 1.0), material), covered.repeat(4, axis=0).repeat(4, axis=1)
-
-
-def check_mask(device, tracer):
-    """Rays of all kinds agree with numpy about every pixel of a mask."""
-    instance, covered = cut_out()
-    scene = before_a_lamp(instance)
-    frame = tracer(scene, SIZE, max_bounces=0).render(CAMERA, 1)
-    np.testing.assert_array_equal(frame["emissive"][..., 0] == 1, covered)
-    x, y = np.meshgrid((np.arange(32) + 0.5) / 16 - 1, 1 - (np.arange(32) + 0.5) / 16)
-    points = np.stack([x, y, np.full_like(x, -2)], axis=-1)
-    with sv.RayTracer(device, scene) as rays:
-        hits = rays.trace(np.zeros(3), points)
-        np.testing.assert_array_equal(np.isclose(hits["t"], 1), covered)
-
-
-def test_masks_pixel_by_pixel(device, tracer):
-    check_mask(device, tracer)
-
-
-def test_light_comes_from_what_is_left_of_a_lamp(tracer):
+def test_light_comes_from_what_is_left_of_a_lamp(device):
     """Light samples on cut-out parts give nothing, as rays that pass there."""
     scene = below_a_pane(alpha=0.0)
     pixels = np.full((2, 2, 4), 255, np.uint8)
     pixels[0, :, 3] = 0
     scene.instances[2].material.update(base_color_texture=sv.TextureImage(pixels=pixels), alpha_mode="mask")
-    found = {s: mean(tracer, scene, 256, FLOOR_CAMERA, max_bounces=1, light_strategy=s) for s in ("nee", "brdf")}
+    found = {s: mean(device, scene, 256, FLOOR_CAMERA, max_bounces=1, light_strategy=s) for s in ("nee", "brdf")}
     np.testing.assert_allclose(found["nee"], found["brdf"], rtol=0.03)
-    whole = mean(tracer, below_a_pane(alpha=0.0), 64, FLOOR_CAMERA, max_bounces=1, light_strategy="nee")
+    whole = mean(device, below_a_pane(alpha=0.0), 64, FLOOR_CAMERA, max_bounces=1, light_strategy="nee")
     np.testing.assert_allclose(found["nee"] / whole, 0.5, rtol=0.05)  # seen from the middle of the floor
 
 
-def passes(tracer, seed):
+def passes(device, seed):
     """Which pixels' rays pass a pane that covers half of what lies behind, less the mean."""
-    seen = tracer(before_a_lamp(pane(alpha=0.5)), (64, 64), max_bounces=0, seed=seed).render(CAMERA, 1)["radiance"]
-    return (seen[..., 0] > 0) - 0.5
+    with sv.PathTracer(device, before_a_lamp(pane(0.5)), (64, 64), max_bounces=0, seed=seed) as tracer:
+        return (tracer.render(CAMERA, 1)["radiance"][..., 0] > 0) - 0.5
 
 
-def check_random_numbers(tracer):
+def check_random_numbers(device):
     """Pixels, seeds and panes have independent random numbers."""
-    first, second = passes(tracer, 0), passes(tracer, 1)
-    np.testing.assert_array_equal(first, passes(tracer, 0))
+    first, second = passes(device, 0), passes(device, 1)
+    np.testing.assert_array_equal(first, passes(device, 0))
     limit = 4 / math.sqrt(first.size)
     for other in (second, np.roll(first, 1, axis=0), np.roll(first, 1, axis=1), np.roll(second, 1, axis=1)):
         assert abs(np.mean(first * other)) * 4 < limit
 
 
-def test_random_numbers_are_independent(tracer):
-    check_random_numbers(tracer)
+def test_random_numbers_are_independent(device):
+    check_random_numbers(device)
 
 
 def everything():
@@ -219,11 +154,10 @@ QUICK = ("the cutoff is ignored",)
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in QUICK else pytest.mark.slow) for n in MUTANTS])
-def test_a_bug_is_noticed(name, device, tracer):
+def test_a_bug_is_noticed(name, device):
     proof, *patch = MUTANTS[name]
-    arguments = (device, tracer) if proof is check_mask else (tracer,)
     with patched_shaders(tuple(patch)), pytest.raises(AssertionError):
-        proof(*arguments)
+        proof(device)
 
 
 def test_a_hit_group_without_its_shader_is_noticed():
@@ -231,6 +165,6 @@ def test_a_hit_group_without_its_shader_is_noticed():
     with (
         patched_shaders(("scene/trace.rahit", "if (cover.w >= 1.0)", "if (true)")),
         sv.Device(validation=True, rays="pipeline") as device,
-        sv.PathTracer(device, before_a_lamp(pane(alpha=0.5)), SIZE, max_bounces=0) as tracer,
+        sv.PathTracer(device, before_a_lamp(pane(0.5)), SIZE, max_bounces=0) as tracer,
     ):
         assert not tracer.render(CAMERA, 1)["radiance"].any()
