@@ -288,6 +288,12 @@ def test_giant_images(basic, size):
     assert "scale it down" in message or "damaged" in message
 
 
+def test_errors_of_the_scenes_classes_name_the_file(writer):
+    far = writer.accessor([[1e30, 0, 0]] * 3)
+    writer.mesh(targets=[{"POSITION": far}])
+    assert "targets must lie within" in refusal(writer.path, writer)
+
+
 def test_names_that_can_not_be_printed(basic):
     basic.json["nodes"][0].update(name="\ud800" + "x" * 10_000, mesh=7)
     refusal(basic.path, basic).encode()

@@ -52,14 +52,14 @@ def load_gltf(
     document = Document(path)
     try:
         loaded = _Loader(document, strict).load(scene)
+        if variant is not None:
+            loaded.use_variant(variant)
+        return loaded
     except (MemoryError, RecursionError):
         raise document.error("is too large for this machine's memory") from None
-    if variant is not None:
-        try:
-            loaded.use_variant(variant)
-        except SolariError as error:
-            raise document.error(str(error)) from None
-    return loaded
+    except SolariError as error:
+        # The classes of the scene refuse what is out of range for all renderers, and don't know the file.
+        raise error if str(error).startswith(f"{document.file}: ") else document.error(str(error)) from None
 
 
 class _Loader:
