@@ -288,10 +288,13 @@ def test_giant_images(basic, size):
     assert "scale it down" in message or "damaged" in message
 
 
-def test_errors_of_the_scenes_classes_name_the_file(writer):
-    far = writer.accessor([[1e30, 0, 0]] * 3)
-    writer.mesh(targets=[{"POSITION": far}])
-    assert "targets must lie within" in refusal(writer.path, writer)
+def test_errors_of_the_scenes_classes_name_the_file(writer, monkeypatch):
+    def refuse(*_, **__):
+        raise SolariError("Instance: too heavy")
+
+    writer.mesh()
+    monkeypatch.setattr("solari_vk.scene.gltf.loader.Instance", refuse)
+    assert refusal(writer.path, writer) == "Instance: too heavy"
 
 
 def test_names_that_can_not_be_printed(basic):
