@@ -11,7 +11,7 @@ def scene(assets: Path | None) -> sv.Scene:
     """A post below each lamp."""
     clay = sv.Material(base_color=(0.7, 0.7, 0.7), roughness=0.6)
     polished = sv.Material(base_color=(0.5, 0.5, 0.5), roughness=0.25, reflectance=1)
-    made = sv.Scene(sv.Camera.look_at((0, 2.6, 5.0), (0, 0.6, -0.2), vertical_fov=0.75))
+    made = sv.Scene(sv.Camera.look_at((0, 2.6, 5.8), (0.1, 0.7, 0), vertical_fov=0.75))
     made.add(sv.shapes.quad((0, 0, 0), (0, 0, 5), (5, 0, 0)), polished, name="floor")
     made.add(sv.shapes.quad((0, 2, -2.5), (5, 0, 0), (0, 2, 0)), clay, name="wall")
     for x, radius in ((-1.5, 0.02), (0.0, 0.1), (1.5, 0.25)):
