@@ -152,7 +152,9 @@ def emitters(mi, point, spot):
 TOO_BRIGHT = ("scene/lights/punctual.glsl", "return square(cone)", "return 1.03 * square(cone)")
 
 
-@pytest.mark.parametrize("mutant", [None, TOO_BRIGHT], ids=["right", "3 % too bright"])
+@pytest.mark.parametrize("mutant", [
+    pytest.param(None, id="right"), pytest.param(TOO_BRIGHT, id="3 % too bright", marks=pytest.mark.slow),
+])  # fmt: skip
 def test_a_box_under_point_and_spot_is_mitsubas(picture, mutant):
     scene = box_with_lamps("point", "spot")
     scene.lights["spot"].update(inner_cone_angle=0.5985, outer_cone_angle=0.6)
