@@ -140,11 +140,13 @@ bool rests(uint instance_index) {
         && !(SCENE_POSES && changes_pose(meshes.at[now.mesh]));
 }
 
-// The point of a hit in object space. positions: those of the mesh, or its previous ones.
+// The point of a hit in object space. positions: those of the mesh, or its previous ones, from which the result is the
+// same bit by bit if they are equal.
 vec3 interpolate_position(Positions positions, Mesh mesh, Hit hit) {
     uvec3 corners = mesh.triangles.at[hit.triangle];
-    return (1.0 - hit.barycentrics.x - hit.barycentrics.y) * positions.at[corners.x]
+    precise vec3 position = (1.0 - hit.barycentrics.x - hit.barycentrics.y) * positions.at[corners.x]
         + hit.barycentrics.x * positions.at[corners.y] + hit.barycentrics.y * positions.at[corners.z];
+    return position;
 }
 
 // The position of a hit point of an instance's mesh in the previous frame; `world_position` when the instance is new.
