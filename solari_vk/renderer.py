@@ -101,7 +101,7 @@ class Renderer(PictureRenderer):
         size = taa.render_size(picture, settings)
         self.binder.keep_previous_tlas(self, settings.lighting == "paths" and settings.restir)
         stages = [
-            gbuffer.stage(size, settings, instances, self.gbuffer),
+            gbuffer.stage(size, settings, instances, self.gbuffer, self.binder.features),
             guides.stage(size, settings),
             *lighting.stages(size, settings),
             taa.stage(picture),
@@ -145,7 +145,8 @@ class Renderer(PictureRenderer):
 
     def _build_key(self) -> tuple[Any, ...]:
         """Everything that `_stages` depends on."""
-        return self.size, self.binder.instance_capacity, self.settings.built_in
+        has_lobes = bool(gbuffer.LOBES & self.binder.features)
+        return self.size, self.binder.instance_capacity, self.settings.built_in, has_lobes
 
     def _note_build(self) -> None:
         self._built = self._build_key()

@@ -1,11 +1,13 @@
-// Rays that are reflected by metal mirrors until they hit another surface, since the world cache's diffuse cells can't
-// stand for a mirror. Differs from Solari, where all rays but those of specular GI see mirrors as white walls.
+// Rays that are reflected by metal mirrors, or pass glass, until they hit another surface, since the world cache's
+// diffuse cells can't stand for these. Differs from Solari, where all rays but those of specular GI see mirrors as
+// white walls.
 #ifndef PASSES_PAST_MIRRORS_GLSL
 #define PASSES_PAST_MIRRORS_GLSL
 
 #include "passes/bindings.glsl"
 #include "passes/ray_count.glsl"
 #include "scene/brdf.glsl"
+#include "scene/departure.glsl"
 #include "scene/sampling.glsl"
 #include "scene/surface.glsl"
 #include "scene/trace.glsl"
@@ -28,10 +30,15 @@ bool is_metal_mirror(ResolvedMaterial material) {
     return !brdf_lambert && material.metallic > frame_settings.pure_metal && material.roughness <= MIRROR_ROUGHNESS;
 }
 
+bool is_glass(ResolvedMaterial material) {
+    return SCENE_GLASS && !brdf_lambert && material.lobes.transmission > 0.0 && material.metallic < 1.0;
+}
+
 // Whether paths never end at this surface, but are reflected. Differs from Solari, where paths end at mirrors as at
 // diffuse surfaces: world_cache_surfaces=diffuse.
 bool always_reflects(ResolvedMaterial material) {
-    return world_cache_settings.surfaces == WORLD_CACHE_SURFACES_WHOLE && is_metal_mirror(material);
+    return world_cache_settings.surfaces == WORLD_CACHE_SURFACES_WHOLE
+        && (is_metal_mirror(material) || is_glass(material));
 }
 
 HitPastMirrors trace_past_mirrors(vec3 origin, vec3 direction, float t_max, float cone_width, inout uint rng) {
@@ -70,6 +77,17 @@ HitPastMirrors trace_past_mirrors(vec3 origin, vec3 direction, float t_max, floa
         if (!always_reflects(found.surface.material)) { return found; }
 
         vec3 normal = found.surface.world_normal;
+        if (is_glass(found.surface.material)) {
+            // All light takes the way through the glass, since one ray can't take two.
+            MaterialLobes lobes = found.surface.material.lobes;
+            if (lobes.inside) { found.throughput *= attenuation(lobes.absorption, hit.t); }
+            found.throughput *= found.surface.material.base_color;
+            vec3 bent = direction;
+            if (lobes.solid) { bent = refract(direction, normal, lobes.inside ? lobes.ior : 1.0 / lobes.ior); }
+            direction = bent == vec3(0.0) ? reflect(direction, normal) : normalize(bent);
+            origin = ray_origin(found.surface, direction);
+            continue;
+        }
         found.throughput *= fresnel(found.surface.material.base_color, -dot(direction, normal));
         direction = reflect(direction, normal);
     }

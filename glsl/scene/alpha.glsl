@@ -1,13 +1,17 @@
-// What rays pass through: surfaces that are cut out by their alpha (alpha mode "mask"), and blended ones ("blend").
+// What rays pass through: surfaces that are cut out by their alpha (alpha mode "mask"), blended ones ("blend"), and
+// walls of thin smooth glass.
 //
 // A ray that looks for a surface hits a blended one with the probability alpha. Light that passes takes its color: with
 // the weight alpha the base color, otherwise none. All of this light is tinted but that which goes to the camera
 // directly, since glTF blends the picture of a surface over what lies behind it.
+//
+// Walls are as blended surfaces whose alpha is what they don't let pass. Rays of cameras hit them always.
 #ifndef SCENE_ALPHA_GLSL
 #define SCENE_ALPHA_GLSL
 
 #include "common/random.glsl"
 #include "scene/bindings.glsl"
+#include "scene/microfacet.glsl"
 #include "scene/textures.glsl"
 
 // The base color, and in w how much of the surface is there: 0 or 1 for opaque surfaces and masks. Textures are sampled
@@ -27,11 +31,42 @@ bool has_alpha(Material material) {
     return SCENE_ALPHA && (material.flags & (MATERIAL_MASK | MATERIAL_BLEND)) != 0u;
 }
 
+// The cover of thin glass: light passes straight with the color and the probability for which pass_through accounts.
+vec4 resolve_wall(
+    Instance instance, Material material, Mesh mesh, uint triangle, vec2 barycentrics, vec3 direction
+) {
+    uvec3 vertices = mesh.triangles.at[min(triangle, mesh.triangle_count - 1u)];
+    TexturePoint point = texture_point(mesh, vertices, barycentrics);
+    vec3 color = resolve_cover(material, mesh, triangle, barycentrics).rgb;
+    vec2 roughness_metallic = vec2(material.perceptual_roughness, material.metallic);
+    if (material.metallic_roughness_texture != NO_INDEX) {
+        roughness_metallic *= sample_texture(material.metallic_roughness_texture, point).gb;
+    }
+    if (square(roughness_metallic.x) > MIRROR_ROUGHNESS) { return vec4(color, 1.0); }
+    float transmission = material.transmission * (1.0 - roughness_metallic.y);
+    if (material.transmission_texture != NO_INDEX) {
+        transmission *= sample_texture(material.transmission_texture, point).r;
+    }
+    mat3 m = mat3(instance.world_from_object);
+    vec3 corner = mesh.positions.at[vertices.x];
+    vec3 normal = cross(m * (mesh.positions.at[vertices.y] - corner), m * (mesh.positions.at[vertices.z] - corner));
+    float cosine = abs(dot(safe_normalize(normal, vec3(0.0, 0.0, 1.0)), safe_normalize(direction, vec3(0.0))));
+    vec3 tint = glass_tint(material.ior, material.specular * reflectance_f0(material.reflectance));
+    vec3 through = transmission * color * (1.0 - tint * dielectric_fresnel(material.ior, cosine));
+    if (SCENE_LAYERS) { through *= 1.0 - material.clearcoat * fresnel(vec3(0.04), cosine).x; }
+    float covered = max(1.0 - max_component(through), 1e-3);
+    return vec4(1.0 + (through / max(1.0 - covered, 1e-9) - 1.0) / covered, covered);
+}
+
 // At a candidate of a ray. Rays through the previous TLAS may meet instances that are gone: these count as opaque.
-vec4 resolve_cover(uint instance_index, uint triangle, vec2 barycentrics) {
+vec4 resolve_cover(uint instance_index, uint triangle, vec2 barycentrics, vec3 direction, bool from_camera) {
     Instance instance = instances.at[instance_index];
     Material material = materials.at[instance.material];
-    if (instance.mesh == NO_INDEX || !has_alpha(material)) { return vec4(0.0, 0.0, 0.0, 1.0); }
+    bool wall = SCENE_GLASS && (material.flags & MATERIAL_WALL) != 0u && !from_camera;
+    if (instance.mesh == NO_INDEX || !(wall || has_alpha(material))) { return vec4(0.0, 0.0, 0.0, 1.0); }
+    if (wall) {
+        return resolve_wall(instance, material, meshes.at[instance.ray_mesh], triangle, barycentrics, direction);
+    }
     return resolve_cover(material, meshes.at[instance.ray_mesh], triangle, barycentrics);
 }
 

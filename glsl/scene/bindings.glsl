@@ -62,6 +62,27 @@ struct Material {
     uint emissive_texture;
     uint normal_texture;
     uint flags;
+    // Read in scenes with glass or layers only: scene/material_lobes.glsl.
+    float transmission;
+    float ior;
+    vec3 absorption;  // per meter
+    float specular;
+    float clearcoat;
+    float clearcoat_roughness;
+    float clearcoat_normal_scale;
+    vec3 sheen_color;
+    float sheen_roughness;
+    float anisotropy;
+    float anisotropy_rotation;
+    uint transmission_texture;
+    uint specular_texture;
+    uint specular_color_texture;
+    uint clearcoat_texture;
+    uint clearcoat_roughness_texture;
+    uint clearcoat_normal_texture;
+    uint sheen_color_texture;
+    uint sheen_roughness_texture;
+    uint anisotropy_texture;
 };
 
 struct Texture {

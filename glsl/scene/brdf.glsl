@@ -1,33 +1,13 @@
-// The surface model: a Lambert lobe under a GGX lobe with multiple scattering, energy conserving. All directions point
-// away from the surface, in the frame whose z axis is the shading normal (orthonormalize). All values include the
-// cosine of wi. Sources: the papers named at each function.
+// The surface model: a Lambert lobe under a GGX lobe with multiple scattering, energy conserving; in scenes that have
+// them, glass in place of the Lambert lobe and layers over all. Directions point away from the surface, in the frame
+// whose z axis is the shading normal (orthonormalize). Values include the cosine of wi. Sources: the papers named at
+// each function.
 #ifndef SCENE_BRDF_GLSL
 #define SCENE_BRDF_GLSL
 
 #include "common/math.glsl"
 #include "common/random.glsl"
-#include "generated/settings/layering.glsl"
-#include "scene/brdf_table.glsl"
-#include "scene/microfacet.glsl"
-#include "scene/surface.glsl"
-
-layout(constant_id = 0) const uint brdf_layering = LAYERING_CONSERVING;
-// Every surface is base_color / pi, for comparison with closed forms.
-layout(constant_id = 1) const bool brdf_lambert = false;
-
-// A material seen from one direction.
-struct Brdf {
-    vec3 diffuse_color;  // for LAYERING_CONSERVING reduced by what the specular layer reflects towards wo
-    vec3 dielectric_f0;
-    vec3 metal_f0;
-    float metallic;
-    float roughness;
-    float perceptual_roughness;
-    bool mirror;
-    float multiscatter;          // 1 / Ess(wo) - 1, where Ess is the single-scattering albedo
-    float pdf_per_d;             // ggx_vndf_pdf_per_d
-    float specular_probability;  // with which sample_brdf takes the specular lobe
-};
+#include "scene/prepared_brdf.glsl"
 
 struct BrdfSample {
     vec3 wi;       // below the surface when the sample is invalid
@@ -36,131 +16,144 @@ struct BrdfSample {
     bool diffuse;  // whether the diffuse lobe proposed wi; weight and pdf are those of both lobes, except for a mirror
 };
 
-// The Fresnel reflectance of a dielectric at normal incidence.
-vec3 reflectance_f0(vec3 reflectance) { return 0.16 * reflectance * reflectance; }
+// ---- values ------------------------------------------------------------------------------------------
 
-// The directional albedo of GGX with multiple scattering, from the single-scattering albedo F0 A + B. Fdez-Aguero, "A
-// Multiple-Scattering Microfacet Model for Real-Time Image-based Lighting" (JCGT 2019).
-vec3 specular_albedo(vec3 f0, vec2 ab) {
-    return min((f0 * ab.x + ab.y) * (1.0 + f0 * (1.0 / (ab.x + ab.y) - 1.0)), 1.0);  // not above 1 by rounding
-}
-
-// The share of uniform incoming light that each lobe reflects towards a direction.
-struct LobeAlbedos {
-    vec3 diffuse;
-    vec3 specular;
-};
-
-LobeAlbedos lobe_albedos(ResolvedMaterial material, float cosine) {
-    if (brdf_lambert) { return LobeAlbedos(material.base_color, vec3(0.0)); }
-    vec2 ab = material.roughness <= MIRROR_ROUGHNESS
-        ? mirror_albedo(cosine) : lookup_brdf_table(cosine, material.perceptual_roughness);
-    vec3 f0 = reflectance_f0(material.reflectance);
-    vec3 dielectric = specular_albedo(f0, ab);
-    vec3 through = 1.0 - dielectric;
-    if (brdf_layering == LAYERING_FRESNEL_PRODUCT) {
-        // 20/21 (1 - f0) is the cosine-weighted mean of 1 - fresnel over the hemisphere.
-        through = (1.0 - fresnel(f0, cosine)) * (1.0 - f0) * (20.0 / 21.0);
-    }
-    return LobeAlbedos(
-        through * material.base_color * (1.0 - material.metallic),
-        mix(dielectric, specular_albedo(material.base_color, ab), material.metallic)
-    );
-}
-
-Brdf prepare_brdf(ResolvedMaterial material, vec3 wo) {
-    Brdf brdf;
-    brdf.metallic = material.metallic;
-    brdf.roughness = material.roughness;
-    brdf.perceptual_roughness = material.perceptual_roughness;
-    brdf.mirror = material.roughness <= MIRROR_ROUGHNESS;
-    brdf.dielectric_f0 = reflectance_f0(material.reflectance);
-    brdf.metal_f0 = material.base_color;
-    brdf.diffuse_color = material.base_color * (1.0 - material.metallic);
-    brdf.specular_probability = 0.0;
-    brdf.pdf_per_d = brdf.multiscatter = 0.0;
-    if (brdf_lambert) {
-        brdf.diffuse_color = material.base_color;
-        return brdf;
-    }
-    vec2 ab = brdf.mirror ? mirror_albedo(wo.z) : lookup_brdf_table(wo.z, material.perceptual_roughness);
-    brdf.multiscatter = 1.0 / (ab.x + ab.y) - 1.0;
-    brdf.pdf_per_d = brdf.mirror ? 0.0 : ggx_vndf_pdf_per_d(wo, material.roughness);
-    vec3 dielectric_albedo = specular_albedo(brdf.dielectric_f0, ab);
-    vec3 specular = mix(dielectric_albedo, specular_albedo(brdf.metal_f0, ab), brdf.metallic);
-    vec3 through = 1.0 - dielectric_albedo;
-    float diffuse = luminance(brdf.diffuse_color * through);
-    // Not above 1 by the rounding of a division.
-    brdf.specular_probability = diffuse > 0.0 ? min(luminance(specular) / (luminance(specular) + diffuse), 1.0) : 1.0;
-    if (brdf_layering == LAYERING_CONSERVING && brdf.metallic < 1.0) {
-        // Differs from Solari: (1 - E(wo)) (1 - E(wi)) / (1 - E_average) is reciprocal and loses no energy
-        mat3 averages = lookup_brdf_averages(material.perceptual_roughness);
-        vec3 f0 = brdf.dielectric_f0;
-        vec3 average = averages[0] + f0 * (averages[1] + f0 * averages[2]);
-        brdf.diffuse_color *= through / (1.0 - average);
-    }
-    return brdf;
-}
-
-// A surface that reflects all light evenly. As a metal without specular lobe it has no layer above the diffuse lobe.
-const Brdf WHITE_DIFFUSE = Brdf(vec3(1.0), vec3(0.0), vec3(0.0), 1.0, 1.0, 1.0, true, 0.0, 0.0, 0.0);
-
-// The same surface with its specular lobe alone.
-Brdf without_diffuse_lobe(Brdf brdf) {
-    brdf.diffuse_color = vec3(0.0);
-    brdf.specular_probability = 1.0;
-    return brdf;
+// What lies below the layers, as far as they let its light through.
+vec3 below_layers(Brdf brdf, vec3 value, vec3 wo, vec3 wi) {
+    if (!SCENE_LAYERS || value == vec3(0.0)) { return value; }
+    return value * ((1.0 - sheen_cover(brdf.layers, wo, wi)) * (1.0 - coat_cover(brdf.layers, wo, wi)));
 }
 
 vec3 evaluate_diffuse_brdf(Brdf brdf, vec3 wo, vec3 wi) {
     if (!(wo.z > 0.0 && wi.z > 0.0)) { return vec3(0.0); }
     vec3 value = brdf.diffuse_color * (INVERSE_PI * wi.z);
-    if (brdf_lambert || brdf.metallic == 1.0) { return value; }
-    if (brdf_layering == LAYERING_FRESNEL_PRODUCT) {
-        return value * (1.0 - fresnel(brdf.dielectric_f0, wo.z)) * (1.0 - fresnel(brdf.dielectric_f0, wi.z));
+    if (brdf_lambert) { return value; }
+    if (brdf.metallic != 1.0) {
+        if (brdf_layering == LAYERING_FRESNEL_PRODUCT) {
+            value *= (1.0 - fresnel(brdf.dielectric_f0, wo.z)) * (1.0 - fresnel(brdf.dielectric_f0, wi.z));
+        } else {
+            vec2 ab = albedo_terms(brdf, wi);
+            value *= 1.0 - brdf.layer_weight * specular_albedo(brdf.dielectric_f0, ab);
+        }
     }
-    vec2 ab = brdf.mirror ? mirror_albedo(wi.z) : lookup_brdf_table(wi.z, brdf.perceptual_roughness);
-    return value * (1.0 - specular_albedo(brdf.dielectric_f0, ab));
+    if (!SCENE_LAYERS) { return value; }
+    vec3 sheen = evaluate_sheen(brdf.layers, wo, wi);
+    return below_layers(brdf, value, wo, wi) + sheen * (1.0 - coat_cover(brdf.layers, wo, wi));
 }
 
 // Fresnel of metal and dielectric, mixed last, with multiple scattering.
 vec3 specular_fresnel(Brdf brdf, float LdotH) {
     vec3 dielectric = fresnel(brdf.dielectric_f0, LdotH) * (1.0 + brdf.dielectric_f0 * brdf.multiscatter);
     vec3 metal = fresnel(brdf.metal_f0, LdotH) * (1.0 + brdf.metal_f0 * brdf.multiscatter);
+    if (HAS_LOBES) { dielectric *= brdf.layer_weight * (1.0 - brdf.transmission); }
     return mix(dielectric, metal, brdf.metallic);
 }
 
-// Returns 0 for a mirror: only sample_brdf finds the one direction that it reflects to.
+// D of the specular lobe; pdf_per_d times it is the density of sample_specular_lobe.
+float specular_distribution(Brdf brdf, vec3 half_vector) {
+    if (SCENE_LAYERS) { return D_GGX(brdf.anisotropic_roughness, to_anisotropy(brdf, half_vector)); }
+    return D_GGX(brdf.roughness, half_vector);
+}
+
+vec3 sample_specular_lobe(Brdf brdf, vec3 wo, vec2 u) {
+    if (!SCENE_LAYERS) { return sample_ggx_vndf(wo, brdf.roughness, u); }
+    return from_anisotropy(brdf, sample_ggx_vndf(to_anisotropy(brdf, wo), brdf.anisotropic_roughness, u));
+}
+
+float specular_pdf(Brdf brdf, vec3 wo, vec3 wi) {
+    return brdf.mirror || !(wi.z > 0.0) ? 0.0 : brdf.pdf_per_d * specular_distribution(brdf, normalize(wo + wi));
+}
+
+// Returns 0 for the one direction to which a mirror reflects, smooth glass refracts: only sample_brdf finds it.
 vec3 evaluate_specular_brdf(Brdf brdf, vec3 wo, vec3 wi) {
-    if (brdf_lambert || brdf.mirror || !(wo.z > 0.0 && wi.z > 0.0)) { return vec3(0.0); }
-    vec3 half_vector = normalize(wo + wi);
-    float D = D_GGX(brdf.roughness, half_vector);
-    float V = V_SmithGGXCorrelated(brdf.roughness, wo.z, wi.z);
-    return specular_fresnel(brdf, dot(wi, half_vector)) * (D * V * wi.z);
+    vec3 value = vec3(0.0);
+    if (brdf_lambert || !(wo.z > 0.0)) { return value; }
+    if (!brdf.mirror && wi.z > 0.0) {
+        vec3 half_vector = normalize(wo + wi);
+        float V = SCENE_LAYERS
+            ? V_SmithGGXCorrelated(brdf.anisotropic_roughness, to_anisotropy(brdf, wo), to_anisotropy(brdf, wi))
+            : V_SmithGGXCorrelated(brdf.roughness, wo.z, wi.z);
+        value = specular_fresnel(brdf, dot(wi, half_vector)) * (specular_distribution(brdf, half_vector) * V * wi.z);
+    }
+    if (SCENE_GLASS && brdf.glass.weight > 0.0 && !brdf.mirror) {
+        value += brdf.glass.weight * evaluate_glass(brdf.glass, wo, wi);
+    }
+    if (!SCENE_LAYERS) { return value; }
+    return below_layers(brdf, value, wo, wi) + (wi.z > 0.0 ? evaluate_coat(brdf.layers, wi) : 0.0);
 }
 
 vec3 evaluate_brdf(Brdf brdf, vec3 wo, vec3 wi) {
     return evaluate_diffuse_brdf(brdf, wo, wi) + evaluate_specular_brdf(brdf, wo, wi);
 }
 
+// ---- sampling ----------------------------------------------------------------------------------------
+
 // The density with which sample_brdf chooses wi, in solid angle.
 float brdf_pdf(Brdf brdf, vec3 wo, vec3 wi) {
-    if (!(wo.z > 0.0 && wi.z > 0.0)) { return 0.0; }
-    float diffuse_pdf = INVERSE_PI * wi.z;
-    float specular_pdf = brdf.mirror ? 0.0 : brdf.pdf_per_d * D_GGX(brdf.roughness, normalize(wo + wi));
-    return mix(diffuse_pdf, specular_pdf, brdf.specular_probability);
+    bool above = wi.z > 0.0;
+    if (!(wo.z > 0.0) || !(above || SCENE_GLASS)) { return 0.0; }
+    float pdf = above ? mix(INVERSE_PI * wi.z, specular_pdf(brdf, wo, wi), brdf.specular_probability) : 0.0;
+    if (!HAS_LOBES) { return pdf; }
+    vec3 chosen = brdf.lobe_probabilities;
+    pdf *= max(1.0 - chosen.x - chosen.y - chosen.z, 0.0);
+    if (above && chosen.x > 0.0) { pdf += chosen.x * coat_pdf(brdf.layers, wi); }
+    if (above) { pdf += chosen.y * (0.5 * INVERSE_PI); }
+    if (chosen.z > 0.0 && !brdf.mirror) { pdf += chosen.z * glass_pdf(brdf.glass, wo, wi); }
+    return pdf;
+}
+
+const BrdfSample INVALID_SAMPLE = BrdfSample(vec3(0.0), vec3(0.0), 0.0, false);
+
+BrdfSample weigh_sample(Brdf brdf, vec3 wo, vec3 wi, bool diffuse) {
+    float pdf = brdf_pdf(brdf, wo, wi);
+    return BrdfSample(wi, pdf > 0.0 ? evaluate_brdf(brdf, wo, wi) / pdf : vec3(0.0), pdf, diffuse);
+}
+
+// The same for a lobe that only reflects: what it sends below the surface is no sample of the glass.
+BrdfSample weigh_reflection(Brdf brdf, vec3 wo, vec3 wi, bool diffuse) {
+    if (SCENE_GLASS && !(wi.z > 0.0)) { return INVALID_SAMPLE; }
+    return weigh_sample(brdf, wo, wi, diffuse);
+}
+
+// A sample by the coat, sheen or glass. `choice` is below the sum of their probabilities.
+BrdfSample sample_lobes(Brdf brdf, vec3 wo, float choice, vec2 u) {
+    vec3 chosen = brdf.lobe_probabilities;
+    if (choice < chosen.x) {
+        vec3 wi = sample_coat(brdf.layers, u);
+        if (!is_mirror_coat(brdf.layers)) { return weigh_reflection(brdf, wo, wi, false); }
+        vec3 weight = vec3(coat_fresnel(brdf.layers, brdf.layers.coat_wo.z) / chosen.x);
+        return wi.z > 0.0 ? BrdfSample(wi, weight, INFINITY, false) : INVALID_SAMPLE;
+    }
+    choice -= chosen.x;
+    if (choice < chosen.y) { return weigh_sample(brdf, wo, sample_uniform_hemisphere(u), true); }
+    choice = min((choice - chosen.y) / chosen.z, 0.99999994);
+    vec3 smooth_weight;
+    vec3 wi = sample_glass(brdf.glass, wo, choice, u, smooth_weight);
+    if (wi.z == 0.0) { return INVALID_SAMPLE; }
+    if (!brdf.mirror) { return weigh_sample(brdf, wo, wi, false); }
+    smooth_weight = below_layers(brdf, smooth_weight * (brdf.glass.weight / chosen.z), wo, wi);
+    return BrdfSample(wi, smooth_weight, INFINITY, false);
 }
 
 // `choice` decides which lobe proposes wi, `u` where in it; all are uniform in [0, 1).
 BrdfSample sample_brdf(Brdf brdf, vec3 wo, float choice, vec2 u) {
-    if (brdf.mirror && choice < brdf.specular_probability) {
-        vec3 weight = specular_fresnel(brdf, wo.z) / brdf.specular_probability;
-        return BrdfSample(vec3(-wo.xy, wo.z), weight, INFINITY, false);
+    float base_probability = 1.0;
+    if (HAS_LOBES) {
+        vec3 chosen = brdf.lobe_probabilities;
+        float others = chosen.x + chosen.y + chosen.z;
+        if (choice < others) { return sample_lobes(brdf, wo, choice, u); }
+        base_probability = 1.0 - others;
+        choice = min((choice - others) / base_probability, 0.99999994);
     }
     bool diffuse = choice >= brdf.specular_probability;
-    vec3 wi = diffuse ? sample_cosine_hemisphere(u) : sample_ggx_vndf(wo, brdf.roughness, u);
-    float pdf = brdf_pdf(brdf, wo, wi);
-    return BrdfSample(wi, pdf > 0.0 ? evaluate_brdf(brdf, wo, wi) / pdf : vec3(0.0), pdf, diffuse);
+    if (brdf.mirror && !diffuse) {
+        vec3 wi = vec3(-wo.xy, wo.z);
+        vec3 weight = specular_fresnel(brdf, wo.z) / brdf.specular_probability;
+        if (HAS_LOBES) { weight = below_layers(brdf, weight / base_probability, wo, wi); }
+        return BrdfSample(wi, weight, INFINITY, false);
+    }
+    vec3 wi = diffuse ? sample_cosine_hemisphere(u) : sample_specular_lobe(brdf, wo, u);
+    return weigh_reflection(brdf, wo, wi, diffuse);
 }
 
 BrdfSample sample_brdf(Brdf brdf, vec3 wo, inout uint rng) {

@@ -8,6 +8,8 @@
 
 layout(set = 0, binding = 10, scalar) buffer BrdfTableBlock { vec2 at[]; } brdf_table;
 layout(set = 0, binding = 11, scalar) buffer BrdfAveragesBlock { vec3 at[]; } brdf_averages;
+layout(set = 0, binding = 13, scalar) buffer SheenTableBlock { float at[]; } sheen_table;
+layout(set = 0, binding = 14, scalar) buffer GlassTableBlock { float at[]; } glass_table;
 
 // Rows: perceptual roughness from 0 to 1. Columns: the square root of the cosine to the normal from 0 to 1, because the
 // albedo of smooth surfaces changes fastest at grazing angles. The host reads the size from here.
@@ -30,6 +32,50 @@ vec2 lookup_brdf_table(float NdotV, float perceptual_roughness) {
     vec2 smoother = mix(brdf_table.at[first], brdf_table.at[first + 1u], part.x);
     vec2 rougher = mix(brdf_table.at[first + BRDF_TABLE_SIZE], brdf_table.at[first + BRDF_TABLE_SIZE + 1u], part.x);
     return mix(smoother, rougher, part.y);
+}
+
+// The directional albedo of GGX with multiple scattering, from the single-scattering albedo F0 A + B. Fdez-Aguero, "A
+// Multiple-Scattering Microfacet Model for Real-Time Image-based Lighting" (JCGT 2019).
+vec3 specular_albedo(vec3 f0, vec2 ab) {
+    return min((f0 * ab.x + ab.y) * (1.0 + f0 * (1.0 / (ab.x + ab.y) - 1.0)), 1.0);  // not above 1 by rounding
+}
+
+// The directional albedo of white sheen (scene/sheen.glsl), in the same rows and columns.
+float lookup_sheen_table(float NdotV, float perceptual_roughness) {
+    uint last = BRDF_TABLE_SIZE - 1u;
+    vec2 position = vec2(sqrt(saturate(NdotV)), saturate(perceptual_roughness)) * float(last);
+    uvec2 cell = min(uvec2(position), uvec2(last - 1u));
+    vec2 part = position - vec2(cell);
+    uint first = cell.y * BRDF_TABLE_SIZE + cell.x, next = first + BRDF_TABLE_SIZE;
+    return mix(
+        mix(sheen_table.at[first], sheen_table.at[first + 1u], part.x),
+        mix(sheen_table.at[next], sheen_table.at[next + 1u], part.x), part.y
+    );
+}
+
+layout(constant_id = 6) const uint GLASS_TABLE_SIZE = 16u;  // rows and columns of a slice
+// Slices go from an eta of 1/3 to 3, evenly in the signed square root of (eta - 1) / (eta + 1), because the albedo
+// changes fastest near 1. There is a slice at 1, as the number is odd.
+layout(constant_id = 7) const uint GLASS_TABLE_SLICES = 33u;
+const float LARGEST_ETA_RATIO = 0.5;
+
+// The albedo of single scattering of white glass (scene/glass.glsl) that is the boundary of a solid.
+float lookup_glass_table(float eta, float NdotV, float perceptual_roughness) {
+    uint last = GLASS_TABLE_SIZE - 1u;
+    vec3 position = vec3(sqrt(saturate(NdotV)), saturate(perceptual_roughness), 0.0) * float(last);
+    float ratio = (eta - 1.0) / (eta + 1.0) / LARGEST_ETA_RATIO;
+    position.z = saturate(0.5 * sign(ratio) * sqrt(abs(ratio)) + 0.5) * float(GLASS_TABLE_SLICES - 1u);
+    uvec3 cell = min(uvec3(position), uvec3(last - 1u, last - 1u, GLASS_TABLE_SLICES - 2u));
+    vec3 part = position - vec3(cell);
+    float albedo = 0.0;
+    for (uint corner = 0u; corner < 8u; corner++) {
+        uvec3 to = uvec3(corner, corner >> 1u, corner >> 2u) & 1u;
+        vec3 share = mix(1.0 - part, part, vec3(to));
+        uvec3 at = cell + to;
+        albedo += share.x * share.y * share.z
+            * glass_table.at[(at.z * GLASS_TABLE_SIZE + at.y) * GLASS_TABLE_SIZE + at.x];
+    }
+    return albedo;
 }
 
 // The cosine-weighted average of the multiple-scattering albedo is column 0 + F0 column 1 + F0^2 column 2.

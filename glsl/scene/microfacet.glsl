@@ -27,6 +27,25 @@ vec3 fresnel(vec3 f0, float LdotH) {
     return f0 + (1.0 - f0) * (x2 * x2 * x);
 }
 
+// The Fresnel reflectance of a dielectric at normal incidence.
+vec3 reflectance_f0(vec3 reflectance) { return 0.16 * reflectance * reflectance; }
+
+// The exact reflectance of a dielectric with a relative index of refraction `eta`.
+float dielectric_fresnel(float eta, float cosine) {
+    float g2 = square(eta) - 1.0 + square(cosine);
+    if (!(g2 > 0.0)) { return 1.0; }  // total internal reflection
+    float g = sqrt(g2);
+    float a = (g - cosine) / (g + cosine);
+    float b = (cosine * (g + cosine) - 1.0) / (cosine * (g - cosine) + 1.0);
+    return 0.5 * a * a * (1.0 + b * b);
+}
+
+// The factor of reflections by glass whose F0 isn't that of its index of refraction.
+vec3 glass_tint(float ior, vec3 f0) {
+    float own_f0 = square((ior - 1.0) / (ior + 1.0));
+    return own_f0 > 1e-5 ? min(f0 / own_f0, 1.0) : vec3(1.0);
+}
+
 // Samples the reflected direction for a view direction: Eto and Tokuyoshi, "Bounded VNDF Sampling for Smith-GGX
 // Reflections" (SIGGRAPH Asia 2023), listing 1. Samples with z <= 0 are invalid and contribute nothing; the pdf
 // integrates to the share of valid samples.

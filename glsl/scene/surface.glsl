@@ -6,6 +6,7 @@
 #include "scene/bindings.glsl"
 #include "scene/hit.glsl"
 #include "scene/lights/choice.glsl"
+#include "scene/material_lobes.glsl"
 #include "scene/textures.glsl"
 
 struct ResolvedMaterial {
@@ -15,6 +16,7 @@ struct ResolvedMaterial {
     float perceptual_roughness;
     float roughness;
     float metallic;
+    MaterialLobes lobes;
 };
 
 // A point of a triangle of an instance's ray mesh.
@@ -108,6 +110,10 @@ ResolvedMaterial resolve_material(Material material, vec3 vertex_color, TextureP
         resolved.metallic *= factors.y;
     }
     resolved.roughness = square(resolved.perceptual_roughness);
+    resolved.lobes = NO_LOBES;
+    if (SCENE_LAYERS && material.specular_color_texture != NO_INDEX) {
+        resolved.reflectance *= sqrt(sample_texture(material.specular_color_texture, point).rgb);
+    }
     return resolved;
 }
 
@@ -124,11 +130,9 @@ vec4 tangent_from_uvs(Mesh mesh, TrianglePoint point, uint uv_set, vec3 object_n
     return vec4(along_u, -sign(dot(cross(object_normal, along_u), along_v)));
 }
 
-// The shading normal on the front side. A smooth normal that points to the back, as in files with inverted normals, is
-// negated.
-vec3 resolve_shading_normal(
-    Instance instance, Mesh mesh, Material material, TrianglePoint point, vec2 barycentrics
-) {
+// The normal on the front side, without a normal map. A smooth normal that points to the back, as in files with
+// inverted normals, is negated.
+vec3 resolve_smooth_normal(Mesh mesh, TrianglePoint point, vec2 barycentrics) {
     vec3 weights = vec3(1.0 - barycentrics.x - barycentrics.y, barycentrics);
     vec3 normal = point.geometric_world_normal;
     if ((mesh.flags & MESH_HAS_NORMALS) != 0u) {
@@ -138,8 +142,15 @@ vec3 resolve_shading_normal(
         normal = safe_normalize(point.normal_matrix * smooth_normal, normal);
         normal *= dot(normal, point.geometric_world_normal) < 0.0 ? -1.0 : 1.0;
     }
-    if (material.normal_texture == NO_INDEX) { return normal; }
+    return normal;
+}
 
+// Tangent, bitangent and normal of a surface with this normal, for a texture, if there is one. The tangent is 0 where
+// the uvs don't define it.
+mat3 resolve_tangents(
+    Instance instance, Mesh mesh, TrianglePoint point, vec2 barycentrics, vec3 normal, uint texture_index
+) {
+    vec3 weights = vec3(1.0 - barycentrics.x - barycentrics.y, barycentrics);
     vec4 tangent;
     if ((mesh.flags & MESH_HAS_TANGENTS) != 0u) {
         tangent.xyz = weights.x * mesh.attributes.at[point.vertices.x].tangent.xyz
@@ -147,7 +158,7 @@ vec3 resolve_shading_normal(
             + weights.z * mesh.attributes.at[point.vertices.z].tangent.xyz;
         tangent.w = mesh.attributes.at[point.vertices.x].tangent.w;
     } else {
-        uint uv_set = textures.at[material.normal_texture].uv_set;
+        uint uv_set = texture_index == NO_INDEX ? 0u : textures.at[texture_index].uv_set;
         tangent = tangent_from_uvs(mesh, point, uv_set, cross(point.object_edges[1], point.object_edges[2]));
     }
     mat3 m = mat3(instance.world_from_object);
@@ -155,11 +166,16 @@ vec3 resolve_shading_normal(
     tangent.xyz = m * tangent.xyz;
     tangent.xyz -= normal * dot(normal, tangent.xyz);
     vec3 along = safe_normalize(tangent.xyz, vec3(0.0));
-    if (tangent.w == 0.0 || along == vec3(0.0)) { return normal; }
+    if (tangent.w == 0.0) { along = vec3(0.0); }
+    return mat3(along, cross(normal, along) * sign(tangent.w), normal);
+}
+
+vec3 map_normal(uint texture_index, float scale, TexturePoint point, mat3 tangent_frame) {
+    if (tangent_frame[0] == vec3(0.0)) { return tangent_frame[2]; }
     // z is computed from x and y, so that two-channel maps work
-    vec2 xy = sample_texture(material.normal_texture, point.texture_point).xy * 2.0 - 1.0;
-    vec3 mapped = vec3(material.normal_scale * xy, safe_sqrt(1.0 - dot(xy, xy)));
-    return safe_normalize(mat3(along, cross(normal, along) * sign(tangent.w), normal) * mapped, normal);
+    vec2 xy = sample_texture(texture_index, point).xy * 2.0 - 1.0;
+    vec3 mapped = vec3(scale * xy, safe_sqrt(1.0 - dot(xy, xy)));
+    return safe_normalize(tangent_frame * mapped, tangent_frame[2]);
 }
 
 // Bends a shading normal towards the geometric normal until the mirror direction of wo lies above the surface; the
@@ -211,10 +227,33 @@ ResolvedRayHitFull resolve_hit_full(Hit hit, Mesh mesh, vec3 ray_direction, floa
     if (SCENE_SECOND_UVS) { point.texture_point.second_footprint_lod = footprint_lod(mesh, point, 1u, cone_width); }
     vec3 color = vertex_color(mesh, point.vertices, hit.barycentrics).rgb;
     surface.material = resolve_material(material, color, point.texture_point);
-    vec3 normal = resolve_shading_normal(instance, mesh, material, point, hit.barycentrics);
-    surface.world_normal = bend_shading_normal(
-        front_face ? normal : -normal, surface.geometric_world_normal, -ray_direction
-    );
+    vec3 smooth_normal = resolve_smooth_normal(mesh, point, hit.barycentrics);
+    vec3 normal = smooth_normal;
+    if (material.normal_texture != NO_INDEX) {
+        mat3 tangents = resolve_tangents(instance, mesh, point, hit.barycentrics, normal, material.normal_texture);
+        normal = map_normal(material.normal_texture, material.normal_scale, point.texture_point, tangents);
+    }
+    float side = front_face ? 1.0 : -1.0;
+    surface.world_normal = bend_shading_normal(side * normal, surface.geometric_world_normal, -ray_direction);
+    if (SCENE_GLASS || SCENE_LAYERS) {
+        surface.material.lobes = resolve_lobes(material, point.texture_point, front_face);
+    }
+    if (SCENE_LAYERS) {
+        vec3 coat_normal = smooth_normal;
+        uint coat_map = material.clearcoat_normal_texture;
+        if (coat_map != NO_INDEX) {
+            mat3 tangents = resolve_tangents(instance, mesh, point, hit.barycentrics, coat_normal, coat_map);
+            coat_normal = map_normal(coat_map, material.clearcoat_normal_scale, point.texture_point, tangents);
+        }
+        coat_normal = bend_shading_normal(side * coat_normal, surface.geometric_world_normal, -ray_direction);
+        mat3 tangents = mat3(0.0);
+        if (material.anisotropy > 0.0) {
+            tangents = resolve_tangents(
+                instance, mesh, point, hit.barycentrics, smooth_normal, material.anisotropy_texture
+            );
+        }
+        orient_lobes(surface.material.lobes, surface.world_normal, coat_normal, tangents);
+    }
     return surface;
 }
 

@@ -68,7 +68,10 @@ Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uin
         if (!SCENE_ALPHA) { continue; }
         uint instance = uint(rayQueryGetIntersectionInstanceCustomIndexEXT(query, false));
         uint triangle = uint(rayQueryGetIntersectionPrimitiveIndexEXT(query, false));
-        vec4 cover = resolve_cover(instance, triangle, rayQueryGetIntersectionBarycentricsEXT(query, false));
+        bool from_camera = (flags & gl_RayFlagsCullBackFacingTrianglesEXT) != 0u;
+        vec4 cover = resolve_cover(
+            instance, triangle, rayQueryGetIntersectionBarycentricsEXT(query, false), direction, from_camera
+        );
         if (is_met(cover, seed, instance, triangle)) { rayQueryConfirmIntersectionEXT(query); }
     }
     if (rayQueryGetIntersectionTypeEXT(query, true) != gl_RayQueryCommittedIntersectionTriangleEXT) {
@@ -96,7 +99,7 @@ bool trace_passage_in(
         vec4 cover = resolve_cover(
             uint(rayQueryGetIntersectionInstanceCustomIndexEXT(query, false)),
             uint(rayQueryGetIntersectionPrimitiveIndexEXT(query, false)),
-            rayQueryGetIntersectionBarycentricsEXT(query, false)
+            rayQueryGetIntersectionBarycentricsEXT(query, false), direction, false
         );
         if (cover.w >= 1.0) {
             rayQueryConfirmIntersectionEXT(query);

@@ -165,7 +165,7 @@ def random_directions(rng: np.random.Generator, count: int, edge_share: float = 
 def random_materials(rng: np.random.Generator, count: int) -> NDArray[Any]:
     """Records of brdf_runs.MATERIAL, many of them at or near the limits of their fields."""
     edges = np.array([0, 1e-20, 1e-3, 0.03, 0.031622776, 0.0316228, 0.032, 0.5, 0.999999, 1], np.float32)
-    records = np.zeros(count, brdf_runs.MATERIAL)
+    records = np.resize(brdf_runs.materials(), count)
     for name in ("metallic", "perceptual_roughness"):
         records[name] = np.where(rng.random(count) < 0.5, rng.random(count), rng.choice(edges, count))
     for name in ("base_color", "reflectance"):

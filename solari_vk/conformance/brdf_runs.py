@@ -13,10 +13,19 @@ from solari_vk.gpu.shaders.headers import enumeration
 if TYPE_CHECKING:
     from solari_vk.conformance.shader_runner import ShaderRunner
 
+LOBES: dict[str, Any] = {
+    "transmission": 0.0, "ior": 1.5, "solid": 0, "inside": 0, "specular_weight": 1.0, "coat": 0.0,
+    "coat_roughness": 0.0, "coat_normal": (0.0, 0.0, 1.0), "sheen_color": (0.0, 0.0, 0.0), "sheen_roughness": 0.0,
+    "anisotropy": 0.0, "anisotropy_direction": (1.0, 0.0),
+}  # fmt: skip
+"""The fields of the lobes that few materials have, as in MaterialLobes, and the values of a material without them."""
 MATERIAL = np.dtype(
     [("base_color", "<f4", 3), ("reflectance", "<f4", 3), ("metallic", "<f4"), ("perceptual_roughness", "<f4")]
+    + [(name, "<u4" if isinstance(value, int) else "<f4", np.shape(value)) for name, value in LOBES.items()]
 )
-MODES = ("draw", "evaluate", "albedo")
+MODES = ("draw", "evaluate", "albedo", "sampled_albedo")
+ALL_LOBES = {"SCENE_GLASS": True, "SCENE_LAYERS": True}
+"""The constants for materials with such lobes."""
 RESULT_COUNT = 4  # vectors that the shader writes for each row
 
 
@@ -26,11 +35,14 @@ def glsl_header() -> str:
 
 
 def materials(
-    base_color: ArrayLike = 1.0, reflectance: ArrayLike = 0.5, metallic: ArrayLike = 0.0, roughness: ArrayLike = 0.5
-) -> NDArray[Any]:
-    """Records of the broadcast arguments; colors may be numbers or (..., 3)."""
+    base_color: ArrayLike = 1.0, reflectance: ArrayLike = 0.5, metallic: ArrayLike = 0.0, roughness: ArrayLike = 0.5,
+    **lobes: ArrayLike,
+) -> NDArray[Any]:  # fmt: skip
+    """Records of the broadcast arguments; colors may be numbers or (..., 3). lobes: fields of LOBES, of all records."""
     shape = np.broadcast_shapes(np.shape(metallic), np.shape(roughness), np.shape(base_color)[:-1], (1,))
     records = np.zeros(shape, MATERIAL)
+    for name, value in (LOBES | lobes).items():
+        records[name] = value
     for name, value in (("metallic", metallic), ("perceptual_roughness", roughness)):
         records[name] = value
     for name, value in (("base_color", base_color), ("reflectance", reflectance)):

@@ -23,6 +23,7 @@ from solari_vk.conformance import (
     light_tile_checks,
     light_tree_checks,
     lobe_checks,
+    material_lobe_checks,
     path_checks,
     paths_checks,
     position_checks,
@@ -176,10 +177,10 @@ GROUPS: dict[str, dict[str, Measure]] = {
         **_cases("large_tlas", _large_tlas, 100_000, 1_000_000),
     },
     "brdf": {
-        **_cases("white_furnace", lambda run, metallic: brdf_checks.measure_furnace(run.shaders, metallic),
-                 0.0, 0.5, 1.0),
+        **_cases("white_furnace", lambda run, metal: brdf_checks.measure_furnace(run.shaders, metal), 0.0, 0.5, 1.0),
         "draws": lambda run: brdf_checks.measure_draws(run.shaders, brdf_checks.CASES, 1_000_000),
         "numbers": lambda run: brdf_checks.measure_numbers(run.shaders, 1_000_000),
+        "lobes": lambda run: material_lobe_checks.measure_lobes(run.shaders, 1_000_000),
     },
     "denoise": {
         "even_light": lambda run: denoise_checks.measure_even_light(run.device),
@@ -280,8 +281,7 @@ GROUPS: dict[str, dict[str, Measure]] = {
     "ray_queries": {
         **_cases("probes", _probes, *WAYS),
         **_cases("probes", _probes, *((FRESH, stage) for stage in probe_checks.STAGES[1:])),
-        "not_finite": _by("query", bulk_checks.NOT_FINITE_RULES,
-                          lambda run: bulk_checks.measure_not_finite(run.shaders)),
+        "not_finite": _by("query", bulk_checks.NOT_FINITE_RULES, lambda r: bulk_checks.measure_not_finite(r.shaders)),
         "vertex_return": _by("query", position_checks.RULES.values(), _vertex_return),
     },
     "ray_traversal": {

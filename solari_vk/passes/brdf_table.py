@@ -1,4 +1,5 @@
-"""The directional albedo of the specular lobe, computed once for a renderer; glsl/passes/brdf_table/."""
+"""The directional albedo of the specular lobe, of sheen and of glass, computed once for a renderer;
+glsl/passes/brdf_table/."""
 
 from __future__ import annotations
 
@@ -9,17 +10,34 @@ from solari_vk.gpu.frame.stages import Pass, Stage
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
 
-NAMES = ("brdf_table", "brdf_averages")
+NAMES = ("brdf_table", "brdf_averages", "sheen_table", "glass_table")
 
 
 def stage() -> Stage:
-    """The table over cosine and roughness, and its averages over the cosine. The shader defines the table's size."""
-    shader = "passes/brdf_table/integrate.comp"
-    size = int(reflect(compile_shader(shader), shader).constants["BRDF_TABLE_SIZE"].default)
+    """The tables over cosine and roughness, that of glass also over the index of refraction, and the averages of the
+    first one over the cosine. Shaders define the sizes."""
+    size, glass, slices = (
+        int(reflect(compile_shader(shader), shader).constants[name].default)
+        for shader, name in (
+            ("passes/brdf_table/integrate.comp", "BRDF_TABLE_SIZE"),
+            ("passes/brdf_table/glass.comp", "GLASS_TABLE_SIZE"),
+            ("passes/brdf_table/glass.comp", "GLASS_TABLE_SLICES"),
+        )
+    )
     return Stage(
         "brdf_table",
-        buffers={"brdf_table": size * size, "brdf_averages": size},
-        passes=[Pass("brdf_table/integrate", threads=(size, size)), Pass("brdf_table/average", threads=size)],
+        buffers={
+            "brdf_table": size * size,
+            "brdf_averages": size,
+            "sheen_table": size * size,
+            "glass_table": glass * glass * slices,
+        },
+        passes=[
+            Pass("brdf_table/integrate", threads=(size, size)),
+            Pass("brdf_table/average", threads=size),
+            Pass("brdf_table/sheen", threads=(size, size)),
+            Pass("brdf_table/glass", threads=(glass, glass, slices)),
+        ],
     )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from solari_vk.gpu.frame.stages import Draw, DrawList, History, Pass, Stage
 from solari_vk.settings import Settings
 
@@ -10,22 +12,29 @@ COUNTERS = ("drawn_first", "drawn_second", "frustum_culled", "occlusion_culled")
 because those don't hide them, outside the frustum, and occluded. Their sum is the number of visible instances."""
 
 _DRAW_COUNT_BYTES = 4
+LOBES = {"SCENE_GLASS", "SCENE_LAYERS"}  # features whose materials have an image of their own
 PREVIOUS_INSTANCES = "previous_instances"  # the rows stay valid when the table of instances grows
 
 
 def way_on(device_kind: str, way: str = "auto") -> str:
-    """"raster" or "traced": for "auto", what is faster on a device of this kind (`DeviceProperties.kind`)."""
+    """ "raster" or "traced": for "auto", what is faster on a device of this kind (`DeviceProperties.kind`)."""
     if way != "auto":
         return way
     return "raster" if device_kind == "cpu" else "traced"
 
 
-def stage(size: tuple[int, int], settings: Settings, instance_capacity: int, way: str) -> Stage:
-    """The images of the packed layout with their history. instance_capacity: rows of the scene's `instances`."""
+def stage(
+    size: tuple[int, int], settings: Settings, instance_capacity: int, way: str, features: Collection[str] = ()
+) -> Stage:
+    """The images of the packed layout with their history. instance_capacity: rows of the scene's `instances`.
+
+    features: the scene's, which say whether materials need more than the first image has.
+    """
     buffers: dict[str, int | History] = {PREVIOUS_INSTANCES: instance_capacity}
     images: dict[str, tuple[int, int] | History] = {
         "gbuffer": History(size),
         "gbuffer_surface": History(size),
+        "gbuffer_lobes": size if LOBES & set(features) else (1, 1),
         "depth": History(size),
         "motion_vectors": size,
     }

@@ -253,7 +253,7 @@ class SceneBinder:
 
     def _note_alpha(self) -> None:
         for instance in self._write_rows:
-            if instance.material.alpha_mode != "opaque":
+            if instance.alpha_mode != "opaque":
                 self._features.note(instance)
                 if instance.alpha_mode == "blend":
                     self._geometry.meet_once(instance.ray_mesh or instance.mesh)

@@ -12,6 +12,8 @@ MATERIAL_DOUBLE_SIDED = 1
 """The flag of a material record whose back side emits and is seen by the camera too."""
 MATERIAL_MASK, MATERIAL_BLEND = 2, 4
 """Flags of a material record with such an alpha mode."""
+MATERIAL_SOLID, MATERIAL_WALL = 8, 16
+"""Flags of a material record of glass that bounds a solid, and of thin glass that rays may pass straight."""
 SCENE_MASK, BLENDED_MASK = 0x7F, 0x40
 """The masks of rays through a scene, and through its blended instances alone: hidden ones have only the bit above."""
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from solari_vk.scene.environment import EnvironmentLight
+from solari_vk.scene.material import Material
 from solari_vk.scene.objects import Instance, Mesh
 from solari_vk.scene.punctual import PunctualLight
 
@@ -41,6 +42,8 @@ FEATURES = (
     Feature("BLEND", Instance, lambda instance: instance.alpha_mode == "blend"),
     Feature("VERTEX_COLORS", Mesh, lambda mesh: mesh.colors is not None),
     Feature("SECOND_UVS", Mesh, lambda mesh: mesh.second_uvs is not None),
+    Feature("GLASS", Material, lambda material: material.transmission > 0),
+    Feature("LAYERS", Material, lambda material: material.has_layers),
 )
 
 

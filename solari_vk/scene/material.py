@@ -71,19 +71,53 @@ class Texture(Checked):
     }
 
 
+TEXTURES = {
+    "base_color_texture": True,
+    "metallic_roughness_texture": False,
+    "emissive_texture": True,
+    "normal_texture": False,
+    "specular_texture": False,
+    "specular_color_texture": True,
+    "transmission_texture": False,
+    "clearcoat_texture": False,
+    "clearcoat_roughness_texture": False,
+    "clearcoat_normal_texture": False,
+    "sheen_color_texture": True,
+    "sheen_roughness_texture": False,
+    "anisotropy_texture": False,
+}
+"""The textures of a material, and whether their colors are sRGB."""
+MIRROR_ROUGHNESS = 0.001
+"""The largest square of the perceptual roughness of a surface that shaders take as a perfect mirror."""
+LARGEST_OPTICAL_DEPTH = 30.0  # of an attenuation color of 0 after the attenuation distance
+
+
 @checked
 class Material(Checked):
     """A metallic-roughness surface, as in glTF.
 
     Colors are linear, (3,); one number stands for gray. base_color, metallic, perceptual_roughness and reflectance
     are in [0, 1]. `roughness` is another name of perceptual_roughness, as in glTF and modeling programs; the alpha of
-    the GGX distribution is its square. A dielectric's F0 is 0.16 reflectance^2; a reflectance of 0.5 is glass. emissive
-    is radiance in cd/m^2.
+    the GGX distribution is its square. A dielectric's F0 is that of its index of refraction, `ior`, times
+    4 reflectance^2: with the ior of 1.5 it is 0.16 reflectance^2. `specular` in [0, 1] is the weight of a dielectric's
+    reflections at all angles. emissive is radiance in cd/m^2.
+
+    transmission in [0, 1] is the share of a dielectric that is glass, tinted by the base color. Light passes a thin
+    wall without being bent; where `solid` is true, the surface bounds a volume, which bends light by its ior and colors
+    it: white light becomes attenuation_color after attenuation_distance in meters. The front is outside, so meshes of
+    solids must be closed. Shadow rays pass thin smooth glass; other glass casts shadows, and its caustics are found by
+    the rays that surfaces scatter.
+
+    clearcoat in [0, 1] is the weight of a layer of an ior of 1.5 over all else, with clearcoat_roughness. sheen_color
+    is the color of fibers that shine at grazing angles, with sheen_roughness. anisotropy in [0, 1] spreads reflections
+    along the tangent, turned by anisotropy_rotation in radians towards the bitangent.
 
     A texture is a Texture, a TextureImage or an array of pixels. Textures multiply the values: base color and emissive
     are sRGB; the metallic-roughness texture has roughness in green and metallic in blue; normals are in tangent space,
-    with z computed from x and y. A double-sided material is visible, and emits, on both sides. The back side of other
-    materials is invisible to cameras, but blocks all other rays.
+    with z computed from x and y. The other textures have their channels where glTF has them: transmission and clearcoat
+    in red, clearcoat roughness in green, specular and sheen roughness in alpha, the colors of both, sRGB, in red, green
+    and blue, the direction of anisotropy in red and green and its strength in blue. A double-sided material is visible,
+    and emits, on both sides. The back side of other materials is invisible to cameras, but blocks all other rays.
 
     The alpha of a surface is `alpha` times that of the base color texture and of the vertices' colors. With the
     alpha_mode "mask" the surface is cut out where its alpha is below alpha_cutoff. With "blend" it covers what lies
@@ -108,6 +142,28 @@ class Material(Checked):
     emissive_texture: Texture | None = None
     normal_texture: Texture | None = None
     double_sided: bool = False
+    ior: float = 1.5
+    specular: float = 1.0
+    specular_texture: Texture | None = None
+    specular_color_texture: Texture | None = None
+    transmission: float = 0.0
+    transmission_texture: Texture | None = None
+    solid: bool = False
+    attenuation_color: FloatArray = field(default_factory=lambda: np.ones(3, np.float32))
+    attenuation_distance: float = 1.0
+    clearcoat: float = 0.0
+    clearcoat_texture: Texture | None = None
+    clearcoat_roughness: float = 0.0
+    clearcoat_roughness_texture: Texture | None = None
+    clearcoat_normal_scale: float = 1.0
+    clearcoat_normal_texture: Texture | None = None
+    sheen_color: FloatArray = field(default_factory=lambda: np.zeros(3, np.float32))
+    sheen_color_texture: Texture | None = None
+    sheen_roughness: float = 0.0
+    sheen_roughness_texture: Texture | None = None
+    anisotropy: float = 0.0
+    anisotropy_rotation: float = 0.0
+    anisotropy_texture: Texture | None = None
     name: str = ""
 
     _aliases = {"roughness": "perceptual_roughness"}
@@ -122,14 +178,42 @@ class Material(Checked):
         "reflectance": checks.color(0, 1),
         "emissive": checks.color(0, checks.LARGEST_RADIANCE),
         "normal_scale": checks.number(-1e6, 1e6),
-        "base_color_texture": checks.made_of(lambda: Texture, optional=True),
-        "metallic_roughness_texture": checks.made_of(lambda: Texture, optional=True),
-        "emissive_texture": checks.made_of(lambda: Texture, optional=True),
-        "normal_texture": checks.made_of(lambda: Texture, optional=True),
         "double_sided": bool,
+        "ior": checks.number(1, 1e6),
+        "specular": checks.number(0, 1),
+        "transmission": checks.number(0, 1),
+        "solid": bool,
+        "attenuation_color": checks.color(0, 1),
+        "attenuation_distance": checks.number(1e-9, 1e9, "meters"),
+        "clearcoat": checks.number(0, 1),
+        "clearcoat_roughness": checks.number(0, 1),
+        "clearcoat_normal_scale": checks.number(-1e6, 1e6),
+        "sheen_color": checks.color(0, 1),
+        "sheen_roughness": checks.number(0, 1),
+        "anisotropy": checks.number(0, 1),
+        "anisotropy_rotation": checks.number(-1e6, 1e6, "radians"),
+        **dict.fromkeys(TEXTURES, checks.made_of(lambda: Texture, optional=True)),
     }
 
     @property
     def emits(self) -> bool:
         """Whether the material emits light, so that its instances are lights."""
         return bool((self.emissive > 0).any())
+
+    @property
+    def absorption(self) -> NDArray[np.float64]:
+        """What a solid absorbs by the law of Beer and Lambert, (3,) per meter."""
+        depth = -np.log(np.maximum(self.attenuation_color.astype(np.float64), np.exp(-LARGEST_OPTICAL_DEPTH)))
+        return np.asarray(depth / self.attenuation_distance)
+
+    @property
+    def is_wall(self) -> bool:
+        """Whether the material is thin glass that rays may pass straight, since it is smooth, at least in places."""
+        smooth = self.perceptual_roughness**2 <= MIRROR_ROUGHNESS or self.metallic_roughness_texture is not None
+        return self.transmission > 0 and not self.solid and smooth and self.alpha_mode == "opaque"
+
+    @property
+    def has_layers(self) -> bool:
+        """Whether shaders need more than a diffuse lobe below an isotropic specular one of full weight, or glass."""
+        weights = (self.clearcoat, self.anisotropy, self.sheen_color.max(), 1 - self.specular)
+        return any(weight > 0 for weight in weights) or bool(self.specular_texture or self.specular_color_texture)

@@ -7,24 +7,26 @@ from typing import Any
 import numpy as np
 
 from solari_vk.gpu.device.device import Device
-from solari_vk.scene.constants import MATERIAL_BLEND, MATERIAL_DOUBLE_SIDED, MATERIAL_MASK, NO_INDEX
+from solari_vk.scene.constants import (
+    MATERIAL_BLEND,
+    MATERIAL_DOUBLE_SIDED,
+    MATERIAL_MASK,
+    MATERIAL_SOLID,
+    MATERIAL_WALL,
+    NO_INDEX,
+)
 from solari_vk.scene.features import Features
+from solari_vk.scene.material import TEXTURES
 from solari_vk.scene.model import Instance, Material, Texture, TextureImage
 from solari_vk.scene.table import Rows, Table
 from solari_vk.scene.textures import Textures
 
 NUMBERS = (
-    "base_color", "perceptual_roughness", "emissive", "metallic", "reflectance", "normal_scale", "alpha",
-    "alpha_cutoff",
+    "base_color", "perceptual_roughness", "emissive", "metallic", "normal_scale", "alpha", "alpha_cutoff",
+    "transmission", "ior", "absorption", "specular", "clearcoat", "clearcoat_roughness", "clearcoat_normal_scale",
+    "sheen_color", "sheen_roughness", "anisotropy", "anisotropy_rotation",
 )  # fmt: skip
 _ALPHA_FLAGS = {"opaque": 0, "mask": MATERIAL_MASK, "blend": MATERIAL_BLEND}
-# A material's textures: the field of the material and of the record, and whether its colors are sRGB.
-TEXTURE_SLOTS = {
-    "base_color_texture": True,
-    "metallic_roughness_texture": False,
-    "emissive_texture": True,
-    "normal_texture": False,
-}
 
 
 class Materials:
@@ -56,7 +58,7 @@ class Materials:
             self._to_write.pop(material, None)
             self.emitting.discard(material)
             for slot, texture in self._textures_of.pop(material).items():
-                self._textures.release(texture, TEXTURE_SLOTS[slot], material)
+                self._textures.release(texture, TEXTURES[slot], material)
 
     def change(self, material: Material) -> list[Instance]:
         """Take note of an edit of a material; returns the instances that use it."""
@@ -74,11 +76,11 @@ class Materials:
 
     def _take_up(self, material: Material) -> None:
         before = self._textures_of.get(material, {})
-        after = {slot: texture for slot in TEXTURE_SLOTS if (texture := getattr(material, slot)) is not None}
+        after = {slot: texture for slot in TEXTURES if (texture := getattr(material, slot)) is not None}
         for slot, texture in after.items():  # before the release below, so that a kept texture isn't uploaded again
-            self._textures.acquire(texture, TEXTURE_SLOTS[slot], material)
+            self._textures.acquire(texture, TEXTURES[slot], material)
         for slot, texture in before.items():
-            self._textures.release(texture, TEXTURE_SLOTS[slot], material)
+            self._textures.release(texture, TEXTURES[slot], material)
         self._textures_of[material] = after
         self._to_write[material] = None
 
@@ -92,10 +94,14 @@ class Materials:
             for name in NUMBERS:
                 record[name] = getattr(material, name)
             textures = self._textures_of[material]
-            for slot, srgb in TEXTURE_SLOTS.items():
+            for slot, srgb in TEXTURES.items():
                 record[slot] = self._textures.rows[textures[slot], srgb] if slot in textures else NO_INDEX
-            double_sided = MATERIAL_DOUBLE_SIDED if material.double_sided else 0
-            record["flags"] = double_sided | _ALPHA_FLAGS[material.alpha_mode]
+            # In shaders F0 is 0.16 reflectance^2 whatever the index of refraction is; the factor is 1 for 1.5.
+            record["reflectance"] = material.reflectance * (5 * (material.ior - 1) / (material.ior + 1))
+            record["flags"] = (
+                MATERIAL_DOUBLE_SIDED * material.double_sided | MATERIAL_SOLID * material.solid
+                | MATERIAL_WALL * material.is_wall | _ALPHA_FLAGS[material.alpha_mode]
+            )  # fmt: skip
             (self.emitting.add if material.emits else self.emitting.discard)(material)
             self.table.mark([row])
         self._to_write.clear()

@@ -178,6 +178,8 @@ class Instance(Checked):
     def alpha_mode(self) -> str:
         """The material's, but "opaque" where neither it, nor its texture, nor the mesh's colors leave anything out."""
         material = self.material
+        if material.is_wall:
+            return "blend"  # to rays, which decide at each hit whether they pass
         if material.alpha_mode == "opaque":
             return "opaque"
         least = material.alpha * min(self.mesh.least_alpha, (self.ray_mesh or self.mesh).least_alpha)

@@ -29,7 +29,7 @@ PROOFS = {
 }  # fmt: skip
 TRACE, AOV = "passes/pathtracer/trace.comp", "passes/pathtracer/aov.comp"
 SAMPLING, MESH_LIGHT = "scene/sampling.glsl", "scene/lights/emissive_mesh.glsl"
-BRDF, MICROFACET, SURFACE = "scene/brdf.glsl", "scene/microfacet.glsl", "scene/surface.glsl"
+BRDF, MICROFACET, SURFACE = "scene/prepared_brdf.glsl", "scene/microfacet.glsl", "scene/surface.glsl"
 MUTANTS = {  # the proof that must fail, and the patch
     "weights in area measure": ("glossy lamp", MESH_LIGHT, "? square(ray_t) / cosine *", "? 1.0 / cosine *"),
     "emission counted twice": ("glossy lamp", TRACE, "surface.material.emissive * hit_weight(bounce_pdf, light_pdf)",
@@ -37,7 +37,7 @@ MUTANTS = {  # the proof that must fail, and the patch
     "no cosine at the light": ("glossy lamp", SAMPLING, "? cosine / distance_squared", "? 1.0 / distance_squared"),
     "sun's pdf forgets its probability": ("wide sun", SAMPLING, "choice_probability / met.inverse_pdf",
                                           "0.5 / met.inverse_pdf"),
-    "no shadows": ("closed surface", TRACE, "trace_light_transmittance(origin, light_sample)", "1.0"),
+    "no shadows": ("closed surface", TRACE, "trace_light_transmittance(shadow_origin, light_sample)", "1.0"),
     "no average under the layer": ("white box", BRDF, "*= through / (1.0 - average)", "*= through"),
     "no multiple scattering": ("white metal", BRDF, "brdf.multiscatter = 1.0 / (ab.x + ab.y) - 1.0",
                                "brdf.multiscatter = 0.0"),

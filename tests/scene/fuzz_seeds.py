@@ -29,7 +29,11 @@ def everything() -> GltfWriter:
         alphaMode="MASK", alphaCutoff=0.5, doubleSided=True,
         extensions={"KHR_materials_emissive_strength": {"emissiveStrength": 5}, "KHR_materials_ior": {"ior": 1.4},
                     "KHR_materials_specular": {"specularFactor": 0.5, "specularColorFactor": [1, 0.5, 0.5]},
-                    "KHR_materials_clearcoat": {"clearcoatFactor": 1}, "KHR_materials_unlit": {}},
+                    "KHR_materials_clearcoat": {"clearcoatFactor": 1, "clearcoatRoughnessFactor": 0.2},
+                    "KHR_materials_transmission": {"transmissionFactor": 0.5},
+                    "KHR_materials_volume": {"thicknessFactor": 1, "attenuationColor": [1, 0.5, 0]},
+                    "KHR_materials_sheen": {"sheenColorFactor": [1, 0, 1]},
+                    "KHR_materials_anisotropy": {"anisotropyStrength": 0.5}, "KHR_materials_unlit": {}},
     )  # fmt: skip
     quad = [*TRIANGLE, [1, 1, 0]]
     uvs = [[0, 0], [1, 0], [0, 1], [1, 1]]

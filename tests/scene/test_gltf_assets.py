@@ -12,15 +12,6 @@ from support.assets import ASSETS, asset
 import solari_vk as sv
 from solari_vk.scene.gltf import load_gltf
 
-# The expected warnings; all other files must load without any.
-REMARKS = {
-    "AnisotropyBarnLamp": [
-        "the extension KHR_materials_anisotropy is not supported and was ignored: material 0 'Lamp Metal'",
-        "the extension KHR_materials_clearcoat is not supported and was ignored: material 0 'Lamp Metal'",
-        "the extension KHR_materials_transmission is not supported and was ignored: material 2 'Lamp Glass'",
-        "the extension KHR_materials_volume is not supported and was ignored: material 2 'Lamp Glass'",
-    ],
-}
 FILES = sorted([*ASSETS.glob("*/*.glb"), *ASSETS.glob("*/*.gltf")]) if ASSETS.is_dir() else []
 
 pytestmark = pytest.mark.skipif(not FILES, reason="no assets: set SOLARI_VK_ASSETS to a folder that has them")
@@ -31,7 +22,7 @@ def test_assets_load(path):
     scene = load_gltf(path, strict=True)
     assert scene.instances
     assert np.isfinite(scene.bounds).all()
-    assert scene.warnings == REMARKS.get(path.stem, [])
+    assert scene.warnings == []
 
 
 def test_flight_helmet():

@@ -10,7 +10,7 @@ from support import ktx2_files
 from support.gltf_writer import encoded
 
 from solari_vk.errors import SolariError
-from solari_vk.scene.materials import TEXTURE_SLOTS
+from solari_vk.scene.material import TEXTURES
 
 LEFT_OUT = "textures whose image can't be read are replaced by another image or their factor: "
 NOISE = np.random.default_rng(2).integers(0, 255, (9, 9, 3))
@@ -52,7 +52,7 @@ def test_a_damaged_image_leaves_the_factor(writer, slot):
     material_with(writer, slot, writer.add("textures", source=stored(writer, encoded(NOISE)[:99], name="bark")))
     scene = writer.load()
     (instance,) = scene
-    assert all(getattr(instance.material, name) is None for name in TEXTURE_SLOTS)
+    assert all(getattr(instance.material, name) is None for name in TEXTURES)
     [warning] = scene.warnings
     assert warning.startswith(LEFT_OUT + "image 0 'bark' is a damaged image")
     with pytest.raises(SolariError, match=r"file\.glb: image 0 'bark' is a damaged image"):

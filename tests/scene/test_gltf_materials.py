@@ -10,6 +10,7 @@ import pytest
 from support.gltf_writer import GltfWriter, encoded
 
 import solari_vk as sv
+from solari_vk.scene.material import TEXTURES
 
 UVS = [[0, 0], [1, 0], [0, 1]]
 NORMALS = [[0, 0, 1]] * 3
@@ -54,26 +55,58 @@ def test_primitives_without_material_get_the_formats_default(writer):
 @pytest.mark.parametrize(
     ("fields", "f0", "remarks"),
     [({"KHR_materials_ior": {"ior": 1.33}}, (0.33 / 2.33) ** 2, 0), ({"KHR_materials_ior": {}}, 0.04, 0),
-     ({"KHR_materials_ior": {"ior": 1.0}}, 0, 0), ({"KHR_materials_ior": {"ior": 2.4}}, 0.16, 1),
-     ({"KHR_materials_ior": {"ior": 0}}, 0.16, 1),
+     ({"KHR_materials_ior": {"ior": 1.0}}, 0, 0), ({"KHR_materials_ior": {"ior": 2.4}}, (1.4 / 3.4) ** 2, 1),
+     ({"KHR_materials_ior": {"ior": 0}}, 1, 1),
      ({"KHR_materials_specular": {"specularColorFactor": [1, 0.5, 2]}}, (0.04, 0.02, 0.08), 0),
-     ({"KHR_materials_specular": {"specularFactor": 0.5}}, 0.02, 1),
+     ({"KHR_materials_specular": {"specularFactor": 0.5}}, 0.04, 0),
      ({"KHR_materials_specular": {"specularColorFactor": [3] * 3}, "KHR_materials_ior": {"ior": 1.5}}, 0.12, 0),
-     ({"KHR_materials_specular": {"specularTexture": {"index": 0}}}, 0.04, 1)],
+     ({"KHR_materials_specular": {"specularColorFactor": [9] * 3}, "KHR_materials_ior": {"ior": 5}}, 1, 1)],
 )  # fmt: skip
 def test_reflectance(writer, fields, f0, remarks):
     material, warnings = load(writer, extensions=fields)
-    np.testing.assert_allclose(0.16 * material.reflectance**2, np.broadcast_to(f0, 3), rtol=1e-5, atol=1e-9)
+    own = ((material.ior - 1) / (material.ior + 1)) ** 2
+    np.testing.assert_allclose(4 * own * material.reflectance**2, np.broadcast_to(f0, 3), rtol=1e-5, atol=1e-9)
+    assert material.specular == fields.get("KHR_materials_specular", {}).get("specularFactor", 1)
     assert len(warnings) == remarks
+
+
+def test_lobes(writer):
+    """Each factor and texture of the extensions comes to its field; files without them have none of the lobes."""
+    slot = {"index": writer.image(GRAY)}
+    material, warnings = load(writer, extensions={
+        "KHR_materials_transmission": {"transmissionFactor": 0.9, "transmissionTexture": slot},
+        "KHR_materials_volume": {"thicknessFactor": 0.1, "attenuationColor": [1, 0.5, 0], "attenuationDistance": 2},
+        "KHR_materials_clearcoat": {
+            "clearcoatFactor": 0.8, "clearcoatTexture": slot, "clearcoatRoughnessFactor": 0.2,
+            "clearcoatRoughnessTexture": slot, "clearcoatNormalTexture": {**slot, "scale": 0.7},
+        },
+        "KHR_materials_sheen": {
+            "sheenColorFactor": [0.1, 0.2, 0.3], "sheenColorTexture": slot, "sheenRoughnessFactor": 0.4,
+            "sheenRoughnessTexture": slot,
+        },
+        "KHR_materials_anisotropy": {"anisotropyStrength": 0.6, "anisotropyRotation": 0.3, "anisotropyTexture": slot},
+        "KHR_materials_specular": {"specularTexture": slot, "specularColorTexture": slot},
+    })  # fmt: skip
+    assert warnings == []
+    assert (material.transmission, material.solid, material.attenuation_distance) == (0.9, True, 2)
+    np.testing.assert_allclose(material.absorption[:2], [0, math.log(2) / 2], rtol=1e-6)
+    assert material.absorption[2] == pytest.approx(15), "black light is attenuated as far as floats matter"
+    assert (material.clearcoat, material.clearcoat_roughness, material.clearcoat_normal_scale) == (0.8, 0.2, 0.7)
+    np.testing.assert_allclose(material.sheen_color, [0.1, 0.2, 0.3], rtol=1e-6)
+    assert (material.sheen_roughness, material.anisotropy, material.anisotropy_rotation) == (0.4, 0.6, 0.3)
+    plain = {"base_color_texture", "metallic_roughness_texture", "emissive_texture", "normal_texture"}
+    assert {name for name in TEXTURES if getattr(material, name) is None} == plain
+    assert material.has_layers
+    other, _ = load(GltfWriter(writer.path))
+    assert not other.has_layers
+    assert (other.transmission, other.is_wall) == (0, False)
 
 
 @pytest.mark.parametrize(
     ("name", "fields", "influences"),
-    [("KHR_materials_unlit", {}, True), ("KHR_materials_clearcoat", {"clearcoatFactor": 1}, True),
-     ("KHR_materials_clearcoat", {"clearcoatFactor": 0.0}, False), ("KHR_materials_clearcoat", {}, False),
-     ("KHR_materials_transmission", {"transmissionFactor": 0.5}, True),
-     ("KHR_materials_sheen", {"sheenColorFactor": [0, 0, 0]}, False),
-     ("KHR_materials_sheen", {"sheenColorFactor": [0, 0.5, 0]}, True), ("VENDOR_sparkle", {}, True)],
+    [("KHR_materials_unlit", {}, True), ("KHR_materials_iridescence", {"iridescenceFactor": 1}, True),
+     ("KHR_materials_iridescence", {"iridescenceFactor": 0.0}, False), ("KHR_materials_iridescence", {}, False),
+     ("KHR_materials_dispersion", {"dispersion": 0.5}, True), ("VENDOR_sparkle", {}, True)],
 )  # fmt: skip
 def test_material_extensions_are_reported_when_they_matter(writer, name, fields, influences):
     writer.add("materials", name="unused", **extension(name, **fields))

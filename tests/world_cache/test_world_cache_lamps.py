@@ -67,8 +67,8 @@ MUTANTS = {
     "no hits": ("near", HITS),
     "no light samples": ("tilted", (PATH, "if (max_component(sum(drawn.light)) > 0.0) {", "if (false) {")),
     "light samples alone": ("near", HITS, (VERTEX, "light.received_radiance * mis_weight", "light.received_radiance")),
-    "a gray surface": ("tilted", (SAMPLE, "path.vertex.brdf = WHITE_DIFFUSE;",
-                                  "path.vertex.brdf = WHITE_DIFFUSE; path.vertex.brdf.diffuse_color *= 0.97;")),
+    "a gray surface": ("tilted", (SAMPLE, "path.vertex.brdf = white_diffuse_brdf();",
+                                  "path.vertex.brdf = white_diffuse_brdf(); path.vertex.brdf.diffuse_color *= 0.97;")),
 }  # fmt: skip
 
 

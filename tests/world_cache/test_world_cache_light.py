@@ -231,8 +231,8 @@ MUTANTS = {
     "cells keep each other alive": (test_cell_death, "sample_indirect.comp",
                                     "world_cache_samples.at[thread].life & ~SEES_WALL;",
                                     "world_cache_settings.lifetime;"),
-    "albedo: metals black": (albedo, "../../scene/brdf.glsl",
-                             "mix(dielectric, specular_albedo(material.base_color, ab)", "mix(dielectric, vec3(0.0)"),
+    "albedo: metals black": (albedo, "../../scene/prepared_brdf.glsl",
+                             "vec3 metal = specular_albedo(material.base_color, ab)", "vec3 metal = vec3(0.0)"),
     "albedo: nothing under the layer": (albedo, "query.glsl", "albedos.diffuse + albedos.specular",
                                         "albedos.specular"),
 }  # fmt: skip

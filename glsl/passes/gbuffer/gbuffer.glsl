@@ -4,6 +4,7 @@
 
 #include "common/packing.glsl"
 #include "passes/bindings.glsl"
+#include "passes/gbuffer/lobes.glsl"
 #include "scene/camera.glsl"
 #include "scene/surface.glsl"
 
@@ -64,6 +65,7 @@ ResolvedMaterial unpack_material(uvec4 texel) {
     material.perceptual_roughness = unpack_unorm(texel.x >> 24u, 8u);
     material.roughness = min(square(material.perceptual_roughness), 1.0);  // Mesa 26.2 rounds 1 * 1 up
     material.metallic = unpack_unorm(texel.z >> 8u, 8u);
+    material.lobes = NO_LOBES;
     return material;
 }
 
@@ -115,6 +117,9 @@ GBufferSurface load_gbuffer(uvec2 pixel) {
         vec2(pixel) + 0.5 + camera.jitter, camera
     );
     if (surface.exists) { surface.ray_offset = gbuffer_ray_offset(surface); }
+    if (surface.exists && (SCENE_GLASS || SCENE_LAYERS)) {
+        surface.material.lobes = unpack_lobes(imageLoad(gbuffer_lobes, at), surface.world_normal);
+    }
     return surface;
 }
 

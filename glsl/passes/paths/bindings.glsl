@@ -27,6 +27,7 @@ struct WaitingPath {
     float squared_slope;
     float spread;
     float cone_width;
+    uint medium;
 };
 layout(set = 1, binding = 72, scalar) buffer PathsWaitingBlock { WaitingPath at[]; } paths_waiting;  // by pixel
 // The indices of the pixels whose paths wait: for rounds with even index, then for those with odd index.

@@ -17,6 +17,7 @@ const uint PASS_SALT = 0x3F84D5B5u;
 Path start_path(uvec2 pixel, GBufferSurface surface) {
     Path path = start_path(seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT));
     path.vertex = make_vertex(surface);
+    path.medium_below = find_medium_below(surface.instance, surface.material);
     uint sequence = seed_rng(pixel, 0u, this_frame.seed ^ PASS_SALT);
     path.choice = sobol_point(this_frame.index, sequence).x;
     path.u = sobol_point(this_frame.index, sequence + 1u);

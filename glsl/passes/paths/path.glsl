@@ -24,6 +24,8 @@ struct Path {
     Vertex vertex;                // where the path is; it goes on from here
     vec3 direction;               // of the last ray
     Hit hit;                      // of the last ray
+    uint medium;                  // the material of the solid that the path is in, or NO_INDEX
+    uint medium_below;            // the same on the other side of the vertex
     bool reflects_only;           // the cache stands for the diffuse lobe of the vertex
     uint bounce;                  // rays traced so far
     uint mirrors;                 // of them, those that left mirrors
@@ -53,6 +55,7 @@ struct Path {
 Path start_path(uint rng) {
     Path path;
     path.hit = NO_HIT;
+    path.medium = path.medium_below = NO_INDEX;
     path.reflects_only = false;
     path.bounce = path.mirrors = 0u;
     path.throughput = vec3(1.0);
@@ -98,8 +101,19 @@ bool is_rough(ResolvedMaterial material) {
     return brdf_lambert || material.roughness >= paths_settings.cache_roughness;
 }
 
+// The solid on the other side of a surface, as its material, or NO_INDEX.
+uint find_medium_below(uint instance, ResolvedMaterial material) {
+    return SCENE_GLASS && material.lobes.solid && !material.lobes.inside ? instances.at[instance].material : NO_INDEX;
+}
+
+// The share of light that a way in a medium lets pass.
+vec3 pass_medium(uint medium, float distance) {
+    return medium == NO_INDEX ? vec3(1.0) : attenuation(materials.at[medium].absorption, distance);
+}
+
 // Moves the path to the surface that its last ray hit.
 void arrive(inout Path path, inout ResolvedRayHitFull surface) {
+    path.medium_below = find_medium_below(path.hit.instance, surface.material);
     regularize(surface.material, path.squared_slope);
     path.vertex = make_vertex(
         surface.world_position, surface.geometric_world_normal, surface.ray_offset, surface.world_normal,
@@ -168,11 +182,13 @@ bool advance(inout Path path) {
         path.throughput *= next.weight;
     }
     path.direction = normalize(path.vertex.frame * next.wi);
-    vec3 origin = path.vertex.origin;
+    vec3 origin = ray_origin(path.vertex, path.direction);
+    uint medium = path.medium;
+    if (SCENE_GLASS && next.wi.z < 0.0) { path.medium = path.medium_below; }
     float carried = max_component(path.throughput * sum(path.first_weight));
     // Differs from Solari: the survival probability is at most 1, so that Russian roulette loses no energy.
     float survival = path.bounce >= FIRST_ROULETTE_BOUNCE ? min(carried, 1.0) : 1.0;
-    bool goes_on = next.wi.z > 0.0 && dot(path.direction, path.vertex.geometric_normal) > 0.0 && carried > 0.0
+    bool goes_on = is_possible(next.wi.z, path.direction, path.vertex.geometric_normal) && carried > 0.0
         && rand_f(path.rng) < survival;
     path.throughput /= survival;
     float mis_pdf = density > 0.0 ? next.pdf / density : INFINITY;
@@ -182,7 +198,15 @@ bool advance(inout Path path) {
 
     if (max_component(sum(drawn.light)) > 0.0) {
         count_ray();
-        vec3 transmittance = trace_light_transmittance(origin, drawn.light_sample);
+        vec3 to_light = aim_light(drawn.light_sample, path.vertex.position).world_position;
+        bool far = is_at_infinity(drawn.light_sample.kind);
+        if (!far) { to_light -= path.vertex.position; }
+        vec3 from = ray_origin(path.vertex, to_light);
+        vec3 transmittance = trace_light_transmittance(from, drawn.light_sample);
+        if (SCENE_GLASS) {
+            bool through = dot(to_light, path.vertex.geometric_normal) < 0.0;
+            transmittance *= pass_medium(through ? path.medium_below : medium, far ? INFINITY : length(to_light));
+        }
         if (transmittance != vec3(0.0)) {
             if (first) {
                 path.direct = drawn.light;
@@ -215,7 +239,9 @@ bool advance(inout Path path) {
     }
     path.cone_width += path.cone_spread * path.hit.t;
     path.spread += sqrt(path.squared_slope) * path.hit.t;
+    if (SCENE_GLASS) { path.throughput *= pass_medium(path.medium, path.hit.t); }
     ResolvedRayHitFull surface = resolve_ray_hit_full(path.hit, path.direction, path.cone_width);
+    take_wall_as_met(path.hit, path.direction, surface.material, path.throughput);
     if (surface.emits) {
         float light_pdf = hit_light_pdf(path.vertex, path.hit, surface, path.direction);
         vec3 light = path.throughput * surface.material.emissive * power_heuristic(mis_pdf, light_pdf);

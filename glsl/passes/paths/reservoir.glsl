@@ -69,8 +69,9 @@ SharedLight reflect_sample(Vertex vertex, PathReservoir reservoir) {
         direction = light.wi;
         received = light.received_radiance * light.inverse_pdf;
     }
-    if (!(dot(direction, vertex.geometric_normal) > 0.0)) { return nothing; }
-    Lobes lobes = evaluate_lobes(vertex, direction * vertex.frame);
+    vec3 wi = direction * vertex.frame;
+    if (!is_possible(wi.z, direction, vertex.geometric_normal)) { return nothing; }
+    Lobes lobes = evaluate_lobes(vertex, wi);
     Lobes light = scale(shared_lobes(lobes, vertex.brdf.perceptual_roughness), received);
     return SharedLight(light, luminance(sum(light)));
 }

@@ -5,6 +5,7 @@
 #include "passes/bindings.glsl"
 #include "passes/paths/lobes.glsl"
 #include "scene/brdf.glsl"
+#include "scene/departure.glsl"
 #include "scene/light_visibility.glsl"
 #include "scene/lights/tree.glsl"
 #include "scene/sampling.glsl"
@@ -30,6 +31,12 @@ Vertex make_vertex(vec3 position, vec3 geometric_normal, float ray_offset, vec3 
     return vertex;
 }
 
+// Where rays that go in a direction leave the vertex.
+vec3 ray_origin(Vertex vertex, vec3 direction) {
+    bool through = SCENE_GLASS && dot(direction, vertex.geometric_normal) < 0.0;
+    return through ? 2.0 * vertex.position - vertex.origin : vertex.origin;
+}
+
 Lobes evaluate_lobes(Vertex vertex, vec3 wi) {
     return Lobes(
         evaluate_diffuse_brdf(vertex.brdf, vertex.wo, wi), evaluate_specular_brdf(vertex.brdf, vertex.wo, wi)
@@ -41,6 +48,7 @@ Lobes evaluate_lobes(Vertex vertex, vec3 wi) {
 // Holistic and Robust Light Transport" (2013).
 void regularize(inout ResolvedMaterial material, float squared_slope) {
     float least = min(1.0, 0.5 * sqrt(squared_slope)) * paths_settings.regularization;
+    if (SCENE_LAYERS) { material.lobes.coat_roughness = max(material.lobes.coat_roughness, sqrt(least)); }
     if (material.roughness >= least) { return; }
     material.roughness = least;
     material.perceptual_roughness = sqrt(least);
@@ -52,8 +60,8 @@ void regularize(inout ResolvedMaterial material, float squared_slope) {
 // samples. `density` is the number of light samples that compete with one BRDF sample.
 Lobes reflect_light(Vertex vertex, ResolvedLightSample light_sample, float density) {
     LightContribution light = calculate_resolved_light_contribution(light_sample, vertex.position);
-    if (!(dot(light.wi, vertex.geometric_normal) > 0.0)) { return NO_LIGHT; }
     vec3 wi = light.wi * vertex.frame;
+    if (!is_possible(wi.z, light.wi, vertex.geometric_normal)) { return NO_LIGHT; }
     float mis_weight = power_heuristic(density * light.solid_angle_pdf, brdf_pdf(vertex.brdf, vertex.wo, wi));
     return scale(evaluate_lobes(vertex, wi), light.received_radiance * mis_weight * light.inverse_pdf);
 }

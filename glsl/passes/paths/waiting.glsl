@@ -20,7 +20,7 @@ void wait(Path path, uint pixel_index, uint round_index) {
     paths_lists.at[first_entry(round_index) + row] = pixel_index;
     paths_waiting.at[pixel_index] = WaitingPath(
         path.rng, state, path.first_weight, path.throughput, path.direction, path.hit.instance, path.hit.triangle,
-        path.hit.barycentrics, path.squared_slope, path.spread, path.cone_width
+        path.hit.barycentrics, path.squared_slope, path.spread, path.cone_width, path.medium
     );
 }
 
@@ -39,7 +39,10 @@ Path take_waiting_path(uint pixel_index) {
     path.squared_slope = waiting.squared_slope;
     path.spread = waiting.spread;
     path.cone_width = waiting.cone_width;
+    path.medium = waiting.medium;
     ResolvedRayHitFull surface = resolve_ray_hit_full(path.hit, path.direction, path.cone_width);
+    vec3 counted = vec3(1.0);  // already
+    take_wall_as_met(path.hit, path.direction, surface.material, counted);
     arrive(path, surface);
     return path;
 }

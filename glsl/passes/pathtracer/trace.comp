@@ -6,6 +6,7 @@
 #include "passes/pathtracer/pixel_filter.glsl"
 #include "scene/brdf.glsl"
 #include "scene/camera.glsl"
+#include "scene/departure.glsl"
 #include "scene/light_visibility.glsl"
 #include "scene/sampling.glsl"
 #include "scene/surface.glsl"
@@ -27,14 +28,23 @@ float mis_pdf(float pdf) {
 }
 
 // Samples a light, without visibility, with the MIS weight against hitting the same point by a BRDF sample.
+// `absorption` is that of the solid on wo's side; the shadow ray is to start at `origin`.
 vec3 sample_light(
-    ResolvedRayHitFull surface, Brdf brdf, mat3 frame, vec3 wo, inout uint rng, out ResolvedLightSample light_sample
+    ResolvedRayHitFull surface, Brdf brdf, mat3 frame, vec3 wo, vec3 absorption, inout uint rng,
+    out ResolvedLightSample light_sample, out vec3 origin
 ) {
     light_sample = resolve_light_sample(generate_random_light_sample(rng));
     LightContribution light = calculate_resolved_light_contribution(light_sample, surface.world_position);
-    if (!(dot(light.wi, surface.geometric_world_normal) > 0.0)) { return vec3(0.0); }
     vec3 wi = light.wi * frame;
+    if (!is_possible(wi.z, light.wi, surface.geometric_world_normal)) { return vec3(0.0); }
+    origin = ray_origin(surface, light.wi);
     vec3 value = light.received_radiance * light.inverse_pdf * evaluate_brdf(brdf, wo, wi);
+    if (SCENE_GLASS) {
+        if (wi.z < 0.0) { absorption = absorption_below(surface.material); }
+        bool far = is_at_infinity(light_sample.kind);
+        vec3 position = aim_light(light_sample, origin).world_position;
+        value *= attenuation(absorption, far ? INFINITY : distance(origin, position));
+    }
     return path_sampling.light_strategy == LIGHT_STRATEGY_MIS
         ? value * power_heuristic(light.solid_angle_pdf, brdf_pdf(brdf, wo, wi))
         : value;
@@ -64,6 +74,7 @@ void main() {
     bool path_ended = true;
     uint rng;
     vec3 origin, direction, radiance, throughput;
+    vec3 absorption;  // of the solid that the path is in, per meter
     float t_min, cone_spread, cone_width, bounce_pdf;
     while (true) {
         if (path_ended) {
@@ -80,6 +91,7 @@ void main() {
             bounce_pdf = INFINITY;
             radiance = vec3(0.0);
             throughput = vec3(1.0);
+            absorption = vec3(0.0);
             path_ended = false;
         }
 
@@ -94,6 +106,8 @@ void main() {
         } else {
             cone_width += cone_spread * hit.t;
             ResolvedRayHitFull surface = resolve_ray_hit_full(hit, direction, cone_width);
+            if (bounce > 0u) { take_wall_as_met(hit, direction, surface.material, throughput); }
+            if (SCENE_GLASS) { throughput *= attenuation(absorption, hit.t); }
             if (surface.emits) {
                 float light_pdf = emissive_hit_pdf(surface, direction, hit.t);
                 radiance += throughput * surface.material.emissive * hit_weight(bounce_pdf, light_pdf);
@@ -103,12 +117,12 @@ void main() {
                 mat3 frame = orthonormalize(surface.world_normal);
                 vec3 wo = -direction * frame;
                 Brdf brdf = prepare_brdf(surface.material, wo);
-                origin = surface.world_position + surface.geometric_world_normal * surface.ray_offset;
 
-                vec3 direct = vec3(0.0);
+                vec3 direct = vec3(0.0), shadow_origin;
                 ResolvedLightSample light_sample;
                 if (path_sampling.light_strategy != LIGHT_STRATEGY_BRDF && scene_info.light_count > 0u) {
-                    direct = throughput * sample_light(surface, brdf, frame, wo, rng, light_sample);
+                    direct = throughput
+                        * sample_light(surface, brdf, frame, wo, absorption, rng, light_sample, shadow_origin);
                 }
                 BrdfSample next = sample_brdf(brdf, wo, rng);
                 direction = normalize(frame * next.wi);
@@ -118,14 +132,16 @@ void main() {
                 bounce += 1u;
                 // Differs from Solari: the survival probability is at most 1, so that Russian roulette loses no energy.
                 float survival = bounce >= FIRST_ROULETTE_BOUNCE ? min(max_component(throughput), 1.0) : 1.0;
-                path_ended = !(next.wi.z > 0.0 && dot(direction, surface.geometric_world_normal) > 0.0)
+                path_ended = !is_possible(next.wi.z, direction, surface.geometric_world_normal)
                     || !(max_component(throughput) > 0.0) || rand_f(rng) >= survival;
                 throughput /= survival;
+                origin = ray_origin(surface, direction);
+                if (SCENE_GLASS && next.wi.z < 0.0) { absorption = absorption_below(surface.material); }
 
                 // last, when the surface isn't needed any more
                 if (max_component(direct) > 0.0) {
                     rays += 1u;
-                    radiance += direct * trace_light_transmittance(origin, light_sample);
+                    radiance += direct * trace_light_transmittance(shadow_origin, light_sample);
                 }
             }
         }

@@ -7,9 +7,10 @@
 #include "scene/microfacet.glsl"
 
 BrdfSample sample_specular_brdf(Brdf brdf, vec3 wo, inout uint rng) {
+    if (HAS_LOBES) { return sample_brdf(without_diffuse_lobe(brdf), wo, rng); }
     if (brdf.mirror) { return BrdfSample(vec3(-wo.xy, wo.z), specular_fresnel(brdf, wo.z), INFINITY, false); }
-    vec3 wi = sample_ggx_vndf(wo, brdf.roughness, rand_vec2f(rng));
-    float pdf = wi.z > 0.0 ? brdf.pdf_per_d * D_GGX(brdf.roughness, normalize(wo + wi)) : 0.0;
+    vec3 wi = sample_specular_lobe(brdf, wo, rand_vec2f(rng));
+    float pdf = specular_pdf(brdf, wo, wi);
     return BrdfSample(wi, pdf > 0.0 ? evaluate_specular_brdf(brdf, wo, wi) / pdf : vec3(0.0), pdf, false);
 }
 

@@ -25,13 +25,15 @@ const uint FIRST_ROULETTE_SURFACE = 3u;
 // The light of a random light sample by the whole BRDF, without visibility, with its MIS weight against hitting the
 // light by the next ray.
 vec3 sample_light(
-    ResolvedRayHitFull surface, Brdf brdf, mat3 frame, vec3 wo, inout uint rng, out ResolvedLightSample light_sample
+    ResolvedRayHitFull surface, Brdf brdf, mat3 frame, vec3 wo, inout uint rng, out ResolvedLightSample light_sample,
+    out vec3 origin
 ) {
     if (scene_info.light_count == 0u) { return vec3(0.0); }
     light_sample = resolve_light_sample(generate_random_light_sample(rng));
     LightContribution light = calculate_resolved_light_contribution(light_sample, surface.world_position);
-    if (!(dot(light.wi, surface.geometric_world_normal) > 0.0)) { return vec3(0.0); }
     vec3 wi = light.wi * frame;
+    if (!is_possible(wi.z, light.wi, surface.geometric_world_normal)) { return vec3(0.0); }
+    origin = ray_origin(surface, light.wi);
     return light.received_radiance * light.inverse_pdf * evaluate_brdf(brdf, wo, wi)
         * power_heuristic(light.solid_angle_pdf, brdf_pdf(brdf, wo, wi));
 }
@@ -54,7 +56,7 @@ bool leave_surface(inout Path path, BrdfSample next, Brdf brdf, mat3 frame, vec3
     path.throughput *= next.weight;
     path.bounce_pdf = next.pdf;
     path.spread += next.diffuse ? lobe_spread(1.0) : next.pdf == INFINITY ? 0.0 : lobe_spread(brdf.roughness);
-    return next.wi.z > 0.0 && dot(path.direction, geometric_world_normal) > 0.0 && max_component(path.throughput) > 0.0;
+    return is_possible(next.wi.z, path.direction, geometric_world_normal) && max_component(path.throughput) > 0.0;
 }
 
 // Solari's rule for the cone's width: over each ray, the square of the width grows by the spread of the lobe at the
@@ -93,7 +95,10 @@ vec3 trace_path(Path path, float distance, CameraRay camera_ray, inout uint rng)
             float light_pdf = emissive_hit_pdf(surface, path.direction, hit.t);
             radiance += path.throughput * surface.material.emissive * power_heuristic(path.bounce_pdf, light_pdf);
         }
-        path.origin = surface.world_position + surface.geometric_world_normal * surface.ray_offset;
+        take_wall_as_met(hit, path.direction, surface.material, path.throughput);
+        if (SCENE_GLASS && surface.material.lobes.inside) {
+            path.throughput *= attenuation(surface.material.lobes.absorption, hit.t);
+        }
 
         bool mirror = always_reflects(surface.material);
         mirrors += mirror ? 1u : 0u;
@@ -117,18 +122,19 @@ vec3 trace_path(Path path, float distance, CameraRay camera_ray, inout uint rng)
         }
 
         Brdf brdf = prepare_brdf(surface.material, wo);
-        vec3 direct = vec3(0.0);
+        vec3 direct = vec3(0.0), shadow_origin;
         ResolvedLightSample light_sample;
         if (!brdf.mirror || brdf.specular_probability < 1.0) {
-            direct = path.throughput * sample_light(surface, brdf, frame, wo, rng, light_sample);
+            direct = path.throughput * sample_light(surface, brdf, frame, wo, rng, light_sample, shadow_origin);
         }
         BrdfSample next = sample_brdf(brdf, wo, rng);
         bool goes_on = leave_surface(path, next, brdf, frame, surface.geometric_world_normal);
+        path.origin = ray_origin(surface, path.direction);
         if (as_solari) { path.spread_width = widen_as_solari(path.spread_width, hit.t, surface.material.roughness); }
         // last, when the surface isn't needed any more
         if (max_component(direct) > 0.0) {
             count_ray();
-            radiance += direct * trace_light_transmittance(path.origin, light_sample);
+            radiance += direct * trace_light_transmittance(shadow_origin, light_sample);
         }
         if (!goes_on) { return radiance; }
         if (visited + mirrors >= FIRST_ROULETTE_SURFACE) {

@@ -51,8 +51,7 @@ STORED_LIFETIME: tuple[Patch, ...] = (
 # Bevy 0.18
 LOBES_ADDED: tuple[Patch, ...] = (
     ("scene/brdf.glsl",
-     "return value * (1.0 - fresnel(brdf.dielectric_f0, wo.z)) * (1.0 - fresnel(brdf.dielectric_f0, wi.z));",
-     "return value;"),
+     "value *= (1.0 - fresnel(brdf.dielectric_f0, wo.z)) * (1.0 - fresnel(brdf.dielectric_f0, wi.z));", ""),
 )  # fmt: skip
 """The BRDF adds its two lobes where layering is `fresnel_product`."""
 

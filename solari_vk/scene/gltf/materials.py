@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solari_vk.scene import checks
+from solari_vk.scene.gltf import lobes
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.textures import Slot, Textures
@@ -20,17 +20,11 @@ from solari_vk.scene.model import Material
 
 # Extensions that change nothing while this field of theirs is zero.
 _NEUTRAL_FIELDS = {
-    "KHR_materials_anisotropy": "anisotropyStrength",
-    "KHR_materials_clearcoat": "clearcoatFactor",
     "KHR_materials_diffuse_transmission": "diffuseTransmissionFactor",
     "KHR_materials_dispersion": "dispersion",
     "KHR_materials_iridescence": "iridescenceFactor",
-    "KHR_materials_sheen": "sheenColorFactor",
-    "KHR_materials_transmission": "transmissionFactor",
-    "KHR_materials_volume": "thicknessFactor",
 }
-_READ = ("KHR_materials_emissive_strength", "KHR_materials_ior", "KHR_materials_specular")
-HIGHEST_F0 = 0.16  # for a reflectance of 1
+_READ = ("KHR_materials_emissive_strength", *lobes.EXTENSIONS)
 
 
 @dataclass
@@ -76,6 +70,7 @@ class Materials:
             "metallic_roughness_texture": self._textures.slot(pbr, "metallicRoughnessTexture"),
             "normal_texture": self._textures.slot(entry, "normalTexture"),
             "emissive_texture": self._textures.slot(entry, "emissiveTexture"),
+            **lobes.slots(entry, self._textures),
         }
         slots = {name: slot for name, slot in found.items() if slot is not None}
         for name, slot in list(slots.items()):
@@ -103,7 +98,6 @@ class Materials:
             base_color=np.array(base_color[:3], np.float32),
             metallic=pbr.number("metallicFactor", 1.0, low=0, high=1),
             perceptual_roughness=pbr.number("roughnessFactor", 1.0, low=0, high=1),
-            reflectance=self._reflectance(entry),
             emissive=emissive.astype(np.float32),
             normal_scale=normal.entry.number("scale", 1.0, low=-1e6, high=1e6) if normal else 1.0,
             alpha=base_color[3],
@@ -111,30 +105,10 @@ class Materials:
             alpha_cutoff=min(entry.number("alphaCutoff", 0.5, low=0), checks.LARGEST_CUTOFF),
             double_sided=entry.flag("doubleSided", False),
             name=entry.name,
+            **lobes.fields(entry, slots, self._report),
             **textures,
         )
         return LoadedMaterial(material, uv_sets, normal)
-
-    def _reflectance(self, entry: Entry) -> NDArray[np.float32]:
-        """The reflectance whose F0, 0.16 reflectance^2, is that of the index of refraction and the specular color."""
-        ior, specular = entry.extension("KHR_materials_ior"), entry.extension("KHR_materials_specular")
-        index = 1.5 if ior is None else ior.number("ior", 1.5, low=0)
-        if 0 < index < 1:
-            raise entry.wrong("extensions", "without an 'ior' between 0 and 1")
-        # In glTF an index of 0 stands for full reflection.
-        f0 = np.full(3, ((index - 1) / (index + 1)) ** 2 if index > 0 else 1.0)
-        if specular is not None:
-            factor = specular.number("specularFactor", 1.0, low=0, high=1)
-            f0 = np.minimum(f0 * specular.numbers("specularColorFactor", (1.0, 1.0, 1.0), low=0), 1) * factor
-            if factor < 1:
-                self._report.add(
-                    "KHR_materials_specular: specularFactor does not lower reflections at grazing angles", entry.place
-                )
-            if "specularTexture" in specular or "specularColorTexture" in specular:
-                self._report.add("KHR_materials_specular: its textures are not supported and are left out", entry.place)
-        if f0.max() > HIGHEST_F0 * (1 + 1e-6):
-            self._report.add(f"dielectrics reflect {HIGHEST_F0:.0%} at most when seen straight on", entry.place)
-        return np.sqrt(np.minimum(f0 / HIGHEST_F0, 1)).astype(np.float32)
 
     def _remark_extensions(self, entry: Entry) -> None:
         for name in entry.extensions():

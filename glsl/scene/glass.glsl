@@ -1,0 +1,114 @@
+// Glass: GGX reflection and refraction at the boundary of a solid, or through a thin wall, with the exact reflectance
+// of dielectrics. Walter et al., "Microfacet Models for Refraction through Rough Surfaces" (2007).
+//
+// Radiance in glass is taken over the square of the index of refraction, which is constant along refracted rays. All
+// light that reaches a camera is then as it would be otherwise, and white glass neither gains nor loses any.
+#ifndef SCENE_GLASS_GLSL
+#define SCENE_GLASS_GLSL
+
+#include "common/math.glsl"
+#include "scene/brdf_table.glsl"
+#include "scene/microfacet.glsl"
+
+struct Glass {
+    float weight;        // 0: the surface isn't made of glass
+    float eta;           // the index of refraction below the surface over that above it, as seen by wo
+    bool thin;           // light passes the wall without being bent
+    float roughness;
+    vec3 color;          // of the light that passes
+    vec3 tint;           // of reflections
+    float compensation;  // one over the albedo of single scattering: Turquin (2019)
+};
+
+vec3 glass_fresnel(Glass glass, float cosine) {
+    float reflected = dielectric_fresnel(glass.eta, cosine);
+    return reflected < 1.0 ? reflected * glass.tint : vec3(1.0);
+}
+
+// The probability with which a microfacet reflects instead of refracting.
+float glass_reflects(Glass glass, float cosine) {
+    vec3 reflected = glass_fresnel(glass, cosine);
+    float through = max_component((1.0 - reflected) * glass.color);
+    return max_component(reflected) / max(max_component(reflected) + through, 1e-30);
+}
+
+// The direction in which a microfacet with normal m refracts wo; z is 0 for total internal reflection.
+vec3 refract_through(Glass glass, vec3 wo, vec3 m) {
+    float along = dot(wo, m);
+    if (glass.thin) {
+        vec3 reflected = 2.0 * along * m - wo;
+        return vec3(reflected.xy, -reflected.z);
+    }
+    float cosine2 = 1.0 - (1.0 - square(along)) / square(glass.eta);
+    if (!(cosine2 > 0.0)) { return vec3(0.0); }
+    return normalize((along / glass.eta - sqrt(cosine2)) * m - wo / glass.eta);
+}
+
+// The microfacet normal that sends light from wo to wi; 0 when there is none.
+vec3 glass_half_vector(Glass glass, vec3 wo, vec3 wi) {
+    if (wi.z > 0.0 || glass.thin) { return normalize(vec3(wo.xy + wi.xy, wo.z + abs(wi.z))); }
+    vec3 m = safe_normalize(wo + glass.eta * wi, vec3(0.0));
+    m *= sign(m.z);
+    return dot(wo, m) > 0.0 && dot(wi, m) < 0.0 ? m : vec3(0.0);
+}
+
+float smith_lambda(float roughness, vec3 w) {
+    float tangent2 = dot(w.xy, w.xy) / max(square(w.z), 1e-30);
+    return 0.5 * (sqrt(1.0 + square(roughness) * tangent2) - 1.0);
+}
+
+// The solid angle of wi per solid angle of the microfacet normal, inverted.
+float glass_jacobian(Glass glass, vec3 wo, vec3 wi, vec3 m) {
+    if (wi.z > 0.0 || glass.thin) { return 0.25 / max(dot(wo, m), 1e-30); }
+    float sum = dot(wo, m) + glass.eta * dot(wi, m);
+    return square(glass.eta) * -dot(wi, m) / max(square(sum), 1e-30);
+}
+
+// The density of microfacet normals as wo sees them, which sample_visible_normal samples.
+float visible_normal_pdf(float roughness, vec3 wo, vec3 m) {
+    return D_GGX(roughness, m) * max(dot(wo, m), 0.0) / (wo.z * (1.0 + smith_lambda(roughness, wo)));
+}
+
+// Dupuy and Benyoub, "Sampling Visible GGX Normals with Spherical Caps" (2023).
+vec3 sample_visible_normal(float roughness, vec3 wo, vec2 u) {
+    vec3 wo_std = normalize(vec3(wo.xy * roughness, wo.z));
+    float z = (1.0 - u.y) * (1.0 + wo_std.z) - wo_std.z;
+    float phi = 2.0 * PI * u.x;
+    vec3 m_std = wo_std + vec3(safe_sqrt(1.0 - z * z) * vec2(cos(phi), sin(phi)), z);
+    return normalize(vec3(m_std.xy * roughness, m_std.z));
+}
+
+float glass_pdf(Glass glass, vec3 wo, vec3 wi) {
+    vec3 m = glass_half_vector(glass, wo, wi);
+    float reflects = glass_reflects(glass, dot(wo, m));
+    float chosen = wi.z > 0.0 ? reflects : 1.0 - reflects;
+    float pdf = chosen * visible_normal_pdf(glass.roughness, wo, m) * glass_jacobian(glass, wo, wi, m);
+    return m.z > 0.0 && wi.z != 0.0 ? pdf : 0.0;
+}
+
+// The lobe times the cosine of wi, without `weight`.
+vec3 evaluate_glass(Glass glass, vec3 wo, vec3 wi) {
+    vec3 m = glass_half_vector(glass, wo, wi);
+    if (!(m.z > 0.0 && wi.z != 0.0)) { return vec3(0.0); }
+    vec3 reflected = glass_fresnel(glass, dot(wo, m));
+    float seen_by_both = 1.0 + smith_lambda(glass.roughness, wo) + smith_lambda(glass.roughness, wi);
+    float shape = D_GGX(glass.roughness, m) * dot(wo, m) / (wo.z * seen_by_both) * glass_jacobian(glass, wo, wi, m);
+    return (wi.z > 0.0 ? reflected : (1.0 - reflected) * glass.color) * (shape * glass.compensation);
+}
+
+// A direction, and for smooth glass its weight. `choice` and u are uniform in [0, 1).
+vec3 sample_glass(Glass glass, vec3 wo, float choice, vec2 u, out vec3 smooth_weight) {
+    vec3 m = glass.roughness <= MIRROR_ROUGHNESS ? vec3(0.0, 0.0, 1.0) : sample_visible_normal(glass.roughness, wo, u);
+    float reflects = glass_reflects(glass, dot(wo, m));
+    vec3 reflected = glass_fresnel(glass, dot(wo, m));
+    if (choice < reflects) {
+        smooth_weight = reflected / reflects;
+        vec3 wi = 2.0 * dot(wo, m) * m - wo;
+        return wi.z > 0.0 ? wi : vec3(0.0);
+    }
+    smooth_weight = (1.0 - reflected) * glass.color / (1.0 - reflects);
+    vec3 wi = refract_through(glass, wo, m);
+    return wi.z < 0.0 ? wi : vec3(0.0);
+}
+
+#endif
