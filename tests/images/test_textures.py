@@ -191,3 +191,28 @@ def test_normal_map(tracer, scale):
     expected = np.array((tangent[0], -tangent[1], tangent[2])) / np.linalg.norm(tangent)
     np.testing.assert_allclose(seen, expected, atol=5e-3)
     np.testing.assert_allclose(renderer["geometric_normal"][16, 16, :3], (0, 0, 1), atol=1e-5)
+
+
+# ---- vertex colors and the second set of uvs ---------------------------------------------------------
+
+
+def test_a_second_set_of_uvs(tracer):
+    """Each texture takes its own set: the second one here is turned upside down."""
+    uvs = QUAD.uvs
+    mesh = sv.Mesh(QUAD.positions, QUAD.triangles, normals=QUAD.normals, uvs=uvs, second_uvs=[1, 1] - uvs)
+    material = sv.Material(
+        base_color=1.0, base_color_texture=four_colors(uv_set=1), emissive=1.0, emissive_texture=four_colors()
+    )
+    renderer = look(tracer, material, mesh)
+    np.testing.assert_allclose(quadrants(renderer["albedo"]), COLORS[:, ::-1], atol=2e-3)
+    np.testing.assert_allclose(quadrants(renderer["emissive"]), COLORS[::-1], atol=2e-3)
+
+
+def test_vertex_colors(tracer):
+    """They multiply the base color and are interpolated between the corners."""
+    colors = np.where(QUAD.uvs[:, :1] > 0.5, (1.0, 0.5, 0.0), (0.0, 0.5, 1.0))
+    mesh = sv.Mesh(QUAD.positions, QUAD.triangles, normals=QUAD.normals, colors=colors)
+    albedo = look(tracer, sv.Material(base_color=(0.5, 1, 1)), mesh)["albedo"]
+    share = (np.arange(32) + 0.5) / 32
+    expected = np.stack([0.5 * share, np.full(32, 0.5), 1 - share], axis=-1)
+    np.testing.assert_allclose(albedo, np.broadcast_to(expected, (32, 32, 3)), atol=2e-3)
