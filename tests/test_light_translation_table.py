@@ -49,6 +49,19 @@ def test_buffers_map_indices_of_two_frames_to_each_other(device):
     lights.close()
 
 
+def test_pixels_of_the_previous_frame_know_no_light_that_moved(device):
+    """Where a light moves, only its samples of this frame count; indices of stored samples stay valid."""
+    lights = LightTranslation(device)
+    ids, first = np.array([1, 2, 3], np.uint32), np.zeros((3, 3))
+    moved = np.array([[0, 0, 0], [0, 1e-3, 0], [0, 0, 0]])
+    known = []
+    for order, places in (([0, 1, 2], first), ([0, 1, 2], moved), ([0, 1, 2], moved), ([2, 1, 0], first)):
+        lights.update(ids if order == [0, 1, 2] else ids[order], POWERS[:3], places)
+        known.append([lights.buffers[name].read(np.uint32, 3).tolist() for name in NAMES])
+    assert known[1:] == [[[0, 1, 2], [0, NO_INDEX, 2]], [[0, 1, 2]] * 2, [[2, 1, 0], [2, NO_INDEX, 0]]]
+    lights.close()
+
+
 def test_share_of_power_that_was_added_or_removed():
     ids, powers = np.array([1, 2, 3], np.uint32), np.array([1.0, 2.0, 5.0])
     empty, dark = np.zeros(0, np.uint32), np.zeros(0)

@@ -58,10 +58,11 @@ def load(options: argparse.Namespace) -> Subject:
             options.source, scene=int(which) if which and which.isdecimal() else which, variant=options.variant,
             up=options.up, unit=options.unit, strict=options.strict,
         )  # fmt: skip
-    camera = _find_camera(scene, options.camera, options.size[0] / options.size[1])
     clip = _find_clip(options, scene)
     if clip is not None and options.time is not None:
         clip.apply(scene, options.time, loop=False)
+    played = clip if options.animate == "file" else None
+    camera = _find_camera(scene, options.camera, options.size[0] / options.size[1], played)
     cameras = [camera] if options.animate is None else _path(options, scene, camera, clip)
     in_studio = add_environment(scene, camera, options)
     exposure = options.exposure or ("camera" if builtin or in_studio else "auto")
@@ -73,7 +74,7 @@ def load(options: argparse.Namespace) -> Subject:
             raise SolariError(f"--exposure {exposure}: give an EV100 such as 9.5, or auto") from None
     for warning in scene.warnings:
         print(f"warning: {warning}", file=sys.stderr)
-    return Subject(scene, cameras, exposure == "auto", clip if options.animate == "file" else None)
+    return Subject(scene, cameras, exposure == "auto", played)
 
 
 def _find_clip(options: argparse.Namespace, scene: Scene) -> Animation | None:
@@ -109,10 +110,10 @@ def _path(options: argparse.Namespace, scene: Scene, camera: Camera, clip: Anima
     return orbit(camera, scene.bounds.center, options.frames or ORBIT_PICTURES, degrees)
 
 
-def _find_camera(scene: Scene, text: str | None, aspect: float) -> Camera:
-    """The camera that the option --camera names; without the option, `scene.camera_for(aspect)`."""
+def _find_camera(scene: Scene, text: str | None, aspect: float, clip: Animation | None) -> Camera:
+    """The camera that the option --camera names; without the option, `scene.camera_for(aspect, clip)`."""
     if text is None:
-        return scene.camera_for(aspect)
+        return scene.camera_for(aspect, clip)
     if text.isdecimal():
         if int(text) >= len(scene.cameras):
             raise SolariError(f"--camera {text}: {scene.describe()} has {len(scene.cameras)} cameras, counted from 0")

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from typing import Any
-
 from solari_vk.conformance import (
     alpha_checks,
     brdf_checks,
@@ -29,133 +25,17 @@ from solari_vk.conformance import (
     position_checks,
     probe_checks,
     punctual_checks,
+    ray_cases,
     ray_pipeline_checks,
-    ray_probe_checks,
     reuse_checks,
     specular_checks,
     structure_checks,
     taa_checks,
     world_cache_checks,
 )
-from solari_vk.conformance.probe_table import PROBES
-from solari_vk.conformance.probes import INSTANCES, SHAPES, Probe, call_rule
-from solari_vk.conformance.recorder import Recorder
-from solari_vk.conformance.rules import ERROR, NOT_RUN, UNSUPPORTED, Check, Measurement, Rule
-from solari_vk.conformance.shader_runner import ShaderRunner
-from solari_vk.conformance.worlds import FRESH, WAYS, World
-from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.frame.raster import NEEDED
-
-
-@dataclass(frozen=True)
-class Run:
-    """What a check may use: the suite's shaders with their device, the profile, and what records missing features.
-
-    part: the only part of the case that is to be measured; all when empty."""
-
-    rule: Recorder
-    shaders: ShaderRunner
-    full: bool
-    part: str = ""
-
-    @property
-    def device(self) -> Device:
-        """The device under test."""
-        return self.shaders.device
-
-
-Measure = Callable[[Run], Iterable[Measurement]]
-
-
-def _cases(name: str, measure: Callable[..., Iterable[Measurement]], *cases: Any) -> dict[str, Measure]:
-    """measure(run, case), or measure(run, *case) for tuples, under names with the case."""
-
-    def bind(*values: Any) -> Measure:
-        return lambda run: measure(run, *values)
-
-    given = [case if isinstance(case, tuple) else (case,) for case in cases]
-    return {"-".join(map(str, (name, *values))): bind(*values) for values in given}
-
-
-def _by(rays: str, rules: Iterable[Rule], measure: Measure) -> Measure:
-    """A check of one way to trace rays, whose rules a device that was opened for the other way doesn't support."""
-
-    def check(run: Run) -> Iterable[Measurement]:
-        if run.device.rays == rays:
-            return measure(run)
-        lacked = ", ".join(run.device.missing_rays[rays])
-        other = f"the device is opened for rays by {run.device.rays}, not by {rays}"
-        run.rule.unmeasured(rules, UNSUPPORTED, f"the device lacks {lacked}" if lacked else other)
-        return ()
-
-    return check
-
-
-def _probes(run: Run, way: str, stage: str = probe_checks.STAGES[0]) -> Iterable[Measurement]:
-    missing = [feature for feature in NEEDED if feature not in run.device.features]
-    if stage == "fragment" and missing:
-        run.rule.unmeasured(call_rule("ray queries in fragment shaders"), UNSUPPORTED, missing[0])
-        return ()
-
-    def measure(run: Run) -> Iterable[Measurement]:
-        with World(run.device, SHAPES, list(INSTANCES.values()), way) as world:
-            yield from probe_checks.measure_probes(run.shaders, world, stage, _chosen(PROBES, run.part))
-
-    return _by("query", probe_checks.rules(), measure)(run)
-
-
-def _ray_probes(run: Run, way: str) -> Iterable[Measurement]:
-    culling = ray_probe_checks.CULLING in run.device.features
-    asked = [probe for probe in ray_probe_checks.ASKED if culling or not ray_probe_checks.culls(probe)]
-
-    def measure(run: Run) -> Iterable[Measurement]:
-        if not culling:
-            culling_rules = {ray_probe_checks.rule_of(probe) for probe in ray_probe_checks.ASKED if probe not in asked}
-            run.rule.unmeasured(culling_rules, UNSUPPORTED, ray_probe_checks.CULLING)
-        with World(run.device, SHAPES, list(INSTANCES.values()), way) as world:
-            yield from ray_probe_checks.measure_probes(run.shaders, world, _chosen(asked, run.part), culling=culling)
-
-    return _by("pipeline", ray_probe_checks.rules(), measure)(run)
-
-
-def _chosen(probes: Iterable[Probe], part: str) -> list[Probe]:
-    return [probe for probe in probes if part in ("", probe.label)]
-
-
-def parts(check: Check) -> list[str]:
-    """The parts by which a check is measured again when the driver didn't survive it: single probes."""
-    probing = {
-        ("ray_queries", "probes"): PROBES, ("ray_queries", "vertex_return"): position_checks.HITTING,
-        ("ray_pipelines", "probes"): ray_probe_checks.ASKED,
-    }  # fmt: skip
-    return [probe.label for probe in probing.get((check.group, check.case.split("-")[0]), ())]
-
-
-def _embree(run: Run, scene: str) -> Iterable[Measurement]:
-    if embree_checks.available():
-        return embree_checks.measure(run.shaders, scene, 10_000_000 if run.full else 100_000)
-    run.rule.unmeasured(embree_checks.rules(scene), ERROR, "needs embreex: pip install solari-vk[test]")
-    return ()
-
-
-def _vertex_return(run: Run) -> Iterable[Measurement]:
-    if run.device.has_position_fetch:
-        return position_checks.measure_positions(run.shaders, _chosen(position_checks.HITTING, run.part))
-    layer = " (hidden by the validation layer)" if run.device.validation else ""
-    run.rule.unmeasured(position_checks.RULES.values(), UNSUPPORTED, "rayTracingPositionFetch" + layer)
-    return ()
-
-
-def _large_tlas(run: Run, count: int) -> Iterable[Measurement]:
-    limit = int(run.device.properties.acceleration.maxInstanceCount)
-    if count > limit:
-        run.rule.unmeasured(structure_checks.large_tlas_rule(count), UNSUPPORTED, f"maxInstanceCount is {limit:,}")
-    elif count > 100_000 and not run.full:
-        run.rule.unmeasured(structure_checks.large_tlas_rule(count), NOT_RUN, "--full measures it")
-    else:
-        return structure_checks.measure_large_tlas(run.shaders, count)
-    return ()
-
+from solari_vk.conformance.cases import Measure, by, cases_of
+from solari_vk.conformance.ray_cases import parts as parts
+from solari_vk.conformance.worlds import FRESH, WAYS
 
 # Each light strategy; random directions almost never meet the small sun, so that "brdf" leaves it out.
 _SUNS = [(0.0093, "mis"), (0.0093, "nee"), (0.8, "mis"), (0.8, "nee"), (0.8, "brdf")]
@@ -166,18 +46,18 @@ RAYS = {"ray_pipelines": "pipeline", "ray_queries": "query"}
 GROUPS: dict[str, dict[str, Measure]] = {
     "acceleration_structures": {
         "inactive_instances": lambda run: structure_checks.measure_inactive_instances(run.shaders),
-        **_cases("inactive", lambda run, kind: structure_checks.measure_inactive_primitives(run.shaders, kind),
-                 "triangle", "box"),
+        **cases_of("inactive", lambda run, kind: structure_checks.measure_inactive_primitives(run.shaders, kind),
+                   "triangle", "box"),
         "ways": lambda run: structure_checks.measure_ways(run.shaders),
         "formats": lambda run: structure_checks.measure_formats(run.shaders),
         "indices": lambda run: structure_checks.measure_indices(run.shaders),
         "nothing": lambda run: structure_checks.measure_nothing(run.shaders),
         "rebuilds": lambda run: structure_checks.measure_tlas_rebuilds(run.shaders),
         "many_blases": lambda run: structure_checks.measure_many_blases(run.shaders, 2000 if run.full else 500),
-        **_cases("large_tlas", _large_tlas, 100_000, 1_000_000),
+        **cases_of("large_tlas", ray_cases.large_tlas, 100_000, 1_000_000),
     },
     "brdf": {
-        **_cases("white_furnace", lambda run, metal: brdf_checks.measure_furnace(run.shaders, metal), 0.0, 0.5, 1.0),
+        **cases_of("white_furnace", lambda run, metal: brdf_checks.measure_furnace(run.shaders, metal), 0.0, 0.5, 1.0),
         "draws": lambda run: brdf_checks.measure_draws(run.shaders, brdf_checks.CASES, 1_000_000),
         "numbers": lambda run: brdf_checks.measure_numbers(run.shaders, 1_000_000),
         "lobes": lambda run: material_lobe_checks.measure_lobes(run.shaders, 1_000_000),
@@ -201,8 +81,8 @@ GROUPS: dict[str, dict[str, Measure]] = {
     "display": {"picture": lambda run: display_checks.measure_picture(run.device),
                 "views": lambda run: display_checks.measure_views(run.device)},
     "environments": {
-        **_cases("floor", lambda run, strategy: environment_checks.measure_floor(run.device, strategy),
-                 "mis", "nee", "brdf"),
+        **cases_of("floor", lambda run, strategy: environment_checks.measure_floor(run.device, strategy),
+                   "mis", "nee", "brdf"),
         "background": lambda run: environment_checks.measure_background(run.device),
         "mirror": lambda run: environment_checks.measure_mirror(run.device),
         "texels": lambda run: environment_checks.measure_texels(run.device),
@@ -213,20 +93,20 @@ GROUPS: dict[str, dict[str, Measure]] = {
     "frame": {
         "determinism": lambda run: frame_checks.measure_determinism(run.device),
         "finite": lambda run: frame_checks.measure_finite(run.device),
-        **_cases("closed_box", lambda run, walls: frame_checks.measure_closed_box(
+        **cases_of("closed_box", lambda run, walls: frame_checks.measure_closed_box(
             run.device, walls, frame_checks.BOX_FULL if run.full else frame_checks.BOX_FAST),
             *frame_checks.QUICK_BOXES),
         "light": lambda run: frame_checks.measure_light(
             run.device, frame_checks.LIGHT_FULL if run.full else frame_checks.LIGHT_FAST),
     },
     "gbuffer": {
-        **_cases("raster", lambda run, scene: gbuffer_checks.measure_raster(
+        **cases_of("raster", lambda run, scene: gbuffer_checks.measure_raster(
             run.device, gbuffer_checks.make_scene(scene)), *gbuffer_checks.SCENES),
-        **_cases("motion", lambda run, way: gbuffer_checks.measure_motion(run.device, way), "raster", "traced"),
+        **cases_of("motion", lambda run, way: gbuffer_checks.measure_motion(run.device, way), "raster", "traced"),
         "culling": lambda run: gbuffer_checks.measure_culling(run.device),
     },
     "guides": {
-        **_cases("mirrors", lambda run, name: guide_checks.measure_mirrors(run.device, name), *guide_checks.MIRRORS),
+        **cases_of("mirrors", lambda run, name: guide_checks.measure_mirrors(run.device, name), *guide_checks.MIRRORS),
         "range": lambda run: guide_checks.measure_range(run.device),
         "parts": lambda run: guide_checks.measure_parts(run.device),
     },
@@ -236,20 +116,20 @@ GROUPS: dict[str, dict[str, Measure]] = {
         "noise": lambda run: light_tile_checks.measure_noise(run.device),
     },
     "lights": {
-        **_cases("lamp", lambda run, strategy: light_checks.measure_lamp(run.device, strategy), "mis", "nee", "brdf"),
-        **_cases(
+        **cases_of("lamp", lambda run, strategy: light_checks.measure_lamp(run.device, strategy), "mis", "nee", "brdf"),
+        **cases_of(
             "textured_lamp", lambda run, strategy: light_checks.measure_textured_lamp(run.device, strategy),
             "mis", "nee", "brdf",
         ),
-        **_cases("sun", lambda run, *case: light_checks.measure_sun(run.device, *case), *_SUNS),
+        **cases_of("sun", lambda run, *case: light_checks.measure_sun(run.device, *case), *_SUNS),
         "invariance": lambda run: light_checks.measure_invariance(run.device),
-        **_cases("punctual", lambda run, *of: punctual_checks.measure_floor(run.device, *of), *punctual_checks.CASES),
+        **cases_of("punctual", lambda run, *of: punctual_checks.measure_floor(run.device, *of), *punctual_checks.CASES),
         "punctual_several": lambda run: punctual_checks.measure_several(run.device),
         "punctual_seen": lambda run: punctual_checks.measure_seen(run.device),
     },
     "path_tracer": {
-        **_cases("series", lambda run, bounces: path_checks.measure_series(run.device, bounces), 0, 1, 5),
-        **_cases("white_box", lambda run, *case: path_checks.measure_white_box(run.device, *case), *_WHITE_WALLS),
+        **cases_of("series", lambda run, bounces: path_checks.measure_series(run.device, bounces), 0, 1, 5),
+        **cases_of("white_box", lambda run, *case: path_checks.measure_white_box(run.device, *case), *_WHITE_WALLS),
         "light_tight": lambda run: path_checks.measure_light_tight(run.device),
         "seeds": lambda run: path_checks.measure_seeds(run.device),
         "alpha": lambda run: alpha_checks.measure_alpha(run.device),
@@ -270,22 +150,22 @@ GROUPS: dict[str, dict[str, Measure]] = {
         "distances": lambda run: lobe_checks.measure_distances(run.device),
     },
     "ray_pipelines": {
-        **_cases("probes", _ray_probes, *WAYS),
-        "records": _by("pipeline", ray_pipeline_checks.RECORD_RULES,
-                       lambda run: ray_pipeline_checks.measure_records(run.shaders)),
-        "launches": _by("pipeline", ray_pipeline_checks.LAUNCH_RULES,
-                        lambda run: ray_pipeline_checks.measure_launches(run.shaders)),
-        "reports": _by("pipeline", ray_pipeline_checks.REPORT_RULES,
-                       lambda run: ray_pipeline_checks.measure_reports(run.shaders)),
+        **cases_of("probes", ray_cases.ray_probes, *WAYS),
+        "records": by("pipeline", ray_pipeline_checks.RECORD_RULES,
+                      lambda run: ray_pipeline_checks.measure_records(run.shaders)),
+        "launches": by("pipeline", ray_pipeline_checks.LAUNCH_RULES,
+                       lambda run: ray_pipeline_checks.measure_launches(run.shaders)),
+        "reports": by("pipeline", ray_pipeline_checks.REPORT_RULES,
+                      lambda run: ray_pipeline_checks.measure_reports(run.shaders)),
     },
     "ray_queries": {
-        **_cases("probes", _probes, *WAYS),
-        **_cases("probes", _probes, *((FRESH, stage) for stage in probe_checks.STAGES[1:])),
-        "not_finite": _by("query", bulk_checks.NOT_FINITE_RULES, lambda r: bulk_checks.measure_not_finite(r.shaders)),
-        "vertex_return": _by("query", position_checks.RULES.values(), _vertex_return),
+        **cases_of("probes", ray_cases.probes, *WAYS),
+        **cases_of("probes", ray_cases.probes, *((FRESH, stage) for stage in probe_checks.STAGES[1:])),
+        "not_finite": by("query", bulk_checks.NOT_FINITE_RULES, lambda r: bulk_checks.measure_not_finite(r.shaders)),
+        "vertex_return": by("query", position_checks.RULES.values(), ray_cases.vertex_return),
     },
     "ray_traversal": {
-        **_cases("embree", _embree, *embree_checks.SCENES),
+        **cases_of("embree", ray_cases.embree, *embree_checks.SCENES),
         "watertight": lambda run: bulk_checks.measure_watertight(run.shaders),
         "many_instances": lambda run: bulk_checks.measure_many_instances(run.shaders, 100_000 if run.full else 70_000),
         "extreme_transforms": lambda run: bulk_checks.measure_extreme_transforms(run.shaders),
@@ -303,8 +183,8 @@ GROUPS: dict[str, dict[str, Measure]] = {
     "specular_gi": {
         "mirror": lambda run: specular_checks.measure_mirror(run.device),
         "gallery": lambda run: specular_checks.measure_gallery(run.device),
-        **_cases("termination", lambda run, name: specular_checks.measure_termination(run.device, name),
-                 *specular_checks.PATH_CASES),
+        **cases_of("termination", lambda run, name: specular_checks.measure_termination(run.device, name),
+                   *specular_checks.PATH_CASES),
     },
     "world_cache": {
         "map": lambda run: world_cache_checks.measure_world_cache(run.device),

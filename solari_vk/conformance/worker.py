@@ -11,8 +11,8 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from solari_vk.conformance.cases import Run
 from solari_vk.conformance.faults import Fault, known_faults
-from solari_vk.conformance.groups import Run
 from solari_vk.conformance.recorder import Recorder
 from solari_vk.conformance.rules import LOST, Check, Outcome
 from solari_vk.conformance.shader_runner import ShaderRunner
@@ -27,7 +27,7 @@ OPENING, CLOSING = "opening the device", "closing the device"
 @dataclass(frozen=True)
 class Work:
     """What checks are measured with: the device that `select` names, the profile, the way to trace rays (see `Device`),
-    and the module that has GROUPS."""
+    and the module that has GROUPS, RAYS and parts."""
 
     select: str | None = None
     full: bool = False

@@ -27,18 +27,19 @@ ROOM_SHARE = 0.8
 LOWEST_ROOM, HIGHEST_ROOM = 1.8, 100.0
 
 
-def default_camera(instances: list[Instance], center: Floats, aspect: float) -> Camera:
-    """A camera that shows visible instances whose bounding box has this center. aspect: width / height of the picture.
+def default_camera(instances: list[Instance], points: Floats, aspect: float) -> Camera:
+    """A camera that shows visible instances, and points (N, 3) that are theirs. aspect: width / height of the picture.
 
-    Rays from the center decide whether the instances enclose it, as the walls of a room do.
+    Rays from the points' center decide whether the instances enclose it, as the walls of a room do.
     """
+    center = (points.min(axis=0) + points.max(axis=0)) / 2
     triangles = _largest_triangles(instances)
     height = trace(center, np.array([[0, -1.0, 0], [0, 1, 0]]), triangles)[0].sum()
     if LOWEST_ROOM <= height <= HIGHEST_ROOM:
         _, front = trace(center, _directions(DIRECTION_COUNT), triangles)
         if front.mean() >= ROOM_SHARE:
             return _inside(center, triangles)
-    return fit(_points(instances), VIEW, aspect)
+    return fit(points, VIEW, aspect)
 
 
 def fit(points: Floats, direction: tuple[float, float, float], aspect: float) -> Camera:
@@ -121,12 +122,12 @@ def _directions(count: int) -> Floats:
     return np.stack([ring * np.cos(turn), z, ring * np.sin(turn)], axis=1)
 
 
-def _points(instances: list[Instance]) -> Floats:
+def extent(instances: list[Instance]) -> Floats:
     """Points (N, 3) that have the extent of the instances: their vertices, or of many the corners of their boxes."""
     every = sum(len(instance.mesh.positions) for instance in instances) <= MAX_POINTS
     points = []
     for instance in instances:
-        positions = instance.mesh.positions
+        positions = instance.posed_mesh().positions
         low, high = positions.min(axis=0), positions.max(axis=0)
         corners = np.stack(np.meshgrid(*zip(low, high, strict=True)), axis=-1).reshape(-1, 3)
         points.append(transform_points(instance.transform, positions if every else corners))

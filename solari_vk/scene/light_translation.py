@@ -23,6 +23,8 @@ Positions = NDArray[np.float64]
 
 def translate(ids: Ids, others: Ids) -> Ids:
     """The index in `others` of each id, or NO_INDEX. No id occurs twice in either list."""
+    if ids is others:
+        return np.arange(len(ids), dtype=np.uint32)
     if not len(others):
         return np.full(len(ids), NO_INDEX, np.uint32)
     order = np.argsort(others)
@@ -60,8 +62,22 @@ def share_moved(
     return float(powers @ np.minimum(distances / cell_size, 1.0) / total)
 
 
+def unmoved(ids: Ids, positions: Positions | None, old_ids: Ids, old_positions: Positions | None) -> Ids:
+    """The index in the old list of each light that is where it was, or NO_INDEX."""
+    indices = translate(ids, old_ids)
+    if positions is not old_positions and positions is not None and old_positions is not None:
+        stayed = np.flatnonzero(indices != NO_INDEX)
+        moved = (positions[stayed] != old_positions[indices[stayed]]).any(axis=1)
+        indices[stayed[moved]] = NO_INDEX
+    return indices
+
+
 class LightTranslation:
-    """The buffers `light_translation` (previous light index to current index) and `previous_light` (the inverse)."""
+    """The buffers `light_translation`, the current index of each light of the previous frame, and `previous_light`.
+
+    `previous_light` is the previous index of each light, but NO_INDEX for one that has moved: pixels of the previous
+    frame sampled it elsewhere. Where it was occluded there, their confidence would take its light away.
+    """
 
     def __init__(self, device: Device) -> None:
         self._device = device
@@ -87,19 +103,19 @@ class LightTranslation:
             if self._powers is not None:
                 self.change = max(self.change, share_changed(self._ids, self._powers, ids, powers))
             self._powers = powers
-        if positions is not self._positions:
-            if self._positions is not None and positions is not None:
-                moved = share_moved(self._ids, self._positions, ids, positions, powers, cell_size)
-                self.change = max(self.change, moved)
-            self._positions = positions
-        if ids is self._ids and self._is_identity:
+        moves = positions is not self._positions
+        if moves and self._positions is not None and positions is not None:
+            moved = share_moved(self._ids, self._positions, ids, positions, powers, cell_size)
+            self.change = max(self.change, moved)
+        if ids is self._ids and self._is_identity and not moves:
             return False
         replaced = self._reserve(max(len(ids), len(self._ids)))
-        for name, values in zip(NAMES, (translate(self._ids, ids), translate(ids, self._ids)), strict=True):
+        previous = unmoved(ids, positions, self._ids, self._positions)
+        for name, values in zip(NAMES, (translate(self._ids, ids), previous), strict=True):
             if len(values):
                 self.buffers[name].upload(values)
-        self._is_identity = ids is self._ids
-        self._ids = ids
+        self._is_identity = ids is self._ids and not moves
+        self._ids, self._positions = ids, positions
         return replaced
 
     def _reserve(self, count: int) -> bool:

@@ -15,7 +15,7 @@ from solari_vk.scene.camera import Camera as Camera
 from solari_vk.scene.collection import Collection, Items
 from solari_vk.scene.environment import Environment as Environment
 from solari_vk.scene.environment import EnvironmentLight
-from solari_vk.scene.framing import default_camera
+from solari_vk.scene.framing import default_camera, extent
 from solari_vk.scene.material import Material as Material
 from solari_vk.scene.material import Texture as Texture
 from solari_vk.scene.material import TextureImage as TextureImage
@@ -25,6 +25,8 @@ from solari_vk.scene.objects import Instance as Instance
 from solari_vk.scene.objects import Light as Light
 from solari_vk.scene.objects import Mesh as Mesh
 from solari_vk.scene.observed import Observable
+
+CLIP_POSES = 17  # of a clip, that a camera for it must show
 
 
 class Bounds(NamedTuple):
@@ -194,20 +196,28 @@ class Scene(Observable):
         for instance, material in self.variants[name].items():
             instance.material = material
 
-    def camera_for(self, aspect: float) -> Camera:
+    def camera_for(self, aspect: float, clip: Animation | None = None) -> Camera:
         """The camera that renderers and the command line use by default, for pictures with width / height = aspect.
 
         It is the assigned `camera`, otherwise the first of `cameras`. For a scene without cameras it is
         one that shows all of it from above at an angle, or a room from inside, which is created on the first call and
-        kept, but not added to `cameras`. For an empty scene it is Camera().
+        kept, but not added to `cameras`. For an empty scene it is Camera(). With a clip the scene is posed as at its
+        start, and a camera that is created shows all that the clip does.
         """
         if self._camera is None:
             if self._cameras:
                 return self._cameras[0]
-            visible = [instance for instance in self._instances if instance.visible]
+            visible: list[Instance] = []
+            points = []
+            for seconds in (0.0,) if clip is None else np.linspace(clip.duration, 0, CLIP_POSES):
+                if clip is not None:
+                    clip.apply(self, seconds, loop=False)
+                if shown := [instance for instance in self._instances if instance.visible]:
+                    visible = shown
+                    points.append(extent(visible))
             if not visible:
                 return Camera()
-            self._camera = default_camera(visible, self.bounds.center, aspect)
+            self._camera = default_camera(visible, np.concatenate(points), aspect)
         return self._camera
 
     @property

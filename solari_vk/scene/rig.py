@@ -144,11 +144,14 @@ class Rig:
         self._shown[item] = shown
 
     def _place_light(self, lights: Items[Light], light: Light, world: Matrix, shown: bool) -> None:
-        """Move a light, which shines along its node's -z. A hidden light isn't in the scene."""
-        if (transform := upright(world)) is None:
+        """Move a light, which shines along its node's -z, or as before where a scale of 0 leaves no direction. A hidden
+        light isn't in the scene."""
+        if not np.isfinite(world).all():
             shown = False
         else:
-            fields = {"direction": -transform[:3, 2], "position": transform[:3, 3]}
+            fields = {"position": world[:3, 3]}
+            if (transform := upright(world)) is not None:
+                fields["direction"] = -transform[:3, 2]
             values = {name: fields[name].astype(np.float32) for name in fields if hasattr(light, name)}
             if any(not np.allclose(getattr(light, name), values[name], rtol=0, atol=1e-7) for name in values):
                 light.update(**values)

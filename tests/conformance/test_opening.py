@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from solari_vk.conformance import groups, worker
+from solari_vk.conformance import probe_checks, worker
+from solari_vk.conformance.cases import by
 from solari_vk.conformance.recorder import Recorder
 from solari_vk.conformance.rules import UNSUPPORTED, Check
 from solari_vk.conformance.worker import Work
@@ -26,7 +27,7 @@ def told(opened):
     """Why the probes by ray queries aren't measured on this device."""
     outcomes = []
     rule = Recorder(Check("ray_queries", "probes-fresh"), [], outcomes.append)
-    measure = groups._by("query", groups.probe_checks.rules(), None)
+    measure = by("query", probe_checks.rules(), None)
     assert not measure(type("Run", (), {"rule": rule, "device": opened}))
     assert {outcome.status for outcome in outcomes} == {UNSUPPORTED}
     (reason,) = {outcome.reason for outcome in outcomes}

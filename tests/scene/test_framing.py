@@ -47,6 +47,34 @@ def test_objects_touch_the_margin_on_both_sides(scale, aspect):
     assert camera.near < np.linalg.norm(camera.transform[:3, 3]) / 100
 
 
+def test_a_camera_for_a_clip_shows_all_of_it(writer):
+    """A triangle on a turning arm, which is hidden at first, never leaves the picture, and touches its margin once."""
+    leaf = writer.node(mesh=writer.mesh(), translation=[5, 0, 0])
+    arm = writer.node(children=[leaf])
+    times, half = [0, 1, 2], np.sqrt(0.5)
+    turns = {"rotation": [[0, 0, 0, 1], [0, 0, half, half], [0, 0, 1, 0]], "scale": [[0] * 3, [1] * 3, [1] * 3]}
+    samplers = [{"input": writer.accessor(times), "output": writer.accessor(values)} for values in turns.values()]
+    channels = [{"sampler": n, "target": {"node": arm, "path": path}} for n, path in enumerate(turns)]
+    writer.add("animations", samplers=samplers, channels=channels)
+    scene = writer.load()
+    clip = scene.animations[0]
+    camera = scene.camera_for(1.0, clip)
+    assert not scene.instances[0].visible, "posed as at the start"
+    reach = []
+    for seconds in np.linspace(0.1, 2, 39):
+        clip.apply(scene, seconds, loop=False)
+        reach.append(np.abs(in_picture(scene, camera, 1.0)).max())
+    assert 0.99 / framing.MARGIN < max(reach) < 1.01 / framing.MARGIN
+
+
+def test_posed_meshes_are_framed_as_they_are():
+    mesh = shapes.box()
+    raised = sv.Deformation(targets=[[[0, 9, 0]] * len(mesh.positions)])
+    scene = sv.Scene(sv.Instance(sv.Mesh(mesh.positions, mesh.triangles, deformation=raised), WHITE))
+    scene.instances[0].morph_weights = [1.0]
+    assert 9 < scene.camera.transform[1, 3] < 15
+
+
 @pytest.mark.parametrize("shape", ["ball", "box", "cup", "chair", "plane", "jar"])
 def test_objects_are_seen_from_outside(shape):
     ball = shapes.sphere(1.0, 16)

@@ -161,6 +161,20 @@ def test_repeated_instances_cameras_and_lights_follow_their_nodes(writer):
     np.testing.assert_allclose(scene.lights[0].direction, [-1, 0, 0], atol=1e-6)
 
 
+def test_a_scale_of_0_leaves_lights_in_the_scene(writer):
+    """Scales mean nothing for lights; one without a direction of its own keeps the latest."""
+    spot = {"type": "spot", "spot": {}}
+    writer.json["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "point"}, spot]}}
+    leaves = [writer.node(extensions={"KHR_lights_punctual": {"light": light}}) for light in range(2)]
+    root = writer.node(children=leaves)
+    animate(writer, root, "scale", [0, 1], [[1, 1, 1], [0, 0, 0]])
+    animate(writer, root, "translation", [0, 1], [[0, 0, 0], [0, 4, 0]])
+    scene = writer.load()
+    scene.animate(1, loop=False)
+    assert [light.position.tolist() for light in scene.lights] == [[0, 4, 0]] * 2
+    np.testing.assert_allclose(scene.lights[1].direction, [0, 0, -1], atol=1e-6)
+
+
 def test_visibility_by_pointers(writer):
     writer.json["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "directional"}]}}
     light = writer.node(extensions={"KHR_lights_punctual": {"light": 0}})
