@@ -36,12 +36,16 @@ _TOLERANCES = {
     "color": 4e-3, "perceptual_roughness": 1.01 / 255, "emissive": 0.02, "metallic": 1.01 / 255, "normal": 2e-3,
     "geometric_normal": 1e-4, "motion": 1e-6, "reflectance": 0.0, "instance": 0.0,
 }  # fmt: skip
-SCENES = ("material_zoo", "cornell_box", "sphere_grid")
+SCENES = ("material_zoo", "orthographic_zoo", "cornell_box", "sphere_grid")
 
 
 def make_scene(name: str) -> sv.Scene:
-    """A built-in scene, or `material_zoo`."""
-    return material_zoo() if name == "material_zoo" else builtin(name)
+    """A built-in scene, or `material_zoo` before one of two cameras."""
+    if not name.endswith("zoo"):
+        return builtin(name)
+    scene = material_zoo()
+    scene.camera.orthographic_height = 3.4 if name == "orthographic_zoo" else 0.0
+    return scene
 
 
 # ---- raster and rays --------------------------------------------------------------------------------

@@ -8,7 +8,6 @@ from support.measured import hold
 
 import solari_vk as sv
 from solari_vk.conformance import gbuffer_checks
-from solari_vk.conformance.gbuffer_worlds import material_zoo
 from solari_vk.conformance.oracles import closed_forms, gbuffer
 from solari_vk.conformance.realtime import GBUFFER, make_renderer
 from solari_vk.gpu.shaders.patches import patched_shaders
@@ -17,16 +16,6 @@ from solari_vk.scene.builtin import matte
 
 SIZE = (48, 32)
 HEIGHT = 3.4
-
-
-def zoo():
-    scene = material_zoo()
-    scene.camera = sv.Camera.look_at((0.2, 0.1, 4), (0, 0, 0), orthographic_height=HEIGHT)
-    return scene
-
-
-def test_raster_equals_rays(device):
-    hold(gbuffer_checks.measure_raster(device, zoo(), SIZE))
 
 
 @pytest.mark.parametrize("way", ["raster", "traced"])
@@ -48,7 +37,20 @@ BUGS = {
 @pytest.mark.parametrize("bug", BUGS)
 def test_raster_against_rays_sees_bugs(device, bug):
     with patched_shaders(BUGS[bug]), pytest.raises(AssertionError):
-        hold(gbuffer_checks.measure_raster(device, zoo(), SIZE))
+        hold(gbuffer_checks.measure_raster(device, gbuffer_checks.make_scene("orthographic_zoo"), SIZE))
+
+
+CULLING_BUGS = {
+    "frustum of perspective cameras": ("vec2 distance = parallel ? slope : vec2(0.0);", "vec2 distance = vec2(0.0);"),
+    "boxes in perspective": ("(is_parallel(camera) ? 1.0 : view_depth)", "view_depth"),
+    "depth of perspective cameras": ("float depth_value = is_parallel(camera)", "float depth_value = false"),
+}
+
+
+@pytest.mark.parametrize("bug", CULLING_BUGS)
+def test_culling_sees_bugs(device, bug):
+    with patched_shaders(("passes/gbuffer/cull.comp", *CULLING_BUGS[bug])), pytest.raises(AssertionError):
+        hold(gbuffer_checks.measure_culling(device, 5.0))
 
 
 @pytest.mark.parametrize("way", ["raster", "traced"])
