@@ -17,6 +17,8 @@ from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.observed import Checked, checked
 
+MIN_HEIGHT = 1e-9  # meters, as of `near`: the matrices of smaller pictures overflow
+
 
 def _look_at(
     camera: Camera | type[Camera], position: ArrayLike, target: ArrayLike, up: ArrayLike = (0, 1, 0), **fields: Any
@@ -126,8 +128,13 @@ class Camera(Checked):
         focal length over the f-number is the aperture: f/1.4 blurs more than f/8. Raises SolariError for a target that
         isn't before the camera, an f-number that isn't positive, and an orthographic camera, which has no focal length.
         """
-        given = np.asarray(target, np.float64)
+        try:
+            given = np.asarray(target, np.float64)
+        except (TypeError, ValueError):
+            raise SolariError(f"Camera.focus_on: target is a point (3,) or a distance, not {target!r}") from None
         back = self.transform[:3, 2] / np.linalg.norm(self.transform[:3, 2])
+        if given.shape not in ((), (3,)):
+            raise SolariError(f"Camera.focus_on: target is a point (3,) or a distance, not of the shape {given.shape}")
         distance = float((self.transform[:3, 3] - given) @ back if given.shape == (3,) else given)
         if not distance > 0 or not f_number > 0 or self.orthographic_height:
             raise SolariError("Camera.focus_on: a perspective camera, a target before it and a positive f-number are "
@@ -162,6 +169,11 @@ class Camera(Checked):
             "vertical_fov_degrees": math.degrees(self.vertical_fov),
             **{name: getattr(self, name) for name in POSED},
         }
+
+    def _validate(self) -> None:
+        if 0 < self.orthographic_height < MIN_HEIGHT:
+            raise SolariError(f"{self.describe()}: orthographic_height must be 0, which means perspective, or at least "
+                              f"{MIN_HEIGHT:g} m, not {self.orthographic_height:g}")  # fmt: skip
 
     @property
     def exposure(self) -> float:

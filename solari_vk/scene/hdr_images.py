@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import warnings
@@ -14,8 +15,11 @@ from solari_vk.errors import SolariError
 from solari_vk.scene import images
 from solari_vk.scene.checks import FloatArray
 
+_HEADER = re.compile(rb"#\?(?P<fields>.*?)\r?\n\r?\n(?P<size>[^\n]{0,64}?)\r?\n", re.DOTALL)
 _SIZE = re.compile(rb"-Y (\d{1,9}) \+X (\d{1,9})")
-_EXPOSURE = re.compile(rb"(?m)^EXPOSURE= *([0-9]+[.]?[0-9]*(?:[eE][+-]?[0-9]+)?) *$")
+_EXPOSURE = re.compile(rb"(?m)^EXPOSURE= *([0-9]+[.]?[0-9]*(?:[eE][+-]?[0-9]+)?) *\r?$")
+CALLER = 7  # stack frames from `read_radiance` to the code that makes an Environment
+SMALL_SHARE = 0.01  # of negative light, as filters that sharpen leave beside what is bright
 _LONGEST_HEADER = 2**16
 _LEAST_RUN_WIDTH, _MOST_RUN_WIDTH = 8, 0x7FFF  # widths of pictures with run lengths
 
@@ -40,11 +44,15 @@ def read_radiance(path: str | os.PathLike[str]) -> FloatArray:
     height, width = image.shape[:2]
     if width != 2 * height:
         text = f"{source} has {width} x {height} pixels; a picture of all directions is twice as wide as high"
-        warnings.warn(f"{text}: it is stretched", stacklevel=6)
+        warnings.warn(f"{text}: it is stretched", stacklevel=CALLER)
     if not np.isfinite(image).all():
         raise SolariError(f"{source} holds NaN or infinite values: repair it in an image program")
-    if image.min(initial=0) < 0:
-        raise SolariError(f"{source} holds negative light: clip it at 0 in an image program")
+    negative = image < 0
+    if negative.any():
+        if -image[negative].sum(dtype=np.float64) > SMALL_SHARE * image[~negative].sum(dtype=np.float64):
+            raise SolariError(f"{source} holds negative light: clip it at 0 in an image program")
+        warnings.warn(f"{source} holds a little negative light, which is taken for 0", stacklevel=CALLER)
+        image = image.clip(0)
     return image
 
 
@@ -86,22 +94,24 @@ def _read_exr(source: Path) -> FloatArray:
 
 def _read_hdr(source: Path) -> FloatArray:
     data = source.read_bytes()
-    header, found, _ = data[:_LONGEST_HEADER].partition(b"\n\n")
-    if not data.startswith(b"#?") or not found:
+    found = _HEADER.match(data[:_LONGEST_HEADER])
+    if found is None:
         raise SolariError(f"{source} is not a Radiance picture: its header is missing")
+    header, line = found["fields"], found["size"]
     if b"FORMAT=32-bit_rle_xyze" in header:
         raise SolariError(f"{source} holds XYZ colors: convert it to RGBE, for example by ra_xyze -r")
-    line, _, _ = data[len(header) + 2 : len(header) + 66].partition(b"\n")
     size = _SIZE.fullmatch(line)
     if size is None:
         raise SolariError(f"{source} has the orientation {line[:32]!r}; '-Y height +X width' is read: save it again")
     height, width = int(size[1]), int(size[2])
     _check_size(width, height, source)
-    rgbe = _decode_rgbe(data, len(header) + 2 + len(line) + 1, height, width, source)
-    exposure = np.prod([float(value) for value in _EXPOSURE.findall(header)])
+    rgbe = _decode_rgbe(data, found.end(), height, width, source)
+    exposure = math.prod(float(value) for value in _EXPOSURE.findall(header))
+    if not 0 < exposure < math.inf:
+        raise SolariError(f"{source} has the EXPOSURE {exposure:g}: save it again")
     exponents = rgbe[..., 3:].astype(np.int32)
     scale = np.where(exponents > 0, np.ldexp(np.float32(1), exponents - 136), np.float32(0))
-    colors: FloatArray = (rgbe[..., :3] * scale / np.float32(exposure if exposure > 0 else 1)).astype(np.float32)
+    colors: FloatArray = (rgbe[..., :3] * scale / exposure).astype(np.float32)
     return colors
 
 

@@ -15,6 +15,7 @@ from solari_vk.scene import ktx2
 Pixels = NDArray[np.uint8]
 LARGEST_SIDE = 16_384
 LARGEST_PIXEL_COUNT = 2**27  # of one image: 512 MiB as RGBA
+LARGEST_TOTAL_PIXEL_COUNT = 2**30  # of one model: 4 GiB as RGBA
 
 
 def open_image(data: bytes | memoryview, who: str) -> Any:

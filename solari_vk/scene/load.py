@@ -10,6 +10,8 @@ from solari_vk.scene.gltf import load_gltf
 from solari_vk.scene.mesh_files import UP_AXES, load_mesh_file
 from solari_vk.scene.model import Scene
 
+FORMATS = (".gltf", ".glb", *UP_AXES)
+
 
 def load(
     path: str | os.PathLike[str], *, scene: int | str | None = None, variant: str | None = None,
@@ -29,4 +31,7 @@ def load(
         return load_mesh_file(path, up=up, unit_length=1.0 if unit is None else unit, strict=strict)
     if up is not None or unit is not None:
         raise SolariError(f"{path}: only {', '.join(UP_AXES)} files need the axis that points up and the unit")
+    if suffix not in FORMATS:
+        raise SolariError(f"{path}: {suffix or 'a file without an ending'} is not read: give a file of "
+                          f"{', '.join(FORMATS)}")  # fmt: skip
     return load_gltf(path, scene=scene, variant=variant, strict=strict)

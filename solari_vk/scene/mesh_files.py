@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -37,26 +38,35 @@ def load_mesh_file(
     path = Path(path)
     if not 1e-12 <= unit_length <= 1e12:
         raise SolariError(f"{path}: the unit must be from 1e-12 to 1e12 meters, not {unit_length}")
+    if up is not None and up not in UP_AXES.values() and up != "x":
+        raise SolariError(f"{path}: up: the axis that points up is 'x', 'y' or 'z', not {up!r}")
     turn = _upright(up or UP_AXES[path.suffix.lower()]) * unit_length
     scene = Scene(name=path.stem)
     files = MtlFiles(path.parent)
     kind = path.suffix[1:].lower()
     reader = library("trimesh.exchange.load", str(path)).mesh_loaders[kind]
-    data = io.BytesIO(read_regular(path, str(path)))
+    data = read_regular(path, str(path))
     try:
         # Of a .ply file's materials there are only images, which hold no more than the colors of its vertices.
-        read = reader(data, file_type=kind, resolver=files, skip_materials=kind == "ply")
+        read = reader(io.BytesIO(data), file_type=kind, resolver=files, skip_materials=kind == "ply")
     except MemoryError:
         raise SolariError(f"{path}: too large for this machine's memory") from None
     except Exception as error:  # trimesh raises many types of exceptions for damaged files
         reason = (str(error) or type(error).__name__).splitlines()[0][:100]
         raise SolariError(f"{path}: a damaged {path.suffix} file ({reason}): export it again") from None
+    for name, part in read.get("geometry", {path.stem: read}).items():
+        material = getattr(getattr(part.get("visual"), "material", None), "name", None)
+        _add(scene, path, str(name), part, files.material(str(material)), turn)
     if strict and files.failures:
         raise SolariError(f"{path}: {files.failures[0]}")
     scene.warnings.extend(files.failures)
-    for name, part in read.get("geometry", {path.stem: read}).items():
-        material = getattr(getattr(part.get("visual"), "material", None), "name", None)
-        _add(scene, path, str(name), part, files.materials.get(str(material)), turn)
+    used = re.findall(rb"(?m)^usemtl[ \t]+([^\r\n]+)", data) if kind == "obj" else ()
+    unknown = {" ".join(name.decode("utf-8", "replace").split()) for name in used} - files.fields.keys()
+    if unknown:
+        names = ", ".join(sorted(unknown))
+        scene.warnings.append(f"materials that no .mtl file has are replaced by a gray one: {names}")
+    if files.ignored:
+        scene.warnings.append(f"fields and options of the .mtl file that are ignored: {', '.join(files.ignored)}")
     if not scene.instances:
         raise SolariError(f"{path}: has no triangles: give a file with a surface")
     return scene
@@ -130,6 +140,4 @@ def _colors(given: Any, count: int) -> NDArray[np.float32] | None:
 def _upright(up: str) -> NDArray[np.float64]:
     """The rotation (3, 3) that turns a file's axis upwards."""
     turns = {"y": np.eye(3), "z": rotation((1, 0, 0), -math.pi / 2), "x": rotation((0, 0, 1), math.pi / 2)}
-    if up not in turns:
-        raise SolariError(f"up: the axis that points up is 'x', 'y' or 'z', not {up!r}")
     return turns[up]

@@ -75,6 +75,7 @@ class Scene(Observable):
         self._cameras: Items[Camera] = Items("camera", (Camera,), self._notify)
         self._animations: Items[Animation] = Items("animation", (Animation,), self._notify)
         self._camera: Camera | None = None
+        self._own_materials: dict[Instance, Material] = {}
         self.variants: dict[str, dict[Instance, Material]] = {}
         """The materials of instances by the name of a variant, as `use_variant` assigns them."""
         self.warnings: list[str] = []
@@ -114,7 +115,8 @@ class Scene(Observable):
             if light in self._lights:
                 self._lights.remove(light)
         for light in environment.lights if environment else ():
-            self._lights.add(light)
+            if light not in self._lights:
+                self._lights.add(light)
 
     @property
     def cameras(self) -> Items[Camera]:
@@ -162,7 +164,7 @@ class Scene(Observable):
         return self._holder(item).add(item)
 
     def remove(self, item: Instance | Light | Camera | str) -> None:
-        """Remove an object from the scene. It can be added again.
+        """Remove an object from the scene, a Sky with its sun. It can be added again.
 
         item: the object, or a name: the first instance with this name is removed, else the first light, else camera.
         Raises SolariError for an object and a name that the scene doesn't have.
@@ -172,7 +174,9 @@ class Scene(Observable):
             named: Any = next((holder for holder in holders if item in holder), None)
             if named is None:
                 raise unknown_name("there is no object", item, [name for holder in holders for name in holder.names])
-            named.remove(item)
+            self.remove(named[item])
+        elif isinstance(item, EnvironmentLight) and item is self.environment:
+            self.environment = None
         else:
             self._holder(item).remove(item)
 
@@ -185,15 +189,17 @@ class Scene(Observable):
     def __iter__(self) -> Iterator[Instance]:
         return iter(self._instances)
 
-    def use_variant(self, name: str) -> None:
+    def use_variant(self, name: str | None) -> None:
         """Give instances the materials of one of `variants`, such as the colors in which a product is sold.
 
-        Each variant of a glTF file has a material for all instances that any of its variants changes. Raises
-        SolariError for an unknown name.
+        Each variant of a glTF file has a material for all instances that any of its variants changes. None gives them
+        the materials back that they had before the first variant. Raises SolariError for an unknown name.
         """
-        if name not in self.variants:
+        if name is not None and name not in self.variants:
             raise unknown_name("there is no variant", name, self.variants)
-        for instance, material in self.variants[name].items():
+        for instance, material in (self._own_materials if name is None else self.variants[name]).items():
+            if name is not None:
+                self._own_materials.setdefault(instance, instance.material)
             instance.material = material
 
     def camera_for(self, aspect: float, clip: Animation | None = None) -> Camera:

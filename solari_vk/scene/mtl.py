@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,10 @@ from solari_vk.scene.gltf.files import read_regular
 from solari_vk.scene.model import Material, TextureImage
 
 LARGEST_FILE = 2**26
+_KNOWN = {"kd", "ke", "ns", "pr", "pm", "ni", "d", "tr"}
+_HARMLESS = {"ka", "illum", "sharpness"}  # for rasterizers without shadows
+_OPTION = re.compile(r"-([a-z]+)((?:\s+(?:on|off|[-+.\d][-+.\de]*|[rgbmlz]))*)\s+", re.IGNORECASE)  # and its values
+_HARMLESS_OPTIONS = {"blendu", "blendv", "texres"}
 _TEXTURES = {"map_kd": "base_color_texture", "map_ke": "emissive_texture", "norm": "normal_texture"}
 
 
@@ -26,9 +31,14 @@ class MtlFiles:
     """Reads the .mtl files of an .obj file, and the images that they name. Nothing outside its folder is read."""
 
     def __init__(self, folder: Path) -> None:
-        self.materials: dict[str, Material] = {}
         self.failures: list[str] = []
         """What could not be read, a line each."""
+        self.ignored: dict[str, None] = {}
+        """The fields and options of used materials that have no effect."""
+        self.fields: dict[str, dict[str, str]] = {}
+        """The fields of each material by its name, as they stand in the files."""
+        self._materials: dict[str, Material] = {}
+        self._pixel_count = 0
         self._folder = folder
         self._images: dict[str, TextureImage | None] = {}
 
@@ -41,21 +51,29 @@ class MtlFiles:
             return b""
         fields: dict[str, dict[str, str]] = {}
         for line in text.splitlines():
-            key, _, value = line.strip().partition(" ")
+            key, value = (*line.split(None, 1), "", "")[:2]
             if key == "newmtl":
                 current = fields.setdefault(" ".join(value.split()), {})
             elif fields:
-                current[key.lower()] = value.strip()
-        self.materials |= {name: self._material(name, given) for name, given in fields.items()}
+                current[key] = value.strip()
+        self.fields |= fields
         return "".join(f"newmtl {name}\n" for name in fields).encode()
 
     __getitem__ = get
 
-    def _material(self, name: str, given: dict[str, str]) -> Material:
+    def material(self, name: str) -> Material | None:
+        """The material of a name, whose images are read now; None for an unknown one."""
+        if name not in self._materials and name in self.fields:
+            self._materials[name] = self._make(name, self.fields[name])
+        return self._materials.get(name)
+
+    def _make(self, name: str, fields: dict[str, str]) -> Material:
+        given = {key.lower(): value for key, value in fields.items()}
+        known = {*_KNOWN, *_HARMLESS, *_TEXTURES}
+        self.ignored |= dict.fromkeys(key for key in fields if key and key[0] != "#" and key.lower() not in known)
         found: dict[str, Any] = {"name": name, "double_sided": True, "base_color": _numbers(given.get("kd"), 0.8, 1.0)}
         for key, field in _TEXTURES.items():
-            # Options stand before the file's name.
-            if key in given and (image := self._image(given[key].split()[-1:])) is not None:
+            if key in given and (image := self._image(self._without_options(given[key]))) is not None:
                 found[field] = image
         if "base_color_texture" in found and not found["base_color"].any():
             found["base_color"] = np.ones(3)  # some programs write black beside a texture
@@ -71,13 +89,26 @@ class MtlFiles:
         found["alpha_mode"] = "blend" if found["alpha"] < 1 else "opaque"
         return Material(**found)
 
-    def _image(self, words: list[str]) -> TextureImage | None:
-        name = "".join(words)
+    def _without_options(self, value: str) -> str:
+        """The name of a texture's file, which stands behind options and may have spaces."""
+        while found := _OPTION.match(value):
+            if found[1].lower() not in _HARMLESS_OPTIONS:
+                self.ignored[f"-{found[1]}"] = None
+            value = value[found.end() :]
+        return value
+
+    def _image(self, name: str) -> TextureImage | None:
         if name not in self._images:
             self._images[name] = None
             try:
                 who = f"the image '{name}'"
-                pixels = images.decode(images.open_image(self._read(name), who), who)
+                image = images.open_image(self._read(name), who)
+                count = self._pixel_count + image.width * image.height
+                if count > images.LARGEST_TOTAL_PIXEL_COUNT:
+                    limit = images.LARGEST_TOTAL_PIXEL_COUNT >> 20
+                    raise SolariError(f"{who} brings the images above {limit} Mi pixels in all: scale them down")
+                self._pixel_count = count
+                pixels = images.decode(image, who)
                 self._images[name] = TextureImage(pixels, os.path.basename(name))
             except SolariError as error:
                 self.failures.append(f"textures are left out: {error}")
@@ -92,7 +123,10 @@ class MtlFiles:
             raise SolariError(f"no file can have the name {name!r}") from None
         if not path.is_relative_to(folder):
             raise SolariError(f"the file '{name}' is outside the model's folder, where nothing is read: copy it there")
-        return read_regular(path, f"'{name}'", LARGEST_FILE)
+        data = read_regular(path, f"'{name}'", LARGEST_FILE + 1)
+        if len(data) > LARGEST_FILE:
+            raise SolariError(f"the file '{name}' has more than {LARGEST_FILE >> 20} MiB: make it smaller")
+        return data
 
 
 def _number(text: str | None, default: float, highest: float) -> float:

@@ -41,11 +41,16 @@ def test_focus_as_photographers_set_it():
     for target, number in (((0, 0, 6), 2), (0, 2), (1, 0), (math.nan, 2)):
         with pytest.raises(SolariError, match="a target before it"):
             camera.focus_on(target, number)
+    for target in ("a", (1, 2), ((1, 2), 2)):
+        with pytest.raises(SolariError, match="target is a point"):
+            camera.focus_on(target, 2)
     with pytest.raises(SolariError, match="a perspective camera"):
         sv.Camera(orthographic_height=1).focus_on(1, 2)
 
 
-@pytest.mark.parametrize("fields", [{"orthographic_height": -1}, {"aperture": -1}, {"focus_distance": 0}])
+@pytest.mark.parametrize(
+    "fields", [{"orthographic_height": -1}, {"orthographic_height": 1e-30}, {"aperture": -1}, {"focus_distance": 0}]
+)
 def test_wrong_lenses(fields):
     with pytest.raises(SolariError, match=next(iter(fields))):
         sv.Camera(**fields)

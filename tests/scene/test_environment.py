@@ -69,6 +69,9 @@ def test_radiance_pictures(tmp_path, colors, runs):
     assert (np.abs(found - colors).max(axis=-1) <= colors.max(axis=-1) / 128).all()
     file.write_bytes(hdr(rgbe(colors), runs, b"#?RGBE\nEXPOSURE=2.0\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=4\n"))
     np.testing.assert_allclose(sv.Environment(str(file)).image, found / 8)
+    header, runs_of_rows = hdr(rgbe(colors), runs, b"#?RGBE\nEXPOSURE=2\n").split(b"+X 32\n")
+    file.write_bytes(header.replace(b"\n", b"\r\n") + b"+X 32\r\n" + runs_of_rows)
+    np.testing.assert_allclose(sv.Environment(file).image, found / 2)
 
 
 def test_exr_and_png_pictures(tmp_path, colors):
@@ -91,6 +94,7 @@ def test_broken_files_are_refused(tmp_path, colors):
         (good.replace(b"-Y 16", b"-Y 0"), "pixels; from 1"), (good.replace(b"rgbe", b"xyze"), "XYZ"),
         (good[:body] + bytes((2, 2, 0, 32)) + bytes(400), "cut off"), (hdr(rgbe(colors), False)[:-1], "cut off"),
         (good[:body] + bytes((1, 1, 1, 9)) * 512, "old kind"),
+        (good.replace(b"\nFORMAT", b"\nEXPOSURE=1e999\nFORMAT"), "the EXPOSURE inf"),
     ):  # fmt: skip
         (tmp_path / "map.hdr").write_bytes(data)
         with pytest.raises(SolariError, match=text):
@@ -133,15 +137,21 @@ def test_random_damage_to_files_is_an_error_or_harmless(tmp_path, colors, seed):
 
 
 def test_files_with_wrong_values_are_refused_and_other_shapes_reported(tmp_path, colors):
-    for value, text in ((np.nan, "NaN"), (np.inf, "NaN or infinite"), (-1.0, "negative")):
+    for value, text in ((np.nan, "NaN"), (np.inf, "NaN or infinite"), (-1e6, "negative")):
         wrong = colors.astype(np.float32)
         wrong[2, 3, 1] = value
         sv.save_image(tmp_path / "map.exr", wrong)
         with pytest.raises(SolariError, match=text):
             sv.Environment(tmp_path / "map.exr")
     sv.save_image(tmp_path / "map.exr", colors[:, :16])
-    with pytest.warns(UserWarning, match="twice as wide as high"):
+    with pytest.warns(UserWarning, match="twice as wide as high") as told:
         sv.Environment(tmp_path / "map.exr")
+    assert told[0].filename == __file__
+    wrong = colors.astype(np.float32)
+    wrong[8, 3] = -1e-3 * colors.sum()
+    sv.save_image(tmp_path / "map.exr", wrong)
+    with pytest.warns(UserWarning, match="a little negative light"):
+        np.testing.assert_array_equal(sv.Environment(tmp_path / "map.exr").image, colors.astype(np.float32))
 
 
 @pytest.mark.parametrize(("fields", "text"), [
@@ -164,6 +174,12 @@ def test_scenes_take_environments_only():
     assert not scene.environment.emits
     scene.environment = sky = sv.Sky((1, 1, 0))
     assert list(scene.lights) == [sky, sky.sun]
+    scene.remove(sky)
+    assert len(scene.lights) == 0
+    scene.environment = sky
+    scene.lights.remove(sky)
+    scene.environment = sky
+    assert set(scene.lights) == {sky, sky.sun}
     scene.environment = sv.Environment(1.0)
     assert len(scene.lights) == 1
 

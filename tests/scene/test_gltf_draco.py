@@ -65,6 +65,29 @@ def test_wrong_references(writer, fields, message):
         writer.load()
 
 
+def test_primitives_with_the_same_accessors_have_their_own_data(writer):
+    def doubled(packed):
+        mesh = DracoPy.decode(packed)
+        arrays = {attribute["unique_id"]: attribute["data"] for attribute in mesh.attributes}
+        return DracoPy.encode(2 * mesh.points, mesh.faces, quantization_bits=16, normals=mesh.normals.astype(float),
+                              tex_coord=mesh.tex_coord.astype(float), generic_attributes={3: arrays[3]})  # fmt: skip
+
+    draco_file(writer)
+    draco_file(writer, doubled)
+    first, second = (mesh["primitives"][0] for mesh in writer.json["meshes"])
+    second |= {name: first[name] for name in ("attributes", "indices")}
+    low, high = (instance.mesh.positions.max() for instance in writer.load())
+    assert (low, high) == pytest.approx((1, 2), rel=1e-3)
+
+
+def test_data_that_the_accessor_can_not_hold(writer):
+    draco_file(writer)
+    colors = writer.json["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"]
+    writer.json["accessors"][colors]["componentType"] = 5121
+    with pytest.raises(SolariError, match="has uint8 values, which are too narrow"):
+        writer.load()
+
+
 def test_primitives_with_plain_data_too_need_no_library(expected, tmp_path, writer, monkeypatch):
     draco_file(writer)
     monkeypatch.setattr("solari_vk.scene.libraries.is_installed", lambda module: False)

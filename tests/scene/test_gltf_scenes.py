@@ -130,7 +130,7 @@ def test_lights(writer):
     kinds = [
         {"type": "directional", "intensity": 1000.0, "color": [1, 0.5, 0.25], "name": "sun"},
         {"type": "point", "name": "bulb", "intensity": 40, "range": 12.5},
-        {"type": "spot", "spot": {}},
+        {"type": "spot", "spot": {}, "range": 0, "intensity": 1e20},
         {"type": "spot", "name": "stage", "spot": {"innerConeAngle": 0.25, "outerConeAngle": math.pi / 2}},
         {"type": "spot", "name": "hard", "spot": {"innerConeAngle": 0.5, "outerConeAngle": 0.5}},
     ]
@@ -147,13 +147,19 @@ def test_lights(writer):
     assert sun.color.tolist() == [1, 0.5, 0.25]
     assert [light.position.tolist() for light in (bulb, plain, stage)] == [[2, 3, 0], [4, 3, 0], [6, 3, 0]]
     assert (bulb.name, bulb.intensity, bulb.range, bulb.radius) == ("bulb", 40, 12.5, 0)
-    assert (plain.intensity, plain.range, plain.inner_cone_angle, plain.outer_cone_angle) == (1, None, 0, math.pi / 4)
+    assert (plain.intensity, plain.range, plain.inner_cone_angle, plain.outer_cone_angle) == (
+        1e15, None, 0, math.pi / 4
+    )
     assert (stage.inner_cone_angle, stage.outer_cone_angle) == (0.25, math.pi / 2)
     assert 0.499 < hard.inner_cone_angle < hard.outer_cone_angle == 0.5
     for light in (sun, plain, stage):
         np.testing.assert_allclose(light.direction, [0, -1, 0], atol=1e-6)
-    (warning,) = scene.warnings
-    assert warning.startswith("spotlights with cones of the same angle get a hard edge: ")
+    place = "the file, extensions, KHR_lights_punctual, light"
+    assert scene.warnings == [
+        f"lights brighter than 1e+15 are dimmed to that: {place} 2",
+        f"lights with a range of 0, which glTF forbids, reach without end: {place} 2",
+        f"spotlights with cones of the same angle get a hard edge: {place} 4",
+    ]
 
 
 def test_lights_of_singular_nodes(writer):
@@ -167,7 +173,7 @@ def test_lights_of_singular_nodes(writer):
 
 
 @pytest.mark.parametrize("light", [
-    {"type": "point", "intensity": -1}, {"type": "point", "range": 0}, {"type": "area"},
+    {"type": "point", "intensity": -1}, {"type": "point", "range": -1}, {"type": "area"},
     {"type": "spot", "spot": {"outerConeAngle": 2}}, {"type": "spot", "spot": {"innerConeAngle": -0.1}},
     {"type": "point", "color": [1, 1]},
 ])  # fmt: skip

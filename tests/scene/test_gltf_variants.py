@@ -38,7 +38,12 @@ def test_variants_by_name(shoes):
     for variant, material in (("Red", "red"), ("Blue", "blue"), ("Plain", "leather"), ("Blue", "blue")):
         scene.use_variant(variant)
         assert names(scene) == [material, "leather"]
-    assert names(shoes.load(variant="Red")) == ["red", "leather"]
+    scene.use_variant(None)
+    assert names(scene) == ["leather", "leather"]
+    red = shoes.load(variant="Red")
+    assert names(red) == ["red", "leather"]
+    red.use_variant(None)
+    assert names(red) == ["leather", "leather"]
     assert scene.instances[0].mesh.tangents is not None, "made for the normal map of one of the variants"
 
 

@@ -34,7 +34,7 @@ MTL = """# a comment
 newmtl red
 Kd 0.8 0.1 0.1
 Ns 98
-map_Kd -clamp on wood.png
+map_Kd -blendu on wood.png
 newmtl lamp
 Kd 0 0 0
 Ke 5 4 3
@@ -71,6 +71,26 @@ def test_obj_with_materials(plane):
     order = np.lexsort(mesh.positions.T)
     np.testing.assert_allclose(mesh.uvs[order], [[0, 1], [1, 1], [0, 0], [1, 0]], err_msg="v points down, as in glTF")
     np.testing.assert_allclose(mesh.normals, [[0, 0, 1]] * 4, atol=1e-6)
+
+
+def test_what_mtl_files_say_without_effect_is_reported(plane, monkeypatch):
+    plane.with_name("old wood.png").write_bytes(plane.with_name("wood.png").read_bytes())
+    plane.with_name("plane.mtl").write_text(
+        "newmtl red\nKs 1 1 1\nmap_d d.png\nillum 2\nmap_Kd -s 2 2 -bm 0.5 old wood.png\nnewmtl other\nTf 1 1 1\n"
+        "map_Kd gone.png\n"
+    )
+    scene = sv.load(plane)
+    (red,) = (m for m in scene.materials if m.name == "red")
+    assert red.base_color_texture.image.name == "old wood.png"
+    assert scene.warnings == [
+        "materials that no .mtl file has are replaced by a gray one: lamp",
+        "fields and options of the .mtl file that are ignored: Ks, map_d, -s, -bm",
+    ]
+    for limit, text in (("images.LARGEST_TOTAL_PIXEL_COUNT", "Mi pixels in all"), ("mtl.LARGEST_FILE", "more than")):
+        with monkeypatch.context() as patch:
+            patch.setattr(f"solari_vk.scene.{limit}", 3)
+            with pytest.raises(SolariError, match=text):
+                sv.load(plane, strict=True)
 
 
 @pytest.mark.parametrize("format", ["ply", "stl", "obj", "ascii"])
@@ -180,7 +200,8 @@ def test_files_without_a_surface(tmp_path, name, content):
 def test_wrong_use(tmp_path, plane):
     for call, message in (
         (lambda: sv.load(tmp_path / "none.ply"), "no such file"), (lambda: sv.load(plane, up="w"), "'x', 'y' or 'z'"),
-        (lambda: sv.load(plane, unit=0), "the unit must be"),
+        (lambda: sv.load(plane, unit=0), "the unit must be"), (lambda: sv.load(plane, up="q"), r"plane\.obj: up"),
+        (lambda: sv.load(tmp_path / "x.fbx"), r"x\.fbx: .*give a file of \.gltf, .*\.stl"),
         (lambda: sv.load(plane, variant="red"), "only glTF files have"),
         (lambda: sv.load(tmp_path / "x.glb", up="z"), "only .obj, .ply, .stl files need"),
     ):  # fmt: skip

@@ -50,7 +50,12 @@ class Accessors:
         component, width = _component(entry), _Layout(_component(entry), *_shape(entry)).width
         if array.ndim != 2 or array.shape[1] != width:
             raise entry.error(f"has {width} components, but the data of {user.place} has the shape {array.shape}")
-        self._provided[index] = array if array.dtype.kind == "f" else array.astype(component)
+        if array.dtype.kind != "f":
+            given, array = array, array.astype(component)
+            if (array != given).any():
+                raise entry.error(f"has {component.name} values, which are too narrow for those of {user.place}")
+        self._floats.pop(index, None)
+        self._provided[index] = array
 
     def floats(self, index: int, user: Entry, kinds: tuple[str, ...]) -> NDArray[np.float32]:
         """Finite float32 values (count, components); integers are normalized if the accessor is.

@@ -24,17 +24,17 @@ class DracoMeshes:
         self._accessors = accessors
         self._meshes: dict[int, Any] = {}
 
-    def unpack(self, primitive: Entry, attributes: Entry) -> bool:
-        """Decompress a primitive, and say whether it was compressed.
+    def unpack(self, primitive: Entry, attributes: Entry) -> int | None:
+        """Decompress a primitive, and return the number of its buffer view; None if it wasn't compressed.
 
         Without the library its accessors' own data are used, if they have any.
         """
         packed = primitive.extension(EXTENSION)
         position = attributes.index("POSITION")
         if packed is None or position is None:
-            return False
+            return None
         if self._accessors.has_data(position, attributes) and not libraries.is_installed("DracoPy"):
-            return False
+            return None
         ids = packed.entry("attributes")
         indices = primitive.index("indices")
         if ids is None or indices is None:
@@ -48,7 +48,7 @@ class DracoMeshes:
             if accessor is not None:
                 self._accessors.provide(accessor, arrays[number], attributes)
         self._accessors.provide(indices, mesh.faces.reshape(-1, 1), primitive)
-        return True
+        return packed.integer("bufferView")
 
     def _mesh(self, packed: Entry) -> Any:
         """The decompressed mesh of a buffer view."""

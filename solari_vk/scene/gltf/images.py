@@ -13,8 +13,6 @@ from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry
 from solari_vk.scene.model import TextureImage
 
-LARGEST_TOTAL_PIXEL_COUNT = 2**30  # of one file: 4 GiB as RGBA
-
 Source = tuple[str, str | int]  # equal sources are the same image
 Choice = tuple[int, ...]  # images of one texture, the preferred one first
 
@@ -89,8 +87,8 @@ class Images:
         resource = self._document.view(view, entry)[0] if isinstance(view, int) else self._document.resource(entry)
         image = images.open_image(resource.tobytes(), who)
         self._pixel_count += image.width * image.height
-        if self._pixel_count > LARGEST_TOTAL_PIXEL_COUNT:
+        if self._pixel_count > images.LARGEST_TOTAL_PIXEL_COUNT:
             self._pixel_count -= image.width * image.height
-            limit = LARGEST_TOTAL_PIXEL_COUNT >> 20
+            limit = images.LARGEST_TOTAL_PIXEL_COUNT >> 20
             raise SolariError(f"{who} brings the file's images above {limit} Mi pixels in all: scale them down")
         return image, who, os.path.basename(entry.name) or file or entry.place

@@ -18,6 +18,7 @@ from solari_vk.scene.punctual import PointLight, SpotLight
 
 EXTENSION = "KHR_lights_punctual"
 MAX_INTENSITY = 1e15  # in lux or cd, of the scene's lights
+MIN_RANGE = 1e-5  # in meters, of the scene's lights
 HARD_EDGE = 1e-3  # how much smaller the inner cone is made where a file has none that is smaller
 
 
@@ -33,7 +34,10 @@ class Lights:
         """The light of a node, which has the extension; None when it is left out, which is reported."""
         entry = self._entry(node)
         kind = entry.text("type", None, ("directional", "point", "spot"))
-        intensity = min(entry.number("intensity", 1.0, low=0, high=1e30), MAX_INTENSITY)
+        intensity = entry.number("intensity", 1.0, low=0, high=1e30)
+        if intensity > MAX_INTENSITY:
+            intensity = MAX_INTENSITY
+            self._report.add(f"lights brighter than {MAX_INTENSITY:g} are dimmed to that", entry.place)
         place, (x, y, z) = upright(node.world), node.world[:3, 3]
         if not max(abs(x), abs(y), abs(z)) <= LARGEST_COORDINATE or (place is None and kind != "point"):
             self._report.add("lights whose node's transform is singular are left out", node.entry.place)
@@ -43,7 +47,10 @@ class Lights:
         if kind == "directional":
             return DirectionalLight(direction=_travel(place), illuminance=intensity, color=color, name=name)
         position = node.world[:3, 3].astype(np.float32)
-        reach = entry.number("range", low=1e-5, high=1e18) if "range" in entry else None
+        reach = entry.number("range", low=0, high=1e18) if "range" in entry else None
+        if reach is not None and reach < MIN_RANGE:
+            reach = None
+            self._report.add("lights with a range of 0, which glTF forbids, reach without end", entry.place)
         common: dict[str, Any] = {"intensity": intensity, "color": color, "range": reach, "name": name}
         if kind == "point":
             return PointLight(position, **common)

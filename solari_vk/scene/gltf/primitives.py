@@ -38,13 +38,14 @@ class Primitives:
             raise primitive.error("has no 'attributes'; export the file again")
         turned = None if material.normal_map is None else material.normal_map.uv_transform
         mode = primitive.integer("mode", 4, high=6)
-        if self._draco.unpack(primitive, attributes):
+        packed = self._draco.unpack(primitive, attributes)
+        if packed is not None:
             mode = 4
         targets = primitive.entries("targets", "target")
         joints = [name for name in sorted(attributes.data) if skinned and name.startswith(("JOINTS_", "WEIGHTS_"))]
         key = (
             *(attributes.index(a) for a in ("POSITION", "NORMAL", "TANGENT", "COLOR_0", *_uv_names(material))),
-            primitive.index("indices"), mode, turned, material.uv_sets,
+            primitive.index("indices"), packed, mode, turned, material.uv_sets,
             *map(attributes.index, joints),
             tuple(tuple(sorted((k, str(v)) for k, v in target.data.items())) for target in targets),
         )  # fmt: skip
