@@ -10,8 +10,11 @@ from typing import Any
 import numpy as np
 
 from solari_vk.errors import SolariError
+from solari_vk.scene.framing import Room, extent, find_room
 from solari_vk.scene.model import Camera, Scene
 
+# In cd/m^2, of emissive surfaces that light a scene: a tenth of the studio's walls. Weaker ones are signs and screens.
+LEAST_EMISSION = 0.04
 SUN_HEADING, SUN_HEIGHT = math.radians(-50), math.radians(40)  # from the camera's heading, and above the horizon
 
 
@@ -20,7 +23,7 @@ def add_environment_options(parser: Any) -> None:
     parser.add_argument("--environment", default="auto", metavar="auto|studio|sky|none|FILE",
                         help="what surrounds the scene: soft boxes, a clear sky with its sun, nothing, or a picture of "
                         "all directions (.hdr, .exr, .png, .jpg); auto: the file's own, and studio for files without "
-                        "any light (auto)")
+                        "light, or a lamp for closed rooms (auto)")
     parser.add_argument("--environment-rotation", type=_number, default=0.0, metavar="DEGREES",
                         help="turn it about the vertical axis (0)")
     parser.add_argument("--environment-intensity", type=_factor, default=1.0, metavar="FACTOR",
@@ -36,17 +39,24 @@ def environment_words(options: argparse.Namespace) -> list[str]:
 
 
 def add_environment(scene: Scene, camera: Camera, options: argparse.Namespace) -> bool:
-    """Surround a scene by what the options ask for. Returns whether a studio alone lights it, which suits EV100 0."""
-    lit = any(light.emits for light in scene.lights) or any(i.visible and i.material.emits for i in scene.instances)
+    """Surround a scene by what the options ask for. Returns whether a studio alone lights it, which suits EV100 0.
+
+    camera: the scene's default one, so that --camera doesn't turn the light.
+    """
+    from solari_vk.scene.emission import mean_emission
+    from solari_vk.scene.studio import add_lamp, studio_lights
+
+    lit = any(light.emits for light in scene.lights) or mean_emission(scene) >= LEAST_EMISSION
     kind = options.environment
     if kind == "auto" and not lit:
-        print(f"{options.source} has no light of its own: it is shown in a studio", file=sys.stderr)
-        kind = "studio"
+        room = _room(scene)
+        kind, place = ("studio", "shown in a studio") if room is None else ("auto", "a room, and gets a lamp")
+        print(f"{options.source} has no light of its own: it is {place}", file=sys.stderr)
+        if room is not None:
+            add_lamp(scene, room)
     if kind == "none":
         scene.environment = None
     elif kind == "studio":
-        from solari_vk.scene.studio import studio_lights
-
         studio_lights(scene, camera=camera, ground=not lit)
     elif kind == "sky":
         _add_sky(scene, camera, lit)
@@ -58,15 +68,18 @@ def add_environment(scene: Scene, camera: Camera, options: argparse.Namespace) -
     return kind == "studio" and not lit
 
 
+def _room(scene: Scene) -> Room | None:
+    visible = [instance for instance in scene if instance.visible]
+    return find_room(visible, extent(visible)) if visible else None
+
+
 def _add_sky(scene: Scene, camera: Camera, lit: bool) -> None:
     """A sky whose sun stands behind the camera's left shoulder, over a floor if the scene has no light of its own."""
     from solari_vk.scene.sky import Sky
-    from solari_vk.scene.studio import add_floor
+    from solari_vk.scene.studio import add_floor, heading
 
-    forward = -camera.transform[:3, 2]
-    heading = math.atan2(-forward[0], -forward[2]) + SUN_HEADING
-    across = math.cos(SUN_HEIGHT)
-    sky = Sky(np.array((across * math.sin(heading), math.sin(SUN_HEIGHT), across * math.cos(heading)), np.float32))
+    turn, across = heading(camera) + SUN_HEADING, math.cos(SUN_HEIGHT)
+    sky = Sky(np.array((across * math.sin(turn), math.sin(SUN_HEIGHT), across * math.cos(turn)), np.float32))
     if not lit:
         add_floor(scene, float(sky.ground_albedo.mean()))
     scene.environment = sky

@@ -44,6 +44,13 @@ def add_scene_options(parser: Any, window_size: tuple[int, int] | None = None) -
     add_device_options(parser)
 
 
+def file_words(options: argparse.Namespace) -> list[str]:
+    """The options that say how a file is read, as words of a command line."""
+    given = ((name, getattr(options, name)) for name in ("scene", "variant", "up", "unit"))
+    words = [f"--{name}={value}" for name, value in given if value is not None]
+    return [*words, "--strict"] if options.strict else words
+
+
 def add_realtime_options(parser: Any) -> None:
     """Add the options of the realtime renderer, with None for those that are not given."""
     parser.add_argument("--view", type=view, metavar="NAME", help="a debug view; `solari-vk views` lists all (picture)")

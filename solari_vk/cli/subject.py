@@ -62,9 +62,10 @@ def load(options: argparse.Namespace) -> Subject:
     if clip is not None and options.time is not None:
         clip.apply(scene, options.time, loop=False)
     played = clip if options.animate == "file" else None
-    camera = _find_camera(scene, options.camera, options.size[0] / options.size[1], played)
+    front = scene.camera_for(options.size[0] / options.size[1], played)
+    camera = front if options.camera is None else _find_camera(scene, options.camera)
     cameras = [camera] if options.animate is None else _path(options, scene, camera, clip)
-    in_studio = add_environment(scene, camera, options)
+    in_studio = add_environment(scene, front, options)
     exposure = options.exposure or ("camera" if builtin or in_studio else "auto")
     if exposure not in ("auto", "camera"):
         try:
@@ -110,10 +111,8 @@ def _path(options: argparse.Namespace, scene: Scene, camera: Camera, clip: Anima
     return orbit(camera, scene.bounds.center, options.frames or ORBIT_PICTURES, degrees)
 
 
-def _find_camera(scene: Scene, text: str | None, aspect: float, clip: Animation | None) -> Camera:
-    """The camera that the option --camera names; without the option, `scene.camera_for(aspect, clip)`."""
-    if text is None:
-        return scene.camera_for(aspect, clip)
+def _find_camera(scene: Scene, text: str) -> Camera:
+    """The camera that the option --camera names."""
     if text.isdecimal():
         if int(text) >= len(scene.cameras):
             raise SolariError(f"--camera {text}: {scene.describe()} has {len(scene.cameras)} cameras, counted from 0")

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from solari_vk.cli.options import add_realtime_options, add_scene_options, positive
+from solari_vk.cli.options import add_realtime_options, add_scene_options, file_words, positive
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device.rays import IN_WORDS
 
@@ -46,7 +46,7 @@ def run(options: argparse.Namespace) -> None:
     settings = make_settings(options)
     check_view(options.view, settings.lighting)
     subject = load(options)
-    words = [*environment_words(options), *(["--scene", options.scene] if options.scene else [])]
+    words = [*environment_words(options), *file_words(options)]
     is_file = not options.source.startswith("builtin:")
     with sv.Device(options.device, validation=options.validation or None, rays=options.rays) as device:
         if subject.auto_exposure:  # by a small picture

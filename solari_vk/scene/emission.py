@@ -13,7 +13,8 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.alias_table import alias_table
 from solari_vk.scene.images import LINEAR_OF_SRGB
-from solari_vk.scene.model import Instance, Mesh, Texture, TextureImage
+from solari_vk.scene.matrices import transform_points
+from solari_vk.scene.model import Instance, Mesh, Scene, Texture, TextureImage
 from solari_vk.scene.table import Rows
 
 Key = tuple[Mesh, Texture | None]
@@ -137,6 +138,24 @@ def _areas_by_joint(
     found: NDArray[np.float64] = np.bincount(joints, shares.reshape(-1), count + 1).astype(np.float64)
     found[count] = corners[~(deformation.joint_weights > 0).any(axis=1)].sum()
     return found
+
+
+def mean_emission(scene: Scene) -> float:
+    """The luminance of visible emissive surfaces, spread over the faces of the scene's bounds, in cd/m^2, roughly."""
+    total = 0.0
+    for instance in scene.instances:
+        if instance.visible and instance.material.emits:
+            mesh, texture = instance.posed_mesh(), instance.material.emissive_texture
+            a, b, c = transform_points(instance.transform, mesh.positions)[mesh.triangles].swapaxes(0, 1)
+            bright = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2
+            if texture is not None:
+                sums = luminance_sums(texture.image)
+                bright *= float(sums[-1, -1]) / (_STEPS * (len(sums) - 1) * (sums.shape[1] - 1))
+            total += bright * float(instance.material.emissive @ np.array(LUMINANCE_WEIGHTS))
+    if total == 0:
+        return 0.0
+    x, y, z = scene.bounds.size
+    return total / (2 * (x * y + y * z + z * x))
 
 
 def luminance_sums(image: TextureImage) -> Sums:

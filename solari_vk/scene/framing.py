@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,21 +25,50 @@ DIRECTION_COUNT = 192
 # boxes enclose their center too, but are smaller.
 ROOM_SHARE = 0.8
 LOWEST_ROOM, HIGHEST_ROOM = 1.8, 100.0
+# Where a room is looked for: shares of the scene's bounds, and a height above them in meters that replaces the share.
+PLACES = (((0.5, 0.5, 0.5), None), *(((x, 0.0, z), 1.6) for x in (0.5, 0.25, 0.75) for z in (0.5, 0.25, 0.75)))
 
 
 def default_camera(instances: list[Instance], points: Floats, aspect: float) -> Camera:
     """A camera that shows visible instances, and points (N, 3) that are theirs. aspect: width / height of the picture.
 
-    Rays from the points' center decide whether the instances enclose it, as the walls of a room do.
+    A room is seen from inside.
     """
-    center = (points.min(axis=0) + points.max(axis=0)) / 2
+    room = find_room(instances, points)
+    return fit(points, VIEW, aspect) if room is None else _inside(room.center, room.triangles)
+
+
+class Room(NamedTuple):
+    """A point that walls, a floor and a ceiling enclose."""
+
+    center: Floats
+    """The point, (3,) in meters."""
+    below: float
+    """The distance to the floor, or what stands on it, in meters."""
+    above: float
+    """The distance to the ceiling, or what hangs from it, in meters."""
+    triangles: Floats
+    """Corners (N, 3, 3) of the scene's largest triangles."""
+
+
+def find_room(instances: list[Instance], points: Floats) -> Room | None:
+    """A room among visible instances, and points (N, 3) that are theirs; None if there is none.
+
+    Rays from the center of the points, and from some places at the height of a visitor's eyes, decide whether the
+    instances enclose the place.
+    """
+    low, high = points.min(axis=0), points.max(axis=0)
     triangles = _largest_triangles(instances)
-    height = trace(center, np.array([[0, -1.0, 0], [0, 1, 0]]), triangles)[0].sum()
-    if LOWEST_ROOM <= height <= HIGHEST_ROOM:
-        _, front = trace(center, _directions(DIRECTION_COUNT), triangles)
-        if front.mean() >= ROOM_SHARE:
-            return _inside(center, triangles)
-    return fit(points, VIEW, aspect)
+    for share, height in PLACES:
+        place = low + np.array(share) * (high - low)
+        if height is not None:
+            place[1] = low[1] + height
+        below, above = trace(place, np.array([[0, -1.0, 0], [0, 1, 0]]), triangles)[0].tolist()
+        if LOWEST_ROOM <= below + above <= HIGHEST_ROOM:
+            _, front = trace(place, _directions(DIRECTION_COUNT), triangles)
+            if front.mean() >= ROOM_SHARE:
+                return Room(place, below, above, triangles)
+    return None
 
 
 def fit(points: Floats, direction: tuple[float, float, float], aspect: float) -> Camera:

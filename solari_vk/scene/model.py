@@ -75,6 +75,8 @@ class Scene(Observable):
         self._cameras: Items[Camera] = Items("camera", (Camera,), self._notify)
         self._animations: Items[Animation] = Items("animation", (Animation,), self._notify)
         self._camera: Camera | None = None
+        self.backdrop: Instance | None = None
+        """The instance that the default camera and `bounds` leave out: the floor of `studio_lights`."""
         self._own_materials: dict[Instance, Material] = {}
         self.variants: dict[str, dict[Instance, Material]] = {}
         """The materials of instances by the name of a variant, as `use_variant` assigns them."""
@@ -218,7 +220,7 @@ class Scene(Observable):
             for seconds in (0.0,) if clip is None else np.linspace(clip.duration, 0, CLIP_POSES):
                 if clip is not None:
                     clip.apply(self, seconds, loop=False)
-                if shown := [instance for instance in self._instances if instance.visible]:
+                if shown := self._subject():
                     visible = shown
                     points.append(extent(visible))
             if not visible:
@@ -237,22 +239,25 @@ class Scene(Observable):
             raise SolariError(f"{self.describe()}: camera must be a Camera, not {type(camera).__name__}")
         self._camera = camera
 
+    def _subject(self) -> list[Instance]:
+        """The visible instances but the backdrop."""
+        return [instance for instance in self._instances if instance.visible and instance is not self.backdrop]
+
     @property
     def bounds(self) -> Bounds:
-        """The bounding box of all visible instances. Raises SolariError if there are none."""
+        """The bounding box of all visible instances but the backdrop. Raises SolariError if there are none."""
         corners = []
         boxes: dict[Mesh, NDArray[Any]] = {}
-        for instance in self._instances:
-            if instance.visible:
-                mesh = instance.posed_mesh()
-                if mesh not in boxes:
-                    boxes[mesh] = Bounds(mesh.positions.min(axis=0), mesh.positions.max(axis=0)).corners
-                corners.append(transform_points(instance.transform, boxes[mesh]))
+        for instance in self._subject():
+            mesh = instance.posed_mesh()
+            if mesh not in boxes:
+                boxes[mesh] = Bounds(mesh.positions.min(axis=0), mesh.positions.max(axis=0)).corners
+            corners.append(transform_points(instance.transform, boxes[mesh]))
         if not corners:
             raise SolariError(f"{self.describe()} has no visible instance, so it has no bounds")
         every = np.concatenate(corners)
         return Bounds(every.min(axis=0), every.max(axis=0))
 
 
-SCENE_FIELDS = ("name", "camera", "environment", "variants", "warnings")
+SCENE_FIELDS = ("name", "camera", "environment", "variants", "warnings", "backdrop")
 COLLECTIONS = ("instances", "lights", "cameras", "animations")

@@ -11,21 +11,24 @@ from solari_vk.errors import SolariError
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import matte
 from solari_vk.scene.environment import Environment, directions, solid_angles
+from solari_vk.scene.framing import Room
 from solari_vk.scene.model import Camera, Scene
+from solari_vk.scene.punctual import PointLight
 
 HEIGHT, WIDTH = 256, 512
-FLOOR_ALBEDO = 0.32
+FLOOR_ALBEDO = 0.18
 FLOOR_IN_RADII = 60.0  # of the scene
 ZENITH = 0.5  # radiance of the walls overhead over that at the horizon
 # Soft boxes: heading from the camera and height of the center, half width and half height, all in degrees, and the
 # radiance. The key light stands at the camera's left, the fill light at its right, two strips behind the scene.
 BOXES = (
-    (-50, 42, 18, 16, 60.0),
-    (60, 25, 22, 26, 3.5),
-    (155, 35, 8, 30, 14.0),
-    (-150, 30, 6, 28, 9.0),
-    (0, 85, 20, 20, 4.0),
+    (-58, 42, 14, 13, 110.0),
+    (60, 25, 20, 24, 1.2),
+    (155, 35, 8, 30, 12.0),
+    (-150, 30, 6, 28, 8.0),
+    (0, 85, 20, 20, 1.0),
 )
+LAMP_INTENSITY = 250.0  # cd
 _EDGE = math.radians(5)  # over which a box fades out
 
 
@@ -74,25 +77,32 @@ def studio_lights(scene: Scene, *, ev100: float = 0.0, ground: bool = True, came
     bounds = scene.bounds
     if not bounds.radius > 0:
         raise SolariError(f"{scene.describe()} is a single point: a studio needs geometry with a size")
-    scene.environment = environment = studio_environment(0.32 * 1.2 * 2.0**ev100)
-    environment.rotation = _heading(camera, bounds.center)
+    scene.environment = environment = studio_environment(FLOOR_ALBEDO * 1.2 * 2.0**ev100)
+    environment.rotation = 0.0 if camera is None else heading(camera)
     if ground:
         add_floor(scene, FLOOR_ALBEDO)
     return scene
 
 
 def add_floor(scene: Scene, albedo: float) -> None:
-    """Add a matte round floor just under the scene's bounds."""
+    """Add a matte round floor just under the scene's bounds, as its backdrop."""
+    if scene.backdrop is not None and scene.backdrop in scene.instances:
+        scene.remove(scene.backdrop)
     bounds, sides = scene.bounds, 64
     turns = np.linspace(0, 2 * math.pi, sides, endpoint=False)
     rim = FLOOR_IN_RADII * bounds.radius * np.stack([np.cos(turns), np.zeros(sides), -np.sin(turns)], axis=-1)
     at = np.array((bounds.center[0], bounds.min[1] - 1e-3 * bounds.radius, bounds.center[2]))
-    scene.add(shapes.polygons(at + rim), matte(albedo, "floor"), name="floor")
+    scene.backdrop = scene.add(shapes.polygons(at + rim), matte(albedo, "floor"), name="floor")
 
 
-def _heading(camera: Camera | None, center: NDArray[np.float64]) -> float:
-    """The camera's angle about the y axis as seen from a center, in radians; 0 without a camera."""
-    if camera is None:
-        return 0.0
-    x, _, z = camera.transform[:3, 3] - center
+def heading(camera: Camera) -> float:
+    """The angle about the y axis from +z to the direction from which a camera looks, in radians."""
+    x, _, z = camera.transform[:3, 2]
     return math.atan2(x, z)
+
+
+def add_lamp(scene: Scene, room: Room) -> None:
+    """Add a round lamp near the ceiling of a room, as bright as four old light bulbs."""
+    position = room.center + np.array((0, 0.8 * room.above, 0))
+    radius = 0.04 * (room.above + room.below)
+    scene.add(PointLight(position, intensity=LAMP_INTENSITY, radius=radius, name="lamp"))

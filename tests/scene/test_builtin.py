@@ -167,7 +167,11 @@ def test_a_studio_faces_the_camera_and_follows_exposure():
     studio_lights(scene, ev100=5, camera=camera)
     key = scene.environment.brightest
     assert key.min() > 0.3, "in front of the camera, above, at its left"
-    light = scene.environment.flux
+    light, bounds, framed = scene.environment.flux, scene.bounds, scene.camera.transform
+    assert bounds.radius < 6, "without the floor"
+    assert np.abs(framed[:3, 3]).max() < 20
+    studio_lights(scene, ev100=5, camera=camera)
+    assert len(scene.instances) == 2, "the floor is replaced"
     assert studio_lights(scene, ev100=6, ground=False).environment.flux == pytest.approx(2 * light)
     floor = scene.instances["floor"]
     assert geometric_normals(floor.mesh)[0, 1] == pytest.approx(1.0)

@@ -104,6 +104,18 @@ def test_rooms_are_seen_from_inside():
     assert outside.camera.transform[1, 3] > 0.8
 
 
+def test_rooms_are_found_beside_the_center_of_the_bounds():
+    """A wall goes through the center, and a chimney stands on the roof."""
+    scene = room()
+    scene.add(shapes.box((-0.5, 0, -2), (0.5, 3, 2)), WHITE)
+    scene.add(shapes.box((2, 3, 1), (3, 4, 2)), WHITE)
+    eye = scene.camera.transform[:3, 3]
+    assert (np.abs(eye) < (3, 3, 2)).all()
+    found = framing.find_room(list(scene), framing.extent(list(scene)))
+    assert found.center[1] == pytest.approx(1.6)
+    assert (found.below, found.above) == pytest.approx((1.6, 1.4))
+
+
 def test_mirrored_rooms():
     scene = room()
     mirror = np.diag([-1.0, 1, 1, 1])
