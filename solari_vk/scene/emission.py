@@ -155,7 +155,7 @@ def mean_emission(scene: Scene) -> float:
     if total == 0:
         return 0.0
     x, y, z = scene.bounds.size
-    return total / (2 * (x * y + y * z + z * x))
+    return total / (2 * float(x * y + y * z + z * x))
 
 
 def luminance_sums(image: TextureImage) -> Sums:
