@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support import mitsuba_scene
+from support import brdf, mitsuba_scene
 from support.frames import each_lighting
 from support.measured import hold
 
@@ -71,13 +71,28 @@ def test_a_table_that_ignores_the_map_is_noticed(device, monkeypatch):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_white_furnace(device, seed):
-    """A white convex body reflects what a white floor gets: the furnace of a map that isn't even."""
+def test_a_white_floor_reflects_its_irradiance(device, seed):
     scene = sv.Scene(sv.Camera.look_at((0, 0, 4), (0, 0, 0), vertical_fov=0.3))
     scene.add(shapes.quad((0, 0, 0), (2, 0, 0), (0, 2, 0)), sv.Material(base_color=rgb(1)))
     scene.environment = environment = sv.Environment(random_map(seed + 10), rotation=turned(seed))
     found = trace(device, scene, 4096, (8, 8), lambert=True, max_bounces=4).mean(axis=(0, 1))
     np.testing.assert_allclose(found / (environments.irradiance(environment, (0, 0, 1)) / np.pi), 1, atol=0.01)
+
+
+def test_white_materials_reflect_a_random_map_by_their_brdf(device):
+    """Seen at 45 degrees in parallel rays: the sum of BRDF times radiance times cosine over a grid of directions."""
+    wo = np.array((1, 0, 1)) / np.sqrt(2)
+    scene = sv.Scene(sv.Camera.look_at(4 * wo, (0, 0, 0), orthographic_height=4))
+    scene.environment = environment = sv.Environment(random_map(5), rotation=turned(5))
+    wi, solid = brdf.hemisphere_grid(300, 600)
+    weights = environments.radiance(environment, wi.reshape(-1, 3)).reshape(wi.shape) * wi[..., 2:] * solid[..., None]
+    expected = []
+    for row, (metallic, roughness) in enumerate(((1.0, 0.6), (1.0, 0.3), (0.0, 0.4), (0.5, 0.8))):
+        white = sv.Material(base_color=rgb(1), metallic=metallic, perceptual_roughness=roughness)
+        scene.add(shapes.quad((0, 1.5 - row, 0), (2, 0, 0), (0, 0.5, 0)), white)
+        expected.append((brdf.Surface(1.0, metallic, roughness).value(wo, wi) * weights).sum(axis=(0, 1)))
+    found = trace(device, scene, 4096, (8, 16), max_bounces=4).reshape(4, -1, 3).mean(axis=1)
+    np.testing.assert_allclose(found / expected, 1, atol=0.01)
 
 
 def test_edits_of_a_map_show_at_once(device, monkeypatch):
