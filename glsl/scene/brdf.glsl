@@ -32,8 +32,7 @@ vec3 evaluate_diffuse_brdf(Brdf brdf, vec3 wo, vec3 wi) {
         if (brdf_layering == LAYERING_FRESNEL_PRODUCT) {
             value *= (1.0 - fresnel(brdf.dielectric_f0, wo.z)) * (1.0 - fresnel(brdf.dielectric_f0, wi.z));
         } else {
-            vec2 ab = albedo_terms(brdf, wi);
-            value *= 1.0 - brdf.layer_weight * specular_albedo(brdf.dielectric_f0, ab);
+            value *= 1.0 - dielectric_albedo(brdf, albedo_terms(brdf, wi));
         }
     }
     if (!SCENE_LAYERS) { return value; }

@@ -16,6 +16,8 @@ layout(constant_id = 0) const uint brdf_layering = LAYERING_CONSERVING;
 layout(constant_id = 1) const bool brdf_lambert = false;
 
 const bool HAS_LOBES = SCENE_GLASS || SCENE_LAYERS;
+// By how much A and B of an anisotropic lobe exceed those of the table at most, over the square of its strength.
+const vec2 ANISOTROPY_BOUND = vec2(0.38, 0.67);
 
 // A material seen from one direction.
 struct Brdf {
@@ -33,6 +35,7 @@ struct Brdf {
     float layer_weight;  // of a dielectric's specular lobe
     float transmission;  // the share of the dielectric that is glass
     // Where HAS_LOBES:
+    float anisotropy;  // strength
     vec2 anisotropic_roughness;
     vec2 anisotropy_direction;
     Layers layers;
@@ -72,6 +75,17 @@ vec2 albedo_terms(Brdf brdf, vec3 w) {
     if (!SCENE_LAYERS || brdf.mirror) { return albedo_terms(brdf.mirror, brdf.perceptual_roughness, w.z); }
     vec3 mean = vec3(brdf.anisotropic_roughness, square(brdf.perceptual_roughness));
     return lookup_brdf_table(w.z, sqrt(length(mean * to_anisotropy(brdf, w))));
+}
+
+// The share of uniform light that a dielectric's specular lobe reflects towards a direction, from A and B there. The
+// factors of an anisotropic lobe bound its A and B over those of the table, measured for all directions, so that no
+// energy is gained.
+vec3 dielectric_albedo(Brdf brdf, vec2 ab) {
+    vec3 albedo = specular_albedo(brdf.dielectric_f0, ab);
+    if (!SCENE_LAYERS || brdf.mirror) { return brdf.layer_weight * albedo; }
+    vec3 reflected = brdf.dielectric_f0 * ab.x;
+    vec3 excess = (ANISOTROPY_BOUND.x * reflected + ANISOTROPY_BOUND.y * ab.y) / max(reflected + ab.y, 1e-30);
+    return brdf.layer_weight * min(albedo * (1.0 + square(brdf.anisotropy) * excess), 1.0);
 }
 
 // `cosine` is that of the direction from which the surface is seen.
@@ -201,17 +215,18 @@ Brdf prepare_brdf(ResolvedMaterial material, vec3 wo) {
     brdf.layer_weight = SCENE_LAYERS ? material.lobes.specular_weight : 1.0;
     brdf.transmission = SCENE_GLASS ? material.lobes.transmission : 0.0;
     if (SCENE_LAYERS && !brdf.mirror) {
+        brdf.anisotropy = material.lobes.anisotropy;
         brdf.anisotropic_roughness = anisotropic_roughness(material);
         brdf.anisotropy_direction = material.lobes.anisotropy_direction;
     }
     vec2 ab = albedo_terms(brdf, wo);
     brdf.multiscatter = 1.0 / (ab.x + ab.y) - 1.0;
     brdf.pdf_per_d = brdf.mirror ? 0.0 : ggx_vndf_pdf_per_d(wo, material.roughness);
-    vec3 dielectric_albedo = brdf.layer_weight * specular_albedo(brdf.dielectric_f0, ab);
+    vec3 dielectric = dielectric_albedo(brdf, ab);
     vec3 specular = mix(
-        dielectric_albedo * (1.0 - brdf.transmission), specular_albedo(brdf.metal_f0, ab), brdf.metallic
+        dielectric * (1.0 - brdf.transmission), specular_albedo(brdf.metal_f0, ab), brdf.metallic
     );
-    vec3 through = 1.0 - dielectric_albedo;
+    vec3 through = 1.0 - dielectric;
     brdf.diffuse_color *= 1.0 - brdf.transmission;
     float diffuse = luminance(brdf.diffuse_color * through);
     // Not above 1 by the rounding of a division.
@@ -221,6 +236,7 @@ Brdf prepare_brdf(ResolvedMaterial material, vec3 wo) {
         mat3 averages = lookup_brdf_averages(brdf.perceptual_roughness);
         vec3 f0 = brdf.dielectric_f0;
         vec3 average = brdf.layer_weight * (averages[0] + f0 * (averages[1] + f0 * averages[2]));
+        if (SCENE_LAYERS && !brdf.mirror) { average *= 1.0 + ANISOTROPY_BOUND.x * square(brdf.anisotropy); }
         brdf.diffuse_color *= through / (1.0 - average);
     }
     if (HAS_LOBES) { prepare_lobes(brdf, material, wo, luminance(specular) + diffuse); }

@@ -30,5 +30,5 @@ def scene(assets: Path | None) -> sv.Scene:
         made.add(ball, sv.Material(**fields), place(at=(x, 0.5, 0)))
     for x in (-2.0, 2.0):
         made.add(shapes.facing_quad((x, 3.0, 2.0), 0.5, (0, 0.5, 0)), lamp(25.0), name="lamp")
-    made.camera = sv.Camera.look_at((0, 1.4, 5.0), (0, 0.5, 0), vertical_fov=0.62)
+    made.camera = sv.Camera.look_at((0, 1.5, 5.9), (0, 0.5, 0), vertical_fov=0.75)
     return made
