@@ -68,7 +68,8 @@ def load_mesh_file(
     if files.ignored:
         scene.warnings.append(f"fields and options of the .mtl file that are ignored: {', '.join(files.ignored)}")
     if not scene.instances:
-        raise SolariError(f"{path}: has no triangles: give a file with a surface")
+        reason = scene.warnings[-1] if scene.warnings else "has no triangles"
+        raise SolariError(f"{path}: {reason}: give a file with a surface")
     return scene
 
 
@@ -78,8 +79,11 @@ def _add(
     """Add a part of the file to the scene."""
     positions = _rows(part.get("vertices"), 3)
     triangles = library("trimesh.geometry", str(path)).triangulate_quads(part.get("faces", ()))
-    if positions is None or triangles.ndim != 2 or triangles.shape[1] != 3:
-        scene.warnings.append(f"parts without triangles, or with vertices that aren't finite, are left out: '{name}'")
+    if triangles.ndim != 2 or triangles.shape[1] != 3 or not np.size(part.get("vertices", ())):
+        scene.warnings.append(f"parts without triangles are left out: '{name}'")
+        return
+    if positions is None:
+        scene.warnings.append(f"parts with vertices that aren't finite are left out: '{name}'")
         return
     if triangles.min() < 0 or triangles.max() >= len(positions):
         raise SolariError(f"{path}: '{name}' has triangles of vertices that don't exist: export the file again")

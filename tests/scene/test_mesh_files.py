@@ -198,7 +198,9 @@ def test_files_without_a_surface(tmp_path, name, content):
 
 
 def test_wrong_use(tmp_path, plane):
+    (tmp_path / "nan.obj").write_text("v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n")
     for call, message in (
+        (lambda: sv.load(tmp_path / "nan.obj"), "vertices that aren't finite"),
         (lambda: sv.load(tmp_path / "none.ply"), "no such file"), (lambda: sv.load(plane, up="w"), "'x', 'y' or 'z'"),
         (lambda: sv.load(plane, unit=0), "the unit must be"), (lambda: sv.load(plane, up="q"), r"plane\.obj: up"),
         (lambda: sv.load(tmp_path / "x.fbx"), r"x\.fbx: .*give a file of \.gltf, .*\.stl"),
