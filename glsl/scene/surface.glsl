@@ -38,6 +38,7 @@ struct ResolvedRayHitFull {
     float ray_offset;             // rays leave from world_position + ray_offset * geometric_world_normal
     float light_area_pdf;  // the density in area with which light samples choose this point; 0 when it is on no light
     bool emits;        // towards the ray: on its front, or on both sides of a double-sided material
+    bool unlit;       // cameras alone see what it emits
     ResolvedMaterial material;
 };
 
@@ -115,6 +116,14 @@ ResolvedMaterial resolve_material(Material material, vec3 vertex_color, TextureP
         resolved.reflectance *= sqrt(sample_texture(material.specular_color_texture, point).rgb);
     }
     return resolved;
+}
+
+// Shows the base color, and reflects nothing.
+void make_unlit(inout ResolvedMaterial material) {
+    material.emissive *= material.base_color;
+    material.base_color = material.reflectance = vec3(0.0);
+    material.metallic = 0.0;
+    material.lobes = NO_LOBES;
 }
 
 // ---- normals ----------------------------------------------------------------------------------------
@@ -221,7 +230,8 @@ ResolvedRayHitFull resolve_hit_full(Hit hit, Mesh mesh, vec3 ray_direction, floa
     if (instance.light_index != NO_INDEX && point.area > 0.0) {
         surface.light_area_pdf = choice_probability(light_sources.at[instance.light_index], hit.triangle) / point.area;
     }
-    surface.emits = front_face || (material.flags & MATERIAL_DOUBLE_SIDED) != 0u;
+    surface.unlit = SCENE_UNLIT && (material.flags & MATERIAL_UNLIT) != 0u;
+    surface.emits = !surface.unlit && (front_face || (material.flags & MATERIAL_DOUBLE_SIDED) != 0u);
 
     point.texture_point.footprint_lod = footprint_lod(mesh, point, 0u, cone_width);
     if (SCENE_SECOND_UVS) { point.texture_point.second_footprint_lod = footprint_lod(mesh, point, 1u, cone_width); }
@@ -254,11 +264,17 @@ ResolvedRayHitFull resolve_hit_full(Hit hit, Mesh mesh, vec3 ray_direction, floa
         }
         orient_lobes(surface.material.lobes, surface.world_normal, coat_normal, tangents);
     }
+    if (surface.unlit) { make_unlit(surface.material); }
     return surface;
 }
 
 ResolvedRayHitFull resolve_ray_hit_full(Hit hit, vec3 ray_direction, float cone_width) {
     return resolve_hit_full(hit, meshes.at[instances.at[hit.instance].ray_mesh], ray_direction, cone_width);
+}
+
+// What a camera sees the surface emit.
+vec3 shown_emission(ResolvedRayHitFull surface) {
+    return surface.emits || surface.unlit ? surface.material.emissive : vec3(0.0);
 }
 
 #endif

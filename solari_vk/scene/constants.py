@@ -14,6 +14,8 @@ MATERIAL_MASK, MATERIAL_BLEND = 2, 4
 """Flags of a material record with such an alpha mode."""
 MATERIAL_SOLID, MATERIAL_WALL = 8, 16
 """Flags of a material record of glass that bounds a solid, and of thin glass that rays may pass straight."""
+MATERIAL_UNLIT = 32
+"""The flag of a material record whose emissive times its base color only cameras see."""
 SCENE_MASK, BLENDED_MASK = 0x7F, 0x40
 """The masks of rays through a scene, and through its blended instances alone: hidden ones have only the bit above."""
 

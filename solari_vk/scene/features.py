@@ -44,6 +44,7 @@ FEATURES = (
     Feature("SECOND_UVS", Mesh, lambda mesh: mesh.second_uvs is not None),
     Feature("GLASS", Material, lambda material: material.transmission > 0),
     Feature("LAYERS", Material, lambda material: material.has_layers),
+    Feature("UNLIT", Material, lambda material: material.unlit),
 )
 
 

@@ -89,6 +89,8 @@ TEXTURES = {
 """The textures of a material, and whether their colors are sRGB."""
 MIRROR_ROUGHNESS = 0.001
 """The largest square of the perceptual roughness of a surface that shaders take as a perfect mirror."""
+UNLIT_RADIANCE = 1.2
+"""Of an unlit color of 1, in cd/m^2: white in a picture with an EV100 of 0, as a white surface in the studio."""
 LARGEST_OPTICAL_DEPTH = 30.0  # of an attenuation color of 0 after the attenuation distance
 
 
@@ -122,7 +124,13 @@ class Material(Checked):
     The alpha of a surface is `alpha` times that of the base color texture and of the vertices' colors. With the
     alpha_mode "mask" the surface is cut out where its alpha is below alpha_cutoff. With "blend" it covers what lies
     behind by its alpha, and the light that passes takes the base color, with the weight alpha. With "opaque" alpha
-    means nothing. Raises SolariError for values out of range.
+    means nothing.
+
+    Cameras see an unlit material as its base color times 1.2 cd/m^2, whatever the light: a color of 1 is white at the
+    EV100 of 0 that cameras have by default. Only base color, alpha and double_sided count. It reflects nothing and
+    gives no light to others: to all rays but those of cameras, so in mirrors too, it is black.
+
+    Raises SolariError for values out of range.
     """
 
     _: KW_ONLY
@@ -142,6 +150,7 @@ class Material(Checked):
     emissive_texture: Texture | None = None
     normal_texture: Texture | None = None
     double_sided: bool = False
+    unlit: bool = False
     ior: float = 1.5
     specular: float = 1.0
     specular_texture: Texture | None = None
@@ -179,6 +188,7 @@ class Material(Checked):
         "emissive": checks.color(0, checks.LARGEST_RADIANCE),
         "normal_scale": checks.number(-1e6, 1e6),
         "double_sided": bool,
+        "unlit": bool,
         "ior": checks.number(1, 1e6),
         "specular": checks.number(0, 1),
         "transmission": checks.number(0, 1),
@@ -198,7 +208,7 @@ class Material(Checked):
     @property
     def emits(self) -> bool:
         """Whether the material emits light, so that its instances are lights."""
-        return bool((self.emissive > 0).any())
+        return not self.unlit and bool((self.emissive > 0).any())
 
     @property
     def absorption(self) -> NDArray[np.float64]:
@@ -210,7 +220,7 @@ class Material(Checked):
     def is_wall(self) -> bool:
         """Whether the material is thin glass that rays may pass straight, since it is smooth, at least in places."""
         smooth = self.perceptual_roughness**2 <= MIRROR_ROUGHNESS or self.metallic_roughness_texture is not None
-        return self.transmission > 0 and not self.solid and smooth and self.alpha_mode == "opaque"
+        return self.transmission > 0 and not (self.solid or self.unlit) and smooth and self.alpha_mode == "opaque"
 
     @property
     def has_layers(self) -> bool:

@@ -12,11 +12,12 @@ from solari_vk.scene.constants import (
     MATERIAL_DOUBLE_SIDED,
     MATERIAL_MASK,
     MATERIAL_SOLID,
+    MATERIAL_UNLIT,
     MATERIAL_WALL,
     NO_INDEX,
 )
 from solari_vk.scene.features import Features
-from solari_vk.scene.material import TEXTURES
+from solari_vk.scene.material import TEXTURES, UNLIT_RADIANCE
 from solari_vk.scene.model import Instance, Material, Texture, TextureImage
 from solari_vk.scene.table import Rows, Table
 from solari_vk.scene.textures import Textures
@@ -98,9 +99,11 @@ class Materials:
                 record[slot] = self._textures.rows[textures[slot], srgb] if slot in textures else NO_INDEX
             # In shaders F0 is 0.16 reflectance^2 whatever the index of refraction is; the factor is 1 for 1.5.
             record["reflectance"] = material.reflectance * (5 * (material.ior - 1) / (material.ior + 1))
+            if material.unlit:
+                record["emissive"], record["emissive_texture"] = UNLIT_RADIANCE, NO_INDEX
             record["flags"] = (
                 MATERIAL_DOUBLE_SIDED * material.double_sided | MATERIAL_SOLID * material.solid
-                | MATERIAL_WALL * material.is_wall | _ALPHA_FLAGS[material.alpha_mode]
+                | MATERIAL_WALL * material.is_wall | MATERIAL_UNLIT * material.unlit | _ALPHA_FLAGS[material.alpha_mode]
             )  # fmt: skip
             (self.emitting.add if material.emits else self.emitting.discard)(material)
             self.table.mark([row])

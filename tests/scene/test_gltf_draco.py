@@ -88,6 +88,12 @@ def test_data_that_the_accessor_can_not_hold(writer):
         writer.load()
 
 
+def test_attributes_are_needed(writer):
+    del draco_file(writer)["attributes"]
+    with pytest.raises(SolariError, match="needs 'indices', and 'attributes'"):
+        writer.load()
+
+
 def test_primitives_with_plain_data_too_need_no_library(expected, tmp_path, writer, monkeypatch):
     draco_file(writer)
     monkeypatch.setattr("solari_vk.scene.libraries.is_installed", lambda module: False)

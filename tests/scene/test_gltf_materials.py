@@ -104,7 +104,7 @@ def test_lobes(writer):
 
 @pytest.mark.parametrize(
     ("name", "fields", "influences"),
-    [("KHR_materials_unlit", {}, True), ("KHR_materials_iridescence", {"iridescenceFactor": 1}, True),
+    [("KHR_materials_iridescence", {"iridescenceFactor": 1}, True),
      ("KHR_materials_iridescence", {"iridescenceFactor": 0.0}, False), ("KHR_materials_iridescence", {}, False),
      ("KHR_materials_dispersion", {"dispersion": 0.5}, True), ("VENDOR_sparkle", {}, True)],
 )  # fmt: skip
@@ -118,12 +118,19 @@ def test_material_extensions_are_reported_when_they_matter(writer, name, fields,
         assert "unused" not in warnings[0]
 
 
-def test_optional_draco_without_fallback_is_left_out_by_name(writer):
-    position = writer.add("accessors", componentType=5126, count=3, type="VEC3")
-    writer.mesh({"POSITION": position}, **extension("KHR_draco_mesh_compression", bufferView=0))
-    scene = writer.load()
-    assert not scene.instances
-    assert "KHR_draco_mesh_compression" in scene.warnings[0]
+def test_unlit(writer):
+    """Only the base color, alpha and double_sided of an unlit material count."""
+    glass = {"KHR_materials_clearcoat": {"clearcoatFactor": 1}, "KHR_materials_transmission": {"transmissionFactor": 1}}
+    image = {"index": writer.image(np.full((2, 2, 4), 255))}
+    pbr = {"baseColorFactor": [0.2, 0.4, 0.6, 0.5], "baseColorTexture": image, "metallicRoughnessTexture": image}
+    material, warnings = load(
+        writer, pbrMetallicRoughness=pbr, normalTexture=image, emissiveFactor=[1, 1, 1], alphaMode="BLEND",
+        doubleSided=True, extensions={"KHR_materials_unlit": {}, **glass},
+    )  # fmt: skip
+    assert (material.unlit, material.double_sided, material.alpha_mode, material.alpha) == (True, True, "blend", 0.5)
+    np.testing.assert_allclose(material.base_color, [0.2, 0.4, 0.6], rtol=1e-6)
+    assert [name for name in TEXTURES if getattr(material, name) is not None] == ["base_color_texture"]
+    assert (material.emits, material.is_wall, material.has_layers, warnings) == (False, False, False, [])
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ struct GBufferPixel {
 
 GBufferPixel resolve_pixel(CameraRay ray, Hit hit, Mesh mesh) {
     ResolvedRayHitFull surface = resolve_hit_full(hit, mesh, ray.direction, ray.cone_width + ray.cone_spread * hit.t);
-    vec3 emissive = surface.emits ? surface.material.emissive : vec3(0.0);
+    vec3 emissive = shown_emission(surface);
     vec3 object_position = interpolate_position(mesh.positions, mesh, hit);
     // Both positions are computed from the object-space position, so that rounding gives no motion to static surfaces.
     vec3 now = instances.at[hit.instance].world_from_object * vec4(object_position, 1.0);

@@ -78,7 +78,7 @@ Guides describe_reflection(GBufferSurface seen, uvec2 pixel) {
         previous_virtual_position = previous_camera.world_from_view[3] + mat3(previous_chain) * previous_position;
     } else {
         describe(guides, surface.material, dot(surface.world_normal, -direction));
-        guides.lit = !passes_light && (!surface.emits || max_component(surface.material.emissive) == 0.0);
+        guides.lit = !passes_light && max_component(shown_emission(surface)) == 0.0;
         guides.world_normal = mat3(chain) * surface.world_normal;
         guides.depth = camera.near / (path_length * camera_ray.depth_per_t);
         virtual_position = chain * vec4(surface.world_position, 1.0);

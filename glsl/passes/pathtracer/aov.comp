@@ -34,5 +34,5 @@ void main() {
     aov_shading_normal.at[index] = surface.world_normal;
     aov_albedo.at[index] = surface.material.base_color;
     aov_roughness_metallic.at[index] = vec2(surface.material.perceptual_roughness, surface.material.metallic);
-    aov_emissive.at[index] = surface.emits ? surface.material.emissive : vec3(0.0);
+    aov_emissive.at[index] = shown_emission(surface);
 }

@@ -108,7 +108,9 @@ void main() {
             ResolvedRayHitFull surface = resolve_ray_hit_full(hit, direction, cone_width);
             if (bounce > 0u) { take_wall_as_met(hit, direction, surface.material, throughput); }
             if (SCENE_GLASS) { throughput *= attenuation(absorption, hit.t); }
-            if (surface.emits) {
+            if (bounce == 0u) {
+                radiance += shown_emission(surface);
+            } else if (surface.emits) {
                 float light_pdf = emissive_hit_pdf(surface, direction, hit.t);
                 radiance += throughput * surface.material.emissive * hit_weight(bounce_pdf, light_pdf);
             }

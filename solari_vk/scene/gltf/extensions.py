@@ -30,7 +30,7 @@ EXTENSIONS = (
     Extension("KHR_materials_sheen", "works", ""),
     Extension("KHR_materials_specular", "works", "factors of the color above 4 count as 4"),
     Extension("KHR_materials_transmission", "works", "shadow rays pass thin smooth glass only"),
-    Extension("KHR_materials_unlit", "part", "the material is lit as any other"),
+    Extension("KHR_materials_unlit", "works", "black in mirrors; a color of 1 is 1.2 cd/m²"),
     Extension("KHR_materials_variants", "works", "`load_gltf(variant=)`, `scene.use_variant`, `--variant`"),
     Extension("KHR_materials_volume", "works", "meshes must be closed; thickness only says whether there is a volume"),
     Extension("KHR_mesh_quantization", "works", ""),

@@ -24,7 +24,8 @@ _NEUTRAL_FIELDS = {
     "KHR_materials_dispersion": "dispersion",
     "KHR_materials_iridescence": "iridescenceFactor",
 }
-_READ = ("KHR_materials_emissive_strength", *lobes.EXTENSIONS)
+_UNLIT = "KHR_materials_unlit"
+_READ = (_UNLIT, "KHR_materials_emissive_strength", *lobes.EXTENSIONS)
 
 
 @dataclass
@@ -65,13 +66,14 @@ class Materials:
     def _parse(self, entry: Entry) -> tuple[Entry, dict[str, Slot]]:
         """The entry, and its slots by the fields of Material."""
         pbr = _pbr(entry)
-        found = {
-            "base_color_texture": self._textures.slot(pbr, "baseColorTexture"),
-            "metallic_roughness_texture": self._textures.slot(pbr, "metallicRoughnessTexture"),
-            "normal_texture": self._textures.slot(entry, "normalTexture"),
-            "emissive_texture": self._textures.slot(entry, "emissiveTexture"),
-            **lobes.slots(entry, self._textures),
-        }
+        found = {"base_color_texture": self._textures.slot(pbr, "baseColorTexture")}
+        if not _is_unlit(entry):
+            found |= {
+                "metallic_roughness_texture": self._textures.slot(pbr, "metallicRoughnessTexture"),
+                "normal_texture": self._textures.slot(entry, "normalTexture"),
+                "emissive_texture": self._textures.slot(entry, "emissiveTexture"),
+                **lobes.slots(entry, self._textures),
+            }
         slots = {name: slot for name, slot in found.items() if slot is not None}
         for name, slot in list(slots.items()):
             if slot.uv_set not in _uv_sets(slots):
@@ -105,7 +107,7 @@ class Materials:
             alpha_cutoff=min(entry.number("alphaCutoff", 0.5, low=0), checks.LARGEST_CUTOFF),
             double_sided=entry.flag("doubleSided", False),
             name=entry.name,
-            **lobes.fields(entry, slots, self._report),
+            **({"unlit": True} if _is_unlit(entry) else lobes.fields(entry, slots, self._report)),
             **textures,
         )
         return LoadedMaterial(material, uv_sets, normal)
@@ -118,15 +120,17 @@ class Materials:
                 continue
             if neutral and said.data.get(neutral, 0) in (0, [0, 0, 0]):
                 continue
-            if name == "KHR_materials_unlit":
-                self._report.add("KHR_materials_unlit is not supported: materials are lit as any other", entry.place)
-            else:
-                self._report.add(f"the extension {name} is not supported and was ignored", entry.place)
+            self._report.add(f"the extension {name} is not supported and was ignored", entry.place)
 
 
 def _uv_sets(slots: dict[str, Slot]) -> tuple[int, ...]:
     """The sets of uvs that a mesh has for these textures: those of the first two, in ascending order."""
     return tuple(sorted(tuple(dict.fromkeys(slot.uv_set for slot in slots.values()))[:2]))
+
+
+def _is_unlit(entry: Entry) -> bool:
+    """Whether a material shows its base color alone."""
+    return entry.extension(_UNLIT) is not None
 
 
 def _pbr(entry: Entry) -> Entry:
