@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.errors import SolariError, checked_keywords
 from solari_vk.frame import SceneFrame, SceneUser
-from solari_vk.gpu.acceleration.checks import check_switch, numbers
+from solari_vk.gpu.acceleration.checks import check_switch, numbers, whole_number
 from solari_vk.gpu.device.barriers import host_read_barrier
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
@@ -52,7 +52,7 @@ class RayTracer(SceneUser):
 
     def trace(
         self, origins: ArrayLike, directions: ArrayLike, *, t_min: ArrayLike = 0.0, t_max: ArrayLike = np.inf,
-        any_hit: bool = False,
+        any_hit: bool = False, seed: int = 0,
     ) -> NDArray[Any]:  # fmt: skip
         """The nearest hit of each ray.
 
@@ -60,19 +60,24 @@ class RayTracer(SceneUser):
         multiples of its direction. All four are broadcast against each other and converted to float32, where values
         beyond the range become infinite. any_hit: return any hit instead of the nearest, which is faster if only
         occlusion matters. A ray with a NaN, an infinite origin or direction, a direction of zero length or a negative
-        t_min hits nothing.
+        t_min hits nothing. Rays hit a blended surface with the probability alpha. The seed of these random numbers is a
+        whole number from 0 to 2^32 - 1: the same seed and rays give the same hits, another seed independent ones.
 
         Returns records (...) with the fields t (inf without a hit), instance (a key of `instances`, -1 without a hit),
         primitive (the index of the triangle in the ray_mesh or mesh, -1 without a hit), barycentrics (2) of the second
         and third vertex, front_face, position (3) in meters, and normal (3), the triangle's unit normal on its front
-        side. Raises SolariError for arrays whose shapes don't fit each other.
+        side. Raises SolariError for arrays whose shapes don't fit each other, and
+        for another seed.
         """
         if not self._buffers:
             raise SolariError("RayTracer.trace: the ray tracer is closed; make a new one")
         check_switch(any_hit, "trace: any_hit")
+        if whole_number(seed, "trace: seed", 0) >= 1 << 32:
+            raise SolariError(f"trace: seed is {seed}: give a whole number below 2^32")
         shape, rays = _broadcast(origins, directions, t_min, t_max)
         self._update()
         frame = self.frame(any_hit)
+        frame.uniforms["ray_batch.seed"] = seed
         count = len(rays["ray_origins"])
         hits = np.empty(count, self._mapped["ray_hits"].dtype)
         pending: tuple[int, slice, slice] | None = None
@@ -84,6 +89,7 @@ class RayTracer(SceneUser):
                 for name, values in rays.items():
                     self._mapped[name][span] = values[batch]
             frame.uniforms["ray_batch.first"] = first
+            frame.uniforms["ray_batch.number"] = start & 0xFFFFFFFF
             frame.uniforms["ray_batch.count"] = batch.stop - batch.start
             submitted = (frame.submit(), batch, span)
             if pending is not None:  # fetch a batch while the next one is traced

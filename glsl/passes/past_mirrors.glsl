@@ -49,6 +49,7 @@ HitPastMirrors trace_past_mirrors(vec3 origin, vec3 direction, float t_max, floa
     for (found.mirror_count = 0u; found.mirror_count < MAX_MIRRORS; found.mirror_count++) {
         count_ray();
         Hit hit = trace_closest_hit(origin, 0.0, direction, t_max, TRACE_BOTH_FACES, blend_seed(rng));
+        if (SCENE_BLEND) { count_ray(); }
         Passage passage = trace_passage(origin, direction, t_max, hit);
         if (found.mirror_count == 0u) {
             found.first_passage = passage;

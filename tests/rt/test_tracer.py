@@ -150,6 +150,27 @@ def test_limits_of_rays(device):
     assert hits["t"].tolist() == [1, 2, np.inf, np.inf]
 
 
+def test_rays_hit_blended_surfaces_by_chance(device, monkeypatch):
+    """As often as alpha says, by random numbers of each ray's own that only the seed changes."""
+    mesh = sv.Mesh(positions=np.array([[-9, -9, 0], [9, -9, 0], [0, 9, 0]], np.float32))
+    scene = sv.Scene(sv.Instance(mesh, sv.Material(alpha=0.3, alpha_mode="blend")))
+    origins = np.tile([0.0, 0.0, 1.0], (4096, 1))
+    with sv.RayTracer(device, scene) as tracer:
+        first, second = (tracer.trace(origins, (0, 0, -1), seed=seed)["instance"] >= 0 for seed in (0, 2**32 - 1))
+        some = tracer.trace(origins, (0, 0, -1), any_hit=True)["instance"] >= 0
+        monkeypatch.setattr(tracer_module, "BATCH", 1000)
+        split = tracer.trace(origins, (0, 0, -1))["instance"] >= 0
+        for seed in (-1, 2**32, 0.5):
+            with pytest.raises(sv.SolariError, match="trace: seed"):
+                tracer.trace(origins, (0, 0, -1), seed=seed)
+    np.testing.assert_array_equal(split, first)
+    limit = 4 / len(origins) ** 0.5
+    for hit in (first, second, some):
+        assert abs(hit.mean() - 0.3) < 0.5 * limit
+    for other in (second, np.roll(first, 1)):
+        assert abs(np.mean((first - 0.3) * (other - 0.3))) < 0.21 * limit
+
+
 @pytest.mark.parametrize("count", [0, 1, 63, 64, 65, 128, 129, 1000])
 def test_batches_join_without_seams(device, monkeypatch, count):
     monkeypatch.setattr(tracer_module, "BATCH", 64)

@@ -224,6 +224,7 @@ bool advance(inout Path path) {
 
     count_ray();
     path.hit = trace_closest_hit(origin, 0.0, path.direction, INFINITY, TRACE_BOTH_FACES, blend_seed(path.rng));
+    if (SCENE_BLEND) { count_ray(); }
     Passage passage = trace_passage(origin, path.direction, INFINITY, path.hit);
     if (first) {
         path.first_passage = passage;

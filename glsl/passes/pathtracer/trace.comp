@@ -98,7 +98,10 @@ void main() {
         rays += 1u;
         uint faces = bounce == 0u ? TRACE_FRONT_FACES : TRACE_BOTH_FACES;
         Hit hit = trace_closest_hit(origin, t_min, direction, INFINITY, faces, blend_seed(rng));
-        if (SCENE_BLEND && bounce > 0u) { throughput *= trace_passage(origin, direction, INFINITY, hit).tint; }
+        if (SCENE_BLEND && bounce > 0u) {
+            rays += 1u;
+            throughput *= trace_passage(origin, direction, INFINITY, hit).tint;
+        }
         radiance += throughput * radiance_passed(origin, direction, hit.t, bounce_pdf);
         if (hit.instance == NO_INDEX) {
             radiance += throughput * radiance_at_infinity(direction, bounce_pdf);

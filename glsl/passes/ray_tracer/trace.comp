@@ -23,6 +23,8 @@ struct TracedHit {
 layout(set = 1, binding = 0, scalar) uniform RayBatchBlock {
     uint first;  // index of the batch's first ray in the buffers
     uint count;
+    uint number;  // of the batch's first ray among all of the user's
+    uint seed;
 } ray_batch;
 layout(set = 1, binding = 1, scalar) readonly buffer RayOriginsBlock { vec3 at[]; } ray_origins;
 layout(set = 1, binding = 2, scalar) readonly buffer RayDirectionsBlock { vec3 at[]; } ray_directions;
@@ -45,7 +47,8 @@ void main() {
 
     Hit hit = Hit(INFINITY, NO_INDEX, 0u, vec2(0.0), false);
     uint flags = any_hit ? TRACE_ANY_HIT : TRACE_BOTH_FACES;
-    if (valid) { hit = trace_closest_hit(origin, t_min, direction, t_max, flags); }
+    uint seed = SCENE_BLEND ? seed_rng(uvec2(ray_batch.number + INVOCATION_INDEX.x, 0u), 0u, ray_batch.seed) : 0u;
+    if (valid) { hit = trace_closest_hit(origin, t_min, direction, t_max, flags, seed); }
     // A single write: two of them cost a software device 5 % of its rays a second.
     TracedHit traced = TracedHit(INFINITY, NO_INDEX, NO_INDEX, vec2(0.0), 0u, vec3(0.0), vec3(0.0));
     if (hit.instance != NO_INDEX) {

@@ -81,6 +81,7 @@ vec3 trace_path(Path path, float distance, CameraRay camera_ray, inout uint rng)
     while (true) {
         count_ray();
         Hit hit = trace_closest_hit(path.origin, 0.0, path.direction, INFINITY, TRACE_BOTH_FACES, blend_seed(rng));
+        if (SCENE_BLEND) { count_ray(); }
         path.throughput *= trace_passage(path.origin, path.direction, INFINITY, hit).tint;
         radiance += path.throughput * radiance_passed(path.origin, path.direction, hit.t, path.bounce_pdf);
         if (hit.instance == NO_INDEX) {
