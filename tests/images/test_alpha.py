@@ -141,6 +141,19 @@ def test_frames_have_the_path_tracers_mean(device, lighting):
         assert half_width < 0.03
 
 
+def check_specks(device):
+    """Pixels of a still pane tend to the mean of the pane and the lamp behind it, with 64 frames' binomial noise."""
+    with make_renderer(device, before_a_lamp(pane(0.6)), SIZE, antialiasing=True) as renderer:
+        for _ in range(64):
+            picture = renderer.render(CAMERA)["radiance"][..., 0]
+    assert np.abs(picture - 0.8).max() < 5 * 2 * math.sqrt(0.6 * 0.4 * 4 / 3 / 64)
+
+
+@pytest.mark.slow
+def test_frames_have_no_specks(device):
+    check_specks(device)
+
+
 MUTANTS = {  # the proof that must fail, and the patch
     "all candidates are hits": (check_mask, "scene/alpha.glsl", "if (cover.w >= 1.0) { return true; }", "return true;"),
     "the cutoff is ignored": (check_mask, "scene/alpha.glsl", "color.w >= material.alpha_cutoff ?", "color.w > 0.0 ?"),
@@ -150,6 +163,8 @@ MUTANTS = {  # the proof that must fail, and the patch
         check_colored_light, "passes/pathtracer/trace.comp", "throughput *= trace_passage(", "trace_passage("),
     "one seed for all rays": (check_random_numbers, "scene/trace.glsl", "SCENE_BLEND ? rand_u(rng) :",
                               "SCENE_BLEND ? 7u :"),
+    "chance counts as a change": (check_specks, "passes/taa/resolve.comp", "trusted = blended ? 1.0 : 1.0 -",
+                                  "trusted = 1.0 -"),
 }  # fmt: skip
 QUICK = ("the cutoff is ignored",)
 

@@ -94,6 +94,21 @@ bool is_still(ivec2 center) {
     return true;
 }
 
+bool shows_blended(uint instance) {
+    return instance != NO_INDEX && (materials.at[instances.at[instance].material].flags & MATERIAL_BLEND) != 0u;
+}
+
+// Whether a blended surface is around, in this frame or in the previous one: frames show it or what lies behind it.
+bool is_blended(ivec2 center) {
+    for (int i = 0; i < 9; i++) {
+        ivec2 pixel = center + ivec2(i % 3, i / 3) - 1;
+        if (!is_rendered(pixel)) { continue; }
+        uint now = imageLoad(gbuffer_surface, pixel).y, before = imageLoad(previous_gbuffer_surface, pixel).y;
+        if (shows_blended(now) || shows_blended(before)) { return true; }
+    }
+    return false;
+}
+
 Past find_past(ivec2 at, Neighborhood around) {
     vec2 motion = motion_in_picture(around.nearest), position = vec2(at) + 0.5 + motion;
     bool inside = all(greaterThanEqual(position, vec2(0.0))) && all(lessThan(position, vec2(camera.picture_size)));

@@ -26,7 +26,9 @@ Past limited(Past past, Neighborhood around) {
     if (!(outside > 1.0) && !differs) { return past; }
     float kept = min(1.0 / outside, 1.0), trusted = kept;
     if (is_still(around.center)) {
-        trusted = 1.0 - common_difference(around.center);
+        // By chance all samples around may show a blended surface, or none of them.
+        bool blended = SCENE_BLEND && this_frame.lighting_change == 0.0 && is_blended(around.center);
+        trusted = blended ? 1.0 : 1.0 - common_difference(around.center);
         kept = max(kept, trusted);
     }
     return Past(max(from_ycocg(around.mean + kept * color), vec3(0.0)), trusted * past.weight);
