@@ -7,7 +7,7 @@ import pytest
 
 import solari_vk as sv
 from solari_vk.conformance.alpha_checks import CAMERA, quad
-from solari_vk.conformance.realtime import make_renderer
+from solari_vk.conformance.realtime import GBUFFER, OFF, make_renderer
 from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.scene import shapes
 from solari_vk.scene.material import UNLIT_RADIANCE
@@ -45,6 +45,11 @@ def rendered(device, scene, **settings):
     return frame
 
 
+def shown(device, scene):
+    """Surfaces and visible emission alone."""
+    return rendered(device, scene, passes=(*GBUFFER, "display/", "taa/"), **OFF)
+
+
 def denoised(device, scene):
     return rendered(device, scene, denoise=True, gbuffer="traced")
 
@@ -69,7 +74,8 @@ def check_darkness(device, render=traced):
 
 @pytest.mark.parametrize("check", [check_color, check_darkness])
 @pytest.mark.parametrize(
-    "render", [traced, pytest.param(rendered, marks=pytest.mark.slow), pytest.param(denoised, marks=pytest.mark.slow)]
+    "render",
+    [traced, shown, pytest.param(rendered, marks=pytest.mark.slow), pytest.param(denoised, marks=pytest.mark.slow)],
 )
 def test_unlit(check, render, device):
     check(device, render)
