@@ -20,7 +20,8 @@ EXTENSIONS = (
     Extension("KHR_draco_mesh_compression", "works", "with the extra `formats`"),
     Extension("KHR_gaussian_splatting", "no", "splats have no surface"),
     Extension("KHR_interactivity", "no", "behavior graphs are ignored"),
-    Extension("KHR_lights_punctual", "works", ""),
+    Extension("KHR_lights_punctual", "works", "a `range` of 0, which glTF forbids, is no limit; light above 1e15 cd or "
+              "lux is dimmed to that; both are reported"),
     Extension("KHR_materials_anisotropy", "works", "needs tangents or uvs; glass and coats have none"),
     Extension("KHR_materials_clearcoat", "works", ""),
     Extension("KHR_materials_dispersion", "no", "all colors refract alike"),
