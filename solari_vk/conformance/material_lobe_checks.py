@@ -30,6 +30,7 @@ _LAYERS: dict[str, dict[str, Any]] = {
     "smooth sheen": {"sheen_color": 1.0, "sheen_roughness": 0.1, "roughness": 0.6},
     "anisotropic metal": {"anisotropy": 0.6, "anisotropy_direction": (0.6, 0.8), "metallic": 1.0, "roughness": 0.4},
     "an anisotropic dielectric": {"anisotropy": 0.9, "anisotropy_direction": (0.6, 0.8), "roughness": 0.3},
+    "a smooth anisotropic dielectric": {"anisotropy": 0.6, "anisotropy_direction": (0.6, 0.8), "roughness": 0.2},
     "weak reflections": {"specular_weight": 0.3, "roughness": 0.3},
     "all at once": {
         "coat": 0.6, "coat_roughness": 0.5, "sheen_color": 0.5, "sheen_roughness": 0.5, "anisotropy": 0.5,
@@ -41,7 +42,11 @@ _GAIN = 0.004  # of interpolation in tables
 # F0 + (1 - F0) / 21. Tilted coats also send grazing reflections below the surface. Where an anisotropic lobe's albedo
 # is unknown, its bound loses light.
 _COAT_LOSS = 0.04 + 0.96 / 21
-_LOSSES = {"a tilted coat": 0.3, "sheen": 0.11, "anisotropic metal": 0.2, "an anisotropic dielectric": 0.22}
+_LOSSES = {
+    "a tilted coat": 0.3, "sheen": 0.11, "anisotropic metal": 0.2, "an anisotropic dielectric": 0.22,
+    "a smooth anisotropic dielectric": 0.12,
+}  # fmt: skip
+_SMOOTH = ("a smooth coat", "smooth sheen", "a smooth anisotropic dielectric")  # whose lobes cells don't resolve
 CELLS = (32, 32)  # over the cosine, of both sides, and the turn of a direction
 FINE = 12  # points of a cell along each axis
 
@@ -98,7 +103,7 @@ def expected_shares(shaders: ShaderRunner, material: NDArray[Any], wo: Floats) -
 def measure_lobe_draws(shaders: ShaderRunner, count: int) -> Iterator[Measurement]:
     """Samples of rough lobes follow brdf_pdf, and their weights are f cos / pdf."""
     materials = {f"glass, {name}": {"roughness": 0.55, **_GLASS, **side} for name, side in _SIDES.items()}
-    materials |= {name: layers for name, layers in _LAYERS.items() if name not in ("a smooth coat", "smooth sheen")}
+    materials |= {name: layers for name, layers in _LAYERS.items() if name not in _SMOOTH}
     bar = standard_deviations(sidak(0.01, len(materials)))
     for name, fields in materials.items():
         record = brdf_runs.materials(**{"base_color": 0.8, **fields})
