@@ -26,7 +26,7 @@ def scene(assets: Path | None) -> sv.Scene:
         card = sv.Material(base_color=1.0, base_color_texture=texture, unlit=unlit, double_sided=True, roughness=0.8)
         made.add(shapes.quad((x, 0.75, 0), (0.7, 0, 0), (0, 0.7, 0)), card)
     lamp = sv.Material(base_color=0.0, emissive=25.0)
-    made.add(shapes.quad((-2.2, 2.6, 1.2), (0.4, -0.3, 0), (0, 0, -0.5)), lamp)
+    made.add(shapes.quad((-2.2, 2.6, 1.2), (0.4, -0.3, 0), (0, 0, 0.5)), lamp)
     made.environment = sv.Environment(np.full((2, 4, 3), 0.15, np.float32))
     made.camera = sv.Camera.look_at((0, 1.6, 4.4), (0, 0.65, 0), ev100=0.0)
     return made
