@@ -80,9 +80,10 @@ CameraRay through_lens(CameraRay ray, vec2 on_lens) {
 
 // The position of a world point in a camera's picture in uv, without jitter; far outside for points behind the camera.
 vec2 project_to_uv(vec3 world_position, Camera from) {
-    vec3 view = from.view_from_world * vec4(world_position, 1.0);
+    precise vec3 view = from.view_from_world * vec4(world_position, 1.0);
     if (!(view.z < 0.0)) { return vec2(-1000.0); }
-    return 0.5 + vec2(0.5, -0.5) * view.xy / (from.tan_half_fov * (is_parallel(from) ? 1.0 : -view.z));
+    precise vec2 uv = 0.5 + vec2(0.5, -0.5) * view.xy / (from.tan_half_fov * (is_parallel(from) ? 1.0 : -view.z));
+    return uv;
 }
 
 #endif

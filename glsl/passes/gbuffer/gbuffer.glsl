@@ -159,7 +159,8 @@ vec3 previous_world_position(Hit hit, Mesh mesh, vec3 object_position, vec3 worl
     PreviousInstance previous = previous_instances.at[hit.instance];
     bool known = previous.id == instances.at[hit.instance].id;
     if (changes_pose(mesh)) { object_position = interpolate_position(mesh.previous_positions, mesh, hit); }
-    return known ? previous.world_from_object * vec4(object_position, 1.0) : world_position;
+    precise vec3 position = previous.world_from_object * vec4(object_position, 1.0);
+    return known ? position : world_position;
 }
 
 vec2 motion_vector(vec3 world_position, vec3 previous_world_position) {
