@@ -30,11 +30,16 @@ SHARP = Rule("motion by parts of a pixel keeps patterns of light", *_DENOISER)
 FORGOTTEN = Rule("a light that goes out is forgotten in a frame", *_DENOISER)
 NOT_FINITE = Rule("light that isn't finite changes no pixel", *_DENOISER)
 EDGES = Rule("the blur doesn't cross edges", *_DENOISER)
+KEPT = Rule("the mean light of smooth surfaces is kept while the camera moves", *_DENOISER)
 PASSES = ("gbuffer/", "guides/", "denoise/", "paths/compose", "taa/")
 SIZE = (96, 64)
 DISTANCE = 2.0  # of the wall from the camera, in meters; the camera sees up and down by 45 degrees
 PIXEL = 2.0 * DISTANCE / SIZE[1]  # the width of a pixel on the wall
 _SAMPLE = "vec4 diffuse_sample(uint index) { return paths_diffuse.at[index]; }"
+_SPECULAR_SAMPLE = "    vec4 found = paths_specular.at[index];"
+_SHINING = """    uint rng = seed_rng(uvec2(pixel), this_frame.index, 0x5EED5EEDu);
+    float u = rand_f(rng), noise = 4.0 * u * u * u;
+    vec4 found = vec4(vec3({light}), 1.0);"""
 # `noise` has a long tail and the mean 1; `uvec2 pixel` and `this_frame.index` are known too.
 _GIVEN = """vec4 diffuse_sample(uint index) {{
     uvec2 pixel = uvec2(index % camera.size.x, index / camera.size.x);
@@ -61,6 +66,19 @@ def _denoising(device: Device, scene: sv.Scene, light: str) -> Iterator[Renderer
     settings = {"denoise": True, "jitter": False}
     with patched_shaders(patch), make_renderer(device, scene, SIZE, passes=PASSES, **settings) as renderer:
         yield renderer
+
+
+def _shining(device: Device, light: str, frames: int) -> Image:
+    """The specular light of a smooth metal wall after some frames, in which the camera moves by 2 pixels each."""
+    scene = wall()
+    scene.instances[0].material = sv.Material(base_color=(1, 1, 1), metallic=1, perceptual_roughness=0.3)
+    patch = ("passes/denoise/sample.glsl", _SPECULAR_SAMPLE, _SHINING.format(light=light))
+    with patched_shaders(patch), make_renderer(
+        device, scene, SIZE, passes=PASSES, denoise=True, jitter=False
+    ) as renderer:
+        for number in range(frames):
+            frame = renderer.render(moved(2.0 * number))
+        return np.asarray(frame["specular_radiance"], np.float64)[3:-3, 16:-16, 1]
 
 
 def _light(frame: RenderedFrame) -> Image:
@@ -153,6 +171,18 @@ def measure_light_off(device: Device) -> Iterator[Measurement]:
     """Noise around 1 for 32 frames, around 0.1 after it."""
     left = (_mean_after(device, 33, "this_frame.index < 32u ? noise : 0.1 * noise") - 0.1) / 0.9
     yield Measurement(FORGOTTEN, abs(left), 0.05, "of the old light")
+
+
+def measure_smooth_surfaces(device: Device) -> Iterator[Measurement]:
+    """Noise around 1, and 0.5 with one sample in twenty of 10.5."""
+    scale = _shining(device, "1.0", 8).mean()
+    for light in ("noise", "0.5 + (u < 0.05 ? 10.0 : 0.0)"):
+        mean = float(_shining(device, light, 8).mean() / scale)
+        yield Measurement(KEPT, abs(mean - 1), 0.08, "of the mean", f"{light}: {mean:.3f} of it")
+    for value in ("0.0 / 0.0", "1.0 / 0.0"):
+        wrong = "pixel == ivec2(40, 30) && (this_frame.index & 1u) == 0u"
+        changed = _shining(device, f"{wrong} ? {value} : 1.0", 4) / scale
+        yield _count_unequal(NOT_FINITE, np.abs(changed - 1) < 0.02, True, f"{value}, specular, in motion")
 
 
 def measure_not_finite(device: Device) -> Iterator[Measurement]:

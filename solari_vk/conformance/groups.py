@@ -68,6 +68,7 @@ GROUPS: dict[str, dict[str, Measure]] = {
         "motion": lambda run: denoise_checks.measure_motion(run.device),
         "light_off": lambda run: denoise_checks.measure_light_off(run.device),
         "not_finite": lambda run: denoise_checks.measure_not_finite(run.device),
+        "smooth_surfaces": lambda run: denoise_checks.measure_smooth_surfaces(run.device),
         "edges": lambda run: denoise_checks.measure_edges(run.device),
     },
     "taa": {

@@ -13,9 +13,9 @@ PAST, LIKENESS = f"{FOLDER}past.glsl", f"{FOLDER}likeness.glsl"
 MATH = "common/math.glsl"
 ACCUMULATE, VARIANCE, BLUR = (f"{FOLDER}{name}.comp" for name in ("accumulate", "variance", "blur"))
 SUMS, CHANGES, COMPOSE = f"{FOLDER}sum_cells.comp", f"{FOLDER}find_changes.comp", "passes/paths/compose.comp"
-EVEN, ERROR, RETURNED, FOUND, NEW, SHARP, FORGOTTEN, NOT_FINITE, EDGES = (rule.name for rule in (
+EVEN, ERROR, RETURNED, FOUND, NEW, SHARP, FORGOTTEN, NOT_FINITE, EDGES, KEPT = (rule.name for rule in (
     checks.EVEN, checks.ERROR, checks.RETURNED, checks.FOUND, checks.NEW, checks.SHARP, checks.FORGOTTEN,
-    checks.NOT_FINITE, checks.EDGES))  # fmt: skip
+    checks.NOT_FINITE, checks.EDGES, checks.KEPT))  # fmt: skip
 BUGS = {
     "motion the wrong way": (checks.measure_motion, [FOUND, SHARP], PAST, "in_pixels(motion_vector(",
                              "in_pixels(-motion_vector("),

@@ -6,7 +6,7 @@
 layout(local_size_x = 8, local_size_y = 8) in;
 
 const float SMOOTH = 0.4;  // perceptual roughness
-const float BOX = 2.0;  // half width, in standard deviations
+const vec2 UNLIKE = vec2(2.0, 3.5);  // standard errors between which a history is no longer that of the reflection
 const uint PASS_SALT = 0x54FF53A5u;
 
 Lobe add_sample(Lobe past, vec4 found, float confidence) {
@@ -23,27 +23,23 @@ Lobe add_sample(Lobe past, vec4 found, float confidence) {
 }
 
 // While the camera moves, the history of a smooth curved surface may have come from beside the reflection that it shows
-// now. What such surfaces reflect has little noise, so that this frame's samples around tell what the history can be.
-Lobe limited(Lobe past, ivec2 pixel) {
-    vec2 sums = vec2(0.0);
-    float count = 0.0;
+// now. Returns the share of it that this frame's samples around leave valid, by Student's t of their mean difference.
+float registered_share(Lobe past, ivec2 pixel) {
+    float own = luminance(past.radiance), total = 0.0, squares = 0.0, count = 0.0;
     for (int i = 0; i < 9; i++) {
         ivec2 other = clamp(pixel + ivec2(i % 3, i / 3) - 1, ivec2(0), ivec2(camera.size) - 1);
         uint at = uint(other.y) * camera.size.x + uint(other.x);
-        if (kind_of(denoise_guides.at[at]) != SURFACE_SHOWN) { continue; }
-        float value = luminance(specular_sample(at, other, SURFACE_SHOWN).rgb);
-        sums += vec2(value, value * value);
+        vec3 radiance = specular_sample(at, other, SURFACE_SHOWN).rgb;
+        if (kind_of(denoise_guides.at[at]) != SURFACE_SHOWN || !is_valid(radiance)) { continue; }
+        float difference = luminance(radiance) - own;
+        total += difference;
+        squares += difference * difference;
         count += 1.0;
     }
-    float mean = sums.x / count, deviation = sqrt(max(sums.y / count - mean * mean, 0.0));
-    float own = luminance(past.radiance);
-    float inside = clamp(own, mean - BOX * deviation, mean + BOX * deviation);
-    float scale = own > 0.0 ? inside / own : 1.0;
-    past.radiance *= scale;
-    past.second_moment *= scale * scale;
-    past.recent *= scale;
-    past.frames *= 1.0 - min(abs(own - inside) / max(max(own, inside), 1e-30), 1.0);
-    return past;
+    if (total == 0.0) { return 1.0; }
+    // The history's variance counts too, since few samples may show none of the rare bright ones.
+    float variance = max(squares / count - square(total / count), past.second_moment - own * own);
+    return 1.0 - smoothstep(UNLIKE.x, UNLIKE.y, abs(total) / sqrt(count * max(variance, 1e-30)));
 }
 
 void main() {
@@ -57,7 +53,9 @@ void main() {
     vec4 by_specular = specular_sample(index, pixel, kind);
     Lobe past = unpack_lobe(denoise_specular.at[index]);
     bool moves = camera.world_from_view != previous_camera.world_from_view;
-    if (moves && kind == SURFACE_SHOWN && load_guide(pixel).material < SMOOTH) { past = limited(past, pixel); }
+    if (moves && kind == SURFACE_SHOWN && load_guide(pixel).material < SMOOTH) {
+        past.frames *= registered_share(past, pixel);
+    }
     Lobe specular = add_sample(past, by_specular, confidence.y);
     denoise_diffuse.at[index] = pack_lobe(diffuse, rng);
     denoise_specular.at[index] = pack_lobe(specular, rng);
