@@ -73,9 +73,10 @@ def _shining(device: Device, light: str, frames: int) -> Image:
     scene = wall()
     scene.instances[0].material = sv.Material(base_color=(1, 1, 1), metallic=1, perceptual_roughness=0.3)
     patch = ("passes/denoise/sample.glsl", _SPECULAR_SAMPLE, _SHINING.format(light=light))
-    with patched_shaders(patch), make_renderer(
-        device, scene, SIZE, passes=PASSES, denoise=True, jitter=False
-    ) as renderer:
+    with (
+        patched_shaders(patch),
+        make_renderer(device, scene, SIZE, passes=PASSES, denoise=True, jitter=False) as renderer,
+    ):
         for number in range(frames):
             frame = renderer.render(moved(2.0 * number))
         return np.asarray(frame["specular_radiance"], np.float64)[3:-3, 16:-16, 1]

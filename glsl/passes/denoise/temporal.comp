@@ -11,6 +11,7 @@ layout(local_size_x = 8, local_size_y = 8) in;
 const uint PASS_SALT = 0x6A09E667u;
 const float ONLY_SURFACE_MOTION = 0.8; // perceptual roughness from which reflections move like their surface
 const float ONLY_VIRTUAL_MOTION = 0.5;
+const float UNCERTAIN = 0.3;           // share of a pixel by which a reflection's place may be off
 
 // The mean of two histories.
 Lobe blend(Lobe a, Lobe b, float share) {
@@ -50,14 +51,18 @@ Lobe find_specular(ivec2 pixel, Guide guide, Past past, Taps at_surface) {
     by_surface.frames /= 1.0 + square(turned / (0.05 * alpha + 0.002));
     float share = 1.0 - smoothstep(ONLY_VIRTUAL_MOTION, ONLY_SURFACE_MOTION, guide.material);
     if (share == 0.0 || by_surface.inverse_distance == 0.0) { return by_surface; }
-    float cosine = max(-dot(seen_along, guide.normal), 0.1);
-    float inverse = by_surface.inverse_distance + 2.0 * curvature(pixel, guide) / cosine;
+    float cosine = max(-dot(seen_along, guide.normal), 0.1), bulge = 2.0 * curvature(pixel, guide);
+    float inverse = by_surface.inverse_distance + bulge / cosine;
     if (!(inverse > 0.0)) { return by_surface; }
     vec3 behind = seen_along / inverse;
     vec2 where = previous_pixel(guide.position + behind, past.position + behind, pixel);
     Taps at_reflection = find_taps(where, past, guide, PLANE_OF_REFLECTION);
     if (at_reflection.weight == 0.0) { return by_surface; }
-    return blend(by_surface, read_specular(at_reflection), share);
+    Lobe by_reflection = read_specular(at_reflection);
+    // Between pixels of a curved surface the reflection may turn by more than the lobe's width, so that its place in the
+    // previous picture is uncertain.
+    by_reflection.frames /= 1.0 + square(UNCERTAIN * bulge * pixel_width(guide.depth) / (alpha + 0.02));
+    return blend(by_surface, by_reflection, share);
 }
 
 void main() {
