@@ -11,7 +11,9 @@ from solari_vk.conformance.rules import Rule
 FOLDER = "passes/denoise/"
 PAST, LIKENESS = f"{FOLDER}past.glsl", f"{FOLDER}likeness.glsl"
 MATH = "common/math.glsl"
-ACCUMULATE, VARIANCE, BLUR = (f"{FOLDER}{name}.comp" for name in ("accumulate", "variance", "blur"))
+ACCUMULATE, VARIANCE, BLUR, TEMPORAL = (
+    f"{FOLDER}{name}.comp" for name in ("accumulate", "variance", "blur", "temporal")
+)
 SUMS, CHANGES, COMPOSE = f"{FOLDER}sum_cells.comp", f"{FOLDER}find_changes.comp", "passes/paths/compose.comp"
 EVEN, ERROR, RETURNED, FOUND, NEW, SHARP, FORGOTTEN, NOT_FINITE, EDGES, KEPT = (rule.name for rule in (
     checks.EVEN, checks.ERROR, checks.RETURNED, checks.FOUND, checks.NEW, checks.SHARP, checks.FORGOTTEN,
@@ -48,6 +50,10 @@ BUGS = {
                             "exp(-(min(off, 0.1) + 0.0 * pattern.normal_sharpness"),
     "variance for error": (checks.measure_even_light, [ERROR], COMPOSE, "length(deviations * ",
                            "length(deviations * deviations * "),
+    "histories of reflections lose light": (checks.measure_smooth_surfaces, [KEPT], TEMPORAL,
+                                            "Lobe by_reflection = read_specular(at_reflection);",
+                                            "Lobe by_reflection = read_specular(at_reflection);\n"
+                                            "    by_reflection.radiance *= 0.9;"),
 }  # fmt: skip
 
 

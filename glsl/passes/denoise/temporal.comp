@@ -59,8 +59,8 @@ Lobe find_specular(ivec2 pixel, Guide guide, Past past, Taps at_surface) {
     Taps at_reflection = find_taps(where, past, guide, PLANE_OF_REFLECTION);
     if (at_reflection.weight == 0.0) { return by_surface; }
     Lobe by_reflection = read_specular(at_reflection);
-    // Between pixels of a curved surface the reflection may turn by more than the lobe's width, so that its place in the
-    // previous picture is uncertain.
+    // Between pixels of a curved surface the reflection may turn by more than the lobe's width, so that its place in
+    // the previous picture is uncertain.
     by_reflection.frames /= 1.0 + square(UNCERTAIN * bulge * pixel_width(guide.depth) / (alpha + 0.02));
     return blend(by_surface, by_reflection, share);
 }
