@@ -12,10 +12,10 @@ layout(local_size_x = 8, local_size_y = 8) in;
 layout(constant_id = 2) const uint level = 0u;
 
 const uint PASS_SALT = 0x3C6EF372u;
-const float TOLERANCE = 2.0;       // standard deviations
+const float TOLERANCE = 2.2;       // standard deviations
 const float CENTER_WEIGHT = 4.0;
 const float DARKEST = 1e-30;
-const float CLEAN = 0.04;          // standard deviation over mean
+const float CLEAN = 0.025;         // standard deviation over mean
 // Of the noise of the pixels that a pass averages, by its level, since earlier passes averaged some of the same pixels.
 const float CORRELATION[3] = float[](0.0, 0.081, 0.125);
 
