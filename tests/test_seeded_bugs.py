@@ -13,7 +13,7 @@ import pytest
 TESTS = Path(__file__).parent
 GLSL = TESTS.parent / "glsl"
 SHADERS = {path.relative_to(GLSL).as_posix(): path for path in GLSL.rglob("*") if path.suffix != ".spv"}
-FILES = [path for path in sorted(TESTS.rglob("test_*.py")) if "patched_shaders" in path.read_text(encoding="utf-8")
+FILES = [path for path in sorted(TESTS.rglob("test_*.py")) if "patched" in path.read_text(encoding="utf-8")
          or "seeded_bugs" in path.read_text(encoding="utf-8")]  # fmt: skip
 
 
