@@ -60,3 +60,19 @@ def test_a_solid_absorbs_by_the_law_of_beer_and_lambert(picture):
     scene.camera = sv.Camera.look_at((0, 0, 30), (0, 0, 0), vertical_fov=0.005)
     seen = picture(scene, (4, 4), 64, max_bounces=8).mean.mean(axis=(0, 1))
     np.testing.assert_allclose(seen, COLOR**2, rtol=0.01)
+
+
+@pytest.mark.parametrize("rotation", [0.0, np.pi / 2])
+def test_metal_spreads_light_along_its_anisotropy(picture, rotation):
+    """A floor seen from above, whose u runs along z, under a sun at 40 degrees in the plane of u, then in that of v."""
+    fields = {"metallic": 1.0, "perceptual_roughness": 0.4, "anisotropy": 1.0, "anisotropy_rotation": rotation}
+    metal = sv.Material(base_color=0.9, **fields)
+    light = []
+    for x, z in ((0.0, 1.0), (1.0, 0.0)):
+        scene = sv.Scene(sv.Instance(shapes.quad((0, 0, 0), (0, 0, 2), (2, 0, 0)), metal))
+        sine, cosine = np.sin(np.radians(40)), np.cos(np.radians(40))
+        scene.add(sv.DirectionalLight((-sine * x, -cosine, -sine * z), illuminance=10.0))
+        scene.camera = sv.Camera.look_at((0, 3, 0.001), (0, 0, 0), up=(0, 0, -1), vertical_fov=0.05)
+        light.append(picture(scene, (4, 4), 16).mean.mean())
+    along, across = light if rotation == 0 else reversed(light)
+    assert along > 10 * across > 0
