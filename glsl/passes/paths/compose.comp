@@ -10,7 +10,7 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 // The error over the deviation of the noise that is left, since the blur has an error of its own: chosen so that
 // about 68 % of the pixels of mirror_hall and other scenes are within one standard error (docs/denoising.md).
-const float ERROR_OVER_NOISE = 1.36;
+const float ERROR_OVER_NOISE = 1.38;
 
 void main() {
     uvec2 pixel = gl_GlobalInvocationID.xy;
