@@ -155,7 +155,7 @@ class Rig:
             values = {name: fields[name].astype(np.float32) for name in fields if hasattr(light, name)}
             if any(not np.allclose(getattr(light, name), values[name], rtol=0, atol=1e-7) for name in values):
                 light.update(**values)
-        if shown != self._shown[light]:
+        if shown != self._shown[light] and shown != (light in lights):  # which a user may have added or removed
             (lights.add if shown else lights.remove)(light)
 
 

@@ -191,6 +191,10 @@ def test_visibility_by_pointers(writer):
     for seconds, seen in ((0.5, True), (1.5, False), (2, True)):
         scene.animate(seconds, loop=False)
         assert (instance.visible, len(scene.lights)) == (seen, seen)
+    scene.animate(0.0)
+    for light in list(scene.lights):
+        scene.lights.remove(light)  # a clip that hides it later doesn't mind
+    scene.animate(1.0)
     [warning] = scene.warnings
     assert warning.startswith("animations of properties other than those of nodes are not played: animation 0 'clip'")
 
