@@ -155,13 +155,14 @@ def _measure(
                 found.append(Look(index + 1, raw, mean, np.asarray(frame["radiance"], np.float64)))
     with PathTracer(device, scene, size, seed=REFERENCE_SEED) as tracer:
         guides = tracer.first_hits.read_means(("albedo", "shading_normal"), Projection.of(camera, size), size)
+        view = np.array([*camera.transform.ravel(), camera.vertical_fov, samples])
         kept_picture = np.load(kept) if kept is not None and kept.is_file() else None
-        if kept_picture is not None and np.array_equal(kept_picture["view"], camera.transform):
+        if kept_picture is not None and np.array_equal(kept_picture["view"], view):
             truth = kept_picture["truth"]
         else:
             truth = tracer.render(camera, samples=samples)["radiance"]
             if kept is not None:
-                np.savez(kept, truth=truth, view=camera.transform)
+                np.savez(kept, truth=truth, view=view)
     for look in found if oidn.is_installed() else ():
         given = look.raw if look.mean is None else look.mean
         look.oidn = oidn.denoise(given, *guides).astype(np.float64)

@@ -5,12 +5,23 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from solari_vk.conformance.rules import Rule
 from solari_vk.gpu.shaders.patches import patched_shaders
 
 
 def failing(measurements):
     """The names of the rules that fail."""
     return {measured.rule.name for measured in measurements if not measured.holds}
+
+
+def rules_of(module):
+    """The names of the rules that are constants of a module."""
+    return {rule.name for rule in vars(module).values() if isinstance(rule, Rule)}
+
+
+def rules_broken_by(bugs):
+    """The names of the rules that a table of bugs, as expect_noticed takes them, breaks."""
+    return {name for _, found, *_ in bugs.values() for name in found}
 
 
 def expect_red(measurements, *parts):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from seeded_bugs import expect_red, failing
+from seeded_bugs import expect_red, failing, rules_of
 
 from solari_vk.conformance import (
     direct_checks,
@@ -17,7 +17,6 @@ from solari_vk.conformance import (
     world_cache_checks,
 )
 from solari_vk.conformance.realtime import Effort
-from solari_vk.conformance.rules import Rule
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.gpu.shaders.patches import patched_shaders
 
@@ -282,7 +281,7 @@ MODULES = (gbuffer_checks, direct_checks, world_cache_checks, indirect_checks, s
 def test_every_rule_has_a_bug(module):
     """Each Rule that is a constant of its module has a seeded bug that makes it fail."""
     parts = [part for _, parts, *_ in BUGS.values() for part in parts] + list(OF_SEEDS)
-    rules = [rule.name for rule in vars(module).values() if isinstance(rule, Rule)]
+    rules = rules_of(module)
     assert rules
     assert not [name for name in rules if not any(part in name for part in parts)]
 
