@@ -58,7 +58,7 @@ class SceneFrame(SceneUser, Frame):
     ) -> None:  # fmt: skip
         SceneUser.__init__(self, device, scene)
         try:
-            self.binder.update()
+            self.binder.update(self)
             self._bound_version = self.binder.version
             Frame.__init__(
                 self, device, stages, external={**self.binder.resources, **(external or {})},

@@ -37,6 +37,11 @@ float sampled_or_one(uint texture_index, TexturePoint point, uint channel) {
     return texture_index == NO_INDEX ? 1.0 : sample_texture(texture_index, point)[channel];
 }
 
+vec3 resolve_reflectance(Material material, TexturePoint point) {
+    if (!SCENE_LAYERS || material.specular_color_texture == NO_INDEX) { return material.reflectance; }
+    return material.reflectance * sqrt(sample_texture(material.specular_color_texture, point).rgb);
+}
+
 // The lobes but for their directions: the anisotropy's is still in tangent space.
 MaterialLobes resolve_lobes(Material material, TexturePoint point, bool front_face) {
     MaterialLobes lobes = NO_LOBES;

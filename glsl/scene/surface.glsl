@@ -99,7 +99,7 @@ ResolvedMaterial resolve_material(Material material, vec3 vertex_color, TextureP
     ResolvedMaterial resolved;
     resolved.base_color = material.base_color * vertex_color;
     resolved.emissive = resolve_emissive(material, point);
-    resolved.reflectance = material.reflectance;
+    resolved.reflectance = resolve_reflectance(material, point);
     resolved.perceptual_roughness = material.perceptual_roughness;
     resolved.metallic = material.metallic;
     if (material.base_color_texture != NO_INDEX) {
@@ -112,9 +112,6 @@ ResolvedMaterial resolve_material(Material material, vec3 vertex_color, TextureP
     }
     resolved.roughness = square(resolved.perceptual_roughness);
     resolved.lobes = NO_LOBES;
-    if (SCENE_LAYERS && material.specular_color_texture != NO_INDEX) {
-        resolved.reflectance *= sqrt(sample_texture(material.specular_color_texture, point).rgb);
-    }
     return resolved;
 }
 

@@ -13,13 +13,18 @@ struct TexturePoint {
 
 const float FINEST_LOD = -1000.0;
 
+// Textures of the second set use the first one on a mesh that has no second, in scenes with and without other meshes
+// that have one.
+bool uses_second_uvs(Mesh mesh, uint uv_set) {
+    return SCENE_SECOND_UVS && uv_set == 1u && (mesh.flags & MESH_HAS_SECOND_UVS) != 0u;
+}
+
 bool has_uvs(Mesh mesh, uint uv_set) {
-    uint flag = SCENE_SECOND_UVS && uv_set == 1u ? MESH_HAS_SECOND_UVS : MESH_HAS_UVS;
-    return (mesh.flags & flag) != 0u;
+    return uses_second_uvs(mesh, uv_set) || (mesh.flags & MESH_HAS_UVS) != 0u;
 }
 
 vec2 vertex_uv(Mesh mesh, uint vertex, uint uv_set) {
-    return SCENE_SECOND_UVS && uv_set == 1u ? mesh.second_uvs.at[vertex] : mesh.attributes.at[vertex].uv;
+    return uses_second_uvs(mesh, uv_set) ? mesh.second_uvs.at[vertex] : mesh.attributes.at[vertex].uv;
 }
 
 // The edges of a triangle from its first vertex in a set of uvs; 0 without uvs.

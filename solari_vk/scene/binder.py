@@ -24,6 +24,7 @@ from solari_vk.scene.features import Features
 from solari_vk.scene.geometry import Geometry, Shape
 from solari_vk.scene.lights import ORIGIN, Lights
 from solari_vk.scene.materials import Materials
+from solari_vk.scene.matrices import placed_box
 from solari_vk.scene.model import Instance, Light, Material, Mesh, Scene, Texture, TextureImage
 from solari_vk.scene.observed import Observable
 from solari_vk.scene.table import Rows, Table, upload
@@ -120,20 +121,21 @@ class SceneBinder:
     def update(self, user: Any = None) -> None:
         """Apply all changes since the latest call. Raises SolariError for a scene that is too large.
 
-        user: who is about to use the scene, one for all callers by default. `previous_tlas` is from before the latest
-        change until a user that has used the changed scene is about to do so again.
+        user: who is about to render a frame, if anybody is. The previous positions of poses are those of this user's
+        latest frame. `previous_tlas` is from before the latest change until a user that has used the changed scene is
+        about to do so again.
         """
-        user = self if user is None else user
         self.version += self._traced.keep_previous(bool(self._previous_users))
+        posed = self._geometry.posed
         if not self._changed and not self._first:
-            if user in self._up_to_date:
-                if self._geometry.posed.settle():
-                    upload(self._device, [self._geometry.table])
+            if posed.show(user):
+                upload(self._device, [self._geometry.table])
+            if (self if user is None else user) in self._up_to_date:
                 self._traced.rebuild()
-            self._up_to_date.add(user)
+            self._note_use(user)
             return
         self._first = False
-        self._up_to_date = weakref.WeakSet([user])
+        self._up_to_date = weakref.WeakSet()
         self.revision += 1
         changed, self._changed = self._changed, {}
         features = self.features
@@ -141,7 +143,8 @@ class SceneBinder:
             for item in changed:
                 self._take_up(item)
             self._note_alpha()
-            self._geometry.update()
+            self._geometry.update(self.revision)
+            posed.show(user)
             if self._textures.update():
                 self.version += 1
             self._materials.update()
@@ -155,6 +158,11 @@ class SceneBinder:
                 table.mark_all()
             self._traced.mark_all()
             raise
+        self._note_use(user)
+
+    def _note_use(self, user: Any) -> None:
+        self._up_to_date.add(self if user is None else user)
+        self._geometry.posed.note_seen(user, self.revision)
 
     # ---- from changed objects to rows ---------------------------------------------------------------
 
@@ -233,16 +241,8 @@ class SceneBinder:
         emission, area, position, half_size = None, 0.0, ORIGIN, ORIGIN
         if emits:
             _, mesh, _ = self._uses[instance]
-            (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = instance.transform.tolist()
-            p, q, r = self._geometry.centers[mesh].tolist()
-            position = a * p + b * q + c * r + x, d * p + e * q + f * r + y, g * p + h * q + i * r + z
-            p, q, r = self._geometry.half_sizes[mesh].tolist()
-            half_size = (
-                abs(a * p) + abs(b * q) + abs(c * r),
-                abs(d * p) + abs(e * q) + abs(f * r),
-                abs(g * p) + abs(h * q) + abs(i * r),
-            )
-            volume = abs(a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g))
+            box = self._geometry.centers[mesh], self._geometry.half_sizes[mesh]
+            position, half_size, volume = placed_box(instance.transform, *box)
             emission = self._emissions.acquire(instance, self._geometry.orders[mesh])
             area = volume ** (2 / 3) * emission.area_in(instance.joint_matrices)
         else:

@@ -176,7 +176,8 @@ def luminance_sums(image: TextureImage) -> Sums:
 def mean_luminances(mesh: Mesh, triangles: NDArray[np.uint32], texture: Texture, sums: Sums) -> NDArray[np.float64]:
     """The mean luminance (M,) of a texture over the box of texels around each of the triangles (M, 3)."""
     m = texture.uv_transform.astype(np.float64)
-    uvs = np.zeros((len(mesh.positions), 2)) if mesh.uvs is None else mesh.uvs.astype(np.float64)
+    given = mesh.uvs_for(texture.uv_set)
+    uvs = np.zeros((len(mesh.positions), 2)) if given is None else given.astype(np.float64)
     corners = (uvs @ m[:, :2].T + m[:, 2])[triangles]
     left, right = _texels(corners[..., 0], sums.shape[1] - 1, texture.wrap_u)
     top, bottom = _texels(corners[..., 1], sums.shape[0] - 1, texture.wrap_v)

@@ -122,12 +122,15 @@ class Geometry:
             self._met_once.add(mesh)
             self.change(mesh)
 
-    def update(self) -> None:
-        """Upload new and changed meshes and build their acceleration structures, and write the records of new poses."""
+    def update(self, revision: int) -> None:
+        """Upload new and changed meshes and build their acceleration structures, and write the records of new poses.
+
+        revision: of the scene.
+        """
         self.table.reserve(self.rows.limit)
         if self._to_upload:
             self._update_meshes()
-        for shape in self.posed.update(self.rows.__getitem__, lambda mesh: self._pack_attributes(mesh)[1]):
+        for shape in self.posed.update(revision, self.rows.__getitem__, lambda mesh: self._pack_attributes(mesh)[1]):
             record = self.table.records[self.rows[shape]]
             low, high = record["bounds_min"], record["bounds_max"]
             self.centers[shape], self.half_sizes[shape] = (low + high) / 2, (high - low) / 2

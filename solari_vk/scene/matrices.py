@@ -99,3 +99,20 @@ def transform_directions(matrix: NDArray[Any], directions: NDArray[Any]) -> NDAr
 def by_columns(matrices: NDArray[Any]) -> NDArray[Any]:
     """Matrices (..., rows, columns) of numpy in the order of a GLSL matrix (..., columns, rows), or back."""
     return np.swapaxes(matrices, -1, -2)
+
+
+def placed_box(
+    transform: NDArray[Any], center: NDArray[Any], half_size: NDArray[Any]
+) -> tuple[tuple[float, float, float], tuple[float, float, float], float]:
+    """The center and half size of the bounds of a box that a matrix (4, 4) moves, and the factor by which its volume
+    grows. In plain numbers, which is fastest for one box."""
+    (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = transform.tolist()
+    p, q, r = center.tolist()
+    place = a * p + b * q + c * r + x, d * p + e * q + f * r + y, g * p + h * q + i * r + z
+    p, q, r = half_size.tolist()
+    half = (
+        abs(a * p) + abs(b * q) + abs(c * r),
+        abs(d * p) + abs(e * q) + abs(f * r),
+        abs(g * p) + abs(h * q) + abs(i * r),
+    )
+    return place, half, abs(a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g))

@@ -34,10 +34,11 @@ class Mesh(Checked):
 
     positions (N, 3) in meters. triangles (M, 3): rows of `positions`; by default each three positions are a triangle.
     normals (N, 3): by default those of the triangles. uvs (N, 2): v increases downwards, as in glTF. second_uvs (N, 2):
-    for textures with uv_set 1. tangents (N, 4): w is the bitangent's sign; by default they are computed from the uvs of
-    the normal texture. colors (N, 3) or (N, 4), in [0, 1], linear: they multiply the material's base color and alpha.
-    deformation: what joints and morph targets do; instances have the poses. `vertices`, `faces` and `indices` are other
-    names of positions and triangles. Raises SolariError for arrays that don't fit each other.
+    for textures with uv_set 1, by default `uvs`. tangents (N, 4): w is the bitangent's sign; by default they are
+    computed from the uvs of the normal texture. colors (N, 3) or (N, 4), in [0, 1], linear: they multiply the
+    material's base color and alpha. deformation: what joints and morph targets do; instances have the poses.
+    `vertices`, `faces` and `indices` are other names of positions and triangles. Raises SolariError for arrays that
+    don't fit each other.
     """
 
     positions: FloatArray
@@ -73,6 +74,10 @@ class Mesh(Checked):
             least = 1.0 if self.colors is None or self.colors.shape[1] == 3 else float(self.colors[:, 3].min())
             object.__setattr__(self, "_least_alpha", (self.colors, least))
         return self._least_alpha[1]
+
+    def uvs_for(self, uv_set: int) -> FloatArray | None:
+        """The uvs (N, 2) of textures of that `uv_set`: a mesh without second uvs has the first ones in their place."""
+        return self.second_uvs if uv_set == 1 and self.second_uvs is not None else self.uvs
 
     @classmethod
     def from_trimesh(cls, mesh: Any, *, smooth: bool = False) -> Mesh:

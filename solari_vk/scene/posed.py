@@ -4,10 +4,15 @@ A pose is computed by scene/deform.comp. Each posed mesh has its positions and i
 between the two: motion vectors read the previous positions, and rays through the TLAS of the previous frame meet the
 previous pose. A BLAS is refitted from the other one, which takes a fraction of the time of a build but leaves the boxes
 of its tree as they were grouped; after some poses, and when the bounds have grown or shrunk, it is built anew.
+
+The previous frame of one renderer of the scene may be older than that of another one. Before each frame the records
+name the positions that its renderer showed last, and a pose that a renderer showed last is copied before it is lost.
 """
 
 from __future__ import annotations
 
+import math
+import weakref
 from collections.abc import Callable
 from typing import Any
 
@@ -17,6 +22,8 @@ from numpy.typing import NDArray
 from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.geometry import TriangleGeometry
 from solari_vk.gpu.acceleration.structure import UpdateMode
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.stopwatch import Stopwatch
@@ -40,7 +47,9 @@ class PosedMeshes:
         self._rows: dict[PosedMesh, tuple[int, bool]] = {}  # in `meshes`, and whether rays meet it
         self._changed: dict[PosedMesh, None] = {}
         self._to_do: dict[PosedMesh, None] = {}  # whose vertices are to be computed by `submit`
-        self._moving: dict[PosedMesh, None] = {}  # whose previous positions differ
+        self._moving: dict[PosedMesh, None] = {}  # whose records name other previous positions than positions
+        self._latest: dict[PosedMesh, None] = {}  # those whose pose is the newest are last
+        self._seen: weakref.WeakKeyDictionary[Any, int] = weakref.WeakKeyDictionary()  # the latest revision, by user
 
     def add(self, shape: PosedMesh, row: int, traced: bool) -> None:
         """Add a posed mesh with a row of its own, or another use of it."""
@@ -53,7 +62,7 @@ class PosedMeshes:
 
     def remove(self, shape: PosedMesh) -> None:
         """Remove a posed mesh."""
-        for known in (self._rows, self._changed, self._to_do, self._moving):
+        for known in (self._rows, self._changed, self._to_do, self._moving, self._latest):
             known.pop(shape, None)
         shape.destroy()
         if not any(other.mesh is shape.mesh for other in self._rows) and shape.mesh in self._sources:
@@ -62,7 +71,7 @@ class PosedMeshes:
     def note(self, shape: PosedMesh) -> None:
         """Take note of the pose of its instance, which may have changed."""
         pose = shape.instance.joint_matrices, shape.instance.morph_weights
-        if pose[0] is not shape.pose[0] or pose[1] is not shape.pose[1]:
+        if not all(map(_same, pose, shape.pose)):
             shape.pose = pose
             self._changed[shape] = None
 
@@ -79,37 +88,87 @@ class PosedMeshes:
     # ---- records ------------------------------------------------------------------------------------
 
     def update(
-        self, base: Callable[[Mesh], int], packed: Callable[[Mesh], NDArray[Any] | None]
+        self, revision: int, base: Callable[[Mesh], int], packed: Callable[[Mesh], NDArray[Any] | None]
     ) -> list[PosedMesh]:
-        """Write the records of meshes in new poses; returns these meshes.
+        """Write the records of meshes in new poses, as if they had always been there; returns these meshes.
 
-        base(mesh): the row of a mesh in its rest pose, which is uploaded. packed(mesh): its attributes as records.
+        revision: of the scene. base(mesh): the row of a mesh in its rest pose, which is uploaded. packed(mesh): its
+        attributes as records.
         """
         found = [shape for shape in self._changed if shape in self._rows]
         for shape in found:
             if shape.buffer is None:
                 self._make(shape, base(shape.mesh), packed(shape.mesh))
+                shape.revisions = [-1, -1]
             elif shape not in self._to_do:
+                self._keep_seen(shape)
                 shape.side = 1 - shape.side
-                self._moving[shape] = None
+            shape.revisions[shape.side] = revision
+            self._latest.pop(shape, None)
+            self._latest[shape] = None
             self._to_do[shape] = None
             self._write_record(shape, base(shape.mesh))
+            self._moving.pop(shape, None)
         self._changed.clear()
-        self.settle()
         if self._to_do:
             work = [(shape, self._meshes.records[base(shape.mesh)], self._sources[shape.mesh]) for shape in self._to_do]
             self._poser.write(work)
         return found
 
-    def settle(self) -> bool:
-        """Note that meshes that wait for no pose stand still from now on; returns whether records were written."""
-        resting = [shape for shape in self._moving if shape not in self._to_do]
-        for shape in resting:
+    # ---- motion -------------------------------------------------------------------------------------
+
+    def show(self, user: Any) -> bool:
+        """Have the previous positions be those that a user of the scene has seen last; returns whether records changed.
+
+        All that a new user has seen is the current pose. Without a user nothing is done.
+        """
+        if user is None:
+            return False
+        seen = self._seen.get(user, math.inf)
+        moved = {}
+        for shape in reversed(self._latest):
+            if shape.revisions[shape.side] <= seen:
+                break
+            if (address := shape.address_at(seen)) is not None:
+                moved[shape] = address
+        targets = {shape: shape.addresses[shape.side] for shape in self._moving} | moved
+        self._moving = dict.fromkeys(moved)
+        changed = False
+        for shape, address in targets.items():
             row, _ = self._rows[shape]
-            self._meshes.records[row]["previous_positions"] = self._meshes.records[row]["positions"]
-            self._meshes.mark([row])
-            del self._moving[shape]
-        return bool(resting)
+            record = self._meshes.records[row]
+            if record["previous_positions"] != address:
+                record["previous_positions"], changed = address, True
+                self._meshes.mark([row])
+        return changed
+
+    def note_seen(self, user: Any, revision: int) -> None:
+        """Take note that a user of the scene, if there is one, sees its current poses."""
+        if user is not None:
+            self._seen[user] = revision
+
+    def _keep_seen(self, shape: PosedMesh) -> None:
+        """Keep copies of exactly those earlier poses that are the latest ones that a user has seen, just before the
+        older of the two poses is overwritten."""
+        newest, lost = shape.revisions[shape.side], shape.revisions[1 - shape.side]
+        if not shape.copies and min(self._seen.values(), default=newest) >= newest:
+            return
+        needed = {shape.revision_at(seen) for seen in self._seen.values() if seen < newest}
+        for revision in set(shape.copies) - needed:
+            shape.copies.pop(revision).destroy()
+        if lost in needed:
+            size = shape.mesh.positions.nbytes
+            source = shape.buffer
+            assert source is not None
+            copy = shape.copies[lost] = self._device.buffer(size, "pose that a renderer has seen")
+            region = raw.struct("VkBufferCopy", srcOffset=(1 - shape.side) * size, size=size)
+
+            def record(commands: raw.CData) -> None:
+                if source.handle is not None and copy.handle is not None:
+                    self._device.vk.vkCmdPipelineBarrier2(commands, full_barrier())
+                    self._device.vk.vkCmdCopyBuffer(commands, source.handle, copy.handle, 1, region)
+
+            self._device.before_next_submit(record)
 
     def _make(self, shape: PosedMesh, base: int, attributes: NDArray[Any] | None) -> None:
         """Make vertices and BLASes of its own. attributes: those of the rest pose."""
@@ -165,8 +224,7 @@ class PosedMeshes:
         record = self._meshes.records[row]
         low, high = shape.deformation.bounds(shape.mesh.positions, *shape.pose)
         record["bounds_min"], record["bounds_max"] = low, high
-        record["positions"] = shape.addresses[shape.side]
-        record["previous_positions"] = shape.addresses[1 - shape.side if shape in self._moving else shape.side]
+        record["positions"] = record["previous_positions"] = shape.addresses[shape.side]
         record["attributes"] = shape.addresses[2] if record["attributes"] else 0
         self._meshes.mark([row])
         x, y, z = high - low
@@ -191,3 +249,7 @@ class PosedMeshes:
         for source in self._sources.values():
             source.destroy()
         self._poser.destroy()
+
+
+def _same(a: NDArray[np.float64] | None, b: NDArray[np.float64] | None) -> bool:
+    return a is b or (a is not None and b is not None and np.array_equal(a, b))

@@ -42,6 +42,10 @@ class PosedMesh:
         """What its vertices are to show."""
         self.side = 0
         """Which of the two positions and BLASes show the pose."""
+        self.revisions = [-1, -1]
+        """The revisions of the scene from which on the two poses are current; -1 for none."""
+        self.copies: dict[int, Buffer] = {}
+        """Positions of earlier poses by their revisions."""
         self.buffer: Buffer | None = None
         self.addresses = (0, 0, 0)  # two of positions, and of attributes
         self.blases: list[Blas] = []
@@ -61,12 +65,23 @@ class PosedMesh:
         growth = self.area / self.built_area if self.built_area > 0 else 2 * MAX_GROWTH
         return self.refits >= MAX_REFITS or not 1 / MAX_GROWTH <= growth <= MAX_GROWTH
 
+    def revision_at(self, revision: float) -> int:
+        """The revision of the latest known pose that is not newer than a revision; -1 if there is none."""
+        return max((known for known in (*self.revisions, *self.copies) if known <= revision), default=-1)
+
+    def address_at(self, revision: float) -> int | None:
+        """The address of the positions at a revision, None if they aren't known."""
+        found = self.revision_at(revision)
+        if found in self.copies:
+            return self.copies[found].address
+        return self.addresses[self.revisions.index(found)] if found >= 0 else None
+
     def destroy(self) -> None:
         """Free its memory; it can be made again."""
-        for owned in (self.buffer, *self.blases):
+        for owned in (self.buffer, *self.blases, *self.copies.values()):
             if owned is not None:
                 owned.destroy()
-        self.buffer, self.blases, self.built_area = None, [], 0.0
+        self.buffer, self.blases, self.built_area, self.copies = None, [], 0.0, {}
 
 
 class Poser:

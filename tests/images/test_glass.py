@@ -34,6 +34,20 @@ def test_a_thin_pane_colors_shadow_rays(picture, strategy):
     np.testing.assert_allclose(tinted / free, SHARE * COLOR, rtol=0.01)
 
 
+@pytest.mark.parametrize(
+    ("slot", "fields"),
+    [("specular_texture", {}), ("specular_color_texture", {}), ("clearcoat_texture", {"clearcoat": 1.0})],
+)
+def test_textures_of_a_thin_pane_count_in_shadow_rays(picture, slot, fields):
+    """Texels of 0 take away the reflections of the pane, and those of its coat."""
+    settings = {"max_bounces": 1, "light_strategy": "nee"}
+    free = picture(window(False), (8, 8), 128, **settings).mean.mean(axis=(0, 1))
+    nothing = np.zeros((1, 1, 4), np.uint8)
+    tinted = picture(window(True, **fields, **{slot: nothing}), (8, 8), 128, **settings).mean.mean(axis=(0, 1))
+    reflected = SHARE if slot == "clearcoat_texture" else 1.0
+    np.testing.assert_allclose(tinted / free, reflected * COLOR, rtol=0.01)
+
+
 def test_solids_cast_shadows(picture):
     dark = picture(window(True, solid=True), (8, 8), 32, max_bounces=1, light_strategy="nee")
     assert dark.mean.max() == 0

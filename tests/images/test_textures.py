@@ -208,6 +208,18 @@ def test_a_second_set_of_uvs(tracer):
     np.testing.assert_allclose(quadrants(renderer["emissive"]), COLORS[::-1], atol=2e-3)
 
 
+@pytest.mark.parametrize("others", [False, True])
+def test_a_mesh_without_second_uvs_uses_the_first_ones(tracer, others):
+    """Whether or not another mesh of the scene, here behind the camera, has second uvs."""
+    material = sv.Material(base_color_texture=four_colors(uv_set=1), base_color=1.0)
+    scene = sv.Scene(sv.Instance(QUAD, material))
+    if others:
+        scene.add(sv.Mesh(QUAD.positions, QUAD.triangles, second_uvs=QUAD.uvs), matte(0.5), [0, 0, 9])
+    renderer = tracer(scene, (32, 32))
+    renderer.render(sv.Camera(vertical_fov=2 * math.atan(0.5)), samples=4)
+    np.testing.assert_allclose(quadrants(renderer["albedo"]), COLORS[::-1], atol=2e-3)
+
+
 def test_vertex_colors(tracer):
     """They multiply the base color and are interpolated between the corners."""
     colors = np.where(QUAD.uvs[:, :1] > 0.5, (1.0, 0.5, 0.0), (0.0, 0.5, 1.0))

@@ -51,6 +51,16 @@ def test_means_are_those_of_the_texels_under_a_triangle(wrap_u, wrap_v):
         assert mean == pytest.approx(light[np.ix_(y.astype(int), x.astype(int))].mean(), rel=1e-4)
 
 
+def test_means_are_taken_at_the_uvs_of_the_texture():
+    """Of the mesh's second uvs, or of its first ones where it has no others."""
+    pixels = np.array([[0, 255]], np.uint8)
+    dark, bright = [[0.1, 0.1], [0.4, 0.1], [0.1, 0.9]], [[0.6, 0.1], [0.9, 0.1], [0.6, 0.9]]
+    texture = sv.Texture(pixels, uv_set=1)
+    for second, expected in ((bright, 1.0), (None, 0.0)):
+        mesh = sv.Mesh(CORNER, uvs=dark, second_uvs=second)
+        assert mean_luminances(mesh, mesh.triangles, texture, luminance_sums(texture.image)) == expected
+
+
 def test_a_triangle_across_the_texture_edge_gets_the_mean_along_that_axis():
     pixels = np.zeros((1, 4, 4), np.uint8)
     pixels[0, :2] = 255

@@ -250,7 +250,7 @@ def test_a_second_set_of_uvs(writer):
     assert first.mesh.second_uvs.tolist() == [[5, 5]] * 3
     assert second.mesh.second_uvs is None
     assert scene.warnings == [
-        "meshes without TEXCOORD_1 see their textures at a single point: mesh 1, primitive 0",
+        "meshes without TEXCOORD_1 use TEXCOORD_0 in its place: mesh 1, primitive 0",
     ]
 
 

@@ -89,6 +89,25 @@ def test_two_skins_of_a_mesh(writer):
     assert not bare.posed
 
 
+def test_skins_below_a_mirrored_node_are_not_inside_out(writer):
+    """The joints mirror the triangle, so that its corners must run the other way around, and bitangents too. A mesh
+    without a skin stays as it is, for the transform of its instance says that it is mirrored."""
+    attributes = {"NORMAL": [[0, 0, 1]] * 3, "TANGENT": [[1, 0, 0, 1]] * 3, "WEIGHTS_0": [[1, 0, 0, 0]] * 3,
+                  "JOINTS_0": writer.accessor([[0, 0, 0, 0]] * 3, "u1")}  # fmt: skip
+    mesh, skin = writer.mesh(attributes), writer.add("skins", joints=[0])
+    writer.node()
+    writer.node(mesh=mesh, skin=skin)
+    writer.node(mesh=mesh)
+    writer.node(children=[0, 1, 2], scale=[1, 1, -1])
+    for scale, turned in ([1, 1, -1], True), ([1, 1, 1], False):
+        writer.json["nodes"][3]["scale"] = scale
+        skinned, bare = writer.load()
+        assert skinned.mesh.triangles.tolist() == ([[2, 1, 0]] if turned else [[0, 1, 2]])
+        assert skinned.mesh.tangents[:, 3].tolist() == [-1 if turned else 1] * 3
+        assert bare.mesh.triangles.tolist() == [[0, 1, 2]]
+        assert bare.mesh.tangents[:, 3].tolist() == [1] * 3
+
+
 # ---- bad files --------------------------------------------------------------------------------------
 
 

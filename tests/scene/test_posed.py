@@ -31,9 +31,9 @@ def bound(device):
         binder.destroy()
 
 
-def vertices(binder, instance):
+def vertices(binder, instance, user=None):
     """What the device has: positions, previous positions, and records of attributes."""
-    binder.update()
+    binder.update(binder if user is None else user)
     geometry = binder._geometry
     shape, _, _ = binder._uses[instance]
     record = geometry.table.records[geometry.rows[shape]]
@@ -123,6 +123,57 @@ def test_previous_positions_are_those_of_the_previous_frame(bound):
     vertices(binder, one)
     now, previous, _ = vertices(binder, one)
     assert (previous == now).all(), "a second frame without edits"
+
+
+class User:
+    """Stands for a renderer."""
+
+
+def test_previous_positions_are_those_of_the_same_renderer(bound):
+    """Renderers of one scene that skip frames, come late and leave, and changes that none of them sees."""
+    mesh, rest = tube()
+    scene = sv.Scene(instance := sv.Instance(mesh, joint_matrices=bent(rest, 0.0)))
+    binder = bound(scene)
+    users = {name: User() for name in "abc"}
+    shown = {}
+
+    def read(place):
+        geometry = binder._geometry
+        shape = binder._uses[instance][0]
+        address, size = int(geometry.table.records[geometry.rows[shape]][place]), mesh.positions.nbytes
+        for buffer in (shape.buffer, *shape.copies.values()):
+            if buffer.address <= address < buffer.address + buffer.size:
+                return buffer.read(np.float32, size // 4, address - buffer.address).reshape(-1, 3)
+        raise AssertionError("the address is of no buffer")
+
+    for frame, names in enumerate(["a", "ab", "a", "a", "", "ac", "b", "a", "aa", "bc", "ab", "c", "ba"]):
+        if frame % 5 != 4:
+            instance.joint_matrices = bent(rest, 0.1 * frame)
+        binder.update()
+        for name in names:
+            binder.update(users[name])
+            now, before = read("positions"), read("previous_positions")
+            np.testing.assert_allclose(now, expected(mesh, instance.joint_matrices)[0], atol=1e-6)
+            assert (before == shown.get(name, now)).all(), (frame, name)
+            shown[name] = now
+    users.clear()
+    instance.joint_matrices = bent(rest, 2.0)
+    binder.update()
+    assert not binder._uses[instance][0].copies, "nobody needs them"
+
+
+def test_equal_poses_are_at_rest(bound):
+    """An array of the same numbers is the same pose, for which the device has nothing to do."""
+    mesh, rest = tube(targets=1)
+    fields = {"joint_matrices": bent(rest, 0.3), "morph_weights": [0.5]}
+    binder = bound(sv.Scene(instance := sv.Instance(mesh, **fields)))
+    binder.update(binder)
+    instance.update(**{name: np.array(value) for name, value in fields.items()})
+    binder.update(binder)
+    geometry = binder._geometry
+    record = geometry.table.records[geometry.rows[binder._uses[instance][0]]]
+    assert record["positions"] == record["previous_positions"]
+    assert binder._uses[instance][0].refits == 0
 
 
 def test_edits_of_posed_meshes(bound):

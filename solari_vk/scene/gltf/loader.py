@@ -165,7 +165,10 @@ class _Loader:
         skin = skin_of(self._document, self._accessors, node, placed, self._report)
         name = node.entry.name or mesh.name or mesh.place
         pose = Pose(self._animations, node, mesh, skin, placed)
-        parts = self._parts(node, mesh, skin is not None)
+        # Of a skin's node only the winding order counts, which a negative determinant turns around.
+        with np.errstate(over="ignore", invalid="ignore"):
+            mirrored = skin is not None and bool(np.linalg.det(node.world[:3, :3]) < 0)
+        parts = self._parts(node, mesh, skin is not None, mirrored)
         # The position of a skinned mesh follows from its joints alone.
         for local in repeated(node, self._accessors) if skin is None else np.eye(4)[None]:
             visible = node.visible
@@ -186,9 +189,9 @@ class _Loader:
                 pose.give(instance)
                 self._add(node, instance, local, moves=skin is None)
 
-    def _parts(self, node: PlacedNode, mesh: Entry, skinned: bool) -> list[Part]:
+    def _parts(self, node: PlacedNode, mesh: Entry, skinned: bool, mirrored: bool) -> list[Part]:
         """The meshes and materials of a mesh's primitives that have a surface, and suffixes for their names."""
-        key = (node.entry.integer("mesh"), skinned)
+        key = (node.entry.integer("mesh"), skinned, mirrored)
         if key not in self._parts_made:
             primitives = self._primitives_of(node)
             parts = self._parts_made[key] = []
@@ -199,7 +202,7 @@ class _Loader:
                 others = {name: self._materials[number] for name, number in numbers.items()}
                 # One mesh serves all variants, so it has tangents if any of them has a normal map.
                 wanted = next((one for one in (material, *others.values()) if one.normal_map is not None), material)
-                made = self._primitives.mesh(primitive, (mesh.name or mesh.place) + suffix, wanted, skinned)
+                made = self._primitives.mesh(primitive, (mesh.name or mesh.place) + suffix, wanted, skinned, mirrored)
                 if made is not None:
                     materials = {name: other.material for name, other in others.items()}
                     parts.append((suffix, made, material.material, materials))

@@ -31,8 +31,11 @@ class Primitives:
         self._report = report
         self._meshes: dict[Any, Mesh | None] = {}
 
-    def mesh(self, primitive: Entry, name: str, material: LoadedMaterial, skinned: bool) -> Mesh | None:
-        """The primitive as a mesh fit for a material, or None (reported) if it has no surface. skinned: with joints."""
+    def mesh(self, primitive: Entry, name: str, material: LoadedMaterial, skinned: bool, mirrored: bool) -> Mesh | None:
+        """The primitive as a mesh fit for a material, or None (reported) if it has no surface.
+
+        skinned: with joints. mirrored: with triangles that run the other way, for joints that mirror them.
+        """
         attributes = primitive.entry("attributes")
         if attributes is None:
             raise primitive.error("has no 'attributes'; export the file again")
@@ -45,24 +48,27 @@ class Primitives:
         joints = [name for name in sorted(attributes.data) if skinned and name.startswith(("JOINTS_", "WEIGHTS_"))]
         key = (
             *(attributes.index(a) for a in ("POSITION", "NORMAL", "TANGENT", "COLOR_0", *_uv_names(material))),
-            primitive.index("indices"), packed, mode, turned, material.uv_sets,
+            primitive.index("indices"), packed, mode, turned, material.uv_sets, mirrored,
             *map(attributes.index, joints),
             tuple(tuple(sorted((k, str(v)) for k, v in target.data.items())) for target in targets),
         )  # fmt: skip
         if key not in self._meshes:
-            self._meshes[key] = self._make(primitive, attributes, mode, name, material, skinned, targets)
+            self._meshes[key] = self._make(primitive, attributes, mode, name, material, skinned, mirrored, targets)
         self._remark(primitive, attributes, material)
         return self._meshes[key]
 
     def _remark(self, primitive: Entry, attributes: Entry, material: LoadedMaterial) -> None:
         self._report.add_extensions(primitive, _HARMLESS)
-        for uvs in _uv_names(material)[: len(material.uv_sets)]:
+        names = _uv_names(material)[: len(material.uv_sets)]
+        for uvs in names:
             if uvs not in attributes:
-                self._report.add(f"meshes without {uvs} see their textures at a single point", primitive.place)
+                replaced = uvs != names[0] and names[0] in attributes
+                effect = f"use {names[0]} in its place" if replaced else "see their textures at a single point"
+                self._report.add(f"meshes without {uvs} {effect}", primitive.place)
 
     def _make(
         self, primitive: Entry, attributes: Entry, mode: int, name: str,
-        material: LoadedMaterial, skinned: bool, targets: list[Entry],
+        material: LoadedMaterial, skinned: bool, mirrored: bool, targets: list[Entry],
     ) -> Mesh | None:  # fmt: skip
         if mode < 4:
             self._report.add(f"{_MODES[mode]} have no surface and are left out", primitive.place)
@@ -90,7 +96,22 @@ class Primitives:
             return None
         if "NORMAL" in vertices:
             vertices["NORMAL"] = self._unit_normals(vertices["NORMAL"], triangles, cross, primitive)
-        return self._with_tangents(vertices, triangles, cross, name, material)
+        vertices, triangles = self._with_tangents(vertices, triangles, cross, material)
+        if mirrored:
+            triangles = triangles[:, ::-1]
+            if "TANGENT" in vertices:
+                vertices["TANGENT"] = vertices["TANGENT"] * np.array((1, 1, 1, -1), np.float32)
+        return Mesh(
+            positions=vertices["POSITION"],
+            triangles=triangles,
+            normals=vertices.get("NORMAL"),
+            uvs=vertices.get("TEXCOORD"),
+            second_uvs=vertices.get("SECOND_TEXCOORD"),
+            tangents=vertices.get("TANGENT"),
+            colors=vertices.get("COLOR"),
+            deformation=deformation_of(vertices),
+            name=name,
+        )
 
     def _vertices(self, primitive: Entry, attributes: Entry, material: LoadedMaterial) -> Vertices | None:
         position = attributes.index("POSITION")
@@ -167,12 +188,12 @@ class Primitives:
         return fitted.astype(np.float32)
 
     def _with_tangents(
-        self, vertices: Vertices, triangles: NDArray[np.uint32], cross: NDArray[np.float64], name: str,
-        material: LoadedMaterial,
-    ) -> Mesh:  # fmt: skip
+        self, vertices: Vertices, triangles: NDArray[np.uint32], cross: NDArray[np.float64], material: LoadedMaterial
+    ) -> tuple[Vertices, NDArray[np.uint32]]:
+        """Vertices with the tangents that a normal map needs, and the triangles over them."""
         normals, normal_map = vertices.get("NORMAL"), material.normal_map
         second = normal_map is not None and material.uv_sets.index(normal_map.uv_set) == 1
-        uvs = "SECOND_TEXCOORD" if second else "TEXCOORD"
+        uvs = "SECOND_TEXCOORD" if second and "SECOND_TEXCOORD" in vertices else "TEXCOORD"
         if "TANGENT" in vertices and normals is not None:
             vertices["TANGENT"] = _fit_tangents(vertices["TANGENT"], normals)
         if normal_map is not None and "TANGENT" not in vertices and uvs in vertices:
@@ -184,17 +205,7 @@ class Primitives:
             split = generate_tangents(vertices["POSITION"], normals, vertices[uvs] @ linear.T, triangles)
             vertices = {attribute: values[split.source] for attribute, values in vertices.items()}
             vertices["TANGENT"], triangles = split.tangents, split.indices
-        return Mesh(
-            positions=vertices["POSITION"],
-            triangles=triangles,
-            normals=vertices.get("NORMAL"),
-            uvs=vertices.get("TEXCOORD"),
-            second_uvs=vertices.get("SECOND_TEXCOORD"),
-            tangents=vertices.get("TANGENT"),
-            colors=vertices.get("COLOR"),
-            deformation=deformation_of(vertices),
-            name=name,
-        )
+        return vertices, triangles
 
 
 def _uv_names(material: LoadedMaterial) -> list[str]:
