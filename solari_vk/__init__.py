@@ -46,7 +46,7 @@ _HOMES = {
     "tracer": ("RayTracer",),
     "viewer": ("Viewer",),
 }
-_MODULES = {"rt": "rt", "shapes": "scene.shapes"}
+_MODULES = {"cluster": "cluster", "rt": "rt", "shapes": "scene.shapes"}
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
@@ -54,12 +54,12 @@ __all__ = [
     "Environment", "Frame", "HitGroup", "Instance", "Material", "Mesh", "Pass", "PathTracer", "PointLight",
     "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Rig", "Scene", "SceneBinder", "SceneFrame", "Settings",
     "Sky", "SolariError", "SpotLight", "Stage", "Texture", "TextureImage", "ValidationError", "Viewer",
-    "__version__", "auto_exposure", "builtin", "check_output", "list_devices", "load", "load_gltf", "rt",
+    "__version__", "auto_exposure", "builtin", "check_output", "cluster", "list_devices", "load", "load_gltf", "rt",
     "save_image", "shapes", "studio_lights", "tonemap",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
-    from solari_vk import rt
+    from solari_vk import cluster, rt
     from solari_vk.errors import CallbackError, DeviceError, SolariError, ValidationError
     from solari_vk.frame import SceneFrame
     from solari_vk.gpu.device.device import Device, list_devices

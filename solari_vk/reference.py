@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections import deque
 from collections.abc import Callable
@@ -91,6 +92,16 @@ class PathTracer(PictureRenderer):
         # The timeline value of each of the latest dispatches, and its rows times samples.
         self._sizes: deque[tuple[int, int]] = deque(maxlen=4)
 
+    @property
+    def seed(self) -> int:
+        """The seed of the noise. Assigning another one discards the picture's samples."""
+        return self.settings.seed
+
+    @seed.setter
+    def seed(self, seed: int) -> None:
+        self.settings = dataclasses.replace(self.settings, seed=seed)
+        self.reset()
+
     def reload(self) -> None:
         super().reload()
         self.reset()
@@ -137,7 +148,7 @@ class PathTracer(PictureRenderer):
         started = time.perf_counter()
         self._prepare(camera)
         if denoise:
-            self._find_guides()  # now, because the scene may be edited before the picture is read
+            self.read_guides()  # now, because the scene may be edited before the picture is read
         while self.samples < samples:
             next_look = samples if target_error is None else min(samples, self._estimate.next_count)
             self.advance(camera, max(next_look - self.samples, 1))
@@ -232,14 +243,15 @@ class PathTracer(PictureRenderer):
             raise unknown_name("PathTracer: there is no result", name, self.OUTPUTS)
         return self._frame[name]
 
-    def _find_guides(self) -> list[NDArray[Any]]:
+    def read_guides(self) -> list[NDArray[Any]]:
+        """What OIDN is guided by: means of the albedo and of the shading normal, (height, width, 3) each."""
         if self._guides is None:
             self._guides = self.first_hits.read_means(("albedo", "shading_normal"), self._projection, self.size)
         return self._guides
 
     def _read_denoised(self) -> NDArray[np.float32]:
         if self._denoised is None or self._denoised[0] != self.samples:
-            self._denoised = self.samples, oidn.denoise(self.read("raw_radiance"), *self._find_guides())
+            self._denoised = self.samples, oidn.denoise(self.read("raw_radiance"), *self.read_guides())
         return self._denoised[1]
 
     @property

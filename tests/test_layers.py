@@ -47,11 +47,12 @@ MAY_IMPORT = {
     "reference": {"errors", "scene", "passes", "frame", "rendered", "output", "gpu.device", "gpu.frame"},
     "renderer": {"errors", "settings", "scene", "passes", "frame", "rendered", "output", "gpu.device", "gpu.frame"},
     "viewer": LIBRARY - {"rt", "tracer", "gpu.acceleration"},
+    "cluster": LIBRARY,
     "conformance": {"", "measure", *LIBRARY},
-    "measure": {"", *LIBRARY},
-    "cli": {"", "viewer", "conformance", "measure", *LIBRARY},
+    "measure": {"", "cluster", *LIBRARY},
+    "cli": {"", "viewer", "cluster", "conformance", "measure", *LIBRARY},
     "__main__": {"cli"},
-    "": {"viewer", *LIBRARY},
+    "": {"viewer", "cluster", *LIBRARY},
 }
 GLSL_MAY_INCLUDE = {"common": r"common/", "scene": r"common/|scene/", "passes": r"common/|scene/|passes/"}
 

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from solari_vk.cli.cluster import add_cluster_options, is_spread
 from solari_vk.cli.options import add_realtime_options, add_scene_options, count, positive
 from solari_vk.cli.subject import names_of_aovs
 from solari_vk.errors import SolariError
@@ -62,6 +63,7 @@ def add_parser(commands: Any) -> None:
     reference.add_argument("--denoise", action=argparse.BooleanOptionalAction,
                            help="denoise by Intel Open Image Denoise, which the package solari-vk[oidn] brings (off; "
                            "with --mode auto on if it is installed)")
+    add_cluster_options(render)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -86,13 +88,14 @@ def _choose_mode(options: argparse.Namespace) -> None:
     from solari_vk.reference import PathTracer
     from solari_vk.renderer import Renderer
 
+    spread = is_spread(options)
     if options.mode != "auto":
         return
     given = {mode for mode, names in MODE_OPTIONS.items() if any(getattr(options, name) is not None for name in names)}
     aovs = set(names_of_aovs(options))
     is_movie = options.output.suffix.lower() in movie.SUFFIXES
     realtime = "realtime" in given or is_movie or not aovs.issubset(PathTracer.OUTPUTS)
-    reference = "reference" in given or not aovs.issubset(Renderer.OUTPUTS)
+    reference = "reference" in given or (spread and options.animate is None) or not aovs.issubset(Renderer.OUTPUTS)
     wanted = not realtime and options.denoise is None
     works = wanted and _oidn_works()
     options.mode = "realtime" if realtime or not (reference or works) else "reference"

@@ -35,6 +35,10 @@ class Observable:
         alive = tuple(r for r in self._watchers if (w := r()) is not None and w is not watcher)
         object.__setattr__(self, "_watchers", alive)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """For copies: they have no watchers, such as a renderer's binder, which know the original only."""
+        return {name: value for name, value in self.__dict__.items() if name != "_watchers"}
+
     def _notify(self, changed: Observable) -> None:
         for reference in self._watchers:
             if (watcher := reference()) is not None:

@@ -1,0 +1,144 @@
+"""A device at work: it keeps the scene and the renderers between jobs."""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+from collections.abc import Generator, Iterable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Any, Protocol, Self, TypeAlias, TypeVar
+
+from solari_vk.cluster.identity import Identity
+from solari_vk.gpu.device.device import Device
+from solari_vk.reference import PathTracer
+from solari_vk.rendered import PictureRenderer
+from solari_vk.renderer import Renderer
+from solari_vk.scene.binder import SceneBinder
+from solari_vk.scene.model import Scene
+from solari_vk.settings import Settings
+
+
+class Job(Protocol):
+    """A part of the work, which any worker can do: a value that can be pickled."""
+
+    @property
+    def name(self) -> str:
+        """What the job is, for messages."""
+
+    def perform(self, bench: Bench) -> Any:
+        """Render on a bench that has the scene; returns the result, which can be pickled."""
+
+
+@dataclass(frozen=True)
+class Opening:
+    """How workers open their devices: the arguments of Device."""
+
+    device: str | None = None
+    rays: str | None = None
+    validation: bool | None = None
+
+    def open(self, device: str | None = None) -> Device:
+        """Open a device. device: the one to take if these arguments name none."""
+        return Device(self.device or device, validation=self.validation, rays=self.rays)
+
+
+def pack(scene: Scene) -> tuple[str, bytes]:
+    """A scene as bytes, and the first 16 digits of their SHA-256, which equal scenes share."""
+    data = pickle.dumps(scene, protocol=5)
+    return hashlib.sha256(data).hexdigest()[:16], data
+
+
+Kind = TypeVar("Kind", bound=PictureRenderer)
+
+
+class Bench:
+    """A device with the latest jobs' scene and renderers, which later jobs use again."""
+
+    def __init__(self, device: Device) -> None:
+        self.device = device
+        self.identity = Identity.of(device)
+        self._scene_key = ""
+        self._owned = ExitStack()  # what depends on the scene
+        self._made: dict[type[PictureRenderer], tuple[Any, PictureRenderer]] = {}
+
+    def show(self, key: str, data: bytes) -> None:
+        """Take the scene that `pack` made these from, unless it is here already."""
+        if key != self._scene_key:
+            self._clear()
+            self.scene: Scene = pickle.loads(data)
+            self._binder = SceneBinder(self.device, self.scene)
+            self._owned.callback(self._binder.destroy)
+            self._scene_key = key
+
+    def path_tracer(self, size: tuple[int, int], max_bounces: int, seed: int) -> PathTracer:
+        """A path tracer without samples. The one of earlier jobs is resized if it fits otherwise."""
+        tracer = self._renderer(PathTracer, max_bounces, size=size, max_bounces=max_bounces)
+        tracer.seed = seed
+        return tracer
+
+    def renderer(self, size: tuple[int, int], settings: Settings, seed: int) -> Renderer:
+        """A realtime renderer without history."""
+        renderer = self._renderer(Renderer, settings, size=size, settings=settings)
+        renderer.seed = seed
+        renderer.reset()
+        return renderer
+
+    def _renderer(self, kind: type[Kind], key: Any, size: tuple[int, int], **options: Any) -> Kind:
+        made, renderer = self._made.pop(kind, (None, None))
+        if renderer is not None and made != key:
+            renderer.close()
+            renderer = None
+        if not isinstance(renderer, kind):
+            renderer = kind(self.device, self._binder, size, **options)
+            self._owned.callback(renderer.close)
+        if renderer.size != size:
+            renderer.resize(size)
+        self._made[kind] = key, renderer
+        return renderer
+
+    def _clear(self) -> None:
+        self._scene_key = ""
+        self._made.clear()
+        self._owned.close()
+
+    def close(self) -> None:
+        """Free the scene and close the device."""
+        self._clear()
+        self.device.close()
+
+
+AnyJob = TypeVar("AnyJob", bound=Job)
+Results: TypeAlias = Generator[tuple[AnyJob, Any] | None, None, None]
+"""Jobs with their results, as they are done; None when nothing was done for a second."""
+
+
+class OneDevice:
+    """Does jobs one after the other on a device in this process. A context manager, as `Crew` is.
+
+    device, rays, validation: as Device takes them.
+    """
+
+    worker_count = 1
+    shares_files = True
+
+    def __init__(self, device: str | None = None, rays: str | None = None, validation: bool | None = None) -> None:
+        self._opening = Opening(device, rays, validation)
+
+    def __enter__(self) -> Self:
+        self._bench = Bench(self._opening.open())
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bench.close()
+
+    @property
+    def identity(self) -> Identity:
+        """That of the device."""
+        return self._bench.identity
+
+    def map(self, scene: Scene, jobs: Iterable[AnyJob]) -> Results[AnyJob]:
+        """Yield each job with its result."""
+        self._bench.show(*pack(scene))
+        for job in jobs:
+            yield job, job.perform(self._bench)

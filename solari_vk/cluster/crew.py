@@ -1,0 +1,246 @@
+"""The workers of a dask.distributed cluster that render, and the jobs that they have at the moment.
+
+Dask's scheduler decides who does what, and gives the jobs of a lost worker to others. A crew adds what rendering needs:
+only workers with the same code and the same device take part, jobs are handed out a few at a time, so that a job list
+may be endless, and each failure ends in one clear message.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from queue import Empty, SimpleQueue
+from typing import Any, Self
+
+from solari_vk.cluster.bench import AnyJob, Opening, Results, pack
+from solari_vk.cluster.identity import Identity
+from solari_vk.errors import DeviceError, SolariError
+from solari_vk.scene.model import Scene
+
+AHEAD = 2  # jobs a worker: one in work, and the next
+TICK_SECONDS = 1.0
+BUSY = 30.0  # seconds after which a crew doesn't wait any more for workers that don't answer
+PATIENCE = 120.0  # seconds without any worker of this machine after which a crew gives up
+TRIES = 3  # of a job on devices that fail
+
+
+@dataclass
+class _Errand:
+    """A job that a worker has."""
+
+    job: Any
+    tries: int = 1
+    workers: frozenset[str] | None = None
+    """Who may do it; None: everyone."""
+
+    def is_stranded(self, here: set[str]) -> bool:
+        """Whether nobody is left who may do it."""
+        return self.workers is not None and self.workers.isdisjoint(here)
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+class Crew:
+    """Workers that render the same bits. A context manager.
+
+    workers: the number of processes to start on this machine; each has a device of its own, or shares one if there are
+    fewer devices. address: that of an existing scheduler instead, such as tcp://host:8786; its workers need the same
+    version of this package. device, rays, validation: how workers open their devices, as Device takes them; by default
+    a worker takes the device in its environment variable SOLARI_VK_DEVICE. say: is called with lines about workers.
+    Raises SolariError if dask.distributed isn't installed, and if no scheduler answers.
+    """
+
+    def __init__(
+        self, workers: int | None = None, address: str | None = None, *, device: str | None = None,
+        rays: str | None = None, validation: bool | None = None, say: Callable[[str], None] = _say,
+    ) -> None:  # fmt: skip
+        if (workers is None) == (address is None):
+            raise SolariError("Crew: give either a number of workers, or the address of a scheduler")
+        if workers is not None and (not isinstance(workers, int) or workers < 1):
+            raise SolariError(f"Crew: workers must be a whole number from 1 on, not {workers!r}")
+        try:
+            import distributed
+        except ImportError:
+            raise SolariError("a cluster needs dask: install it by \"pip install 'solari-vk[cluster]'\"") from None
+        self._distributed: Any = distributed
+        self._workers, self._address, self._say = workers, address, say
+        self._opening = Opening(device, rays, validation)
+        self._cluster: Any = None
+        self._events: SimpleQueue[Any] = SimpleQueue()  # futures that are done
+        self._submissions = 0
+
+    @property
+    def shares_files(self) -> bool:
+        """Whether the workers write into this machine's folders."""
+        return self._workers is not None
+
+    @property
+    def worker_count(self) -> int:
+        """The number of workers that take part at the moment."""
+        return len(self._roster.accepted)
+
+    @property
+    def refused(self) -> dict[str, str]:
+        """Why workers aren't used, by their addresses."""
+        return self._roster.refused
+
+    @property
+    def identity(self) -> Identity:
+        """What all workers that take part are."""
+        assert self._roster.identity is not None
+        return self._roster.identity
+
+    # ---- opening and closing ------------------------------------------------------------------------
+
+    def __enter__(self) -> Self:
+        from solari_vk.cluster.roster import Roster
+
+        if self._workers is not None:
+            from solari_vk.cluster.local import start
+
+            self._cluster = start(self._workers, self._opening)
+        try:
+            self.client: Any
+            """The client of dask."""
+            target = self._address if self._cluster is None else self._cluster
+            self.client = self._distributed.Client(target, set_as_default=False, direct_to_workers=self.shares_files)
+        except (OSError, ValueError) as error:
+            self._close_cluster()
+            raise SolariError(f"no scheduler of dask answers at {self._address}: {error}") from None
+        try:
+            self._roster = Roster(self.client, self._opening, self._events, self._say)
+            self._await_workers()
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.client.close()
+        self._close_cluster()
+
+    def _close_cluster(self) -> None:
+        if self._cluster is not None:
+            self._cluster.close()
+
+    def _await_workers(self) -> None:
+        """Ask the workers that are here who they are, and wait until there is one that can take part."""
+        roster, started, said = self._roster, time.monotonic(), False
+        if self._workers is not None:
+            self.client.wait_for_workers(self._workers)
+        while True:
+            roster.look_around()
+            future = self._next_event()
+            if future is not None:
+                roster.note(future)
+            elif not said and not roster.is_asking and self._workers is None:
+                said = True
+                self._say(f"waiting for a worker at {self._address}")
+            seconds = time.monotonic() - started
+            if (not roster.is_asking or seconds > BUSY) and roster.choose():
+                return
+            if self._workers is not None and (len(roster.refused) >= self._workers or seconds > PATIENCE):
+                raise self._no_worker()
+
+    def _no_worker(self) -> SolariError:
+        reasons = "; ".join(f"{address}: {reason}" for address, reason in self.refused.items())
+        return SolariError(f"no worker can render: {reasons or 'none has answered'}")
+
+    def _next_event(self) -> Any:
+        """A future that is done, or None after a second."""
+        try:
+            return self._events.get(timeout=TICK_SECONDS)
+        except Empty:
+            return None
+
+    # ---- jobs ---------------------------------------------------------------------------------------
+
+    def map(self, scene: Scene, jobs: Iterable[AnyJob]) -> Results[AnyJob]:
+        """Yield each job with its result, in the order in which they are done; and None about once a second.
+
+        jobs may be endless: they are taken as workers become free. Raises SolariError when a job fails, and when the
+        scheduler is gone. Closing the iterator calls the other jobs off.
+        """
+        key, data = pack(scene)
+        # a task rather than scattered data, because dask makes tasks again whose results were lost with their workers
+        scene_there = self.client.submit(bytes, data, key=f"solari_vk-scene-{key}")
+        source, out = iter(jobs), dict[Any, _Errand]()
+        seen = time.monotonic()
+        exhausted = False
+        try:
+            while True:
+                self._roster.look_around()
+                while not exhausted and len(out) < AHEAD * self.worker_count:
+                    job = next(source, None)
+                    if job is None:
+                        exhausted = True
+                    else:
+                        self._send(_Errand(job), key, scene_there, out)
+                if exhausted and not out:
+                    return
+                if self.worker_count:
+                    seen = time.monotonic()
+                elif self._workers is not None and time.monotonic() - seen > PATIENCE:
+                    raise self._no_worker()
+                future = self._next_event()
+                for stranded in [f for f, errand in out.items() if errand.is_stranded(self._roster.accepted)]:
+                    errand = out.pop(stranded)
+                    stranded.cancel()
+                    self._send(errand, key, scene_there, out)
+                if future is None:
+                    yield None
+                elif not self._roster.note(future) and future in out:
+                    errand = out.pop(future)
+                    if self._succeeded(future, errand):
+                        yield errand.job, self._result(future)
+                    else:
+                        self._send(errand, key, scene_there, out)
+        finally:
+            for future in out:
+                future.cancel()
+
+    def _send(self, errand: _Errand, key: str, scene: Any, out: dict[Any, _Errand]) -> None:
+        """Have a job done by a worker that takes part."""
+        from solari_vk.cluster.worker import perform
+
+        self._submissions += 1
+        errand.workers = frozenset(self._roster.accepted) if self.refused else None
+        future = self.client.submit(
+            perform, self.identity, self._opening, key, scene, errand.job, pure=False,
+            key=f"solari_vk-{self.client.id}-{self._submissions}", workers=errand.workers and list(errand.workers),
+        )  # fmt: skip
+        out[future] = errand
+        future.add_done_callback(self._events.put)
+
+    def _succeeded(self, future: Any, errand: _Errand) -> bool:
+        """Whether a job is done; False if it is to be tried again. Raises SolariError if it failed for good."""
+        from solari_vk.cluster.worker import UnfitWorkerError
+
+        if future.status == "finished":
+            return True
+        if future.status != "error":  # dask dropped it, as it does when the scheduler is gone
+            self._roster.check_scheduler()
+            return False
+        error = future.exception()
+        if isinstance(error, UnfitWorkerError):
+            return False  # a new worker that the roster doesn't know yet
+        if isinstance(error, self._distributed.KilledWorker):
+            raise SolariError(f"{errand.job.name} ended every worker that tried it: {error}")
+        errand.tries += 1
+        if isinstance(error, DeviceError) and errand.tries <= TRIES:
+            self._say(f"{errand.job.name} is tried again: {error}")
+            return False
+        if isinstance(error, SolariError):
+            raise type(error)(f"{errand.job.name}: {error}")
+        raise error
+
+    def _result(self, future: Any) -> Any:
+        try:
+            return future.result()
+        except (OSError, self._distributed.CancelledError) as error:
+            self._roster.check_scheduler()
+            raise SolariError(f"a result was lost on its way: {error}") from None

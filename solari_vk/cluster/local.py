@@ -1,0 +1,41 @@
+"""A cluster of dask on this machine: a scheduler, and worker processes that share its devices."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+from typing import Any
+
+from distributed import Nanny, Scheduler, SpecCluster
+
+from solari_vk.cluster.bench import Opening
+from solari_vk.gpu.device.device import list_devices
+
+
+def start(worker_count: int, opening: Opening) -> Any:
+    """Start worker processes, each with a device by its UUID; devices of the same name are given in turn."""
+    with opening.open() as device:
+        chosen, name = device.properties.uuid, device.properties.name
+    alike = [report.uuid for report in list_devices() if report.name == name and not report.missing]
+    devices = [chosen] if opening.device else [chosen, *(uuid for uuid in alike if uuid != chosen)]
+    # workers of a software device share the processor's cores instead of competing for them
+    threads = max((os.cpu_count() or 1) // worker_count, 1)
+    quiet = {"LP_NUM_THREADS": os.environ.get("LP_NUM_THREADS", str(threads))}
+    workers = {
+        number: {
+            "cls": Nanny,
+            "options": {
+                "nthreads": 1, "memory_limit": 0, "dashboard": False, "silence_logs": logging.CRITICAL,
+                "env": {**quiet, "SOLARI_VK_DEVICE": devices[number % len(devices)]}, "preload": [__name__],
+            },
+        }
+        for number in range(worker_count)
+    }  # fmt: skip
+    scheduler = {"cls": Scheduler, "options": {"dashboard": False, "host": "127.0.0.1"}}
+    return SpecCluster(workers, scheduler, silence_logs=logging.CRITICAL, name="solari_vk")
+
+
+def dask_setup(worker: Any) -> None:
+    """Is called in each worker when it starts: Ctrl-C in the terminal is for the process that has the crew."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

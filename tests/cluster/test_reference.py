@@ -1,0 +1,145 @@
+"""A reference picture from several workers has the same bits as from one, and the statistics of its samples."""
+
+from __future__ import annotations
+
+import os
+import signal
+
+import numpy as np
+import pytest
+
+import solari_vk as sv
+from solari_vk.cli import main
+from solari_vk.cluster import Crew, OneDevice, render_reference
+from solari_vk.cluster.reference import SEED_STEP, ChunkResult, ReferencePicture, chunk_samples
+from solari_vk.errors import SolariError
+
+SIZE = 24, 16
+LAYERS = ("depth", "variance")
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return sv.builtin("cornell_box")
+
+
+@pytest.fixture(scope="module")
+def picture(any_device, scene):
+    """40 samples in 20 chunks, on one device in this process."""
+    with OneDevice() as one:
+        return render_reference(one, scene, SIZE, samples=40, seed=7, layers=LAYERS)
+
+
+def same(a, b):
+    return a.samples == b.samples and a.rays == b.rays and np.array_equal(a.radiance, b.radiance) and all(
+        np.array_equal(a.layers[name], b.layers[name]) for name in LAYERS
+    )  # fmt: skip
+
+
+def test_the_chunks_are_samples_of_the_path_tracer(picture, device, scene):
+    """With a seed a chunk; the first chunk has the picture's own."""
+    means, deviations = [], []
+    with sv.PathTracer(device, scene, SIZE) as tracer:
+        for index in range(20):
+            tracer.seed = (7 + index * SEED_STEP) % 2**32
+            frame = tracer.render(samples=chunk_samples(40))
+            means.append(frame["radiance"].astype(np.float64))
+            deviations.append(tracer.read("luminance_deviations").reshape(SIZE[::-1]).astype(np.float64))
+        depth = frame["depth"]
+    np.testing.assert_allclose(picture.radiance, np.mean(means, axis=0), rtol=1e-6)
+    assert np.array_equal(picture.layers["depth"], depth)
+    light = np.array(means) @ np.float64([0.2126, 0.7152, 0.0722])
+    squares = np.sum(deviations, axis=0) + 2 * light.var(axis=0) * len(light)
+    np.testing.assert_allclose(picture.layers["variance"], squares / (40 * 39), rtol=1e-3)
+
+
+def test_two_workers_give_the_same_bits(crew, scene, picture):
+    seen = []
+    other = render_reference(
+        crew, scene, SIZE, samples=40, seed=7, layers=LAYERS, progress=lambda done, error: seen.append(done)
+    )
+    assert same(picture, other)
+    assert seen[-1] == 40
+    assert crew.worker_count == 2
+    assert not crew.refused
+
+
+def test_another_seed_gives_other_bits(crew, scene, picture):
+    other = render_reference(crew, scene, SIZE, samples=40, seed=8)
+    assert not np.array_equal(picture.radiance, other.radiance)
+
+
+def test_a_killed_worker_changes_no_bit(crew, scene, picture):
+    """It is killed in the middle; the scheduler gives its jobs to the other, and a new process takes its place."""
+    victims = list(crew.client.run(os.getpid).values())
+    killed = []
+
+    def kill_one(done, error):
+        if done >= 4 and not killed:
+            killed.append(victims[0])
+            os.kill(victims[0], signal.SIGKILL)
+
+    assert same(picture, render_reference(crew, scene, SIZE, samples=40, seed=7, layers=LAYERS, progress=kill_one))
+    assert killed
+
+
+def test_a_target_error_ends_after_the_same_chunks(crew, scene):
+    def at_target(workers):
+        return render_reference(workers, scene, SIZE, samples=None, target_error=0.15)
+
+    with OneDevice() as one:
+        alone = at_target(one)
+    together = at_target(crew)
+    assert alone.error == together.error <= 0.15
+    assert alone.samples == together.samples
+    assert np.array_equal(alone.radiance, together.radiance)
+
+
+def test_an_early_end_keeps_what_is_done(crew, scene):
+    picture = render_reference(
+        crew, scene, SIZE, samples=10_000, layers=LAYERS, progress=lambda done, error: done > 100
+    )
+    assert 100 < picture.samples < 10_000
+    assert np.isfinite(picture.radiance).all()
+    assert picture.layers["depth"].shape == SIZE[::-1]
+
+
+def test_chunks_out_of_order_are_summed_in_order():
+    random = np.random.default_rng(1)
+    means = random.random((4, 3, 2, 3), np.float32)
+    chunks = [ChunkResult(n + 1, mean, mean[..., 0], 1, {}, []) for n, mean in enumerate(means)]
+    sums = []
+    for order in ((0, 1, 2, 3), (3, 1, 0, 2)):
+        picture = ReferencePicture()
+        for index in order:
+            picture.put(index, chunks[index])
+            while picture.add_next():
+                pass
+        sums.append((picture.raw_radiance, picture.variance))
+    assert all(map(np.array_equal, *sums))
+    expected = np.average(means.astype(np.float64), axis=0, weights=[1, 2, 3, 4])
+    np.testing.assert_allclose(sums[0][0], expected, rtol=1e-6)
+
+
+def test_wrong_options_are_refused(crew, scene):
+    for options, words in (
+        ({"samples": None}, "give a number of samples"),
+        ({"samples": 0}, "from 1 on"),
+        ({"layers": ["nonsense"]}, "chunk 0.*nonsense"),
+        ({"max_bounces": -1}, "max_bounces"),
+    ):
+        with pytest.raises(SolariError, match=words):
+            render_reference(crew, scene, SIZE, **options)
+    for options in ({}, {"workers": 0}, {"workers": 1, "address": "tcp://127.0.0.1:1"}):
+        with pytest.raises(SolariError, match="Crew"):
+            Crew(**options)
+
+
+def test_the_command_renders_with_workers(crew, tmp_path, capsys):
+    path = tmp_path / "picture.exr"
+    code = main(["render", "builtin:cornell_box", "--size", "24x16", "--samples", "4", "--seed", "7", "--no-denoise",
+                 "--cluster", crew.client.scheduler.address, "-o", str(path), "--aov", "depth,variance"])  # fmt: skip
+    said = capsys.readouterr().err
+    assert code == 0, said
+    assert "with 2 workers, each with" in said
+    assert "4 samples a pixel" in said
