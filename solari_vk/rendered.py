@@ -19,8 +19,8 @@ from solari_vk.first_hits import FirstHits
 from solari_vk.frame import SceneFrame, SceneUser, checked_device
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Row, Stage
-from solari_vk.output.picture import save_image, write_png
-from solari_vk.output.tone_mapping import auto_exposure
+from solari_vk.output.picture import png_bytes, save_image, write_png
+from solari_vk.output.tone_mapping import auto_exposure, encode_picture
 from solari_vk.passes import brdf_table, pathtracer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera, Instance, Scene
@@ -94,6 +94,15 @@ class RenderedFrame:
             instance = self._renderer.binder.scene.instances[instance]
         ids = [number for number, other in self.instances.items() if other is instance]
         return np.isin(self["instance_id"], ids)
+
+    def _repr_png_(self) -> bytes:
+        """The picture as notebooks show it: what `save` writes as a .png, without its warnings."""
+        renderer = self._renderer
+        if renderer.view != "picture":
+            codes = self["display"][..., :3]
+        else:
+            codes = encode_picture(self["radiance"], exposure=self.camera.exposure, curve=renderer.tonemap)
+        return png_bytes(codes)
 
     def save(
         self,

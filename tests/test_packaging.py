@@ -17,7 +17,8 @@ from solari_vk.gpu.shaders import shader_cache, shaderc
 ROOT = Path(__file__).resolve().parents[1]
 STAGES = {"." + stage for stage in shaderc.STAGES}
 NO_COMPILER = {"SOLARI_VK_SHADERC": os.devnull, "PATH": "", "SOLARI_VK_CACHE": "off"}
-PARTS = ["solari_vk", "glsl", "tests", "tools", "docs", "pyproject.toml", "hatch_build.py", "README.md", "LICENSE"]
+PAGES = ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "CITATION.cff"]
+PARTS = ["solari_vk", "glsl", "tests", "tools", "docs", "pyproject.toml", "hatch_build.py", "LICENSE", *PAGES]
 
 # Later Pythons ask for a filter, which Python 3.11.2 of Debian 12 doesn't know yet.
 SAFELY = {"filter": "data"} if hasattr(tarfile, "data_filter") else {}
@@ -78,7 +79,7 @@ def compiled_modules() -> set[str]:
 
 
 def test_sdist_has_sources_and_compiled_shaders(unpacked_sdist):
-    for name in ("LICENSE", "README.md", "pyproject.toml", "hatch_build.py", "tools/test", "tests/test_packaging.py"):
+    for name in ("LICENSE", *PAGES, "pyproject.toml", "hatch_build.py", "tools/test", "tests/test_packaging.py"):
         assert (unpacked_sdist / name).is_file(), name
     compiled = {path.relative_to(unpacked_sdist / "glsl").as_posix() for path in unpacked_sdist.rglob("*.spv")}
     assert compiled == compiled_modules()

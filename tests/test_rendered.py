@@ -134,6 +134,18 @@ def test_a_debug_view_is_saved_as_it_is_shown(device, tmp_path):
         np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "view.png")), frame["display"][..., :3])
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_notebooks_show_what_is_saved(device, kind, tmp_path):
+    renderer, frame = render(device, kind, sv.builtin("cornell_box"))
+    renderer.tonemap = "aces"
+    for view in ("picture", "shading_normal") if kind is sv.Renderer else ("picture",):
+        renderer.view = view
+        frame = renderer.render()
+        frame.save(tmp_path / "shown.png")
+        assert frame._repr_png_() == (tmp_path / "shown.png").read_bytes()
+    renderer.close()
+
+
 def test_pictures_in_which_nothing_is_seen_are_told_of(device, tmp_path):
     scene = sv.Scene()
     scene.add(sv.shapes.box())

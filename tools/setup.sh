@@ -1,4 +1,4 @@
-# Shared by tools/demo and tools/test, which set $root and source this file. `set_up demo` or `set_up test` installs
+# Shared by tools/demo, tools/test and tools/docs, which set $root and source this file. `set_up demo` or `set_up test` installs
 # what the job needs and sets $python to an interpreter that has the package. As root on Debian and its relatives it
 # installs missing packages with apt; elsewhere one message says what to install.
 
@@ -97,7 +97,7 @@ how_to_install() {
 # ---- virtual environment -------------------------------------------------------------------------------
 
 make_environment() {
-    extras='[test]'
+    extras="[$job]"
     if [ "$job" = demo ]; then
         # Open Image Denoise has packages for some machines only; elsewhere the demo shows the realtime renderer's picture.
         extras=$([ "$(uname -m)" != x86_64 ] && echo '[formats]' || echo '[formats,oidn]')
@@ -107,7 +107,7 @@ make_environment() {
     if "$python" -c '' 2>/dev/null; then
         [ "$(cat "$stamp" 2>/dev/null)" != "$wanted" ] || return 0
     else
-        find_python
+        find_python || fail 'missing: Python 3.11 or later with venv'
         say "creating a virtual environment in $root/.venv"
         logged "$system_python" -m venv --clear "$root/.venv"
     fi

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -73,10 +74,17 @@ def _write_npy(path: Path, array: NDArray[Any]) -> None:
 
 def write_png(path: Path, codes: NDArray[np.uint8]) -> None:
     """Write sRGB codes (height, width, 3 or 4), such as a frame's "display", without change."""
+    with whole_file(path) as temporary:
+        temporary.write_bytes(png_bytes(codes))
+
+
+def png_bytes(codes: NDArray[np.uint8]) -> bytes:
+    """sRGB codes (height, width, 3 or 4) as the content of a .png file."""
     from PIL import Image
 
-    with whole_file(path) as temporary:
-        Image.fromarray(codes).save(temporary, format="PNG")
+    content = io.BytesIO()
+    Image.fromarray(codes).save(content, format="PNG")
+    return content.getvalue()
 
 
 def _write_exr(path: Path, picture: Colors, layers: dict[str, NDArray[Any]], metadata: dict[str, str]) -> None:

@@ -1,0 +1,203 @@
+"""What the README and the site's pages say: Python runs, commands parse and run, links and names are right."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.gltf_writer import GltfWriter
+
+import solari_vk as sv
+from solari_vk import cli
+from solari_vk.gpu.device.device import Device
+from solari_vk.output import movie
+from solari_vk.scene.builtin import SCENES
+from solari_vk.settings import FIELDS
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / "docs"
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted(DOCS.rglob("*.md"))]
+RUN_ELSEWHERE = {DOCS / "ray_tracing.md", DOCS / "driver_faults.md"}  # by tests/rt/test_examples.py
+# Pictures as small as possible, and few frames: each pattern must be on some page.
+SMALLER = {
+    r"\((640, 360|320, 180|160, 90)\)": "(16, 9)", r"range\((24|32)\)": "range(2)", r"samples=\d+": "samples=2",
+    r"frames=16\b": "frames=2",
+}  # fmt: skip
+
+
+def text_of(page):
+    return page.read_text(encoding="utf-8")
+
+
+def blocks(page, language):
+    return re.findall(rf"^```{language}\n(.*?)^```$", text_of(page), re.MULTILINE | re.DOTALL)
+
+
+def name_of(page):
+    return page.relative_to(ROOT).as_posix()
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """The current folder, with the files that pages name."""
+    writer = GltfWriter()
+    node = writer.node(mesh=writer.mesh())
+    moves = {"input": writer.accessor([0, 1]), "output": writer.accessor([[-1, 0, 0], [1, 0, 0]])}
+    channel = {"sampler": 0, "target": {"node": node, "path": "translation"}}
+    writer.add("animations", name="Run", samplers=[moves], channels=[channel])
+    for name in ("model.glb", "character.glb"):
+        writer.save(tmp_path / name)
+    sv.save_image(tmp_path / "map.exr", np.ones((4, 8, 3)))
+    (tmp_path / "path.json").write_text(blocks(DOCS / "guides/animation.md", "json")[0])
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+# ---- Python -----------------------------------------------------------------------------------------
+
+
+def run_page(page, folder):
+    """Run the Python of a page from top to bottom, in small pictures; returns its names."""
+    for path, content in re.findall(r"^<!-- file: (\S+) -->\n```\w+\n(.*?)^```$", text_of(page), re.M | re.S):
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (folder / path).write_text(content)
+    names = {}
+    try:
+        for program in blocks(page, "python"):
+            for shown, run in SMALLER.items():
+                program = re.sub(shown, run, program)
+            exec(compile(program, name_of(page), "exec"), names)
+    finally:
+        for value in list(names.values()):
+            if isinstance(value, Device):
+                value.close()
+    return names
+
+
+WITH_PYTHON = [page for page in PAGES if blocks(page, "python") and page not in RUN_ELSEWHERE]
+
+
+@pytest.mark.filterwarnings("error:the picture")
+@pytest.mark.parametrize("page", WITH_PYTHON, ids=name_of)
+def test_python_runs(any_device, page, folder, capsys):
+    names = run_page(page, folder)
+    if page == ROOT / "README.md":
+        assert names["radiance"].shape == (9, 16, 3)
+        assert names["depth"].shape == names["ball"].shape == (9, 16)
+        assert names["ball"].any()
+        assert (folder / "out.png").stat().st_size > 0
+    if page.name == "passes.md":
+        assert names["frame"].device is names["device"]
+        assert capsys.readouterr().out.startswith("[")
+
+
+def test_what_makes_programs_smaller_is_used():
+    programs = "".join(program for page in WITH_PYTHON for program in blocks(page, "python"))
+    for shown in SMALLER:
+        assert re.search(shown, programs), shown
+
+
+# ---- commands ---------------------------------------------------------------------------------------
+
+
+def lines_of(page):
+    """The commands of a page's blocks and in its text, without comments."""
+    inline = re.findall(r"(?<!`)`(solari-vk [^`]+)`", text_of(page))
+    return [line.split(" #")[0].strip() for block in blocks(page, "sh") for line in block.splitlines()] + inline
+
+
+COMMANDS = sorted({line for page in PAGES for line in lines_of(page) if line.startswith("solari-vk ")})
+RENDERS = [line for line in COMMANDS if line.startswith("solari-vk render ") and " -o " in line]
+
+
+@pytest.mark.parametrize("line", COMMANDS)
+def test_commands_parse(line):
+    names = {"FILES": "a.glb", "FOLDER": "folder", "PAGE": "a.md", "FILE": "a.md"}  # what stands for the reader's own
+    words = [names.get(word, word) for word in shlex.split(line)[1:]]
+    if words[0] in ("render", "view") and (len(words) == 1 or words[1].startswith("--")):  # an option of the command
+        words = [words[0], "model.glb", *words[1:], *(["-o", "a.png"] if words[0] == "render" else [])]
+    if "COMMAND" not in words:
+        cli._parser().parse_args(["picture" if word == "name" else word for word in words])
+
+
+def test_options_are_there(capsys):
+    for command in cli._parser()._subparsers._group_actions[0].choices.values():
+        command.print_help()
+    shown = capsys.readouterr().out
+    for page in PAGES:
+        if page.parent.name in ("start", "guides") or page.name == "README.md":
+            for option in re.findall(r"(?<=`)--[\w-]+", text_of(page)):
+                assert option in shown, f"{name_of(page)}: {option}"
+
+
+@pytest.mark.parametrize("name", ["settings", "views"])
+def test_lists_are_printed(name, capsys):
+    assert cli.main([name]) == 0
+    assert len(capsys.readouterr().out.splitlines()) > 20
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("line", RENDERS)
+def test_renders_run(any_device, line, folder):
+    words = shlex.split(line)[1:]
+    output = folder / words[words.index("-o") + 1]
+    limits = ["--size", "16x9", *(["--frames", "2"] if "--animate" in words else ["--time-limit", "0.01"])]
+    if output.suffix == ".mp4":
+        movie.check_encoder(output)
+    assert cli.main([*words, *limits]) == 0
+    assert output.stat().st_size > 0
+
+
+def test_tools_are_there():
+    for page in PAGES:
+        for path in re.findall(r"(?<![\w/])tools/[\w/.]*\w", text_of(page)):
+            assert "NAME" in path or (ROOT / path).exists(), f"{name_of(page)}: {path}"
+
+
+# ---- links and names --------------------------------------------------------------------------------
+
+
+def anchors(page):
+    """The anchors of a page's headings, as GitHub makes them. The site's build checks its own."""
+    headings = re.findall(r"^#+ (.*)$", re.sub(r"^```.*?^```$", "", text_of(page), flags=re.M | re.S), re.M)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_links_lead_somewhere(page):
+    """On GitHub. The site's build checks the site's links."""
+    for target in re.findall(r"\]\(([^)\s]+)\)", re.sub(r"`[^`\n]*`", "", text_of(page))):
+        if "://" in target:
+            continue
+        path, _, anchor = target.partition("#")
+        found = (page.parent / path).resolve() if path else page
+        assert found.is_file(), f"{name_of(page)}: {target}"
+        assert not anchor or anchor in anchors(found), f"{name_of(page)}: {target}"
+
+
+def test_every_page_is_reached_from_the_readme():
+    found, waiting = set(), [ROOT / "README.md"]
+    while waiting:
+        page = waiting.pop()
+        if page not in found:
+            found.add(page)
+            links = re.findall(r"\]\(([^)#\s]+\.md)", text_of(page))
+            waiting += [(page.parent / link).resolve() for link in links if "://" not in link]
+    assert not set(PAGES) - found
+
+
+def test_names_that_pages_give_are_there():
+    text = text_of(DOCS / "start/first_picture.md")
+    (scenes,) = re.findall(r"## Built-in scenes\n\n(.*?)\n\w+ no file", text, re.S)
+    assert set(re.findall(r"`(\w+)`", scenes)) == set(SCENES)
+    outputs = text_of(DOCS / "guides/outputs.md")
+    for name in re.findall(r"^\| `(.*?) \|", outputs, re.M):
+        for output in re.findall(r"\w+", name):
+            assert output in {*sv.PathTracer.OUTPUTS, *sv.Renderer.OUTPUTS}, output
+    for name in re.findall(r"^\| `(\w+)` \|", text_of(DOCS / "guides/denoising.md"), re.M):
+        assert name in FIELDS, name
+    assert json.loads(blocks(DOCS / "guides/animation.md", "json")[0])

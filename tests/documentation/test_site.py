@@ -1,0 +1,80 @@
+"""The documentation's site: it is built without a warning, shows what the code has, and fetches nothing."""
+
+from __future__ import annotations
+
+import html
+import inspect
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import solari_vk as sv
+from solari_vk import cli
+from solari_vk.passes.debug_views import DEBUG_VIEWS
+from solari_vk.settings import FIELDS
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The folder of the built site."""
+    folder = tmp_path_factory.mktemp("site")
+    build = [sys.executable, "-m", "mkdocs", "build", "-f", str(ROOT / "tools/site/mkdocs.yml"), "-d", str(folder)]
+    environment = os.environ | {"NO_MKDOCS_2_WARNING": "1"}
+    done = subprocess.run(build, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr  # mkdocs.yml is strict
+    assert "WARNING" not in done.stderr
+    return folder
+
+
+def shown(page):
+    """The text of a page, without tags."""
+    return html.unescape(re.sub(r"<[^>]*>", "", page.read_text(encoding="utf-8")))
+
+
+def test_every_page_is_there(site):
+    pages = [path.relative_to(ROOT / "docs").with_suffix(".html") for path in (ROOT / "docs").rglob("*.md")]
+    assert all((site / page).is_file() for page in [*pages, "contributing.html", "changelog.html"])
+
+
+def test_every_public_name_has_its_place(site):
+    anchors = {anchor for page in (site / "reference").glob("*.html")
+               for anchor in re.findall(r'id="(solari_vk\.[\w.]+)"', page.read_text(encoding="utf-8"))}  # fmt: skip
+    for name in set(sv.__all__) - {"__version__"}:
+        value = getattr(sv, name)
+        home = value.__name__ if inspect.ismodule(value) else f"{value.__module__}.{name}"
+        assert {f"solari_vk.{name}", home} & anchors, name
+    assert {"solari_vk.Scene.add", "solari_vk.PathTracer.render"} <= anchors
+    assert {"solari_vk.rt.create_blas", "solari_vk.scene.shapes.sphere"} <= anchors
+
+
+def test_every_option_setting_and_view_is_shown(site):
+    text = shown(site / "reference/cli.html")
+    parsers = [cli._parser()]
+    while parsers:
+        for action in parsers.pop()._actions:
+            parsers += action.choices.values() if isinstance(action.choices, dict) else []
+            assert all(option in text for option in action.option_strings if option != "-h"), action
+    settings, views = shown(site / "reference/settings.html"), shown(site / "reference/views.html")
+    assert all(name in settings and field.meaning.replace("`", "") in settings for name, field in FIELDS.items())
+    assert all(name in views and meaning.replace("`", "") in views for name, meaning in DEBUG_VIEWS.items())
+
+
+def test_formulas_are_mathml(site):
+    page = (site / "explained/estimators.html").read_text(encoding="utf-8")
+    assert page.count('<math xmlns="http://www.w3.org/1998/Math/MathML" display="block">') >= 8
+    assert "arithmatex" not in page
+    assert not re.search(r"\$|\\[a-z]+\{", shown(site / "explained/estimators.html").partition("What is computed")[2])
+
+
+def test_pages_fetch_nothing(site):
+    for page in site.rglob("*.html"):
+        fetched = re.findall(r'<(?:script|link|img|iframe)\b[^>]*?\b(?:src|href)="(https?:[^"]+)"', page.read_text())
+        assert not fetched, f"{page.name}: {fetched}"
+    for sheet in site.rglob("*.css"):
+        assert not re.search(r"(?:url\(|@import )[\"']?https?:", sheet.read_text()), sheet

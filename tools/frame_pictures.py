@@ -1,0 +1,86 @@
+"""The pictures of docs/explained/frame.md: what each stage of a realtime frame leaves, in a torch-lit room.
+
+    python tools/frame_pictures.py KIT_FOLDER [-o docs/explained] [--size 320x180] [--frames 48]
+
+KIT_FOLDER holds the .glb files of the KayKit Dungeon kit (CC0), from which tools/dungeon_room.py builds the room.
+"""
+
+from __future__ import annotations
+
+import argparse
+import runpy
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+import solari_vk as sv
+from solari_vk.cli.options import size as pixels
+from solari_vk.scene.builtin import place
+
+# The sheets by name, with debug views of frames after the last one. The camera turns for `motion`, which is the last.
+SHEETS = {
+    "world_cache": ("cache_cells", "cache_irradiance", "cache_samples"),
+    "paths": ("paths_diffuse", "paths_specular", "paths_distance"),
+    "guides": ("guide_diffuse_albedo", "guide_specular_albedo", "guide_normal"),
+    "denoise": ("denoise_frames", "denoise_noise", "denoise_error", "diffuse_radiance", "specular_radiance",
+                "emission"),
+    "gbuffer": ("base_color", "shading_normal", "roughness", "depth", "instance", "motion"),
+}
+COLUMNS, GAP, TITLE = 3, 4, 16
+
+
+def sheet(panels: dict[str, Image.Image]) -> Image.Image:
+    """Pictures with their names above them, in rows of COLUMNS."""
+    width, height = next(iter(panels.values())).size
+    rows = -(-len(panels) // COLUMNS)
+    columns = min(COLUMNS, len(panels))
+    whole = Image.new("RGB", (columns * (width + GAP) - GAP, rows * (height + TITLE)), "white")
+    for number, (name, panel) in enumerate(panels.items()):
+        x, y = number % COLUMNS * (width + GAP), number // COLUMNS * (height + TITLE)
+        ImageDraw.Draw(whole).text((x + 2, y + 2), name, fill="black")
+        whole.paste(panel, (x, y + TITLE))
+    return whole.quantize(256)  # a third of the bytes
+
+
+def tone_mapped(radiance: np.ndarray, exposure: float, folder: Path) -> Image.Image:
+    """Radiance (height, width, 3) as a picture."""
+    path = folder / "one.png"
+    sv.save_image(path, radiance, exposure=exposure)
+    with Image.open(path) as picture:
+        shown = picture.convert("RGB")
+    path.unlink()
+    return shown
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("kit", type=Path, metavar="KIT_FOLDER")
+    parser.add_argument("-o", "--output", type=Path, default=Path(__file__).parents[1] / "docs" / "explained")
+    parser.add_argument("--size", type=pixels, default=(320, 180))
+    parser.add_argument("--frames", type=int, default=48)
+    options = parser.parse_args()
+    options.output.mkdir(parents=True, exist_ok=True)
+    scene = runpy.run_path(str(Path(__file__).with_name("dungeon_room.py")))["dungeon_room"](options.kit)
+    camera, factor = scene.camera, scene.camera.exposure
+    with sv.Device() as device, sv.Renderer(device, scene, options.size) as renderer:
+        steps = {}
+        for number in range(1, options.frames + 1):
+            frame = renderer.render()
+            if number in (1, options.frames):
+                for name in ("raw_radiance", "sample_radiance", "radiance"):
+                    steps[f"{name}, frame {number}"] = tone_mapped(frame[name], factor, options.output)
+        sheet(steps).save(options.output / "frame_picture.png", optimize=True)
+        print(renderer.timings)
+        for name, views in SHEETS.items():
+            panels = {}
+            for view in views:
+                renderer.view = view
+                if view == "motion":  # the camera turns by two degrees for this one frame
+                    camera.transform = camera.transform @ place(turn=np.radians(2))
+                panels[view] = Image.fromarray(renderer.render()["display"][..., :3])
+            sheet(panels).save(options.output / f"frame_{name}.png", optimize=True)
+
+
+if __name__ == "__main__":
+    main()
