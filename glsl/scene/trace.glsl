@@ -53,7 +53,7 @@ bool trace_passage_in(
 ) {
     ray_payload.instance = 0u;  // a hit runs no shader, a miss sets NO_INDEX
     if (SCENE_BLEND) { write_passage(ray_payload, FREE_PASSAGE); }
-    uint flags = TRACE_ANY_HIT | gl_RayFlagsSkipClosestHitShaderEXT;
+    const uint flags = TRACE_ANY_HIT | gl_RayFlagsSkipClosestHitShaderEXT;
     traceRayEXT(structure, flags, mask, 0u, 0u, 0u, origin, t_min, direction, t_max, 0);
     passage = SCENE_BLEND ? read_passage(ray_payload) : FREE_PASSAGE;
     return ray_payload.instance == NO_INDEX;

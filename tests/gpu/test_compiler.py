@@ -18,7 +18,7 @@ from shader_folder import check_spirv
 
 from solari_vk import disk_cache
 from solari_vk.errors import SolariError
-from solari_vk.gpu.shaders import compiler, headers, shaderc
+from solari_vk.gpu.shaders import compiler, dead_code, headers, shaderc
 from solari_vk.gpu.shaders.compiler import CompilationError, compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
 
@@ -366,7 +366,7 @@ def test_library_and_command_agree(shaders, libshaderc, monkeypatch, fresh_looku
             if program == "glslc":
                 patch.setattr(shaderc, "library", lambda: None)
             assert program in shaderc.version()
-            modules.append(compiler._without_lines(shaderc.compile_source(*arguments)))
+            modules.append(dead_code.without_texts(shaderc.compile_source(*arguments)))
             with pytest.raises(shaderc.Failure) as caught:
                 shaderc.compile_source(*broken)
             logs.append([line for line in str(caught.value).splitlines() if "'absent'" in line])

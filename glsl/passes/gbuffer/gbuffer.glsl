@@ -147,7 +147,7 @@ bool rests(uint instance_index) {
 
 // The point of a hit in object space. positions: those of the mesh, or its previous ones, from which the result is the
 // same bit by bit if they are equal.
-vec3 interpolate_position(Positions positions, Mesh mesh, Hit hit) {
+vec3 interpolate_position(const Positions positions, Mesh mesh, Hit hit) {
     uvec3 corners = mesh.triangles.at[hit.triangle];
     precise vec3 position = (1.0 - hit.barycentrics.x - hit.barycentrics.y) * positions.at[corners.x]
         + hit.barycentrics.x * positions.at[corners.y] + hit.barycentrics.y * positions.at[corners.z];

@@ -4,8 +4,8 @@
 pyshaderc 1.1. Passes use `compile_shader`: if the sources are unchanged it returns the SPIR-V that was shipped with
 the package, else that of the cache on disk, else it runs the compiler. All modules target Vulkan 1.3 (SPIR-V 1.6).
 
-Reflection needs the names, which shaderc's optimizer strips unless debug information is on. So debug information is
-always on, and the rest of it (line numbers, source text) is removed afterwards.
+Reflection needs the names, so debug information is always on, and the rest of it (line numbers, source text) is removed
+afterwards. `compile_shader` doesn't run shaderc's optimizer; the module `dead_code` says why.
 
 For devices that trace rays by pipelines, compute shaders that trace are compiled as ray generation shaders; the module
 `ray_generation` documents it.
@@ -24,11 +24,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from solari_vk import disk_cache
 from solari_vk.errors import CompilationError, SolariError
-from solari_vk.gpu.shaders import headers, ray_generation, shader_cache, shaderc
+from solari_vk.gpu.shaders import dead_code, headers, ray_generation, shader_cache, shaderc
 from solari_vk.gpu.shaders.shader_cache import Sources
 
 __all__ = [
@@ -102,7 +100,7 @@ def _compile_text(source: bytes, stage: str, name: str, include_paths: Sequence[
         spirv = shaderc.compile_source(source, stage, name, include_paths, generated, **options)
     except shaderc.Failure as failure:
         raise CompilationError(_with_source_lines(str(failure), name, source, generated)) from None
-    return _without_lines(spirv)
+    return dead_code.without_texts(spirv)
 
 
 _POSITION = re.compile(r"^(?P<file>.+?):(?P<line>\d+): (?:error|warning): ")
@@ -130,23 +128,11 @@ def _with_source_lines(log: str, filepath: str, source: bytes, generated: Mappin
     return "\n".join(shown) or "the compiler failed without a message"
 
 
-_OP_STRING, _OP_SOURCE, _OP_LINE, _OP_NO_LINE, _OP_MODULE_PROCESSED, _OP_SOURCE_CONTINUED = 7, 3, 8, 317, 330, 2
-
-
-def _without_lines(spirv: bytes) -> bytes:
-    """The module without line numbers, source text and file names: shipped modules must not contain paths."""
-    dropped = {_OP_STRING, _OP_SOURCE, _OP_LINE, _OP_NO_LINE, _OP_MODULE_PROCESSED, _OP_SOURCE_CONTINUED}
-    kept = [words for words in ray_generation.instructions(spirv) if int(words[0]) & 0xFFFF not in dropped]
-    return np.concatenate([np.frombuffer(spirv[:20], np.uint32), *kept]).tobytes()
-
-
 # ---- the package's own shaders ----------------------------------------------------------------------
 
-# A shader with an empty main is compiled for the reflection of its declarations, which the optimizer would remove.
+# A shader with an empty main is compiled for the reflection of its declarations, so they all stay.
 _EMPTY_MAIN = re.compile(r"\bvoid\s+main\s*\(\s*\)\s*\{\s*\}")
-# The optimizer's error for capabilities that it doesn't know. Such a module isn't optimized here, only by the driver.
-_TOO_NEW = "failed to optimize: Invalid capability"
-_OPTIONS = f"performance {shaderc.VULKAN_1_3:x} {shaderc.SPIRV_1_6:x}"
+_OPTIONS = f"live code {shaderc.VULKAN_1_3:x} {shaderc.SPIRV_1_6:x}"
 _DIRECTIVE = re.compile(r"^\s*#\s*(version|extension)\b")
 _looking_up = threading.Lock()  # a thread that has read a file waits 5 ms for others that run Python
 
@@ -205,14 +191,8 @@ def _compile(folders: Sequence[Path], file: Path, header: str, traces: bool) -> 
     if traces:
         source, stage = ray_generation.without_local_size(source), "rgen"
     source = _with_header(source, header, file, f"#define {ray_generation.DEFINE}\n" if traces else "")
-    arguments = source.encode(), stage, os.fspath(file), list(map(os.fspath, folders))
-    try:
-        spirv = _compile_text(*arguments, optimization="zero" if _EMPTY_MAIN.search(source) else "performance")
-        return ray_generation.without_unused_ray_queries(spirv)
-    except CompilationError as error:
-        if _TOO_NEW not in str(error):
-            raise
-        return _compile_text(*arguments, optimization="zero")
+    spirv = _compile_text(source.encode(), stage, os.fspath(file), list(map(os.fspath, folders)), optimization="zero")
+    return spirv if _EMPTY_MAIN.search(source) else dead_code.without_dead_code(spirv)
 
 
 def _with_header(source: str, header: str, file: Path, define: str) -> str:

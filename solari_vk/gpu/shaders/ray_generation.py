@@ -49,20 +49,6 @@ def uses_ray_queries(spirv: bytes) -> bool:
     return any(_is_capability(words) for words in _preamble(spirv))
 
 
-def without_unused_ray_queries(spirv: bytes) -> bytes:
-    """The module without the capability of ray queries, if it includes scene/trace.glsl but traces nothing."""
-    if not uses_ray_queries(spirv):
-        return spirv
-    kept = [np.frombuffer(spirv[:20], np.uint32)]
-    for words in instructions(spirv):
-        if words[0] & 0xFFFF in (_OP_TYPE_RAY_QUERY, _OP_TYPE_ACCELERATION_STRUCTURE):
-            return spirv
-        is_extension = words[0] & 0xFFFF == _OP_EXTENSION and words[1:].tobytes().startswith(_EXTENSION)
-        if not is_extension and not _is_capability(words):
-            kept.append(words)
-    return np.concatenate(kept).tobytes()
-
-
 def _preamble(spirv: bytes) -> Iterator[np.ndarray[Any, np.dtype[np.uint32]]]:
     """The capabilities, with which a module begins."""
     for words in instructions(spirv):
