@@ -8,6 +8,7 @@
 #include "passes/ray_count.glsl"
 #include "scene/brdf.glsl"
 #include "scene/departure.glsl"
+#include "scene/light_visibility.glsl"
 #include "scene/sampling.glsl"
 #include "scene/surface.glsl"
 #include "scene/trace.glsl"
@@ -48,19 +49,17 @@ HitPastMirrors trace_past_mirrors(vec3 origin, vec3 direction, float t_max, floa
     found.first_position = origin;
     for (found.mirror_count = 0u; found.mirror_count < MAX_MIRRORS; found.mirror_count++) {
         count_ray();
-        Hit hit = trace_closest_hit(origin, 0.0, direction, t_max, TRACE_BOTH_FACES, blend_seed(rng));
+        Hit hit = trace_closest_hit(origin, 0.0, direction, t_max, TRACE_BOTH_FACES, random_blend_point(rng));
         if (SCENE_BLEND) { count_ray(); }
         Passage passage = trace_passage(origin, direction, t_max, hit);
         if (found.mirror_count == 0u) {
             found.first_passage = passage;
         } else {
+            float t_end = min(hit.t, t_max);
+            found.emitted += found.throughput * trace_radiance_passed(origin, direction, t_end, INFINITY);
             found.throughput *= passage.tint;
         }
         found.exists = hit.instance != NO_INDEX;
-        if (found.mirror_count > 0u) {
-            float t_end = min(hit.t, t_max);
-            found.emitted += found.throughput * radiance_passed(origin, direction, t_end, INFINITY);
-        }
         if (!found.exists) {
             if (found.mirror_count > 0u) {
                 found.emitted += found.throughput * radiance_at_infinity(direction, INFINITY);

@@ -10,6 +10,7 @@
 #define SCENE_ALPHA_GLSL
 
 #include "common/random.glsl"
+#include "common/sobol.glsl"
 #include "scene/bindings.glsl"
 #include "scene/material_lobes.glsl"
 #include "scene/microfacet.glsl"
@@ -70,11 +71,21 @@ vec4 resolve_cover(uint instance_index, uint triangle, vec2 barycentrics, vec3 d
     return resolve_cover(material, meshes.at[instance.ray_mesh], triangle, barycentrics);
 }
 
-// Whether a ray that looks for a surface hits one with this cover. The same seed gives the same answer for a triangle.
-bool is_met(vec4 cover, uint seed, uint instance_index, uint triangle) {
+// A triangle with less alpha is passed: uniform in [0, 1), and independent for each triangle. `blend_point` is a place
+// in the picture, as the bits of its x and y in turn, and the index of a sample there. Two van der Corput sequences, one
+// over the places and one over the samples, are added modulo 1, so that aligned blocks of pixels and of samples cover
+// [0, 1) evenly. Each triangle takes them in an order of its own.
+float alpha_threshold(uvec2 blend_point, uint instance_index, uint triangle) {
+    uvec2 seeds = pcg4d(uvec4(instance_index, triangle, 0u, 0x5F3759DFu)).xy;
+    uint of_place = bitfieldReverse(owen_scramble(blend_point.x, seeds.x));
+    uint of_sample = bitfieldReverse(owen_scramble(blend_point.y, seeds.y));
+    return unit_float(of_place + of_sample);
+}
+
+// Whether a ray that looks for a surface hits one with this cover. The same point gives the same answer for a triangle.
+bool is_met(vec4 cover, uvec2 blend_point, uint instance_index, uint triangle) {
     if (cover.w >= 1.0) { return true; }
-    if (!SCENE_BLEND) { return false; }
-    return unit_float(pcg4d(uvec4(seed, instance_index, triangle, 0x5F3759DFu)).x) < cover.w;
+    return SCENE_BLEND && alpha_threshold(blend_point, instance_index, triangle) < cover.w;
 }
 
 // ---- light that passes ------------------------------------------------------------------------------

@@ -86,7 +86,7 @@ vec3 radiance_at_infinity(vec3 direction, float bounce_pdf) {
     return radiance;
 }
 
-// The same for lights that a ray passes before it ends.
+// The same for lights that a ray passes before it ends, without what lies before them.
 vec3 radiance_passed(vec3 origin, vec3 direction, float t_max, float bounce_pdf) {
     vec3 radiance = vec3(0.0);
     if (!SCENE_SPHERE) { return radiance; }

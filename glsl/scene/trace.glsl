@@ -36,8 +36,11 @@ const uint TRACE_FRONT_FACES = TRACE_BOTH_FACES | gl_RayFlagsCullBackFacingTrian
 
 layout(location = 0) rayPayloadEXT RayPayload ray_payload;
 
-Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uint flags, uint seed) {
-    if (SCENE_BLEND) { ray_payload.triangle = seed; }
+Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uint flags, uvec2 blend_point) {
+    if (SCENE_BLEND) {
+        ray_payload.instance = blend_point.x;
+        ray_payload.triangle = blend_point.y;
+    }
     traceRayEXT(tlas, flags, SCENE_MASK, 0u, 0u, 0u, origin, t_min, direction, t_max, 0);
     if (ray_payload.instance == NO_INDEX) { return NO_HIT; }
     return Hit(
@@ -61,7 +64,7 @@ bool trace_passage_in(
 
 #else
 
-Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uint flags, uint seed) {
+Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uint flags, uvec2 blend_point) {
     rayQueryEXT query;
     rayQueryInitializeEXT(query, tlas, flags, SCENE_MASK, origin, t_min, direction, t_max);
     while (rayQueryProceedEXT(query)) {
@@ -72,7 +75,7 @@ Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uin
         vec4 cover = resolve_cover(
             instance, triangle, rayQueryGetIntersectionBarycentricsEXT(query, false), direction, from_camera
         );
-        if (is_met(cover, seed, instance, triangle)) { rayQueryConfirmIntersectionEXT(query); }
+        if (is_met(cover, blend_point, instance, triangle)) { rayQueryConfirmIntersectionEXT(query); }
     }
     if (rayQueryGetIntersectionTypeEXT(query, true) != gl_RayQueryCommittedIntersectionTriangleEXT) {
         return NO_HIT;
@@ -114,11 +117,11 @@ bool trace_passage_in(
 
 // ---- surfaces ---------------------------------------------------------------------------------------
 
-// `seed` decides which blended surfaces the ray passes: random, and independent of those of other rays.
-uint blend_seed(inout uint rng) { return SCENE_BLEND ? rand_u(rng) : 0u; }
+// Decides which blended surfaces a ray passes (see alpha_threshold), independently of other rays.
+uvec2 random_blend_point(inout uint rng) { return SCENE_BLEND ? uvec2(0u, rand_u(rng)) : uvec2(0u); }
 
 Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uint flags) {
-    return trace_closest_hit(origin, t_min, direction, t_max, flags, 0u);
+    return trace_closest_hit(origin, t_min, direction, t_max, flags, uvec2(0u));
 }
 
 // What light on the way of a ray from its origin to its hit meets: the blended surfaces that the ray has passed.

@@ -101,6 +101,22 @@ def measure_colored_light(device: Device, samples: int = 256) -> Iterator[Measur
         yield Measurement(rule, error, 0.02, "relative error")
 
 
+def lamp_in_a_mirror(*panes: sv.Instance) -> sv.Scene:
+    """CAMERA sees a mirror 2 m away, and in the picture's middle a lamp behind itself, from 2 m to 6 m."""
+    mirror = sv.Material(base_color=rgb(1.0), metallic=1.0, roughness=0.0)
+    lamp = sv.PointLight((0, 0, 4), intensity=4 * math.pi, radius=2.0)
+    return sv.Scene(sv.Instance(quad(2.0), mirror), lamp, *panes)
+
+
+def measure_lamps(device: Device, samples: int = 256) -> Iterator[Measurement]:
+    """Rays that meet a lamp, whose radiance is 1, count the panes before it and not those behind it."""
+    for name, distance, expected in (("before", -1.0, 0.25), ("behind", -8.0, 1.0)):
+        with sv.PathTracer(device, lamp_in_a_mirror(pane(0.5, distance)), SIZE, max_bounces=1) as tracer:
+            found = tracer.render(CAMERA, samples)["radiance"][12:20, 12:20, 0].mean(dtype=np.float64)
+        rule = Rule(f"a lamp in a mirror with a pane {name} it", SUITE, "Alpha")
+        yield Measurement(rule, abs(float(found) / expected - 1), 0.02, "relative error")
+
+
 def measure_mask(device: Device) -> Iterator[Measurement]:
     """Camera rays and rays of arrays agree with the alpha texture about every pixel."""
     instance, covered = cut_out()
@@ -118,4 +134,5 @@ def measure_alpha(device: Device) -> Iterator[Measurement]:
     """All of them."""
     yield from measure_panes(device)
     yield from measure_colored_light(device)
+    yield from measure_lamps(device)
     yield from measure_mask(device)

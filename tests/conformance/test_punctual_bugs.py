@@ -34,7 +34,7 @@ BUGS = {
         over_floor("a sphere light", "nee"), ["nee: mean"], SPHERE,
         "squared_sine / (1.0 + sqrt(1.0 - squared_sine))", "squared_sine"),
     "rays don't see spheres": (over_floor("a sphere light", "brdf"), ["brdf: mean"], "passes/pathtracer/trace.comp",
-                               "radiance += throughput * radiance_passed(", "vec3 unused = radiance_passed("),
+                               "radiance += throughput * trace_radiance", "vec3 unused = trace_radiance"),
     "a spot with a radius is no spot to rays": (
         over_floor("a spotlight with a radius", "brdf"), ["radius over a floor, brdf: mean"], SPHERE,
         "MetLight(light.strength * cone.falloff", "MetLight(light.strength"),

@@ -17,6 +17,7 @@ from solari_vk.conformance.alpha_checks import (
     before_a_lamp,
     below_a_pane,
     checkers,
+    lamp_in_a_mirror,
     mean,
     pane,
     quad,
@@ -35,11 +36,15 @@ def check_colored_light(device):
     hold(alpha_checks.measure_colored_light(device))
 
 
+def check_lamps(device):
+    hold(alpha_checks.measure_lamps(device))
+
+
 def check_mask(device):
     hold(alpha_checks.measure_mask(device))
 
 
-@pytest.mark.parametrize("check", [check_panes, check_colored_light, check_mask])
+@pytest.mark.parametrize("check", [check_panes, check_colored_light, check_lamps, check_mask])
 def test_closed_forms(device, check):
     check(device)
 
@@ -73,6 +78,40 @@ def check_random_numbers(device):
 
 def test_random_numbers_are_independent(device):
     check_random_numbers(device)
+
+
+def check_even_frames(device):
+    """Frames show panes evenly over pixels and over time: with less error than the binomial noise of random numbers.
+    Two panes have independent thresholds."""
+    shown = (*GBUFFER, "guides/", "display/", "taa/")
+    for alphas, over_time in (((0.3,), 0.5), ((0.6,), 0.5), ((0.3, 0.6), 0.8)):
+        share = math.prod(1 - alpha for alpha in alphas)
+        scene = before_a_lamp(*(pane(alpha, 2.0 + index) for index, alpha in enumerate(alphas)))
+        with make_renderer(device, scene, (64, 64), passes=shown, **SPLIT) as renderer:
+            frames = np.array([renderer.render(CAMERA)["radiance"][..., 0] / 2 for _ in range(64)])
+        noise = math.sqrt(share * (1 - share))
+        blocks = frames.reshape(64, 16, 4, 16, 4).mean(axis=(2, 4))
+        errors = [float(np.sqrt(np.mean((found - share) ** 2))) for found in (frames[:8].mean(axis=0), blocks)]
+        ratios = [error / noise * math.sqrt(count) for error, count in zip(errors, (8, 16), strict=True)]
+        print(alphas, f"8 frames {ratios[0]:.2f}, 4 x 4 pixels {ratios[1]:.2f}, mean {frames.mean() / share:.3f}")
+        assert ratios[0] < over_time
+        assert ratios[1] < 0.8
+        assert abs(frames.mean() - share) < 0.01
+
+
+def test_frames_show_panes_evenly(device):
+    check_even_frames(device)
+
+
+@pytest.mark.parametrize("lighting", [
+    pytest.param({}, id="paths"), pytest.param(SPLIT, id="split", marks=pytest.mark.slow),
+])  # fmt: skip
+def test_panes_tint_the_lamps_behind_them_alone(device, lighting):
+    """Realtime, as alpha_checks.measure_lamps by the path tracer."""
+    for distance, expected in ((-1.0, 0.25), (-8.0, 1.0)):
+        with make_renderer(device, lamp_in_a_mirror(pane(0.5, distance)), SIZE, **lighting) as renderer:
+            found = np.mean([renderer.render(CAMERA)["radiance"][12:20, 12:20, 0] for _ in range(64)])
+        np.testing.assert_allclose(found, expected, rtol=0.1 if expected < 1 else 0.01)
 
 
 def everything():
@@ -127,9 +166,10 @@ def test_raster_and_rays_show_the_same(device):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("lighting", [{}, {"restir": True}, SPLIT], ids=["paths", "reuse", "split"])
-def test_frames_have_the_path_tracers_mean(device, lighting):
+@pytest.mark.parametrize("lit", ["by a triangle", "by a sphere"])
+def test_frames_have_the_path_tracers_mean(device, lighting, lit):
     """Reservoirs choose samples by luminance, so that light which the pane makes red would have much more noise."""
-    scene = below_a_pane(alpha=0.5, base_color=(0.2, 1, 0))
+    scene = lamp_among_panes() if lit == "by a sphere" else below_a_pane(alpha=0.5, base_color=(0.2, 1, 0))
     scene.instances[0].material.roughness = 1.0
     right = trace(device, scene, 2048, (16, 16), FLOOR_CAMERA)
     with make_renderer(device, scene, (16, 16), **lighting) as renderer:
@@ -139,6 +179,17 @@ def test_frames_have_the_path_tracers_mean(device, lighting):
         error, half_width = relative_interval(runs[:, channel], expected)
         assert abs(error) < 0.01 + half_width, (channel, error, half_width)
         assert half_width < 0.03
+
+
+def lamp_among_panes():
+    """FLOOR_CAMERA's floor, and above it a sphere light, a pane and a mirror: the pane is behind the light, and in the
+    mirror before it."""
+    scene = below_a_pane(alpha=0.5, base_color=(0.3, 1, 0.1))
+    _, colored, ceiling = scene.instances
+    colored.transform[1, 3] = 2.0
+    ceiling.material.update(emissive=0.0, base_color=1.0, metallic=1.0, roughness=0.0)
+    scene.add(sv.PointLight((0, 1.5, 0), intensity=3.0, radius=0.6))
+    return scene
 
 
 def check_specks(device):
@@ -165,6 +216,14 @@ MUTANTS = {  # the proof that must fail, and the patch
         check_colored_light, "passes/pathtracer/trace.comp", "throughput *= trace_passage(", "trace_passage("),
     "one seed for all rays": (check_random_numbers, "scene/trace.glsl", "SCENE_BLEND ? rand_u(rng) :",
                               "SCENE_BLEND ? 7u :"),
+    "lamps are tinted by panes behind them": (
+        check_lamps, "scene/light_visibility.glsl", "direction, met.t, NO_HIT", "direction, t_max, NO_HIT"),
+    "frames are independent": (check_even_frames, "passes/gbuffer/pixel.glsl", "this_frame.index);",
+                               "pcg(this_frame.index));"),
+    "pixels are independent": (check_even_frames, "passes/gbuffer/pixel.glsl", "uvec2(bits.x | bits.y << 1u,",
+                               "uvec2(pcg4d(pixel.xyxy).x,"),
+    "all panes in the same order": (check_even_frames, "scene/alpha.glsl", "uvec4(instance_index, triangle,",
+                                    "uvec4(0u, 0u,"),
     "chance counts as a change": (check_specks, "passes/taa/resolve.comp", "trusted = blended ? 1.0 : 1.0 -",
                                   "trusted = 1.0 -"),
 }  # fmt: skip

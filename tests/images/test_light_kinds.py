@@ -94,7 +94,7 @@ ResolvedLightSample resolve_sky(uint index, uint part, vec2 u, float inverse_pro
 float emission_cosine_sky(uint data, float cosine) { return 1.0; }
 uint shown_id_sky(uint index) { return 2000u + index; }
 MetLight meet_sky(uint index, vec3 direction) {
-    return MetLight(vec3(skies.at[index].radiance), 4.0 * PI, 0u, vec2(0.0));
+    return MetLight(vec3(skies.at[index].radiance), 4.0 * PI, 0u, vec2(0.0), INFINITY);
 }
 #endif
 """

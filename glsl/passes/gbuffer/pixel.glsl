@@ -7,8 +7,16 @@
 
 const uint GBUFFER_SALT = 0x8DA6B343u;
 
-// Decides which blended surfaces a pixel shows in this frame.
-uint gbuffer_seed(uvec2 pixel) { return seed_rng(pixel, this_frame.index, this_frame.seed ^ GBUFFER_SALT); }
+// Decides which blended surfaces a pixel shows in this frame (see alpha_threshold). Bits that a hash of the seed flips
+// keep blocks of pixels and frames together.
+uvec2 pixel_blend_point(uvec2 pixel) {
+    uvec2 bits = (pixel | pixel << 8u) & 0x00FF00FFu;
+    bits = (bits | bits << 4u) & 0x0F0F0F0Fu;
+    bits = (bits | bits << 2u) & 0x33333333u;
+    bits = (bits | bits << 1u) & 0x55555555u;
+    uvec2 at = uvec2(bits.x | bits.y << 1u, this_frame.index);
+    return at ^ pcg4d(uvec4(this_frame.seed ^ GBUFFER_SALT, 0u, 0u, 0u)).xy;
+}
 
 struct GBufferPixel {
     uvec4 gbuffer;

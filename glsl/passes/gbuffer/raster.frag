@@ -19,7 +19,7 @@ bool is_shown() {
     Mesh mesh = meshes.at[instance.mesh];
     uvec2 pixel = uvec2(gl_FragCoord.xy);
     Hit hit = intersect_triangle(make_camera_ray(vec2(pixel) + 0.5), row, triangle, mesh);
-    return is_met(resolve_cover(material, mesh, triangle, hit.barycentrics), gbuffer_seed(pixel), row, triangle);
+    return is_met(resolve_cover(material, mesh, triangle, hit.barycentrics), pixel_blend_point(pixel), row, triangle);
 }
 
 void main() {

@@ -9,8 +9,8 @@ void main() {
     uvec2 at = INVOCATION_INDEX;
     if (any(greaterThanEqual(at, camera.size))) { return; }
     CameraRay ray = make_camera_ray(vec2(at) + 0.5);
-    uint seed = gbuffer_seed(at);
-    Hit hit = trace_closest_hit(ray.origin, ray.t_min, ray.direction, INFINITY, TRACE_FRONT_FACES, seed);
+    uvec2 blend_point = pixel_blend_point(at);
+    Hit hit = trace_closest_hit(ray.origin, ray.t_min, ray.direction, INFINITY, TRACE_FRONT_FACES, blend_point);
     if (hit.instance == NO_INDEX) {
         store_pixel(ivec2(at), resolve_empty_pixel(ray));
     } else {

@@ -57,7 +57,7 @@ Guides describe_reflection(GBufferSurface seen, uvec2 pixel) {
         direction = normalize(reflect(direction, surface.world_normal));
         vec3 origin = surface.world_position + surface.geometric_world_normal * surface.ray_offset;
         count_ray();
-        Hit hit = trace_closest_hit(origin, 0.0, direction, INFINITY, TRACE_BOTH_FACES, blend_seed(rng));
+        Hit hit = trace_closest_hit(origin, 0.0, direction, INFINITY, TRACE_BOTH_FACES, random_blend_point(rng));
         passes_light = passes_light || max_component(radiance_passed(origin, direction, hit.t, INFINITY)) > 0.0;
         instance = hit.instance;
         if (instance == NO_INDEX) {

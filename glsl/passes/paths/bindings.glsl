@@ -18,7 +18,7 @@ layout(set = 1, binding = 89, scalar) buffer RawRadianceBlock { vec3 at[]; } raw
 struct WaitingPath {
     uint rng;
     uint state;  // number of rays | number of them that left mirrors << 8 | REFLECTS_ONLY | SHARES
-    Lobes first_weight;
+    Lobes first_weight;  // with the tint of the first ray's passage
     vec3 throughput;
     vec3 direction;
     uint instance;

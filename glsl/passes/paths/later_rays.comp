@@ -24,7 +24,7 @@ void main() {
     Lobes light = path_light(path);
     if (paths_reuse) {
         paths_offers.at[index].radiance += path.shareable;
-        Lobes shareable = scale(path.first_weight, path.shareable);
+        Lobes shareable = indirect_light(path, path.shareable);
         light.specular += kept_specular(shareable, surface.material.perceptual_roughness);
     }
     Demodulation by = demodulation(surface);

@@ -33,11 +33,11 @@ uvec4 met_point(inout Path path) {
 }
 
 // Writes the offer of a path that has traced its first ray, and returns the light that is the pixel's alone. Until now
-// `path.radiance` is what lights emit along the ray.
+// `path.radiance` is what lights emit where the ray ended.
 Lobes offer_light(inout Path path, uint index, float perceptual_roughness) {
     // Targets leave out what light passes on its way, and rays find what is behind it with a probability.
     Passage passage = path.first_passage;
-    Lobes met = scale(path.first_weight, path.radiance / (passage.tint * passage.probability));
+    Lobes met = scale(path.first_weight, path.first_passed.offered + path.radiance / passage.probability);
     float drawn_luminance = luminance(sum(shared_lobes(path.direct, perceptual_roughness)));
     float met_luminance = luminance(sum(shared_lobes(met, perceptual_roughness)));
     float luminance_sum = drawn_luminance + met_luminance;
@@ -58,7 +58,7 @@ Lobes offer_light(inout Path path, uint index, float perceptual_roughness) {
     paths_offers.at[index] = offer;
 
     Lobes light = path_light(path);
-    Lobes shareable = scale(path.first_weight, path.shareable);
+    Lobes shareable = indirect_light(path, path.shareable);
     light.specular += shareable.specular;
     return Lobes(vec3(0.0), kept_specular(light, perceptual_roughness));
 }

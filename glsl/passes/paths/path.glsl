@@ -30,9 +30,10 @@ struct Path {
     uint bounce;                  // rays traced so far
     uint mirrors;                 // of them, those that left mirrors
     vec3 throughput;              // since the first ray
-    Lobes first_weight;           // BRDF times cosine over pdf of the first ray, times the tint of its passage
-    Passage first_passage;
-    vec3 radiance;                // found so far along the first ray, without `shareable`
+    Lobes first_weight;           // BRDF times cosine over pdf of the first ray
+    Passage first_passage;        // of the first ray to its end, which tints `radiance` and `shareable`
+    PassedLight first_passed;     // along the first ray
+    vec3 radiance;                // found so far where the first ray ended, without `shareable`
     // With reuse, the light that leaves the first hit by its diffuse lobe; and whether the path left it by that lobe.
     vec3 shareable;
     bool shares;
@@ -62,6 +63,7 @@ Path start_path(uint rng) {
     path.first_weight = path.direct = NO_LIGHT;
     path.radiance = path.shareable = vec3(0.0);
     path.first_passage = FREE_PASSAGE;
+    path.first_passed = NO_PASSED_LIGHT;
     path.direct_transmittance = vec3(1.0);
     path.shares = false;
     path.direct_sample = LightSample(NO_INDEX, 0u, 0u);
@@ -74,9 +76,15 @@ Path start_path(uint rng) {
     return path;
 }
 
+// What the first vertex reflects of a radiance where the first ray ended.
+Lobes indirect_light(Path path, vec3 radiance) {
+    return scale(path.first_weight, path.first_passage.tint * radiance);
+}
+
 // The light that the first vertex reflects.
 Lobes path_light(Path path) {
-    Lobes direct = scale(path.direct, path.direct_transmittance), indirect = scale(path.first_weight, path.radiance);
+    Lobes direct = scale(path.direct, path.direct_transmittance);
+    Lobes indirect = scale(path.first_weight, path.first_passed.radiance + path.first_passage.tint * path.radiance);
     return Lobes(direct.diffuse + indirect.diffuse, direct.specular + indirect.specular);
 }
 
@@ -185,7 +193,7 @@ bool advance(inout Path path) {
     vec3 origin = ray_origin(path.vertex, path.direction);
     uint medium = path.medium;
     if (SCENE_GLASS && next.wi.z < 0.0) { path.medium = path.medium_below; }
-    float carried = max_component(path.throughput * sum(path.first_weight));
+    float carried = max_component(sum(indirect_light(path, path.throughput)));
     // Differs from Solari: the survival probability is at most 1, so that Russian roulette loses no energy.
     float survival = path.bounce >= FIRST_ROULETTE_BOUNCE ? min(carried, 1.0) : 1.0;
     bool goes_on = is_possible(next.wi.z, path.direction, path.vertex.geometric_normal) && carried > 0.0
@@ -223,17 +231,17 @@ bool advance(inout Path path) {
     if (!goes_on) { return false; }
 
     count_ray();
-    path.hit = trace_closest_hit(origin, 0.0, path.direction, INFINITY, TRACE_BOTH_FACES, blend_seed(path.rng));
+    path.hit = trace_closest_hit(origin, 0.0, path.direction, INFINITY, TRACE_BOTH_FACES, random_blend_point(path.rng));
     if (SCENE_BLEND) { count_ray(); }
+    PassedLight passed = trace_passed_light(path.vertex, origin, path.direction, path.hit.t, mis_pdf);
     Passage passage = trace_passage(origin, path.direction, INFINITY, path.hit);
     if (first) {
+        path.first_passed = passed;
         path.first_passage = passage;
-        path.first_weight = scale(path.first_weight, passage.tint);
     } else {
+        add_light(path, path.throughput * passed.radiance, path.shares);
         path.throughput *= passage.tint;
     }
-    vec3 passed = radiance_passed(path.vertex, path.direction, path.hit.t, mis_pdf);
-    add_light(path, path.throughput * passed, path.shares);
     if (path.hit.instance == NO_INDEX) {
         add_light(path, path.throughput * radiance_at_infinity(path.direction, mis_pdf), path.shares);
         return false;

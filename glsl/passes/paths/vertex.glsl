@@ -106,18 +106,27 @@ float hit_light_pdf(Vertex vertex, Hit hit, ResolvedRayHitFull surface, vec3 dir
     return pdf * light_choice_probability(light, receiver(vertex)) / light_sources.at[light].choice.probability;
 }
 
-// The radiance of the lights that a ray from a vertex passes, weighted by MIS against the vertex's light samples.
-vec3 radiance_passed(Vertex vertex, vec3 direction, float t_max, float bounce_pdf) {
-    vec3 radiance = vec3(0.0);
-    if (!SCENE_SPHERE) { return radiance; }
-    for (uint i = scene_info.first_passed_light; i < scene_info.first_light_at_infinity; i++) {
+// The light of lamps that a ray passes.
+struct PassedLight {
+    vec3 radiance;  // where the ray starts
+    vec3 offered;   // before it is tinted on its way, over the probability with which the ray passes until there
+};
+
+const PassedLight NO_PASSED_LIGHT = PassedLight(vec3(0.0), vec3(0.0));
+
+// For a ray from a vertex, weighted by MIS against the vertex's light samples.
+PassedLight trace_passed_light(Vertex vertex, vec3 origin, vec3 direction, float t_max, float bounce_pdf) {
+    PassedLight passed = NO_PASSED_LIGHT;
+    for (uint i = scene_info.first_passed_light; SCENE_SPHERE && i < scene_info.first_light_at_infinity; i++) {
         LightSource light = light_sources.at[i];
-        MetLight met = pass_light(light.kind, light.index, vertex.origin, direction, t_max);
-        if (met.inverse_pdf > 0.0) {
-            radiance += met_radiance(met, light_choice_probability(i, receiver(vertex)), bounce_pdf);
-        }
+        MetLight met = pass_light(light.kind, light.index, origin, direction, t_max);
+        if (!(met.inverse_pdf > 0.0)) { continue; }
+        vec3 radiance = met_radiance(met, light_choice_probability(i, receiver(vertex)), bounce_pdf);
+        Passage passage = trace_passage(origin, direction, met.t, NO_HIT);
+        passed.radiance += radiance * passage.tint;
+        passed.offered += radiance / passage.probability;
     }
-    return radiance;
+    return passed;
 }
 
 #endif

@@ -19,8 +19,8 @@ void wait(Path path, uint pixel_index, uint round_index) {
     uint row = atomicAdd(paths_round.arrived, 1u);
     paths_lists.at[first_entry(round_index) + row] = pixel_index;
     paths_waiting.at[pixel_index] = WaitingPath(
-        path.rng, state, path.first_weight, path.throughput, path.direction, path.hit.instance, path.hit.triangle,
-        path.hit.barycentrics, path.squared_slope, path.spread, path.cone_width, path.medium
+        path.rng, state, indirect_light(path, vec3(1.0)), path.throughput, path.direction, path.hit.instance,
+        path.hit.triangle, path.hit.barycentrics, path.squared_slope, path.spread, path.cone_width, path.medium
     );
 }
 

@@ -14,8 +14,9 @@ void main() {
     uint index = pixel.y * camera.size.x + pixel.x;
 
     CameraRay ray = make_camera_ray(vec2(pixel) + 0.5);
-    uint seed = seed_rng(pixel, floatBitsToUint(camera.jitter.x), floatBitsToUint(camera.jitter.y));
-    Hit hit = trace_closest_hit(ray.origin, ray.t_min, ray.direction, INFINITY, TRACE_FRONT_FACES, seed);
+    uint rng = seed_rng(pixel, floatBitsToUint(camera.jitter.x), floatBitsToUint(camera.jitter.y));
+    uvec2 blend_point = random_blend_point(rng);
+    Hit hit = trace_closest_hit(ray.origin, ray.t_min, ray.direction, INFINITY, TRACE_FRONT_FACES, blend_point);
     aov_instance_id.at[index] = hit.instance;
     if (hit.instance == NO_INDEX) {
         aov_depth.at[index] = INFINITY;

@@ -97,12 +97,16 @@ void main() {
 
         rays += 1u;
         uint faces = bounce == 0u ? TRACE_FRONT_FACES : TRACE_BOTH_FACES;
-        Hit hit = trace_closest_hit(origin, t_min, direction, INFINITY, faces, blend_seed(rng));
-        if (SCENE_BLEND && bounce > 0u) {
-            rays += 1u;
-            throughput *= trace_passage(origin, direction, INFINITY, hit).tint;
+        Hit hit = trace_closest_hit(origin, t_min, direction, INFINITY, faces, random_blend_point(rng));
+        if (bounce == 0u) {
+            radiance += radiance_passed(origin, direction, hit.t, INFINITY);
+        } else {
+            radiance += throughput * trace_radiance_passed(origin, direction, hit.t, bounce_pdf);
+            if (SCENE_BLEND) {
+                rays += 1u;
+                throughput *= trace_passage(origin, direction, INFINITY, hit).tint;
+            }
         }
-        radiance += throughput * radiance_passed(origin, direction, hit.t, bounce_pdf);
         if (hit.instance == NO_INDEX) {
             radiance += throughput * radiance_at_infinity(direction, bounce_pdf);
             path_ended = true;

@@ -80,10 +80,11 @@ vec3 trace_path(Path path, float distance, CameraRay camera_ray, inout uint rng)
     bool as_solari = specular_gi_settings.termination == SPECULAR_TERMINATION_CAMERA_SPREAD;
     while (true) {
         count_ray();
-        Hit hit = trace_closest_hit(path.origin, 0.0, path.direction, INFINITY, TRACE_BOTH_FACES, blend_seed(rng));
+        uvec2 blend_point = random_blend_point(rng);
+        Hit hit = trace_closest_hit(path.origin, 0.0, path.direction, INFINITY, TRACE_BOTH_FACES, blend_point);
         if (SCENE_BLEND) { count_ray(); }
+        radiance += path.throughput * trace_radiance_passed(path.origin, path.direction, hit.t, path.bounce_pdf);
         path.throughput *= trace_passage(path.origin, path.direction, INFINITY, hit).tint;
-        radiance += path.throughput * radiance_passed(path.origin, path.direction, hit.t, path.bounce_pdf);
         if (hit.instance == NO_INDEX) {
             return radiance + path.throughput * radiance_at_infinity(path.direction, path.bounce_pdf);
         }

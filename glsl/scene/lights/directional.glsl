@@ -35,9 +35,9 @@ MetLight meet_directional(uint index, vec3 direction) {
     // |a - b|^2 / 2 = 1 - cos keeps the digits that the dot product of nearly equal directions loses
     vec3 difference = direction - light.direction_to_light;
     float one_minus_cos = 0.5 * dot(difference, difference);
-    if (one_minus_cos > light.one_minus_cos_half_angle) { return MetLight(vec3(0.0), 0.0, 0u, vec2(0.0)); }
+    if (one_minus_cos > light.one_minus_cos_half_angle) { return NO_MET_LIGHT; }
     vec2 u = cone_numbers(light.direction_to_light, light.one_minus_cos_half_angle, direction, one_minus_cos);
-    return MetLight(light.radiance, light.solid_angle, 0u, u);
+    return MetLight(light.radiance, light.solid_angle, 0u, u, INFINITY);
 }
 
 #endif

@@ -73,10 +73,10 @@ MetLight meet_environment(uint index, vec3 direction) {
     uvec2 texel = min(uvec2(max(position, 0.0)), map.size - 1u);
     uint part = texel.y * map.size.x + texel.x;
     float probability = map.choices.at[part].probability;
-    if (!(probability > 0.0)) { return MetLight(vec3(0.0), 0.0, 0u, vec2(0.0)); }  // black, with its neighbors
+    if (!(probability > 0.0)) { return NO_MET_LIGHT; }  // black, with its neighbors
     return MetLight(
         environment_radiance(map, position), texel_solid_angle(map, polar_sine) / probability, part,
-        clamp(position - vec2(texel), 0.0, 1.0)
+        clamp(position - vec2(texel), 0.0, 1.0), INFINITY
     );
 }
 

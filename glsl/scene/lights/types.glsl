@@ -28,6 +28,9 @@ struct MetLight {
     float inverse_pdf;  // in solid angle, once the light is chosen; 0: the ray doesn't meet the light
     uint part;          // the part of the light that the ray meets
     vec2 u;             // the random numbers for which light samples of the part have the ray's direction
+    float t;            // where the ray meets it; INFINITY for lights at infinity
 };
+
+const MetLight NO_MET_LIGHT = MetLight(vec3(0.0), 0.0, 0u, vec2(0.0), INFINITY);
 
 #endif
