@@ -104,7 +104,7 @@ def measure_colored_light(device: Device, samples: int = 256) -> Iterator[Measur
 def lamp_in_a_mirror(*panes: sv.Instance) -> sv.Scene:
     """CAMERA sees a mirror 2 m away, and in the picture's middle a lamp behind itself, from 2 m to 6 m."""
     mirror = sv.Material(base_color=rgb(1.0), metallic=1.0, roughness=0.0)
-    lamp = sv.PointLight((0, 0, 4), intensity=4 * math.pi, radius=2.0)
+    lamp = sv.PointLight(np.array((0, 0, 4), np.float32), intensity=4 * math.pi, radius=2.0)
     return sv.Scene(sv.Instance(quad(2.0), mirror), lamp, *panes)
 
 
