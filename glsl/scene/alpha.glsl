@@ -73,7 +73,7 @@ vec4 resolve_cover(uint instance_index, uint triangle, vec2 barycentrics, vec3 d
 
 // A triangle with less alpha is passed: uniform in [0, 1), and independent for each triangle. `blend_point` is a place
 // in the picture, as the bits of its x and y in turn, and the index of a sample there. Two van der Corput sequences,
-// over places and over samples, are added modulo 1, so that aligned blocks of pixels and of samples cover [0, 1) evenly.
+// over places and over samples, are added modulo 1, so that aligned blocks of pixels and of samples cover it evenly.
 // Each triangle takes both in an order of its own.
 float alpha_threshold(uvec2 blend_point, uint instance_index, uint triangle) {
     uvec2 seeds = pcg4d(uvec4(instance_index, triangle, 0u, 0x5F3759DFu)).xy;
