@@ -23,7 +23,7 @@ _HOMES = {
     "errors": ("CallbackError", "DeviceError", "SolariError", "ValidationError"),
     "gpu.device.device": ("Device", "list_devices"),
     "gpu.frame.frame": ("Frame", "HitGroup", "Pass", "RayPass", "Stage"),
-    "scene.animation": ("Animation", "Channel"),
+    "scene.animation": ("Animation",),
     "scene.deformation": ("Deformation",),
     "scene.rig": ("Rig",),
     "scene.model": (
@@ -70,11 +70,12 @@ if TYPE_CHECKING:
     from solari_vk.rendered import RenderedFrame
     from solari_vk.renderer import Renderer
     from solari_vk.scene import shapes
-    from solari_vk.scene.animation import Animation, Channel
+    from solari_vk.scene.animation import Animation
     from solari_vk.scene.binder import SceneBinder
     from solari_vk.scene.builtin import builtin
     from solari_vk.scene.deformation import Deformation
     from solari_vk.scene.gltf import load_gltf
+    from solari_vk.scene.keyframes import Channel
     from solari_vk.scene.load import load
     from solari_vk.scene.model import (
         Camera,

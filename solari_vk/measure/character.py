@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.scene import shapes
-from solari_vk.scene.animation import Animation, Channel
+from solari_vk.scene.animation import Animation
 from solari_vk.scene.builtin import lamp, matte
 from solari_vk.scene.deformation import Deformation
+from solari_vk.scene.keyframes import Channel
 from solari_vk.scene.model import Camera, Instance, Mesh, Scene
 from solari_vk.scene.rig import Rig
 

@@ -13,6 +13,7 @@ from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
 
 Floats = NDArray[np.float64]
+Boxes = tuple[Floats, Floats, NDArray[np.int64], Floats | None]
 MAX_JOINTS = 1 << 16
 
 
@@ -143,11 +144,7 @@ class Deformation:
 
         A skinned vertex lies between where its joints alone would move it, because the weights add up to 1.
         """
-        known, boxes = self._boxes  # type: ignore[attr-defined]
-        if known is not positions:
-            boxes = self._rest_boxes(positions)
-            object.__setattr__(self, "_boxes", (positions, boxes))
-        centers, half_sizes, joints, deltas = boxes
+        centers, half_sizes, joints, deltas = self._rest_boxes(positions)
         if morph_weights is not None and deltas is not None:
             centers = centers + morph_weights @ deltas.mean(axis=1)
             half_sizes = half_sizes + np.abs(morph_weights) @ (deltas[:, 1] - deltas[:, 0]) / 2
@@ -161,7 +158,27 @@ class Deformation:
         rounding = 1e-6 * max(float(np.abs(low).max()), float(np.abs(high).max()))
         return low - rounding, high + rounding
 
-    def _rest_boxes(self, positions: FloatArray) -> tuple[Floats, Floats, NDArray[np.int64], Floats | None]:
+    def is_within(
+        self, limit: float, positions: FloatArray, joint_matrices: Floats | None, morph_weights: Floats | None
+    ) -> bool:
+        """Whether no coordinate of `bounds` is above a limit. One box around all vertices answers for most joints."""
+        if morph_weights is None and joint_matrices is not None:
+            centers, half_sizes, _, _ = self._rest_boxes(positions)
+            reach = np.append((np.abs(centers) + half_sizes).max(axis=0), 1.0)
+            if (np.abs(joint_matrices) @ reach).max() <= limit:
+                return True
+        return bool(np.abs(self.bounds(positions, joint_matrices, morph_weights)).max() <= limit)
+
+    def _rest_boxes(self, positions: FloatArray) -> Boxes:
+        """As `_make_boxes`, from the second call on for the same positions at once."""
+        known, boxes = self._boxes  # type: ignore[attr-defined]
+        if known is not positions:
+            boxes = self._make_boxes(positions)
+            object.__setattr__(self, "_boxes", (positions, boxes))
+        found: Boxes = boxes
+        return found
+
+    def _make_boxes(self, positions: FloatArray) -> Boxes:
         """Centers and half sizes (B, 3) of the boxes of the vertices that each joint moves; the joints (B,); and the
         corners (T, 2, 3) of what the targets add. The last box is of the vertices without a joint; its joint is -1
         if there are none."""
@@ -193,7 +210,6 @@ def check_pose(instance: Any) -> None:
     for mesh in (instance.mesh, instance.ray_mesh):
         if mesh is not None and mesh.deformation is not None:
             mesh.deformation.check(len(mesh.positions), *pose, instance.describe())
-            corners = mesh.deformation.bounds(mesh.positions, *pose)
-            if not np.abs(corners).max() <= checks.LARGEST_COORDINATE:
-                limit = checks.LARGEST_COORDINATE
+            limit = checks.LARGEST_COORDINATE
+            if not mesh.deformation.is_within(limit, mesh.positions, *pose):
                 raise SolariError(f"{instance.describe()}: its pose has coordinates above {limit:g} meters")

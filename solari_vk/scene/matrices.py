@@ -51,9 +51,10 @@ def compose(translations: NDArray[Any], rotations: NDArray[Any], scales: NDArray
     """
     length = np.linalg.norm(rotations, axis=1, keepdims=True)
     x, y, z, w = (rotations / np.where(length > 0, length, 1)).T
-    matrices = np.tile(np.eye(4), (len(translations), 1, 1))
-    matrices[:, :3, :3] = np.moveaxis(np.array(quaternion_rotation(x, y, z, w)), 2, 0) * scales[:, None, :]
+    matrices = np.zeros((len(translations), 4, 4))
+    matrices[:, :3, :3] = np.array(quaternion_rotation(x, y, z, w)).transpose(2, 0, 1) * scales[:, None, :]
     matrices[:, :3, 3] = translations
+    matrices[:, 3, 3] = 1
     return matrices
 
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.errors import SolariError, checked_keywords, unknown_name
 from solari_vk.scene.animation import Animation as Animation
+from solari_vk.scene.animation import mix
 from solari_vk.scene.camera import Camera as Camera
 from solari_vk.scene.collection import Collection, Items
 from solari_vk.scene.environment import Environment as Environment
@@ -137,6 +138,15 @@ class Scene(Observable):
         that isn't finite.
         """
         self._animations[clip].apply(self, seconds, loop=loop)
+
+    def mix_clips(self, *parts: tuple[int | str, float, float], loop: bool = True) -> None:
+        """Pose the scene by several clips at once, as to lead over from one to the next.
+
+        parts: for each clip its number or name, the time in seconds after its start, and its weight; weights are
+        divided by their sum. What a clip leaves alone is in its rest pose there. loop: as for `animate`. Raises
+        SolariError for unknown clips, weights below 0 or all 0, and times that aren't finite.
+        """
+        mix(self, [(self._animations[clip], seconds, weight) for clip, seconds, weight in parts], loop=loop)
 
     @property
     def materials(self) -> Collection[Material]:

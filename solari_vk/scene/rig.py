@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,12 +11,22 @@ from numpy.typing import ArrayLike, NDArray
 from solari_vk.errors import SolariError
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.collection import Items
+from solari_vk.scene.keyframes import Sample, unit_quaternions
 from solari_vk.scene.matrices import compose, upright
 from solari_vk.scene.objects import Instance, Light
 
 Matrix = NDArray[np.float64]
-Sample = tuple[int, str, NDArray[np.float64]]
 NOT_MOVED = np.eye(4)  # stands for the transform of what only becomes visible or hidden with its node
+
+
+class Pose(NamedTuple):
+    """The translations, rotations and scales of all nodes, which of them these move, which are visible, and the weights
+    of morph targets by node."""
+
+    parts: dict[str, Matrix]
+    moved: NDArray[np.bool_]
+    visible: NDArray[np.bool_]
+    weights: dict[int, Matrix]
 
 
 class Rig:
@@ -43,7 +53,8 @@ class Rig:
         self._visible = np.ones(count, bool) if visible is None else np.array(visible, bool)
         self._bases = np.array([matrix for matrix, _ in given]).reshape(count, 4, 4)
         self._bases_visible = np.array([shown for _, shown in given], bool)
-        self._levels = _levels(parents)
+        self._jumps = _jumps(parents)
+        self._roots = np.flatnonzero(np.asarray(parents, np.int64).reshape(-1) < 0)
         self._placed: list[tuple[Any, int, Matrix | None]] = []
         self._skins: list[tuple[Instance, NDArray[np.int64], Matrix, Matrix]] = []
         self._weighted: list[tuple[Instance, int, Matrix]] = []
@@ -82,24 +93,14 @@ class Rig:
     # ---- poses --------------------------------------------------------------------------------------
 
     @np.errstate(over="ignore", invalid="ignore")
-    def pose(self, lights: Items[Light], samples: Iterable[Sample]) -> None:
-        """Move the nodes to the sampled values, the others to their rest pose, and all objects with them.
+    def pose(self, lights: Items[Light], poses: Sequence[tuple[float, Sequence[Sample]]]) -> None:
+        """Move the nodes to the mean of sampled poses, whose weights add up to 1, and all objects with them.
 
-        lights: the scene's, which hidden lights leave.
+        Nodes without a sample are in their rest pose. lights: the scene's, which hidden lights leave.
         """
-        parts = {name: values.copy() for name, values in self._rest.items()}
-        visible = self._visible.copy()
-        moved: set[int] = set()
-        weights: dict[int, Matrix] = {}
-        for node, path, value in samples:
-            if path in parts:
-                parts[path][node] = value
-                moved.add(node)
-            elif path == "visible":
-                visible[node] = value[0] > 0
-            else:
-                weights[node] = value
-        worlds, shown = self._place_nodes(parts, sorted(moved), visible)
+        found = [self._pose_of(samples) for _, samples in poses]
+        pose = found[0] if len(found) == 1 else self._mean(np.array([share for share, _ in poses]), found)
+        worlds, shown = self._place_nodes(pose)
         for item, node, transform in self._placed:
             world = worlds[node] if transform is None else worlds[node] @ transform
             self._place(lights, item, None if transform is NOT_MOVED else world, bool(shown[node]))
@@ -107,20 +108,44 @@ class Rig:
             places = np.where((joints >= 0)[:, None, None], worlds[joints], rest)
             _assign(instance, "joint_matrices", (places @ joints_from_mesh)[:, :3])
         for instance, node, resting in self._weighted:
-            _assign(instance, "morph_weights", weights.get(node, resting))
+            _assign(instance, "morph_weights", pose.weights.get(node, resting))
 
-    def _place_nodes(
-        self, parts: dict[str, Matrix], moved: list[int], visible: NDArray[np.bool_]
-    ) -> tuple[Matrix, NDArray[np.bool_]]:
+    def _pose_of(self, samples: Iterable[Sample]) -> Pose:
+        parts = {name: values.copy() for name, values in self._rest.items()}
+        moved, visible = np.zeros(self.count, bool), self._visible.copy()
+        weights: dict[int, Matrix] = {}
+        for nodes, path, values in samples:
+            if path in parts:
+                parts[path][nodes] = values
+                moved[nodes] = True
+            elif path == "visible":
+                visible[nodes] = values[:, 0] > 0
+            else:
+                weights.update(zip(nodes.tolist(), values, strict=True))
+        return Pose(parts, moved, visible, weights)
+
+    def _mean(self, shares: NDArray[np.float64], poses: Sequence[Pose]) -> Pose:
+        """The mean of poses. Quaternions are negated where this brings them closer to those of the first pose."""
+        parts = {name: np.stack([pose.parts[name] for pose in poses]) for name in self._rest}
+        turns = np.stack([unit_quaternions(values) for values in parts["rotation"]])
+        turns *= np.where((turns * turns[0]).sum(axis=2, keepdims=True) < 0, -1, 1)
+        mean = {name: np.tensordot(shares, values, 1) for name, values in (parts | {"rotation": turns}).items()}
+        mean["rotation"] = unit_quaternions(mean["rotation"])
+        weights = {node: np.asarray(shares @ np.stack([pose.weights.get(node, resting) for pose in poses]))
+                   for _, node, resting in self._weighted}  # fmt: skip
+        moved: NDArray[np.bool_] = np.logical_or.reduce([pose.moved for pose in poses])
+        shown = shares @ np.stack([pose.visible for pose in poses])
+        return Pose(mean, moved, np.asarray(shown >= 0.5), weights)
+
+    def _place_nodes(self, pose: Pose) -> tuple[Matrix, NDArray[np.bool_]]:
         """Matrices (N, 4, 4) from the nodes to the world, and whether they and all above them are visible (N,)."""
-        transforms = self._transforms.copy()
-        if moved:
-            transforms[moved] = compose(*(parts[name][moved] for name in ("translation", "rotation", "scale")))
-        worlds, shown = np.empty_like(transforms), np.empty_like(visible)
-        for nodes, parents in self._levels:
-            above = self._bases[nodes] if parents is None else worlds[parents]
-            worlds[nodes] = above @ transforms[nodes]
-            shown[nodes] = visible[nodes] & (self._bases_visible[nodes] if parents is None else shown[parents])
+        worlds, shown, moved = self._transforms.copy(), pose.visible.copy(), np.flatnonzero(pose.moved)
+        worlds[moved] = compose(*(pose.parts[name][moved] for name in ("translation", "rotation", "scale")))
+        worlds[self._roots] = self._bases[self._roots] @ worlds[self._roots]
+        shown[self._roots] &= self._bases_visible[self._roots]
+        for nodes, above in self._jumps:
+            worlds[nodes] = worlds[above] @ worlds[nodes]
+            shown[nodes] &= shown[above]
         return worlds, shown
 
     def _place(self, lights: Items[Light], item: Any, world: Matrix | None, shown: bool) -> None:
@@ -165,14 +190,14 @@ def _assign(item: Instance | Camera, field: str, value: Matrix) -> None:
         setattr(item, field, value)
 
 
-def _levels(parents: Sequence[int]) -> list[tuple[NDArray[np.int64], NDArray[np.int64] | None]]:
-    """The nodes of each depth and their parents; the first level has none."""
+def _jumps(parents: Sequence[int]) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Nodes and ancestors whose matrices give the nodes' matrices over twice as many levels, until all reach a root:
+    a chain of N nodes takes log2(N) steps. Hillis and Steele, "Data Parallel Algorithms" (1986)."""
     above = np.asarray(parents, np.int64).reshape(-1)
     if ((above < -1) | (above >= np.arange(len(above)))).any():
         raise SolariError("a rig lists parents before their children")
-    depths = np.zeros(len(above), np.int64)
-    for node, parent in enumerate(above.tolist()):
-        depths[node] = 0 if parent < 0 else depths[parent] + 1
-    order = np.argsort(depths, kind="stable")
-    groups = np.split(order, np.flatnonzero(np.diff(depths[order])) + 1)
-    return [(nodes, above[nodes] if number else None) for number, nodes in enumerate(groups)]
+    found = []
+    while (nodes := np.flatnonzero(above >= 0)).size:
+        found.append((nodes, above[nodes]))
+        above = np.where(above >= 0, above[above], -1)
+    return found

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from support.gltf_writer import TRIANGLE
 
+import solari_vk as sv
 from solari_vk.errors import SolariError
 
 HALF = math.sqrt(0.5)
@@ -66,6 +67,9 @@ def test_weights_of_morph_targets_are_animated(writer):
     scene.animate(0.5)
     np.testing.assert_allclose(moved.posed_mesh().positions, np.add(TRIANGLE, [0, 1, 2]))
     np.testing.assert_allclose(other.posed_mesh().positions, np.add(TRIANGLE, [0, 0.5, 0]))
+    scene.animations.add(sv.Animation(scene.animations[0].rig, [], "rest"))
+    scene.mix_clips((0, 0.5, 1), ("rest", 0, 3))
+    np.testing.assert_allclose(moved.posed_mesh().positions, np.add(TRIANGLE, [0, 0.25 + 0.375, 0.5]))
 
 
 def test_targets_without_weights_cost_nothing_until_they_have_some(writer):

@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
+import solari_vk as sv
 from solari_vk.errors import SolariError
-from solari_vk.scene.animation import Channel
+from solari_vk.scene.keyframes import Channel
 
 HALF = math.sqrt(0.5)
 QUARTER = [0, HALF, 0, HALF]  # a quarter turn about y
@@ -115,6 +116,52 @@ def test_the_end_of_a_clip(writer):
         scene.animate(0, "run")
     with pytest.raises(SolariError, match="there is no animation 3"):
         scene.animate(0, 3)
+
+
+def test_clips_are_mixed(writer):
+    """Positions and scales by weights, rotations half-way, with rest poses where a clip leaves a node alone."""
+    leaf = writer.node(mesh=writer.mesh(), translation=[1, 0, 0])
+    turning = writer.node(children=[leaf], rotation=QUARTER)
+    animate(writer, turning, "rotation", [0], [[0, 0, 0, 1]])
+    animate(writer, leaf, "translation", [0, 1], [[3, 0, 0], [5, 0, 0]])
+    first = writer.json["animations"].pop()
+    animate(writer, turning, "rotation", [0], [[0, -math.sqrt(0.75), 0, -0.5]])  # a third of a turn
+    writer.json["animations"].insert(0, first | {"name": "first"})
+    scene = writer.load()
+    (instance,) = scene
+
+    def seen():
+        return instance.transform[:3, 0], instance.transform[:3, 3]
+
+    scene.mix_clips(("first", 0.5, 3.0), ("clip", 0.0, 1.0))
+    angle = 2 * math.atan2(math.sqrt(0.75), 0.5 + 3)  # the shorter way, by a normalized mean
+    along = np.array([math.cos(angle), 0, -math.sin(angle)])
+    for found, expected in zip(seen(), (along, along * (0.75 * 4 + 0.25 * 1)), strict=True):
+        np.testing.assert_allclose(found, expected, atol=1e-6)
+    for parts, alone in (([("first", 0.5, 1), ("clip", 0, 0)], ("first", 0.5)), ([(1, 9, 2)], ("clip", 9))):
+        scene.mix_clips(*parts)
+        mixed = seen()
+        scene.animate(alone[1], alone[0])
+        for found, expected in zip(seen(), mixed, strict=True):
+            assert (found == expected).all()
+    scene.animations.add(sv.Animation(scene.animations[0].rig, [Channel(0, "visible", [0], [[0]])], "hidden"))
+    for weight, visible in ((0.9, True), (1.1, False)):
+        scene.mix_clips(("first", 0, 1), ("hidden", 0, weight))
+        assert instance.visible == visible
+
+
+def test_wrong_mixes_of_clips(writer):
+    animate(writer, writer.node(mesh=writer.mesh()), "translation", [0], [[1, 0, 0]])
+    scene, other = writer.load(), writer.load()
+    scene.animations.add(other.animations[0])
+    for parts, message in (
+        ([], "of which one is more than 0"), ([(0, 0, 0)], "of which one is more than 0"),
+        ([(0, 0, 1), (0, 0, -1)], "needs weights from 0 on"), ([(0, 0, math.nan)], "needs weights from 0 on"),
+        ([(0, 0, 1), (1, 0, 1)], "only animations of one rig"), ([("run", 0, 1)], "there is no animation 'run'"),
+        ([(0, math.inf, 1)], "finite number of seconds"),
+    ):  # fmt: skip
+        with pytest.raises(SolariError, match=message):
+            scene.mix_clips(*parts)
 
 
 def test_a_clip_leaves_other_nodes_in_their_rest_pose(writer):
