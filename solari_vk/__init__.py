@@ -24,6 +24,7 @@ _HOMES = {
     "gpu.device.device": ("Device", "list_devices"),
     "gpu.frame.frame": ("Frame", "HitGroup", "Pass", "RayPass", "Stage"),
     "scene.animation": ("Animation",),
+    "scene.keyframes": ("Channel",),
     "scene.deformation": ("Deformation",),
     "scene.rig": ("Rig",),
     "scene.model": (

@@ -99,6 +99,19 @@ def test_children_follow_their_animated_parents(writer):
     assert not scene.warnings
 
 
+def test_long_chains_of_nodes(writer):
+    """Each of seven nodes is a step to the right of its parent, and turns by an eighth of a turn."""
+    below = writer.node(mesh=writer.mesh(), translation=[1, 0, 0], name="end")
+    step = [0, math.sin(math.pi / 8), 0, math.cos(math.pi / 8)]
+    for _ in range(7):
+        below = writer.node(children=[below], translation=[1, 0, 0])
+        animate(writer, below, "rotation", [0], [step])
+    scene = writer.load()
+    scene.animate(0)
+    turns = np.exp(-1j * math.pi / 4 * np.arange(8))  # x + iz, which a turn about y multiplies
+    np.testing.assert_allclose(scene.instances[0].transform[[0, 2], 3], [turns.sum().real, turns.sum().imag], atol=1e-6)
+
+
 def test_the_end_of_a_clip(writer):
     node = writer.node(mesh=writer.mesh())
     animate(writer, node, "translation", [0, 2], [[0, 0, 0], [4, 0, 0]])
