@@ -20,14 +20,13 @@ from solari_vk.scene.builtin import place
 
 # The sheets by name, with debug views of frames after the last one. The camera turns for `motion`, which is the last.
 SHEETS = {
-    "world_cache": ("cache_cells", "cache_irradiance", "cache_samples"),
-    "paths": ("paths_diffuse", "paths_specular", "paths_distance"),
-    "guides": ("guide_diffuse_albedo", "guide_specular_albedo", "guide_normal"),
-    "denoise": ("denoise_frames", "denoise_noise", "denoise_error", "diffuse_radiance", "specular_radiance",
-                "emission"),
+    "world_cache": ("cache_cells", "cache_irradiance", "cache_samples", "cache_life"),
+    "paths": ("paths_diffuse", "paths_specular", "paths_distance", "emission"),
+    "guides": ("guide_diffuse_albedo", "guide_specular_albedo", "guide_normal", "guide_roughness"),
+    "denoise": ("denoise_frames", "denoise_noise", "diffuse_radiance", "specular_radiance"),
     "gbuffer": ("base_color", "shading_normal", "roughness", "depth", "instance", "motion"),
 }
-COLUMNS, GAP, TITLE = 3, 4, 16
+COLUMNS, GAP, TITLE = 2, 4, 16
 
 
 def sheet(panels: dict[str, Image.Image]) -> Image.Image:
@@ -68,7 +67,7 @@ def main() -> None:
         for number in range(1, options.frames + 1):
             frame = renderer.render()
             if number in (1, options.frames):
-                for name in ("raw_radiance", "sample_radiance", "radiance"):
+                for name in ("raw_radiance", "radiance"):
                     steps[f"{name}, frame {number}"] = tone_mapped(frame[name], factor, options.output)
         sheet(steps).save(options.output / "frame_picture.png", optimize=True)
         print(renderer.timings)

@@ -41,9 +41,12 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 def on_page_content(content: str, **_: Any) -> str:
     """Turn TeX between dollar signs into MathML, which browsers show without a script."""
-    return FORMULA.sub(
-        lambda m: convert(html.unescape(m[3]).strip(), display="block" if m[2] == "[" else "inline"), content
-    )
+    return FORMULA.sub(lambda formula: _mathml(html.unescape(formula[3]).strip(), formula[2] == "["), content)
+
+
+def _mathml(tex: str, is_block: bool) -> str:
+    made: str = convert(tex, display="block" if is_block else "inline")
+    return f'<div class="formula">{made}</div>' if is_block else made
 
 
 # ---- the command line -------------------------------------------------------------------------------
@@ -64,7 +67,7 @@ def _commands(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentPar
 
 
 def _command(name: str, parser: argparse.ArgumentParser, level: int) -> list[str]:
-    formatter = argparse.HelpFormatter(name, width=88)
+    formatter = argparse.HelpFormatter(name, width=72)
     formatter.add_usage(parser.usage, parser._actions, parser._mutually_exclusive_groups)
     lines = [f"{'#' * level} {name}\n", f"{_text(parser.description or '')}\n",
              f"```text\n{formatter.format_help().strip()}\n```\n"]  # fmt: skip
@@ -83,13 +86,17 @@ def _spelling(action: argparse.Action) -> str:
     value = str(action.metavar or choices or action.dest)
     if action.option_strings:
         value = ", ".join(action.option_strings) + (f" {value}" if action.nargs != 0 else "")
-    return f"`{value}`".replace("|", r"\|")
+    return f"`{value}`"
 
 
 def _text(text: str) -> str:
     """Words of the code in a table: only what stands between backquotes is code."""
     parts = re.split(r"(`[^`]*`)", text.replace("%%", "%"))
-    return "".join(part if part.startswith("`") else re.sub(r"([|<>*_])", r"\\\1", part) for part in parts)
+    return "".join(part if part.startswith("`") else re.sub(r"[|<>*_{}]", _entity, part) for part in parts)
+
+
+def _entity(character: re.Match[str]) -> str:
+    return f"&#{ord(character[0])};"
 
 
 # ---- settings and views -----------------------------------------------------------------------------
