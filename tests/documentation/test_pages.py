@@ -95,6 +95,14 @@ def test_python_runs(any_device, page, folder, capsys):
         assert capsys.readouterr().out.startswith("[")
 
 
+def test_blocks_fit_the_page():
+    """The site shows about 84 columns."""
+    for page in PAGES:
+        if page.parent.name in ("start", "guides") or page.parent == ROOT:
+            for line in "".join(blocks(page, r"(?:python|glsl|sh)")).splitlines():
+                assert len(line) <= 84, f"{name_of(page)}: {line}"
+
+
 def test_what_makes_programs_smaller_is_used():
     programs = "".join(program for page in WITH_PYTHON for program in blocks(page, "python"))
     for shown in SMALLER:
