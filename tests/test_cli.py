@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from PIL import Image
 from support.gltf_writer import GltfWriter
 
 import solari_vk as sv
-from solari_vk.cli import main
+from solari_vk.cli import info, main
 from solari_vk.cli.environment import environment_words
 from solari_vk.cli.options import add_scene_options, file_words
 from solari_vk.cli.subject import load
@@ -454,6 +455,21 @@ def test_info_names_devices_compiler_and_cache(any_device, capsys):
     said = capsys.readouterr().out
     for word in ("device 0", "compiler", "cache", "usable", "--rays query: ", "--rays pipeline: ", "gbuffer=auto: "):
         assert word in said
+
+
+def test_info_names_what_is_missing_and_the_command(any_device, monkeypatch, capsys):
+    absent = {"pyoidn", "imageio_ffmpeg", "distributed"}
+    monkeypatch.setattr("solari_vk.cli.info.find_spec", lambda name: None if name in absent else name)
+    monkeypatch.setattr("shutil.which", lambda name: None)
+    monkeypatch.setattr("solari_vk.viewer.window.glfw.init", lambda: 0)
+    assert main(["doctor"]) == 0
+    said = capsys.readouterr().out
+    for extra in ("oidn", "video", "cluster"):
+        assert said.count(f": missing: pip install 'solari-vk[{extra}]'\n") == 1
+    assert said.count(": missing: ") == 3
+    assert "\nwindows: GLFW does not start (without a display: xvfb-run" in said
+    project = tomllib.loads(Path(__file__).parents[1].joinpath("pyproject.toml").read_text())["project"]
+    assert {part.extra for part in info.PARTS} <= set(project["optional-dependencies"])
 
 
 def test_info_counts_all_files_of_the_cache(any_device, monkeypatch, capsys, tmp_path):

@@ -1,4 +1,4 @@
-"""The command line: solari-vk render | view | settings | views | info | bench | conformance.
+"""The command line: solari-vk render | view | settings | views | info (or doctor) | bench | conformance.
 
 Exit codes: 0 done, 1 an internal error or a conformance rule that doesn't hold, 2 bad input or usage, 3 no device.
 """
@@ -6,17 +6,14 @@ Exit codes: 0 done, 1 an internal error or a conformance rule that doesn't hold,
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 import traceback
-from collections.abc import Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 
-from solari_vk.cli import bench, render, view
+from solari_vk.cli import bench, info, render, view
 from solari_vk.cli.options import add_device_options
 from solari_vk.errors import DeviceError, SolariError
-from solari_vk.gpu.device.rays import AUTO, EXTENSIONS, IN_WORDS
 
 _CONFORMANCE_FULL = "ten times the rays and instances, many more frames and tighter bounds: takes much longer"
 _CONFORMANCE_EXIT = (
@@ -62,10 +59,10 @@ def _parser() -> argparse.ArgumentParser:
     for name, run, what in (
         ("settings", _settings, "list the settings and qualities, with meaning, range and default"),
         ("views", _views, "list the debug views, with meaning"),
-        ("info", _info, "list devices and what each lacks, the shader compiler, the cache"),
     ):
         commands.add_parser(name, help=what).set_defaults(run=run)
 
+    info.add_parser(commands)
     bench.add_parser(commands)
 
     conformance = commands.add_parser(
@@ -106,48 +103,6 @@ def _views(options: argparse.Namespace) -> None:
 
     for name, meaning in DEBUG_VIEWS.items():
         print(f"{name:{max(map(len, DEBUG_VIEWS))}}  {meaning}")
-
-
-# ---- devices ----------------------------------------------------------------------------------------
-
-
-def _info(options: argparse.Namespace) -> None:
-    from solari_vk import __version__, disk_cache
-    from solari_vk.gpu.device.device import list_devices
-    from solari_vk.gpu.shaders import shaderc
-    from solari_vk.passes.gbuffer import way_on
-
-    print(f"solari_vk {__version__}")
-    try:
-        print(f"compiler: {shaderc.version().split(' ')[0]}")
-    except SolariError as error:
-        print(f"compiler: {error}")
-    folder = disk_cache.folder()
-    kept = {what: list(folder.glob(f"*.{what}")) if folder else [] for what in ("spv", "pipelines")}
-    size = sum(file.stat().st_size for files in kept.values() for file in files)
-    counts = f"shaders: {len(kept['spv'])}, pipeline caches: {len(kept['pipelines'])}, {size / 1e6:.1f} MB"
-    print(f"cache: {folder}, {counts}" if folder else "cache: off")
-    reports = list_devices()
-    for report in reports:
-        version = ".".join(map(str, report.api_version))
-        print(f"device {report.index}: {report.name} ({report.kind}), {report.driver}, Vulkan {version}, {report.uuid}")
-        print("  usable" if not report.missing else f"  lacks: {', '.join(report.missing)}")
-        for rays, missing in report.missing_rays.items():
-            print(f"  --rays {rays}: {'lacks ' + ', '.join(missing) if missing else 'yes'}")
-        if report.missing_rays:
-            print(f"  without --rays: {_way_without_option(report.missing_rays)}")
-        print(f"  --settings gbuffer=auto: {way_on(report.kind)}")
-    if all(report.missing for report in reports):
-        raise DeviceError(
-            f"no device can be used: install a driver with {EXTENSIONS} (Mesa lavapipe 24.1 or newer has both)"
-        )
-
-
-def _way_without_option(missing_rays: Mapping[str, Sequence[str]]) -> str:
-    wanted = os.environ.get("SOLARI_VK_RAYS") or AUTO
-    ways = [IN_WORDS[rays] for rays, missing in missing_rays.items() if not missing and wanted in (AUTO, rays)]
-    because = "" if wanted == AUTO else f", because SOLARI_VK_RAYS is {wanted!r}"
-    return (f"by {ways[0]}" if ways else "none") + because
 
 
 def _conformance(options: argparse.Namespace) -> int:

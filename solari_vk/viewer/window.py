@@ -15,6 +15,17 @@ _NONE: Any = None  # for "no window" and "no monitor", which GLFW's type hints d
 _windows = 0  # number of open windows of the process; closing the last one ends GLFW
 
 
+def why_none_opens() -> str:
+    """Why no window can be opened here; empty where one can."""
+    errors: list[str] = []
+    glfw.set_error_callback(lambda _, description: errors.append(_text(description)))
+    if not glfw.init():
+        return errors[-1] if errors else "GLFW does not start"
+    if _windows == 0:
+        glfw.terminate()
+    return ""
+
+
 @dataclass(frozen=True)
 class Event:
     """kind: "key" and "button" (code, pressed, modifiers; `repeats` for a key that is held), "cursor" (x, y in window
