@@ -89,7 +89,8 @@ def _cache() -> str:
         return "cache: off"
     kept = {what: list(folder.glob(f"*.{what}")) for what in ("spv", "pipelines")}
     size = sum(file.stat().st_size for files in kept.values() for file in files)
-    return f"cache: {folder}, shaders: {len(kept['spv'])}, pipeline caches: {len(kept['pipelines'])}, {size / 1e6:.1f} MB"
+    counts = f"shaders: {len(kept['spv'])}, pipeline caches: {len(kept['pipelines'])}"
+    return f"cache: {folder}, {counts}, {size / 1e6:.1f} MB"
 
 
 def _print_device(report: Any) -> None:
