@@ -30,6 +30,7 @@ SHARP = Rule("motion by parts of a pixel keeps patterns of light", *_DENOISER)
 FORGOTTEN = Rule("a light that goes out is forgotten in a frame", *_DENOISER)
 NOT_FINITE = Rule("light that isn't finite changes no pixel", *_DENOISER)
 EDGES = Rule("the blur doesn't cross edges", *_DENOISER)
+TURNS = Rule("of two surfaces that a pixel shows by turns, both keep their histories", *_DENOISER)
 KEPT = Rule("the mean light of smooth surfaces is kept while the camera moves", *_DENOISER)
 PASSES = ("gbuffer/", "guides/", "denoise/", "paths/compose", "taa/")
 SIZE = (96, 64)
@@ -60,10 +61,10 @@ def wall(*corners: Image) -> sv.Scene:
 
 
 @contextmanager
-def _denoising(device: Device, scene: sv.Scene, light: str) -> Iterator[Renderer]:
+def _denoising(device: Device, scene: sv.Scene, light: str, jitter: bool = False) -> Iterator[Renderer]:
     """A renderer whose paths found this light, a GLSL expression."""
     patch = ("passes/denoise/sample.glsl", _SAMPLE, _GIVEN.format(light=light))
-    settings = {"denoise": True, "jitter": False}
+    settings = {"denoise": True, "jitter": jitter}
     with patched_shaders(patch), make_renderer(device, scene, SIZE, passes=PASSES, **settings) as renderer:
         yield renderer
 
@@ -217,3 +218,21 @@ def measure_edges(device: Device) -> Iterator[Measurement]:
             columns = (_light(frame)[:, beside] / scale[:, beside]).mean(axis=0)
         leaks = (columns[0] - 1) / 2, (3 - columns[1]) / 2
         yield Measurement(EDGES, float(np.abs(leaks).max()), 0.05, "of the other side's light", name)
+
+
+def measure_turns(device: Device) -> Iterator[Measurement]:
+    """An edge in the middle of a column of pixels: samples to its left show a near wall, those to its right a far one.
+    Noise around 1 for 32 frames, around 0.1 after it."""
+    side, column = 5 * DISTANCE, SIZE[0] // 2
+    walls = [np.array([[x - side, -side, z], [x, -side, z], [x, side, z], [x - side, side, z]])
+             for x, z in ((PIXEL / 2, -DISTANCE), (side, -1.5 * DISTANCE))]  # fmt: skip
+    for light in ("noise", "(this_frame.index < 32u ? 1.0 : 0.1) * noise"):
+        with _denoising(device, wall(*walls), light, jitter=True) as renderer:
+            for _ in range(34):
+                frame = renderer.render()
+            lengths, columns = _lengths(frame)[:, column], _light(frame).mean(axis=0)
+        if light == "noise":
+            yield Measurement(TURNS, float(np.abs(lengths - 17).max()), 2.0, "frames off the 17 that showed it")
+        else:
+            left = (columns[column] / columns[column - 8] - 1) / 9
+            yield Measurement(FORGOTTEN, abs(float(left)), 0.05, "of the old light, at an edge")

@@ -71,6 +71,7 @@ GROUPS: dict[str, dict[str, Measure]] = {
         "not_finite": lambda run: denoise_checks.measure_not_finite(run.device),
         "smooth_surfaces": lambda run: denoise_checks.measure_smooth_surfaces(run.device),
         "edges": lambda run: denoise_checks.measure_edges(run.device),
+        "turns": lambda run: denoise_checks.measure_turns(run.device),
     },
     "taa": {
         "even_light": lambda run: taa_checks.measure_even_light(run.device),

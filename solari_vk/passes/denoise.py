@@ -27,6 +27,7 @@ def stage(size: tuple[int, int]) -> Stage:
         "denoise",
         buffers={
             **dict.fromkeys(("denoise_guides", "denoise_diffuse", "denoise_specular"), History(pixels)),
+            "denoise_aside": pixels,
             **dict.fromkeys(("denoise_cells", "denoise_blocks"), cells[0] * cells[1]),
         },
         passes=[

@@ -14,9 +14,9 @@ ACCUMULATE, VARIANCE, BLUR, TEMPORAL = (
     f"{FOLDER}{name}.comp" for name in ("accumulate", "variance", "blur", "temporal")
 )
 SUMS, CHANGES, COMPOSE = f"{FOLDER}sum_cells.comp", f"{FOLDER}find_changes.comp", "passes/paths/compose.comp"
-EVEN, ERROR, RETURNED, FOUND, NEW, SHARP, FORGOTTEN, NOT_FINITE, EDGES, KEPT = (rule.name for rule in (
+EVEN, ERROR, RETURNED, FOUND, NEW, SHARP, FORGOTTEN, NOT_FINITE, EDGES, TURNS, KEPT = (rule.name for rule in (
     checks.EVEN, checks.ERROR, checks.RETURNED, checks.FOUND, checks.NEW, checks.SHARP, checks.FORGOTTEN,
-    checks.NOT_FINITE, checks.EDGES, checks.KEPT))  # fmt: skip
+    checks.NOT_FINITE, checks.EDGES, checks.TURNS, checks.KEPT))  # fmt: skip
 BUGS = {
     "motion the wrong way": (checks.measure_motion, [FOUND, SHARP], PAST, "in_pixels(motion_vector(",
                              "in_pixels(-motion_vector("),
@@ -47,6 +47,10 @@ BUGS = {
     "blur around corners": (checks.measure_edges, [EDGES], LIKENESS,
                             "exp(-(off + dot(turned, turned) * pattern.normal_sharpness",
                             "exp(-(min(off, 0.1) + 0.0 * pattern.normal_sharpness"),
+    "second surfaces forgotten": (checks.measure_turns, [TURNS], TEMPORAL,
+                                  "if (returns) { unpack_aside(aside, diffuse, specular); }", ""),
+    "second surfaces never forget": (checks.measure_turns, [FORGOTTEN], ACCUMULATE,
+                                     "{ shorten_aside(index, min(confidence.x, confidence.y)); }", "{}"),
     "variance for error": (checks.measure_even_light, [ERROR], COMPOSE, "length(deviations * ",
                            "length(deviations * deviations * "),
     "histories of reflections lose light": (checks.measure_smooth_surfaces, [KEPT], TEMPORAL,

@@ -1,5 +1,6 @@
 // Adds each pixel's light to its mean over frames, whose length changes of light shorten.
 #version 460
+#include "passes/denoise/aside.glsl"
 #include "passes/denoise/cell.glsl"
 #include "passes/denoise/sample.glsl"
 
@@ -24,8 +25,9 @@ void main() {
     ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
     if (denoise_settings.denoise == 0u || any(greaterThanEqual(pixel, ivec2(camera.size)))) { return; }
     uint index = uint(pixel.y) * camera.size.x + uint(pixel.x), kind = kind_of(denoise_guides.at[index]);
-    if (kind == NOTHING_SHOWN) { return; }
     vec2 confidence = denoise_blocks.at[cell_at(pixel)].confidence;
+    if (min(confidence.x, confidence.y) < 1.0) { shorten_aside(index, min(confidence.x, confidence.y)); }
+    if (kind == NOTHING_SHOWN) { return; }
     uint rng = seed_rng(uvec2(pixel), this_frame.index, this_frame.seed ^ PASS_SALT);
     Lobe diffuse = add_sample(unpack_lobe(denoise_diffuse.at[index]), diffuse_sample(index), confidence.x);
     vec4 by_specular = specular_sample(index, pixel, kind);

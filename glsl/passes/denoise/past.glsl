@@ -7,9 +7,9 @@
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/guides/mirrors.glsl"
 
-// Largest distance from a surface's plane, in widths of a pixel: of the surface itself, and of where it shows the same
-// reflection.
-const float SAME_PLANE = 1.5, PLANE_OF_REFLECTION = 8.0;
+// Largest distance from a surface's plane, in widths of a pixel: of the surface itself, of the same surface at another
+// sample of the pixel, and of where it shows the same reflection.
+const float SAME_PLANE = 1.5, PLANE_OF_ASIDE = 2.5, PLANE_OF_REFLECTION = 8.0;
 const float SAME_NORMAL = 0.9;      // smallest cosine between normals
 const float SAME_MATERIAL = 0.1;
 
@@ -53,15 +53,18 @@ Past find_past(ivec2 pixel, Guide guide) {
     return Past(previous_pixel(guide.position, position, pixel), position, plane.normal);
 }
 
-bool showed_the_same(ivec2 pixel, Past past, Guide guide, float plane_distance) {
-    if (any(lessThan(pixel, ivec2(0))) || any(greaterThanEqual(pixel, ivec2(camera.size)))) { return false; }
-    Guide then = load_previous_guide(pixel);
+bool is_the_same(Guide then, Past past, Guide guide, float plane_distance) {
     if (then.kind != guide.kind) { return false; }
     bool near = guide.kind == SURFACE_SHOWN
         ? abs(dot(then.position - past.position, past.normal)) < plane_distance * pixel_width(then.depth)
         : abs(then.depth - guide.depth) < SAME_DEPTH * guide.depth;
     return near && dot(then.normal, past.normal) > SAME_NORMAL
         && abs(then.material - guide.material) < SAME_MATERIAL;
+}
+
+bool showed_the_same(ivec2 pixel, Past past, Guide guide, float plane_distance) {
+    if (any(lessThan(pixel, ivec2(0))) || any(greaterThanEqual(pixel, ivec2(camera.size)))) { return false; }
+    return is_the_same(load_previous_guide(pixel), past, guide, plane_distance);
 }
 
 Taps no_taps() {

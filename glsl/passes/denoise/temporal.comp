@@ -2,6 +2,7 @@
 // where the surface was, or for smooth surfaces where its reflection was, as far as they showed the same surface.
 // Schied et al., "Spatiotemporal Variance-Guided Filtering" (HPG 2017); reflections as in Zhdan, "ReBLUR" (2021).
 #version 460
+#include "passes/denoise/aside.glsl"
 #include "passes/denoise/guide.glsl"
 #include "passes/denoise/lobe.glsl"
 #include "passes/denoise/past.glsl"
@@ -65,33 +66,53 @@ Lobe find_specular(ivec2 pixel, Guide guide, Past past, Taps at_surface) {
     return blend(by_surface, by_reflection, share);
 }
 
+// The light of a pixel whose surface doesn't move, from where it was kept.
+void find_unmoved(ivec2 pixel, uint index, Past past, Guide guide, inout uint rng) {
+    if (guide.kind != NOTHING_SHOWN && showed_the_same(pixel, past, guide, SAME_PLANE)) {
+        denoise_diffuse.at[index] = previous_denoise_diffuse.at[index];
+        denoise_specular.at[index] = previous_denoise_specular.at[index];
+        return;
+    }
+    Lobe diffuse = NO_HISTORY, specular = NO_HISTORY;
+    Aside aside = denoise_aside.at[index];
+    bool returns = guide.kind != NOTHING_SHOWN
+        && is_the_same(unpack_guide(surface_of(aside), pixel, camera), past, guide, PLANE_OF_ASIDE);
+    if (returns) { unpack_aside(aside, diffuse, specular); }
+    uvec2 before = previous_denoise_guides.at[index];
+    if (kind_of(before) != NOTHING_SHOWN) {
+        Lobe diffuse_before = unpack_lobe(previous_denoise_diffuse.at[index]);
+        Lobe specular_before = unpack_lobe(previous_denoise_specular.at[index]);
+        denoise_aside.at[index] = pack_aside(before, diffuse_before, specular_before, rng);
+    } else if (returns) {
+        denoise_aside.at[index].surface = uvec2(0u);
+    }
+    denoise_diffuse.at[index] = pack_lobe(diffuse, rng);
+    denoise_specular.at[index] = pack_lobe(specular, rng);
+}
+
 void main() {
     ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
     if (any(greaterThanEqual(pixel, ivec2(camera.size)))) { return; }
     uint index = uint(pixel.y) * camera.size.x + uint(pixel.x);
     Guide guide = make_guide(pixel);
-    bool on = denoise_settings.denoise != 0u && guide.kind != NOTHING_SHOWN;
-    denoise_guides.at[index] = on ? pack_guide(guide) : uvec2(0u);
-    if (!on) {
-        denoise_diffuse.at[index] = denoise_specular.at[index] = uvec4(0u);
-        return;
-    }
+    if (denoise_settings.denoise == 0u) { guide.kind = NOTHING_SHOWN; }
+    bool shown = guide.kind != NOTHING_SHOWN;
+    denoise_guides.at[index] = shown ? pack_guide(guide) : uvec2(0u);
+    uint rng = seed_rng(uvec2(pixel), this_frame.index, this_frame.seed ^ PASS_SALT);
     Lobe diffuse = NO_HISTORY, specular = NO_HISTORY;
-    if (this_frame.has_history != 0u) {
+    if (denoise_settings.denoise != 0u && this_frame.has_history != 0u) {
         Past past = find_past(pixel, guide);
-        Taps taps = find_taps(past.pixel, past, guide, SAME_PLANE);
-        bool moved = past.pixel != vec2(pixel) + 0.5 || past.position != guide.position;
-        if (!moved && taps.weight > 0.0) {
-            denoise_diffuse.at[index] = previous_denoise_diffuse.at[taps.at[0]];
-            denoise_specular.at[index] = previous_denoise_specular.at[taps.at[0]];
+        if (past.pixel == vec2(pixel) + 0.5 && past.position == guide.position) {
+            find_unmoved(pixel, index, past, guide, rng);
             return;
         }
+        Taps taps = shown ? find_taps(past.pixel, past, guide, SAME_PLANE) : no_taps();
         if (taps.weight > 0.0) {
             diffuse = read_diffuse(taps);
             specular = find_specular(pixel, guide, past, taps);
         }
     }
-    uint rng = seed_rng(uvec2(pixel), this_frame.index, this_frame.seed ^ PASS_SALT);
-    denoise_diffuse.at[index] = pack_lobe(diffuse, rng);
-    denoise_specular.at[index] = pack_lobe(specular, rng);
+    denoise_aside.at[index].surface = uvec2(0u);
+    denoise_diffuse.at[index] = shown ? pack_lobe(diffuse, rng) : uvec4(0u);
+    denoise_specular.at[index] = shown ? pack_lobe(specular, rng) : uvec4(0u);
 }
