@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.gltf_writer import GltfWriter
 
 from solari_vk.cli import main
 from solari_vk.measure.bare_rays import plain_tracer
@@ -142,6 +143,29 @@ def test_quick_page_of_the_denoiser(any_device, tmp_path):
         np.savez(path, truth=held["truth"] * 2, view=held["view"])
     assert main(quick) == 0
     assert page.read_text().splitlines()[-1] != text.splitlines()[-1]
+
+
+def test_page_of_loading(any_device, tmp_path):
+    """Sizes are those of the files and of their contents, and the memory is as large as the contents."""
+    writer = GltfWriter()
+    positions = np.random.default_rng(1).normal(size=(3000, 3))
+    material = writer.add("materials", emissiveTexture={"index": writer.image(np.zeros((512, 1000, 3)))})
+    mesh = writer.mesh({"POSITION": positions, "TEXCOORD_0": positions[:, :2]}, material=material)
+    for _ in range(3):
+        writer.node(mesh=mesh)
+    embedded = writer.save(tmp_path / "one.glb")
+    parted = writer.save(tmp_path / "two.gltf", "external")
+    page = tmp_path / "page.md"
+    assert main(["bench", "load", str(embedded), str(parted), "--markdown", str(page)]) == 0
+    rows = [line.strip("| ").split(" | ") for line in page.read_text().splitlines() if ".gl" in line[:12]]
+    whole = parted.stat().st_size + parted.with_suffix(".bin").stat().st_size
+    for row, size in zip(rows, (embedded.stat().st_size, whole), strict=True):
+        assert float(row[1]) == pytest.approx(size / 1e6, abs=0.01)
+        assert row[2:6] == ["3", "1,000", "1", "0.5"]
+        read, images, upload, held = map(float, row[6:])
+        assert read >= images > 0
+        assert upload > 0
+        assert 512 * 1000 * 4 * 4 / 3 / 1e6 < held < 6
 
 
 @pytest.mark.slow

@@ -12,8 +12,8 @@ from solari_vk.cli.options import add_device_options, positive
 def add_parser(commands: Any) -> None:
     """Add the command with its parts. Without a part it measures speed."""
     bench = commands.add_parser(
-        "bench", help="measure speed, the realtime frame, or the claims of the posts about Solari",
-        description="Measure speed (without a PART), the realtime frame, or the claims of the posts about Solari.",
+        "bench", help="measure speed, loading, the realtime frame, or the claims of the posts about Solari",
+        description="Measure speed (without a PART), loading, the realtime frame, or the claims of posts about Solari.",
     )  # fmt: skip
     bench.set_defaults(run=_speed, files=[])
     _add_common(bench, None)
@@ -22,6 +22,10 @@ def add_parser(commands: Any) -> None:
     speed = parts.add_parser("speed", help="rays and samples a second, host time, loading")
     speed.set_defaults(run=_speed)
     speed.add_argument("files", nargs="*", type=Path, help="glTF files to load")
+
+    load = parts.add_parser("load", help="sizes of files, and the times from a file to a scene on the device")
+    load.set_defaults(run=_load)
+    load.add_argument("files", nargs="+", type=Path, help="files with models")
 
     claims = parts.add_parser("claims", help="what the posts about Solari claim, measured before and after each change")
     claims.set_defaults(run=_claims)
@@ -43,7 +47,7 @@ def add_parser(commands: Any) -> None:
     for part in (claims, frame, denoise):
         part.add_argument("--quick", action="store_true", help="tiny pictures and few runs, only to try the command")
     claims.add_argument("--seeds", type=positive, metavar="N", help="independent runs of each comparison (5)")
-    for part in (speed, claims, frame, denoise):
+    for part in (speed, load, claims, frame, denoise):
         _add_common(part, argparse.SUPPRESS)  # an option before the part's name counts too
 
 
@@ -56,6 +60,12 @@ def _speed(options: argparse.Namespace) -> None:
     from solari_vk.measure.speed import run
 
     run(options.device, options.files, options.markdown, rays=options.rays)
+
+
+def _load(options: argparse.Namespace) -> None:
+    from solari_vk.measure.loading import run
+
+    run(options.device, options.files, rays=options.rays, markdown=options.markdown)
 
 
 def _claims(options: argparse.Namespace) -> None:
