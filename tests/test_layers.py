@@ -25,7 +25,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 GPU = {"gpu.device", "gpu.shaders", "gpu.frame", "gpu.acceleration"}
 LIBRARY = {
     "color", "disk_cache", "errors", "settings", "output", "scene", "passes", "rt", "frame", "first_hits", "rendered",
-    "tracer", "reference", "renderer", *GPU,
+    "tracer", "reference", "renderer", "frame_means", *GPU,
 }  # fmt: skip
 MAY_IMPORT = {
     "color": set(),
@@ -46,6 +46,7 @@ MAY_IMPORT = {
     "rendered": {"errors", "scene", "passes", "frame", "first_hits", "output", "gpu.device", "gpu.frame"},
     "reference": {"errors", "scene", "passes", "frame", "rendered", "output", "gpu.device", "gpu.frame"},
     "renderer": {"errors", "settings", "scene", "passes", "frame", "rendered", "output", "gpu.device", "gpu.frame"},
+    "frame_means": {"renderer"},
     "viewer": LIBRARY - {"rt", "tracer", "gpu.acceleration"},
     "cluster": LIBRARY,
     "conformance": {"", "measure", *LIBRARY},

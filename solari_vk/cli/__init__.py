@@ -1,4 +1,4 @@
-"""The command line: solari-vk render | view | settings | views | info (or doctor) | bench | conformance.
+"""The command line: solari-vk render | view | dataset | settings | views | info (or doctor) | bench | conformance.
 
 Exit codes: 0 done, 1 an internal error or a conformance rule that doesn't hold, 2 bad input or usage, 3 no device.
 """
@@ -11,7 +11,7 @@ import traceback
 from itertools import groupby
 from pathlib import Path
 
-from solari_vk.cli import bench, info, render, view
+from solari_vk.cli import bench, dataset, info, render, view
 from solari_vk.cli.options import add_device_options
 from solari_vk.errors import DeviceError, SolariError
 
@@ -55,6 +55,7 @@ def _parser() -> argparse.ArgumentParser:
 
     render.add_parser(commands)
     view.add_parser(commands)
+    dataset.add_parser(commands)
 
     for name, run, what in (
         ("settings", _settings, "list the settings and qualities, with meaning, range and default"),

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
+import math
+import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from solari_vk.cli.options import positive
@@ -11,7 +15,8 @@ from solari_vk.cli.subject import Subject
 from solari_vk.errors import SolariError
 
 if TYPE_CHECKING:
-    from solari_vk.cluster import Crew, OneDevice, ReferencePicture
+    from solari_vk.cluster import Crew, OneDevice, ReferencePicture, Shot
+    from solari_vk.scene.model import Scene
 
 
 def add_cluster_options(parser: Any) -> None:
@@ -55,7 +60,7 @@ class Reporter:
         self.reason = ""
         """Why the work was ended early."""
 
-    def __call__(self, done: int, error: float) -> bool:
+    def __call__(self, done: int, error: float = math.inf) -> bool:
         try:
             self._progress(done, error)
         except Stopped as stopped:
@@ -64,13 +69,36 @@ class Reporter:
         return False
 
 
+def words_on(crew: Crew | OneDevice) -> str:
+    """Who renders, for messages."""
+    plural = "s" if crew.worker_count > 1 else ""
+    return f"{crew.worker_count} worker{plural}, each with {crew.identity.device}"
+
+
+def render_files(
+    crew: Crew | OneDevice, scene: Scene, shots: list[Shot], ledger: Path, options: argparse.Namespace
+) -> bool:
+    """Render pictures into the folder of a ledger, and say how many are there. Returns whether all are."""
+    from solari_vk.cluster import render_shots
+
+    if crew.shares_files or options.shared_folder:
+        shots = [dataclasses.replace(shot, folder=str(ledger.parent)) for shot in shots]
+    total = sum(len(shot.views) for shot in shots)
+    print(f"rendering {options.source} with {words_on(crew)}", file=sys.stderr)
+    with Progress("pictures", total, options.time_limit) as progress:
+        report = Reporter(progress)
+        done = render_shots(crew, scene, shots, ledger, progress=report)
+    if report.reason:
+        print(f"{report.reason}; the same command goes on from there", file=sys.stderr)
+    print(f"{ledger.parent}: {done} of {total} pictures, {progress.seconds:.1f} s", file=sys.stderr)
+    return done == total
+
+
 def render_spread(
     crew: Crew | OneDevice, subject: Subject, options: argparse.Namespace, layers: list[str], samples: int | None,
     progress: Progress,
 ) -> ReferencePicture:  # fmt: skip
     """The picture that --mode reference asks for, from several devices."""
-    import sys
-
     from solari_vk.cluster import render_reference
 
     report = Reporter(progress)

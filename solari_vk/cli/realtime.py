@@ -10,13 +10,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.cli import animation
+from solari_vk.cli.cluster import is_spread
 from solari_vk.cli.plan import UNLIMITED, Plan, check_output, check_target_error, check_view, make_plan, make_settings
 from solari_vk.cli.progress import Progress, Stopped, error_text
 from solari_vk.cli.subject import Subject, check_aovs, load, names_of_aovs
 from solari_vk.errors import SolariError
+from solari_vk.frame_means import FrameMeans
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.rays import IN_WORDS
 from solari_vk.output.error import ErrorEstimate, area_means
@@ -24,7 +26,7 @@ from solari_vk.output.movie import write_movie
 from solari_vk.output.picture import save_image, write_png
 from solari_vk.passes import lighting, pathtracer
 from solari_vk.passes.taa import render_size
-from solari_vk.renderer import LIGHT, Renderer
+from solari_vk.renderer import Renderer
 from solari_vk.scene.model import Camera
 from solari_vk.settings import Settings
 
@@ -35,13 +37,19 @@ FIRST_LOOK = 4  # frames of the first picture whose error is estimated
 def run(options: argparse.Namespace) -> None:
     """Render what the options ask for and write it."""
     is_movie = check_output(options)
+    spread = is_spread(options)
+    if spread:
+        animation.check(options)
     check_view(options)
     check_target_error(options)
     names = names_of_aovs(options)
     check_aovs(names, options.mode, [name for name in Renderer.OUTPUTS if name not in ("radiance", "display")])
     settings = make_settings(options)
-    _check_parts(options, names, settings)
+    check_parts(options, names, settings)
     subject = load(options)
+    if spread:
+        animation.run(options, subject, names, settings, is_movie)
+        return
     with tempfile.TemporaryDirectory() as folder:
         plan = make_plan(options, subject.cameras, Path(folder) if is_movie else None)
         with Device(options.device, validation=options.validation or None, rays=options.rays) as device:
@@ -67,7 +75,7 @@ def run(options: argparse.Namespace) -> None:
     )
 
 
-def _check_parts(options: argparse.Namespace, names: Sequence[str], settings: Settings) -> None:
+def check_parts(options: argparse.Namespace, names: Sequence[str], settings: Settings) -> None:
     """Raise SolariError for outputs that frames with these settings don't have, or have at another size."""
     for name in names:
         if (needed := lighting.that_has(name)) not in ("", settings.lighting):
@@ -127,24 +135,22 @@ class _Shooting:
         except Stopped as stopped:
             print(stopped, file=sys.stderr)
             if not self._written:
-                if not self._count:
+                if not self._means.count:
                     self._add_frame()
                 self._write(plan.cameras[0], plan.targets[0])
         return self._written
 
     def _begin_mean(self) -> None:
-        self._sums: dict[str, Any] = dict.fromkeys(["radiance", *(name for name in self._names if name in LIGHT)], 0.0)
-        self._count = 0
+        self._means = FrameMeans(self._renderer, self._names)
         self._raw_sum: Any = 0.0
 
     def _add_frame(self) -> None:
-        for name in self._sums:
-            self._sums[name] = self._sums[name] + self._renderer[name].astype("float64")
-        self._count += 1
+        self._means.add()
         if (estimate := self._estimate) is not None:
             self._raw_sum = self._raw_sum + self._renderer[self._raw].astype("float64")
-            if self._count >= estimate.next_count:
-                estimate.look_at_other(self._count, self._raw_sum / self._count, self._rendered_result)
+            count = self._means.count
+            if count >= estimate.next_count:
+                estimate.look_at_other(count, self._raw_sum / count, self._rendered_result)
 
     @property
     def _raw(self) -> str:
@@ -153,7 +159,7 @@ class _Shooting:
 
     def _rendered_result(self) -> NDArray[Any]:
         """The picture at the size that is rendered."""
-        return area_means(self._result("radiance"), self._renderer.render_size)
+        return area_means(self._means["radiance"], self._renderer.render_size)
 
     def _render(self, camera: Camera, count: int, averaged: int) -> None:
         """Render `count` frames; the last ones of them count for the mean."""
@@ -165,19 +171,13 @@ class _Shooting:
                     break
             self._progress(self._renderer.frame_count, self.error)
 
-    def _result(self, name: str) -> NDArray[Any]:
-        if name in self._sums:
-            return np.asarray(self._sums[name] / self._count, np.float32)
-        values = self._renderer[name]
-        return values / 255.0 if values.dtype == np.uint8 else values
-
     def _write(self, camera: Camera, target: Path) -> None:
-        radiance, options = self._result("radiance"), self._options
+        radiance, options = self._means["radiance"], self._options
         if self._subject.auto_exposure and not self._written:
             _expose(self._plan.cameras, self._renderer.auto_exposure(radiance))
         if options.view != "picture":
             write_png(target, self._renderer["display"][..., :3])
         else:
-            layers = {name: self._result(name) for name in self._names}
+            layers = {name: self._means[name] for name in self._names}
             save_image(target, radiance, exposure=camera.exposure, tonemap=options.tonemap, layers=layers)
         self._written.append(target)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import solari_vk as sv
-from solari_vk.cli.cluster import is_spread, open_crew, render_spread
+from solari_vk.cli.cluster import is_spread, open_crew, render_spread, words_on
 from solari_vk.cli.plan import UNLIMITED
 from solari_vk.cli.progress import Progress, Stopped, error_text
 from solari_vk.cli.subject import Subject, check_aovs, load, names_of_aovs
@@ -85,8 +85,7 @@ def _render_spread(options: argparse.Namespace, subject: Subject, names: list[st
     """On several devices."""
     wanted = [name for name in names if name != "raw_radiance"]
     with open_crew(options) as crew:
-        count = f"{crew.worker_count} worker{'s' if crew.worker_count > 1 else ''}"
-        print(f"rendering {options.source} with {count}, each with {crew.identity.device}", file=sys.stderr)
+        print(f"rendering {options.source} with {words_on(crew)}", file=sys.stderr)
         with Progress("samples a pixel", total, options.time_limit) as progress:
             picture = render_spread(crew, subject, options, [*wanted, "depth"], total, progress)
     radiance, seconds, ev100 = picture.radiance, progress.seconds, None

@@ -10,6 +10,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterable
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from typing import Any, Self
@@ -21,6 +22,7 @@ from solari_vk.scene.model import Scene
 
 AHEAD = 2  # jobs a worker: one in work, and the next
 TICK_SECONDS = 1.0
+CONNECT_SECONDS = 10.0
 BUSY = 30.0  # seconds after which a crew doesn't wait any more for workers that don't answer
 PATIENCE = 120.0  # seconds without any worker of this machine after which a crew gives up
 TRIES = 3  # of a job on devices that fail
@@ -69,7 +71,6 @@ class Crew:
         self._distributed: Any = distributed
         self._workers, self._address, self._say = workers, address, say
         self._opening = Opening(device, rays, validation)
-        self._cluster: Any = None
         self._events: SimpleQueue[Any] = SimpleQueue()  # futures that are done
         self._submissions = 0
 
@@ -99,33 +100,25 @@ class Crew:
     def __enter__(self) -> Self:
         from solari_vk.cluster.roster import Roster
 
-        if self._workers is not None:
-            from solari_vk.cluster.local import start
+        with ExitStack() as opened:
+            target = self._address
+            if self._workers is not None:
+                from solari_vk.cluster.local import local_cluster
 
-            self._cluster = start(self._workers, self._opening)
-        try:
-            self.client: Any
-            """The client of dask."""
-            target = self._address if self._cluster is None else self._cluster
-            self.client = self._distributed.Client(target, set_as_default=False, direct_to_workers=self.shares_files)
-        except (OSError, ValueError) as error:
-            self._close_cluster()
-            raise SolariError(f"no scheduler of dask answers at {self._address}: {error}") from None
-        try:
+                target = opened.enter_context(local_cluster(self._workers, self._opening))
+            options = {"set_as_default": False, "direct_to_workers": self.shares_files, "timeout": CONNECT_SECONDS}
+            try:
+                self.client: Any = opened.enter_context(closing(self._distributed.Client(target, **options)))
+                """The client of dask."""
+            except (OSError, ValueError) as error:
+                raise SolariError(f"no scheduler of dask answers at {self._address}: {error}") from None
             self._roster = Roster(self.client, self._opening, self._events, self._say)
             self._await_workers()
-        except BaseException:
-            self.__exit__()
-            raise
+            self._opened = opened.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.client.close()
-        self._close_cluster()
-
-    def _close_cluster(self) -> None:
-        if self._cluster is not None:
-            self._cluster.close()
+        self._opened.close()
 
     def _await_workers(self) -> None:
         """Ask the workers that are here who they are, and wait until there is one that can take part."""

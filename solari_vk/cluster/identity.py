@@ -70,7 +70,7 @@ def device_of_worker(reports: Sequence[DeviceReport]) -> str | None:
     if SOLARI_VK_DEVICE is set.
     """
     entry = os.environ.get("CUDA_VISIBLE_DEVICES", "").split(",")[0].strip().lower()
-    usable = [report for report in reports if not report.missing and report.kind == "discrete"]
+    usable = [report for report in reports if not report.missing and report.kind == "discrete gpu"]
     if not entry or "SOLARI_VK_DEVICE" in os.environ:
         return None
     if entry.isdecimal():

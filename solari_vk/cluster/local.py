@@ -5,16 +5,20 @@ from __future__ import annotations
 import logging
 import os
 import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
+import dask
 from distributed import Nanny, Scheduler, SpecCluster
 
 from solari_vk.cluster.bench import Opening
 from solari_vk.gpu.device.device import list_devices
 
 
-def start(worker_count: int, opening: Opening) -> Any:
-    """Start worker processes, each with a device by its UUID; devices of the same name are given in turn."""
+@contextmanager
+def local_cluster(worker_count: int, opening: Opening) -> Iterator[Any]:
+    """Worker processes, each with a device by its UUID; devices of the same name are given in turn."""
     with opening.open() as device:
         chosen, name = device.properties.uuid, device.properties.name
     alike = [report.uuid for report in list_devices() if report.name == name and not report.missing]
@@ -33,7 +37,10 @@ def start(worker_count: int, opening: Opening) -> Any:
         for number in range(worker_count)
     }  # fmt: skip
     scheduler = {"cls": Scheduler, "options": {"dashboard": False, "host": "127.0.0.1"}}
-    return SpecCluster(workers, scheduler, silence_logs=logging.CRITICAL, name="solari_vk")
+    # a process that ended is started again: without this, dask gives up one that takes long to come back
+    patient = dask.config.set({"distributed.deploy.lost-worker-timeout": "1 day"})
+    with patient, SpecCluster(workers, scheduler, silence_logs=logging.CRITICAL, name="solari_vk") as cluster:
+        yield cluster
 
 
 def dask_setup(worker: Any) -> None:

@@ -64,6 +64,14 @@ def test_two_workers_give_the_same_bits(crew, scene, picture):
     assert not crew.refused
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 4])
+def test_other_numbers_of_workers_give_the_same_bits(scene, picture, workers):
+    with Crew(workers=workers) as crew:
+        assert same(picture, render_reference(crew, scene, SIZE, samples=40, seed=7, layers=LAYERS))
+        assert crew.worker_count == workers
+
+
 def test_another_seed_gives_other_bits(crew, scene, picture):
     other = render_reference(crew, scene, SIZE, samples=40, seed=8)
     assert not np.array_equal(picture.radiance, other.radiance)

@@ -1,0 +1,178 @@
+"""Pictures for files: single views of the path tracer, and runs of frames of the realtime renderer.
+
+The realtime renderer needs earlier frames. A run of pictures is cut into blocks of a fixed length, and a block begins
+with the frames before it, which are rendered and not written. So its bits don't depend on who renders it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.cluster.bench import Bench
+from solari_vk.cluster.reference import SEED_STEP
+from solari_vk.errors import SolariError
+from solari_vk.frame_means import FrameMeans
+from solari_vk.output.picture import save_image
+from solari_vk.scene.model import Camera
+from solari_vk.settings import Settings
+
+BLOCK = 24  # pictures of the realtime renderer
+METERED_SIDE, METERED_SAMPLES = 96, 16  # pixels of the longer side, and samples a pixel
+
+
+@dataclass(frozen=True)
+class View:
+    """A picture to render.
+
+    name: its file in the folder, a .png, .exr or .npy. time: seconds since the start of the style's clip.
+    """
+
+    name: str
+    camera: Camera
+    time: float | None = None
+
+
+@dataclass(frozen=True)
+class Style:
+    """How pictures are rendered.
+
+    With settings by the realtime renderer, each as the mean of `frames` frames, after `warm_up` frames before the first
+    picture. Without settings by the path tracer with `samples` samples per pixel, denoised by OIDN if asked for.
+    layers: names of further results of the renderer. clip: the number of an animation of the scene.
+    """
+
+    size: tuple[int, int]
+    seed: int = 0
+    layers: tuple[str, ...] = ()
+    tonemap: str = "agx"
+    clip: int | None = None
+    settings: Settings | None = None
+    frames: int = 4
+    warm_up: int = 16
+    samples: int = 64
+    max_bounces: int = 16
+    denoise: bool = False
+
+    def files_of(self, view: View) -> list[str]:
+        """The names of the files of a view: an .exr has the layers inside."""
+        path = Path(view.name)
+        beside = [] if path.suffix.lower() == ".exr" else [f"{path.stem}.{layer}.npy" for layer in self.layers]
+        return [view.name, *beside]
+
+
+@dataclass(frozen=True)
+class File:
+    """A file that a worker wrote: its SHA-256, and its content unless it is in the shared folder."""
+
+    sha256: str
+    data: bytes | None
+
+
+@dataclass(frozen=True)
+class Shot:
+    """Pictures that one worker renders in a row. first: the number of the first view among all.
+
+    before: the views of the frames that are rendered first, for the realtime renderer's history. folder: where the
+    worker writes; None: the files' contents come back.
+    """
+
+    style: Style
+    first: int
+    views: tuple[View, ...]
+    before: tuple[View, ...] = ()
+    folder: str | None = field(default=None, compare=False)
+
+    @property
+    def name(self) -> str:
+        """What the job is, for messages."""
+        last = f" to {self.views[-1].name}" if len(self.views) > 1 else ""
+        return f"picture {self.views[0].name}{last}"
+
+    def perform(self, bench: Bench) -> dict[str, File]:
+        """Render the pictures and write them; returns the files by name."""
+        with tempfile.TemporaryDirectory() as temporary:
+            folder = Path(self.folder or temporary)
+            if not folder.is_dir():
+                raise SolariError(f"{folder}: the worker has no such folder: don't give --shared-folder, or share it")
+            (self._trace if self.style.settings is None else self._play)(bench, folder)
+            contents = {name: (folder / name).read_bytes() for view in self.views for name in self.style.files_of(view)}
+        return {
+            name: File(hashlib.sha256(data).hexdigest(), None if self.folder else data)
+            for name, data in contents.items()
+        }
+
+    def _trace(self, bench: Bench, folder: Path) -> None:
+        style = self.style
+        for number, view in enumerate(self.views, self.first):
+            self._pose(bench, view)
+            tracer = bench.path_tracer(style.size, style.max_bounces, (style.seed + number * SEED_STEP) % 2**32)
+            self._save(folder, view, tracer.render(view.camera, style.samples, denoise=style.denoise))
+
+    def _play(self, bench: Bench, folder: Path) -> None:
+        style = self.style
+        assert style.settings is not None
+        renderer = bench.renderer(style.size, style.settings, style.seed)
+        renderer.frame_count = self.first * style.frames + style.warm_up - len(self.before)
+        for view in self.before:
+            self._pose(bench, view)
+            renderer.render(view.camera)
+        for view in self.views:
+            self._pose(bench, view)
+            means = FrameMeans(renderer, style.layers)
+            for _ in range(style.frames):
+                renderer.render(view.camera)
+                means.add()
+            self._save(folder, view, means)
+
+    def _pose(self, bench: Bench, view: View) -> None:
+        if view.time is not None and self.style.clip is not None:
+            bench.scene.animate(view.time, self.style.clip)
+
+    def _save(self, folder: Path, view: View, results: Any) -> None:
+        layers: dict[str, NDArray[Any]] = {name: results[name] for name in self.style.layers}
+        save_image(
+            folder / view.name, results["radiance"], exposure=view.camera.exposure, tonemap=self.style.tonemap,
+            layers=layers,
+        )  # fmt: skip
+
+
+def blocks(style: Style, views: Sequence[View], *, length: int = BLOCK) -> list[Shot]:
+    """Shots of successive pictures, for the realtime renderer.
+
+    The frames before the first picture show its view; those before a later block show the views before it.
+    """
+    shots = []
+    for start in range(0, len(views), length):
+        count = style.warm_up if start == 0 else max(style.warm_up, 1)
+        earlier = [view for view in views[:start] for _ in range(style.frames)][-count:] if count else []
+        before = [views[0]] * (count - len(earlier)) + earlier
+        shots.append(Shot(style, start, tuple(views[start : start + length]), tuple(before)))
+    return shots
+
+
+@dataclass(frozen=True)
+class Meter:
+    """Finds the exposure that suits some cameras."""
+
+    cameras: tuple[Camera, ...]
+    size: tuple[int, int]
+    name: str = "metering"
+
+    def perform(self, bench: Bench) -> float:
+        """The mean EV100 of small pictures."""
+        scale = METERED_SIDE / max(self.size)
+        size = (max(round(self.size[0] * scale), 1), max(round(self.size[1] * scale), 1))
+        tracer = bench.path_tracer(size, 16, 0)
+        values = []
+        for camera in self.cameras:
+            tracer.render(camera, METERED_SAMPLES)
+            values.append(tracer.auto_exposure())
+        return float(np.mean(values))

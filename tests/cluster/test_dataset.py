@@ -1,0 +1,145 @@
+"""Data sets: the same files whoever renders them, cameras as transforms.json says, and taking up again."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import solari_vk as sv
+from solari_vk.cli import main
+from solari_vk.cluster.dataset import cameras_for
+
+OPTIONS = ["--size", "24x16", "--samples", "2", "--seed", "3", "--aov", "depth,instance_id"]
+
+
+@pytest.fixture
+def make(any_device, tmp_path, capsys):
+    """Run `solari-vk dataset`; returns the exit code, its stderr and the folder."""
+
+    def run(*arguments, name="views", source="builtin:cornell_box"):
+        folder = tmp_path / name
+        code = main(["dataset", source, *OPTIONS, *map(str, arguments), "-o", str(folder)])
+        return code, capsys.readouterr().err, folder
+
+    return run
+
+
+def contents(folder, but=()):
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.name not in but}
+
+
+def test_workers_give_the_same_files(make, crew):
+    """Streamed back, or written by the workers into a shared folder."""
+    address = crew.client.scheduler.address
+    code, said, alone = make("--views", 3, "--cameras", "random", name="alone")
+    assert code == 0, said
+    assert "3 of 3 pictures" in said
+    for name, more in (("streamed", []), ("shared", ["--shared-folder"])):
+        code, said, together = make("--views", 3, "--cameras", "random", "--cluster", address, *more, name=name)
+        assert code == 0, said
+        assert contents(together, ["views.jsonl"]) == contents(alone, ["views.jsonl"])
+    names = {f"{number:05}{end}" for number in range(3) for end in (".png", ".depth.npy", ".instance_id.npy")}
+    assert contents(alone).keys() == names | {"views.jsonl", "transforms.json"}
+
+
+def test_transforms_describe_the_cameras(make):
+    """The depth layer, seen through the matrix and the lens, gives the positions that the renderer gives."""
+    code, said, folder = make("--views", 3, "--cameras", "random", "--aov", "depth,position")
+    assert code == 0, said
+    transforms = json.loads((folder / "transforms.json").read_text())
+    assert (transforms["w"], transforms["h"]) == (24, 16)
+    x, y = np.meshgrid(np.arange(24) + 0.5, np.arange(16) + 0.5)
+    for frame in transforms["frames"]:
+        assert Image.open(folder / frame["file_path"]).size == (24, 16)
+        depth, position = (np.load(folder / frame["layer_paths"][name]) for name in ("depth", "position"))
+        across, up = (x - transforms["cx"]) / frame["fl_x"], (transforms["cy"] - y) / frame["fl_y"]
+        rays = np.stack([across, up, np.full_like(x, -1)], axis=-1)
+        matrix = np.array(frame["transform_matrix"])
+        there = np.isfinite(depth)
+        assert there.mean() > 0.2
+        points = (rays * depth[..., None])[there] @ matrix[:3, :3].T + matrix[:3, 3]
+        np.testing.assert_allclose(points, position[there], atol=1e-4)
+        assert math.isclose(2 * math.atan(12 / frame["fl_x"]), frame["camera_angle_x"])
+    assert len({str(frame["transform_matrix"]) for frame in transforms["frames"]}) == 3
+
+
+def test_a_stopped_run_goes_on(make):
+    """Files that are there with their content stay; one that was changed, and new views, are rendered."""
+    _, _, folder = make("--views", 2, "--cameras", "random")
+    whole = contents(folder)
+    times = {path.name: path.stat().st_mtime_ns for path in folder.iterdir()}
+    damaged = folder / "00001.depth.npy"
+    damaged.write_bytes(b"x")
+    (folder / "views.jsonl").open("a").write('{"shot": "cut o')
+    code, said, _ = make("--views", 3, "--cameras", "random")
+    assert code == 0, said
+    now = contents(folder)
+    assert all(now[name] == data for name, data in whole.items() if name[0] == "0")
+    assert "00002.png" in now
+    assert (folder / "00000.png").stat().st_mtime_ns == times["00000.png"]
+    assert (folder / "00001.png").stat().st_mtime_ns > times["00001.png"]
+    code, said, _ = make("--views", 3, "--cameras", "random")
+    assert code == 0
+    assert contents(folder) == now
+
+
+def test_a_folder_of_other_pictures_is_refused(make):
+    _, _, folder = make("--views", 1)
+    before = contents(folder)
+    code, said, _ = make("--views", 1, "--max-bounces", 2)
+    assert code == 2
+    assert "another style" in said
+    code, said, _ = make("--views", 1, source="builtin:closed_box")
+    assert code == 2
+    assert "another scene" in said
+    assert contents(folder, ["transforms.json"]) == {k: v for k, v in before.items() if k != "transforms.json"}
+
+
+def test_cameras_of_files(tmp_path):
+    scene = sv.builtin("cornell_box")
+    poses = [{"position": [1, 1, 5 + n], "target": [1, 1, 0], "vertical_fov_degrees": 40} for n in range(2)]
+    path = tmp_path / "poses.json"
+    path.write_text(json.dumps(poses))
+    cameras = cameras_for(str(path), scene, scene.camera, None, 1.5, 0)
+    assert [camera.transform[2, 3] for camera in cameras] == [5, 6]
+    for given, words in (
+        ("[]", "a JSON list of poses"), ("{", "JSON file"), ('{"frames": [{}]}', "lacks a field"),
+        ('[{"position": 1}]', "pose 0"),
+    ):  # fmt: skip
+        path.write_text(given)
+        with pytest.raises(sv.SolariError, match=words):
+            cameras_for(str(path), scene, scene.camera, None, 1.5, 0)
+    path.write_text(json.dumps(poses))
+    with pytest.raises(sv.SolariError, match="has 2 poses"):
+        cameras_for(str(path), scene, scene.camera, 3, 1.5, 0)
+    with pytest.raises(sv.SolariError, match="--views"):
+        cameras_for("orbit", scene, scene.camera, None, 1.5, 0)
+
+
+def test_transforms_are_poses_too(make, tmp_path):
+    code, said, folder = make("--views", 2)
+    assert code == 0, said
+    code, said, again = make("--cameras", folder / "transforms.json", name="again")
+    assert code == 0, said
+    pictures = ["00000.png", "00001.png"]
+    first, second = (
+        [np.asarray(Image.open(place / name), np.float64) for name in pictures] for place in (folder, again)
+    )
+    np.testing.assert_allclose(first, second, atol=2)  # the field of view goes through pixels
+
+
+def test_random_cameras_see_the_scene():
+    """All of an object; or, in a room, from inside it."""
+    room = sv.builtin("closed_box")
+    low, high = room.bounds
+    for camera in cameras_for("random", room, room.camera, 16, 1.5, 5):
+        assert (camera.transform[:3, 3] > low).all()
+        assert (camera.transform[:3, 3] < high).all()
+    few, many = (cameras_for("random", room, room.camera, count, 1.5, 5) for count in (2, 4))
+    assert all(np.array_equal(a.transform, b.transform) for a, b in zip(few, many, strict=False))
+    others = cameras_for("random", room, room.camera, 2, 1.5, 6)
+    assert not np.array_equal(few[0].transform, others[0].transform)

@@ -1,0 +1,204 @@
+"""What goes wrong on a cluster ends in one clear line, and what was finished before stays."""
+
+from __future__ import annotations
+
+import os
+import re
+import resource
+import shutil
+import subprocess
+import sys
+import time
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import solari_vk as sv
+from solari_vk.cli import main
+from solari_vk.cluster import Crew, OneDevice, Shot, Style, View, render_reference, render_shots
+from solari_vk.cluster import shots as shots_module
+from solari_vk.cluster.identity import Identity, code_hash, device_of_worker
+from solari_vk.gpu.device.physical import DeviceReport
+from solari_vk.output.picture import save_image
+
+SIZE = 24, 16
+
+
+@contextmanager
+def process(*command, **environment):
+    """A process whose lines are read through a pipe."""
+    started = subprocess.Popen(
+        [sys.executable, "-P", "-m", *command], env=os.environ | environment, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        yield started
+    finally:
+        started.kill()
+        started.communicate()
+
+
+@contextmanager
+def scheduler():
+    """A scheduler of dask in a process of its own, with its address."""
+    with process("distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard") as started:
+        for line in started.stderr:
+            if found := re.search(r"Scheduler at:\s+(tcp://[\d.:]+)", line):
+                yield started, found[1]
+                return
+        raise AssertionError("the scheduler didn't start")
+
+
+def worker(address, **environment):
+    """A worker without a process that would start it again."""
+    return process("distributed.cli.dask_worker", address, "--no-nanny", "--nthreads", "1", "--no-dashboard",
+                   **environment)  # fmt: skip
+
+
+def test_workers_that_would_render_other_bits_are_refused(any_device, tmp_path):
+    """One has other code, one traces rays in another way; the third renders alone. Then the scheduler goes away."""
+    copy = tmp_path / "other"
+    package = sv.__path__[0]
+    shutil.copytree(package, copy / "solari_vk")
+    shutil.copytree(Path(package).parent / "glsl", copy / "glsl")
+    (copy / "solari_vk" / "color.py").open("a").write("# changed\n")
+    said = []
+    with ExitStack() as stack:
+        started, address = stack.enter_context(scheduler())
+        for changes in ({"SOLARI_VK_RAYS": "query"}, {"SOLARI_VK_RAYS": "pipeline"}, {"PYTHONPATH": str(copy)}):
+            stack.enter_context(worker(address, **changes))
+        crew = stack.enter_context(Crew(address=address, say=said.append))
+        deadline = time.monotonic() + 60
+        while len(crew.refused) < 2 and time.monotonic() < deadline:
+            render_reference(crew, sv.builtin("cornell_box"), (8, 8), samples=1)
+        assert crew.worker_count == 1
+        reasons = sorted(crew.refused.values())
+        assert "other code of solari_vk" in reasons[0]
+        assert code_hash() in reasons[0]
+        assert "rays by" in reasons[1]
+        assert [line[:22] for line in said if line.startswith("worker tcp://127.0.0.1")]
+
+        def kill(samples, error):
+            started.kill()
+
+        with pytest.raises(sv.SolariError, match="the scheduler is gone"):
+            render_reference(crew, sv.builtin("cornell_box"), SIZE, samples=10_000, progress=kill)
+
+
+def test_a_scheduler_that_does_not_answer(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("solari_vk.cluster.crew.CONNECT_SECONDS", 1.0)
+    command = ["render", "builtin:cornell_box", "-o", str(tmp_path / "x.png"), "--no-denoise"]
+    assert main([*command, "--cluster", "tcp://127.0.0.1:9"]) == 2
+    assert "no scheduler of dask answers at tcp://127.0.0.1:9" in capsys.readouterr().err
+    for more, words in (
+        (["--workers", "2", "--cluster", "tcp://127.0.0.1:9"], "one of the two"),
+        (["--shared-folder"], "--shared-folder is for"),
+    ):
+        assert main([*command, *more]) == 2
+        assert words in capsys.readouterr().err
+    command = ["render", "builtin:cornell_box", "-o", str(tmp_path / "x.png"), "--mode", "realtime", "--workers", "2"]
+    assert main(command) == 2
+    assert "a still picture in realtime mode" in capsys.readouterr().err
+
+
+def shots(folder, count=4):
+    scene = sv.builtin("cornell_box")
+    style = Style(SIZE, samples=1)
+    return scene, [Shot(style, n, (View(f"{n}.npy", scene.camera),), folder=folder) for n in range(count)]
+
+
+@contextmanager
+def files_of_at_most(size):
+    """Writing more to one file fails, as it does on a full disk."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def fill_disk():
+    """Runs in workers."""
+    shots_module.save_image = save_on_full_disk
+
+
+def empty_disk():
+    """Runs in workers."""
+    shots_module.save_image = save_image
+
+
+def save_on_full_disk(*given, **options):
+    with files_of_at_most(1000):
+        save_image(*given, **options)
+
+
+@pytest.mark.parametrize("shared", [True, False], ids=["workers write", "files come back"])
+def test_a_full_disk(crew, tmp_path, shared):
+    """The message names the file; no file is left half written, and the next run renders what is missing."""
+    scene, two = shots(str(tmp_path) if shared else None, 2)
+    _, four = shots(str(tmp_path) if shared else None)
+    ledger = tmp_path / "ledger.jsonl"
+    assert render_shots(crew, scene, two, ledger) == 2
+    whole = {path.name: path.read_bytes() for path in tmp_path.glob("*.npy")}
+    if shared:
+        crew.client.run(fill_disk)
+    try:
+        with files_of_at_most(4000), pytest.raises(sv.SolariError, match=r"[23]\.npy: can't be written"):
+            render_shots(crew, scene, four, ledger)
+    finally:
+        if shared:
+            crew.client.run(empty_disk)
+    assert {path.name: path.read_bytes() for path in tmp_path.glob("*.npy")} == whole
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+    assert render_shots(crew, scene, four, ledger) == 4
+    assert {path.name for path in tmp_path.glob("*.npy")} == {f"{n}.npy" for n in range(4)}
+
+
+@pytest.mark.slow
+def test_a_job_that_kills_its_workers_is_named(crew):
+    """Dask gives up after four workers, and the crew says which job it was."""
+    scene = sv.builtin("cornell_box")
+    with pytest.raises(sv.SolariError, match="the deadly job ended every worker"):
+        for _ in crew.map(scene, [Deadly()]):
+            pass
+    with OneDevice() as one:
+        alone = render_reference(one, scene, SIZE, samples=2)
+    assert np.array_equal(alone.radiance, render_reference(crew, scene, SIZE, samples=2).radiance)
+
+
+class Deadly:
+    name = "the deadly job"
+
+    def perform(self, bench):
+        os._exit(1)
+
+
+def test_identities_differ_in_words():
+    mine = Identity("1", "a", "GPU", "driver", "query")
+    assert not mine.difference(mine)
+    for field, words in (
+        ({"version": "2"}, "version 1 of solari_vk, but version 2"), ({"code": "b"}, "other code"),
+        ({"device": "CPU"}, "the device GPU, but the device CPU"), ({"driver": "x"}, "the driver driver"),
+        ({"rays": "pipeline"}, "rays by query"),
+    ):  # fmt: skip
+        assert words in mine.difference(Identity(**{**vars(mine), **field}))
+
+
+def test_workers_of_dask_cuda_get_their_own_devices(monkeypatch):
+    """CUDA_VISIBLE_DEVICES holds numbers or UUIDs; its first entry counts, and SOLARI_VK_DEVICE wins."""
+
+    def report(number, kind="discrete gpu"):
+        return DeviceReport(number, "GPU", kind, f"{number}{number}-aa", "driver", (1, 3, 0), [], {})
+
+    reports = [report(0), report(1), report(2, "cpu")]
+    monkeypatch.delenv("SOLARI_VK_DEVICE", raising=False)
+    for given, uuid in (
+        ("", None), ("0", "00-aa"), ("1,0", "11-aa"), ("2", None), ("GPU-11-AA,GPU-00-aa", "11-aa"), ("GPU-x", None),
+    ):  # fmt: skip
+        monkeypatch.setenv("CUDA_VISIBLE_DEVICES", given)
+        assert device_of_worker(reports) == uuid
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "1")
+    monkeypatch.setenv("SOLARI_VK_DEVICE", "0")
+    assert device_of_worker(reports) is None
