@@ -97,10 +97,10 @@ def test_python_runs(any_device, page, folder, capsys):
 
 def test_blocks_fit_the_page():
     """The site shows 88 columns."""
-    for page in PAGES:
-        if page.parent.name in ("start", "guides") or page.parent == ROOT:
-            for line in "".join(blocks(page, r"(?:python|glsl|sh)")).splitlines():
-                assert len(line) <= 88, f"{name_of(page)}: {line}"
+    named = {"gltf.md", "ray_tracing.md", "README.md", "CONTRIBUTING.md"}
+    pages = [page for page in PAGES if page.parent.name in ("start", "guides") or page.name in named]
+    lines = [line for page in pages for block in blocks(page, r"(?:python|glsl|sh)") for line in block.splitlines()]
+    assert not [line for line in lines if len(line) > 88]
 
 
 def test_what_makes_programs_smaller_is_used():
