@@ -167,11 +167,7 @@ def test_mitsubas_floor_gets_the_same_light(device):
     scene.environment = environment
     ours = trace(device, scene, 2048, (16, 16), lambert=True, max_bounces=1).mean(axis=(0, 1))
 
-    # In Mitsuba a map's middle column is +z and longitude runs towards -x; ours is +x and runs towards +z.
-    to_world = np.eye(4)
-    to_world[:3, :3] = environment.rotation @ np.array(((0, 0, 1), (0, 1, 0), (-1, 0, 0)))
-    emitter = {"type": "envmap", "bitmap": mi.Bitmap(smooth_map(polar, longitude)),
-               "to_world": mi.ScalarTransform4f(to_world)}  # fmt: skip
+    emitter = mitsuba_scene.environment_of(mi, environment, smooth_map(polar, longitude))
     live = mitsuba_scene.scene_of(mi, scene, 16, 16, bounces=1, lambert=True, emitters={"map": emitter})
     theirs, variance = mitsuba_scene.render(mi, live, 8, 64, seed=1)
     error = 4 * np.sqrt(variance.mean(axis=(0, 1)) / 256) / theirs.mean(axis=(0, 1))

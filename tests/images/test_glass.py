@@ -1,13 +1,19 @@
-"""Glass in closed form: a pane colors the light that passes it, white solids are invisible in an even environment."""
+"""Glass in closed form: a pane colors the light that passes it, white solids are invisible in an even environment; and
+glass and layers in realtime frames, by both ways to trace, with seeded bugs."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.measured import hold
 
 import solari_vk as sv
+from solari_vk.conformance import paths_checks
+from solari_vk.conformance.paths_checks import Profile
+from solari_vk.conformance.realtime import Effort, make_renderer
+from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.scene import shapes
-from solari_vk.scene.builtin import lamp, matte
+from solari_vk.scene.builtin import lamp, matte, place
 
 COLOR = np.array((0.9, 0.5, 0.2))
 SHARE = 0.96  # of light that passes a boundary of an index of refraction of 1.5 at normal incidence
@@ -90,3 +96,81 @@ def test_metal_spreads_light_along_its_anisotropy(picture, rotation):
         light.append(picture(scene, (4, 4), 16).mean.mean())
     along, across = light if rotation == 0 else reversed(light)
     assert along > 10 * across > 0
+
+
+MUTANTS = {
+    "a solid absorbs nothing": (test_a_solid_absorbs_by_the_law_of_beer_and_lambert, "passes/pathtracer/trace.comp",
+                                "throughput *= attenuation(absorption, hit.t);", ";"),
+    "a pane doesn't color light": (lambda picture: test_a_thin_pane_colors_shadow_rays(picture, "nee"),
+                                   "scene/alpha.glsl", "passage.tint *=", "//"),
+    "the tangent is turned": (lambda picture: test_metal_spreads_light_along_its_anisotropy(picture, 0.0),
+                              "scene/material_lobes.glsl", "mat2x3(tangent_frame[0], tangent_frame[1])",
+                              "mat2x3(tangent_frame[1], tangent_frame[0])"),
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MUTANTS)
+def test_a_bug_is_noticed(picture, name):
+    proof, *patch = MUTANTS[name]
+    with patched_shaders(tuple(patch)), pytest.raises(AssertionError):
+        proof(picture)
+
+
+def balls(*materials):
+    """Balls on a gray floor, seen from above, in an environment that is brighter on one side and at the top."""
+    scene = sv.Scene()
+    scene.add(shapes.quad((0, 0, 0), (0, 0, 3), (3, 0, 0)), matte(0.5))
+    for i, material in enumerate(materials):
+        scene.add(shapes.sphere(0.5, 32), material, place(at=(1.1 * (i - (len(materials) - 1) / 2), 0.55, 0)))
+    row, column = np.mgrid[:8, :16]
+    light = (1 + 0.5 * np.cos(row / 8 * np.pi)) * (1 + 0.5 * np.cos(column / 16 * 2 * np.pi))
+    scene.environment = sv.Environment(np.repeat(light[..., None], 3, axis=2).astype(np.float32))
+    scene.camera = sv.Camera.look_at((0, 3.0, 1.6), (0, 0.4, 0), vertical_fov=0.75)
+    return scene
+
+
+GLASS = {"base_color": 1.0, "transmission": 1.0, "perceptual_roughness": 0.0}
+TINTED = {"attenuation_color": COLOR, "attenuation_distance": 0.5}
+METAL = {"base_color": (0.9, 0.8, 0.6), "metallic": 1.0, "perceptual_roughness": 0.4}
+PICTURES = {
+    "solids": lambda: balls(
+        sv.Material(**GLASS, **TINTED, solid=True),
+        sv.Material(**{**GLASS, "perceptual_roughness": 0.5}, **TINTED, solid=True),
+    ),
+    "thin walls": lambda: balls(
+        sv.Material(**{**GLASS, "base_color": COLOR}),
+        sv.Material(**{**GLASS, "base_color": COLOR, "perceptual_roughness": 0.5}),
+    ),
+    "layers": lambda: balls(
+        sv.Material(base_color=(0.6, 0.1, 0.1), clearcoat=1.0, clearcoat_roughness=0.4),
+        sv.Material(base_color=(0.1, 0.1, 0.3), sheen_color=(0.7, 0.7, 1.0), sheen_roughness=0.4),
+        sv.Material(**METAL, anisotropy=0.7, anisotropy_rotation=0.5),
+    ),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PICTURES)
+def test_frames_have_the_path_tracers_mean(device, name):
+    profile = Profile(Effort(16, 0, 64, 8192), Effort(), (0.01, 0.0))
+    hold(paths_checks.measure_means(device, profile, PICTURES[name](), kinds=("one", "several")))
+
+
+@pytest.mark.parametrize("frames", [0, pytest.param(3, marks=pytest.mark.slow)])
+def test_queries_and_pipelines_are_equal(frames):
+    """A pane before a solid that absorbs: the path tracer's picture, and some realtime frames."""
+    scene = balls(sv.Material(**GLASS, **TINTED, solid=True))
+    pane = sv.Material(**{**GLASS, "base_color": COLOR}, double_sided=True)
+    scene.add(shapes.quad((0, 1.3, 0.3), (0, 0, 0.6), (0.6, 0, 0)), pane)
+    taken = []
+    for way in ("query", "pipeline"):
+        with sv.Device(validation=True, rays=way) as device:
+            with sv.PathTracer(device, scene, (16, 16), seed=5) as tracer:
+                taken.append([tracer.render(scene.camera, 4)["radiance"].copy()])
+            if frames:
+                with make_renderer(device, scene, (16, 16), seed=5) as renderer:
+                    taken[-1] += [renderer.render(scene.camera)["radiance"].copy() for _ in range(frames)]
+    for query, pipeline in zip(*taken, strict=True):
+        assert query.any()
+        assert query.tobytes() == pipeline.tobytes()

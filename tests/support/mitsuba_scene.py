@@ -1,4 +1,4 @@
-"""A solari_vk Scene (no textures, no suns) as a Mitsuba 3 scene, with Lambert or our own BRDF.
+"""A solari_vk Scene (no textures, no suns) as a Mitsuba 3 scene, with Lambert, our own BRDF, or one of Mitsuba's.
 
 Our BRDF is the NumPy oracle's, written as a Mitsuba BSDF: evaluation as in support.brdf with its albedo
 tables, sampling by Mitsuba's own visible-normal and cosine sampling. Its vectorized form needs the variant
@@ -30,10 +30,11 @@ def select_variant(vectorized):
     return mitsuba
 
 
-def scene_of(mi, scene, width, height, *, bounces, lambert, camera=None, emitters=None):
+def scene_of(mi, scene, width, height, *, bounces, lambert=False, bsdf=None, camera=None, emitters=None):
     """The Mitsuba scene; pixels are averaged by a box, paths go up to `bounces` bounces without roulette.
 
-    emitters: lights that have no counterpart in ours, as Mitsuba's dictionaries by name.
+    bsdf: Mitsuba's dictionary of one for all surfaces. emitters: lights that have no counterpart in ours, as its
+    dictionaries by name.
     """
     camera = camera or scene.camera
     # Mitsuba looks along +z with +x to the left; ours looks along -z with +x to the right.
@@ -47,15 +48,25 @@ def scene_of(mi, scene, width, height, *, bounces, lambert, camera=None, emitter
     parts = {"type": "scene", "integrator": integrator, "sensor": sensor, **(emitters or {})}
     for index, instance in enumerate(scene):
         if instance.visible:
-            parts[f"shape{index}"] = _mesh(mi, instance, f"shape{index}", lambert)
+            parts[f"shape{index}"] = _mesh(mi, instance, f"shape{index}", lambert, bsdf)
     return mi.load_dict(parts)
 
 
-def _mesh(mi, instance, name, lambert):
+def environment_of(mi, environment, pixels):
+    """Mitsuba's emitter for an environment, of its radiance in rows from pole to pole."""
+    # In Mitsuba a map's middle column is +z and longitude runs towards -x; ours is +x and runs towards +z.
+    to_world = np.eye(4)
+    to_world[:3, :3] = environment.rotation @ np.array(((0, 0, 1), (0, 1, 0), (-1, 0, 0)))
+    return {"type": "envmap", "bitmap": mi.Bitmap(pixels), "to_world": mi.ScalarTransform4f(to_world)}
+
+
+def _mesh(mi, instance, name, lambert, given):
     mesh = instance.ray_mesh or instance.mesh
     material = instance.material
     properties = mi.Properties()
-    if lambert:
+    if given:
+        bsdf = mi.load_dict(given)
+    elif lambert:
         plain = {"type": "diffuse", "reflectance": {"type": "rgb", "value": material.base_color.tolist()}}
         bsdf = mi.load_dict({"type": "twosided", "bsdf": plain})
     else:
