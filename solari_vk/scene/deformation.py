@@ -149,9 +149,11 @@ class Deformation:
             centers = centers + morph_weights @ deltas.mean(axis=1)
             half_sizes = half_sizes + np.abs(morph_weights) @ (deltas[:, 1] - deltas[:, 0]) / 2
         if joint_matrices is not None:
-            matrices = np.concatenate([joint_matrices[joints[:-1]], np.eye(3, 4)[None]])
+            matrices = joint_matrices[joints[:-1]]
             if joints[-1] < 0:  # no vertex is without a joint
-                matrices, centers, half_sizes = matrices[:-1], centers[:-1], half_sizes[:-1]
+                centers, half_sizes = centers[:-1], half_sizes[:-1]
+            else:
+                matrices = np.concatenate([matrices, np.eye(3, 4)[None]])
             centers = np.einsum("nij,nj->ni", matrices[:, :, :3], centers) + matrices[:, :, 3]
             half_sizes = np.einsum("nij,nj->ni", np.abs(matrices[:, :, :3]), half_sizes)
         low, high = (centers - half_sizes).min(axis=0), (centers + half_sizes).max(axis=0)

@@ -52,6 +52,10 @@ class PosedMesh:
         self.refits = 0
         self.built_area = 0.0
         self.area = 0.0
+        self.work: dict[tuple[int, ...], Any] = {}
+        """Records of work for `Poser`, by what they depend on."""
+        self.build_infos: dict[tuple[int, bool], raw.CData] = {}
+        """What the device is told of builds, by side and whether they are refits."""
 
     @property
     def deformation(self) -> Deformation:
@@ -82,6 +86,16 @@ class PosedMesh:
             if owned is not None:
                 owned.destroy()
         self.buffer, self.blases, self.built_area, self.copies = None, [], 0.0, {}
+        self.work, self.build_infos = {}, {}
+
+    def build_info(self, scratch: int, *, update: bool) -> raw.CData:
+        """What the device is told of a build of the current side, or of its refit from the other one."""
+        info = self.build_infos.get((self.side, update))
+        if info is None:
+            info = self.blases[self.side].build_info(update=update, source=self.blases[1 - self.side])
+            self.build_infos[self.side, update] = info
+        info.scratchData.deviceAddress = scratch
+        return info
 
 
 class Poser:
@@ -112,8 +126,8 @@ class Poser:
         first_joint = first_target = 0
         for number, ((shape, base, source), active) in enumerate(zip(work, weighted, strict=True)):
             matrices, weights = shape.pose
+            self._work.records[number] = self._addresses(shape, base, source.address)
             record = self._work.records[number]
-            self._write_addresses(record, shape, base, source.address)
             record["first_joint"], record["first_target"] = first_joint, first_target
             record["target_count"] = len(active)
             if matrices is None:
@@ -129,8 +143,12 @@ class Poser:
         for table, count in zip(self.tables, (len(work), first_joint, first_target), strict=True):
             table.mark(range(count))
 
-    def _write_addresses(self, record: Any, shape: PosedMesh, base: Any, source: int) -> None:
-        """Write what follows from the mesh and the side. source: the address of influences and targets."""
+    def _addresses(self, shape: PosedMesh, base: Any, source: int) -> Any:
+        """A record of what follows from the mesh and the side. source: the address of influences and targets."""
+        key = shape.side, source, *base[["positions", "attributes", "flags"]].tolist()
+        if key in shape.work:
+            return shape.work[key]
+        record = shape.work[key] = np.zeros((), self._work.records.dtype)
         deformation, floats = shape.deformation, self._attributes.itemsize // 4
         influences = 0 if deformation.joints is None else deformation.joints.size
         parts = [deformation.targets, deformation.target_normals, deformation.target_tangents]
@@ -155,6 +173,7 @@ class Poser:
         }
         for field, value in values.items():
             record[field] = value
+        return record
 
     def submit(self, shapes: list[PosedMesh]) -> None:
         """Compute the vertices of poses and bring their BLASes up to date, just before the next submission."""
@@ -195,8 +214,7 @@ class Poser:
         address = self._scratch_address(sum(sizes))
         infos = []
         for (shape, update), size in zip(builds, sizes, strict=True):
-            blas, other = shape.blases[shape.side], shape.blases[1 - shape.side]
-            infos.append(blas.build_info(address, update=update, source=other))
+            infos.append(shape.build_info(address, update=update))
             address += size
         infos_array = raw.array("VkAccelerationStructureBuildGeometryInfoKHR", infos)
         ranges = [shape.blases[shape.side].ranges for shape, _ in builds]
