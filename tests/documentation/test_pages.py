@@ -231,4 +231,7 @@ def test_names_that_pages_give_are_there():
             assert output in {*sv.PathTracer.OUTPUTS, *sv.Renderer.OUTPUTS}, output
     for name in re.findall(r"^\| `(\w+)` \|", text_of(DOCS / "guides/denoising.md"), re.M):
         assert name in FIELDS, name
+    variables = set(re.findall(r"^\| `(SOLARI_VK_\w+)`", text_of(DOCS / "reference/cli.md"), re.M))
+    sources = "".join(text_of(path) for path in (ROOT / "solari_vk").rglob("*.py"))
+    assert variables == set(re.findall(r"SOLARI_VK_[A-Z]+", sources))
     assert json.loads(blocks(DOCS / "guides/animation.md", "json")[0])
