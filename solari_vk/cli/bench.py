@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from solari_vk.cli.options import add_device_options, positive
+from solari_vk.cli.options import add_device_options, positive, size
 
 
 def add_parser(commands: Any) -> None:
@@ -44,10 +44,19 @@ def add_parser(commands: Any) -> None:
     denoise.add_argument("--pictures", type=Path, metavar="FOLDER", help="write raw frames, denoised ones, the truth")
     denoise.add_argument("--references", type=Path, metavar="FOLDER", help="keep the path tracer's pictures there")
 
+    cluster = parts.add_parser("cluster", help="how well several workers share the views of a data set")
+    cluster.set_defaults(run=_cluster)
+    cluster.add_argument("--workers", type=positive, action="append", metavar="N",
+                         help="processes, one for each device (1 and 2; repeatable)")
+    cluster.add_argument("--views", type=positive, default=64, metavar="N", help="views of each round (64)")
+    cluster.add_argument("--size", type=size, default=(128, 128), metavar="WxH", help="of a view (128x128)")
+    cluster.add_argument("--samples", type=positive, default=16, metavar="N", help="samples per pixel (16)")
+    cluster.add_argument("--simulate", action="store_true", help="the load of a scheduler with many workers too")
+
     for part in (claims, frame, denoise):
         part.add_argument("--quick", action="store_true", help="tiny pictures and few runs, only to try the command")
     claims.add_argument("--seeds", type=positive, metavar="N", help="independent runs of each comparison (5)")
-    for part in (speed, load, claims, frame, denoise):
+    for part in (speed, load, claims, frame, denoise, cluster):
         _add_common(part, argparse.SUPPRESS)  # an option before the part's name counts too
 
 
@@ -87,3 +96,10 @@ def _denoise(options: argparse.Namespace) -> None:
 
     run(options.device, options.files, rays=options.rays, markdown=options.markdown, pictures=options.pictures,
         references=options.references, quick=options.quick)  # fmt: skip
+
+
+def _cluster(options: argparse.Namespace) -> None:
+    from solari_vk.measure.cluster import run
+
+    run(options.device, options.workers or (1, 2), options.views, options.size, options.samples, options.markdown,
+        options.simulate)  # fmt: skip

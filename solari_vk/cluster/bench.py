@@ -65,7 +65,7 @@ class Bench:
     def show(self, key: str, data: bytes) -> None:
         """Take the scene that `pack` made these from, unless it is here already."""
         if key != self._scene_key:
-            self._clear()
+            self.forget()
             self.scene: Scene = pickle.loads(data)
             self._binder = SceneBinder(self.device, self.scene)
             self._owned.callback(self._binder.destroy)
@@ -97,14 +97,15 @@ class Bench:
         self._made[kind] = key, renderer
         return renderer
 
-    def _clear(self) -> None:
+    def forget(self) -> None:
+        """Free the scene and the renderers."""
         self._scene_key = ""
         self._made.clear()
         self._owned.close()
 
     def close(self) -> None:
         """Free the scene and close the device."""
-        self._clear()
+        self.forget()
         self.device.close()
 
 

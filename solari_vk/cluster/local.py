@@ -23,24 +23,29 @@ def local_cluster(worker_count: int, opening: Opening) -> Iterator[Any]:
         chosen, name = device.properties.uuid, device.properties.name
     alike = [report.uuid for report in list_devices() if report.name == name and not report.missing]
     devices = [chosen] if opening.device else [chosen, *(uuid for uuid in alike if uuid != chosen)]
-    # workers of a software device share the processor's cores instead of competing for them
-    threads = max((os.cpu_count() or 1) // worker_count, 1)
-    quiet = {"LP_NUM_THREADS": os.environ.get("LP_NUM_THREADS", str(threads))}
+    threads = software_threads(worker_count)
     workers = {
         number: {
             "cls": Nanny,
             "options": {
                 "nthreads": 1, "memory_limit": 0, "dashboard": False, "silence_logs": logging.CRITICAL,
-                "env": {**quiet, "SOLARI_VK_DEVICE": devices[number % len(devices)]}, "preload": [__name__],
+                "env": {**threads, "SOLARI_VK_DEVICE": devices[number % len(devices)]}, "preload": [__name__],
             },
         }
         for number in range(worker_count)
     }  # fmt: skip
-    scheduler = {"cls": Scheduler, "options": {"dashboard": False, "host": "127.0.0.1"}}
+    here = {"dashboard": False, "host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
+    scheduler = {"cls": Scheduler, "options": here}
     # a process that ended is started again: without this, dask gives up one that takes long to come back
     patient = dask.config.set({"distributed.deploy.lost-worker-timeout": "1 day"})
     with patient, SpecCluster(workers, scheduler, silence_logs=logging.CRITICAL, name="solari_vk") as cluster:
         yield cluster
+
+
+def software_threads(process_count: int) -> dict[str, str]:
+    """The environment by which processes of a software device share the processor's cores, and don't fight for them."""
+    threads = max((os.cpu_count() or 1) // process_count, 1)
+    return {"LP_NUM_THREADS": os.environ.get("LP_NUM_THREADS", str(threads))}
 
 
 def dask_setup(worker: Any) -> None:

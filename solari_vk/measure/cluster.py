@@ -1,0 +1,182 @@
+"""How well several workers share the work, and what a scheduler has to do for many more of them.
+
+Workers of a crew are compared with as many processes that know nothing of each other and render the same number of
+views: what is lost is what dask, sending results and waiting for the last view cost. Both take turns, so that other
+work on the machine slows both.
+
+The scheduler is a real one of dask. Its many workers are real ones too, but all in this process, and their jobs wait.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import multiprocessing
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.cluster import Crew, OneDevice, Shot, Style, View
+from solari_vk.cluster.bench import Results
+from solari_vk.cluster.local import software_threads
+from solari_vk.gpu.device.device import Device
+from solari_vk.measure.report import Report
+from solari_vk.output.animation import orbit
+from solari_vk.scene.builtin import builtin
+from solari_vk.scene.model import Scene
+
+SCENE = "cornell_box"
+ROUNDS = 5
+Floats = NDArray[np.float64]
+SIMULATED_WORKERS = (25, 50, 100)
+SIMULATED_SECONDS = 4.0  # of a job
+SIMULATED_JOBS = 5  # of a worker
+INTRO = (
+    "What `solari-vk bench cluster` measured. Views are rendered by N workers of a crew, and by N processes that know "
+    "nothing of each other, in turns; the median of the ratios is the efficiency.",
+)
+
+
+def run(
+    device: str | None, workers: Sequence[int], views: int, size: tuple[int, int], samples: int,
+    markdown: Path | None, simulate: bool = False,
+) -> None:  # fmt: skip
+    """Measure and report. views: of each round. simulate: the load of the scheduler too."""
+    with Device(device) as opened:
+        report = Report(opened, markdown, "Several devices", INTRO)
+    rows = []
+    for count in workers:
+        report.progress(f"{count} workers, {views} views of {size[0]}x{size[1]} with {samples} samples a pixel")
+        apart, together = _measure(device, count, views, size, samples)
+        speeds = (f"{views / np.median(seconds):.2f}" for seconds in (apart, together))
+        rows.append((str(count), *speeds, f"{np.median(apart / together):.3f}"))
+    head = ("workers", "views/s of processes apart", "views/s of a crew", "efficiency")
+    report.table(f"{views} views of {SCENE}, {size[0]}x{size[1]}, {samples} samples a pixel", head, rows)
+    if simulate:
+        rows.clear()
+        for count in SIMULATED_WORKERS:
+            report.progress(f"a scheduler with {count} simulated workers")
+            cpu, delay = asyncio.run(_simulate(count))
+            rows.append((str(count), f"{1e3 * cpu:.2f}", f"{1e3 * delay:.1f}", f"{1 / cpu:,.0f}"))
+        head = ("workers", "scheduler's processor ms a job", "longest delay of an answer, ms", "jobs/s at most")
+        report.table(f"A scheduler whose workers' jobs take {SIMULATED_SECONDS:g} s", head, rows)
+
+
+def _shots(folder: str, views: int, size: tuple[int, int], samples: int) -> tuple[Scene, list[Shot]]:
+    scene = builtin(SCENE)
+    cameras = orbit(scene.camera, scene.bounds.center, views, 40.0)
+    style = Style(size, samples=samples)
+    return scene, [
+        Shot(style, number, (View(f"{number}.npy", camera),), folder=folder) for number, camera in enumerate(cameras)
+    ]
+
+
+def _measure(
+    device: str | None, count: int, views: int, size: tuple[int, int], samples: int
+) -> tuple[Floats, Floats]:
+    """Seconds of each round, by processes apart and by a crew."""
+    spawn = multiprocessing.get_context("spawn")
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
+        scene, shots = _shots(folder, views, size, samples)
+        crew = stack.enter_context(Crew(count, device=device))
+        lines = []
+        for number in range(count):
+            line, other = spawn.Pipe()
+            share = _Share(folder, views, size, samples, number, count)
+            process = spawn.Process(target=_apart, args=(other, device, share))
+            process.start()
+            stack.callback(process.join)
+            stack.callback(line.send, False)
+            lines.append(line)
+        for line in lines:
+            line.recv()  # it has compiled its shaders
+        _finish(crew.map(scene, shots[: 4 * count]))
+        apart, together = [], []
+        for _ in range(ROUNDS):
+            started = time.perf_counter()
+            for line in lines:
+                line.send(True)
+            for line in lines:
+                line.recv()
+            apart.append(time.perf_counter() - started)
+            started = time.perf_counter()
+            _finish(crew.map(scene, shots))
+            together.append(time.perf_counter() - started)
+    return np.array(apart), np.array(together)
+
+
+@dataclass(frozen=True)
+class _Share:
+    """What one of `count` processes apart renders."""
+
+    folder: str
+    views: int
+    size: tuple[int, int]
+    samples: int
+    number: int
+    count: int
+
+
+def _apart(line: Any, device: str | None, share: _Share) -> None:
+    """A process that renders its share of the views whenever it is told to."""
+    os.environ.update(software_threads(share.count))
+    scene, shots = _shots(share.folder, share.views, share.size, share.samples)
+    with OneDevice(device) as one:
+        _finish(one.map(scene, shots[:1]))
+        line.send(None)
+        while line.recv():
+            _finish(one.map(scene, shots[share.number :: share.count]))
+            line.send(None)
+
+
+def _finish(results: Results[Shot]) -> None:
+    with closing(results):
+        for _ in results:
+            pass
+
+
+async def _simulate(count: int) -> tuple[float, float]:
+    """Processor seconds of the scheduler a job, and the longest time that it took to answer, in seconds."""
+    from distributed import Client, Worker
+
+    with tempfile.TemporaryDirectory() as folder:
+        file = os.path.join(folder, "scheduler.json")
+        options = ("--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", file)
+        scheduler = subprocess.Popen(
+            [sys.executable, "-m", "distributed.cli.dask_scheduler", *options], stderr=subprocess.DEVNULL
+        )
+        try:
+            while not os.path.exists(file):
+                await asyncio.sleep(0.1)
+            async with Client(scheduler_file=file, asynchronous=True) as client:
+                address = client.scheduler.address
+                workers = [Worker(address, nthreads=1, memory_limit=0, dashboard=False) for _ in range(count)]
+                await asyncio.gather(*workers)
+                before = await client.run_on_scheduler(time.process_time)
+                jobs = client.map(_wait, range(count * SIMULATED_JOBS), pure=False)
+                delays = []
+                while not all(job.done() for job in jobs):
+                    asked = time.perf_counter()
+                    await client.run_on_scheduler(time.process_time)
+                    delays.append(time.perf_counter() - asked)
+                    await asyncio.sleep(0.2)
+                spent = await client.run_on_scheduler(time.process_time) - before
+                await asyncio.gather(*(worker.close() for worker in workers))
+        finally:
+            scheduler.kill()
+            scheduler.wait()
+    return spent / len(jobs), max(delays)
+
+
+async def _wait(number: int) -> None:
+    """A job that takes as long as one of a device, and no processor time."""
+    await asyncio.sleep(SIMULATED_SECONDS)
