@@ -16,6 +16,7 @@ from solari_vk.conformance.realtime import GBUFFER, get_jitter, make_renderer
 from solari_vk.frame import SceneFrame
 from solari_vk.gpu.frame.frame import Pass, Stage
 from solari_vk.gpu.shaders.patches import patched_shaders
+from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import matte
 from solari_vk.scene.matrices import rotation, transform_points
 from solari_vk.scene.poser import MAX_REFITS
@@ -96,6 +97,28 @@ def project(points):
 @pytest.mark.parametrize("way", ["raster", "traced"])
 def test_motion_vectors_follow_poses(device, way):
     check_motion(device, way)
+
+
+def test_renderers_of_a_binder_have_motion_of_their_own(device):
+    """A wall slides by a morph target; one renderer shows every frame, the other every third one."""
+    wall = sv.shapes.quad((0, 0, -2), (9, 0, 0), (0, 9, 0))
+    slides = sv.Deformation(targets=np.tile([1.0, 0, 0], (1, len(wall.positions), 1)))
+    mesh = sv.Mesh(wall.positions, wall.triangles, normals=wall.normals, deformation=slides)
+    instance = sv.Instance(mesh, matte(0.5), morph_weights=[0.0])
+    binder, camera = SceneBinder(device, sv.Scene(instance)), sv.Camera(vertical_fov=np.pi / 2)
+    with (
+        make_renderer(device, binder, SIZE, passes=GBUFFER) as often,
+        make_renderer(device, binder, SIZE, passes=GBUFFER) as seldom,
+    ):
+        shown = {}  # in each renderer's latest frame
+        for frame in range(9):
+            place = (1.0 + 0.25 * frame) * frame  # in pixels
+            instance.morph_weights = [place * 4 / SIZE[1]]
+            for renderer in (often, seldom)[: 2 if frame % 3 == 2 else 1]:
+                motion = gbuffer.decode(renderer.render(camera))["motion"] * SIZE
+                assert np.abs(motion - (shown.get(renderer, place) - place, 0)).max() <= MAX_MOTION_ERROR
+                shown[renderer] = place
+    binder.destroy()
 
 
 MUTANTS = {
