@@ -13,6 +13,7 @@ import numpy as np
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure import rays as rays_from_python
 from solari_vk.measure.bare_rays import BOUNCES, BarePaths
+from solari_vk.measure.character import character
 from solari_vk.measure.report import Report, check_page
 from solari_vk.measure.subjects import hilly
 from solari_vk.measure.timing import best_seconds, device_seconds, seconds
@@ -25,6 +26,7 @@ from solari_vk.scene.model import Scene
 
 SECONDS = 3.0  # the time that each measurement may take
 LARGE_SCENE = 1_000_000  # triangles
+CROWD = 50
 INTRO = (
     "Written by `solari-vk bench --markdown FILE`. Times are wall-clock. The two sides of a ratio run in turns.",
     "The bare ray-query kernel (`glsl/passes/bench/rays.comp`) follows the path tracer's paths without shading. The "
@@ -53,6 +55,7 @@ def run(select: str | None, files: list[Path], markdown: Path | None = None, *, 
             for size in (256, 512):
                 _samples(device, report, name, size)
         _host_time(device, report)
+        _crowd(device, report)
         _light_tree(device, report)
         _large_scene(device, report)
         rays_from_python.run(device, report, SECONDS)
@@ -111,6 +114,25 @@ def _host_time(device: Device, report: Report) -> None:
             device.wait_idle()
             spent.append(seconds(lambda: tracer.advance(scene.camera, 1)))
     report.figure("host time of a frame, median of 1000", float(np.median(spent)) * 1e3, "ms", "aim 0.2")
+
+
+def _crowd(device: Device, report: Report) -> None:
+    """Python's own time for many animated characters, each with a clip and a pose of its own."""
+    scene, clips = Scene(), []
+    for _ in range(CROWD):
+        one = character(1000)
+        scene.add(next(instance for instance in one if instance.posed))
+        clips.append(one.animations[0])
+    binder, spent = SceneBinder(device, scene), []
+    for frame in range(40):
+        device.wait_idle()
+        posed = seconds(lambda frame=frame: [clip.apply(scene, frame / 60) for clip in clips])  # type: ignore[misc]
+        spent.append((posed, seconds(binder.update)))
+    device.wait_idle()
+    binder.destroy()
+    pose, records = 1e3 * np.median(spent[8:], axis=0)
+    report.figure(f"{CROWD} characters of 24 joints: play clips, assign poses", float(pose), "ms")
+    report.figure(f"{CROWD} characters of 24 joints: records of their poses", float(records), "ms")
 
 
 def _light_tree(device: Device, report: Report) -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import cProfile
 import math
 
 import numpy as np
 import pytest
-from support.gltf_writer import TRIANGLE
+from support.gltf_writer import TRIANGLE, GltfWriter
 
 from solari_vk.errors import SolariError
 from solari_vk.scene.gltf import load_gltf
@@ -56,6 +57,25 @@ def test_deep_hierarchies(writer):
     writer.node(mesh=writer.mesh())
     (instance,) = writer.load()
     assert instance.transform[2, 3] == depth
+
+
+def test_work_grows_with_the_file(writer):
+    """Eight times as many objects of all kinds take eight times as many calls of functions, not their square."""
+
+    def calls(count):
+        one = GltfWriter(writer.path)
+        for number in range(count):
+            mesh = one.mesh(material=one.add("materials", name=f"paint {number}"))
+            node = one.node(mesh=mesh)
+            sampler = {"input": one.accessor([0, 1]), "output": one.accessor([[0, 0, 0], [1, 0, 0]])}
+            channel = {"sampler": 0, "target": {"node": node, "path": "translation"}}
+            one.add("animations", samplers=[sampler], channels=[channel])
+        one.save(one.path)
+        with cProfile.Profile() as profile:
+            load_gltf(one.path)
+        return sum(entry.callcount for entry in profile.getstats())
+
+    assert calls(160) < 8.5 * calls(20)
 
 
 @pytest.mark.parametrize(

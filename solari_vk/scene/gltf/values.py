@@ -90,10 +90,10 @@ class Entry:
                 return fitting
         raise self.wrong(key, f"a list of {len(default)} finite numbers{_bounds(low, high)}")
 
-    def values(self, key: str, wanted: str, fits: Callable[[Any], bool] = lambda value: True) -> list[Any]:
+    def values(self, key: str, wanted: str, fits: Callable[[Any], bool] | None = None) -> list[Any]:
         """A list whose values all fit, empty when the field is absent. wanted: names the values in the error."""
         given = self.data.get(key, [])
-        if not isinstance(given, list) or not all(map(fits, given)):
+        if not isinstance(given, list) or (fits is not None and not all(map(fits, given))):
             raise self.wrong(key, f"a list of {wanted}")
         return given
 
