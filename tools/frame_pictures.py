@@ -18,7 +18,7 @@ import solari_vk as sv
 from solari_vk.cli.options import size as pixels
 from solari_vk.scene.builtin import place
 
-# The sheets by name, with debug views of frames after the last one. The camera turns for `motion`, which is the last.
+# The sheets by name: debug views, and those of lighting=split. The camera turns for `motion`, which is the last.
 SHEETS = {
     "world_cache": ("cache_cells", "cache_irradiance", "cache_samples", "cache_life"),
     "paths": ("paths_diffuse", "paths_specular", "paths_distance", "emission"),
@@ -26,6 +26,7 @@ SHEETS = {
     "denoise": ("denoise_frames", "denoise_noise", "diffuse_radiance", "specular_radiance"),
     "gbuffer": ("base_color", "shading_normal", "roughness", "depth", "instance", "motion"),
 }
+SPLIT = ("light_tiles", "di_light", "di_visibility", "di", "gi_radiance", "gi", "specular", "picture")
 COLUMNS, GAP, TITLE = 2, 4, 16
 
 
@@ -52,6 +53,17 @@ def tone_mapped(radiance: np.ndarray, exposure: float, folder: Path) -> Image.Im
     return shown
 
 
+def save_views(renderer: sv.Renderer, views: tuple[str, ...], path: Path) -> None:
+    """Save the sheet of debug views, each of one more frame."""
+    camera, panels = renderer.binder.scene.camera, {}
+    for view in views:
+        renderer.view = view
+        if view == "motion":
+            camera.transform = camera.transform @ place(turn=np.radians(2))
+        panels[view] = Image.fromarray(renderer.render()["display"][..., :3])
+    sheet(panels).save(path, optimize=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("kit", type=Path, metavar="KIT_FOLDER")
@@ -59,26 +71,24 @@ def main() -> None:
     parser.add_argument("--size", type=pixels, default=(320, 180))
     parser.add_argument("--frames", type=int, default=48)
     options = parser.parse_args()
-    options.output.mkdir(parents=True, exist_ok=True)
+    output = options.output
+    output.mkdir(parents=True, exist_ok=True)
     scene = runpy.run_path(str(Path(__file__).with_name("dungeon_room.py")))["dungeon_room"](options.kit)
-    camera, factor = scene.camera, scene.camera.exposure
-    with sv.Device() as device, sv.Renderer(device, scene, options.size) as renderer:
-        steps = {}
-        for number in range(1, options.frames + 1):
-            frame = renderer.render()
-            if number in (1, options.frames):
-                for name in ("raw_radiance", "radiance"):
-                    steps[f"{name}, frame {number}"] = tone_mapped(frame[name], factor, options.output)
-        sheet(steps).save(options.output / "frame_picture.png", optimize=True)
-        print(renderer.timings)
-        for name, views in SHEETS.items():
-            panels = {}
-            for view in views:
-                renderer.view = view
-                if view == "motion":  # the camera turns by two degrees for this one frame
-                    camera.transform = camera.transform @ place(turn=np.radians(2))
-                panels[view] = Image.fromarray(renderer.render()["display"][..., :3])
-            sheet(panels).save(options.output / f"frame_{name}.png", optimize=True)
+    with sv.Device() as device:
+        with sv.Renderer(device, scene, options.size, sv.Settings(lighting="split")) as renderer:
+            for _ in range(options.frames):
+                renderer.render()
+            save_views(renderer, SPLIT, output / "frame_split.png")
+        with sv.Renderer(device, scene, options.size) as renderer:
+            steps = {}
+            for number in range(1, options.frames + 1):
+                frame = renderer.render()
+                if number in (1, options.frames):
+                    for name in ("raw_radiance", "radiance"):
+                        steps[f"{name}, frame {number}"] = tone_mapped(frame[name], scene.camera.exposure, output)
+            sheet(steps).save(output / "frame_picture.png", optimize=True)
+            for name, views in SHEETS.items():
+                save_views(renderer, views, output / f"frame_{name}.png")
 
 
 if __name__ == "__main__":
