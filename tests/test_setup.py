@@ -103,6 +103,18 @@ def test_unknown_system_is_told_what_to_install(script, bare_path):
     assert ("vulkan-validationlayers" in second) == (script == "test")
 
 
+def test_docs_say_that_python_is_missing(bare_path, tmp_path):
+    checkout = tmp_path / "checkout"  # has no environment yet
+    shutil.copytree(ROOT / "tools", checkout / "tools", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "pyproject.toml", checkout)
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHON"} | {"PATH": bare_path}
+    done = subprocess.run([checkout / "tools/docs"], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    first, second = done.stderr.splitlines()
+    assert first == "setup: missing: Python 3.11 or later with venv. Install it and run this again:"
+    assert "python3 python3-venv on Debian" in second
+
+
 def test_demo_refuses_a_missing_file_before_it_sets_up(bare_path):
     environment = os.environ | {"PATH": bare_path}
     command = [ROOT / "tools" / "demo", "no_such_file.glb"]

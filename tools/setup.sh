@@ -107,7 +107,7 @@ make_environment() {
     if "$python" -c '' 2>/dev/null; then
         [ "$(cat "$stamp" 2>/dev/null)" != "$wanted" ] || return 0
     else
-        find_python || fail 'missing: Python 3.11 or later with venv'
+        find_python || fail "missing: Python 3.11 or later with venv. $(how_to_install python3 python3-venv)"
         say "creating a virtual environment in $root/.venv"
         logged "$system_python" -m venv --clear "$root/.venv"
     fi
