@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shlex
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -219,6 +220,15 @@ def test_every_page_is_reached_from_the_readme():
             links = re.findall(r"\]\(([^)#\s]+\.md)", text_of(page))
             waiting += [(page.parent / link).resolve() for link in links if "://" not in link]
     assert not set(PAGES) - found
+
+
+def test_extras_and_the_version_are_those_of_the_package():
+    extras = tomllib.loads(text_of(ROOT / "pyproject.toml"))["project"]["optional-dependencies"]
+    for page in PAGES:
+        for named in re.findall(r"solari-vk\[([\w,]+)\]", text_of(page)):
+            assert set(named.split(",")) <= set(extras), f"{name_of(page)}: {named}"
+    assert f"\n## {sv.__version__}" in text_of(ROOT / "CHANGELOG.md")
+    assert f"\nversion: {sv.__version__}\n" in text_of(ROOT / "CITATION.cff")
 
 
 def test_names_that_pages_give_are_there():
