@@ -149,10 +149,12 @@ def parts_of(parser):
 def test_commands_parse(line):
     names = {"FILES": "a.glb", "FOLDER": "folder", "PAGE": "a.md", "FILE": "a.md"}  # what stands for the reader's own
     words = [names.get(word, word) for word in shlex.split(line)[1:]]
-    if words[0] in ("render", "view") and (len(words) == 1 or words[1].startswith("--")):  # an option of the command
-        words = [words[0], "model.glb", *words[1:], *(["-o", "a.png"] if words[0] == "render" else [])]
-    named = parts_of(cli._parser()).get(words[0])
-    if "COMMAND" not in words and not (len(words) == 2 and words[1] in parts_of(named)):  # such as `bench load`
+    parser, rest = cli._parser(), list(words)
+    while rest and rest[0] in parts_of(parser):
+        parser = parts_of(parser)[rest.pop(0)]
+    if words[0] in ("render", "view") and rest and rest[0].startswith("--"):  # an option of the command
+        words = [words[0], "model.glb", *rest, *(["-o", "a.png"] if words[0] == "render" else [])]
+    if rest and "COMMAND" not in rest:  # otherwise a command is only named
         cli._parser().parse_args(["picture" if word == "name" else word for word in words])
 
 
