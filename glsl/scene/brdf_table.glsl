@@ -9,7 +9,8 @@
 layout(set = 0, binding = 10, scalar) buffer BrdfTableBlock { vec2 at[]; } brdf_table;
 layout(set = 0, binding = 11, scalar) buffer BrdfAveragesBlock { vec3 at[]; } brdf_averages;
 layout(set = 0, binding = 13, scalar) buffer SheenTableBlock { float at[]; } sheen_table;
-layout(set = 0, binding = 14, scalar) buffer GlassTableBlock { float at[]; } glass_table;
+layout(set = 0, binding = 14, scalar) buffer GlassTableBlock { vec2 at[]; } glass_table;
+layout(set = 0, binding = 15, scalar) buffer AnisotropyTableBlock { float at[]; } anisotropy_table;
 
 // Rows: perceptual roughness from 0 to 1. Columns: the square root of the cosine to the normal from 0 to 1, because the
 // albedo of smooth surfaces changes fastest at grazing angles. The host reads the size from here.
@@ -59,21 +60,44 @@ layout(constant_id = 6) const uint GLASS_TABLE_SIZE = 16u;  // rows and columns 
 layout(constant_id = 7) const uint GLASS_TABLE_SLICES = 33u;
 const float LARGEST_ETA_RATIO = 0.5;
 
-// The albedo of single scattering of white glass (scene/glass.glsl) that is the boundary of a solid.
-float lookup_glass_table(float eta, float NdotV, float perceptual_roughness) {
+// The albedo of single scattering of white glass (scene/glass.glsl) that is the boundary of a solid: x without
+// reflections but total internal ones, y with those of its index of refraction. It is linear in between.
+vec2 lookup_glass_table(float eta, float NdotV, float perceptual_roughness) {
     uint last = GLASS_TABLE_SIZE - 1u;
     vec3 position = vec3(sqrt(saturate(NdotV)), saturate(perceptual_roughness), 0.0) * float(last);
     float ratio = (eta - 1.0) / (eta + 1.0) / LARGEST_ETA_RATIO;
     position.z = saturate(0.5 * sign(ratio) * sqrt(abs(ratio)) + 0.5) * float(GLASS_TABLE_SLICES - 1u);
     uvec3 cell = min(uvec3(position), uvec3(last - 1u, last - 1u, GLASS_TABLE_SLICES - 2u));
     vec3 part = position - vec3(cell);
-    float albedo = 0.0;
+    vec2 albedo = vec2(0.0);
     for (uint corner = 0u; corner < 8u; corner++) {
         uvec3 to = uvec3(corner, corner >> 1u, corner >> 2u) & 1u;
         vec3 share = mix(1.0 - part, part, vec3(to));
         uvec3 at = cell + to;
         albedo += share.x * share.y * share.z
             * glass_table.at[(at.z * GLASS_TABLE_SIZE + at.y) * GLASS_TABLE_SIZE + at.x];
+    }
+    return albedo;
+}
+
+// Columns: the square root of the cosine; rows: the cosine of the turn from the direction of anisotropy; then perceptual
+// roughness and the strength of anisotropy. All from 0 to 1.
+layout(constant_id = 8) const uint ANISOTROPY_TABLE_SIZE = 11u;
+
+// The albedo of single scattering of a white anisotropic metal towards w, whose x is along the direction of anisotropy.
+float lookup_anisotropy_table(vec3 w, float perceptual_roughness, float strength) {
+    uint last = ANISOTROPY_TABLE_SIZE - 1u;
+    float turn = abs(w.x) / max(length(w.xy), 1e-30);
+    vec4 position = clamp(vec4(sqrt(max(w.z, 0.0)), turn, perceptual_roughness, strength), 0.0, 1.0) * float(last);
+    uvec4 cell = min(uvec4(position), uvec4(last - 1u));
+    vec4 part = position - vec4(cell);
+    float albedo = 0.0;
+    for (uint corner = 0u; corner < 16u; corner++) {
+        uvec4 to = uvec4(corner, corner >> 1u, corner >> 2u, corner >> 3u) & 1u;
+        vec4 share = mix(1.0 - part, part, vec4(to));
+        uvec4 at = cell + to;
+        uint row = (at.w * ANISOTROPY_TABLE_SIZE + at.z) * ANISOTROPY_TABLE_SIZE + at.y;
+        albedo += share.x * share.y * share.z * share.w * anisotropy_table.at[row * ANISOTROPY_TABLE_SIZE + at.x];
     }
     return albedo;
 }

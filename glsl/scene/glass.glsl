@@ -17,7 +17,7 @@ struct Glass {
     float roughness;
     vec3 color;          // of the light that passes
     vec3 tint;           // of reflections
-    float compensation;  // one over the albedo of single scattering: Turquin (2019)
+    vec3 compensation;   // one over the albedo of single scattering: Turquin (2019)
 };
 
 vec3 glass_fresnel(Glass glass, float cosine) {

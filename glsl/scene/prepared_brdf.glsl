@@ -101,15 +101,13 @@ Glass prepare_glass(ResolvedMaterial material, float cosine) {
     glass.roughness = material.roughness;
     glass.color = lobes.passed_straight ? vec3(0.0) : material.base_color;
     glass.tint = glass_tint(ior, lobes.specular_weight * reflectance_f0(material.reflectance));
-    glass.compensation = 1.0;
+    glass.compensation = vec3(1.0);
     if (glass.weight > 0.0 && !mirror) {
         vec2 ab = lookup_brdf_table(cosine, material.perceptual_roughness);
-        float albedo = ab.x + ab.y;
+        vec3 albedo = vec3(ab.x + ab.y);
         if (!glass.thin) {
-            // Glass that reflects less lets more pass; its albedo is taken as linear up to 1, so that no energy is
-            // gained.
-            float least = min(glass.tint.x, min(glass.tint.y, glass.tint.z));
-            albedo = mix(1.0, lookup_glass_table(glass.eta, cosine, material.perceptual_roughness), least);
+            vec2 ends = lookup_glass_table(glass.eta, cosine, material.perceptual_roughness);
+            albedo = mix(vec3(ends.x), vec3(ends.y), glass.tint);
         }
         glass.compensation = 1.0 / albedo;
     }
@@ -158,10 +156,11 @@ void prepare_lobes(inout Brdf brdf, ResolvedMaterial material, vec3 wo, float ba
     MaterialLobes lobes = material.lobes;
     if (SCENE_LAYERS && !brdf.mirror) {
         brdf.pdf_per_d = ggx_vndf_pdf_per_d(to_anisotropy(brdf, wo), brdf.anisotropic_roughness);
-        // A bound of the albedo of single scattering, measured: no energy is gained.
-        vec2 ab = lookup_brdf_table(wo.z, brdf.perceptual_roughness);
-        float bound = (1.0 + 0.15 * lobes.anisotropy) * (ab.x + ab.y);
-        brdf.multiscatter = max(min(brdf.multiscatter, 1.0 / bound - 1.0), 0.0);
+        if (lobes.anisotropy > 0.0) {
+            brdf.multiscatter = 1.0 / lookup_anisotropy_table(
+                to_anisotropy(brdf, wo), material.perceptual_roughness, lobes.anisotropy
+            ) - 1.0;
+        }
     }
 
     brdf.layers = prepare_layers(lobes, wo);

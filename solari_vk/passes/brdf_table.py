@@ -1,5 +1,5 @@
-"""The directional albedo of the specular lobe, of sheen and of glass, computed once for a renderer;
-glsl/passes/brdf_table/."""
+"""The directional albedo of the specular lobe, of sheen, of glass and of anisotropic metal, computed once for a
+renderer; glsl/passes/brdf_table/."""
 
 from __future__ import annotations
 
@@ -10,18 +10,20 @@ from solari_vk.gpu.frame.stages import Pass, Stage
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
 
-NAMES = ("brdf_table", "brdf_averages", "sheen_table", "glass_table")
+NAMES = ("brdf_table", "brdf_averages", "sheen_table", "glass_table", "anisotropy_table")
 
 
 def stage() -> Stage:
-    """The tables over cosine and roughness, that of glass also over the index of refraction, and the averages of the
-    first one over the cosine. Shaders define the sizes."""
-    size, glass, slices = (
+    """The tables over cosine and roughness, that of glass also over the index of refraction, that of anisotropic metal
+    over the direction and strength of anisotropy, and the averages of the first one over the cosine. Shaders define the
+    sizes."""
+    size, glass, slices, anisotropy = (
         int(reflect(compile_shader(shader), shader).constants[name].default)
         for shader, name in (
             ("passes/brdf_table/integrate.comp", "BRDF_TABLE_SIZE"),
             ("passes/brdf_table/glass.comp", "GLASS_TABLE_SIZE"),
             ("passes/brdf_table/glass.comp", "GLASS_TABLE_SLICES"),
+            ("passes/brdf_table/anisotropy.comp", "ANISOTROPY_TABLE_SIZE"),
         )
     )
     return Stage(
@@ -31,12 +33,14 @@ def stage() -> Stage:
             "brdf_averages": size,
             "sheen_table": size * size,
             "glass_table": glass * glass * slices,
+            "anisotropy_table": anisotropy**4,
         },
         passes=[
             Pass("brdf_table/integrate", threads=(size, size)),
             Pass("brdf_table/average", threads=size),
             Pass("brdf_table/sheen", threads=(size, size)),
             Pass("brdf_table/glass", threads=(glass, glass, slices)),
+            Pass("brdf_table/anisotropy", threads=(anisotropy, anisotropy, anisotropy**2)),
         ],
     )
 

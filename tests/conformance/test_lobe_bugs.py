@@ -28,6 +28,11 @@ BUGS = {
     "refraction without eta^2": (ways_back, [REFRACTION], GLASS, "return square(glass.eta) * -dot", "return -dot"),
     "glass by the wrong albedo": (glass, ["inside of a solid"], PREPARED, "lookup_glass_table(glass.eta,",
                                   "lookup_glass_table(ior,"),
+    "glass by the albedo of clear glass": (glass, ["outside of a solid"], PREPARED,
+                                           "mix(vec3(ends.x), vec3(ends.y), glass.tint)", "vec3(ends.y)"),
+    "anisotropic metal by the albedo of its mean roughness": (
+        layers, ["keep most light: strongly anisotropic metal"], PREPARED, "if (lobes.anisotropy > 0.0) {",
+        "if (false) {"),
     "a coat that takes nothing from its base": (layers, ["gain no light: a smooth coat"], BRDF,
                                                 "* (1.0 - coat_cover(brdf.layers, wo, wi)));", ");"),
     "a coat that covers by one direction": (ways_back, ["a coat over a diffuse surface"], LAYERS,

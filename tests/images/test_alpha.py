@@ -26,6 +26,7 @@ from solari_vk.conformance.realtime import GBUFFER, SPLIT, Effort, make_renderer
 from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.measure.statistics import relative_interval
 from solari_vk.scene import shapes
+from solari_vk.scene.builtin import place
 
 
 def check_panes(device):
@@ -186,7 +187,7 @@ def lamp_among_panes():
     mirror before it."""
     scene = below_a_pane(alpha=0.5, base_color=(0.3, 1, 0.1))
     _, colored, ceiling = scene.instances
-    colored.transform[1, 3] = 2.0
+    colored.transform = place(at=(0, 1.5, 0))
     ceiling.material.update(emissive=0.0, base_color=1.0, metallic=1.0, roughness=0.0)
     scene.add(sv.PointLight((0, 1.5, 0), intensity=3.0, radius=0.6))
     return scene

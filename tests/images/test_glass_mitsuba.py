@@ -20,7 +20,7 @@ FRESNEL = ("scene/microfacet.glsl", "return 0.5 * a * a * (1.0 + b * b);")
 MANY_REFLECTIONS = (*FRESNEL, "float once = 0.5 * a * a * (1.0 + b * b); return 2.0 * once / (1.0 + once);")
 # Mitsuba leaves out light that microfacets scatter more than once, and takes a microfacet's visibility from one side as
 # independent of that from the other.
-SINGLE_SCATTERING = ("scene/prepared_brdf.glsl", "glass.compensation = 1.0 / albedo;", "glass.compensation = 1.0;")
+SINGLE_SCATTERING = ("scene/prepared_brdf.glsl", "glass.compensation = 1.0 / albedo;", "")
 INDEPENDENT_SHADOWS = (
     "scene/glass.glsl",
     "1.0 + smith_lambda(glass.roughness, wo) + smith_lambda(glass.roughness, wi);",

@@ -29,14 +29,15 @@ void main() {
     glass.roughness = max(square(position.y), MIRROR_ROUGHNESS);
     glass.color = glass.tint = vec3(1.0);
     vec3 wo = vec3(safe_sqrt(1.0 - cosine * cosine), 0.0, cosine);
-    float albedo = 0.0;
+    vec2 albedo = vec2(0.0);  // without and with the reflections of dielectrics
     for (uint i = 0u; i < POINT_COUNT; i++) {
         vec2 u = vec2(0.5 * fract(float(i) * GOLDEN_RATIO), (float(i) + 0.5) / float(POINT_COUNT));
         vec3 m = sample_visible_normal(glass.roughness, wo, u);
         float along = dot(wo, m);
         float reflected = dielectric_fresnel(glass.eta, along);
-        albedo += reflected * unshadowed(glass, wo, 2.0 * along * m - wo, true)
-            + (1.0 - reflected) * unshadowed(glass, wo, refract_through(glass, wo, m), false);
+        float above = unshadowed(glass, wo, 2.0 * along * m - wo, true);
+        float below = unshadowed(glass, wo, refract_through(glass, wo, m), false);
+        albedo += mix(vec2(below), vec2(above), vec2(reflected < 1.0 ? 0.0 : 1.0, reflected));
     }
     glass_table.at[(cell.z * GLASS_TABLE_SIZE + cell.y) * GLASS_TABLE_SIZE + cell.x] = albedo / float(POINT_COUNT);
 }
