@@ -80,8 +80,8 @@ vec2 lookup_glass_table(float eta, float NdotV, float perceptual_roughness) {
     return albedo;
 }
 
-// Columns: the square root of the cosine; rows: the cosine of the turn from the direction of anisotropy; then perceptual
-// roughness and the strength of anisotropy. All from 0 to 1.
+// Columns: the square root of the cosine to the normal; rows: the cosine of the turn from the direction of anisotropy;
+// then perceptual roughness and the strength of anisotropy. All go from 0 to 1.
 layout(constant_id = 8) const uint ANISOTROPY_TABLE_SIZE = 11u;
 
 // The albedo of single scattering of a white anisotropic metal towards w, whose x is along the direction of anisotropy.

@@ -11,10 +11,10 @@ const float GOLDEN_RATIO = 0.618033988749895;
 
 void main() {
     uvec3 cell = gl_GlobalInvocationID;
-    if (any(greaterThanEqual(cell, uvec3(uvec2(ANISOTROPY_TABLE_SIZE), ANISOTROPY_TABLE_SIZE * ANISOTROPY_TABLE_SIZE)))) { return; }
-    vec2 position = vec2(cell.xy) / float(ANISOTROPY_TABLE_SIZE - 1u);
-    vec2 material =
-        vec2(cell.z % ANISOTROPY_TABLE_SIZE, cell.z / ANISOTROPY_TABLE_SIZE) / float(ANISOTROPY_TABLE_SIZE - 1u);
+    uint size = ANISOTROPY_TABLE_SIZE;
+    if (any(greaterThanEqual(cell, uvec3(size, size, size * size)))) { return; }
+    vec2 position = vec2(cell.xy) / float(size - 1u);
+    vec2 material = vec2(cell.z % size, cell.z / size) / float(size - 1u);
     float across = max(square(material.x), MIRROR_ROUGHNESS);
     vec2 roughness = vec2(mix(across, 1.0, square(material.y)), across);
     float cosine = max(square(position.x), 1e-4);
@@ -27,6 +27,5 @@ void main() {
         vec3 wi = sample_ggx_vndf(wo, roughness, u);
         if (wi.z > 0.0) { albedo += 2.0 * from_end * V_SmithGGXCorrelated(roughness, wo, wi) * wi.z / pdf_per_d; }
     }
-    uint row = cell.z * ANISOTROPY_TABLE_SIZE + cell.y;
-    anisotropy_table.at[row * ANISOTROPY_TABLE_SIZE + cell.x] = albedo / float(POINT_COUNT);
+    anisotropy_table.at[(cell.z * size + cell.y) * size + cell.x] = albedo / float(POINT_COUNT);
 }
