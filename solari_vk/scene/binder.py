@@ -143,7 +143,7 @@ class SceneBinder:
             for item in changed:
                 self._take_up(item)
             self._note_alpha()
-            self._geometry.update(self.revision)
+            self._write_rows.update(dict.fromkeys(self._geometry.update(self.revision)))
             posed.show(user)
             if self._textures.update():
                 self.version += 1

@@ -82,7 +82,7 @@ class Geometry:
             shape.watch(self._watcher)
             self._to_upload[shape] = None
         if traced and self._ray_users.acquire(shape, user):
-            self._to_upload[shape] = None
+            self.change(shape)
 
     def release(self, shape: Shape, user: Instance, *, traced: bool) -> None:
         """Undo one `acquire`."""
@@ -122,14 +122,13 @@ class Geometry:
             self._met_once.add(mesh)
             self.change(mesh)
 
-    def update(self, revision: int) -> None:
+    def update(self, revision: int) -> list[Any]:
         """Upload new and changed meshes and build their acceleration structures, and write the records of new poses.
 
-        revision: of the scene.
+        revision: of the scene. Returns the instances that have other acceleration structures now.
         """
         self.table.reserve(self.rows.limit)
-        if self._to_upload:
-            self._update_meshes()
+        users = self._update_meshes() if self._to_upload else []
         for shape in self.posed.update(revision, self.rows.__getitem__, lambda mesh: self._pack_attributes(mesh)[1]):
             record = self.table.records[self.rows[shape]]
             low, high = record["bounds_min"], record["bounds_max"]
@@ -137,8 +136,10 @@ class Geometry:
             self.orders[shape] = self.orders[shape.mesh]
             if shape.blases:
                 self.blases[shape] = shape.blases[shape.side]
+                users.append(shape.instance)
+        return users
 
-    def _update_meshes(self) -> None:
+    def _update_meshes(self) -> list[Any]:
         blases = {}
         with self._device.uploads() as uploads:
             for mesh in self._to_upload:
@@ -153,6 +154,7 @@ class Geometry:
                 self.kept = False
             self.blases[mesh] = blas
         self._to_upload.clear()
+        return [user for mesh in blases for user in self._ray_users.users(mesh)]
 
     def _upload(self, mesh: Mesh, uploads: Uploads) -> TriangleGeometry:
         """Upload a mesh as one buffer: positions, triangles in spatial order, and other attributes if there are any."""

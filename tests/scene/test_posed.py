@@ -200,6 +200,34 @@ def test_edits_of_posed_meshes(bound):
     assert not binder._geometry.posed._sources
 
 
+def check_addresses(binder):
+    """What the records of instances and of posed meshes point to is there."""
+    binder.update()
+    geometry, traced = binder._geometry, binder._traced
+    for instance, (shape, ray_shape, _) in binder._uses.items():
+        record = traced.table.records[traced._indices[binder._instance_rows[instance]]]
+        assert record["blas_address"] == geometry.blases[ray_shape].address
+        buffer = geometry._buffers[instance.mesh]
+        triangles = int(geometry.table.records[geometry.rows[shape]]["triangles"])
+        assert buffer.address <= triangles < buffer.address + buffer.size
+
+
+def test_a_mesh_that_other_instances_begin_to_use(bound):
+    """Its structure for rays is built, or built otherwise for blended surfaces, for instances that stay as they are."""
+    mesh, rest = tube(3)
+    plain = sv.shapes.sphere()
+    scene = sv.Scene(sv.Instance(mesh, joint_matrices=bent(rest, 0.3)), sv.Instance(plain))
+    binder = bound(scene)
+    check_addresses(binder)
+    scene.add(sv.Instance(mesh, transform=[1, 0, 0]))
+    check_addresses(binder)
+    for shared in (plain, mesh):
+        scene.add(sv.Instance(shared, sv.Material(alpha_mode="blend", alpha=0.5), transform=[2, 0, 0]))
+        check_addresses(binder)
+    scene.instances[0].joint_matrices = bent(rest, 0.5)
+    check_addresses(binder)
+
+
 def test_lights_follow_poses(bound):
     """Power and place of a light follow its pose, and no triangle is sampled too rarely to grow."""
     mesh, rest = tube(3)
