@@ -207,9 +207,10 @@ def check_addresses(binder):
     for instance, (shape, ray_shape, _) in binder._uses.items():
         record = traced.table.records[traced._indices[binder._instance_rows[instance]]]
         assert record["blas_address"] == geometry.blases[ray_shape].address
-        buffer = geometry._buffers[instance.mesh]
-        triangles = int(geometry.table.records[geometry.rows[shape]]["triangles"])
-        assert buffer.address <= triangles < buffer.address + buffer.size
+        for mesh, used in ((instance.mesh, shape), (instance.ray_mesh or instance.mesh, ray_shape)):
+            buffer = geometry._buffers[mesh]
+            triangles = int(geometry.table.records[geometry.rows[used]]["triangles"])
+            assert buffer.address <= triangles < buffer.address + buffer.size
 
 
 def test_a_mesh_that_other_instances_begin_to_use(bound):
@@ -226,6 +227,50 @@ def test_a_mesh_that_other_instances_begin_to_use(bound):
         check_addresses(binder)
     scene.instances[0].joint_matrices = bent(rest, 0.5)
     check_addresses(binder)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_random_edits(bound, seed):
+    """Poses, meshes, materials, visibility and members of a scene change; the device has every instance's vertices."""
+    rng = np.random.default_rng(seed)
+    skins, plain = [tube(3), tube(4, targets=2)], sv.shapes.sphere()
+    materials = [sv.Material(emissive=light) for light in (0.0, 2.0)]
+    scene = sv.Scene()
+    binder, users = bound(scene), [User(), User()]
+
+    def pose(instance, mesh, rest):
+        joints = bent(rest, rng.uniform(-1, 1)) if rng.random() < 0.7 else None
+        weights = rng.normal(size=2) if mesh.deformation.target_count and rng.random() < 0.7 else None
+        instance.update(mesh=mesh, ray_mesh=None, joint_matrices=joints, morph_weights=weights)
+
+    def edit():
+        kind = rng.integers(9)
+        if kind < 2 or not scene.instances:
+            scene.add(sv.Instance(plain, rng.choice(materials), [rng.normal(), 0, 0]))
+            return
+        one = rng.choice(list(scene.instances))
+        if kind < 5:
+            pose(one, *skins[rng.integers(2)])
+        elif kind == 5:
+            one.update(mesh=plain, ray_mesh=skins[0][0], joint_matrices=None, morph_weights=None)
+        elif kind == 6:
+            one.update(visible=rng.random() < 0.7, material=rng.choice(materials))
+        elif kind == 7:
+            rng.choice(materials).update(alpha_mode=rng.choice(["opaque", "blend"]), alpha=0.5)
+        else:
+            scene.remove(one)
+
+    for _ in range(40):
+        for _ in range(rng.integers(1, 4)):
+            edit()
+        binder.update(rng.choice(users))
+        check_addresses(binder)
+        for instance in scene:
+            if instance.posed:
+                found, before, _ = vertices(binder, instance, rng.choice(users))
+                posed = expected(instance.mesh, instance.joint_matrices, instance.morph_weights)[0]
+                np.testing.assert_allclose(found, posed, atol=2e-6)
+                assert np.isfinite(before).all()
 
 
 def test_lights_follow_poses(bound):
