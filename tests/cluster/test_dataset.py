@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import runpy
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -46,24 +48,23 @@ def test_workers_give_the_same_files(make, crew):
     assert contents(alone).keys() == names | {"views.jsonl", "transforms.json"}
 
 
-def test_transforms_describe_the_cameras(make):
-    """The depth layer, seen through the matrix and the lens, gives the positions that the renderer gives."""
+def test_the_example_loads_the_views(make):
+    """Depth along its rays, which are those of transforms.json, gives the positions that the renderer gives."""
     code, said, folder = make("--views", 3, "--cameras", "random", "--aov", "depth,position")
     assert code == 0, said
+    example = runpy.run_path(str(Path(__file__).resolve().parents[2] / "docs/examples/load_dataset.py"))
+    views = example["Views"](folder)
+    assert len(views) == 3
+    for number in range(3):
+        view = views[number]
+        assert view["rgb"].shape == (16, 24, 3)
+        assert np.isfinite(view["depth"]).mean() > 0.2
+        there = np.isfinite(view["depth"])
+        points = view["origin"] + view["depth"][there, None] * view["direction"][there]
+        np.testing.assert_allclose(points, view["position"][there], atol=1e-4)
     transforms = json.loads((folder / "transforms.json").read_text())
-    assert (transforms["w"], transforms["h"]) == (24, 16)
-    x, y = np.meshgrid(np.arange(24) + 0.5, np.arange(16) + 0.5)
     for frame in transforms["frames"]:
-        assert Image.open(folder / frame["file_path"]).size == (24, 16)
-        depth, position = (np.load(folder / frame["layer_paths"][name]) for name in ("depth", "position"))
-        across, up = (x - transforms["cx"]) / frame["fl_x"], (transforms["cy"] - y) / frame["fl_y"]
-        rays = np.stack([across, up, np.full_like(x, -1)], axis=-1)
-        matrix = np.array(frame["transform_matrix"])
-        there = np.isfinite(depth)
-        assert there.mean() > 0.2
-        points = (rays * depth[..., None])[there] @ matrix[:3, :3].T + matrix[:3, 3]
-        np.testing.assert_allclose(points, position[there], atol=1e-4)
-        assert math.isclose(2 * math.atan(12 / frame["fl_x"]), frame["camera_angle_x"])
+        assert math.isclose(2 * math.atan(transforms["w"] / 2 / frame["fl_x"]), frame["camera_angle_x"])
     assert len({str(frame["transform_matrix"]) for frame in transforms["frames"]}) == 3
 
 

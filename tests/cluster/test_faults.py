@@ -6,6 +6,7 @@ import os
 import re
 import resource
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -202,3 +203,31 @@ def test_workers_of_dask_cuda_get_their_own_devices(monkeypatch):
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "1")
     monkeypatch.setenv("SOLARI_VK_DEVICE", "0")
     assert device_of_worker(reports) is None
+
+
+@pytest.mark.slow
+def test_ctrl_c_in_a_terminal_keeps_what_is_done(any_device, tmp_path):
+    """A terminal sends it to all processes; the workers leave it to the command, which writes its picture."""
+    path = tmp_path / "picture.npy"
+    command = ["render", "builtin:cornell_box", "--size", "16x16", "--samples", "1000000", "--no-denoise",
+               "--workers", "2", "-o", str(path)]  # fmt: skip
+    started = subprocess.Popen(
+        [sys.executable, "-m", "solari_vk", *command], stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    try:
+        assert started.stderr is not None
+        lines = []
+        for line in started.stderr:
+            lines.append(line)
+            if " of 1000000 samples a pixel" in line:
+                break
+        os.killpg(started.pid, signal.SIGINT)
+        lines += started.communicate(timeout=60)[1].splitlines()
+    finally:
+        started.kill()
+    said = "\n".join(lines)
+    assert started.returncode == 0, said
+    assert "interrupted: keeping" in said
+    assert "Traceback" not in said
+    assert "isn't used" not in said
+    assert np.isfinite(np.load(path)).all()

@@ -28,7 +28,7 @@ def load(name):
 
 def test_all_are_there_and_short():
     rays = ["acoustics", "bake_occlusion", "height_field", "lidar", "spheres"]
-    assert sorted([*rays, "materials", "objects", "seeds", "turntable"]) == EXAMPLES
+    assert sorted([*rays, "load_dataset", "materials", "objects", "seeds", "turntable"]) == EXAMPLES
     for path in [*FOLDER.glob("*.py"), *FOLDER.rglob("*.comp")]:
         assert len(path.read_text(encoding="utf-8").splitlines()) < 40, path
 
