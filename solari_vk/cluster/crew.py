@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterable
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
@@ -34,12 +35,13 @@ class _Errand:
 
     job: Any
     tries: int = 1
-    workers: frozenset[str] | None = None
-    """Who may do it; None: everyone."""
+    workers: frozenset[str] = frozenset()
+    """Who may do it."""
 
-    def is_stranded(self, here: set[str]) -> bool:
-        """Whether nobody is left who may do it."""
-        return self.workers is not None and self.workers.isdisjoint(here)
+
+def _next_errand(source: Iterator[Any]) -> _Errand | None:
+    """The next job's, None after the last one."""
+    return next((_Errand(job) for job in source), None)
 
 
 def _say(text: str) -> None:
@@ -161,29 +163,30 @@ class Crew:
         key, data = pack(scene)
         # a task rather than scattered data, because dask makes tasks again whose results were lost with their workers
         scene_there = self.client.submit(bytes, data, key=f"solari_vk-scene-{key}")
-        source, out = iter(jobs), dict[Any, _Errand]()
+        source, again = iter(jobs), deque[_Errand]()
+        out: dict[Any, _Errand] = {}
         seen = time.monotonic()
-        exhausted = False
         try:
             while True:
                 self._roster.look_around()
-                while not exhausted and len(out) < AHEAD * self.worker_count:
-                    job = next(source, None)
-                    if job is None:
-                        exhausted = True
-                    else:
-                        self._send(_Errand(job), key, scene_there, out)
-                if exhausted and not out:
-                    return
-                if self.worker_count:
+                accepted = self._roster.accepted
+                for stranded in [future for future, errand in out.items() if errand.workers.isdisjoint(accepted)]:
+                    again.append(out.pop(stranded))
+                    stranded.cancel()
+                while len(out) < AHEAD * len(accepted):
+                    errand = again.popleft() if again else _next_errand(source)
+                    if errand is None:
+                        break
+                    future = self._send(errand, key, scene_there)
+                    out[future] = errand
+                    future.add_done_callback(self._events.put)
+                if accepted:
                     seen = time.monotonic()
+                    if not out:
+                        return
                 elif self._workers is not None and time.monotonic() - seen > PATIENCE:
                     raise self._no_worker()
                 future = self._next_event()
-                for stranded in [f for f, errand in out.items() if errand.is_stranded(self._roster.accepted)]:
-                    errand = out.pop(stranded)
-                    stranded.cancel()
-                    self._send(errand, key, scene_there, out)
                 if future is None:
                     yield None
                 elif not self._roster.note(future) and future in out:
@@ -191,23 +194,21 @@ class Crew:
                     if self._succeeded(future, errand):
                         yield errand.job, self._result(future)
                     else:
-                        self._send(errand, key, scene_there, out)
+                        again.append(errand)
         finally:
             for future in out:
                 future.cancel()
 
-    def _send(self, errand: _Errand, key: str, scene: Any, out: dict[Any, _Errand]) -> None:
-        """Have a job done by a worker that takes part."""
+    def _send(self, errand: _Errand, key: str, scene: Any) -> Any:
+        """Have a job done by one of the workers that take part, of which there must be one; returns its future."""
         from solari_vk.cluster.worker import perform
 
         self._submissions += 1
-        errand.workers = frozenset(self._roster.accepted) if self.refused else None
-        future = self.client.submit(
+        errand.workers = frozenset(self._roster.accepted)
+        return self.client.submit(
             perform, self.identity, self._opening, key, scene, errand.job, pure=False,
-            key=f"solari_vk-{self.client.id}-{self._submissions}", workers=errand.workers and list(errand.workers),
+            key=f"solari_vk-{self.client.id}-{self._submissions}", workers=list(errand.workers),
         )  # fmt: skip
-        out[future] = errand
-        future.add_done_callback(self._events.put)
 
     def _succeeded(self, future: Any, errand: _Errand) -> bool:
         """Whether a job is done; False if it is to be tried again. Raises SolariError if it failed for good."""
@@ -219,8 +220,9 @@ class Crew:
             self._roster.check_scheduler()
             return False
         error = future.exception()
-        if isinstance(error, UnfitWorkerError):
-            return False  # a new worker that the roster doesn't know yet
+        if isinstance(error, UnfitWorkerError):  # another process has taken the address of one that was accepted
+            self._roster.refuse(*error.args)
+            return False
         if isinstance(error, self._distributed.KilledWorker):
             raise SolariError(f"{errand.job.name} ended every worker that tried it: {error}")
         errand.tries += 1

@@ -77,7 +77,7 @@ class Roster:
             return False
         if future.status == "error":
             error = future.exception()
-            self._refuse(address, f"it can't start: {str(error) or type(error).__name__}")
+            self.refuse(address, f"it can't start: {str(error) or type(error).__name__}")
         elif future.status == "finished":
             identity: Identity = future.result()
             if self.identity is not None:
@@ -91,7 +91,7 @@ class Roster:
         for address, identity in list(self._candidates.items()):
             mine = Identity(version(), code_hash(), identity.device, identity.driver, identity.rays)
             if difference := identity.difference(mine):
-                self._refuse(address, difference)
+                self.refuse(address, difference)
                 del self._candidates[address]
         kinds = list(self._candidates.values())
         if not kinds:
@@ -105,10 +105,12 @@ class Roster:
     def _judge(self, address: str, identity: Identity) -> None:
         assert self.identity is not None
         if difference := identity.difference(self.identity):
-            self._refuse(address, difference)
+            self.refuse(address, difference)
         else:
             self.accepted.add(address)
 
-    def _refuse(self, address: str, reason: str) -> None:
+    def refuse(self, address: str, reason: str) -> None:
+        """Leave a worker out, and say why."""
+        self.accepted.discard(address)
         self.refused[address] = reason
         self._say(f"worker {address} isn't used: {reason}")

@@ -16,7 +16,7 @@ _ONE_AT_A_TIME = threading.Lock()  # a Device is used by one thread at a time, a
 
 
 class UnfitWorkerError(SolariError):
-    """A worker isn't what the crew needs."""
+    """A worker isn't what the crew needs: its address, and in what it differs."""
 
 
 def identify(opening: Opening) -> Identity:
@@ -30,7 +30,7 @@ def perform(wanted: Identity, opening: Opening, key: str, scene: bytes, job: Job
     with _ONE_AT_A_TIME:
         bench = _bench(opening)
         if difference := bench.identity.difference(wanted):
-            raise UnfitWorkerError(difference)
+            raise UnfitWorkerError(get_worker().address, difference)
         try:
             bench.show(key, scene)
             return job.perform(bench)
