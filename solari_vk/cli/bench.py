@@ -48,7 +48,7 @@ def add_parser(commands: Any) -> None:
     cluster.set_defaults(run=_cluster)
     cluster.add_argument("--workers", type=positive, action="append", metavar="N",
                          help="processes, one for each device (1 and 2; repeatable)")
-    cluster.add_argument("--views", type=positive, default=64, metavar="N", help="views of each round (64)")
+    cluster.add_argument("--views", type=positive, default=32, metavar="N", help="views of each round (32)")
     cluster.add_argument("--size", type=size, default=(128, 128), metavar="WxH", help="of a view (128x128)")
     cluster.add_argument("--samples", type=positive, default=16, metavar="N", help="samples per pixel (16)")
     cluster.add_argument("--simulate", action="store_true", help="the load of a scheduler with many workers too")

@@ -1,0 +1,42 @@
+"""The program of docs/guides/clusters.md, and the measurement that the page quotes, run."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solari_vk.cli import main
+from solari_vk.measure import cluster
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.mark.slow
+def test_the_program_runs(any_device, tmp_path):
+    (program,) = re.findall(r"^```python\n(.*?)^```$", (ROOT / "docs/guides/clusters.md").read_text(), re.M | re.S)
+    small = program.replace("(160, 90)", "(16, 9)").replace("samples=64", "samples=2")
+    (tmp_path / "program.py").write_text(small + "    assert picture.samples == 2\n")
+    done = subprocess.run(
+        [sys.executable, "program.py"], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)}, check=False,
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "reference.exr").stat().st_size > 0
+
+
+@pytest.mark.slow
+def test_the_measurement_runs(any_device, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(cluster, "SIMULATED_WORKERS", (2,))
+    monkeypatch.setattr(cluster, "ROUNDS", 2)
+    page = tmp_path / "page.md"
+    command = ["bench", "cluster", "--workers", "2", "--views", "4", "--size", "8x8", "--samples", "1", "--simulate"]
+    assert main([*command, "--markdown", str(page)]) == 0, capsys.readouterr().err
+    rows = [line.split("|")[1:-1] for line in page.read_text().splitlines() if line.startswith("| 2 |")]
+    assert [len(row) for row in rows] == [4, 4]
+    assert (np.array(rows, float) > 0).all()
