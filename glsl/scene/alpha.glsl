@@ -59,12 +59,13 @@ vec4 resolve_wall(
     return vec4(1.0 + (through / max(1.0 - covered, 1e-9) - 1.0) / covered, covered);
 }
 
-// At a candidate of a ray. Rays through the previous TLAS may meet instances that are gone: these count as opaque.
+// At a candidate of a ray. Rays through the previous TLAS may meet instances that are hidden now, and such as are gone,
+// which count as opaque.
 vec4 resolve_cover(uint instance_index, uint triangle, vec2 barycentrics, vec3 direction, bool from_camera) {
     Instance instance = instances.at[instance_index];
     Material material = materials.at[instance.material];
     bool wall = SCENE_GLASS && (material.flags & MATERIAL_WALL) != 0u && !from_camera;
-    if (instance.mesh == NO_INDEX || !(wall || has_alpha(material))) { return vec4(0.0, 0.0, 0.0, 1.0); }
+    if (instance.ray_mesh == NO_INDEX || !(wall || has_alpha(material))) { return vec4(0.0, 0.0, 0.0, 1.0); }
     if (wall) {
         return resolve_wall(instance, material, meshes.at[instance.ray_mesh], triangle, barycentrics, direction);
     }

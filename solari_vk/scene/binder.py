@@ -216,7 +216,8 @@ class SceneBinder:
             self._write_rows.pop(instance, None)
             self._set_emissive(instance, row, False)
             self._traced.remove(row)
-            self._instances.records[row]["mesh"] = NO_INDEX
+            for mesh in ("mesh", "ray_mesh"):
+                self._instances.records[row][mesh] = NO_INDEX
             self._instances.mark([row])
             del self._uses[instance], self._ids[instance]
             self._instance_rows.release(instance, None)

@@ -115,6 +115,31 @@ def test_panes_tint_the_lamps_behind_them_alone(device, lighting):
         np.testing.assert_allclose(found, expected, rtol=0.1 if expected < 1 else 0.01)
 
 
+BEFORE = """#version 460
+#include "scene/trace.glsl"
+layout(local_size_x = 1) in;
+layout(set = 1, binding = 0, scalar) buffer AnswerBlock { vec3 at[]; } answer;
+void main() { answer.at[0] = trace_previous_transmittance(vec3(0.3, 0.2, -1.0), vec3(0.0, 0.0, -1.0), 3.0); }
+"""
+
+
+def test_rays_through_the_previous_frame_pass_what_is_hidden_now(device, tmp_path):
+    """A pane that light has passed isn't opaque in the frame that hides it."""
+    (tmp_path / "passes").mkdir()
+    (tmp_path / "passes" / "before.comp").write_text(BEFORE)
+    glass = sv.Instance(quad(2.0), sv.Material(base_color=(1, 0.2, 0), alpha=0.5, alpha_mode="blend"))
+    scene, stage = sv.Scene(glass), sv.Stage("before", buffers={"answer": 1}, passes=[sv.Pass("before", threads=1)])
+    tinted, seen = (0.5, 0.3, 0.25), []
+    with sv.SceneFrame(device, scene, [stage], glsl_root=tmp_path) as frame:
+        frame.binder.keep_previous_tlas(frame, True)
+        for visible in (True, True, False, False, True, True):
+            glass.visible = visible
+            frame.submit()
+            seen.append(frame["answer"][0].copy())
+        frame.binder.keep_previous_tlas(frame, False)
+    np.testing.assert_allclose(seen[1:], [tinted, tinted, (1, 1, 1), (1, 1, 1), tinted], atol=1e-6)
+
+
 def everything():
     """A mask, two panes and vertex colors before a lit floor."""
     mesh = quad(4.0, 3.0)
