@@ -240,8 +240,8 @@ MUTANTS = {  # the proof that must fail, and the patch
     "light isn't dimmed": (check_colored_light, "scene/alpha.glsl", "passage.probability *=", "//"),
     "rays that are scattered keep their color": (
         check_colored_light, "passes/pathtracer/trace.comp", "throughput *= trace_passage(", "trace_passage("),
-    "one seed for all rays": (check_random_numbers, "scene/trace.glsl", "SCENE_BLEND ? rand_u(rng) :",
-                              "SCENE_BLEND ? 7u :"),
+    "one seed for all rays": (check_random_numbers, "scene/trace.glsl", "uvec2(0u, rand_u(rng))",
+                              "uvec2(7u)"),
     "lamps are tinted by panes behind them": (
         check_lamps, "scene/light_visibility.glsl", "direction, met.t, NO_HIT", "direction, t_max, NO_HIT"),
     "frames are independent": (check_even_frames, "passes/gbuffer/pixel.glsl", "this_frame.index);",
