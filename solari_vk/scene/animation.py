@@ -74,7 +74,7 @@ def mix(scene: Scene, parts: Sequence[tuple[Animation, float, float]], *, loop: 
     """
     clips = [clip for clip, _, _ in parts]
     weights = [_number(weight) for _, _, weight in parts]
-    if not all(0 <= weight < math.inf for weight in weights) or not sum(weights) > 0:
+    if not all(weight >= 0 for weight in weights) or not 0 < sum(weights) < math.inf:
         raise SolariError("a mix of animations needs weights from 0 on, of which one is more than 0")
     if any(clip.rig is not clips[0].rig for clip in clips):
         raise SolariError("only animations of one rig can be mixed, such as those of one file")
@@ -83,7 +83,7 @@ def mix(scene: Scene, parts: Sequence[tuple[Animation, float, float]], *, loop: 
     try:
         clips[0].rig.pose(scene.lights, [part for part in zip(shares, samples, strict=True) if part[0] > 0])
     except SolariError as error:
-        at = " with ".join(f"{clip.describe()} at {seconds:g} s" for clip, seconds, _ in parts)
+        at = " with ".join(f"{clip.describe()} at {_number(seconds):g} s" for clip, seconds, _ in parts)
         raise SolariError(f"{at}: {error}") from None
 
 
@@ -91,5 +91,5 @@ def _number(value: Any) -> float:
     """A number, NaN for what is none."""
     try:
         return float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return math.nan

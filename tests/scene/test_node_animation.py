@@ -171,7 +171,8 @@ def test_wrong_mixes_of_clips(writer):
         ([], "of which one is more than 0"), ([(0, 0, 0)], "of which one is more than 0"),
         ([(0, 0, 1), (0, 0, -1)], "needs weights from 0 on"), ([(0, 0, math.nan)], "needs weights from 0 on"),
         ([(0, 0, 1), (1, 0, 1)], "only animations of one rig"), ([("run", 0, 1)], "there is no animation 'run'"),
-        ([(0, math.inf, 1)], "finite number of seconds"),
+        ([(0, math.inf, 1)], "finite number of seconds"), ([(0, 10**400, 1)], "finite number of seconds"),
+        ([(0, 0, 1e308)] * 2, "needs weights from 0 on"),
     ):  # fmt: skip
         with pytest.raises(SolariError, match=message):
             scene.mix_clips(*parts)
