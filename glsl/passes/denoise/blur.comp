@@ -16,6 +16,7 @@ const float TOLERANCE = 2.2;       // standard deviations
 const float CENTER_WEIGHT = 4.0;
 const float DARKEST = 1e-30;
 const float CLEAN = 0.025;         // standard deviation over mean
+const float TOO_LITTLE = 0.25;     // share of the neighbors' weight that is taken
 // Of the noise of the pixels that a pass averages, by its level, since earlier passes averaged some of the same pixels.
 const float CORRELATION[3] = float[](0.0, 0.081, 0.125);
 
@@ -123,8 +124,11 @@ void main() {
             add_neighbor(specular, own.specular, found.specular, differences.y, weights.y, is_filtered);
         }
     }
+    // Where noise explains little of what neighbors differ by, or most of them are filtered, wider passes find no more.
+    vec2 taken = vec2(diffuse.weight, specular.weight), whole = vec2(diffuse.whole, specular.whole);
+    bool ends = level > 0u && all(lessThan(taken, TOO_LITTLE * whole));
     Signals filtered = Signals(mean(diffuse, own.diffuse), mean(specular, own.specular), 0u);
-    if (is_clean(pixel, guide.kind, filtered)) { filtered.state = FILTERED; }
+    if (ends || is_clean(pixel, guide.kind, filtered)) { filtered.state = FILTERED; }
     uvec3 random = pcg4d(uvec4(pixel, this_frame.index, this_frame.seed ^ (PASS_SALT + level))).xyz;
     store_bits(index, uvec4(pack_signals(filtered, random), 0u));
 }
