@@ -144,3 +144,23 @@ def test_random_cameras_see_the_scene():
     assert all(np.array_equal(a.transform, b.transform) for a, b in zip(few, many, strict=False))
     others = cameras_for("random", room, room.camera, 2, 1.5, 6)
     assert not np.array_equal(few[0].transform, others[0].transform)
+
+
+@pytest.mark.slow
+def test_realtime_views_have_motion_and_errors(make):
+    """Motion along an orbit is that between its views; a random view stands still."""
+    options = ["--mode", "realtime", "--views", 3, "--warm-up", 1, "--average", 1, "--aov", "guides_motion,error"]
+    code, said, around = make(*options, "--cameras", "orbit", name="around")
+    assert code == 0, said
+    code, said, still = make(*options, "--cameras", "random", name="still")
+    assert code == 0, said
+    moved, stood = (
+        [np.abs(np.load(folder / f"{number:05}.guides_motion.npy")).max() for number in range(3)]
+        for folder in (around, still)
+    )
+    assert min(moved[1:]) > 0.01
+    assert max(stood) < 0.5 / 16  # less than half a pixel: jitter
+    assert all(np.isfinite(np.load(around / f"{number:05}.error.npy")).all() for number in range(3))
+    code, said, _ = make("--mode", "realtime", "--views", 1, "--denoise", name="wrong")
+    assert code == 2
+    assert "--settings denoise=on" in said

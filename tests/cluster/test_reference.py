@@ -119,10 +119,11 @@ def test_chunks_out_of_order_are_summed_in_order():
     sums = []
     for order in ((0, 1, 2, 3), (3, 1, 0, 2)):
         picture = ReferencePicture()
-        for index in order:
+        for number, index in enumerate(order):
             picture.put(index, chunks[index])
             while picture.add_next():
                 pass
+            assert picture.samples == sum(n + 1 for n in range(4) if {*range(n + 1)} <= {*order[: number + 1]})
         sums.append((picture.raw_radiance, picture.variance))
     assert all(map(np.array_equal, *sums))
     expected = np.average(means.astype(np.float64), axis=0, weights=[1, 2, 3, 4])
