@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -174,6 +175,35 @@ class Deadly:
 
     def perform(self, bench):
         os._exit(1)
+
+
+def test_a_lost_device_is_opened_again(crew, tmp_path, capsys):
+    """A job is tried three times."""
+    scene = sv.builtin("cornell_box")
+    ((_, names),) = filter(None, crew.map(scene, [Losing(2, str(tmp_path))]))
+    assert len(names) == 2
+    assert capsys.readouterr().err.count("the losing job is tried again: the device is lost") == 2
+    with pytest.raises(sv.DeviceError, match="the losing job: the device is lost"):
+        list(crew.map(scene, [Losing(3, str(tmp_path / "more"))]))
+
+
+@dataclass
+class Losing:
+    """Loses its device some times, which it counts by files in a folder."""
+
+    times: int
+    folder: str
+    name: str = "the losing job"
+
+    def perform(self, bench):
+        folder = Path(self.folder)
+        folder.mkdir(exist_ok=True)
+        names = sorted(path.name for path in folder.iterdir())
+        if len(names) < self.times:
+            (folder / str(len(names))).touch()
+            raise sv.DeviceError("the device is lost")
+        assert bench.device.name
+        return names
 
 
 def test_identities_differ_in_words():

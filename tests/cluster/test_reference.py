@@ -89,6 +89,7 @@ def test_a_killed_worker_changes_no_bit(crew, scene, picture):
 
     assert same(picture, render_reference(crew, scene, SIZE, samples=40, seed=7, layers=LAYERS, progress=kill_one))
     assert killed
+    assert victims[0] not in crew.client.run(os.getpid, on_error="ignore").values()
 
 
 def test_a_target_error_ends_after_the_same_chunks(crew, scene):
