@@ -1,6 +1,7 @@
 """Variants of materials: one file in three colors.
 
-`sv.load_gltf("mug.gltf", variant="Clay")`, of a file (`KHR_materials_variants`) whose mug is sold in three pairs of colors.
+`sv.load_gltf("mug.gltf", variant="Clay")`, of a file (`KHR_materials_variants`) whose mug is sold in three pairs
+of colors.
 """
 
 from __future__ import annotations
