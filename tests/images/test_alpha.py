@@ -104,9 +104,8 @@ def test_frames_show_panes_evenly(device):
     check_even_frames(device)
 
 
-@pytest.mark.parametrize("lighting", [
-    pytest.param({}, id="paths"), pytest.param(SPLIT, id="split", marks=pytest.mark.slow),
-])  # fmt: skip
+@pytest.mark.slow  # the driver compiles whole frames
+@pytest.mark.parametrize("lighting", [{}, SPLIT], ids=["paths", "split"])
 def test_panes_tint_the_lamps_behind_them_alone(device, lighting):
     """Realtime, as alpha_checks.measure_lamps by the path tracer."""
     for distance, expected in ((-1.0, 0.25), (-8.0, 1.0)):
