@@ -12,14 +12,14 @@ The pictures are bit by bit the same for any number of workers. `OneDevice` does
 dask. docs/guides/clusters.md says how to run workers on Slurm and Kubernetes.
 """
 
-from solari_vk.cluster.bench import OneDevice as OneDevice
-from solari_vk.cluster.crew import Crew as Crew
-from solari_vk.cluster.identity import Identity as Identity
-from solari_vk.cluster.ledger import render_shots as render_shots
-from solari_vk.cluster.reference import ReferencePicture as ReferencePicture
-from solari_vk.cluster.reference import render_reference as render_reference
-from solari_vk.cluster.shots import Meter as Meter
-from solari_vk.cluster.shots import Shot as Shot
-from solari_vk.cluster.shots import Style as Style
-from solari_vk.cluster.shots import View as View
-from solari_vk.cluster.shots import blocks as blocks
+from solari_vk.cluster.bench import OneDevice
+from solari_vk.cluster.crew import Crew
+from solari_vk.cluster.identity import Identity
+from solari_vk.cluster.ledger import render_shots
+from solari_vk.cluster.reference import ReferencePicture, render_reference
+from solari_vk.cluster.shots import Meter, Shot, Style, View, blocks
+
+__all__ = [
+    "Crew", "Identity", "Meter", "OneDevice", "ReferencePicture", "Shot", "Style", "View", "blocks", "render_reference",
+    "render_shots",
+]  # fmt: skip

@@ -28,6 +28,8 @@ def test_the_program_runs(any_device, tmp_path):
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "reference.exr").stat().st_size > 0
+    names = {path.name for path in (tmp_path / "views").iterdir()}
+    assert names == {"0.exr", "1.exr", "2.exr", "ledger.jsonl"}
 
 
 @pytest.mark.slow
