@@ -28,6 +28,8 @@ BUSY = 30.0  # seconds after which a crew doesn't wait any more for workers that
 PATIENCE = 120.0  # seconds without any worker of this machine after which a crew gives up
 TRIES = 3  # of a job on devices that fail
 
+GUARD = "(workers import the script that starts them: write what it does below `if __name__ == '__main__':`)"
+
 
 @dataclass
 class _Errand:
@@ -55,7 +57,7 @@ class Crew:
     fewer devices. address: that of an existing scheduler instead, such as tcp://host:8786; its workers need the same
     version of this package. device, rays, validation: how workers open their devices, as Device takes them; by default
     a worker takes the device in its environment variable SOLARI_VK_DEVICE. say: is called with lines about workers.
-    Raises SolariError if dask.distributed isn't installed, and if no scheduler answers.
+    Raises SolariError if dask.distributed isn't installed, and if no scheduler answers or no worker can start.
     """
 
     def __init__(
@@ -107,7 +109,10 @@ class Crew:
             if self._workers is not None:
                 from solari_vk.cluster.local import local_cluster
 
-                target = opened.enter_context(local_cluster(self._workers, self._opening))
+                try:
+                    target = opened.enter_context(local_cluster(self._workers, self._opening))
+                except RuntimeError as error:
+                    raise SolariError(f"no worker can start: {error} {GUARD}") from None
             options = {"set_as_default": False, "direct_to_workers": self.shares_files, "timeout": CONNECT_SECONDS}
             try:
                 self.client: Any = opened.enter_context(closing(self._distributed.Client(target, **options)))

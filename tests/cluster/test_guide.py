@@ -33,6 +33,19 @@ def test_the_program_runs(any_device, tmp_path):
 
 
 @pytest.mark.slow
+def test_a_program_without_a_guard_is_told(any_device, tmp_path):
+    """Its workers would start workers."""
+    (tmp_path / "program.py").write_text("import solari_vk as sv\nwith sv.cluster.Crew(workers=1):\n    pass\n")
+    done = subprocess.run(
+        [sys.executable, "program.py"], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)}, check=False,
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert "SolariError: no worker can start" in done.stderr.splitlines()[-1]
+    assert "__main__" in done.stderr.splitlines()[-1]
+
+
+@pytest.mark.slow
 def test_the_measurement_runs(any_device, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(cluster, "SIMULATED_WORKERS", (2,))
     monkeypatch.setattr(cluster, "ROUNDS", 2)
