@@ -19,6 +19,7 @@ from solari_vk.passes import display, gbuffer, guides, lighting, pathtracer, ray
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, check_view, views_of
 from solari_vk.rendered import PictureRenderer, RenderedFrame
 from solari_vk.scene.binder import SceneBinder
+from solari_vk.scene.changed_lights import ChangedLights
 from solari_vk.scene.light_translation import LightTranslation
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.scene.projection import CameraUniforms, Projection, jitters
@@ -78,6 +79,7 @@ class Renderer(PictureRenderer):
             self._previous_jitter = (0.0, 0.0)  # the camera's own
             self._settings_seen: tuple[Any, ...] = ()  # what the settings in the uniforms were written from
             self._lights = self._owned.enter_context(closing(LightTranslation(device)))
+            self._changed_lights = ChangedLights()
             external = self._tables | self._lights.buffers
             frame = SceneFrame(device, self.binder, self._stages(self.size), external=external)
             self._frame = self._owned.enter_context(frame)
@@ -131,8 +133,10 @@ class Renderer(PictureRenderer):
             self._write_settings()
             self._settings_seen = seen
         lights = self.binder.lights
-        if self._lights.update(lights.ids, lights.powers, lights.positions, self.settings.world_cache_cell_size):
+        cell_size = self.settings.world_cache_cell_size
+        if self._lights.update(lights.ids, lights.powers, lights.positions, cell_size):
             self._frame.bind(self._lights.buffers)
+        self._changed_lights.update(lights.ids, lights.powers, lights.places, cell_size)
         try:
             projection = self._write_uniforms(camera)
             submission = self._frame.submit_applied()
@@ -184,6 +188,7 @@ class Renderer(PictureRenderer):
         history = self._has_history
         if not history:
             self._lights.change = 0.0
+            self._changed_lights.clear()
         projection = self._camera_uniforms.write(
             camera, self.size, offset, render_size=self._built_render_size, has_history=history
         )
@@ -192,6 +197,7 @@ class Renderer(PictureRenderer):
             self.frame_count & 0xFFFFFFFF, self.seed, history, projection.exposure, self._lights.change, *offset,
             x - previous_x, y - previous_y,
         )  # fmt: skip
+        self._frame.uniforms.update(self._changed_lights.uniforms)
         self._previous_jitter = projection.jitter
         self._has_history = True
         return projection

@@ -74,6 +74,9 @@ class Lights:
         self._powers_changed = True
         self.powers: NDArray[np.float64] = np.zeros(0)
         """Luminous flux of each row of `sources` in lumens, roughly. Each change makes a new array."""
+        self.places: NDArray[np.float64] = np.zeros((0, 3))
+        """The centers of the lights that aren't at infinity, the first rows, in meters. Each change makes a new
+        array."""
         self._emissive_places = np.zeros((16, 2, 3))  # center, and half of the size of bounds
         self._positions_changed = True
         self.positions: NDArray[np.float64] = np.zeros((0, 3))
@@ -236,6 +239,7 @@ class Lights:
         boxes = [kind.bounds(light) for kind, light in others if kind.bounds]
         emissive = places[:, :1] + places[:, 1:] * ((-1.0,), (1.0,))
         bounds = np.concatenate([emissive, np.reshape(boxes, (-1, 2, 3))])
+        self.places = bounds.mean(axis=1)
         leaves = self._nodes.leaves
         changed = self._nodes.update(self.ids[:finite], bounds, self.powers[:finite])
         self.tree.reserve(len(self._nodes.nodes))

@@ -137,7 +137,9 @@ class Settings:
         0.125, "Weight of the newest frame in a cell's change. More: quicker, noisier.", low=0.001, high=1
     )
     world_cache_relight: bool = _cache(
-        True, "Forget as large a share of the past as the share of the lights' power that changed (Solari: off)."
+        True,
+        "Forget as large a share of the past as the share of the lights' power that changed, and all where most of "
+        "the light may have changed (Solari: off).",
     )
     world_cache_candidates: int = _cache(
         32, "Light samples from which a cell chooses. More: less noise, slower.", low=1, high=1024

@@ -35,7 +35,7 @@ BUGS = {
     "what isn't finite counts": (checks.measure_not_finite, [NOT_FINITE], MATH,
                                  "return !any(isnan(color)) && !any(isinf(color));", "return true;"),
     "outliers limited for good": (checks.measure_outliers, [RETURNED], VARIANCE,
-                                  "if (value > limit && limit > 0.0 && lobe.frames < settled) {",
+                                  "if (value > limit && limit > 0.0 && alike > ALIKE && lobe.frames < settled) {",
                                   "limit = 2.0 * others;\n    if (value > limit) {"),
     "variance of a frame": (checks.measure_even_light, [ERROR], VARIANCE, "of_sample / lobe.frames", "of_sample"),
     "outliers pass on nothing": (checks.measure_even_light, [EVEN], BLUR,

@@ -66,9 +66,9 @@ def test_cost(device):
 # ---- a still picture --------------------------------------------------------------------------------
 
 
-# relMSE of frames 1, 8 and 32 after a reset at 128x128. Measured with other seeds, the worse of two: 0.028, 0.0059,
-# 0.0023; 0.10, 0.048, 0.0086; 0.18, 0.049, 0.016. The reference adds up to 0.003.
-BARS = {"cornell_box": (0.05, 0.012, 0.005), "sphere_grid": (0.14, 0.06, 0.014), "mirror_hall": (0.22, 0.06, 0.025)}
+# relMSE of frames 1, 8 and 32 after a reset at 128x128. Measured with other seeds, the worse of two: 0.022, 0.0064,
+# 0.0029; 0.078, 0.026, 0.0083; 0.093, 0.042, 0.018. The reference adds up to 0.003.
+BARS = {"cornell_box": (0.05, 0.012, 0.005), "sphere_grid": (0.1, 0.06, 0.014), "mirror_hall": (0.14, 0.06, 0.025)}
 SIZE_OF_BARS = (128, 128)
 
 
@@ -300,7 +300,6 @@ def test_reflections_in_balls_follow_the_camera(device):
     assert error < 0.2
 
 
-
 @pytest.mark.parametrize("value", ["0.0 / 0.0", "1.0 / 0.0"])
 def test_values_that_are_not_finite_spread_nowhere(device, value):
     """One pixel's paths give NaN or infinity from the third frame on: all pixels stay finite, and right."""
@@ -375,14 +374,35 @@ def test_means_of_few_pixels(device, size):
     assert found.mean() == pytest.approx(so_far.mean(), rel=0.03)
 
 
-@pytest.mark.parametrize("history", [8, 128])
-def test_objects_as_small_as_pixels(device, history):
-    """Boxes about a pixel wide before the background keep their light, also with short histories."""
+def small_boxes(place_at):
+    """Boxes about a pixel wide; place_at(number from -1 to 1) gives y and z of each."""
     scene, rng = sv.Scene(), np.random.default_rng(17)
-    for x, y in rng.uniform(-1, 1, (12, 2)):
-        scene.add(shapes.box(), matte(0.7), place((0.08,) * 3, at=(x, y, 0), turn=0.5))
+    for x, at in rng.uniform(-1, 1, (12, 2)):
+        scene.add(shapes.box(), matte(0.7), place((0.08,) * 3, at=(x, *place_at(at)), turn=0.5))
+    return scene
+
+
+def boxes_before_the_background():
+    scene = small_boxes(lambda at: (at, 0))
     scene.add(sv.DirectionalLight(direction=(-0.3, -1.0, -1.0), illuminance=10.0))
     scene.add(sv.Camera.look_at((0, 0, 3), (0, 0, 0)))
+    return scene
+
+
+def boxes_before_an_unlit_wall():
+    scene = small_boxes(lambda at: (0.3 * at, at))
+    scene.add(shapes.quad((-4, -4, -1.5), (8, 0, 0), (0, 8, 0)), matte(0.7))
+    scene.add(sv.DirectionalLight(direction=(0.0, -1.0, 0.05), illuminance=10.0))
+    scene.add(sv.Camera.look_at((0, 2.2, 2.2), (0, 0, 0)))
+    return scene
+
+
+@pytest.mark.parametrize("history", [8, 128])
+@pytest.mark.parametrize("make_scene", [boxes_before_the_background, boxes_before_an_unlit_wall])
+def test_objects_as_small_as_pixels(device, make_scene, history):
+    """Boxes about a pixel wide keep their light, also with short histories. Before an unlit wall they kept 53 % when
+    all bright pixels were limited."""
+    scene = make_scene()
     found, raw = means_of_frames(device, scene, (32, 32), JITTER_PERIOD, denoise_frames=history)
     assert found.mean() == pytest.approx(raw.mean(), rel=0.03)
 

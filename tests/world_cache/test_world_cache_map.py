@@ -257,6 +257,31 @@ def test_changed_light_is_forgotten(device, change, relight):
             assert (weights >= change - 1e-3).all() or not relight
 
 
+def test_cells_near_a_changed_light_forget(device):
+    """A light of 1 lumen that went out, far less than a 64th of all light: cells whose irradiance it could have been
+    have no value until they are sampled anew. Distant and bright ones are kept, and all in later frames."""
+    cells = 1024
+    kinds = np.array([(0.5, 0.1), (4.0, 0.1), (4.0, 1.0), (0.5, 30.0)])
+    distances, brightness = np.tile(kinds, (cells // 4, 1)).T
+    irradiance = np.repeat(brightness[:, None], 4, axis=1).astype(np.float32)
+    irradiance[:, 3] = 16.0
+    bounds = np.zeros((cells, 4), np.float32)
+    bounds[:, 0], bounds[:, 3] = distances, 0.01
+    may_be = 8 / np.pi / (distances**2 * brightness) > 0.5
+    assert may_be[:4].tolist() == [True, True, False, False]
+    changed = np.zeros(8, [("place", "f4", 3), ("power", "f4"), ("recent", "f4")])
+    for recent in (1.0, 0.9):
+        changed[0] = (0.005, 0.005, 0.005), 1.0, recent
+        with MapFrame(device, cells, None, world_cache_updates="asked") as frame:
+            frame.upload(checksums=np.arange(1, cells + 1, dtype=np.uint32), life=np.full(cells, 9, np.uint32),
+                         irradiance=irradiance, bounds=bounds)  # fmt: skip
+            frame.frame.uniforms["this_frame.exposure"] = 1.0
+            frame.frame.uniforms["changed_lights.count"] = 1
+            frame.frame.uniforms["changed_lights.at"] = changed
+            found = frame.run()["irradiance"]
+        np.testing.assert_array_equal(found[:, 3], np.where(may_be & (recent == 1), 0, 16))
+
+
 def blend(device):
     test_blend(device, 1 / 8, 1 << 20, 1e9)
 
@@ -302,6 +327,9 @@ MUTANTS = {
     "share of the pixels: of a row": (blend_a_share_of_the_pixels, "update.glsl", " * float(camera.size.y)", ""),
     "relight: only what is updated": (lambda device: test_changed_light_is_forgotten(device, 0.8, True), "decay.comp",
                                       "if (relights) {", "if (false) {"),
+    "relight: far from the light": (test_cells_near_a_changed_light_forget, "../light_change.glsl",
+                                    "dot(apart, apart) * irradiance", "irradiance"),
+    "relight: frame after frame": (test_cells_near_a_changed_light_forget, "decay.comp", "NEW_CHANGE", "ANY_CHANGE"),
     "relight: weights above 1": (lambda device: test_changed_light_is_forgotten(device, 0.8, True), "blend.comp",
                                  "clamp(old.w + YOUNG_GROWTH, 1.0,", "clamp(old.w + YOUNG_GROWTH, 0.1,"),
     "asked: all": (test_only_cells_that_were_asked_for_are_updated, "map.glsl", "(asked || ", "(true || "),

@@ -4,17 +4,18 @@
 #version 460
 #include "passes/bindings.glsl"
 #include "passes/denoise/cell.glsl"
-#include "common/math.glsl"
+#include "passes/denoise/guide.glsl"
+#include "passes/light_change.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
 const int WIDEST = 2;  // cells from the center of the widest block
-// Standard deviations between which a difference becomes certain; and the same after all lights changed.
+// Standard deviations between which a difference becomes certain; and the same where all light may have changed.
 const vec2 CERTAIN = vec2(3.5, 6.0), CERTAIN_AFTER_CHANGE = vec2(0.5, 1.5);
 const float EXPONENT = 16.0;
 const float RECENT_VARIANCE = 0.111;  // of the mean of the latest frames over that of a frame: 0.2 / (2 - 0.2)
 const float DARKEST = 1e-30;
-const float FEW = 8.0;  // pixels; less than BLOCK_LIMIT in variance.comp, so that none of them is limited
+const float FEW = 8.0;  // pixels
 
 void add_difference(inout Difference sum, Difference other) {
     sum.total += other.total;
@@ -32,27 +33,41 @@ void add_cell(inout LobeCell sum, LobeCell other) {
 }
 
 // The share of the history that remains valid. Squares count as variance too, since a history may not know outliers.
-float confidence(Difference sum, float variance) {
+float confidence(Difference sum, float variance, vec2 bounds) {
     float deviation = sqrt(max(sum.squares, variance));
     if (!(deviation > 0.0)) { return 1.0; }
-    vec2 bounds = mix(CERTAIN, CERTAIN_AFTER_CHANGE, min(4.0 * this_frame.lighting_change, 1.0));
     float certain = smoothstep(bounds.x, bounds.y, abs(sum.total) / deviation);
     return pow(1.0 - certain * min(abs(sum.total) / max(sum.larger, DARKEST), 1.0), EXPONENT);
 }
 
-float confidence(LobeCell sum) {
-    return min(confidence(sum.now, sum.variance), confidence(sum.recently, RECENT_VARIANCE * sum.variance));
+float confidence(LobeCell sum, vec2 bounds) {
+    float recently = confidence(sum.recently, RECENT_VARIANCE * sum.variance, bounds);
+    return min(confidence(sum.now, sum.variance, bounds), recently);
 }
 
-// The mean without the brightest pixel. Few pixels tell nothing without it.
+// The share of a cell's light that may have changed.
+float light_change(LobeCell cell, vec3 position) {
+    float irradiance = PI * cell.luminance / max(cell.pixels, 1.0);
+    return max(this_frame.lighting_change, light_change(position, irradiance, ANY_CHANGE));
+}
+
+vec2 bounds_of(float change) { return mix(CERTAIN, CERTAIN_AFTER_CHANGE, min(4.0 * change, 1.0)); }
+
+// The mean without the brightest pixel. Few pixels tell nothing without it; no pixel is brighter than their sum, so
+// that none of them is limited.
 float robust_luminance(LobeCell sum) {
-    if (sum.pixels <= FEW) { return sum.luminance / max(sum.pixels, 1.0); }
+    if (sum.pixels <= FEW) { return sum.luminance; }
     return max(sum.luminance - sum.brightest, 0.0) / (sum.pixels - 1.0);
 }
 
 void main() {
     ivec2 cell = ivec2(gl_GlobalInvocationID.xy), cells = ivec2(cell_count());
     if (denoise_settings.denoise == 0u || any(greaterThanEqual(cell, cells))) { return; }
+    Cell own = denoise_cells.at[cell.y * cells.x + cell.x];
+    ivec2 middle = min(cell * int(CELL) + int(CELL) / 2, ivec2(camera.size) - 1);
+    vec3 position = load_guide(middle).position + camera.world_from_view[3];
+    vec2 bounds = bounds_of(light_change(unpack_cell(own.diffuse), position));
+    vec2 specular_bounds = bounds_of(light_change(unpack_cell(own.specular), position));
     vec2 trust = vec2(1.0), light = vec2(0.0);
     LobeCell diffuse = NO_PIXELS, specular = NO_PIXELS;
     for (int ring = 0; ring <= WIDEST; ring++) {
@@ -66,7 +81,7 @@ void main() {
                 add_cell(specular, unpack_cell(found.specular));
             }
         }
-        trust = min(trust, vec2(confidence(diffuse), confidence(specular)));
+        trust = min(trust, vec2(confidence(diffuse, bounds), confidence(specular, specular_bounds)));
         if (ring == 1) { light = vec2(robust_luminance(diffuse), robust_luminance(specular)); }
     }
     denoise_blocks.at[cell.y * cells.x + cell.x] = Block(trust, light);

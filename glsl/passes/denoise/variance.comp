@@ -11,7 +11,8 @@ const uint PASS_SALT = 0xBB67AE85u;
 const float NEIGHBORHOOD = 4.0;  // frames that the neighborhood's spread counts for
 const float OWN_WEIGHT = 4.0;    // of a pixel in its neighborhood
 const float SETTLED = 40.0;      // frames from which a pixel's own spread tells enough
-const float NEIGHBORS_LIMIT = 4.0, BLOCK_LIMIT = 12.0;
+const float NEIGHBORS_LIMIT = 2.0, BLOCK_LIMIT = 4.0;
+const float ALIKE = 0.1;         // least weight of the neighbors by which a pixel is limited
 
 struct Moments {
     float weight;
@@ -26,15 +27,16 @@ void add_moments(inout Moments sum, Lobe lobe, float weight) {
     sum.second_moment += weight * lobe.second_moment;
 }
 
-// In few frames, a pixel far brighter than its neighbors and the block around it is limited, unless these are black.
-// The history isn't limited, so that this light is in the picture when more frames confirm it.
+// In few frames, a pixel far brighter than its neighbors and the block around it is limited, unless these are black or
+// no neighbor shows a surface like the pixel's: then it isn't noise, but a small object. The history isn't limited, so
+// that this light is in the picture when more frames confirm it.
 Signal begin(Lobe lobe, Moments sum, float block_luminance) {
     if (lobe.frames == 0.0) { return Signal(vec3(0.0), -1.0); }
     float near = sum.mean / sum.weight, value = luminance(lobe.radiance);
-    float others = sum.weight > OWN_WEIGHT ? max(sum.mean - OWN_WEIGHT * value, 0.0) / (sum.weight - OWN_WEIGHT) : 0.0;
+    float alike = sum.weight - OWN_WEIGHT, others = max(sum.mean - OWN_WEIGHT * value, 0.0) / max(alike, ALIKE);
     float settled = min(SETTLED, float(denoise_settings.frames));
-    float limit = max(NEIGHBORS_LIMIT * others, BLOCK_LIMIT * sqrt(lobe.frames) * block_luminance);
-    if (value > limit && limit > 0.0 && lobe.frames < settled) {
+    float limit = max(NEIGHBORS_LIMIT * others, BLOCK_LIMIT * lobe.frames * block_luminance);
+    if (value > limit && limit > 0.0 && alike > ALIKE && lobe.frames < settled) {
         lobe.radiance *= limit / value;
         lobe.second_moment *= square(limit / value);
         near += OWN_WEIGHT * (limit - value) / sum.weight;

@@ -2,6 +2,7 @@
 // other cell from a query of the previous frame, and counts the cells of each block that may be updated.
 #version 460
 #include "generated/passes/world_cache.glsl"
+#include "passes/light_change.glsl"
 #include "passes/world_cache/map.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
@@ -15,17 +16,26 @@ void clear_cell(uint cell) {
     world_cache_first_points.at[cell] = WorldCachePoint(0u, 0u);
 }
 
+// Whether most of a cell's light may have changed in this frame, and not before: a cell's own mean is noisy, and to
+// forget the dark ones in frame after frame would make the cache too bright.
+bool is_outdated(uint cell) {
+    vec4 bounds = world_cache_bounds.at[cell];
+    float irradiance = luminance(world_cache_irradiance.at[cell].rgb);
+    return light_change(bounds.xyz + 0.5 * bounds.w, irradiance, NEW_CHANGE) > 0.5;
+}
+
 // Differs from Solari: uses the known change of the lights instead of estimating it from noisy samples. The next update
 // of a cell, which may be frames away, then replaces at least as large a share of its mean as the share of light that
-// changed. When all light changed, the cell has no value until then.
+// changed. When all light changed, or most of the light at the cell, the cell has no value until then.
 void relight(uint cell) {
-    float change = this_frame.lighting_change;
+    float change = is_outdated(cell) ? 1.0 : this_frame.lighting_change;
+    if (change == 0.0) { return; }
     float sample_count = world_cache_irradiance.at[cell].w;
     world_cache_irradiance.at[cell].w = min(sample_count, (1.0 - change) / change);
 }
 
 void main() {
-    bool relights = world_cache_settings.relight != 0u && this_frame.lighting_change > 0.0;
+    bool relights = world_cache_settings.relight != 0u;
     uint block = thread_index(gl_GlobalInvocationID.xy);
     uint active_count = 0u;
     for (uint cell = block * BLOCK_SIZE; cell < (block + 1u) * BLOCK_SIZE; cell++) {

@@ -1,0 +1,38 @@
+// How much of the light at a point may have changed in recent frames, by the lists of lights alone: no light is sampled
+// and no ray is traced, so that lights that went out count too.
+#ifndef PASSES_LIGHT_CHANGE_GLSL
+#define PASSES_LIGHT_CHANGE_GLSL
+
+#include "common/math.glsl"
+#include "passes/bindings.glsl"
+
+// A light that was added, removed, moved or changed in power.
+struct ChangedLight {
+    vec3 place;
+    float power;   // by which the light changed, in lumens, roughly
+    float recent;  // 1 in the first frame of a change; falls to 0
+};
+layout(set = 1, binding = 32, scalar) uniform ChangedLightsBlock {
+    uint count;
+    ChangedLight at[8];
+} changed_lights;
+
+const float NEW_CHANGE = 1.0, ANY_CHANGE = 0.0;  // how recent
+const float SEEN = 0.01;     // less light than this share of white can't be seen
+const float REFLECTED = 8.0; // light with what surfaces around reflect of it, over the light alone
+
+// The share, from 0 to 1, of the irradiance at a position that may have changed: what the changed lights send there
+// without occlusion, so that the share is too large behind walls. Lights that changed less recently don't count.
+float light_change(vec3 world_position, float irradiance, float least_recent) {
+    irradiance = max(irradiance, PI * SEEN / this_frame.exposure);
+    float share = 0.0;
+    for (uint i = 0u; i < changed_lights.count; i++) {
+        ChangedLight light = changed_lights.at[i];
+        if (light.recent < least_recent) { continue; }
+        vec3 apart = light.place - world_position;
+        share += light.recent * min(REFLECTED * INVERSE_PI * light.power / (dot(apart, apart) * irradiance), 1.0);
+    }
+    return min(share, 1.0);
+}
+
+#endif

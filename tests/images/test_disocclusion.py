@@ -1,0 +1,109 @@
+"""Pixels that have come into view in the latest frames, beside those whose histories are long."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from support.frames import find
+
+import solari_vk as sv
+from solari_vk.conformance.realtime import make_renderer
+from solari_vk.gpu.shaders.patches import patched_shaders
+from solari_vk.scene.builtin import builtin, place
+
+SIZE = (96, 96)
+FRAMES, SEEDS = 20, (31, 32)
+YOUNG, SETTLED = 3.5, 15.5  # frames in a history: at most, and at least
+SEES_CENTERS = ("passes/pathtracer/pixel_filter.glsl", "return radius * (2.0 * u - 1.0);", "return 0.0 * u;")
+BAR = 3.0  # error of new pixels over that of settled ones
+
+
+def strafe(scene, step):
+    """Moves the camera to the right, by about 6 pixels of what is in the middle of the scene."""
+    camera = scene.camera
+    moved = np.array(camera.transform)
+    distance = np.linalg.norm(moved[:3, 3] - scene.bounds.center)
+    pixel = 2 * distance * np.tan(camera.vertical_fov / 2) / SIZE[1]
+    moved[:3, 3] += moved[:3, 0] * 6 * pixel * (step - FRAMES / 2)
+    return sv.Camera(transform=moved, vertical_fov=camera.vertical_fov, near=camera.near, ev100=camera.ev100)
+
+
+def slide(scene, step):
+    """Moves the short block of a Cornell box to the left, by about 2 pixels."""
+    find(scene, "short block").transform = place(at=(0.04 * (step - FRAMES / 2), 0.15, 0.0))
+    return scene.camera
+
+
+@dataclass
+class Seen:
+    """What the last frame shows, for all seeds: squared relative errors and the lengths of histories; and for the last
+    four frames, whether pixels show the object that moves."""
+
+    errors: np.ndarray
+    lengths: np.ndarray
+    object: np.ndarray
+
+
+def watch(device, name, move):
+    scene = builtin(name)
+    pictures, lengths = [], []
+    with make_renderer(device, scene, SIZE, denoise=True, jitter=False) as renderer:
+        for seed in SEEDS:
+            renderer.seed = seed
+            renderer.reset()
+            shown = []
+            for step in range(FRAMES):
+                frame = renderer.render(move(scene, step))
+                shown.append(frame.mask("short block") if name == "cornell_box" else None)
+            pictures.append(np.asarray(frame["radiance"], np.float64))
+            lengths.append((np.asarray(frame["denoise_diffuse"])[..., 3] << 16 >> 1).view(np.float32))
+    with patched_shaders(SEES_CENTERS), sv.PathTracer(device, scene, SIZE, seed=99) as tracer:
+        truth = np.asarray(tracer.render(move(scene, FRAMES - 1), samples=512), np.float64)
+    squares = (np.array(pictures) - truth) ** 2 / (truth**2 + 1e-2 * truth.mean() ** 2)
+    return Seen(squares.mean(axis=-1), np.array(lengths), np.array(shown[-4:]))
+
+
+def compare(seen, new):
+    """The error of new pixels over that of settled ones."""
+    settled = (seen.lengths >= SETTLED) & ~new
+    young, old = seen.errors[new].mean(), seen.errors[settled].mean()
+    print(f"{new.sum()} new pixels, {young:.4f}; settled {old:.4f}: {young / old:.2f}")
+    assert new.sum() > 50
+    return young / old
+
+
+def in_a_moving_view(device, name):
+    """Pixels at the border, and beside objects that the camera passes."""
+    seen = watch(device, name, strafe)
+    return compare(seen, (seen.lengths > 0) & (seen.lengths <= YOUNG))
+
+
+def beside_a_moving_block(device):
+    """Pixels that showed the block one to three frames ago."""
+    seen = watch(device, "cornell_box", slide)
+    new = seen.object[:-1].any(axis=0) & ~seen.object[-1]
+    return compare(seen, np.broadcast_to(new, seen.errors.shape))
+
+
+@pytest.mark.parametrize("name", [
+    "cornell_box", pytest.param("sphere_grid", marks=pytest.mark.slow),
+    pytest.param("mirror_hall", marks=pytest.mark.slow),
+])  # fmt: skip
+def test_what_comes_into_view(device, name):
+    assert in_a_moving_view(device, name) < BAR
+
+
+def test_what_a_moving_block_uncovers(device):
+    assert beside_a_moving_block(device) < BAR
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("check", [lambda device: in_a_moving_view(device, "cornell_box"), beside_a_moving_block])
+def test_a_blur_that_leaves_new_pixels_out_is_noticed(device, check):
+    old = "vec2 weights = share * likeness(pattern, denoise_guides.at[at], step);"
+    settled = "float(own.diffuse.deviation < 0.1 * values.x)"
+    new = f"vec2 weights = {settled} * share * likeness(pattern, denoise_guides.at[at], step);"
+    with patched_shaders(("passes/denoise/blur.comp", old, new)):
+        assert check(device) > BAR

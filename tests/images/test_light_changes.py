@@ -1,0 +1,81 @@
+"""Lamps whose light is a small part of all light, and most of the light where they are: denoised frames follow them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.frames import find, settle
+
+import solari_vk as sv
+from solari_vk.conformance.realtime import make_renderer
+from solari_vk.gpu.shaders.patches import patched_shaders
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import lamp, matte
+
+SIZE = (48, 48)
+SEEDS = range(50, 53)
+DIM_ROOM = np.s_[12:36, 39:45]  # rows and columns of the picture, where the blur brings nothing of the bright room
+
+
+def add_room(scene, corner, radiance, name):
+    """A closed room of 2 x 2 x 3 meters, open towards the camera, with a lamp below its ceiling."""
+    x, y, z = corner
+    wide, high, deep = (2, 0, 0), (0, 2, 0), (0, 0, 3)
+    for at, along, across in (((x, y, z), deep, wide), ((x, y + 2, z), wide, deep), ((x, y, z), wide, high),
+                              ((x, y, z), high, deep), ((x + 2, y, z), deep, high)):  # fmt: skip
+        scene.add(shapes.quad(at, along, across), matte(0.7))
+    scene.add(shapes.quad((x + 0.6, y + 1.98, z + 1), (0.8, 0, 0), (0, 0, 0.8)), lamp(radiance), name=name)
+
+
+def two_rooms():
+    """A room whose lamp is a hundred times as bright as that of the room beside it, which gets no light of it."""
+    scene = sv.Scene()
+    add_room(scene, (-2.3, 0.8, -3.5), 100.0, "bright")
+    add_room(scene, (0.3, 0.0, -2.0), 1.0, "dim")
+    scene.add(sv.Camera.look_at((0.3, 1, 4.5), (0.3, 1, 0), vertical_fov=0.85))
+    return scene
+
+
+def left_after_dimming(device, to):
+    """The share of the dim room's superfluous light that is left in frames 1 to 20 after its lamp was dimmed to a
+    share of its light: 0 when the frame is right, 1 when it is as before. (20,)"""
+    scene = two_rooms()
+    light = find(scene, "dim").material
+    left = []
+    with make_renderer(device, scene, SIZE, denoise=True) as renderer:
+        for seed in SEEDS:
+            renderer.seed = seed
+            renderer.reset()
+            light.emissive = np.ones(3)
+            settle(renderer, scene.camera, 40)
+            before = np.mean([read(renderer.render()) for _ in range(8)])
+            light.emissive = np.full(3, to)
+            left.append([(read(renderer.render()) / before - to) / (1 - to) for _ in range(20)])
+    found = np.mean(left, axis=0)
+    print(to, np.round(found, 3))
+    return found
+
+
+def read(frame):
+    return np.asarray(frame["diffuse_radiance"], np.float64)[DIM_ROOM].mean()
+
+
+def test_a_weak_lamp_that_goes_out(device):
+    left = left_after_dimming(device, 0.0)
+    assert left[9] < 0.05
+    assert left[19] < 0.03
+
+
+def test_a_weak_lamp_that_is_dimmed(device):
+    left = left_after_dimming(device, 0.5)
+    assert abs(left[:10]).max() < 0.2
+    assert abs(left[:10].mean()) < 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("to", [0.0, 0.5])
+def test_frames_that_know_no_places_of_lights_lag(device, to):
+    """Without the list of lights that changed, their share of all light is too small to count."""
+    with patched_shaders(("passes/light_change.glsl", "return min(share, 1.0);", "return 0.0;")):
+        left = left_after_dimming(device, to)
+    assert left[:10].mean() > 0.3
