@@ -47,6 +47,7 @@ def stage() -> Stage:
 
 def compute(device: Device) -> tuple[Frame, dict[str, Buffer]]:
     """Run the stage; returns its frame, which owns the buffers, and the buffers by name."""
-    frame = Frame(device, [stage()])
-    frame.submit()
+    with device.undone_on_error():
+        frame = Frame(device, [stage()])
+        frame.submit()
     return frame, {name: frame.resource(name) for name in NAMES}

@@ -51,17 +51,18 @@ class SceneBinder:
         bindings = spirv.reflect(compile_shader("scene/layout.comp"), "scene/layout.comp").bindings
         layout: dict[str, Any] = {name: b.dtype if b.element is None else b.element for name, b in bindings.items()}
         self._features = Features()
-        self._geometry = Geometry(device, layout, self._features, self)
-        self._textures = Textures(device, layout["textures"], self)
-        self._emissions = Emissions(device, layout["light_sources"]["choice"])
-        self.lights = Lights(device, layout)
-        """The list of light sources, as of the latest `update`."""
-        self._materials = Materials(device, layout["materials"], self._textures, self._features, self)
-        self._instances = Table(device, "instances", layout["instances"], INSTANCE)
-        self._instance_rows: Rows[Instance] = Rows()
-        self._traced = TracedInstances(device)
-        self._tables = (self._geometry.table, *self._geometry.posed.tables, self._textures.table,
-                        self._materials.table, self._instances, *self.lights.tables, self._traced.table)  # fmt: skip
+        with device.undone_on_error():
+            self._geometry = Geometry(device, layout, self._features, self)
+            self._textures = Textures(device, layout["textures"], self)
+            self._emissions = Emissions(device, layout["light_sources"]["choice"])
+            self.lights = Lights(device, layout)
+            """The list of light sources, as of the latest `update`."""
+            self._materials = Materials(device, layout["materials"], self._textures, self._features, self)
+            self._instances = Table(device, "instances", layout["instances"], INSTANCE)
+            self._instance_rows: Rows[Instance] = Rows()
+            self._traced = TracedInstances(device)
+            self._tables = (self._geometry.table, *self._geometry.posed.tables, self._textures.table,
+                            self._materials.table, self._instances, *self.lights.tables, self._traced.table)  # fmt: skip
         self._unbound = (self._traced.table, *self._geometry.posed.tables)  # no frame's shader has them
         self._uses: dict[Instance, tuple[Shape, Shape, Material]] = {}
         self._ids: dict[Instance, int] = {}

@@ -140,14 +140,15 @@ class Geometry:
         return users
 
     def _update_meshes(self) -> list[Any]:
-        blases = {}
+        geometries = {}
         with self._device.uploads() as uploads:
             for mesh in self._to_upload:
                 self._features.note(mesh)
-                geometry = self._upload(mesh, uploads)
-                if mesh in self._ray_users:
-                    blases[mesh] = Blas(self._device, [geometry], name=mesh.name or "mesh")
-        build_blases(self._device, list(blases.values()))
+                geometries[mesh] = self._upload(mesh, uploads)
+        with self._device.undone_on_error():
+            blases = {mesh: Blas(self._device, [geometry], name=mesh.name or "mesh")
+                      for mesh, geometry in geometries.items() if mesh in self._ray_users}  # fmt: skip
+            build_blases(self._device, list(blases.values()))
         for mesh, blas in blases.items():
             if mesh in self.blases:
                 self.blases[mesh].destroy()
@@ -176,15 +177,15 @@ class Geometry:
             parts["colors"][:, : mesh.colors.shape[1]] = mesh.colors
             flags |= MESH_HAS_COLORS
         buffer = self._device.buffer(sum(part.nbytes for part in parts.values()), mesh.name or "mesh")
+        if mesh in self._buffers:
+            self._buffers[mesh].destroy()
+        self._buffers[mesh] = buffer
         addresses = dict.fromkeys(("attributes", "second_uvs", "colors"), 0)
         offset = 0
         for name, part in parts.items():
             addresses[name] = buffer.address + offset
             uploads.buffer(buffer, part, offset)
             offset += part.nbytes
-        if mesh in self._buffers:
-            self._buffers[mesh].destroy()
-        self._buffers[mesh] = buffer
         record = self.table.records[self.rows[mesh]]
         for name, address in addresses.items():
             record[name] = address

@@ -126,11 +126,12 @@ class Structure:
     def create(self, size: int) -> None:
         """Make storage, handle and address, without building."""
         device = self.device
-        self._storage = Storage(device.memory, size, f"{self.name} storage", usage=_STORAGE_USAGE)
-        create = raw.struct(
-            "VkAccelerationStructureCreateInfoKHR", buffer=self._storage.handle, size=size, type=self._kind
-        )
-        self.handle = handle = device.create("VkAccelerationStructureKHR", create, self.name)
+        with device.undone_on_error():
+            self._storage = Storage(device.memory, size, f"{self.name} storage", usage=_STORAGE_USAGE)
+            create = raw.struct(
+                "VkAccelerationStructureCreateInfoKHR", buffer=self._storage.handle, size=size, type=self._kind
+            )
+            self.handle = handle = device.create("VkAccelerationStructureKHR", create, self.name)
         self._token = device.own(lambda: device.vk.vkDestroyAccelerationStructureKHR(device.handle, handle, raw.NULL))
         info = raw.struct("VkAccelerationStructureDeviceAddressInfoKHR", accelerationStructure=handle)
         self.address = int(device.vk.vkGetAccelerationStructureDeviceAddressKHR(device.handle, info))

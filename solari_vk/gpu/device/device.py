@@ -55,7 +55,7 @@ class Device(WorkQueue):
         """A `Sampler` with these keyword arguments, shared by all callers that ask for the same."""
         key = tuple(sorted(options.items()))
         if key not in self._samplers:
-            self._samplers[key] = Sampler(self, **options)
+            self._samplers[key] = Sampler(self, shared=True, **options)
         return self._samplers[key]
 
     @cached_property

@@ -11,6 +11,7 @@ import numpy as np
 
 from solari_vk.errors import DeviceError, SolariError
 from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.allocator import Allocation
 from solari_vk.gpu.device.barriers import layout_barrier
 from solari_vk.gpu.device.uploads import StagingPool, Uploads
 
@@ -61,12 +62,7 @@ class Image:
         self.handle = handle = device.create("VkImage", create, name)
         requirements = raw.ffi.new("VkMemoryRequirements*")
         device.vk.vkGetImageMemoryRequirements(device.handle, handle, requirements)
-        try:
-            allocation = memory.allocate(requirements, f"image {name}", host=False, image=True)
-        except BaseException:
-            device.vk.vkDestroyImage(device.handle, handle, raw.NULL)
-            raise
-        device.vk.vkBindImageMemory(device.handle, handle, allocation.memory, allocation.offset)
+        allocation: Allocation | None = None
         self._views: dict[tuple[int, int], raw.CData] = {}
         views = self._views
 
@@ -74,10 +70,14 @@ class Image:
             for view in views.values():
                 device.vk.vkDestroyImageView(device.handle, view, raw.NULL)
             device.vk.vkDestroyImage(device.handle, handle, raw.NULL)
-            memory.free(allocation)
+            if allocation is not None:
+                memory.free(allocation)
 
-        self._token = device.own(destroy)
-        self.view = self.level_view(0, self.mip_levels)
+        with device.undone_on_error():
+            self._token = device.own(destroy)
+            allocation = memory.allocate(requirements, f"image {name}", host=False, image=True)
+            device.vk.vkBindImageMemory(device.handle, handle, allocation.memory, allocation.offset)
+            self.view = self.level_view(0, self.mip_levels)
         device.before_next_submit(self._enter_layout)
 
     def __repr__(self) -> str:

@@ -16,7 +16,7 @@ class Sampler:
 
     def __init__(
         self, device: WorkQueue, *, magnify: str = "linear", minify: str = "linear", mipmap: str = "linear",
-        wrap_u: str = "repeat", wrap_v: str = "repeat", anisotropy: float = 1.0,
+        wrap_u: str = "repeat", wrap_v: str = "repeat", anisotropy: float = 1.0, shared: bool = False,
     ) -> None:  # fmt: skip
         filters = {"nearest": raw.VK_FILTER_NEAREST, "linear": raw.VK_FILTER_LINEAR}
         modes = {
@@ -49,6 +49,8 @@ class Sampler:
         self.handle = handle = device.create("VkSampler", create, f"sampler {minify} {wrap_u} {wrap_v}")
         self.device = device
         self._token = device.own(lambda: device.vk.vkDestroySampler(device.handle, handle, raw.NULL))
+        if shared:
+            device.share(self._token)
 
     def destroy(self) -> None:
         """Destroy the sampler when the work submitted so far is done. Safe to call twice."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from solari_vk.errors import DeviceError, SolariError
 from solari_vk.gpu.device import raw
-from solari_vk.gpu.device.allocator import Allocator
+from solari_vk.gpu.device.allocator import Allocation, Allocator
 
 BUFFER_USAGE = (
     raw.VK_BUFFER_USAGE_TRANSFER_SRC_BIT
@@ -26,13 +26,14 @@ BUFFER_USAGE = (
 class Storage:
     """`size` bytes behind a VkBuffer. Staging uses it as it is; `Buffer` adds uploads and reads.
 
-    host: put the bytes in memory that the host can always see. `address` is the device address, or 0 without that
+    host: put the bytes in memory that the host can always see. shared: the device's own, see `WorkQueue.share`. `address` is the device address, or 0 without that
     usage. A size of 0 is allowed. Raises DeviceError beyond the device's limits.
     """
 
     def __init__(
-        self, memory: Allocator, size_bytes: int, name: str, *, host: bool = False, usage: int = BUFFER_USAGE
-    ) -> None:
+        self, memory: Allocator, size_bytes: int, name: str, *, host: bool = False, usage: int = BUFFER_USAGE,
+        shared: bool = False,
+    ) -> None:  # fmt: skip
         self.device = device = memory.device
         self.size = int(size_bytes)
         self.name = name
@@ -46,18 +47,19 @@ class Storage:
         self.handle = handle = device.create("VkBuffer", create, name)
         requirements = raw.ffi.new("VkMemoryRequirements*")
         device.vk.vkGetBufferMemoryRequirements(device.handle, handle, requirements)
-        try:
-            allocation = memory.allocate(requirements, f"buffer {name}", host=host)
-        except BaseException:
-            device.vk.vkDestroyBuffer(device.handle, handle, raw.NULL)
-            raise
-        device.vk.vkBindBufferMemory(device.handle, handle, allocation.memory, allocation.offset)
+        allocation: Allocation | None = None
 
         def destroy() -> None:
             device.vk.vkDestroyBuffer(device.handle, handle, raw.NULL)
-            memory.free(allocation)
+            if allocation is not None:
+                memory.free(allocation)
 
-        self._token = device.own(destroy)
+        with device.undone_on_error():
+            self._token = device.own(destroy)
+            allocation = memory.allocate(requirements, f"buffer {name}", host=host)
+            device.vk.vkBindBufferMemory(device.handle, handle, allocation.memory, allocation.offset)
+        if shared:
+            device.share(self._token)
         self._pointer = allocation.pointer
         self._cached = allocation.cached
         self.mapped = self._pointer is not None

@@ -32,7 +32,7 @@ class StagingPool:
         """A mapped buffer of at least `size` bytes; return it with `give` when the copy is done."""
         if size <= CHUNK_SIZE and self._chunks:
             return self._chunks.pop()
-        return Storage(self.memory, max(size, CHUNK_SIZE), "staging", host=True)
+        return Storage(self.memory, max(size, CHUNK_SIZE), "staging", host=True, shared=True)
 
     def give(self, chunk: Storage) -> None:
         """Take a chunk back that the device no longer uses. The pool keeps up to 16 chunks of ordinary size."""
@@ -52,10 +52,11 @@ class StagingPool:
             copy(cmd, chunk.handle)
             device.vk.vkCmdPipelineBarrier2(cmd, host_read_barrier())
 
-        device.run(record, "read back")
-        found = chunk.view(np.uint8, size).copy()
-        self.give(chunk)
-        return found
+        try:
+            device.run(record, "read back")
+            return chunk.view(np.uint8, size).copy()
+        finally:
+            self.give(chunk)
 
 
 class ImageTarget(Protocol):
@@ -115,9 +116,11 @@ class Uploads:
         return self
 
     def __exit__(self, kind: object, *_: object) -> None:
-        if kind is None and not self._empty:
-            self._device.start(self._record, "uploads")
-        self._give_back()
+        try:
+            if kind is None and not self._empty:
+                self._device.start(self._record, "uploads")
+        finally:
+            self._give_back()
 
     @property
     def _empty(self) -> bool:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 
 from solari_vk.errors import DeviceError
@@ -26,6 +27,7 @@ class WorkQueue(LogicalDevice):
         self._host_synced = 0
         self._owned: dict[int, Callable[[], None]] = {}
         self._next_token = 0
+        self._shared: set[int] = set()
         self._retired: deque[tuple[int, Callable[[], None]]] = deque()
         self._collecting = False
         self._before_next: list[Callable[[raw.CData], None]] = []
@@ -226,8 +228,25 @@ class WorkQueue(LogicalDevice):
         self._owned[self._next_token] = destroy
         return self._next_token
 
+    def share(self, token: int) -> None:
+        """Note that an object is the device's own, so that `undone_on_error` keeps it."""
+        self._shared.add(token)
+
+    @contextmanager
+    def undone_on_error(self) -> Iterator[None]:
+        """Destroy what was registered inside, if an error leaves it: for constructors of what owns several objects."""
+        first = self._next_token
+        try:
+            yield
+        except BaseException:
+            for token in range(self._next_token, first, -1):
+                if token not in self._shared:
+                    self.release(token)
+            raise
+
     def release(self, token: int) -> None:
         """Destroy an owned object once the work submitted so far is done. A second call has no effect."""
+        self._shared.discard(token)
         destroy = self._owned.pop(token, None)
         if destroy is not None:
             self.retire(destroy)
@@ -241,7 +260,7 @@ class WorkQueue(LogicalDevice):
         """Call `destroy` when all work submitted so far, or due with the next submission, is done."""
         if self.closed:
             raise DeviceError(f"{self.name} was closed")
-        self._retired.append((self.submitted + bool(self._with_next), destroy))
+        self._retired.append((self.submitted + bool(self._with_next or self._before_next), destroy))
         self.collect()
 
     def collect(self) -> None:

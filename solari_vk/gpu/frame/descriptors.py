@@ -43,24 +43,25 @@ class DescriptorSets:
             pPoolSizes=[{"type": kind, "descriptorCount": count} for kind, count in sizes.items()],
         )
         pool = device.create("VkDescriptorPool", create, "descriptor pool")
-        self._token = device.own(lambda: device.vk.vkDestroyDescriptorPool(device.handle, pool, raw.NULL))
         self.handles = raw.ffi.new("VkDescriptorSet[]", SET_COUNT)
-        for index, layout in enumerate(interface.set_layouts):
-            variable = None
-            if counts[index]:
-                variable = raw.struct(
-                    "VkDescriptorSetVariableDescriptorCountAllocateInfo",
+        with device.undone_on_error():
+            self._token = device.own(lambda: device.vk.vkDestroyDescriptorPool(device.handle, pool, raw.NULL))
+            for index, layout in enumerate(interface.set_layouts):
+                variable = None
+                if counts[index]:
+                    variable = raw.struct(
+                        "VkDescriptorSetVariableDescriptorCountAllocateInfo",
+                        descriptorSetCount=1,
+                        pDescriptorCounts=[counts[index]],
+                    )
+                allocate = raw.struct(
+                    "VkDescriptorSetAllocateInfo",
+                    pNext=variable,
+                    descriptorPool=pool,
                     descriptorSetCount=1,
-                    pDescriptorCounts=[counts[index]],
+                    pSetLayouts=[layout],
                 )
-            allocate = raw.struct(
-                "VkDescriptorSetAllocateInfo",
-                pNext=variable,
-                descriptorPool=pool,
-                descriptorSetCount=1,
-                pSetLayouts=[layout],
-            )
-            device.vk.vkAllocateDescriptorSets(device.handle, allocate, self.handles + index)
+                device.vk.vkAllocateDescriptorSets(device.handle, allocate, self.handles + index)
 
     def write(self, resources: Mapping[str, Any]) -> None:
         """Bind resources by name: a Buffer or BufferRange, an Image, an object with the `handle` of an

@@ -75,14 +75,11 @@ class Frame:
         self._program: Program | None = None
         self.features = frozenset(features)
         self._closed = False
-        self._pool = CommandPool(device, "frame")
-        self._slots = [Slot(device, index, commands) for index, commands in enumerate(self._pool.allocate(SLOTS))]
-        self._order = Recorded(device, lambda cmd: device.vk.vkCmdPipelineBarrier2(cmd, full_barrier()), "frame order")
-        try:
+        with device.undone_on_error():
+            self._pool = CommandPool(device, "frame")
+            self._slots = [Slot(device, index, commands) for index, commands in enumerate(self._pool.allocate(SLOTS))]
+            self._order = Recorded(device, lambda cmd: device.vk.vkCmdPipelineBarrier2(cmd, full_barrier()), "order")
             self.rebuild()
-        except BaseException:
-            self.close()
-            raise
 
     def rebuild(
         self, stages: Sequence[Stage] | None = None, external: Mapping[str, Any] | None = None,

@@ -89,25 +89,26 @@ class Interface:
         )
         self._pushed = pushed = _pushed_bytes(modules)
         handles: list[tuple[str, raw.CData]] = []
-        for index in range(SET_COUNT):
-            handles.append(("VkDescriptorSetLayout", self._make_layout(index)))
-        self.set_layouts = [handle for _, handle in handles]
-        ranges = [{"stageFlags": raw.VK_SHADER_STAGE_ALL, "size": pushed}] if pushed else []
-        create = raw.struct(
-            "VkPipelineLayoutCreateInfo",
-            setLayoutCount=SET_COUNT,
-            pSetLayouts=self.set_layouts,
-            pushConstantRangeCount=len(ranges),
-            pPushConstantRanges=ranges,
-        )
-        self.pipeline_layout = device.create("VkPipelineLayout", create, "pipeline layout")
-        handles.append(("VkPipelineLayout", self.pipeline_layout))
 
         def destroy() -> None:
             for kind, handle in handles:
                 getattr(device.vk, "vkDestroy" + kind[2:])(device.handle, handle, raw.NULL)
 
-        self._token = device.own(destroy)
+        with device.undone_on_error():
+            self._token = device.own(destroy)
+            for index in range(SET_COUNT):
+                handles.append(("VkDescriptorSetLayout", self._make_layout(index)))
+            self.set_layouts = [handle for _, handle in handles]
+            ranges = [{"stageFlags": raw.VK_SHADER_STAGE_ALL, "size": pushed}] if pushed else []
+            create = raw.struct(
+                "VkPipelineLayoutCreateInfo",
+                setLayoutCount=SET_COUNT,
+                pSetLayouts=self.set_layouts,
+                pushConstantRangeCount=len(ranges),
+                pPushConstantRanges=ranges,
+            )
+            self.pipeline_layout = device.create("VkPipelineLayout", create, "pipeline layout")
+            handles.append(("VkPipelineLayout", self.pipeline_layout))
 
     def __getitem__(self, name: str) -> Binding:
         """The binding of a name; raises SolariError for an unknown one."""

@@ -105,9 +105,10 @@ class Slot:
     def _write_sets(self, program: Program) -> None:
         counts = program.interface.bindless_counts(self._bound)
         if self._sets is None or any(new > old for new, old in zip(counts, self._sets.counts, strict=True)):
+            wider = DescriptorSets(program.interface, counts)
             if self._sets is not None:
                 self._sets.destroy()
-            self._sets = DescriptorSets(program.interface, counts)
+            self._sets = wider
         self._sets.write(self._bound)
 
     def _bind(self, bound: set[int], pipeline: Pipeline | None) -> None:
@@ -139,9 +140,10 @@ class Slot:
         if self._device.timestamp_bits == 0 or self._query_count == count:
             return
         device = self._device
-        device.release(self._query_token)
         create = raw.struct("VkQueryPoolCreateInfo", queryType=raw.VK_QUERY_TYPE_TIMESTAMP, queryCount=count)
-        queries = self._queries = device.create("VkQueryPool", create, f"timestamps {self.index}")
+        queries = device.create("VkQueryPool", create, f"timestamps {self.index}")
+        device.release(self._query_token)
+        self._queries = queries
         self._query_token = device.own(lambda: device.vk.vkDestroyQueryPool(device.handle, queries, raw.NULL))
         self._query_count = count
 
