@@ -55,14 +55,13 @@ class SceneBinder:
             self._geometry = Geometry(device, layout, self._features, self)
             self._textures = Textures(device, layout["textures"], self)
             self._emissions = Emissions(device, layout["light_sources"]["choice"])
-            self.lights = Lights(device, layout)
-            """The list of light sources, as of the latest `update`."""
+            self.lights = Lights(device, layout)  # as of the latest `update`
             self._materials = Materials(device, layout["materials"], self._textures, self._features, self)
             self._instances = Table(device, "instances", layout["instances"], INSTANCE)
             self._instance_rows: Rows[Instance] = Rows()
             self._traced = TracedInstances(device)
-            self._tables = (self._geometry.table, *self._geometry.posed.tables, self._textures.table,
-                            self._materials.table, self._instances, *self.lights.tables, self._traced.table)  # fmt: skip
+        self._tables = (self._geometry.table, *self._geometry.posed.tables, self._textures.table,
+                        self._materials.table, self._instances, *self.lights.tables, self._traced.table)  # fmt: skip
         self._unbound = (self._traced.table, *self._geometry.posed.tables)  # no frame's shader has them
         self._uses: dict[Instance, tuple[Shape, Shape, Material]] = {}
         self._ids: dict[Instance, int] = {}

@@ -6,6 +6,7 @@ such call returns an error in place of being made.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -97,46 +98,64 @@ def realtime(device: sv.Device, attempt: Attempt) -> NDArray[Any]:
 def rays(device: sv.Device, attempt: Attempt) -> NDArray[Any]:
     """Rays from Python through a scene that changes."""
     scene = sv.builtin("cornell_box")
-    origins, directions = np.zeros((4, 3), np.float32) + (0, 1, 0.9), np.eye(4, 3, dtype=np.float32) - (0, 0, 1)
+    origins = np.tile(np.float32([0, 1, 0.9]), (4, 1))
+    directions = np.eye(4, 3, dtype=np.float32) - np.float32([0, 0, 1])
     with attempt(lambda: sv.RayTracer(device, scene)) as tracer:
         attempt(lambda: tracer.trace(origins, directions))
         scene.add(sv.shapes.sphere(0.3, segments=8), sv.Material(), (0.1, 1.0, 0.0))
         return np.array(attempt(lambda: tracer.trace(origins, directions))["t"])
 
 
-@pytest.mark.parametrize("scenario", [rays, reference, pytest.param(realtime, marks=pytest.mark.slow)])
+SCENARIOS = [rays, *(pytest.param(scenario, marks=pytest.mark.slow) for scenario in (reference, realtime))]
+
+
+def live_objects(device: sv.Device) -> int:
+    """The objects that exist, without those that the device keeps for later, such as staging memory."""
+    device.wait_idle()
+    return device.live_objects - len(device._shared)
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS)
 def test_a_call_without_memory_loses_nothing(scenario: Scenario, any_device: None) -> None:
     with sv.Device(validation=True) as device:
         faults = Faults(device, MEMORY, raw.VK_ERROR_OUT_OF_DEVICE_MEMORY)
         faults.run(scenario, device, -1, 1)  # makes what stays: command buffers, staging memory, the pipeline cache
         expected = faults.run(scenario, device, -1, 1)
-        device.wait_idle()
-        calls, live = faults.calls, device.live_objects
+        calls, live = faults.calls, live_objects(device)
         assert calls > 20
         for number in range(calls):
             found = faults.run(scenario, device, number, 2)
             where = f"call {number} of {calls}, {faults.failed}: {faults.said}"
-            assert len(faults.said) == 1, where
-            assert f"{faults.failed}: VK_ERROR_OUT_OF_DEVICE_MEMORY" in faults.said[0], where
+            if not faults.failed:  # command buffers of earlier runs served
+                assert number > 0.9 * calls, where
+                break
+            if faults.failed not in ("vkAllocateMemory", "vkMapMemory"):  # tried again when the device is done
+                assert len(faults.said) == 1, where
+                assert f"{faults.failed}: VK_ERROR_OUT_OF_DEVICE_MEMORY" in faults.said[0], where
             assert np.array_equal(found, expected), where
-            device.wait_idle()
-            assert device.live_objects <= live, where
+            assert live_objects(device) == live, where
 
 
-@pytest.mark.parametrize("scenario", [rays, reference, pytest.param(realtime, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("scenario", SCENARIOS)
 def test_a_device_that_is_lost_ends_with_one_error(scenario: Scenario, any_device: None) -> None:
     with sv.Device(validation=True) as device:
         faults = Faults(device, LOSS, raw.VK_ERROR_DEVICE_LOST)
         expected = faults.run(scenario, device, -1, 1)
         calls = faults.calls
-    assert calls > 4
+    raised = 0
     for number in range(calls):
         with sv.Device(validation=True) as device:
             faults = Faults(device, LOSS, raw.VK_ERROR_DEVICE_LOST)
-            with pytest.raises(sv.DeviceError, match="VK_ERROR_DEVICE_LOST.*make a new Device"):
+            try:
                 faults.run(scenario, device, number, 1)
+                assert not faults.failed, f"call {number}, {faults.failed}: no error"
+                continue  # the device was faster this time, so that fewer calls asked whether it is done
+            except sv.DeviceError as error:
+                assert re.search("VK_ERROR_DEVICE_LOST.*make a new Device", str(error))
+            raised += 1
             assert device.lost
             with pytest.raises(sv.DeviceError, match="lost"):
                 device.wait_idle()
+    assert raised > 10
     with sv.Device(validation=True) as device:
         assert np.array_equal(Faults(device, LOSS, 0).run(scenario, device, -1, 1), expected)

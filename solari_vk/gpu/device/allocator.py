@@ -185,15 +185,19 @@ class Allocator:
             device.vk.vkAllocateMemory(device.handle, info, raw.NULL, out)
         except DeviceError as error:
             raise DeviceError(f"{name}: allocating {size:,} bytes failed: {error}") from error
-        self.allocation_count += 1
-        self._heap_reserved[heap] += size
         memory = out[0]
         device.name_object("DeviceMemory", memory, f"memory type {pool.memory_type}, {size >> 20} MiB")
         pointer = None
         if pool.mapped:
             mapping = raw.ffi.new("void**")
-            device.vk.vkMapMemory(device.handle, memory, 0, size, 0, mapping)
+            try:
+                device.vk.vkMapMemory(device.handle, memory, 0, size, 0, mapping)
+            except DeviceError:
+                device.vk.vkFreeMemory(device.handle, memory, raw.NULL)
+                raise
             pointer = raw.ffi.cast("char*", mapping[0])
+        self.allocation_count += 1
+        self._heap_reserved[heap] += size
         return Block(pool, memory, size, pointer, shared)
 
     def _free_block(self, block: Block) -> None:

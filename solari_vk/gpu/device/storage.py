@@ -26,8 +26,8 @@ BUFFER_USAGE = (
 class Storage:
     """`size` bytes behind a VkBuffer. Staging uses it as it is; `Buffer` adds uploads and reads.
 
-    host: put the bytes in memory that the host can always see. shared: the device's own, see `WorkQueue.share`. `address` is the device address, or 0 without that
-    usage. A size of 0 is allowed. Raises DeviceError beyond the device's limits.
+    host: put the bytes in memory that the host can always see. shared: see `WorkQueue.share`. `address` is the device
+    address, or 0 without that usage. A size of 0 is allowed. Raises DeviceError beyond the device's limits.
     """
 
     def __init__(
