@@ -100,10 +100,16 @@ def test_what_a_moving_block_uncovers(device):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("check", [lambda device: in_a_moving_view(device, "cornell_box"), beside_a_moving_block])
-def test_a_blur_that_leaves_new_pixels_out_is_noticed(device, check):
+def test_a_blur_that_leaves_new_pixels_out_is_noticed(device):
     old = "vec2 weights = share * likeness(pattern, denoise_guides.at[at], step);"
     settled = "float(own.diffuse.deviation < 0.1 * values.x)"
     new = f"vec2 weights = {settled} * share * likeness(pattern, denoise_guides.at[at], step);"
     with patched_shaders(("passes/denoise/blur.comp", old, new)):
-        assert check(device) > BAR
+        assert in_a_moving_view(device, "cornell_box") > BAR
+
+
+@pytest.mark.slow
+def test_histories_of_what_was_there_are_noticed(device):
+    old = "if (then.kind != guide.kind) { return false; }"
+    with patched_shaders(("passes/denoise/past.glsl", old, "if (then.kind == guide.kind) { return true; }")):
+        assert beside_a_moving_block(device) > BAR
