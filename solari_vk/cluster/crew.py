@@ -37,6 +37,8 @@ class _Errand:
 
     job: Any
     tries: int = 1
+    losses: int = 0
+    """How often all workers that had it ended."""
     workers: frozenset[str] = frozenset()
     """Who may do it."""
 
@@ -176,8 +178,11 @@ class Crew:
                 self._roster.look_around()
                 accepted = self._roster.accepted
                 for stranded in [future for future, errand in out.items() if errand.workers.isdisjoint(accepted)]:
-                    again.append(out.pop(stranded))
                     stranded.cancel()
+                    again.append(lost := out.pop(stranded))
+                    lost.losses += 1
+                    if lost.losses > TRIES:
+                        raise SolariError(f"{lost.job.name} ended every worker that had it, {TRIES} times in a row")
                 while len(out) < AHEAD * len(accepted):
                     errand = again.popleft() if again else _next_errand(source)
                     if errand is None:
