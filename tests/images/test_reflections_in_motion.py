@@ -1,0 +1,60 @@
+"""Reflections in dielectrics and slightly rough metals while the camera moves: they move by their hit distances."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import solari_vk as sv
+from solari_vk.conformance.realtime import make_renderer
+from solari_vk.gpu.shaders.patches import patched_shaders
+from solari_vk.measure.statistics import relative_mse
+from solari_vk.output import oidn
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import place
+
+SIZE = (64, 64)
+FRAMES, SPEED = 32, 0.7  # pixels a frame by which the reflection moves
+BAR = 0.7  # error over that of Open Image Denoise of the same single frame
+BY_SURFACE = ("passes/denoise/temporal.comp", "ONLY_SURFACE_MOTION = 0.8", "ONLY_SURFACE_MOTION = 0.0")
+
+
+def hall(metallic: float, perceptual_roughness: float) -> sv.Scene:
+    """A wall that reflects a lit card before a darker wall behind the camera."""
+    material = sv.Material(base_color=(metallic,) * 3, metallic=metallic, perceptual_roughness=perceptual_roughness)
+    card, behind = (sv.Material(base_color=(0, 0, 0), emissive=(light,) * 3) for light in (1.0, 0.1))
+    scene = sv.Scene()
+    scene.add(shapes.quad((0, 0, 0), (3, 0, 0), (0, 3, 0)), material)
+    scene.add(shapes.quad((0.6, 0, 3.0), (-0.6, 0, 0), (0, 3, 0)), card)
+    scene.add(shapes.quad((0, 0, 3.2), (-6, 0, 0), (0, 6, 0)), behind)
+    return scene
+
+
+def error_over_oidn(device: sv.Device, metallic: float, roughness: float) -> float:
+    scene = hall(metallic, roughness)
+    step = SPEED * 2 * np.tan(0.3) * 5 / SIZE[0]  # meters, for what is 5 m away by way of the wall
+    with make_renderer(device, scene, SIZE, denoise=True, antialiasing=True) as renderer:
+        for index in range(FRAMES):
+            camera = sv.Camera(transform=place(at=(index * step, 0, 2)), vertical_fov=0.6)
+            frame = renderer.render(camera)
+        picture, raw = (np.asarray(frame[name], np.float64)[..., :3] for name in ("radiance", "raw_radiance"))
+    with sv.PathTracer(device, scene, SIZE, seed=9) as tracer:
+        truth = np.asarray(tracer.render(camera, samples=512), np.float64)
+    flat = np.full((*raw.shape[:2], 3), (0.0, 0.0, 1.0))
+    denoised = oidn.denoise(raw, np.full_like(flat, 0.5), flat)
+    errors = [relative_mse(found[16:48], truth[16:48]) for found in (picture, denoised)]
+    print(f"metallic {metallic}, roughness {roughness}: {errors[0]:.4f}, OIDN {errors[1]:.4f}")
+    return errors[0] / errors[1]
+
+
+@pytest.mark.parametrize(("metallic", "roughness"), [
+    (0.0, 0.1), (1.0, 0.2),
+    *(pytest.param(*case, marks=pytest.mark.slow) for case in ((0.0, 0.2), (0.0, 0.3), (1.0, 0.1), (1.0, 0.3))),
+])  # fmt: skip
+def test_reflections_follow_the_camera(device, metallic, roughness):
+    assert error_over_oidn(device, metallic, roughness) < BAR
+
+
+def test_reflections_that_move_like_their_surface_are_noticed(device):
+    with patched_shaders(BY_SURFACE):
+        assert error_over_oidn(device, 0.0, 0.1) > BAR
