@@ -136,7 +136,7 @@ class Renderer(PictureRenderer):
         cell_size = self.settings.world_cache_cell_size
         if self._lights.update(lights.ids, lights.powers, lights.positions, cell_size):
             self._frame.bind(self._lights.buffers)
-        self._changed_lights.update(lights.ids, lights.powers, lights.places, cell_size)
+        self._changed_lights.update(lights.ids, lights.powers, lights.places, lights.positions, cell_size)
         try:
             projection = self._write_uniforms(camera)
             submission = self._frame.submit_applied()

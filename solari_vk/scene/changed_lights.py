@@ -14,44 +14,56 @@ MOST = 8  # lights in the list: those that changed most
 RECORD = np.dtype([("place", "<f4", 3), ("power", "<f4"), ("recent", "<f4")])
 """ChangedLight in glsl/passes/light_change.glsl."""
 
+LISTED = 0.15  # change of power since a light was listed last, over the larger power, from which it is listed again
+STILL_CHANGING = CHANGE_DECAY**10  # `recent` of lights that are listed and change again: theirs is no new change
+
 Records = NDArray[Any]
+Lists = tuple[Ids, Powers, Positions, Positions]
+"""Ids, powers, places and positions; a position, unlike a place, also moves when a lamp turns."""
 
 
-def compare(
-    old: tuple[Ids, Powers, Positions], new: tuple[Ids, Powers, Positions], cell_size: float
-) -> tuple[Ids, Records]:
-    """The ids and records of the lights that differ between two lists of ids, powers and places.
+def compare(old: Lists, new: Lists, cell_size: float) -> tuple[NDArray[np.uint64], Records, NDArray[np.bool_]]:
+    """The keys and records of the lights that differ between two lists, and which lights of the new list these are.
 
-    A light that moves counts by its distance over `cell_size`, in meters, up to its whole power. Changes below
-    MIN_CHANGE of the light's power don't count.
+    The powers of the old list are those with which lights were listed last, so that slow changes add up. Less than
+    LISTED of a power doesn't count, or flicker would shorten all histories. A light that moves by `cell_size` meters
+    from one frame to the next counts where it was and where it is; slower ones move shadows, which the denoiser sees.
+    A key is twice the light's id, and one more for the place that a light has left.
     """
-    (old_ids, old_powers, old_places), (ids, powers, places) = old, new
+    (old_ids, old_powers, old_places, old_positions), (ids, powers, places, positions) = old, new
     rows = translate(old_ids, ids)
     stayed = rows != NO_INDEX
     kept = rows[stayed]
     added = np.ones(len(ids), bool)
     added[kept] = False
-    distances = np.linalg.norm(places[kept] - old_places[stayed], axis=1)
-    changes = np.abs(powers[kept] - old_powers[stayed]) + powers[kept] * np.minimum(distances / cell_size, 1.0)
-    differs = changes > MIN_CHANGE * powers[kept]
-    kept, changes = kept[differs], changes[differs]
-    records = np.zeros(len(kept) + np.count_nonzero(added) + np.count_nonzero(~stayed), RECORD)
-    records["place"] = np.concatenate([places[kept], places[added], old_places[~stayed]])
-    records["power"] = np.concatenate([changes, powers[added], old_powers[~stayed]])
+    changes = np.abs(powers[kept] - old_powers[stayed])
+    differs = changes > LISTED * np.maximum(powers[kept], old_powers[stayed])
+    jumps = np.linalg.norm(positions[kept] - old_positions[stayed], axis=1) > cell_size
+    changes = np.where(jumps, powers[kept], changes)
+    differs |= jumps
+    gone = ~stayed
+    gone[np.flatnonzero(stayed)[jumps]] = True  # from where they were
+    listed = added.copy()
+    listed[kept[differs]] = True
+    records = np.zeros(np.count_nonzero(differs) + np.count_nonzero(added) + np.count_nonzero(gone), RECORD)
+    records["place"] = np.concatenate([places[kept[differs]], places[added], old_places[gone]])
+    records["power"] = np.concatenate([changes[differs], powers[added], old_powers[gone]])
     records["recent"] = 1.0
-    return np.concatenate([ids[kept], ids[added], old_ids[~stayed]]), records
+    here = 2 * np.concatenate([ids[kept[differs]], ids[added]]).astype(np.uint64)
+    return np.concatenate([here, 2 * old_ids[gone].astype(np.uint64) + 1]), records, listed
 
 
 class ChangedLights:
     """The lights that changed most in recent frames. Lights at infinity have no place and are left out."""
 
     def __init__(self) -> None:
-        self._seen: tuple[Ids, Powers, Positions] | None = None
+        self._seen: tuple[Any, ...] | None = None
+        self._old: Lists | None = None
         self.clear()
 
     def clear(self) -> None:
         """Forget all changes so far."""
-        self._ids: Ids = np.zeros(0, np.uint32)
+        self._keys: NDArray[np.uint64] = np.zeros(0, np.uint64)
         self._records: Records = np.zeros(0, RECORD)
 
     @property
@@ -61,27 +73,39 @@ class ChangedLights:
         padded[: len(self._records)] = self._records
         return {"changed_lights.count": len(self._records), "changed_lights.at": padded}
 
-    def update(self, ids: Ids, powers: Powers, places: Positions, cell_size: float) -> None:
+    def update(self, ids: Ids, powers: Powers, places: Positions, positions: Positions, cell_size: float) -> None:
         """Update the list for a frame with these lights, of which the first ones have places.
 
-        An array that is the same object as in the previous call is taken to be unchanged. places: (N, 3) in meters.
+        Arrays that are the same objects as in the previous call are taken to be unchanged. places: (N, 3), and
+        positions: (N or more, 3), in meters.
         """
         self._records["recent"] *= CHANGE_DECAY
         lasting = self._records["recent"] > MIN_CHANGE
-        self._ids, self._records = self._ids[lasting], self._records[lasting]
-        new = ids, powers, places
-        if self._seen is not None and any(a is not b for a, b in zip(self._seen, new, strict=True)):
-            old_ids, old_powers, old_places = self._seen
-            count, old_count = len(places), len(old_places)
-            old_list = old_ids[:old_count], old_powers[:old_count], old_places
-            found, records = compare(old_list, (ids[:count], powers[:count], places), cell_size)
-            self._add(found, records)
-        self._seen = new
+        self._keys, self._records = self._keys[lasting], self._records[lasting]
+        given = ids, powers, places, positions
+        if self._seen is not None and all(a is b for a, b in zip(self._seen, given, strict=True)):
+            return
+        count = len(places)
+        new = ids[:count], powers[:count], places, positions[:count]
+        if self._old is not None:
+            keys, records, listed = compare(self._old, new, cell_size)
+            self._add(keys, records)
+            new = ids[:count], np.where(listed, powers[:count], self._listed_powers(new)), places, positions[:count]
+        self._seen, self._old = given, new
 
-    def _add(self, ids: Ids, records: Records) -> None:
-        """Add records; of a light, that of the largest change counts. Lights that are listed already go on changing."""
-        records["recent"][np.isin(ids, self._ids)] = CHANGE_DECAY
-        ids, records = np.concatenate([ids, self._ids]), np.concatenate([records, self._records])
+    def _listed_powers(self, new: Lists) -> Powers:
+        """The powers of the lights when they were listed last; of new lights those they have."""
+        assert self._old is not None
+        rows = translate(self._old[0], new[0])
+        powers = np.array(new[1])
+        powers[rows[rows != NO_INDEX]] = self._old[1][rows != NO_INDEX]
+        return powers
+
+    def _add(self, keys: NDArray[np.uint64], records: Records) -> None:
+        """Add records; of a light, that of the largest change counts."""
+        changing = self._keys[self._records["recent"] > STILL_CHANGING]
+        records["recent"][np.isin(keys, changing)] = CHANGE_DECAY
+        keys, records = np.concatenate([keys, self._keys]), np.concatenate([records, self._records])
         order = np.argsort(-records["power"] * records["recent"], kind="stable")
-        first = np.sort(np.unique(ids[order], return_index=True)[1])[:MOST]
-        self._ids, self._records = ids[order][first], records[order][first]
+        first = np.sort(np.unique(keys[order], return_index=True)[1])[:MOST]
+        self._keys, self._records = keys[order][first], records[order][first]

@@ -9,8 +9,8 @@ from support.frames import find, settle
 import solari_vk as sv
 from solari_vk.conformance.realtime import make_renderer
 from solari_vk.gpu.shaders.patches import patched_shaders
-from solari_vk.scene import shapes
-from solari_vk.scene.builtin import lamp, matte
+from solari_vk.scene import changed_lights, shapes
+from solari_vk.scene.builtin import cornell_box, lamp, matte, place
 
 SIZE = (48, 48)
 SEEDS = range(50, 53)
@@ -70,6 +70,50 @@ def test_a_weak_lamp_that_is_dimmed(device):
     left = left_after_dimming(device, 0.5)
     assert abs(left[:10]).max() < 0.2
     assert abs(left[:10].mean()) < 0.1
+
+
+def test_a_weak_lamp_that_is_carried_away(device):
+    """It counts where it was, too."""
+    scene = two_rooms()
+    light = find(scene, "dim")
+    with make_renderer(device, scene, SIZE, denoise=True) as renderer:
+        settle(renderer, scene.camera, 40)
+        before = np.mean([read(renderer.render()) for _ in range(8)])
+        light.transform = place(at=(0, 60, 0)) @ light.transform
+        left = [read(renderer.render()) / before for _ in range(12)]
+    print(np.round(left, 3))
+    assert np.mean(left[8:]) < 0.05
+
+
+FLICKER = {"power": 0.02, "place": 0.004}  # of the power, to and fro; in meters
+
+
+def history_under_flicker(device, what):
+    """The median length of histories after 40 frames in which a lamp's light or place changes a little."""
+    scene = cornell_box()
+    lamp = find(scene, "lamp")
+    material, at = lamp.material, np.array(lamp.transform)
+    radiance = np.array(material.emissive)
+    with make_renderer(device, scene, SIZE, denoise=True) as renderer:
+        for frame in range(40):
+            if what == "power":
+                material.emissive = radiance * (1 + FLICKER[what] * (frame % 2))
+            else:
+                lamp.transform = place(at=(FLICKER[what] * (frame % 2), 0, 0)) @ at
+            found = renderer.render()
+        lengths = (np.asarray(found["denoise_diffuse"])[..., 3] << 16 >> 1).view(np.float32)
+    print(what, np.median(lengths))
+    return np.median(lengths)
+
+
+@pytest.mark.parametrize("what", FLICKER)
+def test_flicker_keeps_histories(device, what):
+    assert history_under_flicker(device, what) > 30
+
+
+def test_lists_of_all_changes_are_noticed(device, monkeypatch):
+    monkeypatch.setattr(changed_lights, "LISTED", 0.0)
+    assert history_under_flicker(device, "power") < 10
 
 
 @pytest.mark.slow

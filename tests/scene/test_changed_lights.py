@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from solari_vk.scene.changed_lights import MOST, ChangedLights
+from solari_vk.scene.changed_lights import LISTED, MOST, STILL_CHANGING, ChangedLights
 from solari_vk.scene.light_translation import CHANGE_DECAY, MIN_CHANGE
 
 CELL = 0.5  # meters
@@ -12,9 +12,13 @@ POWERS = np.array([10.0, 20.0, 30.0])
 PLACES = np.array([[0.0, 1.0, 2.0], [3.0, 4.0, 5.0], [6.0, 7.0, 8.0]])
 
 
-def start(ids=IDS, powers=POWERS, places=PLACES):
+def update(lights, ids=IDS, powers=POWERS, places=PLACES, positions=None):
+    lights.update(ids, np.array(powers, float), places, places if positions is None else positions, CELL)
+
+
+def start(*lists):
     lights = ChangedLights()
-    lights.update(ids, powers, places, CELL)
+    update(lights, *lists)
     assert lights.uniforms["changed_lights.count"] == 0, "the first lights are no change"
     return lights
 
@@ -29,69 +33,111 @@ def read(lights):
 
 def test_what_stays_is_not_listed():
     lights = start()
-    lights.update(IDS, POWERS.copy(), PLACES.copy(), CELL)
-    lights.update(IDS[[2, 0, 1]], POWERS[[2, 0, 1]], PLACES[[2, 0, 1]], CELL)
-    lights.update(IDS[[2, 0, 1]], POWERS[[2, 0, 1]] * (1 + 0.5 * MIN_CHANGE), PLACES[[2, 0, 1]], CELL)
+    update(lights)
+    update(lights, IDS[[2, 0, 1]], POWERS[[2, 0, 1]], PLACES[[2, 0, 1]])
     assert read(lights) == []
+
+
+def test_flicker_is_not_listed():
+    """Of 2 * LISTED in all, but never of LISTED from what a lamp had when it was listed last."""
+    lights = start()
+    for frame in range(20):
+        update(lights, powers=POWERS * (1 + (-1) ** frame * 0.9 * LISTED))
+    assert read(lights) == []
+
+
+def test_slow_changes_add_up():
+    lights, frames = start(), 0
+    while not read(lights):
+        frames += 1
+        update(lights, powers=POWERS * 0.97**frames)
+    assert 0.97**frames < 1 - LISTED < 0.97 ** (frames - 1)
+    update(lights, powers=POWERS * 0.97**frames)
+    assert [recent for _, _, recent in read(lights)] == [pytest.approx(CHANGE_DECAY)] * 3
 
 
 def test_powers_count_by_their_difference():
     for powers in ([10.0, 5.0, 30.0], [10.0, 35.0, 30.0]):
         lights = start()
-        lights.update(IDS, np.array(powers), PLACES, CELL)
+        update(lights, powers=powers)
         assert read(lights) == [([3.0, 4.0, 5.0], 15.0, 1.0)]
 
 
 def test_added_and_removed_lights_count_where_they_are_or_were():
     lights = start()
-    lights.update(np.array([9, 11], np.uint32), np.array([30.0, 5.0]), np.array([PLACES[2], [1.0, 1.0, 1.0]]), CELL)
+    update(lights, np.array([9, 11], np.uint32), [30.0, 5.0], np.array([PLACES[2], [1.0, 1.0, 1.0]]))
     assert read(lights) == [([3.0, 4.0, 5.0], 20.0, 1.0), ([0.0, 1.0, 2.0], 10.0, 1.0), ([1.0, 1.0, 1.0], 5.0, 1.0)]
 
 
-@pytest.mark.parametrize(("distance", "power"), [(0.125, 5.0), (0.5, 20.0), (40.0, 20.0)])
-def test_moves_count_by_their_distance(distance, power):
+def test_jumps_count_where_the_light_was_and_where_it_is():
     lights, places = start(), PLACES.copy()
-    places[1, 0] += distance
-    lights.update(IDS, POWERS, places, CELL)
-    assert read(lights) == [(places[1].tolist(), power, 1.0)]
+    places[1, 0] += 40.0
+    update(lights, places=places)
+    assert read(lights) == [(places[1].tolist(), 20.0, 1.0), (PLACES[1].tolist(), 20.0, 1.0)]
+
+
+def test_slow_moves_are_not_listed():
+    lights, places = start(), PLACES.copy()
+    for _ in range(20):
+        places = places + (0.9 * CELL, 0.0, 0.0)
+        update(lights, places=places)
+    assert read(lights) == []
+
+
+def test_a_lamp_that_turns_is_listed():
+    """Only its position moves: see SHADOW_DISTANCE."""
+    lights, positions = start(), PLACES.copy()
+    positions[1, 2] += 2 * CELL
+    update(lights, positions=positions)
+    assert {(tuple(place), power) for place, power, _ in read(lights)} == {((3.0, 4.0, 5.0), 20.0)}
 
 
 def test_lights_at_infinity_have_no_place():
     """Lights behind those with places may change: the share of all light counts for them."""
-    lights = start(places=PLACES[:2])
-    lights.update(IDS[:2], POWERS[:2], PLACES[:2], CELL)
-    lights.update(IDS, np.array([10.0, 20.0, 90.0]), PLACES[:2], CELL)
+    lights = start(IDS, POWERS, PLACES[:2], PLACES)
+    update(lights, IDS[:2], POWERS[:2], PLACES[:2], PLACES)
+    update(lights, IDS, [10.0, 20.0, 90.0], PLACES[:2], PLACES)
     assert read(lights) == []
 
 
 def test_changes_fade():
     lights = start()
-    lights.update(IDS, 0.5 * POWERS, PLACES, CELL)
+    update(lights, powers=0.5 * POWERS)
     frames, found = 0, read(lights)
     while found:
         for (place, power, recent), at, before in zip(found, PLACES[::-1], POWERS[::-1], strict=True):
             assert (place, power) == (at.tolist(), 0.5 * before)
             assert recent == pytest.approx(CHANGE_DECAY**frames, rel=1e-5)
-        lights.update(lights._seen[0], lights._seen[1], PLACES, CELL)
+        lights.update(*lights._seen, CELL)
         frames, found = frames + 1, read(lights)
     assert CHANGE_DECAY**frames <= MIN_CHANGE < CHANGE_DECAY ** (frames - 1)
-    lights.update(IDS, POWERS, PLACES, CELL)
+    update(lights, powers=POWERS)
     lights.clear()
     assert read(lights) == []
 
 
 def test_a_light_is_listed_once_by_its_largest_change():
     lights = start()
-    lights.update(IDS, np.array([10.0, 20.0, 10.0]), PLACES, CELL)
-    lights.update(IDS, np.array([10.0, 20.0, 9.0]), PLACES, CELL)
+    update(lights, powers=[10.0, 20.0, 10.0])
+    update(lights, powers=[10.0, 20.0, 8.0])
     assert read(lights) == [([6.0, 7.0, 8.0], 20.0, pytest.approx(CHANGE_DECAY))]
-    lights.update(IDS, np.array([10.0, 20.0, 80.0]), PLACES, CELL)
-    assert read(lights) == [([6.0, 7.0, 8.0], 71.0, pytest.approx(CHANGE_DECAY))], "it was changing already"
+    update(lights, powers=[10.0, 20.0, 80.0])
+    assert read(lights) == [([6.0, 7.0, 8.0], 72.0, pytest.approx(CHANGE_DECAY))], "it was changing already"
+
+
+def test_a_light_that_changes_again_later_is_a_new_change():
+    lights, frames = start(), 0
+    update(lights, powers=[10.0, 20.0, 10.0])
+    while CHANGE_DECAY**frames > STILL_CHANGING * CHANGE_DECAY:
+        lights.update(*lights._seen, CELL)
+        frames += 1
+    update(lights, powers=POWERS)
+    assert read(lights) == [([6.0, 7.0, 8.0], 20.0, 1.0)]
 
 
 def test_the_largest_changes_are_listed():
     count = 3 * MOST
     ids, powers = np.arange(count, dtype=np.uint32), np.random.default_rng(2).permutation(count) + 1.0
     lights = start(ids, powers, np.zeros((count, 3)))
-    lights.update(ids, 2.0 * powers, lights._seen[2], CELL)
+    update(lights, ids, 2.0 * powers, np.zeros((count, 3)))
     assert [power for _, power, _ in read(lights)] == list(range(count, count - MOST, -1))

@@ -19,6 +19,7 @@ void clear_cell(uint cell) {
 // Whether most of a cell's light may have changed in this frame, and not before: a cell's own mean is noisy, and to
 // forget the dark ones in frame after frame would make the cache too bright.
 bool is_outdated(uint cell) {
+    if (changed_lights.count == 0u) { return false; }
     vec4 bounds = world_cache_bounds.at[cell];
     float irradiance = luminance(world_cache_irradiance.at[cell].rgb);
     return light_change(bounds.xyz + 0.5 * bounds.w, irradiance, NEW_CHANGE) > 0.5;
