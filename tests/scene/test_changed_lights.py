@@ -79,7 +79,7 @@ def test_jumps_count_where_the_light_was_and_where_it_is():
 def test_slow_moves_are_not_listed():
     lights, places = start(), PLACES.copy()
     for _ in range(20):
-        places = places + (0.9 * CELL, 0.0, 0.0)
+        places = places + np.array([0.9 * CELL, 0.0, 0.0])
         update(lights, places=places)
     assert read(lights) == []
 
