@@ -1,16 +1,16 @@
 """Uses the renderers at random for as long as asked, under validation: soak.py --minutes N [--seed S] [FILE ...]
 
 Each round opens a scene (builtin, or one of the files), a Renderer and a PathTracer, and makes random edits of
-instances, materials, meshes, lights, cameras, clips, settings, sizes and views between frames. A round ends with four
-checks: the path tracer's picture has the same bits as that of a new path tracer, a settled realtime frame has its mean
-within 10 %, nothing is left on the device once both are closed, and the process's memory has stopped growing. Any
-exception, among them every validation message, ends the run with exit code 1 and the seed that repeats it.
+instances, materials, meshes, lights, cameras, clips, settings, sizes and views between frames. A round ends with these
+checks: the path tracer's picture has the same bits as that of a new path tracer; the edited scene has the same depths
+as when it is put on the device anew; settled realtime frames have the path tracer's mean within 10 %; nothing is left
+on the device once all are closed; and the process's memory has stopped growing. Any exception, among them every
+validation message, ends the run with exit code 1 and names the seed and the round.
 """
 
 from __future__ import annotations
 
 import argparse
-import os
 import resource
 import sys
 import time
@@ -68,7 +68,9 @@ class Soak:
 
     def move(self) -> None:
         item = self.any_instance()
-        item.transform = item.transform + np.eye(4, k=3) * 0.01 * self.rng.normal(size=4)[:, None] * (np.arange(4) < 3)[:, None]
+        transform = np.array(item.transform)
+        transform[:3, 3] += 0.01 * self.scene.bounds.radius * self.rng.normal(size=3)
+        item.transform = transform
 
     def paint(self) -> None:
         material = self.any_instance().material
@@ -78,7 +80,7 @@ class Soak:
             material.emissive = self.rng.random(3) * 5
 
     def add(self) -> None:
-        glass = sv.Material(base_color=self.rng.random(3), transmission=float(self.rng.integers(2)), alpha_mode="opaque")
+        glass = sv.Material(base_color=self.rng.random(3), transmission=float(self.rng.integers(2)))
         at = self.scene.bounds.center + self.scene.bounds.radius * self.rng.normal(size=3) * 0.2
         sphere = sv.shapes.sphere(0.1 * self.scene.bounds.radius, segments=int(self.rng.integers(4, 24)))
         self.added.append(self.scene.add(sphere, glass, at))
@@ -92,7 +94,8 @@ class Soak:
             self.scene.remove(self.lamps.pop())
         else:
             at = self.scene.bounds.center + self.scene.bounds.radius * self.rng.normal(size=3) * 0.3
-            self.lamps.append(self.scene.add(sv.PointLight(at, intensity=1.0, radius=0.05 * float(self.rng.integers(2)))))
+            radius = 0.05 * float(self.rng.integers(2))
+            self.lamps.append(self.scene.add(sv.PointLight(at, intensity=1.0, radius=radius)))
 
     def bend(self) -> None:
         mesh = self.any_instance().mesh
@@ -122,8 +125,9 @@ class Soak:
         self.reference.resize(size)
 
     def look(self) -> None:
-        camera = self.scene.camera
-        camera.transform = camera.transform + np.eye(4, k=3) * 0.02 * self.rng.normal()
+        transform = np.array(self.scene.camera.transform)
+        transform[:3, 3] += 0.02 * self.scene.bounds.radius * self.rng.normal(size=3)
+        self.scene.camera.transform = transform
 
     def view(self) -> None:
         names = views_of(self.realtime.settings.lighting)
@@ -144,10 +148,14 @@ class Soak:
         """Compare with new renderers; returns the realtime frame's mean over the path tracer's."""
         size = (24, 24)
         self.reference.resize(size)
-        old = np.asarray(self.reference.render(samples=16)["radiance"])
-        with sv.PathTracer(self.device, self.scene, size, max_bounces=4) as fresh:
-            new = np.asarray(fresh.render(samples=16)["radiance"])
-        assert np.array_equal(old, new), "a path tracer that was used differs from a new one"
+        used = self.reference.render(samples=16)
+        depth, radiance = used["depth"], np.asarray(used["radiance"])
+        with sv.PathTracer(self.device, self.reference.binder, size, max_bounces=4) as tracer:
+            same = np.array_equal(tracer.render(samples=16)["radiance"], radiance)
+        assert same, "a path tracer that was used differs from a new one"
+        with sv.PathTracer(self.device, self.scene, size, max_bounces=4) as tracer:
+            same = np.array_equal(tracer.render(samples=1)["depth"], depth)
+        assert same, "a scene that was edited is placed otherwise than on the device anew"
         self.realtime.settings.reset()
         self.realtime.view = "picture"
         self.realtime.resize(size)
@@ -200,7 +208,8 @@ def main() -> int:
                 after_first = memory()
             grown = memory() - after_first if after_first else 0
             assert grown < GROWTH, f"the process grew by {grown / 1e6:.0f} MB since round {FIRST_ROUNDS}"
-            print(f"round {number}, {subject}: realtime {ratios[-1]:.3f} of the path tracer, {memory() / 1e6:.0f} MB", flush=True)
+            found = f"realtime {ratios[-1]:.3f} of the path tracer, {memory() / 1e6:.0f} MB"
+            print(f"round {number}, {subject}: {found}", flush=True)
     print(f"{number} rounds without a fault: " + ", ".join(f"{count} {what}" for what, count in counts.most_common()))
     return 0
 

@@ -1,4 +1,4 @@
-"""Views of `solari-vk dataset` as numpy arrays, with rays. `torch.utils.data.DataLoader(Views(folder))` gives tensors."""
+"""Views of `solari-vk dataset` as numpy arrays, with rays; torch.utils.data.DataLoader(Views(folder)) gives tensors."""
 
 import json
 import sys
