@@ -25,6 +25,7 @@ def run(
 ) -> None:
     """Render the pictures that aren't there yet. Those of a movie are in a folder beside it until it is written."""
     from solari_vk.cluster import Meter, Style, blocks
+    from solari_vk.cluster.ledger import open_ledger
 
     output: Path = options.output.resolve()
     folder = output.with_name(f"{output.stem}.frames") if is_movie else output.parent
@@ -43,7 +44,9 @@ def run(
             for camera in subject.cameras:
                 camera.ev100 = ev100
         views = _views(options, subject, style.clip, ".png" if is_movie else output.suffix)
-        complete = render_files(crew, subject.scene, blocks(style, views), folder / f"{output.stem}.jsonl", options)
+        shots = blocks(style, views)
+        ledger = open_ledger(folder / f"{output.stem}.jsonl", crew, subject.scene, shots)
+        complete = render_files(crew, subject.scene, shots, ledger, options)
     if is_movie and complete:
         write_movie(output, [folder / view.name for view in views], options.fps)
         shutil.rmtree(folder)

@@ -6,7 +6,6 @@ import argparse
 import dataclasses
 import math
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from solari_vk.cli.options import positive
@@ -16,6 +15,7 @@ from solari_vk.errors import SolariError
 
 if TYPE_CHECKING:
     from solari_vk.cluster import Crew, OneDevice, ReferencePicture, Shot
+    from solari_vk.cluster.ledger import Ledger
     from solari_vk.scene.model import Scene
 
 
@@ -76,21 +76,21 @@ def words_on(crew: Crew | OneDevice) -> str:
 
 
 def render_files(
-    crew: Crew | OneDevice, scene: Scene, shots: list[Shot], ledger: Path, options: argparse.Namespace
+    crew: Crew | OneDevice, scene: Scene, shots: list[Shot], ledger: Ledger, options: argparse.Namespace
 ) -> bool:
     """Render pictures into the folder of a ledger, and say how many are there. Returns whether all are."""
-    from solari_vk.cluster import render_shots
+    from solari_vk.cluster.ledger import render_missing
 
     if crew.shares_files or options.shared_folder:
-        shots = [dataclasses.replace(shot, folder=str(ledger.parent)) for shot in shots]
+        shots = [dataclasses.replace(shot, folder=str(ledger.folder)) for shot in shots]
     total = sum(len(shot.views) for shot in shots)
     print(f"rendering {options.source} with {words_on(crew)}", file=sys.stderr)
     with Progress("pictures", total, options.time_limit) as progress:
         report = Reporter(progress)
-        done = render_shots(crew, scene, shots, ledger, progress=report)
+        done = render_missing(crew, scene, shots, ledger, report)
     if report.reason:
         print(f"{report.reason}; the same command goes on from there", file=sys.stderr)
-    print(f"{ledger.parent}: {done} of {total} pictures, {progress.seconds:.1f} s", file=sys.stderr)
+    print(f"{ledger.folder}: {done} of {total} pictures, {progress.seconds:.1f} s", file=sys.stderr)
     return done == total
 
 

@@ -59,7 +59,8 @@ def add_parser(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Render the views that aren't in the folder yet."""
-    from solari_vk.cluster.dataset import cameras_for, views_of, write_transforms
+    from solari_vk.cluster.dataset import views_of, write_transforms
+    from solari_vk.cluster.ledger import open_ledger
 
     style = _style(options)
     folder: Path = options.output.resolve()
@@ -68,13 +69,14 @@ def run(options: argparse.Namespace) -> None:
     except OSError as error:
         raise SolariError(f"{folder}: can't be made: {error.strerror}") from None
     subject = load(options)
-    aspect = options.size[0] / options.size[1]
-    cameras = cameras_for(options.cameras, subject.scene, subject.cameras[0], options.views, aspect, options.seed)
+    cameras, metered = _cameras(subject, options)
     with open_crew(options) as crew:
-        _expose(cameras, subject, options, crew)
+        _expose(cameras, metered, subject, options, crew)
         views = views_of(cameras, f".{options.format}")
+        shots = _shots(style, views, options)
+        ledger = open_ledger(folder / LEDGER, crew, subject.scene, shots)
         write_transforms(folder, style, views)
-        render_files(crew, subject.scene, _shots(style, views, options), folder / LEDGER, options)
+        render_files(crew, subject.scene, shots, ledger, options)
 
 
 def _style(options: argparse.Namespace) -> Style:
@@ -117,15 +119,29 @@ def _shots(style: Style, views: list[View], options: argparse.Namespace) -> list
     return [Shot(style, number, (view,), (view,) * warm_up) for number, view in enumerate(views)]
 
 
-def _expose(cameras: list[Camera], subject: Subject, options: argparse.Namespace, crew: Any) -> None:
-    """Give all cameras one exposure: the one that was asked for, or the mean of what suits some of them."""
+def _cameras(subject: Subject, options: argparse.Namespace) -> tuple[list[Camera], list[Camera]]:
+    """The cameras of the views, and those whose exposures are measured.
+
+    At random places these are the first ones of the seed, used or not, so that any number of views has one exposure.
+    """
+    from solari_vk.cluster.dataset import cameras_for
+
+    count, aspect = options.views, options.size[0] / options.size[1]
+    is_random = options.cameras == "random"
+    most = max(count, METERED) if is_random and count is not None else count
+    found = cameras_for(options.cameras, subject.scene, subject.cameras[0], most, aspect, options.seed)
+    return found[:count], found[:METERED] if is_random else found[:: -(-len(found) // METERED)]
+
+
+def _expose(
+    cameras: list[Camera], metered: list[Camera], subject: Subject, options: argparse.Namespace, crew: Any
+) -> None:
+    """Give all cameras one exposure: the one that was asked for, or the mean of what suits the metered ones."""
     from solari_vk.cluster import Meter
 
     ev100 = subject.cameras[0].ev100
     if subject.auto_exposure:
-        # the first random ones, so that more views of the same seed have the same exposure
-        some = cameras[:METERED] if options.cameras == "random" else cameras[:: -(-len(cameras) // METERED)]
-        meter = Meter(tuple(some), options.size)
+        meter = Meter(tuple(metered), options.size)
         ev100 = next(done[1] for done in crew.map(subject.scene, [meter]) if done is not None)
     for camera in cameras:
         camera.ev100 = ev100

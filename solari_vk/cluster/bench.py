@@ -26,6 +26,10 @@ class Job(Protocol):
     def name(self) -> str:
         """What the job is, for messages."""
 
+    @property
+    def clip(self) -> int | None:
+        """The animation whose poses the job shows, by its number; None: it shows the scene as it was given."""
+
     def perform(self, bench: Bench) -> Any:
         """Render on a bench that has the scene; returns the result, which can be pickled."""
 
@@ -59,17 +63,22 @@ class Bench:
         self.device = device
         self.identity = Identity.of(device)
         self._scene_key = ""
+        self._clip: int | None = None  # that of the latest job
         self._owned = ExitStack()  # what depends on the scene
         self._made: dict[type[PictureRenderer], tuple[Any, PictureRenderer]] = {}
 
-    def show(self, key: str, data: bytes) -> None:
-        """Take the scene that `pack` made these from, unless it is here already."""
-        if key != self._scene_key:
+    def show(self, key: str, data: bytes, clip: int | None) -> None:
+        """Take the scene that `pack` made these from, unless it is here already, for a job of a clip or of none.
+
+        A clip leaves its last pose behind: then a job of none, or of another clip, takes the scene anew.
+        """
+        if key != self._scene_key or self._clip not in (None, clip):
             self.forget()
             self.scene: Scene = pickle.loads(data)
             self._binder = SceneBinder(self.device, self.scene)
             self._owned.callback(self._binder.destroy)
             self._scene_key = key
+        self._clip = clip
 
     def path_tracer(self, size: tuple[int, int], max_bounces: int, seed: int) -> PathTracer:
         """A path tracer without samples. The one of earlier jobs is resized if it fits otherwise."""
@@ -140,6 +149,7 @@ class OneDevice:
 
     def map(self, scene: Scene, jobs: Iterable[AnyJob]) -> Results[AnyJob]:
         """Yield each job with its result."""
-        self._bench.show(*pack(scene))
+        key, data = pack(scene)
         for job in jobs:
+            self._bench.show(key, data, job.clip)
             yield job, job.perform(self._bench)

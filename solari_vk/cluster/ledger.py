@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import os
+import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
@@ -13,11 +15,13 @@ from typing import Any
 import numpy as np
 
 from solari_vk.cluster.bench import OneDevice, pack
-from solari_vk.cluster.crew import Crew
+from solari_vk.cluster.crew import TICK_SECONDS, Crew
 from solari_vk.cluster.shots import Shot
 from solari_vk.errors import SolariError
 from solari_vk.output.picture import whole_file
 from solari_vk.scene.model import Camera, Scene
+
+LATE_SECONDS = 60.0  # for which NFS, as it is set up by default, may not show a new file to another machine
 
 
 class Ledger:
@@ -34,16 +38,25 @@ class Ledger:
         lines = self._read_lines()
         if not lines:
             self._write(json.dumps(head, sort_keys=True) + "\n")
-        else:
-            there = lines[0].get("made_of", {})
-            if other := [name for name, value in head["made_of"].items() if there.get(name) != value]:
-                raise SolariError(
-                    f"{path.parent}: its pictures were made with another {', another '.join(other)}: give another "
-                    f"folder, or remove {path}"
-                )
-            self._files = {line["shot"]: line["files"] for line in lines[1:]}
+            return
+        try:
+            first, *others = [json.loads(line) for line in lines]
+            there = dict(first["made_of"])
+            self._files = {line["shot"]: dict(line["files"]) for line in others}
+        except (ValueError, TypeError, KeyError) as error:
+            raise SolariError(f"{path}: is damaged: {error}: remove it, and all pictures are made anew") from None
+        if other := [name for name, value in head["made_of"].items() if there.get(name) != value]:
+            raise SolariError(
+                f"{path.parent}: its pictures were made with another {', another '.join(other)}: give another folder, "
+                f"or remove {path}"
+            )
 
-    def _read_lines(self) -> list[dict[str, Any]]:
+    @property
+    def folder(self) -> Path:
+        """Where the files are."""
+        return self._path.parent
+
+    def _read_lines(self) -> list[str]:
         try:
             lines = self._path.read_text(encoding="utf-8").split("\n")
         except FileNotFoundError:
@@ -53,10 +66,7 @@ class Ledger:
         whole = lines[:-1]
         if lines[-1]:  # the last line was cut off
             self._write("".join(f"{line}\n" for line in whole), "w")
-        try:
-            return [json.loads(line) for line in whole]
-        except ValueError as error:
-            raise SolariError(f"{self._path}: is damaged: {error}: remove it, and all pictures are made anew") from None
+        return whole
 
     def _write(self, text: str, mode: str = "a") -> None:
         try:
@@ -65,15 +75,37 @@ class Ledger:
         except OSError as error:
             raise SolariError(f"{self._path}: can't be written: {error.strerror}") from None
 
+    def check(self, shots: Sequence[Shot]) -> None:
+        """Raise SolariError if a shot would replace a file that is in the folder as that of another one."""
+        owners = {name: key for key, files in self._files.items() for name in files}
+        for shot in shots:
+            key = _key(shot)
+            for name in (name for view in shot.views for name in shot.style.files_of(view)):
+                if owners.get(name, key) != key:
+                    raise SolariError(
+                        f"{self.folder / name}: is there already, with another camera, exposure or time, or from a run "
+                        f"of another length: give another folder, or remove {self._path}"
+                    )
+
     def has(self, shot: Shot) -> bool:
         """Whether all files of a shot are in the folder with the content that they had."""
         files = self._files.get(_key(shot))
-        return files is not None and all(_sha256(self._path.parent / name) == files[name] for name in files)
+        return files is not None and all(_sha256(self.folder / name) == files[name] for name in files)
 
     def note(self, shot: Shot, files: dict[str, str]) -> None:
         """Record that a shot's files are in the folder. files: the SHA-256 of each by its name."""
         self._files[_key(shot)] = files
         self._write(json.dumps({"shot": _key(shot), "files": files}) + "\n")
+
+
+def open_ledger(path: Path, crew: Crew | OneDevice, scene: Scene, shots: Sequence[Shot]) -> Ledger:
+    """The ledger of shots, of which all have one style. Raises SolariError for a folder with other pictures."""
+    if not shots:
+        raise SolariError(f"{path}: there is nothing to render: give at least one shot")
+    made_of = {"scene": pack(scene)[0], "device or code": crew.identity, "style": shots[0].style}
+    ledger = Ledger(path, made_of)
+    ledger.check(shots)
+    return ledger
 
 
 def render_shots(
@@ -84,11 +116,17 @@ def render_shots(
     that are there at the end.
 
     progress: is called with the number of finished pictures, about once a second; when it returns True, rendering ends.
-    All shots have one style. Raises SolariError for a folder with other pictures, a file that can't be written, and
-    when workers fail; pictures that are finished stay, and the next call goes on after them.
+    All shots have one style. Raises SolariError without shots, for a folder with other pictures, a file that can't be
+    written, and when workers fail; pictures that are finished stay, and the next call goes on after them.
     """
-    style = shots[0].style
-    ledger = Ledger(path, {"scene": pack(scene)[0], "device or code": crew.identity, "style": style})
+    return render_missing(crew, scene, shots, open_ledger(path, crew, scene, shots), progress)
+
+
+def render_missing(
+    crew: Crew | OneDevice, scene: Scene, shots: Sequence[Shot], ledger: Ledger,
+    progress: Callable[[int], object] | None,
+) -> int:  # fmt: skip
+    """`render_shots` with an open ledger."""
     missing = [shot for shot in shots if not ledger.has(shot)]
     count = sum(len(shot.views) for shot in shots) - sum(len(shot.views) for shot in missing)
     if progress is not None and progress(count):
@@ -98,14 +136,29 @@ def render_shots(
             if done is not None:
                 shot, files = done
                 for name, file in files.items():
-                    if file.data is not None:
-                        with whole_file(path.parent / name) as temporary:
+                    if file.data is None:
+                        _await_file(ledger.folder / name)
+                    else:
+                        with whole_file(ledger.folder / name) as temporary:
                             temporary.write_bytes(file.data)
                 ledger.note(shot, {name: file.sha256 for name, file in files.items()})
                 count += len(shot.views)
             if progress is not None and progress(count):
                 break
     return count
+
+
+def _await_file(path: Path) -> None:
+    """Wait until a file that a worker wrote is seen here: network file systems show it late."""
+    deadline = time.monotonic() + LATE_SECONDS
+    while not path.exists():
+        os.listdir(path.parent)  # has NFS look at the folder again
+        if time.monotonic() > deadline:
+            raise SolariError(
+                f"{path}: a worker wrote it, but it isn't here: the folder isn't on a file system that all machines "
+                "share: leave --shared-folder out, or give another folder"
+            )
+        time.sleep(TICK_SECONDS)
 
 
 def _key(shot: Shot) -> str:

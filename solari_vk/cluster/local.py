@@ -24,17 +24,17 @@ def local_cluster(worker_count: int, opening: Opening) -> Iterator[Any]:
     alike = [report.uuid for report in list_devices() if report.name == name and not report.missing]
     devices = [chosen] if opening.device else [chosen, *(uuid for uuid in alike if uuid != chosen)]
     threads = software_threads(worker_count)
+    here = {"dashboard": False, "host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}  # no port for others
     workers = {
         number: {
             "cls": Nanny,
-            "options": {
-                "nthreads": 1, "memory_limit": 0, "dashboard": False, "silence_logs": logging.CRITICAL,
+            "options": here | {
+                "nthreads": 1, "memory_limit": 0, "silence_logs": logging.CRITICAL,
                 "env": {**threads, "SOLARI_VK_DEVICE": devices[number % len(devices)]}, "preload": [__name__],
             },
         }
         for number in range(worker_count)
     }  # fmt: skip
-    here = {"dashboard": False, "host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
     scheduler = {"cls": Scheduler, "options": here}
     # a process that ended is started again: without this, dask gives up one that takes long to come back
     patient = dask.config.set({"distributed.deploy.lost-worker-timeout": "1 day"})

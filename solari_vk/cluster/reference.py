@@ -57,6 +57,10 @@ class Chunk:
         """What the job is, for messages."""
         return f"chunk {self.index} of {self.samples} samples a pixel"
 
+    @property
+    def clip(self) -> None:
+        """None: a chunk shows the scene as it was given."""
+
     def perform(self, bench: Bench) -> ChunkResult:
         """Trace the samples. Chunk 0 of a picture has the picture's own seed."""
         seed = (self.seed + self.index * SEED_STEP) % 2**32

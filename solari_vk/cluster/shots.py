@@ -81,7 +81,7 @@ class Shot:
     """Pictures that one worker renders in a row. first: the number of the first view among all.
 
     before: the views of the frames that are rendered first, for the realtime renderer's history. folder: where the
-    worker writes; None: the files' contents come back.
+    worker writes; None: the files' contents come back. Raises SolariError if views have a time and others none.
     """
 
     style: Style
@@ -89,6 +89,15 @@ class Shot:
     views: tuple[View, ...]
     before: tuple[View, ...] = ()
     folder: str | None = field(default=None, compare=False)
+
+    def __post_init__(self) -> None:
+        if len({view.time is None for view in (*self.before, *self.views)}) > 1:
+            raise SolariError(f"{self.name}: give all views of a shot a time, or none")
+
+    @property
+    def clip(self) -> int | None:
+        """The animation whose poses the views show; None: they show the scene as it was given."""
+        return None if self.views[0].time is None else self.style.clip
 
     @property
     def name(self) -> str:
@@ -133,8 +142,8 @@ class Shot:
             self._save(folder, view, means)
 
     def _pose(self, bench: Bench, view: View) -> None:
-        if view.time is not None and self.style.clip is not None:
-            bench.scene.animate(view.time, self.style.clip)
+        if view.time is not None and self.clip is not None:
+            bench.scene.animate(view.time, self.clip)
 
     def _save(self, folder: Path, view: View, results: Any) -> None:
         layers: dict[str, NDArray[Any]] = {name: results[name] for name in self.style.layers}
@@ -165,6 +174,10 @@ class Meter:
     cameras: tuple[Camera, ...]
     size: tuple[int, int]
     name: str = "metering"
+
+    @property
+    def clip(self) -> None:
+        """None: the scene is metered as it was given."""
 
     def perform(self, bench: Bench) -> float:
         """The mean EV100 of small pictures."""

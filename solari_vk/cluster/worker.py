@@ -32,7 +32,7 @@ def perform(wanted: Identity, opening: Opening, key: str, scene: bytes, job: Job
         if difference := bench.identity.difference(wanted):
             raise UnfitWorkerError(get_worker().address, difference)
         try:
-            bench.show(key, scene)
+            bench.show(key, scene, job.clip)
             return job.perform(bench)
         except DeviceError:
             _close_bench()

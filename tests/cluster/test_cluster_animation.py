@@ -43,7 +43,7 @@ def test_a_block_is_the_same_after_any_other(device):
     results = []
     for order in ((0, 1), (1, 0)):
         bench = Bench(device)
-        bench.show(key, data)
+        bench.show(key, data, None)
         shots = blocks(style, views, length=3)
         files = {}
         for number in order:

@@ -97,7 +97,24 @@ def test_a_folder_of_other_pictures_is_refused(make):
     code, said, _ = make("--views", 1, source="builtin:closed_box")
     assert code == 2
     assert "another scene" in said
-    assert contents(folder, ["transforms.json"]) == {k: v for k, v in before.items() if k != "transforms.json"}
+    code, said, _ = make("--views", 2, "--camera", '{"position": [1, 1, 4], "target": [1, 1, 0]}')
+    assert code == 2
+    assert "00000.png: is there already, with another camera" in said
+    assert contents(folder) == before
+
+
+def test_random_views_can_be_made_longer_with_one_exposure(make, monkeypatch):
+    """Few views are metered as many: by the first places of the seed."""
+    monkeypatch.setattr("solari_vk.cluster.shots.METERED_SIDE", 8)
+    monkeypatch.setattr("solari_vk.cluster.shots.METERED_SAMPLES", 1)
+    options = "--cameras", "random", "--exposure", "auto"
+    code, said, folder = make("--views", 1, *options)
+    assert code == 0, said
+    first = (folder / "00000.png").read_bytes()
+    code, said, _ = make("--views", 2, *options)
+    assert code == 0, said
+    assert "2 of 2 pictures" in said
+    assert (folder / "00000.png").read_bytes() == first
 
 
 def test_cameras_of_files(tmp_path):

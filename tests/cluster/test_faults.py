@@ -172,6 +172,7 @@ def test_a_job_that_kills_its_workers_is_named(crew):
 
 class Deadly:
     name = "the deadly job"
+    clip = None
 
     def perform(self, bench):
         os._exit(1)
@@ -194,6 +195,7 @@ class Losing:
     times: int
     folder: str
     name: str = "the losing job"
+    clip: None = None
 
     def perform(self, bench):
         folder = Path(self.folder)

@@ -6,11 +6,12 @@ import os
 import signal
 
 import numpy as np
+import psutil
 import pytest
 
 import solari_vk as sv
 from solari_vk.cli import main
-from solari_vk.cluster import Crew, OneDevice, render_reference
+from solari_vk.cluster import Crew, OneDevice, Shot, Style, View, render_reference
 from solari_vk.cluster.reference import SEED_STEP, ChunkResult, ReferencePicture, chunk_samples
 from solari_vk.errors import SolariError
 
@@ -70,6 +71,40 @@ def test_other_numbers_of_workers_give_the_same_bits(scene, picture, workers):
     with Crew(workers=workers) as crew:
         assert same(picture, render_reference(crew, scene, SIZE, samples=40, seed=7, layers=LAYERS))
         assert crew.worker_count == workers
+
+
+def test_a_clip_leaves_no_pose_behind(any_device, scene, tmp_path):
+    """A picture of the scene as it was given has the same bits after pictures of poses."""
+    posed = sv.builtin("cornell_box")
+    box, place = posed.instances[0], np.eye(4)
+    rig = sv.Rig([-1], place[None], [(0, 0, 0)], [(0, 0, 0, 1)], [(1, 1, 1)])
+    rig.attach(box, 0, box.transform)
+    posed.animations.add(sv.Animation(rig, [sv.Channel(0, "translation", [0, 1], [(0, 0, 0), (0.3, 0.2, 0.1)])]))
+    view = View("posed.npy", posed.camera, 0.9)
+    shots = [Shot(Style(SIZE, clip=clip, samples=4), 0, (view,)) for clip in (0, None)]
+    pictures, moved = [], []
+    with OneDevice() as one:
+        for shot in shots:
+            pictures.append(render_reference(one, posed, SIZE, samples=4).radiance)
+            ((_, files),) = one.map(posed, [shot])
+            moved.append(files["posed.npy"].sha256)
+        pictures.append(render_reference(one, posed, SIZE, samples=4).radiance)
+    assert moved[0] != moved[1]
+    assert np.array_equal(pictures[0], pictures[1])
+    assert np.array_equal(pictures[0], pictures[2])
+
+
+def test_no_port_is_open_to_the_network(crew):
+    """Whoever reaches a port of dask can run code."""
+    here = psutil.Process()
+    found = [
+        connection.laddr.ip
+        for process in (here, *here.children(recursive=True))
+        for connection in process.net_connections("inet")
+        if connection.status == psutil.CONN_LISTEN
+    ]
+    assert len(found) >= 1 + 2 * crew.worker_count
+    assert set(found) == {"127.0.0.1"}
 
 
 def test_another_seed_gives_other_bits(crew, scene, picture):

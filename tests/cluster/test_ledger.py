@@ -1,0 +1,104 @@
+"""The ledger of a folder: which pictures it takes, which it refuses, and what it does with damage."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+
+import pytest
+
+import solari_vk as sv
+from solari_vk.cluster import Identity, Shot, Style, View, render_shots
+from solari_vk.cluster.shots import File
+
+STYLE = Style((8, 8), samples=1)
+
+
+class Painter:
+    """A crew whose pictures are bytes. comes_back: their files are sent; otherwise a worker kept them to itself."""
+
+    identity = Identity("1", "code", "GPU", "driver", "query")
+
+    def __init__(self, comes_back=True):
+        self.comes_back, self.painted = comes_back, []
+
+    def map(self, scene, jobs):
+        for shot in jobs:
+            self.painted += [view.name for view in shot.views]
+            data = {view.name: repr(view.camera.pose()).encode() for view in shot.views}
+            yield shot, {
+                name: File(hashlib.sha256(content).hexdigest(), content if self.comes_back else None)
+                for name, content in data.items()
+            }
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return sv.builtin("cornell_box")
+
+
+@pytest.fixture
+def paint(scene, tmp_path):
+    """Render pictures from places along a line; returns those that weren't there."""
+
+    def run(places, exposure=0.0):
+        cameras = [sv.Camera.look_at((x, 1.0, -2.4), (1, 1, 1), ev100=exposure) for x in places]
+        shots = [Shot(STYLE, n, (View(f"{n}.npy", camera),)) for n, camera in enumerate(cameras)]
+        crew = Painter()
+        assert render_shots(crew, scene, shots, tmp_path / "ledger.jsonl") == len(places)
+        return crew.painted
+
+    return run
+
+
+def test_no_picture_replaces_another_one(paint, tmp_path):
+    """One of another camera or exposure is refused; more of the same, and fewer, are taken."""
+    assert paint([0, 1, 2]) == ["0.npy", "1.npy", "2.npy"]
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    for places, exposure in (([0, 2], 0.0), ([0, 1, 2, 3], 1.0)):
+        with pytest.raises(sv.SolariError, match=r"\.npy: is there already, with another camera"):
+            paint(places, exposure)
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+    assert paint([0, 1]) == []
+    assert paint([0, 1, 2, 3]) == ["3.npy"]
+    (tmp_path / "1.npy").unlink()
+    assert paint([0, 1, 2, 3]) == ["1.npy"]
+
+
+@pytest.mark.parametrize("head", ["[]", "{}", '{"made_of": 1}', "x"])
+def test_a_ledger_of_something_else_is_damaged(paint, tmp_path, head):
+    (tmp_path / "ledger.jsonl").write_text(head + "\n")
+    with pytest.raises(sv.SolariError, match=r"ledger\.jsonl: is damaged"):
+        paint([0])
+
+
+@pytest.mark.parametrize("line", ["1", "{}", '{"shot": [], "files": {}}', '{"shot": "a", "files": 1}'])
+def test_a_damaged_line(paint, tmp_path, line):
+    paint([0])
+    with open(tmp_path / "ledger.jsonl", "a") as file:
+        file.write(line + "\n")
+    with pytest.raises(sv.SolariError, match=r"ledger\.jsonl: is damaged"):
+        paint([0])
+
+
+def test_no_shots(scene, tmp_path):
+    with pytest.raises(sv.SolariError, match="at least one shot"):
+        render_shots(Painter(), scene, [], tmp_path / "ledger.jsonl")
+    assert not list(tmp_path.iterdir())
+
+
+def test_files_that_workers_wrote_elsewhere(scene, tmp_path, monkeypatch):
+    """A folder of the same path on another machine isn't shared."""
+    monkeypatch.setattr("solari_vk.cluster.ledger.LATE_SECONDS", 0.0)
+    monkeypatch.setattr("solari_vk.cluster.ledger.TICK_SECONDS", 0.0)
+    shot = Shot(STYLE, 0, (View("0.npy", scene.camera),), folder=str(tmp_path))
+    with pytest.raises(sv.SolariError, match=r"0\.npy: a worker wrote it, but it isn't here"):
+        render_shots(Painter(comes_back=False), scene, [shot], tmp_path / "ledger.jsonl")
+    lines = (tmp_path / "ledger.jsonl").read_text().splitlines()
+    assert [list(json.loads(line)) for line in lines] == [["made_of"]]
+
+
+def test_views_of_a_shot_have_times_or_none_has(scene):
+    camera = scene.camera
+    with pytest.raises(sv.SolariError, match="give all views of a shot a time, or none"):
+        Shot(STYLE, 0, (View("0.npy", camera, 1.0), View("1.npy", camera)))
