@@ -47,7 +47,7 @@ _HOMES = {
     "tracer": ("RayTracer",),
     "viewer": ("Viewer",),
 }
-_MODULES = {"cluster": "cluster", "rt": "rt", "shapes": "scene.shapes"}
+_MODULES = {"cluster": "cluster", "notebook": "notebook", "rt": "rt", "shapes": "scene.shapes"}
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
@@ -55,12 +55,12 @@ __all__ = [
     "Environment", "Frame", "HitGroup", "Instance", "Material", "Mesh", "Pass", "PathTracer", "PointLight",
     "RayPass", "RayTracer", "RenderedFrame", "Renderer", "Rig", "Scene", "SceneBinder", "SceneFrame", "Settings",
     "Sky", "SolariError", "SpotLight", "Stage", "Texture", "TextureImage", "ValidationError", "Viewer",
-    "__version__", "auto_exposure", "builtin", "check_output", "cluster", "list_devices", "load", "load_gltf", "rt",
-    "save_image", "shapes", "studio_lights", "tonemap",
+    "__version__", "auto_exposure", "builtin", "check_output", "cluster", "list_devices", "load", "load_gltf",
+    "notebook", "rt", "save_image", "shapes", "studio_lights", "tonemap",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
-    from solari_vk import cluster, rt
+    from solari_vk import cluster, notebook, rt
     from solari_vk.errors import CallbackError, DeviceError, SolariError, ValidationError
     from solari_vk.frame import SceneFrame
     from solari_vk.gpu.device.device import Device, list_devices

@@ -77,6 +77,7 @@ class SceneFrame(SceneUser, Frame):
 
     def apply_edits(self) -> None:
         """Apply the scene's edits before the next frame, for callers that need to see the edited scene first."""
+        self.check_open()
         binder = self.binder
         binder.update(self)
         if binder.version != self._bound_version:

@@ -49,11 +49,12 @@ MAY_IMPORT = {
     "frame_means": {"renderer"},
     "viewer": LIBRARY - {"rt", "tracer", "gpu.acceleration"},
     "cluster": LIBRARY,
+    "notebook": {"errors", "scene", "renderer", "viewer"},
     "conformance": {"", "measure", *LIBRARY},
     "measure": {"", "cluster", *LIBRARY},
     "cli": {"", "viewer", "cluster", "conformance", "measure", *LIBRARY},
     "__main__": {"cli"},
-    "": {"viewer", "cluster", *LIBRARY},
+    "": {"viewer", "cluster", "notebook", *LIBRARY},
 }
 GLSL_MAY_INCLUDE = {"common": r"common/", "scene": r"common/|scene/", "passes": r"common/|scene/|passes/"}
 

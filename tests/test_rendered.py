@@ -93,6 +93,8 @@ def test_frames_go_with_the_next_and_with_their_renderer(device, kind):
         with pytest.raises(sv.SolariError, match=f"'{name}' must be read earlier: this frame's {kind.__name__} has"):
             first[name]
     renderer.close()
+    with pytest.raises(sv.SolariError, match="nothing can be rendered: the renderer, or the frame, was closed"):
+        renderer.render(camera=second.camera)
     with pytest.raises(sv.SolariError, match=r"'depth' must be read earlier: .* was closed"):
         second["depth"]
     with pytest.raises(sv.SolariError, match="render before asking"):

@@ -38,6 +38,7 @@ PARTS = (
     Part("OBJ, PLY and STL files", "formats", ("trimesh",)),
     Part(".mp4 files", "video", ("imageio_ffmpeg",), lambda: bool(shutil.which("ffmpeg"))),
     Part("panels in the viewer", "viewer", ("imgui_bundle",)),
+    Part("interactive pictures in notebooks", "notebook", ("anywidget",)),
     Part("several devices and machines", "cluster", ("distributed",)),
 )
 

@@ -32,6 +32,7 @@ def add_parser(commands: Any) -> None:
     add_scene_options(render)
     render.add_argument("-o", "--output", type=Path, required=True,
                         help="the picture: .png, .exr or .npy; an animation: .gif, .mp4, or numbered pictures")
+    render.add_argument("--open", action="store_true", help="show what was written in the desktop's program for it")
     render.add_argument("--mode", choices=("auto", *MODE_OPTIONS), default="auto",
                         help="realtime lighting, or the reference path tracer; auto is the mode whose options are "
                         "given, otherwise the denoised reference, or realtime where OIDN isn't installed (auto)")
@@ -68,8 +69,11 @@ def add_parser(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Render what the options ask for."""
-    from solari_vk.cli import realtime, reference
+    from solari_vk.cli import desktop, realtime, reference
+    from solari_vk.output import movie
 
+    if options.open and options.animate is not None and options.output.suffix.lower() not in movie.SUFFIXES:
+        raise SolariError("--open: numbered pictures are many files: write a .gif or an .mp4")
     _choose_mode(options)
     _fill_in_defaults(options)
     if options.target_error is not None and not options.target_error > 0:
@@ -77,6 +81,8 @@ def run(options: argparse.Namespace) -> None:
     if options.time_limit is not None and not options.time_limit > 0:
         raise SolariError(f"--time-limit {options.time_limit:g}: must be more than 0 seconds")
     (reference if options.mode == "reference" else realtime).run(options)
+    if options.open and options.output.is_file():
+        desktop.open_file(options.output)
 
 
 def _choose_mode(options: argparse.Namespace) -> None:

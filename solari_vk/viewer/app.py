@@ -20,7 +20,7 @@ from solari_vk.gpu.device.swapchain import Swapchain
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import Settings
 from solari_vk.viewer.actions import act
-from solari_vk.viewer.camera_control import CameraControl
+from solari_vk.viewer.camera_control import CameraControl, extent_of
 from solari_vk.viewer.controls import Controls
 from solari_vk.viewer.picking import seen_distance
 from solari_vk.viewer.pictures import Pictures
@@ -85,7 +85,7 @@ class Viewer(Session):
             undo.callback(self._presenter.close)
             pictures = Pictures(device, scene, Settings() if settings is None else settings, seed, mode)
             undo.callback(pictures.close)
-            camera_control = CameraControl(camera or scene.camera_for(size[0] / size[1]), _extent(scene))
+            camera_control = CameraControl(camera or scene.camera_for(size[0] / size[1]), extent_of(scene))
             super().__init__(window, pictures, camera_control, scale_control, sources,
                              source=source, source_options=source_options, folder=Path(folder))  # fmt: skip
             self.controls = Controls(self.camera_control, self.act)
@@ -226,11 +226,3 @@ class Viewer(Session):
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-def _extent(scene: Scene) -> float:
-    """The length of the diagonal of the scene's bounds, 1 for a scene without bounds."""
-    try:
-        return float(np.linalg.norm(np.ptp(scene.bounds, axis=0))) or 1.0
-    except SolariError:
-        return 1.0

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.errors import SolariError
 from solari_vk.scene.matrices import nearest_rotation, rotation, turned_about
-from solari_vk.scene.model import Camera
+from solari_vk.scene.model import Camera, Scene
 
 UP = np.array((0.0, 1.0, 0.0))
 TURN = 0.005  # radians per unit of cursor movement
@@ -57,9 +57,13 @@ class CameraControl:
         return bool(self.held) or bool(self._velocity.any())
 
     @property
+    def center(self) -> NDArray[np.float64]:
+        """The point in world space that is seen in the middle of the picture, (3,)."""
+        return _ahead(self.camera, self.distance)
+
+    @property
     def _home_point(self) -> NDArray[np.float64]:
-        point: NDArray[np.float64] = self.home.transform @ (0.0, 0.0, -self._home_distance, 1.0)
-        return point[:3]
+        return _ahead(self.home, self._home_distance)
 
     def see(self, distance: float | None) -> None:
         """Note the distance to what is seen, in meters. None, the background: the first view's point counts instead.
@@ -112,6 +116,13 @@ class CameraControl:
     def orbit(self, right: float, down: float, center: ArrayLike) -> None:
         """Turn the camera around a point in world space by a movement of the cursor."""
         self._turn(right, down, center)
+
+    def zoom(self, notches: float) -> None:
+        """Come nearer to what is seen by notches of the wheel; a negative number goes away from it."""
+        center, factor = self.center, WHEEL ** -min(max(notches, -20.0), 20.0)
+        if self.camera.orthographic_height:
+            self.camera.orthographic_height *= factor
+        self._look_from(center, min(max(self.distance * factor, self._nearest), self._farthest))
 
     def focus(self, point: ArrayLike, radius: float) -> None:
         """Look at a point, keeping the view direction, from where the whole sphere of `radius` around it is visible."""
@@ -183,3 +194,18 @@ class CameraControl:
         # A camera that flies for hours must not reach infinity; there is nothing to see that far away.
         transform[:3, 3] = np.clip(transform[:3, 3], -self._farthest, self._farthest)
         self.camera.transform = transform
+
+
+def _ahead(camera: Camera, distance: float) -> NDArray[np.float64]:
+    """The point in world space that is this far along the view axis, (3,)."""
+    back = camera.transform[:3, 2]
+    point: NDArray[np.float64] = camera.transform[:3, 3] - distance * back / np.linalg.norm(back)
+    return point
+
+
+def extent_of(scene: Scene) -> float:
+    """The length of the diagonal of the scene's bounds, 1 for a scene without bounds."""
+    try:
+        return float(np.linalg.norm(np.ptp(scene.bounds, axis=0))) or 1.0
+    except SolariError:
+        return 1.0

@@ -90,6 +90,7 @@ class Frame:
         Only what changed is made again; resources that still fit keep their contents. After an error, such as a
         CompilationError, the frame is as before.
         """
+        self.check_open()
         stages = self._stages if stages is None else list(stages)
         external = self._external if external is None else dict(external)
         features = self.features if features is None else frozenset(features)
@@ -138,8 +139,9 @@ class Frame:
 
         Waits only for the previous frame of the same slot. `before` are command buffers that run between all earlier
         work and this frame, and need no barriers of their own. Raises SolariError if an acceleration structure of the
-        shaders must not be used (`Tlas.check_usable`).
+        shaders must not be used (`Tlas.check_usable`), and after `close`.
         """
+        self.check_open()
         slot = self._slots[self.frame_count % SLOTS]
         self.device.await_value(slot.value)
         if slot.stale:
@@ -234,6 +236,11 @@ class Frame:
         return rows
 
     # ---- lifetime -----------------------------------------------------------------------------------
+
+    def check_open(self) -> None:
+        """Raise SolariError after `close`."""
+        if self._closed:
+            raise SolariError("nothing can be rendered: the renderer, or the frame, was closed; make a new one")
 
     def close(self) -> None:
         """Free everything when the work submitted so far is done. Safe to call twice."""

@@ -1,0 +1,101 @@
+"""The Python side of the picture in a notebook; widget.js is the side of the page."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+from pathlib import Path
+from typing import Any
+
+import anywidget
+import numpy as np
+from PIL import Image
+
+from solari_vk.errors import SolariError
+from solari_vk.renderer import Renderer
+from solari_vk.scene.model import Camera, Scene
+from solari_vk.viewer.camera_control import CameraControl, extent_of
+
+SETTLED = 32  # frames after which the picture of a still camera is shown without loss, and rendering ends
+JPEG_QUALITY = 85  # of the frames before
+
+
+class LivePicture(anywidget.AnyWidget):  # type: ignore[misc]
+    """A renderer's picture that follows the mouse.
+
+    The page asks for a frame, with the movements since its last request, once it has shown the frame before. So a slow
+    device or line only lowers the rate, and nothing is rendered for a page that is gone. Requests are answered in the
+    thread that runs cells, between two cells, so the renderer is never used by two threads.
+    """
+
+    _esm = Path(__file__).with_name("widget.js")
+
+    def __init__(self, renderer: Renderer) -> None:
+        super().__init__()
+        self._renderer = renderer
+        scene = renderer.binder.scene
+        self._control = CameraControl(scene.camera_for(renderer.size[0] / renderer.size[1]), extent_of(scene))
+        self._control.see(_distance(scene, self._control.camera))
+        self._frames = 0  # since the last movement
+        self.on_msg(self._answer)
+
+    @property
+    def camera(self) -> Camera:
+        """A copy of the camera as it is now, for `renderer.render(camera)` and `camera.pose()`."""
+        return dataclasses.replace(self._control.camera)
+
+    def refresh(self) -> None:
+        """Show the scene and the settings as they are now, after an edit. A movement does the same."""
+        self._frames = 0
+        self.send({"refresh": True})
+
+    def _answer(self, _: Any, request: dict[str, Any], __: Any) -> None:
+        """Move the camera as a page asks, and send the next frame, or why there is none.
+
+        request: the page's name as "page"; "right", "down": the way of the cursor in pixels; "notches" of the wheel;
+        "home": whether to return to the first view first.
+        """
+        if self.comm is None:
+            return  # closed while the request was on its way
+        try:
+            self._move(request)
+            frame = self._renderer.render(self._control.camera)
+            codes = frame["display"][..., :3]
+            self._frames += 1
+            settled = self._frames >= SETTLED
+            kind = "png" if settled else "jpeg"
+            answer, content = {"type": f"image/{kind}", "settled": settled}, [_encoded(codes, kind)]
+        except (Exception, KeyboardInterrupt) as error:
+            words = str(error) if isinstance(error, SolariError) else f"{type(error).__name__}: {error}"
+            answer, content = {"error": words}, []
+        self.send({"page": request.get("page"), **answer}, content)
+
+    def _move(self, request: dict[str, Any]) -> None:
+        control = self._control
+        right, down, notches = (float(request[name]) for name in ("right", "down", "notches"))
+        if request["home"]:
+            control.reset()
+        if right or down:
+            control.orbit(right, down, control.center)
+        if notches:
+            control.zoom(notches)
+        if request["home"] or right or down or notches:
+            self._frames = 0
+
+
+def _distance(scene: Scene, camera: Camera) -> float | None:
+    """Meters along the view axis to the point nearest to the scene's middle; None if that isn't before the camera."""
+    try:
+        center = scene.bounds.center
+    except SolariError:
+        return None
+    back = camera.transform[:3, 2]
+    distance = float((camera.transform[:3, 3] - center) @ back / np.linalg.norm(back))
+    return distance if distance > 0 else None
+
+
+def _encoded(codes: Any, kind: str) -> bytes:
+    content = io.BytesIO()
+    options = {"quality": JPEG_QUALITY} if kind == "jpeg" else {"compress_level": 1}
+    Image.fromarray(np.ascontiguousarray(codes)).save(content, format=kind, **options)
+    return content.getvalue()

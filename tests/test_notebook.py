@@ -1,0 +1,341 @@
+"""The picture in a notebook: its messages, as Jupyter would carry them, and its page in a real browser.
+
+The tests of the page need Chromium and the Python package playwright. Without Chromium they fail and say how to
+install it.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import shutil
+import sys
+
+import comm
+import numpy as np
+import pytest
+from comm.base_comm import BaseComm
+from PIL import Image
+
+import solari_vk as sv
+from solari_vk.notebook.widget import SETTLED
+from solari_vk.viewer.camera_control import TURN, WHEEL
+
+SIZE = 64, 48
+QUIET = 2000  # milliseconds in which a page that still asks does so, on a busy machine too
+STILL = {"right": 0, "down": 0, "notches": 0, "home": False}
+
+
+class Line(BaseComm):
+    """The kernel's end of a widget's connection, which keeps the widget's messages."""
+
+    def publish_msg(self, msg_type, data=None, metadata=None, buffers=None, **_):
+        self.__dict__.setdefault("sent", []).append((msg_type, data, buffers))
+
+    def custom(self):
+        """The contents and buffers of the own messages of the widget since the last call."""
+        taken = [(data, buffers or []) for _, data, buffers in self.sent if data and data.get("method") == "custom"]
+        self.sent.clear()
+        return [(data["content"], buffers) for data, buffers in taken]
+
+    def tell(self, **content):
+        """Deliver a page's message; returns what the widget answered."""
+        self.handle_msg({"content": {"data": {"method": "custom", "content": content}}, "buffers": []})
+        return self.custom()
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return sv.builtin("cornell_box")
+
+
+@pytest.fixture(scope="module")
+def renderer(device, scene):
+    with sv.Renderer(device, scene, SIZE) as opened:
+        yield opened
+
+
+@pytest.fixture
+def widget(renderer, monkeypatch):
+    monkeypatch.setattr(comm, "create_comm", lambda **options: Line(**options))
+    shown = sv.notebook.show(renderer)
+    yield shown
+    shown.close()
+
+
+def settle(line, page="a"):
+    """Ask until the picture has settled; returns the answers."""
+    answers = []
+    while not answers or not answers[-1][0]["settled"]:
+        answers += line.tell(page=page, **STILL)
+        assert "error" not in answers[-1][0], answers[-1]
+    return answers
+
+
+def position(widget):
+    return widget.camera.transform[:3, 3]
+
+
+def center_of(widget, scene):
+    """The point on the axis of the view that is nearest to the middle of the scene, and its distance."""
+    back = widget.camera.transform[:3, 2]
+    distance = (position(widget) - scene.bounds.center) @ back
+    return position(widget) - distance * back, distance
+
+
+# ---- messages ---------------------------------------------------------------------------------------
+
+
+def test_the_page_gets_the_script_and_frames_until_they_settle(widget, renderer):
+    kind, data, _ = widget.comm.sent[0]
+    assert kind == "comm_open"
+    assert "export default" in data["state"]["_esm"]
+    before = renderer.frame_count
+    answers = settle(widget.comm)
+    assert renderer.frame_count - before == len(answers) == SETTLED
+    for answer, (content,) in answers:
+        picture = Image.open(io.BytesIO(content))
+        assert answer["page"] == "a"
+        assert picture.size == SIZE
+        assert picture.format == ("PNG" if answer["settled"] else "JPEG")
+        assert answer["type"] == picture.get_format_mimetype()
+    assert np.array_equal(np.asarray(picture), renderer["display"][..., :3])
+
+
+def test_movements_move_the_camera_and_begin_anew(widget, scene, renderer):
+    home, (center, distance) = position(widget), center_of(widget, scene)
+    camera = scene.camera.transform.copy()
+    settle(widget.comm)
+    ((answer, _),) = widget.comm.tell(page="a", **STILL | {"right": 40})
+    assert not answer["settled"]
+    first, now = home - center, position(widget) - center
+    turned = np.arctan2(np.cross(first, now)[1], first[[0, 2]] @ now[[0, 2]])
+    assert turned == pytest.approx(-40 * TURN, abs=1e-6)
+    assert np.linalg.norm(now) == pytest.approx(distance)
+    assert np.array_equal(renderer["display"].shape, (*SIZE[::-1], 4))
+    widget.comm.tell(page="a", **STILL | {"notches": 2})
+    assert np.linalg.norm(position(widget) - center) == pytest.approx(distance / WHEEL**2)
+    widget.comm.tell(page="a", **STILL | {"home": True})
+    assert position(widget) == pytest.approx(home)
+    assert np.array_equal(scene.camera.transform, camera), "the scene's camera stays where it is"
+
+
+def test_an_orthographic_camera_zooms_by_its_height(device, monkeypatch):
+    monkeypatch.setattr(comm, "create_comm", lambda **options: Line(**options))
+    scene = sv.builtin("cornell_box")
+    scene.camera = sv.Camera.look_at((0, 1, 4), (0, 1, 0), orthographic_height=2.0)
+    with sv.Renderer(device, scene, (8, 8)) as renderer:
+        widget = sv.notebook.show(renderer)
+        widget._move(STILL | {"notches": 1})
+        assert widget.camera.orthographic_height == pytest.approx(2 / WHEEL)
+
+
+def test_an_edit_is_shown_after_refresh(widget, scene, renderer):
+    settle(widget.comm)
+    widget.refresh()
+    assert widget.comm.custom() == [({"refresh": True}, [])]
+    assert len(settle(widget.comm)) == SETTLED
+
+
+def test_errors_are_told_and_frames_go_on_afterwards(widget, renderer, monkeypatch):
+    widget._control.camera.aperture = 0.1
+    ((answer, buffers),) = widget.comm.tell(page="a", **STILL)
+    assert "only PathTracer renders depth of field" in answer["error"]
+    assert (answer["page"], buffers) == ("a", [])
+    widget._control.camera.aperture = 0.0
+    for mistake, words in ((KeyboardInterrupt(), "KeyboardInterrupt"), (ValueError("odd"), "ValueError: odd")):
+        with monkeypatch.context() as patch:
+            patch.setattr(sv.Renderer, "render", lambda *_, mistake=mistake: (_ for _ in ()).throw(mistake))
+            ((answer, _),) = widget.comm.tell(page="a", **STILL)
+        assert words in answer["error"]
+    assert "settled" in widget.comm.tell(page="a", **STILL)[0][0]
+
+
+def test_a_closed_renderer_is_an_error(device, scene, monkeypatch):
+    monkeypatch.setattr(comm, "create_comm", lambda **options: Line(**options))
+    with sv.Renderer(device, scene, (8, 8)) as renderer:
+        widget = sv.notebook.show(renderer)
+    ((answer, _),) = widget.comm.tell(page="a", **STILL)
+    assert "closed" in answer["error"]
+
+
+def test_a_closed_widget_renders_nothing(renderer, monkeypatch):
+    monkeypatch.setattr(comm, "create_comm", lambda **options: Line(**options))
+    widget = sv.notebook.show(renderer)
+    line, before = widget.comm, renderer.frame_count
+    widget.close()
+    assert line.sent[-1][0] == "comm_close"
+    assert line.tell(page="a", **STILL) == []
+    assert renderer.frame_count == before
+
+
+def test_what_cannot_be_shown_is_refused(renderer, monkeypatch):
+    with pytest.raises(sv.SolariError, match=r"must be a solari_vk.Renderer, not <"):
+        sv.notebook.show(object())
+    monkeypatch.setitem(sys.modules, "anywidget", None)
+    monkeypatch.delitem(sys.modules, "solari_vk.notebook.widget")
+    with pytest.raises(sv.SolariError, match=r"pip install 'solari-vk\[notebook\]'"):
+        sv.notebook.show(renderer)
+
+
+# ---- the page ---------------------------------------------------------------------------------------
+
+# The page's end of the connection, as anywidget hands it to the script, and the script as anywidget loads it.
+START = """async (script) => {
+    const listeners = new Set();
+    window.receive = (messages) => {
+        for (const [content, buffers] of messages) {
+            const bytes = buffers.map((text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)));
+            for (const listener of listeners) listener(content, bytes.map((part) => new DataView(part.buffer)));
+        }
+    };
+    const model = {
+        on: (name, listener) => listeners.add(listener),
+        off: (name, listener) => listeners.delete(listener),
+        send: async (content) => window.receive(await window.tell(content)),
+    };
+    const url = URL.createObjectURL(new Blob([script], { type: "text/javascript" }));
+    const { default: widget } = await import(url);
+    window.open_view = () => {
+        const el = document.createElement("div");
+        document.body.append(el);
+        return widget.render({ model, el });
+    };
+    window.close_view = window.open_view();
+}"""
+PIXELS = """() => {
+    const canvas = document.querySelector("canvas");
+    return [...canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data];
+}"""
+
+
+class Page:
+    """The widget in a browser's page."""
+
+    def __init__(self, page, widget):
+        self.page, self._line = page, widget.comm
+        self.asked = []
+        _, data, _ = widget.comm.sent[0]
+        page.expose_function("tell", self._tell)
+        page.set_content("<!doctype html><body style='margin: 0; height: 4000px'>")
+        page.evaluate(START, data["state"]["_esm"])
+
+    @staticmethod
+    def _as_text(messages):
+        return [[content, [base64.b64encode(part).decode() for part in buffers]] for content, buffers in messages]
+
+    def _tell(self, content):
+        self.asked.append(content)
+        return self._as_text(self._line.tell(**content))
+
+    def push(self):
+        """Deliver what the widget sent by itself."""
+        self.page.evaluate("(messages) => window.receive(messages)", self._as_text(self._line.custom()))
+
+    def settle(self):
+        """Wait until the page asks no more; returns what it asked since the last call."""
+        before = 0
+        while before != len(self.asked) or not before:
+            before = len(self.asked)
+            self.page.wait_for_timeout(QUIET)
+        asked, self.asked = self.asked, []
+        return asked
+
+    def pixels(self):
+        return np.array(self.page.evaluate(PIXELS)).reshape(*SIZE[::-1], 4)
+
+    @property
+    def note(self):
+        return self.page.inner_text("pre")
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Chromium, which this needs: apt-get install chromium (or playwright install chromium)."""
+    from playwright.sync_api import Error, sync_playwright
+
+    with sync_playwright() as playwright:
+        try:
+            found = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        except Error as error:
+            pytest.fail(f"this test needs Chromium: apt-get install chromium, or playwright install chromium: {error}")
+        yield found
+        found.close()
+
+
+@pytest.fixture
+def page(browser, widget):
+    errors, opened = [], browser.new_page()
+    opened.on("pageerror", lambda error: errors.append(error))
+    yield Page(opened, widget)
+    opened.close()
+    assert not errors
+
+
+@pytest.mark.slow
+def test_the_page_shows_frames_until_they_settle(page, renderer):
+    assert len(page.settle()) == SETTLED
+    assert page.note == ""
+    assert np.array_equal(page.pixels(), renderer["display"])
+
+
+@pytest.mark.slow
+def test_the_mouse_orbits_and_zooms(page, widget, scene, renderer):
+    page.settle()
+    home, (center, distance) = position(widget), center_of(widget, scene)
+    mouse = page.page.mouse
+    mouse.move(60, 40)  # without a button nothing moves
+    mouse.move(20, 20)
+    mouse.down()
+    mouse.move(30, 24, steps=4)
+    mouse.move(60, 20, steps=4)
+    mouse.up()
+    asked = page.settle()
+    assert sum(request["right"] for request in asked) == 40
+    assert sum(request["down"] for request in asked) == 0
+    assert len(asked) >= SETTLED
+    angle = np.arccos((position(widget) - center) @ (home - center) / distance**2)
+    assert angle > 20 * TURN
+    assert np.array_equal(page.pixels(), renderer["display"])
+    mouse.wheel(0, -200)
+    asked = page.settle()
+    assert sum(request["notches"] for request in asked) == pytest.approx(2)
+    assert np.linalg.norm(position(widget) - center) == pytest.approx(distance / WHEEL**2)
+    assert page.page.evaluate("window.scrollY") == 0
+    mouse.dblclick(30, 30)
+    page.settle()
+    assert position(widget) == pytest.approx(home)
+    assert np.array_equal(page.pixels(), renderer["display"])
+
+
+@pytest.mark.slow
+def test_the_page_shows_errors_and_edits(page, widget, renderer):
+    page.settle()
+    widget._control.camera.aperture = 0.1
+    widget.refresh()
+    page.push()
+    assert len(page.settle()) == 1
+    assert "only PathTracer renders depth of field" in page.note
+    widget._control.camera.aperture = 0.0
+    renderer.resize((32, 24))
+    widget.refresh()
+    page.push()
+    assert len(page.settle()) == SETTLED
+    assert page.note == ""
+    assert page.page.evaluate("document.querySelector('canvas').width") == 32
+    renderer.resize(SIZE)
+
+
+@pytest.mark.slow
+def test_two_views_take_turns_and_a_closed_one_asks_no_more(page, widget, renderer):
+    page.page.evaluate("() => { window.close_other = window.open_view(); }")
+    asked = page.settle()
+    assert len({request["page"] for request in asked}) == 2
+    assert len(asked) <= SETTLED + 1, "each view has one request on its way at most"
+    page.page.evaluate("() => { window.close_view(); window.close_other(); }")
+    before = renderer.frame_count
+    page.page.mouse.wheel(0, 100)
+    widget.refresh()
+    page.push()
+    page.page.wait_for_timeout(QUIET)
+    assert (page.asked, renderer.frame_count) == ([], before)
