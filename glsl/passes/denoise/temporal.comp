@@ -1,5 +1,5 @@
-// Finds the history of each pixel's light. It is taken from the pixels around
-// where the surface was, or for smooth surfaces where its reflection was, as far as they showed the same surface.
+// Finds the history of each pixel's light. It is taken from the pixels around where the surface was, or for smooth
+// surfaces where its reflection was, as far as they showed the same surface.
 // Schied et al., "Spatiotemporal Variance-Guided Filtering" (HPG 2017); reflections as in Zhdan, "ReBLUR" (2021).
 #version 460
 #include "passes/denoise/aside.glsl"
