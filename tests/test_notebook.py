@@ -76,11 +76,13 @@ def position(widget):
     return widget.camera.transform[:3, 3]
 
 
-def center_of(widget, scene):
-    """The point on the axis of the view that is nearest to the middle of the scene, and its distance."""
-    back = widget.camera.transform[:3, 2]
-    distance = (position(widget) - scene.bounds.center) @ back
-    return position(widget) - distance * back, distance
+def center_of(widget, renderer):
+    """The point that is seen in the middle of the first view, and its distance."""
+    center = widget._control.center
+    distance = np.linalg.norm(position(widget) - center)
+    assert distance == pytest.approx(np.median(renderer["depth"][16:32, 21:43]), rel=0.02)  # of pixels' centers
+    assert center == pytest.approx(position(widget) - distance * widget.camera.transform[:3, 2])
+    return center, distance
 
 
 # ---- messages ---------------------------------------------------------------------------------------
@@ -103,7 +105,8 @@ def test_the_page_gets_the_script_and_frames_until_they_settle(widget, renderer)
 
 
 def test_movements_move_the_camera_and_begin_anew(widget, scene, renderer):
-    home, (center, distance) = position(widget), center_of(widget, scene)
+    settle(widget.comm)
+    home, (center, distance) = position(widget), center_of(widget, renderer)
     camera = scene.camera.transform.copy()
 
     def move(**movement):
@@ -290,9 +293,9 @@ def test_the_page_shows_frames_until_they_settle(page, renderer):
 
 
 @pytest.mark.slow
-def test_the_mouse_orbits_and_zooms(page, widget, scene, renderer):
+def test_the_mouse_orbits_and_zooms(page, widget, renderer):
     page.settle()
-    home, (center, distance) = position(widget), center_of(widget, scene)
+    home, (center, distance) = position(widget), center_of(widget, renderer)
     mouse = page.page.mouse
     mouse.move(60, 40)  # without a button nothing moves
     mouse.move(20, 20)

@@ -13,8 +13,9 @@ from PIL import Image
 
 from solari_vk.errors import SolariError
 from solari_vk.renderer import Renderer
-from solari_vk.scene.model import Camera, Scene
+from solari_vk.scene.model import Camera
 from solari_vk.viewer.camera_control import CameraControl, extent_of
+from solari_vk.viewer.picking import realtime_distance
 
 SETTLED = 32  # frames after which the picture of a still camera is shown without loss, and rendering ends
 JPEG_QUALITY = 85  # of the frames before
@@ -35,7 +36,7 @@ class LivePicture(anywidget.AnyWidget):  # type: ignore[misc]
         self._renderer = renderer
         scene = renderer.binder.scene
         self._control = CameraControl(scene.camera_for(renderer.size[0] / renderer.size[1]), extent_of(scene))
-        self._control.see(_distance(scene, self._control.camera))
+        self._has_seen = False
         self._frames = 0  # since the last movement
         self.on_msg(self._answer)
 
@@ -60,6 +61,9 @@ class LivePicture(anywidget.AnyWidget):  # type: ignore[misc]
         try:
             self._move(request)
             frame = self._renderer.render(self._control.camera)
+            if not self._has_seen:
+                self._control.see(realtime_distance(self._renderer, frame.camera))
+                self._has_seen = True
             codes = frame["display"][..., :3]
             self._frames += 1
             settled = self._frames >= SETTLED
@@ -81,17 +85,6 @@ class LivePicture(anywidget.AnyWidget):  # type: ignore[misc]
             control.zoom(notches)
         if request["home"] or right or down or notches:
             self._frames = 0
-
-
-def _distance(scene: Scene, camera: Camera) -> float | None:
-    """Meters along the view axis to the point nearest to the scene's middle; None if that isn't before the camera."""
-    try:
-        center = scene.bounds.center
-    except SolariError:
-        return None
-    back = camera.transform[:3, 2]
-    distance = float((camera.transform[:3, 3] - center) @ back / np.linalg.norm(back))
-    return distance if distance > 0 else None
 
 
 def _encoded(codes: Any, kind: str) -> bytes:

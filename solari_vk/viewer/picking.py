@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.renderer import Renderer
 from solari_vk.scene.constants import NO_INDEX
 from solari_vk.scene.model import Camera, Instance
 from solari_vk.viewer.pictures import Pictures
@@ -54,11 +56,18 @@ def seen_distance(pictures: Pictures) -> float | None:
         return None
     if pictures.mode == "reference":
         assert pictures.reference is not None
-        depth = pictures.reference.tracer["depth"]
-    else:
-        assert pictures.realtime is not None
-        with np.errstate(divide="ignore"):
-            depth = camera.near / pictures.realtime["gbuffer_depth"][..., 0]
+        return _middle(pictures.reference.tracer["depth"])
+    assert pictures.realtime is not None
+    return realtime_distance(pictures.realtime, camera)
+
+
+def realtime_distance(renderer: Renderer, camera: Camera) -> float | None:
+    """As `seen_distance`, in the latest frame of a renderer, which had this camera."""
+    with np.errstate(divide="ignore"):
+        return _middle(camera.near / renderer["gbuffer_depth"][..., 0])
+
+
+def _middle(depth: NDArray[np.floating[Any]]) -> float | None:
     height, width = depth.shape
     distance = float(np.median(depth[height // 3 : height - height // 3, width // 3 : width - width // 3]))
     return distance if np.isfinite(distance) else None
