@@ -472,6 +472,29 @@ def test_info_names_what_is_missing_and_the_command(any_device, monkeypatch, cap
     assert {part.extra for part in info.PARTS} <= set(project["optional-dependencies"])
 
 
+def test_info_names_what_is_installed_and_does_not_work(any_device, monkeypatch, tmp_path, capsys):
+    """A library that fails, and one that ends the process."""
+    (tmp_path / "DracoPy.py").write_text("raise ImportError('no libdraco.so')")
+    (tmp_path / "meshopt.py").write_text("import os; os._exit(9)")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    monkeypatch.setattr("solari_vk.cli.info.find_spec", lambda name: name)
+    info._why_not.cache_clear()
+    assert main(["info"]) == 0
+    info._why_not.cache_clear()
+    said = capsys.readouterr().out
+    assert "meshes of Draco: installed, but it doesn't work: ImportError: no libdraco.so\n" in said
+    assert "meshes of meshopt: installed, but it doesn't work: it ends Python with code 9\n" in said
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_output():
+    with open("/dev/full", "w") as full:
+        command = [sys.executable, "-m", "solari_vk", "settings"]
+        ran = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert ran.returncode == 2
+    assert ran.stderr == "solari-vk: the output can't be written: No space left on device\n"
+
+
 def test_info_counts_all_files_of_the_cache(any_device, monkeypatch, capsys, tmp_path):
     monkeypatch.setenv("SOLARI_VK_CACHE", str(tmp_path))
     for name in ("a.spv", "b.spv", "c.pipelines", "d.txt"):

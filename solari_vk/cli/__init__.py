@@ -1,11 +1,13 @@
 """The command line: solari-vk render | view | dataset | settings | views | info (or doctor) | bench | conformance.
 
-Exit codes: 0 done, 1 an internal error or a conformance rule that doesn't hold, 2 bad input or usage, 3 no device.
+Exit codes: 0 done, 1 an internal error, a conformance rule that doesn't hold, or a data set or an animation of several
+devices that isn't finished, 2 bad input or usage, 3 no device.
 """
 
 from __future__ import annotations
 
 import argparse
+import errno
 import sys
 import traceback
 from itertools import groupby
@@ -29,6 +31,8 @@ def main(arguments: list[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     try:
         code: int = options.run(options) or 0
+        if sys.stdout is not None:
+            sys.stdout.flush()
     except DeviceError as error:
         print(f"solari-vk: {error}", file=sys.stderr)
         return 3
@@ -41,7 +45,11 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("solari-vk: interrupted, nothing was written", file=sys.stderr)
         return 1
-    except Exception:
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno == errno.ENOSPC:
+            sys.stdout = None  # what it holds can't be written
+            print(f"solari-vk: the output can't be written: {error.strerror}", file=sys.stderr)
+            return 2
         traceback.print_exc()
         print("solari-vk: an internal error; please report it with the lines above", file=sys.stderr)
         return 1

@@ -22,8 +22,11 @@ if TYPE_CHECKING:
 
 def run(
     options: argparse.Namespace, subject: Subject, names: list[str], settings: Settings, is_movie: bool
-) -> None:
-    """Render the pictures that aren't there yet. Those of a movie are in a folder beside it until it is written."""
+) -> int:
+    """Render the pictures that aren't there yet; returns the exit code, 1 if some are missing.
+
+    Those of a movie are in a folder beside it until it is written.
+    """
     from solari_vk.cluster import Meter, Style, blocks
     from solari_vk.cluster.ledger import open_ledger
 
@@ -51,6 +54,7 @@ def run(
         write_movie(output, [folder / view.name for view in views], options.fps)
         shutil.rmtree(folder)
         print(f"wrote {options.output}: EV100 {views[0].camera.ev100:.2f}", file=sys.stderr)
+    return 0 if complete else 1
 
 
 def check(options: argparse.Namespace) -> None:

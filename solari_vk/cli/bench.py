@@ -102,4 +102,4 @@ def _cluster(options: argparse.Namespace) -> None:
     from solari_vk.measure.cluster import run
 
     run(options.device, options.workers or (1, 2), options.views, options.size, options.samples, options.markdown,
-        options.simulate)  # fmt: skip
+        options.simulate, rays=options.rays)  # fmt: skip

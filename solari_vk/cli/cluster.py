@@ -71,8 +71,9 @@ class Reporter:
 
 def words_on(crew: Crew | OneDevice) -> str:
     """Who renders, for messages."""
-    plural = "s" if crew.worker_count > 1 else ""
-    return f"{crew.worker_count} worker{plural}, each with {crew.identity.device}"
+    if crew.worker_count == 1:
+        return f"1 worker with {crew.identity.device}"
+    return f"{crew.worker_count} workers, each with {crew.identity.device}"
 
 
 def render_files(

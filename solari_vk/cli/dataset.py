@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from solari_vk.cli.cluster import add_cluster_options, open_crew, render_files
 from solari_vk.cli.options import add_realtime_options, add_scene_options, count, positive
 from solari_vk.cli.plan import ANIMATION_AVERAGE, make_settings
+from solari_vk.cli.progress import check_time_limit
 from solari_vk.cli.subject import Subject, check_aovs, load, names_of_aovs
 from solari_vk.errors import SolariError
 
@@ -46,7 +47,8 @@ def add_parser(commands: Any) -> None:
     dataset.add_argument("--max-bounces", type=count, default=16, metavar="N",
                          help="surfaces that a path may leave (16)")
     dataset.add_argument("--denoise", action="store_true", help="denoise by Intel Open Image Denoise")
-    dataset.add_argument("--time-limit", type=float, metavar="S", help="stop after this many seconds of rendering")
+    dataset.add_argument("--time-limit", type=float, metavar="S",
+                         help="stop after this many seconds of rendering, with exit code 1 if views are missing")
     realtime = dataset.add_argument_group("realtime")
     add_realtime_options(realtime)
     dataset.set_defaults(view="picture", quality="medium", settings=())
@@ -57,11 +59,12 @@ def add_parser(commands: Any) -> None:
     add_cluster_options(dataset)
 
 
-def run(options: argparse.Namespace) -> None:
-    """Render the views that aren't in the folder yet."""
+def run(options: argparse.Namespace) -> int:
+    """Render the views that aren't in the folder yet; returns the exit code, 1 if some are missing."""
     from solari_vk.cluster.dataset import views_of, write_transforms
     from solari_vk.cluster.ledger import open_ledger
 
+    check_time_limit(options.time_limit)
     style = _style(options)
     folder: Path = options.output.resolve()
     try:
@@ -76,7 +79,7 @@ def run(options: argparse.Namespace) -> None:
         shots = _shots(style, views, options)
         ledger = open_ledger(folder / LEDGER, crew, subject.scene, shots)
         write_transforms(folder, style, views)
-        render_files(crew, subject.scene, shots, ledger, options)
+        return 0 if render_files(crew, subject.scene, shots, ledger, options) else 1
 
 
 def _style(options: argparse.Namespace) -> Style:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import os
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
 from typing import Any, NamedTuple
@@ -18,28 +21,33 @@ _DRIVER = (
     "-t bookworm-backports; tools/demo does it)"
 )
 
+TRIAL_SECONDS = 60.0
+
 
 class Part(NamedTuple):
-    """An optional part: what it does, the extra of the package that brings it, and the modules that it needs."""
+    """An optional part: what it does, the extra of the package that brings it, and the module that it needs."""
 
     what: str
     extra: str
-    modules: tuple[str, ...]
+    module: str
     works: Callable[[], bool] = lambda: False
-    """Whether it works without the modules."""
+    """Whether it works without the module."""
+    trial: str = ""
+    """Python code beside the import that fails if the module can't be used."""
 
 
 PARTS = (
-    Part("clean pictures of the path tracer (Open Image Denoise)", "oidn", ("pyoidn",)),
-    Part("KTX2 textures of Basis Universal", "formats", ("opengl_basisu",)),
-    Part("KTX2 textures of Zstandard", "formats", ("backports.zstd",), lambda: bool(find_spec("compression"))),
-    Part("meshes of meshopt", "formats", ("meshopt",)),
-    Part("meshes of Draco", "formats", ("DracoPy",)),
-    Part("OBJ, PLY and STL files", "formats", ("trimesh",)),
-    Part(".mp4 files", "video", ("imageio_ffmpeg",), lambda: bool(shutil.which("ffmpeg"))),
-    Part("panels in the viewer", "viewer", ("imgui_bundle",)),
-    Part("interactive pictures in notebooks", "notebook", ("anywidget",)),
-    Part("several devices and machines", "cluster", ("distributed",)),
+    Part("clean pictures of the path tracer (Open Image Denoise)", "oidn", "pyoidn",
+         trial="pyoidn.Device.is_cpu_available()"),  # loads the libraries
+    Part("KTX2 textures of Basis Universal", "formats", "opengl_basisu"),
+    Part("KTX2 textures of Zstandard", "formats", "backports.zstd", lambda: bool(find_spec("compression"))),
+    Part("meshes of meshopt", "formats", "meshopt"),
+    Part("meshes of Draco", "formats", "DracoPy"),
+    Part("OBJ, PLY and STL files", "formats", "trimesh"),
+    Part(".mp4 files", "video", "imageio_ffmpeg", lambda: bool(shutil.which("ffmpeg"))),
+    Part("panels in the viewer", "viewer", "imgui_bundle"),
+    Part("interactive pictures in notebooks", "notebook", "anywidget"),
+    Part("several devices and machines", "cluster", "distributed"),
 )
 
 
@@ -65,9 +73,7 @@ def run(options: argparse.Namespace) -> None:
         print(f"compiler: {error}")
     print(_cache())
     for part in PARTS:
-        there = part.works() or all(_is_there(module) for module in part.modules)
-        remedy = f"missing: pip install 'solari-vk[{part.extra}]'"
-        print(f"{part.what}: {'yes' if there else remedy}")
+        print(f"{part.what}: {_state(part)}")
     reason = why_none_opens()
     print(f"windows: {reason + ' (without a display: xvfb-run solari-vk view ...)' if reason else 'yes'}")
     reports = list_devices()
@@ -75,6 +81,30 @@ def run(options: argparse.Namespace) -> None:
         _print_device(report)
     if all(report.missing for report in reports):
         raise DeviceError(_DRIVER)
+
+
+def _state(part: Part) -> str:
+    if part.works():
+        return "yes"
+    if not _is_there(part.module):
+        return f"missing: pip install 'solari-vk[{part.extra}]'"
+    reason = _why_not(f"import {part.module}; {part.trial}")
+    return f"installed, but it doesn't work: {reason}" if reason else "yes"
+
+
+@functools.cache
+def _why_not(trial: str) -> str:
+    """Why Python code fails, "" if it doesn't; in another process, because a damaged library may end its process."""
+    try:
+        done = subprocess.run(
+            [sys.executable, "-P", "-c", trial], stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8",
+            errors="replace", check=False, timeout=TRIAL_SECONDS,
+        )  # fmt: skip
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return str(error)
+    if not done.returncode:
+        return ""
+    return (done.stderr.strip().splitlines() or [f"it ends Python with code {done.returncode}"])[-1]
 
 
 def _is_there(module: str) -> bool:

@@ -8,6 +8,8 @@ import sys
 import time
 from typing import Any
 
+from solari_vk.errors import SolariError
+
 
 class Stopped(Exception):
     """Ctrl-C was pressed or the time limit is over; what is rendered so far counts."""
@@ -16,6 +18,12 @@ class Stopped(Exception):
 def error_text(error: float) -> str:
     """", estimated error 2.5 %" or, without an estimate, nothing."""
     return f", estimated error {100 * error:.2g} %" if math.isfinite(error) else ""
+
+
+def check_time_limit(seconds: float | None) -> None:
+    """Raise SolariError for a time limit that is no time."""
+    if seconds is not None and not seconds > 0:
+        raise SolariError(f"--time-limit {seconds:g}: must be more than 0 seconds")
 
 
 class Progress:

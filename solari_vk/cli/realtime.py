@@ -34,8 +34,8 @@ METERING_FRAMES = 4
 FIRST_LOOK = 4  # frames of the first picture whose error is estimated
 
 
-def run(options: argparse.Namespace) -> None:
-    """Render what the options ask for and write it."""
+def run(options: argparse.Namespace) -> int:
+    """Render what the options ask for and write it; returns the exit code."""
     is_movie = check_output(options)
     spread = is_spread(options)
     if spread:
@@ -48,8 +48,7 @@ def run(options: argparse.Namespace) -> None:
     check_parts(options, names, settings)
     subject = load(options)
     if spread:
-        animation.run(options, subject, names, settings, is_movie)
-        return
+        return animation.run(options, subject, names, settings, is_movie)
     with tempfile.TemporaryDirectory() as folder:
         plan = make_plan(options, subject.cameras, Path(folder) if is_movie else None)
         with Device(options.device, validation=options.validation or None, rays=options.rays) as device:
@@ -73,6 +72,7 @@ def run(options: argparse.Namespace) -> None:
         f"EV100 {plan.cameras[0].ev100:.2f}",
         file=sys.stderr,
     )
+    return 0
 
 
 def check_parts(options: argparse.Namespace, names: Sequence[str], settings: Settings) -> None:

@@ -34,8 +34,8 @@ class _Result:
     """The exposure that suits it, if that was asked for."""
 
 
-def run(options: argparse.Namespace) -> None:
-    """Render a picture and write it."""
+def run(options: argparse.Namespace) -> int:
+    """Render a picture and write it; returns the exit code, 0."""
     sv.check_output(options.output)
     names = names_of_aovs(options)
     check_aovs(names, options.mode, sv.PathTracer.OUTPUTS[1:])
@@ -59,6 +59,7 @@ def run(options: argparse.Namespace) -> None:
         f"EV100 {camera.ev100:.2f}",
         file=sys.stderr,
     )
+    return 0
 
 
 def _render(options: argparse.Namespace, subject: Subject, names: list[str], total: int | None) -> _Result:

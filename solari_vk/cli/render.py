@@ -9,6 +9,7 @@ from typing import Any
 
 from solari_vk.cli.cluster import add_cluster_options, is_spread
 from solari_vk.cli.options import add_realtime_options, add_scene_options, count, positive
+from solari_vk.cli.progress import check_time_limit
 from solari_vk.cli.subject import names_of_aovs
 from solari_vk.errors import SolariError
 
@@ -67,8 +68,8 @@ def add_parser(commands: Any) -> None:
     add_cluster_options(render)
 
 
-def run(options: argparse.Namespace) -> None:
-    """Render what the options ask for."""
+def run(options: argparse.Namespace) -> int:
+    """Render what the options ask for; returns the exit code."""
     from solari_vk.cli import desktop, realtime, reference
     from solari_vk.output import movie
 
@@ -78,11 +79,11 @@ def run(options: argparse.Namespace) -> None:
     _fill_in_defaults(options)
     if options.target_error is not None and not options.target_error > 0:
         raise SolariError(f"--target-error {options.target_error:g}: must be more than 0, such as 0.02 for 2 %")
-    if options.time_limit is not None and not options.time_limit > 0:
-        raise SolariError(f"--time-limit {options.time_limit:g}: must be more than 0 seconds")
-    (reference if options.mode == "reference" else realtime).run(options)
+    check_time_limit(options.time_limit)
+    code = reference.run(options) if options.mode == "reference" else realtime.run(options)
     if options.open and options.output.is_file():
         desktop.open_file(options.output)
+    return code
 
 
 def _choose_mode(options: argparse.Namespace) -> None:

@@ -48,6 +48,20 @@ def _next_errand(source: Iterator[Any]) -> _Errand | None:
     return next((_Errand(job) for job in source), None)
 
 
+def _check_address(address: str) -> None:
+    """Raise SolariError for what can't be the address of a scheduler, which dask would try for long."""
+    from distributed.comm.addressing import parse_address, parse_host_port
+    from distributed.comm.registry import get_backend
+
+    try:
+        scheme, place = parse_address(address)
+        get_backend(scheme)
+        if scheme != "inproc" and not (parse_host_port(place)[0] and 0 < parse_host_port(place)[1] < 65536):
+            raise ValueError("it needs a host and a port")
+    except ValueError as error:
+        raise SolariError(f"{address!r} isn't the address of a scheduler, such as tcp://host:8786: {error}") from None
+
+
 def _say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
@@ -59,7 +73,8 @@ class Crew:
     fewer devices. address: that of an existing scheduler instead, such as tcp://host:8786; its workers need the same
     version of this package. device, rays, validation: how workers open their devices, as Device takes them; by default
     a worker takes the device in its environment variable SOLARI_VK_DEVICE. say: is called with lines about workers.
-    Raises SolariError if dask.distributed isn't installed, and if no scheduler answers or no worker can start.
+    Raises SolariError if dask.distributed isn't installed, for what is no address, and if no scheduler answers or no
+    worker can start.
     """
 
     def __init__(
@@ -74,6 +89,8 @@ class Crew:
             import distributed
         except ImportError:
             raise SolariError("a cluster needs dask: install it by \"pip install 'solari-vk[cluster]'\"") from None
+        if address is not None:
+            _check_address(address)
         self._distributed: Any = distributed
         self._workers, self._address, self._say = workers, address, say
         self._opening = Opening(device, rays, validation)
@@ -167,9 +184,12 @@ class Crew:
         jobs may be endless: they are taken as workers become free. Raises SolariError when a job fails, and when the
         scheduler is gone. Closing the iterator calls the other jobs off.
         """
+        import dask
+
         key, data = pack(scene)
         # a task rather than scattered data, because dask makes tasks again whose results were lost with their workers
-        scene_there = self.client.submit(bytes, data, key=f"solari_vk-scene-{key}")
+        with dask.config.set({"distributed.admin.large-graph-warning-threshold": len(data) + 10_000_000}):
+            scene_there = self.client.submit(bytes, data, key=f"solari_vk-scene-{key}")
         source, again = iter(jobs), deque[_Errand]()
         out: dict[Any, _Errand] = {}
         seen = time.monotonic()

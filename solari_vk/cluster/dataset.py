@@ -38,7 +38,7 @@ def cameras_for(kind: str, scene: Scene, camera: Camera, count: int | None, aspe
     and without a count.
     """
     if kind not in ("orbit", "random"):
-        return _read_poses(Path(kind), count)
+        return _read_poses(Path(kind), count, aspect)
     if count is None:
         raise SolariError(f"--cameras {kind}: give the number of views by --views")
     if kind == "orbit":
@@ -76,12 +76,12 @@ def _in_room(center: Floats, triangles: Floats, random: np.random.Generator) -> 
     return Camera.look_at(eye, far, vertical_fov=ROOM_FOV, near=max(1e-3 * float(np.linalg.norm(far - eye)), 1e-9))
 
 
-def _read_poses(path: Path, count: int | None) -> list[Camera]:
+def _read_poses(path: Path, count: int | None, aspect: float) -> list[Camera]:
     try:
         given = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise SolariError(f"--cameras {path}: neither orbit nor random, nor a JSON file of poses: {error}") from None
-    poses = _poses_of_nerf(given, path) if isinstance(given, dict) else given
+    poses = _poses_of_nerf(given, path, aspect) if isinstance(given, dict) else given
     if not isinstance(poses, list) or not poses:
         raise SolariError(f"--cameras {path}: must be a JSON list of poses, or have the fields of {NAME}")
     if count is not None and count > len(poses):
@@ -95,13 +95,21 @@ def _read_poses(path: Path, count: int | None) -> list[Camera]:
     return cameras
 
 
-def _poses_of_nerf(given: dict[str, Any], path: Path) -> list[dict[str, Any]]:
-    """Poses as Camera.from_pose takes them, of a file such as `write_transforms` writes."""
+def _poses_of_nerf(given: dict[str, Any], path: Path, aspect: float) -> list[dict[str, Any]]:
+    """Poses as Camera.from_pose takes them, of a file such as `write_transforms` writes.
+
+    The files of the paper have neither focal lengths nor a size, only the horizontal field of view: then the pictures
+    have the aspect that was asked for.
+    """
     try:
         poses = []
         for frame in given["frames"]:
             lens = {**given, **frame}
-            slope = lens["h"] / (2 * lens["fl_y"])
+            if "fl_x" in lens or "fl_y" in lens:
+                slope = lens["h"] / (2 * (lens["fl_y"] if "fl_y" in lens else lens["fl_x"]))
+            else:
+                across = lens["w"] / lens["h"] if "w" in lens else aspect
+                slope = math.tan(lens["camera_angle_x"] / 2) / across
             poses.append({"transform": frame["transform_matrix"],
                           "vertical_fov_degrees": math.degrees(2 * math.atan(slope))})  # fmt: skip
         return poses

@@ -27,9 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.cluster import Crew, OneDevice, Shot, Style, View
-from solari_vk.cluster.bench import Results
+from solari_vk.cluster.bench import Opening, Results
 from solari_vk.cluster.local import software_threads
-from solari_vk.gpu.device.device import Device
 from solari_vk.measure.report import Report
 from solari_vk.output.animation import orbit
 from solari_vk.scene.builtin import builtin
@@ -49,15 +48,16 @@ INTRO = (
 
 def run(
     device: str | None, workers: Sequence[int], views: int, size: tuple[int, int], samples: int,
-    markdown: Path | None, simulate: bool = False,
+    markdown: Path | None, simulate: bool = False, *, rays: str | None = None,
 ) -> None:  # fmt: skip
     """Measure and report. views: of each round. simulate: the load of the scheduler too."""
-    with Device(device) as opened:
+    opening = Opening(device, rays)
+    with opening.open() as opened:
         report = Report(opened, markdown, "Several devices", INTRO)
     rows = []
     for count in workers:
         report.progress(f"{count} workers, {views} views of {size[0]}x{size[1]} with {samples} samples a pixel")
-        apart, together = _measure(device, count, views, size, samples)
+        apart, together = _measure(opening, count, views, size, samples)
         best = apart.min(), together.min()  # other work on the machine only adds to the time
         rows.append((str(count), *(f"{views / seconds:.2f}" for seconds in best), f"{best[0] / best[1]:.3f}"))
     head = ("workers", "views/s of processes apart", "views/s of a crew", "efficiency")
@@ -83,18 +83,18 @@ def _shots(folder: str, views: int, size: tuple[int, int], samples: int) -> tupl
 
 
 def _measure(
-    device: str | None, count: int, views: int, size: tuple[int, int], samples: int
+    opening: Opening, count: int, views: int, size: tuple[int, int], samples: int
 ) -> tuple[Floats, Floats]:
     """Seconds of each round, by processes apart and by a crew."""
     spawn = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         scene, shots = _shots(folder, views, size, samples)
-        crew = stack.enter_context(Crew(count, device=device))
+        crew = stack.enter_context(Crew(count, device=opening.device, rays=opening.rays))
         lines = []
         for number in range(count):
             line, other = spawn.Pipe()
             share = _Share(folder, views, size, samples, number, count)
-            process = spawn.Process(target=_apart, args=(other, device, share))
+            process = spawn.Process(target=_apart, args=(other, opening, share))
             process.start()
             stack.callback(process.join)
             stack.callback(line.send, False)
@@ -128,11 +128,11 @@ class _Share:
     count: int
 
 
-def _apart(line: Any, device: str | None, share: _Share) -> None:
+def _apart(line: Any, opening: Opening, share: _Share) -> None:
     """A process that renders its share of the views whenever it is told to."""
     os.environ.update(software_threads(share.count))
     scene, shots = _shots(share.folder, share.views, share.size, share.samples)
-    with OneDevice(device) as one:
+    with OneDevice(opening.device, opening.rays) as one:
         _finish(one.map(scene, shots[:1]))
         line.send(None)
         while line.recv():

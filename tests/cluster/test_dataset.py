@@ -138,6 +138,35 @@ def test_cameras_of_files(tmp_path):
         cameras_for("orbit", scene, scene.camera, None, 1.5, 0)
 
 
+def test_poses_of_the_original_nerf(tmp_path):
+    """Its files have the horizontal field of view alone, and pictures may have any size."""
+    scene = sv.builtin("cornell_box")
+    path = tmp_path / "transforms.json"
+    frame = {"transform_matrix": np.eye(4).tolist()}
+    for lens, aspect, slope in (
+        ({"camera_angle_x": 1.0}, 1.0, math.tan(0.5)), ({"camera_angle_x": 1.0}, 2.0, math.tan(0.5) / 2),
+        ({"camera_angle_x": 1.0, "w": 30, "h": 10}, 1.0, math.tan(0.5) / 3),
+        ({"fl_x": 20, "w": 30, "h": 10}, 1.0, 0.25),
+        ({"fl_x": 20, "fl_y": 10, "camera_angle_x": 1.0, "w": 30, "h": 10}, 1.0, 0.5),
+    ):  # fmt: skip
+        path.write_text(json.dumps(lens | {"frames": [frame]}))
+        (camera,) = cameras_for(str(path), scene, scene.camera, None, aspect, 0)
+        assert math.isclose(math.tan(camera.vertical_fov / 2), slope)
+
+
+def test_a_time_limit(make):
+    """What is missing is in the exit code."""
+    for limit in ("-1", "nan", "0"):
+        code, said, folder = make("--views", 1, "--time-limit", limit)
+        assert code == 2
+        assert f"--time-limit {limit}: must be more than 0 seconds" in said
+        assert not folder.exists()
+    code, said, _ = make("--views", 3, "--time-limit", "1e-9")
+    assert "of 3 pictures" in said
+    assert code == 1
+    assert make("--views", 3)[0] == 0
+
+
 def test_transforms_are_poses_too(make, tmp_path):
     code, said, folder = make("--views", 2)
     assert code == 0, said

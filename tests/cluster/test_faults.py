@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,7 @@ import solari_vk as sv
 from solari_vk.cli import main
 from solari_vk.cluster import Crew, OneDevice, Shot, Style, View, render_reference, render_shots
 from solari_vk.cluster import shots as shots_module
+from solari_vk.cluster.bench import pack
 from solari_vk.cluster.identity import Identity, code_hash, device_of_worker
 from solari_vk.gpu.device.physical import DeviceReport
 from solari_vk.output.picture import save_image
@@ -93,6 +95,9 @@ def test_a_scheduler_that_does_not_answer(tmp_path, capsys, monkeypatch):
     command = ["render", "builtin:cornell_box", "-o", str(tmp_path / "x.png"), "--no-denoise"]
     assert main([*command, "--cluster", "tcp://127.0.0.1:9"]) == 2
     assert "no scheduler of dask answers at tcp://127.0.0.1:9" in capsys.readouterr().err
+    for address in ("host", "", "foo://host:1", "tcp://host:x", "tcp://:8786", "tcp://host:0"):
+        assert main([*command, "--cluster", address]) == 2
+        assert f"{address!r} isn't the address of a scheduler" in capsys.readouterr().err
     for more, words in (
         (["--workers", "2", "--cluster", "tcp://127.0.0.1:9"], "one of the two"),
         (["--shared-folder"], "--shared-folder is for"),
@@ -176,6 +181,15 @@ class Deadly:
 
     def perform(self, bench):
         os._exit(1)
+
+
+def test_large_scenes_are_sent_without_a_warning(crew, tmp_path, monkeypatch):
+    """Dask warns of large tasks. What follows a pickle is ignored."""
+    key, data = pack(sv.builtin("cornell_box"))
+    monkeypatch.setattr("solari_vk.cluster.crew.pack", lambda scene: (key, data + bytes(20_000_000)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert list(filter(None, crew.map(sv.builtin("cornell_box"), [Losing(0, str(tmp_path))])))
 
 
 def test_a_lost_device_is_opened_again(crew, tmp_path, capsys):

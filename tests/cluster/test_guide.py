@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from solari_vk.cli import main
+from solari_vk.cluster.bench import Opening
 from solari_vk.measure import cluster
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -43,6 +44,18 @@ def test_a_program_without_a_guard_is_told(any_device, tmp_path):
     assert done.returncode == 1
     assert "SolariError: no worker can start" in done.stderr.splitlines()[-1]
     assert "__main__" in done.stderr.splitlines()[-1]
+
+
+def test_the_measurement_takes_the_options_of_the_device(any_device, monkeypatch, capsys):
+    seen = []
+
+    def measure(opening, *given):
+        seen.append(opening)
+        return np.ones(1), np.ones(1)
+
+    monkeypatch.setattr(cluster, "_measure", measure)
+    assert main(["bench", "cluster", "--workers", "2", "--device", "0", "--rays", "pipeline"]) == 0
+    assert seen == [Opening("0", "pipeline")]
 
 
 @pytest.mark.slow
