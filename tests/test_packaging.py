@@ -87,7 +87,8 @@ def test_sdist_has_sources_and_compiled_shaders(unpacked_sdist):
 
 def test_wheel_has_package_glsl_and_compiled_shaders(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
-    modules = {path.relative_to(ROOT).as_posix() for path in (ROOT / "solari_vk").rglob("*.py")}
+    sources = [path for suffix in ("py", "js") for path in (ROOT / "solari_vk").rglob(f"*.{suffix}")]
+    modules = {path.relative_to(ROOT).as_posix() for path in sources}
     glsl = {f"solari_vk/glsl/{path.relative_to(ROOT / 'glsl').as_posix()}" for path in (ROOT / "glsl").rglob("*.glsl")}
     shaders = {f"solari_vk/glsl/{path}" for path in entry_points()}
     compiled = {f"solari_vk/glsl/{path}" for path in compiled_modules()}
