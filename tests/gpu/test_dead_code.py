@@ -8,6 +8,7 @@ import pytest
 from solari_vk.gpu.shaders import shaderc
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.dead_code import without_dead_code, without_texts
+from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.gpu.shaders.spirv import reflect
 from tests.gpu.shader_folder import ShaderFolder, check_spirv
 
@@ -41,8 +42,8 @@ void main() { kept.at[0] = sqrt(deeper(start.first)); BODY }
 
 
 def compiled(shaders: ShaderFolder, body: str) -> bytes:
-    shaders.write("passes/x.comp", SHADER.replace("BODY", body))
-    return compile_shader("passes/x.comp", root=shaders.root)
+    file = shaders.write("passes/x.comp", SHADER.replace("BODY", body))
+    return without_dead_code(shaderc.compile_source(file.read_bytes(), "comp", str(file), [], optimization="zero"))
 
 
 def disassembled(spirv: bytes) -> str:
@@ -76,6 +77,16 @@ def test_what_main_reaches_stays(shaders):
 def test_a_second_time_nothing_goes(path):
     spirv = compile_shader(path)
     assert without_dead_code(spirv) == spirv
+
+
+def test_patched_shaders_alone_are_not_optimized():
+    path = "passes/restir_di/spatial_and_shade.comp"
+    usual, other = compile_shader(path), compile_shader("passes/denoise/blur.comp")
+    with patched_shaders((path, "di_diffuse.at[index] = diffuse;", "di_diffuse.at[index] = 1.0 * diffuse;")):
+        patched = compile_shader(path)
+        assert compile_shader("passes/denoise/blur.comp") == other
+    assert reflect(patched).bindings == reflect(usual).bindings
+    assert disassembled(patched).count("OpFunctionCall") > 10 > disassembled(usual).count("OpFunctionCall")
 
 
 def test_texts_are_dropped_and_all_else_stays(shaders):

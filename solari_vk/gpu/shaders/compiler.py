@@ -5,7 +5,7 @@ pyshaderc 1.1. Passes use `compile_shader`: if the sources are unchanged it retu
 the package, else that of the cache on disk, else it runs the compiler. All modules target Vulkan 1.3 (SPIR-V 1.6).
 
 Reflection needs the names, so debug information is always on, and the rest of it (line numbers, source text) is removed
-afterwards. `compile_shader` doesn't run shaderc's optimizer; the module `dead_code` says why.
+afterwards.
 
 For devices that trace rays by pipelines, compute shaders that trace are compiled as ray generation shaders; the module
 `ray_generation` documents it.
@@ -132,6 +132,8 @@ def _with_source_lines(log: str, filepath: str, source: bytes, generated: Mappin
 
 # A shader with an empty main is compiled for the reflection of its declarations, so they all stay.
 _EMPTY_MAIN = re.compile(r"\bvoid\s+main\s*\(\s*\)\s*\{\s*\}")
+# The optimizer's error for capabilities that it doesn't know. Such a module isn't optimized here, only by the driver.
+_TOO_NEW = "failed to optimize: Invalid capability"
 _OPTIONS = f"live code {shaderc.VULKAN_1_3:x} {shaderc.SPIRV_1_6:x}"
 _DIRECTIVE = re.compile(r"^\s*#\s*(version|extension)\b")
 _looking_up = threading.Lock()  # a thread that has read a file waits 5 ms for others that run Python
@@ -164,7 +166,15 @@ def compile_shader(
 
 
 def _key(sources: Sources, path: str, header: str, traces: bool) -> str:
-    return sources.key(path, header, f"{_OPTIONS} {ray_generation.DEFINE}" if traces else _OPTIONS)
+    options = f"{_optimization(sources, path)} {_OPTIONS}"
+    return sources.key(path, header, f"{options} {ray_generation.DEFINE}" if traces else options)
+
+
+def _optimization(sources: Sources, path: str) -> str:
+    """Shaders are optimized, which halves the driver's work, but for patched ones, which are used once or twice."""
+    files = [file for name in sources.closure(path) if (file := sources.find(name))]
+    patched = any(file.is_relative_to(folder) for file in files for folder in overlays)
+    return "zero" if patched else "performance"
 
 
 def _module(sources: Sources, path: str, header: str, traces: bool = False) -> bytes:
@@ -181,18 +191,26 @@ def _module(sources: Sources, path: str, header: str, traces: bool = False) -> b
         entry = shader_cache.cache_entry(source_key, shaderc.version())
         spirv = disk_cache.load(entry)
     if spirv is None:
-        spirv = _compile(sources.roots, file, header, traces)
+        spirv = _compile(sources.roots, file, header, traces, _optimization(sources, path))
         disk_cache.store(entry, spirv)
     return spirv
 
 
-def _compile(folders: Sequence[Path], file: Path, header: str, traces: bool) -> bytes:
+def _compile(folders: Sequence[Path], file: Path, header: str, traces: bool, optimization: str) -> bytes:
     source, stage = file.read_text(encoding="utf-8"), file.suffix.lstrip(".")
     if traces:
         source, stage = ray_generation.without_local_size(source), "rgen"
     source = _with_header(source, header, file, f"#define {ray_generation.DEFINE}\n" if traces else "")
-    spirv = _compile_text(source.encode(), stage, os.fspath(file), list(map(os.fspath, folders)), optimization="zero")
-    return spirv if _EMPTY_MAIN.search(source) else dead_code.without_dead_code(spirv)
+    arguments = source.encode(), stage, os.fspath(file), list(map(os.fspath, folders))
+    if _EMPTY_MAIN.search(source):
+        return _compile_text(*arguments, optimization="zero")
+    try:
+        spirv = _compile_text(*arguments, optimization=optimization)
+    except CompilationError as error:
+        if _TOO_NEW not in str(error):
+            raise
+        spirv = _compile_text(*arguments, optimization="zero")
+    return dead_code.without_dead_code(spirv)
 
 
 def _with_header(source: str, header: str, file: Path, define: str) -> str:

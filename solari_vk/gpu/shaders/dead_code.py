@@ -1,8 +1,7 @@
 """Removes from a SPIR-V module what its entry points don't reach: functions, variables, types, constants, names.
 
-shaderc's optimizer isn't used: it inlines everything, which takes up to four seconds and makes large shaders three
-times larger, and the driver optimizes anyway. What it does that is needed happens here: reflection and pipeline layouts
-must not see bindings that a shader includes and never uses.
+Patched shaders are compiled without shaderc's optimizer, which takes up to four seconds for the largest. But reflection
+and pipeline layouts must not see bindings that a shader includes and never uses, which the optimizer would remove.
 """
 
 from __future__ import annotations
