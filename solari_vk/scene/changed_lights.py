@@ -22,8 +22,9 @@ Lists = tuple[Ids, Powers, Positions, Positions]
 """Ids, powers, places and positions; a position, unlike a place, also moves when a lamp turns."""
 
 
-def compare(old: Lists, new: Lists, cell_size: float) -> tuple[NDArray[np.uint64], Records, NDArray[np.bool_]]:
-    """The keys and records of the lights that differ between two lists, and which lights of the new list these are.
+def compare(old: Lists, new: Lists, cell_size: float) -> tuple[NDArray[np.uint64], Records, Powers]:
+    """The keys and records of the lights that differ between two lists, and the powers with which the lights of the new
+    list were listed last.
 
     The powers of the old list are those with which lights were listed last, so that slow changes add up. Less than
     LISTED of a power doesn't count, or flicker would shorten all histories. A light that moves by `cell_size` meters
@@ -43,14 +44,14 @@ def compare(old: Lists, new: Lists, cell_size: float) -> tuple[NDArray[np.uint64
     differs |= jumps
     gone = ~stayed
     gone[np.flatnonzero(stayed)[jumps]] = True  # from where they were
-    listed = added.copy()
-    listed[kept[differs]] = True
+    listed_powers = np.array(powers)
+    listed_powers[kept[~differs]] = old_powers[stayed][~differs]
     records = np.zeros(np.count_nonzero(differs) + np.count_nonzero(added) + np.count_nonzero(gone), RECORD)
     records["place"] = np.concatenate([places[kept[differs]], places[added], old_places[gone]])
     records["power"] = np.concatenate([changes[differs], powers[added], old_powers[gone]])
     records["recent"] = 1.0
     here = 2 * np.concatenate([ids[kept[differs]], ids[added]]).astype(np.uint64)
-    return np.concatenate([here, 2 * old_ids[gone].astype(np.uint64) + 1]), records, listed
+    return np.concatenate([here, 2 * old_ids[gone].astype(np.uint64) + 1]), records, listed_powers
 
 
 class ChangedLights:
@@ -88,18 +89,10 @@ class ChangedLights:
         count = len(places)
         new = ids[:count], powers[:count], places, positions[:count]
         if self._old is not None:
-            keys, records, listed = compare(self._old, new, cell_size)
+            keys, records, listed_powers = compare(self._old, new, cell_size)
             self._add(keys, records)
-            new = ids[:count], np.where(listed, powers[:count], self._listed_powers(new)), places, positions[:count]
+            new = ids[:count], listed_powers, places, positions[:count]
         self._seen, self._old = given, new
-
-    def _listed_powers(self, new: Lists) -> Powers:
-        """The powers of the lights when they were listed last; of new lights those they have."""
-        assert self._old is not None
-        rows = translate(self._old[0], new[0])
-        powers = np.array(new[1])
-        powers[rows[rows != NO_INDEX]] = self._old[1][rows != NO_INDEX]
-        return powers
 
     def _add(self, keys: NDArray[np.uint64], records: Records) -> None:
         """Add records; of a light, that of the largest change counts."""

@@ -172,8 +172,8 @@ def _key(sources: Sources, path: str, header: str, traces: bool) -> str:
 
 def _optimization(sources: Sources, path: str) -> str:
     """Shaders are optimized, which halves the driver's work, but for patched ones, which are used once or twice."""
-    files = [file for name in sources.closure(path) if (file := sources.find(name))]
-    patched = any(file.is_relative_to(folder) for file in files for folder in overlays)
+    patched = any((file := sources.find(name)) and file.is_relative_to(folder)
+                  for folder in overlays for name in sources.closure(path))  # fmt: skip
     return "zero" if patched else "performance"
 
 

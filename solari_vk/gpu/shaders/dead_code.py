@@ -10,6 +10,8 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
+from solari_vk.gpu.shaders.ray_generation import instructions
+
 _EXTENSION, _CAPABILITY, _EXT_INST_IMPORT, _EXT_INST, _ENTRY_POINT, _MODE_ID = 10, 17, 11, 12, 15, 331
 _FUNCTION, _VARIABLE, _FORWARD_POINTER = 54, 59, 39
 _NAMES, _DECORATIONS = frozenset((5, 6, _FORWARD_POINTER)), frozenset((71, 72, 332))  # of ids or their members
@@ -61,29 +63,25 @@ def without_dead_code(spirv: bytes) -> bytes:
     return _joined(spirv, (*kept, *code))
 
 
-def _joined(spirv: bytes, instructions: Iterable[Words]) -> bytes:
-    words = [word for instruction in instructions for word in instruction]
+def _joined(spirv: bytes, listed: Iterable[Words]) -> bytes:
+    words = [word for instruction in listed for word in instruction]
     return spirv[:20] + np.array(words, np.uint32).tobytes()
 
 
 def _instructions(spirv: bytes) -> Iterator[Words]:
     """The words of each instruction but those about the source; the first holds the length above 16 bits of opcode."""
-    words = np.frombuffer(spirv, np.uint32).tolist()
-    position = 5
-    while position < len(words):
-        length = words[position] >> 16
-        if words[position] & 0xFFFF not in _TEXTS:
-            yield words[position : position + length]
-        position += length
+    for words in instructions(spirv):
+        if int(words[0]) & 0xFFFF not in _TEXTS:
+            yield words.tolist()
 
 
-def _definitions(instructions: Iterable[Words]) -> tuple[dict[int, Words], dict[int, list[Words]], list[Words]]:
+def _definitions(listed: Iterable[Words]) -> tuple[dict[int, Words], dict[int, list[Words]], list[Words]]:
     """What defines each id of module scope; the instructions of each function; the declarations before them."""
     defined: dict[int, Words] = {}
     functions: dict[int, list[Words]] = {}
     declarations: list[Words] = []
     body = declarations
-    for words in instructions:
+    for words in listed:
         op = words[0] & 0xFFFF
         if op == _FUNCTION:
             body = functions[words[2]] = []

@@ -25,8 +25,7 @@ OWN_QUERIES = (
     f"shaders that trace by {TRACE} run on any device"
 )
 _LOCAL_SIZE = re.compile(r"\blayout\s*\([^()]*\blocal_size_[^()]*\)\s*in\s*;")
-_OP_EXTENSION, _OP_CAPABILITY, _OP_TYPE_RAY_QUERY, _OP_TYPE_ACCELERATION_STRUCTURE = 10, 17, 4472, 5341
-_CAPABILITY_RAY_QUERY, _EXTENSION = 4472, b"SPV_KHR_ray_query\0"
+_OP_CAPABILITY, _CAPABILITY_RAY_QUERY = 17, 4472
 
 
 def without_local_size(source: str) -> str:
