@@ -56,7 +56,9 @@ HitPastMirrors trace_past_mirrors(vec3 origin, vec3 direction, float t_max, floa
             found.first_passage = passage;
         } else {
             float t_end = min(hit.t, t_max);
-            found.emitted += found.throughput * trace_radiance_passed(origin, direction, t_end, INFINITY);
+            uint lamp_rays;
+            found.emitted += found.throughput * trace_radiance_passed(origin, direction, t_end, INFINITY, lamp_rays);
+            count_rays(lamp_rays);
             found.throughput *= passage.tint;
         }
         found.exists = hit.instance != NO_INDEX;

@@ -7,8 +7,10 @@
 const uint NOT_COUNTED = 0xFFFFFFFFu;
 layout(constant_id = 3) const uint ray_counter = NOT_COUNTED;  // row of ray_counts; counts are modulo 2^32
 
-void count_ray() {
-    if (ray_counter != NOT_COUNTED) { atomicAdd(ray_counts.at[ray_counter], 1u); }
+void count_rays(uint count) {
+    if (ray_counter != NOT_COUNTED && count > 0u) { atomicAdd(ray_counts.at[ray_counter], count); }
 }
+
+void count_ray() { count_rays(1u); }
 
 #endif

@@ -72,21 +72,52 @@ vec4 resolve_cover(uint instance_index, uint triangle, vec2 barycentrics, vec3 d
     return resolve_cover(material, meshes.at[instance.ray_mesh], triangle, barycentrics);
 }
 
-// A triangle with less alpha is passed: uniform in [0, 1), and independent for each triangle. `blend_point` is a place
-// in the picture, as the bits of its x and y in turn, and the index of a sample there. Two van der Corput sequences,
-// over places and over samples, are added modulo 1, so that aligned blocks of pixels and of samples cover it evenly.
-// Each triangle takes both in an order of its own.
-float alpha_threshold(uvec2 blend_point, uint instance_index, uint triangle) {
-    uvec2 seeds = pcg4d(uvec4(instance_index, triangle, 0u, 0x5F3759DFu)).xy;
+// ---- edges ------------------------------------------------------------------------------------------
+
+// A device may report all triangles that share the edge or corner where a ray meets a surface, though the ray meets one
+// surface there.
+const uint NO_EDGE = 0u;
+const float EDGE_WIDTH = 1e-6;  // in barycentrics: more than their rounding error
+
+// The edge or corner where a ray meets a triangle: 16 bits of a hash of its ends' positions, which is the same for all
+// triangles that share it; NO_EDGE elsewhere.
+uint edge_met(uint instance_index, Mesh mesh, uint triangle, vec2 barycentrics) {
+    vec3 weights = vec3(1.0 - barycentrics.x - barycentrics.y, barycentrics);
+    if (min(weights.x, min(weights.y, weights.z)) > EDGE_WIDTH) { return NO_EDGE; }
+    uvec3 vertices = mesh.triangles.at[min(triangle, mesh.triangle_count - 1u)];
+    uint sum = 0u;
+    for (uint i = 0u; i < 3u; i++) {
+        uvec3 position = floatBitsToUint(mesh.positions.at[vertices[i]]);
+        if (weights[i] > EDGE_WIDTH) { sum += pcg4d(uvec4(position, instance_index)).x; }
+    }
+    return 1u + sum % 0xFFFEu;
+}
+
+// ---- surfaces that rays meet ------------------------------------------------------------------------
+
+// A surface with less alpha is passed: uniform in [0, 1), and independent for each triangle, or edge between triangles.
+// `blend_point` is a place in the picture, as the bits of its x and y in turn, and the index of a sample there. Two van
+// der Corput sequences, over places and over samples, are added modulo 1, so that aligned blocks of pixels and of
+// samples cover it evenly. Each triangle and each edge takes both in an order of its own.
+float alpha_threshold(uvec2 blend_point, uint instance_index, uint triangle, uint edge) {
+    uvec2 seeds = pcg4d(uvec4(instance_index, edge == NO_EDGE ? triangle : 0u, edge, 0x5F3759DFu)).xy;
     uint of_place = bitfieldReverse(owen_scramble(blend_point.x, seeds.x));
     uint of_sample = bitfieldReverse(owen_scramble(blend_point.y, seeds.y));
     return unit_float(of_place + of_sample);
 }
 
-// Whether a ray that looks for a surface hits one with this cover. The same point gives the same answer for a triangle.
-bool is_met(vec4 cover, uvec2 blend_point, uint instance_index, uint triangle) {
+// Whether a ray that looks for a surface hits one with this cover. The same point gives the same answer for a triangle,
+// and for all that share an edge or corner where the ray meets it.
+bool is_met(vec4 cover, uvec2 blend_point, uint instance_index, Mesh mesh, uint triangle, vec2 barycentrics) {
     if (cover.w >= 1.0) { return true; }
-    return SCENE_BLEND && alpha_threshold(blend_point, instance_index, triangle) < cover.w;
+    if (!SCENE_BLEND) { return false; }
+    uint edge = edge_met(instance_index, mesh, triangle, barycentrics);
+    return alpha_threshold(blend_point, instance_index, triangle, edge) < cover.w;
+}
+
+bool is_met(vec4 cover, uvec2 blend_point, uint instance_index, uint triangle, vec2 barycentrics) {
+    Mesh mesh = meshes.at[instances.at[instance_index].ray_mesh];
+    return is_met(cover, blend_point, instance_index, mesh, triangle, barycentrics);
 }
 
 // ---- light that passes ------------------------------------------------------------------------------
@@ -102,6 +133,19 @@ const Passage FREE_PASSAGE = Passage(vec3(1.0), 1.0);
 void pass_through(inout Passage passage, vec4 cover) {
     passage.tint *= mix(vec3(1.0), cover.rgb, cover.w);
     passage.probability *= 1.0 - cover.w;
+}
+
+// The same at a candidate of a ray, once for each edge. `passed` has the latest two edges, and is 0 at first.
+void pass_through(
+    inout Passage passage, inout uint passed, vec4 cover, uint instance_index, uint triangle, vec2 barycentrics
+) {
+    Mesh mesh = meshes.at[instances.at[instance_index].ray_mesh];
+    uint edge = edge_met(instance_index, mesh, triangle, barycentrics);
+    if (edge != NO_EDGE) {
+        if (edge == (passed & 0xFFFFu) || edge == passed >> 16u) { return; }
+        passed = passed << 16u | edge;
+    }
+    pass_through(passage, cover);
 }
 
 #endif

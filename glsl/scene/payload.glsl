@@ -4,9 +4,9 @@
 
 #include "scene/alpha.glsl"
 
-// A ray that skips the closest-hit shader has no hit but a passage in the same memory: its probability in `triangle`,
-// its tint in `t` and `barycentrics`. For other rays `instance` and `triangle` are the blend point until there
-// is a hit.
+// A ray that skips the closest-hit shader has no hit but a passage in the same memory: the edges that it has passed in
+// `instance`, its probability in `triangle`, its tint in `t` and `barycentrics`. For other rays `instance` and
+// `triangle` are the blend point until there is a hit.
 struct RayPayload {
     uint instance;  // 2 * index + 1 for a front face, 2 * index for a back face; NO_INDEX when nothing was hit
     uint triangle;

@@ -54,7 +54,7 @@ bool trace_passage_in(
     accelerationStructureEXT structure, vec3 origin, float t_min, vec3 direction, float t_max, uint mask,
     out Passage passage
 ) {
-    ray_payload.instance = 0u;  // a hit runs no shader, a miss sets NO_INDEX
+    ray_payload.instance = 0u;  // edges that are passed, never NO_INDEX, which a miss sets
     if (SCENE_BLEND) { write_passage(ray_payload, FREE_PASSAGE); }
     const uint flags = TRACE_ANY_HIT | gl_RayFlagsSkipClosestHitShaderEXT;
     traceRayEXT(structure, flags, mask, 0u, 0u, 0u, origin, t_min, direction, t_max, 0);
@@ -72,10 +72,9 @@ Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uin
         uint instance = uint(rayQueryGetIntersectionInstanceCustomIndexEXT(query, false));
         uint triangle = uint(rayQueryGetIntersectionPrimitiveIndexEXT(query, false));
         bool from_camera = (flags & gl_RayFlagsCullBackFacingTrianglesEXT) != 0u;
-        vec4 cover = resolve_cover(
-            instance, triangle, rayQueryGetIntersectionBarycentricsEXT(query, false), direction, from_camera
-        );
-        if (is_met(cover, blend_point, instance, triangle)) { rayQueryConfirmIntersectionEXT(query); }
+        vec2 barycentrics = rayQueryGetIntersectionBarycentricsEXT(query, false);
+        vec4 cover = resolve_cover(instance, triangle, barycentrics, direction, from_camera);
+        if (is_met(cover, blend_point, instance, triangle, barycentrics)) { rayQueryConfirmIntersectionEXT(query); }
     }
     if (rayQueryGetIntersectionTypeEXT(query, true) != gl_RayQueryCommittedIntersectionTriangleEXT) {
         return NO_HIT;
@@ -95,19 +94,19 @@ bool trace_passage_in(
     out Passage passage
 ) {
     passage = FREE_PASSAGE;
+    uint passed = 0u;
     rayQueryEXT query;
     rayQueryInitializeEXT(query, structure, TRACE_ANY_HIT, mask, origin, t_min, direction, t_max);
     while (rayQueryProceedEXT(query)) {
         if (!SCENE_ALPHA) { continue; }
-        vec4 cover = resolve_cover(
-            uint(rayQueryGetIntersectionInstanceCustomIndexEXT(query, false)),
-            uint(rayQueryGetIntersectionPrimitiveIndexEXT(query, false)),
-            rayQueryGetIntersectionBarycentricsEXT(query, false), direction, false
-        );
+        uint instance = uint(rayQueryGetIntersectionInstanceCustomIndexEXT(query, false));
+        uint triangle = uint(rayQueryGetIntersectionPrimitiveIndexEXT(query, false));
+        vec2 barycentrics = rayQueryGetIntersectionBarycentricsEXT(query, false);
+        vec4 cover = resolve_cover(instance, triangle, barycentrics, direction, false);
         if (cover.w >= 1.0) {
             rayQueryConfirmIntersectionEXT(query);
         } else if (SCENE_BLEND) {
-            pass_through(passage, cover);
+            pass_through(passage, passed, cover, instance, triangle, barycentrics);
         }
     }
     return rayQueryGetIntersectionTypeEXT(query, true) == gl_RayQueryCommittedIntersectionNoneEXT;

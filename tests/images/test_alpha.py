@@ -27,6 +27,7 @@ from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.measure.statistics import relative_interval
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import place
+from solari_vk.settings import RAW
 
 
 def check_panes(device):
@@ -112,6 +113,25 @@ def test_panes_tint_the_lamps_behind_them_alone(device, lighting):
         with make_renderer(device, lamp_in_a_mirror(pane(0.5, distance)), SIZE, **lighting) as renderer:
             found = np.mean([renderer.render(CAMERA)["radiance"][12:20, 12:20, 0] for _ in range(64)])
         np.testing.assert_allclose(found, expected, rtol=0.1 if expected < 1 else 0.01)
+
+
+def test_rays_to_lamps_through_panes_are_counted(device):
+    """A camera ray, one from the mirror, one to what it passes, and one more where it meets the lamp."""
+    with sv.PathTracer(device, lamp_in_a_mirror(pane(0.5, -8.0)), SIZE, max_bounces=1) as tracer:
+        lit = (tracer.render(CAMERA, 1)["radiance"][..., 0] > 0).sum()
+        assert 0 < lit < 500
+        assert tracer.rays == 3 * 1024 + lit
+
+
+@pytest.mark.slow  # the driver compiles a whole frame
+def test_frames_count_them_too(device):
+    """The first rays of paths, as above without the camera's."""
+    scene = lamp_in_a_mirror(pane(0.5, -8.0))
+    with sv.Renderer(device, scene, SIZE, sv.Settings(**RAW), count_rays=True) as renderer:
+        lit = (renderer.render(CAMERA)["radiance"][..., 0] > 0.9).sum()
+        assert 0 < lit < 500
+        row = renderer.counted_passes.index("paths/first_ray")
+        assert renderer["ray_counts"][row] == 2 * 1024 + lit
 
 
 BEFORE = """#version 460
@@ -247,8 +267,8 @@ MUTANTS = {  # the proof that must fail, and the patch
                                "pcg(this_frame.index));"),
     "pixels are independent": (check_even_frames, "passes/gbuffer/pixel.glsl", "uvec2(bits.x | bits.y << 1u,",
                                "uvec2(pcg4d(pixel.xyxy).x,"),
-    "all panes in the same order": (check_even_frames, "scene/alpha.glsl", "uvec4(instance_index, triangle,",
-                                    "uvec4(0u, 0u,"),
+    "all panes in the same order": (check_even_frames, "scene/alpha.glsl", "uvec4(instance_index, edge == NO_EDGE",
+                                    "uvec4(0u, edge == NO_EDGE"),
     "chance counts as a change": (check_specks, "passes/taa/resolve.comp", "trusted = blended ? 1.0 : 1.0 -",
                                   "trusted = 1.0 -"),
 }  # fmt: skip

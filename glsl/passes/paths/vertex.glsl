@@ -4,6 +4,7 @@
 
 #include "passes/bindings.glsl"
 #include "passes/paths/lobes.glsl"
+#include "passes/ray_count.glsl"
 #include "scene/brdf.glsl"
 #include "scene/departure.glsl"
 #include "scene/light_visibility.glsl"
@@ -122,6 +123,7 @@ PassedLight trace_passed_light(Vertex vertex, vec3 origin, vec3 direction, float
         MetLight met = pass_light(light.kind, light.index, origin, direction, t_max);
         if (!(met.inverse_pdf > 0.0)) { continue; }
         vec3 radiance = met_radiance(met, light_choice_probability(i, receiver(vertex)), bounce_pdf);
+        if (SCENE_BLEND) { count_ray(); }
         Passage passage = trace_passage(origin, direction, met.t, NO_HIT);
         passed.radiance += radiance * passage.tint;
         passed.offered += radiance / passage.probability;

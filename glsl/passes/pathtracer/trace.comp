@@ -101,7 +101,9 @@ void main() {
         if (bounce == 0u) {
             radiance += radiance_passed(origin, direction, hit.t, INFINITY);
         } else {
-            radiance += throughput * trace_radiance_passed(origin, direction, hit.t, bounce_pdf);
+            uint lamp_rays;
+            radiance += throughput * trace_radiance_passed(origin, direction, hit.t, bounce_pdf, lamp_rays);
+            rays += lamp_rays;
             if (SCENE_BLEND) {
                 rays += 1u;
                 throughput *= trace_passage(origin, direction, INFINITY, hit).tint;

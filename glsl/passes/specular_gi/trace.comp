@@ -83,7 +83,10 @@ vec3 trace_path(Path path, float distance, CameraRay camera_ray, inout uint rng)
         uvec2 blend_point = random_blend_point(rng);
         Hit hit = trace_closest_hit(path.origin, 0.0, path.direction, INFINITY, TRACE_BOTH_FACES, blend_point);
         if (SCENE_BLEND) { count_ray(); }
-        radiance += path.throughput * trace_radiance_passed(path.origin, path.direction, hit.t, path.bounce_pdf);
+        uint lamp_rays;
+        radiance += path.throughput
+            * trace_radiance_passed(path.origin, path.direction, hit.t, path.bounce_pdf, lamp_rays);
+        count_rays(lamp_rays);
         path.throughput *= trace_passage(path.origin, path.direction, INFINITY, hit).tint;
         if (hit.instance == NO_INDEX) {
             return radiance + path.throughput * radiance_at_infinity(path.direction, path.bounce_pdf);
