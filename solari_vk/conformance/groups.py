@@ -115,6 +115,7 @@ GROUPS: dict[str, dict[str, Measure]] = {
     },
     "guides": {
         **cases_of("mirrors", lambda run, name: guide_checks.measure_mirrors(run.device, name), *guide_checks.MIRRORS),
+        "wall": lambda run: guide_checks.measure_wall(run.device),
         "range": lambda run: guide_checks.measure_range(run.device),
         "parts": lambda run: guide_checks.measure_parts(run.device),
     },

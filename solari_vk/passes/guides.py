@@ -6,7 +6,9 @@ view axis, 0 without a surface), `guides_motion` and `guides_specular_motion` (u
 without jitter).
 
 With primary surface replacement, a pixel that shows a smooth metal describes the first surface in the chain of mirrors
-that is no mirror, at its virtual position: normal, depth and specular motion are those of the virtual surface.
+that is no mirror, at its virtual position: normal, depth and specular motion are those of the virtual surface. A thin
+wall of smooth glass that shows more than it reflects is passed by this chain, and describes itself where a light or
+nothing is behind it.
 `guides_motion` remains the motion of the mirror itself. A denoiser that takes a single motion uses
 `guides_specular_motion`, which agrees with the depth in every pixel. Virtual positions are exact for flat mirrors; a
 curved mirror is replaced by its tangent plane. The alpha of `guides_specular_albedo` is 0 in these pixels, else 1; that

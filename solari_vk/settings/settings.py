@@ -51,7 +51,7 @@ class Settings:
         0.9999, "Metallic above which a surface counts as having no diffuse lobe, in guides and with lighting=split. "
         "Less: faster, less exact.", low=0, high=1)  # fmt: skip
     lambert: bool = _frame(False, "Every surface is Lambertian, to compare with closed forms.", rebuilds=True)
-    primary_surface_replacement: bool = _frame(True, "Guides describe the surface that a mirror shows.")
+    primary_surface_replacement: bool = _frame(True, "Guides describe the surface that a mirror or clear glass shows.")
 
     # ---- the picture, from jittered samples
     antialiasing: bool = _taa(True, "Average samples at different positions in each pixel over frames.")

@@ -8,8 +8,10 @@ import pytest
 import solari_vk as sv
 from solari_vk.conformance.oracles.closed_forms import camera_rays
 from solari_vk.conformance.realtime import GUIDES, make_renderer
+from solari_vk.gpu.shaders.patches import patched_shaders
+from solari_vk.measure.statistics import relative_mse
 from solari_vk.scene import shapes
-from solari_vk.scene.builtin import builtin, matte, rgb
+from solari_vk.scene.builtin import builtin, lamp, matte, rgb
 from solari_vk.scene.model import Camera, Instance, Material, Scene
 
 SIZE = (64, 48)
@@ -109,3 +111,38 @@ def test_without_replacement_mirrors_describe_themselves(guides):
     frame = guides(scene, primary_surface_replacement=False).render(camera)
     np.testing.assert_allclose(frame["guides/normal_roughness"] - np.array((0, 0, 1.0, 0)), 0, atol=1e-7)
     np.testing.assert_allclose(np.squeeze(frame["guides/depth"]), camera.near / 2, rtol=1e-5)
+
+
+# ---- glass ------------------------------------------------------------------------------------------
+
+
+def behind_a_pane():
+    """A wall of colored squares and a lamp above, seen through clear glass."""
+    colors = np.random.default_rng(7).integers(20, 250, (8, 8, 3), np.uint8).repeat(8, axis=0).repeat(8, axis=1)
+    glass = Material(base_color=rgb(0.95), transmission=1.0, perceptual_roughness=0.0, double_sided=True)
+    scene = Scene(
+        Instance(shapes.quad((0, 0, -3), (2, 0, 0), (0, 2, 0)), Material(base_color_texture=colors)),
+        Instance(shapes.quad((0, 2.5, -2), (0.5, 0, 0), (0, 0, 0.5)), lamp(20.0)),
+        Instance(shapes.quad((0, 0, -1), (2, 0, 0), (0, 2, 0)), glass),
+    )
+    scene.camera = Camera.look_at((0, 0, 1), (0, 0, -3), vertical_fov=0.8)
+    return scene
+
+
+def denoised_error(device, scene, truth):
+    with make_renderer(device, scene, SIZE, denoise=True, antialiasing=True, seed=31) as renderer:
+        for _ in range(8):
+            frame = renderer.render(scene.camera)
+        return relative_mse(np.asarray(frame["radiance"], np.float64)[..., :3], truth)
+
+
+@pytest.mark.slow  # the driver compiles whole frames
+def test_what_a_pane_shows_is_denoised_by_its_own_guides(device):
+    scene = behind_a_pane()
+    with sv.PathTracer(device, scene, SIZE, seed=5) as tracer:
+        truth = np.asarray(tracer.render(samples=512), np.float64)
+    error = denoised_error(device, scene, truth)
+    with patched_shaders(("passes/guides/write.comp", "return is_glass(material) &&", "return false &&")):
+        by_the_pane = denoised_error(device, scene, truth)
+    print(error, by_the_pane)
+    assert error < 0.05 < by_the_pane

@@ -1,5 +1,5 @@
-// What the denoiser knows of the surface that a pixel shows, by itself or in mirrors; and how much two pixels have in
-// common. The guide images are the source.
+// What the denoiser knows of the surface that a pixel shows, by itself, in mirrors or through glass; and how much two
+// pixels have in common. The guide images are the source.
 #ifndef PASSES_DENOISE_GUIDE_GLSL
 #define PASSES_DENOISE_GUIDE_GLSL
 
@@ -10,7 +10,7 @@
 
 const uint NOTHING_SHOWN = 0u;     // no surface, or in mirrors of metal none but lights: nothing that has noise
 const uint SURFACE_SHOWN = 1u;
-const uint REFLECTION_SHOWN = 2u;  // of a surface, in mirrors of metal
+const uint REFLECTION_SHOWN = 2u;  // of a surface, in mirrors of metal, or through clear glass
 
 struct Guide {
     uint kind;

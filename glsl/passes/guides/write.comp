@@ -1,5 +1,6 @@
 // Writes the guide images for denoisers. A pixel with a mirror of metal describes the surface seen in the mirror, at
-// its virtual position: Panteleev, "Rendering Perfect Reflections and Refractions in Path-Traced Games" (NVIDIA, 2020).
+// its virtual position, and one with a thin wall of clear glass the surface seen through it: Panteleev, "Rendering
+// Perfect Reflections and Refractions in Path-Traced Games" (NVIDIA, 2020).
 #version 460
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
@@ -8,6 +9,7 @@
 #include "passes/past_mirrors.glsl"
 #include "passes/ray_count.glsl"
 #include "scene/brdf.glsl"
+#include "scene/departure.glsl"
 #include "scene/surface.glsl"
 #include "scene/trace.glsl"
 
@@ -15,6 +17,7 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 const uint PASS_SALT = 0x4CF5AD43u;
 const float FAR_AWAY = 1e6;  // the distance that stands for infinity where a position is needed
+const float MOSTLY_CLEAR = 0.9, MOSTLY_MIRROR = 0.25;  // transmission and reflectance of walls
 
 struct Guides {
     vec3 diffuse_albedo;
@@ -33,8 +36,17 @@ void describe(inout Guides guides, ResolvedMaterial material, float NdotV) {
     guides.perceptual_roughness = material.perceptual_roughness;
 }
 
-// Follows the chain of mirrors that starts at the pixel's surface, and describes the surface at its end.
-Guides describe_reflection(GBufferSurface seen, uvec2 pixel) {
+// Whether a surface is a wall of smooth glass that shows what is behind it far more than what it reflects.
+bool is_clear_wall(ResolvedMaterial material, float cosine) {
+    MaterialLobes lobes = material.lobes;
+    return is_glass(material) && !lobes.solid && material.roughness <= MIRROR_ROUGHNESS
+        && lobes.transmission * (1.0 - material.metallic) > MOSTLY_CLEAR
+        && dielectric_fresnel(lobes.ior, cosine) < MOSTLY_MIRROR;
+}
+
+// Follows the chain of mirrors and clear walls that starts at the pixel's surface, and describes the surface at its
+// end.
+Guides describe_what_is_shown(GBufferSurface seen, uvec2 pixel, out bool through_walls) {
     CameraRay camera_ray = make_camera_ray(vec2(pixel) + 0.5);
     ResolvedRayHitFull surface;
     surface.world_position = seen.world_position;
@@ -48,14 +60,21 @@ Guides describe_reflection(GBufferSurface seen, uvec2 pixel) {
     mat4x3 chain = mat4x3(1.0), previous_chain = mat4x3(1.0);
     vec3 previous_position;
     bool passes_light = false;
+    through_walls = false;
     uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
 
-    for (uint i = 0u; i < MAX_MIRRORS && instance != NO_INDEX && is_metal_mirror(surface.material); i++) {
-        MirrorPlane mirror = MirrorPlane(surface.world_position, surface.world_normal);
-        chain = append_mirror(chain, mirror);
-        previous_chain = append_mirror(previous_chain, previous_mirror(instance, mirror));
-        direction = normalize(reflect(direction, surface.world_normal));
-        vec3 origin = surface.world_position + surface.geometric_world_normal * surface.ray_offset;
+    for (uint i = 0u; i < MAX_MIRRORS && instance != NO_INDEX; i++) {
+        if (is_metal_mirror(surface.material)) {
+            MirrorPlane mirror = MirrorPlane(surface.world_position, surface.world_normal);
+            chain = append_mirror(chain, mirror);
+            previous_chain = append_mirror(previous_chain, previous_mirror(instance, mirror));
+            direction = normalize(reflect(direction, surface.world_normal));
+        } else if (is_clear_wall(surface.material, -dot(direction, surface.world_normal))) {
+            through_walls = true;
+        } else {
+            break;
+        }
+        vec3 origin = ray_origin(surface, direction);
         count_ray();
         Hit hit = trace_closest_hit(origin, 0.0, direction, INFINITY, TRACE_BOTH_FACES, random_blend_point(rng));
         passes_light = passes_light || max_component(radiance_passed(origin, direction, hit.t, INFINITY)) > 0.0;
@@ -97,11 +116,17 @@ void main() {
     vec2 motion = imageLoad(motion_vectors, at).xy;
     GBufferSurface surface = load_gbuffer(pixel);
     Guides guides = Guides(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, imageLoad(depth, at).x, motion, true, true);
-    if (surface.exists && frame_settings.primary_surface_replacement != 0u && is_metal_mirror(surface.material)) {
-        guides = describe_reflection(surface, pixel);
-    } else if (surface.exists) {
-        describe(guides, surface.material, dot(surface.world_normal, surface.wo));
+    if (surface.exists) {
+        float cosine = dot(surface.world_normal, surface.wo);
+        describe(guides, surface.material, cosine);
         guides.world_normal = surface.world_normal;
+        bool replaced = is_metal_mirror(surface.material) || is_clear_wall(surface.material, cosine);
+        if (replaced && frame_settings.primary_surface_replacement != 0u) {
+            bool through_walls;
+            Guides shown = describe_what_is_shown(surface, pixel, through_walls);
+            // Lights behind glass have noise, since paths see them or what the glass reflects.
+            if (shown.lit || !through_walls) { guides = shown; }
+        }
     }
     imageStore(guides_diffuse_albedo, at, vec4(guides.diffuse_albedo, float(guides.lit)));
     imageStore(guides_specular_albedo, at, vec4(guides.specular_albedo, float(guides.own)));
