@@ -6,13 +6,14 @@ atomically, so that another process sees all of it or nothing.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import os
 import sys
-import tempfile
 import warnings
 from pathlib import Path
+
+from solari_vk.errors import SolariError
+from solari_vk.files import make_folder, write_whole
 
 _OFF = ("", "0", "off", "no")
 
@@ -46,23 +47,10 @@ def store(name: str, content: bytes) -> None:
     if base is None:
         return
     try:
-        _write(base / name, hashlib.sha256(content).digest() + content)
-    except OSError as error:
+        make_folder((base / name).parent)
+        write_whole(base / name, hashlib.sha256(content).digest() + content)
+    except SolariError as error:
         warnings.warn(
-            f"compiled shaders and pipelines can't be kept in {base} ({error.strerror}); set SOLARI_VK_CACHE to a "
-            "folder that can be written, or to 'off'",
+            f"compiled shaders and pipelines can't be kept: {error}, by SOLARI_VK_CACHE, or set it to 'off'",
             stacklevel=3,
         )
-
-
-def _write(file: Path, content: bytes) -> None:
-    file.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=file.parent, suffix=".tmp")
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(content)
-        os.replace(temporary, file)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            os.unlink(temporary)
-        raise

@@ -24,15 +24,16 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 # `scene` and `passes` meet in GLSL only.
 GPU = {"gpu.device", "gpu.shaders", "gpu.frame", "gpu.acceleration"}
 LIBRARY = {
-    "color", "disk_cache", "errors", "settings", "output", "scene", "passes", "rt", "frame", "first_hits", "rendered",
-    "tracer", "reference", "renderer", "frame_means", *GPU,
+    "color", "disk_cache", "errors", "files", "settings", "output", "scene", "passes", "rt", "frame", "first_hits",
+    "rendered", "tracer", "reference", "renderer", "frame_means", *GPU,
 }  # fmt: skip
 MAY_IMPORT = {
     "color": set(),
     "errors": set(),
     "settings": {"errors", "gpu.shaders"},
-    "output": {"color", "errors", "gpu.shaders", "scene"},
-    "disk_cache": set(),
+    "output": {"color", "errors", "files", "gpu.shaders", "scene"},
+    "files": {"errors"},
+    "disk_cache": {"errors", "files"},
     "gpu.device": {"disk_cache", "errors"},
     "gpu.shaders": {"disk_cache", "errors"},
     "gpu.frame": {"errors", "gpu.device", "gpu.shaders"},

@@ -1,89 +1,116 @@
 """Uses the renderers at random for as long as asked, under validation: soak.py --minutes N [--seed S] [FILE ...]
 
-Each round opens a scene (builtin, or one of the files), a Renderer and a PathTracer, and makes random edits of
-instances, materials, meshes, lights, cameras, clips, settings, sizes and views between frames. A round ends with these
-checks: the path tracer's picture has the same bits as that of a new path tracer; the edited scene has the same depths
-as when it is put on the device anew; settled realtime frames have the path tracer's mean within 10 %; nothing is left
-on the device once all are closed; and the process's memory has stopped growing. Any exception, among them every
-validation message, ends the run with exit code 1 and names the seed and the round.
+Each round opens a scene (built in, an animated character, or one of the files) and a Renderer, a PathTracer and a
+RayTracer on it, and makes random edits of instances, materials, textures, meshes, lights, environments, cameras, clips,
+settings, sizes and views between frames, traces rays, and writes pictures and reads them again. A round ends with these
+checks: pictures and rays have the same bits as those of new renderers; the edited scene has the same depths as when it
+is put on the device anew; settled realtime frames have the path tracer's mean within 10 %; nothing is left on the
+device once all are closed; and neither the process nor the device's memory goes on growing. Every DEVICE_ROUNDS rounds
+the device is closed and opened again. Any exception, among them every validation message, ends the run with exit code 1
+and names the seed and the round; --first makes it begin there.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import resource
 import sys
+import tempfile
 import time
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import solari_vk as sv
+from solari_vk.measure.character import character
 from solari_vk.passes.debug_views import views_of
 from solari_vk.settings import DEFAULTS, FIELDS
 
+Opening = Callable[[], sv.Scene]
 BUILTIN = ("cornell_box", "sphere_grid", "mirror_hall", "many_lights")
+OPENINGS: dict[str, Opening] = {
+    "character": lambda: character(400, 8), **{name: lambda name=name: sv.builtin(name) for name in BUILTIN},
+}  # fmt: skip
 WIDEST = 48  # pixels
-GROWTH = 64e6  # bytes that the process may grow by after its first rounds
-FIRST_ROUNDS = 4
+ACTIONS, LONG_ROUND, LONG_ACTIONS = 60, 6, 300  # every sixth round is long
+DEVICE_ROUNDS = 9
+GROWTH = 64e6  # bytes that the process and the device's memory may grow by after the first rounds
+FIRST_ROUNDS = 6
 # Settings that make frames too slow or memory too large for a soak if they are taken from their whole range.
 MODEST = {"world_cache_cells": 1 << 16, "paths_bounces": 8, "denoise_frames": 64}
 
 
 class Soak:
-    """A scene with both renderers, and the random actions on them."""
+    """A scene with its renderers, and the random actions on them."""
 
-    def __init__(self, device: sv.Device, scene: sv.Scene, rng: np.random.Generator) -> None:
-        self.rng, self.scene, self.device = rng, scene, device
+    def __init__(self, device: sv.Device, scene: sv.Scene, rng: np.random.Generator, folder: Path) -> None:
+        self.rng, self.scene, self.device, self.folder = rng, scene, device, folder
         self.counts: Counter[str] = Counter()
         self.added: list[sv.Instance] = []
-        self.lamps: list[sv.PointLight] = []
+        self.lamps: list[Any] = []
         self.realtime = sv.Renderer(device, scene, self.size())
         self.reference = sv.PathTracer(device, scene, self.size(), max_bounces=4)
+        self.tracer = sv.RayTracer(device, self.realtime.binder)
 
     def size(self) -> tuple[int, int]:
         width, height = self.rng.integers(1, WIDEST + 1, 2)
         return int(width), int(height)
 
+    def one_of(self, values: Any) -> Any:
+        return values[self.rng.integers(len(values))]
+
+    def near(self, share: float) -> Any:
+        """A place around the scene's center, at this share of its radius."""
+        return self.scene.bounds.center + share * self.scene.bounds.radius * self.rng.normal(size=3)
+
     def act(self) -> None:
-        """One random action, and sometimes a frame."""
-        actions = [self.move, self.paint, self.add, self.remove, self.light, self.bend, self.set, self.resize,
-                   self.look, self.view, self.animate, self.trace, self.reset]  # fmt: skip
-        action = actions[self.rng.integers(len(actions))]
+        """One random action, and often a frame."""
+        action = self.one_of([
+            self.move, self.hide, self.paint, self.add, self.remove, self.light, self.surround, self.bend, self.set,
+            self.resize, self.look, self.view, self.animate, self.trace, self.reset, self.save,
+        ])  # fmt: skip
         self.counts[action.__name__] += 1
         action()
         if self.rng.random() < 0.7:
             frame = self.realtime.render()
             self.counts["realtime frames"] += 1
             if self.rng.random() < 0.3:
+                name = self.one_of(frame.keys())
+                values = np.asarray(frame[name])
+                assert values.dtype.kind != "f" or not np.isnan(values).any(), f"{name} has NaN"
                 assert np.isfinite(np.asarray(frame["radiance"])).all()
         if self.rng.random() < 0.2:
             self.reference.render(samples=self.reference.samples + 1)
             self.counts["samples"] += 1
 
-    def any_instance(self) -> sv.Instance:
-        instances = list(self.scene)
-        return instances[self.rng.integers(len(instances))]
-
     def move(self) -> None:
-        item = self.any_instance()
+        item = self.one_of(list(self.scene))
         transform = np.array(item.transform)
         transform[:3, 3] += 0.01 * self.scene.bounds.radius * self.rng.normal(size=3)
         item.transform = transform
 
+    def hide(self) -> None:
+        for item in self.added:
+            item.visible = bool(self.rng.integers(2))
+
     def paint(self) -> None:
-        material = self.any_instance().material
+        material = self.one_of(list(self.scene)).material
         material.base_color = self.rng.random(3)
         material.perceptual_roughness, material.metallic = self.rng.random(2)
         if self.rng.random() < 0.2:
             material.emissive = self.rng.random(3) * 5
+        if self.rng.random() < 0.3:
+            pixels = self.rng.integers(0, 256, (*self.rng.integers(1, 9, 2), 4)).astype(np.uint8)
+            material.base_color_texture = sv.Texture(sv.TextureImage(pixels)) if self.rng.random() < 0.7 else None
 
     def add(self) -> None:
-        glass = sv.Material(base_color=self.rng.random(3), transmission=float(self.rng.integers(2)))
-        at = self.scene.bounds.center + self.scene.bounds.radius * self.rng.normal(size=3) * 0.2
+        material = sv.Material(base_color=self.rng.random(3), transmission=float(self.rng.integers(2)))
         sphere = sv.shapes.sphere(0.1 * self.scene.bounds.radius, segments=int(self.rng.integers(4, 24)))
-        self.added.append(self.scene.add(sphere, glass, at))
+        self.added.append(self.scene.add(sphere, material, self.near(0.2)))
 
     def remove(self) -> None:
         if self.added:
@@ -91,23 +118,33 @@ class Soak:
 
     def light(self) -> None:
         if self.lamps and self.rng.random() < 0.5:
-            self.scene.remove(self.lamps.pop())
-        else:
-            at = self.scene.bounds.center + self.scene.bounds.radius * self.rng.normal(size=3) * 0.3
-            radius = 0.05 * float(self.rng.integers(2))
-            self.lamps.append(self.scene.add(sv.PointLight(at, intensity=1.0, radius=radius)))
+            self.scene.remove(self.lamps.pop(self.rng.integers(len(self.lamps))))
+            return
+        direction, radius = self.rng.normal(size=3), 0.05 * float(self.rng.integers(2))
+        self.lamps.append(self.scene.add(self.one_of([
+            lambda: sv.PointLight(self.near(0.3), intensity=1.0, radius=radius),
+            lambda: sv.SpotLight(self.near(0.3), direction, intensity=1.0, radius=radius),
+            lambda: sv.DirectionalLight(direction, illuminance=1.0),
+        ])()))  # fmt: skip
+
+    def surround(self) -> None:
+        self.scene.environment = self.one_of([
+            lambda: None,
+            lambda: sv.Environment(self.rng.random((4, 8, 3))),
+            lambda: sv.Sky(self.rng.normal(size=3), intensity=1e-4),
+        ])()  # fmt: skip
 
     def bend(self) -> None:
-        mesh = self.any_instance().mesh
+        mesh = self.one_of(list(self.scene)).mesh
         mesh.positions = mesh.positions + self.rng.normal(size=mesh.positions.shape) * 1e-3
 
     def set(self) -> None:
-        name = list(FIELDS)[self.rng.integers(len(FIELDS))]
+        name = self.one_of(list(FIELDS))
         field, default = FIELDS[name], DEFAULTS[name]
         if self.rng.random() < 0.3:
             self.realtime.settings.reset()
         elif field.choices:
-            setattr(self.realtime.settings, name, field.choices[self.rng.integers(len(field.choices))])
+            setattr(self.realtime.settings, name, self.one_of(field.choices))
         elif isinstance(default, bool):
             setattr(self.realtime.settings, name, bool(self.rng.integers(2)))
         elif name in MODEST:
@@ -115,14 +152,12 @@ class Soak:
         else:
             value = np.clip(default * 2.0 ** self.rng.normal(), field.low, field.high)
             setattr(self.realtime.settings, name, int(value) if isinstance(default, int) else float(value))
-        names = views_of(self.realtime.settings.lighting)
-        if self.realtime.view not in names:
+        if self.realtime.view not in views_of(self.realtime.settings.lighting):
             self.realtime.view = "picture"
 
     def resize(self) -> None:
-        size = self.size()
-        self.realtime.resize(size)
-        self.reference.resize(size)
+        self.realtime.resize(self.size())
+        self.reference.resize(self.size())
 
     def look(self) -> None:
         transform = np.array(self.scene.camera.transform)
@@ -130,19 +165,24 @@ class Soak:
         self.scene.camera.transform = transform
 
     def view(self) -> None:
-        names = views_of(self.realtime.settings.lighting)
-        self.realtime.view = names[self.rng.integers(len(names))]
+        self.realtime.view = self.one_of(views_of(self.realtime.settings.lighting))
 
     def animate(self) -> None:
         if self.scene.animations:
             self.scene.animate(float(self.rng.random() * 10), int(self.rng.integers(len(self.scene.animations))))
 
     def trace(self) -> None:
-        with sv.RayTracer(self.device, self.scene) as tracer:
-            tracer.trace(self.rng.normal(size=(64, 3)), self.rng.normal(size=(64, 3)))
+        self.tracer.trace(self.rng.normal(size=(64, 3)), self.rng.normal(size=(64, 3)))
 
     def reset(self) -> None:
         self.realtime.reset()
+
+    def save(self) -> None:
+        frame = self.reference.render(samples=self.reference.samples + 1)
+        path = self.folder / f"picture{self.one_of(('.png', '.exr', '.npy'))}"
+        frame.save(path, layers=("depth", "albedo"), exposure=1.0)
+        if path.suffix == ".npy":
+            assert np.array_equal(np.load(path), frame["radiance"]), "a picture was written otherwise"
 
     def check(self) -> float:
         """Compare with new renderers; returns the realtime frame's mean over the path tracer's."""
@@ -156,6 +196,10 @@ class Soak:
         with sv.PathTracer(self.device, self.scene, size, max_bounces=4) as tracer:
             same = np.array_equal(tracer.render(samples=1)["depth"], depth)
         assert same, "a scene that was edited is placed otherwise than on the device anew"
+        rays = self.rng.normal(size=(64, 3)), self.rng.normal(size=(64, 3))
+        with sv.RayTracer(self.device, self.scene) as new:
+            same = np.array_equal(new.trace(*rays)["t"], self.tracer.trace(*rays)["t"])
+        assert same, "a ray tracer that was used differs from a new one"
         self.realtime.settings.reset()
         self.realtime.view = "picture"
         self.realtime.resize(size)
@@ -166,8 +210,23 @@ class Soak:
         return float(np.mean(frames[16:]) / mean) if mean > 0 else 1.0
 
     def close(self) -> None:
+        self.tracer.close()
         self.realtime.close()
         self.reference.close()
+
+
+def run_round(device: sv.Device, opening: Opening, rng: np.random.Generator, count: int) -> tuple[Counter[str], float]:
+    """What was done in `count` actions, and the realtime frame's mean over the path tracer's."""
+    with tempfile.TemporaryDirectory() as folder:
+        soak = Soak(device, opening(), rng, Path(folder))
+        for _ in range(count):
+            soak.act()
+        ratio = soak.check()
+        assert 0.9 < ratio < 1.1, f"the realtime frame has {ratio:.2f} of the path tracer's light"
+        soak.close()
+    device.wait_idle()
+    assert device.objects_in_use == 0, f"{device.objects_in_use} objects are left on the device"
+    return soak.counts, ratio
 
 
 def memory() -> int:
@@ -178,39 +237,37 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--minutes", type=float, default=30.0)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--first", type=int, default=0, help="the number of the first round")
     parser.add_argument("files", nargs="*", type=Path)
     options = parser.parse_args()
+    openings = OPENINGS | {str(path): lambda path=path: sv.load(path) for path in options.files}
     counts: Counter[str] = Counter()
-    end, after_first, number = time.monotonic() + 60 * options.minutes, 0, 0
-    ratios = []
-    with sv.Device(validation=True) as device:
-        while time.monotonic() < end:
-            rng = np.random.default_rng((options.seed, number))
-            subjects = [*BUILTIN, *options.files]
-            subject = subjects[rng.integers(len(subjects))]
-            try:
-                scene = sv.load(subject) if isinstance(subject, Path) else sv.builtin(subject)
-                soak = Soak(device, scene, rng)
-                for _ in range(60):
-                    soak.act()
-                ratios.append(soak.check())
-                assert 0.9 < ratios[-1] < 1.1, f"the realtime frame has {ratios[-1]:.2f} of the path tracer's light"
-                soak.close()
-                device.wait_idle()
-                left = device.live_objects - len(device._shared)
-                assert left == 0, f"{left} objects are left on the device"
-            except BaseException:
-                print(f"round {number} of seed {options.seed}, {subject}", file=sys.stderr)
-                raise
-            counts += soak.counts
-            number += 1
-            if number == FIRST_ROUNDS:
-                after_first = memory()
-            grown = memory() - after_first if after_first else 0
-            assert grown < GROWTH, f"the process grew by {grown / 1e6:.0f} MB since round {FIRST_ROUNDS}"
-            found = f"realtime {ratios[-1]:.3f} of the path tracer, {memory() / 1e6:.0f} MB"
-            print(f"round {number}, {subject}: {found}", flush=True)
-    print(f"{number} rounds without a fault: " + ", ".join(f"{count} {what}" for what, count in counts.most_common()))
+    ratios, sizes = list[float](), list[tuple[int, int, int]]()
+    end, number, device = time.monotonic() + 60 * options.minutes, options.first, sv.Device(validation=True)
+    while time.monotonic() < end:
+        rng = np.random.default_rng((options.seed, number))
+        subject = list(openings)[rng.integers(len(openings))]
+        try:
+            done, ratio = run_round(device, openings[subject], rng, ACTIONS if number % LONG_ROUND else LONG_ACTIONS)
+            sizes.append((memory(), device.memory.bytes_reserved, len(os.listdir("/proc/self/fd"))))
+            if len(sizes) > FIRST_ROUNDS:
+                grown = np.subtract(sizes[-1], np.max(sizes[:FIRST_ROUNDS], axis=0))
+                assert (grown < (GROWTH, GROWTH, 16)).all(), f"grown by bytes, device bytes and open files: {grown}"
+        except BaseException:
+            print(f"round {number} of seed {options.seed}, {subject}", file=sys.stderr)
+            raise
+        counts += done
+        ratios.append(ratio)
+        number += 1
+        used, reserved, _ = sizes[-1]
+        print(f"round {number}, {subject}: realtime {ratio:.3f} of the path tracer, {used / 1e6:.0f} MB, of which "
+              f"{reserved / 1e6:.0f} MB of the device", flush=True)  # fmt: skip
+        if number % DEVICE_ROUNDS == 0:
+            device.close()
+            device = sv.Device(validation=True)
+    device.close()
+    print(f"{len(ratios)} rounds without a fault, realtime {min(ratios):.3f} to {max(ratios):.3f} of the path tracer: "
+          + ", ".join(f"{count} {what}" for what, count in counts.most_common()))  # fmt: skip
     return 0
 
 

@@ -13,6 +13,7 @@ from solari_vk.cli.cluster import open_crew, render_files
 from solari_vk.cli.plan import ANIMATION_AVERAGE
 from solari_vk.cli.subject import Subject
 from solari_vk.errors import SolariError
+from solari_vk.files import make_folder
 from solari_vk.output.movie import write_movie
 from solari_vk.settings import Settings
 
@@ -32,7 +33,7 @@ def run(
 
     output: Path = options.output.resolve()
     folder = output.with_name(f"{output.stem}.frames") if is_movie else output.parent
-    folder.mkdir(exist_ok=True)
+    make_folder(folder)
     style = Style(
         options.size, options.seed, tuple(names), options.tonemap, settings=settings, warm_up=options.warm_up,
         clip=None if subject.clip is None else list(subject.scene.animations).index(subject.clip),

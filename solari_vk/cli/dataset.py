@@ -13,6 +13,7 @@ from solari_vk.cli.plan import ANIMATION_AVERAGE, make_settings
 from solari_vk.cli.progress import check_time_limit
 from solari_vk.cli.subject import Subject, check_aovs, load, names_of_aovs
 from solari_vk.errors import SolariError
+from solari_vk.files import make_folder
 
 if TYPE_CHECKING:
     from solari_vk.cluster import Shot, Style, View
@@ -67,10 +68,7 @@ def run(options: argparse.Namespace) -> int:
     check_time_limit(options.time_limit)
     style = _style(options)
     folder: Path = options.output.resolve()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise SolariError(f"{folder}: can't be made: {error.strerror}") from None
+    make_folder(folder)
     subject = load(options)
     cameras, metered = _cameras(subject, options)
     with open_crew(options) as crew:

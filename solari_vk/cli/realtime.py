@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-import tempfile
 from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from solari_vk.cli import animation
 from solari_vk.cli.cluster import is_spread
+from solari_vk.cli.kept import frames_folder, write_or_keep
 from solari_vk.cli.plan import UNLIMITED, Plan, check_output, check_target_error, check_view, make_plan, make_settings
 from solari_vk.cli.progress import Progress, Stopped, error_text
 from solari_vk.cli.subject import Subject, check_aovs, load, names_of_aovs
@@ -49,8 +50,8 @@ def run(options: argparse.Namespace) -> int:
     subject = load(options)
     if spread:
         return animation.run(options, subject, names, settings, is_movie)
-    with tempfile.TemporaryDirectory() as folder:
-        plan = make_plan(options, subject.cameras, Path(folder) if is_movie else None)
+    with frames_folder() if is_movie else nullcontext() as folder:
+        plan = make_plan(options, subject.cameras, folder)
         with Device(options.device, validation=options.validation or None, rays=options.rays) as device:
             print(f"rendering {options.source} with {device.name}, by {IN_WORDS[device.rays]}", file=sys.stderr)
             renderer = Renderer(device, subject.scene, options.size, settings, seed=options.seed)
@@ -176,8 +177,11 @@ class _Shooting:
         if self._subject.auto_exposure and not self._written:
             _expose(self._plan.cameras, self._renderer.auto_exposure(radiance))
         if options.view != "picture":
-            write_png(target, self._renderer["display"][..., :3])
+            codes = self._renderer["display"][..., :3]
+            write_or_keep(target, lambda path: write_png(path, codes))
         else:
             layers = {name: self._means[name] for name in self._names}
-            save_image(target, radiance, exposure=camera.exposure, tonemap=options.tonemap, layers=layers)
+            write_or_keep(target, lambda path: save_image(
+                path, radiance, exposure=camera.exposure, tonemap=options.tonemap, layers=layers
+            ))  # fmt: skip
         self._written.append(target)

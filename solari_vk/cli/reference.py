@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 import solari_vk as sv
 from solari_vk.cli.cluster import is_spread, open_crew, render_spread, words_on
+from solari_vk.cli.kept import write_or_keep
 from solari_vk.cli.plan import UNLIMITED
 from solari_vk.cli.progress import Progress, Stopped, error_text
 from solari_vk.cli.subject import Subject, check_aovs, load, names_of_aovs
@@ -50,9 +51,9 @@ def run(options: argparse.Namespace) -> int:
     result = (_render_spread if spread else _render)(options, subject, names, total)
     if result.ev100 is not None:
         camera.ev100 = result.ev100
-    sv.save_image(
-        options.output, result.radiance, exposure=camera.exposure, tonemap=options.tonemap, layers=result.layers
-    )
+    write_or_keep(options.output, lambda path: sv.save_image(
+        path, result.radiance, exposure=camera.exposure, tonemap=options.tonemap, layers=result.layers
+    ))  # fmt: skip
     print(
         f"wrote {options.output}: {options.size[0]}x{options.size[1]}, {result.samples} samples a pixel"
         f"{', denoised' if options.denoise else ''}{error_text(result.error)}, in {result.seconds:.1f} s, "

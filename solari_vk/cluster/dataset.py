@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from solari_vk.cluster.shots import Style, View
 from solari_vk.errors import SolariError
+from solari_vk.files import write_whole
 from solari_vk.output.animation import orbit
-from solari_vk.output.picture import whole_file
 from solari_vk.scene.framing import ROOM_FOV, extent, find_room, fit, trace
 from solari_vk.scene.model import Camera, Scene
 
@@ -127,8 +127,7 @@ def views_of(cameras: Sequence[Camera], suffix: str) -> list[View]:
 
 def write_transforms(folder: Path, style: Style, views: Sequence[View]) -> None:
     """Write `transforms.json` for views in a folder; `layer_paths` of a frame names the files of its layers."""
-    with whole_file(folder / NAME) as temporary:
-        temporary.write_text(json.dumps(_transforms(style, views), indent=1), encoding="utf-8")
+    write_whole(folder / NAME, json.dumps(_transforms(style, views), indent=1))
 
 
 def _transforms(style: Style, views: Sequence[View]) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from solari_vk.cluster.bench import OneDevice, pack
 from solari_vk.cluster.crew import TICK_SECONDS, Crew
 from solari_vk.cluster.shots import Shot
 from solari_vk.errors import SolariError
-from solari_vk.output.picture import whole_file
+from solari_vk.files import cannot_be, write_whole
 from solari_vk.scene.model import Camera, Scene
 
 LATE_SECONDS = 60.0  # for which NFS, as it is set up by default, may not show a new file to another machine
@@ -37,13 +37,13 @@ class Ledger:
         head = json.loads(_as_json({"made_of": made_of}))
         lines = self._read_lines()
         if not lines:
-            self._write(json.dumps(head, sort_keys=True) + "\n")
+            self._append(json.dumps(head, sort_keys=True) + "\n")
             return
         try:
             first, *others = [json.loads(line) for line in lines]
             there = dict(first["made_of"])
             self._files = {line["shot"]: dict(line["files"]) for line in others}
-        except (ValueError, TypeError, KeyError) as error:
+        except (ValueError, TypeError, KeyError, RecursionError) as error:
             raise SolariError(f"{path}: is damaged: {error}: remove it, and all pictures are made anew") from None
         if other := [name for name, value in head["made_of"].items() if there.get(name) != value]:
             raise SolariError(
@@ -56,31 +56,30 @@ class Ledger:
         """Where the files are."""
         return self._path.parent
 
-    def _read_lines(self) -> list[str]:
+    def _read_lines(self) -> list[bytes]:
         try:
-            lines = self._path.read_text(encoding="utf-8").split("\n")
+            *lines, rest = self._path.read_bytes().split(b"\n")
+            if rest:  # the last line was cut off
+                os.truncate(self._path, sum(len(line) + 1 for line in lines))
         except FileNotFoundError:
             return []
-        except (OSError, ValueError) as error:
+        except OSError as error:
             raise SolariError(f"{self._path}: can't be read: {error}") from None
-        whole = lines[:-1]
-        if lines[-1]:  # the last line was cut off
-            self._write("".join(f"{line}\n" for line in whole), "w")
-        return whole
+        return lines
 
-    def _write(self, text: str, mode: str = "a") -> None:
+    def _append(self, text: str) -> None:
         try:
-            with open(self._path, mode, encoding="utf-8") as file:
+            with open(self._path, "a", encoding="utf-8") as file:
                 file.write(text)
         except OSError as error:
-            raise SolariError(f"{self._path}: can't be written: {error.strerror}") from None
+            raise cannot_be("written", self._path, error) from None
 
     def check(self, shots: Sequence[Shot]) -> None:
         """Raise SolariError if a shot would replace a file that is in the folder as that of another one."""
         owners = {name: key for key, files in self._files.items() for name in files}
         for shot in shots:
             key = _key(shot)
-            for name in (name for view in shot.views for name in shot.style.files_of(view)):
+            for name in shot.files:
                 if owners.get(name, key) != key:
                     raise SolariError(
                         f"{self.folder / name}: is there already, with another camera, exposure or time, or from a run "
@@ -89,13 +88,13 @@ class Ledger:
 
     def has(self, shot: Shot) -> bool:
         """Whether all files of a shot are in the folder with the content that they had."""
-        files = self._files.get(_key(shot))
-        return files is not None and all(_sha256(self.folder / name) == files[name] for name in files)
+        files = self._files.get(_key(shot), {})
+        return all(name in files and _sha256(self.folder / name) == files[name] for name in shot.files)
 
     def note(self, shot: Shot, files: dict[str, str]) -> None:
         """Record that a shot's files are in the folder. files: the SHA-256 of each by its name."""
         self._files[_key(shot)] = files
-        self._write(json.dumps({"shot": _key(shot), "files": files}) + "\n")
+        self._append(json.dumps({"shot": _key(shot), "files": files}) + "\n")
 
 
 def open_ledger(path: Path, crew: Crew | OneDevice, scene: Scene, shots: Sequence[Shot]) -> Ledger:
@@ -139,8 +138,7 @@ def render_missing(
                     if file.data is None:
                         _await_file(ledger.folder / name)
                     else:
-                        with whole_file(ledger.folder / name) as temporary:
-                            temporary.write_bytes(file.data)
+                        write_whole(ledger.folder / name, file.data)
                 ledger.note(shot, {name: file.sha256 for name, file in files.items()})
                 count += len(shot.views)
             if progress is not None and progress(count):

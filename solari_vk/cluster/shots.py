@@ -7,7 +7,7 @@ with the frames before it, which are rendered and not written. So its bits don't
 from __future__ import annotations
 
 import hashlib
-import tempfile
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from solari_vk.cluster.bench import Bench
 from solari_vk.cluster.reference import SEED_STEP
 from solari_vk.errors import SolariError
+from solari_vk.files import make_temporary_folder
 from solari_vk.frame_means import FrameMeans
 from solari_vk.output.picture import save_image
 from solari_vk.scene.model import Camera
@@ -100,6 +101,11 @@ class Shot:
         return None if self.views[0].time is None else self.style.clip
 
     @property
+    def files(self) -> list[str]:
+        """The names of the files of all views."""
+        return [name for view in self.views for name in self.style.files_of(view)]
+
+    @property
     def name(self) -> str:
         """What the job is, for messages."""
         last = f" to {self.views[-1].name}" if len(self.views) > 1 else ""
@@ -107,12 +113,15 @@ class Shot:
 
     def perform(self, bench: Bench) -> dict[str, File]:
         """Render the pictures and write them; returns the files by name."""
-        with tempfile.TemporaryDirectory() as temporary:
-            folder = Path(self.folder or temporary)
-            if not folder.is_dir():
-                raise SolariError(f"{folder}: the worker has no such folder: don't give --shared-folder, or share it")
+        folder = make_temporary_folder() if self.folder is None else Path(self.folder)
+        if not folder.is_dir():
+            raise SolariError(f"{folder}: the worker has no such folder: don't give --shared-folder, or share it")
+        try:
             (self._trace if self.style.settings is None else self._play)(bench, folder)
-            contents = {name: (folder / name).read_bytes() for view in self.views for name in self.style.files_of(view)}
+            contents = {name: (folder / name).read_bytes() for name in self.files}
+        finally:
+            if self.folder is None:
+                shutil.rmtree(folder)
         return {
             name: File(hashlib.sha256(data).hexdigest(), None if self.folder else data)
             for name, data in contents.items()

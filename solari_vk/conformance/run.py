@@ -15,7 +15,7 @@ from solari_vk.conformance.results import Results
 from solari_vk.conformance.rules import RED, Check
 from solari_vk.conformance.worker import Work, measure_checks
 from solari_vk.errors import SolariError
-from solari_vk.measure.report import check_page
+from solari_vk.files import check_writable, write_whole
 
 TIME_LIMIT = 600.0  # seconds for a check; ten times as many with --full
 _LONGEST = 1_000_000  # seconds; a pipe can be polled for 2**31 ms
@@ -38,7 +38,8 @@ def run(
     if time_limit is not None and not 0 < time_limit <= _LONGEST:
         raise SolariError(f"--time-limit {time_limit:g}: must be more than 0 and at most {_LONGEST:,} seconds")
     for file in (junit, markdown, html):
-        check_page(file)
+        if file is not None:
+            check_writable(file)
     started, results, interrupted = time.monotonic(), Results(table.GROUPS), False
     limit = None if in_process else time_limit or TIME_LIMIT * (10 if work.full else 1)
     terminate = signal.signal(signal.SIGTERM, signal.default_int_handler)
@@ -55,7 +56,7 @@ def run(
     print(f"\n{report.text()}")
     for path, text in ((junit, report.junit), (markdown, report.markdown), (html, report.html)):
         if path is not None:
-            path.write_text(text(), encoding="utf-8")
+            write_whole(path, text())
             print(f"wrote {path}")
     return int(interrupted or any(outcome.status in RED for outcome in results.outcomes))
 

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from solari_vk.files import make_folder, whole_file
 from solari_vk.gpu.device.device import Device
-from solari_vk.measure.report import Report, check_page
+from solari_vk.measure.report import Report
 from solari_vk.measure.statistics import relative_mse
 from solari_vk.measure.subjects import from_file
 from solari_vk.output import oidn
@@ -75,10 +76,9 @@ def run(
     path tracer's pictures for the next run, for as long as the scenes are the same. quick: tiny pictures and few
     frames. Raises SolariError for files that can't be loaded, and without a folder for the page.
     """
-    check_page(markdown)
     for folder in (pictures, references):
         if folder is not None:
-            folder.mkdir(parents=True, exist_ok=True)
+            make_folder(folder)
     size, samples, limit = ((16, 16), 16, 2) if quick else ((128, 128), 4096, max(LOOKS))
     scenes = [builtin(name) for name in SCENES[: 1 if quick else None]] + [from_file(path) for path in files]
     with Device(select, rays=rays) as device:
@@ -162,7 +162,8 @@ def _measure(
         else:
             truth = tracer.render(camera, samples=samples)["radiance"]
             if kept is not None:
-                np.savez(kept, truth=truth, view=view)
+                with whole_file(kept) as temporary:
+                    np.savez(temporary, truth=truth, view=view)
     for look in found if oidn.is_installed() else ():
         given = look.raw if look.mean is None else look.mean
         look.oidn = oidn.denoise(given, *guides).astype(np.float64)

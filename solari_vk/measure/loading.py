@@ -11,7 +11,7 @@ from typing import Any
 from urllib.parse import unquote
 
 from solari_vk.gpu.device.device import Device
-from solari_vk.measure.report import Report, check_page
+from solari_vk.measure.report import Report
 from solari_vk.measure.timing import device_seconds
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.gltf.images import Images
@@ -38,7 +38,6 @@ def run(select: str | None, files: list[Path], *, rays: str | None = None, markd
 
     Raises SolariError for files that can't be loaded, and without a folder for the page.
     """
-    check_page(markdown)
     with Device(select, rays=rays) as device:
         report = Report(device, markdown, "Loading", INTRO)
         report.table("Files", HEAD, [measure(device, path) for path in files], NOTE)

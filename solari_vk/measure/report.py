@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from solari_vk import __version__
-from solari_vk.errors import SolariError
+from solari_vk.files import check_writable, write_whole
 from solari_vk.gpu.device.device import Device
 
 
@@ -52,19 +52,16 @@ def text_table(head: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequ
     return ["  " + "  ".join(row).rstrip() for row in aligned]
 
 
-def check_page(path: Path | None) -> None:
-    """Raise SolariError when there is no folder for a page."""
-    if path is not None and not path.resolve().parent.is_dir():
-        raise SolariError(f"{path}: there is no folder {path.resolve().parent}")
-
-
 class Report:
     """Prints tables and single figures as they come, and writes them as a page of Markdown.
 
-    `path` is written again after each of them, so that a run that is stopped leaves what it has.
+    `path` is written again after each of them, so that a run that is stopped leaves what it has. Raises SolariError if
+    it can't be written.
     """
 
     def __init__(self, device: Device, path: Path | None, title: str, intro: Sequence[str]) -> None:
+        if path is not None:
+            check_writable(path)
         self._path = path
         self._started = time.perf_counter()
         self._lines = [f"# {title}", *(line for text in intro for line in ("", text)), "",
@@ -94,7 +91,7 @@ class Report:
         if self._path is not None:
             figures = ["", *markdown_table(("what", "measured", "remark"), self._figures, (1,))]
             lines = [*self._lines, *(figures if self._figures else ())]
-            self._path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+            write_whole(self._path, "\n".join(lines) + "\n")
 
 
 def milliseconds(value: float) -> str:

@@ -14,7 +14,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.measure import rays as rays_from_python
 from solari_vk.measure.bare_rays import BOUNCES, BarePaths
 from solari_vk.measure.character import character
-from solari_vk.measure.report import Report, check_page
+from solari_vk.measure.report import Report
 from solari_vk.measure.subjects import hilly
 from solari_vk.measure.timing import best_seconds, device_seconds, seconds
 from solari_vk.reference import PathTracer
@@ -41,7 +41,6 @@ def run(select: str | None, files: list[Path], markdown: Path | None = None, *, 
 
     Raises SolariError without a folder for the page.
     """
-    check_page(markdown)
     with Device(select, rays=rays) as device:
         report = Report(device, markdown, "Benchmarks", INTRO)
         report.figure("import solari_vk", _process("import solari_vk"), "s", "aim 0.15")

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from solari_vk.errors import SolariError
-from solari_vk.output.picture import whole_file
+from solari_vk.files import whole_file
 
 SUFFIXES = (".gif", ".mp4")
 

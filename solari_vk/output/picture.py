@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,21 +13,23 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.errors import SolariError
+from solari_vk.files import check_writable, whole_file, write_whole
 from solari_vk.output.tone_mapping import Colors, encode_picture
+from solari_vk.scene import exr
 
 SUFFIXES = (".png", ".exr", ".npy")
 
 
-
 def check_output(path: str | os.PathLike[str], suffixes: Sequence[str] = SUFFIXES) -> None:
-    """Raise SolariError if the path has none of the suffixes, is a folder, or is in a folder that doesn't exist."""
+    """Raise SolariError if the path has none of the suffixes, or if no file can be written there."""
     target = Path(path)
+    _check_suffix(target, suffixes)
+    check_writable(target)
+
+
+def _check_suffix(target: Path, suffixes: Sequence[str]) -> None:
     if target.suffix.lower() not in suffixes:
         raise SolariError(f"{target}: pictures are written as {', '.join(suffixes)}, not '{target.suffix}'")
-    if not target.parent.is_dir():
-        raise SolariError(f"{target}: there is no folder {target.parent}: make it first")
-    if target.is_dir():
-        raise SolariError(f"{target}: is a folder: give the name of a file")
 
 
 def save_image(
@@ -46,8 +48,8 @@ def save_image(
     "normal.X", "albedo.R") or .npy files next to the picture ("picture.depth.npy"). A file that can't be written whole
     isn't written. Raises SolariError for wrong shapes and for files that can't be written.
     """
-    check_output(path)
     target = Path(path)
+    _check_suffix(target, SUFFIXES)
     picture = np.asarray(radiance, np.float32)
     if picture.ndim != 3 or picture.shape[2] != 3 or 0 in picture.shape:
         raise SolariError(f"{target}: a picture has the shape (height, width, 3), not {picture.shape}")
@@ -68,14 +70,14 @@ def save_image(
 
 
 def _write_npy(path: Path, array: NDArray[Any]) -> None:
-    with whole_file(path) as temporary, open(temporary, "wb") as file:
-        np.save(file, array)
+    content = io.BytesIO()
+    np.save(content, array)  # which doesn't report when it can't write the end of a file
+    write_whole(path, content.getbuffer())
 
 
 def write_png(path: Path, codes: NDArray[np.uint8]) -> None:
     """Write sRGB codes (height, width, 3 or 4), such as a frame's "display", without change."""
-    with whole_file(path) as temporary:
-        temporary.write_bytes(png_bytes(codes))
+    write_whole(path, png_bytes(codes))
 
 
 def png_bytes(codes: NDArray[np.uint8]) -> bytes:
@@ -108,19 +110,5 @@ def _write_exr(path: Path, picture: Colors, layers: dict[str, NDArray[Any]], met
     }
     with whole_file(path) as temporary:
         OpenEXR.File(header, {name: np.ascontiguousarray(c) for name, c in channels.items()}).write(str(temporary))
-
-
-@contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
-    """A temporary path in the same folder; what is written there replaces the file at `path` when the context ends.
-
-    Raises SolariError when writing fails, and leaves the file at `path` as it was.
-    """
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
-    try:
-        yield temporary
-        os.replace(temporary, path)
-    except (OSError, RuntimeError) as error:
-        raise SolariError(f"{path}: can't be written: {getattr(error, 'strerror', None) or error}") from None
-    finally:
-        temporary.unlink(missing_ok=True)
+        if not exr.is_whole(temporary.read_bytes()):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # as far as one can know

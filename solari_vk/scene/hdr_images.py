@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
-from solari_vk.scene import images
+from solari_vk.scene import exr, images
 from solari_vk.scene.checks import FloatArray
 
 _HEADER = re.compile(rb"#\?(?P<fields>.*?)\r?\n\r?\n(?P<size>[^\n]{0,64}?)\r?\n", re.DOTALL)
@@ -80,6 +80,8 @@ def _read_exr(source: Path) -> FloatArray:
     try:
         (left, top), (right, bottom) = OpenEXR.File(str(source), header_only=True).header()["dataWindow"]
         _check_size(int(right) - int(left) + 1, int(bottom) - int(top) + 1, source)
+        if not exr.is_whole(source.read_bytes()):
+            raise ValueError("it is cut off")
         channels = OpenEXR.File(str(source), separate_channels=True).channels()
     except (RuntimeError, ValueError, TypeError, KeyError) as error:
         raise SolariError(f"{source} is a damaged EXR picture ({str(error)[:100]}): save it again") from None

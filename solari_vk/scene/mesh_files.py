@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 import math
 import os
 import re
@@ -45,7 +46,9 @@ def load_mesh_file(
     files = MtlFiles(path.parent)
     kind = path.suffix[1:].lower()
     reader = library("trimesh.exchange.load", str(path)).mesh_loaders[kind]
+    log = logging.getLogger("trimesh")
     data = read_regular(path, str(path))
+    disabled, log.disabled = log.disabled, True  # it would print the tracebacks of what it recovers from
     try:
         # Of a .ply file's materials there are only images, which hold no more than the colors of its vertices.
         read = reader(io.BytesIO(data), file_type=kind, resolver=files, skip_materials=kind == "ply")
@@ -54,6 +57,8 @@ def load_mesh_file(
     except Exception as error:  # trimesh raises many types of exceptions for damaged files
         reason = (str(error) or type(error).__name__).splitlines()[0][:100]
         raise SolariError(f"{path}: a damaged {path.suffix} file ({reason}): export it again") from None
+    finally:
+        log.disabled = disabled
     for name, part in read.get("geometry", {path.stem: read}).items():
         material = getattr(getattr(part.get("visual"), "material", None), "name", None)
         _add(scene, path, str(name), part, files.material(str(material)), turn)
@@ -124,7 +129,8 @@ def _plain(colored: bool) -> Material:
 def _rows(given: Any, width: int, count: int | None = None) -> NDArray[np.float64] | None:
     """Finite numbers (count, width) from those that a file has for its vertices; None for what doesn't fit."""
     try:
-        rows = np.asarray(given, np.float64)[:, :width]
+        with np.errstate(invalid="ignore"):  # signaling NaN
+            rows = np.asarray(given, np.float64)[:, :width]
     except (IndexError, TypeError, ValueError):
         return None
     fits = rows.shape == (len(rows) if count is None else count, width) and bool(np.isfinite(rows).all())

@@ -7,6 +7,7 @@ import shlex
 from pathlib import Path
 
 from solari_vk.errors import SolariError
+from solari_vk.files import make_folder, write_whole
 from solari_vk.output.picture import save_image, write_png
 from solari_vk.settings import DEFAULTS
 from solari_vk.viewer.session import Session
@@ -16,7 +17,7 @@ def take_screenshot(session: Session) -> Path:
     """Write solari-NNN.png, .exr and .txt with the next free number; returns the path of the PNG."""
     if not session.pictures.ready:
         raise SolariError("there is no picture yet")
-    session.folder.mkdir(parents=True, exist_ok=True)
+    make_folder(session.folder)
     number = 1
     while (target := session.folder / f"solari-{number:03}.png").exists():
         number += 1
@@ -28,7 +29,7 @@ def take_screenshot(session: Session) -> Path:
         exposure=session.camera.exposure,
         metadata={"command": command},
     )
-    target.with_suffix(".txt").write_text(command + "\n", encoding="utf-8")
+    write_whole(target.with_suffix(".txt"), command + "\n")
     return target
 
 

@@ -245,7 +245,7 @@ def test_a_write_that_fails_keeps_the_entry_before(shaders, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr(os, "replace", fail)
-        with pytest.warns(UserWarning, match=r"can't be kept in .* \(no space left\)"):
+        with pytest.warns(UserWarning, match=r"can't be kept: .*entry: .*no space left: .* by SOLARI_VK_CACHE"):
             disk_cache.store("entry", b"after")
     assert disk_cache.load("entry") == b"before"
     folder = disk_cache.folder()

@@ -110,19 +110,14 @@ def rays(device: sv.Device, attempt: Attempt) -> NDArray[Any]:
 SCENARIOS = [rays, *(pytest.param(scenario, marks=pytest.mark.slow) for scenario in (reference, realtime))]
 
 
-def live_objects(device: sv.Device) -> int:
-    """The objects that exist, without those that the device keeps for later, such as staging memory."""
-    device.wait_idle()
-    return device.live_objects - len(device._shared)
-
-
 @pytest.mark.parametrize("scenario", SCENARIOS)
 def test_a_call_without_memory_loses_nothing(scenario: Scenario, any_device: None) -> None:
     with sv.Device(validation=True) as device:
         faults = Faults(device, MEMORY, raw.VK_ERROR_OUT_OF_DEVICE_MEMORY)
         faults.run(scenario, device, -1, 1)  # makes what stays: command buffers, staging memory, the pipeline cache
         expected = faults.run(scenario, device, -1, 1)
-        calls, live = faults.calls, live_objects(device)
+        device.wait_idle()
+        calls, live = faults.calls, device.objects_in_use
         assert calls > 20
         for number in range(calls):
             found = faults.run(scenario, device, number, 2)
@@ -134,7 +129,8 @@ def test_a_call_without_memory_loses_nothing(scenario: Scenario, any_device: Non
                 assert len(faults.said) == 1, where
                 assert f"{faults.failed}: VK_ERROR_OUT_OF_DEVICE_MEMORY" in faults.said[0], where
             assert np.array_equal(found, expected), where
-            assert live_objects(device) == live, where
+            device.wait_idle()
+            assert device.objects_in_use == live, where
 
 
 @pytest.mark.parametrize("scenario", SCENARIOS)

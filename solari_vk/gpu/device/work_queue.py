@@ -256,6 +256,11 @@ class WorkQueue(LogicalDevice):
         """How many owned objects exist, including those that wait for their destruction."""
         return len(self._owned) + len(self._retired)
 
+    @property
+    def objects_in_use(self) -> int:
+        """`live_objects` without those that the device keeps for later, such as staging memory."""
+        return self.live_objects - len(self._shared)
+
     def retire(self, destroy: Callable[[], None]) -> None:
         """Call `destroy` when all work submitted so far, or due with the next submission, is done."""
         if self.closed:

@@ -7,12 +7,13 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from solari_vk.files import check_writable, make_folder, write_whole
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.claims import cache, direct, specular
 from solari_vk.measure.claims.report import line, page
 from solari_vk.measure.claims.verdict import Claim, Outcome, select
 from solari_vk.measure.claims.workbench import Workbench
-from solari_vk.measure.report import check_page, host_load
+from solari_vk.measure.report import host_load
 from solari_vk.output.picture import write_png
 
 CLAIMS: tuple[Claim, ...] = (*direct.CLAIMS, *cache.CLAIMS, *specular.CLAIMS)
@@ -24,9 +25,10 @@ def run(device_name: str | None, *, rays: str | None = None, markdown: Path | No
     """Measure the claims, all or those named in `only`. The page is written again after each claim, so that an
     interrupted run leaves the claims it has measured. Raises SolariError for an unknown name or a missing folder."""
     chosen = select(CLAIMS, only)
-    check_page(markdown)
+    if markdown is not None:
+        check_writable(markdown)
     if pictures is not None:
-        pictures.mkdir(parents=True, exist_ok=True)
+        make_folder(pictures)
     load = host_load()
     results: list[tuple[Claim, Outcome]] = []
     with Device(device_name, rays=rays) as device:
@@ -45,6 +47,6 @@ def run(device_name: str | None, *, rays: str | None = None, markdown: Path | No
             if markdown is not None:
                 folder = None if pictures is None else os.path.relpath(pictures, markdown.resolve().parent)
                 text = page(results, device, load, len(bench.seeds), folder)
-                markdown.write_text(text, encoding="utf-8")
+                write_whole(markdown, text)
     held = sum(outcome.reproduces for _, outcome in results)
     print(f"{held} of {len(results)} claims reproduce" + (f"; wrote {markdown}" if markdown else ""))

@@ -8,11 +8,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from solari_vk.errors import SolariError
+from solari_vk.files import make_folder
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.character import character
 from solari_vk.measure.frame import animated, costs, error, error_over_time, passes
 from solari_vk.measure.frame.plan import Plan, Size, plan_for
-from solari_vk.measure.report import Report, check_page, milliseconds
+from solari_vk.measure.report import Report, milliseconds
 from solari_vk.measure.subjects import from_file, glowing, hilly, scattered, subjects
 from solari_vk.measure.timing import every_barrier, warm
 from solari_vk.passes import gbuffer
@@ -39,9 +40,8 @@ def run(
     markdown: a page to write too. pictures: a folder for the last frame of each scene. quick: small
     pictures and few frames. Raises SolariError for files that can't be loaded, and without a folder for the page.
     """
-    check_page(markdown)
     if pictures is not None:
-        pictures.mkdir(parents=True, exist_ok=True)
+        make_folder(pictures)
     chosen = subjects(files)
     with Device(select, rays=rays) as device:
         report = Report(device, markdown, "The realtime frame in figures", INTRO)

@@ -1,0 +1,48 @@
+"""What is rendered is kept in a temporary folder when its file can't be written."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from solari_vk.errors import SolariError
+from solari_vk.files import make_temporary_folder
+
+
+def write_or_keep(path: Path, write: Callable[[Path], None]) -> None:
+    """Write a picture by `write(path)`. Raises SolariError when that fails; it says where the picture is instead."""
+    try:
+        write(path)
+    except SolariError as error:
+        folder = _write_elsewhere(path.name, write)
+        raise SolariError(f"{error}; the picture is in {folder}" if folder else str(error)) from None
+
+
+def _write_elsewhere(name: str, write: Callable[[Path], None]) -> Path | None:
+    """The temporary folder where a picture is now; None if it can't be written there either."""
+    try:
+        folder = make_temporary_folder()
+    except SolariError:
+        return None
+    try:
+        write(folder / name)
+    except SolariError:
+        shutil.rmtree(folder)
+        return None
+    return folder
+
+
+@contextmanager
+def frames_folder() -> Iterator[Path]:
+    """A temporary folder for the pictures of a movie. A SolariError that ends the context says where they are kept."""
+    folder, kept = make_temporary_folder(), False
+    try:
+        yield folder
+    except SolariError as error:
+        kept = any(folder.iterdir())
+        raise type(error)(f"{error}; the pictures so far are in {folder}" if kept else str(error)) from None
+    finally:
+        if not kept:
+            shutil.rmtree(folder)

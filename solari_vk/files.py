@@ -1,0 +1,87 @@
+"""Files that are written whole or not at all, and folders for them."""
+
+from __future__ import annotations
+
+import errno
+import os
+import tempfile
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from solari_vk.errors import SolariError
+
+_TRIAL = bytes(4096)  # a file of a few bytes may fit on a disk that is full
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """A temporary path in the same folder; what is written there replaces the file at `path` when the context ends.
+
+    Raises SolariError when writing fails, and leaves the file at `path` as it was.
+    """
+    temporary = _beside(path)
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    except (OSError, RuntimeError) as error:
+        raise cannot_be("written", path, error) from None
+    finally:
+        _remove(temporary)
+
+
+def write_whole(path: Path, content: str | bytes | memoryview) -> None:
+    """Write a file; text as UTF-8. Raises SolariError when that fails, and leaves the file at `path` as it was."""
+    with whole_file(path) as temporary:
+        temporary.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+def check_writable(path: Path) -> None:
+    """Raise SolariError if no file can be written at a path: for what takes long to make, before it is made."""
+    trial = _beside(path)
+    try:
+        trial.write_bytes(_TRIAL)
+    except OSError as error:
+        raise cannot_be("written", path, error) from None
+    finally:
+        _remove(trial)
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder, and those above it, unless it is there. Raises SolariError when that fails."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise cannot_be("made", path, error) from None
+
+
+def make_temporary_folder() -> Path:
+    """Make a folder for temporary files, which the caller removes. Raises SolariError when that fails."""
+    try:
+        return Path(tempfile.mkdtemp(prefix="solari-vk-"))
+    except OSError as error:
+        reason = error.strerror or error
+        raise SolariError(f"no folder for temporary files: {reason}: set TMPDIR to one that has room") from None
+
+
+def cannot_be(done: str, path: Path, error: OSError | RuntimeError) -> SolariError:
+    """The error that a file or folder can't be "written" or "made", with the remedy."""
+    reason = getattr(error, "strerror", None) or error
+    forbidden = isinstance(error, PermissionError) or getattr(error, "errno", None) == errno.EROFS
+    remedy = "choose a folder that can be written" if forbidden else "make room there, or choose another folder"
+    return SolariError(f"{path}: can't be {done}: {reason}: {remedy}")
+
+
+def _beside(path: Path) -> Path:
+    """A path in the same folder, with the same suffix, that no other thread or process takes."""
+    if not path.parent.is_dir():
+        raise SolariError(f"{path}: there is no folder {path.parent}: make it first")
+    if path.is_dir():
+        raise SolariError(f"{path}: is a folder: give the name of a file")
+    return path.with_name(f".{path.stem}.{os.getpid()}-{threading.get_ident()}{path.suffix}")
+
+
+def _remove(temporary: Path) -> None:
+    with suppress(OSError):
+        temporary.unlink(missing_ok=True)
