@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
@@ -13,7 +14,7 @@ from solari_vk.scene.camera import Camera
 from solari_vk.scene.collection import Items
 from solari_vk.scene.keyframes import Sample, unit_quaternions
 from solari_vk.scene.matrices import compose, upright
-from solari_vk.scene.objects import Instance, Light
+from solari_vk.scene.objects import Instance, Light, Mesh
 
 Matrix = NDArray[np.float64]
 NOT_MOVED = np.eye(4)  # stands for the transform of what only becomes visible or hidden with its node
@@ -57,6 +58,8 @@ class Rig:
         self._roots = np.flatnonzero(np.asarray(parents, np.int64).reshape(-1) < 0)
         self._placed: list[tuple[Any, int, Matrix | None]] = []
         self._skins: list[tuple[Instance, NDArray[np.int64], Matrix, Matrix]] = []
+        self._sides: dict[Instance, tuple[int, int]] = {}  # nodes, and the signs of their determinants
+        self._inside_out: dict[Mesh, Mesh] = {}
         self._weighted: list[tuple[Instance, int, Matrix]] = []
         self._shown: dict[Any, bool] = {}
 
@@ -85,6 +88,19 @@ class Rig:
         places, bind = (np.reshape(np.asarray(part, np.float64), (-1, 4, 4)) for part in (rest, joints_from_mesh))
         self._skins.append((instance, np.asarray(joints, np.int64), places, bind))
 
+    def attach_side(self, instance: Instance, node: int, mirrored: bool) -> None:
+        """Have a skin's triangles be turned around whenever a node begins or ceases to mirror what is below it, as it
+        does now or doesn't."""
+        self._sides[instance] = node, -1 if mirrored else 1
+
+    def inside_out(self, mesh: Mesh) -> Mesh:
+        """The mesh whose front is where the other one's back is; always the same one, and back again."""
+        if mesh not in self._inside_out:
+            tangents = None if mesh.tangents is None else mesh.tangents * np.array((1, 1, 1, -1), np.float32)
+            turned = dataclasses.replace(mesh, triangles=mesh.triangles[:, ::-1], tangents=tangents)
+            self._inside_out |= {mesh: turned, turned: mesh}
+        return self._inside_out[mesh]
+
     def attach_weights(self, instance: Instance, node: int) -> None:
         """Have a node's weights be those of the instance's morph targets; at rest they are what they are now."""
         assert instance.morph_weights is not None
@@ -107,6 +123,7 @@ class Rig:
         for instance, joints, rest, joints_from_mesh in self._skins:
             places = np.where((joints >= 0)[:, None, None], worlds[joints], rest)
             _assign(instance, "joint_matrices", (places @ joints_from_mesh)[:, :3])
+        self._turn(worlds)
         for instance, node, resting in self._weighted:
             _assign(instance, "morph_weights", pose.weights.get(node, resting))
 
@@ -147,6 +164,18 @@ class Rig:
             worlds[nodes] = worlds[above] @ worlds[nodes]
             shown[nodes] &= shown[above]
         return worlds, shown
+
+    def _turn(self, worlds: Matrix) -> None:
+        """Turn skins inside out whose nodes mirror them now and didn't before, or the other way around."""
+        if not self._sides:
+            return
+        nodes, before = np.array(list(self._sides.values())).T
+        now = np.sign(np.linalg.det(worlds[nodes, :3, :3]))
+        for instance, changed in zip(list(self._sides), now == -before, strict=True):
+            if changed:
+                node, side = self._sides[instance]
+                instance.mesh = self.inside_out(instance.mesh)
+                self._sides[instance] = node, -side
 
     def _place(self, lights: Items[Light], item: Any, world: Matrix | None, shown: bool) -> None:
         """Move an object. An instance whose transform has no inverse, as with a scale of 0, is hidden."""

@@ -8,6 +8,7 @@ import os
 import numpy as np
 import pytest
 from support.characters import bent, tube
+from support.gltf_writer import GltfWriter
 
 import solari_vk as sv
 from solari_vk.color import LUMINANCE_WEIGHTS
@@ -264,6 +265,50 @@ def test_a_thousand_poses_grow_nothing(device):
     assert state() == before
     assert device.live_objects <= objects + 8
     tracer.close()
+
+
+# ---- mirrors -----------------------------------------------------------------------------------------
+
+
+def mirrored_by_a_clip(path):
+    """A single-sided triangle with a skin, and beside it one without, both mirrored in z by a clip from 1 s on."""
+    writer = GltfWriter(path)
+    joints = {"WEIGHTS_0": [[1, 0, 0, 0]] * 3, "JOINTS_0": writer.accessor([[0, 0, 0, 0]] * 3, "u1")}
+    mesh, skin = writer.mesh(joints), writer.add("skins", joints=[0])
+    nodes = [writer.node(), writer.node(mesh=mesh, skin=skin), writer.node(mesh=mesh, translation=[1.5, 0, 0])]
+    above = writer.node(children=nodes)
+    sampler = {"input": writer.accessor([0, 2]), "output": writer.accessor([[1, 1, 1], [1, 1, -1]])}
+    channel = {"sampler": 0, "target": {"node": above, "path": "scale"}}
+    writer.add("animations", samplers=[sampler], channels=[channel])
+    return writer.load()
+
+
+def check_sides(device, scene, way):
+    """Both triangles are seen from the front, and from behind while the clip mirrors them; else not at all."""
+    camera = {z: sv.Camera.look_at((1.25, 0.5, z), (1.25, 0.5, 0)) for z in (4, -4)}
+    with make_renderer(device, scene, SIZE, passes=GBUFFER, gbuffer=way, jitter=False) as renderer:
+        for seconds, front in ((0, 4), (1.6, -4), (2, -4), (0.4, 4)):
+            scene.animate(seconds, 0, loop=False)
+            for z in (4, -4):
+                renderer.render(camera[z])
+                shown = renderer.read("gbuffer_surface")[..., 1]
+                normals = np.unique(renderer.read("gbuffer_surface")[..., 0][shown != shown.max()])
+                pixels = [int((shown == row).sum()) for row in (0, 1)]
+                assert (min(pixels) > 50) == (z == front), (seconds, z, pixels)
+                assert (max(pixels) > 0) == (z == front), (seconds, z, pixels)
+                assert len(normals) == (z == front)
+
+
+@pytest.mark.parametrize("way", ["raster", "traced"])
+def test_a_clip_that_mirrors_a_skin_turns_its_side(device, tmp_path, way):
+    check_sides(device, mirrored_by_a_clip(tmp_path / "file.glb"), way)
+
+
+def test_a_skin_that_keeps_its_side_is_noticed(device, tmp_path, monkeypatch):
+    scene = mirrored_by_a_clip(tmp_path / "file.glb")
+    monkeypatch.setattr(sv.Rig, "_turn", lambda rig, worlds: None)
+    with pytest.raises(AssertionError):
+        check_sides(device, scene, "traced")
 
 
 # ---- whole frames -----------------------------------------------------------------------------------

@@ -112,6 +112,30 @@ def test_skins_below_a_mirrored_node_are_not_inside_out(writer):
         assert bare.mesh.tangents[:, 3].tolist() == [1] * 3
 
 
+def test_a_clip_that_mirrors_a_skin_turns_its_triangles(writer):
+    """While the clip mirrors the skin, and at a size of 0 as before. Both clips mirror the mesh without a skin too,
+    whose transform says so."""
+    attributes = {"WEIGHTS_0": [[1, 0, 0, 0]] * 3, "JOINTS_0": writer.accessor([[0, 0, 0, 0]] * 3, "u1")}
+    mesh, skin = writer.mesh(attributes), writer.add("skins", joints=[0])
+    writer.node()
+    writer.node(mesh=mesh, skin=skin)
+    writer.node(mesh=mesh, skin=skin)
+    writer.node(mesh=mesh)
+    above = writer.node(children=[0, 1, 2, 3])
+    animate(writer, above, "scale", [0, 2], [[1, 1, 1], [1, 1, -1]])
+    scene = writer.load()
+    skinned, other, bare = scene
+    right = skinned.mesh
+    for seconds, turned in ((0, False), (0.5, False), (1, False), (1.5, True), (2, True), (1, True), (0.5, False)):
+        scene.animate(seconds, 0, loop=False)
+        assert skinned.mesh is other.mesh
+        assert skinned.mesh.triangles.tolist() == ([[2, 1, 0]] if turned else [[0, 1, 2]])
+        assert (skinned.mesh is right) is not turned
+        assert bare.mesh.triangles.tolist() == [[0, 1, 2]]
+        if seconds != 1:
+            assert (np.linalg.det(bare.transform[:3, :3]) < 0) == turned
+
+
 # ---- bad files --------------------------------------------------------------------------------------
 
 

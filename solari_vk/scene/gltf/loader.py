@@ -168,7 +168,8 @@ class _Loader:
         # Of a skin's node only the winding order counts, which a negative determinant turns around.
         with np.errstate(over="ignore", invalid="ignore"):
             mirrored = skin is not None and bool(np.linalg.det(node.world[:3, :3]) < 0)
-        parts = self._parts(node, mesh, skin is not None, mirrored)
+        rig, row = self._animations.rig, self._animations.row(node.number)
+        parts = self._parts(node, mesh, skin is not None)
         # The position of a skinned mesh follows from its joints alone.
         for local in repeated(node, self._accessors) if skin is None else np.eye(4)[None]:
             visible = node.visible
@@ -177,21 +178,24 @@ class _Loader:
             try:
                 world = checks.affine_transform(world)
             except ValueError:
-                if self._animations.row(node.number) is None:
+                if row is None:
                     place = node.entry.place
                     self._report.add("nodes whose transform is singular or not affine have no surface", place)
                     continue
                 world, visible = np.eye(4), False  # until an animation gives it a size
             for suffix, shape, material, others in parts:
+                shape = rig.inside_out(shape) if mirrored else shape
                 instance = Instance(shape, material, world, visible=visible, name=name + suffix)
                 for variant in self._variants.names if others else ():
                     self._scene.variants.setdefault(variant, {})[instance] = others.get(variant, material)
                 pose.give(instance)
+                if skin is not None and row is not None:
+                    rig.attach_side(instance, row, mirrored)
                 self._add(node, instance, local, moves=skin is None)
 
-    def _parts(self, node: PlacedNode, mesh: Entry, skinned: bool, mirrored: bool) -> list[Part]:
+    def _parts(self, node: PlacedNode, mesh: Entry, skinned: bool) -> list[Part]:
         """The meshes and materials of a mesh's primitives that have a surface, and suffixes for their names."""
-        key = (node.entry.integer("mesh"), skinned, mirrored)
+        key = node.entry.integer("mesh"), skinned
         if key not in self._parts_made:
             primitives = self._primitives_of(node)
             parts = self._parts_made[key] = []
@@ -202,7 +206,7 @@ class _Loader:
                 others = {name: self._materials[number] for name, number in numbers.items()}
                 # One mesh serves all variants, so it has tangents if any of them has a normal map.
                 wanted = next((one for one in (material, *others.values()) if one.normal_map is not None), material)
-                made = self._primitives.mesh(primitive, (mesh.name or mesh.place) + suffix, wanted, skinned, mirrored)
+                made = self._primitives.mesh(primitive, (mesh.name or mesh.place) + suffix, wanted, skinned)
                 if made is not None:
                     materials = {name: other.material for name, other in others.items()}
                     parts.append((suffix, made, material.material, materials))

@@ -31,10 +31,10 @@ class Primitives:
         self._report = report
         self._meshes: dict[Any, Mesh | None] = {}
 
-    def mesh(self, primitive: Entry, name: str, material: LoadedMaterial, skinned: bool, mirrored: bool) -> Mesh | None:
+    def mesh(self, primitive: Entry, name: str, material: LoadedMaterial, skinned: bool) -> Mesh | None:
         """The primitive as a mesh fit for a material, or None (reported) if it has no surface.
 
-        skinned: with joints. mirrored: with triangles that run the other way, for joints that mirror them.
+        skinned: with joints.
         """
         attributes = primitive.entry("attributes")
         if attributes is None:
@@ -48,12 +48,12 @@ class Primitives:
         joints = [name for name in sorted(attributes.data) if skinned and name.startswith(("JOINTS_", "WEIGHTS_"))]
         key = (
             *(attributes.index(a) for a in ("POSITION", "NORMAL", "TANGENT", "COLOR_0", *_uv_names(material))),
-            primitive.index("indices"), packed, mode, turned, material.uv_sets, mirrored,
+            primitive.index("indices"), packed, mode, turned, material.uv_sets,
             *map(attributes.index, joints),
             tuple(tuple(sorted((k, str(v)) for k, v in target.data.items())) for target in targets),
         )  # fmt: skip
         if key not in self._meshes:
-            self._meshes[key] = self._make(primitive, attributes, mode, name, material, skinned, mirrored, targets)
+            self._meshes[key] = self._make(primitive, attributes, mode, name, material, skinned, targets)
         self._remark(primitive, attributes, material)
         return self._meshes[key]
 
@@ -68,7 +68,7 @@ class Primitives:
 
     def _make(
         self, primitive: Entry, attributes: Entry, mode: int, name: str,
-        material: LoadedMaterial, skinned: bool, mirrored: bool, targets: list[Entry],
+        material: LoadedMaterial, skinned: bool, targets: list[Entry],
     ) -> Mesh | None:  # fmt: skip
         if mode < 4:
             self._report.add(f"{_MODES[mode]} have no surface and are left out", primitive.place)
@@ -97,10 +97,6 @@ class Primitives:
         if "NORMAL" in vertices:
             vertices["NORMAL"] = self._unit_normals(vertices["NORMAL"], triangles, cross, primitive)
         vertices, triangles = self._with_tangents(vertices, triangles, cross, material)
-        if mirrored:
-            triangles = triangles[:, ::-1]
-            if "TANGENT" in vertices:
-                vertices["TANGENT"] = vertices["TANGENT"] * np.array((1, 1, 1, -1), np.float32)
         return Mesh(
             positions=vertices["POSITION"],
             triangles=triangles,
