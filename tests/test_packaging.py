@@ -71,11 +71,15 @@ def entry_points() -> list[str]:
 
 
 def compiled_modules() -> set[str]:
-    """The files of all modules: each shader's, and for shaders that trace another one for ray pipelines."""
-    glsl, paths = ROOT / "glsl", entry_points()
-    traces = [path for path in paths if "scene/trace.glsl" in shader_cache.Sources([glsl]).closure(path)]
-    assert 10 < len(traces) < len(paths) / 2
-    return {f"{path}.spv" for path in paths} | {f"{path}.rgen.spv" for path in traces}
+    """The files of all modules: each shader's, for shaders that trace another one for ray pipelines, and those for
+    scenes without features, which shaders of scenes have."""
+    paths = {path: shader_cache.Sources([ROOT / "glsl"]).closure(path) for path in entry_points()}
+    traces = {path for path, closure in paths.items() if "scene/trace.glsl" in closure}
+    plain = {path for path, closure in paths.items() if "generated/scene/features.glsl" in closure}
+    assert 10 < len(traces) < len(plain) < len(paths) / 2
+    names = {*paths, *(f"{path}.plain" for path in plain)}
+    tracing = {f"{name}.rgen" for name in names if name.removesuffix(".plain") in traces}
+    return {f"{name}.spv" for name in names | tracing}
 
 
 def test_sdist_has_sources_and_compiled_shaders(unpacked_sdist):
@@ -118,9 +122,11 @@ from solari_vk.gpu.shaders.compiler import compile_shader, glsl_root
 
 assert glsl_root() == Path(sys.argv[1]) / "solari_vk" / "glsl", glsl_root()
 for path in sys.argv[2:]:
-    assert compile_shader(path)[:4] == b"\\x03\\x02\\x23\\x07", path
+    for features in (True, False):
+        assert compile_shader(path, features=features)[:4] == b"\\x03\\x02\\x23\\x07", path
     try:
-        compile_shader(path, ray_pipelines=True)
+        for features in (True, False):
+            compile_shader(path, ray_pipelines=True, features=features)
     except SolariError as error:
         assert "ray queries of its own" in str(error), error
         assert "/conformance/" in path, path

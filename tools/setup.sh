@@ -100,7 +100,7 @@ make_environment() {
     extras="[$job]"
     if [ "$job" = demo ]; then
         # Open Image Denoise has packages for some machines only; elsewhere the demo shows the realtime renderer's picture.
-        extras=$([ "$(uname -m)" != x86_64 ] && echo '[formats]' || echo '[formats,oidn]')
+        extras=$([ "$(uname -m)" != x86_64 ] && echo '[formats,terminal]' || echo '[formats,oidn,terminal]')
     fi
     stamp=$root/.venv/set_up_for_$job
     wanted=$(cd "$root" && cat pyproject.toml | cksum)

@@ -8,6 +8,7 @@ import math
 import sys
 from typing import TYPE_CHECKING, Any
 
+from solari_vk.cli.compiling import CompileNotes
 from solari_vk.cli.options import positive
 from solari_vk.cli.progress import Progress, Stopped
 from solari_vk.cli.subject import Subject
@@ -48,7 +49,7 @@ def open_crew(options: argparse.Namespace) -> Crew | OneDevice:
         "device": options.device, "rays": options.rays, "validation": options.validation or None,
     }  # fmt: skip
     if not is_spread(options):
-        return OneDevice(**choices)
+        return OneDevice(**choices, on_compile=CompileNotes())
     return Crew(options.workers, options.cluster, **choices)
 
 
@@ -80,13 +81,16 @@ def render_files(
     crew: Crew | OneDevice, scene: Scene, shots: list[Shot], ledger: Ledger, options: argparse.Namespace
 ) -> bool:
     """Render pictures into the folder of a ledger, and say how many are there. Returns whether all are."""
+    from solari_vk.cluster import OneDevice
     from solari_vk.cluster.ledger import render_missing
 
     if crew.shares_files or options.shared_folder:
         shots = [dataclasses.replace(shot, folder=str(ledger.folder)) for shot in shots]
     total = sum(len(shot.views) for shot in shots)
     print(f"rendering {options.source} with {words_on(crew)}", file=sys.stderr)
-    with Progress("pictures", total, options.time_limit) as progress:
+    listener = crew.device.on_compile if isinstance(crew, OneDevice) else None
+    notes = listener if isinstance(listener, CompileNotes) else None
+    with Progress("pictures", total, options.time_limit, notes) as progress:
         report = Reporter(progress)
         done = render_missing(crew, scene, shots, ledger, report)
     if report.reason:

@@ -8,6 +8,7 @@ import sys
 import time
 from typing import Any
 
+from solari_vk.cli.compiling import CompileNotes
 from solari_vk.errors import SolariError
 
 
@@ -32,14 +33,17 @@ class Progress:
     total: the number of units, None if it isn't known. Call it with the number of units that are done, and the
     picture's estimated error if there is an estimate. The call raises Stopped after Ctrl-C, or `time_limit` seconds
     after the first call: the time before it, in which a driver compiles, doesn't count. A second Ctrl-C ends the
-    program.
+    program. notes: what is compiled meanwhile is shown beside the bar.
     """
 
-    def __init__(self, unit: str, total: int | None, time_limit: float | None = None) -> None:
+    def __init__(
+        self, unit: str, total: int | None, time_limit: float | None = None, notes: CompileNotes | None = None
+    ) -> None:
         self._unit, self._total, self._time_limit = unit, total, time_limit
         self._started = self._said = time.monotonic()
         self._called = self._interrupted = False
         self._bar: Any = None
+        self._notes = notes
 
     def __enter__(self) -> Progress:
         self._previous_handler = signal.signal(signal.SIGINT, self._interrupt)
@@ -51,12 +55,16 @@ class Progress:
             self._bar = Progress(self._unit, *columns, console=Console(stderr=True))
             self._bar.start()
             self._task = self._bar.add_task("", total=self._total)
+            if self._notes is not None:
+                self._notes.show_by(self._describe)
         return self
 
     def __exit__(self, *_: object) -> None:
         signal.signal(signal.SIGINT, self._previous_handler)
         if self._bar is not None:
             self._bar.stop()
+            if self._notes is not None:
+                self._notes.show_by(None)
 
     @property
     def seconds(self) -> float:
@@ -77,6 +85,9 @@ class Progress:
             of = "" if self._total is None else f" of {self._total}"
             text = f"{done}{of} {self._unit}, {self.seconds:.0f} s{error_text(error)}"
             print(text, file=sys.stderr, flush=True)
+
+    def _describe(self, text: str) -> None:
+        self._bar.update(self._task, description=text)
 
     def _interrupt(self, *_: object) -> None:
         if self._interrupted:

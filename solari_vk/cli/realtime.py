@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from solari_vk.cli import animation
 from solari_vk.cli.cluster import is_spread
+from solari_vk.cli.compiling import CompileNotes, open_device
 from solari_vk.cli.kept import frames_folder, write_or_keep
 from solari_vk.cli.plan import UNLIMITED, Plan, check_output, check_target_error, check_view, make_plan, make_settings
 from solari_vk.cli.progress import Progress, Stopped, error_text
 from solari_vk.cli.subject import Subject, check_aovs, load, names_of_aovs
 from solari_vk.errors import SolariError
 from solari_vk.frame_means import FrameMeans
-from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.rays import IN_WORDS
 from solari_vk.output.error import ErrorEstimate, area_means
 from solari_vk.output.movie import write_movie
@@ -52,7 +52,8 @@ def run(options: argparse.Namespace) -> int:
         return animation.run(options, subject, names, settings, is_movie)
     with frames_folder() if is_movie else nullcontext() as folder:
         plan = make_plan(options, subject.cameras, folder)
-        with Device(options.device, validation=options.validation or None, rays=options.rays) as device:
+        notes = CompileNotes()
+        with open_device(options, notes) as device:
             print(f"rendering {options.source} with {device.name}, by {IN_WORDS[device.rays]}", file=sys.stderr)
             renderer = Renderer(device, subject.scene, options.size, settings, seed=options.seed)
             renderer.view, renderer.tonemap = options.view, options.tonemap
@@ -61,7 +62,7 @@ def run(options: argparse.Namespace) -> int:
             if subject.auto_exposure:
                 _meter(renderer, plan.cameras)
             total = None if plan.frames == UNLIMITED else renderer.frame_count + plan.frame_count
-            with Progress("frames", total, options.time_limit) as progress:
+            with Progress("frames", total, options.time_limit, notes) as progress:
                 shooting = _Shooting(renderer, plan, options, names, subject, progress)
                 written = shooting.run()
         if is_movie:
@@ -69,7 +70,7 @@ def run(options: argparse.Namespace) -> int:
     target = options.output if is_movie else written[-1]
     print(
         f"wrote {target}: {options.size[0]}x{options.size[1]}, picture {len(written)} of {len(plan.targets)}, "
-        f"{renderer.frame_count} frames{error_text(shooting.error)}, in {progress.seconds:.1f} s, "
+        f"{renderer.frame_count} frames{error_text(shooting.error)}, in {progress.seconds:.1f} s{notes.after}, "
         f"EV100 {plan.cameras[0].ev100:.2f}",
         file=sys.stderr,
     )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 import solari_vk as sv
 from solari_vk.cli.cluster import is_spread, open_crew, render_spread, words_on
+from solari_vk.cli.compiling import CompileNotes, open_device
 from solari_vk.cli.kept import write_or_keep
 from solari_vk.cli.plan import UNLIMITED
 from solari_vk.cli.progress import Progress, Stopped, error_text
@@ -33,6 +34,8 @@ class _Result:
     seconds: float
     ev100: float | None
     """The exposure that suits it, if that was asked for."""
+    after: str = ""
+    """That something was compiled before."""
 
 
 def run(options: argparse.Namespace) -> int:
@@ -56,8 +59,8 @@ def run(options: argparse.Namespace) -> int:
     ))  # fmt: skip
     print(
         f"wrote {options.output}: {options.size[0]}x{options.size[1]}, {result.samples} samples a pixel"
-        f"{', denoised' if options.denoise else ''}{error_text(result.error)}, in {result.seconds:.1f} s, "
-        f"EV100 {camera.ev100:.2f}",
+        f"{', denoised' if options.denoise else ''}{error_text(result.error)}, in {result.seconds:.1f} s"
+        f"{result.after}, EV100 {camera.ev100:.2f}",
         file=sys.stderr,
     )
     return 0
@@ -65,11 +68,12 @@ def run(options: argparse.Namespace) -> int:
 
 def _render(options: argparse.Namespace, subject: Subject, names: list[str], total: int | None) -> _Result:
     """On one device, in this process."""
-    with sv.Device(options.device, validation=options.validation or None, rays=options.rays) as device:
+    notes = CompileNotes()
+    with open_device(options, notes) as device:
         print(f"rendering {options.source} with {device.name}, by {IN_WORDS[device.rays]}", file=sys.stderr)
         choices = {"seed": options.seed, "max_bounces": options.max_bounces}
         renderer = sv.PathTracer(device, subject.scene, options.size, **choices)
-        with Progress("samples a pixel", total, options.time_limit) as progress:
+        with Progress("samples a pixel", total, options.time_limit, notes) as progress:
             try:
                 renderer.render(
                     subject.cameras[0], samples=total or UNLIMITED, denoise=options.denoise,
@@ -80,7 +84,7 @@ def _render(options: argparse.Namespace, subject: Subject, names: list[str], tot
         radiance, seconds = renderer["radiance"], progress.seconds
         ev100 = renderer.auto_exposure(radiance) if subject.auto_exposure else None
         layers = {name: renderer[name] for name in names}
-        return _Result(radiance, layers, renderer.samples, renderer.error, seconds, ev100)
+        return _Result(radiance, layers, renderer.samples, renderer.error, seconds, ev100, notes.after)
 
 
 def _render_spread(options: argparse.Namespace, subject: Subject, names: list[str], total: int | None) -> _Result:

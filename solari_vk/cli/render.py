@@ -34,6 +34,9 @@ def add_parser(commands: Any) -> None:
     render.add_argument("-o", "--output", type=Path, required=True,
                         help="the picture: .png, .exr or .npy; an animation: .gif, .mp4, or numbered pictures")
     render.add_argument("--open", action="store_true", help="show what was written in the desktop's program for it")
+    render.add_argument("--show", action="store_true",
+                        help="show what was written in the terminal, if the output goes to one; needs "
+                        "solari-vk[terminal]")
     render.add_argument("--mode", choices=("auto", *MODE_OPTIONS), default="auto",
                         help="realtime lighting, or the reference path tracer; auto is the mode whose options are "
                         "given, otherwise the denoised reference, or realtime where OIDN isn't installed (auto)")
@@ -70,11 +73,13 @@ def add_parser(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Render what the options ask for; returns the exit code."""
-    from solari_vk.cli import desktop, realtime, reference
+    from solari_vk.cli import desktop, realtime, reference, terminal
     from solari_vk.output import movie
 
     if options.open and options.animate is not None and options.output.suffix.lower() not in movie.SUFFIXES:
         raise SolariError("--open: numbered pictures are many files: write a .gif or an .mp4")
+    if options.show:
+        terminal.check_can_show(options.output)
     _choose_mode(options)
     _fill_in_defaults(options)
     if options.target_error is not None and not options.target_error > 0:
@@ -83,6 +88,8 @@ def run(options: argparse.Namespace) -> int:
     code = reference.run(options) if options.mode == "reference" else realtime.run(options)
     if options.open and options.output.is_file():
         desktop.open_file(options.output)
+    if options.show and options.output.is_file():
+        terminal.show_file(options.output)
     return code
 
 

@@ -33,6 +33,7 @@ def add_parser(commands: Any) -> None:
 def run(options: argparse.Namespace) -> None:
     """Show the window until it is closed."""
     import solari_vk as sv
+    from solari_vk.cli.compiling import CompileNotes, open_device
     from solari_vk.cli.environment import environment_words
     from solari_vk.cli.plan import make_settings
     from solari_vk.cli.subject import load
@@ -48,7 +49,7 @@ def run(options: argparse.Namespace) -> None:
     subject = load(options)
     words = [*environment_words(options), *file_words(options)]
     is_file = not options.source.startswith("builtin:")
-    with sv.Device(options.device, validation=options.validation or None, rays=options.rays) as device:
+    with open_device(options, CompileNotes()) as device:
         if subject.auto_exposure:  # by a small picture
             with sv.PathTracer(device, subject.scene, (96, 54)) as tracer:
                 tracer.render(subject.cameras[0], samples=16)

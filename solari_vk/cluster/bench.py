@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol, Self, TypeAlias, TypeVar
 
 from solari_vk.cluster.identity import Identity
+from solari_vk.gpu.device.compiling import OnCompile
 from solari_vk.gpu.device.device import Device
 from solari_vk.reference import PathTracer
 from solari_vk.rendered import PictureRenderer
@@ -126,21 +127,30 @@ Results: TypeAlias = Generator[tuple[AnyJob, Any] | None, None, None]
 class OneDevice:
     """Does jobs one after the other on a device in this process. A context manager, as `Crew` is.
 
-    device, rays, validation: as Device takes them.
+    device, rays, validation, on_compile: as Device takes them.
     """
 
     worker_count = 1
     shares_files = True
 
-    def __init__(self, device: str | None = None, rays: str | None = None, validation: bool | None = None) -> None:
-        self._opening = Opening(device, rays, validation)
+    def __init__(
+        self, device: str | None = None, rays: str | None = None, validation: bool | None = None,
+        on_compile: OnCompile | None = None,
+    ) -> None:  # fmt: skip
+        self._opening, self._on_compile = Opening(device, rays, validation), on_compile
 
     def __enter__(self) -> Self:
         self._bench = Bench(self._opening.open())
+        self.device.on_compile = self._on_compile
         return self
 
     def __exit__(self, *_: object) -> None:
         self._bench.close()
+
+    @property
+    def device(self) -> Device:
+        """The device that works."""
+        return self._bench.device
 
     @property
     def identity(self) -> Identity:

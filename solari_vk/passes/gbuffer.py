@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from solari_vk.gpu.frame.stages import Draw, DrawList, History, Pass, Stage
+from solari_vk.gpu.frame.stages import Draw, DrawList, History, IfUsed, Pass, Stage
 from solari_vk.settings import Settings
 
 COUNTERS = ("drawn_first", "drawn_second", "frustum_culled", "occlusion_culled")
@@ -31,10 +31,10 @@ def stage(
     features: the scene's, which say whether materials need more than the first image has.
     """
     buffers: dict[str, int | History] = {PREVIOUS_INSTANCES: instance_capacity}
-    images: dict[str, tuple[int, int] | History] = {
+    images: dict[str, tuple[int, int] | History | IfUsed] = {
         "gbuffer": History(size),
         "gbuffer_surface": History(size),
-        "gbuffer_lobes": size if LOBES & set(features) else (1, 1),
+        "gbuffer_lobes": IfUsed(size if LOBES & set(features) else (1, 1)),
         "depth": History(size),
         "motion_vectors": size,
     }

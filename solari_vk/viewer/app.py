@@ -28,6 +28,7 @@ from solari_vk.viewer.presenter import Presenter
 from solari_vk.viewer.reload import Sources
 from solari_vk.viewer.scaling import ScaleControl
 from solari_vk.viewer.session import Session
+from solari_vk.viewer.waiting import Waiting
 from solari_vk.viewer.window import Window
 
 CPU_FPS, GPU_FPS = 7.0, 60.0  # frames per second that the scale "auto" aims at by default
@@ -140,9 +141,12 @@ class Viewer(Session):
             return False
         if self.overlay is not None:
             self.overlay.lay_out(seconds)
-        if not self.pictures.ready and "picture" not in self.faults:
-            self._show_wait()
-        self._render(pixels)
+        if self.pictures.ready or "picture" in self.faults:
+            self._render(pixels)
+        else:
+            self._show_wait(f"preparing the {self.pictures.mode} renderer ...")
+            with Waiting(self.pictures, self._show_wait, lambda: self._preview(pixels)):
+                self._render(pixels)
         shown = self._presenter.show(self.pictures.parts(), self._draw)
         self.frame_count += 1
         self._note_time(seconds, time.perf_counter() - now)
@@ -186,9 +190,11 @@ class Viewer(Session):
             with self.showing_mistakes("panels"):
                 self.overlay.draw(commands, self._swapchain, index)
 
-    def _show_wait(self) -> None:
-        """Tell the user that the first picture takes long, because a driver may compile for a minute."""
-        text = f"preparing the {self.pictures.mode} renderer ..."
+    def _preview(self, pixels: tuple[int, int]) -> None:
+        self.pictures.preview(self.camera, pixels, self.scale.scale)
+
+    def _show_wait(self, text: str) -> None:
+        """Tell the user why the first picture takes long."""
         self._set_title(text)
         if self.overlay is not None:
             shown, self.message = self.message, self.message or text

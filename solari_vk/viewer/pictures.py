@@ -126,6 +126,15 @@ class Pictures:
             self._refused = None
         self.camera = dataclasses.replace(camera)
 
+    @property
+    def previews(self) -> bool:
+        """Whether the path tracer's picture is shown until the realtime renderer, which is made already, has one."""
+        return self.mode == "realtime" and self.realtime is not None and not self.realtime.frame_count
+
+    def preview(self, camera: Camera, pixels: Size, scale: float) -> None:
+        """Add a sample per pixel to the path tracer's picture."""
+        self._render_reference(camera, Build.of(pixels, scale, False))
+
     def _is_built(self, name: str, build: Build) -> bool:
         """Whether the renderer "realtime" or "reference" has what it needs for a build."""
         if name == "reference":
@@ -216,6 +225,8 @@ class Pictures:
         images = {"realtime": realtime, "denoised": realtime, "raw": raw, "reference": reference}
         columns = self.columns()
         shown = {name: image for name in columns if (image := images[name]) is not None}
+        if self.previews and reference is not None:
+            return [Part(reference)]
         if len(shown) < len(columns):
             return [] if realtime is None or self.mode == "reference" else [Part(realtime)]
         # The smallest image's columns are the finest borders that all images have.

@@ -22,6 +22,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.device.recorded import Recorded
 from solari_vk.gpu.frame.hazards import plan_barriers
+from solari_vk.gpu.frame.pipelines import Pipeline
 from solari_vk.gpu.frame.program import Program, ProgramBuilder
 from solari_vk.gpu.frame.resources import Resources
 from solari_vk.gpu.frame.slot import Slot
@@ -52,7 +53,8 @@ class Frame:
     external: resources made elsewhere, such as a scene's, by name; names that no shader has are ignored.
     barrier_every_pass: put a barrier before every step, to find out whether a derived one is missing; on by default
     if SOLARI_VK_BARRIERS=all. glsl_root: one or several folders that hold passes/, searched before the package's.
-    features: boolean specialization constants that are true in all shaders that have them.
+    features: the features of the scene, which are true in all shaders that have them as boolean specialization
+    constants. Without any, shaders are compiled without their code; None leaves the constants to the passes.
     The frame owns the shaders' uniform blocks unless they are external; `uniforms` sets their fields.
     Raises SolariError if a shader's resource is neither declared by a stage nor external.
     """
@@ -60,7 +62,7 @@ class Frame:
     @checked_keywords()
     def __init__(
         self, device: Device, stages: Sequence[Stage], *, external: Mapping[str, Any] | None = None,
-        barrier_every_pass: bool | None = None, glsl_root: Roots | None = None, features: Collection[str] = (),
+        barrier_every_pass: bool | None = None, glsl_root: Roots | None = None, features: Collection[str] | None = None,
     ) -> None:  # fmt: skip
         self.device = device
         self.uniforms = Uniforms(int(device.properties.limits.minUniformBufferOffsetAlignment))
@@ -73,7 +75,8 @@ class Frame:
         self._resources = Resources(device)
         self._builder = ProgramBuilder(device, glsl_root)
         self._program: Program | None = None
-        self.features = frozenset(features)
+        self._ran: frozenset[Pipeline] = frozenset()
+        self.features = None if features is None else frozenset(features)
         self._closed = False
         with device.undone_on_error():
             self._pool = CommandPool(device, "frame")
@@ -146,6 +149,8 @@ class Frame:
         self.device.await_value(slot.value)
         if slot.stale:
             slot.record(self._barriers)
+            if self.device.on_compile is not None and self.device.properties.kind == "cpu":
+                self._ran = slot.run_new(self._ran)
         for structure in self._structures:
             structure.check_usable()
         slot.uniform_target[:] = slot.uniform_source

@@ -14,6 +14,7 @@ import numpy as np
 
 from solari_vk.errors import DeviceError, SolariError
 from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.compiling import announced
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.graphics import Targets, graphics_create_info
 from solari_vk.gpu.frame.interface import Interface
@@ -121,7 +122,9 @@ class Pipelines:
         try:
             for key, (_, create) in missing.items():
                 futures[key] = threads.submit(create)
-            wait(futures.values())
+            names = [item.name for item, _ in missing.values()]
+            for future in announced(self._device.on_compile, "pipelines", names, list(futures.values())):
+                wait([future])
         finally:  # after Ctrl-C too, because the threads use the shader modules
             threads.shutdown(cancel_futures=True)
             done = [(key, future) for key, future in futures.items() if not future.cancelled()]

@@ -137,10 +137,10 @@ class ProgramBuilder:
         self._root = glsl_root
         self._pipelines = Pipelines(device)
 
-    def build(self, stages: Sequence[Stage], old: Program | None, features: frozenset[str]) -> Program:
+    def build(self, stages: Sequence[Stage], old: Program | None, features: frozenset[str] | None) -> Program:
         """The program of these stages from the shaders as they are now. Raises CompilationError or SolariError.
 
-        features: boolean constants that are true in all shaders that have them.
+        features: as `Frame` has them.
         """
         items = [item for stage in stages for item in stage.passes]
         if not items:
@@ -169,8 +169,9 @@ class ProgramBuilder:
         return program
 
     def _pipeline_info(
-        self, name: str, item: Pass | Draw, shaders: StepShaders, program: Program, features: frozenset[str]
-    ) -> PipelineInfo:
+        self, name: str, item: Pass | Draw, shaders: StepShaders, program: Program,
+        features: frozenset[str] | None,
+    ) -> PipelineInfo:  # fmt: skip
         kind: Targets | RayGroups | None = shaders.groups
         if isinstance(item, Draw):
             check_draw(self._device, name, item, program.interface)
@@ -178,7 +179,7 @@ class ProgramBuilder:
             kind = Targets(tuple(colors), image_format(DEPTH_FORMAT))
         modules = [program.modules[key] for key in shaders.keys]
         known = {constant for module in modules for constant in module.constants}
-        constants = {**item.constants, **dict.fromkeys(sorted(features & known), True)}
+        constants = {**item.constants, **dict.fromkeys(sorted(known & (features or frozenset())), True)}
         return PipelineInfo(name, modules, constants, kind)
 
     def _step(self, item: Pass | Draw, info: PipelineInfo, pipeline: Pipeline) -> BuiltStep:

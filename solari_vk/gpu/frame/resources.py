@@ -13,7 +13,7 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.frame.interface import Interface
-from solari_vk.gpu.frame.stages import Draw, History, Stage
+from solari_vk.gpu.frame.stages import Draw, History, IfUsed, Stage
 from solari_vk.gpu.shaders.spirv import Binding
 
 PREVIOUS = "previous_"
@@ -62,6 +62,10 @@ class Resources:
                 for name, size in (*stage.buffers.items(), *stage.images.items()):
                     if name in made:
                         raise SolariError(f"stage {stage.name}: {name} is declared by another stage as well")
+                    if isinstance(size, IfUsed):
+                        if name not in interface.bindings:
+                            continue
+                        size = size.size
                     spec = _specification(stage, name, size, interface, attachments.get(name, ""))
                     known = self._made.get(name)
                     made[name] = known if known and known.spec == spec else self._make(name, spec)

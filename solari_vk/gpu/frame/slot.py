@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,9 @@ import numpy as np
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier, memory_barrier
 from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.compiling import announced
 from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.recorded import Recorded
 from solari_vk.gpu.frame.descriptors import BufferRange, DescriptorSets
 from solari_vk.gpu.frame.hazards import Barrier
 from solari_vk.gpu.frame.pipelines import Pipeline
@@ -18,6 +21,8 @@ from solari_vk.gpu.frame.program import GROUP_COUNT_BYTES, BuiltStep, Program
 from solari_vk.gpu.frame.raster import record_draw
 from solari_vk.gpu.frame.stages import Draw, Pass
 from solari_vk.gpu.frame.uniforms import Uniforms
+
+_COMPUTE = raw.VK_PIPELINE_BIND_POINT_COMPUTE
 
 
 class Slot:
@@ -101,6 +106,28 @@ class Slot:
             self._timestamp(at)
         vk.vkEndCommandBuffer(commands)
         self.stale = False
+
+    def run_new(self, known: Collection[Pipeline]) -> frozenset[Pipeline]:
+        """Run the compute pipelines that aren't among the known ones with no workgroup, and return all of them.
+
+        Software drivers compile a pipeline when it first runs, and this way it can be said which one it is.
+        """
+        assert self._program is not None
+        steps = [(step.pipeline, step.item.name) for step in self._program.steps if step.pipeline is not None]
+        compute = {pipeline: name for pipeline, name in steps if pipeline.bind_point == _COMPUTE}
+        new = [pipeline for pipeline in compute if pipeline not in known]
+        names = [compute[pipeline] for pipeline in new]
+        for pipeline in announced(self._device.on_compile, "machine code", names, new):
+            empty = Recorded(self._device, partial(self._record_empty, pipeline=pipeline), compute[pipeline])
+            self._device.await_value(self._device.submit([empty.commands]))
+            empty.destroy()
+        return frozenset(compute)
+
+    def _record_empty(self, commands: raw.CData, pipeline: Pipeline) -> None:
+        assert self._sets is not None
+        self._sets.bind(commands, pipeline.bind_point)
+        self._device.vk.vkCmdBindPipeline(commands, pipeline.bind_point, pipeline.handle)
+        self._device.vk.vkCmdDispatch(commands, 0, 0, 0)
 
     def _write_sets(self, program: Program) -> None:
         counts = program.interface.bindless_counts(self._bound)

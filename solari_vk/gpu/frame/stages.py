@@ -25,6 +25,13 @@ class History:
 
 
 @dataclass(frozen=True)
+class IfUsed:
+    """The size of an image that is made only if one of the frame's shaders uses it; those of some scenes don't."""
+
+    size: Size
+
+
+@dataclass(frozen=True)
 class Pass:
     """One dispatch of the compute shader glsl/passes/NAME.comp.
 
@@ -131,5 +138,5 @@ class Stage:
 
     name: str
     buffers: Mapping[str, int | History] = field(default_factory=dict)
-    images: Mapping[str, Size | History] = field(default_factory=dict)
+    images: Mapping[str, Size | History | IfUsed] = field(default_factory=dict)
     passes: Sequence[Pass | Draw | Step] = ()

@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 from solari_vk.errors import SolariError
+from solari_vk.gpu.device.compiling import announced
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.ray_pipelines import RayGroups
 from solari_vk.gpu.frame.stages import Draw, HitGroup, Pass, RayPass, Step
@@ -35,10 +36,12 @@ class Modules(dict[ModuleKey, Module]):
     """The modules of a frame with some features. Those that are the same as in `old` are taken from there."""
 
     def __init__(
-        self, device: Device, root: Roots | None, old: Mapping[ModuleKey, Module], features: Collection[str]
-    ) -> None:
+        self, device: Device, root: Roots | None, old: Mapping[ModuleKey, Module], features: Collection[str] | None,
+    ) -> None:  # fmt: skip
         super().__init__()
-        self._hit = _ALPHA_HIT if _ALPHA in features else _HIT
+        self._device = device
+        self._hit = _ALPHA_HIT if _ALPHA in (features or ()) else _HIT
+        self._features = features is None or bool(features)
         self._ray_pipelines, self._sources, self._old = device.rays == "pipeline", Sources(roots(root)), old
 
     def add(self, items: Sequence[Pass | Draw | Step]) -> list[StepShaders]:
@@ -51,13 +54,17 @@ class Modules(dict[ModuleKey, Module]):
     def _compile(self, keys: Collection[ModuleKey]) -> None:
         """Compiling a shader that isn't cached takes up to a second, so threads do it."""
         with ThreadPoolExecutor(os.cpu_count()) as threads:
-            compiled = list(threads.map(self._spirv, keys))
+            waiting = [threads.submit(self._spirv, key) for key in keys]
+            names = [path for path, _ in keys]
+            compiled = [made.result() for made in announced(self._device.on_compile, "shaders", names, waiting)]
         for key, spirv in zip(keys, compiled, strict=True):
             known = self._old.get(key)
             self[key] = known if known and known.spirv == spirv else reflect(spirv, key[0])
 
     def _spirv(self, key: ModuleKey) -> bytes:
-        return compile_shader(key[0], header=key[1], root=self._sources, ray_pipelines=self._ray_pipelines)
+        return compile_shader(
+            key[0], header=key[1], root=self._sources, ray_pipelines=self._ray_pipelines, features=self._features
+        )
 
     def _shaders(self, item: Pass | Draw | Step) -> StepShaders:
         """The shaders of a step whose entry points are compiled: these tell which passes trace by a ray pipeline."""

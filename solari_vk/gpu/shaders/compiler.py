@@ -10,6 +10,9 @@ afterwards.
 For devices that trace rays by pipelines, compute shaders that trace are compiled as ray generation shaders; the module
 `ray_generation` documents it.
 
+Shaders of scenes have two modules: in one the features of scenes (`solari_vk.scene.features`) are specialization
+constants, and the other, for scenes without any, has been compiled without their code.
+
 `#include "generated/settings.glsl"` includes what the Python function `solari_vk.settings.glsl_header()` returns; the
 module `headers` documents it. These texts take part in the keys of the cache and of shipped modules like any file.
 """
@@ -20,7 +23,8 @@ import os
 import re
 import sys
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -134,30 +138,33 @@ def _with_source_lines(log: str, filepath: str, source: bytes, generated: Mappin
 _EMPTY_MAIN = re.compile(r"\bvoid\s+main\s*\(\s*\)\s*\{\s*\}")
 # The optimizer's error for capabilities that it doesn't know. Such a module isn't optimized here, only by the driver.
 _TOO_NEW = "failed to optimize: Invalid capability"
+_WITHOUT_FEATURES = "WITHOUT_FEATURES"  # what is defined in shaders for scenes without features
 _OPTIONS = f"live code {shaderc.VULKAN_1_3:x} {shaderc.SPIRV_1_6:x}"
 _DIRECTIVE = re.compile(r"^\s*#\s*(version|extension)\b")
 _looking_up = threading.Lock()  # a thread that has read a file waits 5 ms for others that run Python
 
 
 def compile_shader(
-    path: str, *, header: str = "", root: Roots | Sources | None = None, ray_pipelines: bool = False
-) -> bytes:
+    path: str, *, header: str = "", root: Roots | Sources | None = None, ray_pipelines: bool = False,
+    features: bool = True,
+) -> bytes:  # fmt: skip
     """SPIR-V of the shader at `path` below a GLSL root ("passes/x/trace.comp"); the suffix is the stage.
 
     `header` is text for a variant, put after the #version and #extension lines. The shader and its includes are looked
     up in `root`, one folder or several, and then in the package's folder; or in Sources, which read each file once for
-    several shaders. `ray_pipelines`: for a device that traces rays by pipelines. Raises CompilationError; SolariError
-    if there is no such file, if neither a compiler nor a shipped module for exactly these sources is there, or for ray
+    several shaders. `ray_pipelines`: for a device that traces rays by pipelines. `features`: whether features of scenes
+    are specialization constants, otherwise their code is left out. Raises CompilationError; SolariError if there is no
+    such file, if neither a compiler nor a shipped module for exactly these sources is there, or for ray
     queries that no pipeline can replace.
     """
     sources = root if isinstance(root, Sources) else Sources(roots(root))
-    spirv = _module(sources, path, header)
+    spirv = _module(sources, path, header, features)
     if not ray_pipelines or not ray_generation.uses_ray_queries(spirv):
         return spirv
     if not path.endswith(".comp") or ray_generation.TRACE not in sources.closure(path):
         raise SolariError(f"{path}: {ray_generation.OWN_QUERIES}")
     try:
-        spirv = _module(sources, path, header, traces=True)
+        spirv = _module(sources, path, header, features, traces=True)
     except CompilationError as error:
         raise CompilationError(f"{path}: {ray_generation.HINT}.\n{error}") from None
     if ray_generation.uses_ray_queries(spirv):
@@ -165,9 +172,18 @@ def compile_shader(
     return spirv
 
 
-def _key(sources: Sources, path: str, header: str, traces: bool) -> str:
-    options = f"{_optimization(sources, path)} {_OPTIONS}"
-    return sources.key(path, header, f"{options} {ray_generation.DEFINE}" if traces else options)
+def _key(sources: Sources, path: str, header: str, defines: Sequence[str]) -> str:
+    return sources.key(path, header, " ".join((_optimization(sources, path), _OPTIONS, *defines)))
+
+
+def _defines(sources: Sources, path: str, features: bool, traces: bool) -> list[str]:
+    """The macros that are defined in a module of a shader."""
+    plain = not features and _has_features(sources, path)
+    return [_WITHOUT_FEATURES] * plain + [ray_generation.DEFINE] * traces
+
+
+def _has_features(sources: Sources, path: str) -> bool:
+    return any(_WITHOUT_FEATURES.encode() in text for text in sources.closure(path).values())
 
 
 def _optimization(sources: Sources, path: str) -> str:
@@ -177,13 +193,14 @@ def _optimization(sources: Sources, path: str) -> str:
     return "zero" if patched else "performance"
 
 
-def _module(sources: Sources, path: str, header: str, traces: bool = False) -> bytes:
+def _module(sources: Sources, path: str, header: str, features: bool, traces: bool = False) -> bytes:
     """The module of a shader; `traces`: as a ray generation shader."""
     with _looking_up:
         file = sources.find(path)
         if file is None:
             raise SolariError(f"there is no shader {path} in {', '.join(map(str, sources.roots))}")
-        source_key = _key(sources, path, header, traces)
+        defines = _defines(sources, path, features, traces)
+        source_key = _key(sources, path, header, defines)
         for base in sources.roots:
             shipped = shader_cache.shipped(base, source_key)
             if shipped is not None:
@@ -191,16 +208,16 @@ def _module(sources: Sources, path: str, header: str, traces: bool = False) -> b
         entry = shader_cache.cache_entry(source_key, shaderc.version())
         spirv = disk_cache.load(entry)
     if spirv is None:
-        spirv = _compile(sources.roots, file, header, traces, _optimization(sources, path))
+        spirv = _compile(sources.roots, file, header, defines, _optimization(sources, path))
         disk_cache.store(entry, spirv)
     return spirv
 
 
-def _compile(folders: Sequence[Path], file: Path, header: str, traces: bool, optimization: str) -> bytes:
+def _compile(folders: Sequence[Path], file: Path, header: str, defines: Sequence[str], optimization: str) -> bytes:
     source, stage = file.read_text(encoding="utf-8"), file.suffix.lstrip(".")
-    if traces:
+    if ray_generation.DEFINE in defines:
         source, stage = ray_generation.without_local_size(source), "rgen"
-    source = _with_header(source, header, file, f"#define {ray_generation.DEFINE}\n" if traces else "")
+    source = _with_header(source, header, file, "".join(f"#define {name}\n" for name in defines))
     arguments = source.encode(), stage, os.fspath(file), list(map(os.fspath, folders))
     if _EMPTY_MAIN.search(source):
         return _compile_text(*arguments, optimization="zero")
@@ -213,13 +230,13 @@ def _compile(folders: Sequence[Path], file: Path, header: str, traces: bool, opt
     return dead_code.without_dead_code(spirv)
 
 
-def _with_header(source: str, header: str, file: Path, define: str) -> str:
-    if not header and not define:
+def _with_header(source: str, header: str, file: Path, defines: str) -> str:
+    if not header and not defines:
         return source
     lines = source.splitlines(keepends=True)
     at = max((number for number, line in enumerate(lines, 1) if _DIRECTIVE.match(line)), default=0)
     name = file.as_posix()
-    added = f'{define}#line 1 "{name} (header)"\n{header}\n#line {at + 1} "{name}"\n'
+    added = f'{defines}#line 1 "{name} (header)"\n{header}\n#line {at + 1} "{name}"\n'
     return "".join((*lines[:at], added, *lines[at:]))
 
 
@@ -228,17 +245,25 @@ def build_all(root: str | os.PathLike[str], out: str | os.PathLike[str]) -> list
 
     Returns the paths below `root`. `out` is the root itself, with modules beside their sources, or another folder.
     """
-    base, made = Path(root), {}
+    base = Path(root)
     sources = Sources(roots(base))
-    paths = sorted(path for path in base.rglob("*") if path.suffix.lstrip(".") in shaderc.STAGES)
-    for path in (file.relative_to(base).as_posix() for file in paths):
-        spirv = compile_shader(path, root=sources)
-        made[f"{path}.spv"] = _key(sources, path, "", False), spirv
+    files = sorted(path for path in base.rglob("*") if path.suffix.lstrip(".") in shaderc.STAGES)
+    paths = [file.relative_to(base).as_posix() for file in files]
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        made = list(threads.map(lambda path: list(_shipped_modules(sources, path)), paths))
+    shader_cache.ship(Path(out), dict(module for modules in made for module in modules))
+    return paths
+
+
+def _shipped_modules(sources: Sources, path: str) -> Iterator[tuple[str, tuple[str, bytes]]]:
+    """The modules of a shader: the file of each, its key and the SPIR-V."""
+    for features in (True, False) if _has_features(sources, path) else (True,):
+        name = path if features else f"{path}.plain"
+        spirv = compile_shader(path, root=sources, features=features)
+        yield f"{name}.spv", (_key(sources, path, "", _defines(sources, path, features, False)), spirv)
         if ray_generation.uses_ray_queries(spirv) and ray_generation.TRACE in sources.closure(path):
-            spirv = compile_shader(path, root=sources, ray_pipelines=True)
-            made[f"{path}.rgen.spv"] = _key(sources, path, "", True), spirv
-    shader_cache.ship(Path(out), made)
-    return [file.relative_to(base).as_posix() for file in paths]
+            spirv = compile_shader(path, root=sources, features=features, ray_pipelines=True)
+            yield f"{name}.rgen.spv", (_key(sources, path, "", _defines(sources, path, features, True)), spirv)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,86 @@
+"""What is being compiled: a device tells it by name, and commands show what takes long."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import time
+
+import pytest
+
+import solari_vk as sv
+from solari_vk.cli import compiling
+from solari_vk.gpu.device.compiling import Compiling, announced
+
+
+def test_a_device_names_what_it_compiles(device, monkeypatch):
+    """Every shader, pipeline and, on a software device, machine code, once and in order; nothing in later frames."""
+    seen: list[Compiling] = []
+    monkeypatch.setattr(device, "on_compile", seen.append)
+    with sv.PathTracer(device, sv.builtin("cornell_box"), (16, 16), max_bounces=2) as tracer:
+        tracer.render(samples=1)
+        steps = [("shaders", "passes/pathtracer/trace.comp"), ("pipelines", "pathtracer/trace")]
+        if device.properties.kind == "cpu":
+            steps.append(("machine code", "pathtracer/trace"))
+        listed = [what for what, name in steps for _ in range(2)]
+        assert [state.what for state in seen[-len(listed) :]] == listed
+        expected = [pair for what, name in steps for pair in ((what, 0, 1, name), (what, 1, 1, ""))]
+        assert [(s.what, s.done, s.total, s.name) for s in seen[-len(expected) :]] == expected
+        assert str(seen[-2]).startswith("compiling ")
+        seen.clear()
+        tracer.render(samples=2)
+        assert seen == []
+
+
+def test_an_error_ends_the_list():
+    seen: list[Compiling] = []
+
+    def fail() -> None:
+        for item in announced(seen.append, "shaders", ["a", "b"], [1, 0]):
+            1 // item
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    assert [(state.done, state.name) for state in seen] == [(0, "a"), (1, "b"), (2, "")]
+    assert str(seen[1]) == "compiling shaders 2 of 2: b"
+
+
+@pytest.fixture
+def shown(monkeypatch):
+    monkeypatch.setattr(compiling, "PATIENCE", 0.05)
+    return []
+
+
+def test_what_is_quick_is_not_shown(shown, monkeypatch):
+    monkeypatch.setattr(compiling, "PATIENCE", 60.0)
+    notes = compiling.CompileNotes()
+    notes.show_by(shown.append)
+    for done in range(4):
+        notes(Compiling("shaders", done, 3, "x" if done < 3 else ""))
+    assert shown == []
+
+
+def test_what_takes_long_is_shown_until_it_is_done(shown):
+    notes = compiling.CompileNotes()
+    notes.show_by(shown.append)
+    notes(Compiling("pipelines", 0, 3, "a"))
+    while not shown:
+        time.sleep(0.01)
+    notes(Compiling("pipelines", 1, 3, "b"))
+    notes(Compiling("pipelines", 3, 3, ""))
+    notes(Compiling("machine code", 0, 1, "c"))
+    notes(Compiling("machine code", 1, 1, ""))
+    assert shown == ["compiling pipelines 1 of 3: a", "compiling pipelines 2 of 3: b", ""]
+
+
+def test_a_command_says_what_takes_long(tmp_path):
+    """In a process without caches, in which the driver has a second of work."""
+    environment = os.environ | {"MESA_SHADER_CACHE_DISABLE": "true", "GALLIVM_PERF": "nopt"}
+    command = [sys.executable, "-m", "solari_vk", "render", "builtin:cornell_box", "-o", str(tmp_path / "box.png"),
+               "--mode", "reference", "--samples", "1", "--size", "32x32"]  # fmt: skip
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "compiling machine code 1 of 1: pathtracer/trace\n" in done.stderr
+    assert re.search(r"wrote .*, in [\d.]+ s after compiling for [\d.]+ s, EV100", done.stderr)
