@@ -85,7 +85,7 @@ def test_nothing_is_missing_here():
 @pytest.fixture
 def bare_path(tmp_path):
     """A PATH with a shell's usual tools but without Python and a package manager."""
-    for name in ("sh", "cat", "dirname", "basename", "id", "uname", "paste", "sed", "mkdir", "tail", "cksum"):
+    for name in ("sh", "cat", "dirname", "basename", "id", "uname", "paste", "sed", "mkdir", "tail", "cksum", "date"):
         found = shutil.which(name)
         assert found is not None
         (tmp_path / name).symlink_to(found)
@@ -101,6 +101,24 @@ def test_unknown_system_is_told_what_to_install(script, bare_path):
     assert first == "setup: missing: Python 3.11 or later with venv. Install it and run this again:"
     assert "python3-venv libvulkan1 libshaderc1" in second
     assert ("vulkan-validationlayers" in second) == (script == "test")
+
+
+@pytest.mark.parametrize(("command", "said"), [("true", "long 5 s, last one 12 s\n"), ("false", "")])
+def test_steps_are_timed_and_a_failure_ends_them(command, said, tmp_path):
+    times = tmp_path / "times"
+    times.write_text("\n".join(map(str, (10, 15, 15, 15, 15, 27))) + "\n")
+    (tmp_path / "date").write_text(f"#!/bin/sh\nhead -n 1 {times}\nsed -i 1d {times}\n")
+    (tmp_path / "date").chmod(0o755)
+    lines = ["set -eu", f"root={ROOT}", '. "$root/tools/setup.sh"', "steps=", "step long true", f"step quick {command}",
+             "step 'last one' true", 'echo "$steps"']  # fmt: skip
+    environment = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}"}
+    done = subprocess.run(["sh"], input="\n".join(lines), env=environment, capture_output=True, text=True, check=False)
+    assert (done.stdout, done.returncode) == (said, int(command == "false"))
+
+
+def test_bare_asks_for_a_folder():
+    done = subprocess.run([ROOT / "tools" / "bare"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr.split(":")[:2]) == (1, ["bare", " usage"])
 
 
 def test_docs_say_that_python_is_missing(bare_path, tmp_path):

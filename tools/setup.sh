@@ -28,9 +28,20 @@ logged() {
 set_up() {
     job=$1
     python=$root/.venv/bin/python
-    install_system_packages
-    make_environment
-    install_driver
+    steps=
+    step 'system packages' install_system_packages
+    step 'Python packages' make_environment
+    step driver install_driver
+}
+
+# Runs a command, and notes in $steps how long it took if that was a second or more: step NAME COMMAND ...
+step() {
+    step_name=$1
+    shift
+    step_began=$(date +%s)
+    "$@"
+    step_seconds=$(($(date +%s) - step_began))
+    [ "$step_seconds" -lt 1 ] || steps="${steps:+$steps, }$step_name $step_seconds s"
 }
 
 # ---- system packages -----------------------------------------------------------------------------------

@@ -24,7 +24,9 @@ class Compiling:
     name: str
 
     def __str__(self) -> str:
-        return f"compiling {self.what} {min(self.done + 1, self.total)} of {self.total}: {self.name}"
+        if self.done == self.total:
+            return f"compiled {self.what}: {self.total}"
+        return f"compiling {self.what} {self.done + 1} of {self.total}: {self.name}"
 
 
 OnCompile = Callable[[Compiling], object]
