@@ -331,7 +331,7 @@ WRONG = [
     (__file__, SAMPLES, ["test_cli.py"]),
     (BOX, [*SAMPLES, "--camera", "7"], ["camera"]),
     (BOX, [*SAMPLES, "--camera", "{broken"], ["camera"]),
-    (BOX, [*SAMPLES, "--camera", '{"position": [0, 0, 0], "target": [0, 0, 0]}'], ["differ"]),
+    (BOX, [*SAMPLES, "--camera", '{"position": [0, 0, 0], "target": [0, 0, 0]}'], ["--camera", "differ"]),
     (BOX, [*SAMPLES, "--exposure", "bright"], ["bright"]),
     (BOX, [*SAMPLES, "--exposure", "nan"], ["ev100", "finite"]),
     (BOX, [*SAMPLES, "--aov", "smell"], ["smell", "depth"]),

@@ -204,7 +204,11 @@ class Soak:
         self.realtime.view = "picture"
         self.realtime.resize(size)
         self.realtime.reset()
-        frames = [np.asarray(self.realtime.render()["raw_radiance"]).mean() for _ in range(64)]
+        self.realtime.frame_count = 0
+        frames = [np.asarray(self.realtime.render()["raw_radiance"]) for _ in range(64)]
+        with sv.Renderer(self.device, self.realtime.binder, size) as new:
+            same = [np.array_equal(new.render()["raw_radiance"], frame) for frame in frames[:8]]
+        assert all(same), f"frames of a renderer that was used differ from those of a new one: {same}"
         with sv.PathTracer(self.device, self.scene, size) as truth:
             mean = np.asarray(truth.render(samples=256)["radiance"]).mean()
         return float(np.mean(frames[16:]) / mean) if mean > 0 else 1.0

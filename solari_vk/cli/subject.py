@@ -121,6 +121,9 @@ def _find_camera(scene: Scene, text: str) -> Camera:
         return scene.cameras[text]
     try:
         pose = json.loads(text if text.lstrip().startswith("{") else Path(text).read_text())
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise SolariError(f"--camera {text}: not a camera's name, a pose as JSON or a file of one ({error})") from None
-    return Camera.from_pose(pose)
+    try:
+        return Camera.from_pose(pose)
+    except SolariError as error:
+        raise SolariError(f"--camera {text}: {error}") from None

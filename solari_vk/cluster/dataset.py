@@ -79,7 +79,7 @@ def _in_room(center: Floats, triangles: Floats, random: np.random.Generator) -> 
 def _read_poses(path: Path, count: int | None, aspect: float) -> list[Camera]:
     try:
         given = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise SolariError(f"--cameras {path}: neither orbit nor random, nor a JSON file of poses: {error}") from None
     poses = _poses_of_nerf(given, path, aspect) if isinstance(given, dict) else given
     if not isinstance(poses, list) or not poses:

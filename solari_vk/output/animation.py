@@ -62,7 +62,7 @@ def load_path(path: str | Path, camera: Camera, *, fps: float, count: int | None
 def _read(path: Path, camera: Camera) -> tuple[NDArray[np.float64], list[Camera]]:
     try:
         items = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise SolariError(f"{path}: can't be read as a camera path in JSON: {error}") from None
     if not isinstance(items, list) or len(items) < 2 or not all(isinstance(item, dict) for item in items):
         raise SolariError(f"{path}: a camera path is a JSON list of at least two poses")

@@ -26,16 +26,20 @@ def _look_at(
     """A camera at a position that looks at a target, each (3,) in meters. fields: further arguments of the constructor.
 
     `Camera.look_at(...)` creates a camera; `camera.look_at(...)` moves the camera and returns it. Raises SolariError if
-    position and target are equal, and if up is parallel to the view.
+    position and target are equal, if up is parallel to the view, and for numbers that aren't finite or overflow.
     """
     eye = np.asarray(position, np.float64)
-    back = eye - np.asarray(target, np.float64)
-    right = np.cross(np.asarray(up, np.float64), back)
-    if not np.linalg.norm(back) > 0 or not np.linalg.norm(right) > 0:
+    with np.errstate(over="ignore", invalid="ignore"):
+        back = eye - np.asarray(target, np.float64)
+        right = np.cross(np.asarray(up, np.float64), back)
+        lengths = np.linalg.norm(back), np.linalg.norm(right)
+    if not np.isfinite(lengths).all():
+        raise SolariError("Camera: position, target and up must be finite and not too far apart")
+    if 0 in lengths:
         raise SolariError("Camera: position and target must differ, and up must not lie along the view")
     transform = np.eye(4)
-    transform[:3, 2] = back / np.linalg.norm(back)
-    transform[:3, 0] = right / np.linalg.norm(right)
+    transform[:3, 2] = back / lengths[0]
+    transform[:3, 0] = right / lengths[1]
     transform[:3, 1] = np.cross(transform[:3, 2], transform[:3, 0])
     transform[:3, 3] = eye
     if isinstance(camera, Camera):
@@ -159,7 +163,7 @@ class Camera(Checked):
             if "transform" in pose:
                 return cls(transform=pose["transform"], **fields)
             return cls.look_at(pose["position"], pose["target"], pose.get("up", (0, 1, 0)), **fields)
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise SolariError(f"a camera pose needs 'position' and 'target', or 'transform': {error}") from None
 
     def pose(self) -> dict[str, Any]:

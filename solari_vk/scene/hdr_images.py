@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
-from solari_vk.scene import exr, images
+from solari_vk.scene import checks, exr, images
 from solari_vk.scene.checks import FloatArray
 
 _HEADER = re.compile(rb"#\?(?P<fields>.*?)\r?\n\r?\n(?P<size>[^\n]{0,64}?)\r?\n", re.DOTALL)
@@ -47,6 +47,8 @@ def read_radiance(path: str | os.PathLike[str]) -> FloatArray:
         warnings.warn(f"{text}: it is stretched", stacklevel=CALLER)
     if not np.isfinite(image).all():
         raise SolariError(f"{source} holds NaN or infinite values: repair it in an image program")
+    if image.max() > checks.LARGEST_RADIANCE:
+        raise SolariError(f"{source} holds light above {checks.LARGEST_RADIANCE:g}: scale it down in an image program")
     negative = image < 0
     if negative.any():
         if -image[negative].sum(dtype=np.float64) > SMALL_SHARE * image[~negative].sum(dtype=np.float64):

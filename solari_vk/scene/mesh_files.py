@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import logging
 import math
 import os
 import re
@@ -46,7 +45,7 @@ def load_mesh_file(
     files = MtlFiles(path.parent)
     kind = path.suffix[1:].lower()
     reader = library("trimesh.exchange.load", str(path)).mesh_loaders[kind]
-    log = logging.getLogger("trimesh")
+    log = library("trimesh.util", str(path)).log
     data = read_regular(path, str(path))
     disabled, log.disabled = log.disabled, True  # it would print the tracebacks of what it recovers from
     try:

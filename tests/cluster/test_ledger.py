@@ -9,6 +9,7 @@ import pytest
 
 import solari_vk as sv
 from solari_vk.cluster import Identity, Shot, Style, View, render_shots
+from solari_vk.cluster.ledger import Ledger
 from solari_vk.cluster.shots import File
 
 STYLE = Style((8, 8), samples=1)
@@ -79,6 +80,36 @@ def test_a_damaged_line(paint, tmp_path, line):
         file.write(line + "\n")
     with pytest.raises(sv.SolariError, match=r"ledger\.jsonl: is damaged"):
         paint([0])
+
+
+def test_a_line_with_other_files(paint, tmp_path):
+    """Whatever files a line names, only the shot's own are looked at, and one that is missing is made anew."""
+    assert paint([0, 1]) == ["0.npy", "1.npy"]
+    ledger = tmp_path / "ledger.jsonl"
+    lines = ledger.read_text().splitlines()
+    first = json.loads(lines[1])
+    for files in ({}, {"\0": "a"}, {"../0.npy": first["files"]["0.npy"]}, {"0.npy": None}):
+        ledger.write_text("\n".join([lines[0], json.dumps({**first, "files": files}), lines[2], ""]))
+        assert paint([0, 1]) == ["0.npy"]
+
+
+def test_a_line_that_was_cut_off(paint, tmp_path, monkeypatch):
+    """The other lines stay, also when nothing can be written: to repair the ledger takes no room."""
+    assert paint([0, 1]) == ["0.npy", "1.npy"]
+    ledger = tmp_path / "ledger.jsonl"
+    whole = ledger.read_bytes()
+    ledger.write_bytes(whole[:-9])
+
+    def fail(*_: object) -> None:
+        raise sv.SolariError("full")
+
+    with monkeypatch.context() as full:
+        full.setattr(Ledger, "_append", fail)
+        with pytest.raises(sv.SolariError, match="full"):
+            paint([0, 1])
+    assert ledger.read_bytes() == b"".join(whole.splitlines(True)[:2])
+    assert paint([0, 1]) == ["1.npy"]
+    assert ledger.read_bytes() == whole
 
 
 def test_no_shots(scene, tmp_path):

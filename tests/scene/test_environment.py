@@ -9,6 +9,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from PIL import Image
+from support.hdr_files import hdr, rgbe
 
 import solari_vk as sv
 from solari_vk.conformance.oracles import encodings, environments
@@ -20,35 +21,6 @@ from solari_vk.scene.environment_map import encode_texels
 from solari_vk.scene.sky import SUN_ILLUMINANCE
 
 MUTANTS = 300
-
-
-def rgbe(colors):
-    """The codes (H, W, 4) of colors (H, W, 3), as Radiance writes them."""
-    largest = colors.max(axis=-1)
-    mantissa, exponent = np.frexp(largest)
-    scale = np.where(largest > 0, mantissa * 256 / np.where(largest > 0, largest, 1), 0)
-    codes = np.concatenate([colors * scale[..., None], (exponent + 128)[..., None]], axis=-1).astype(np.uint8)
-    codes[largest == 0] = 0
-    return codes
-
-
-def hdr(codes, runs=True, header=b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n"):
-    """A Radiance file of codes (H, W, 4), flat or with run lengths."""
-    height, width = codes.shape[:2]
-    data = header + b"\n-Y %d +X %d\n" % (height, width)
-    if not runs:
-        return data + codes.tobytes()
-    for row in codes:
-        data += bytes((2, 2, width >> 8, width & 255))
-        for channel in row.T:
-            at = 0
-            while at < width:
-                same = 1
-                while at + same < width and same < 127 and channel[at + same] == channel[at]:
-                    same += 1
-                data += bytes((128 + same, channel[at])) if same > 2 else bytes((1, channel[at]))
-                at += same if same > 2 else 1
-    return data
 
 
 @pytest.fixture
@@ -108,6 +80,21 @@ def test_broken_files_are_refused(tmp_path, colors):
             sv.Environment(tmp_path / name)
 
 
+@pytest.mark.parametrize("kind", [OpenEXR.scanlineimage, OpenEXR.tiledimage])
+def test_exr_pictures_that_are_cut_off_are_refused(tmp_path, kind):
+    """OpenEXR reads them, and prints a warning. A black picture has small chunks, which many cuts leave away."""
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": kind, "tiles": OpenEXR.TileDescription()}
+    if kind == OpenEXR.scanlineimage:
+        del header["tiles"]
+    OpenEXR.File(header, {"RGB": np.zeros((100, 200, 3), np.float32)}).write(str(tmp_path / "map.exr"))
+    whole = (tmp_path / "map.exr").read_bytes()
+    assert not sv.Environment(tmp_path / "map.exr").image.any()
+    for length in range(1, len(whole), len(whole) // 50):
+        (tmp_path / "map.exr").write_bytes(whole[:length])
+        with pytest.raises(SolariError, match=r"map\.exr is a damaged EXR picture"):
+            sv.Environment(tmp_path / "map.exr")
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_random_damage_to_files_is_an_error_or_harmless(tmp_path, colors, seed):
     generator = np.random.default_rng(seed)
@@ -137,7 +124,7 @@ def test_random_damage_to_files_is_an_error_or_harmless(tmp_path, colors, seed):
 
 
 def test_files_with_wrong_values_are_refused_and_other_shapes_reported(tmp_path, colors):
-    for value, text in ((np.nan, "NaN"), (np.inf, "NaN or infinite"), (-1e6, "negative")):
+    for value, text in ((np.nan, "NaN"), (np.inf, "infinite"), (-1e6, "negative"), (1e30, r"map\.exr holds light")):
         wrong = colors.astype(np.float32)
         wrong[2, 3, 1] = value
         sv.save_image(tmp_path / "map.exr", wrong)

@@ -197,6 +197,22 @@ def test_files_without_a_surface(tmp_path, name, content):
     assert str(caught.value).startswith(str(tmp_path / name))
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_damage_is_not_logged(tmp_path, capfd, caplog):
+    """The library logs a traceback for a damaged normal, which isn't used, and numpy warns of NaN that signal."""
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    text = ball.export(file_type="stl_ascii").replace("facet normal", "facet normal x", 1)
+    (tmp_path / "text.stl").write_text(text)
+    assert np.isfinite(sv.load(tmp_path / "text.stl").instances[0].mesh.normals).all()
+    data = bytearray(ball.export(file_type="stl"))
+    data[96:100] = struct.pack("<I", 0x7FA00000)
+    (tmp_path / "bytes.stl").write_bytes(data)
+    with pytest.raises(SolariError, match=r"bytes\.stl: .*aren't finite"):
+        sv.load(tmp_path / "bytes.stl")
+    assert not caplog.records
+    assert capfd.readouterr() == ("", "")
+
+
 def test_wrong_use(tmp_path, plane):
     (tmp_path / "nan.obj").write_text("v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n")
     for call, message in (

@@ -196,6 +196,7 @@ def test_equal_objects_are_different_keys():
 # ---- cameras ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_look_at():
     camera = Camera.look_at([1, 2, 3], [1, 2, -7], vertical_fov=1, name="eye", ev100=3)
     np.testing.assert_allclose(camera.transform, [[1, 0, 0, 1], [0, 1, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]])
@@ -206,6 +207,11 @@ def test_look_at():
     for position, target in (([0, 0, 0], [0, 0, 0]), ([0, 5, 0], [0, 0, 0])):
         with pytest.raises(SolariError, match="must differ, and up must not lie along the view"):
             Camera.look_at(position, target)
+    for position in ([math.nan, 0, 0], [math.inf, 0, 0], [1e308, -1e308, 0]):
+        with pytest.raises(SolariError, match="must be finite and not too far apart"):
+            Camera.look_at(position, [0, 1e308, 0])
+    with pytest.raises(SolariError, match="int too large"):
+        Camera.from_pose({"position": [10**400, 0, 0], "target": [0, 0, 0]})
 
 
 def test_exposure():

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
+import OpenEXR
 import trimesh
 from support import ktx2_files
 from support.compressed_gltf import draco_file, meshopt_file
 from support.gltf_writer import TRIANGLE, GltfWriter, encoded
+from support.hdr_files import hdr
 
 
 def everything() -> GltfWriter:
@@ -153,3 +156,55 @@ def mesh_file(kind: str) -> bytes:
 
 
 MESHES = ("obj", "ascii.ply", "binary.ply", "ascii.stl", "binary.stl")
+
+
+def _ktx2() -> list[tuple[bytes, str]]:
+    noise = np.random.default_rng(3).integers(0, 255, (8, 8, 4))
+    files = [ktx2_files.ETC1S, ktx2_files.UASTC, ktx2_files.UASTC_ZSTD]
+    files += [ktx2_files.plain(noise, 37, scheme) for scheme in (0, 2, 3)]
+    return [(file, "KHR_texture_basisu") for file in files]
+
+
+def _png() -> list[tuple[bytes, str]]:
+    """One has something after its end, which readers skip: nearly all other damage breaks a checksum."""
+    whole = encoded(np.random.default_rng(3).integers(0, 255, (8, 8, 3)))
+    return [(whole, ""), (whole + bytes(200), "")]
+
+
+def _pictures(kind: str, extension: str, *options: dict[str, object]) -> Callable[[], list[tuple[bytes, str]]]:
+    noise = np.random.default_rng(3).integers(0, 255, (8, 8, 3))
+    return lambda: [(encoded(noise, kind, **more), extension) for more in options or ({},)]
+
+
+IMAGES: dict[str, Callable[[], list[tuple[bytes, str]]]] = {
+    "ktx2": _ktx2,
+    "webp": _pictures("WEBP", "EXT_texture_webp", {}, {"lossless": True}),
+    "png": _png,
+    "jpeg": _pictures("JPEG", "", {}, {"progressive": True}),
+}
+"""Files of images, each with the extension of glTF that names them."""
+
+
+def _hdr(folder: Path) -> list[bytes]:
+    codes = np.random.default_rng(3).integers(100, 140, (8, 16, 4)).astype(np.uint8)
+    return [hdr(codes), hdr(codes, runs=False)]
+
+
+def _exr(folder: Path) -> list[bytes]:
+    colors, path, files = np.random.default_rng(3).random((8, 16, 3)).astype(np.float32), folder / "seed.exr", []
+    for compression in (OpenEXR.ZIP_COMPRESSION, OpenEXR.PIZ_COMPRESSION, OpenEXR.NO_COMPRESSION):
+        for kind in (OpenEXR.scanlineimage, OpenEXR.tiledimage):
+            header = {"compression": compression, "type": kind}
+            if kind == OpenEXR.tiledimage:
+                header["tiles"] = OpenEXR.TileDescription()
+            OpenEXR.File(header, {"RGB": colors}).write(str(path))
+            files.append(path.read_bytes())
+    path.unlink()
+    return files
+
+
+RADIANCE: dict[str, Callable[[Path], list[bytes]]] = {"hdr": _hdr, "exr": _exr}
+"""Environments; the functions may write into a folder."""
+
+OTHERS = ("external", "camera", "path", "transforms", "ledger")
+KINDS = (*GLTF, *IMAGES, *MESHES, *RADIANCE, *OTHERS)
