@@ -100,6 +100,16 @@ def test_a_path_is_smooth(path):
     assert max(turns) < 8
 
 
+def test_times_of_any_kind(path):
+    """Interpolated transforms are affine whatever rounding does to their last row."""
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        times = np.cumsum(rng.uniform(0.1, 1, 4)).tolist()
+        poses = [{"position": [x, 1, -2], "target": [1, 1, 1], "time": x} for x in times]
+        for camera in path(poses, fps=24):
+            assert camera.transform[3].tolist() == [0, 0, 0, 1]
+
+
 def test_poses_without_times_are_a_second_apart_and_count_divides_the_path_evenly(path):
     poses = [{key: value for key, value in pose.items() if key != "time"} for pose in POSES]
     assert len(path(poses)) == 21

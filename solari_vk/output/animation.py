@@ -54,7 +54,7 @@ def load_path(path: str | Path, camera: Camera, *, fps: float, count: int | None
     curves = {name: _interpolate(times, values, frame_times) for name, values in channels.items()}
     cameras = []
     for transform, fov, ev100 in zip(curves["transform"], curves["fov"], curves["ev100"], strict=True):
-        transform[:3, :3] = nearest_rotation(transform[:3, :3])
+        transform[:3, :3], transform[3] = nearest_rotation(transform[:3, :3]), (0, 0, 0, 1)  # but for rounding
         cameras.append(_camera(camera, transform, 2 * math.atan(math.exp(fov)), float(ev100)))
     return cameras
 
