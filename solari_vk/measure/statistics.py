@@ -181,3 +181,14 @@ def compare(
     deviation = math.sqrt(float((np.sqrt(spread).sum(axis=-1) ** 2).sum())) / spread.size
     total = float(right.mean())
     return Comparison(z, float(left.mean()) / total - 1, NORMAL_95 * deviation / total)
+
+
+def true_relative_mse(image: NDArray[Any], first: NDArray[Any], second: NDArray[Any]) -> float:
+    """relative_mse against the truth, of which two references with independent noise are given.
+
+    The noise of a single reference adds its variance to the error. In the product of both differences it cancels out
+    on average.
+    """
+    mean = (first + second) / 2
+    floor = 1e-2 * float(np.mean(mean)) ** 2 + 1e-12
+    return float(((image - first) * (image - second) / (mean**2 + floor)).mean())

@@ -12,7 +12,7 @@ from support.frames import differing, find, settle
 import solari_vk as sv
 from solari_vk.conformance.realtime import JITTER_PERIOD, make_renderer
 from solari_vk.gpu.shaders.patches import patched_shaders
-from solari_vk.measure.statistics import relative_mse, sixteenths
+from solari_vk.measure.statistics import relative_mse, sixteenths, true_relative_mse
 from solari_vk.output.animation import orbit
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import builtin, cornell_box, matte, place
@@ -66,25 +66,27 @@ def test_cost(device):
 # ---- a still picture --------------------------------------------------------------------------------
 
 
-# relMSE of frames 1, 8 and 32 after a reset at 128x128. Measured with other seeds, the worse of two: 0.022, 0.0064,
-# 0.0029; 0.078, 0.026, 0.0083; 0.093, 0.042, 0.018. The reference adds up to 0.003.
-BARS = {"cornell_box": (0.05, 0.012, 0.005), "sphere_grid": (0.1, 0.06, 0.014), "mirror_hall": (0.14, 0.06, 0.025)}
+# relMSE of frames 1, 8 and 32 after a reset at 128x128. Measured with other seeds, means of 14, 8 and 3: 0.020, 0.0049,
+# 0.0017; 0.085, 0.022, 0.0070; 0.079, 0.036, 0.010. Single seeds have up to 0.12 in frame 1 of sphere_grid.
+BARS = {"cornell_box": (0.05, 0.012, 0.005), "sphere_grid": (0.1, 0.04, 0.012), "mirror_hall": (0.1, 0.045, 0.016)}
 SIZE_OF_BARS = (128, 128)
 
 
 @pytest.fixture(scope="module")
-def reference_of(device):
-    """reference_of(name) -> the path tracer's picture of a built-in scene at the centers of pixels."""
+def references_of(device):
+    """references_of(name) -> two pictures of a built-in scene by the path tracer, at the centers of pixels."""
 
     @functools.cache
     def trace(name):
-        with patched_shaders(SEES_CENTERS), sv.PathTracer(device, builtin(name), SIZE_OF_BARS, seed=99) as tracer:
-            return read(tracer.render(samples=1024))
+        with patched_shaders(SEES_CENTERS), sv.PathTracer(device, builtin(name), SIZE_OF_BARS, seed=98) as tracer:
+            first = read(tracer.render(samples=512))
+            tracer.seed = 99
+            return first, read(tracer.render(samples=512))
 
     return trace
 
 
-def errors_of(device, name, reference):
+def errors_of(device, name, references):
     """relMSE of frames 1, 8 and 32 after a reset, without jitter, each a mean over two seeds."""
     found = []
     with make(device, builtin(name), SIZE_OF_BARS, jitter=False) as renderer:
@@ -92,7 +94,7 @@ def errors_of(device, name, reference):
             renderer.seed = seed
             renderer.reset()
             pictures = [read(renderer.render()) for _ in range(32)]
-            found.append([relative_mse(pictures[frame - 1], reference) for frame in (1, 8, 32)])
+            found.append([true_relative_mse(pictures[frame - 1], *references) for frame in (1, 8, 32)])
     print(name, np.round(found, 4))
     return np.mean(found, axis=0)
 
@@ -101,8 +103,8 @@ def errors_of(device, name, reference):
     "cornell_box", pytest.param("sphere_grid", marks=pytest.mark.slow),
     pytest.param("mirror_hall", marks=pytest.mark.slow),
 ])  # fmt: skip
-def test_error_falls_from_frame_to_frame(device, reference_of, name):
-    errors = errors_of(device, name, reference_of(name))
+def test_error_falls_from_frame_to_frame(device, references_of, name):
+    errors = errors_of(device, name, references_of(name))
     assert (errors <= BARS[name]).all(), errors
 
 
@@ -438,8 +440,8 @@ def caught_by_means(device):
     return total > 0.02 or lobes > 0.02 or tiles > 0.05
 
 
-def caught_by_error(device, reference_of):
-    return bool((errors_of(device, "cornell_box", reference_of("cornell_box")) > BARS["cornell_box"]).any())
+def caught_by_error(device, references_of):
+    return bool((errors_of(device, "cornell_box", references_of("cornell_box")) > BARS["cornell_box"]).any())
 
 
 def caught_by_lamp(device):
@@ -467,10 +469,10 @@ MUTANTS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MUTANTS)
-def test_mutants_are_caught(device, reference_of, name):
+def test_mutants_are_caught(device, references_of, name):
     check, patch = MUTANTS[name]
     with patched_shaders(patch):
         if check == "error":
-            assert caught_by_error(device, reference_of)
+            assert caught_by_error(device, references_of)
         else:
             assert {"means": caught_by_means, "lamp": caught_by_lamp, "pan": caught_by_pan}[check](device)

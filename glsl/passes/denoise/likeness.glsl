@@ -4,8 +4,9 @@
 
 #include "passes/denoise/guide.glsl"
 
-const float PLANE_TOLERANCE = 1.0;           // distance from the surface's plane, in widths of a pixel
-const float DIFFUSE_NORMAL_TOLERANCE = 0.06; // 1 - the cosine between normals
+// Distance from the surface's plane, in widths of a pixel, beyond that of a surface that bends as the normals turn.
+const float PLANE_TOLERANCE = 1.0;
+const float DIFFUSE_NORMAL_TOLERANCE = 0.12; // 1 - the cosine between normals
 const float MIRROR_NORMAL_TOLERANCE = 0.05;  // the same for surfaces seen in mirrors
 const float SPECULAR_NORMAL_TOLERANCE = 0.1; // the same for the specular lobe, over its squared roughness
 // The least squared roughness that counts, for certain light and for uncertain light: it is better to blur reflections
@@ -52,8 +53,9 @@ vec2 likeness(Pattern pattern, uvec2 other, ivec2 step) {
     float along = is_parallel(camera)
         ? dot(pattern.plane, vec3(step, depth))
         : depth * dot(pattern.plane, vec3(step, 1.0));
-    float off = abs(along - pattern.plane_offset);
     vec3 turned = normal_code(other) - pattern.normal;
+    float bend = 0.5 * length(turned) / NORMAL_CODES * length(vec2(step)) / PLANE_TOLERANCE;
+    float off = max(abs(along - pattern.plane_offset) - bend, 0.0);
     float unlike = abs(material_code(other) - pattern.material) / (MATERIAL_TOLERANCE * MATERIAL_CODES);
     vec2 weights = exp(-(off + dot(turned, turned) * pattern.normal_sharpness + vec2(0.0, unlike)));
     return kind_of(other) == pattern.kind ? weights : vec2(0.0);
