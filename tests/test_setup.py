@@ -116,6 +116,18 @@ def test_steps_are_timed_and_a_failure_ends_them(command, said, tmp_path):
     assert (done.stdout, done.returncode) == (said, int(command == "false"))
 
 
+@pytest.mark.parametrize(("mesa", "said", "status"), [
+    ("sleep 0.3; echo Mesa", ["pip", "Mesa", "done"], 0),
+    ("exit 3", ["pip"], 3),
+])  # fmt: skip
+def test_a_driver_is_installed_while_pip_works(mesa, said, status):
+    lines = ["set -eu", f"root={ROOT}", '. "$root/tools/setup.sh"', "can_use_apt() { true; }",
+             "find_python() { true; }", "has_driver() { false; }", "has_device() { true; }",
+             f"install_mesa() {{ {mesa}; }}", "begin_driver", "echo pip", "install_driver", "echo done"]  # fmt: skip
+    done = subprocess.run(["sh"], input="\n".join(lines), capture_output=True, text=True, check=False)
+    assert (done.stdout.split("\n")[:-1], done.returncode) == (said, status), done.stderr
+
+
 def test_bare_asks_for_a_folder():
     done = subprocess.run([ROOT / "tools" / "bare"], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr.split(":")[:2]) == (1, ["bare", " usage"])

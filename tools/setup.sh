@@ -30,8 +30,9 @@ set_up() {
     python=$root/.venv/bin/python
     steps=
     step 'system packages' install_system_packages
+    begin_driver
     step 'Python packages' make_environment
-    step driver install_driver
+    step "driver${driver_job:+, begun beside them}" install_driver
 }
 
 # Runs a command, and notes in $steps how long it took if that was a second or more: step NAME COMMAND ...
@@ -136,20 +137,46 @@ from solari_vk.gpu.device.device import list_devices
 sys.exit(all(device.missing for device in list_devices()))' 2>/dev/null
 }
 
+# Where there is no driver at all, one is installed while pip works.
+begin_driver() {
+    driver_job=
+    can_use_apt && find_python && ! has_driver || return 0
+    install_mesa &
+    driver_job=$!
+    trap 'wait "$driver_job" || true' EXIT # so that apt isn't left at work
+}
+
+has_driver() {
+    [ -z "${VK_DRIVER_FILES:-}${VK_ICD_FILENAMES:-}" ] || return 0
+    for manifest in /usr/share/vulkan/icd.d/*.json /usr/local/share/vulkan/icd.d/*.json /etc/vulkan/icd.d/*.json; do
+        [ ! -e "$manifest" ] || return 0
+    done
+    return 1
+}
+
 install_driver() {
+    if [ -n "$driver_job" ]; then
+        trap - EXIT
+        wait "$driver_job" # its failure has said why
+    fi
     has_device && return
-    if can_use_apt; then
-        release=
-        if ! dpkg --compare-versions "$(candidate)" ge "$mesa_with_rays"; then
-            release=$(. /etc/os-release && echo "${VERSION_CODENAME:-}")-backports
-            add_backports "$release"
-        fi
-        say "no device that traces rays: installing Mesa's software device${release:+ from $release}"
-        apt_install ${release:+-t "$release"} mesa-vulkan-drivers
+    if can_use_apt && [ -z "$driver_job" ]; then
+        find_python
+        install_mesa
         has_device && return
     fi
     "$python" -m solari_vk info >&2 || true
     fail "no Vulkan device that traces rays. $(how_to_install_driver)"
+}
+
+install_mesa() {
+    release=
+    if ! dpkg --compare-versions "$(candidate)" ge "$mesa_with_rays"; then
+        release=$(. /etc/os-release && echo "${VERSION_CODENAME:-}")-backports
+        add_backports "$release"
+    fi
+    say "no device that traces rays: installing Mesa's software device${release:+ from $release}"
+    apt_install ${release:+-t "$release"} mesa-vulkan-drivers
 }
 
 # The version of Mesa that apt would install.
@@ -157,7 +184,7 @@ candidate() { apt-cache policy mesa-vulkan-drivers | sed -n 's/^ *Candidate: //p
 
 add_backports() {
     apt-cache policy mesa-vulkan-drivers | grep -q "$1/" && return
-    added=$("$python" "$root/tools/backports.py" "$1") || fail "Mesa $mesa_with_rays or later is needed, and $1 can't be added"
+    added=$("$system_python" "$root/tools/backports.py" "$1") || fail "Mesa $mesa_with_rays or later is needed, and $1 can't be added"
     say "added $1 to apt: $added"
     logged apt-get update
 }
