@@ -15,6 +15,9 @@ from distributed import Nanny, Scheduler, SpecCluster
 from solari_vk.cluster.bench import Opening
 from solari_vk.gpu.device.device import list_devices
 
+UNWATCHED = {"DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"}
+"""Workers whose stacks dask doesn't look at 100 times a second, which nobody reads and which takes processor time."""
+
 
 @contextmanager
 def local_cluster(worker_count: int, opening: Opening) -> Iterator[Any]:
@@ -30,7 +33,8 @@ def local_cluster(worker_count: int, opening: Opening) -> Iterator[Any]:
             "cls": Nanny,
             "options": here | {
                 "nthreads": 1, "memory_limit": 0, "silence_logs": logging.CRITICAL,
-                "env": {**threads, "SOLARI_VK_DEVICE": devices[number % len(devices)]}, "preload": [__name__],
+                "env": {**threads, **UNWATCHED, "SOLARI_VK_DEVICE": devices[number % len(devices)]},
+                "preload": [__name__],
             },
         }
         for number in range(worker_count)

@@ -1,8 +1,12 @@
 """How well several workers share the work, and what a scheduler has to do for many more of them.
 
 Workers of a crew are compared with as many processes that know nothing of each other and render the same number of
-views: what is lost is what dask, sending results and waiting for the last view cost. Both take turns, so that other
-work on the machine slows both.
+views at the same time: what is lost is what dask, sending results and waiting for the last view cost. Both are warm,
+and take turns, so that other work on the machine slows both; the efficiency is the median of the rounds' ratios.
+
+Other work still decides who waits longer. Processor time hardly depends on it: that of the processes apart, over that
+of the workers, the scheduler and this process, is the efficiency that a quiet software device would have if waiting
+cost nothing.
 
 The scheduler is a real one of dask. Its many workers are real ones too, but all in this process, and their jobs wait.
 """
@@ -42,7 +46,8 @@ SIMULATED_SECONDS = 4.0  # of a job
 SIMULATED_JOBS = 5  # of a worker
 INTRO = (
     "What `solari-vk bench cluster` measured. Views are rendered by N workers of a crew, and by N processes that know "
-    "nothing of each other, in turns. Speeds are those of the best of the rounds; their ratio is the efficiency.",
+    "nothing of each other, in turns. Figures are medians of the rounds; the efficiency is that of their ratios, in "
+    "time and in processor time, of which a crew spends that of its workers, its scheduler and the command.",
 )
 
 
@@ -54,23 +59,26 @@ def run(
     opening = Opening(device, rays)
     with opening.open() as opened:
         report = Report(opened, markdown, "Several devices", INTRO)
-    rows = []
+    rows = list[tuple[str, ...]]()
     for count in workers:
         report.progress(f"{count} workers, {views} views of {size[0]}x{size[1]} with {samples} samples a pixel")
         apart, together = _measure(opening, count, views, size, samples)
-        best = apart.min(), together.min()  # other work on the machine only adds to the time
-        rows.append((str(count), *(f"{views / seconds:.2f}" for seconds in best), f"{best[0] / best[1]:.3f}"))
-    head = ("workers", "views/s of processes apart", "views/s of a crew", "efficiency")
+        (speed_apart, spent_apart), (speed, spent) = (np.median(found / views, axis=0) for found in (apart, together))
+        in_time, in_processor_time = np.median(apart / together, axis=0)
+        rows.append((str(count), f"{1 / speed_apart:.2f}", f"{1 / speed:.2f}", f"{in_time:.3f}", f"{spent_apart:.3f}",
+                     f"{spent:.3f}", f"{in_processor_time:.3f}"))  # fmt: skip
+    head = ("workers", "views/s of processes apart", "views/s of a crew", "efficiency", "processor s a view apart",
+            "processor s a view of a crew", "efficiency in processor time")  # fmt: skip
     report.table(f"{views} views of {SCENE}, {size[0]}x{size[1]}, {samples} samples a pixel", head, rows)
     if simulate:
         logging.getLogger("distributed").setLevel(logging.ERROR)
-        rows.clear()
+        rows = []
         for count in SIMULATED_WORKERS:
             report.progress(f"a scheduler with {count} simulated workers")
             cpu, delay = asyncio.run(_simulate(count))
             rows.append((str(count), f"{1e3 * cpu:.2f}", f"{1e3 * delay:.1f}", f"{1 / cpu:,.0f}"))
-        head = ("workers", "scheduler's processor ms a job", "delay of an answer, ms", "jobs/s at most")
-        report.table(f"A scheduler whose workers' jobs take {SIMULATED_SECONDS:g} s", head, rows)
+        facts = ("workers", "scheduler's processor ms a job", "delay of an answer, ms", "jobs/s at most")
+        report.table(f"A scheduler whose workers' jobs take {SIMULATED_SECONDS:g} s", facts, rows)
 
 
 def _shots(folder: str, views: int, size: tuple[int, int], samples: int) -> tuple[Scene, list[Shot]]:
@@ -85,7 +93,7 @@ def _shots(folder: str, views: int, size: tuple[int, int], samples: int) -> tupl
 def _measure(
     opening: Opening, count: int, views: int, size: tuple[int, int], samples: int
 ) -> tuple[Floats, Floats]:
-    """Seconds of each round, by processes apart and by a crew."""
+    """Seconds and processor seconds of each round (ROUNDS, 2), by processes apart and by a crew."""
     spawn = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         scene, shots = _shots(folder, views, size, samples)
@@ -107,12 +115,11 @@ def _measure(
             started = time.perf_counter()
             for line in lines:
                 line.send(True)
-            for line in lines:
-                line.recv()
-            apart.append(time.perf_counter() - started)
-            started = time.perf_counter()
+            spent = sum(line.recv() for line in lines)
+            apart.append((time.perf_counter() - started, spent))
+            before, started = _spent(crew), time.perf_counter()
             _finish(crew.map(scene, shots))
-            together.append(time.perf_counter() - started)
+            together.append((time.perf_counter() - started, _spent(crew) - before))
     return np.array(apart), np.array(together)
 
 
@@ -136,8 +143,14 @@ def _apart(line: Any, opening: Opening, share: _Share) -> None:
         _finish(one.map(scene, shots[:1]))
         line.send(None)
         while line.recv():
+            before = time.process_time()
             _finish(one.map(scene, shots[share.number :: share.count]))
-            line.send(None)
+            line.send(time.process_time() - before)
+
+
+def _spent(crew: Crew) -> float:
+    """Processor seconds of the workers and of this process, which has the scheduler."""
+    return time.process_time() + float(sum(crew.client.run(time.process_time).values()))
 
 
 def _finish(results: Results[Shot]) -> None:

@@ -17,6 +17,7 @@ from solari_vk.scene.matrices import nearest_rotation, rotation, turned_about
 from solari_vk.scene.model import Camera
 
 MAX_CAMERAS = 100_000
+LATEST = 1e9  # seconds: the curves through much later or closer poses overflow
 MAX_TURN = 170.0  # degrees between successive poses: a turn by 180 degrees has no unique direction
 
 
@@ -71,10 +72,11 @@ def _read(path: Path, camera: Camera) -> tuple[NDArray[np.float64], list[Camera]
         raise SolariError(f"{path}: {timed} of {len(items)} poses have a 'time': give it to all or to none")
     try:
         times = np.array([float(item.get("time", index)) for index, item in enumerate(items)])
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise SolariError(f"{path}: a pose's 'time' must be a number of seconds") from None
-    if not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
-        raise SolariError(f"{path}: the times of poses must be finite and increase from pose to pose")
+    if not ((np.abs(times) <= LATEST).all() and (np.diff(times) >= 1 / LATEST).all()):
+        raise SolariError(f"{path}: the times of poses must be finite, within {LATEST:g} s, and increase from pose to "
+                          f"pose, by {1 / LATEST:g} s or more")  # fmt: skip
     poses = [_pose(path, index, item, camera) for index, item in enumerate(items)]
     for index, (a, b) in enumerate(pairwise(poses)):
         cosine = (np.sum(_axes(a) * _axes(b)) - 1) / 2

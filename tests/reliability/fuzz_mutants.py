@@ -43,6 +43,8 @@ def mutate_json(content: Any, generator: random.Random) -> bytes:
     content = copy.deepcopy(content)
     for _ in range(generator.choice([1, 1, 1, 2, 3])):
         found = places(content)
+        if not found:
+            break
         container, key = generator.choice(found)
         kind = generator.random()
         if kind < 0.6:
