@@ -11,7 +11,7 @@ import pytest
 from solari_vk.errors import SolariError, ValidationError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.recorded import Recorded
-from solari_vk.gpu.frame.frame import Frame, History, Pass, Stage, Step
+from solari_vk.gpu.frame.frame import Frame, History, IfUsed, Pass, Stage, Step
 from solari_vk.gpu.shaders.compiler import CompilationError
 
 BINDINGS = """#ifndef BINDINGS
@@ -52,6 +52,24 @@ def root(shaders):
     for name, text in PASSES.items():
         shaders.write(name, START + text)
     return shaders.root
+
+
+def test_an_image_that_is_declared_if_used(device, root, shaders):
+    """It is made when a shader begins to use it, and freed when none does any more."""
+    shaders.write("sometimes", START + PASSES["fill_a"])
+    stage = Stage("sometimes", buffers={"a": 64}, images={"picture": IfUsed((16, 4))}, passes=[Pass("sometimes", 64)])
+    with Frame(device, [stage], glsl_root=root) as frame:
+        assert "picture" not in frame
+        frame.submit()
+        uses = "imageStore(picture, ivec2(gl_GlobalInvocationID.x, 0), vec4(2.0)); a.at[0] = uniforms.frame;"
+        shaders.write("sometimes", START + "void main() { " + uses + " }\n")
+        frame.rebuild()
+        frame.submit()
+        assert frame["picture"].shape == (4, 16, 4)
+        assert (frame["picture"][0] == 2).all()
+        shaders.write("sometimes", START + PASSES["fill_a"])
+        frame.rebuild()
+        assert "picture" not in frame
 
 
 def chain(size: int = COUNT) -> Stage:

@@ -26,12 +26,12 @@ from solari_vk.gpu.frame.pipelines import Pipeline
 from solari_vk.gpu.frame.program import Program, ProgramBuilder
 from solari_vk.gpu.frame.resources import Resources
 from solari_vk.gpu.frame.slot import Slot
-from solari_vk.gpu.frame.stages import Draw, DrawList, History, HitGroup, Pass, RayPass, Stage, Step
+from solari_vk.gpu.frame.stages import Draw, DrawList, History, HitGroup, IfUsed, Pass, RayPass, Stage, Step
 from solari_vk.gpu.frame.uniforms import Uniforms
 from solari_vk.gpu.shaders.compiler import Roots
 from solari_vk.gpu.shaders.spirv import Binding
 
-__all__ = ["Draw", "DrawList", "Frame", "History", "HitGroup", "Pass", "RayPass", "Row", "Stage", "Step"]
+__all__ = ["Draw", "DrawList", "Frame", "History", "HitGroup", "IfUsed", "Pass", "RayPass", "Row", "Stage", "Step"]
 
 SLOTS = 2
 
