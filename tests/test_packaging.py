@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tarfile
+import tomllib
 import zipfile
 from pathlib import Path
 
@@ -33,6 +35,15 @@ def build(folder: Path, target: str, **environment: str) -> Path:
     assert done.returncode == 0, done.stdout + done.stderr
     (made,) = (folder / "dist").glob("*.whl" if target == "wheel" else "*.tar.gz")
     return made
+
+
+def test_addresses_can_be_filled_in():
+    """The lines that are comments for whoever publishes the package are right once the signs are removed."""
+    text = (ROOT / "pyproject.toml").read_text()
+    start = text.index("# [project.urls]")
+    lines = text[start:].partition("\n\n")[0]
+    filled = text.replace(lines, re.sub("(?m)^# ", "", lines).replace('""', '"https://example.org"'))
+    assert len(tomllib.loads(filled)["project"]["urls"]) == 5
 
 
 @pytest.fixture(scope="module")

@@ -56,7 +56,10 @@ def load_path(path: str | Path, camera: Camera, *, fps: float, count: int | None
     cameras = []
     for transform, fov, ev100 in zip(curves["transform"], curves["fov"], curves["ev100"], strict=True):
         transform[:3, :3], transform[3] = nearest_rotation(transform[:3, :3]), (0, 0, 0, 1)  # but for rounding
-        cameras.append(_camera(camera, transform, 2 * math.atan(math.exp(fov)), float(ev100)))
+        try:
+            cameras.append(_camera(camera, transform, 2 * math.atan(math.exp(fov)), float(ev100)))
+        except SolariError as error:  # curves overshoot
+            raise SolariError(f"{path}: the curve between its poses leaves the range of a camera: {error}") from None
     return cameras
 
 
