@@ -10,9 +10,10 @@
 struct Past {
     vec3 radiance;
     float weight;  // number of samples in the mean, or less where a change made them count less; 0 without a history
+    bool blended;  // whether it has shown a blended surface since it moved
 };
 
-const Past NO_PAST = Past(vec3(0.0), 0.0);
+const Past NO_PAST = Past(vec3(0.0), 0.0, false);
 const float LONGEST = 63.0;          // samples in a mean
 const float LONGEST_IN_MOTION = 15.0;  // the same where resampling would blur a longer one
 // The sum of differences over the largest that it can be, between which they count as common.
@@ -20,14 +21,14 @@ const float ALONG_LINES = 0.8, OVER_AREAS = 0.95;
 
 uvec2 pack_past(Past past, inout uint rng) {
     uint red = pack_positive(past.radiance.r, 18u, rng), green = pack_positive(past.radiance.g, 18u, rng);
-    uint blue = pack_positive(past.radiance.b, 18u, rng), weight = uint(16.0 * min(past.weight, LONGEST) + 0.5);
-    return uvec2(red | green << 18u, green >> 14u | blue << 4u | weight << 22u);
+    uint blue = pack_positive(past.radiance.b, 18u, rng), weight = uint(8.0 * min(past.weight, LONGEST) + 0.5);
+    return uvec2(red | green << 18u, green >> 14u | blue << 4u | weight << 22u | uint(past.blended) << 31u);
 }
 
 Past unpack_past(uvec2 bits) {
     vec3 found = vec3(unpack_positive(bits.x, 18u), unpack_positive(bits.x >> 18u | bits.y << 14u, 18u),
                       unpack_positive(bits.y >> 4u, 18u));
-    return Past(found, float(bits.y >> 22u) / 16.0);
+    return Past(found, float(bitfieldExtract(bits.y, 22, 9)) / 8.0, bits.y >> 31u != 0u);
 }
 
 Past load_past(ivec2 at) {
@@ -56,7 +57,7 @@ Past interpolate_past(vec2 position, Neighborhood around) {
         }
     }
     if (low.x > high.x) { return NO_PAST; }
-    return Past(total > 0.0 ? clamp(sum / total, low, high) : high, shortest);
+    return Past(total > 0.0 ? clamp(sum / total, low, high) : high, shortest, false);
 }
 
 // Whether what a rendered pixel shows was visible around a position of the previous picture.

@@ -26,12 +26,15 @@ Past limited(Past past, Neighborhood around) {
     if (!(outside > 1.0) && !differs) { return past; }
     float kept = min(1.0 / outside, 1.0), trusted = kept;
     if (is_still(around.center)) {
-        // By chance all samples around may show a blended surface, or none of them.
-        bool blended = SCENE_BLEND && this_frame.lighting_change == 0.0 && is_blended(around.center);
-        trusted = blended ? 1.0 : 1.0 - common_difference(around.center);
+        // By chance all samples around may show a blended surface, or none of them, even in many frames.
+        past.blended = SCENE_BLEND && (past.blended || is_blended(around.center));
+        bool by_chance = past.blended && this_frame.lighting_change == 0.0;
+        trusted = by_chance ? 1.0 : 1.0 - common_difference(around.center);
         kept = max(kept, trusted);
+    } else {
+        past.blended = false;
     }
-    return Past(max(from_ycocg(around.mean + kept * color), vec3(0.0)), trusted * past.weight);
+    return Past(max(from_ycocg(around.mean + kept * color), vec3(0.0)), trusted * past.weight, past.blended);
 }
 
 void main() {
@@ -57,7 +60,7 @@ void main() {
         // A sample counts in proportion to its number in the sequence, since the denoiser knows more from frame to
         // frame. Up to a factor, these weights sum to the square of the number.
         float total = past.weight + weight, share = 1.0 - square(past.weight / total);  // never above 1 by rounding
-        past = Past(mix(past.radiance, found.radiance, share), total);
+        past = Past(mix(past.radiance, found.radiance, share), total, past.blended);
     }
     radiance.at[index] = past.radiance;
     uint rng = seed_rng(uvec2(at), this_frame.index, this_frame.seed ^ PASS_SALT);
