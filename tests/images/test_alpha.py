@@ -238,8 +238,8 @@ def lamp_among_panes():
 
 
 def check_specks(device):
-    """Pixels of a still pane tend to the mean of the pane and what is behind it, with 64 frames' binomial noise: a black
-    pane before a lamp, and a thin one that shines, of which the pixels around often show nothing."""
+    """Pixels of a still pane tend to the mean of the pane and what is behind it, with 64 frames' binomial noise: of a
+    black pane before a lamp, and of a thin one that shines, of which the pixels around often show nothing."""
     passes = (*GBUFFER, "guides/", "display/", "taa/")
     thin = sv.Scene(sv.Instance(quad(5.0), sv.Material(base_color=0.0)), pane(0.06))
     thin.instances[1].material.update(emissive=2.0)
