@@ -19,19 +19,36 @@ BAR = 0.7  # error over that of Open Image Denoise of the same single frame
 BY_SURFACE = ("passes/denoise/temporal.comp", "ONLY_SURFACE_MOTION = 0.8", "ONLY_SURFACE_MOTION = 0.0")
 
 
-def hall(metallic: float, perceptual_roughness: float) -> sv.Scene:
-    """A wall that reflects a lit card before a darker wall behind the camera."""
+INFINITY_IS_UNKNOWN = ("passes/denoise/accumulate.comp", "max(1.0 / found.w, INVERSE_OF_INFINITY)", "1.0 / found.w")
+
+
+def make_wall(metallic: float, perceptual_roughness: float) -> sv.Scene:
     material = sv.Material(base_color=(metallic,) * 3, metallic=metallic, perceptual_roughness=perceptual_roughness)
-    card, behind = (sv.Material(base_color=(0, 0, 0), emissive=(light,) * 3) for light in (1.0, 0.1))
     scene = sv.Scene()
     scene.add(shapes.quad((0, 0, 0), (3, 0, 0), (0, 3, 0)), material)
+    return scene
+
+
+def hall(metallic: float, perceptual_roughness: float) -> sv.Scene:
+    """A wall that reflects a lit card before a darker wall behind the camera."""
+    scene = make_wall(metallic, perceptual_roughness)
+    card, behind = (sv.Material(base_color=(0, 0, 0), emissive=(light,) * 3) for light in (1.0, 0.1))
     scene.add(shapes.quad((0.6, 0, 3.0), (-0.6, 0, 0), (0, 3, 0)), card)
     scene.add(shapes.quad((0, 0, 3.2), (-6, 0, 0), (0, 6, 0)), behind)
     return scene
 
 
-def error_over_oidn(device: sv.Device, metallic: float, roughness: float) -> float:
-    scene = hall(metallic, roughness)
+def open_hall(metallic: float, perceptual_roughness: float) -> sv.Scene:
+    """A wall that reflects stripes at infinity."""
+    scene = make_wall(metallic, perceptual_roughness)
+    stripes = np.full((64, 128, 3), 0.1)
+    stripes[:, np.arange(128) % 8 < 4] = 1.0
+    scene.environment = sv.Environment(stripes)
+    return scene
+
+
+def error_over_oidn(device: sv.Device, metallic: float, roughness: float, make=hall) -> float:
+    scene = make(metallic, roughness)
     step = SPEED * 2 * np.tan(0.3) * 5 / SIZE[0]  # meters, for what is 5 m away by way of the wall
     with make_renderer(device, scene, SIZE, denoise=True, antialiasing=True) as renderer:
         for index in range(FRAMES):
@@ -58,3 +75,15 @@ def test_reflections_follow_the_camera(device, metallic, roughness):
 def test_reflections_that_move_like_their_surface_are_noticed(device):
     with patched_shaders(BY_SURFACE):
         assert error_over_oidn(device, 0.0, 0.1) > BAR
+
+
+@pytest.mark.parametrize(("metallic", "roughness"), [
+    (0.0, 0.1), *(pytest.param(*case, marks=pytest.mark.slow) for case in ((1.0, 0.1), (1.0, 0.2))),
+])  # fmt: skip
+def test_reflections_of_the_environment_follow_the_camera(device, metallic, roughness):
+    assert error_over_oidn(device, metallic, roughness, open_hall) < BAR
+
+
+def test_reflections_of_the_environment_that_move_like_their_surface_are_noticed(device):
+    with patched_shaders(INFINITY_IS_UNKNOWN):
+        assert error_over_oidn(device, 0.0, 0.1, open_hall) > BAR

@@ -13,7 +13,7 @@ Lobe add_sample(Lobe past, vec4 found, float confidence) {
     float value = luminance(found.rgb);
     past.frames = min(past.frames * confidence, float(denoise_settings.frames - 1u));
     float weight = 1.0 / (past.frames + 1.0);
-    float inverse = found.w > 0.0 ? 1.0 / found.w : past.inverse_distance;
+    float inverse = found.w > 0.0 ? max(1.0 / found.w, INVERSE_OF_INFINITY) : past.inverse_distance;
     return Lobe(
         mix(past.radiance, found.rgb, weight), mix(past.second_moment, value * value, weight),
         mix(past.recent, value, max(weight, RECENT)), past.frames + 1.0,

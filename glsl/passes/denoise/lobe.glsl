@@ -11,9 +11,10 @@ struct Lobe {
     float second_moment;     // the mean of squared luminances
     float recent;            // luminance of the latest frames
     float frames;            // number of frames in the mean; 0 without a history
-    float inverse_distance;  // mean of 1 / distance to where the light came from; 0 for infinity, or when unknown
+    float inverse_distance;  // mean of 1 / distance to where the light came from, in 1/m; 0 when unknown
 };
 
+const float INVERSE_OF_INFINITY = 1e-9;  // of light from the environment
 const Lobe NO_HISTORY = Lobe(vec3(0.0), 0.0, 0.0, 0.0, 0.0);
 
 // ---- packing ----------------------------------------------------------------------------------------
