@@ -13,7 +13,7 @@ layout(constant_id = 2) const uint level = 0u;
 
 const uint PASS_SALT = 0x3C6EF372u;
 const float TOLERANCE = 2.2;       // standard deviations
-const float CENTER_WEIGHT = level == 0u ? 4.0 : 2.0;
+const float CENTER_WEIGHT = 4.0;
 const float DARKEST = 1e-30;
 const float CLEAN = 0.025;         // standard deviation over mean
 const float TOO_LITTLE = 0.25;     // share of the neighbors' weight that is taken
