@@ -18,13 +18,14 @@ _TRIAL = bytes(4096)  # a file of a few bytes may fit on a disk that is full
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """A temporary path in the same folder; what is written there replaces the file at `path` when the context ends.
+    If that is a link, it stays, and the file that it names is replaced.
 
     Raises SolariError when writing fails, and leaves the file at `path` as it was.
     """
     temporary = _beside(path)
     try:
         yield temporary
-        os.replace(temporary, path)
+        os.replace(temporary, os.path.realpath(path))
     except (OSError, RuntimeError) as error:
         raise cannot_be("written", path, error) from None
     finally:
@@ -68,18 +69,25 @@ def make_temporary_folder() -> Path:
 def cannot_be(done: str, path: Path, error: OSError | RuntimeError) -> SolariError:
     """The error that a file or folder can't be "written" or "made", with the remedy."""
     reason = getattr(error, "strerror", None) or error
-    forbidden = isinstance(error, PermissionError) or getattr(error, "errno", None) == errno.EROFS
-    remedy = "choose a folder that can be written" if forbidden else "make room there, or choose another folder"
+    if isinstance(error, PermissionError) or getattr(error, "errno", None) == errno.EROFS:
+        remedy = "choose a folder that can be written"
+    elif getattr(error, "errno", None) == errno.ENAMETOOLONG:
+        remedy = "choose a shorter name"
+    elif isinstance(error, RuntimeError):
+        remedy = "make room there, choose another folder, or mend what the reason names"
+    else:
+        remedy = "make room there, or choose another folder"
     return SolariError(f"{path}: can't be {done}: {reason}: {remedy}")
 
 
 def _beside(path: Path) -> Path:
     """A path in the same folder, with the same suffix, that no other thread or process takes."""
-    if not path.parent.is_dir():
-        raise SolariError(f"{path}: there is no folder {path.parent}: make it first")
-    if path.is_dir():
-        raise SolariError(f"{path}: is a folder: give the name of a file")
-    return path.with_name(f".{path.stem}.{os.getpid()}-{threading.get_ident()}{path.suffix}")
+    if os.path.exists(path) and not os.path.isfile(path):
+        raise SolariError(f"{path}: is a {'folder' if path.is_dir() else 'device or pipe'}: give the name of a file")
+    target = Path(os.path.realpath(path))
+    if not os.path.isdir(target.parent):
+        raise SolariError(f"{path}: there is no folder {target.parent}: make it first")
+    return target.with_name(f".{target.stem}.{os.getpid()}-{threading.get_ident()}{path.suffix}")
 
 
 def _remove(temporary: Path) -> None:
