@@ -22,8 +22,6 @@ from solari_vk.gpu.frame.raster import record_draw
 from solari_vk.gpu.frame.stages import Draw, Pass
 from solari_vk.gpu.frame.uniforms import Uniforms
 
-_COMPUTE = raw.VK_PIPELINE_BIND_POINT_COMPUTE
-
 
 class Slot:
     """One of the slots that take turns. `value` is the timeline value of its latest frame; while `stale` is true,
@@ -108,26 +106,32 @@ class Slot:
         self.stale = False
 
     def run_new(self, known: Collection[Pipeline]) -> frozenset[Pipeline]:
-        """Run the compute pipelines that aren't among the known ones with no workgroup, and return all of them.
+        """Run compute and ray pipelines that aren't among the known ones, with no invocation, and return all of them.
 
         Software drivers compile a pipeline when it first runs, and this way it can be said which one it is.
         """
         assert self._program is not None
         steps = [(step.pipeline, step.item.name) for step in self._program.steps if step.pipeline is not None]
-        compute = {pipeline: name for pipeline, name in steps if pipeline.bind_point == _COMPUTE}
-        new = [pipeline for pipeline in compute if pipeline not in known]
-        names = [compute[pipeline] for pipeline in new]
+        graphics = raw.VK_PIPELINE_BIND_POINT_GRAPHICS
+        runnable = {pipeline: name for pipeline, name in steps if pipeline.bind_point != graphics}
+        new = [pipeline for pipeline in runnable if pipeline not in known]
+        names = [runnable[pipeline] for pipeline in new]
         for pipeline in announced(self._device.on_compile, "machine code", names, new):
-            empty = Recorded(self._device, partial(self._record_empty, pipeline=pipeline), compute[pipeline])
-            self._device.await_value(self._device.submit([empty.commands]))
-            empty.destroy()
-        return frozenset(compute)
+            empty = Recorded(self._device, partial(self._record_empty, pipeline=pipeline), runnable[pipeline])
+            try:
+                self._device.await_value(self._device.submit([empty.commands]))
+            finally:
+                empty.destroy()
+        return frozenset(runnable)
 
     def _record_empty(self, commands: raw.CData, pipeline: Pipeline) -> None:
         assert self._sets is not None
         self._sets.bind(commands, pipeline.bind_point)
         self._device.vk.vkCmdBindPipeline(commands, pipeline.bind_point, pipeline.handle)
-        self._device.vk.vkCmdDispatch(commands, 0, 0, 0)
+        if pipeline.table is None:
+            self._device.vk.vkCmdDispatch(commands, 0, 0, 0)
+        else:
+            self._device.vk.vkCmdTraceRaysKHR(commands, *pipeline.table.regions, 0, 0, 0)
 
     def _write_sets(self, program: Program) -> None:
         counts = program.interface.bindless_counts(self._bound)
