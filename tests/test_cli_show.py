@@ -147,6 +147,8 @@ def test_what_cannot_be_shown_is_told_before_rendering(monkeypatch, tmp_path, ca
     arguments = ["render", "builtin:cornell_box", "--show", "-o"]
     assert main([*arguments, str(tmp_path / "a.exr")]) == 2
     assert capsys.readouterr().err.endswith("a.exr can't be shown in a terminal: write a .png or a .gif\n")
+    assert main([*arguments, str(tmp_path / "a.png"), "--animate", "orbit"]) == 2
+    assert capsys.readouterr().err.endswith("--show: numbered pictures are many files: write a .gif\n")
     monkeypatch.setattr(terminal, "find_spec", lambda name: None)
     with pytest.raises(SolariError, match=r"needs textual-image: pip install 'solari-vk\[terminal\]'$"):
         terminal.check_can_show(tmp_path / "a.png")

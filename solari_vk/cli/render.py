@@ -35,8 +35,8 @@ def add_parser(commands: Any) -> None:
                         help="the picture: .png, .exr or .npy; an animation: .gif, .mp4, or numbered pictures")
     render.add_argument("--open", action="store_true", help="show what was written in the desktop's program for it")
     render.add_argument("--show", action="store_true",
-                        help="show what was written in the terminal, if the output goes to one; needs "
-                        "solari-vk[terminal]")
+                        help="show what was written in the terminal, of a .gif its first picture, if the output goes "
+                        "to one; needs solari-vk[terminal]")
     render.add_argument("--mode", choices=("auto", *MODE_OPTIONS), default="auto",
                         help="realtime lighting, or the reference path tracer; auto is the mode whose options are "
                         "given, otherwise the denoised reference, or realtime where OIDN isn't installed (auto)")
@@ -76,8 +76,10 @@ def run(options: argparse.Namespace) -> int:
     from solari_vk.cli import desktop, realtime, reference, terminal
     from solari_vk.output import movie
 
-    if options.open and options.animate is not None and options.output.suffix.lower() not in movie.SUFFIXES:
-        raise SolariError("--open: numbered pictures are many files: write a .gif or an .mp4")
+    numbered = options.animate is not None and options.output.suffix.lower() not in movie.SUFFIXES
+    for name, suffixes in (("open", "a .gif or an .mp4"), ("show", "a .gif")):
+        if numbered and getattr(options, name):
+            raise SolariError(f"--{name}: numbered pictures are many files: write {suffixes}")
     if options.show:
         terminal.check_can_show(options.output)
     _choose_mode(options)
@@ -86,9 +88,9 @@ def run(options: argparse.Namespace) -> int:
         raise SolariError(f"--target-error {options.target_error:g}: must be more than 0, such as 0.02 for 2 %")
     check_time_limit(options.time_limit)
     code = reference.run(options) if options.mode == "reference" else realtime.run(options)
-    if options.open and options.output.is_file():
+    if options.open and code == 0:
         desktop.open_file(options.output)
-    if options.show and options.output.is_file():
+    if options.show and code == 0:
         terminal.show_file(options.output)
     return code
 
