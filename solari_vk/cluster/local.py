@@ -15,9 +15,6 @@ from distributed import Nanny, Scheduler, SpecCluster
 from solari_vk.cluster.bench import Opening
 from solari_vk.gpu.device.device import list_devices
 
-UNWATCHED = {"DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"}
-"""Workers whose stacks dask doesn't look at 100 times a second, which nobody reads and which takes processor time."""
-
 
 @contextmanager
 def local_cluster(worker_count: int, opening: Opening) -> Iterator[Any]:
@@ -33,16 +30,19 @@ def local_cluster(worker_count: int, opening: Opening) -> Iterator[Any]:
             "cls": Nanny,
             "options": here | {
                 "nthreads": 1, "memory_limit": 0, "silence_logs": logging.CRITICAL,
-                "env": {**threads, **UNWATCHED, "SOLARI_VK_DEVICE": devices[number % len(devices)]},
+                "env": {**threads, "SOLARI_VK_DEVICE": devices[number % len(devices)]},
                 "preload": [__name__],
             },
         }
         for number in range(worker_count)
     }  # fmt: skip
     scheduler = {"cls": Scheduler, "options": here}
-    # a process that ended is started again: without this, dask gives up one that takes long to come back
-    patient = dask.config.set({"distributed.deploy.lost-worker-timeout": "1 day"})
-    with patient, SpecCluster(workers, scheduler, silence_logs=logging.CRITICAL, name="solari_vk") as cluster:
+    # A process that ended is started again, and dask doesn't give up one that takes long to come back. Nobody reads the
+    # profile of the workers' stacks, which takes processor time. Workers get this process's settings.
+    settings = dask.config.set(
+        {"distributed.deploy.lost-worker-timeout": "1 day", "distributed.worker.profile.enabled": False}
+    )
+    with settings, SpecCluster(workers, scheduler, silence_logs=logging.CRITICAL, name="solari_vk") as cluster:
         yield cluster
 
 

@@ -107,6 +107,13 @@ def test_no_port_is_open_to_the_network(crew):
     assert set(found) == {"127.0.0.1"}
 
 
+def test_no_worker_is_profiled(crew):
+    """Dask would look at each worker's stacks 100 times a second."""
+    profiled = crew.client.run(lambda dask_worker: "profile" in dask_worker.periodic_callbacks)
+    assert len(profiled) == crew.worker_count
+    assert not any(profiled.values())
+
+
 def test_another_seed_gives_other_bits(crew, scene, picture):
     other = render_reference(crew, scene, SIZE, samples=40, seed=8)
     assert not np.array_equal(picture.radiance, other.radiance)
