@@ -25,7 +25,7 @@ def whole_file(path: Path) -> Iterator[Path]:
     temporary = _beside(path)
     try:
         yield temporary
-        os.replace(temporary, os.path.realpath(path))
+        os.replace(temporary, Path(os.path.realpath(path)))
     except (OSError, RuntimeError) as error:
         raise cannot_be("written", path, error) from None
     finally:
