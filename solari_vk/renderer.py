@@ -26,7 +26,9 @@ from solari_vk.scene.projection import CameraUniforms, Projection, jitters
 from solari_vk.settings import Settings, uniform_values
 
 # Fields of the uniform block.
-THIS_FRAME = ("index", "seed", "has_history", "exposure", "lighting_change", "sample_offset", "picture_shift")
+THIS_FRAME = (
+    "index", "seed", "has_history", "exposure", "lighting_change", "blended_changed", "sample_offset", "picture_shift",
+)  # fmt: skip
 # Parts of the radiance. The first ones are in every frame, the others depend on the lighting.
 LIGHT = (*display.PARTS[:-1], "raw_radiance", "paths_diffuse", "paths_specular", "di_diffuse", "di_specular",
          "gi_diffuse", "specular_gi")  # fmt: skip
@@ -76,6 +78,7 @@ class Renderer(PictureRenderer):
             self.view, self.tonemap = PICTURE, "agx"
             self.frame_count = 0
             self._has_history = False
+            self._blended_changes = 0
             self._previous_jitter = (0.0, 0.0)  # the camera's own
             self._settings_seen: tuple[Any, ...] = ()  # what the settings in the uniforms were written from
             self._lights = self._owned.enter_context(closing(LightTranslation(device)))
@@ -194,11 +197,12 @@ class Renderer(PictureRenderer):
         )
         (x, y), (previous_x, previous_y) = projection.jitter, self._previous_jitter
         self._this_frame.write(
-            self.frame_count & 0xFFFFFFFF, self.seed, history, projection.exposure, self._lights.change, *offset,
+            self.frame_count & 0xFFFFFFFF, self.seed, history, projection.exposure, self._lights.change,
+            self.binder.blended_changes != self._blended_changes, *offset,
             x - previous_x, y - previous_y,
         )  # fmt: skip
         self._frame.uniforms.update(self._changed_lights.uniforms)
-        self._previous_jitter = projection.jitter
+        self._previous_jitter, self._blended_changes = projection.jitter, self.binder.blended_changes
         self._has_history = True
         return projection
 

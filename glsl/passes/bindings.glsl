@@ -13,6 +13,7 @@ layout(set = 1, binding = 0, scalar) uniform FrameBlock {
     uint has_history;       // 0 in the first frame and after a reset
     float exposure;
     float lighting_change;  // share of the lights' power that appeared, disappeared or moved in recent frames
+    uint blended_changed;   // 1 when a blended instance changed, came or went since the previous frame
     vec2 sample_offset;     // of the samples from the pixels' centers, in pixels, apart from the camera's own jitter
     vec2 picture_shift;     // change of the camera's own jitter since the previous frame, in pixels of the picture
 } this_frame;

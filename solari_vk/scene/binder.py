@@ -46,7 +46,7 @@ class SceneBinder:
     def __init__(self, device: Device, scene: Scene) -> None:
         self.scene = scene
         self.version = 0
-        self.revision = 0
+        self.revision = self.blended_changes = 0
         self._device = device
         bindings = spirv.reflect(compile_shader("scene/layout.comp"), "scene/layout.comp").bindings
         layout: dict[str, Any] = {name: b.dtype if b.element is None else b.element for name, b in bindings.items()}
@@ -191,6 +191,7 @@ class SceneBinder:
                 self._write_rows.update(dict.fromkeys(users))
 
     def _take_up_instance(self, instance: Instance) -> None:
+        self.blended_changes += instance.alpha_mode == "blend"
         before = self._uses.get(instance)
         if instance in self.scene.instances:
             shape = self._geometry.shape(instance.mesh, instance)
@@ -199,8 +200,7 @@ class SceneBinder:
             self._features.note(instance)
             if before is None and self._instance_rows.acquire(instance, None):
                 instance.watch(self)
-                self._last_id += 1
-                self._ids[instance] = self._last_id
+                self._last_id = self._ids[instance] = self._last_id + 1
                 if self._instance_rows.limit > MAX_INSTANCES:
                     raise SolariError(f"{self.scene.describe()} has more than {MAX_INSTANCES} instances")
             self._write_rows[instance] = None

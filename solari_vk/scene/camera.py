@@ -28,10 +28,13 @@ def _look_at(
     `Camera.look_at(...)` creates a camera; `camera.look_at(...)` moves the camera and returns it. Raises SolariError if
     position and target are equal, if up is parallel to the view, and for numbers that aren't finite or overflow.
     """
-    eye = np.asarray(position, np.float64)
+    try:
+        eye, aim, above = (np.asarray(vector, np.float64) for vector in (position, target, up))
+    except OverflowError:
+        raise SolariError("Camera: position, target and up must be finite and not too far apart") from None
     with np.errstate(over="ignore", invalid="ignore"):
-        back = eye - np.asarray(target, np.float64)
-        right = np.cross(np.asarray(up, np.float64), back)
+        back = eye - aim
+        right = np.cross(above, back)
         lengths = np.linalg.norm(back), np.linalg.norm(right)
     if not np.isfinite(lengths).all():
         raise SolariError("Camera: position, target and up must be finite and not too far apart")

@@ -6,9 +6,9 @@ import struct
 
 import numpy as np
 
-# Of a chunk, by the number of the compression: none, RLE, ZIPS, ZIP, PIZ, PXR24, B44, B44A, DWAA, DWAB, and HTJ2K
-# with 256 and with 32.
-_LINES = (1, 1, 1, 16, 32, 16, 32, 32, 32, 256, 256, 32)
+# Of a chunk, by the number of the compression: none, RLE, ZIPS, ZIP, PIZ, PXR24, B44, B44A, DWAA, DWAB, HTJ2K
+# with 256 and with 32, LJ2K, and ZSTD.
+_LINES = (1, 1, 1, 16, 32, 16, 32, 32, 32, 256, 256, 32, 256, 1)
 _TILED, _DEEP, _SEVERAL_PARTS = 0x200, 0x800, 0x1000
 
 

@@ -47,7 +47,11 @@ def load_mesh_file(
     reader = library("trimesh.exchange.load", str(path)).mesh_loaders[kind]
     log = library("trimesh.util", str(path)).log
     data = read_regular(path, str(path))
-    disabled, log.disabled = log.disabled, True  # it would print the tracebacks of what it recovers from
+
+    def silence(_: object) -> bool:
+        return False
+
+    log.addFilter(silence)  # it would print the tracebacks of what it recovers from
     try:
         # Of a .ply file's materials there are only images, which hold no more than the colors of its vertices.
         read = reader(io.BytesIO(data), file_type=kind, resolver=files, skip_materials=kind == "ply")
@@ -57,7 +61,7 @@ def load_mesh_file(
         reason = (str(error) or type(error).__name__).splitlines()[0][:100]
         raise SolariError(f"{path}: a damaged {path.suffix} file ({reason}): export it again") from None
     finally:
-        log.disabled = disabled
+        log.removeFilter(silence)
     for name, part in read.get("geometry", {path.stem: read}).items():
         material = getattr(getattr(part.get("visual"), "material", None), "name", None)
         _add(scene, path, str(name), part, files.material(str(material)), turn)

@@ -239,7 +239,7 @@ BUGS = {
     "glass that describes itself": (guide_checks.measure_wall, ["through a clear wall: diffuse albedos", "depths"],
                                     WRITE, "return is_glass(material) &&", "return false &&"),
     "lamps behind glass without noise": (guide_checks.measure_wall, ["before a lamp"], WRITE,
-                                         "shown.lit || !through_walls", "true"),
+                                         "shown.lit || !is_wall", "true"),
     "normals of any length": (guide_checks.measure_range, ["extreme scenes give finite guides"], WRITE,
                               "vec4(guides.world_normal, guides", "vec4(1.1 * guides.world_normal, guides"),
     "light counted twice": (guide_checks.measure_parts, ["add up"], COMPOSE,

@@ -21,7 +21,7 @@ BUGS = {
                                 "share = 1.0 - square(past.weight / total);", "share = 1.0;"),
     "interpolated samples beside enough others": (checks.measure_areas, [UPSCALED], RESOLVE, "past.weight < ENOUGH ?",
                                                   "true ?"),
-    "still pictures limited as moving ones": (checks.measure_areas, [AREA], RESOLVE, "if (is_still(around.center)) {",
+    "still pictures limited as moving ones": (checks.measure_areas, [AREA], RESOLVE, "if (!gone && is_still(around.center)) {",
                                               "if (false) {"),
     "no motion": (checks.measure_motion, [SHARP], HISTORY, "position = vec2(at) + 0.5 + motion;",
                   "position = vec2(at) + 0.5;"),

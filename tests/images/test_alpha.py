@@ -256,6 +256,23 @@ def test_frames_have_no_specks(device):
     check_specks(device)
 
 
+def check_gone(device):
+    """A thin pane that is moved away leaves nothing behind, though most pixels around showed none of it before."""
+    passes = (*GBUFFER, "guides/", "display/", "taa/")
+    scene = before_a_lamp(pane(0.2))
+    with make_renderer(device, scene, SIZE, passes=passes, antialiasing=True, **SPLIT) as renderer:
+        for _ in range(64):
+            renderer.render(CAMERA)
+        scene.instances[1].transform = place(at=(50, 0, 0))
+        off = np.abs(renderer.render(CAMERA)["radiance"][..., 0] - 2)
+    print(f"off by {off.max():.3f}")
+    assert off.max() < 0.08
+
+
+def test_panes_that_are_moved_leave_nothing(device):
+    check_gone(device)
+
+
 MUTANTS = {  # the proof that must fail, and the patch
     "all candidates are hits": (check_mask, "scene/alpha.glsl", "if (cover.w >= 1.0) { return true; }", "return true;"),
     "the cutoff is ignored": (check_mask, "scene/alpha.glsl", "color.w >= material.alpha_cutoff ?", "color.w > 0.0 ?"),
@@ -275,6 +292,7 @@ MUTANTS = {  # the proof that must fail, and the patch
                                     "uvec4(0u, edge == NO_EDGE"),
     "chance counts as a change": (check_specks, "passes/taa/resolve.comp", "trusted = by_chance ? 1.0 : 1.0 -",
                                   "trusted = 1.0 -"),
+    "panes that are gone are remembered": (check_gone, "passes/taa/resolve.comp", "if (!gone && ", "if ("),
     "panes are forgotten": (check_specks, "passes/taa/resolve.comp", "(past.blended || is_blended", "(is_blended"),
 }  # fmt: skip
 QUICK = ("the cutoff is ignored",)

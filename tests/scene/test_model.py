@@ -207,10 +207,10 @@ def test_look_at():
     for position, target in (([0, 0, 0], [0, 0, 0]), ([0, 5, 0], [0, 0, 0])):
         with pytest.raises(SolariError, match="must differ, and up must not lie along the view"):
             Camera.look_at(position, target)
-    for position in ([math.nan, 0, 0], [math.inf, 0, 0], [1e308, -1e308, 0]):
+    for position in ([math.nan, 0, 0], [math.inf, 0, 0], [1e308, -1e308, 0], [10**400, 0, 0]):
         with pytest.raises(SolariError, match="must be finite and not too far apart"):
             Camera.look_at(position, [0, 1e308, 0])
-    with pytest.raises(SolariError, match="int too large"):
+    with pytest.raises(SolariError, match="must be finite and not too far apart"):
         Camera.from_pose({"position": [10**400, 0, 0], "target": [0, 0, 0]})
 
 

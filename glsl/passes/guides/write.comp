@@ -17,7 +17,7 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 const uint PASS_SALT = 0x4CF5AD43u;
 const float FAR_AWAY = 1e6;  // the distance that stands for infinity where a position is needed
-const float MOSTLY_CLEAR = 0.9, MOSTLY_MIRROR = 0.25;  // transmission and reflectance of walls
+const float MOSTLY_CLEAR = 0.9;  // transmission of walls
 
 struct Guides {
     vec3 diffuse_albedo;
@@ -36,17 +36,18 @@ void describe(inout Guides guides, ResolvedMaterial material, float NdotV) {
     guides.perceptual_roughness = material.perceptual_roughness;
 }
 
-// Whether a surface is a wall of smooth glass that shows what is behind it far more than what it reflects.
+// Whether a surface is a wall of smooth glass that lets through at least three times what it reflects.
 bool is_clear_wall(ResolvedMaterial material, float cosine) {
     MaterialLobes lobes = material.lobes;
+    float reflected = dielectric_fresnel(lobes.ior, cosine);
+    float let_through = (1.0 - reflected) * max_component(material.base_color);
     return is_glass(material) && !lobes.solid && material.roughness <= MIRROR_ROUGHNESS
-        && lobes.transmission * (1.0 - material.metallic) > MOSTLY_CLEAR
-        && dielectric_fresnel(lobes.ior, cosine) < MOSTLY_MIRROR;
+        && lobes.transmission * (1.0 - material.metallic) > MOSTLY_CLEAR && 3.0 * reflected < let_through;
 }
 
 // Follows the chain of mirrors and clear walls that starts at the pixel's surface, and describes the surface at its
 // end.
-Guides describe_what_is_shown(GBufferSurface seen, uvec2 pixel, out bool through_walls) {
+Guides describe_what_is_shown(GBufferSurface seen, uvec2 pixel) {
     CameraRay camera_ray = make_camera_ray(vec2(pixel) + 0.5);
     ResolvedRayHitFull surface;
     surface.world_position = seen.world_position;
@@ -60,7 +61,6 @@ Guides describe_what_is_shown(GBufferSurface seen, uvec2 pixel, out bool through
     mat4x3 chain = mat4x3(1.0), previous_chain = mat4x3(1.0);
     vec3 previous_position;
     bool passes_light = false;
-    through_walls = false;
     uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
 
     for (uint i = 0u; i < MAX_MIRRORS && instance != NO_INDEX; i++) {
@@ -69,9 +69,7 @@ Guides describe_what_is_shown(GBufferSurface seen, uvec2 pixel, out bool through
             chain = append_mirror(chain, mirror);
             previous_chain = append_mirror(previous_chain, previous_mirror(instance, mirror));
             direction = normalize(reflect(direction, surface.world_normal));
-        } else if (is_clear_wall(surface.material, -dot(direction, surface.world_normal))) {
-            through_walls = true;
-        } else {
+        } else if (!is_clear_wall(surface.material, -dot(direction, surface.world_normal))) {
             break;
         }
         vec3 origin = ray_origin(surface, direction);
@@ -120,12 +118,11 @@ void main() {
         float cosine = dot(surface.world_normal, surface.wo);
         describe(guides, surface.material, cosine);
         guides.world_normal = surface.world_normal;
-        bool replaced = is_metal_mirror(surface.material) || is_clear_wall(surface.material, cosine);
-        if (replaced && frame_settings.primary_surface_replacement != 0u) {
-            bool through_walls;
-            Guides shown = describe_what_is_shown(surface, pixel, through_walls);
+        bool is_wall = is_clear_wall(surface.material, cosine);
+        if ((is_wall || is_metal_mirror(surface.material)) && frame_settings.primary_surface_replacement != 0u) {
+            Guides shown = describe_what_is_shown(surface, pixel);
             // Lights behind glass have noise, since paths see them or what the glass reflects.
-            if (shown.lit || !through_walls) { guides = shown; }
+            if (shown.lit || !is_wall) { guides = shown; }
         }
     }
     imageStore(guides_diffuse_albedo, at, vec4(guides.diffuse_albedo, float(guides.lit)));

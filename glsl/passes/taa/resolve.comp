@@ -25,7 +25,8 @@ Past limited(Past past, Neighborhood around) {
     bool differs = abs(relative_difference(load_sample(around.center), past.radiance)) > UNNOTICED;
     if (!(outside > 1.0) && !differs) { return past; }
     float kept = min(1.0 / outside, 1.0), trusted = kept;
-    if (is_still(around.center)) {
+    bool gone = SCENE_BLEND && past.blended && this_frame.blended_changed != 0u && !is_blended(around.center);
+    if (!gone && is_still(around.center)) {
         // By chance all samples around may show a blended surface, or none of them, even in many frames.
         past.blended = SCENE_BLEND && (past.blended || is_blended(around.center));
         bool by_chance = past.blended && this_frame.lighting_change == 0.0;
