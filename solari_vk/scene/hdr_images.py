@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import math
 import os
 import re
 import warnings
+from contextlib import redirect_stdout
 from pathlib import Path
 
 import numpy as np
@@ -84,7 +86,8 @@ def _read_exr(source: Path) -> FloatArray:
         _check_size(int(right) - int(left) + 1, int(bottom) - int(top) + 1, source)
         if not exr.is_whole(source.read_bytes()):
             raise ValueError("it is cut off")
-        channels = OpenEXR.File(str(source), separate_channels=True).channels()
+        with redirect_stdout(io.StringIO()):  # the library prints that it can't read pixels, and then has no channels
+            channels = OpenEXR.File(str(source), separate_channels=True).channels()
     except (RuntimeError, ValueError, TypeError, KeyError) as error:
         raise SolariError(f"{source} is a damaged EXR picture ({str(error)[:100]}): save it again") from None
     names = ("R", "G", "B") if "R" in channels else ("Y", "Y", "Y")

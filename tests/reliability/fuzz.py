@@ -15,6 +15,7 @@ import random
 import resource
 import signal
 import sys
+import time
 import traceback
 import warnings
 from pathlib import Path
@@ -57,7 +58,8 @@ def main() -> None:
     for number in range(seed, seed + count):
         os.pwrite(at, b"%20d" % number, 0)
         subject.write(random.Random(number))
-        sys.stderr = said = io.StringIO()
+        sys.stdout = sys.stderr = said = io.StringIO()
+        began = time.monotonic()
         signal.alarm(SECONDS)
         try:
             outcome, wrong = "loaded", ""
@@ -69,11 +71,14 @@ def main() -> None:
                     wrong = f"the file isn't named: {error}"
             if outside or said.getvalue():
                 wrong = f"opened outside the folder: {outside}, printed: {said.getvalue()}"
+            # Readers take the alarm's TimeoutError, which is an OSError, for a file that can't be read.
+            if time.monotonic() - began >= SECONDS:
+                wrong = f"longer than {SECONDS} s"
         except BaseException:
             wrong = traceback.format_exc()
         finally:
             signal.alarm(0)
-            sys.stderr = sys.__stderr__
+            sys.stdout, sys.stderr = sys.__stdout__, sys.__stderr__
         outside.clear()
         counts["failed" if wrong else outcome] += 1
         if wrong:

@@ -46,6 +46,19 @@ def test_radiance_pictures(tmp_path, colors, runs):
     np.testing.assert_allclose(sv.Environment(file).image, found / 2)
 
 
+def test_exr_pictures_with_damaged_pixels_are_refused(tmp_path, colors, capsys):
+    """The only chunk says that it has other lines."""
+    path = tmp_path / "map.exr"
+    sv.save_image(path, colors[:16])
+    data = bytearray(path.read_bytes())
+    [start] = [at + 8 for at in range(len(data) - 8) if int.from_bytes(data[at : at + 8], "little") == at + 8]
+    data[start : start + 4] = (5).to_bytes(4, "little")
+    path.write_bytes(data)
+    with pytest.raises(SolariError, match=r"map\.exr is a damaged EXR picture"):
+        sv.Environment(path)
+    assert capsys.readouterr().out == ""
+
+
 def test_exr_and_png_pictures(tmp_path, colors):
     sv.save_image(tmp_path / "map.exr", colors)
     np.testing.assert_allclose(sv.Environment(tmp_path / "map.exr").image, colors, rtol=1e-6)
