@@ -13,6 +13,8 @@ run with exit code 1 and names the seed and the round; --first makes it begin th
 from __future__ import annotations
 
 import argparse
+import ctypes
+import gc
 import os
 import resource
 import sys
@@ -185,8 +187,8 @@ class Soak:
         if path.suffix == ".npy":
             assert np.array_equal(np.load(path), frame["radiance"]), "a picture was written otherwise"
 
-    def check(self) -> float:
-        """Compare with new renderers; returns the realtime frame's mean over the path tracer's."""
+    def check(self) -> tuple[float, float]:
+        """Compare with new renderers; returns the realtime frame's mean and the noise over the path tracer's mean."""
         size = (24, 24)
         self.reference.resize(size)
         used = self.reference.render(samples=16)
@@ -213,9 +215,9 @@ class Soak:
         with sv.PathTracer(self.device, self.reference.binder, size) as tracer:
             return self.drift(tracer)
 
-    def drift(self, tracer: sv.PathTracer) -> float:
-        """The realtime frame's mean over the path tracer's. Both are rendered with several seeds, which say how far
-        noise may take them apart."""
+    def drift(self, tracer: sv.PathTracer) -> tuple[float, float]:
+        """The realtime frame's mean over the path tracer's, and the standard deviation of that by noise. Both are
+        rendered with several seeds, which say how far noise may take them apart."""
         means = np.zeros((2, SEEDS))
         for seed in range(SEEDS):
             self.realtime.seed = tracer.seed = seed
@@ -227,7 +229,7 @@ class Soak:
         assert abs(realtime - truth) <= BIAS * truth + 5 * noise, (
             f"realtime frames have {realtime / truth:.2f} of the path tracer's light, and noise of {noise / truth:.2f}"
         )
-        return float(realtime / truth) if truth > 0 else 1.0
+        return (float(realtime / truth), float(noise / truth)) if truth > 0 else (1.0, 0.0)
 
     def close(self) -> None:
         self.tracer.close()
@@ -235,20 +237,25 @@ class Soak:
         self.reference.close()
 
 
-def run_round(device: sv.Device, opening: Opening, rng: np.random.Generator, count: int) -> tuple[Counter[str], float]:
-    """What was done in `count` actions, and the realtime frame's mean over the path tracer's."""
+def run_round(
+    device: sv.Device, opening: Opening, rng: np.random.Generator, count: int
+) -> tuple[Counter[str], float, float]:
+    """What was done in `count` actions, the realtime frame's mean over the path tracer's, and that ratio's noise."""
     with tempfile.TemporaryDirectory() as folder:
         soak = Soak(device, opening(), rng, Path(folder))
         for _ in range(count):
             soak.act()
-        ratio = soak.check()
+        ratio, noise = soak.check()
         soak.close()
     device.wait_idle()
     assert device.objects_in_use == 0, f"{device.objects_in_use} objects are left on the device"
-    return soak.counts, ratio
+    return soak.counts, ratio, noise
 
 
 def memory() -> int:
+    """Bytes of the process, without freed memory that the C library keeps: after a long round that is half of them."""
+    gc.collect()
+    ctypes.CDLL(None).malloc_trim(0)
     return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
 
 
@@ -268,7 +275,7 @@ def main() -> int:
         subject = list(openings)[rng.integers(len(openings))]
         try:
             count = LONG_ACTIONS if number % LONG_ROUND == LONG_ROUND - 1 else ACTIONS
-            done, ratio = run_round(device, openings[subject], rng, count)
+            done, ratio, noise = run_round(device, openings[subject], rng, count)
             sizes.append((memory(), device.memory.bytes_reserved, len(os.listdir("/proc/self/fd"))))
             if len(sizes) > FIRST_ROUNDS:
                 grown = np.subtract(sizes[-1], np.max(sizes[:FIRST_ROUNDS], axis=0))
@@ -280,14 +287,15 @@ def main() -> int:
         ratios.append(ratio)
         number += 1
         used, reserved, _ = sizes[-1]
-        print(f"round {number}, {subject}: realtime {ratio:.3f} of the path tracer, {used / 1e6:.0f} MB, of which "
-              f"{reserved / 1e6:.0f} MB of the device", flush=True)  # fmt: skip
+        print(f"round {number}, {subject}: realtime {ratio:.3f} of the path tracer (noise {noise:.3f}), "
+              f"{used / 1e6:.0f} MB, of which {reserved / 1e6:.0f} MB of the device", flush=True)  # fmt: skip
         if number % DEVICE_ROUNDS == 0:
             device.close()
             device = sv.Device(validation=True)
     device.close()
-    print(f"{len(ratios)} rounds without a fault, realtime {min(ratios):.3f} to {max(ratios):.3f} of the path tracer: "
-          + ", ".join(f"{count} {what}" for what, count in counts.most_common()))  # fmt: skip
+    if ratios:
+        print(f"{len(ratios)} rounds without a fault, realtime {min(ratios):.3f} to {max(ratios):.3f} of the path "
+              "tracer: " + ", ".join(f"{count} {what}" for what, count in counts.most_common()))  # fmt: skip
     return 0
 
 
