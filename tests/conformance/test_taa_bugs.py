@@ -22,7 +22,7 @@ BUGS = {
     "interpolated samples beside enough others": (checks.measure_areas, [UPSCALED], RESOLVE, "past.weight < ENOUGH ?",
                                                   "true ?"),
     "still pictures limited as moving ones": (checks.measure_areas, [AREA], RESOLVE,
-                                               "if (!gone && is_still(around.center)) {",
+                                              "if (!gone && is_still(around.center)) {",
                                               "if (false) {"),
     "no motion": (checks.measure_motion, [SHARP], HISTORY, "position = vec2(at) + 0.5 + motion;",
                   "position = vec2(at) + 0.5;"),
