@@ -135,11 +135,11 @@ def test_a_closed_renderer_has_no_timings(device, scene):
 def test_a_renderer_that_fails_leaves_nothing(device, scene, monkeypatch):
     monkeypatch.setattr("solari_vk.renderer.display.show_stage", lambda *_: 1 / 0)
     assert device.pipeline_cache  # the device makes it once, and keeps it
-    objects = device.live_objects
+    objects = device.objects_in_use
     with pytest.raises(ZeroDivisionError):
         sv.Renderer(device, scene, SIZE)
     device.wait_idle()
-    assert device.live_objects == objects
+    assert device.objects_in_use == objects
 
 
 def test_motion_outlasts_more_instances(renderer, scene):

@@ -17,10 +17,10 @@ def scene():
 @pytest.mark.parametrize("size", [640, (1, 2, 3), (float("nan"), 2), (4.5, 4), (0, 5), (5, -1), (1 << 20, 1 << 20),
                                   ("a", 2), None])  # fmt: skip
 def test_sizes_they_refuse(device, scene, kind, size):
-    live = device.live_objects
+    live = device.objects_in_use
     with pytest.raises(sv.SolariError, match=f"{kind.__name__}: "):
         kind(device, scene, size)
-    assert device.live_objects == live
+    assert device.objects_in_use == live
 
 
 @pytest.mark.parametrize(("name", "value"), [("seed", "a"), ("seed", -1), ("max_bounces", 1.5), ("light_strategy", "x"),

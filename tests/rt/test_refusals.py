@@ -93,11 +93,11 @@ def test_freed_structures(world, built):
         world.trace(tlas)
     with refused("build of Tlas top over an instance of Blas quad, which was destroyed"):
         world.build((), top(blas, tlas))
-    before = world.device.live_objects
+    before = world.device.objects_in_use
     for build in (call.submit, lambda: world.build([world.entry(blas)]), blas.ensure_storage):
         with refused("build of Blas quad, which was destroyed"):
             build()
-    assert world.device.live_objects == before
+    assert world.device.objects_in_use == before
     world.build((), top(None, tlas))
     assert not world.is_hit(tlas)
     tlas.destroy()

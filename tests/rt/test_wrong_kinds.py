@@ -114,10 +114,10 @@ def test_instances_and_builds(world, make, message):
     ],
 )
 def test_structures_geometry_and_tracers(world, make, message):
-    before = world.device.live_objects
+    before = world.device.objects_in_use
     with refused(message):
         make(world.device)
-    assert world.device.live_objects == before
+    assert world.device.objects_in_use == before
 
 
 def test_slices(world):

@@ -112,7 +112,7 @@ def bound(device):
         while made:
             made.pop().destroy()
         device.wait_idle()
-        return device.live_objects
+        return device.objects_in_use
 
     make(strip(bright=0), sv.Instance(sv.Mesh(CORNER), sv.Material(emissive_texture=np.zeros((1, 1), np.uint8))))
     kept = free()  # such as samplers, which the device keeps
