@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import os
 import re
-import resource
 import shutil
 import signal
 import subprocess
@@ -18,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.full_disks import room_for
 
 import solari_vk as sv
 from solari_vk.cli import main
@@ -116,17 +116,6 @@ def shots(folder, count=4):
     return scene, [Shot(style, n, (View(f"{n}.npy", scene.camera),), folder=folder) for n in range(count)]
 
 
-@contextmanager
-def files_of_at_most(size):
-    """Writing more to one file fails, as it does on a full disk."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
 async def finish_job(dask_worker):
     """Runs in workers, whose thread does one job after the other: waits for the one that an error left running."""
     await asyncio.wrap_future(dask_worker.executors["default"].submit(int))
@@ -143,7 +132,7 @@ def empty_disk():
 
 
 def save_on_full_disk(*given, **options):
-    with files_of_at_most(1000):
+    with room_for(1000):
         save_image(*given, **options)
 
 
@@ -158,7 +147,7 @@ def test_a_full_disk(crew, tmp_path, shared):
     if shared:
         crew.client.run(fill_disk)
     try:
-        with files_of_at_most(4000), pytest.raises(sv.SolariError, match=r"[23]\.npy: can't be written"):
+        with room_for(4000), pytest.raises(sv.SolariError, match=r"[23]\.npy: can't be written"):
             render_shots(crew, scene, four, ledger)
     finally:
         if shared:

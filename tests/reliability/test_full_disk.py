@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import os
 import re
-import resource
 import tempfile
 from collections.abc import Callable
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.full_disks import room_for
 
 import solari_vk as sv
 from solari_vk import files
@@ -28,17 +27,6 @@ SMALL = ["builtin:cornell_box", "--size", "8x8"]
 REFERENCE = [*SMALL, "--mode", "reference", "--samples", "1"]
 ANIMATION = [*SMALL, "--mode", "realtime", "--animate", "orbit", "--frames", "2", "--warm-up", "0", "--average", "1"]
 RENAMING = -1  # in place of the number of bytes that fit
-
-
-@contextmanager
-def room_for(size: int):
-    """Files can't get larger than `size` bytes."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 class Disk:
