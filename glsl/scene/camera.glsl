@@ -78,6 +78,13 @@ CameraRay through_lens(CameraRay ray, vec2 on_lens) {
     return ray;
 }
 
+// Whether the camera is where it was in the previous frame, and sees as much.
+bool camera_rests() {
+    return previous_camera.world_from_view == camera.world_from_view
+        && previous_camera.tan_half_fov == camera.tan_half_fov
+        && previous_camera.parallel_range == camera.parallel_range;
+}
+
 // The position of a world point in a camera's picture in uv, without jitter; far outside for points behind the camera.
 vec2 project_to_uv(vec3 world_position, Camera from) {
     precise vec3 view = from.view_from_world * vec4(world_position, 1.0);

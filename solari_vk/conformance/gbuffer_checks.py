@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 import solari_vk as sv
 from solari_vk.conformance.gbuffer_worlds import WALLS, material_zoo, turned, walled
 from solari_vk.conformance.oracles import gbuffer
-from solari_vk.conformance.realtime import GBUFFER, get_jitter, make_renderer
+from solari_vk.conformance.realtime import GBUFFER, GUIDES, get_jitter, make_renderer
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.gpu.device.device import Device
 from solari_vk.passes.gbuffer import COUNTERS
@@ -27,6 +27,7 @@ _GBUFFER = (SUITE, "G-buffer")
 INSIDE = Rule("raster and traced G-buffers agree inside triangles", *_GBUFFER)
 RASTER = Rule("raster and traced G-buffers agree at edges within a pixel", *_GBUFFER)
 MOTION = Rule("motion vectors follow the camera and moving instances", *_GBUFFER)
+STILL = Rule("what rests has no motion, in mirrors neither", *_GBUFFER)
 CULLING = Rule("culling drops nothing that is visible", *_GBUFFER)
 COUNTED = Rule("each visible instance is counted once: drawn, or culled for one reason", *_GBUFFER)
 SIZE = (96, 64)
@@ -113,6 +114,26 @@ def measure_motion(device: Device, way: str = "raster", orthographic_height: flo
             largest = max(largest, float(np.abs(expected).max()))
     note = f"the fastest moves by {largest:.1f} pixels"
     yield Measurement(MOTION, worst if largest > 5 else math.inf, MAX_MOTION_ERROR, "of a pixel", note)
+
+
+def measure_still(device: Device, way: str) -> Iterator[Measurement]:
+    """Looks twice from each of several places at surfaces under random transforms, by themselves and in mirrors."""
+    random = np.random.default_rng(6)
+    moving = 0
+    for name in ("material_zoo", "mirror_hall"):
+        scene = make_scene(name)
+        for instance in scene.instances:
+            instance.transform = turned(instance.transform, random, 0.2, 0.2)
+        with make_renderer(device, scene, SIZE, passes=GUIDES, gbuffer=way, jitter=True) as renderer:
+            for _ in range(4):
+                pose = turned(scene.camera.transform, random, 0.1, 0.3)
+                pose[:3, :3] /= np.cbrt(np.linalg.det(pose[:3, :3]))
+                camera = dataclasses.replace(scene.camera, transform=pose)
+                renderer.render(camera)
+                frame = renderer.render(camera)
+                for image in ("motion_vectors", "guides_specular_motion"):
+                    moving += int((frame[image] != 0).any(axis=-1).sum())
+    yield Measurement(STILL, float(moving), 0.0, "pixels move", way)
 
 
 # ---- culling ----------------------------------------------------------------------------------------

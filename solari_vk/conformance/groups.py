@@ -111,6 +111,7 @@ GROUPS: dict[str, dict[str, Measure]] = {
         **cases_of("raster", lambda run, scene: gbuffer_checks.measure_raster(
             run.device, gbuffer_checks.make_scene(scene)), *gbuffer_checks.SCENES),
         **cases_of("motion", lambda run, way: gbuffer_checks.measure_motion(run.device, way), "raster", "traced"),
+        **cases_of("still", lambda run, way: gbuffer_checks.measure_still(run.device, way), "raster", "traced"),
         "culling": lambda run: gbuffer_checks.measure_culling(run.device),
     },
     "guides": {

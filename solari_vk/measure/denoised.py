@@ -17,12 +17,13 @@ from PIL import Image
 from solari_vk.files import make_folder, whole_file
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.report import Report
-from solari_vk.measure.statistics import relative_mse
+from solari_vk.measure.statistics import true_relative_mse
 from solari_vk.measure.subjects import from_file
 from solari_vk.output import oidn
 from solari_vk.output.animation import orbit
 from solari_vk.output.tone_mapping import encode_picture
 from solari_vk.reference import PathTracer
+from solari_vk.rendered import RenderedFrame
 from solari_vk.renderer import Renderer
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.matrices import rotation, turned_about
@@ -38,11 +39,12 @@ TURN, ORBIT, SLIDE = 1.0, 0.3, 0.004  # of a frame: pixels, degrees, and the sha
 SEED, REFERENCE_SEED = 5, 1_000_003
 INTRO = (
     "Written by `solari-vk bench denoise FILES --markdown FILE`. relMSE, and FLIP for high dynamic range (Andersson et "
-    "al., 2021), against the path tracer. Frames are jittered and counted from a reset. OIDN denoises the mean of the "
-    "same raw frames, in motion the latest raw frame alone, with albedo and normals that have no noise. x OIDN: the "
-    "denoised frame's relMSE over OIDN's.",
+    "al., 2021), against the path tracer; in relMSE the noise of two references cancels out. Frames are jittered and "
+    "counted from a reset. OIDN denoises the mean of the same raw frames with the mean of their albedos and normals, in "
+    "motion the latest frame alone. x OIDN: the denoised frame's relMSE over OIDN's. OIDN+: the same with albedo and "
+    "normals of 16 other samples a pixel, which no frame has.",
 )
-HEAD = ("frame", "raw", "mean of raw", "denoised", "OIDN", "x OIDN", "FLIP, denoised", "FLIP, OIDN")
+HEAD = ("frame", "raw", "mean of raw", "denoised", "OIDN", "x OIDN", "OIDN+", "x OIDN+", "FLIP, denoised", "FLIP, OIDN")
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,10 @@ class Look:
     mean: Picture | None
     """The mean of all raw frames so far, where nothing moves."""
     denoised: Picture
+    guides: tuple[Picture, Picture]
+    """Albedo and normals of the same frames."""
     oidn: Picture | None = None
+    oidn_plus: Picture | None = None
 
 
 def run(
@@ -88,12 +93,12 @@ def run(
                 report.progress(f"{scene.name}, {case.name}")
                 kept = references and references / f"{scene.name}, {case.name}, {size[0]}x{size[1]}.npz"
                 looks = [look for look in case.looks if look <= limit]
-                camera, found, truth = _measure(device, scene, case, size, looks, samples, kept)
-                rows = [_row(look, truth, camera.exposure) for look in found]
+                camera, found, truths = _measure(device, scene, case, size, looks, samples, kept)
+                rows = [_row(look, truths, camera.exposure) for look in found]
                 title = f"{scene.name} {size[0]}x{size[1]}, {case.name}"
                 report.table(title, HEAD, rows)
                 if pictures is not None:
-                    _sheet(found, truth, camera.exposure).save(pictures / f"{scene.name}, {case.name}.png")
+                    _sheet(found, truths.mean(axis=0), camera.exposure).save(pictures / f"{scene.name}, {case.name}.png")
     if markdown is not None:
         print(f"wrote {markdown}")
 
@@ -142,40 +147,62 @@ def _measure(
     device: Device, scene: Scene, case: Case, size: tuple[int, int], looks: Sequence[int], samples: int,
     kept: Path | None,
 ) -> tuple[Camera, list[Look], Picture]:  # fmt: skip
-    """The last camera of a case, its pictures at some frames, and the reference of the last one."""
-    found, total = [], np.zeros(3)
+    """The last camera of a case, its pictures at some frames, and two references of the last one."""
+    found, total, total_albedo, total_normal = [], np.zeros(3), np.zeros(3), np.zeros(3)
     with Renderer(device, scene, size, seed=SEED) as renderer:
         for index in range(max(looks)):
             camera = case.place(index)
             frame = renderer.render(camera)
             raw = np.asarray(frame["raw_radiance"], np.float64)
-            total = total + raw
+            albedo, normal = _guides(frame)
+            total, total_albedo, total_normal = total + raw, total_albedo + albedo, total_normal + normal
             if index + 1 in looks:
-                mean = total / (index + 1) if case.name == "still" else None
-                found.append(Look(index + 1, raw, mean, np.asarray(frame["radiance"], np.float64)))
+                denoised = np.asarray(frame["radiance"], np.float64)
+                if case.name != "still":
+                    found.append(Look(index + 1, raw, None, denoised, (albedo, normal)))
+                    continue
+                mean, *guides = (sum_ / (index + 1) for sum_ in (total, total_albedo, total_normal))
+                found.append(Look(index + 1, raw, mean, denoised, (guides[0], guides[1])))
     with PathTracer(device, scene, size, seed=REFERENCE_SEED) as tracer:
-        guides = tracer.first_hits.read_means(("albedo", "shading_normal"), Projection.of(camera, size), size)
+        clean = tracer.first_hits.read_means(("albedo", "shading_normal"), Projection.of(camera, size), size)
         view = np.array([*camera.transform.ravel(), camera.vertical_fov, samples])
         kept_picture = np.load(kept) if kept is not None and kept.is_file() else None
         if kept_picture is not None and np.array_equal(kept_picture["view"], view):
-            truth = kept_picture["truth"]
+            references = kept_picture["references"]
         else:
-            truth = tracer.render(camera, samples=samples)["radiance"]
+            references = np.empty((2, size[1], size[0], 3))
+            for number, reference in enumerate(references):
+                tracer.seed = REFERENCE_SEED + number
+                reference[:] = tracer.render(camera, samples=samples // 2)["radiance"]
             if kept is not None:
                 with whole_file(kept) as temporary:
-                    np.savez(temporary, truth=truth, view=view)
+                    np.savez(temporary, references=references, view=view)
     for look in found if oidn.is_installed() else ():
         given = look.raw if look.mean is None else look.mean
-        look.oidn = oidn.denoise(given, *guides).astype(np.float64)
-    return camera, found, np.asarray(truth, np.float64)
+        look.oidn = oidn.denoise(given, *look.guides, clean=False).astype(np.float64)
+        look.oidn_plus = oidn.denoise(given, *clean).astype(np.float64)
+    return camera, found, references
 
 
-def _row(look: Look, truth: Picture, exposure: float) -> list[str]:
+def _guides(frame: RenderedFrame) -> tuple[Picture, Picture]:
+    """The albedo of both lobes and the normal (h, w, 3) that a frame's pixels show, in mirrors too."""
+    parts = [np.asarray(frame[f"guides_{name}"], np.float64)[..., :3]
+             for name in ("diffuse_albedo", "specular_albedo", "normal_roughness")]  # fmt: skip
+    return parts[0] + parts[1], parts[2]
+
+
+def _row(look: Look, references: Picture, exposure: float) -> list[str]:
     """The cells below HEAD."""
-    relmse = [math.nan if picture is None else relative_mse(picture, truth)
-              for picture in (look.raw, look.mean, look.denoised, look.oidn)]  # fmt: skip
+    raw, mean, denoised, by_oidn, plus = (
+        math.nan if picture is None else true_relative_mse(picture, *references)
+        for picture in (look.raw, look.mean, look.denoised, look.oidn, look.oidn_plus)
+    )
+    truth = references.mean(axis=0)
     flips = [_flip(picture, truth, exposure) for picture in (look.denoised, look.oidn)]
-    cells = [*(f"{value:.3g}" for value in relmse), f"{relmse[2] / relmse[3]:.2f}", *(f"{flip:.3f}" for flip in flips)]
+    cells = [
+        *(f"{value:.3g}" for value in (raw, mean, denoised, by_oidn)), f"{denoised / by_oidn:.2f}",
+        f"{plus:.3g}", f"{denoised / plus:.2f}", *(f"{flip:.3f}" for flip in flips),
+    ]  # fmt: skip
     return [str(look.frame), *("" if cell == "nan" else cell for cell in cells)]
 
 

@@ -36,11 +36,13 @@ def _library() -> Any:
     return pyoidn
 
 
-def denoise(radiance: NDArray[Any], albedo: NDArray[Any], normal: NDArray[Any]) -> NDArray[np.float32]:
+def denoise(
+    radiance: NDArray[Any], albedo: NDArray[Any], normal: NDArray[Any], *, clean: bool = True
+) -> NDArray[np.float32]:
     """Radiance (height, width, 3) without noise, on the processor.
 
-    albedo and normal: those of the visible surfaces, (height, width, 3) each, averaged over each pixel's area and free
-    of noise. Raises SolariError without the package, and for an error of OIDN.
+    albedo and normal: those of the visible surfaces, (height, width, 3) each. clean: they are averages over each
+    pixel's area, free of noise. Raises SolariError without the package, and for an error of OIDN.
     """
     library = _library()
     mean = float(np.mean(radiance, dtype=np.float64))
@@ -51,7 +53,7 @@ def denoise(radiance: NDArray[Any], albedo: NDArray[Any], normal: NDArray[Any]) 
     color = np.ldexp(np.asarray(radiance, np.float32), shift)
     guides = np.clip(albedo, 0, 1, dtype=np.float32), np.asarray(normal, np.float32)
     try:
-        result: NDArray[np.float32] = library.denoise(color, *guides, hdr=True, clean_aux=True)
+        result: NDArray[np.float32] = library.denoise(color, *guides, hdr=True, clean_aux=clean)
     except (RuntimeError, OSError) as error:
         raise SolariError(f"denoise: {error}") from None
     return np.ldexp(result, -shift)

@@ -16,22 +16,31 @@ CELL = 4  # width in pixels of a cell of `denoise_cells`
 LEVELS = 5  # passes of the blur, each twice as wide as the one before; an odd number ends in `denoise_odd`
 
 
+def history_stage(size: tuple[int, int]) -> Stage:
+    """Finds the histories of this frame's pixels."""
+    pixels = size[0] * size[1]
+    return Stage(
+        "history",
+        buffers={
+            **dict.fromkeys(("denoise_guides", "denoise_diffuse", "denoise_specular"), History(pixels)),
+            "denoise_aside": pixels,
+        },
+        passes=[Pass("denoise/temporal", threads=size)],
+    )
+
+
 def stage(size: tuple[int, int]) -> Stage:
     """Denoises `paths_diffuse` and `paths_specular`. Does nothing when denoise=off.
 
     The result is in what glsl/passes/denoise/bindings.glsl calls `denoise_odd`.
     """
-    pixels = size[0] * size[1]
     cells = (-(-size[0] // CELL), -(-size[1] // CELL))
     return Stage(
         "denoise",
         buffers={
-            **dict.fromkeys(("denoise_guides", "denoise_diffuse", "denoise_specular"), History(pixels)),
-            "denoise_aside": pixels,
             **dict.fromkeys(("denoise_cells", "denoise_blocks"), cells[0] * cells[1]),
         },
         passes=[
-            Pass("denoise/temporal", threads=size),
             Pass("denoise/sum_cells", threads=cells),
             Pass("denoise/find_changes", threads=cells),
             Pass("denoise/accumulate", threads=size),

@@ -12,6 +12,7 @@ def stages(size: tuple[int, int], settings: Settings) -> list[Stage]:
     if settings.lighting == "paths":
         return [
             world_cache.stage(size, settings),
+            denoise.history_stage(size),
             paths.stage(size, settings),
             denoise.stage(size),
             paths.compose_stage(size, settings),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 from solari_vk.gpu.frame.stages import Pass, Stage
 from solari_vk.gpu.shaders.headers import constants
 from solari_vk.passes.display import PARTS, RAY_COUNTERS
@@ -15,15 +17,15 @@ ROUNDS = 3  # dispatches that go on with the paths that are left after their fir
 def stage(size: tuple[int, int], settings: Settings) -> Stage:
     """The light of the diffuse and of the specular lobe, demodulated, each with a distance in meters."""
     pixels, brdf = size[0] * size[1], brdf_constants(settings)
-    traced = brdf | {"paths_reuse": settings.restir}
-    rounds = [
-        round_pass
-        for index in range(1, ROUNDS + 1)
-        for round_pass in (
-            Pass("paths/next_round", threads=1, constants={"round_index": index}),
-            Pass("paths/later_rays", indirect="paths_round", constants=traced),
-        )
-    ]
+    samples = 1 if settings.restir else settings.paths_young_samples
+    traced = brdf | {"paths_reuse": settings.restir, "young_samples": samples}
+    rounds = []
+    for sample, index in itertools.product(range(samples), range(ROUNDS + 1)):
+        rounds.append(Pass("paths/next_round", threads=1, constants={"sample_index": sample, "round_index": index}))
+        if index == 0:
+            rounds.append(Pass("paths/first_ray", threads=size, constants=traced))
+        else:
+            rounds.append(Pass("paths/later_rays", indirect="paths_round", constants=traced))
     reuse = [Pass(f"paths/{name}", threads=size, constants=brdf) for name in ("temporal", "spatial_and_shade")]
     return Stage(
         "paths",
@@ -34,7 +36,7 @@ def stage(size: tuple[int, int], settings: Settings) -> Stage:
             "paths_offers": pixels if settings.restir else 1,
             **(dict.fromkeys(RESERVOIRS, pixels) if settings.restir else {}),
         },
-        passes=[Pass("paths/first_ray", threads=size, constants=traced), *rounds, *reuse[: 2 * settings.restir]],
+        passes=[*rounds, *reuse[: 2 * settings.restir]],
     )
 
 

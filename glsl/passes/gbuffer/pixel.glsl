@@ -31,7 +31,7 @@ GBufferPixel resolve_pixel(CameraRay ray, Hit hit, Mesh mesh) {
     vec3 emissive = shown_emission(surface);
     vec3 object_position = interpolate_position(mesh.positions, mesh, hit);
     // Both positions are computed from the object-space position in the same way, also by compilers that fuse
-    // operations (`precise`), so that rounding gives no motion to static surfaces.
+    // operations (`precise`), so that rounding gives no motion to a pose that is given again.
     precise vec3 now = instances.at[hit.instance].world_from_object * vec4(object_position, 1.0);
     vec3 before = previous_world_position(hit, mesh, object_position, now);
     // Passes reconstruct positions from depth along the pixel's ray, so the depth is that of the ray's intersection
@@ -59,7 +59,7 @@ GBufferPixel resolve_pixel(CameraRay ray, Hit hit, Mesh mesh) {
 GBufferPixel resolve_empty_pixel(CameraRay ray) {
     vec3 far = camera.world_from_view[3] + ray.direction * 1e6;
     vec3 previous_far = previous_camera.world_from_view[3] + ray.direction * 1e6;
-    vec2 motion = is_parallel(camera) ? vec2(0.0) : motion_vector(far, previous_far);
+    vec2 motion = is_parallel(camera) || camera_rests() ? vec2(0.0) : motion_vector(far, previous_far);
     return GBufferPixel(uvec4(0u), uvec4(0u), uvec2(0u, NO_INDEX), 0.0, motion);
 }
 

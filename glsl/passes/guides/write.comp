@@ -66,8 +66,10 @@ Guides describe_what_is_shown(GBufferSurface seen, uvec2 pixel) {
     for (uint i = 0u; i < MAX_MIRRORS && instance != NO_INDEX; i++) {
         if (is_metal_mirror(surface.material)) {
             MirrorPlane mirror = MirrorPlane(surface.world_position, surface.world_normal);
+            MirrorPlane before = previous_mirror(instance, mirror);
+            bool rested = previous_chain == chain && before == mirror;
             chain = append_mirror(chain, mirror);
-            previous_chain = append_mirror(previous_chain, previous_mirror(instance, mirror));
+            previous_chain = rested ? chain : append_mirror(previous_chain, before);
             direction = normalize(reflect(direction, surface.world_normal));
         } else if (!is_clear_wall(surface.material, -dot(direction, surface.world_normal))) {
             break;
@@ -101,7 +103,9 @@ Guides describe_what_is_shown(GBufferSurface seen, uvec2 pixel) {
         virtual_position = chain * vec4(surface.world_position, 1.0);
         previous_virtual_position = previous_chain * vec4(previous_position, 1.0);
     }
-    bool unmoved = is_parallel(camera) && instance == NO_INDEX;  // one color, as the background by itself
+    bool rested = camera_rests() && previous_chain == chain
+        && (instance == NO_INDEX || previous_position == surface.world_position);
+    bool unmoved = rested || is_parallel(camera) && instance == NO_INDEX;  // one color, as the background by itself
     guides.specular_motion = unmoved ? vec2(0.0) : motion_vector(virtual_position, previous_virtual_position);
     return guides;
 }

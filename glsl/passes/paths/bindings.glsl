@@ -37,6 +37,7 @@ layout(set = 1, binding = 74, scalar) buffer PathsRoundBlock {
     uint index;
     uint count;    // of paths that go on in this round
     uint arrived;  // of paths that wait for the next round, so far
+    uint sample_index;  // of the pixels' paths that are traced now
 } paths_round;
 
 // ---- reuse between pixels, with the setting restir: passes/paths/reservoir.glsl -----------------------

@@ -1,4 +1,4 @@
-// One path a pixel, from the surface that the pixel shows: its light sample and its first ray.
+// A path of each pixel, from the surface that the pixel shows: its light sample and its first ray.
 #version 460
 #include "common/sobol.glsl"
 #include "passes/bindings.glsl"
@@ -6,21 +6,24 @@
 #include "passes/paths/demodulation.glsl"
 #include "passes/paths/offer.glsl"
 #include "passes/paths/waiting.glsl"
+#include "passes/paths/young.glsl"
 #include "scene/trace.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
-const uint PASS_SALT = 0x3F84D5B5u;
+const uint PASS_SALT = 0x3F84D5B5u, SAMPLE_SALT = 0x9E3779B9u;
 
 // Over consecutive frames a pixel's first directions are points of a Sobol sequence, so that the mean of frames has
-// less noise than with independent ones.
-Path start_path(uvec2 pixel, GBufferSurface surface) {
-    Path path = start_path(seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT));
+// less noise than with independent ones. Further paths of the frame have sequences of their own, but for the number that
+// chooses the lobe, which is spread evenly over the paths of a frame.
+Path start_path(uvec2 pixel, GBufferSurface surface, uint sample_index) {
+    uint first_salt = this_frame.seed ^ PASS_SALT, salt = first_salt ^ sample_index * SAMPLE_SALT;
+    Path path = start_path(seed_rng(pixel, this_frame.index, salt));
     path.vertex = make_vertex(surface);
     path.medium_below = find_medium_below(surface.instance, surface.material);
-    uint sequence = seed_rng(pixel, 0u, this_frame.seed ^ PASS_SALT);
-    path.choice = sobol_point(this_frame.index, sequence).x;
-    path.u = sobol_point(this_frame.index, sequence + 1u);
+    float choice = sobol_point(this_frame.index, seed_rng(pixel, 0u, first_salt)).x;
+    path.choice = fract(choice + unit_float(bitfieldReverse(sample_index)));
+    path.u = sobol_point(this_frame.index, seed_rng(pixel, 0u, salt) + 1u);
     CameraRay ray = make_camera_ray(vec2(pixel) + 0.5);
     path.cone_spread = ray.cone_spread;
     path.cone_width = ray.cone_width + ray.cone_spread * distance(surface.world_position, ray.origin);
@@ -36,14 +39,22 @@ void main() {
         paths_diffuse.at[index] = paths_specular.at[index] = vec4(0.0);
         return;
     }
-    Path path = start_path(pixel, surface);
+    uint samples = count_samples(index), sample_index = paths_round.sample_index;
+    if (sample_index >= samples) { return; }
+    Path path = start_path(pixel, surface, sample_index);
     bool goes_on = advance(path);
     surface = load_gbuffer(pixel);  // again, instead of kept across rays
     Lobes light = path_light(path);
     if (paths_reuse) { light = offer_light(path, index, surface.material.perceptual_roughness); }
     if (goes_on) { wait(path, index, 1u); }
     Demodulation by = demodulation(surface);
-    vec2 distances = path.diffuse_first ? vec2(path.hit.t, 0.0) : vec2(0.0, path.hit.t);
-    paths_diffuse.at[index] = vec4(light.diffuse / by.diffuse, distances.x);
-    paths_specular.at[index] = vec4(light.specular / by.specular, distances.y);
+    vec4 diffuse = vec4(light.diffuse / by.diffuse / float(samples), path.diffuse_first ? path.hit.t : 0.0);
+    vec4 specular = vec4(light.specular / by.specular / float(samples), path.diffuse_first ? 0.0 : path.hit.t);
+    if (sample_index > 0u) {
+        vec4 earlier_diffuse = paths_diffuse.at[index], earlier_specular = paths_specular.at[index];
+        diffuse = vec4(earlier_diffuse.rgb + diffuse.rgb, max(earlier_diffuse.w, diffuse.w));
+        specular = vec4(earlier_specular.rgb + specular.rgb, max(earlier_specular.w, specular.w));
+    }
+    paths_diffuse.at[index] = diffuse;
+    paths_specular.at[index] = specular;
 }

@@ -5,6 +5,7 @@
 #include "passes/paths/demodulation.glsl"
 #include "passes/paths/reservoir.glsl"
 #include "passes/paths/waiting.glsl"
+#include "passes/paths/young.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
 
@@ -28,6 +29,7 @@ void main() {
         light.specular += kept_specular(shareable, surface.material.perceptual_roughness);
     }
     Demodulation by = demodulation(surface);
-    paths_diffuse.at[index].rgb += light.diffuse / by.diffuse;
-    paths_specular.at[index].rgb += light.specular / by.specular;
+    float share = 1.0 / float(count_samples(index));
+    paths_diffuse.at[index].rgb += share * light.diffuse / by.diffuse;
+    paths_specular.at[index].rgb += share * light.specular / by.specular;
 }

@@ -1,12 +1,14 @@
-// Begins a round: as many threads as paths wait.
+// Begins a round: as many threads as paths wait. Round 0 is that of the first rays.
 #version 460
 #include "passes/paths/bindings.glsl"
 
 layout(local_size_x = 1) in;
 
-layout(constant_id = 4) const uint round_index = 1u;
+layout(constant_id = 4) const uint round_index = 0u;
+layout(constant_id = 6) const uint sample_index = 0u;
 
 void main() {
+    paths_round.sample_index = sample_index;
     paths_round.index = round_index;
     paths_round.count = paths_round.arrived;
     paths_round.size = dispatch_in_rows(paths_round.arrived);

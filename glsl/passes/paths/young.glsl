@@ -1,0 +1,19 @@
+// Pixels without much history take more than one path, since their light is averaged over few frames.
+#ifndef PASSES_PATHS_YOUNG_GLSL
+#define PASSES_PATHS_YOUNG_GLSL
+
+#include "passes/denoise/guide.glsl"
+#include "passes/denoise/lobe.glsl"
+
+layout(constant_id = 9) const uint young_samples = 1u;  // paths of a young pixel
+
+const float YOUNG = 8.0;  // frames of history from which one path is enough
+
+// The number of paths of a pixel that shows a surface, before the frame's light is added to its history.
+uint count_samples(uint index) {
+    if (denoise_settings.denoise == 0u || kind_of(denoise_guides.at[index]) == NOTHING_SHOWN) { return 1u; }
+    float enough = min(YOUNG, float(denoise_settings.frames - 1u));
+    return unpack_lobe(denoise_diffuse.at[index]).frames < enough ? young_samples : 1u;
+}
+
+#endif
