@@ -12,6 +12,9 @@ struct Found {
     bool exists;
 };
 
+const float SOFTNESS = 0.5;   // standard deviation of the Gaussian of a first sample, in pixels of the picture
+const float EXCHANGED = 8.0;  // ratio of luminances up to which samples count whole
+
 const Found NOTHING_FOUND = Found(vec3(0.0), false);
 
 // Rendered pixels for each pixel of the picture.
@@ -80,6 +83,27 @@ Neighborhood find_neighborhood(ivec2 at) {
 // into what is dark: Karis, "High Quality Temporal Supersampling" (2014).
 float moderation(vec3 found, Neighborhood around) {
     return around.mean.x > 0.0 ? around.mean.x / (around.mean.x + luminance(found)) : 1.0;
+}
+
+// A sample with a share of those around it, by a Gaussian that is narrower the more samples the pixel's mean has: one
+// sample tells whether an edge is there, its neighbors how much of the pixel it covers. Two samples exchange light, less
+// if one is far brighter, so that lamps keep theirs and don't bleed into what is dark.
+Found soften(Found own, ivec2 at, ivec2 center, float samples) {
+    vec2 where = among_samples(vec2(at) + 0.5);
+    vec3 exchanged = vec3(0.0);
+    float total = 0.0, own_luminance = luminance(own.radiance);
+    for (int i = 0; i < 9; i++) {
+        ivec2 pixel = center + ivec2(i % 3, i / 3) - 1;
+        vec2 apart = (vec2(pixel) - where) / render_scale();
+        float weight = exp(-0.5 * samples * dot(apart, apart) / square(SOFTNESS));
+        total += weight;
+        vec3 found = is_rendered(pixel) ? load_sample(pixel) : own.radiance;
+        if (!is_valid(found)) { continue; }
+        float found_luminance = luminance(found), brighter = max(found_luminance, own_luminance);
+        float alike = min(EXCHANGED * min(found_luminance, own_luminance) / max(brighter, 1e-30), 1.0);
+        exchanged += weight * alike * (found - own.radiance);
+    }
+    return Found(own.radiance + exchanged / total, true);
 }
 
 float sinc(float x) { return abs(x) < 1e-4 ? 1.0 : sin(PI * x) / (PI * x); }
