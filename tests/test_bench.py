@@ -140,7 +140,7 @@ def test_quick_page_of_the_denoiser(any_device, tmp_path):
     assert {path.stem.partition(", ")[2] for path in pictures.iterdir()} == set(titles)
     for path in kept.iterdir():
         held = dict(np.load(path))
-        np.savez(path, truth=held["truth"] * 2, view=held["view"])
+        np.savez(path, references=held["references"] * 2, view=held["view"])
     assert main(quick) == 0
     assert page.read_text().splitlines()[-1] != text.splitlines()[-1]
 

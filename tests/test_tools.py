@@ -56,7 +56,7 @@ def test_the_frame_of_a_renderer_is_listed(device, capsys, kind):
     if kind is sv.Renderer:
         compose = said.index("pass paths/compose")
         trace = said.index("pass paths/first_ray")
-        barrier = ", ".join(f"RAW paths_{lobe} (paths/later_rays #3)" for lobe in ("diffuse", "specular"))
+        barrier = ", ".join(f"RAW paths_{lobe} (paths/later_rays #6)" for lobe in ("diffuse", "specular"))
         assert barrier in said[trace:compose]
         assert re.search(r"^    writes .*paths_diffuse, .*paths_specular", said[trace:], re.MULTILINE)
         assert re.search(rf"^  paths_diffuse +{16 * 32 * 24:,} bytes  buffer$", said, re.MULTILINE)

@@ -40,9 +40,9 @@ SEED, REFERENCE_SEED = 5, 1_000_003
 INTRO = (
     "Written by `solari-vk bench denoise FILES --markdown FILE`. relMSE, and FLIP for high dynamic range (Andersson et "
     "al., 2021), against the path tracer; in relMSE the noise of two references cancels out. Frames are jittered and "
-    "counted from a reset. OIDN denoises the mean of the same raw frames with the mean of their albedos and normals, in "
-    "motion the latest frame alone. x OIDN: the denoised frame's relMSE over OIDN's. OIDN+: the same with albedo and "
-    "normals of 16 other samples a pixel, which no frame has.",
+    "counted from a reset. OIDN denoises the mean of the same raw frames with the mean of their albedos and normals, "
+    "in motion the latest frame alone. x OIDN: the denoised frame's relMSE over OIDN's. OIDN+: the same with albedo "
+    "and normals of 16 other samples a pixel, which no frame has.",
 )
 HEAD = ("frame", "raw", "mean of raw", "denoised", "OIDN", "x OIDN", "OIDN+", "x OIDN+", "FLIP, denoised", "FLIP, OIDN")
 
@@ -98,7 +98,8 @@ def run(
                 title = f"{scene.name} {size[0]}x{size[1]}, {case.name}"
                 report.table(title, HEAD, rows)
                 if pictures is not None:
-                    _sheet(found, truths.mean(axis=0), camera.exposure).save(pictures / f"{scene.name}, {case.name}.png")
+                    sheet = _sheet(found, truths.mean(axis=0), camera.exposure)
+                    sheet.save(pictures / f"{scene.name}, {case.name}.png")
     if markdown is not None:
         print(f"wrote {markdown}")
 
@@ -158,11 +159,11 @@ def _measure(
             total, total_albedo, total_normal = total + raw, total_albedo + albedo, total_normal + normal
             if index + 1 in looks:
                 denoised = np.asarray(frame["radiance"], np.float64)
-                if case.name != "still":
+                if case.name == "still":
+                    mean, *guides = (picture / (index + 1) for picture in (total, total_albedo, total_normal))
+                    found.append(Look(index + 1, raw, mean, denoised, (guides[0], guides[1])))
+                else:
                     found.append(Look(index + 1, raw, None, denoised, (albedo, normal)))
-                    continue
-                mean, *guides = (sum_ / (index + 1) for sum_ in (total, total_albedo, total_normal))
-                found.append(Look(index + 1, raw, mean, denoised, (guides[0], guides[1])))
     with PathTracer(device, scene, size, seed=REFERENCE_SEED) as tracer:
         clean = tracer.first_hits.read_means(("albedo", "shading_normal"), Projection.of(camera, size), size)
         view = np.array([*camera.transform.ravel(), camera.vertical_fov, samples])

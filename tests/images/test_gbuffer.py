@@ -254,7 +254,7 @@ MUTANTS = {
     ),
     "rows remembered, not instances": (
         test_rows_of_new_instances_have_no_history, "gbuffer.glsl",
-        "previous.id == instances.at[hit.instance].id", "previous.id != 0u",
+        "previous.id != instances.at[hit.instance].id ||", "previous.id == 0u ||",
     ),
     "nothing is ever hidden": (test_counts, "cull.comp", "depth_value < farthest", "depth_value * 1e9 < farthest"),
     "nothing is ever out of view": (test_counts, "cull.comp", "&& is_outside_frustum(box)", "&& box.rounding < 0.0"),

@@ -64,7 +64,10 @@ BUGS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("bug", BUGS)
+QUICK = ("the last path alone counts",)
+
+
+@pytest.mark.parametrize("bug", [bug if bug in QUICK else pytest.param(bug, marks=pytest.mark.slow) for bug in BUGS])
 def test_the_check_can_fail(device, one_path, bug):
     file, good, bad = BUGS[bug]
     with patched_shaders((FOLDER + file, good, bad)), pytest.raises(AssertionError):

@@ -154,14 +154,13 @@ vec3 interpolate_position(const Positions positions, Mesh mesh, Hit hit) {
     return position;
 }
 
-// The position of a hit point of an instance's mesh in the previous frame; `world_position` when the instance rests or is
-// new.
+// The position of a hit point of an instance's mesh in the previous frame; `world_position` when the instance rests or
+// is new.
 vec3 previous_world_position(Hit hit, Mesh mesh, vec3 object_position, vec3 world_position) {
     PreviousInstance previous = previous_instances.at[hit.instance];
     if (previous.id != instances.at[hit.instance].id || rests(hit.instance)) { return world_position; }
     if (changes_pose(mesh)) { object_position = interpolate_position(mesh.previous_positions, mesh, hit); }
-    precise vec3 position = previous.world_from_object * vec4(object_position, 1.0);
-    return position;
+    return previous.world_from_object * vec4(object_position, 1.0);
 }
 
 // Exactly 0 for what rests, also where a compiler rounds the two projections differently.

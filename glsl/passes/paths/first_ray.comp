@@ -14,8 +14,8 @@ layout(local_size_x = 8, local_size_y = 8) in;
 const uint PASS_SALT = 0x3F84D5B5u, SAMPLE_SALT = 0x9E3779B9u;
 
 // Over consecutive frames a pixel's first directions are points of a Sobol sequence, so that the mean of frames has
-// less noise than with independent ones. Further paths of the frame have sequences of their own, but for the number that
-// chooses the lobe, which is spread evenly over the paths of a frame.
+// less noise than with independent ones. Further paths of the frame have sequences of their own, except for the number
+// that chooses the lobe, which is spread evenly over the paths of a frame.
 Path start_path(uvec2 pixel, GBufferSurface surface, uint sample_index) {
     uint first_salt = this_frame.seed ^ PASS_SALT, salt = first_salt ^ sample_index * SAMPLE_SALT;
     Path path = start_path(seed_rng(pixel, this_frame.index, salt));
@@ -23,7 +23,8 @@ Path start_path(uvec2 pixel, GBufferSurface surface, uint sample_index) {
     path.medium_below = find_medium_below(surface.instance, surface.material);
     float choice = sobol_point(this_frame.index, seed_rng(pixel, 0u, first_salt)).x;
     path.choice = fract(choice + unit_float(bitfieldReverse(sample_index)));
-    path.u = sobol_point(this_frame.index, seed_rng(pixel, 0u, salt) + 1u);
+    uint sequence = seed_rng(pixel, 0u, salt);
+    path.u = sobol_point(this_frame.index, sequence + 1u);
     CameraRay ray = make_camera_ray(vec2(pixel) + 0.5);
     path.cone_spread = ray.cone_spread;
     path.cone_width = ray.cone_width + ray.cone_spread * distance(surface.world_position, ray.origin);
@@ -48,8 +49,9 @@ void main() {
     if (paths_reuse) { light = offer_light(path, index, surface.material.perceptual_roughness); }
     if (goes_on) { wait(path, index, 1u); }
     Demodulation by = demodulation(surface);
-    vec4 diffuse = vec4(light.diffuse / by.diffuse / float(samples), path.diffuse_first ? path.hit.t : 0.0);
-    vec4 specular = vec4(light.specular / by.specular / float(samples), path.diffuse_first ? 0.0 : path.hit.t);
+    vec2 distances = path.diffuse_first ? vec2(path.hit.t, 0.0) : vec2(0.0, path.hit.t);
+    vec4 diffuse = vec4(light.diffuse / by.diffuse / float(samples), distances.x);
+    vec4 specular = vec4(light.specular / by.specular / float(samples), distances.y);
     if (sample_index > 0u) {
         vec4 earlier_diffuse = paths_diffuse.at[index], earlier_specular = paths_specular.at[index];
         diffuse = vec4(earlier_diffuse.rgb + diffuse.rgb, max(earlier_diffuse.w, diffuse.w));

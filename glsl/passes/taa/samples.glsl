@@ -86,8 +86,8 @@ float moderation(vec3 found, Neighborhood around) {
 }
 
 // A sample with a share of those around it, by a Gaussian that is narrower the more samples the pixel's mean has: one
-// sample tells whether an edge is there, its neighbors how much of the pixel it covers. Two samples exchange light, less
-// if one is far brighter, so that lamps keep theirs and don't bleed into what is dark.
+// sample tells whether an edge is there, its neighbors how much of the pixel it covers. Two samples exchange light, but
+// less if one is far brighter, so that lamps keep theirs and don't bleed into what is dark.
 Found soften(Found own, ivec2 at, ivec2 center, float samples) {
     vec2 where = among_samples(vec2(at) + 0.5);
     vec3 exchanged = vec3(0.0);
