@@ -17,7 +17,7 @@ LEVELS = 5  # passes of the blur, each twice as wide as the one before; an odd n
 
 
 def history_stage(size: tuple[int, int]) -> Stage:
-    """Finds the histories of this frame's pixels."""
+    """Finds the history of each pixel of this frame. It comes before the paths, whose number depends on its length."""
     pixels = size[0] * size[1]
     return Stage(
         "history",
@@ -37,9 +37,7 @@ def stage(size: tuple[int, int]) -> Stage:
     cells = (-(-size[0] // CELL), -(-size[1] // CELL))
     return Stage(
         "denoise",
-        buffers={
-            **dict.fromkeys(("denoise_cells", "denoise_blocks"), cells[0] * cells[1]),
-        },
+        buffers=dict.fromkeys(("denoise_cells", "denoise_blocks"), cells[0] * cells[1]),
         passes=[
             Pass("denoise/sum_cells", threads=cells),
             Pass("denoise/find_changes", threads=cells),

@@ -1,4 +1,4 @@
-"""One path a pixel: all light of a surface; glsl/passes/paths/."""
+"""One path a pixel, several where a surface is new: all light of a surface; glsl/passes/paths/."""
 
 from __future__ import annotations
 
