@@ -22,7 +22,8 @@ QUALITIES: dict[str, dict[str, Any]] = {
     },
     "ultra": {
         "paths_bounces": 16, "paths_candidates": 32, "paths_later_candidates": 8, "paths_young_samples": 4,
-        "world_cache_cell_size": 0.05, "world_cache_max_samples": 128, "world_cache_update_cap": 200_000, "world_cache_updates_per_pixel": 1.0,
+        "world_cache_cell_size": 0.05, "world_cache_max_samples": 128, "world_cache_update_cap": 200_000,
+        "world_cache_updates_per_pixel": 1.0,
     },
     "solari": {
         "lighting": "split", "antialiasing": False, "layering": "fresnel_product", "world_cache_search_steps": 3,
