@@ -35,13 +35,13 @@ void main() {
     uvec2 pixel = INVOCATION_INDEX;
     if (any(greaterThanEqual(pixel, camera.size))) { return; }
     uint index = pixel.y * camera.size.x + pixel.x;
+    uint samples = count_samples(index), sample_index = paths_round.sample_index;
+    if (sample_index >= samples) { return; }
     GBufferSurface surface = load_gbuffer(pixel);
     if (!surface.exists) {
         paths_diffuse.at[index] = paths_specular.at[index] = vec4(0.0);
         return;
     }
-    uint samples = count_samples(index), sample_index = paths_round.sample_index;
-    if (sample_index >= samples) { return; }
     Path path = start_path(pixel, surface, sample_index);
     bool goes_on = advance(path);
     surface = load_gbuffer(pixel);  // again, instead of kept across rays
