@@ -37,7 +37,8 @@ COUNTING = ("gbuffer", "world_cache")  # stages with a buffer of counters, NAME_
 
 
 class Renderer(PictureRenderer):
-    """Realtime lighting: one path a pixel, ended by a world-space radiance cache; or Solari's separate passes.
+    """Realtime lighting: one path a pixel, more where it has little history, ended by a world-space radiance cache; or
+    Solari's separate passes.
 
     size: (width, height) of the picture in pixels; the setting `upscale` renders fewer. settings: kept, not copied;
     assigning to one of its fields takes effect with the next frame. seed: a whole number; the same seed gives the same

@@ -267,8 +267,8 @@ def memory() -> int:
     library = ctypes.CDLL(None)
     library.mallinfo2.restype = MallInfo
     resident = int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
-    heap = Path("/proc/self/smaps").read_text().partition("[heap]\n")[2]
-    heap_resident = int(heap.partition("Rss:")[2].split()[0]) * 1024
+    heaps = Path("/proc/self/smaps").read_text().split("[heap]\n")[1:]
+    heap_resident = sum(int(heap.partition("Rss:")[2].split()[0]) * 1024 for heap in heaps)
     return resident - heap_resident + int(library.mallinfo2().uordblks)
 
 

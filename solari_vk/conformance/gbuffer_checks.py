@@ -27,7 +27,7 @@ _GBUFFER = (SUITE, "G-buffer")
 INSIDE = Rule("raster and traced G-buffers agree inside triangles", *_GBUFFER)
 RASTER = Rule("raster and traced G-buffers agree at edges within a pixel", *_GBUFFER)
 MOTION = Rule("motion vectors follow the camera and moving instances", *_GBUFFER)
-STILL = Rule("what rests has no motion, in mirrors neither", *_GBUFFER)
+STILL = Rule("what rests has no motion, also seen in mirrors", *_GBUFFER)
 CULLING = Rule("culling drops nothing that is visible", *_GBUFFER)
 COUNTED = Rule("each visible instance is counted once: drawn, or culled for one reason", *_GBUFFER)
 SIZE = (96, 64)
@@ -127,13 +127,13 @@ def measure_still(device: Device, way: str) -> Iterator[Measurement]:
         with make_renderer(device, scene, SIZE, passes=GUIDES, gbuffer=way, jitter=True) as renderer:
             for _ in range(4):
                 pose = turned(scene.camera.transform, random, 0.1, 0.3)
-                pose[:3, :3] /= np.cbrt(np.linalg.det(pose[:3, :3]))
+                pose[:3, :3] /= np.cbrt(np.linalg.det(pose[:3, :3]))  # without the scale
                 camera = dataclasses.replace(scene.camera, transform=pose)
                 renderer.render(camera)
                 frame = renderer.render(camera)
                 for image in ("motion_vectors", "guides_specular_motion"):
                     moving += int((frame[image] != 0).any(axis=-1).sum())
-    yield Measurement(STILL, float(moving), 0.0, "pixels move", way)
+    yield Measurement(STILL, float(moving), 0.0, "values of pixels", way)
 
 
 # ---- culling ----------------------------------------------------------------------------------------

@@ -40,9 +40,9 @@ SEED, REFERENCE_SEED = 5, 1_000_003
 INTRO = (
     "Written by `solari-vk bench denoise FILES --markdown FILE`. relMSE, and FLIP for high dynamic range (Andersson et "
     "al., 2021), against the path tracer; in relMSE the noise of two references cancels out. Frames are jittered and "
-    "counted from a reset. OIDN denoises the mean of the same raw frames with the mean of their albedos and normals, "
-    "in motion the latest frame alone. x OIDN: the denoised frame's relMSE over OIDN's. OIDN+: the same with albedo "
-    "and normals of 16 other samples a pixel, which no frame has.",
+    "counted from a reset. Frames 1 to 8 have two paths a pixel. OIDN denoises the mean of the same raw frames with the mean "
+    "of their albedos and normals, in motion the latest frame alone. x OIDN: the denoised frame's relMSE over OIDN's. "
+    "OIDN+: with albedo and normals of 16 other samples a pixel, which no frame has, in mirrors those of the mirror.",
 )
 HEAD = ("frame", "raw", "mean of raw", "denoised", "OIDN", "x OIDN", "OIDN+", "x OIDN+", "FLIP, denoised", "FLIP, OIDN")
 
@@ -68,7 +68,9 @@ class Look:
     guides: tuple[Picture, Picture]
     """Albedo and normals of the same frames."""
     oidn: Picture | None = None
+    """OIDN's, with `guides`; None where it isn't installed, as the next one."""
     oidn_plus: Picture | None = None
+    """OIDN's, with albedo and normals of 16 other samples a pixel."""
 
 
 def run(
@@ -148,7 +150,7 @@ def _measure(
     device: Device, scene: Scene, case: Case, size: tuple[int, int], looks: Sequence[int], samples: int,
     kept: Path | None,
 ) -> tuple[Camera, list[Look], Picture]:  # fmt: skip
-    """The last camera of a case, its pictures at some frames, and two references of the last one."""
+    """The last camera of a case, its pictures at some frames, and two references (2, h, w, 3) of the last one."""
     found, total, total_albedo, total_normal = [], np.zeros(3), np.zeros(3), np.zeros(3)
     with Renderer(device, scene, size, seed=SEED) as renderer:
         for index in range(max(looks)):
@@ -168,7 +170,7 @@ def _measure(
         clean = tracer.first_hits.read_means(("albedo", "shading_normal"), Projection.of(camera, size), size)
         view = np.array([*camera.transform.ravel(), camera.vertical_fov, samples])
         kept_picture = np.load(kept) if kept is not None and kept.is_file() else None
-        if kept_picture is not None and np.array_equal(kept_picture["view"], view):
+        if kept_picture is not None and "references" in kept_picture and np.array_equal(kept_picture["view"], view):
             references = kept_picture["references"]
         else:
             references = np.empty((2, size[1], size[0], 3))

@@ -41,8 +41,8 @@ def denoise(
 ) -> NDArray[np.float32]:
     """Radiance (height, width, 3) without noise, on the processor.
 
-    albedo and normal: those of the visible surfaces, (height, width, 3) each. clean: they are averages over each
-    pixel's area, free of noise. Raises SolariError without the package, and for an error of OIDN.
+    albedo and normal: those of the visible surfaces, (height, width, 3) each. clean: whether they are averages over
+    each pixel's area, free of noise. Raises SolariError without the package, and for an error of OIDN.
     """
     library = _library()
     mean = float(np.mean(radiance, dtype=np.float64))

@@ -17,7 +17,7 @@ LEVELS = 5  # passes of the blur, each twice as wide as the one before; an odd n
 
 
 def history_stage(size: tuple[int, int]) -> Stage:
-    """Finds the history of each pixel of this frame. It comes before the paths, whose number depends on its length."""
+    """Finds the history of each pixel of this frame. It comes before the paths: their number depends on it."""
     pixels = size[0] * size[1]
     return Stage(
         "history",

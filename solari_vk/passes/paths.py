@@ -1,4 +1,4 @@
-"""One path a pixel, several where a surface is new: all light of a surface; glsl/passes/paths/."""
+"""One path a pixel, more where it has little history: all light of a surface; glsl/passes/paths/."""
 
 from __future__ import annotations
 
@@ -19,13 +19,16 @@ def stage(size: tuple[int, int], settings: Settings) -> Stage:
     pixels, brdf = size[0] * size[1], brdf_constants(settings)
     samples = 1 if settings.restir else settings.paths_young_samples
     traced = brdf | {"paths_reuse": settings.restir, "young_samples": samples}
-    rounds = []
-    for sample, index in itertools.product(range(samples), range(ROUNDS + 1)):
-        rounds.append(Pass("paths/next_round", threads=1, constants={"sample_index": sample, "round_index": index}))
-        if index == 0:
-            rounds.append(Pass("paths/first_ray", threads=size, constants=traced))
-        else:
-            rounds.append(Pass("paths/later_rays", indirect="paths_round", constants=traced))
+    first = Pass("paths/first_ray", threads=size, constants=traced)
+    later = Pass("paths/later_rays", indirect="paths_round", constants=traced)
+    passes = [
+        part
+        for sample, index in itertools.product(range(samples), range(ROUNDS + 1))
+        for part in (
+            Pass("paths/next_round", threads=1, constants={"sample_index": sample, "round_index": index}),
+            later if index else first,
+        )
+    ]
     reuse = [Pass(f"paths/{name}", threads=size, constants=brdf) for name in ("temporal", "spatial_and_shade")]
     return Stage(
         "paths",
@@ -36,7 +39,7 @@ def stage(size: tuple[int, int], settings: Settings) -> Stage:
             "paths_offers": pixels if settings.restir else 1,
             **(dict.fromkeys(RESERVOIRS, pixels) if settings.restir else {}),
         },
-        passes=[*rounds, *reuse[: 2 * settings.restir]],
+        passes=[*passes, *reuse[: 2 * settings.restir]],
     )
 
 

@@ -186,7 +186,8 @@ def test_noise_of_a_settled_picture(device):
 
 
 def test_off_is_the_raw_frame(device):
-    """Without the denoiser, the radiance is what the paths gave; with it, raw_radiance still is, bit by bit."""
+    """Without the denoiser, the radiance is what the paths gave; with it and as many paths, raw_radiance still is, bit
+    by bit."""
     scene = cornell_box()
     with make(device, scene, paths_young_samples=1) as on, make(device, scene, denoise=False) as off:
         for _ in range(4):

@@ -56,14 +56,13 @@ def test_several_paths_keep_the_mean_and_lower_the_noise(device, one_path):
 
 BUGS = {
     "all paths of a pixel are the same": ("first_ray.comp", "first_salt ^ sample_index * SAMPLE_SALT", "first_salt"),
+    # Keeps the constant in the module.
     "only first rays are shared out": ("later_rays.comp", "float(count_samples(index))",
                                      "float(young_samples > 9u ? 2u : 1u)"),
     "later rays of the first path alone": ("later_rays.comp", "if (row >= paths_round.count)",
                                            "if (row >= paths_round.count || paths_round.sample_index > 0u)"),
-    "the last path alone counts": ("first_ray.comp", "earlier_diffuse.rgb + diffuse.rgb", "diffuse.rgb"),
+    "the last path alone counts": ("first_ray.comp", "was_diffuse.rgb + diffuse.rgb", "diffuse.rgb"),
 }  # fmt: skip
-
-
 QUICK = ("the last path alone counts",)
 
 

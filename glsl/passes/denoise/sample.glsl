@@ -1,4 +1,4 @@
-// The light of a pixel's path, as the denoiser takes it.
+// The light of a pixel's paths, as the denoiser takes it.
 #ifndef PASSES_DENOISE_SAMPLE_GLSL
 #define PASSES_DENOISE_SAMPLE_GLSL
 

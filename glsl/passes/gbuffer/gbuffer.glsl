@@ -160,7 +160,8 @@ vec3 previous_world_position(Hit hit, Mesh mesh, vec3 object_position, vec3 worl
     PreviousInstance previous = previous_instances.at[hit.instance];
     if (previous.id != instances.at[hit.instance].id || rests(hit.instance)) { return world_position; }
     if (changes_pose(mesh)) { object_position = interpolate_position(mesh.previous_positions, mesh, hit); }
-    return previous.world_from_object * vec4(object_position, 1.0);
+    precise vec3 position = previous.world_from_object * vec4(object_position, 1.0);
+    return position;
 }
 
 // Exactly 0 for what rests, also where a compiler rounds the two projections differently.

@@ -30,7 +30,9 @@ GBufferPixel resolve_pixel(CameraRay ray, Hit hit, Mesh mesh) {
     ResolvedRayHitFull surface = resolve_hit_full(hit, mesh, ray.direction, ray.cone_width + ray.cone_spread * hit.t);
     vec3 emissive = shown_emission(surface);
     vec3 object_position = interpolate_position(mesh.positions, mesh, hit);
-    vec3 now = instances.at[hit.instance].world_from_object * vec4(object_position, 1.0);
+    // Both positions are computed from the object-space position in the same way, also by compilers that fuse
+    // operations (`precise`), so that rounding gives no motion to parts of a posed mesh that stay.
+    precise vec3 now = instances.at[hit.instance].world_from_object * vec4(object_position, 1.0);
     vec3 before = previous_world_position(hit, mesh, object_position, now);
     // Passes reconstruct positions from depth along the pixel's ray, so the depth is that of the ray's intersection
     // with the triangle's plane. The point that was found may lie beside the ray, by rounding or because raster snaps

@@ -8,7 +8,7 @@
 #include "passes/rows.glsl"
 
 // The light of a lobe at the pixel's surface over the lobe's demodulation, and the distance to where the light of this
-// lobe came from: the length of the path's first ray, 0 when the other lobe proposed it.
+// lobe came from: the length of the first ray of the first path that this lobe proposed, 0 when it proposed none.
 layout(set = 1, binding = 70, scalar) buffer PathsDiffuseBlock { vec4 at[]; } paths_diffuse;
 layout(set = 1, binding = 71, scalar) buffer PathsSpecularBlock { vec4 at[]; } paths_specular;
 // Radiance without the denoiser.
@@ -37,7 +37,7 @@ layout(set = 1, binding = 74, scalar) buffer PathsRoundBlock {
     uint index;
     uint count;    // of paths that go on in this round
     uint arrived;  // of paths that wait for the next round, so far
-    uint sample_index;  // of the pixels' paths that are traced now
+    uint sample_index;  // which path of each pixel is traced now, from 0
 } paths_round;
 
 // ---- reuse between pixels, with the setting restir: passes/paths/reservoir.glsl -----------------------

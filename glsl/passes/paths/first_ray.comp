@@ -15,7 +15,7 @@ const uint PASS_SALT = 0x3F84D5B5u, SAMPLE_SALT = 0x9E3779B9u;
 
 // Over consecutive frames a pixel's first directions are points of a Sobol sequence, so that the mean of frames has
 // less noise than with independent ones. Further paths of the frame have sequences of their own, except for the number
-// that chooses the lobe, which is spread evenly over the paths of a frame.
+// that chooses the lobe, which is spread over the paths of a frame as in the van der Corput sequence.
 Path start_path(uvec2 pixel, GBufferSurface surface, uint sample_index) {
     uint first_salt = this_frame.seed ^ PASS_SALT, salt = first_salt ^ sample_index * SAMPLE_SALT;
     Path path = start_path(seed_rng(pixel, this_frame.index, salt));
@@ -53,9 +53,9 @@ void main() {
     vec4 diffuse = vec4(light.diffuse / by.diffuse / float(samples), distances.x);
     vec4 specular = vec4(light.specular / by.specular / float(samples), distances.y);
     if (sample_index > 0u) {
-        vec4 earlier_diffuse = paths_diffuse.at[index], earlier_specular = paths_specular.at[index];
-        diffuse = vec4(earlier_diffuse.rgb + diffuse.rgb, max(earlier_diffuse.w, diffuse.w));
-        specular = vec4(earlier_specular.rgb + specular.rgb, max(earlier_specular.w, specular.w));
+        vec4 was_diffuse = paths_diffuse.at[index], was_specular = paths_specular.at[index];
+        diffuse = vec4(was_diffuse.rgb + diffuse.rgb, was_diffuse.w > 0.0 ? was_diffuse.w : diffuse.w);
+        specular = vec4(was_specular.rgb + specular.rgb, was_specular.w > 0.0 ? was_specular.w : specular.w);
     }
     paths_diffuse.at[index] = diffuse;
     paths_specular.at[index] = specular;

@@ -9,7 +9,8 @@ layout(constant_id = 9) const uint young_samples = 1u;  // paths of a young pixe
 
 const float YOUNG = 8.0;  // frames of history from which one path is enough
 
-// The number of paths of a pixel that shows a surface, before the frame's light is added to its history.
+// The number of paths of a pixel, by the history of its diffuse lobe before the frame's light is added: that of
+// reflections is short wherever the camera moves.
 uint count_samples(uint index) {
     if (denoise_settings.denoise == 0u || kind_of(denoise_guides.at[index]) == NOTHING_SHOWN) { return 1u; }
     float enough = min(YOUNG, float(denoise_settings.frames - 1u));

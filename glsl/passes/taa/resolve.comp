@@ -1,6 +1,6 @@
 // The picture: a mean of samples at different positions in each pixel, over frames. Yang et al., "A Survey of Temporal
-// Antialiasing Techniques" (2020). Each pixel averages the samples inside it alone, so that the mean of a still picture
-// tends to that of the pixel's area; where a pixel has had few samples, those around count too.
+// Antialiasing Techniques" (2020). Where a pixel has had few samples, those around count too; later ones are those
+// inside it alone, so that the mean of a still picture tends to that of the pixel's area.
 #version 460
 #include "passes/taa/history.glsl"
 
@@ -12,7 +12,7 @@ const float SUSPECT = 0.5;           // share of the box beyond which changes ar
 const float UNNOTICED = 0.05;        // if the nearest sample differs by more
 const float DENOISED_ERROR = 0.02;   // of the samples, over their mean
 const float INTERPOLATED = 0.125;    // weight of an interpolated sample
-const float ENOUGH = 8.0;            // samples that need neither interpolated nor softened ones
+const float ENOUGH = 8.0;            // samples that need no interpolated ones beside them and aren't softened
 
 // Moves the past into the range of what the samples around show: Salvi, "An Excursion in Temporal Supersampling" (GDC
 // 2016). Where nothing moves, the past changes only if most samples around differ from it in the same direction, as
