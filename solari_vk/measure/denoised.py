@@ -40,9 +40,10 @@ SEED, REFERENCE_SEED = 5, 1_000_003
 INTRO = (
     "Written by `solari-vk bench denoise FILES --markdown FILE`. relMSE, and FLIP for high dynamic range (Andersson et "
     "al., 2021), against the path tracer; in relMSE the noise of two references cancels out. Frames are jittered and "
-    "counted from a reset. Frames 1 to 8 have two paths a pixel. OIDN denoises the mean of the same raw frames with the mean "
-    "of their albedos and normals, in motion the latest frame alone. x OIDN: the denoised frame's relMSE over OIDN's. "
-    "OIDN+: with albedo and normals of 16 other samples a pixel, which no frame has, in mirrors those of the mirror.",
+    "counted from a reset. Frames 1 to 8 have two paths a pixel. OIDN denoises the mean of the same raw frames with "
+    "the mean of their albedos and normals, in motion the latest frame alone. x OIDN: the denoised frame's relMSE over "
+    "OIDN's. OIDN+: with albedo and normals of 16 other samples a pixel, which no frame has, in mirrors those of the "
+    "mirror.",
 )
 HEAD = ("frame", "raw", "mean of raw", "denoised", "OIDN", "x OIDN", "OIDN+", "x OIDN+", "FLIP, denoised", "FLIP, OIDN")
 
