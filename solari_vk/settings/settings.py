@@ -70,8 +70,8 @@ class Settings:
         2, "The same for each further surface of a path. More: less noise.",
         low=1, high=1024)  # fmt: skip
     paths_young_samples: int = _paths(
-        2, "Paths of a pixel with less than 8 frames of history, with denoise=on and restir=off. More: less noise after "
-        "cuts and where surfaces or light are new, slower there.", low=1, high=16, rebuilds=True)  # fmt: skip
+        2, "Paths of a pixel with less than 8 frames of history, with denoise=on and restir=off. More: less noise "
+        "after cuts and where surfaces or light are new, slower there.", low=1, high=16, rebuilds=True)  # fmt: skip
     paths_cache_roughness: float = _paths(
         0.35, "Roughness from which the world cache stands for the specular lobe of a surface too. More: sharper "
         "reflections of reflections, slower.", low=0, high=1)  # fmt: skip
