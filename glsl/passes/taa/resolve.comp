@@ -57,7 +57,8 @@ void main() {
     if (!found.exists || !is_valid(found.radiance)) {
         found = settled ? NOTHING_FOUND : interpolate(at, around);
         weight = INTERPOLATED;
-    } else if (!settled) {
+    } else if (past.weight == 0.0 || !settled && is_still(around.center)) {
+        // Not wherever means are short: those of moving reflections always are, and would be blurred.
         found = soften(found, at, around.center, past.weight + 1.0);
     }
     if (found.exists) {
