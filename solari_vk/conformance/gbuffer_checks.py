@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import solari_vk as sv
-from solari_vk.conformance.gbuffer_worlds import WALLS, material_zoo, turned, walled
+from solari_vk.conformance.gbuffer_worlds import WALLS, material_zoo, turned, turned_rigidly, walled
 from solari_vk.conformance.oracles import gbuffer
 from solari_vk.conformance.realtime import GBUFFER, GUIDES, get_jitter, make_renderer
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
@@ -94,8 +94,7 @@ def measure_motion(device: Device, way: str = "raster", orthographic_height: flo
             before, previous = {instance: instance.transform for instance in scene.instances}, camera
             for instance in moving:
                 instance.transform = turned(instance.transform, random, 0.1, 0.05)
-            pose = turned(camera.transform, random, 0.03, 0.1)
-            pose[:3, :3] /= np.cbrt(np.linalg.det(pose[:3, :3]))
+            pose = turned_rigidly(camera.transform, random, 0.03, 0.1)
             zoom = random.uniform(0.95, 1.05)
             camera = sv.Camera(transform=pose, vertical_fov=camera.vertical_fov * zoom,
                                orthographic_height=camera.orthographic_height * zoom)  # fmt: skip
@@ -126,8 +125,7 @@ def measure_still(device: Device, way: str) -> Iterator[Measurement]:
             instance.transform = turned(instance.transform, random, 0.2, 0.2)
         with make_renderer(device, scene, SIZE, passes=GUIDES, gbuffer=way, jitter=True) as renderer:
             for _ in range(4):
-                pose = turned(scene.camera.transform, random, 0.1, 0.3)
-                pose[:3, :3] /= np.cbrt(np.linalg.det(pose[:3, :3]))  # without the scale
+                pose = turned_rigidly(scene.camera.transform, random, 0.1, 0.3)
                 camera = dataclasses.replace(scene.camera, transform=pose)
                 renderer.render(camera)
                 frame = renderer.render(camera)

@@ -24,6 +24,13 @@ def turned(transform: NDArray[Any], random: np.random.Generator, angle: float, s
     return result
 
 
+def turned_rigidly(transform: NDArray[Any], random: np.random.Generator, angle: float, shift: float) -> NDArray[Any]:
+    """The same without the scale, as cameras need it."""
+    result = turned(transform, random, angle, shift)
+    result[:3, :3] /= np.cbrt(np.linalg.det(result[:3, :3]))
+    return result
+
+
 def _noise_texture(seed: int, low: int = 0, high: int = 256) -> sv.Texture:
     pixels = np.random.default_rng(seed).integers(low, high, (16, 16, 4)).astype(np.uint8)
     return sv.Texture(image=sv.TextureImage(pixels=pixels))

@@ -57,7 +57,8 @@ def cost(device, frames=21):
 
 @pytest.mark.slow
 def test_cost(device):
-    """Measured: 0.23; 0.24 to 0.25 before the blur ended for pixels whose neighbors give little."""
+    """Measured: 0.23, on another day 0.28 to 0.30; 0.24 to 0.25 before the blur ended for pixels whose neighbors give
+    little."""
     if device.properties.kind != "cpu":
         pytest.skip("processor time tells nothing of a GPU's frame")
     assert cost(device) < 0.25

@@ -16,7 +16,7 @@ FOLDER = "passes/paths/"
 
 
 def first_frames(device, samples):
-    """The light (SEEDS, h, w, 2) of both lobes in the first frames of independent runs, as luminance."""
+    """The light (SEEDS, h, w, 2) of both lobes in the first frames of independent runs: means of three channels."""
     with make_renderer(device, builtin("cornell_box"), SIZE, **ALONE, paths_young_samples=samples) as renderer:
         found = []
         for seed in range(SEEDS):
@@ -56,7 +56,7 @@ def test_several_paths_keep_the_mean_and_lower_the_noise(device, one_path):
 
 BUGS = {
     "all paths of a pixel are the same": ("first_ray.comp", "first_salt ^ sample_index * SAMPLE_SALT", "first_salt"),
-    # Keeps the constant in the module.
+    # It still reads young_samples: a frame refuses shaders that don't use a constant that it sets.
     "only first rays are shared out": ("later_rays.comp", "float(count_samples(index))",
                                      "float(young_samples > 9u ? 2u : 1u)"),
     "later rays of the first path alone": ("later_rays.comp", "if (row >= paths_round.count)",
