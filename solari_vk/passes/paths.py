@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 
-from solari_vk.gpu.frame.stages import Pass, Stage
+from solari_vk.gpu.frame.stages import Pass, Stage, Within
 from solari_vk.gpu.shaders.headers import constants
 from solari_vk.passes.display import PARTS, RAY_COUNTERS
 from solari_vk.settings import Settings
@@ -45,10 +45,16 @@ def stage(size: tuple[int, int], settings: Settings) -> Stage:
 
 def compose_stage(size: tuple[int, int], settings: Settings) -> Stage:
     """Linear radiance in cd/m^2: emission, the diffuse lobe and the specular lobe, their sum, and that without the
-    denoiser, `raw_radiance`."""
+    denoiser, `raw_radiance`. Some results take the memory of paths that waited, since all paths are traced."""
+    pixels = size[0] * size[1]
     return Stage(
         "compose",
-        buffers=dict.fromkeys((*PARTS, "raw_radiance", "error"), size[0] * size[1]) | {"ray_counts": RAY_COUNTERS},
+        buffers={
+            **dict.fromkeys((*PARTS, "raw_radiance"), pixels),
+            "sample_radiance": Within("paths_waiting", pixels),
+            "error": Within("paths_lists", pixels),
+            "ray_counts": RAY_COUNTERS,
+        },
         passes=[Pass("paths/compose", threads=size, constants=brdf_constants(settings))],
     )
 

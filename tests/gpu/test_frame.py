@@ -11,7 +11,7 @@ import pytest
 from solari_vk.errors import SolariError, ValidationError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.recorded import Recorded
-from solari_vk.gpu.frame.frame import Frame, History, IfUsed, Pass, Stage, Step
+from solari_vk.gpu.frame.frame import Frame, History, IfUsed, Pass, Stage, Step, Within
 from solari_vk.gpu.shaders.compiler import CompilationError
 
 BINDINGS = """#ifndef BINDINGS
@@ -70,6 +70,23 @@ def test_an_image_that_is_declared_if_used(device, root, shaders):
         shaders.write("sometimes", START + PASSES["fill_a"])
         frame.rebuild()
         assert "picture" not in frame
+
+
+def test_a_buffer_within_another(device, root, shaders):
+    """It has the other's memory, so that passes which write both have a barrier between them."""
+    shaders.write("fill_b", START + "void main() { " + INDEX + "if (i < 16u) b.at[i] = 100u + i; }\n")
+    passes = [Pass("fill_a", threads=64), Pass("fill_b", threads=64)]
+    stage = Stage("x", buffers={"a": 64, "b": Within("a", 16)}, passes=passes)
+    with Frame(device, [stage], glsl_root=root) as frame:
+        frame.submit()
+        np.testing.assert_array_equal(frame["b"], 100 + np.arange(16))
+        np.testing.assert_array_equal(frame["a"], [*range(100, 116), *range(16, 64)])
+        assert [row.barrier for row in frame.describe()] == ["", "WAW a (fill_a)"]
+        assert frame.memory == {"a": 256}
+        frame.rebuild([Stage("x", buffers={"a": 64, "b": 16}, passes=passes)])
+        frame.submit()
+        np.testing.assert_array_equal(frame["a"], np.arange(64))
+        np.testing.assert_array_equal(frame["b"], 100 + np.arange(16))
 
 
 def chain(size: int = COUNT) -> Stage:
@@ -384,6 +401,8 @@ def with_a(item: Pass) -> Stage:
         (Stage("s", passes=[FILL]), r"a \(storage_buffer\) is used by fill_a, but no stage declares it"),
         (Stage("s", buffers={"a": 4, "q": 4}, passes=[FILL]), "stage s declares q, which none"),
         (Stage("s", buffers={"a": 0}, passes=[FILL]), "a needs a whole number of elements above 0"),
+        (Stage("s", buffers={"a": 4, "b": Within("a", 5)}, passes=[Pass("a_to_b", 1)]), "b needs 20 bytes within a"),
+        (Stage("s", buffers={"a": Within("z", 5)}, passes=[FILL]), "a needs 20 bytes within z, which has 0"),
         (Stage("s", buffers={"a": 4}, images={"picture": 3}, passes=[FILL]), "declares picture"),
         (Stage("s", buffers={"picture": 4}, passes=[Pass("accumulate", threads=1)]), "picture is a storage_image"),
         (Stage("s", images={"picture": History((0, 4))}, passes=[Pass("accumulate", threads=1)]), "size of picture is"),

@@ -7,6 +7,7 @@ everything submitted before, including uploads. The barriers between its steps a
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -26,12 +27,13 @@ from solari_vk.gpu.frame.pipelines import Pipeline
 from solari_vk.gpu.frame.program import Program, ProgramBuilder
 from solari_vk.gpu.frame.resources import Resources
 from solari_vk.gpu.frame.slot import Slot
-from solari_vk.gpu.frame.stages import Draw, DrawList, History, HitGroup, IfUsed, Pass, RayPass, Stage, Step
+from solari_vk.gpu.frame.stages import Draw, DrawList, History, HitGroup, IfUsed, Pass, RayPass, Stage, Step, Within
 from solari_vk.gpu.frame.uniforms import Uniforms
 from solari_vk.gpu.shaders.compiler import Roots
 from solari_vk.gpu.shaders.spirv import Binding
 
-__all__ = ["Draw", "DrawList", "Frame", "History", "HitGroup", "IfUsed", "Pass", "RayPass", "Row", "Stage", "Step"]
+__all__ = ["Draw", "DrawList", "Frame", "History", "HitGroup", "IfUsed", "Pass", "RayPass", "Row", "Stage", "Step",
+           "Within"]  # fmt: skip
 
 SLOTS = 2
 
@@ -205,7 +207,9 @@ class Frame:
             return resource.read()
         binding = self.binding(name)
         if binding.element is not None:
-            flat = resource.read(binding.element.base, offset=binding.element_offset)
+            count = self._resources.element_count(name)
+            values = -1 if count is None else count * math.prod(binding.element.shape)
+            flat = resource.read(binding.element.base, values, binding.element_offset)
             return flat.reshape(-1, *binding.element.shape)  # type: ignore[no-any-return]
         if binding.dtype is None:
             raise SolariError(f"{name} is a {binding.kind} and can't be read")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +13,7 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.frame.interface import Interface
-from solari_vk.gpu.frame.stages import Draw, History, IfUsed, Stage
+from solari_vk.gpu.frame.stages import Draw, History, IfUsed, Stage, Within
 from solari_vk.gpu.shaders.spirv import Binding
 
 PREVIOUS = "previous_"
@@ -31,9 +31,12 @@ class _Made:
 class Resources:
     """The resources of a list of stages, by name."""
 
-    def __init__(self, device: Device, made: dict[str, _Made] | None = None) -> None:
+    def __init__(
+        self, device: Device, made: dict[str, _Made] | None = None, within: dict[str, Within] | None = None
+    ) -> None:
         self._device = device
         self._made = {} if made is None else made
+        self._within = {} if within is None else within
 
     def named(self, slot: int) -> dict[str, Any]:
         """The resource of each name in a slot: a history's two resources swap between slots."""
@@ -42,11 +45,15 @@ class Resources:
             found[name] = made.items[slot % len(made.items)]
             if len(made.items) > 1:
                 found[PREVIOUS + name] = made.items[1 - slot]
-        return found
+        return found | {name: found[size.host] for name, size in self._within.items()}
+
+    def element_count(self, name: str) -> int | None:
+        """The elements of a buffer that is part of another one; None for any other name."""
+        return self._within[name].count if name in self._within else None
 
     @property
     def sizes(self) -> dict[str, int]:
-        """The bytes of each name's resource, or of both that a history has."""
+        """The bytes of each name's resource, or of both that a history has; without names within others."""
         return {name: sum(item.size for item in made.items) for name, made in self._made.items()}
 
     def changed_to(self, stages: Sequence[Stage], interface: Interface) -> Resources:
@@ -55,17 +62,22 @@ class Resources:
         Raises SolariError for a name declared twice, that no shader has, or whose size makes no sense.
         """
         made: dict[str, _Made] = {}
+        within: dict[str, Within] = {}
         attachments = _attachments(stages)
-        result = Resources(self._device, made)
+        result = Resources(self._device, made, within)
         try:
             for stage in stages:
                 for name, size in (*stage.buffers.items(), *stage.images.items()):
-                    if name in made:
+                    if name in made or name in within:
                         raise SolariError(f"stage {stage.name}: {name} is declared by another stage as well")
                     if isinstance(size, IfUsed):
                         if name not in interface.bindings:
                             continue
                         size = size.size
+                    if isinstance(size, Within):
+                        _check_within(stage, name, size, interface, result.sizes)
+                        within[name] = size
+                        continue
                     spec = _specification(stage, name, size, interface, attachments.get(name, ""))
                     known = self._made.get(name)
                     made[name] = known if known and known.spec == spec else self._make(name, spec)
@@ -126,14 +138,28 @@ def _specification(stage: Stage, name: str, size: Any, interface: Interface, att
         copies, size = 2, size.size
     if attachment == "depth":
         return ("image", copies, *_image_size(stage, name, size), DEPTH_FORMAT, attachment)
-    binding = interface.bindings.get(name) or (interface.bindings.get(PREVIOUS + name) if copies == 2 else None)
-    if binding is None:
-        raise SolariError(f"stage {stage.name} declares {name}, which none of the frame's shaders uses")
+    binding = _binding(stage, interface, name, PREVIOUS + name if copies == 2 else name)
     if name in stage.buffers:
         return ("buffer", copies, _buffer_bytes(stage, binding, size), str(binding.dtype), str(binding.element))
     if binding.kind != "storage_image" or not binding.image_format:
         raise SolariError(f"stage {stage.name}: {name} must be a storage image with a format in the shaders")
     return ("image", copies, *_image_size(stage, name, size), binding.image_format, attachment)
+
+
+def _check_within(stage: Stage, name: str, size: Within, interface: Interface, sizes: Mapping[str, int]) -> None:
+    needed = _buffer_bytes(stage, _binding(stage, interface, name), size.count)
+    if needed > sizes.get(size.host, 0):
+        raise SolariError(
+            f"stage {stage.name}: {name} needs {needed} bytes within {size.host}, which has {sizes.get(size.host, 0)}"
+        )
+
+
+def _binding(stage: Stage, interface: Interface, *names: str) -> Binding:
+    """The first of the names that shaders have."""
+    for name in names:
+        if name in interface.bindings:
+            return interface.bindings[name]
+    raise SolariError(f"stage {stage.name} declares {names[0]}, which none of the frame's shaders uses")
 
 
 def _image_size(stage: Stage, name: str, size: Any) -> tuple[int, int]:

@@ -25,6 +25,15 @@ class History:
 
 
 @dataclass(frozen=True)
+class Within:
+    """The size of a buffer of `count` elements in the memory of the buffer `host`, which the same stage or an earlier
+    one declares. A pass that writes one of the two buffers destroys the contents of the other."""
+
+    host: str
+    count: int
+
+
+@dataclass(frozen=True)
 class IfUsed:
     """The size of an image that is made only if one of the frame's shaders uses it; those of some scenes don't."""
 
@@ -137,6 +146,6 @@ class Stage:
     """
 
     name: str
-    buffers: Mapping[str, int | History] = field(default_factory=dict)
+    buffers: Mapping[str, int | History | Within] = field(default_factory=dict)
     images: Mapping[str, Size | History | IfUsed] = field(default_factory=dict)
     passes: Sequence[Pass | Draw | Step] = ()
