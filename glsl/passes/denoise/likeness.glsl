@@ -11,7 +11,7 @@ const float MIRROR_NORMAL_TOLERANCE = 0.05;  // the same for surfaces seen in mi
 const float SPECULAR_NORMAL_TOLERANCE = 0.1; // the same for the specular lobe, over its squared roughness
 // The least squared roughness that counts, for certain light and for uncertain light: it is better to blur reflections
 // of smooth surfaces a little than to show their noise.
-const float CERTAIN_ALPHA = 0.003, UNCERTAIN_ALPHA = 0.04;
+const float CERTAIN_ALPHA = 0.003, UNCERTAIN_ALPHA = 0.4;
 const float MATERIAL_TOLERANCE = 0.1;
 
 // What other pixels are compared with.

@@ -13,6 +13,7 @@ const float OWN_WEIGHT = 4.0;    // of a pixel in its neighborhood
 const float SETTLED = 40.0;      // frames from which a pixel's own spread tells enough
 const float NEIGHBORS_LIMIT = 2.0, BLOCK_LIMIT = 4.0;
 const float ALIKE = 0.1;         // least weight of the neighbors by which a pixel is limited
+const float CERTAIN = 1.0;       // standard deviations
 
 struct Moments {
     float weight;
@@ -25,6 +26,20 @@ void add_moments(inout Moments sum, Lobe lobe, float weight) {
     sum.weight += weight;
     sum.mean += weight * luminance(lobe.radiance);
     sum.second_moment += weight * lobe.second_moment;
+}
+
+// The luminances of the reflections around a pixel.
+struct Range {
+    float brightest;  // the largest that a neighbor has for certain
+    float darkest;    // the smallest that a neighbor may have, with its uncertainty
+};
+
+void extend(inout Range range, Lobe lobe) {
+    if (lobe.frames == 0.0) { return; }
+    float mean = luminance(lobe.radiance);
+    float deviation = sqrt(max(lobe.second_moment - mean * mean, 0.0) / lobe.frames);
+    range.brightest = max(range.brightest, mean - CERTAIN * deviation);
+    range.darkest = min(range.darkest, mean + deviation);
 }
 
 // In few frames, a pixel far brighter than its neighbors and the block around it is limited, unless these are black or
@@ -59,6 +74,7 @@ void main() {
     }
     Lobe own_diffuse = unpack_lobe(denoise_diffuse.at[index]), own_specular = unpack_lobe(denoise_specular.at[index]);
     Moments diffuse = Moments(0.0, 0.0, 0.0), specular = diffuse;
+    Range range = Range(0.0, INFINITY);
     bool settled = min(own_diffuse.frames, own_specular.frames) >= SETTLED;
     Pattern pattern;
     if (!settled) { pattern = make_pattern(guide, inversesqrt(max(own_specular.frames, 1.0))); }
@@ -69,11 +85,18 @@ void main() {
         vec2 weights = vec2(inside == other ? (2 - abs(step.x)) * (2 - abs(step.y)) : 0);
         if (i != 4) { weights *= likeness(pattern, denoise_guides.at[at], step); }
         add_moments(diffuse, unpack_lobe(denoise_diffuse.at[at]), weights.x);
-        add_moments(specular, unpack_lobe(denoise_specular.at[at]), weights.y);
+        Lobe reflected = unpack_lobe(denoise_specular.at[at]);
+        add_moments(specular, reflected, weights.y);
+        if (weights.x > 0.0 && i != 4) { extend(range, reflected); }
     }
     uvec4 random = pcg4d(uvec4(pixel, this_frame.index, this_frame.seed ^ PASS_SALT));
     vec2 block = denoise_blocks.at[cell_at(pixel)].luminance;
     Signals begun = Signals(begin(own_diffuse, diffuse, block.x), begin(own_specular, specular, block.y), 0u);
+    // At the edge of a bright reflection samples differ since they show both of its sides. This isn't noise: the bright
+    // side's light must not spread over the dark one.
+    if (range.brightest > luminance(own_specular.radiance)) {
+        begun.specular.deviation = min(begun.specular.deviation, range.darkest);
+    }
     vec2 means = vec2(diffuse.mean, specular.mean) / max(vec2(diffuse.weight, specular.weight), 1e-9);
     denoise_even.at[index] = uvec4(pack_signals(begun, random.xyz), pack_two(means.x, means.y, random.w));
 }

@@ -57,9 +57,13 @@ void main() {
     if (!found.exists || !is_valid(found.radiance)) {
         found = settled ? NOTHING_FOUND : interpolate(at, around);
         weight = INTERPOLATED;
-    } else if (past.weight == 0.0 || !settled && is_still(around.center)) {
+    } else {
         // Not wherever means are short: those of moving reflections always are, and would be blurred.
-        found = soften(found, at, around.center, past.weight + 1.0);
+        bool softens = past.weight == 0.0 || !settled && is_still(around.center);
+        bool blended = SCENE_BLEND && is_blended(around.center);
+        if (softens || blended && !is_still(around.center)) {
+            found.radiance = soften(around.center, at, past.weight + 1.0, blended);
+        }
     }
     if (found.exists) {
         // A sample counts in proportion to its number in the sequence, since the denoiser knows more from frame to

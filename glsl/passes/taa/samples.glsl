@@ -4,6 +4,7 @@
 
 #include "common/math.glsl"
 #include "passes/bindings.glsl"
+#include "passes/gbuffer/gbuffer.glsl"
 #include "passes/guides/bindings.glsl"
 
 // Radiance, if there is any.
@@ -12,8 +13,11 @@ struct Found {
     bool exists;
 };
 
-const float SOFTNESS = 0.5;   // standard deviation of the Gaussian of a first sample, in pixels of the picture
-const float EXCHANGED = 8.0;  // ratio of luminances up to which samples count whole
+// Standard deviations of the Gaussian of a first sample, in pixels of the picture.
+const float SOFTNESS = 0.5, SOFTNESS_OF_BLENDED = 1.0;
+// Ratios of luminances up to which samples count whole: of two surfaces, and first samples of the same surface.
+const float EXCHANGED = 16.0, EXCHANGED_ON_SURFACE = 8.0;
+const float SAME_NORMAL = 0.9;  // cosine
 
 const Found NOTHING_FOUND = Found(vec3(0.0), false);
 
@@ -85,25 +89,37 @@ float moderation(vec3 found, Neighborhood around) {
     return around.mean.x > 0.0 ? around.mean.x / (around.mean.x + luminance(found)) : 1.0;
 }
 
+// Whether two samples show the same surface, by themselves or in mirrors.
+bool show_the_same(ivec2 a, ivec2 b) {
+    float depth = imageLoad(guides_depth, a).x, other = imageLoad(guides_depth, b).x;
+    vec3 normal = imageLoad(guides_normal_roughness, a).xyz;
+    return abs(depth - other) < SAME_DEPTH * max(depth, other)
+        && dot(normal, imageLoad(guides_normal_roughness, b).xyz) > SAME_NORMAL;
+}
+
 // A sample with a share of those around it, by a Gaussian that is narrower the more samples the pixel's mean has: one
 // sample tells whether an edge is there, its neighbors how much of the pixel it covers. Two samples exchange light, but
-// less if one is far brighter, so that lamps keep theirs and don't bleed into what is dark.
-Found soften(Found own, ivec2 at, ivec2 center, float samples) {
+// less if one is far brighter, so that lamps keep theirs and don't bleed into what is dark. Of the same surface later
+// samples exchange less: the denoiser has averaged its light over the pixel. Whether a sample shows a blended surface
+// is chance, so that the Gaussian is wider there, and light is exchanged without a limit.
+vec3 soften(ivec2 pixel, ivec2 at, float samples, bool blended) {
     vec2 where = among_samples(vec2(at) + 0.5);
-    vec3 exchanged = vec3(0.0);
-    float total = 0.0, own_luminance = luminance(own.radiance);
+    vec3 own = load_sample(pixel), exchanged = vec3(0.0);
+    float total = 0.0, own_luminance = luminance(own);
+    float narrowness = 0.5 * sqrt(samples) / square(blended ? SOFTNESS_OF_BLENDED : SOFTNESS);
     for (int i = 0; i < 9; i++) {
-        ivec2 pixel = center + ivec2(i % 3, i / 3) - 1;
-        vec2 apart = (vec2(pixel) - where) / render_scale();
-        float weight = exp(-0.5 * samples * dot(apart, apart) / square(SOFTNESS));
+        ivec2 other = pixel + ivec2(i % 3, i / 3) - 1;
+        vec2 apart = (vec2(other) - where) / render_scale();
+        float weight = exp(-narrowness * dot(apart, apart));
         total += weight;
-        vec3 found = is_rendered(pixel) ? load_sample(pixel) : own.radiance;
+        vec3 found = is_rendered(other) ? load_sample(other) : own;
         if (!is_valid(found)) { continue; }
         float found_luminance = luminance(found), brighter = max(found_luminance, own_luminance);
-        float alike = min(EXCHANGED * min(found_luminance, own_luminance) / max(brighter, 1e-30), 1.0);
-        exchanged += weight * alike * (found - own.radiance);
+        float limit = show_the_same(pixel, other) ? 1.0 + (EXCHANGED_ON_SURFACE - 1.0) / samples : EXCHANGED;
+        float alike = min(limit * min(found_luminance, own_luminance) / max(brighter, 1e-30), 1.0);
+        exchanged += (blended ? weight : weight * alike) * (found - own);
     }
-    return Found(own.radiance + exchanged / total, true);
+    return own + exchanged / total;
 }
 
 float sinc(float x) { return abs(x) < 1e-4 ? 1.0 : sin(PI * x) / (PI * x); }
