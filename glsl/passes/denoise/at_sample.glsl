@@ -22,7 +22,7 @@ void light_at_sample(ivec2 pixel, out Signal diffuse, out Signal specular) {
     diffuse = own.diffuse;
     specular = own.specular;
     if (camera.size == camera.picture_size) { return; }
-    Pattern pattern = make_pattern(load_guide(pixel), 0.0);
+    Pattern pattern = make_pattern(load_guide(pixel), 0.0, NARROW_ALPHA);
     ivec2 last = ivec2(camera.size) - 1;
     for (int axis = 0; axis < 2; axis++) {
         Signals found[2];

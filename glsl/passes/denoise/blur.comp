@@ -103,11 +103,12 @@ void main() {
     uvec4 bits = load_bits(index);
     uint state = state_of(bits.z);
     if (state == FILTERED) { store_bits(index, bits ^ uvec4(0u, 0u, (FILTERED ^ IN_BOTH) << 30u, 0u)); }
-    if (state != 0u) { return; }
+    if (is_final(state)) { return; }
     Guide guide = load_guide(pixel);
     Signals own = unpack_signals(bits.xyz);
     vec2 values = luminances(bits.w, own);
-    Pattern pattern = make_pattern(guide, max(own.specular.deviation, 0.0) / max(values.y, 1e-9));
+    float widest = state == NARROW ? NARROW_ALPHA : UNCERTAIN_ALPHA;
+    Pattern pattern = make_pattern(guide, max(own.specular.deviation, 0.0) / max(values.y, 1e-9), widest);
     Sum diffuse = NOTHING_ADDED, specular = NOTHING_ADDED;
     for (int y = -1; y <= 1; y++) {
         for (int x = -1; x <= 1; x++) {
@@ -118,7 +119,7 @@ void main() {
             vec2 weights = share * likeness(pattern, denoise_guides.at[at], step);
             uvec4 other_bits = load_bits(at);
             Signals found = unpack_signals(other_bits.xyz);
-            bool is_filtered = found.state != 0u;
+            bool is_filtered = is_final(found.state);
             vec2 differences = luminances(other_bits.w, found) - values;
             add_neighbor(diffuse, own.diffuse, found.diffuse, differences.x, weights.x, is_filtered);
             add_neighbor(specular, own.specular, found.specular, differences.y, weights.y, is_filtered);
@@ -127,7 +128,7 @@ void main() {
     // Where noise explains little of what neighbors differ by, or most of them are filtered, wider passes find no more.
     vec2 taken = vec2(diffuse.weight, specular.weight), whole = vec2(diffuse.whole, specular.whole);
     bool ends = level > 0u && all(lessThan(taken, TOO_LITTLE * whole));
-    Signals filtered = Signals(mean(diffuse, own.diffuse), mean(specular, own.specular), 0u);
+    Signals filtered = Signals(mean(diffuse, own.diffuse), mean(specular, own.specular), state);
     if (ends || is_clean(pixel, guide.kind, filtered)) { filtered.state = FILTERED; }
     uvec3 random = pcg4d(uvec4(pixel, this_frame.index, this_frame.seed ^ (PASS_SALT + level))).xyz;
     store_bits(index, uvec4(pack_signals(filtered, random), 0u));

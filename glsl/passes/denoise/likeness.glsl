@@ -10,8 +10,8 @@ const float DIFFUSE_NORMAL_TOLERANCE = 0.12; // 1 - the cosine between normals
 const float MIRROR_NORMAL_TOLERANCE = 0.05;  // the same for surfaces seen in mirrors
 const float SPECULAR_NORMAL_TOLERANCE = 0.1; // the same for the specular lobe, over its squared roughness
 // The least squared roughness that counts, for certain light and for uncertain light: it is better to blur reflections
-// of smooth surfaces a little than to show their noise.
-const float CERTAIN_ALPHA = 0.003, UNCERTAIN_ALPHA = 0.4;
+// of smooth surfaces than to show their noise, but little where the edges of bright ones aren't known.
+const float CERTAIN_ALPHA = 0.003, UNCERTAIN_ALPHA = 0.4, NARROW_ALPHA = 0.04;
 const float MATERIAL_TOLERANCE = 0.1;
 
 // What other pixels are compared with.
@@ -26,13 +26,14 @@ struct Pattern {
     vec2 normal_sharpness;   // by the squared difference of normals, for the diffuse and for the specular lobe
 };
 
-// uncertainty: the standard deviation of the light by the specular lobe over its mean.
-Pattern make_pattern(Guide guide, float uncertainty) {
+// uncertainty: the standard deviation of the light by the specular lobe over its mean. widest: the least squared
+// roughness where it is 1 or more.
+Pattern make_pattern(Guide guide, float uncertainty, float widest) {
     vec2 slopes = 2.0 * camera.tan_half_fov * vec2(1.0, -1.0) / vec2(camera.size);
     vec3 normal = guide.normal / (PLANE_TOLERANCE * pixel_width(guide.depth));
     vec3 in_view = normal * mat3(camera.world_from_view);
     float offset = dot(guide.position, normal);
-    float alpha = max(guide.material * guide.material, mix(CERTAIN_ALPHA, UNCERTAIN_ALPHA, min(uncertainty, 1.0)));
+    float alpha = max(guide.material * guide.material, mix(CERTAIN_ALPHA, widest, min(uncertainty, 1.0)));
     bool reflected = guide.kind != SURFACE_SHOWN;
     float tolerance = reflected ? MIRROR_NORMAL_TOLERANCE : SPECULAR_NORMAL_TOLERANCE * alpha;
     float per_depth = offset / guide.depth;

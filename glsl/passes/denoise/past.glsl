@@ -26,6 +26,7 @@ struct Taps {
     float weights[16];
     int count;
     float weight;  // sum of the weights that count, before they were normalized; 0 when none does
+    float turned;  // sum of 1 - the cosine between their normal and the surface's, weighted
 };
 
 // Motion in pixels, with that of the picture by the camera's own jitter.
@@ -62,24 +63,26 @@ bool is_the_same(Guide then, Past past, Guide guide, float plane_distance) {
         && abs(then.material - guide.material) < SAME_MATERIAL;
 }
 
-bool showed_the_same(ivec2 pixel, Past past, Guide guide, float plane_distance) {
-    if (any(lessThan(pixel, ivec2(0))) || any(greaterThanEqual(pixel, ivec2(camera.size)))) { return false; }
-    return is_the_same(load_previous_guide(pixel), past, guide, plane_distance);
+bool is_inside(ivec2 pixel) {
+    return all(greaterThanEqual(pixel, ivec2(0))) && all(lessThan(pixel, ivec2(camera.size)));
 }
 
 Taps no_taps() {
     Taps taps;  // without the values of pixels that don't count
     taps.count = 0;
-    taps.weight = 0.0;
+    taps.weight = taps.turned = 0.0;
     return taps;
 }
 
 void add_tap(inout Taps taps, ivec2 pixel, float weight, Past past, Guide guide, float plane_distance) {
-    if (abs(weight) < 1e-3 || !showed_the_same(pixel, past, guide, plane_distance)) { return; }
+    if (abs(weight) < 1e-3 || !is_inside(pixel)) { return; }
+    Guide then = load_previous_guide(pixel);
+    if (!is_the_same(then, past, guide, plane_distance)) { return; }
     taps.at[taps.count] = uint(pixel.y) * camera.size.x + uint(pixel.x);
     taps.weights[taps.count] = weight;
     taps.count += 1;
     taps.weight += weight;
+    taps.turned += weight * (1.0 - dot(normalize(then.normal), past.normal));
 }
 
 // The pixels around a position that showed the surface: by splines, which keep what moves from frame to frame sharp, or

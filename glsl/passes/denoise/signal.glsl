@@ -16,8 +16,9 @@ struct Signals {
     uint state;
 };
 
-// What is known of a pixel's signals in a buffer: filters leave them as they are, and they are in both buffers.
-const uint FILTERED = 1u, IN_BOTH = 2u;
+// What is known of a pixel's signals in a buffer: filters leave them as they are, and they are in both buffers; or it
+// isn't known whether the pixel is at the edge of a bright reflection.
+const uint FILTERED = 1u, IN_BOTH = 2u, NARROW = 3u;
 const uint NO_SAMPLE = 0x7FFFu;  // no deviation is packed so
 
 // Eight bits a channel with the exponent of the largest. random: 30 bits, for random rounding.
@@ -50,6 +51,8 @@ uvec3 pack_signals(Signals signals, uvec3 random) {
         diffuse | specular << 15u | signals.state << 30u
     );
 }
+
+bool is_final(uint state) { return state == FILTERED || state == IN_BOTH; }
 
 uint state_of(uint last_word) { return last_word >> 30u; }
 

@@ -12,6 +12,7 @@ layout(local_size_x = 8, local_size_y = 8) in;
 const uint PASS_SALT = 0x6A09E667u;
 const float ONLY_SURFACE_MOTION = 0.8; // perceptual roughness from which reflections move like their surface
 const float ONLY_VIRTUAL_MOTION = 0.5;
+const float NORMALS_OF_LOBE = 0.1;     // 1 - the cosine between normals, over the squared roughness
 const float UNCERTAIN = 0.3;           // share of a pixel by which a reflection's place may be off
 
 // The mean of two histories.
@@ -45,6 +46,9 @@ Lobe find_specular(ivec2 pixel, Guide guide, Past past, Taps at_surface) {
     vec3 seen_along = normalize(guide.position);
     vec3 previous_seen_along = normalize(past.position);
     float alpha = guide.material * guide.material;
+    // Where the surface is curved, pixels around reflected another light.
+    float apart = max(at_surface.turned / at_surface.weight, 0.0);
+    by_surface.frames /= 1.0 + square(apart / (NORMALS_OF_LOBE * max(alpha, 0.02)));
     float turned = length(seen_along - previous_seen_along);
     if (turned < 1e-6) { return by_surface; }
 
@@ -68,7 +72,7 @@ Lobe find_specular(ivec2 pixel, Guide guide, Past past, Taps at_surface) {
 
 // The light of a pixel whose surface doesn't move, from where it was kept.
 void find_unmoved(ivec2 pixel, uint index, Past past, Guide guide, inout uint rng) {
-    if (guide.kind != NOTHING_SHOWN && showed_the_same(pixel, past, guide, SAME_PLANE)) {
+    if (guide.kind != NOTHING_SHOWN && is_the_same(load_previous_guide(pixel), past, guide, SAME_PLANE)) {
         denoise_diffuse.at[index] = previous_denoise_diffuse.at[index];
         denoise_specular.at[index] = previous_denoise_specular.at[index];
         return;

@@ -13,6 +13,7 @@ const float OWN_WEIGHT = 4.0;    // of a pixel in its neighborhood
 const float SETTLED = 40.0;      // frames from which a pixel's own spread tells enough
 const float NEIGHBORS_LIMIT = 2.0, BLOCK_LIMIT = 4.0;
 const float ALIKE = 0.1;         // least weight of the neighbors by which a pixel is limited
+const float FEW_FRAMES = 2.0;    // fewer tell nothing of the uncertainty
 const float CERTAIN = 1.0;       // standard deviations
 
 struct Moments {
@@ -76,8 +77,12 @@ void main() {
     Moments diffuse = Moments(0.0, 0.0, 0.0), specular = diffuse;
     Range range = Range(0.0, INFINITY);
     bool settled = min(own_diffuse.frames, own_specular.frames) >= SETTLED;
+    bool knows_edges = !settled && own_specular.frames >= FEW_FRAMES;
     Pattern pattern;
-    if (!settled) { pattern = make_pattern(guide, inversesqrt(max(own_specular.frames, 1.0))); }
+    if (!settled) {
+        float uncertainty = inversesqrt(max(own_specular.frames, 1.0));
+        pattern = make_pattern(guide, uncertainty, knows_edges ? UNCERTAIN_ALPHA : NARROW_ALPHA);
+    }
     for (int i = settled ? 4 : 0; i < (settled ? 5 : 9); i++) {
         ivec2 step = ivec2(i % 3, i / 3) - 1, other = pixel + step;
         ivec2 inside = clamp(other, ivec2(0), size - 1);
@@ -91,10 +96,10 @@ void main() {
     }
     uvec4 random = pcg4d(uvec4(pixel, this_frame.index, this_frame.seed ^ PASS_SALT));
     vec2 block = denoise_blocks.at[cell_at(pixel)].luminance;
-    Signals begun = Signals(begin(own_diffuse, diffuse, block.x), begin(own_specular, specular, block.y), 0u);
+    Signals begun = Signals(begin(own_diffuse, diffuse, block.x), begin(own_specular, specular, block.y), knows_edges ? 0u : NARROW);
     // At the edge of a bright reflection samples differ since they show both of its sides. This isn't noise: the bright
     // side's light must not spread over the dark one.
-    if (range.brightest > luminance(own_specular.radiance)) {
+    if (knows_edges && range.brightest > luminance(own_specular.radiance)) {
         begun.specular.deviation = min(begun.specular.deviation, range.darkest);
     }
     vec2 means = vec2(diffuse.mean, specular.mean) / max(vec2(diffuse.weight, specular.weight), 1e-9);
