@@ -69,6 +69,12 @@ void main() {
         // A sample counts in proportion to its number in the sequence, since the denoiser knows more from frame to
         // frame. Up to a factor, these weights sum to the square of the number.
         float total = past.weight + weight, share = 1.0 - square(past.weight / total);  // never above 1 by rounding
+        bool differs = abs(relative_difference(found.radiance, past.radiance)) > UNNOTICED;
+        if (past.weight > 0.0 && differs && !is_still(around.center)) {
+            // The edges of lamps in motion have few samples: bright ones count less, or a pixel would flash.
+            float counts = share * moderation(found.radiance, around);
+            share = counts / max(counts + (1.0 - share) * moderation(past.radiance, around), 1e-30);
+        }
         past = Past(mix(past.radiance, found.radiance, share), total, past.blended);
     }
     radiance.at[index] = past.radiance;
