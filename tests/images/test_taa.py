@@ -285,26 +285,32 @@ def test_changes_of_colors_are_followed(device):
 # ---- sizes, cuts, hard input ------------------------------------------------------------------------
 
 
-def soften(samples, jitter):
+def soften(samples, jitter, normals, depths):
     """The first picture after a cut: samples (h, w, 3) exchange light with the eight around by a Gaussian of half a
-    pixel about the pixel's center, less where luminances are more than eight times apart."""
-    near = np.pad(samples, ((1, 1), (1, 1), (0, 0)), "edge")  # what is outside has nothing to exchange
+    pixel about the pixel's center, less where luminances are more than 8 times apart, or 16 times where normals
+    (h, w, 3) or depths (h, w, 1) tell that the surface is another one."""
+
+    def moved(picture, right, down):
+        near = np.pad(picture, ((1, 1), (1, 1), (0, 0)), "edge")  # what is outside has nothing to exchange
+        return near[1 + down : 1 + down + picture.shape[0], 1 + right : 1 + right + picture.shape[1]]
+
     shifts = list(itertools.product((-1, 0, 1), repeat=2))
-    weights = np.exp([-2 * ((jitter[0] + right) ** 2 + (jitter[1] + down) ** 2) for down, right in shifts])
-    height, width, _ = samples.shape
+    weights = np.exp([-2 * ((jitter[0] + right) ** 2 + (jitter[1] + down) ** 2) for right, down in shifts])
     result, own = samples.copy(), samples @ (0.2126, 0.7152, 0.0722)
-    for (down, right), weight in zip(shifts, weights / weights.sum(), strict=True):
-        other = near[1 + down : 1 + down + height, 1 + right : 1 + right + width]
+    for shift, weight in zip(shifts, weights / weights.sum(), strict=True):
+        other, depth = moved(samples, *shift), moved(depths, *shift)
+        same = (normals * moved(normals, *shift)).sum(axis=-1) > 0.9
+        same &= (abs(depth - depths) < 0.1 * np.maximum(depth, depths))[..., 0]
         luminance = other @ (0.2126, 0.7152, 0.0722)
-        alike = 8 * np.minimum(own, luminance) / np.maximum(np.maximum(own, luminance), 1e-30)
+        alike = np.where(same, 8, 16) * np.minimum(own, luminance) / np.maximum(np.maximum(own, luminance), 1e-30)
         result += weight * np.minimum(alike, 1)[..., None] * (other - samples)
     return result
 
 
 def check_first_picture(frame, renderer):
-    samples = read(frame, "sample_radiance")
+    samples, depths = read(frame, "sample_radiance"), np.atleast_3d(read(frame, "guides_depth"))
     inside = np.s_[1:-1, 1:-1]
-    expected = soften(samples, get_jitter(renderer))
+    expected = soften(samples, get_jitter(renderer), read(frame, "guides_normal_roughness")[..., :3], depths)
     assert read(frame)[inside] == pytest.approx(expected[inside], rel=1e-4, abs=1e-6)
     assert (expected != samples).any(axis=-1).sum() > 500
 
