@@ -21,8 +21,8 @@ BUGS = {
     "motion the wrong way": (checks.measure_motion, [FOUND, SHARP], PAST, "in_pixels(motion_vector(",
                              "in_pixels(-motion_vector("),
     "history of what was at the border": (checks.measure_motion, [NEW], PAST,
-                                          "any(greaterThanEqual(pixel, ivec2(camera.size)))) { return false; }",
-                                          "false) { return false; }\n    pixel = min(pixel, ivec2(camera.size) - 1);"),
+                                          "|| !is_inside(pixel)) { return; }", "|| any(lessThan(pixel, ivec2(0)))) "
+                                          "{ return; }\n    pixel = min(pixel, ivec2(camera.size) - 1);"),
     "nearest pixels": (checks.measure_motion, [SHARP], PAST, "vec2 share = where - 0.5 - vec2(corner);",
                        "vec2 share = round(where - 0.5 - vec2(corner));"),
     "sums without this frame": (checks.measure_light_off, [FORGOTTEN], SUMS, "sum.total += value - mean;", ""),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -75,9 +75,11 @@ class Resources:
                             continue
                         size = size.size
                     if isinstance(size, Within):
-                        _check_within(stage, name, size, interface, result.sizes)
-                        within[name] = size
-                        continue
+                        if size.host in made:
+                            _check_within(stage, name, size, interface, result.sizes[size.host])
+                            within[name] = size
+                            continue
+                        size = size.count
                     spec = _specification(stage, name, size, interface, attachments.get(name, ""))
                     known = self._made.get(name)
                     made[name] = known if known and known.spec == spec else self._make(name, spec)
@@ -146,12 +148,10 @@ def _specification(stage: Stage, name: str, size: Any, interface: Interface, att
     return ("image", copies, *_image_size(stage, name, size), binding.image_format, attachment)
 
 
-def _check_within(stage: Stage, name: str, size: Within, interface: Interface, sizes: Mapping[str, int]) -> None:
+def _check_within(stage: Stage, name: str, size: Within, interface: Interface, host_bytes: int) -> None:
     needed = _buffer_bytes(stage, _binding(stage, interface, name), size.count)
-    if needed > sizes.get(size.host, 0):
-        raise SolariError(
-            f"stage {stage.name}: {name} needs {needed} bytes within {size.host}, which has {sizes.get(size.host, 0)}"
-        )
+    if needed > host_bytes:
+        raise SolariError(f"stage {stage.name}: {name} needs {needed} bytes within {size.host}, which has {host_bytes}")
 
 
 def _binding(stage: Stage, interface: Interface, *names: str) -> Binding:

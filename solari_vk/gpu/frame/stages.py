@@ -26,8 +26,8 @@ class History:
 
 @dataclass(frozen=True)
 class Within:
-    """The size of a buffer of `count` elements in the memory of the buffer `host`, which the same stage or an earlier
-    one declares. A pass that writes one of the two buffers destroys the contents of the other."""
+    """The size of a buffer of `count` elements in the memory of the buffer `host`, where the same stage or an earlier
+    one declares it, else in memory of its own. A pass that writes one of the two destroys the contents of the other."""
 
     host: str
     count: int
