@@ -43,6 +43,7 @@ def add_parser(commands: Any) -> None:
     denoise.add_argument("files", nargs="*", type=Path, help="glTF files to measure beside the built-in scenes")
     denoise.add_argument("--pictures", type=Path, metavar="FOLDER", help="write raw frames, denoised ones, the truth")
     denoise.add_argument("--references", type=Path, metavar="FOLDER", help="keep the path tracer's pictures there")
+    denoise.add_argument("--seeds", type=positive, default=1, metavar="N", help="independent runs of each case (1)")
 
     cluster = parts.add_parser("cluster", help="how well several workers share the views of a data set")
     cluster.set_defaults(run=_cluster)
@@ -95,7 +96,7 @@ def _denoise(options: argparse.Namespace) -> None:
     from solari_vk.measure.denoised import run
 
     run(options.device, options.files, rays=options.rays, markdown=options.markdown, pictures=options.pictures,
-        references=options.references, quick=options.quick)  # fmt: skip
+        references=options.references, seeds=options.seeds, quick=options.quick)  # fmt: skip
 
 
 def _cluster(options: argparse.Namespace) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -40,10 +41,10 @@ SEED, REFERENCE_SEED = 5, 1_000_003
 INTRO = (
     "Written by `solari-vk bench denoise FILES --markdown FILE`. relMSE, and FLIP for high dynamic range (Andersson et "
     "al., 2021), against the path tracer; in relMSE the noise of two references cancels out. Frames are jittered and "
-    "counted from a reset. Frames 1 to 8 have two paths a pixel. OIDN denoises the mean of the same raw frames with "
-    "the mean of their albedos and normals, in motion the latest frame alone. x OIDN: the denoised frame's relMSE over "
-    "OIDN's. OIDN+: with albedo and normals of 16 other samples a pixel, which no frame has, in mirrors those of the "
-    "mirror.",
+    "counted from a reset. Pixels with little history have two paths. OIDN denoises the mean of the same raw frames "
+    "with the mean of their albedos and normals, in motion the latest frame alone. x OIDN: the denoised frame's relMSE "
+    "over OIDN's. OIDN+: with albedo and normals of 16 other samples a pixel, which no frame has, in mirrors those of "
+    "the mirror. Means over {seeds}."
 )
 HEAD = ("frame", "raw", "mean of raw", "denoised", "OIDN", "x OIDN", "OIDN+", "x OIDN+", "FLIP, denoised", "FLIP, OIDN")
 
@@ -76,13 +77,14 @@ class Look:
 
 def run(
     select: str | None, files: list[Path], *, rays: str | None = None, markdown: Path | None = None,
-    pictures: Path | None = None, references: Path | None = None, quick: bool = False,
+    pictures: Path | None = None, references: Path | None = None, seeds: int = 1, quick: bool = False,
 ) -> None:  # fmt: skip
     """Measure and print everything.
 
-    markdown: a page to write too. pictures: a folder for a picture of each case. references: a folder that keeps the
-    path tracer's pictures for the next run, for as long as the scenes are the same. quick: tiny pictures and few
-    frames. Raises SolariError for files that can't be loaded, and without a folder for the page.
+    seeds: the number of independent runs of each case; errors are means over them. markdown: a page to write too.
+    pictures: a folder for a picture of each case. references: a folder that keeps the path tracer's pictures for the
+    next run, for as long as the scenes are the same. quick: tiny pictures and few frames. Raises SolariError for files
+    that can't be loaded, and without a folder for the page.
     """
     for folder in (pictures, references):
         if folder is not None:
@@ -90,18 +92,22 @@ def run(
     size, samples, limit = ((16, 16), 16, 2) if quick else ((128, 128), 4096, max(LOOKS))
     scenes = [builtin(name) for name in SCENES[: 1 if quick else None]] + [from_file(path) for path in files]
     with Device(select, rays=rays) as device:
-        report = Report(device, markdown, "Denoised frames in figures", INTRO)
+        runs = f"{seeds} run{'s' * (seeds > 1)} with different seeds"
+        report = Report(device, markdown, "Denoised frames in figures", (INTRO.format(seeds=runs),))
         for scene in scenes:
             for case in _cases(scene, size, min(MOTION, limit)):
                 report.progress(f"{scene.name}, {case.name}")
                 kept = references and references / f"{scene.name}, {case.name}, {size[0]}x{size[1]}.npz"
                 looks = [look for look in case.looks if look <= limit]
-                camera, found, truths = _measure(device, scene, case, size, looks, samples, kept)
-                rows = [_row(look, truths, camera.exposure) for look in found]
+                found = [_measure(device, scene, case, size, looks, SEED + seed) for seed in range(seeds)]
+                camera = case.place(max(looks) - 1)
+                truths = _references(device, scene, camera, size, samples, kept)
+                _add_oidn(device, scene, camera, found)
+                rows = [_row(same, truths, camera.exposure) for same in zip(*found, strict=True)]
                 title = f"{scene.name} {size[0]}x{size[1]}, {case.name}"
                 report.table(title, HEAD, rows)
                 if pictures is not None:
-                    sheet = _sheet(found, truths.mean(axis=0), camera.exposure)
+                    sheet = _sheet(found[0], truths.mean(axis=0), camera.exposure)
                     sheet.save(pictures / f"{scene.name}, {case.name}.png")
     if markdown is not None:
         print(f"wrote {markdown}")
@@ -148,15 +154,13 @@ def _kept_place(instance: Instance) -> Iterator[Instance]:
 
 
 def _measure(
-    device: Device, scene: Scene, case: Case, size: tuple[int, int], looks: Sequence[int], samples: int,
-    kept: Path | None,
-) -> tuple[Camera, list[Look], Picture]:  # fmt: skip
-    """The last camera of a case, its pictures at some frames, and two references (2, h, w, 3) of the last one."""
+    device: Device, scene: Scene, case: Case, size: tuple[int, int], looks: Sequence[int], seed: int
+) -> list[Look]:
+    """The pictures of a case at some frames, without OIDN's."""
     found, total, total_albedo, total_normal = [], np.zeros(3), np.zeros(3), np.zeros(3)
-    with Renderer(device, scene, size, seed=SEED) as renderer:
+    with Renderer(device, scene, size, seed=seed) as renderer:
         for index in range(max(looks)):
-            camera = case.place(index)
-            frame = renderer.render(camera)
+            frame = renderer.render(case.place(index))
             raw = np.asarray(frame["raw_radiance"], np.float64)
             albedo, normal = _guides(frame)
             total, total_albedo, total_normal = total + raw, total_albedo + albedo, total_normal + normal
@@ -167,25 +171,40 @@ def _measure(
                     found.append(Look(index + 1, raw, mean, denoised, (guides[0], guides[1])))
                 else:
                     found.append(Look(index + 1, raw, None, denoised, (albedo, normal)))
-    with PathTracer(device, scene, size, seed=REFERENCE_SEED) as tracer:
-        clean = tracer.first_hits.read_means(("albedo", "shading_normal"), Projection.of(camera, size), size)
-        view = np.array([*camera.transform.ravel(), camera.vertical_fov, samples])
-        kept_picture = np.load(kept) if kept is not None and kept.is_file() else None
-        if kept_picture is not None and "references" in kept_picture and np.array_equal(kept_picture["view"], view):
-            references = kept_picture["references"]
-        else:
-            references = np.empty((2, size[1], size[0], 3))
-            for number, reference in enumerate(references):
-                tracer.seed = REFERENCE_SEED + number
-                reference[:] = tracer.render(camera, samples=samples // 2)["radiance"]
-            if kept is not None:
-                with whole_file(kept) as temporary:
-                    np.savez(temporary, references=references, view=view)
-    for look in found if oidn.is_installed() else ():
+    return found
+
+
+def _references(
+    device: Device, scene: Scene, camera: Camera, size: tuple[int, int], samples: int, kept: Path | None
+) -> Picture:
+    """Two pictures (2, h, w, 3) of the path tracer, with half of the samples each."""
+    view = np.array([*camera.transform.ravel(), camera.vertical_fov, samples])
+    kept_picture = np.load(kept) if kept is not None and kept.is_file() else None
+    if kept_picture is not None and "references" in kept_picture and np.array_equal(kept_picture["view"], view):
+        return np.asarray(kept_picture["references"])
+    references = np.empty((2, size[1], size[0], 3))
+    with PathTracer(device, scene, size) as tracer:
+        for number, reference in enumerate(references):
+            tracer.seed = REFERENCE_SEED + number
+            reference[:] = tracer.render(camera, samples=samples // 2)["radiance"]
+    if kept is not None:
+        with whole_file(kept) as temporary:
+            np.savez(temporary, references=references, view=view)
+    return references
+
+
+def _add_oidn(device: Device, scene: Scene, camera: Camera, runs: Sequence[Sequence[Look]]) -> None:
+    """Add OIDN's pictures, where it is installed."""
+    if not oidn.is_installed():
+        return
+    height, width = runs[0][0].raw.shape[:2]
+    with PathTracer(device, scene, (width, height), seed=REFERENCE_SEED) as tracer:
+        view = Projection.of(camera, (width, height))
+        clean = tracer.first_hits.read_means(("albedo", "shading_normal"), view, (width, height))
+    for look in itertools.chain(*runs):
         given = look.raw if look.mean is None else look.mean
         look.oidn = oidn.denoise(given, *look.guides, clean=False).astype(np.float64)
         look.oidn_plus = oidn.denoise(given, *clean).astype(np.float64)
-    return camera, found, references
 
 
 def _guides(frame: RenderedFrame) -> tuple[Picture, Picture]:
@@ -195,19 +214,23 @@ def _guides(frame: RenderedFrame) -> tuple[Picture, Picture]:
     return parts[0] + parts[1], parts[2]
 
 
-def _row(look: Look, references: Picture, exposure: float) -> list[str]:
-    """The cells below HEAD."""
-    raw, mean, denoised, by_oidn, plus = (
-        math.nan if picture is None else true_relative_mse(picture, *references)
-        for picture in (look.raw, look.mean, look.denoised, look.oidn, look.oidn_plus)
-    )
+def _row(looks: Sequence[Look], references: Picture, exposure: float) -> list[str]:
+    """The cells below HEAD: means of runs with different seeds."""
     truth = references.mean(axis=0)
-    flips = [_flip(picture, truth, exposure) for picture in (look.denoised, look.oidn)]
+
+    def error(picture: Picture | None) -> float:
+        return math.nan if picture is None else true_relative_mse(picture, *references)
+
+    errors = [[error(picture) for picture in (look.raw, look.mean, look.denoised, look.oidn, look.oidn_plus)]
+              for look in looks]  # fmt: skip
+    raw, mean, denoised, by_oidn, plus = np.mean(errors, axis=0)
+    flips = [np.mean([_flip(picture, truth, exposure) for picture in pictures])
+             for pictures in ([look.denoised for look in looks], [look.oidn for look in looks])]  # fmt: skip
     cells = [
         *(f"{value:.3g}" for value in (raw, mean, denoised, by_oidn)), f"{denoised / by_oidn:.2f}",
         f"{plus:.3g}", f"{denoised / plus:.2f}", *(f"{flip:.3f}" for flip in flips),
     ]  # fmt: skip
-    return [str(look.frame), *("" if cell == "nan" else cell for cell in cells)]
+    return [str(looks[0].frame), *("" if cell == "nan" else cell for cell in cells)]
 
 
 def _flip(picture: Picture | None, truth: Picture, exposure: float) -> float:

@@ -96,7 +96,8 @@ void main() {
     }
     uvec4 random = pcg4d(uvec4(pixel, this_frame.index, this_frame.seed ^ PASS_SALT));
     vec2 block = denoise_blocks.at[cell_at(pixel)].luminance;
-    Signals begun = Signals(begin(own_diffuse, diffuse, block.x), begin(own_specular, specular, block.y), knows_edges ? 0u : NARROW);
+    uint state = knows_edges ? 0u : NARROW;
+    Signals begun = Signals(begin(own_diffuse, diffuse, block.x), begin(own_specular, specular, block.y), state);
     // At the edge of a bright reflection samples differ since they show both of its sides. This isn't noise: the bright
     // side's light must not spread over the dark one.
     if (knows_edges && range.brightest > luminance(own_specular.radiance)) {
