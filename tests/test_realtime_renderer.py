@@ -324,15 +324,15 @@ def test_memory_is_that_of_the_frame_by_name(renderer):
 
 
 def test_memory_of_the_denoiser_and_antialiasing(renderer):
-    """At most 110 bytes for each rendered pixel, and 24 for each of the picture beside the picture itself."""
+    """At most 110 bytes for each rendered pixel, and 16 for each of the picture beside the picture itself."""
     renderer.settings.upscale = 2.0
     renderer.resize((256, 128))
     renderer.render()
     memory = renderer.memory
     picture = memory.pop("taa_history")
-    denoiser = sum(memory.get(name, 0) for name in ("sample_radiance", "error"))
-    denoiser += sum(size for name, size in memory.items() if name.startswith("denoise_"))
-    assert 0 < picture <= 24 * 256 * 128
+    assert not {"sample_radiance", "error"} & memory.keys()  # in memory of the paths
+    denoiser = sum(size for name, size in memory.items() if name.startswith("denoise_"))
+    assert picture == 16 * 256 * 128
     assert 0 < denoiser <= 110 * 128 * 64
 
 

@@ -44,7 +44,7 @@ INTRO = (
     "counted from a reset. Pixels with little history have two paths. OIDN denoises the mean of the same raw frames "
     "with the mean of their albedos and normals, in motion the latest frame alone. x OIDN: the denoised frame's relMSE "
     "over OIDN's. OIDN+: with albedo and normals of 16 other samples a pixel, which no frame has, in mirrors those of "
-    "the mirror. Means over {seeds}."
+    "the mirror."
 )
 HEAD = ("frame", "raw", "mean of raw", "denoised", "OIDN", "x OIDN", "OIDN+", "x OIDN+", "FLIP, denoised", "FLIP, OIDN")
 
@@ -82,9 +82,9 @@ def run(
     """Measure and print everything.
 
     seeds: the number of independent runs of each case; errors are means over them. markdown: a page to write too.
-    pictures: a folder for a picture of each case. references: a folder that keeps the path tracer's pictures for the
-    next run, for as long as the scenes are the same. quick: tiny pictures and few frames. Raises SolariError for files
-    that can't be loaded, and without a folder for the page.
+    pictures: a folder for a picture of the first run of each case. references: a folder that keeps the path tracer's
+    pictures for the next run, for as long as the scenes are the same. quick: tiny pictures and few frames. Raises
+    SolariError for files that can't be loaded, and without a folder for the page.
     """
     for folder in (pictures, references):
         if folder is not None:
@@ -92,8 +92,8 @@ def run(
     size, samples, limit = ((16, 16), 16, 2) if quick else ((128, 128), 4096, max(LOOKS))
     scenes = [builtin(name) for name in SCENES[: 1 if quick else None]] + [from_file(path) for path in files]
     with Device(select, rays=rays) as device:
-        runs = f"{seeds} run{'s' * (seeds > 1)} with different seeds"
-        report = Report(device, markdown, "Denoised frames in figures", (INTRO.format(seeds=runs),))
+        runs = f"Means over {seeds} runs with different seeds." if seeds > 1 else "One run."
+        report = Report(device, markdown, "Denoised frames in figures", (f"{INTRO} {runs}",))
         for scene in scenes:
             for case in _cases(scene, size, min(MOTION, limit)):
                 report.progress(f"{scene.name}, {case.name}")

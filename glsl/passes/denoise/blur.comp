@@ -1,8 +1,9 @@
 // One of several passes of a blur whose width doubles from pass to pass: Dammertz et al., "Edge-Avoiding A-Trous
 // Wavelet Transform for Fast Global Illumination Filtering" (HPG 2010). Pixels count by how alike their surfaces are,
 // and by how well the uncertainty of their light explains its difference, so that the blur ends where histories are
-// long. Both pixels' uncertainties count, so that outliers are spread over their neighbors. Among surfaces that are
-// alike two pixels take the same share of each other's light, so that no energy is lost.
+// long. Both pixels' uncertainties count, so that outliers are spread over their neighbors. In the diffuse lobe,
+// two pixels of a surface take the same share of each other's light, so that none is lost; in the specular lobe as far
+// as both are equally uncertain.
 #version 460
 #include "passes/denoise/likeness.glsl"
 #include "passes/denoise/signal.glsl"

@@ -26,7 +26,7 @@ struct Taps {
     float weights[16];
     int count;
     float weight;  // sum of the weights that count, before they were normalized; 0 when none does
-    float turned;  // sum of 1 - the cosine between their normal and the surface's, weighted
+    float unlike;  // mean of 1 - the cosine between their normals and the surface's, times `weight`
 };
 
 // Motion in pixels, with that of the picture by the camera's own jitter.
@@ -70,7 +70,7 @@ bool is_inside(ivec2 pixel) {
 Taps no_taps() {
     Taps taps;  // without the values of pixels that don't count
     taps.count = 0;
-    taps.weight = taps.turned = 0.0;
+    taps.weight = taps.unlike = 0.0;
     return taps;
 }
 
@@ -82,7 +82,8 @@ void add_tap(inout Taps taps, ivec2 pixel, float weight, Past past, Guide guide,
     taps.weights[taps.count] = weight;
     taps.count += 1;
     taps.weight += weight;
-    taps.turned += weight * (1.0 - dot(normalize(then.normal), past.normal));
+    // Splines would cancel out what grows with the square of the distance, as this does.
+    taps.unlike += abs(weight) * (1.0 - dot(normalize(then.normal), past.normal));
 }
 
 // The pixels around a position that showed the surface: by splines, which keep what moves from frame to frame sharp, or

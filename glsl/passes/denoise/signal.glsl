@@ -16,8 +16,8 @@ struct Signals {
     uint state;
 };
 
-// What is known of a pixel's signals in a buffer: filters leave them as they are, and they are in both buffers; or it
-// isn't known whether the pixel is at the edge of a bright reflection.
+// What is known of a pixel's signals in a buffer: filters leave them as they are, and they are in both buffers; or,
+// in new pixels and settled ones, it isn't known whether they are at the edge of a bright reflection.
 const uint FILTERED = 1u, IN_BOTH = 2u, NARROW = 3u;
 const uint NO_SAMPLE = 0x7FFFu;  // no deviation is packed so
 

@@ -46,9 +46,9 @@ Lobe find_specular(ivec2 pixel, Guide guide, Past past, Taps at_surface) {
     vec3 seen_along = normalize(guide.position);
     vec3 previous_seen_along = normalize(past.position);
     float alpha = guide.material * guide.material;
-    // Where the surface is curved, pixels around reflected another light.
-    float apart = max(at_surface.turned / at_surface.weight, 0.0);
-    by_surface.frames /= 1.0 + square(apart / (NORMALS_OF_LOBE * max(alpha, 0.02)));
+    // Pixels whose normals differ, as they do where the surface is curved, reflected light from another direction.
+    float unlike = at_surface.unlike / at_surface.weight;
+    by_surface.frames /= 1.0 + square(unlike / (NORMALS_OF_LOBE * max(alpha, 0.02)));
     float turned = length(seen_along - previous_seen_along);
     if (turned < 1e-6) { return by_surface; }
 

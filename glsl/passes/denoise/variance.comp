@@ -12,9 +12,8 @@ const float NEIGHBORHOOD = 4.0;  // frames that the neighborhood's spread counts
 const float OWN_WEIGHT = 4.0;    // of a pixel in its neighborhood
 const float SETTLED = 40.0;      // frames from which a pixel's own spread tells enough
 const float NEIGHBORS_LIMIT = 2.0, BLOCK_LIMIT = 4.0;
-const float ALIKE = 0.1;         // least weight of the neighbors by which a pixel is limited
-const float FEW_FRAMES = 2.0;    // fewer tell nothing of the uncertainty
-const float CERTAIN = 1.0;       // standard deviations
+const float ALIKE = 0.1;         // least weight of the neighbors that a pixel is compared with
+const float FEW_FRAMES = 2.0;    // fewer tell nothing of how samples differ
 
 struct Moments {
     float weight;
@@ -31,15 +30,15 @@ void add_moments(inout Moments sum, Lobe lobe, float weight) {
 
 // The luminances of the reflections around a pixel.
 struct Range {
-    float brightest;  // the largest that a neighbor has for certain
-    float darkest;    // the smallest that a neighbor may have, with its uncertainty
+    float brightest;  // the largest mean minus its standard deviation
+    float darkest;    // the smallest mean plus its standard deviation
 };
 
 void extend(inout Range range, Lobe lobe) {
     if (lobe.frames == 0.0) { return; }
     float mean = luminance(lobe.radiance);
     float deviation = sqrt(max(lobe.second_moment - mean * mean, 0.0) / lobe.frames);
-    range.brightest = max(range.brightest, mean - CERTAIN * deviation);
+    range.brightest = max(range.brightest, mean - deviation);
     range.darkest = min(range.darkest, mean + deviation);
 }
 
@@ -92,14 +91,14 @@ void main() {
         add_moments(diffuse, unpack_lobe(denoise_diffuse.at[at]), weights.x);
         Lobe reflected = unpack_lobe(denoise_specular.at[at]);
         add_moments(specular, reflected, weights.y);
-        if (weights.x > 0.0 && i != 4) { extend(range, reflected); }
+        if (weights.x > ALIKE && i != 4) { extend(range, reflected); }
     }
     uvec4 random = pcg4d(uvec4(pixel, this_frame.index, this_frame.seed ^ PASS_SALT));
     vec2 block = denoise_blocks.at[cell_at(pixel)].luminance;
     uint state = knows_edges ? 0u : NARROW;
     Signals begun = Signals(begin(own_diffuse, diffuse, block.x), begin(own_specular, specular, block.y), state);
-    // At the edge of a bright reflection samples differ since they show both of its sides. This isn't noise: the bright
-    // side's light must not spread over the dark one.
+    // At the edge of a bright reflection samples differ since they show both of its sides, which isn't noise. With a
+    // deviation no larger than the dark side's light, the blur doesn't spread the bright side's over it.
     if (knows_edges && range.brightest > luminance(own_specular.radiance)) {
         begun.specular.deviation = min(begun.specular.deviation, range.darkest);
     }

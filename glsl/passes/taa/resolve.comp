@@ -12,7 +12,7 @@ const float SUSPECT = 0.5;           // share of the box beyond which changes ar
 const float UNNOTICED = 0.05;        // if the nearest sample differs by more
 const float DENOISED_ERROR = 0.02;   // of the samples, over their mean
 const float INTERPOLATED = 0.125;    // weight of an interpolated sample
-const float ENOUGH = 8.0;            // samples that need no interpolated ones beside them and aren't softened
+const float ENOUGH = 8.0;            // samples that need no interpolated ones beside them, nor softening at rest
 
 // Moves the past into the range of what the samples around show: Salvi, "An Excursion in Temporal Supersampling" (GDC
 // 2016). Where nothing moves, the past changes only if most samples around differ from it in the same direction, as
@@ -58,7 +58,8 @@ void main() {
         found = settled ? NOTHING_FOUND : interpolate(at, around);
         weight = INTERPOLATED;
     } else {
-        // Not wherever means are short: those of moving reflections always are, and would be blurred.
+        // Not wherever means are short: those of moving reflections always are, and would be blurred. Blended surfaces
+        // in motion are always softened, since it is chance which samples show them.
         bool softens = past.weight == 0.0 || !settled && is_still(around.center);
         bool blended = SCENE_BLEND && is_blended(around.center);
         if (softens || blended && !is_still(around.center)) {
@@ -71,7 +72,8 @@ void main() {
         float total = past.weight + weight, share = 1.0 - square(past.weight / total);  // never above 1 by rounding
         bool differs = abs(relative_difference(found.radiance, past.radiance)) > UNNOTICED;
         if (past.weight > 0.0 && differs && !is_still(around.center)) {
-            // The edges of lamps in motion have few samples: bright ones count less, or a pixel would flash.
+            // Means in motion have few samples: bright ones count less, or pixels at edges of lamps would flash. What
+            // moves loses some light of its brightest samples.
             float counts = share * moderation(found.radiance, around);
             share = counts / max(counts + (1.0 - share) * moderation(past.radiance, around), 1e-30);
         }

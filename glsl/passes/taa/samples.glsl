@@ -112,7 +112,8 @@ vec3 soften(ivec2 pixel, ivec2 at, float samples, bool blended) {
         vec2 apart = (vec2(other) - where) / render_scale();
         float weight = exp(-narrowness * dot(apart, apart));
         total += weight;
-        vec3 found = is_rendered(other) ? load_sample(other) : own;
+        if (!is_rendered(other)) { continue; }
+        vec3 found = load_sample(other);
         if (!is_valid(found)) { continue; }
         float found_luminance = luminance(found), brighter = max(found_luminance, own_luminance);
         float limit = show_the_same(pixel, other) ? 1.0 + (EXCHANGED_ON_SURFACE - 1.0) / samples : EXCHANGED;

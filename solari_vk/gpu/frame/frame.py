@@ -180,7 +180,8 @@ class Frame:
         return self._slots[(self.frame_count - 1) % SLOTS]
 
     def resource(self, name: str) -> Any:
-        """The Buffer, Image or external object of this name in the latest frame, or in the first if there was none."""
+        """The Buffer, Image or external object of this name in the latest frame, or in the first if there was none. For
+        a buffer within another one it is the whole of that one."""
         index = (self.frame_count - 1) % SLOTS if self.frame_count else 0
         bound = self._resources.named(index) | self._external
         if name not in bound:
@@ -217,7 +218,8 @@ class Frame:
 
     @property
     def memory(self) -> dict[str, int]:
-        """The bytes of each buffer and image that the stages declare, by name; both of a history count."""
+        """The bytes of each buffer and image that the stages declare, by name; both of a history count. A buffer within
+        another one isn't listed."""
         return self._resources.sizes
 
     @property
@@ -236,7 +238,8 @@ class Frame:
         return slot.read_timings()
 
     def describe(self) -> list[Row]:
-        """The steps: the resources they read and write, the reasons for their barriers, and their GPU times."""
+        """The steps: the resources they read and write, the reasons for their barriers, and their GPU times. A buffer
+        within another one has that one's name here."""
         timings = self.timings if self.frame_count else {}
         rows = []
         for step, barrier in zip(self._accesses, self._barriers, strict=True):

@@ -76,7 +76,7 @@ class Resources:
                         size = size.size
                     if isinstance(size, Within):
                         if size.host in made:
-                            _check_within(stage, name, size, interface, result.sizes[size.host])
+                            _check_within(stage, name, size, interface, made[size.host].spec)
                             within[name] = size
                             continue
                         size = size.count
@@ -148,7 +148,10 @@ def _specification(stage: Stage, name: str, size: Any, interface: Interface, att
     return ("image", copies, *_image_size(stage, name, size), binding.image_format, attachment)
 
 
-def _check_within(stage: Stage, name: str, size: Within, interface: Interface, host_bytes: int) -> None:
+def _check_within(stage: Stage, name: str, size: Within, interface: Interface, host: tuple[Any, ...]) -> None:
+    kind, copies, host_bytes, *_ = host
+    if kind != "buffer" or copies != 1:
+        raise SolariError(f"stage {stage.name}: {name} must be within a buffer without a history, not {size.host}")
     needed = _buffer_bytes(stage, _binding(stage, interface, name), size.count)
     if needed > host_bytes:
         raise SolariError(f"stage {stage.name}: {name} needs {needed} bytes within {size.host}, which has {host_bytes}")
