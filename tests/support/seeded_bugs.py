@@ -1,0 +1,110 @@
+"""Seeded bugs: shaders in which one function or one constant is wrong, which the proof of their subject must notice.
+
+A bug is anchored to a name, not to a line of text, so that only a rename of that function or constant touches it.
+"""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support.measured import hold
+
+from solari_vk.conformance.rules import Rule
+from solari_vk.gpu.shaders import compiler
+
+ROOTS = [Path(__file__).resolve().parents[2] / "glsl", Path(__file__).resolve().parents[1] / "glsl"]
+KNOWN: list[Bug] = []
+"""Every bug of the modules imported so far; tests/test_seeded_bugs.py checks that each fits its shader."""
+
+
+@dataclass(frozen=True)
+class Bug:
+    """A wrong function or constant of a shader file below a GLSL root.
+
+    name: of a function, `name(type` where it is overloaded, or of a constant (`const` or `#define`).
+    text: a function's new body, in which `correct(...)` calls the function as it was; a constant's new value.
+    """
+
+    file: str
+    name: str
+    text: str
+
+    def __post_init__(self) -> None:
+        KNOWN.append(self)
+
+    def apply(self, source: str) -> str:
+        """The shader with the bug. Raises ValueError unless exactly one function or constant has the name."""
+        name, _, first = self.name.partition("(")
+        constants = [match.span(1) for pattern in (rf"\bconst\s+\w+\s+{name}\s*=\s*([^;]+);",
+                                                   rf"^[ \t]*#define[ \t]+{name}[ \t]+(.+)$")
+                     for match in re.finditer(pattern, source, re.M)]  # fmt: skip
+        functions = list(re.finditer(rf"^\w+ {name}(\(\s*{re.escape(first)}[^)]*\))\s*\{{", source, re.M))
+        if len(constants) + len(functions) != 1:
+            raise ValueError(f"{self.file} must have one function or constant {self.name}, "
+                             f"not {len(constants) + len(functions)}")  # fmt: skip
+        if constants:
+            start, end = constants[0]
+            return source[:start] + self.text + source[end:]
+        head = functions[0]
+        end = _end_of_block(source, head.end())
+        body = re.sub(r"\bcorrect\(", f"{name}_without_bug(", self.text)
+        original = re.sub(rf"\b{name}(?=\()", f"{name}_without_bug", source[head.start() : end], count=1)
+        return f"{source[:head.start()]}{original}\n{head.group()} {body} }}{source[end:]}"
+
+
+def _end_of_block(source: str, at: int) -> int:
+    """The end of the block whose first brace is before `at`."""
+    depth = 1
+    while depth:
+        depth += {"{": 1, "}": -1}.get(source[at], 0)
+        at += 1
+    return at
+
+
+@contextmanager
+def seeded(*bugs: Bug) -> Iterator[None]:
+    """Compile all shaders with these bugs as long as the context is open."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for bug in bugs:
+            source = next(path for root in (folder, *ROOTS) if (path := root / bug.file).is_file())
+            (folder / bug.file).parent.mkdir(parents=True, exist_ok=True)
+            (folder / bug.file).write_text(bug.apply(source.read_text(encoding="utf-8")), encoding="utf-8")
+        compiler.overlays.insert(0, folder)
+        try:
+            yield
+        finally:
+            compiler.overlays.remove(folder)
+
+
+def expect_noticed(bug: Bug, rule: Rule | str, check: Callable[..., Any], *arguments: Any) -> None:
+    """Require that a proof fails with the bug: an assertion of `check`, or `rule` among what it measures."""
+    with seeded(bug), pytest.raises(AssertionError) as failed:
+        measured = check(*arguments)
+        if measured is not None:
+            measured = [made for made in measured if made.rule == rule] if isinstance(rule, Rule) else measured
+            hold(measured)
+    assert "nothing was measured" not in str(failed.value), "the proof measures nothing of this rule"
+
+
+def bug_tests(bugs: Mapping[Rule | str, tuple[Callable[..., Any], Bug]], quick: tuple[Any, ...] = ()) -> Any:
+    """A test for each rule that `check(device)` notices its bug; those that aren't `quick` are slow.
+
+    `bugs` maps a rule of what `check` measures, or the name of what `check` asserts, to (check, bug).
+    """
+    cases = [pytest.param(rule, id=getattr(rule, "name", rule), marks=() if rule in quick else pytest.mark.slow)
+             for rule in bugs]  # fmt: skip
+
+    @pytest.mark.parametrize("rule", cases)
+    def test_a_seeded_bug_is_noticed(device: Any, rule: Rule | str) -> None:
+        check, bug = bugs[rule]
+        expect_noticed(bug, rule, check, device)
+
+    return test_a_seeded_bug_is_noticed
