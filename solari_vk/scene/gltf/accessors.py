@@ -45,13 +45,15 @@ class Accessors:
         self._provided: dict[int, NDArray[Any]] = {}
 
     def provide(self, index: int, array: NDArray[Any], user: Entry) -> None:
-        """Replace the data of an accessor by an array (count, components). Integers get the accessor's own type."""
+        """Replace the data of an accessor by an array (count, components). Integers get the accessor's own type, also
+        those that are given as floats, as some encoders store joints."""
         entry = self._document.item("accessor", index, user)
         component, width = _component(entry), _Layout(_component(entry), *_shape(entry)).width
         if array.ndim != 2 or array.shape[1] != width:
             raise entry.error(f"has {width} components, but the data of {user.place} has the shape {array.shape}")
-        if array.dtype.kind != "f":
-            given, array = array, array.astype(component)
+        if array.dtype.kind != "f" or (component.kind != "f" and not entry.flag("normalized", False)):
+            with np.errstate(invalid="ignore"):
+                given, array = array, array.astype(component)
             if (array != given).any():
                 raise entry.error(f"has {component.name} values, which are too narrow for those of {user.place}")
         self._floats.pop(index, None)
