@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from unittest import mock
+
+import numpy as np
 import pytest
 
 from solari_vk.conformance.realtime import SPLIT
+from solari_vk.passes import pathtracer
 from solari_vk.renderer import LIGHT
 
 SIZE = (32, 32)
@@ -49,3 +53,14 @@ def left_of(before, now, picture):
     equals `before`, and in between by projection onto their difference."""
     difference = before - now
     return float(((picture - now) * difference).sum() / (difference**2).sum())
+
+
+def path_tracer_at_centers():
+    """A context in which path tracers sample at the centers of pixels, as realtime frames without jitter do."""
+    return mock.patch.dict(pathtracer.PIXEL_FILTERS, box=0.0)
+
+
+def frames_in_history(frame):
+    """The number of frames in the denoiser's history of each pixel's diffuse lobe: the lower half of a word holds a
+    positive float without its last bits."""
+    return (np.asarray(frame["denoise_diffuse"])[..., 3] << 16 >> 1).view(np.float32)

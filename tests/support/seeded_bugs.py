@@ -74,7 +74,8 @@ def seeded(*bugs: Bug) -> Iterator[None]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for bug in bugs:
-            source = next(path for root in (folder, *ROOTS) if (path := root / bug.file).is_file())
+            roots = (folder, *compiler.overlays, *ROOTS)  # so that contexts nest, also in one file
+            source = next(path for root in roots if (path := root / bug.file).is_file())
             (folder / bug.file).parent.mkdir(parents=True, exist_ok=True)
             (folder / bug.file).write_text(bug.apply(source.read_text(encoding="utf-8")), encoding="utf-8")
         compiler.overlays.insert(0, folder)

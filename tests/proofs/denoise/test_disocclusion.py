@@ -6,17 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from support.frames import find
+from support.frames import find, frames_in_history, path_tracer_at_centers
+from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
 from solari_vk.conformance.realtime import make_renderer
-from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.scene.builtin import builtin, place
 
 SIZE = (96, 96)
 FRAMES, SEEDS = 20, (31, 32)
 YOUNG, SETTLED = 3.5, 15.5  # frames in a history: at most, and at least
-SEES_CENTERS = ("passes/pathtracer/pixel_filter.glsl", "return radius * (2.0 * u - 1.0);", "return 0.0 * u;")
 BAR = 3.0  # error of new pixels over that of settled ones
 
 
@@ -58,58 +57,51 @@ def watch(device, name, move):
                 frame = renderer.render(move(scene, step))
                 shown.append(frame.mask("short block") if name == "cornell_box" else None)
             pictures.append(np.asarray(frame["radiance"], np.float64))
-            lengths.append((np.asarray(frame["denoise_diffuse"])[..., 3] << 16 >> 1).view(np.float32))
-    with patched_shaders(SEES_CENTERS), sv.PathTracer(device, scene, SIZE, seed=99) as tracer:
+            lengths.append(frames_in_history(frame))
+    with path_tracer_at_centers(), sv.PathTracer(device, scene, SIZE, seed=99) as tracer:
         truth = np.asarray(tracer.render(move(scene, FRAMES - 1), samples=512), np.float64)
     squares = (np.array(pictures) - truth) ** 2 / (truth**2 + 1e-2 * truth.mean() ** 2)
     return Seen(squares.mean(axis=-1), np.array(lengths), np.array(shown[-4:]))
 
 
-def compare(seen, new):
-    """The error of new pixels over that of settled ones."""
+def check_new_pixels(seen, new):
+    """Require that the error of new pixels is not far above that of settled ones."""
     settled = (seen.lengths >= SETTLED) & ~new
     young, old = seen.errors[new].mean(), seen.errors[settled].mean()
     print(f"{new.sum()} new pixels, {young:.4f}; settled {old:.4f}: {young / old:.2f}")
     assert new.sum() > 50
-    return young / old
+    assert young / old < BAR
 
 
-def in_a_moving_view(device, name):
+def check_moving_view(device, name="cornell_box"):
     """Pixels at the border, and beside objects that the camera passes."""
     seen = watch(device, name, strafe)
-    return compare(seen, (seen.lengths > 0) & (seen.lengths <= YOUNG))
+    check_new_pixels(seen, (seen.lengths > 0) & (seen.lengths <= YOUNG))
 
 
-def beside_a_moving_block(device):
+def check_moving_block(device):
     """Pixels that showed the block one to three frames ago."""
     seen = watch(device, "cornell_box", slide)
     new = seen.object[:-1].any(axis=0) & ~seen.object[-1]
-    return compare(seen, np.broadcast_to(new, seen.errors.shape))
+    check_new_pixels(seen, np.broadcast_to(new, seen.errors.shape))
 
 
-@pytest.mark.parametrize("name", [
-    "cornell_box", pytest.param("sphere_grid", marks=pytest.mark.slow),
-    pytest.param("mirror_hall", marks=pytest.mark.slow),
-])  # fmt: skip
+@pytest.mark.parametrize("name", ["cornell_box", *(pytest.param(n, marks=pytest.mark.slow)
+                                                   for n in ("sphere_grid", "mirror_hall"))])  # fmt: skip
 def test_what_comes_into_view(device, name):
-    assert in_a_moving_view(device, name) < BAR
+    check_moving_view(device, name)
 
 
+@pytest.mark.slow
 def test_what_a_moving_block_uncovers(device):
-    assert beside_a_moving_block(device) < BAR
+    check_moving_block(device)
 
 
-@pytest.mark.slow
-def test_a_blur_that_leaves_new_pixels_out_is_noticed(device):
-    old = "vec2 weights = share * likeness(pattern, denoise_guides.at[at], step);"
-    settled = "float(own.diffuse.deviation < 0.1 * values.x)"
-    new = f"vec2 weights = {settled} * share * likeness(pattern, denoise_guides.at[at], step);"
-    with patched_shaders(("passes/denoise/blur.comp", old, new)):
-        assert in_a_moving_view(device, "cornell_box") > BAR
-
-
-@pytest.mark.slow
-def test_histories_of_what_was_there_are_noticed(device):
-    old = "if (then.kind != guide.kind) { return false; }"
-    with patched_shaders(("passes/denoise/past.glsl", old, "if (then.kind == guide.kind) { return true; }")):
-        assert beside_a_moving_block(device) > BAR
+test_a_seeded_bug_is_noticed = bug_tests({
+    "what comes into view: the blur leaves it out": (check_moving_view, Bug(
+        "passes/denoise/blur.comp", "add_neighbor",
+        "weight *= float(center.deviation < 0.1 * luminance(center.radiance)); "
+        "correct(sum, center, other, difference, weight, is_filtered);")),
+    "what is uncovered: histories of what was there": (check_moving_block, Bug(
+        "passes/denoise/past.glsl", "is_the_same", "return then.kind == guide.kind;")),
+})  # fmt: skip

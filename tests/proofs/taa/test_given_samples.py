@@ -1,22 +1,14 @@
-"""Antialiasing and upscaling, given samples in closed form: patterns on a wall take the place of rendered light.
-
-Nothing else of the frame runs but the G-buffer and the guides, so that the light at each position is known.
-"""
+"""Antialiasing and upscaling, given patterns on a wall in place of rendered light: rules, and a seeded bug for each."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Any
-
 import numpy as np
+import pytest
+from support.given_light import SIZE, moved, rendering, wall
+from support.measured import hold
+from support.seeded_bugs import Bug, bug_tests
 
-from solari_vk.conformance.denoise_checks import SIZE, moved, wall
-from solari_vk.conformance.realtime import Image, make_renderer
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
-from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.shaders.patches import patched_shaders
-from solari_vk.renderer import Renderer
 
 _TAA = (SUITE, "Antialiasing")
 EVEN = Rule("an even light stays as it is, also upscaled and in motion", *_TAA)
@@ -28,46 +20,38 @@ NOISE = Rule("noise of samples becomes less with the square root of their number
 NOT_FINITE = Rule("samples that aren't finite change no pixel", *_TAA)
 PASSES = ("gbuffer/", "guides/", "taa/")
 SETTLED = 96  # frames: three times all positions in a pixel
-_SAMPLE = "{ return sample_radiance.at[uint(pixel.y) * camera.size.x + uint(pixel.x)]; }"
+SAMPLES = "passes/taa/samples.glsl"
 # `at` is the sample's position in pixels of the picture, `noise` has the mean 1 and the deviation 0.577.
-_GIVEN = """{{
+_GIVEN = """
     vec2 at = (vec2(pixel) + 0.5 + this_frame.sample_offset) / render_scale();
     uint rng = seed_rng(uvec2(pixel), this_frame.index, 0x5EED5EEDu);
     float noise = 2.0 * rand_f(rng);
-    return vec3({light});
-}}"""
+    return vec3({light});"""
 
 
-@contextmanager
-def _antialiasing(device: Device, light: str, upscale: float = 1.0) -> Iterator[Renderer]:
-    """A renderer whose samples have this light, a GLSL expression."""
-    patch = ("passes/taa/samples.glsl", _SAMPLE, _GIVEN.format(light=light))
-    settings: dict[str, Any] = {"antialiasing": True, "jitter": True, "upscale": upscale}
-    with patched_shaders(patch), make_renderer(device, wall(), SIZE, passes=PASSES, **settings) as renderer:
-        yield renderer
-
-
-def _picture(device: Device, light: str, frames: int = SETTLED, step: float = 0.0, upscale: float = 1.0) -> Image:
-    """The picture (h, w) after some frames, in which the camera moves to the right by `step` pixels a frame."""
-    with _antialiasing(device, light, upscale) as renderer:
+def _picture(device, light, frames=SETTLED, step=0.0, upscale=1.0):
+    """The picture (h, w) of samples with this light, a GLSL expression, after some frames, in which the camera moves to
+    the right by `step` pixels a frame."""
+    body, settings = _GIVEN.format(light=light), {"antialiasing": True, "jitter": True, "upscale": upscale}
+    with rendering(device, wall(), SAMPLES, "load_sample", body, PASSES, **settings) as renderer:
         for number in range(frames):
             frame = renderer.render(moved(step * number))
         return np.asarray(frame["radiance"], np.float64)[..., 1]
 
 
-def _inside(picture: Image) -> Image:
+def _inside(picture):
     """A picture without its border, beyond which there are no samples."""
     return picture[3:-3, 3:-3]
 
 
-def measure_even_light(device: Device) -> Iterator[Measurement]:
+def measure_even_light(device):
     """Light of 1 everywhere."""
     for step, upscale in ((0.0, 1.0), (0.0, 2.0), (0.7, 1.0), (0.7, 1.5)):
         off = np.abs(_picture(device, "1.0", 12, step, upscale) - 1).max()
         yield Measurement(EVEN, float(off), 1e-4, "of it", f"upscaled by {upscale}, {step} pixels a frame")
 
 
-def measure_areas(device: Device) -> Iterator[Measurement]:
+def measure_areas(device):
     """An edge that crosses pixels at an angle, and stripes 1.5 pixels wide: bright 3, dark 1."""
     y, x = np.indices((SIZE[1], SIZE[0]))
     fine = (np.arange(64) + 0.5) / 64
@@ -83,7 +67,7 @@ def measure_areas(device: Device) -> Iterator[Measurement]:
             yield Measurement(rule, abs(float(off.mean())), 0.01, "off in the mean, which is about 2", name)
 
 
-def measure_motion(device: Device) -> Iterator[Measurement]:
+def measure_motion(device):
     """The camera moves to the right, parallel to a wall with a wave of 8 pixels."""
     whole = float(np.sinc(1 / 8))  # of the wave's contrast: pixels show the mean of their area
     for step, upscale, bar in ((3.0, 1.0, 0.02), (0.4, 1.0, 0.1), (0.4, 2.0, 0.1)):
@@ -96,7 +80,7 @@ def measure_motion(device: Device) -> Iterator[Measurement]:
         yield Measurement(SHARP, abs(kept - 1), bar, "of the contrast", note)
 
 
-def measure_changes(device: Device) -> Iterator[Measurement]:
+def measure_changes(device):
     """Light of 1 that is 0.1 after 40 frames, with and without a pattern."""
     for name, pattern in (("even", "1.0"), ("stripes", "(mod(at.x, 8.0) < 4.0 ? 1.5 : 0.5)")):
         light = f"(this_frame.index < 40u ? 1.0 : 0.1) * {pattern}"
@@ -104,7 +88,7 @@ def measure_changes(device: Device) -> Iterator[Measurement]:
         yield Measurement(FOLLOWED, abs(left), 0.05, "of the old light after 3 frames", name)
 
 
-def measure_noise(device: Device) -> Iterator[Measurement]:
+def measure_noise(device):
     """Independent noise in all samples: the deviation of pixels of a settled picture, over that of samples."""
     picture = _inside(_picture(device, "noise"))
     # 1 / 8 for a plain mean of 64 samples; later ones count more.
@@ -112,10 +96,34 @@ def measure_noise(device: Device) -> Iterator[Measurement]:
     yield Measurement(NOISE, abs(float(picture.mean()) - 1), 0.02, "of the mean")
 
 
-def measure_not_finite(device: Device) -> Iterator[Measurement]:
+def measure_not_finite(device):
     """A sample that is NaN or infinite in every second frame."""
     for value in ("0.0 / 0.0", "1.0 / 0.0", "-1.0 / 0.0"):
         wrong = "pixel == ivec2(40, 30) && (this_frame.index & 1u) == 0u"
         picture = _picture(device, f"{wrong} ? {value} : 1.0", 8)
         changed = float((~(np.abs(picture - 1) < 1e-3)).sum())
         yield Measurement(NOT_FINITE, changed, 0.0, f"of {picture.size} pixels", value)
+
+
+# ---- each rule holds, and can fail --------------------------------------------------------------------
+
+MEASURES = (measure_even_light, measure_areas, measure_motion, measure_changes, measure_noise, measure_not_finite)
+
+
+@pytest.mark.parametrize("measure", MEASURES, ids=lambda measure: measure.__name__)
+def test_rules_hold(device, measure):
+    hold(measure(device))
+
+
+HISTORY = "passes/taa/history.glsl"
+test_a_seeded_bug_is_noticed = bug_tests({
+    EVEN: (measure_even_light, Bug(SAMPLES, "interpolate", "Found found = correct(at, around); found.radiance *= 0.9; "
+                                   "return found;")),
+    AREA: (measure_areas, Bug(HISTORY, "is_still", "return false;")),
+    UPSCALED: (measure_areas, Bug(SAMPLES, "among_samples",
+                                  "return position * render_scale() - 0.5 + this_frame.sample_offset;")),
+    SHARP: (measure_motion, Bug(HISTORY, "interpolate_past", "return correct(floor(position) + 0.5, around);")),
+    FOLLOWED: (measure_changes, Bug("passes/taa/resolve.comp", "SUSPECT", "1e9")),
+    NOISE: (measure_noise, Bug(HISTORY, "LONGEST", "31.0")),
+    NOT_FINITE: (measure_not_finite, Bug("common/math.glsl", "is_valid", "return true;")),
+}, quick=(NOT_FINITE,))  # fmt: skip

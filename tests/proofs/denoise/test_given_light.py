@@ -1,24 +1,18 @@
-"""The denoiser, given light whose mean is known: noise in closed form takes the place of the light of paths.
-
-Nothing else of the frame runs but the G-buffer and the guides, so that the light of every pixel and frame is known.
-"""
+"""The denoiser, given noise in closed form in place of the light of paths: its rules, and a seeded bug for each."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
+import pytest
+from support.frames import frames_in_history
+from support.given_light import DISTANCE, PIXEL, SIZE, moved, rendering, wall
+from support.measured import hold
+from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
-from solari_vk.conformance.realtime import Image, make_renderer
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
-from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.shaders.patches import patched_shaders
-from solari_vk.rendered import RenderedFrame
-from solari_vk.renderer import Renderer
-from solari_vk.scene import shapes
-from solari_vk.scene.builtin import matte
 
 _DENOISER = (SUITE, "Denoiser")
 EVEN = Rule("noise around an even light becomes that light, pixel by pixel and on average", *_DENOISER)
@@ -33,74 +27,48 @@ EDGES = Rule("the blur doesn't cross edges", *_DENOISER)
 TURNS = Rule("of two surfaces that a pixel shows by turns, both keep their histories", *_DENOISER)
 KEPT = Rule("the mean light of smooth surfaces is kept while the camera moves", *_DENOISER)
 PASSES = ("gbuffer/", "guides/", "denoise/", "paths/compose", "taa/")
-SIZE = (96, 64)
-DISTANCE = 2.0  # of the wall from the camera, in meters; the camera sees up and down by 45 degrees
-PIXEL = 2.0 * DISTANCE / SIZE[1]  # the width of a pixel on the wall
-_SAMPLE = "vec4 diffuse_sample(uint index) { return paths_diffuse.at[index]; }"
-_SPECULAR_SAMPLE = "    vec4 found = paths_specular.at[index];"
-_SHINING = """    uint rng = seed_rng(uvec2(pixel), this_frame.index, 0x5EED5EEDu);
+# `noise` has a long tail and the mean 1; `pixel` and `this_frame.index` are known to expressions too.
+_GIVEN = """{pixel}
+    uint rng = seed_rng(uvec2(pixel), this_frame.index, 0x5EED5EEDu);
     float u = rand_f(rng), noise = 4.0 * u * u * u;
-    vec4 found = vec4(vec3({light}), 1.0);"""
-# `noise` has a long tail and the mean 1; `uvec2 pixel` and `this_frame.index` are known too.
-_GIVEN = """vec4 diffuse_sample(uint index) {{
-    uvec2 pixel = uvec2(index % camera.size.x, index / camera.size.x);
-    uint rng = seed_rng(pixel, this_frame.index, 0x5EED5EEDu);
-    float u = rand_f(rng), noise = 4.0 * u * u * u;
-    return vec4(vec3({light}), 1.0);
-}}"""
-
-
-def wall(*corners: Image) -> sv.Scene:
-    """White quads seen by a camera at the origin that looks along -z; by default one wall that fills the picture."""
-    scene = sv.Scene()
-    far = 5 * DISTANCE
-    default = [[-far, -far, -DISTANCE], [far, -far, -DISTANCE], [far, far, -DISTANCE], [-far, far, -DISTANCE]]
-    scene.add(shapes.polygons(*(corners or (np.array(default),))), matte(1.0))
-    scene.add(sv.Camera(vertical_fov=np.pi / 2))
-    return scene
+    return vec4(vec3({light}), 1.0);"""
+_PIXEL_OF_INDEX = "ivec2 pixel = ivec2(index % camera.size.x, index / camera.size.x);"
 
 
 @contextmanager
-def _denoising(device: Device, scene: sv.Scene, light: str, jitter: bool = False) -> Iterator[Renderer]:
+def _denoising(device, scene, light, jitter=False):
     """A renderer whose paths found this light, a GLSL expression."""
-    patch = ("passes/denoise/sample.glsl", _SAMPLE, _GIVEN.format(light=light))
+    body = _GIVEN.format(pixel=_PIXEL_OF_INDEX, light=light)
     settings = {"denoise": True, "jitter": jitter}
-    with patched_shaders(patch), make_renderer(device, scene, SIZE, passes=PASSES, **settings) as renderer:
+    with rendering(device, scene, "passes/denoise/sample.glsl", "diffuse_sample", body, PASSES, **settings) as renderer:
         yield renderer
 
 
-def _shining(device: Device, light: str, frames: int) -> Image:
+def _shining(device, light, frames):
     """The specular light of a smooth metal wall after some frames, in which the camera moves by 2 pixels each."""
-    scene = wall()
+    scene, body = wall(), _GIVEN.format(pixel="", light=light)
     scene.instances[0].material = sv.Material(base_color=np.ones(3, np.float32), metallic=1.0, perceptual_roughness=0.3)
-    patch = ("passes/denoise/sample.glsl", _SPECULAR_SAMPLE, _SHINING.format(light=light))
-    with (
-        patched_shaders(patch),
-        make_renderer(device, scene, SIZE, passes=PASSES, denoise=True, jitter=False) as renderer,
-    ):
+    settings = {"denoise": True, "jitter": False}
+    with rendering(
+        device, scene, "passes/denoise/sample.glsl", "specular_sample", body, PASSES, **settings
+    ) as renderer:
         for number in range(frames):
             frame = renderer.render(moved(2.0 * number))
         return np.asarray(frame["specular_radiance"], np.float64)[3:-3, 16:-16, 1]
 
 
-def _light(frame: RenderedFrame) -> Image:
+def _light(frame):
     """Luminance, (h, w), over that of a light of 1."""
     return np.asarray(frame["diffuse_radiance"], np.float64)[..., 1]
 
 
-def _scale(device: Device, scene: sv.Scene) -> Image:
+def _scale(device, scene):
     """The picture of a light of 1: what the surfaces reflect of it."""
     with _denoising(device, scene, "1.0") as renderer:
         return _light(renderer.render())
 
 
-def _lengths(frame: RenderedFrame) -> Image:
-    """Frames in the history of each pixel: the lower half of a word, a positive float without its last bits."""
-    words: Image = np.asarray(frame["denoise_diffuse"])[..., 3] << 16 >> 1
-    return words.view(np.float32)
-
-
-def measure_even_light(device: Device) -> Iterator[Measurement]:
+def measure_even_light(device):
     """Frames 1, 4, 16 and 64 of noise around 1."""
     scene = wall()
     scale = _scale(device, scene)
@@ -119,14 +87,14 @@ def measure_even_light(device: Device) -> Iterator[Measurement]:
             yield Measurement(ERROR, max(ratio / middle, middle / ratio), most, f"times off {middle:.2f}", note)
 
 
-def measure_outliers(device: Device) -> Iterator[Measurement]:
+def measure_outliers(device):
     """Half of the light by one sample in 100 or 500: in few frames, the picture has less of it."""
     for once_in, bound in ((100, 0.04), (500, 0.06)):
         mean = _mean_after(device, 64, f"0.5 + (u * {once_in}.0 < 1.0 ? {once_in / 2} : 0.0)")
         yield Measurement(RETURNED, abs(mean - 1), bound, "of the mean", f"one in {once_in}: {mean:.3f} of it")
 
 
-def measure_motion(device: Device) -> Iterator[Measurement]:
+def measure_motion(device):
     """The camera moves to the right, parallel to the wall. Light on the wall stays where it is."""
     scene = wall()
     scale = _scale(device, scene).mean()
@@ -136,7 +104,7 @@ def measure_motion(device: Device) -> Iterator[Measurement]:
         with _denoising(device, scene, f"1.0 + 0.5 * sin({2 * np.pi / 8} * ({place}))") as renderer:
             for number in range(12):
                 frame = renderer.render(moved(step * number))
-            lengths, picture = np.round(_lengths(frame)), _light(frame)
+            lengths, picture = np.round(frames_in_history(frame)), _light(frame)
         note = f"{step} pixels a frame"
         if rule is FOUND:
             yield _count_unequal(FOUND, lengths[:, : SIZE[0] - int(11 * step) - 3], 12, note)
@@ -149,7 +117,7 @@ def measure_motion(device: Device) -> Iterator[Measurement]:
         yield Measurement(SHARP, abs(kept - 1), 0.1, "of the contrast", f"{note}: {kept:.3f} of it")
 
 
-def _mean_after(device: Device, frames: int, light: str) -> float:
+def _mean_after(device, frames, light):
     """The mean of a denoised wall after some frames, where light of 1 would have the mean 1."""
     scene = wall()
     scale = _scale(device, scene)
@@ -159,23 +127,17 @@ def _mean_after(device: Device, frames: int, light: str) -> float:
         return float((_light(frame) / scale).mean())
 
 
-def _count_unequal(rule: Rule, found: Image, expected: float, note: str) -> Measurement:
+def _count_unequal(rule, found, expected, note):
     return Measurement(rule, float((found != expected).sum()), 0.0, f"of {found.size} pixels", note)
 
 
-def moved(pixels: float) -> sv.Camera:
-    transform = np.eye(4)
-    transform[0, 3] = PIXEL * pixels
-    return sv.Camera(transform=transform, vertical_fov=np.pi / 2)
-
-
-def measure_light_off(device: Device) -> Iterator[Measurement]:
+def measure_light_off(device):
     """Noise around 1 for 32 frames, around 0.1 after it."""
     left = (_mean_after(device, 33, "this_frame.index < 32u ? noise : 0.1 * noise") - 0.1) / 0.9
     yield Measurement(FORGOTTEN, abs(left), 0.05, "of the old light")
 
 
-def measure_smooth_surfaces(device: Device) -> Iterator[Measurement]:
+def measure_smooth_surfaces(device):
     """Noise around 1, and 0.5 with one sample in twenty of 10.5."""
     scale = _shining(device, "1.0", 1).mean()
     for light in ("noise", "0.5 + (u < 0.05 ? 10.0 : 0.0)"):
@@ -187,12 +149,12 @@ def measure_smooth_surfaces(device: Device) -> Iterator[Measurement]:
         yield _count_unequal(NOT_FINITE, np.abs(changed - 1) < 0.02, True, f"{value}, specular, in motion")
 
 
-def measure_not_finite(device: Device) -> Iterator[Measurement]:
+def measure_not_finite(device):
     """A pixel whose light is NaN or infinite in every second frame."""
     scene = wall()
     scale = _scale(device, scene)
     for value in ("0.0 / 0.0", "1.0 / 0.0", "-1.0 / 0.0"):
-        wrong = "pixel == uvec2(40, 30) && (this_frame.index & 1u) == 0u"
+        wrong = "pixel == ivec2(40, 30) && (this_frame.index & 1u) == 0u"
         with _denoising(device, scene, f"{wrong} ? {value} : 1.0") as renderer:
             for _ in range(4):
                 frame = renderer.render()
@@ -200,7 +162,7 @@ def measure_not_finite(device: Device) -> Iterator[Measurement]:
         yield _count_unequal(NOT_FINITE, np.abs(changed - 1) < 0.02, True, value)
 
 
-def measure_edges(device: Device) -> Iterator[Measurement]:
+def measure_edges(device):
     """Noise around 1 on the left half of the picture, around 3 on the right one, which shows another surface."""
     near, far, side = DISTANCE, 1.5 * DISTANCE, 5 * DISTANCE
     facing = [np.array([[x, -side, -z], [x + side, -side, -z], [x + side, side, -z], [x, side, -z]])
@@ -211,7 +173,7 @@ def measure_edges(device: Device) -> Iterator[Measurement]:
     for name, quads in (("one nearer than the other", facing), ("an outer corner of 90 degrees", corner)):
         scene = wall(*quads)
         scale = _scale(device, scene)
-        with _denoising(device, scene, f"(pixel.x < {SIZE[0] // 2}u ? 1.0 : 3.0) * noise") as renderer:
+        with _denoising(device, scene, f"(pixel.x < {SIZE[0] // 2} ? 1.0 : 3.0) * noise") as renderer:
             for _ in range(8):
                 frame = renderer.render()
             beside = slice(SIZE[0] // 2 - 1, SIZE[0] // 2 + 1)
@@ -220,7 +182,7 @@ def measure_edges(device: Device) -> Iterator[Measurement]:
         yield Measurement(EDGES, float(np.abs(leaks).max()), 0.05, "of the other side's light", name)
 
 
-def measure_turns(device: Device) -> Iterator[Measurement]:
+def measure_turns(device):
     """An edge in the middle of a column of pixels: samples to its left show a near wall, those to its right a far one.
     Noise around 1 for 32 frames, around 0.1 after it."""
     side, column = 5 * DISTANCE, SIZE[0] // 2
@@ -230,9 +192,40 @@ def measure_turns(device: Device) -> Iterator[Measurement]:
         with _denoising(device, wall(*walls), light, jitter=True) as renderer:
             for _ in range(34):
                 frame = renderer.render()
-            lengths, columns = _lengths(frame)[:, column], _light(frame).mean(axis=0)
+            lengths, columns = frames_in_history(frame)[:, column], _light(frame).mean(axis=0)
         if light == "noise":
             yield Measurement(TURNS, float(np.abs(lengths - 17).max()), 2.0, "frames off the 17 that showed it")
         else:
             left = (columns[column] / columns[column - 8] - 1) / 9
             yield Measurement(FORGOTTEN, abs(float(left)), 0.05, "of the old light, at an edge")
+
+
+# ---- each rule holds, and can fail --------------------------------------------------------------------
+
+MEASURES = (measure_even_light, measure_outliers, measure_motion, measure_light_off, measure_smooth_surfaces,
+            measure_not_finite, measure_edges, measure_turns)  # fmt: skip
+
+
+@pytest.mark.parametrize("measure", MEASURES, ids=lambda measure: measure.__name__)
+def test_rules_hold(device, measure):
+    hold(measure(device))
+
+
+TEMPORAL, PAST, BLUR = "passes/denoise/temporal.comp", "passes/denoise/past.glsl", "passes/denoise/blur.comp"
+test_a_seeded_bug_is_noticed = bug_tests({
+    EVEN: (measure_even_light, Bug(BLUR, "add_neighbor",
+                                   "correct(sum, center, other, difference, 0.0, is_filtered);")),
+    ERROR: (measure_even_light, Bug("passes/paths/compose.comp", "ERROR_OVER_NOISE", "0.5")),
+    RETURNED: (measure_outliers, Bug(BLUR, "add_neighbor", "correct(sum, center, other, difference, weight, false);")),
+    FOUND: (measure_motion, Bug(PAST, "in_pixels", "return correct(-motion);")),
+    NEW: (measure_motion, Bug(PAST, "add_tap", "correct(taps, clamp(pixel, ivec2(0), ivec2(camera.size) - 1), weight, "
+                              "past, guide, plane_distance);")),
+    SHARP: (measure_motion, Bug(PAST, "find_taps", "return correct(floor(where) + 0.5, past, guide, plane_distance);")),
+    FORGOTTEN: (measure_light_off, Bug("passes/denoise/find_changes.comp", "confidence(Difference", "return 1.0;")),
+    NOT_FINITE: (measure_not_finite, Bug("common/math.glsl", "is_valid", "return true;")),
+    EDGES: (measure_edges, Bug("passes/denoise/likeness.glsl", "likeness", "pattern.plane = vec3(0.0); "
+                               "pattern.plane_offset = 0.0; return correct(pattern, other, step);")),
+    TURNS: (measure_turns, Bug("passes/denoise/aside.glsl", "unpack_aside", "diffuse = specular = NO_HISTORY;")),
+    KEPT: (measure_smooth_surfaces, Bug(TEMPORAL, "blend", "Lobe both = correct(a, b, share); "
+                                        "both.radiance *= 0.9; return both;")),
+}, quick=(NOT_FINITE,))  # fmt: skip

@@ -1,18 +1,21 @@
 """Pixels without much history take several paths: the mean stays, the noise falls, and nothing else changes."""
 
+from __future__ import annotations
+
+import functools
+
 import numpy as np
 import pytest
+from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
 from solari_vk.conformance.realtime import make_renderer
-from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.scene.builtin import builtin
 
 SIZE = (32, 32)
 SEEDS = 96
 ALONE = {"denoise": True, "jitter": False, "world_cache": False, "paths_bounces": 4}
 PATHS = 3
-FOLDER = "passes/paths/"
 
 
 def first_frames(device, samples):
@@ -28,49 +31,32 @@ def first_frames(device, samples):
         return np.array(found, np.float64).reshape(SEEDS, SIZE[1], SIZE[0], 2)
 
 
-@pytest.fixture(scope="module")
+@functools.cache
 def one_path(device):
     return first_frames(device, 1)
 
 
-def compare(device, one_path):
-    """How many standard errors the lobes' means are apart, and their variance over that of one path."""
-    several = first_frames(device, PATHS)
-    means = [found.mean(axis=(1, 2)) for found in (one_path, several)]
-    apart = means[1].mean(axis=0) - means[0].mean(axis=0)
+def check_mean_and_noise(device):
+    """With several paths the lobes' means are those of one path, and their variances fall."""
+    one, several = one_path(device), first_frames(device, PATHS)
+    means = [found.mean(axis=(1, 2)) for found in (one, several)]
     noise = np.sqrt((means[0].var(axis=0, ddof=1) + means[1].var(axis=0, ddof=1)) / SEEDS)
-    spread = [found.var(axis=0, ddof=1).mean(axis=(0, 1)) for found in (one_path, several)]
-    print(apart / noise, apart / means[0].mean(axis=0), spread[1] / spread[0])
-    return np.abs(apart / noise), spread[1] / spread[0]
-
-
-def check_mean_and_noise(device, one_path):
-    apart, variance = compare(device, one_path)
+    apart = np.abs(means[1].mean(axis=0) - means[0].mean(axis=0)) / noise
+    spread = [found.var(axis=0, ddof=1).mean(axis=(0, 1)) for found in (one, several)]
+    variance = spread[1] / spread[0]
+    print(apart, variance)
     assert (apart < 4).all(), f"the lobes' means are {apart} standard errors apart"
     assert (variance < 1.25 / PATHS).all(), f"the lobes' variances are {variance} of those of one path"
 
 
-def test_several_paths_keep_the_mean_and_lower_the_noise(device, one_path):
-    check_mean_and_noise(device, one_path)
+def test_several_paths_keep_the_mean_and_lower_the_noise(device):
+    check_mean_and_noise(device)
 
 
-BUGS = {
-    "all paths of a pixel are the same": ("first_ray.comp", "first_salt ^ sample_index * SAMPLE_SALT", "first_salt"),
-    # It still reads young_samples: a frame refuses shaders that don't use a constant that it sets.
-    "only first rays are shared out": ("later_rays.comp", "float(count_samples(index))",
-                                     "float(young_samples > 9u ? 2u : 1u)"),
-    "later rays of the first path alone": ("later_rays.comp", "if (row >= paths_round.count)",
-                                           "if (row >= paths_round.count || paths_round.sample_index > 0u)"),
-    "the last path alone counts": ("first_ray.comp", "was_diffuse.rgb + diffuse.rgb", "diffuse.rgb"),
-}  # fmt: skip
-QUICK = ("the last path alone counts",)
-
-
-@pytest.mark.parametrize("bug", [bug if bug in QUICK else pytest.param(bug, marks=pytest.mark.slow) for bug in BUGS])
-def test_the_check_can_fail(device, one_path, bug):
-    file, good, bad = BUGS[bug]
-    with patched_shaders((FOLDER + file, good, bad)), pytest.raises(AssertionError):
-        check_mean_and_noise(device, one_path)
+test_a_seeded_bug_is_noticed = bug_tests({
+    "several paths: all are the same": (check_mean_and_noise, Bug(
+        "passes/paths/first_ray.comp", "start_path", "return correct(pixel, surface, 0u);")),
+})  # fmt: skip
 
 
 def test_settled_pixels_take_one_path(device):
