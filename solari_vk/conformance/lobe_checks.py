@@ -12,8 +12,17 @@ import numpy as np
 import solari_vk as sv
 from solari_vk.conformance import brdf_runs
 from solari_vk.conformance.oracles.closed_forms import camera_rays
-from solari_vk.conformance.paths_checks import PASSES, PLAIN, SIZE, metal, read_radiance
-from solari_vk.conformance.realtime import JITTER_PERIOD, Effort, Image, make_renderer, measure_mean, run_pictures
+from solari_vk.conformance.realtime import (
+    JITTER_PERIOD,
+    PATHS,
+    PLAIN,
+    Effort,
+    Image,
+    make_renderer,
+    measure_mean,
+    read_radiance,
+    run_pictures,
+)
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.gpu.device.device import Device
@@ -30,8 +39,14 @@ LOBES = Rule("each lobe reflects as much white light as its albedo says", *_PATH
 DEMODULATION = Rule("demodulated light times the surface's albedo is the lobe's radiance", *_PATHS)
 DISTANCE = Rule("the distances of diffuse light are those of rays with a cosine distribution", *_PATHS)
 OWN_DISTANCE = Rule("the distance belongs to the lobe that proposed the ray", *_PATHS)
+SIZE = (32, 32)
 # Light that leaves the first surface after one bounce.
 ONE_BOUNCE: dict[str, Any] = {**PLAIN, "paths_bounces": 1}
+
+
+def metal(color: tuple[float, ...], perceptual_roughness: float) -> sv.Material:
+    """A metal of this color."""
+    return sv.Material(base_color=rgb(color), metallic=1.0, perceptual_roughness=perceptual_roughness)
 
 
 # ---- mirrors ----------------------------------------------------------------------------------------
@@ -91,7 +106,7 @@ def _look_into_cube(camera: sv.Camera, mirrors: Colors) -> tuple[Image, Image, I
 def measure_mirrors(device: Device) -> Iterator[Measurement]:
     """With one bounce, a cube with two mirrors shows what geometry and Fresnel's terms say."""
     scene = _mirror_cube(_CORNER)
-    with make_renderer(device, scene, SIZE, passes=PASSES, **ONE_BOUNCE) as renderer:
+    with make_renderer(device, scene, SIZE, passes=PATHS, **ONE_BOUNCE) as renderer:
         frame = renderer.render(scene.camera)
         found, diffuse, specular = read_radiance(frame), frame["paths_diffuse"], frame["paths_specular"]
         diffuse_light = np.abs(read_radiance(frame, "diffuse_radiance")).max()
@@ -113,7 +128,7 @@ def _compare_light(rule: Rule, ratio: Image, remark: str = "") -> Measurement:
 def measure_mirror_chain(device: Device) -> Iterator[Measurement]:
     """With one bounce, two sides that glow are seen whole by rows of mirrors far longer than a path has rounds."""
     scene = _mirror_cube(_RING)
-    with make_renderer(device, scene, SIZE, passes=PASSES, **ONE_BOUNCE) as renderer:
+    with make_renderer(device, scene, SIZE, passes=PATHS, **ONE_BOUNCE) as renderer:
         found = read_radiance(renderer.render(scene.camera))
     expected, _, count = _look_into_cube(scene.camera, _RING)
     shown = (count > 0) & (count < _MOST_MIRRORS)
@@ -146,7 +161,7 @@ def _lobes(frame: RenderedFrame) -> Image:
 def measure_lobes(device: Device, shaders: ShaderRunner) -> Iterator[Measurement]:
     """Light of the lobes of plastic in white light; that of the specular lobe is what a black surface reflects."""
     scene, effort = _white_room(), Effort(8, 0, JITTER_PERIOD)
-    with make_renderer(device, scene, SIZE, passes=PASSES, **ONE_BOUNCE) as renderer:
+    with make_renderer(device, scene, SIZE, passes=PATHS, **ONE_BOUNCE) as renderer:
         found = run_pictures(renderer, scene.camera, effort, lambda frame: _lobes(frame)[:2])
         lobes = _lobes(renderer.render(scene.camera))
     made, demodulated = lobes[:2], lobes[2:]
@@ -169,7 +184,7 @@ def measure_distances(device: Device, frames: int = 24) -> Iterator[Measurement]
     paint = sv.Material(base_color=rgb(0.5), perceptual_roughness=0.6, emissive=rgb(1.0))
     scene = sv.Scene(sv.Instance(mesh=inward, material=paint), sv.Camera.look_at((0, 0, 0), (0, 0.3, -1)))
     lengths, wrong, diffuse_pixels = [], 0, []
-    with make_renderer(device, scene, SIZE, passes=PASSES, **ONE_BOUNCE) as renderer:
+    with make_renderer(device, scene, SIZE, passes=PATHS, **ONE_BOUNCE) as renderer:
         for _ in range(frames):
             frame = renderer.render(scene.camera)
             diffuse, specular = (frame[name][..., 3] for name in ("paths_diffuse", "paths_specular"))

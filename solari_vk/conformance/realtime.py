@@ -37,6 +37,12 @@ DIRECT = (*GBUFFER, "light_tiles/", "restir_di/")
 INDIRECT = (*GBUFFER, "light_tiles/", "world_cache/", "restir_gi/")
 SPECULAR = (*INDIRECT, "specular_gi/")
 GUIDES = (*GBUFFER, "guides/")
+PATHS = (*GBUFFER, "world_cache/", "paths/")
+# What the path tracer computes, at the centers of pixels.
+PLAIN: dict[str, Any] = {
+    "lighting": "paths", "world_cache": False, "paths_candidates": 1, "paths_later_candidates": 1,
+    "paths_regularization": 0.0, "paths_bounces": 64, "jitter": False,
+}  # fmt: skip
 JITTER_PERIOD = 32  # number of frames after which samples cover the pixel evenly, so that edges add no noise
 
 
@@ -70,6 +76,11 @@ def make_renderer(
 def get_jitter(renderer: Renderer) -> Image:
     """The offset of the latest frame's samples from pixel centers, (x, y) in pixels."""
     return np.array(renderer._frame.uniforms["camera.jitter"], np.float64)
+
+
+def read_radiance(frame: RenderedFrame, name: str = "sample_radiance") -> Image:
+    """A result of a frame, (h, w, 3)."""
+    return np.asarray(frame[name], np.float64)[..., :3]
 
 
 def add_up(frame: RenderedFrame, *names: str) -> Image:

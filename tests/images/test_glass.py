@@ -6,10 +6,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from support.measured import hold
+from support.paths import Profile, measure_means
 
 import solari_vk as sv
-from solari_vk.conformance import paths_checks
-from solari_vk.conformance.paths_checks import Profile
 from solari_vk.conformance.realtime import Effort, make_renderer
 from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.scene import shapes
@@ -154,7 +153,7 @@ PICTURES = {
 @pytest.mark.parametrize("name", PICTURES)
 def test_frames_have_the_path_tracers_mean(device, name):
     profile = Profile(Effort(16, 0, 64, 8192), Effort(), (0.01, 0.0))
-    hold(paths_checks.measure_means(device, profile, PICTURES[name](), kinds=("one", "several")))
+    hold(measure_means(device, profile, PICTURES[name](), kinds=("one", "several")))
 
 
 @pytest.mark.parametrize("frames", [0, pytest.param(3, marks=pytest.mark.slow)])

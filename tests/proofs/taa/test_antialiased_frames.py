@@ -12,14 +12,12 @@ from support.frames import differing, find, left_of, settle
 
 import solari_vk as sv
 from solari_vk.conformance.realtime import SPLIT, get_jitter, make_renderer
-from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.measure.statistics import relative_mse, sixteenths
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import builtin, cornell_box, place
 
 SIZE = (64, 64)
 SETTLED = 64  # frames
-FOLDER = "passes/taa/"
 
 
 def make(device, scene, size=SIZE, **settings):
@@ -62,23 +60,19 @@ def settled(device, **settings):
         return read(frame), read(frame, "sample_radiance")
 
 
-def still_error(device, reference):
+def test_a_single_frame_has_no_aliasing(device, reference):
+    """Measured: 0.0032, and 0.051 of a single denoised frame without antialiasing, most of it from aliasing."""
     picture, samples = settled(device)
     errors = relative_mse(picture, reference), relative_mse(samples, reference)
     print("still: {:.4f}, without antialiasing {:.4f}".format(*errors))
-    return errors
+    assert errors[0] < 0.006
+    assert errors[1] > 0.03
 
 
-def test_a_single_frame_has_no_aliasing(device, reference):
-    """Measured: 0.0032, and 0.051 of a single denoised frame without antialiasing, most of it from aliasing."""
-    error, aliased = still_error(device, reference)
-    assert error < 0.006
-    assert aliased > 0.03
-
-
-def upscaled_errors(device, reference):
-    """relMSE of a picture of 2 x 2 pixels for each that is rendered, of bilinear interpolation, and of the picture for
-    which all pixels are rendered in as many frames."""
+@pytest.mark.slow
+def test_upscaled_pictures(device, reference):
+    """relMSE of a picture of 2 x 2 pixels for each that is rendered, beside that of bilinear interpolation, and of the
+    picture for which all pixels are rendered in as many frames."""
     half = SIZE_OF_ERRORS[0] // 2, SIZE_OF_ERRORS[1] // 2
     small = settled(device, size=half, antialiasing=False)[0].astype(np.float32)
     channels = [Image.fromarray(small[..., i]).resize(SIZE_OF_ERRORS, Image.Resampling.BILINEAR) for i in range(3)]
@@ -86,19 +80,9 @@ def upscaled_errors(device, reference):
     native = relative_mse(settled(device)[0], reference)
     error = relative_mse(settled(device, upscale=2)[0], reference)
     print(f"upscaled {error:.4f}, bilinear {bilinear:.4f}, all pixels {native:.4f}")
-    return error, bilinear, native
-
-
-def test_upscaled_pictures(device, reference):
-    """Measured with other seeds, in an older build: 0.0149 and 0.0144, 3.8 and 3.6 times the error of all pixels;
-    bilinear 2.7. Today's figures, without the noise of the reference, are in docs/denoising.md."""
-    error, bilinear, native = upscaled_errors(device, reference)
-    assert is_upscaled_well(error, native)
+    assert error < 0.025
+    assert error < 5 * native
     assert error < 0.01 * bilinear
-
-
-def is_upscaled_well(error, native):
-    return error < 0.025 and error < 5 * native
 
 
 def checkers():
@@ -149,16 +133,6 @@ def test_the_mean_is_that_of_the_samples(device):
     assert np.abs(tiles).max() < 0.03
 
 
-def test_noise_of_a_settled_picture(device):
-    """The standard deviation of pixels over frames is at most an eighth of that of the raw frames."""
-    with make(device, cornell_box()) as renderer:
-        settle(renderer, None, SETTLED)
-        frames = [(read(frame), read(frame, "raw_radiance")) for frame in (renderer.render() for _ in range(16))]
-    ratio = np.std([f[0] for f in frames], axis=0).mean() / np.std([f[1] for f in frames], axis=0).mean()
-    print(f"{ratio:.4f}")
-    assert ratio < 1 / 8
-
-
 # ---- what moves and changes -------------------------------------------------------------------------
 
 
@@ -167,7 +141,7 @@ def glowing(radiance):
     return sv.Material(base_color=0.0, reflectance=0.0, emissive=radiance)
 
 
-def passing_block(device):
+def test_what_a_moving_block_uncovers(device):
     """A block that glows moves by 2 pixels a frame for 24 frames in front of a wall with checkers that glow: the share
     of its light that is left where it was 8 frames ago; and relMSE of what it uncovered in 2 frames, over that of the
     samples of what it never covered."""
@@ -202,24 +176,19 @@ def passing_block(device):
     trail = left_of(pictures[8][left], truth[left], picture[left])
     found, usual = relative_mse(picture[uncovered], truth[uncovered]), relative_mse(samples[never], truth[never])
     print(f"trail {trail:+.4f}, uncovered {found:.5f}, samples {usual:.5f}")
-    return abs(trail), found / usual
+    assert abs(trail) < 0.05
+    assert found / usual < 3
 
 
-def test_what_a_moving_block_uncovers(device):
-    trail, ratio = passing_block(device)
-    assert trail < 0.05
-    assert ratio < 3
-
-
-def edge_of_reflection(device, speed=0.7):
-    """How far the edge of a lit card in a flat metal mirror is off, in pixels, while the camera moves sideways by
-    `speed` pixels a frame."""
+def test_edges_in_mirrors(device):
+    """How far the edge of a lit card in a flat metal mirror is off, in pixels, while the camera moves sideways by 0.7
+    pixels a frame."""
     scene = sv.Scene()
     scene.add(shapes.quad((0, 0, 0), (3, 0, 0), (0, 3, 0)), sv.Material(metallic=1.0, perceptual_roughness=0.0))
     scene.add(shapes.quad((0.6, 0, 3.0), (-0.6, 0, 0), (0, 3, 0)), glowing(1.0))
     scene.add(shapes.quad((0, 0, 3.2), (-6, 0, 0), (0, 6, 0)), glowing(0.1))
     scene.add(sv.Camera(transform=place(at=(0, 0, 2)), vertical_fov=0.6))
-    step = speed * 2 * np.tan(0.3) * 5 / SIZE[0]  # meters for a point at its virtual distance
+    step = 0.7 * 2 * np.tan(0.3) * 5 / SIZE[0]  # meters for a point at its virtual distance
     with make(device, scene) as renderer:
         for index in range(32):
             camera = moved(scene.camera, index * step)
@@ -230,14 +199,10 @@ def edge_of_reflection(device, speed=0.7):
     high, low = truth[16:48].mean(axis=(0, 2)).max(), truth[16:48].mean(axis=(0, 2)).min()
     off = abs(found - right) / (high - low)
     print(f"edge off by {off:.3f} pixels; contrast {left_of(truth, truth.mean(), picture):.3f}")
-    return off
+    assert off < 0.25
 
 
-def test_edges_in_mirrors(device):
-    assert edge_of_reflection(device) < 0.25
-
-
-def pan_error(device):
+def test_a_moving_camera_keeps_edges_smooth(device):
     """The mean square error while the camera moves sideways by about a pixel a frame, over that without antialiasing.
     Highlights are compressed as a display does, or the lamp's edges would be all that counts."""
     scene = cornell_box()
@@ -249,26 +214,7 @@ def pan_error(device):
     truth, picture, samples = (x / (x + 0.2) for x in (trace(device, scene, camera), picture, samples))
     errors = ((picture - truth) ** 2).mean(), ((samples - truth) ** 2).mean()
     print("moving: {:.5f}, without antialiasing {:.5f}".format(*errors))
-    return errors[0] / errors[1]
-
-
-def test_a_moving_camera_keeps_edges_smooth(device):
-    assert pan_error(device) < 0.3
-
-
-def lamp_off(device):
-    """The light that is left 10 frames after the lamp was switched off, over the light before."""
-    scene = cornell_box()
-    with make(device, scene) as renderer:
-        before = read(settle(renderer, None, 40)).mean()
-        find(scene, "lamp").material.emissive = np.zeros(3)
-        after = read(settle(renderer, None, 10)).mean() / before
-    print(f"{after:.4f}")
-    return after
-
-
-def test_light_that_is_switched_off_is_gone(device):
-    assert lamp_off(device) < 0.05
+    assert errors[0] / errors[1] < 0.3
 
 
 def test_changes_of_colors_are_followed(device):
@@ -280,6 +226,28 @@ def test_changes_of_colors_are_followed(device):
         picture = read(settle(renderer, None, 8))
         after = read(settle(renderer, None, 60))
     assert abs(left_of(before, after, picture)) < 0.05
+
+
+@pytest.mark.parametrize("upscale", [1.0, pytest.param(2.0, marks=pytest.mark.slow)])
+def test_a_camera_that_moves_leaves_no_edges_behind(device, upscale):
+    """The background doesn't move with the camera, but what is seen before it does."""
+    scene = sv.builtin("cornell_box")
+    camera = sv.Camera(transform=scene.camera.transform, vertical_fov=scene.camera.vertical_fov)
+    settings = sv.Settings(denoise=True, antialiasing=True, upscale=upscale)
+    with sv.Renderer(device, scene, (96, 54), settings) as renderer:
+        for step in range(10):
+            if step > 3:
+                transform = camera.transform.copy()
+                transform[0, 3] += 0.25
+                camera.transform = transform
+            frame = renderer.render(camera)
+        picture, empty = frame["radiance"].max(axis=2), ~np.isfinite(frame["depth"])
+    shapes = [np.roll(empty, (down, right), (0, 1)) for down in range(-3, 4) for right in range(-3, 4)]
+    far = np.logical_and.reduce(shapes)  # from all edges
+    assert far.mean() > 0.2
+    typical = np.median(picture[~empty])
+    print(picture[far].max() / typical)
+    assert picture[far].max() < 0.05 * typical
 
 
 # ---- sizes, cuts, hard input ------------------------------------------------------------------------
@@ -334,11 +302,12 @@ def test_off_is_the_frame_of_samples(device, settings):
         check_first_picture(on.render(), on)  # the switch is live
 
 
-# The height of (4, 4) and of (9, 3) is the number of pixels that are rendered for them.
-@pytest.mark.parametrize(
-    ("size", "upscale"),
-    [*itertools.product([(1, 1), (5, 7), (16, 3)], [1.0, 1.5, 2.0, 3.0]), ((4, 4), 2.0), ((9, 3), 3.0)],
-)
+# The height of (9, 3) is the number of pixels that are rendered for it.
+@pytest.mark.parametrize(("size", "upscale"), [
+    ((1, 1), 1.0), ((5, 7), 1.5), ((9, 3), 3.0),
+    *(pytest.param(*case, marks=pytest.mark.slow)
+      for case in (((1, 1), 3.0), ((16, 3), 2.0), ((5, 7), 2.0), ((4, 4), 2.0))),
+])  # fmt: skip
 def test_sizes(device, size, upscale):
     scene = cornell_box()
     with make(device, scene, size, upscale=upscale) as renderer:
@@ -363,23 +332,6 @@ def test_upscale_is_live(device):
         renderer.view = "picture"
         found, right = read(settle(renderer, None, 20)), read(settle(other, None, 24))
     assert relative_mse(found, right) < 0.1
-
-
-def test_values_that_are_not_finite_spread_nowhere(device):
-    """A sample is NaN from the third frame on: all pixels stay finite, and the others as they were."""
-    scene = cornell_box()
-    index = SIZE[0] * 24 + 20
-    wrong = ("passes/paths/compose.comp", "    sample_radiance.at[index] = emitted",
-             f"    if (index == {index}u && this_frame.index > 2u) {{ emitted += 0.0 / 0.0; }}\n"
-             "    sample_radiance.at[index] = emitted")  # fmt: skip
-    pictures = []
-    for patches in ([], [wrong]):
-        with patched_shaders(*patches), make(device, scene) as renderer:
-            pictures.append(read(settle(renderer, None, 8)).reshape(-1, 3))
-    assert np.isfinite(pictures[1]).all()
-    apart = np.abs(pictures[1] - pictures[0])
-    assert np.delete(apart, index, axis=0).sum() < 1e-3 * pictures[0].sum()
-    assert apart[index].max() < 0.3 * pictures[0][index].max()
 
 
 @pytest.mark.parametrize("ev100", [-40.0, 40.0])
@@ -408,36 +360,3 @@ def test_same_seed_same_bits(device):
         for index in range(5):
             camera = moved(scene.camera, 0.02 * index)
             assert not differing(first.render(camera), second.render(camera))
-
-
-# ---- mutants ----------------------------------------------------------------------------------------
-
-
-def caught_by_upscaled(device, reference):
-    settled.cache_clear()
-    error, _, native = upscaled_errors(device, reference)
-    settled.cache_clear()
-    return not is_upscaled_well(error, native)
-
-
-CAUGHT = {
-    "upscaled": caught_by_upscaled,
-    "block": lambda device, _: max(np.array(passing_block(device)) / (0.05, 3)) > 1,
-    "mirror": lambda device, _: edge_of_reflection(device) > 0.25,
-    "pan": lambda device, _: pan_error(device) > 0.3,
-}
-MUTANTS = {
-    "jitter the wrong way": ("upscaled", "samples.glsl", "- 0.5 - this_frame.sample_offset",
-                             "- 0.5 + this_frame.sample_offset"),
-    "no limit": ("block", "resolve.comp", "!(outside > SUSPECT)", "true"),
-    "no motion": ("pan", "history.glsl", "position = vec2(at) + 0.5 + motion;", "position = vec2(at) + 0.5;"),
-    "motion the wrong way": ("pan", "history.glsl", "position = vec2(at) + 0.5 + motion;",
-                             "position = vec2(at) + 0.5 - motion;"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", MUTANTS)
-def test_mutants_are_caught(device, reference, name):
-    by, file, old, new = MUTANTS[name]
-    with patched_shaders((FOLDER + file, old, new)):
-        assert CAUGHT[by](device, reference)
