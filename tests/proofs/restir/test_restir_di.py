@@ -1,25 +1,113 @@
-"""ReSTIR DI against the path tracer: options that don't change the mean, behaviors of Solari that do, and history."""
+"""ReSTIR DI against the path tracer in light, penumbra and shadow; options that don't change the mean; history."""
 
 from __future__ import annotations
 
 import math
-from unittest import mock
+from typing import NamedTuple
 
 import numpy as np
 import pytest
+from support.direct_light import ALONE, direct_light
+from support.frames import path_tracer_at_centers
 from support.measured import hold
+from support.seeded_bugs import Bug, bug_tests, seeded
 from support.statistics import replicates
 
 import solari_vk as sv
-from solari_vk.conformance.direct_checks import ALONE, FULL, find_lit_share, measure_direct, observe_direct
-from solari_vk.conformance.realtime import Effort, make_renderer, trace
-from solari_vk.gpu.shaders.patches import patched_shaders
-from solari_vk.measure.claims.older import CONSTANT_WEIGHTS, VISIBILITY_FED_FORWARD
+from solari_vk.conformance.realtime import (
+    JITTER_PERIOD,
+    Effort,
+    make_renderer,
+    measure_mean,
+    measure_picture_tiles,
+    run_pictures,
+    trace,
+)
+from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.measure.statistics import relative_interval, sixteenths
-from solari_vk.passes import pathtracer
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, lamp, many_lights, matte
 from solari_vk.scene.constants import NO_INDEX
+from solari_vk.scene.matrices import transform_directions
+
+_DI = (SUITE, "ReSTIR DI")
+DIRECT = Rule("direct light of a Cornell box", *_DI)
+SIXTEENTHS = Rule("direct light of a Cornell box in each of 4 x 4 tiles", *_DI)
+LIT = Rule("direct light where all of the lamp is seen", *_DI)
+PENUMBRA = Rule("direct light where part of the lamp is seen", *_DI)
+SHADOW = Rule("no direct light where nothing of the lamp is seen", *_DI)
+_SHARE_RAYS = 64  # pairs of a point in the pixel and one on the lamp
+
+
+class Profile(NamedTuple):
+    """The picture's width and height in pixels, the effort of the measurement, and the bars."""
+
+    side: int
+    effort: Effort
+    bars: dict
+
+
+_BARS = {DIRECT: 0.01, SIXTEENTHS: 0.05, LIT: 0.01, PENUMBRA: 0.02, SHADOW: 0.005}
+_FULL_BARS = {**_BARS, DIRECT: 0.005, PENUMBRA: 0.01}
+FAST = Profile(64, Effort(16, 24, 3 * JITTER_PERIOD, 2048), _BARS)
+FULL = Profile(96, Effort(16, 24, 4 * JITTER_PERIOD, 2048), _FULL_BARS)
+
+
+def find_lit_share(device, scene, side):
+    """How much of the lamp a pixel's surface sees (side, side), by rays; NaN where it faces away from it."""
+    light = next(instance for instance in scene if instance.name == "lamp").mesh.positions.astype(np.float64)
+    low, high = light.min(axis=0), light.max(axis=0)
+    random = np.random.default_rng(0)
+    camera = scene.camera
+    slope = math.tan(camera.vertical_fov / 2) * np.array((1.0, -1.0))
+    pixels = np.stack(np.meshgrid(np.arange(side), np.arange(side)), axis=-1)[:, :, None]
+    ndc = 2 * (pixels + random.random((side, side, _SHARE_RAYS, 2))) / side - 1
+    view = np.concatenate([ndc * slope, np.full((*ndc.shape[:3], 1), -1.0)], axis=-1)
+    along = transform_directions(camera.transform, view)
+    with sv.RayTracer(device, scene) as rays:
+        hits = rays.trace(camera.transform[:3, 3], along)
+        origins = hits["position"] + 1e-4 * hits["normal"]
+        to_light = random.uniform(low, high, (*ndc.shape[:3], 3)) - origins
+        facing = np.isfinite(hits["t"]) & ((to_light * hits["normal"]).sum(axis=-1) > 1e-2)
+        seen = np.isinf(rays.trace(origins, to_light, t_max=1 - 1e-4, any_hit=True)["t"])
+    with np.errstate(invalid="ignore"):
+        return np.asarray((facing & seen).sum(axis=-1) / facing.sum(axis=-1))
+
+
+def trace_direct(device, scene, samples, side):
+    """The path tracer's picture (side, side, 3) of one bounce, and which pixels (side, side) show no part of a lamp.
+
+    Pixels at a lamp's edges are made black, because there the 32 jitter positions of the realtime frame cover a few per
+    cent more of the lamp than the whole pixel does.
+    """
+    one, none = (trace(device, scene, samples, (side, side), max_bounces=count) for count in (1, 0))
+    shown = (none == 0).all(axis=-1)
+    return one * shown[..., None], shown
+
+
+def observe_direct(device, scene, side, effort, **settings):
+    """Direct light of independent runs (runs, side, side, 3)."""
+    with make_renderer(device, scene, (side, side), **ALONE, **settings) as renderer:
+        return run_pictures(renderer, scene.camera, effort, direct_light)
+
+
+def measure_direct(device, profile=FAST):
+    """Compares direct light with one bounce of the path tracer: in all pixels, and by the visible share of the lamp."""
+    side, effort, bars = profile
+    scene = cornell_box()
+    expected, shown = trace_direct(device, scene, effort.samples, side)
+    found = observe_direct(device, scene, side, effort) * shown[..., None]
+    yield measure_mean(DIRECT, found, expected, bars[DIRECT], effort)
+    yield measure_picture_tiles(SIXTEENTHS, found, expected, bars[SIXTEENTHS], effort)
+    share = np.where(shown, find_lit_share(device, scene, side), np.nan)
+    for rule, pixels in ((LIT, share == 1), (PENUMBRA, (share > 0) & (share < 1))):
+        yield measure_mean(rule, found[:, pixels], expected[pixels], bars[rule], effort)
+    dark = share == 0
+    left = float(found[:, dark].mean() / expected.mean()) if dark.sum() > 16 else math.inf
+    yield Measurement(SHADOW, left, bars[SHADOW], f"of the picture's light, {effort}")
+
+
+# ---- at the centers of pixels ------------------------------------------------------------------------
 
 SIDE = 48
 CENTERS = {"gbuffer": "traced", "jitter": False}  # samples lie at pixel centers, as in trace_centers
@@ -29,7 +117,7 @@ LITTLE_REUSE = {"di_confidence_cap": 4.0, "di_spatial_radius": 12.0}
 
 def trace_centers(device, scene, samples):
     """The path tracer's direct light, with all samples at pixel centers, so that edges add no noise."""
-    with mock.patch.dict(pathtracer.PIXEL_FILTERS, box=0.0):
+    with path_tracer_at_centers():
         one, none = (trace(device, scene, samples, (SIDE, SIDE), max_bounces=count) for count in (1, 0))
     return one - none
 
@@ -56,33 +144,21 @@ def assert_within(observations, truth, bar, what=""):
 
 
 def test_no_sixteenth_of_a_cornell_box_differs(device, cornell):
-    """No tile of 4 x 4 differs from the path tracer. The conformance suite proves the means in light, penumbra and
-    shadow."""
+    """No tile of 4 x 4 differs from the path tracer."""
     scene, truth, _ = cornell
     assert replicates(sixteenths(observe(device, scene, 48)), sixteenths(truth), 0.01) == (0, True)
 
 
-@pytest.mark.slow  # takes two thousand frames
-def test_full_profile(device):
-    hold(measure_direct(device, FULL))
+@pytest.mark.slow
+@pytest.mark.parametrize("profile", [FAST, FULL], ids=["fast", "full"])
+def test_light_penumbra_and_shadow(device, profile):
+    hold(measure_direct(device, profile))
 
 
-# Behaviors of Solari, and between which bounds their relative error lies in the whole Cornell box and in its penumbra.
-BIASED = {
-    "initial visibility": ({"di_initial_visibility": True}, (), (-0.10, -0.03), (-0.35, -0.12)),
-    "order of 0.17": ({"di_initial_visibility": True}, VISIBILITY_FED_FORWARD, (-0.35, -0.05), (-0.80, -0.25)),
-    "constant weights": ({}, CONSTANT_WEIGHTS, (-0.10, -0.005), (-0.15, 0.02)),
-}
-
-
-@pytest.mark.parametrize("name", BIASED)
-def test_solaris_behaviors_are_biased(device, cornell, name):
-    """Each behavior loses light, most of it in penumbras: testing the visibility of samples before they are merged, and
-    merge weights that ignore the target functions."""
-    settings, patches, everywhere, in_penumbra = BIASED[name]
+def check_bias(device, cornell, everywhere, in_penumbra, **settings):
+    """The bounds between which the relative error lies in the whole Cornell box and in its penumbra."""
     scene, truth, share = cornell
-    with patched_shaders(*patches):
-        observations = observe(device, scene, 8, **settings)
+    observations = observe(device, scene, 8, **settings)
     penumbra = (share > 0) & (share < 1)
     for pixels, (low, high) in ((share >= 0, everywhere), (penumbra, in_penumbra)):
         error, half_width = relative_interval(observations[:, pixels], truth[pixels])
@@ -90,6 +166,19 @@ def test_solaris_behaviors_are_biased(device, cornell, name):
         assert error + half_width < high
 
 
+@pytest.mark.slow
+def test_initial_visibility_is_biased(device, cornell):
+    """Testing the visibility of samples before they are merged, as Solari does, loses light, mostly in penumbras."""
+    check_bias(device, cornell, (-0.10, -0.03), (-0.35, -0.12), di_initial_visibility=True)
+
+
+@pytest.mark.slow
+def test_merge_weights_that_ignore_targets_are_biased(device, cornell):
+    with seeded(Bug("passes/restir_di/reservoir.glsl", "merge_share", "return correct(confidences, vec2(1.0));")):
+        check_bias(device, cornell, (-0.10, -0.005), (-0.15, 0.02))
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("settings", [
     {"di_temporal": False}, {"di_spatial": False}, {"permutation_sampling": False},
     {"spatial_radius_halving": False}, {"jitter": True},
@@ -116,6 +205,7 @@ def mixed_scene():
     return scene
 
 
+@pytest.mark.slow
 def test_suns_and_lamps_on_a_glossy_floor(device):
     """Direct light of both lobes is unbiased in each color channel."""
     scene = mixed_scene()
@@ -185,3 +275,22 @@ def test_halving_the_radius_finds_more_neighbors(device):
             neighbors = frame["di_outcomes"][..., 0][frame["gbuffer_depth"][..., 0] > 0]
             missing[halving] = (neighbors == NO_INDEX).mean()
     assert missing[True] < 0.9 * missing[False]
+
+
+def brief(device):
+    """With less effort than the rules take: the bugs are larger than these bars."""
+    return measure_direct(device, Profile(32, Effort(8, 12, JITTER_PERIOD, 512), dict.fromkeys(_BARS, 0.15)))
+
+
+@pytest.mark.slow
+def test_brief_check_holds(device):
+    hold(brief(device))
+
+
+test_a_seeded_bug_is_noticed = bug_tests({
+    DIRECT: (brief, Bug(
+        "passes/restir_di/initial_and_temporal.glsl", "generate_initial_reservoir",
+        "DiReservoir reservoir = correct(pixel, surface, rng); "
+        "reservoir.unbiased_contribution_weight *= float(restir_di_settings.candidates); return reservoir;")),
+    SHADOW: (brief, Bug("passes/restir_di/spatial_and_shade.comp", "transmittance", "return vec3(1.0);")),
+})  # fmt: skip

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import stats
 from support.encodings import pcg_hash, pcg_step
+from support.seeded_bugs import Bug, bug_tests
 
-from solari_vk.measure.claims.older import CONSTANT_WEIGHTS
+from solari_vk.conformance.shader_runner import ShaderRunner
 
 NEITHER = 0xFFFFFFFF
 SIZE = (13, 9)  # neither side divides by 4
@@ -63,8 +66,7 @@ CASES = {
 CONFIDENCES = [(1.0, 20.0), (1.0, 1.0), (1.0, 0.0), (21.0, 3.0)]
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_merge(shaders, name):
+def check_merge(shaders, name):
     """The mean of target times weight over all outcomes is the sum of targets, with and without reuse."""
     for confidences in CONFIDENCES:
         here, there = (np.array(targets) for targets in CASES[name])
@@ -88,7 +90,7 @@ def test_merge(shaders, name):
         assert abs(mean - here.sum()) <= 1e-5 * here.sum() + 1e-7, (name, confidences)
 
 
-def test_choices(shaders):
+def check_choices(shaders):
     """How often each of two samples is chosen, over many random numbers, and the weight that it then gets."""
     count = 40_000
     case = ((3.0, 5.0), (2.0, 0.7), (1.5, 2.5), (0.4, 3.0))
@@ -103,7 +105,7 @@ def test_choices(shaders):
     np.testing.assert_allclose(out["weight"], (first + second) / np.where(picked, h2, h1), rtol=1e-5)
 
 
-def test_streams(shaders):
+def check_streams(shaders):
     """The choice follows from the generator's numbers, one by one; weights of 0 are never chosen."""
     random = np.random.default_rng(4)
     streams = np.zeros(5000, STREAM)
@@ -126,7 +128,7 @@ def test_streams(shaders):
     assert (out["index"][nothing] == NEITHER).all()
 
 
-def test_permutation(shaders):
+def check_permutation(shaders):
     """The permutation is its own inverse for each of the 16 shifts, and no pixel leaves the picture or wraps around."""
     width, height = SIZE
     y, x = np.mgrid[:height, :width]
@@ -143,32 +145,40 @@ def test_permutation(shaders):
     assert len(np.unique(moved, axis=0)) == 16, "the blocks lie elsewhere in other frames"
 
 
-def test_constant_weights_are_biased_where_supports_differ(patched):
-    with patched(*CONSTANT_WEIGHTS) as constant:
-        test_merge(constant, "alike")
-        test_merge(constant, "unlike")
-        with pytest.raises(AssertionError):
-            test_merge(constant, "zeros")
+@pytest.fixture(scope="module")
+def shaders(device):
+    with ShaderRunner(device, Path(__file__).parent / "glsl") as runner:
+        yield runner
 
 
-RESERVOIR, REUSE, RANDOM = "passes/restir_di/reservoir.glsl", "passes/reuse.glsl", "common/random.glsl"
-MUTANTS = {
-    "confidence ignored": (test_choices, (), RESERVOIR, "confidences * targets;", "targets;"),
-    "targets swapped": (test_merge, ("unlike",), RESERVOIR, "vec2(there.y, here.y)", "vec2(here.y, there.y)"),
-    "sum not divided": (test_merge, ("unlike",), RESERVOIR, "target > 0.0 ? weight_sum / target",
-                        "target > 0.0 ? weight_sum"),
-    "confidence not added": (test_merge, ("unlike",), RESERVOIR, "= first.confidence + second.confidence",
-                             "= first.confidence"),
-    "zeros are chosen": (test_streams, (), RANDOM, "* weight_sum < weight", "* weight_sum <= weight"),
-    "latest preferred": (test_streams, (), RANDOM, "rand_f(rng) * weight_sum <",
-                         "rand_f(rng) * rand_f(rng) * weight_sum <"),
-    "wraps at the edge": (test_permutation, (), REUSE, "return is_inside_picture(partner) ? partner : pixel;",
-                          "return abs(partner) % ivec2(camera.size);"),
-    "no shift back": (test_permutation, (), REUSE, "((pixel + shift) ^ 3) - shift", "(pixel + shift) ^ 3"),
-}  # fmt: skip
+@pytest.mark.parametrize("name", CASES)
+def test_merge(shaders, name):
+    check_merge(shaders, name)
 
 
-@pytest.mark.parametrize("name", MUTANTS)
-def test_a_seeded_bug_is_noticed(expect_failure, name):
-    check, arguments, *patch = MUTANTS[name]
-    expect_failure(tuple(patch), check, *arguments)
+@pytest.mark.parametrize("check", [check_choices, check_streams, check_permutation])
+def test_choice(shaders, check):
+    check(shaders)
+
+
+def checking(check, *arguments):
+    """The check of a device whose shaders are compiled anew."""
+
+    def run_check(device):
+        with ShaderRunner(device, Path(__file__).parent / "glsl") as runner:
+            check(runner, *arguments)
+
+    return run_check
+
+
+SHARE = functools.partial(Bug, "passes/restir_di/reservoir.glsl", "merge_share")
+test_a_seeded_bug_is_noticed = bug_tests({
+    "merge: weights ignore targets": (checking(check_merge, "zeros"), SHARE("return correct(confidences, vec2(1.0));")),
+    "choices: confidence ignored": (checking(check_choices), SHARE("return correct(vec2(1.0), targets);")),
+    "streams: latest preferred": (checking(check_streams), Bug(
+        "common/random.glsl", "choose_weighted", "weight_sum += weight; "
+        "return rand_f(rng) * rand_f(rng) * weight_sum < weight;")),
+    "permutation: no shift back": (checking(check_permutation), Bug(
+        "passes/reuse.glsl", "permute_pixel", "ivec2 shift = ivec2(random & 3u, random >> 2u & 3u); "
+        "ivec2 partner = (pixel + shift) ^ 3; return is_inside_picture(partner) ? partner : pixel;")),
+}, quick=("merge: weights ignore targets",))  # fmt: skip

@@ -5,22 +5,56 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from support.measured import hold
+from support.seeded_bugs import Bug, bug_tests
 
-from solari_vk.conformance.indirect_checks import (
-    FULL,
-    INDIRECT,
-    SIXTEENTHS,
-    measure_indirect,
-    observe_indirect,
-    trace_second_bounce,
+from solari_vk.conformance.realtime import (
+    SPECULAR,
+    SPLIT,
+    Effort,
+    add_up,
+    make_renderer,
+    measure_mean,
+    measure_significance,
+    run_pictures,
+    trace,
 )
-from solari_vk.conformance.realtime import SPECULAR, SPLIT, Effort, make_renderer, measure_mean, measure_significance
-from solari_vk.gpu.shaders.patches import patched_shaders
+from solari_vk.conformance.rules import SUITE, Rule
 from solari_vk.measure.statistics import relative_interval
 from solari_vk.scene.builtin import closed_box, cornell_box, place
 from solari_vk.scene.constants import NO_INDEX
 from solari_vk.scene.model import Camera, Instance, Material
 from solari_vk.scene.shapes import sphere
+
+INDIRECT = Rule("one bounce of indirect light in a Cornell box", SUITE, "ReSTIR GI")
+SIXTEENTHS = Rule("no tile of 4 x 4 differs significantly from the path tracer's indirect light", SUITE, "ReSTIR GI")
+SIZE = (48, 48)
+# The effort of the measurement, and the bar.
+FAST = (Effort(16, 24, 64, 2048), 0.03)
+FULL = (Effort(16, 24, 256, 8192), 0.0075)
+
+
+def trace_second_bounce(device, scene, samples):
+    """The path tracer's picture with two bounces minus that with one (h, w, 3)."""
+    two, one = (trace(device, scene, samples, SIZE, max_bounces=count) for count in (2, 1))
+    return two - one
+
+
+def observe_indirect(device, scene, effort, **settings):
+    """One bounce of indirect light in independent runs (runs, h, w, 3), rendered without the world cache."""
+    alone = {"passes": SPECULAR, **SPLIT, "world_cache": False, "di": False}
+    with make_renderer(device, scene, SIZE, **alone, **settings) as renderer:
+        return run_pictures(renderer, scene.camera, effort, lambda frame: add_up(frame, "gi_diffuse", "specular_gi"))
+
+
+def measure_indirect(device, profile=FAST):
+    """Without the cache, indirect light is the path tracer's second bounce."""
+    effort, bar = profile
+    scene = cornell_box()
+    expected = trace_second_bounce(device, scene, effort.samples)
+    found = observe_indirect(device, scene, effort)
+    yield measure_mean(INDIRECT, found, expected, bar, effort)
+    yield measure_significance(SIXTEENTHS, found, expected)
+
 
 BRIEF = Effort(16, 24, 16)
 
@@ -40,17 +74,21 @@ def cornell(device):
 
 
 @pytest.mark.slow
-def test_full_profile(device):
-    hold(measure_indirect(device, FULL))
+@pytest.mark.parametrize("profile", [FAST, FULL], ids=["fast", "full"])
+def test_one_bounce_is_the_path_tracers(device, profile):
+    hold(measure_indirect(device, profile))
 
 
+@pytest.mark.slow
 def test_visibility_as_in_solari_loses_light(device, cornell):
     scene, expected = cornell
     error, half_width = relative_interval(observe_indirect(device, scene, BRIEF, gi_visibility="neighbor"), expected)
     assert error + half_width < -0.03
 
 
-@pytest.mark.parametrize(("temporal", "spatial"), [(False, False), (True, False), (False, True)])
+@pytest.mark.parametrize(("temporal", "spatial"), [
+    (False, False), *(pytest.param(*case, marks=pytest.mark.slow) for case in ((True, False), (False, True))),
+])  # fmt: skip
 def test_each_reuse_alone_is_unbiased(device, cornell, temporal, spatial):
     scene, expected = cornell
     found = observe_indirect(device, scene, BRIEF, gi_temporal=temporal, gi_spatial=spatial)
@@ -85,7 +123,7 @@ def test_confidence_grows_to_its_cap_and_is_reset(device):
         assert set(np.unique(renderer.render(scene.camera)["gi_reservoirs"]["confidence_weight"])) <= {0, 1}
 
 
-def test_reservoirs_name_living_cells_that_hold_their_points(device):
+def check_cells_of_reservoirs(device):
     """After each frame: with the shortest lives, a moving camera, and settings that change."""
     changes = {4: {"gi_refresh": False}, 6: {"gi_refresh": True}, 8: {"world_cache": False}, 9: {"world_cache": True},
                11: {"world_cache_cells": 1 << 13}}  # fmt: skip
@@ -108,11 +146,27 @@ def test_reservoirs_name_living_cells_that_hold_their_points(device):
             assert ((within >= -jitter) & (within <= 1 + jitter)).all(), step
 
 
-@pytest.mark.parametrize(("file", "old", "new"), [
-    ("restir_gi/temporal.comp", "if (!refreshes) { reservoir.world_cache_cell = NO_INDEX; }", ""),
-    ("world_cache/map.glsl", "atomicMax(world_cache_life.at[cell], lifetime);", ""),
-    ("restir_gi/initial.comp", "? NO_INDEX : light.cell", "? NO_INDEX : light.cell ^ 1u"),
-], ids=["cells kept unread", "cells not kept alive", "another cell"])  # fmt: skip
-def test_a_seeded_bug_in_the_cells_of_reservoirs_is_noticed(device, file, old, new):
-    with patched_shaders((f"passes/{file}", old, new)), pytest.raises(AssertionError):
-        test_reservoirs_name_living_cells_that_hold_their_points(device)
+def test_reservoirs_name_living_cells_that_hold_their_points(device):
+    check_cells_of_reservoirs(device)
+
+
+def brief(device):
+    """With less effort than the rules take: the bugs are larger than this bar."""
+    return measure_indirect(device, (Effort(), 0.06))
+
+
+@pytest.mark.slow
+def test_brief_check_holds(device):
+    hold(brief(device))
+
+
+test_a_seeded_bug_is_noticed = bug_tests({
+    INDIRECT: (brief, Bug("passes/restir_gi/initial.comp", "generate_initial_reservoir",
+                          "GiReservoir reservoir = correct(surface, rng); "
+                          "reservoir.unbiased_contribution_weight *= 0.5; return reservoir;")),
+    SIXTEENTHS: (brief, Bug("passes/restir_gi/spatial_and_shade.comp", "shade_diffuse",
+                            "return correct(surface, reservoir) / max(reservoir.unbiased_contribution_weight, 1e-6);")),
+    "cells of reservoirs: kept unread": (check_cells_of_reservoirs, Bug(
+        "passes/restir_gi/temporal.comp", "refresh_radiance",
+        "if (restir_gi_settings.refresh != 0u && frame_settings.world_cache != 0u) { correct(reservoir); }")),
+})  # fmt: skip
