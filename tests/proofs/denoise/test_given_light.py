@@ -228,4 +228,4 @@ test_a_seeded_bug_is_noticed = bug_tests({
     TURNS: (measure_turns, Bug("passes/denoise/aside.glsl", "unpack_aside", "diffuse = specular = NO_HISTORY;")),
     KEPT: (measure_smooth_surfaces, Bug(TEMPORAL, "blend", "Lobe both = correct(a, b, share); "
                                         "both.radiance *= 0.9; return both;")),
-}, quick=(NOT_FINITE,))  # fmt: skip
+}, quick=(FORGOTTEN,))  # fmt: skip

@@ -219,4 +219,4 @@ test_a_seeded_bug_is_noticed = bug_tests({
                                      "sample_index); path.u = rand_vec2f(path.rng); return path;")),
     # no specular lobe is followed
     CELLS: (measure_cells, Bug(PATH, "is_rough", "return true;")),
-}, quick=(SEQUENCE,))  # fmt: skip
+})  # fmt: skip

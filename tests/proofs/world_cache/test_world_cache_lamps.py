@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.seeded_bugs import Bug, bug_tests
 from world_cache_frame import CacheFrame
 
 import solari_vk as sv
 from solari_vk.conformance.light_checks import LAMP_CORNERS, LAMP_RADIANCE, floor_scene, lamp_above
 from solari_vk.conformance.oracles import closed_forms
-from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.scene.builtin import rgb
 
 UP = (0.0, 1.0, 0.0)
@@ -52,28 +52,14 @@ def check(device, lamp):
     assert found[3] < 4
 
 
-@pytest.mark.parametrize("lamp", LAMPS)
+@pytest.mark.parametrize("lamp", [
+    "tilted", *(pytest.param(name, marks=pytest.mark.slow) for name in LAMPS if name != "tilted"),
+])  # fmt: skip
 def test_cells_under_a_lamp(device, lamp):
     check(device, lamp)
 
 
-SAMPLE, PATH, VERTEX = "passes/world_cache/sample.comp", "passes/paths/path.glsl", "passes/paths/vertex.glsl"
-HITS = (PATH, "surface.material.emissive * power_heuristic(mis_pdf, light_pdf)", "vec3(0.0)")
-MUTANTS = {
-    "no pi": ("tilted", (SAMPLE, "PI * path_light(path)", "path_light(path)")),
-    "a pixel's number of candidates": ("near", (SAMPLE, "    path.candidates = world_cache_settings.candidates;\n", ""),
-                                       (PATH, "float(candidates);", "float(world_cache_settings.candidates);")),
-    "light samples weighted as one": ("near", (VERTEX, "power_heuristic(density * light", "power_heuristic(light")),
-    "no hits": ("near", HITS),
-    "no light samples": ("tilted", (PATH, "if (max_component(sum(drawn.light)) > 0.0) {", "if (false) {")),
-    "light samples alone": ("near", HITS, (VERTEX, "light.received_radiance * mis_weight", "light.received_radiance")),
-    "a gray surface": ("tilted", (SAMPLE, "path.vertex.brdf = white_diffuse_brdf();",
-                                  "path.vertex.brdf = white_diffuse_brdf(); path.vertex.brdf.diffuse_color *= 0.97;")),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", [n if n == "no pi" else pytest.param(n, marks=pytest.mark.slow) for n in MUTANTS])
-def test_seeded_bug_is_noticed(device, name):
-    lamp, *patches = MUTANTS[name]
-    with patched_shaders(*patches), pytest.raises(AssertionError):
-        check(device, lamp)
+test_a_seeded_bug_is_noticed = bug_tests({
+    "cells under a lamp: light samples weighted as one": (lambda device: check(device, "near"), Bug(
+        "passes/paths/vertex.glsl", "reflect_light", "return correct(vertex, light_sample, min(density, 1.0));")),
+})  # fmt: skip

@@ -1,16 +1,20 @@
-"""The world cache's light against closed forms, lifetimes, overfull maps, determinism, leaks; and seeded bugs."""
+"""The world cache's light against closed forms, lifetimes, overfull maps, determinism, and leaks."""
 
 from __future__ import annotations
 
 import itertools
+import math
 
 import numpy as np
 import pytest
+from support.measured import hold
+from support.seeded_bugs import Bug, bug_tests
 from world_cache_frame import SHADERS, CacheFrame
 
 import solari_vk as sv
+from solari_vk.conformance.realtime import SPLIT, add_up, make_renderer, trace
+from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
-from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.measure.statistics import relative_interval
 from solari_vk.passes import brdf_table
 from solari_vk.scene.builtin import place
@@ -48,6 +52,7 @@ def check_fixed_point(device, *, seeds=16, bar=0.02, warm_up=40, **changed):
     assert abs(error) + half_width < bar, (error, half_width)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lighting", ["paths", "split"])
 def test_fixed_point(device, lighting):
     """The cache converges to the right light with the default blend."""
@@ -58,7 +63,7 @@ def test_fixed_point_of_short_means(device):
     """Means over fewer frames converge sooner, to the same light. This is the control of the seeded bugs."""
     check_fixed_point(device, **BRIEF)
     check_fixed_point(device, **BRIEF, world_cache_change_exponent=10, world_cache_max_samples=6)
-    fixed_point_of_paths(device)
+    check_fixed_point(device, **BRIEF, lighting="paths")
 
 
 @pytest.mark.slow
@@ -189,62 +194,59 @@ def test_thin_wall(device):
     assert light_behind_a_wall(device, "finest", x=0.075) > 5e-3
 
 
-def fixed_point(device):
-    check_fixed_point(device, **BRIEF)
+LEAK = Rule("no light leaks through a thin wall", SUITE, "World cache")
+# The wall's offset from the cells' grid in meters, its angle in degrees, and the bar.
+WALLS = ((0.0, 0, 0.001), (0.075, 0, 0.002), (0.03, 0, 0.002), (0.1, 0, 0.002), (0.0, 45, 0.01), (0.05, 20, 0.01))
 
 
-def fixed_point_of_paths(device):
-    check_fixed_point(device, **BRIEF, lighting="paths")
+def measure_leak(device, walls=WALLS, **settings):
+    """The light that leaks through a wall of 2 cm, for walls on the grid of the cells and within cells."""
+    for x, turn, bar in walls:
+        scene, size = sv.builtin("thin_wall"), (32, 32)
+        wall = next(instance for instance in scene if instance.name == "wall")
+        wall.transform = place((1.0, 1.0, 4.0 if turn else 1.0), (x, 0, 0), math.radians(turn))
+        dark = trace(device, scene, 64, size).max(axis=-1) == 0
+        dark[:, : size[0] // 2] = False  # the black pixels of this half show the outside of the room
+        with make_renderer(device, scene, size, **settings) as renderer:
+            for _ in range(24):
+                renderer.render(scene.camera)
+            picture = np.mean([add_up(renderer.render(scene.camera)) for _ in range(16)], axis=0)
+        lit = picture[(picture.max(axis=-1) > 0) & ~dark].mean()
+        left = float(picture[dark].mean() / lit) if dark.any() and lit > 0 else math.inf
+        note = f"wall at {x:g} m, turned by {turn} degrees"
+        yield Measurement(LEAK, left, bar, "of the lit half's light", note)
 
 
-def albedo(device):
-    test_albedo_is_what_the_brdf_reflects(device, "conserving")
+@pytest.mark.slow
+@pytest.mark.parametrize("lighting", [{}, SPLIT], ids=["paths", "split"])
+def test_walls_keep_light_from_frames(device, lighting):
+    hold(measure_leak(device, **lighting))
 
 
-def sizes(device):
-    test_cells_double_with_distance(device, 3.0)
+@pytest.mark.slow
+def test_undivided_cells_leak_into_frames(device):
+    """The control of the test above."""
+    (leak,) = measure_leak(device, [(0.075, 0, 0.002)], world_cache_leak_prevention="finest")
+    assert not leak.holds
 
 
-MUTANTS = {
-    "no 1 / pi": (fixed_point, "query.glsl", "(INVERSE_PI * albedo)", "albedo"),
-    "indirect without pi": (fixed_point, "sample_indirect.comp", "PI * gathered", "gathered"),
-    "direct: 1 / M dropped": (fixed_point, "sample_direct.comp",
-                              "(float(world_cache_settings.candidates) * chosen_target)", "chosen_target"),
-    "direct: no cosine": (fixed_point, "sample_direct.comp", "light.received_radiance * (cosine * inverse_pdf)",
-                          "light.received_radiance * inverse_pdf"),
-    "direct: measure swapped": (fixed_point, "sample_direct.comp", "target * light.inverse_pdf, rng",
-                                "target / max(light.solid_angle_pdf, 1e-6), rng"),
-    "indirect forgotten": (fixed_point, "sample_indirect.comp", "PI * gathered", "1e-9 * gathered"),
-    "path: without pi": (fixed_point_of_paths, "sample.comp", "PI * path_light", "path_light"),
-    "unknown: the path ends": (test_overfull_map, "query.glsl", "if (cached.found || frame_settings.world_cache == 0u)",
-                               "if (true)"),
-    "unknown: the next ray without pi": (test_overfull_map, "query.glsl", "throughput *= PI;", ""),
-    "walls that hide nothing": (test_thin_wall, "division.glsl", "- eye, 1.0);", "- eye, 1e-3);"),
-    "divided cells are used": (test_thin_wall, "map.glsl",
-                               "irradiance.w > 0.0 && world_cache_first_points.at[cell] != DIVIDED_CELL",
-                               "irradiance.w > 0.0"),
-    "cells never grow": (sizes, "map.glsl", "int(level) + (", "0 * int(level) + ("),
-    "levels turn at once": (sizes, "map.glsl", "pow(part, world_cache_settings.lod_sharpness)",
-                            "pow(part, 1e-9 * world_cache_settings.lod_sharpness)"),
-    "lives are halved": (test_cell_death, "map.glsl", "atomicMax(world_cache_life.at[cell], lifetime)",
-                         "atomicMax(world_cache_life.at[cell], lifetime / 2u)"),
-    "cells keep each other alive": (test_cell_death, "sample_indirect.comp",
-                                    "world_cache_samples.at[thread].life & ~SEES_WALL;",
-                                    "world_cache_settings.lifetime;"),
-    "albedo: metals black": (albedo, "../../scene/prepared_brdf.glsl",
-                             "vec3 metal = specular_albedo(material.base_color, ab)", "vec3 metal = vec3(0.0)"),
-    "albedo: nothing under the layer": (albedo, "query.glsl", "albedos.diffuse + albedos.specular",
-                                        "albedos.specular"),
-}  # fmt: skip
+# ---- each check can fail ----------------------------------------------------------------------------
 
-
-# One bug for each check, because each bug compiles pipelines with ray queries.
-QUICK = ("no 1 / pi", "path: without pi", "unknown: the path ends", "parts of a cell are one", "cells never grow",
-         "lives are halved", "albedo: metals black")  # fmt: skip
-
-
-@pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in QUICK else [pytest.mark.slow]) for n in MUTANTS])
-def test_seeded_bug_is_noticed(device, name):
-    check, file, old, new = MUTANTS[name]
-    with patched_shaders((f"passes/world_cache/{file}", old, new)), pytest.raises(AssertionError):
-        check(device)
+QUERY, MAP = "passes/world_cache/query.glsl", "passes/world_cache/map.glsl"
+test_a_seeded_bug_is_noticed = bug_tests({
+    "fixed point: 1 / M dropped": (lambda device: check_fixed_point(device, **BRIEF), Bug(
+        "passes/world_cache/sample_direct.comp", "sample_direct_irradiance",
+        "return float(world_cache_settings.candidates) * correct(surface, rng);")),
+    "fixed point of paths: without pi": (lambda device: check_fixed_point(device, **BRIEF, lighting="paths"), Bug(
+        "passes/world_cache/sample.comp", "main", "correct(); uint row = thread_index(INVOCATION_INDEX); "
+        "if (row < world_cache_counters.active_cells) { world_cache_samples.at[row].irradiance *= INVERSE_PI; }")),
+    "overfull map: paths end": (test_overfull_map, Bug(QUERY, "MAX_CACHE_MISSES", "0u")),
+    "thin wall: it hides nothing": (test_thin_wall, Bug(
+        "passes/world_cache/division.glsl", "sees_first_point", "return true;")),
+    "death: lives are halved": (test_cell_death, Bug(
+        MAP, "read_world_cache_cell", "return correct(cell, lifetime / 2u);")),
+    "albedo: nothing under the layer": (lambda device: test_albedo_is_what_the_brdf_reflects(device, "conserving"), Bug(
+        QUERY, "surface_albedo", "return lobe_albedos(material, cosine).specular;")),
+    "sizes: cells never grow": (lambda device: test_cells_double_with_distance(device, 3.0), Bug(
+        MAP, "get_cell_size", "return world_cache_settings.cell_size;")),
+})  # fmt: skip

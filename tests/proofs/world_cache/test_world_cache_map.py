@@ -1,4 +1,4 @@
-"""The world cache's hash map, compaction, lifetimes and blend against dict and numpy; and seeded bugs."""
+"""The world cache's hash map, compaction, lifetimes and blend against dict and numpy."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from map_frame import QUERY, SIZE, MapFrame
 from support.encodings import pcg4d, pcg_hash
+from support.seeded_bugs import Bug, bug_tests
 
-from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.scene.constants import NO_INDEX
 
 NORMALS = np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, 0, -1), (0.6, 0.64, 0.48), (-0.6, 0.64, -0.48)], np.float32)
@@ -282,64 +282,33 @@ def test_cells_near_a_changed_light_forget(device):
         np.testing.assert_array_equal(found[:, 3], np.where(may_be & (recent == 1), 0, 16))
 
 
-def blend(device):
-    test_blend(device, 1 / 8, 1 << 20, 1e9)
-
-
-def blend_above_the_cap(device):
-    test_blend(device, 1 / 8, 700, 1e9)
-
-
-def blend_a_share_of_the_pixels(device):
-    test_blend(device, 1 / 8, 1 << 20, 12.5)
-
-
-MUTANTS = {
-    "search doesn't wrap": (test_map, "map.glsl", "(key.first + search_step) & uint(",
-                            "key.first % 1024u + search_step & uint(1023 + "),
-    "insert without comparing": (test_map, "map.glsl",
-                                 "if (existing == EMPTY_CELL || existing == key.checksum) { cell = entry; }",
-                                 "cell = entry;"),
-    "insert isn't atomic": (test_map, "map.glsl",
-                            "atomicCompSwap(world_cache_checksums.at[entry], EMPTY_CELL, key.checksum);",
-                            "world_cache_checksums.at[entry]; world_cache_checksums.at[entry] = key.checksum;"),
-    "size isn't in the key": (test_map, "map.glsl", "pcg(floatBitsToUint(cell_size)) + ", ""),
-    "normal isn't in the key": (test_map, "map.glsl", "uint(normal.x + 3 * normal.y + 9 * normal.z)", "0u"),
-    "a step too many": (test_full_map, "map.glsl",
-                        "cell == NO_INDEX && search_step < world_cache_settings.search_steps;",
-                        "cell == NO_INDEX && search_step < world_cache_settings.search_steps + 1u;"),
-    "search ends at a hole": (test_holes, "map.glsl", "empty_step = min(empty_step, i); }",
-                              "empty_step = min(empty_step, i); return NO_INDEX; }"),
-    "point: last writer": (test_points, "map.glsl", "atomicMax(world_cache_votes.at[cell].position, ",
-                           "world_cache_votes.at[cell].position = ("),
-    "point: not shuffled": (test_points, "map.glsl", "payload * 0x3779B1u & 0xFFFFFFu", "payload"),
-    "point: offset halved": (test_points, "map.glsl", "(0.5 / 255.0)", "(0.25 / 255.0)"),
-    "scan: off by one": (test_compaction, "scan.comp", "thread >= reach ?", "thread > reach ?"),
-    "scan: inclusive": (test_compaction, "scan.comp", "sums[thread] - sum;", "sums[thread];"),
-    "scan: a block too few": (test_compaction, "scan.comp", "block < block_count ?",
-                              "block + 1u < block_count ?"),
-    "dispatch: rounded down": (test_compaction, "scan.comp", "dispatch_in_rows(total)",
-                              "dispatch_in_rows(total - GROUP_SIZE + 1u)"),
-    "a frame too many": (test_lives, "decay.comp", "life == 0u ||", "cell > 1024u && life == 0u ||"),
-    "blend: a sample too many": (blend, "blend.comp", "old.w + YOUNG_GROWTH", "old.w + 1.0"),
-    "blend: change not relative": (blend, "blend.comp", " / max(luminance(old.rgb), 1e-30)", ""),
-    "cap: by half": (blend_above_the_cap, "update.glsl", "rand_f(rng) * float(", "0.5 * rand_f(rng) * float("),
-    "share of the pixels: of a row": (blend_a_share_of_the_pixels, "update.glsl", " * float(camera.size.y)", ""),
-    "relight: only what is updated": (lambda device: test_changed_light_is_forgotten(device, 0.8, True), "decay.comp",
-                                      "if (relights) {", "if (false) {"),
-    "relight: far from the light": (test_cells_near_a_changed_light_forget, "../light_change.glsl",
-                                    "dot(apart, apart) * irradiance", "irradiance"),
-    "relight: frame after frame": (test_cells_near_a_changed_light_forget, "decay.comp", "NEW_CHANGE", "ANY_CHANGE"),
-    "relight: weights above 1": (lambda device: test_changed_light_is_forgotten(device, 0.8, True), "blend.comp",
-                                 "clamp(old.w + YOUNG_GROWTH, 1.0,", "clamp(old.w + YOUNG_GROWTH, 0.1,"),
-    "asked: all": (test_only_cells_that_were_asked_for_are_updated, "map.glsl", "(asked || ", "(true || "),
-    "asked: once": (test_only_cells_that_were_asked_for_are_updated, "decay.comp",
-                    "without_priority(world_cache_points.at[cell].position)", "world_cache_points.at[cell].position"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", MUTANTS)
-def test_seeded_bug_is_noticed(device, name):
-    check, file, old, new = MUTANTS[name]
-    with patched_shaders((f"passes/world_cache/{file}", old, new)), pytest.raises(AssertionError):
-        check(device)
+MAP, DECAY = "passes/world_cache/map.glsl", "passes/world_cache/decay.comp"
+test_a_seeded_bug_is_noticed = bug_tests({
+    "map: the normal isn't in the key": (test_map, Bug(
+        MAP, "make_world_cache_key", "return correct(world_position, vec3(0.0), cell_size);")),
+    "full map: cells are shared": (test_full_map, Bug(
+        MAP, "insert_world_cache_cell",
+        "uint cell = correct(key); return cell == NO_INDEX ? world_cache_entry(key, 0u) : cell;")),
+    "holes: the search ends at one": (test_holes, Bug(
+        MAP, "find_world_cache_cell", "uint cell = correct(key, empty_step); "
+        "return empty_step < world_cache_settings.search_steps ? NO_INDEX : cell;")),
+    "points: half the offset": (test_points, Bug(
+        MAP, "unpack_point", "WorldCacheSurface surface = correct(cell, point); surface.ray_offset *= 0.5; "
+        "return surface;")),
+    "compaction: the first block begins a cell late": (test_compaction, Bug(
+        "passes/world_cache/scan.comp", "main",
+        "correct(); if (gl_LocalInvocationIndex == 0u) { world_cache_blocks.at[0] += 1u; }")),
+    "lives: dead cells keep what they hold": (test_lives, Bug(DECAY, "clear_cell", "")),
+    "asked: all are updated": (test_only_cells_that_were_asked_for_are_updated, Bug(
+        MAP, "is_to_update", "return world_cache_checksums.at[cell] != EMPTY_CELL "
+        "&& world_cache_first_points.at[cell] != DIVIDED_CELL;")),
+    "blend: a sample too many": (lambda device: test_blend(device, 1 / 8, 1 << 20, 1e9), Bug(
+        "passes/world_cache/blend.comp", "YOUNG_GROWTH", "1.0")),
+    "cap: by half": (lambda device: test_blend(device, 1 / 8, 700, 1e9), Bug(
+        "passes/world_cache/update.glsl", "find_cell_to_update",
+        "uint cell = correct(thread); return (thread & 1u) == 0u ? cell : NO_INDEX;")),
+    "relight: forgotten": (lambda device: test_changed_light_is_forgotten(device, 0.8, True), Bug(
+        DECAY, "relight", "")),
+    "relight: frame after frame": (test_cells_near_a_changed_light_forget, Bug(
+        "passes/light_change.glsl", "light_change", "return correct(world_position, irradiance, ANY_CHANGE);")),
+}, quick=("map: the normal isn't in the key",))  # fmt: skip
