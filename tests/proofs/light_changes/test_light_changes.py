@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.frames import find, settle
+from support.frames import find, frames_in_history, settle
+from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
 from solari_vk.conformance.realtime import make_renderer
-from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.scene import changed_lights, shapes
 from solari_vk.scene.builtin import cornell_box, lamp, matte, place
 
@@ -66,12 +66,14 @@ def test_a_weak_lamp_that_goes_out(device):
     assert left[19] < 0.03
 
 
+@pytest.mark.slow
 def test_a_weak_lamp_that_is_dimmed(device):
     left = left_after_dimming(device, 0.5)
     assert abs(left[:10]).max() < 0.2
     assert abs(left[:10].mean()) < 0.1
 
 
+@pytest.mark.slow
 def test_a_weak_lamp_that_is_carried_away(device):
     """It counts where it was, too."""
     scene = two_rooms()
@@ -101,25 +103,23 @@ def history_under_flicker(device, what):
             else:
                 lamp.transform = place(at=(FLICKER[what] * (frame % 2), 0, 0)) @ at
             found = renderer.render()
-        lengths = (np.asarray(found["denoise_diffuse"])[..., 3] << 16 >> 1).view(np.float32)
-    print(what, np.median(lengths))
-    return np.median(lengths)
+    median = np.median(frames_in_history(found))
+    print(what, median)
+    return median
 
 
-@pytest.mark.parametrize("what", FLICKER)
+@pytest.mark.parametrize("what", ["power", pytest.param("place", marks=pytest.mark.slow)])
 def test_flicker_keeps_histories(device, what):
     assert history_under_flicker(device, what) > 30
 
 
+@pytest.mark.slow
 def test_lists_of_all_changes_are_noticed(device, monkeypatch):
     monkeypatch.setattr(changed_lights, "LISTED", 0.0)
     assert history_under_flicker(device, "power") < 10
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("to", [0.0, 0.5])
-def test_frames_that_know_no_places_of_lights_lag(device, to):
-    """Without the list of lights that changed, their share of all light is too small to count."""
-    with patched_shaders(("passes/light_change.glsl", "return min(share, 1.0);", "return 0.0;")):
-        left = left_after_dimming(device, to)
-    assert left[:10].mean() > 0.3
+test_a_seeded_bug_is_noticed = bug_tests({
+    "a weak lamp goes out: places of lights are unknown": (test_a_weak_lamp_that_goes_out, Bug(
+        "passes/light_change.glsl", "light_change", "return 0.0;")),
+})  # fmt: skip

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from support.direct_light import direct_light, direct_renderer
+from support.seeded_bugs import Bug, bug_tests
 from support.statistics import replicates
 
 import solari_vk as sv
-from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.measure.replication import replicate
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place
@@ -27,8 +27,7 @@ def hang(color, x, scale=1.0):
     return sv.Instance(mesh=QUAD, material=lamp(color), transform=place((scale, 1, scale), (x, 2, 0)))
 
 
-@pytest.fixture
-def floor():
+def floor_without_light():
     ground = sv.Instance(mesh=shapes.quad((0, 0, 0), (0, 0, 3), (3, 0, 0)), material=matte(0.5))
     camera = sv.Camera.look_at((0, 1.9, 0), (0, 0, 0), up=(0, 0, 1), vertical_fov=1.4)
     return sv.Scene(ground, camera)
@@ -51,11 +50,12 @@ def assert_agree(observations, expected, bar):
     assert within, (observations.mean(axis=0), expected)
 
 
-def test_removed_lights_are_dark_at_once(device, floor):
+def test_removed_lights_are_dark_at_once(device):
     """Removes the first of three lights, whose index the third one takes.
 
     The next frame has none of the removed light, and the others' light is neither missing nor doubled.
     """
+    floor = floor_without_light()
     lamps = [floor.add(hang(color, x)) for color, x in ((RED, -1), (GREEN, 0), (BLUE, 1))]
     with direct_renderer(device, floor, SIZE, **SETTINGS) as renderer:
 
@@ -72,8 +72,10 @@ def test_removed_lights_are_dark_at_once(device, floor):
     assert_agree(observations, settled(device, floor)[1:], 0.04)
 
 
-def test_added_lights_are_bright_at_once(device, floor):
+@pytest.mark.slow
+def test_added_lights_are_bright_at_once(device):
     """An added light has its full brightness from its first frame on, and the other light keeps its brightness."""
+    floor = floor_without_light()
     floor.add(hang(RED, -1))
     new = hang(GREEN, 1)
     with direct_renderer(device, floor, SIZE, **SETTINGS) as renderer:
@@ -90,8 +92,10 @@ def test_added_lights_are_bright_at_once(device, floor):
     assert_agree(observations, settled(device, floor)[:2], 0.04)
 
 
-def test_lights_that_change_indices_keep_their_samples(device, floor):
+@pytest.mark.slow
+def test_lights_that_change_indices_keep_their_samples(device):
     """Each frame removes one of nine lights and adds it again; all keep the right brightness."""
+    floor = floor_without_light()
     lamps = [floor.add(hang(color, 0.5 * i - 2)) for i, color in enumerate((RED, GREEN, BLUE) * 3)]
     with direct_renderer(device, floor, SIZE, **SETTINGS) as renderer:
 
@@ -108,8 +112,10 @@ def test_lights_that_change_indices_keep_their_samples(device, floor):
     assert_agree(observations, settled(device, floor), 0.04)
 
 
-def test_a_light_that_grows_is_right_at_once(device, floor):
+@pytest.mark.slow
+def test_a_light_that_grows_is_right_at_once(device):
     """Samples of earlier frames stay valid when the area of their light changes."""
+    floor = floor_without_light()
     only = floor.add(hang(GREEN, 0.3))
     with direct_renderer(device, floor, SIZE, **SETTINGS) as renderer:
 
@@ -123,9 +129,11 @@ def test_a_light_that_grows_is_right_at_once(device, floor):
     assert_agree(observations, settled(device, floor)[1:2], 0.02)
 
 
-def test_lights_stay_right_while_another_changes_their_probability(device, floor):
+@pytest.mark.slow
+def test_lights_stay_right_while_another_changes_their_probability(device):
     """In each frame another lamp, which shines away from the floor, becomes 10,000 times as bright or dark: reservoirs
     of earlier frames chose the floor's lamp three times as often as this frame, or seldomer."""
+    floor = floor_without_light()
     floor.add(hang(GREEN, 0.3))
     above = floor.add(hang(RED, 0))
     above.transform = place((1, -1, 1), (0, 4, 0))
@@ -142,7 +150,8 @@ def test_lights_stay_right_while_another_changes_their_probability(device, floor
     assert_agree(observations, settled(device, floor)[1:2], 0.02)
 
 
-def test_all_lights_are_removed_and_added_again(device, floor):
+def test_all_lights_are_removed_and_added_again(device):
+    floor = floor_without_light()
     sun = sv.DirectionalLight(direction=(0.1, -1, 0), illuminance=3.0, angular_diameter=0.3)
     light = floor.add(hang(GREEN, 0))
     with direct_renderer(device, floor, SIZE) as renderer:
@@ -158,8 +167,9 @@ def test_all_lights_are_removed_and_added_again(device, floor):
         np.testing.assert_allclose(means(renderer, floor, 12).mean(axis=0), shining.mean(axis=0), rtol=0.02)
 
 
-def test_many_lights_shrink_to_one(device, floor):
+def test_many_lights_shrink_to_one(device):
     """Samples of removed lights with high indices are dropped, and not mistaken for samples of another light."""
+    floor = floor_without_light()
     lamps = [floor.add(hang(RED, 0.01 * i - 1.5, scale=0.1)) for i in range(299)]
     last = floor.add(hang(BLUE, 0))
     with direct_renderer(device, floor, SIZE) as renderer:
@@ -174,34 +184,18 @@ def test_many_lights_shrink_to_one(device, floor):
     assert (after[:, 2] > 0).all()
 
 
-INITIAL, SHADE = "passes/restir_di/initial_and_temporal.glsl", "passes/restir_di/spatial_and_shade.comp"
-RESERVOIR, TARGET = "passes/restir_di/reservoir.glsl", "passes/restir_di/target.glsl"
-MUTANTS = {
-    "not translated": (
-        test_removed_lights_are_dark_at_once,
-        (INITIAL, "= light_translation.at[reservoir.light_sample.light_index];",
-         # An index beyond the lights may end the process.
-         "= min(reservoir.light_sample.light_index, scene_info.light_count - 1u);"),
-    ),
-    "confidence of removed lights dropped": (
-        test_removed_lights_are_dark_at_once,
-        (RESERVOIR, "vec2 confidences = vec2(first.confidence, second.confidence);",
-         "vec2 confidences = vec2(first.confidence, here.y > 0.0 ? second.confidence : 0.0);"),
-    ),
-    "weights of another frame's probabilities": (
-        test_lights_stay_right_while_another_changes_their_probability,
-        (TARGET, "weight * light_sample_probability(light_sample);", "weight;"),
-        (SHADE, "light.inverse_pdf * light_sample_probability(reservoir.light_sample)", "light.inverse_pdf"),
-    ),
-    "new lights taken for old": (
-        test_added_lights_are_bright_at_once,
-        (TARGET, "light_index == NO_INDEX || previous_light.at[light_index] == NO_INDEX", "light_index == NO_INDEX"),
-    ),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", MUTANTS)
-def test_a_seeded_bug_is_noticed(device, floor, name):
-    check, *patches = MUTANTS[name]
-    with patched_shaders(*patches), pytest.raises(AssertionError):
-        check(device, floor)
+TARGET = "passes/restir_di/target.glsl"
+test_a_seeded_bug_is_noticed = bug_tests({
+    "removed lights: reservoirs keep the old index": (test_removed_lights_are_dark_at_once, Bug(
+        "passes/restir_di/initial_and_temporal.glsl", "load_previous_reservoir",
+        "DiReservoir reservoir = correct(pixel); "
+        "uint index = di_reservoirs.at[pixel.y * camera.size.x + pixel.x].light_sample.light_index; "
+        # An index beyond the lights may end the process.
+        "if (index != NO_INDEX) { reservoir.light_sample.light_index = min(index, scene_info.light_count - 1u); } "
+        "return reservoir;")),
+    "added lights: taken for old ones": (test_added_lights_are_bright_at_once, Bug(
+        TARGET, "previous_di_target", "return di_target(surface, reservoir);")),
+    "changed probabilities: weights of another frame": (
+        test_lights_stay_right_while_another_changes_their_probability, Bug(
+            "scene/sampling.glsl", "light_sample_probability", "return 1.0;")),
+})  # fmt: skip
