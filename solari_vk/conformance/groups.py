@@ -6,33 +6,23 @@ from solari_vk.conformance import (
     alpha_checks,
     brdf_checks,
     bulk_checks,
-    denoise_checks,
-    direct_checks,
     display_checks,
     embree_checks,
     environment_checks,
-    frame_checks,
     gbuffer_checks,
     guide_checks,
-    indirect_checks,
     light_checks,
-    light_tile_checks,
     light_tree_checks,
     lobe_checks,
     material_lobe_checks,
     path_checks,
-    paths_checks,
     pose_checks,
     position_checks,
     probe_checks,
     punctual_checks,
     ray_cases,
     ray_pipeline_checks,
-    reuse_checks,
-    specular_checks,
     structure_checks,
-    taa_checks,
-    world_cache_checks,
 )
 from solari_vk.conformance.cases import Measure, by, cases_of
 from solari_vk.conformance.ray_cases import parts as parts
@@ -63,24 +53,6 @@ GROUPS: dict[str, dict[str, Measure]] = {
         "numbers": lambda run: brdf_checks.measure_numbers(run.shaders, 1_000_000),
         "lobes": lambda run: material_lobe_checks.measure_lobes(run.shaders, 1_000_000),
     },
-    "denoise": {
-        "even_light": lambda run: denoise_checks.measure_even_light(run.device),
-        "outliers": lambda run: denoise_checks.measure_outliers(run.device),
-        "motion": lambda run: denoise_checks.measure_motion(run.device),
-        "light_off": lambda run: denoise_checks.measure_light_off(run.device),
-        "not_finite": lambda run: denoise_checks.measure_not_finite(run.device),
-        "smooth_surfaces": lambda run: denoise_checks.measure_smooth_surfaces(run.device),
-        "edges": lambda run: denoise_checks.measure_edges(run.device),
-        "turns": lambda run: denoise_checks.measure_turns(run.device),
-    },
-    "taa": {
-        "even_light": lambda run: taa_checks.measure_even_light(run.device),
-        "areas": lambda run: taa_checks.measure_areas(run.device),
-        "motion": lambda run: taa_checks.measure_motion(run.device),
-        "changes": lambda run: taa_checks.measure_changes(run.device),
-        "noise": lambda run: taa_checks.measure_noise(run.device),
-        "not_finite": lambda run: taa_checks.measure_not_finite(run.device),
-    },
     "poses": {
         "vertices": lambda run: pose_checks.measure_vertices(run.device),
         **cases_of("normals", lambda run, way: pose_checks.measure_normals(run.device, way), "raster", "traced"),
@@ -98,15 +70,6 @@ GROUPS: dict[str, dict[str, Measure]] = {
         "means": lambda run: environment_checks.measure_means(
             run.device, environment_checks.FULL if run.full else environment_checks.FAST),
     },
-    "frame": {
-        "determinism": lambda run: frame_checks.measure_determinism(run.device),
-        "finite": lambda run: frame_checks.measure_finite(run.device),
-        **cases_of("closed_box", lambda run, walls: frame_checks.measure_closed_box(
-            run.device, walls, frame_checks.BOX_FULL if run.full else frame_checks.BOX_FAST),
-            *frame_checks.QUICK_BOXES),
-        "light": lambda run: frame_checks.measure_light(
-            run.device, frame_checks.LIGHT_FULL if run.full else frame_checks.LIGHT_FAST),
-    },
     "gbuffer": {
         **cases_of("raster", lambda run, scene: gbuffer_checks.measure_raster(
             run.device, gbuffer_checks.make_scene(scene)), *gbuffer_checks.SCENES),
@@ -119,11 +82,6 @@ GROUPS: dict[str, dict[str, Measure]] = {
         "wall": lambda run: guide_checks.measure_wall(run.device),
         "range": lambda run: guide_checks.measure_range(run.device),
         "parts": lambda run: guide_checks.measure_parts(run.device),
-    },
-    "light_tiles": {
-        "tiles": lambda run: light_tile_checks.measure_tiles(run.device),
-        "contribution": lambda run: light_tile_checks.measure_contribution(run.device, run.shaders),
-        "noise": lambda run: light_tile_checks.measure_noise(run.device),
     },
     "lights": {
         **cases_of("lamp", lambda run, strategy: light_checks.measure_lamp(run.device, strategy), "mis", "nee", "brdf"),
@@ -145,15 +103,7 @@ GROUPS: dict[str, dict[str, Measure]] = {
         "alpha": lambda run: alpha_checks.measure_alpha(run.device),
     },
     "paths": {
-        "means": lambda run: paths_checks.measure_means(
-            run.device, paths_checks.FULL if run.full else paths_checks.FAST),
-        "noise": lambda run: paths_checks.measure_sequence(run.device),
-        "cells": lambda run: paths_checks.measure_cells(run.device),
         "light_tree": lambda run: light_tree_checks.measure_tree(run.shaders),
-        "reuse": lambda run: reuse_checks.measure_means(
-            run.device, reuse_checks.FULL if run.full else reuse_checks.FAST),
-        "reuse_noise": lambda run: reuse_checks.measure_noise(run.device),
-        "reuse_lag": lambda run: reuse_checks.measure_lag(run.device),
         "mirrors": lambda run: lobe_checks.measure_mirrors(run.device),
         "mirror_chain": lambda run: lobe_checks.measure_mirror_chain(run.device),
         "lobes": lambda run: lobe_checks.measure_lobes(run.device, run.shaders),
@@ -180,25 +130,5 @@ GROUPS: dict[str, dict[str, Measure]] = {
         "many_instances": lambda run: bulk_checks.measure_many_instances(run.shaders, 100_000 if run.full else 70_000),
         "extreme_transforms": lambda run: bulk_checks.measure_extreme_transforms(run.shaders),
         "thin_triangles": lambda run: bulk_checks.measure_thin_triangles(run.shaders),
-    },
-    "restir_di": {
-        "direct": lambda run: direct_checks.measure_direct(
-            run.device, direct_checks.FULL if run.full else direct_checks.FAST),
-        "changes": lambda run: direct_checks.measure_changes(run.device, run.full),
-    },
-    "restir_gi": {
-        "indirect": lambda run: indirect_checks.measure_indirect(
-            run.device, indirect_checks.FULL if run.full else indirect_checks.FAST),
-    },
-    "specular_gi": {
-        "mirror": lambda run: specular_checks.measure_mirror(run.device),
-        "gallery": lambda run: specular_checks.measure_gallery(run.device),
-        **cases_of("termination", lambda run, name: specular_checks.measure_termination(run.device, name),
-                   *specular_checks.PATH_CASES),
-    },
-    "world_cache": {
-        "map": lambda run: world_cache_checks.measure_world_cache(run.device),
-        "fixed_point": lambda run: world_cache_checks.measure_fixed_point(run.device, run.full),
-        "leak": lambda run: world_cache_checks.measure_leak(run.device),
     },
 }  # fmt: skip

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import solari_vk as sv
-from solari_vk.conformance.frame_checks import odd_scene
-from solari_vk.conformance.realtime import GUIDES, OFF, PARTS, add_up, make_renderer
+from solari_vk.conformance.realtime import GUIDES, OFF, PARTS, add_up, make_renderer, odd_scene
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.gpu.device.device import Device
 from solari_vk.passes.guides import IMAGES

@@ -17,8 +17,10 @@ from solari_vk.measure.statistics import relative_interval, sixteenths, student_
 from solari_vk.reference import PathTracer
 from solari_vk.rendered import RenderedFrame
 from solari_vk.renderer import Renderer
+from solari_vk.scene import shapes
 from solari_vk.scene.binder import SceneBinder
-from solari_vk.scene.model import Camera, Scene
+from solari_vk.scene.builtin import cornell_box, lamp, place, rgb
+from solari_vk.scene.model import Camera, Instance, Material, Mesh, Scene
 from solari_vk.settings import RAW, Settings
 
 Image = NDArray[Any]
@@ -71,6 +73,20 @@ def make_renderer(
     if passes is None:
         return Renderer(device, scene, size, chosen, seed=seed)
     return PartialRenderer(device, scene, size, chosen, seed=seed, passes=passes)
+
+
+def odd_scene() -> Scene:
+    """Slivers, points, a light without area, zero normals, huge and tiny instances, a mirror, and extreme radiance."""
+    points = np.array([(0, 0, 0), (1, 0, 0), (0.5, 1e-7, 0), (0.3, 0.3, 0.3), (0.3, 0.3, 0.3), (0.3, 0.3, 0.3)])
+    spoiled = Mesh(positions=points, normals=np.zeros((6, 3), np.float32))
+    scene = cornell_box(radiance=(1e8, 1e-3, 0))
+    mirror = Material(metallic=1.0, perceptual_roughness=0.0, base_color=rgb(1.0))
+    for mesh, material, scale in (
+        (spoiled, lamp(5.0), 1.0), (spoiled, mirror, 1.0), (shapes.sphere(0.3, 8), mirror, 1.0),
+        (shapes.sphere(0.3, 8), lamp(1e6), 1e-5), (shapes.box(inward=True), mirror, 1e4),
+    ):  # fmt: skip
+        scene.add(Instance(mesh=mesh, material=material, transform=place(scale, (0.8, 1.2, 0.5))))
+    return scene
 
 
 def get_jitter(renderer: Renderer) -> Image:

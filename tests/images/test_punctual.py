@@ -7,12 +7,11 @@ import math
 import numpy as np
 import pytest
 from support import mitsuba_scene
-from support.frames import each_lighting, left_of, settle, snapshot
+from support.frames import TILES, WHOLE, each_lighting, left_of, settle, snapshot
 from support.measured import hold
 from support.statistics import assert_equal
 
 import solari_vk as sv
-from solari_vk.conformance.frame_checks import TILES, WHOLE
 from solari_vk.conformance.realtime import (
     SPLIT,
     Effort,

@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 
 from solari_vk.conformance.realtime import SPLIT
+from solari_vk.conformance.rules import SUITE, Rule
 from solari_vk.passes import pathtracer
 from solari_vk.renderer import LIGHT
 
 SIZE = (32, 32)
+WHOLE = Rule("a picture is as bright as the path tracer's", SUITE, "Renderer")
+TILES = Rule("each of 4 x 4 tiles of a picture is close to the path tracer's", SUITE, "Renderer")
 OTHER_OUTPUTS = ("depth", "motion_vectors", "gbuffer", "guides_normal_roughness", "display")
 # Tests of whole frames run with the raw light of paths and with the denoiser; when slow tests run, also with light that
 # pixels reuse and with Solari's passes. The parameter holds settings.

@@ -78,9 +78,9 @@ LITTLE = 0.15, 0.05  # in motion, and after it
 LITTLE_BUT_BLUR = 0.3, 0.16
 
 
-# The second motion takes as long as the first, so only the slow profile runs it.
+@pytest.mark.slow
 @each_lighting
-@pytest.mark.parametrize("move", [swing_lamp, pytest.param(slide_block, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("move", [swing_lamp, slide_block])
 def test_what_moves_leaves_no_trail(device, move, lighting):
     bars = LITTLE_BUT_BLUR if "denoise" in lighting else LITTLE
     leaves_no_trail(device, move, SIZE, range(SEEDS_OF_TRAILS), bars, **lighting)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from support.frames import differing, each_lighting, snapshot
+from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
 from solari_vk.conformance.realtime import make_renderer
@@ -23,9 +24,9 @@ def take(device, name, lighting, seed=3):
         return frames + [snapshot(renderer.render(scene.camera)) for _ in range(3)]
 
 
-# The third scene takes as long as the other two, so only the slow profile runs it.
 @each_lighting
-@pytest.mark.parametrize("name", ["cornell_box", "many_lights", pytest.param("sphere_grid", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["cornell_box", *(pytest.param(n, marks=pytest.mark.slow)
+                                                   for n in ("many_lights", "sphere_grid"))])  # fmt: skip
 def test_one_seed_gives_the_same_bits(device, name, lighting, monkeypatch):
     """Every output has the same bits in another new renderer and with a barrier before every pass, also after a reset.
     The fixture `device` checks that validation and synchronization validation report nothing."""
@@ -34,3 +35,18 @@ def test_one_seed_gives_the_same_bits(device, name, lighting, monkeypatch):
         monkeypatch.setenv("SOLARI_VK_BARRIERS", barriers)
         for index, (frame, other) in enumerate(zip(first, take(device, name, lighting), strict=True)):
             assert not differing(frame, other), f"frame {index}, barriers {barriers!r}: {differing(frame, other)}"
+
+
+def test_another_seed_gives_other_noise(device):
+    scene = sv.builtin("cornell_box")
+    pictures = []
+    for seed in (5, 6):
+        with make_renderer(device, scene, seed=seed) as renderer:
+            pictures.append(renderer.render(scene.camera)["radiance"].tobytes())
+    assert pictures[0] != pictures[1]
+
+
+test_a_seeded_bug_is_noticed = bug_tests({
+    "another seed: it has no effect": (test_another_seed_gives_other_noise, Bug(
+        "common/random.glsl", "seed_rng", "return correct(pixel, sample_index, 0u);")),
+})

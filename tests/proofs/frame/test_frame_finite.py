@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from support.frames import lights_of
 from support.random_scenes import random_items, random_settings
+from support.seeded_bugs import Bug, bug_tests, seeded
 
 import solari_vk as sv
 from solari_vk.conformance.realtime import make_renderer
-from solari_vk.gpu.shaders.patches import patched_shaders
 
 OTHERS = ("gbuffer_depth", "motion_vectors", "guides_normal_roughness", "guides_diffuse_albedo",
           "guides_specular_albedo", "guides_depth", "guides_motion", "guides_specular_motion")  # fmt: skip
 FEW = {"light_tile_count": 4, "light_tile_samples": 64, "world_cache_cells": 1 << 12}
-QUICK_COUNT, COUNT = 150, 1000
+QUICK_COUNT, COUNT = 60, 1000
 
 
 def check(renderer, frame, what):
@@ -64,14 +64,15 @@ def test_frames_are_finite_however_they_are_built(device, built_in):
     run(device, range(COUNT, COUNT + 50), **built_in)
 
 
+@pytest.mark.slow
 def test_a_search_without_neighbor_adds_nothing(device):
     """The surface of a neighbor that wasn't found holds what a register held before, here NaN."""
-    poison = ("passes/reuse.glsl", "    for (uint i = 0u; i < reuse_settings.spatial_tries",
-              "    neighbor_surface = surface;\n"
-              "    neighbor_surface.material.metallic = uintBitsToFloat(0x7FC00000u);\n"
-              "    for (uint i = 0u; i < reuse_settings.spatial_tries")  # fmt: skip
+    poison = Bug("passes/reuse.glsl", "find_spatial_neighbor",
+                 "bool found = correct(pixel, surface, radius, rng, neighbor, neighbor_surface); "
+                 "if (!found) { neighbor_surface = surface; "
+                 "neighbor_surface.material.metallic = uintBitsToFloat(0x7FC00000u); } return found;")  # fmt: skip
     with (
-        patched_shaders(poison),
+        seeded(poison),
         make_renderer(device, sv.builtin("cornell_box"), (16, 12), restir=True, spatial_tries=1) as renderer,
     ):
         for _ in range(8):
@@ -81,3 +82,10 @@ def test_a_search_without_neighbor_adds_nothing(device):
 @pytest.mark.slow  # takes minutes
 def test_a_thousand_combinations_are_finite(device):
     run(device, range(QUICK_COUNT, COUNT))
+
+
+test_a_seeded_bug_is_noticed = bug_tests({
+    "finite: a pixel divides by nothing": (lambda device: run(device, range(12)), Bug(
+        "passes/paths/compose.comp", "main", "correct(); if (gl_GlobalInvocationID.xy == uvec2(0u)) { "
+        "diffuse_radiance.at[0] = vec3(uintBitsToFloat(0x7FC00000u)); }")),
+})  # fmt: skip

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from support.assets import asset
-from support.frames import left_of, settle
+from support.frames import TILES, WHOLE, left_of, settle
 from support.measured import hold
 
 import solari_vk as sv
@@ -20,16 +20,13 @@ from solari_vk.conformance.realtime import (
     run_pictures,
     trace,
 )
-from solari_vk.conformance.rules import Measurement, Rule
+from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.measure.replication import replicate
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place
 
-_SECTION = ("solari_vk", "Frame")
-WHOLE = Rule("the frame is as bright as the path tracer's", *_SECTION)
-TILES = Rule("each of 4 x 4 tiles is close to the path tracer's", *_SECTION)
-OUTLIERS = Rule("no pixel without the lamp is brighter than the lamp in the mean of 16 frames", *_SECTION)
-BALLS = Rule("the indirect light of balls is the path tracer's", *_SECTION)
+OUTLIERS = Rule("no pixel without the lamp is brighter than the lamp in the mean of 16 frames", SUITE, "Renderer")
+BALLS = Rule("the indirect light of balls is the path tracer's", SUITE, "Renderer")
 
 SIZE = (48, 48)
 
@@ -53,7 +50,8 @@ def radiance(frame):
 # ---- lamps beside surfaces --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("scale", [1.0, pytest.param(0.01, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("scale", [1.0, 0.01])
 def test_a_lamp_under_the_ceiling_of_a_huge_room(device, lighting, scale):
     """The file's room is 550 m wide. Its lamp hangs 0.9 m below the ceiling and emits on both sides. At a hundredth of
     this size the picture is the same.
@@ -94,6 +92,7 @@ def test_a_lamp_close_to_the_ceiling(device, lighting, gap):
 # ---- shiny floors -----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_sun_on_a_shiny_floor(device, lighting):
     """The frame is as bright as the path tracer's, and so is the indirect light of all balls, and less exactly that of
     the ball over each roughness: what remains of their light without the path tracer's direct light."""
@@ -118,6 +117,7 @@ def test_the_sun_on_a_shiny_floor(device, lighting):
 # ---- motion -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_shadow_moves_with_its_object(device, lighting):
     """One frame after an object under a lamp has jumped, less than 15 % of the change of the light around it is
     missing. `left_of` measures this; the frames are means over independent runs."""

@@ -78,7 +78,7 @@ def live_settings(lighting):
             yield name
 
 
-@pytest.mark.parametrize("lighting", OF_LIGHTING)
+@pytest.mark.parametrize("lighting", ["paths", pytest.param("split", marks=pytest.mark.slow)])
 def test_every_live_setting_matters(device, lighting):
     scene, idle, of_paths = scene_of_everything(), [], dict.fromkeys(("restir", "denoise"), lighting == "paths")
     with make_renderer(device, scene, SIZE, **FEW, lighting=lighting, **of_paths) as renderer:
@@ -95,6 +95,7 @@ def test_every_live_setting_matters(device, lighting):
     assert not idle
 
 
+@pytest.mark.slow
 def test_what_is_off_outputs_nothing(device):
     scene = scene_of_everything()
     with make_renderer(device, scene, SIZE, **FEW, lighting="split") as renderer:
@@ -114,6 +115,7 @@ def test_what_is_off_outputs_nothing(device):
             assert all(renderer.render()[output].any() for output in outputs)
 
 
+@pytest.mark.slow
 def test_solaris_preset_is_another_frame(device):
     """Every part of its light is finite and differs from the default frame, and the sum is about as bright."""
     scene = scene_of_everything()

@@ -8,7 +8,7 @@ import itertools
 import numpy as np
 import pytest
 from PIL import Image
-from support.frames import differing, find, left_of, settle
+from support.frames import differing, left_of, settle
 
 import solari_vk as sv
 from solari_vk.conformance.realtime import SPLIT, get_jitter, make_renderer
