@@ -137,7 +137,6 @@ SAMPLES = "passes/taa/samples.glsl"
 BUGS = {
     "light of a mirrored lamp stays there": Bug("passes/denoise/variance.comp", "extend", ""),
     "reflections of curved surfaces in motion": Bug("passes/denoise/temporal.comp", "NORMALS_OF_LOBE", "1e9"),
-    "blended surfaces in the second frame": Bug(SAMPLES, "SOFTNESS", "0.5, SOFTNESS_OF_BLENDED = 0.5"),
     "blended surfaces in motion": Bug("passes/taa/history.glsl", "is_blended",
                                       "return is_still(center) && correct(center);"),
 }  # fmt: skip

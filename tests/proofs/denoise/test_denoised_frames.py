@@ -110,7 +110,8 @@ def means_of(device, scene, on):
     return sums / JITTER_PERIOD
 
 
-def check_means(device, name="mirror_hall"):
+@pytest.mark.parametrize("name", FIRST_IS_QUICK)
+def test_means_are_those_of_the_raw_frames(device, name):
     """The picture, its lobes and its tiles have the means of the same raw frames."""
     scene = builtin(name)
     found, raw = (means_of(device, scene, on) for on in (True, False))
@@ -122,11 +123,6 @@ def check_means(device, name="mirror_hall"):
     assert total < 0.02
     assert lobes < 0.02
     assert tiles < 0.05
-
-
-@pytest.mark.parametrize("name", FIRST_IS_QUICK)
-def test_means_are_those_of_the_raw_frames(device, name):
-    check_means(device, name)
 
 
 def test_noise_of_a_settled_picture(device):
@@ -355,6 +351,4 @@ def test_black_surfaces(device):
 
 test_a_seeded_bug_is_noticed = bug_tests({
     "error falls: blur without end": (check_errors, Bug("passes/denoise/blur.comp", "TOLERANCE", "1e3")),
-    "means: albedo of reflections": (check_means, Bug("passes/denoise/sample.glsl", "specular_sample",
-                                                      "return paths_specular.at[index];")),
 })  # fmt: skip

@@ -208,7 +208,4 @@ test_a_seeded_bug_is_noticed = bug_tests({
     WHOLE: (brief, composing("diffuse_radiance.at[row] *= 1.08;")),
     TILES: (brief, composing("if (all(lessThan(4u * at, camera.size))) { diffuse_radiance.at[row] *= 0.5; }")),
     OFF: (measure_lights_off, composing("diffuse_radiance.at[row] = max(diffuse_radiance.at[row], vec3(0.03));")),
-    ALL_OFF: (measure_lights_off, composing("diffuse_radiance.at[row] = max(diffuse_radiance.at[row], vec3(0.01));")),
-    "closed box: 8 % more light": (lambda device: measure_closed_box(device, "matte"), composing(
-        "sample_radiance.at[row] *= 1.08;")),
 })  # fmt: skip

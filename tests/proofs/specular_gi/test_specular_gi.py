@@ -285,7 +285,6 @@ def test_rules_hold(device, measure):
 
 
 TRACE, LOBE = "passes/specular_gi/trace.comp", "passes/specular_gi/lobe.glsl"
-NEVER_WIDER = Bug(TRACE, "widen_as_solari", "return spread_width;")
 test_a_seeded_bug_is_noticed = bug_tests({
     MIRROR: (measure_mirror, Bug(LOBE, "sample_specular_brdf", "BrdfSample next = correct(brdf, wo, rng); "
                                  "if (next.pdf == INFINITY) { next.weight = vec3(1.0); } return next;")),
@@ -295,8 +294,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
                                  "if (next.pdf != INFINITY) { next.weight /= 1.1; } return next;")),
     ENDS: (spread, Bug(TRACE, "may_end", "return false;")),
     GOES_ON: (spread, Bug(TRACE, "may_end", "return correct(surface, INFINITY, ray_t, rng);")),
-    CAMERA_CONE: (camera_spread, NEVER_WIDER),
-    CAMERA_LOBE: (camera_spread, NEVER_WIDER),
+    CAMERA_LOBE: (camera_spread, Bug(TRACE, "widen_as_solari", "return spread_width;")),  # and CAMERA_CONE
     CAMERA_LENGTH: (camera_spread, Bug(
         TRACE, "may_end", "return correct(surface, spread_width, sqrt(3.0) * ray_t, rng);")),
 })  # fmt: skip
