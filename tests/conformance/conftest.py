@@ -5,10 +5,10 @@ from __future__ import annotations
 from contextlib import contextmanager
 
 import pytest
+from support.patches import patched_shaders
 
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.shaders.patches import patched_shaders
 
 
 @pytest.fixture(scope="session")

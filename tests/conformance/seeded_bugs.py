@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.patches import patched_shaders
 
 from solari_vk.conformance.rules import Rule
-from solari_vk.gpu.shaders.patches import patched_shaders
 
 
 def failing(measurements):

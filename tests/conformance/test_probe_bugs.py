@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from seeded_bugs import expect_red, failing, masked
+from support.patches import patched_shaders
 
 from solari_vk.conformance import bulk_checks, probe_actions, probe_checks
 from solari_vk.conformance.probe_table import PROBES
@@ -16,7 +17,6 @@ from solari_vk.conformance.worlds import World
 from solari_vk.gpu.frame import ray_query_constants
 from solari_vk.gpu.frame.ray_query_constants import RayFlags
 from solari_vk.gpu.shaders.compiler import compile_shader
-from solari_vk.gpu.shaders.patches import patched_shaders
 
 
 def probe(shaders, *, rays=None, records=None, shapes=SHAPES):

@@ -4,11 +4,11 @@ import re
 import subprocess
 
 import pytest
+from support.patches import patched_shaders
 
 from solari_vk.gpu.shaders import shaderc
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.dead_code import without_dead_code, without_texts
-from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.gpu.shaders.spirv import reflect
 from tests.gpu.shader_folder import ShaderFolder, check_spirv
 

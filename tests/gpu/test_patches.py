@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
+from support.patches import patched_shaders, write_patched
 
 from solari_vk.errors import SolariError
 from solari_vk.gpu.shaders.compiler import compile_shader, glsl_root, roots
-from solari_vk.gpu.shaders.patches import patched_shaders, write_patched
 
 MATH, DECAY = "common/math.glsl", "passes/world_cache/decay.comp"
 GUARD = "#ifndef COMMON_MATH_GLSL"

@@ -6,11 +6,11 @@ import re
 
 import pytest
 from shader_folder import ShaderFolder, check_spirv
+from support.patches import patched_shaders
 
 from solari_vk.errors import CompilationError, SolariError
 from solari_vk.gpu.shaders import ray_generation, shaderc
 from solari_vk.gpu.shaders.compiler import compile_shader, glsl_root
-from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.gpu.shaders.spirv import reflect
 
 PATHS = sorted(path.relative_to(glsl_root()).as_posix() for path in glsl_root().rglob("*")

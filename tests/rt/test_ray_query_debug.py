@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from support.patches import patched_shaders
 from support.structures import quad, shifted
 
 from solari_vk import rt
@@ -15,7 +16,6 @@ from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
 from solari_vk.gpu.frame.ray_query_faults import FAULTS
-from solari_vk.gpu.shaders.patches import patched_shaders
 
 SHADER = """#version 460
 #extension GL_EXT_scalar_block_layout : require

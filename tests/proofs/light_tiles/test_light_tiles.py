@@ -8,14 +8,14 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 from scipy import stats
+from support import brdf_runs
 from support.direct_light import direct_renderer
 from support.encodings import pcg_hash, pcg_step
+from support.lamp_over_floor import floor_scene
 from support.measured import hold
 from support.seeded_bugs import Bug, bug_tests, seeded
 
 import solari_vk as sv
-from solari_vk.conformance import brdf_runs
-from solari_vk.conformance.light_checks import floor_scene
 from solari_vk.conformance.oracles import closed_forms, packed_lights
 from solari_vk.conformance.oracles.encodings import decode_octahedral, decode_rgb9e5
 from solari_vk.conformance.oracles.packed_lights import step_and_rounding

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
+import light_tree_checks
+import lobe_checks
 import pytest
-from support.measured import hold
-from support.seeded_bugs import Bug, bug_tests
-
-from solari_vk.conformance import light_tree_checks, lobe_checks
-from solari_vk.conformance.light_tree_checks import CLOSE, EQUAL, OFTEN, SUM
-from solari_vk.conformance.lobe_checks import (
+from light_tree_checks import CLOSE, EQUAL, OFTEN, SUM
+from lobe_checks import (
     CHAIN,
     DEMODULATION,
     DISTANCE,
@@ -21,6 +19,9 @@ from solari_vk.conformance.lobe_checks import (
     measure_mirror_chain,
     measure_mirrors,
 )
+from support.measured import hold
+from support.seeded_bugs import Bug, bug_tests
+
 from solari_vk.conformance.shader_runner import ShaderRunner
 
 

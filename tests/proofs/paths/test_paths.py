@@ -7,12 +7,12 @@ import math
 
 import numpy as np
 import pytest
+from support.lamp_over_floor import LAMP_CORNERS, floor_scene, lamp_above, lamp_on_lambert
 from support.measured import hold
 from support.paths import CACHED, DEFAULT, FAST, FULL, ONE, ONE_TILES, SEVERAL_TILES, SIZE, Profile, measure_means
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
-from solari_vk.conformance.light_checks import LAMP_CORNERS, floor_scene, lamp_above, lamp_on_lambert
 from solari_vk.conformance.oracles import closed_forms
 from solari_vk.conformance.realtime import (
     JITTER_PERIOD,
