@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-
 from solari_vk.conformance import (
     bulk_checks,
     embree_checks,
@@ -15,7 +14,6 @@ from solari_vk.conformance import (
 from solari_vk.conformance.cases import Measure, by, cases_of
 from solari_vk.conformance.ray_cases import parts as parts
 from solari_vk.conformance.worlds import FRESH, WAYS
-
 
 RAYS = {"ray_pipelines": "pipeline", "ray_queries": "query"}
 """The way to trace that a group is about. The suite opens the device for it, unless it is told another way."""

@@ -32,3 +32,16 @@ def decode_octahedral(codes: NDArray[np.integer[Any]], bits: int = 16) -> Floats
     folded = np.where(z >= 0, square, (1 - np.abs(square[..., ::-1])) * np.where(square >= 0, 1, -1))
     along = np.concatenate([folded, z], axis=-1)
     return np.asarray(along / np.linalg.norm(along, axis=-1, keepdims=True))
+
+
+def encode_srgb(linear: Floats) -> Floats:
+    """sRGB codes from 0 to 255, unrounded, of linear values from 0 to 1."""
+    linear = np.clip(linear, 0, 1)
+    encoded: Floats = 255 * np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return encoded
+
+
+def decode_srgb(codes: Floats) -> Floats:
+    """The inverse of encode_srgb."""
+    encoded = codes / 255
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import test_panes_and_masks as alpha_checks
 from support.measured import hold
-from support.patches import patched_shaders
+from support.seeded_bugs import Bug, bug_tests, seeded
 from test_panes_and_masks import (
     CAMERA,
     FLOOR_CAMERA,
@@ -273,42 +273,24 @@ def test_panes_that_are_moved_leave_nothing(device):
     check_gone(device)
 
 
-MUTANTS = {  # the proof that must fail, and the patch
-    "all candidates are hits": (check_mask, "scene/alpha.glsl", "if (cover.w >= 1.0) { return true; }", "return true;"),
-    "the cutoff is ignored": (check_mask, "scene/alpha.glsl", "color.w >= material.alpha_cutoff ?", "color.w > 0.0 ?"),
-    "light keeps its color": (check_colored_light, "scene/alpha.glsl", "passage.tint *=", "//"),
-    "light isn't dimmed": (check_colored_light, "scene/alpha.glsl", "passage.probability *=", "//"),
-    "rays that are scattered keep their color": (
-        check_colored_light, "passes/pathtracer/trace.comp", "throughput *= trace_passage(", "trace_passage("),
-    "one seed for all rays": (check_random_numbers, "scene/trace.glsl", "uvec2(0u, rand_u(rng))",
-                              "uvec2(7u)"),
-    "lamps are tinted by panes behind them": (
-        check_lamps, "scene/light_visibility.glsl", "direction, met.t, NO_HIT", "direction, t_max, NO_HIT"),
-    "frames are independent": (check_even_frames, "passes/gbuffer/pixel.glsl", "this_frame.index);",
-                               "pcg(this_frame.index));"),
-    "pixels are independent": (check_even_frames, "passes/gbuffer/pixel.glsl", "uvec2(bits.x | bits.y << 1u,",
-                               "uvec2(pcg4d(pixel.xyxy).x,"),
-    "all panes in the same order": (check_even_frames, "scene/alpha.glsl", "uvec4(instance_index, edge == NO_EDGE",
-                                    "uvec4(0u, edge == NO_EDGE"),
-    "chance counts as a change": (check_specks, "passes/taa/resolve.comp", "trusted = by_chance ? 1.0 : 1.0 -",
-                                  "trusted = 1.0 -"),
-    "panes that are gone are remembered": (check_gone, "passes/taa/resolve.comp", "if (!gone && ", "if ("),
-    "panes are forgotten": (check_specks, "passes/taa/resolve.comp", "(past.blended || is_blended", "(is_blended"),
-}  # fmt: skip
-QUICK = ("the cutoff is ignored",)
-
-
-@pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in QUICK else pytest.mark.slow) for n in MUTANTS])
-def test_a_bug_is_noticed(name, device):
-    proof, *patch = MUTANTS[name]
-    with patched_shaders(tuple(patch)), pytest.raises(AssertionError):
-        proof(device)
+test_a_seeded_bug_is_noticed = bug_tests({
+    "light keeps its color": (check_colored_light, Bug(
+        "scene/alpha.glsl", "pass_through(inout Passage passage, vec4", "passage.probability *= 1.0 - cover.w;")),
+    "one seed for all rays": (check_random_numbers, Bug(
+        "scene/trace.glsl", "random_blend_point", "return uvec2(7u);")),
+    "frames are independent": (check_even_frames, Bug(
+        "passes/gbuffer/pixel.glsl", "pixel_blend_point",
+        "return pcg4d(uvec4(correct(pixel), this_frame.index, 0u)).xy;")),
+    "chance counts as a change": (check_specks, Bug("passes/taa/history.glsl", "is_blended", "return false;")),
+    "panes that are gone are remembered": (check_gone, Bug("passes/taa/history.glsl", "is_blended", "return true;")),
+})  # fmt: skip
 
 
 def test_a_hit_group_without_its_shader_is_noticed():
     """Pipelines ask the any-hit shader."""
     with (
-        patched_shaders(("scene/trace.rahit", "if (cover.w >= 1.0)", "if (true)")),
+        seeded(Bug("scene/alpha.glsl", "resolve_cover(Material",
+                   "return vec4(correct(material, mesh, triangle, barycentrics).rgb, 1.0);")),
         sv.Device(validation=True, rays="pipeline") as device,
         sv.PathTracer(device, before_a_lamp(pane(0.5)), SIZE, max_bounces=0) as tracer,
     ):

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from support.patches import patched_shaders
+from support.seeded_bugs import Bug, seeded
 
 import solari_vk as sv
 from solari_vk.scene.builtin import place, rotation
@@ -146,15 +146,15 @@ def test_cards_are_there_or_not(answers, alpha):
     assert (found["camera_hits"] == (alpha > 0.5)).all()
 
 
-MUTANTS = {
-    "light passes each triangle": ("scene/alpha.glsl", "if (edge != NO_EDGE) {", "if (false) {"),
-    "rays meet each triangle": ("scene/alpha.glsl", "edge == NO_EDGE ? triangle : 0u, edge,", "triangle, 0u,"),
-    "only the latest edge is known": ("scene/alpha.glsl", " || edge == passed >> 16u", ""),
-    "all panes have the same edges": ("scene/alpha.glsl", "position, instance_index))", "position, 0u))"),
+BUGS = {
+    "light passes each triangle": Bug("scene/alpha.glsl", "edge_met", "return NO_EDGE;"),
+    "all panes have the same edges": Bug("scene/alpha.glsl", "edge_met", "return min(correct(instance_index, mesh, "
+                                         "triangle, barycentrics), 1u);"),
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", MUTANTS)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", BUGS)
 def test_a_bug_is_noticed(answers, name):
-    with patched_shaders(MUTANTS[name]), pytest.raises(AssertionError):
+    with seeded(BUGS[name]), pytest.raises(AssertionError):
         check_panes(answers)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.patches import patched_shaders
+from support.seeded_bugs import Bug, bug_tests
 from test_panes_and_masks import CAMERA, quad
 
 import solari_vk as sv
@@ -89,16 +89,9 @@ def test_a_card_casts_a_shadow(device):
     assert 0 < shadowed.sum() < 0.9 * traced(device, scene)[FLOOR].sum()
 
 
-MUTANTS = {
-    "other rays see it": (check_darkness, "surface.emits = !surface.unlit && (", "surface.emits = ("),
-    "it is lit": (check_color, "material.base_color = material.reflectance = vec3(0.0);", ""),
-    "it keeps its layers": (check_color, "material.lobes = NO_LOBES;\n}\n\n// ---- normals", "}\n\n// ---- normals"),
-}  # fmt: skip
-QUICK = ("other rays see it",)
-
-
-@pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in QUICK else pytest.mark.slow) for n in MUTANTS])
-def test_a_bug_is_noticed(name, device):
-    proof, *patch = MUTANTS[name]
-    with patched_shaders(("scene/surface.glsl", *patch)), pytest.raises(AssertionError):
-        proof(device)
+test_a_seeded_bug_is_noticed = bug_tests({
+    "other rays see it": (check_darkness, Bug("scene/surface.glsl", "make_unlit", "")),
+    "it is lit": (check_color, Bug(
+        "scene/surface.glsl", "make_unlit", "vec3 color = material.base_color; correct(material); "
+        "material.base_color = color;")),
+})  # fmt: skip

@@ -233,7 +233,8 @@ BRDF, MICROFACET = "scene/brdf.glsl", "scene/microfacet.glsl"
 GLOSSY = with_shaders(measure_draws, [(0.5, 1.0, 60.0)], 1_000_000)
 NUMBERS = with_shaders(measure_numbers, 200_000)
 test_a_seeded_bug_is_noticed = bug_tests({
-    "furnace of dielectrics": (with_shaders(measure_furnace, 0.0), Bug(BRDF, "below_layers", "return value;")),
+    "furnace of dielectrics": (with_shaders(measure_furnace, 0.0), Bug(
+        "scene/prepared_brdf.glsl", "dielectric_albedo", "return vec3(0.0);")),
     "furnace of metals": (with_shaders(measure_furnace, 1.0), Bug(
         "scene/brdf_table.glsl", "lookup_brdf_table", "return 0.99 * correct(NdotV, perceptual_roughness);")),
     _WEIGHT: (GLOSSY, Bug(BRDF, "weigh_sample", "BrdfSample found = correct(brdf, wo, wi, diffuse); "

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from support import brdf_runs
 from support.brdf import Surface, alpha_of, directional_albedo_terms
+from support.older_solari import LOBES_ADDED
+from support.seeded_bugs import seeded
 from test_base_lobes import furnace, random_directions
 
-from solari_vk.measure.claims.older import LOBES_ADDED
+from solari_vk.conformance.shader_runner import ShaderRunner
 
 CASES = [
     # base color, metallic, perceptual roughness, reflectance, and the error allowed for the table's interpolation
@@ -48,9 +52,9 @@ def test_table_holds_the_albedo(shaders):
             np.testing.assert_allclose(table[row, column], (a, b), atol=1e-3)
 
 
-def test_solaris_layerings_have_the_known_errors(shaders, patched):
+def test_solaris_layerings_have_the_known_errors(device, shaders):
     """Solari 0.18 adds both lobes, which gains energy; 0.19 multiplies Fresnel terms, which loses energy."""
-    with patched(*LOBES_ADDED) as adding:
+    with seeded(LOBES_ADDED), ShaderRunner(device, Path(__file__).parent / "glsl") as adding:
         assert 1.4 < furnace(adding, 0.0, brdf_layering=1).max() < 1.7
     assert 0.3 < furnace(shaders, 0.0, brdf_layering=1).min() < 0.5
 

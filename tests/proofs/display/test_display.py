@@ -12,6 +12,7 @@ from support.measured import hold
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
+from solari_vk.conformance.oracles.encodings import decode_srgb, encode_srgb
 from solari_vk.conformance.realtime import OFF, add_up, make_renderer
 from solari_vk.conformance.rules import SUITE, Measurement, Rule, count_wrong
 from solari_vk.errors import SolariError
@@ -52,20 +53,6 @@ def patches() -> tuple[sv.Scene, Image]:
         scene.add(sv.Instance(mesh=shapes.quad(at, (half, 0, 0), (0, half, 0)), material=lamp(color)))
     scene.add(sv.Camera(vertical_fov=2 * np.arctan(0.5)))
     return scene, radiance.reshape(ROWS, COLUMNS, 3)
-
-
-def encode_srgb(linear: Image) -> Image:
-    """sRGB codes from 0 to 255, unrounded, of linear values from 0 to 1."""
-    linear = np.clip(linear, 0, 1)
-    encoded: Image = 255 * np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return encoded
-
-
-def decode_srgb(codes: Image) -> Image:
-    """The inverse of encode_srgb."""
-    encoded = codes / 255
-    linear: Image = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
-    return linear
 
 
 def measure_picture(device: Device) -> Iterator[Measurement]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import test_raster_and_rays as gbuffer_checks
 from support.measured import hold
-from support.patches import patched_shaders
+from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
 from solari_vk.conformance.oracles import closed_forms, gbuffer
@@ -27,30 +27,14 @@ def test_culling_changes_no_pixel(device):
     hold(gbuffer_checks.measure_culling(device, 5.0))
 
 
-BUGS = {
-    "rays from one point": ("scene/camera.glsl", "vec3(parallel ? lateral : vec2(0.0), 0.0)", "vec3(0.0)"),
-    "raster without jitter": ("passes/gbuffer/raster.vert", "across - jitter", "across"),
-    "raster without a near plane": ("passes/gbuffer/raster.vert", "(view.z + camera.near)", "(view.z + 4.5)"),
-}
-
-
-@pytest.mark.parametrize("bug", BUGS)
-def test_raster_against_rays_sees_bugs(device, bug):
-    with patched_shaders(BUGS[bug]), pytest.raises(AssertionError):
-        hold(gbuffer_checks.measure_raster(device, gbuffer_checks.make_scene("orthographic_zoo"), SIZE))
-
-
-CULLING_BUGS = {
-    "frustum of perspective cameras": ("vec2 distance = parallel ? slope : vec2(0.0);", "vec2 distance = vec2(0.0);"),
-    "boxes in perspective": ("(is_parallel(camera) ? 1.0 : view_depth)", "view_depth"),
-    "depth of perspective cameras": ("float depth_value = is_parallel(camera)", "float depth_value = false"),
-}
-
-
-@pytest.mark.parametrize("bug", CULLING_BUGS)
-def test_culling_sees_bugs(device, bug):
-    with patched_shaders(("passes/gbuffer/cull.comp", *CULLING_BUGS[bug])), pytest.raises(AssertionError):
-        hold(gbuffer_checks.measure_culling(device, 5.0))
+test_a_seeded_bug_is_noticed = bug_tests({
+    "rays from one point": (
+        lambda device: gbuffer_checks.measure_raster(device, gbuffer_checks.make_scene("orthographic_zoo"), SIZE),
+        Bug("scene/camera.glsl", "view_line", "ViewLine line = correct(position, from); line.start = vec3(0.0); "
+            "return line;")),
+    "culling in perspective": (lambda device: gbuffer_checks.measure_culling(device, 5.0), Bug(
+        "scene/camera.glsl", "is_parallel", "return false;")),
+})  # fmt: skip
 
 
 @pytest.mark.parametrize("way", ["raster", "traced"])

@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from support.measured import hold
-from support.patches import patched_shaders
 from support.paths import Profile, measure_means
+from support.seeded_bugs import Bug, seeded
 
 import solari_vk as sv
 from solari_vk.conformance.realtime import Effort, make_renderer
@@ -97,22 +97,22 @@ def test_metal_spreads_light_along_its_anisotropy(picture, rotation):
     assert along > 10 * across > 0
 
 
-MUTANTS = {
-    "a solid absorbs nothing": (test_a_solid_absorbs_by_the_law_of_beer_and_lambert, "passes/pathtracer/trace.comp",
-                                "throughput *= attenuation(absorption, hit.t);", ";"),
-    "a pane doesn't color light": (lambda picture: test_a_thin_pane_colors_shadow_rays(picture, "nee"),
-                                   "scene/alpha.glsl", "passage.tint *=", "//"),
-    "the tangent is turned": (lambda picture: test_metal_spreads_light_along_its_anisotropy(picture, 0.0),
-                              "scene/material_lobes.glsl", "mat2x3(tangent_frame[0], tangent_frame[1])",
-                              "mat2x3(tangent_frame[1], tangent_frame[0])"),
+BUGS = {
+    "a solid absorbs nothing": (test_a_solid_absorbs_by_the_law_of_beer_and_lambert, Bug(
+        "scene/material_lobes.glsl", "attenuation", "return vec3(1.0);")),
+    "a pane doesn't color light": (lambda picture: test_a_thin_pane_colors_shadow_rays(picture, "nee"), Bug(
+        "scene/alpha.glsl", "pass_through(inout Passage passage, vec4", "passage.probability *= 1.0 - cover.w;")),
+    "the tangent is turned": (lambda picture: test_metal_spreads_light_along_its_anisotropy(picture, 0.0), Bug(
+        "scene/material_lobes.glsl", "orient_lobes",
+        "correct(lobes, shading_normal, coat_normal, mat3(tangent_frame[1], tangent_frame[0], tangent_frame[2]));")),
 }  # fmt: skip
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", MUTANTS)
+@pytest.mark.parametrize("name", BUGS)
 def test_a_bug_is_noticed(picture, name):
-    proof, *patch = MUTANTS[name]
-    with patched_shaders(tuple(patch)), pytest.raises(AssertionError):
+    proof, bug = BUGS[name]
+    with seeded(bug), pytest.raises(AssertionError):
         proof(picture)
 
 

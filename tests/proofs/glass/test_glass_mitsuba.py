@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from support import mitsuba_scene
-from support.patches import patched_shaders
+from support.seeded_bugs import Bug, seeded
 from support.statistics import assert_equal
 
 import solari_vk as sv
@@ -15,17 +15,18 @@ from solari_vk.scene import shapes
 SIZE = (32, 32)
 BOUNCES = 32
 HEIGHT, WIDTH = 64, 128
-FRESNEL = ("scene/microfacet.glsl", "return 0.5 * a * a * (1.0 + b * b);")
+FRESNEL = ("scene/microfacet.glsl", "dielectric_fresnel")
 # Mitsuba counts the light that is reflected to and fro in a thin wall; KHR_materials_transmission doesn't.
-MANY_REFLECTIONS = (*FRESNEL, "float once = 0.5 * a * a * (1.0 + b * b); return 2.0 * once / (1.0 + once);")
+MANY_REFLECTIONS = Bug(*FRESNEL, "float once = correct(eta, cosine); return 2.0 * once / (1.0 + once);")
 # Mitsuba leaves out light that microfacets scatter more than once, and takes a microfacet's visibility from one side as
 # independent of that from the other.
-SINGLE_SCATTERING = ("scene/prepared_brdf.glsl", "glass.compensation = 1.0 / albedo;", "")
-INDEPENDENT_SHADOWS = (
-    "scene/glass.glsl",
-    "1.0 + smith_lambda(glass.roughness, wo) + smith_lambda(glass.roughness, wi);",
-    "(1.0 + smith_lambda(glass.roughness, wo)) * (1.0 + smith_lambda(glass.roughness, wi));",
-)
+SINGLE_SCATTERING = Bug(
+    "scene/prepared_brdf.glsl", "prepare_glass", "Glass glass = correct(material, cosine); glass.compensation = 1.0; "
+    "return glass;")
+INDEPENDENT_SHADOWS = Bug(
+    "scene/glass.glsl", "evaluate_glass",
+    "float o = smith_lambda(glass.roughness, wo), i = smith_lambda(glass.roughness, wi); "
+    "return correct(glass, wo, wi) * ((1.0 + o + i) / ((1.0 + o) * (1.0 + i)));")
 INDICES = {"int_ior": 1.5, "ext_ior": 1.0}
 CASES = {  # our material, Mitsuba's, and what differs by design
     "solid": ({"solid": True}, {"type": "dielectric", **INDICES}, ()),
@@ -52,7 +53,7 @@ def block(fields):
     return scene
 
 
-def compared(picture, name, *patches):
+def compared(picture, name, *bugs):
     """Our picture and Mitsuba's of one of CASES."""
     fields, theirs, by_design = CASES[name]
     scene = block(fields)
@@ -63,7 +64,7 @@ def compared(picture, name, *patches):
     emitters = {"map": mitsuba_scene.environment_of(mitsuba, scene.environment, pixels)}
     live = mitsuba_scene.scene_of(mitsuba, scene, *SIZE, bounces=BOUNCES, bsdf=theirs, emitters=emitters)
     mean, variance = mitsuba_scene.render(mitsuba, live, 8, 64)
-    with patched_shaders(*by_design, *patches):
+    with seeded(*by_design, *bugs):
         made = picture(scene, SIZE, 1024, max_bounces=BOUNCES)
     result = compare(made.mean, made.variance, mean, variance)
     print(name, result)
@@ -78,7 +79,6 @@ def test_a_block_is_mitsubas(picture, name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_too_few_reflections_are_noticed(picture, name):
-    patch = (FRESNEL[0], "float dielectric_fresnel(float eta, float cosine) {",
-             "float dielectric_fresnel(float eta, float cosine) { eta = eta > 1.0 ? 1.45 : 1.0 / 1.45;")  # fmt: skip
+    bug = Bug(*FRESNEL, "return correct(eta > 1.0 ? 1.45 : 1.0 / 1.45, cosine);")
     with pytest.raises(AssertionError):
-        assert_equal(compared(picture, name, patch), 0.012, name)
+        assert_equal(compared(picture, name, bug), 0.012, name)

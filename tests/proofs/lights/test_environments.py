@@ -9,7 +9,6 @@ import test_environment_maps as environment_checks
 from support import brdf, mitsuba_scene
 from support.frames import each_lighting
 from support.measured import hold
-from support.patches import patched_shaders
 from test_environment_maps import floor_scene, map_with_sun, random_map, turned
 
 import solari_vk as sv
@@ -18,18 +17,6 @@ from solari_vk.conformance.realtime import make_renderer, trace
 from solari_vk.scene import environment_map, shapes
 from solari_vk.scene.builtin import matte, rgb
 from solari_vk.scene.environment_map import EnvironmentMap
-
-LIGHT = "scene/lights/environment.glsl"
-MUTANTS = {  # what measures, and the patch
-    "density without the sine": (
-        lambda device: environment_checks.measure_floor(device, "mis"), "* max(polar_sine, MIN_POLAR_SINE)", ""),
-    "rays find the nearest texel": (
-        environment_checks.measure_background, "share = position - 0.5 - first;",
-        "share = round(position - 0.5 - first);"),
-    "maps don't turn": (environment_checks.measure_background, "direction * map.world_from_map", "direction"),
-    "samples in the center of a texel": (
-        environment_checks.measure_texels, "part / map.size.x) + u;", "part / map.size.x) + 0.2 * u;"),
-}  # fmt: skip
 
 
 @pytest.mark.slow  # eight million texels; the conformance suite measures a smaller map
@@ -41,24 +28,6 @@ def test_a_sun_in_a_large_map_adds_no_bias(device):
 @each_lighting
 def test_all_frames_have_the_path_tracers_light(device, lighting):
     hold(environment_checks.measure_means(device, environment_checks.FAST, **lighting))
-
-
-@pytest.mark.slow  # the driver compiles frames
-@pytest.mark.parametrize(("measure", "bug"), [
-    (environment_checks.measure_mirror, (LIGHT, "direction * map.world_from_map", "direction")),
-    (lambda device: environment_checks.measure_means(device, environment_checks.FAST),
-     ("scene/sampling.glsl", "choice_probability / met.inverse_pdf", "0.0 * met.inverse_pdf")),
-], ids=["mirror", "means"])  # fmt: skip
-def test_a_seeded_bug_in_frames_is_noticed(device, measure, bug):
-    with patched_shaders(bug), pytest.raises(AssertionError):
-        hold(measure(device))
-
-
-@pytest.mark.parametrize("name", MUTANTS)
-def test_a_seeded_bug_is_noticed(device, name):
-    measure, *patch = MUTANTS[name]
-    with patched_shaders((LIGHT, *patch)), pytest.raises(AssertionError):
-        hold(measure(device))
 
 
 def test_a_table_that_ignores_the_map_is_noticed(device, monkeypatch):

@@ -9,7 +9,7 @@ import pytest
 from support import mitsuba_scene
 from support.frames import TILES, WHOLE, each_lighting, left_of, settle, snapshot
 from support.measured import hold
-from support.patches import patched_shaders
+from support.seeded_bugs import Bug, seeded
 from support.statistics import assert_equal
 
 import solari_vk as sv
@@ -153,7 +153,8 @@ def emitters(mi, point, spot):
     }  # fmt: skip
 
 
-TOO_BRIGHT = ("scene/lights/punctual.glsl", "return square(cone)", "return 1.03 * square(cone)")
+TOO_BRIGHT = Bug(
+    "scene/lights/punctual.glsl", "punctual_falloff", "return 1.03 * correct(light, direction, distance);")
 
 
 @pytest.mark.parametrize("mutant", [
@@ -166,7 +167,7 @@ def test_a_box_under_point_and_spot_is_mitsubas(picture, mutant):
     lamps = emitters(mitsuba, scene.lights["point"], scene.lights["spot"])
     theirs = mitsuba_scene.scene_of(mitsuba, scene, 32, 32, bounces=4, lambert=True, emitters=lamps)
     mean, variance = mitsuba_scene.render(mitsuba, theirs, 8, 64)
-    with patched_shaders(*([mutant] if mutant else [])):
+    with seeded(*([mutant] if mutant else [])):
         made = picture(scene, (32, 32), 1024, max_bounces=4, lambert=True)
     result = compare(made.mean, made.variance, mean, variance)
     print(result)

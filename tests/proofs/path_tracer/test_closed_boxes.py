@@ -127,7 +127,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
         "return found;")),
     "weights of hits": (lambda device: measure_series(device, 5, ["mis"]), Bug(TRACE, "hit_weight", "return 1.0;")),
     "white walls": (lambda device: measure_white_box(device, 0.5, 0.0), Bug(
-        "scene/brdf.glsl", "below_layers", "return 0.97 * correct(brdf, value, wo, wi);")),
+        "scene/prepared_brdf.glsl", "dielectric_albedo", "return 0.5 * correct(brdf, ab);")),
     "white metal": (lambda device: measure_white_box(device, 1.0, 1.0), Bug(
         "scene/brdf_table.glsl", "lookup_brdf_table", "return vec2(1.0, 0.0);")),
     "light-tight": (lambda device: measure_light_tight(device, ["far"]), Bug(

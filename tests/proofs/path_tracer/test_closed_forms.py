@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from support import brdf
 from support.lamp_over_floor import LAMP_CORNERS, LAMP_RADIANCE, floor_scene, lamp_above
-from support.patches import patched_shaders
+from support.older_solari import LOBES_ADDED
+from support.seeded_bugs import Bug, seeded
 from support.statistics import assert_equal, replicates
 
 import solari_vk as sv
 from solari_vk.conformance.oracles import closed_forms
 from solari_vk.conformance.oracles.closed_forms import over_pixels
-from solari_vk.measure.claims.older import LOBES_ADDED
 from solari_vk.measure.statistics import compare, tile_means
 
 
@@ -57,7 +57,7 @@ def test_lamp_over_our_materials(picture, roughness, metallic, reflectance, laye
     material = sv.Material(base_color=color, perceptual_roughness=roughness, metallic=metallic, reflectance=reflectance)
     scene = floor_scene(material, lamp_above())
     older = layering == "sum"  # as Solari 0.18
-    with patched_shaders(*(LOBES_ADDED if older else ())):
+    with seeded(*[LOBES_ADDED] * older):
         made = picture(scene, (16, 16), 4096, max_bounces=1, layering="fresnel_product" if older else layering)
     surface = brdf.Surface(color, metallic, roughness, reflectance, layering)
     eye = scene.camera.transform[:3, 3]
@@ -97,3 +97,14 @@ def test_seeds_are_unbiased_and_independent(tracer):
     assert replicates(tiles, expected[0], 0.005) == (0, True)
     independent = math.sqrt(runs.var(axis=0, ddof=1).sum()) / 32**2
     assert runs.mean(axis=(1, 2)).std(ddof=1) / independent == pytest.approx(1, abs=0.45)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bug", [
+    Bug("scene/lights/emissive_mesh.glsl", "emissive_hit_pdf", "return 3.0 * correct(hit, ray_direction, ray_t);"),
+    Bug("scene/microfacet.glsl", "reflectance_f0", "return 0.5 * correct(reflectance);"),
+    Bug("scene/camera.glsl", "make_camera_ray", "return correct(pixel_position - 0.5);"),
+], ids=["weights of hits", "Fresnel", "half a pixel off"])  # fmt: skip
+def test_a_seeded_bug_is_noticed(picture, bug):
+    with seeded(bug), pytest.raises(AssertionError):
+        test_lamp_over_our_materials(picture, 0.35, 0.0, 1.0, "conserving")

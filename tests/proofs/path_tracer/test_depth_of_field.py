@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from support.patches import patched_shaders
+from support.seeded_bugs import Bug, seeded
 
 import solari_vk as sv
 from solari_vk.scene import shapes
@@ -48,13 +48,10 @@ def test_the_disk_of_confusion(device, kind, focus):
     check(device, kind, focus)
 
 
-@pytest.mark.parametrize(
-    "patch",
-    [("passes/pathtracer/trace.comp", "sample_disk(rand_vec2f(rng))", "rand_vec2f(rng)"),
-     ("scene/camera.glsl", "camera.lens_radius * on_lens", "2.0 * camera.lens_radius * on_lens")],
-)  # fmt: skip
-def test_bugs_are_seen(device, patch):
-    with patched_shaders(patch), pytest.raises(AssertionError):
+@pytest.mark.slow
+def test_a_lens_twice_as_wide_is_noticed(device):
+    with seeded(Bug("scene/camera.glsl", "through_lens", "return correct(ray, 2.0 * on_lens);")), \
+            pytest.raises(AssertionError):
         check(device, "perspective", 2.0)
 
 
@@ -73,8 +70,8 @@ def lit_with_and_without_lens(device):
 
 def test_what_is_in_focus_is_sharp_everywhere(device):
     np.testing.assert_array_equal(*lit_with_and_without_lens(device))
-    sphere = ("scene/camera.glsl", "camera.focus_distance / ray.depth_per_t)", "camera.focus_distance)")
-    with patched_shaders(sphere):
+    sphere = Bug("scene/camera.glsl", "through_lens", "ray.depth_per_t = 1.0; return correct(ray, on_lens);")
+    with seeded(sphere):
         sharp, blurred = lit_with_and_without_lens(device)
     assert (sharp != blurred).any(), "a focus at equal distances instead of depths is seen"
 

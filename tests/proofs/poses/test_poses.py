@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.characters import bent, tube
 from support.gltf_writer import GltfWriter
-from support.patches import patched_shaders
+from support.seeded_bugs import Bug, seeded
 
 import solari_vk as sv
 from solari_vk.color import LUMINANCE_WEIGHTS
@@ -122,17 +122,10 @@ def test_renderers_of_a_binder_have_motion_of_their_own(device):
     binder.destroy()
 
 
-MUTANTS = {
-    "poses without motion": ("passes/gbuffer/gbuffer.glsl", "if (changes_pose(mesh)) {", "if (false) {"),
-    "targets are ignored": ("scene/deform.comp", "i < mesh.target_count", "i < 0u"),
-    "joints of the first mesh": ("scene/deform.comp", "mesh.first_joint + influence", "influence"),
-    "one joint a vertex": ("scene/deform.comp", "i < mesh.influence_count", "i < 1u"),
-}
-
-
-@pytest.mark.parametrize("name", MUTANTS)
-def test_seeded_bug_is_noticed(device, name):
-    with patched_shaders(MUTANTS[name]), pytest.raises(AssertionError):
+@pytest.mark.slow
+def test_joints_of_the_first_mesh_are_noticed(device):
+    bug = Bug("scene/deform.comp", "blend_joints", "mesh.first_joint = 0u; return correct(mesh, vertex);")
+    with seeded(bug), pytest.raises(AssertionError):
         check_motion(device, "traced")
 
 
