@@ -9,6 +9,7 @@ from solari_vk.conformance import (
     probe_checks,
     ray_cases,
     ray_pipeline_checks,
+    renderer_checks,
     structure_checks,
 )
 from solari_vk.conformance.cases import Measure, by, cases_of
@@ -51,5 +52,11 @@ GROUPS: dict[str, dict[str, Measure]] = {
         "many_instances": lambda run: bulk_checks.measure_many_instances(run.shaders, 100_000 if run.full else 70_000),
         "extreme_transforms": lambda run: bulk_checks.measure_extreme_transforms(run.shaders),
         "thin_triangles": lambda run: bulk_checks.measure_thin_triangles(run.shaders),
+    },
+    "renderer": {
+        "series": lambda run: renderer_checks.measure_series(run.device),
+        "closed_room": lambda run: renderer_checks.measure_closed_room(run.device),
+        "frames": lambda run: renderer_checks.measure_frames(run.device),
+        "gbuffer": lambda run: renderer_checks.measure_gbuffer(run.device),
     },
 }  # fmt: skip

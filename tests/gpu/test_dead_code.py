@@ -4,7 +4,7 @@ import re
 import subprocess
 
 import pytest
-from support.patches import patched_shaders
+from support.seeded_bugs import Bug, seeded
 
 from solari_vk.gpu.shaders import shaderc
 from solari_vk.gpu.shaders.compiler import compile_shader
@@ -79,10 +79,10 @@ def test_a_second_time_nothing_goes(path):
     assert without_dead_code(spirv) == spirv
 
 
-def test_patched_shaders_alone_are_not_optimized():
+def test_shaders_of_overlays_alone_are_not_optimized():
     path = "passes/restir_di/spatial_and_shade.comp"
     usual, other = compile_shader(path), compile_shader("passes/denoise/blur.comp")
-    with patched_shaders((path, "di_diffuse.at[index] = diffuse;", "di_diffuse.at[index] = 1.0 * diffuse;")):
+    with seeded(Bug(path, "main", "correct();")):
         patched = compile_shader(path)
         assert compile_shader("passes/denoise/blur.comp") == other
     assert reflect(patched).bindings == reflect(usual).bindings

@@ -5,9 +5,9 @@ from __future__ import annotations
 import functools
 
 import pytest
+from support.pictures import take_picture
 
 import solari_vk as sv
-from solari_vk.conformance.pictures import take_picture
 
 
 @pytest.fixture

@@ -199,4 +199,4 @@ def test_an_unchecked_rule_is_noticed(run_case, device, rule):
     bug = Bug("scene/ray_query_debug.glsl", "ray_query_rule",
               f"return correct(kept || fault == FAULT_{rule.upper()}, fault);")  # fmt: skip
     with seeded(bug), pytest.raises(AssertionError):
-        check_rule
+        check_rule(run_case, device, rule)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from solari_vk.conformance.realtime import DIRECT, SPLIT, add_up, make_renderer
+from support.realtime import DIRECT, SPLIT, add_up, make_renderer
 
 # Passes and settings for frames that contain only direct light.
 ALONE = {"passes": DIRECT, **SPLIT, "gi": False, "specular": False, "world_cache": False}

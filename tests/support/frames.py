@@ -7,10 +7,10 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from solari_vk.conformance.realtime import SPLIT
 from solari_vk.conformance.rules import SUITE, Rule
 from solari_vk.passes import pathtracer
 from solari_vk.renderer import LIGHT
+from support.realtime import SPLIT
 
 SIZE = (32, 32)
 WHOLE = Rule("a picture is as bright as the path tracer's", SUITE, "Renderer")

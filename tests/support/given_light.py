@@ -10,9 +10,9 @@ from contextlib import contextmanager
 import numpy as np
 
 import solari_vk as sv
-from solari_vk.conformance.realtime import make_renderer
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import matte
+from support.realtime import make_renderer
 from support.seeded_bugs import Bug, seeded
 
 SIZE = (96, 64)

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import solari_vk as sv
-from solari_vk.conformance.oracles import closed_forms
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import rgb
+from support.oracles import closed_forms
 
 # Five standard errors more than the interval on lavapipe, because other devices give other noise.
 BAR = 0.005

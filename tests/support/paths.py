@@ -8,8 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 import solari_vk as sv
-from solari_vk.conformance.pictures import take_picture
-from solari_vk.conformance.realtime import (
+from solari_vk.conformance.rules import SUITE, Measurement, Rule
+from solari_vk.measure.statistics import sixteenths, student_quantile
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import lamp, place, rgb
+from support.frames import path_tracer_at_centers
+from support.pictures import take_picture
+from support.realtime import (
     PATHS,
     PLAIN,
     Effort,
@@ -19,11 +24,6 @@ from solari_vk.conformance.realtime import (
     run_pictures,
     trace,
 )
-from solari_vk.conformance.rules import SUITE, Measurement, Rule
-from solari_vk.measure.statistics import sixteenths, student_quantile
-from solari_vk.scene import shapes
-from solari_vk.scene.builtin import lamp, place, rgb
-from support.frames import path_tracer_at_centers
 
 _PATHS = (SUITE, "Paths")
 ONE = Rule("with one light sample a vertex and no cache, paths have the path tracer's mean", *_PATHS)

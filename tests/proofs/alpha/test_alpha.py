@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import test_panes_and_masks as alpha_checks
 from support.measured import hold
+from support.realtime import GBUFFER, SPLIT, Effort, make_renderer, run_pictures, trace
 from support.seeded_bugs import Bug, bug_tests, seeded
 from test_panes_and_masks import (
     CAMERA,
@@ -23,7 +24,6 @@ from test_panes_and_masks import (
 )
 
 import solari_vk as sv
-from solari_vk.conformance.realtime import GBUFFER, SPLIT, Effort, make_renderer, run_pictures, trace
 from solari_vk.measure.statistics import relative_interval
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import place

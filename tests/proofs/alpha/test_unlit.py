@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.realtime import GBUFFER, OFF, make_renderer
 from support.seeded_bugs import Bug, bug_tests
 from test_panes_and_masks import CAMERA, quad
 
 import solari_vk as sv
-from solari_vk.conformance.realtime import GBUFFER, OFF, make_renderer
 from solari_vk.scene import shapes
 from solari_vk.scene.material import UNLIT_RADIANCE
 

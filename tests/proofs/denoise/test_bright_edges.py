@@ -7,10 +7,10 @@ import math
 
 import numpy as np
 import pytest
+from support.realtime import make_renderer
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
-from solari_vk.conformance.realtime import make_renderer
 from solari_vk.measure.statistics import true_relative_mse
 from solari_vk.scene import shapes
 from solari_vk.scene.matrices import rotation, turned_about

@@ -7,10 +7,10 @@ import functools
 import numpy as np
 import pytest
 from support.frames import find, frames_in_history, path_tracer_at_centers, settle
+from support.realtime import JITTER_PERIOD, make_renderer
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
-from solari_vk.conformance.realtime import JITTER_PERIOD, make_renderer
 from solari_vk.measure.statistics import relative_mse, sixteenths, true_relative_mse
 from solari_vk.output.animation import orbit
 from solari_vk.scene import shapes

@@ -6,10 +6,10 @@ import functools
 
 import numpy as np
 import pytest
+from support.realtime import make_renderer
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
-from solari_vk.conformance.realtime import make_renderer
 from solari_vk.scene.builtin import builtin
 
 SIZE = (32, 32)

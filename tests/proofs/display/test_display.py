@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from support.measured import hold
+from support.oracles.encodings import decode_srgb, encode_srgb
+from support.realtime import OFF, add_up, make_renderer
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
-from solari_vk.conformance.oracles.encodings import decode_srgb, encode_srgb
-from solari_vk.conformance.realtime import OFF, add_up, make_renderer
 from solari_vk.conformance.rules import SUITE, Measurement, Rule, count_wrong
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.frames import each_lighting, find, snapshot
+from support.realtime import GBUFFER, make_renderer
 from support.seeded_bugs import Bug, expect_noticed, seeded
 
 import solari_vk as sv
-from solari_vk.conformance.realtime import GBUFFER, make_renderer
 from solari_vk.scene.builtin import place
 
 OCCLUSION = Path(__file__).resolve().parents[3] / "docs/examples/bake_occlusion.py"

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from support.frames import SIZE, differing, each_lighting, find, left_of, settle, snapshot
+from support.realtime import add_up, make_renderer, trace_reflected
 
 import solari_vk as sv
-from solari_vk.conformance.realtime import add_up, make_renderer, trace_reflected
 from solari_vk.measure.statistics import sixteenths
 from solari_vk.scene import shapes
 from solari_vk.scene.binder import SceneBinder

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 from support.frames import differing, each_lighting, snapshot
+from support.realtime import make_renderer
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
-from solari_vk.conformance.realtime import make_renderer
 
 FRAMES = 12
 SCENES = {"cornell_box": {}, "many_lights": {"box_count": 300, "sphere_count": 49}, "sphere_grid": {}}

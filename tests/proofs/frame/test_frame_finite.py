@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from support.frames import lights_of
 from support.random_scenes import random_items, random_settings
+from support.realtime import make_renderer
 from support.seeded_bugs import Bug, bug_tests, seeded
 
 import solari_vk as sv
-from solari_vk.conformance.realtime import make_renderer
 
 OTHERS = ("gbuffer_depth", "motion_vectors", "guides_normal_roughness", "guides_diffuse_albedo",
           "guides_specular_albedo", "guides_depth", "guides_motion", "guides_specular_motion")  # fmt: skip

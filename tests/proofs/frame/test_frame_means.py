@@ -6,10 +6,7 @@ import numpy as np
 import pytest
 from support.frames import TILES, WHOLE, each_lighting
 from support.measured import hold
-from support.seeded_bugs import Bug, bug_tests
-
-import solari_vk as sv
-from solari_vk.conformance.realtime import (
+from support.realtime import (
     JITTER_PERIOD,
     SPLIT,
     Effort,
@@ -21,6 +18,9 @@ from solari_vk.conformance.realtime import (
     trace,
     trace_reflected,
 )
+from support.seeded_bugs import Bug, bug_tests
+
+import solari_vk as sv
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.measure.claims.scenes import ball_in_white
 from solari_vk.measure.statistics import sixteenths

@@ -10,9 +10,7 @@ import pytest
 from support.assets import asset
 from support.frames import TILES, WHOLE, left_of, settle
 from support.measured import hold
-
-import solari_vk as sv
-from solari_vk.conformance.realtime import (
+from support.realtime import (
     Effort,
     make_renderer,
     measure_mean,
@@ -20,6 +18,8 @@ from solari_vk.conformance.realtime import (
     run_pictures,
     trace,
 )
+
+import solari_vk as sv
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.measure.replication import replicate
 from solari_vk.scene import shapes

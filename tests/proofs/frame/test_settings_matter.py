@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.realtime import make_renderer
 
 import solari_vk as sv
-from solari_vk.conformance.realtime import make_renderer
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, place
 from solari_vk.scene.constants import NO_INDEX

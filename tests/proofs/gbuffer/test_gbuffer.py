@@ -11,11 +11,11 @@ import pytest
 import test_raster_and_rays as gbuffer_checks
 from gbuffer_worlds import material_zoo
 from support.measured import hold
+from support.oracles import closed_forms, gbuffer
+from support.realtime import GBUFFER, get_jitter, make_renderer
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
-from solari_vk.conformance.oracles import closed_forms, gbuffer
-from solari_vk.conformance.realtime import GBUFFER, get_jitter, make_renderer
 from solari_vk.gpu.frame.frame import Pass, Stage
 from solari_vk.gpu.shaders import compiler
 from solari_vk.measure.partial import PartialRenderer

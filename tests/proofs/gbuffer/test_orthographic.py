@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import test_raster_and_rays as gbuffer_checks
 from support.measured import hold
+from support.oracles import closed_forms, gbuffer
+from support.realtime import GBUFFER, make_renderer
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
-from solari_vk.conformance.oracles import closed_forms, gbuffer
-from solari_vk.conformance.realtime import GBUFFER, make_renderer
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import matte
 

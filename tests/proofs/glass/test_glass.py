@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from support.measured import hold
 from support.paths import Profile, measure_means
+from support.realtime import Effort, make_renderer
 from support.seeded_bugs import Bug, seeded
 
 import solari_vk as sv
-from solari_vk.conformance.realtime import Effort, make_renderer
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place
 

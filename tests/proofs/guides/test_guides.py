@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.oracles.closed_forms import camera_rays
+from support.realtime import GUIDES, make_renderer
 from support.seeded_bugs import Bug, seeded
 
 import solari_vk as sv
-from solari_vk.conformance.oracles.closed_forms import camera_rays
-from solari_vk.conformance.realtime import GUIDES, make_renderer
 from solari_vk.measure.statistics import relative_mse
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import builtin, lamp, matte, rgb

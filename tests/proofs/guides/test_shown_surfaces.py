@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from support.measured import hold
+from support.realtime import GUIDES, OFF, PARTS, add_up, make_renderer, odd_scene
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
-from solari_vk.conformance.realtime import GUIDES, OFF, PARTS, add_up, make_renderer, odd_scene
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.gpu.device.device import Device
 from solari_vk.passes.guides import IMAGES

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from support.frames import find, frames_in_history, settle
+from support.realtime import make_renderer
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
-from solari_vk.conformance.realtime import make_renderer
 from solari_vk.scene import changed_lights, shapes
 from solari_vk.scene.builtin import cornell_box, lamp, matte, place
 

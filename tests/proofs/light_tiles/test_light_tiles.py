@@ -13,13 +13,13 @@ from support.direct_light import direct_renderer
 from support.encodings import pcg_hash, pcg_step
 from support.lamp_over_floor import floor_scene
 from support.measured import hold
+from support.oracles import closed_forms, packed_lights
+from support.oracles.encodings import decode_octahedral, decode_rgb9e5
+from support.oracles.packed_lights import step_and_rounding
+from support.realtime import OFF, make_renderer
 from support.seeded_bugs import Bug, bug_tests, seeded
 
 import solari_vk as sv
-from solari_vk.conformance.oracles import closed_forms, packed_lights
-from solari_vk.conformance.oracles.encodings import decode_octahedral, decode_rgb9e5
-from solari_vk.conformance.oracles.packed_lights import step_and_rounding
-from solari_vk.conformance.realtime import OFF, make_renderer
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.measure.statistics import chi_squared_p, standard_deviations

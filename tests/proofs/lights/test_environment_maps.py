@@ -13,12 +13,12 @@ import pytest
 from numpy.typing import NDArray
 from support.lamp_over_floor import floor_scene
 from support.measured import hold
+from support.oracles import closed_forms, environments
+from support.pictures import compare_picture, take_picture
+from support.realtime import GBUFFER, OFF, Effort, make_renderer, measure_mean, run_pictures, trace
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
-from solari_vk.conformance.oracles import closed_forms, environments
-from solari_vk.conformance.pictures import compare_picture, take_picture
-from solari_vk.conformance.realtime import GBUFFER, OFF, Effort, make_renderer, measure_mean, run_pictures, trace
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.statistics import chi_squared_p, standard_deviations

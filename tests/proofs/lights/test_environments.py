@@ -9,11 +9,11 @@ import test_environment_maps as environment_checks
 from support import brdf, mitsuba_scene
 from support.frames import each_lighting
 from support.measured import hold
+from support.oracles import environments
+from support.realtime import make_renderer, trace
 from test_environment_maps import floor_scene, map_with_sun, random_map, turned
 
 import solari_vk as sv
-from solari_vk.conformance.oracles import environments
-from solari_vk.conformance.realtime import make_renderer, trace
 from solari_vk.scene import environment_map, shapes
 from solari_vk.scene.builtin import matte, rgb
 from solari_vk.scene.environment_map import EnvironmentMap

@@ -20,11 +20,11 @@ from support.lamp_over_floor import (
     patched_lamp,
 )
 from support.measured import hold
+from support.oracles import closed_forms
+from support.pictures import Picture, compare_picture, take_picture
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
-from solari_vk.conformance.oracles import closed_forms
-from solari_vk.conformance.pictures import Picture, compare_picture, take_picture
 from solari_vk.conformance.rules import Measurement, Rule
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.builtin import rgb

@@ -9,11 +9,7 @@ import pytest
 from support import mitsuba_scene
 from support.frames import TILES, WHOLE, each_lighting, left_of, settle, snapshot
 from support.measured import hold
-from support.seeded_bugs import Bug, seeded
-from support.statistics import assert_equal
-
-import solari_vk as sv
-from solari_vk.conformance.realtime import (
+from support.realtime import (
     SPLIT,
     Effort,
     make_renderer,
@@ -22,6 +18,10 @@ from solari_vk.conformance.realtime import (
     run_pictures,
     trace,
 )
+from support.seeded_bugs import Bug, seeded
+from support.statistics import assert_equal
+
+import solari_vk as sv
 from solari_vk.measure.statistics import compare
 from solari_vk.scene import shapes
 from solari_vk.scene.binder import SceneBinder

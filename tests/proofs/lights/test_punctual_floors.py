@@ -12,11 +12,11 @@ import pytest
 from numpy.typing import NDArray
 from support.lamp_over_floor import BAR, floor_scene
 from support.measured import hold
+from support.oracles.closed_forms import over_pixels
+from support.pictures import compare_picture, take_picture
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
-from solari_vk.conformance.oracles.closed_forms import over_pixels
-from solari_vk.conformance.pictures import compare_picture, take_picture
 from solari_vk.conformance.rules import Measurement, Rule
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.builtin import rgb

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 from support.measured import hold
+from support.oracles import closed_forms
+from support.pictures import take_picture
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
 from solari_vk.conformance.bulk_checks import bumpy_ball
-from solari_vk.conformance.oracles import closed_forms
-from solari_vk.conformance.pictures import take_picture
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene import shapes

@@ -9,12 +9,12 @@ import pytest
 from support import brdf
 from support.lamp_over_floor import LAMP_CORNERS, LAMP_RADIANCE, floor_scene, lamp_above
 from support.older_solari import LOBES_ADDED
+from support.oracles import closed_forms
+from support.oracles.closed_forms import over_pixels
 from support.seeded_bugs import Bug, seeded
 from support.statistics import assert_equal, replicates
 
 import solari_vk as sv
-from solari_vk.conformance.oracles import closed_forms
-from solari_vk.conformance.oracles.closed_forms import over_pixels
 from solari_vk.measure.statistics import compare, tile_means
 
 

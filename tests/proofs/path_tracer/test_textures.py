@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
+from support.oracles.encodings import decode_srgb
 
 import solari_vk as sv
-from solari_vk.conformance.oracles.encodings import decode_srgb
 from solari_vk.output.tone_mapping import encode_srgb
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import matte
@@ -63,7 +63,7 @@ def test_emissive_texture_is_seen_and_lights(tracer):
 @pytest.mark.parametrize("strategy", ["nee", "brdf"])
 def test_textured_lamp_lights_by_its_texels(picture, strategy):
     """The light on the floor is the sum over the lamp's four texels, by Lambert's formula for polygons."""
-    from solari_vk.conformance.oracles.closed_forms import polygon_irradiance
+    from support.oracles.closed_forms import polygon_irradiance
 
     corners = np.array([(-1, 1, 1), (-1, 1, -1), (1, 1, -1), (1, 1, 1)])
     lamp = sv.Material(base_color=0.0, reflectance=0.0, emissive=3.0, emissive_texture=four_colors())

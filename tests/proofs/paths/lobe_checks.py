@@ -9,10 +9,8 @@ from typing import Any
 
 import numpy as np
 from support import brdf_runs
-
-import solari_vk as sv
-from solari_vk.conformance.oracles.closed_forms import camera_rays
-from solari_vk.conformance.realtime import (
+from support.oracles.closed_forms import camera_rays
+from support.realtime import (
     JITTER_PERIOD,
     PATHS,
     PLAIN,
@@ -23,6 +21,8 @@ from solari_vk.conformance.realtime import (
     read_radiance,
     run_pictures,
 )
+
+import solari_vk as sv
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.gpu.device.device import Device

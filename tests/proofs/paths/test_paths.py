@@ -9,12 +9,9 @@ import numpy as np
 import pytest
 from support.lamp_over_floor import LAMP_CORNERS, floor_scene, lamp_above, lamp_on_lambert
 from support.measured import hold
+from support.oracles import closed_forms
 from support.paths import CACHED, DEFAULT, FAST, FULL, ONE, ONE_TILES, SEVERAL_TILES, SIZE, Profile, measure_means
-from support.seeded_bugs import Bug, bug_tests
-
-import solari_vk as sv
-from solari_vk.conformance.oracles import closed_forms
-from solari_vk.conformance.realtime import (
+from support.realtime import (
     JITTER_PERIOD,
     PATHS,
     PLAIN,
@@ -26,6 +23,9 @@ from solari_vk.conformance.realtime import (
     run_pictures,
     trace,
 )
+from support.seeded_bugs import Bug, bug_tests
+
+import solari_vk as sv
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.measure.replication import replicate
 from solari_vk.scene import shapes

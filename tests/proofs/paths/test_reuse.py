@@ -7,10 +7,7 @@ import pytest
 from support.frames import SIZE, find, settle
 from support.measured import hold
 from support.paths import measure_tiles, metal_gallery, observe_paths, trace_centers
-from support.seeded_bugs import Bug, bug_tests
-
-import solari_vk as sv
-from solari_vk.conformance.realtime import (
+from support.realtime import (
     PATHS,
     PLAIN,
     Effort,
@@ -21,6 +18,9 @@ from solari_vk.conformance.realtime import (
     trace,
     trace_reflected,
 )
+from support.seeded_bugs import Bug, bug_tests
+
+import solari_vk as sv
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.measure.replication import replicate
 from solari_vk.scene import shapes

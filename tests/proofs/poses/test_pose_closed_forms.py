@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from support.measured import hold
+from support.oracles import gbuffer
+from support.realtime import GBUFFER, make_renderer
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
-from solari_vk.conformance.oracles import gbuffer
-from solari_vk.conformance.realtime import GBUFFER, make_renderer
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.builtin import matte

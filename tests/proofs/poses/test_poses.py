@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from support.characters import bent, tube
 from support.gltf_writer import GltfWriter
+from support.oracles import closed_forms, gbuffer
+from support.realtime import GBUFFER, get_jitter, make_renderer
 from support.seeded_bugs import Bug, seeded
 
 import solari_vk as sv
 from solari_vk.color import LUMINANCE_WEIGHTS
-from solari_vk.conformance.oracles import closed_forms, gbuffer
-from solari_vk.conformance.realtime import GBUFFER, get_jitter, make_renderer
 from solari_vk.frame import SceneFrame
 from solari_vk.gpu.frame.frame import Pass, Stage
 from solari_vk.scene.binder import SceneBinder

@@ -10,11 +10,7 @@ import pytest
 from support.direct_light import ALONE, direct_light
 from support.frames import path_tracer_at_centers
 from support.measured import hold
-from support.seeded_bugs import Bug, bug_tests, seeded
-from support.statistics import replicates
-
-import solari_vk as sv
-from solari_vk.conformance.realtime import (
+from support.realtime import (
     JITTER_PERIOD,
     Effort,
     make_renderer,
@@ -23,6 +19,10 @@ from solari_vk.conformance.realtime import (
     run_pictures,
     trace,
 )
+from support.seeded_bugs import Bug, bug_tests, seeded
+from support.statistics import replicates
+
+import solari_vk as sv
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.measure.statistics import relative_interval, sixteenths
 from solari_vk.scene import shapes

@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from support.measured import hold
-from support.seeded_bugs import Bug, bug_tests
-
-from solari_vk.conformance.realtime import (
+from support.realtime import (
     SPECULAR,
     SPLIT,
     Effort,
@@ -18,6 +16,8 @@ from solari_vk.conformance.realtime import (
     run_pictures,
     trace,
 )
+from support.seeded_bugs import Bug, bug_tests
+
 from solari_vk.conformance.rules import SUITE, Rule
 from solari_vk.measure.statistics import relative_interval
 from solari_vk.scene.builtin import closed_box, cornell_box, place

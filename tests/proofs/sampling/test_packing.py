@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from support.encodings import RGB9E5_MAX, encode_rgb9e5
-
-from solari_vk.conformance.oracles.encodings import decode_rgb9e5, rgb9e5_step
+from support.oracles.encodings import decode_rgb9e5, rgb9e5_step
 
 EXPOSURE = 0.25
 

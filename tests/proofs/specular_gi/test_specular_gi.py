@@ -8,12 +8,12 @@ import math
 import numpy as np
 import pytest
 from support.measured import hold
+from support.oracles.closed_forms import camera_rays
 from support.paths import metal_gallery
+from support.realtime import GBUFFER, SMALL, SPLIT, add_up, make_renderer
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
-from solari_vk.conformance.oracles.closed_forms import camera_rays
-from solari_vk.conformance.realtime import GBUFFER, SMALL, SPLIT, add_up, make_renderer
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.measure.statistics import NORMAL_95
 from solari_vk.scene import shapes

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from PIL import Image
 from support.frames import differing, left_of, settle
+from support.realtime import SPLIT, get_jitter, make_renderer
 
 import solari_vk as sv
-from solari_vk.conformance.realtime import SPLIT, get_jitter, make_renderer
 from solari_vk.measure.statistics import relative_mse, sixteenths
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import builtin, cornell_box, place

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from support.lamp_over_floor import LAMP_CORNERS, LAMP_RADIANCE, floor_scene, lamp_above
+from support.oracles import closed_forms
 from support.seeded_bugs import Bug, bug_tests
 from world_cache_frame import CacheFrame
 
 import solari_vk as sv
-from solari_vk.conformance.oracles import closed_forms
 from solari_vk.scene.builtin import rgb
 
 UP = (0.0, 1.0, 0.0)

@@ -8,11 +8,11 @@ import math
 import numpy as np
 import pytest
 from support.measured import hold
+from support.realtime import SPLIT, add_up, make_renderer, trace
 from support.seeded_bugs import Bug, bug_tests
 from world_cache_frame import SHADERS, CacheFrame
 
 import solari_vk as sv
-from solari_vk.conformance.realtime import SPLIT, add_up, make_renderer, trace
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
 from solari_vk.measure.statistics import relative_interval

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.conformance.oracles import closed_forms, encodings
 from solari_vk.scene.model import Camera
+from support.oracles import closed_forms, encodings
 
 Image = NDArray[Any]
 IMAGES = ("gbuffer", "gbuffer_surface", "gbuffer_depth", "motion_vectors")

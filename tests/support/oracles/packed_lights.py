@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.conformance.oracles.encodings import decode_octahedral, decode_rgb9e5
 from solari_vk.scene.light_kinds import KIND_INDEX
+from support.oracles.encodings import decode_octahedral, decode_rgb9e5
 
 Floats = NDArray[np.floating[Any]]
 
