@@ -247,13 +247,13 @@ def leaving_rays(device):
 
 test_a_seeded_bug_is_noticed = bug_tests({
     "snapped points not put back": (values, Bug(
-        "passes/gbuffer/raster.glsl", "intersect_triangle", "Hit hit = correct(ray, row, triangle, mesh); "
-        "hit.t *= 0.999; return hit;")),
+        "passes/gbuffer/pixel.glsl", "resolve_pixel", "hit.t *= 0.999; return correct(ray, hit, mesh);")),
     "rows remembered, not instances": (test_rows_of_new_instances_have_no_history, Bug(
         "passes/gbuffer/gbuffer.glsl", "previous_world_position", "return world_position + 0.1;")),
     "nothing is ever hidden": (test_counts, Bug("passes/gbuffer/cull.comp", "is_occluded", "return false;")),
     "nothing is ever out of view": (test_counts, Bug(
         "passes/gbuffer/cull.comp", "is_outside_frustum", "return false;")),
     "offset of the point alone": (leaving_rays, Bug(
-        "scene/surface.glsl", "world_ray_offset", "return 0.0;")),
+        "passes/gbuffer/gbuffer.glsl", "gbuffer_ray_offset",
+        "return 32.0 * ROUNDING_UNIT * (max_component(abs(surface.world_position)) + surface.view_depth);")),
 })  # fmt: skip

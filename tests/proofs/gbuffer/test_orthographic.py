@@ -33,7 +33,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
         Bug("scene/camera.glsl", "view_line", "ViewLine line = correct(position, from); line.start = vec3(0.0); "
             "return line;")),
     "culling in perspective": (lambda device: gbuffer_checks.measure_culling(device, 5.0), Bug(
-        "scene/camera.glsl", "is_parallel", "return false;")),
+        "passes/gbuffer/cull.comp", "is_beyond", "return correct(box, normal, 0.5 * distance);")),
 })  # fmt: skip
 
 
