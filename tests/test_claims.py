@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 import pytest
+from support.patches import patched_shaders
 
 from solari_vk.cli import main
 from solari_vk.errors import SolariError
 from solari_vk.gpu.shaders.compiler import compile_shader
-from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.measure.claims import older
 from solari_vk.measure.claims.report import line, number, page
 from solari_vk.measure.claims.run import CLAIMS

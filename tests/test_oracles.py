@@ -7,10 +7,10 @@ import pytest
 from scipy import stats
 from support import brdf, rays
 from support.encodings import encode_rgb9e5, pcg_hash
+from support.oracles import closed_forms, encodings
 from support.statistics import assert_equal, holm, replicates
 
 from solari_vk.conformance import embree_checks
-from solari_vk.conformance.oracles import closed_forms, encodings
 from solari_vk.measure import statistics
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import place

@@ -6,9 +6,9 @@ import weakref
 
 import numpy as np
 import pytest
+from support.realtime import make_renderer
 
 import solari_vk as sv
-from solari_vk.conformance.realtime import make_renderer
 from solari_vk.scene.binder import SceneBinder
 
 SIZE = (16, 12)

@@ -1,61 +1,71 @@
-"""Every seeded bug of the suite still fits its shader, those of slow tests too."""
+"""Seeded bugs: each fits its shader, those of slow tests too; and what `Bug` makes of a source."""
 
 from __future__ import annotations
 
 import importlib.util
 import sys
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
+from support.seeded_bugs import KNOWN, ROOTS, Bug, seeded
+
+from solari_vk.gpu.shaders.compiler import compile_shader
 
 TESTS = Path(__file__).parent
-GLSL = TESTS.parent / "glsl"
-SHADERS = {path.relative_to(GLSL).as_posix(): path for path in GLSL.rglob("*") if path.suffix != ".spv"}
-FILES = [path for path in sorted(TESTS.rglob("test_*.py")) if "patched" in path.read_text(encoding="utf-8")
-         or "seeded_bugs" in path.read_text(encoding="utf-8")]  # fmt: skip
+SOURCE = """const float LIMIT = 2.0;
+#define SCALE 3.0
+float twice(float x) { return 2.0 * x; }
+float twice(vec2 v) { return 2.0 * v.x; }
+void main() { if (true) { twice(1.0); } }
+"""
 
 
-def find_shader(name: str) -> Path | None:
-    """The shader of this path, or the only one whose path ends with it."""
-    ends = [path for known, path in SHADERS.items() if known == name or known.endswith(f"/{name}")]
-    return SHADERS.get(name, ends[0] if len(ends) == 1 else None)
-
-
-def find_patches(value: Any) -> Iterator[tuple[Path, str]]:
-    """Shaders, and the texts that are replaced in them, anywhere in a table of bugs."""
-    if isinstance(value, dict):
-        value = tuple(value.values())
-    if not isinstance(value, tuple | list):
-        return
-    for at, item in enumerate(value):
-        yield from find_patches(item)
-        if isinstance(item, str) and len(value) > at + 2 and isinstance(value[at + 1], str):
-            shader = find_shader(item) if "." in item else None
-            if shader is not None and find_shader(value[at + 1]) is None:
-                yield shader, value[at + 1]
-
-
-def load(path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """The module of a file of tests, without a name of its own, since pytest may import it too."""
-    monkeypatch.syspath_prepend(str(path.parent))
-    spec = importlib.util.spec_from_file_location(f"patches_of_{path.stem}", path)
-    module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, spec.name, module)
-    spec.loader.exec_module(module)
-    return module
-
-
-def test_patches_fit(monkeypatch):
-    count, wrong = 0, []
-    for path in FILES:
-        tables = [value for name, value in vars(load(path, monkeypatch)).items() if name.isupper()]
-        for table in tables:
-            for shader, text in find_patches(table):
-                count += 1
-                found = shader.read_text(encoding="utf-8").count(text)
-                if found != 1:
-                    wrong.append(f"{path.name}: {shader.name} holds this text {found} times: {text!r}")
-    assert count > 250, "the tables of seeded bugs were not found"
+def test_every_bug_fits_its_shader(monkeypatch):
+    for path in sorted(TESTS.rglob("test_*.py")):
+        if "seeded_bugs import" in path.read_text(encoding="utf-8") and path != Path(__file__):
+            monkeypatch.syspath_prepend(str(path.parent))
+            spec = importlib.util.spec_from_file_location(f"bugs_of_{path.stem}", path)
+            module = importlib.util.module_from_spec(spec)
+            monkeypatch.setitem(sys.modules, spec.name, module)
+            spec.loader.exec_module(module)
+    wrong = []
+    for bug in KNOWN:
+        sources = [root / bug.file for root in ROOTS if (root / bug.file).is_file()]
+        try:
+            bug.apply(sources[0].read_text(encoding="utf-8"))
+        except (ValueError, IndexError) as error:
+            wrong.append(f"{bug.file}: {bug.name}: {error}")
+    assert len(KNOWN) > 100, "the seeded bugs were not found"
     assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.parametrize(("name", "text", "parts"), [
+    ("LIMIT", "7.0", ["const float LIMIT = 7.0;"]),
+    ("SCALE", "7.0", ["#define SCALE 7.0\n"]),
+    ("twice(vec2", "return correct(v.yx);",
+     ["float twice_without_bug(vec2 v) { return 2.0 * v.x; }\nfloat twice(vec2 v) { return twice_without_bug(v.yx); }",
+      "float twice(float x) { return 2.0 * x; }"]),
+    ("main", "correct(); done();", ["void main_without_bug() { if (true) { twice(1.0); } }\nvoid main() { main_without_"]),
+])  # fmt: skip
+def test_a_bug_replaces_a_function_or_a_constant(name, text, parts):
+    changed = Bug("common/math.glsl", name, text).apply(SOURCE)
+    KNOWN.pop()
+    assert all(part in changed for part in parts), changed
+
+
+@pytest.mark.parametrize("name", ["twice", "none"])
+def test_a_name_must_be_the_only_one(name):
+    bug = Bug("common/math.glsl", name, "")
+    KNOWN.remove(bug)
+    with pytest.raises(ValueError, match=f"must have one function or constant {name}, not"):
+        bug.apply(SOURCE)
+
+
+def test_bugs_hold_while_their_context_is_open():
+    path, bug = "passes/world_cache/decay.comp", Bug("common/math.glsl", "square", "return x;")
+    before = compile_shader("scene/layout.comp"), compile_shader(path)
+    with seeded(Bug(path, "main", "")):
+        assert compile_shader(path) != before[1]
+        with seeded(bug):
+            pass
+    assert (compile_shader("scene/layout.comp"), compile_shader(path)) == before

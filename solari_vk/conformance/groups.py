@@ -3,44 +3,18 @@
 from __future__ import annotations
 
 from solari_vk.conformance import (
-    alpha_checks,
-    brdf_checks,
     bulk_checks,
-    denoise_checks,
-    direct_checks,
-    display_checks,
     embree_checks,
-    environment_checks,
-    frame_checks,
-    gbuffer_checks,
-    guide_checks,
-    indirect_checks,
-    light_checks,
-    light_tile_checks,
-    light_tree_checks,
-    lobe_checks,
-    material_lobe_checks,
-    path_checks,
-    paths_checks,
-    pose_checks,
     position_checks,
     probe_checks,
-    punctual_checks,
     ray_cases,
     ray_pipeline_checks,
-    reuse_checks,
-    specular_checks,
+    renderer_checks,
     structure_checks,
-    taa_checks,
-    world_cache_checks,
 )
 from solari_vk.conformance.cases import Measure, by, cases_of
 from solari_vk.conformance.ray_cases import parts as parts
 from solari_vk.conformance.worlds import FRESH, WAYS
-
-# Each light strategy; random directions almost never meet the small sun, so that "brdf" leaves it out.
-_SUNS = [(0.0093, "mis"), (0.0093, "nee"), (0.8, "mis"), (0.8, "nee"), (0.8, "brdf")]
-_WHITE_WALLS = [(roughness, metallic) for roughness in (0.0, 0.15, 0.5, 1.0) for metallic in (0.0, 0.5, 1.0)]
 
 RAYS = {"ray_pipelines": "pipeline", "ray_queries": "query"}
 """The way to trace that a group is about. The suite opens the device for it, unless it is told another way."""
@@ -56,108 +30,6 @@ GROUPS: dict[str, dict[str, Measure]] = {
         "rebuilds": lambda run: structure_checks.measure_tlas_rebuilds(run.shaders),
         "many_blases": lambda run: structure_checks.measure_many_blases(run.shaders, 2000 if run.full else 500),
         **cases_of("large_tlas", ray_cases.large_tlas, 100_000, 1_000_000),
-    },
-    "brdf": {
-        **cases_of("white_furnace", lambda run, metal: brdf_checks.measure_furnace(run.shaders, metal), 0.0, 0.5, 1.0),
-        "draws": lambda run: brdf_checks.measure_draws(run.shaders, brdf_checks.CASES, 1_000_000),
-        "numbers": lambda run: brdf_checks.measure_numbers(run.shaders, 1_000_000),
-        "lobes": lambda run: material_lobe_checks.measure_lobes(run.shaders, 1_000_000),
-    },
-    "denoise": {
-        "even_light": lambda run: denoise_checks.measure_even_light(run.device),
-        "outliers": lambda run: denoise_checks.measure_outliers(run.device),
-        "motion": lambda run: denoise_checks.measure_motion(run.device),
-        "light_off": lambda run: denoise_checks.measure_light_off(run.device),
-        "not_finite": lambda run: denoise_checks.measure_not_finite(run.device),
-        "smooth_surfaces": lambda run: denoise_checks.measure_smooth_surfaces(run.device),
-        "edges": lambda run: denoise_checks.measure_edges(run.device),
-        "turns": lambda run: denoise_checks.measure_turns(run.device),
-    },
-    "taa": {
-        "even_light": lambda run: taa_checks.measure_even_light(run.device),
-        "areas": lambda run: taa_checks.measure_areas(run.device),
-        "motion": lambda run: taa_checks.measure_motion(run.device),
-        "changes": lambda run: taa_checks.measure_changes(run.device),
-        "noise": lambda run: taa_checks.measure_noise(run.device),
-        "not_finite": lambda run: taa_checks.measure_not_finite(run.device),
-    },
-    "poses": {
-        "vertices": lambda run: pose_checks.measure_vertices(run.device),
-        **cases_of("normals", lambda run, way: pose_checks.measure_normals(run.device, way), "raster", "traced"),
-        **cases_of("motion", lambda run, way: pose_checks.measure_motion(run.device, way), "raster", "traced"),
-    },
-    "display": {"picture": lambda run: display_checks.measure_picture(run.device),
-                "views": lambda run: display_checks.measure_views(run.device)},
-    "environments": {
-        **cases_of("floor", lambda run, strategy: environment_checks.measure_floor(run.device, strategy),
-                   "mis", "nee", "brdf"),
-        "background": lambda run: environment_checks.measure_background(run.device),
-        "mirror": lambda run: environment_checks.measure_mirror(run.device),
-        "texels": lambda run: environment_checks.measure_texels(run.device),
-        "sun": lambda run: environment_checks.measure_sun(run.device, 4096 if run.full else 512),
-        "means": lambda run: environment_checks.measure_means(
-            run.device, environment_checks.FULL if run.full else environment_checks.FAST),
-    },
-    "frame": {
-        "determinism": lambda run: frame_checks.measure_determinism(run.device),
-        "finite": lambda run: frame_checks.measure_finite(run.device),
-        **cases_of("closed_box", lambda run, walls: frame_checks.measure_closed_box(
-            run.device, walls, frame_checks.BOX_FULL if run.full else frame_checks.BOX_FAST),
-            *frame_checks.QUICK_BOXES),
-        "light": lambda run: frame_checks.measure_light(
-            run.device, frame_checks.LIGHT_FULL if run.full else frame_checks.LIGHT_FAST),
-    },
-    "gbuffer": {
-        **cases_of("raster", lambda run, scene: gbuffer_checks.measure_raster(
-            run.device, gbuffer_checks.make_scene(scene)), *gbuffer_checks.SCENES),
-        **cases_of("motion", lambda run, way: gbuffer_checks.measure_motion(run.device, way), "raster", "traced"),
-        **cases_of("still", lambda run, way: gbuffer_checks.measure_still(run.device, way), "raster", "traced"),
-        "culling": lambda run: gbuffer_checks.measure_culling(run.device),
-    },
-    "guides": {
-        **cases_of("mirrors", lambda run, name: guide_checks.measure_mirrors(run.device, name), *guide_checks.MIRRORS),
-        "wall": lambda run: guide_checks.measure_wall(run.device),
-        "range": lambda run: guide_checks.measure_range(run.device),
-        "parts": lambda run: guide_checks.measure_parts(run.device),
-    },
-    "light_tiles": {
-        "tiles": lambda run: light_tile_checks.measure_tiles(run.device),
-        "contribution": lambda run: light_tile_checks.measure_contribution(run.device, run.shaders),
-        "noise": lambda run: light_tile_checks.measure_noise(run.device),
-    },
-    "lights": {
-        **cases_of("lamp", lambda run, strategy: light_checks.measure_lamp(run.device, strategy), "mis", "nee", "brdf"),
-        **cases_of(
-            "textured_lamp", lambda run, strategy: light_checks.measure_textured_lamp(run.device, strategy),
-            "mis", "nee", "brdf",
-        ),
-        **cases_of("sun", lambda run, *case: light_checks.measure_sun(run.device, *case), *_SUNS),
-        "invariance": lambda run: light_checks.measure_invariance(run.device),
-        **cases_of("punctual", lambda run, *of: punctual_checks.measure_floor(run.device, *of), *punctual_checks.CASES),
-        "punctual_several": lambda run: punctual_checks.measure_several(run.device),
-        "punctual_seen": lambda run: punctual_checks.measure_seen(run.device),
-    },
-    "path_tracer": {
-        **cases_of("series", lambda run, bounces: path_checks.measure_series(run.device, bounces), 0, 1, 5),
-        **cases_of("white_box", lambda run, *case: path_checks.measure_white_box(run.device, *case), *_WHITE_WALLS),
-        "light_tight": lambda run: path_checks.measure_light_tight(run.device),
-        "seeds": lambda run: path_checks.measure_seeds(run.device),
-        "alpha": lambda run: alpha_checks.measure_alpha(run.device),
-    },
-    "paths": {
-        "means": lambda run: paths_checks.measure_means(
-            run.device, paths_checks.FULL if run.full else paths_checks.FAST),
-        "noise": lambda run: paths_checks.measure_sequence(run.device),
-        "cells": lambda run: paths_checks.measure_cells(run.device),
-        "light_tree": lambda run: light_tree_checks.measure_tree(run.shaders),
-        "reuse": lambda run: reuse_checks.measure_means(
-            run.device, reuse_checks.FULL if run.full else reuse_checks.FAST),
-        "reuse_noise": lambda run: reuse_checks.measure_noise(run.device),
-        "reuse_lag": lambda run: reuse_checks.measure_lag(run.device),
-        "mirrors": lambda run: lobe_checks.measure_mirrors(run.device),
-        "mirror_chain": lambda run: lobe_checks.measure_mirror_chain(run.device),
-        "lobes": lambda run: lobe_checks.measure_lobes(run.device, run.shaders),
-        "distances": lambda run: lobe_checks.measure_distances(run.device),
     },
     "ray_pipelines": {
         **cases_of("probes", ray_cases.ray_probes, *WAYS),
@@ -181,24 +53,10 @@ GROUPS: dict[str, dict[str, Measure]] = {
         "extreme_transforms": lambda run: bulk_checks.measure_extreme_transforms(run.shaders),
         "thin_triangles": lambda run: bulk_checks.measure_thin_triangles(run.shaders),
     },
-    "restir_di": {
-        "direct": lambda run: direct_checks.measure_direct(
-            run.device, direct_checks.FULL if run.full else direct_checks.FAST),
-        "changes": lambda run: direct_checks.measure_changes(run.device, run.full),
-    },
-    "restir_gi": {
-        "indirect": lambda run: indirect_checks.measure_indirect(
-            run.device, indirect_checks.FULL if run.full else indirect_checks.FAST),
-    },
-    "specular_gi": {
-        "mirror": lambda run: specular_checks.measure_mirror(run.device),
-        "gallery": lambda run: specular_checks.measure_gallery(run.device),
-        **cases_of("termination", lambda run, name: specular_checks.measure_termination(run.device, name),
-                   *specular_checks.PATH_CASES),
-    },
-    "world_cache": {
-        "map": lambda run: world_cache_checks.measure_world_cache(run.device),
-        "fixed_point": lambda run: world_cache_checks.measure_fixed_point(run.device, run.full),
-        "leak": lambda run: world_cache_checks.measure_leak(run.device),
+    "renderer": {
+        "series": lambda run: renderer_checks.measure_series(run.device),
+        "closed_room": lambda run: renderer_checks.measure_closed_room(run.device),
+        "frames": lambda run: renderer_checks.measure_frames(run.device),
+        "gbuffer": lambda run: renderer_checks.measure_gbuffer(run.device),
     },
 }  # fmt: skip

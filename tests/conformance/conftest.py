@@ -5,10 +5,10 @@ from __future__ import annotations
 from contextlib import contextmanager
 
 import pytest
+from support.seeded_bugs import seeded
 
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.shaders.patches import patched_shaders
 
 
 @pytest.fixture(scope="session")
@@ -20,11 +20,11 @@ def shaders(device):
 
 @pytest.fixture(scope="session")
 def patched(device):
-    """patched((file, old, new), ..., device=None): a context with a runner of shaders with these seeded bugs."""
+    """patched(bug, ..., device=None): a context with a runner of shaders with these seeded bugs."""
 
     @contextmanager
-    def make(*patches, device=device):
-        with patched_shaders(*patches), ShaderRunner(device) as made:
+    def make(*bugs, device=device):
+        with seeded(*bugs), ShaderRunner(device) as made:
             yield made
 
     return make

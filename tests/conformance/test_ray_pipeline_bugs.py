@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from seeded_bugs import expect_red, failing, masked
+from red_rules import expect_red, failing, masked
+from support.seeded_bugs import Bug
 
 from solari_vk.conformance import bulk_checks, probe_actions, ray_pipeline_checks, ray_probe_checks, structure_checks
 from solari_vk.conformance.probe_table import PROBES
@@ -127,51 +128,42 @@ def test_damaged_instance_record_is_noticed(rays, name):
     expect_red(probe(rays, records=damage), *rules)
 
 
-FOLDER = "passes/conformance"
-COMMON, TRIANGLE_HIT, TRIANGLE_ANY = (f"{FOLDER}/probe_{name}" for name in ("rays.glsl", "triangle.rchit",
-                                                                           "triangle.rahit"))
-BOX, BOX_HIT, BOX_ANY = (f"{FOLDER}/probe_box.{name}" for name in ("rint", "rchit", "rahit"))
-BOTH = ("in closest-hit", "in any-hit")
-# In the file, the text, what is put in its place, and parts of the names of the rules that must fail.
-SHADER_BUGS = {
-    "index for the custom index": (COMMON, "uint(gl_InstanceCustomIndexEXT)", "uint(gl_InstanceID)",
-                                   *(f"gl_InstanceCustomIndexEXT {where}" for where in BOTH)),
-    "custom index for the index": (COMMON, "uint(gl_InstanceID)", "uint(gl_InstanceCustomIndexEXT)",
-                                   *(f"gl_InstanceID {where}" for where in BOTH)),
-    "primitive for geometry": (COMMON, "uint(gl_GeometryIndexEXT)", "uint(gl_PrimitiveID)",
-                               *(f"gl_GeometryIndexEXT {where}" for where in BOTH), "gl_GeometryIndexEXT and"),
-    "geometry for primitive": (COMMON, "uint(gl_PrimitiveID)", "uint(gl_GeometryIndexEXT)",
-                               *(f"gl_PrimitiveID {where}" for where in BOTH)),
-    "matrices swapped": (COMMON, "gl_ObjectToWorldEXT, gl_WorldToObjectEXT", "gl_WorldToObjectEXT, gl_ObjectToWorldEXT",
-                         *(f"{matrix} {where}" for matrix in ("gl_ObjectToWorldEXT", "gl_WorldToObjectEXT")
-                           for where in BOTH)),
-    "world ray for the object's": (COMMON, "gl_ObjectRayOriginEXT, gl_ObjectRayDirectionEXT",
-                                   "gl_WorldRayOriginEXT, gl_WorldRayDirectionEXT",
-                                   *(f"gl_ObjectRayDirectionEXT {where}" for where in BOTH)),
-    "the ray mistold": (COMMON, "gl_IncomingRayFlagsEXT", "0u", "tell the traced ray"),
-    "front for back": (TRIANGLE_HIT, "EXT ? 1u : 0u", "EXT ? 0u : 1u", "FrontFacingTriangleEXT in closest-hit",
-                       "gl_HitKindEXT: the face"),
-    "front for back, any hit": (TRIANGLE_ANY, "EXT ? 1u : 0u", "EXT ? 0u : 1u", "FrontFacingTriangleEXT in any-hit"),
-    "barycentrics swapped": (TRIANGLE_HIT, "gl_HitTEXT, barycentrics,", "gl_HitTEXT, barycentrics.yx,",
-                             "hitAttributeEXT of triangles in closest-hit"),
-    "barycentrics swapped, any hit": (TRIANGLE_ANY, "gl_HitTEXT, barycentrics,", "gl_HitTEXT, barycentrics.yx,",
-                                      "hitAttributeEXT of triangles in any-hit"),
-    "t a little off": (TRIANGLE_HIT, "gl_HitTEXT", "gl_HitTEXT * 1.00001", "gl_HitTEXT in closest-hit"),
-    "t a little off, any hit": (TRIANGLE_ANY, "gl_HitTEXT", "gl_HitTEXT * 1.00001", "gl_HitTEXT in any-hit"),
-    "another kind": (BOX, "(t, REPORTED_KIND)", "(t, REPORTED_KIND + 1u)", "gl_HitKindEXT: the face"),
-    "payload lost": (BOX_HIT, "ended = ENDED_AT_HIT;", "", "whose payload the ray generation shader gets"),
-    "two misses": (f"{FOLDER}/probe.rmiss", "misses, 1u", "misses, 2u", "one closest-hit or one miss shader"),
-    "any-hit shaders twice": (BOX_ANY, "box_any_hits, 1u", "box_any_hits, 2u", "reported hits of AABBs unless"),
-    "no intersection shader": (BOX, "RAY_ANSWER.candidate = FOUND(RAY_QUERY_INTERSECTION_AABB",
-                               "RAY_ANSWER.candidate = FOUND(0u", "intersection shaders run for each AABB"),
-}  # fmt: skip
+def answered(file, damage):
+    """A seeded bug: after a shader's main, its answer is damaged."""
+    return Bug(f"passes/conformance/{file}", "main", f"correct(); {damage.replace('FOUND', 'RAY_ANSWER.committed')}")
 
 
-@pytest.mark.parametrize("name", SHADER_BUGS)
-def test_bug_in_a_shader_is_noticed(patched, ray_device, name):
-    file, old, new, *rules = SHADER_BUGS[name]
-    with patched((file, old, new), device=ray_device) as shaders:
-        expect_red(probe(shaders), *rules)
+def shader_bugs(file, where, found):
+    """A bug for each value that a shader reads; `found` is where it keeps them."""
+    damages = {
+        "gl_InstanceCustomIndexEXT": "FOUND.custom_data = FOUND.instance;",
+        "gl_InstanceID": "FOUND.instance = FOUND.custom_data;",
+        "gl_GeometryIndexEXT": "FOUND.geometry = FOUND.primitive;",
+        "gl_PrimitiveID": "FOUND.primitive = FOUND.geometry;",
+        "gl_ObjectToWorldEXT": "FOUND.object_to_world = FOUND.world_to_object;",
+        "gl_ObjectRayDirectionEXT": "FOUND.object_direction = gl_WorldRayDirectionEXT;",
+        "FrontFacingTriangleEXT": "FOUND.front_face ^= 1u;",
+        "hitAttributeEXT of triangles": "FOUND.barycentrics = FOUND.barycentrics.yx;",
+        "gl_HitTEXT": "FOUND.t *= 1.00001;",
+    }
+    return {f"{name} {where}": answered(file, damage.replace("FOUND", found)) for name, damage in damages.items()}
+
+
+SHADER_BUGS = {  # parts of the name of the rule that must fail, and the bug
+    **shader_bugs("probe_triangle.rchit", "in closest-hit", "RAY_ANSWER.committed"),
+    "tell the traced ray": answered("probe_triangle.rchit", "RAY_ANSWER.flags = 99u;"),
+    "whose payload the ray generation shader gets": answered("probe_box.rchit", "ended = ENDED_NOWHERE;"),
+    "one closest-hit or one miss shader": answered("probe.rmiss", "atomicAdd(RAY_ANSWER.misses, 1u);"),
+    "intersection shaders run for each AABB": answered("probe_box.rint", "RAY_ANSWER.candidate.kind = 0u;"),
+}
+QUICK = ("gl_HitTEXT in closest-hit",)
+
+
+@pytest.mark.parametrize("rule", [rule if rule in QUICK else pytest.param(rule, marks=pytest.mark.slow)
+                                  for rule in SHADER_BUGS])  # fmt: skip
+def test_bug_in_a_shader_is_noticed(patched, ray_device, rule):
+    with patched(SHADER_BUGS[rule], device=ray_device) as shaders:
+        expect_red(probe(shaders), rule)
 
 
 def lowered(field):
@@ -192,43 +184,37 @@ def test_wrong_records_are_noticed(rays, damage, rule):
     expect_red(ray_pipeline_checks.measure_records(rays, damage), rule)
 
 
-@pytest.mark.parametrize(("file", "old", "new"), [
-    ("rgen", "count, 1u", "count, 2u"), ("rgen", "Told(gl_LaunchIDEXT,", "Told(gl_LaunchIDEXT.yxz,"),
-    ("rmiss", "gl_LaunchSizeEXT)", "gl_LaunchSizeEXT.yxz)"),
-])  # fmt: skip
-def test_wrong_launches_are_noticed(rays, patched, file, old, new):
+@pytest.mark.slow
+def test_wrong_launches_are_noticed(rays, patched):
     assert not failing(ray_pipeline_checks.measure_launches(rays))
-    with patched((f"{FOLDER}/launch.{file}", old, new), device=rays.device) as shaders:
+    bug = Bug("passes/conformance/launch.rmiss", "main", "told = Told(gl_LaunchIDEXT.yxz, gl_LaunchSizeEXT);")
+    with patched(bug, device=rays.device) as shaders:
         expect_red(ray_pipeline_checks.measure_launches(shaders), "gl_LaunchIDEXT", "TraceRaysIndirect")
 
 
 REPORT_BUGS = {
-    "attributes": ("rchit", "found.attributes = attributes;", "found.attributes = attributes.yxzw;",
-                   "get the attributes", "keeps its attributes"),
-    "any-hit shader's attributes": ("rahit", "if (attributes ==", "if (attributes.yxzw ==", "get the attributes"),
-    "farther": ("rchit", "found.t = gl_HitTEXT;", "found.t = gl_HitTEXT + 1.0;", "nearest accepted one is hit"),
-    "all accepted": ("rint", "if (reportIntersectionEXT(ray.t[i], ray.kind[i])) {",
-                     "reportIntersectionEXT(ray.t[i], ray.kind[i]); {", "reportIntersectionEXT accepts"),
+    "get the attributes": Bug("passes/conformance/report.rchit", "main",
+                              "correct(); found.attributes = attributes.yxzw;"),
+    "nearest accepted one is hit": Bug("passes/conformance/report.rchit", "main", "correct(); found.t += 1.0;"),
+    "reportIntersectionEXT accepts": Bug("passes/conformance/report.rint", "main",
+                                         "correct(); reported.at[gl_LaunchIDEXT.x].accepted = 7u;"),
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", REPORT_BUGS)
-def test_wrong_reports_are_noticed(rays, patched, name):
-    file, old, new, *rules = REPORT_BUGS[name]
+@pytest.mark.slow
+@pytest.mark.parametrize("rule", REPORT_BUGS)
+def test_wrong_reports_are_noticed(rays, patched, rule):
     assert not {rule for rule in failing(ray_pipeline_checks.measure_reports(rays)) if "keeps its" not in rule}
-    with patched((f"{FOLDER}/report.{file}", old, new), device=rays.device) as shaders:
-        expect_red(ray_pipeline_checks.measure_reports(shaders), *rules)
+    with patched(REPORT_BUGS[rule], device=rays.device) as shaders:
+        expect_red(ray_pipeline_checks.measure_reports(shaders), rule)
 
 
+@pytest.mark.slow
 def test_bulk_rays_by_pipelines_notice_bugs(rays, patched):
-    """The same measurements as by ray queries, with bugs in the shaders of the pipeline."""
+    """The same measurements as by ray queries, with a bug in the shaders of the pipeline."""
     assert not failing(bulk_checks.measure_many_instances(rays, 300))
-    bugs = [
-        (f"{FOLDER}/trace.rchit", "gl_HitTEXT,", "gl_HitTEXT * 1.001,"),
-        (f"{FOLDER}/trace.rchit", "uint(gl_InstanceID)", "uint(gl_InstanceID) + 1u"),
-        (f"{FOLDER}/trace.rgen", "ray.cull_mask,", "0xFFu,"),
-    ]
-    with patched(*bugs, device=rays.device) as shaders:
+    bug = Bug("passes/conformance/trace.rchit", "main", "correct(); hit.t *= 1.001; hit.instance++;")
+    with patched(bug, device=rays.device) as shaders:
         expect_red(bulk_checks.measure_many_instances(shaders, 300), "custom data and index of each")
         expect_red(structure_checks.measure_indices(shaders, masked("custom_index_and_mask", 0xFF00FFFF)),
                    "custom_data keeps its 24 bits")  # fmt: skip

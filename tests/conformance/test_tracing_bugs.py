@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from seeded_bugs import expect_red, failing, masked
+from red_rules import expect_red, failing, masked
+from support.seeded_bugs import Bug
 
 from solari_vk import rt
 from solari_vk.conformance import bulk_checks, embree_checks, position_checks, structure_checks, worlds
@@ -17,44 +18,41 @@ from solari_vk.conformance.rules import FAIL, Check
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.gpu.device.device import Device
 
-TRACE = "passes/conformance/trace.comp"
+TRACE = ("passes/conformance/trace.comp", "trace_ray")
+WRONG_HITS = Bug(
+    *TRACE, "ray.direction = mix(ray.direction, vec3(0.0, 0.0, -1.0), isnan(ray.direction)); Hit hit = correct(ray); "
+    "hit.t *= hit.t < 0.0 ? 1.0 : 1.001; hit.primitive++; hit.custom_data &= 0xFFFu; return hit;",
+)  # fmt: skip
+SHORT_DIRECTIONS_MISS = Bug(*TRACE, "if (length(ray.direction) < 1e-3) { ray.t_max = 0.0; } return correct(ray);")
+FEW_MISS = Bug(*TRACE, "if (gl_GlobalInvocationID.x % 500u == 3u) { ray.t_max = 0.0; } return correct(ray);")
+T_A_LITTLE_OFF = Bug(*TRACE, "Hit hit = correct(ray); hit.t *= hit.t < 0.0 ? 1.0 : 1.00001; return hit;")
 
 
-def test_bugs_in_tracing_are_noticed(patched, monkeypatch):
-    """Wrong primitives, t and custom data, and NaN in directions replaced by numbers."""
-    bugs = [
-        (TRACE, "hit.primitive_index)", "hit.primitive_index + 1u)"),
-        (TRACE, "-1.0 : hit.t", "-1.0 : hit.t * 1.001"),
-        (TRACE, "Hit(t, hit.instance_custom_data", "Hit(t, hit.instance_custom_data & 0xFFFu"),
-        ("passes/conformance/probe.glsl", "Probe probe = probes.at[index];", "Probe probe = probes.at[index];\n"
-         "    probe.direction = mix(probe.direction, vec3(0.0, 0.0, -1.0), isnan(probe.direction));"),
-    ]  # fmt: skip
-    with patched(*bugs) as shaders:
+@pytest.mark.slow
+def test_bugs_in_tracing_are_noticed(patched):
+    """Wrong primitives, t and custom data."""
+    with patched(WRONG_HITS) as shaders:
         expect_red(bulk_checks.measure_many_instances(shaders, 300), "custom data and index of each")
         sizes = (f"size {size} at all" for size in ("1e-06", "1", "1e+06"))
         expect_red(bulk_checks.measure_extreme_transforms(shaders), "from the origin: t", *sizes)
         expect_red(bulk_checks.measure_thin_triangles(shaders), "rays at the middle of such triangles")
-        expect_red(bulk_checks.measure_not_finite(shaders), "empty range) hit nothing")
         if embree_checks.available():
             expect_red(embree_checks.measure(shaders, "instanced", 5000, small=True), "is Embree's")
 
 
+@pytest.mark.slow
 def test_missed_extremes_are_noticed(patched):
-    """Rays with directions shorter than 0.001 hit nothing."""
-    bug = (TRACE, "Ray ray = rays.at[index];", "Ray ray = rays.at[index];\n"
-           "    ray.t_max = length(ray.direction) < 1e-3 ? 0.0 : ray.t_max;")  # fmt: skip
-    with patched(bug) as shaders:
+    with patched(SHORT_DIRECTIONS_MISS) as shaders:
         expect_red(bulk_checks.measure_extreme_transforms(shaders), "from the origin")
 
 
+@pytest.mark.slow
 def test_missed_thin_triangles_are_noticed(patched):
     """One ray in 500 hits nothing, and t is wrong by a hundred thousandth."""
-    bug = (TRACE, "Ray ray = rays.at[index];", "Ray ray = rays.at[index];\n"
-           "    ray.t_max = index % 500u == 3u ? 0.0 : ray.t_max;")  # fmt: skip
-    with patched(bug) as shaders:
+    with patched(FEW_MISS) as shaders:
         hit, t = bulk_checks.measure_thin_triangles(shaders)
     assert (hit.measured, t.holds) == (4, True)
-    with patched((TRACE, "-1.0 : hit.t", "-1.0 : hit.t * 1.00001")) as shaders:
+    with patched(T_A_LITTLE_OFF) as shaders:
         hit, t = bulk_checks.measure_thin_triangles(shaders)
     assert (hit.holds, t.holds) == (True, False)
 
@@ -66,25 +64,20 @@ def test_holes_are_noticed(shaders, monkeypatch):
     expect_red(bulk_checks.measure_watertight(shaders), "closed surface: edges", "fan: edges")
 
 
-POSITIONS = "passes/conformance/positions.comp"
-
-
-def changed_vertices(which, expression):
-    """A seeded bug: returned vertex i is this expression of the found vertices and i."""
-    getter, field = f"get{which}HitVertexPositions(query)", f"vertices.{which.lower()}"
-    changed = f"for (int i = 0; i < 3; i++) {field}[i] = {expression}"
-    return POSITIONS, f"{field} = {getter};", f"{{ vec3 found[3] = {getter}; {changed}; }}"
-
-
-def on_both(expression):
-    return [changed_vertices(which, expression.format(which)) for which in ("Committed", "Candidate")]
+def changed_vertices(changed):
+    """A seeded bug: vertex i of `found`, the vertices of a candidate and of the committed hit, is `changed`."""
+    return Bug(
+        "passes/conformance/positions.comp", "find_vertices",
+        "Vertices vertices = correct(probe); vec3[3] found = vertices.candidate; "
+        f"for (int i = 0; i < 3; i++) {{ vertices.candidate[i] = {changed}; }} found = vertices.committed; "
+        f"for (int i = 0; i < 3; i++) {{ vertices.committed[i] = {changed}; }} return vertices;",
+    )  # fmt: skip
 
 
 POSITION_BUGS = {
-    "none": on_both("vec3(0.0)"),
-    "another order": on_both("found[2 - i]"),
-    "in world space": on_both("rayQueryGet{}Intersection(query).object_to_world * vec4(found[i], 1.0)"),
-}
+    "none": changed_vertices("vec3(0.0)"), "another order": changed_vertices("found[2 - i]"),
+    "elsewhere": changed_vertices("found[i] + 7.0"),
+}  # fmt: skip
 
 
 @pytest.fixture
@@ -95,12 +88,13 @@ def fetching(plain_device):
     return plain_device
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", POSITION_BUGS)
 def test_bugs_in_vertex_return_are_noticed(patched, fetching, name):
-    with patched(*POSITION_BUGS[name], device=fetching) as shaders:
+    with patched(POSITION_BUGS[name], device=fetching) as shaders:
         measured = list(position_checks.measure_positions(shaders, HITTING))
     expect_red(measured, *(rule.name for rule in position_checks.RULES.values()))
-    if name == "in world space":  # an error larger than the known fault's is a failure
+    if name == "elsewhere":  # an error larger than the known fault's is a failure
         outcomes = []
         Recorder(Check("ray_queries", ""), known_faults("llvmpipe Mesa 25.0"), outcomes.append)(measured)
         assert {outcome.status for outcome in outcomes} == {FAIL}

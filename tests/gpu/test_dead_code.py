@@ -4,11 +4,11 @@ import re
 import subprocess
 
 import pytest
+from support.seeded_bugs import Bug, seeded
 
 from solari_vk.gpu.shaders import shaderc
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.dead_code import without_dead_code, without_texts
-from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.gpu.shaders.spirv import reflect
 from tests.gpu.shader_folder import ShaderFolder, check_spirv
 
@@ -79,10 +79,10 @@ def test_a_second_time_nothing_goes(path):
     assert without_dead_code(spirv) == spirv
 
 
-def test_patched_shaders_alone_are_not_optimized():
+def test_shaders_of_overlays_alone_are_not_optimized():
     path = "passes/restir_di/spatial_and_shade.comp"
     usual, other = compile_shader(path), compile_shader("passes/denoise/blur.comp")
-    with patched_shaders((path, "di_diffuse.at[index] = diffuse;", "di_diffuse.at[index] = 1.0 * diffuse;")):
+    with seeded(Bug(path, "main", "correct();")):
         patched = compile_shader(path)
         assert compile_shader("passes/denoise/blur.comp") == other
     assert reflect(patched).bindings == reflect(usual).bindings

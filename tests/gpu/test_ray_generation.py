@@ -6,11 +6,11 @@ import re
 
 import pytest
 from shader_folder import ShaderFolder, check_spirv
+from support.seeded_bugs import Bug, seeded
 
 from solari_vk.errors import CompilationError, SolariError
 from solari_vk.gpu.shaders import ray_generation, shaderc
 from solari_vk.gpu.shaders.compiler import compile_shader, glsl_root
-from solari_vk.gpu.shaders.patches import patched_shaders
 from solari_vk.gpu.shaders.spirv import reflect
 
 PATHS = sorted(path.relative_to(glsl_root()).as_posix() for path in glsl_root().rglob("*")
@@ -96,9 +96,8 @@ def test_queries_beside_trace_are_refused_too(shaders: ShaderFolder) -> None:
 def test_flags_of_visibility_rays_are_seen() -> None:
     path = "passes/pathtracer/trace.comp"
     assert traced_flags(compile_shader(path, ray_pipelines=True)) == {VISIBILITY, None}
-    flags = "TRACE_ANY_HIT | gl_RayFlagsSkipClosestHitShaderEXT"
     for changed, left in (("gl_RayFlagsSkipClosestHitShaderEXT", 0x8), ("TRACE_ANY_HIT", ANY)):
-        with patched_shaders(("scene/trace.glsl", f"flags = {flags}", f"flags = {changed}")):
+        with seeded(Bug("scene/trace.glsl", "flags", changed)):
             assert traced_flags(compile_shader(path, ray_pipelines=True)) == {left, None}
 
 

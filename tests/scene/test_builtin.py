@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
+from support.oracles import environments
 
-from solari_vk.conformance.oracles import environments
 from solari_vk.errors import SolariError
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import SCENES, builtin, cornell_box

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
+from support.oracles import gbuffer
 
 import solari_vk as sv
-from solari_vk.conformance.oracles import gbuffer
 from solari_vk.errors import SolariError
 
 BOX = np.array([[-1.0, 0, 2], [4, 1, 3]])

@@ -10,9 +10,9 @@ import OpenEXR
 import pytest
 from PIL import Image
 from support.hdr_files import hdr, rgbe
+from support.oracles import encodings, environments
 
 import solari_vk as sv
-from solari_vk.conformance.oracles import encodings, environments
 from solari_vk.errors import SolariError
 from solari_vk.output.tone_mapping import auto_exposure
 from solari_vk.scene.atmosphere import EYE, HAZE_HEIGHT, OZONE, OZONE_HALF_WIDTH, RAYLEIGH, RAYLEIGH_HEIGHT, atmosphere

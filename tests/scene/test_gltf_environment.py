@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.oracles import environments
 
-from solari_vk.conformance.oracles import environments
 from solari_vk.errors import SolariError
 from solari_vk.scene.gltf import load_gltf
 from solari_vk.scene.images import LINEAR_OF_SRGB

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from unittest import mock
+
+import numpy as np
 import pytest
 
-from solari_vk.conformance.realtime import SPLIT
+from solari_vk.conformance.rules import SUITE, Rule
+from solari_vk.passes import pathtracer
 from solari_vk.renderer import LIGHT
+from support.realtime import SPLIT
 
 SIZE = (32, 32)
+WHOLE = Rule("a picture is as bright as the path tracer's", SUITE, "Renderer")
+TILES = Rule("each of 4 x 4 tiles of a picture is close to the path tracer's", SUITE, "Renderer")
 OTHER_OUTPUTS = ("depth", "motion_vectors", "gbuffer", "guides_normal_roughness", "display")
 # Tests of whole frames run with the raw light of paths and with the denoiser; when slow tests run, also with light that
 # pixels reuse and with Solari's passes. The parameter holds settings.
@@ -49,3 +56,14 @@ def left_of(before, now, picture):
     equals `before`, and in between by projection onto their difference."""
     difference = before - now
     return float(((picture - now) * difference).sum() / (difference**2).sum())
+
+
+def path_tracer_at_centers():
+    """A context in which path tracers sample at the centers of pixels, as realtime frames without jitter do."""
+    return mock.patch.dict(pathtracer.PIXEL_FILTERS, box=0.0)
+
+
+def frames_in_history(frame):
+    """The number of frames in the denoiser's history of each pixel's diffuse lobe: the lower half of a word holds a
+    positive float without its last bits."""
+    return (np.asarray(frame["denoise_diffuse"])[..., 3] << 16 >> 1).view(np.float32)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from solari_vk.conformance import embree_checks
-from solari_vk.conformance.oracles.closed_forms import camera_rays as camera_rays
 from solari_vk.scene.matrices import transform_points
+from support.oracles.closed_forms import camera_rays as camera_rays
 
 
 class World:

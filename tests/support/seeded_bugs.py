@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.measured import hold
 
 from solari_vk.conformance.rules import Rule
 from solari_vk.gpu.shaders import compiler
+from support.measured import hold
 
 ROOTS = [Path(__file__).resolve().parents[2] / "glsl", Path(__file__).resolve().parents[1] / "glsl"]
 KNOWN: list[Bug] = []
@@ -74,7 +74,8 @@ def seeded(*bugs: Bug) -> Iterator[None]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for bug in bugs:
-            source = next(path for root in (folder, *ROOTS) if (path := root / bug.file).is_file())
+            roots = (folder, *compiler.overlays, *ROOTS)  # so that contexts nest, also in one file
+            source = next(path for root in roots if (path := root / bug.file).is_file())
             (folder / bug.file).parent.mkdir(parents=True, exist_ok=True)
             (folder / bug.file).write_text(bug.apply(source.read_text(encoding="utf-8")), encoding="utf-8")
         compiler.overlays.insert(0, folder)
@@ -86,11 +87,14 @@ def seeded(*bugs: Bug) -> Iterator[None]:
 
 def expect_noticed(bug: Bug, rule: Rule | str, check: Callable[..., Any], *arguments: Any) -> None:
     """Require that a proof fails with the bug: an assertion of `check`, or `rule` among what it measures."""
-    with seeded(bug), pytest.raises(AssertionError) as failed:
+
+    def prove() -> None:
         measured = check(*arguments)
         if measured is not None:
-            measured = [made for made in measured if made.rule == rule] if isinstance(rule, Rule) else measured
-            hold(measured)
+            hold([made for made in measured if made.rule == rule] if isinstance(rule, Rule) else measured)
+
+    with seeded(bug), pytest.raises(AssertionError) as failed:
+        prove()
     assert "nothing was measured" not in str(failed.value), "the proof measures nothing of this rule"
 
 

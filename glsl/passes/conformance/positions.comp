@@ -13,10 +13,7 @@ struct Vertices {
 
 layout(set = 0, binding = 3, scalar) writeonly buffer Corners { Vertices at[]; } corners;
 
-void main() {
-    uint index = gl_GlobalInvocationID.x;
-    if (index >= probes.at.length()) return;
-    Probe probe = probes.at[index];
+Vertices find_vertices(Probe probe) {
     const vec3[3] none = vec3[3](vec3(0.0), vec3(0.0), vec3(0.0));
     Vertices vertices = Vertices(0u, none, none);
     RAY_QUERY(query);
@@ -29,5 +26,10 @@ void main() {
     }
     vertices.kind = rayQueryGetCommittedIntersection(query).kind;
     if (vertices.kind == RAY_QUERY_INTERSECTION_TRIANGLE) vertices.committed = getCommittedHitVertexPositions(query);
-    corners.at[index] = vertices;
+    return vertices;
+}
+
+void main() {
+    uint index = gl_GlobalInvocationID.x;
+    if (index < probes.at.length()) { corners.at[index] = find_vertices(probes.at[index]); }
 }

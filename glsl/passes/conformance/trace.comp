@@ -7,10 +7,7 @@ layout(local_size_x = 64) in;
 
 layout(set = 0, binding = 0) uniform accelerationStructureEXT tlas;
 
-void main() {
-    uint index = gl_GlobalInvocationID.x;
-    if (index >= rays.at.length()) return;
-    Ray ray = rays.at[index];
+Hit trace_ray(Ray ray) {
     RAY_QUERY(query);
     rayQueryInitialize(query, tlas, RayDesc(ray.flags, ray.cull_mask, ray.t_min, ray.t_max, ray.origin, ray.direction));
     while (rayQueryProceed(query)) {
@@ -22,5 +19,10 @@ void main() {
     }
     RayIntersection hit = rayQueryGetCommittedIntersection(query);
     float t = hit.kind == RAY_QUERY_INTERSECTION_NONE ? -1.0 : hit.t;
-    hits.at[index] = Hit(t, hit.instance_custom_data, hit.instance_index, hit.geometry_index, hit.primitive_index);
+    return Hit(t, hit.instance_custom_data, hit.instance_index, hit.geometry_index, hit.primitive_index);
+}
+
+void main() {
+    uint index = gl_GlobalInvocationID.x;
+    if (index < rays.at.length()) { hits.at[index] = trace_ray(rays.at[index]); }
 }

@@ -1,1 +1,1 @@
-"""From shader sources to SPIR-V: compiler, cache, generated headers, patches, reflection."""
+"""From shader sources to SPIR-V: compiler, cache, generated headers, reflection."""

@@ -42,7 +42,7 @@ Roots = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 
 _include_paths: list[str] = []
 overlays: list[Path] = []
-"""GLSL roots that are looked up before the package's; patches.py puts patched shaders here."""
+"""GLSL roots that are looked up before the package's, for shaders that are used once or twice; tests put bugs there."""
 
 
 def glsl_root() -> Path:
@@ -187,7 +187,7 @@ def _has_features(sources: Sources, path: str) -> bool:
 
 
 def _optimization(sources: Sources, path: str) -> str:
-    """Shaders are optimized, which halves the driver's work, but for patched ones, which are used once or twice."""
+    """Shaders are optimized, which halves the driver's work, but for those of overlays, which are used once or twice."""
     patched = any((file := sources.find(name)) and file.is_relative_to(folder)
                   for folder in overlays for name in sources.closure(path))  # fmt: skip
     return "zero" if patched else "performance"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from solari_vk.gpu.shaders.patches import Patch
+from support.patches import Patch
 
 _TILES = "passes/light_tiles/light_tiles.glsl"
 _SHADE_DI = "passes/restir_di/spatial_and_shade.comp"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from support.patches import Patch
 
-from solari_vk.gpu.shaders.patches import Patch
 from solari_vk.measure.claims.older import CLAMPED_GGX, LOBES_ADDED, TERMINATION_BY_ROUGHNESS
 from solari_vk.measure.claims.scenes import ball_in_white, mirror_wall, white_room
 from solari_vk.measure.claims.verdict import Claim, Measure, Outcome, ends_below, falls, faster, grows_at_most, keeps

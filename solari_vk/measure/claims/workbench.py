@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from support.patches import Patch, patched_shaders
 
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.shaders.patches import Patch, patched_shaders
 from solari_vk.measure.partial import PartialRenderer
 from solari_vk.measure.timing import every_barrier
 from solari_vk.output.tone_mapping import encode_picture

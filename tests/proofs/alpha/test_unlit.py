@@ -1,0 +1,97 @@
+"""Unlit materials: cameras see exactly their base colors, and they light nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.realtime import GBUFFER, OFF, make_renderer
+from support.seeded_bugs import Bug, bug_tests
+from test_panes_and_masks import CAMERA, quad
+
+import solari_vk as sv
+from solari_vk.scene import shapes
+from solari_vk.scene.material import UNLIT_RADIANCE
+
+SIZE = (32, 32)
+# of the values 0 and 1, since devices decode other sRGB values with an error
+PIXELS = 255 * np.array([[[1, 0, 0], [0, 1, 1]], [[1, 0, 1], [1, 1, 1]]], np.uint8)
+COLOR = np.array([0.9, 0.5, 0.7], np.float32)
+RIGHT = (UNLIT_RADIANCE * COLOR * PIXELS / 255).repeat(4, axis=0).repeat(4, axis=1)[::-1]
+CARD, FLOOR = np.s_[10:22, 10:22], np.s_[26:, :]
+QUARTERS = np.r_[0:4, 8:12]  # of the card's 12 x 12 pixels: without those at the edges of texels
+
+
+def card_over_a_floor(*lights):
+    """A card of four colors before the camera, over a floor."""
+    image = sv.TextureImage(pixels=PIXELS)
+    texture = sv.Texture(image=image, magnification="nearest", minification="nearest", mipmaps=False)
+    card = sv.Material(  # emission and metallic are to count for nothing
+        base_color=COLOR, base_color_texture=texture, unlit=True, emissive=50.0, metallic=1.0, roughness=0.1,
+        double_sided=True,
+    )  # fmt: skip
+    floor = shapes.quad((0, -0.6, -1.5), (3, 0, 0), (0, 0, -1.5))
+    return sv.Scene(sv.Instance(quad(2.0, 0.5), card), sv.Instance(floor, sv.Material()), *lights)
+
+
+def traced(device, scene):
+    with sv.PathTracer(device, scene, SIZE) as tracer:
+        return tracer.render(CAMERA, 16)["radiance"]
+
+
+def rendered(device, scene, **settings):
+    with make_renderer(device, scene, SIZE, **settings) as renderer:
+        for _ in range(3):
+            frame = renderer.render(CAMERA)["radiance"].copy()
+    return frame
+
+
+def shown(device, scene):
+    """Surfaces and visible emission alone."""
+    return rendered(device, scene, passes=(*GBUFFER, "display/", "taa/"), **OFF)
+
+
+def denoised(device, scene):
+    return rendered(device, scene, denoise=True, gbuffer="traced")
+
+
+def check_color(device, render=traced):
+    """The card's color under a strong light; means round, and frames round it to nine bits."""
+    scene = card_over_a_floor(sv.DirectionalLight((0, -1, -1), illuminance=100.0))
+    assert not scene.instances[0].material.emits
+    if render is traced:  # frames would take minutes to compile
+        scene.instances[0].material.update(clearcoat=1.0, transmission=1.0)
+    found = render(device, scene)[CARD][QUARTERS][:, QUARTERS]
+    error = np.abs(found - RIGHT)
+    assert (error <= (1e-5 if render is traced else 2**-9) * RIGHT.max(axis=-1, keepdims=True)).all(), error.max()
+
+
+def check_darkness(device, render=traced):
+    """Without other lights the floor stays black."""
+    picture = render(device, card_over_a_floor())
+    assert picture[CARD].any()
+    assert not picture[FLOOR].any()
+
+
+@pytest.mark.parametrize("check", [check_color, check_darkness])
+@pytest.mark.parametrize(
+    "render",
+    [traced, shown, pytest.param(rendered, marks=pytest.mark.slow), pytest.param(denoised, marks=pytest.mark.slow)],
+)
+def test_unlit(check, render, device):
+    check(device, render)
+
+
+def test_a_card_casts_a_shadow(device):
+    light = sv.DirectionalLight((0, -1, 1), illuminance=10.0)
+    scene = card_over_a_floor(light)
+    shadowed = traced(device, scene)[FLOOR]
+    scene.instances[0].visible = False
+    assert 0 < shadowed.sum() < 0.9 * traced(device, scene)[FLOOR].sum()
+
+
+test_a_seeded_bug_is_noticed = bug_tests({
+    "other rays see it": (check_darkness, Bug("scene/surface.glsl", "make_unlit", "")),
+    "it is lit": (check_color, Bug(
+        "scene/surface.glsl", "make_unlit", "vec3 color = material.base_color; correct(material); "
+        "material.base_color = color;")),
+})  # fmt: skip

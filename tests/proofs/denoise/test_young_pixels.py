@@ -1,0 +1,86 @@
+"""Pixels without much history take several paths: the mean stays, the noise falls, and nothing else changes."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+from support.realtime import make_renderer
+from support.seeded_bugs import Bug, bug_tests
+
+import solari_vk as sv
+from solari_vk.scene.builtin import builtin
+
+SIZE = (32, 32)
+SEEDS = 96
+ALONE = {"denoise": True, "jitter": False, "world_cache": False, "paths_bounces": 4}
+PATHS = 3
+
+
+def first_frames(device, samples):
+    """The light (SEEDS, h, w, 2) of both lobes in the first frames of independent runs: means of three channels."""
+    with make_renderer(device, builtin("cornell_box"), SIZE, **ALONE, paths_young_samples=samples) as renderer:
+        found = []
+        for seed in range(SEEDS):
+            renderer.seed = 1000 * samples + seed
+            renderer.reset()
+            frame = renderer.render()
+            found.append(np.stack([np.asarray(frame[f"paths_{lobe}"])[..., :3].mean(axis=-1)
+                                   for lobe in ("diffuse", "specular")], axis=-1))  # fmt: skip
+        return np.array(found, np.float64).reshape(SEEDS, SIZE[1], SIZE[0], 2)
+
+
+@functools.cache
+def one_path(device):
+    return first_frames(device, 1)
+
+
+def check_mean_and_noise(device):
+    """With several paths the lobes' means are those of one path, and their variances fall."""
+    one, several = one_path(device), first_frames(device, PATHS)
+    means = [found.mean(axis=(1, 2)) for found in (one, several)]
+    noise = np.sqrt((means[0].var(axis=0, ddof=1) + means[1].var(axis=0, ddof=1)) / SEEDS)
+    apart = np.abs(means[1].mean(axis=0) - means[0].mean(axis=0)) / noise
+    spread = [found.var(axis=0, ddof=1).mean(axis=(0, 1)) for found in (one, several)]
+    variance = spread[1] / spread[0]
+    print(apart, variance)
+    assert (apart < 4).all(), f"the lobes' means are {apart} standard errors apart"
+    assert (variance < 1.25 / PATHS).all(), f"the lobes' variances are {variance} of those of one path"
+
+
+def test_several_paths_keep_the_mean_and_lower_the_noise(device):
+    check_mean_and_noise(device)
+
+
+test_a_seeded_bug_is_noticed = bug_tests({
+    "several paths: all are the same": (check_mean_and_noise, Bug(
+        "passes/paths/first_ray.comp", "start_path", "return correct(pixel, surface, 0u);")),
+})  # fmt: skip
+
+
+def test_settled_pixels_take_one_path(device):
+    """After nine frames of a still scene, all but the few pixels whose histories were cut have the light of one path,
+    bit by bit."""
+    same = []
+    for frames in (9, 3):
+        found = []
+        for samples in (1, PATHS):
+            with make_renderer(device, builtin("cornell_box"), SIZE, **ALONE, paths_young_samples=samples) as renderer:
+                for _ in range(frames):
+                    frame = renderer.render()
+                found.append(np.asarray(frame["raw_radiance"]))
+        same.append((found[0] == found[1]).all(axis=-1).mean())
+    print(same)
+    assert same[0] > 0.9
+    assert same[1] < 0.5
+
+
+def test_rays_are_counted_for_all_paths(device):
+    counts = []
+    for samples in (1, 2):
+        settings = sv.Settings(paths_young_samples=samples, antialiasing=False)
+        with sv.Renderer(device, builtin("cornell_box"), SIZE, settings, count_rays=True) as renderer:
+            renderer.render()
+            counts.append(int(renderer["ray_counts"][renderer.counted_passes.index("paths/first_ray")]))
+    assert counts[1] == pytest.approx(2 * counts[0], rel=0.02)

@@ -1,0 +1,161 @@
+"""Rays traced by queries and by pipelines give the same pictures bit by bit on lavapipe, and the tests see when not."""
+
+from __future__ import annotations
+
+import importlib.util
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.frames import each_lighting, find, snapshot
+from support.realtime import GBUFFER, make_renderer
+from support.seeded_bugs import Bug, expect_noticed, seeded
+
+import solari_vk as sv
+from solari_vk.scene.builtin import place
+
+OCCLUSION = Path(__file__).resolve().parents[3] / "docs/examples/bake_occlusion.py"
+SCENES = {
+    "cornell_box": {}, "closed_box": {}, "many_lights": {"box_count": 60, "sphere_count": 9}, "mirror_hall": {},
+    "thin_wall": {}, "sphere_grid": {}, "shiny_floor": {}, "lamp_gap": {},
+}  # fmt: skip
+SIZE = (24, 16)
+
+
+@pytest.fixture(scope="module")
+def devices(any_device):
+    """A device for each way to trace rays, with validation."""
+    with sv.Device(validation=True, rays="query") as query, sv.Device(validation=True, rays="pipeline") as pipeline:
+        yield {"query": query, "pipeline": pipeline}
+
+
+def differing(pictures):
+    """The names of the arrays that differ between the two ways; `pictures` makes the arrays of a way by name."""
+    query, pipeline = pictures("query"), pictures("pipeline")
+    assert query.keys() == pipeline.keys()
+    return [name for name in query if query[name].tobytes() != pipeline[name].tobytes()]
+
+
+def frames_of(renderer, camera, count):
+    """All outputs of some frames by name and number."""
+    taken = [snapshot(renderer.render(camera)) for _ in range(count)]
+    assert renderer["world_cache/insert_failures"] == 0  # else the order of threads would matter
+    return {f"{name} {at}": array for at, frame in enumerate(taken) for name, array in frame.items()}
+
+
+def check_frames(devices, name, lighting):
+    def pictures(way):
+        scene = sv.builtin(name, **SCENES[name])
+        with make_renderer(devices[way], scene, SIZE, seed=5, gbuffer="raster", **lighting) as renderer:
+            found = frames_of(renderer, scene.camera, 3)
+        with sv.PathTracer(devices[way], scene, SIZE, seed=5) as tracer:
+            frame = tracer.render(scene.camera, samples=2)
+            return found | {f"path tracer: {name}": frame[name].copy() for name in tracer.OUTPUTS}
+
+    assert not differing(pictures)
+
+
+def test_frames_and_paths_are_equal(devices):
+    check_frames(devices, "cornell_box", {})
+
+
+@pytest.mark.slow
+@each_lighting
+@pytest.mark.parametrize("name", SCENES)
+def test_frames_and_paths_of_all_scenes_are_equal(devices, name, lighting):
+    check_frames(devices, name, lighting)
+
+
+@pytest.mark.slow
+def test_traced_gbuffers_are_equal(devices):
+    scene = sv.builtin("mirror_hall")
+
+    def pictures(way):
+        with make_renderer(devices[way], scene, SIZE, gbuffer="traced", passes=GBUFFER) as renderer:
+            frame = renderer.render(scene.camera)
+            return {name: frame[name].copy() for name in ("gbuffer", "gbuffer_surface", "depth", "motion_vectors")}
+
+    assert not differing(pictures)
+
+
+@pytest.mark.slow  # the driver compiles all pipelines anew, because their layout has no images of the drawn G-buffer
+def test_frames_with_a_traced_gbuffer_are_equal(devices):
+    scene = sv.builtin("mirror_hall")
+
+    def pictures(way):
+        with make_renderer(devices[way], scene, SIZE, seed=5, gbuffer="traced") as renderer:
+            return frames_of(renderer, scene.camera, 3)
+
+    assert not differing(pictures)
+
+
+@pytest.mark.slow
+def test_frames_stay_equal_after_edits_resizes_and_reloads(devices):
+    def pictures(way):
+        scene = sv.builtin("cornell_box")
+        with make_renderer(devices[way], scene, SIZE, seed=5, gbuffer="raster") as renderer:
+            found = {"first": frames_of(renderer, scene.camera, 2)}
+            box = find(scene, "tall block")
+            box.transform = box.transform @ place(0.8, (0.1, 0.2, 0))
+            scene.materials["white"].base_color = (0.2, 0.7, 0.3)
+            scene.add(sv.Instance(mesh=sv.shapes.sphere(0.2), material=sv.Material(emissive=(4, 2, 1))))
+            found["edited"] = frames_of(renderer, scene.camera, 2)
+            renderer.resize((20, 25))
+            found["resized"] = frames_of(renderer, scene.camera, 2)
+            with seeded(Bug("passes/world_cache/update.glsl", "seed_cell_rng", "return 1u + correct(cell, salt);")):
+                renderer.reload()
+                found["reloaded"] = frames_of(renderer, scene.camera, 2)
+            renderer.reload()
+            found["restored"] = frames_of(renderer, scene.camera, 1)
+        parts = list(found.values())
+        assert all(one["paths_diffuse 0"].tobytes() != two["paths_diffuse 0"].tobytes() for one, two in pairwise(parts))
+        return {f"{part}: {name}": array for part, arrays in found.items() for name, array in arrays.items()}
+
+    assert not differing(pictures)
+
+
+# ---- single rays, and bugs ---------------------------------------------------------------------------
+
+
+def single_rays(device):
+    """Hits of rays from numpy, by `trace_closest_hit`, and occlusion by a user's shader, by `trace_visibility`."""
+    scene, rng = sv.builtin("cornell_box"), np.random.default_rng(3)
+    low, high = scene.bounds
+    origins = rng.uniform(low - 0.5, high + 0.5, (500, 3))
+    directions = rng.normal(size=(500, 3))
+    with sv.RayTracer(device, scene) as tracer:
+        closest = tracer.trace(origins, directions)
+        blocked = tracer.trace(origins, directions, t_max=0.7, any_hit=True)["instance"] >= 0
+    spec = importlib.util.spec_from_file_location("bake_occlusion", OCCLUSION)
+    example = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(example)
+    openness = np.concatenate(example.bake(device, scene, samples=8, reach=0.7))
+    assert 0.1 < np.isfinite(closest["t"]).mean() < 0.9
+    assert 0.1 < closest["front_face"].mean() < 0.9
+    assert 0.1 < blocked.mean() < 0.9
+    assert 0.1 < openness.mean() < 0.9
+    return {**{name: closest[name].copy() for name in closest.dtype.names}, "blocked": blocked, "openness": openness}
+
+
+@pytest.fixture(scope="module")
+def by_queries(devices):
+    """What `single_rays` gives by queries."""
+    return single_rays(devices["query"])
+
+
+def test_single_rays_are_equal(devices, by_queries):
+    found = single_rays(devices["pipeline"])
+    assert not [name for name, array in by_queries.items() if array.tobytes() != found[name].tobytes()]
+
+
+BUGS = {
+    "faces forgotten": Bug("scene/trace.rchit", "main", "correct(); ray_payload.instance |= 1u;"),
+    "misses are hits": Bug("scene/trace.rmiss", "main", "ray_payload.instance = 0u;"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", BUGS)
+def test_a_seeded_bug_is_noticed(devices, by_queries, name):
+    expect_noticed(BUGS[name], name, test_single_rays_are_equal, devices, by_queries)

@@ -1,0 +1,211 @@
+"""The mean of whole frames against the path tracer, over independent runs: no light is lost, added or leaked."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.frames import TILES, WHOLE, each_lighting
+from support.measured import hold
+from support.realtime import (
+    JITTER_PERIOD,
+    SPLIT,
+    Effort,
+    add_up,
+    make_renderer,
+    measure_mean,
+    measure_picture_tiles,
+    run_pictures,
+    trace,
+    trace_reflected,
+)
+from support.seeded_bugs import Bug, bug_tests
+
+import solari_vk as sv
+from solari_vk.conformance.rules import SUITE, Measurement, Rule
+from solari_vk.measure.claims.scenes import ball_in_white
+from solari_vk.measure.statistics import sixteenths
+from solari_vk.scene.builtin import closed_box, cornell_box, rgb
+
+OFF = Rule("little light is left ten frames after all lamps are switched off", SUITE, "Renderer")
+ALL_OFF = Rule("almost no light is left twenty frames after all lamps are switched off", SUITE, "Renderer")
+# Perceptual roughness, metallic, and pixels per side: enough pixels that the interval is half of the bar. More frames
+# would hardly narrow it, because the frames of a run share the cache's noise.
+BOXES = {
+    "matte": (1.0, 0.0, 32), "mirror": (0.0, 1.0, 16), "plastic": (0.3, 0.0, 32), "rough metal": (0.7, 1.0, 32),
+    "glossy metal": (0.3, 1.0, 32),
+}  # fmt: skip
+BOX_FAST, BOX_FULL = Effort(16, 20, 12, 128), Effort(16, 24, 2 * JITTER_PERIOD, 512)
+
+
+def measure_closed_box(device, walls, effort=BOX_FAST, **settings):
+    """Walls emit 1 and reflect half of the light: frames are as bright as the path tracer's, also in each tile."""
+    scene = closed_box()
+    roughness, metallic, side = BOXES[walls]
+    material = next(iter(scene)).material
+    material.update(perceptual_roughness=roughness, metallic=metallic)
+    if walls != "matte":
+        material.reflectance = rgb(0.5)
+    samples = effort.samples * 32**2 // side**2
+    expected = trace(device, scene, samples, (side, side), max_bounces=64)
+    with make_renderer(device, scene, (side, side), **settings) as renderer:
+        found = run_pictures(renderer, scene.camera, effort, lambda f: np.asarray(f["radiance"], np.float64))
+    yield measure_mean(WHOLE, found, expected, 0.03, effort)
+    # The bar is four standard errors of the noisiest tile of matte walls.
+    yield measure_picture_tiles(TILES, found, expected, 0.1, effort)
+
+
+LIGHT_FAST = (Effort(16, samples=4096), 0.02, 0.05)
+LIGHT_FULL = (Effort(16, 24, 4 * JITTER_PERIOD, 4096), 0.02, 0.05)
+
+
+def measure_light(device, profile=LIGHT_FAST, **settings):
+    """The Cornell box's light in pixels without a visible lamp.
+
+    profile: the effort of the measurement, the bar of the mean, and the bar of each tile.
+    """
+    effort, bar, tile_bar = profile
+    scene = cornell_box()
+    expected = trace_reflected(device, scene, effort.samples)
+    shown = (expected > 0).any(axis=-1, keepdims=True)
+    with make_renderer(device, scene, **settings) as renderer:
+        found = run_pictures(renderer, scene.camera, effort, add_up) * shown
+    yield measure_mean(WHOLE, found, expected, bar, effort)
+    yield measure_picture_tiles(TILES, found, expected, tile_bar, effort)
+
+
+def measure_lights_off(device, scene=None, **settings):
+    """Switches all lamps off, and measures the share of light that is left in later frames."""
+    scene = scene or cornell_box()
+    with make_renderer(device, scene, **settings) as renderer:
+        for _ in range(20):
+            renderer.render(scene.camera)
+        lit = float(np.mean([add_up(renderer.render(scene.camera)).mean() for _ in range(4)]))
+        for instance in scene:
+            instance.material.emissive = rgb(0.0)
+        left = [float(add_up(renderer.render(scene.camera)).mean()) / lit for _ in range(20)]
+    yield Measurement(OFF, left[9], 0.05, "of the light is left")
+    yield Measurement(ALL_OFF, left[19], 0.01, "of the light is left")
+
+
+@pytest.mark.parametrize("settings", [{}, pytest.param(SPLIT, marks=pytest.mark.slow)], ids=["paths", "split"])
+def test_light_of_a_cornell_box(device, settings):
+    hold(measure_light(device, **settings))
+
+
+@pytest.mark.slow
+def test_light_of_a_cornell_box_in_long_runs(device):
+    hold(measure_light(device, LIGHT_FULL))
+
+
+@pytest.mark.parametrize("settings", [{}, pytest.param(SPLIT, marks=pytest.mark.slow)], ids=["paths", "split"])
+def test_lights_off(device, settings):
+    hold(measure_lights_off(device, **settings))
+
+
+@pytest.mark.slow  # many cells
+@each_lighting
+def test_lights_off_in_a_sphere_grid(device, lighting):
+    hold(measure_lights_off(device, sv.builtin("sphere_grid"), **lighting))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("settings", [{}, SPLIT], ids=["paths", "split"])
+@pytest.mark.parametrize("effort", [BOX_FAST, BOX_FULL], ids=["fast", "full"])
+@pytest.mark.parametrize("walls", ["matte", "mirror"])
+def test_energy_is_kept_in_a_closed_box(device, walls, effort, settings):
+    hold(measure_closed_box(device, walls, effort, **settings))
+
+
+@pytest.mark.slow  # takes minutes each: these walls, close to lights, have noise with heavy tails
+@each_lighting
+@pytest.mark.parametrize("walls", ["plastic", "rough metal", "glossy metal"])
+def test_energy_is_kept_in_a_closed_glossy_box(device, walls, lighting):
+    hold(measure_closed_box(device, walls, Effort(16, 24, 96, 256), **lighting))
+
+
+def of_ball(frame):
+    """The mean radiance (3,) of the pixels whose surface doesn't emit."""
+    return frame["radiance"][~frame["emission"][..., :3].any(axis=-1)].mean(axis=0)
+
+
+# Perceptual roughness and metallic of a ball, the number of runs, the frames of each run, and the bar. Mirrors need few
+# frames, because each of their rays has the white sky's radiance. Diffuse balls take a minute each.
+BALLS = {
+    "mirror": (0.0, 1.0, 4, 8, 1e-3), "smooth metal": (0.1, 1.0, 8, 32, 2e-3), "matte": (1.0, 0.0, 16, 64, 0.03),
+    "plastic": (0.4, 0.0, 16, 64, 0.03), "lacquer": (0.0, 0.0, 16, 64, 0.03), "rough metal": (0.8, 1.0, 16, 64, 0.03),
+}  # fmt: skip
+
+
+@each_lighting
+@pytest.mark.parametrize(
+    "ball", [pytest.param(name, marks=[] if name == "mirror" else [pytest.mark.slow]) for name in BALLS]
+)
+def test_white_furnace(device, ball, lighting):
+    """A white ball has the radiance of the white sky around it: the frame neither adds nor loses light."""
+    roughness, metallic, runs, observed, bar = BALLS[ball]
+    scene, effort = ball_in_white(roughness, metallic), Effort(runs, 24, observed)
+    with make_renderer(device, scene, world_cache_cell_size=4.0, **lighting) as renderer:
+        found = run_pictures(renderer, scene.camera, effort, of_ball)
+    hold([measure_mean(WHOLE, found, 1.0, bar, effort)])
+
+
+@pytest.mark.slow  # takes over a minute of processor time: tens of thousands of cells and three million paths
+@each_lighting
+@pytest.mark.parametrize("name", ["sphere_grid", "mirror_hall"])
+def test_glossy_scenes(device, name, lighting):
+    """The denoiser gets a larger picture: it blurs the light of what is few pixels wide (docs/denoising.md)."""
+    size, runs = ((96, 96), 4) if lighting.get("denoise") else ((32, 32), 16)
+    scene, effort = sv.builtin(name), Effort(runs, 24, 12)
+    expected = trace(device, scene, 512, size, max_bounces=64)
+    with make_renderer(device, scene, size, **lighting) as renderer:
+        found = run_pictures(renderer, scene.camera, effort, lambda frame: frame["radiance"])
+    tiles = measure_picture_tiles(TILES, found, expected, 0.12, effort)
+    hold([measure_mean(WHOLE, found, expected, 0.05, effort), tiles])
+
+
+@pytest.mark.slow
+@each_lighting
+def test_an_overfull_cache_shows_no_patches(device, lighting):
+    """With more cells than the map holds, no tile loses its light, and no light is added."""
+    scene, size = cornell_box(), (64, 64)
+    expected = trace_reflected(device, scene, 256, size)
+    cells = sv.Settings().world_cache_cells
+    with make_renderer(device, scene, size, **lighting, world_cache_cells=cells, world_cache_cell_size=0.001,
+                       world_cache_update_cap=cells, world_cache_lifetime=100) as renderer:  # fmt: skip
+        for _ in range(16):
+            renderer.render(scene.camera)
+        assert np.mean(renderer["world_cache_life"] > 0) > 0.9
+        assert renderer["world_cache/insert_failures"] > 1000
+        picture = np.mean([add_up(renderer.render(scene.camera)) for _ in range(4)], axis=0)
+    picture[(expected == 0).all(axis=-1)] = 0
+    there = sixteenths(expected).mean(axis=-1) > 0
+    ratio = sixteenths(picture).mean(axis=-1)[there] / sixteenths(expected).mean(axis=-1)[there]
+    assert np.isfinite(picture).all()
+    assert ratio.min() > 0.8, "a patch of the picture lost its light"
+    assert 0.9 < picture.mean() / expected.mean() < 1.05
+
+
+# ---- each rule can fail -----------------------------------------------------------------------------
+
+
+def composing(change):
+    """A bug in the last pass of paths, for each pixel at `at`."""
+    return Bug("passes/paths/compose.comp", "main", "correct(); uvec2 at = gl_GlobalInvocationID.xy; "
+               "if (any(greaterThanEqual(at, camera.size))) { return; } "
+               f"uint row = at.y * camera.size.x + at.x; {change}")  # fmt: skip
+
+
+def brief(device):
+    return measure_light(device, (Effort(8, 16, 16, 1024), 0.04, 0.1))
+
+
+@pytest.mark.slow
+def test_brief_check_holds(device):
+    hold(brief(device))
+
+
+test_a_seeded_bug_is_noticed = bug_tests({
+    WHOLE: (brief, composing("diffuse_radiance.at[row] *= 1.08;")),
+    TILES: (brief, composing("if (all(lessThan(4u * at, camera.size))) { diffuse_radiance.at[row] *= 0.5; }")),
+    OFF: (measure_lights_off, composing("diffuse_radiance.at[row] = max(diffuse_radiance.at[row], vec3(0.03));")),
+})  # fmt: skip

@@ -1,0 +1,130 @@
+"""Each live setting changes what a frame of its lighting computes, and so does the preset of Solari."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.realtime import make_renderer
+
+import solari_vk as sv
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import cornell_box, place
+from solari_vk.scene.constants import NO_INDEX
+from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES
+
+SIZE = (24, 24)
+OUTPUTS = ("diffuse_radiance", "specular_radiance", "guides_normal_roughness", "radiance")
+# Sections that only one lighting has.
+OF_LIGHTING = {"paths": ("paths", "denoise", "restir"), "split": ("restir_di", "restir_gi", "specular_gi")}
+FEW = {"light_tile_count": 4, "light_tile_samples": 64, "world_cache_cells": 1 << 14,
+       "world_cache_updates_per_pixel": 4.0}  # fmt: skip
+# Values that change a few small frames. All other numbers are halved, and choices and switches take another value.
+OTHER = {
+    "world_cache_change_exponent": 0.01, "world_cache_change_smoothing": 1.0,
+    "denoise_frames": 2, "pure_metal": 0.2, "similarity_normal_cosine": 0.99, "spatial_tries": 1,
+    "world_cache_lifetime": 1, "world_cache_search_steps": 1, "world_cache_max_samples": 2,
+    "world_cache_ray_length": 0.3, "world_cache_update_cap": 100, "di_confidence_cap": 1.0, "gi_confidence_cap": 1.0,
+    "restir_confidence_cap": 1.0, "paths_bounces": 1, "paths_candidates": 1, "paths_cache_roughness": 0.0,
+    "world_cache_updates_per_pixel": 0.05, "gi_jacobian_limit": 1.05,
+    "specular_bounces": 1, "specular_reuse_roughness": 0.01, "specular_di_roughness": 0.6,
+}  # fmt: skip
+
+
+def scene_of_everything():
+    """A Cornell box with a mirror, a glossy metal, a smooth dielectric and a thin wall."""
+    scene = cornell_box()
+    for x, y, metallic, roughness in ((0.45, 1.2, 1.0, 0.0), (0.0, 1.2, 1.0, 0.35), (0.2, 1.6, 0.3, 0.3)):
+        material = sv.Material(metallic=metallic, perceptual_roughness=roughness)
+        scene.add(sv.Instance(mesh=shapes.sphere(0.2, 16), material=material, transform=place(at=(x, y, 0.7))))
+    wall = shapes.box((-0.01, 0, -0.3), (0.01, 0.8, 0.3))
+    scene.add(sv.Instance(mesh=wall, material=sv.Material(), transform=place(at=(0.07, 0, 0.7)), name="wall"))
+    return scene
+
+
+def results(renderer, scene):
+    """The outputs of the last of nine frames, after the lamp has changed and the wall has moved."""
+    lamp = next(item for item in scene if item.material.emits)
+    wall = next(item for item in scene if item.name == "wall")
+    emissive, transform = lamp.material.emissive, wall.transform
+    renderer.reset()
+    renderer.frame_count = 0  # the same random numbers each time
+    try:
+        for index in range(9):
+            frame = renderer.render(scene.camera)
+            if index == 6:
+                lamp.material.emissive = 0.6 * np.asarray(emissive)
+                wall.transform = place(at=(0.1, 0, 0.7))
+        return {name: np.array(frame[name]) for name in OUTPUTS}
+    finally:
+        lamp.material.emissive, wall.transform = emissive, transform
+
+
+def other_value(name):
+    default, field = DEFAULTS[name], FIELDS[name]
+    if field.choices:
+        return field.choices[1]
+    if isinstance(default, bool):
+        return not default
+    return OTHER.get(name, type(default)(default / 2))
+
+
+def live_settings(lighting):
+    """The names of the live settings that a lighting has: the others are of another, as their section or meaning says.
+    """
+    for name, field in FIELDS.items():
+        others = [other for other in OF_LIGHTING if other != lighting]
+        of_other = any(field.section in OF_LIGHTING[other] or f"lighting={other}" in field.meaning for other in others)
+        if not field.rebuilds and not of_other:
+            yield name
+
+
+@pytest.mark.parametrize("lighting", ["paths", pytest.param("split", marks=pytest.mark.slow)])
+def test_every_live_setting_matters(device, lighting):
+    scene, idle, of_paths = scene_of_everything(), [], dict.fromkeys(("restir", "denoise"), lighting == "paths")
+    with make_renderer(device, scene, SIZE, **FEW, lighting=lighting, **of_paths) as renderer:
+        before = results(renderer, scene)
+        again = results(renderer, scene)
+        assert all(np.array_equal(before[name], again[name]) for name in OUTPUTS), "the comparison is of one seed"
+        for name in live_settings(lighting):
+            unchanged = getattr(renderer.settings, name)
+            setattr(renderer.settings, name, not unchanged if isinstance(unchanged, bool) else other_value(name))
+            found = results(renderer, scene)
+            setattr(renderer.settings, name, unchanged)
+            if all(np.array_equal(found[key], value) for key, value in before.items()):
+                idle.append(name)
+    assert not idle
+
+
+@pytest.mark.slow
+def test_what_is_off_outputs_nothing(device):
+    scene = scene_of_everything()
+    with make_renderer(device, scene, SIZE, **FEW, lighting="split") as renderer:
+        for name, outputs in {
+            "di": ("di_diffuse", "di_specular"), "gi": ("gi_diffuse",), "specular": ("specular_gi",),
+        }.items():  # fmt: skip
+            assert all(renderer.render()[output].any() for output in outputs)
+            setattr(renderer.settings, name, False)
+            frame = renderer.render()
+            assert not any(frame[output].any() for output in outputs)
+            if name == "di":
+                assert not frame["di_reservoirs"]["confidence"].any()
+                assert (frame["di_outcomes"] == (NO_INDEX, 0)).all()
+            if name == "gi":
+                assert not frame["gi_reservoirs"]["confidence_weight"].any()
+            setattr(renderer.settings, name, True)
+            assert all(renderer.render()[output].any() for output in outputs)
+
+
+@pytest.mark.slow
+def test_solaris_preset_is_another_frame(device):
+    """Every part of its light is finite and differs from the default frame, and the sum is about as bright."""
+    scene = scene_of_everything()
+    with make_renderer(device, scene, SIZE, **FEW) as renderer:
+        ours = results(renderer, scene)
+    with make_renderer(device, scene, SIZE, **{**QUALITIES["solari"], **FEW}) as renderer:
+        solari = results(renderer, scene)
+    lobes = OUTPUTS[:2]
+    for name in lobes:
+        assert np.isfinite(solari[name]).all()
+        assert not np.array_equal(solari[name], ours[name])
+    assert 0.7 < sum(solari[name].mean() for name in lobes) / sum(ours[name].mean() for name in lobes) < 1.3

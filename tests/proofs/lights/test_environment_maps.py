@@ -1,0 +1,223 @@
+"""Environment maps: closed forms of what they send to a floor and to the camera, how often light samples take their
+texels, and frames against the path tracer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from support.lamp_over_floor import floor_scene
+from support.measured import hold
+from support.oracles import closed_forms, environments
+from support.pictures import compare_picture, take_picture
+from support.realtime import GBUFFER, OFF, Effort, make_renderer, measure_mean, run_pictures, trace
+from support.seeded_bugs import Bug, bug_tests
+
+import solari_vk as sv
+from solari_vk.conformance.rules import SUITE, Measurement, Rule
+from solari_vk.gpu.device.device import Device
+from solari_vk.measure.statistics import chi_squared_p, standard_deviations
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import matte, place, rgb
+from solari_vk.scene.environment import directions, luminances, solid_angles
+
+_CLOSED = "closed form"
+BACKGROUND = Rule("the background is the map in the direction of each pixel's ray", SUITE, "Environments")
+MIRROR = Rule("a flat mirror shows the map in the reflected direction", SUITE, "Environments")
+TEXELS = Rule("light samples take texels by their light", SUITE, "Environments")
+DIRECTIONS = Rule("a light sample's direction lies in its texel, whose probability it has", SUITE, "Environments")
+EVEN = Rule("the points of light samples are spread evenly over a texel", SUITE, "Environments")
+NOISE = Rule("a sun of 100,000 in a map: noise of one light sample over its mean", SUITE, "Environments")
+MEANS = Rule("a frame under a map and a sun has the path tracer's mean", SUITE, "Environments")
+FAST, FULL = Effort(6, 16, 32, 1024), Effort(16, 32, 64, 8192)
+_ALBEDO = np.array((0.8, 0.5, 0.2))
+_MAX_Z = NormalDist().inv_cdf(0.9999)
+# Half a step of rgb9e5 at its coarsest, relative to the largest of three colors.
+_HALF_STEP = 2.0**-9
+
+
+def turned(angle: float) -> NDArray[np.float64]:
+    """A rotation about a slanted axis."""
+    axis = np.array((1.0, 2.0, -0.5)) / math.sqrt(5.25)
+    cross = np.cross(np.eye(3), -axis)
+    matrix: NDArray[np.float64] = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+    return matrix
+
+
+def random_map(seed: int, height: int = 8, width: int = 16) -> NDArray[np.float32]:
+    """A map whose texels differ by orders of magnitude, some of which are black."""
+    generator = np.random.default_rng(seed)
+    image = np.exp(1.5 * generator.normal(size=(height, width, 3))).astype(np.float32)
+    image[generator.random((height, width)) < 0.2] = 0
+    return image
+
+
+def map_with_sun(height: int, radiance: float = 1e5) -> sv.Environment:
+    """A dim sky with a single bright texel, twice as wide as high."""
+    image = np.full((height, 2 * height, 3), (0.3, 0.5, 0.9), np.float32)
+    image[height // 5, height // 3] = radiance
+    return sv.Environment(image)
+
+
+def measure_floor(device: Device, strategy: str) -> Iterator[Measurement]:
+    """Lambert floors under one color, and under a random map that is turned."""
+    for name, environment in (
+        ("one color", sv.Environment((1.0, 0.5, 2.0), intensity=3.0)),
+        ("a random map", sv.Environment(random_map(1), intensity=0.25, rotation=turned(2.0))),
+    ):
+        scene = floor_scene(sv.Material(base_color=rgb(_ALBEDO)))
+        scene.environment = environment
+        samples, bar = (8192, 0.02) if strategy == "brdf" else (4096, 0.01)
+        made = take_picture(device, scene, (16, 16), samples, max_bounces=1, lambert=True, light_strategy=strategy)
+        expected = environments.irradiance(environment, (0, 1, 0)) * _ALBEDO / math.pi
+        source = (_CLOSED, "irradiance by a sum over directions")
+        yield from compare_picture(f"a floor under {name}, {strategy}", source, made, expected, bar)
+
+
+def measure_background(device: Device) -> Iterator[Measurement]:
+    """What a camera sees of a map where there is no surface."""
+    image = random_map(2)
+    scene = sv.Scene(sv.Camera.look_at((0, 0, 0), (0.3, 0.2, -1), vertical_fov=2.0))
+    scene.environment = environment = sv.Environment(image, intensity=2.0, rotation=turned(1.0))
+    largest = _HALF_STEP * 2.0 * float(image.max())
+    with make_renderer(device, scene, (32, 32), passes=(*GBUFFER, "display/"), **OFF) as renderer:
+        seen = renderer.render(scene.camera)["emission"][..., :3]
+    _, rays = closed_forms.camera_rays(scene.camera, 32, 32)
+    expected = environments.radiance(environment, rays.reshape(-1, 3)).reshape(seen.shape)
+    yield Measurement(BACKGROUND, float(np.abs(seen - expected).max()) / largest, 1.0, "of a step")
+
+
+def measure_mirror(device: Device, **settings: Any) -> Iterator[Measurement]:
+    """What a frame shows of a map in a mirror of metal, and beside it."""
+    image = random_map(2)
+    scene = sv.Scene(sv.Camera.look_at((0, 0, 0), (0.1, 0, -1), vertical_fov=1.0))
+    scene.environment = environment = sv.Environment(image, rotation=turned(1.0))
+    normal = np.array((0.0, 0.6, 0.8))
+    mirror = sv.Material(base_color=rgb(1.0), metallic=1.0, roughness=0.0)
+    scene.add(shapes.quad((0, 0, -2), (9, 0, 0), (0, 0.4, -0.3)), mirror)
+    with make_renderer(device, scene, (32, 32), jitter=False, **settings) as renderer:
+        frame = renderer.render(scene.camera)
+        seen, in_mirror = frame["radiance"], np.isfinite(frame["depth"])
+    _, rays = closed_forms.camera_rays(scene.camera, 32, 32)
+    for rule, where, along in (
+        (BACKGROUND, ~in_mirror, rays), (MIRROR, in_mirror, rays - 2 * (rays @ normal)[..., None] * normal)
+    ):  # fmt: skip
+        errors = np.abs(seen[where] - environments.radiance(environment, along[where]))
+        yield Measurement(rule, float(errors.max()) / (_HALF_STEP * float(image.max())), 2.0, "of a step")
+
+
+def measure_texels(device: Device) -> Iterator[Measurement]:
+    """The light samples of a frame."""
+    scene = floor_scene(matte(1.0))
+    scene.environment = environment = sv.Environment(random_map(3), rotation=turned(0.5))
+    with make_renderer(device, scene, (8, 8), passes=(*GBUFFER, "light_tiles/"), **OFF) as renderer:
+        frame = renderer.render(scene.camera)
+        part, packed = frame["light_tile_samples"]["part"].ravel(), frame["light_tiles"].ravel()
+    height, width = environment.image.shape[:2]
+    fine = sv.Environment(environment.image)
+    each = 16  # directions along each side of a texel
+    light = luminances(
+        environments.radiance(fine, directions(height * each, width * each).reshape(-1, 3)).astype(np.float32)
+    ).reshape(height, each, width, each) * solid_angles(height * each, width * each).reshape(height, each, 1, 1)
+    expected = light.sum(axis=(1, 3)).ravel()
+    # Interpolated luminance is weighted by the sine at each texel's center, which the sum over directions isn't.
+    z = standard_deviations(chi_squared_p(np.bincount(part, minlength=expected.size), _chances(fine) * part.size))
+    yield Measurement(TEXELS, z, _MAX_Z, "standard deviations")
+    far_off = np.abs(_chances(fine) - expected / expected.sum()).sum()
+    yield Measurement(Rule("texels' probabilities follow their light", SUITE, "Environments"), float(far_off), 0.05)
+
+    x, y, z_axis = (packed["world_position"].astype(np.float64) @ environment.rotation.astype(np.float64)).T
+    column = width * (np.arctan2(z_axis, x) / (2 * np.pi) + 0.5)
+    row = height * np.arctan2(np.hypot(x, z_axis), y) / np.pi
+    points = np.stack([column - part % width, row - part // width])
+    apart = np.abs(points - 0.5).max()
+    solid_angle = 2 * np.pi**2 / (width * height) * np.hypot(x, z_axis)
+    error = np.abs(packed["inverse_pdf"] * _chances(fine)[part] / solid_angle - 1).max()
+    yield Measurement(DIRECTIONS, float(max(apart - 0.5, error)), 1e-4, "texels, or relative error")
+    cells = np.floor(points * 8).clip(0, 7).astype(int)
+    counts = np.bincount(cells[0] * 8 + cells[1], minlength=64)
+    z = standard_deviations(chi_squared_p(counts, np.full(64, part.size / 64)))
+    yield Measurement(EVEN, z, _MAX_Z, "standard deviations")
+
+
+def _chances(environment: sv.Environment) -> NDArray[np.float64]:
+    """The probability of each texel: luminance blurred by (1, 6, 1) / 8 both ways, times the sine of its row."""
+    light = luminances(environment.image)
+    blurred = (6 * light + np.roll(light, 1, axis=1) + np.roll(light, -1, axis=1)) / 8
+    above, below = np.vstack([blurred[:1], blurred[:-1]]), np.vstack([blurred[1:], blurred[-1:]])
+    weights = (6 * blurred + above + below) / 8 * np.sin(np.pi * (np.arange(len(light)) + 0.5) / len(light))[:, None]
+    chances: NDArray[np.float64] = (weights / weights.sum()).ravel()
+    return chances
+
+
+def measure_sun(device: Device, height: int) -> Iterator[Measurement]:
+    """A floor under a map of which one texel is 100,000 times as bright as the others."""
+    scene = floor_scene(sv.Material(base_color=rgb(_ALBEDO)))
+    scene.environment = environment = map_with_sun(height // 2)
+    angles = solid_angles(*environment.image.shape[:2])
+    above = directions(*environment.image.shape[:2])[..., 1].clip(0)
+    expected = np.einsum("yxc,yx->c", environment.image.astype(np.float64), above * angles) * _ALBEDO / math.pi
+    samples = 4096
+    made = take_picture(device, scene, (16, 16), samples, max_bounces=1, lambert=True)
+    source = (_CLOSED, "irradiance by a sum over texels")
+    yield from compare_picture(f"a floor under a sun in a map {height} wide", source, made, expected, 0.01)
+    deviation = np.sqrt(made.variance * samples) / made.mean
+    yield Measurement(NOISE, float(deviation.mean()), 3.0, "standard deviations")
+
+
+def measure_means(device: Device, effort: Effort, **settings: Any) -> Iterator[Measurement]:
+    """A floor, a matte ball and a shiny one under a map with a sun beside it."""
+    scene = floor_scene(matte(0.5))
+    scene.environment = sv.Environment(random_map(4), rotation=1.0)
+    scene.add(sv.DirectionalLight(rgb(-1), illuminance=10.0, angular_diameter=0.1))
+    scene.add(shapes.sphere(0.5, 16), matte(rgb(_ALBEDO)), place(at=(0.6, 0.5, 0)))
+    shiny = sv.Material(base_color=rgb(0.9), metallic=1.0, roughness=0.3)
+    scene.add(shapes.sphere(0.5, 16), shiny, place(at=(-0.6, 0.5, 0)))
+    expected = trace(device, scene, effort.samples).mean(axis=(0, 1))
+    with make_renderer(device, scene, **settings) as renderer:
+        found = run_pictures(
+            renderer, scene.camera, effort, lambda frame: frame["radiance"].mean(axis=(0, 1), dtype=np.float64)
+        )
+    yield measure_mean(MEANS, found, expected, 0.03, effort)
+
+
+# ---- each rule holds, and can fail --------------------------------------------------------------------
+
+@pytest.mark.parametrize("strategy", ["mis", pytest.param("nee", marks=pytest.mark.slow),
+                                      pytest.param("brdf", marks=pytest.mark.slow)])  # fmt: skip
+def test_a_floor_under_a_map(device, strategy):
+    hold(measure_floor(device, strategy))
+
+
+@pytest.mark.parametrize("measure", [
+    measure_background, measure_mirror, measure_texels, lambda device: measure_sun(device, 512),
+    pytest.param(lambda device: measure_sun(device, 4096), marks=pytest.mark.slow),
+    pytest.param(lambda device: measure_means(device, FAST), marks=pytest.mark.slow),
+    pytest.param(lambda device: measure_means(device, FULL), marks=pytest.mark.slow),
+], ids=["background", "mirror", "texels", "sun", "large sun", "means", "precise means"])  # fmt: skip
+def test_rules_hold(device, measure):
+    hold(measure(device))
+
+
+LIGHT = "scene/lights/environment.glsl"
+test_a_seeded_bug_is_noticed = bug_tests({
+    "a floor": (lambda device: measure_floor(device, "mis"), Bug(
+        LIGHT, "texel_solid_angle", "return correct(map, 1.0);")),
+    BACKGROUND: (measure_background, Bug(
+        LIGHT, "environment_radiance", "return correct(map, round(position));")),
+    MIRROR: (measure_mirror, Bug(
+        LIGHT, "meet_environment", "return correct(index, -direction);")),
+    DIRECTIONS: (measure_texels, Bug(
+        LIGHT, "texel_solid_angle", "return 1.01 * correct(map, polar_sine);")),
+    EVEN: (measure_texels, Bug(
+        LIGHT, "resolve_environment", "return correct(index, part, 0.2 * u, inverse_probability);")),
+    TEXELS: (measure_texels, Bug(
+        "scene/lights/choice.glsl", "choose_part", "return rand_range_u(light.part_count, rng);")),
+    MEANS: (lambda device: measure_means(device, FAST), Bug(
+        "scene/sampling.glsl", "met_radiance", "return 0.5 * correct(met, choice_probability, bounce_pdf);")),
+}, quick=(EVEN,))  # fmt: skip

@@ -1,0 +1,238 @@
+"""Point lights, spotlights and sphere lights in whole frames, by both ways to trace, and against Mitsuba."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from support import mitsuba_scene
+from support.frames import TILES, WHOLE, each_lighting, left_of, settle, snapshot
+from support.measured import hold
+from support.realtime import (
+    SPLIT,
+    Effort,
+    make_renderer,
+    measure_mean,
+    measure_picture_tiles,
+    run_pictures,
+    trace,
+)
+from support.seeded_bugs import Bug, seeded
+from support.statistics import assert_equal
+
+import solari_vk as sv
+from solari_vk.measure.statistics import compare
+from solari_vk.scene import shapes
+from solari_vk.scene.binder import SceneBinder
+from solari_vk.scene.builtin import matte
+from solari_vk.scene.light_kinds import KIND_INDEX
+
+AT = {"point": (1.5, 1.3, 1.6), "spot": (0.5, 1.9, 1.3), "sphere": (0.6, 1.5, 1.2)}  # in the box, 2 m wide
+REUSE = {"restir": True}
+
+
+def box_with_lamps(*names):
+    """The Cornell box with these lamps of AT instead of its own."""
+    scene = sv.builtin("cornell_box")
+    for lamp in [instance for instance in scene if instance.material.emits]:
+        scene.remove(lamp)
+    lamps = {
+        "point": sv.PointLight(AT["point"], intensity=2, color=(1, 0.6, 0.4), name="point"),
+        "spot": sv.SpotLight(AT["spot"], (0.1, -1, -0.1), intensity=10, color=(0.4, 0.6, 1), name="spot"),
+        "sphere": sv.PointLight(AT["sphere"], intensity=3, radius=0.15, name="sphere"),
+    }
+    for name in names or lamps:
+        scene.add(lamps[name])
+    return scene
+
+
+# ---- whole frames -----------------------------------------------------------------------------------
+
+
+@each_lighting
+def test_frames_have_the_path_tracers_light(device, lighting):
+    """With three lamps, one of which the camera sees."""
+    scene, size, effort = box_with_lamps(), (32, 32), Effort(4, 24, 16)
+    expected = trace(device, scene, 512, size, max_bounces=64)
+    with make_renderer(device, scene, size, **lighting) as renderer:
+        found = run_pictures(renderer, scene.camera, effort, lambda frame: frame["radiance"])
+    split = lighting == SPLIT
+    hold([measure_mean(WHOLE, found, expected, 0.07 if split else 0.03, effort)])
+    if not lighting.get("denoise"):  # which blurs the edges of tiles
+        hold([measure_picture_tiles(TILES, found, expected, 0.25 if split else 0.15, effort)])
+
+
+@pytest.mark.parametrize("lighting", [{}, pytest.param(SPLIT, marks=pytest.mark.slow)], ids=["paths", "split"])
+def test_mirrors_show_spheres(device, lighting):
+    """The camera looks at a mirror, with a lamp before it on the left and one beside the camera on the right."""
+    mirror = sv.Material(base_color=(1, 1, 1), metallic=1, perceptual_roughness=0)
+    places = ((1, 2, 0.4), (-1.1, -1, 0.2))
+    lamps = [sv.PointLight((x, 0, z), intensity=math.pi * radius**2, radius=radius) for x, z, radius in places]
+    dark = sv.PointLight((0, 0, 0), intensity=0)  # so that the shaders are those of the test above
+    camera = sv.Camera.look_at((0, 0, 2), (0, 0, -2), vertical_fov=0.9)
+    scene = sv.Scene(sv.Instance(sv.shapes.quad((0, 0, -2), (3, 0, 0), (0, 3, 0)), mirror), camera, dark, *lamps)
+    scene.add(sv.shapes.quad((0, 0, 6), (0, 9, 0), (9, 0, 0)), sv.Material(base_color=0, reflectance=0), name="wall")
+    size = (32, 32)
+    expected = trace(device, scene, 64, size)
+    with make_renderer(device, scene, size, **lighting) as renderer:
+        found = np.mean([renderer.render(camera)["radiance"] for _ in range(32)], axis=0)
+        not_lit = renderer.render(camera)["guides_diffuse_albedo"][..., 3] == 0
+    assert not_lit[:, 16:][expected[:, 16:, 0] > 0.99].all(), "a mirror that shows a lamp has nothing to blur"
+    assert 0 < not_lit.mean() < 0.1
+    for picture in (expected, found):
+        assert picture.max() == pytest.approx(1, rel=0.01)
+        whole = (picture[..., 0] > 0.99).sum(axis=0)  # pixels that show nothing but a lamp
+        assert whole[:7].sum() > 6, "the lamp on the left itself"
+        assert whole[7:12].sum() > 1, "in the mirror"
+        assert whole[16:].sum() > 2, "the other one in the mirror"
+    np.testing.assert_allclose(found.mean(), expected.mean(), rtol=0.03)
+
+
+@pytest.mark.slow  # the driver compiles frames with reuse
+@pytest.mark.parametrize("radius", [0.0, 0.1], ids=["point", "sphere"])
+def test_light_that_pixels_reuse_follows_a_lamp(device, radius):
+    """The first frame after a lamp over a floor has jumped contains nothing of a block's old shadow."""
+    lamp = sv.PointLight((0, 2, 0), intensity=5, radius=radius)
+    scene, size = sv.Scene(lamp, sv.Camera.look_at((0, 3.2, 0.8), (0, 0, 0), vertical_fov=0.8)), (32, 32)
+    scene.add(shapes.quad((0, 0, 0), (0, 0, 3), (3, 0, 0)), matte(0.5))
+    scene.add(shapes.box((-0.3, 0.4, -0.3), (0.3, 0.5, 0.3)), matte(0.5))
+    places = [(0.8, 2, -0.3), (0.2, 2, -0.1)]
+    pictures, found = [], []
+    for place in places:
+        lamp.position = place
+        pictures.append(trace(device, scene, 512, size, max_bounces=64))
+    with make_renderer(device, scene, size, **REUSE) as renderer:
+        for _ in range(16):
+            lamp.position = places[0]
+            settle(renderer, scene.camera, 12)
+            lamp.position = places[1]
+            found.append(renderer.render(scene.camera)["radiance"].astype(np.float64))
+    seen = np.minimum(*pictures).max(axis=-1, keepdims=True) < 10  # without the pixels that show the lamp
+    left = left_of(*(np.where(seen, picture, 0) for picture in (*pictures, np.mean(found, axis=0))))
+    print(f"{left:.4f} of the old picture")
+    assert abs(left) < 0.03
+
+
+# ---- both ways to trace ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("frames", [0, pytest.param(3, marks=pytest.mark.slow)], ids=["path tracer", "frames"])
+def test_queries_and_pipelines_agree(any_device, frames):
+    def pictures(way):
+        scene = box_with_lamps()
+        with sv.Device(validation=True, rays=way) as device:
+            with sv.PathTracer(device, scene, (24, 16), seed=5) as tracer:
+                yield np.array(tracer.render(scene.camera, samples=2)["radiance"]).tobytes()
+            if frames:
+                with make_renderer(device, scene, (24, 16), seed=5, gbuffer="raster", **REUSE) as renderer:
+                    for _ in range(frames):
+                        taken = snapshot(renderer.render(scene.camera))
+                        yield [(name, array.tobytes()) for name, array in taken.items()]
+
+    for query, pipeline in zip(pictures("query"), pictures("pipeline"), strict=True):
+        assert query == pipeline
+
+
+# ---- Mitsuba ----------------------------------------------------------------------------------------
+
+
+def emitters(mi, point, spot):
+    """Mitsuba's own. Its falloff of spotlights isn't glTF's, so that the edge must be hard."""
+    assert spot.inner_cone_angle > 0.99 * spot.outer_cone_angle
+    inner, outer = (float(np.degrees(angle)) for angle in (spot.inner_cone_angle, spot.outer_cone_angle))
+    point_color, spot_color = (
+        {"type": "rgb", "value": (light.intensity * light.color).tolist()} for light in (point, spot)
+    )
+    target = (spot.position + spot.direction).tolist()
+    to_world = mi.ScalarTransform4f().look_at(origin=spot.position.tolist(), target=target, up=[0.3, 0.2, 0.9])
+    return {
+        "point": {"type": "point", "position": point.position.tolist(), "intensity": point_color},
+        "spot": {"type": "spot", "to_world": to_world, "intensity": spot_color, "beam_width": inner,
+                 "cutoff_angle": outer},
+    }  # fmt: skip
+
+
+TOO_BRIGHT = Bug(
+    "scene/lights/punctual.glsl", "punctual_falloff", "return 1.03 * correct(light, direction, distance);")
+
+
+@pytest.mark.parametrize("mutant", [
+    pytest.param(None, id="right"), pytest.param(TOO_BRIGHT, id="3 % too bright", marks=pytest.mark.slow),
+])  # fmt: skip
+def test_a_box_under_point_and_spot_is_mitsubas(picture, mutant):
+    scene = box_with_lamps("point", "spot")
+    scene.lights["spot"].update(inner_cone_angle=0.5985, outer_cone_angle=0.6)
+    mitsuba = mitsuba_scene.select_variant(vectorized=False)
+    lamps = emitters(mitsuba, scene.lights["point"], scene.lights["spot"])
+    theirs = mitsuba_scene.scene_of(mitsuba, scene, 32, 32, bounces=4, lambert=True, emitters=lamps)
+    mean, variance = mitsuba_scene.render(mitsuba, theirs, 8, 64)
+    with seeded(*([mutant] if mutant else [])):
+        made = picture(scene, (32, 32), 1024, max_bounces=4, lambert=True)
+    result = compare(made.mean, made.variance, mean, variance)
+    print(result)
+    if mutant:
+        assert result.reach > 0.02
+    else:
+        assert_equal(result, 0.012)
+
+
+# ---- changes ----------------------------------------------------------------------------------------
+
+
+def test_a_lamp_changes_its_kind_with_its_radius(device):
+    """Points and spheres are kinds with their own records; the box in the tree grows with the sphere."""
+    scene = box_with_lamps("point", "spot")
+    binder = SceneBinder(device, scene)
+    try:
+        for radius, kinds in ((0.0, ["point", "point"]), (0.25, ["point", "sphere"]), (0.0, ["point", "point"])):
+            scene.lights["point"].radius = radius
+            binder.update()
+            sources = binder.lights.sources.records[:2]
+            assert sources["kind"].tolist() == [KIND_INDEX[kind] for kind in kinds]
+            info = binder.lights.info.records[0]
+            assert info["light_count"] == info["first_light_at_infinity"] == 2
+            assert info["first_passed_light"] == kinds.count("point")
+            boxes = binder.lights.tree.records[sources["node"]]
+            assert sorted(boxes["half_size"].max(axis=1).tolist()) == [0.0, radius]
+    finally:
+        device.wait_idle()
+        binder.destroy()
+
+
+def test_a_turning_spotlight_counts_as_changing_light(device):
+    scene = box_with_lamps("spot")
+    with make_renderer(device, scene, (8, 8), passes=("gbuffer/",)) as renderer:
+        settle(renderer, scene.camera, 2)
+        binder = renderer.binder
+        before = binder.lights.positions
+        scene.lights["spot"].direction = (1, -1, 0)
+        renderer.render(scene.camera)
+        assert np.linalg.norm(binder.lights.positions - before) > 1
+
+
+def test_a_moved_lamp_is_written_alone(device, monkeypatch):
+    """The rows of all lights, and what is random in them, stay; a brighter lamp changes the choice among all."""
+    scene = box_with_lamps()
+    binder = SceneBinder(device, scene)
+    lights = binder.lights
+    try:
+        binder.update()
+        ids, powers, table = lights.ids, lights.powers, lights.sources
+        marked = []
+        monkeypatch.setattr(table, "mark", lambda rows: marked.extend(rows))
+        scene.lights["point"].position = (1, 1, 1)
+        scene.lights["spot"].direction = (0, -1, 0)
+        binder.update()
+        assert not marked
+        assert lights.ids is ids
+        assert lights.powers is powers
+        boxes = lights.tree.records[table.records["node"][:3]]
+        assert boxes["center"][0].tolist() == lights.positions[0].tolist() == [1, 1, 1]
+        scene.lights["point"].intensity = 9
+        binder.update()
+        assert set(marked) == {0, 1, 2}
+        assert lights.powers is not powers
+    finally:
+        device.wait_idle()
+        binder.destroy()

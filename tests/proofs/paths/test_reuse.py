@@ -1,0 +1,157 @@
+"""Light that pixels reuse (restir=on): the path tracer's mean, less noise, no lag, and nothing of what was removed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.frames import SIZE, find, settle
+from support.measured import hold
+from support.paths import measure_tiles, metal_gallery, observe_paths, trace_centers
+from support.realtime import (
+    PATHS,
+    PLAIN,
+    Effort,
+    add_up,
+    make_renderer,
+    measure_mean,
+    run_pictures,
+    trace,
+    trace_reflected,
+)
+from support.seeded_bugs import Bug, bug_tests
+
+import solari_vk as sv
+from solari_vk.conformance.rules import SUITE, Measurement, Rule
+from solari_vk.measure.replication import replicate
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import cornell_box, lamp, matte, place
+
+_PATHS = (SUITE, "Paths")
+REUSED = Rule("paths whose light pixels reuse have the path tracer's mean", *_PATHS)
+REUSED_TILES = Rule("where pixels reuse light, no tile differs from the path tracer's", *_PATHS)
+LESS_NOISE = Rule("reuse takes at least a quarter off the variance of a frame", *_PATHS)
+NO_LAG = Rule("a frame after a block has jumped, reused light contains little of its old shadow", *_PATHS)
+REUSE = {"lighting": "paths", "restir": True}
+MEAN = Rule("frames with reused light are as bright as frames without", *_PATHS)
+RESTIR = {**PLAIN, "restir": True}
+FAST, FULL = Effort(16, 24, 32, 4096), Effort(16, 24, 256, 16384)
+
+
+def measure_means(device, effort=FAST, scene=None, bar=0.02, **settings):
+    """Against the path tracer, for metals that show a lamp, a sun, gloss and mirrors, or for `scene`.
+
+    Pixels that show a light itself are left out, since the G-buffer rounds emission.
+    """
+    scene = scene or metal_gallery()
+    shows_no_light = trace(device, scene, 64, SIZE, max_bounces=0).max(axis=-1, keepdims=True) == 0
+    expected = trace_centers(device, scene, effort.samples) * shows_no_light
+    found = observe_paths(device, scene, effort, **{**RESTIR, **settings}) * shows_no_light
+    yield measure_mean(REUSED, found, expected, bar, effort)
+    yield measure_tiles(REUSED_TILES, found, expected)
+
+
+def measure_noise(device):
+    """The median of pixels' variances between runs, over the same without reuse, in a Cornell box."""
+    scene = cornell_box()
+    variance = [
+        float(np.median(observe_paths(device, scene, Effort(16, 12, 1), **{**RESTIR, "restir": on}).var(axis=0)))
+        for on in (True, False)
+    ]
+    yield Measurement(LESS_NOISE, variance[0] / variance[1], 0.75, "of the variance without reuse")
+
+
+def measure_lag(device, runs=24):
+    """How much of the picture from before a jump of a block the first frame after it contains: its projection onto the
+    difference of both pictures."""
+    scene = cornell_box()
+    block = next(instance for instance in scene if instance.name == "short block")
+    places = [place(at=(x, 0.15, 0.0)) for x in (0.0, 0.3)]
+    pictures = []
+    for transform in places:
+        block.transform = transform
+        pictures.append(trace_reflected(device, scene, 512))
+    before, now = pictures
+    difference = (before - now) * ((before > 0) & (now > 0))
+    with make_renderer(device, scene, SIZE, passes=PATHS, lighting="paths", restir=True) as renderer:
+
+        def observe():
+            for frame in range(13):
+                block.transform = places[frame == 12]
+                picture = add_up(renderer.render(scene.camera))
+            return np.array(((picture - now) * difference).sum() / (difference**2).sum())
+
+        found = replicate(renderer, runs, observe)
+    note = f"+- {2 * found.std() / runs**0.5:.3f}"
+    yield Measurement(NO_LAG, abs(float(found.mean())), 0.1, "of the old picture", note)
+
+
+def lit_by_a_wall():
+    """A floor that no lamp lights and that fills the picture: its light comes from a lamp below it by a wall above."""
+    scene = sv.Scene(sv.Camera.look_at((0, 1.2, 0.4), (0, 0, 0), vertical_fov=0.8))
+    for name, mesh, material in (
+        ("floor", shapes.quad((0, 0, 0), (0, 0, 1), (1, 0, 0)), matte(0.8)),
+        ("wall", shapes.quad((0, 3, 0), (3, 0, 0), (0, 0, 3)), matte(0.9)),
+        ("lamp", shapes.quad((0, -0.5, 0), (0, 0, 2), (2, 0, 0)), lamp(5.0)),
+    ):
+        scene.add(sv.Instance(mesh=mesh, material=material, name=name))
+    return scene
+
+
+def check_removal(device, make=lit_by_a_wall, name="wall"):
+    """The light that surfaces reflect is gone in the frame after the instance that it came from was removed."""
+    scene = make()
+    with make_renderer(device, scene, SIZE, world_cache=False, **REUSE) as renderer:
+        before = add_up(settle(renderer, scene.camera, 8))
+        scene.remove(find(scene, name))
+        after = add_up(renderer.render(scene.camera))
+    assert (before > 0).mean() > 0.1
+    assert not after.any()
+
+
+@pytest.mark.parametrize(("make", "name"), [(cornell_box, "lamp"), (lit_by_a_wall, "lamp"), (lit_by_a_wall, "wall")])
+def test_what_was_removed_lends_no_light(device, make, name):
+    """Without the only lamp, or without the only surface that its light comes from, the next frame is black."""
+    check_removal(device, make, name)
+
+
+@pytest.mark.slow
+def test_many_lights(device):
+    scene, effort = sv.builtin("many_lights", sphere_count=49, box_count=300), Effort(16, 24, 64)
+    without, found = (observe(device, scene, effort, restir) for restir in (False, True))
+    hold([measure_mean(MEAN, found, without.mean(axis=0), 0.02, effort)])
+
+
+def observe(device, scene, effort, restir):
+    """The reflected light (runs, h, w, 3) of independent runs."""
+    with make_renderer(device, scene, SIZE, lighting="paths", restir=restir) as renderer:
+        return run_pictures(renderer, scene.camera, effort, add_up)
+
+
+# ---- each rule holds, and can fail ------------------------------------------------------------------
+
+# Reservoirs keep samples for long and take them from afar, so that bugs add up.
+STRESS = {"restir_confidence_cap": 30.0, "spatial_radius_halving": False, "restir_radius": 12.0}
+
+
+def stressed(device):
+    return measure_means(device, Effort(16, 16, 12, 4096), cornell_box(), 0.06, **STRESS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("measure", [
+    measure_means, lambda device: measure_means(device, FULL), stressed, measure_noise, measure_lag,
+], ids=["means", "means_full", "stressed", "noise", "lag"])  # fmt: skip
+def test_rules_hold(device, measure):
+    hold(measure(device))
+
+
+RESERVOIR = "passes/paths/reservoir.glsl"
+test_a_seeded_bug_is_noticed = bug_tests({
+    REUSED: (stressed, Bug(RESERVOIR, "is_visible", "return true;")),
+    REUSED_TILES: (stressed, Bug(RESERVOIR, "shift_jacobian",
+                                 "return correct(from, to, reservoir) > 0.0 ? 1.0 : 0.0;")),
+    LESS_NOISE: (measure_noise, Bug(RESERVOIR, "hit_normal", "return -correct(reservoir);")),
+    NO_LAG: (measure_lag, Bug(RESERVOIR, "transmittance", "return correct(vertex, reservoir, false);")),
+    "what was removed: the previous frame counts whole": (check_removal, Bug(
+        "passes/paths/temporal.comp", "previous_confidence", "return confidence;")),
+})  # fmt: skip
