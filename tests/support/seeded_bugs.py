@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.measured import hold
 
 from solari_vk.conformance.rules import Rule
 from solari_vk.gpu.shaders import compiler
+from support.measured import hold
 
 ROOTS = [Path(__file__).resolve().parents[2] / "glsl", Path(__file__).resolve().parents[1] / "glsl"]
 KNOWN: list[Bug] = []
@@ -88,11 +88,13 @@ def seeded(*bugs: Bug) -> Iterator[None]:
 def expect_noticed(bug: Bug, rule: Rule | str, check: Callable[..., Any], *arguments: Any) -> None:
     """Require that a proof fails with the bug: an assertion of `check`, or `rule` among what it measures."""
     with seeded(bug), pytest.raises(AssertionError) as failed:
-        measured = check(*arguments)
-        if measured is not None:
-            measured = [made for made in measured if made.rule == rule] if isinstance(rule, Rule) else measured
-            hold(measured)
+        _hold_rule(rule, check(*arguments))
     assert "nothing was measured" not in str(failed.value), "the proof measures nothing of this rule"
+
+
+def _hold_rule(rule: Rule | str, measured: Any) -> None:
+    if measured is not None:
+        hold(made for made in measured if not isinstance(rule, Rule) or made.rule == rule)
 
 
 def bug_tests(bugs: Mapping[Rule | str, tuple[Callable[..., Any], Bug]], quick: tuple[Any, ...] = ()) -> Any:
