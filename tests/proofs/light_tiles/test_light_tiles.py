@@ -97,8 +97,8 @@ def _measure_packing(named, packed, exposure):
     yield Measurement(ENCODED, float(error), 1.0, "of half a step")
     samples = decode(packed)
     error = np.abs(samples.exposed[light == count - 1] / sun - 1).max()
-    half_step = float(half_step(np.log2([[1 + sun]])).item())
-    yield Measurement(SUN, float(error), 2**half_step - 1, "relative error", f"{sun:.3g} times white")
+    bar = 2 ** half_step(np.log2([[1 + sun]])).item() - 1
+    yield Measurement(SUN, float(error), bar, "relative error", f"{sun:.3g} times white")
     yield Measurement(BLACK, float((samples.exposed[exposed == 0] != 0).sum()), 0.0, "lit")
 
 
