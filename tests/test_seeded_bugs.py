@@ -45,7 +45,8 @@ def test_every_bug_fits_its_shader(monkeypatch):
     ("twice(vec2", "return correct(v.yx);",
      ["float twice_without_bug(vec2 v) { return 2.0 * v.x; }\nfloat twice(vec2 v) { return twice_without_bug(v.yx); }",
       "float twice(float x) { return 2.0 * x; }"]),
-    ("main", "correct(); done();", ["void main_without_bug() { if (true) { twice(1.0); } }\nvoid main() { main_without_"]),
+    ("main", "correct(); done();",
+     ["void main_without_bug() { if (true) { twice(1.0); } }\nvoid main() { main_without_"]),
 ])  # fmt: skip
 def test_a_bug_replaces_a_function_or_a_constant(name, text, parts):
     changed = Bug("common/math.glsl", name, text).apply(SOURCE)

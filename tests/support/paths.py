@@ -107,11 +107,10 @@ class Profile(NamedTuple):
     bars: tuple[float, float]
 
 
-FAST = Profile(Effort(16, 0, 64, 4096), Effort(8, 24, 32), (0.02, 0.03))
 FULL = Profile(Effort(16, 0, 512, 16384), Effort(16, 24, 256), (0.01, 0.02))
 
 
-def measure_means(device, profile=FAST, scene=None, kinds=tuple(RUNS)):
+def measure_means(device, profile, scene=None, kinds=tuple(RUNS)):
     """Paths against the path tracer, for metals that show a lamp, a sun, gloss and mirrors, or for `scene`.
 
     Pixels that show a light itself are left out, unless all do, since the G-buffer rounds emission.

@@ -187,7 +187,7 @@ def _has_features(sources: Sources, path: str) -> bool:
 
 
 def _optimization(sources: Sources, path: str) -> str:
-    """Shaders are optimized, which halves the driver's work, but for those of overlays, which are used once or twice."""
+    """Shaders are optimized, which halves the driver's work, but for those of overlays, which are used seldom."""
     patched = any((file := sources.find(name)) and file.is_relative_to(folder)
                   for folder in overlays for name in sources.closure(path))  # fmt: skip
     return "zero" if patched else "performance"

@@ -13,9 +13,9 @@ from support.direct_light import direct_renderer
 from support.encodings import pcg_hash, pcg_step
 from support.lamp_over_floor import floor_scene
 from support.measured import hold
-from support.oracles import closed_forms, packed_lights
+from support.oracles import closed_forms
 from support.oracles.encodings import decode_octahedral, decode_rgb9e5
-from support.oracles.packed_lights import step_and_rounding
+from support.packed_lights import decode, half_step, receive, step_and_rounding
 from support.realtime import OFF, make_renderer
 from support.seeded_bugs import Bug, bug_tests, seeded
 
@@ -95,10 +95,10 @@ def _measure_packing(named, packed, exposure):
     stored, expected = decode_rgb9e5(packed["radiance"]), np.log2(1 + exposed)
     error = (np.abs(stored - expected) / step_and_rounding(expected)).max()
     yield Measurement(ENCODED, float(error), 1.0, "of half a step")
-    samples = packed_lights.decode(packed)
+    samples = decode(packed)
     error = np.abs(samples.exposed[light == count - 1] / sun - 1).max()
-    half_step = float(packed_lights.half_step(np.log2([[1 + sun]])).item())
-    yield Measurement(SUN, float(error), 2**half_step - 1, "relative error", f"{sun:.3g} times white")
+    bar = 2 ** half_step(np.log2([[1 + sun]])).item() - 1
+    yield Measurement(SUN, float(error), bar, "relative error", f"{sun:.3g} times white")
     yield Measurement(BLACK, float((samples.exposed[exposed == 0] != 0).sum()), 0.0, "lit")
 
 
@@ -133,10 +133,10 @@ def measure_contribution(device):
         reservoirs, lit = renderer["di_reservoirs"].ravel(), renderer["di_diffuse"].reshape(-1, 3).astype(np.float64)
     there = lit.max(axis=-1) > 0
     place_of = {sample.tobytes(): index for index, sample in enumerate(named)}
-    chosen = packed_lights.decode(packed[[place_of[r.tobytes()] for r in reservoirs["light_sample"][there]]])
+    chosen = decode(packed[[place_of[r.tobytes()] for r in reservoirs["light_sample"][there]]])
     origins, directions = (rays.reshape(-1, 3)[there] for rays in closed_forms.camera_rays(scene.camera, *size))
     points = origins - directions * (origins[:, 1:2] / directions[:, 1:2])
-    wi, share = packed_lights.receive(chosen, points)
+    wi, share = receive(chosen, points)
     z_up = [0, 2, 1]  # the normal is z in brdf.comp
     material = brdf_runs.materials(1.0, 0.0, 0.0, 1.0)
     with ShaderRunner(device) as shaders:

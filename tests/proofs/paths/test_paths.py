@@ -10,7 +10,7 @@ import pytest
 from support.lamp_over_floor import LAMP_CORNERS, floor_scene, lamp_above, lamp_on_lambert
 from support.measured import hold
 from support.oracles import closed_forms
-from support.paths import CACHED, DEFAULT, FAST, FULL, ONE, ONE_TILES, SEVERAL_TILES, SIZE, Profile, measure_means
+from support.paths import CACHED, DEFAULT, FULL, ONE, ONE_TILES, SEVERAL_TILES, SIZE, Profile, measure_means
 from support.realtime import (
     JITTER_PERIOD,
     PATHS,
@@ -79,9 +79,8 @@ def test_sun_over_a_floor(device, diameter):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("profile", [FAST, FULL], ids=["fast", "full"])
-def test_metals_have_the_path_tracers_means(device, profile):
-    hold(measure_means(device, profile))
+def test_metals_have_the_path_tracers_means(device):
+    hold(measure_means(device, FULL))
 
 
 # The frames of each of 16 runs, and the bar of the mean: about twice the interval. Small lights among many boxes are

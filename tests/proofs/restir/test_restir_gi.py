@@ -28,9 +28,6 @@ from solari_vk.scene.shapes import sphere
 INDIRECT = Rule("one bounce of indirect light in a Cornell box", SUITE, "ReSTIR GI")
 SIXTEENTHS = Rule("no tile of 4 x 4 differs significantly from the path tracer's indirect light", SUITE, "ReSTIR GI")
 SIZE = (48, 48)
-# The effort of the measurement, and the bar.
-FAST = (Effort(16, 24, 64, 2048), 0.03)
-FULL = (Effort(16, 24, 256, 8192), 0.0075)
 
 
 def trace_second_bounce(device, scene, samples):
@@ -46,9 +43,8 @@ def observe_indirect(device, scene, effort, **settings):
         return run_pictures(renderer, scene.camera, effort, lambda frame: add_up(frame, "gi_diffuse", "specular_gi"))
 
 
-def measure_indirect(device, profile=FAST):
+def measure_indirect(device, effort, bar):
     """Without the cache, indirect light is the path tracer's second bounce."""
-    effort, bar = profile
     scene = cornell_box()
     expected = trace_second_bounce(device, scene, effort.samples)
     found = observe_indirect(device, scene, effort)
@@ -74,9 +70,8 @@ def cornell(device):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("profile", [FAST, FULL], ids=["fast", "full"])
-def test_one_bounce_is_the_path_tracers(device, profile):
-    hold(measure_indirect(device, profile))
+def test_one_bounce_is_the_path_tracers(device):
+    hold(measure_indirect(device, Effort(16, 24, 256, 8192), 0.0075))
 
 
 @pytest.mark.slow
@@ -152,7 +147,7 @@ def test_reservoirs_name_living_cells_that_hold_their_points(device):
 
 def brief(device):
     """With less effort than the rules take: the bugs are larger than this bar."""
-    return measure_indirect(device, (Effort(), 0.06))
+    return measure_indirect(device, Effort(), 0.06)
 
 
 @pytest.mark.slow

@@ -128,5 +128,6 @@ RESERVOIR = "passes/restir_gi/reservoir.glsl"
 test_a_seeded_bug_is_noticed = bug_tests({
     "merge: no Jacobian": (check_merge, Bug(RESERVOIR, "reconnection_jacobian",
                                             "return correct(from, to, reservoir) > 0.0 ? 1.0 : 0.0;")),
-    "merge: samples that are hidden": (check_merge, Bug(RESERVOIR, "trace_sample_visibility", "return true;")),
+    "merge: samples that are hidden": (check_merge, Bug(
+        RESERVOIR, "trace_sample_visibility", "correct(surface, reservoir); return true;")),
 })  # fmt: skip

@@ -2,41 +2,36 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solari_vk.scene.light_kinds import KIND_INDEX
 from support.oracles.encodings import decode_octahedral, decode_rgb9e5
 
-Floats = NDArray[np.floating[Any]]
 
-
-def half_step(colors: Floats) -> Floats:
+def half_step(colors):
     """Half of the distance (N, 1) between neighbors in rgb9e5 around colors (N, 3)."""
     _, exponent = np.frexp(colors.max(axis=-1, keepdims=True))  # of a mantissa from 1/2 to 1
-    found: Floats = np.ldexp(1.0, np.maximum(exponent - 1, -16) - 9)
-    return found
+    return np.ldexp(1.0, np.maximum(exponent - 1, -16) - 9)
 
 
-def step_and_rounding(logarithms: Floats) -> Floats:
+def step_and_rounding(logarithms):
     """The error that packing may add to log2(1 + x) (N, 3): half a step, and Vulkan's tolerances."""
-    found: Floats = half_step(logarithms) + np.maximum(2.0**-21 + 2.0**-23, 2.0**-21 * logarithms)
-    return found
+    return half_step(logarithms) + np.maximum(2.0**-21 + 2.0**-23, 2.0**-21 * logarithms)
 
 
 class LightSamples(NamedTuple):
     """Decoded samples; `position` is a direction where `directional`, and radiance is in units of white."""
 
-    position: Floats
-    normal: Floats
-    exposed: Floats
-    inverse_pdf: Floats
-    directional: NDArray[np.bool_]
+    position: np.ndarray
+    normal: np.ndarray
+    exposed: np.ndarray
+    inverse_pdf: np.ndarray
+    directional: np.ndarray
 
 
-def decode(packed: NDArray[Any]) -> LightSamples:
+def decode(packed):
     """Records (N,) of a renderer's `light_tiles`, whose radiance is log2(1 + radiance * exposure)."""
     return LightSamples(
         packed["world_position"].astype(np.float64),
@@ -47,7 +42,7 @@ def decode(packed: NDArray[Any]) -> LightSamples:
     )
 
 
-def receive(samples: LightSamples, points: Floats) -> tuple[Floats, Floats]:
+def receive(samples, points):
     """Directions (N, 3) from points (N, 3) to the samples, and the irradiance (N, 1) of samples of radiance 1.
 
     The irradiance includes the inverse pdf, but not the cosine at the points."""
