@@ -18,8 +18,7 @@ from solari_vk.conformance.realtime import OFF, make_renderer
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.shaders.patches import patched_shaders
-from solari_vk.measure.claims.older import NO_TILES
+from solari_vk.gpu.shaders.patches import Patch, patched_shaders
 from solari_vk.measure.statistics import chi_squared_p, standard_deviations
 from solari_vk.renderer import Renderer
 from solari_vk.scene import shapes
@@ -48,6 +47,11 @@ SATURATED = np.array((1.0, 0.5, 5e-4))
 EXPOSED = np.geomspace(1e-4, 1e9, 16)[:, None] * np.where(np.arange(16)[:, None] % 2, SATURATED, COLOR)
 HALF_SIDE = 0.1
 BALL = 10.0
+NO_TILES: tuple[Patch, ...] = (
+    ("passes/light_tiles/light_tiles.glsl", "    uint index = tile *",
+     "    return draw_light_candidate(rng);\n    uint index = tile *"),
+)  # fmt: skip
+"""Each candidate is drawn and resolved in the pass that uses it."""
 EV100, LUX, SUN_ANGLE = 9.7, 100_000.0, 0.0093
 ALONE: dict[str, Any] = {**OFF, "di": True, "di_temporal": False, "di_spatial": False}
 

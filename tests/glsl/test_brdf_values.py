@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from support.brdf import Surface, alpha_of, directional_albedo_terms
+from support.older_solari import LOBES_ADDED
 
 from solari_vk.conformance import brdf_runs
 from solari_vk.conformance.brdf_checks import furnace, random_directions
-from solari_vk.measure.claims.older import LOBES_ADDED
 
 CASES = [
     # base color, metallic, perceptual roughness, reflectance, and the error allowed for the table's interpolation

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 from support.encodings import pcg_hash, pcg_step
-
-from solari_vk.measure.claims.older import CONSTANT_WEIGHTS
+from support.older_solari import CONSTANT_WEIGHTS
 
 NEITHER = 0xFFFFFFFF
 SIZE = (13, 9)  # neither side divides by 4

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from support import brdf
+from support.older_solari import LOBES_ADDED
 from support.statistics import assert_equal, replicates
 
 import solari_vk as sv
@@ -14,7 +15,6 @@ from solari_vk.conformance.light_checks import LAMP_CORNERS, LAMP_RADIANCE, floo
 from solari_vk.conformance.oracles import closed_forms
 from solari_vk.conformance.oracles.closed_forms import over_pixels
 from solari_vk.gpu.shaders.patches import patched_shaders
-from solari_vk.measure.claims.older import LOBES_ADDED
 from solari_vk.measure.statistics import compare, tile_means
 
 

@@ -8,13 +8,13 @@ from unittest import mock
 import numpy as np
 import pytest
 from support.measured import hold
+from support.older_solari import CONSTANT_WEIGHTS, VISIBILITY_FED_FORWARD
 from support.statistics import replicates
 
 import solari_vk as sv
 from solari_vk.conformance.direct_checks import ALONE, FULL, find_lit_share, measure_direct, observe_direct
 from solari_vk.conformance.realtime import Effort, make_renderer, trace
 from solari_vk.gpu.shaders.patches import patched_shaders
-from solari_vk.measure.claims.older import CONSTANT_WEIGHTS, VISIBILITY_FED_FORWARD
 from solari_vk.measure.statistics import relative_interval, sixteenths
 from solari_vk.passes import pathtracer
 from solari_vk.scene import shapes

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.older_solari import CLAMPED_GGX
 
 import solari_vk as sv
 from solari_vk.conformance.oracles.closed_forms import camera_rays
 from solari_vk.conformance.specular_checks import metal_gallery, relative_error, take_frames, trace_variance
 from solari_vk.gpu.shaders.patches import patched_shaders
-from solari_vk.measure.claims.older import CLAMPED_GGX
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import closed_box, lamp, place, rgb
 from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material, Scene

@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.measured import hold
 
 from solari_vk.conformance.rules import Rule
 from solari_vk.gpu.shaders import compiler
+from support.measured import hold
 
 ROOTS = [Path(__file__).resolve().parents[2] / "glsl", Path(__file__).resolve().parents[1] / "glsl"]
 KNOWN: list[Bug] = []

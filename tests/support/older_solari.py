@@ -1,26 +1,11 @@
-"""Behaviors of Solari in Bevy 0.17 and 0.18 that the shaders no longer have, as patches for `patched_shaders`."""
+"""What Solari in Bevy 0.17 and 0.18 did otherwise, as patches for `patched_shaders`: tests compare with it."""
 
 from __future__ import annotations
 
 from solari_vk.gpu.shaders.patches import Patch
 
-_TILES = "passes/light_tiles/light_tiles.glsl"
 _SHADE_DI = "passes/restir_di/spatial_and_shade.comp"
 _TRACE, _LOBE = "passes/specular_gi/trace.comp", "passes/specular_gi/lobe.glsl"
-
-# Bevy 0.17
-NO_TILES: tuple[Patch, ...] = (
-    (_TILES, "    uint index = tile *", "    return draw_light_candidate(rng);\n    uint index = tile *"),
-)
-"""Each candidate of RIS is drawn and resolved in the pass that uses it. The tiles are still generated, but not read."""
-
-LINEAR_TILES: tuple[Patch, ...] = (
-    (_TILES, " pack_radiance_log2_rgb9e5(resolved.radiance, this_frame.exposure)",
-     " pack_rgb9e5(resolved.radiance * this_frame.exposure)"),
-    (_TILES, " unpack_radiance_log2_rgb9e5(packed.radiance, this_frame.exposure)",
-     " unpack_rgb9e5(packed.radiance) / this_frame.exposure"),
-)  # fmt: skip
-"""Light tiles hold exposed radiance as rgb9e5, without the logarithm."""
 
 CONSTANT_WEIGHTS: tuple[Patch, ...] = (
     ("passes/restir_di/reservoir.glsl", "vec2 weights = confidences * targets;", "vec2 weights = confidences;"),
@@ -37,18 +22,6 @@ VISIBILITY_FED_FORWARD: tuple[Patch, ...] = (
 )  # fmt: skip
 """ReSTIR DI tests the visibility of the spatial sample before the merge, and none after it."""
 
-FIXED_BLEND: tuple[Patch, ...] = (
-    ("passes/world_cache/blend.comp", "mix(max_samples, 1.0, ", "mix(max_samples, max_samples, "),
-)
-"""The world cache averages as many frames where light changes as where it doesn't."""
-
-STORED_LIFETIME: tuple[Patch, ...] = (
-    ("passes/world_cache/sample_indirect.comp", "uint lifetime = world_cache_samples.at[thread].life & ~SEES_WALL;",
-     "uint lifetime = world_cache_settings.lifetime;"),
-)  # fmt: skip
-"""World cache cells that are queried by other cells live as long as those that pixels query."""
-
-# Bevy 0.18
 LOBES_ADDED: tuple[Patch, ...] = (
     ("scene/brdf.glsl",
      "value *= (1.0 - fresnel(brdf.dielectric_f0, wo.z)) * (1.0 - fresnel(brdf.dielectric_f0, wi.z));", ""),
@@ -78,12 +51,3 @@ float lobe_spread(float roughness) {"""),
 """),
 )  # fmt: skip
 """Mirrors are GGX of roughness 0.001, sampled in the mirrored direction."""
-
-NO_SHORT_RAY_RULE: tuple[Patch, ...] = (("passes/world_cache/query.glsl", "if (ray_t < cell_size) {", "if (false) {"),)
-"""World cache queries of short rays use the same cell size as those of long rays."""
-
-TERMINATION_BY_ROUGHNESS: tuple[Patch, ...] = (
-    (_TRACE, "return spread_width > cell_size && ray_t > (as_solari ? sqrt(3.0) : 1.0) * cell_size;",
-     "return surface.material.roughness > 0.03;"),
-)  # fmt: skip
-"""Specular paths end in the world cache at the first surface that isn't nearly a mirror."""
