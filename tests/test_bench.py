@@ -9,10 +9,11 @@ from support.gltf_writer import GltfWriter
 from solari_vk.cli import main
 from solari_vk.measure.bare_rays import plain_tracer
 from solari_vk.measure.character import character
-from solari_vk.measure.frame import animated, run
+from solari_vk.measure.frame import animated, error, run
 from solari_vk.measure.frame.passes import against_bare_rays, count_rays
 from solari_vk.measure.frame.plan import QUICK
 from solari_vk.measure.report import Report
+from solari_vk.measure.subjects import from_file, glowing
 from solari_vk.renderer import Renderer
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import builtin
@@ -26,14 +27,50 @@ def test_page_has_all_figures(device, capsys, tmp_path):
     report.figure("a speed", 1234.5678, "rays/s", "aim 2")
     report.figure("a size", 1234567.0, "bytes")
     report.table("More", ["scene", "ms"], [["box", "1.5"]], "A note.")
+    report.table("Wide", ["scene", *("w" * 70 for _ in range(4))], [["box", "1", "2", "3", "4"]], "word " * 100)
     lines = (tmp_path / "page.md").read_text().splitlines()
+    assert max(map(len, lines)) <= 160
+    boxes = [line for line in lines if line.startswith("| box")]
+    assert boxes == ["| box | 1.5 |", "| box | 1 | 2 |", "| box | 3 | 4 |"]
+    assert [line[: line.index(":")] for line in lines[4:8]] == ["- date", "- commit", "- command", "- device"]
     assert lines[:3] == ["# Speed", "", "What it is."]
-    for row in ("| a speed | 1,234.568 rays/s | aim 2 |", "| a size | 1,234,567 bytes |  |", "## More", "A note.",
-                "| scene | ms |", "| --- | ---: |", "| box | 1.5 |"):  # fmt: skip
-        assert row in lines
+    for line in ("| a speed | 1,234.568 rays/s | aim 2 |", "| a size | 1,234,567 bytes |  |", "## More", "A note.",
+                "| scene | ms |", "| --- | ---: |"):  # fmt: skip
+        assert line in lines
     assert device.name in "".join(lines)
     assert device.properties.driver in "".join(lines)
     assert "1,234.568 rays/s  (aim 2)" in capsys.readouterr().out
+
+
+def test_errors_of_runs():
+    """Runs share a bias of 0.3 and have noise of standard deviation 0.1."""
+    truth, rng = np.ones((200, 200, 3)), np.random.default_rng(1)
+    runs = [1.3 + 0.1 * rng.standard_normal(truth.shape) for _ in range(4)]
+    times = {"wall": [1.0, 3.0, 20.0], "cpu": [4.0, 5.0, 6.0]}
+    found = error.Errors(truth, singles=[truth - 1, truth + 2], means=runs, rays=2.5, **times)
+    assert np.isclose(found.many, 0.1 / 1.01, rtol=0.01)
+    assert np.isclose(found.noise, 0.01 / 1.01, rtol=0.02)
+    base = error.Errors(truth, singles=[truth + 5**0.5], means=[truth + 1], wall=[1.5], cpu=[10.0])
+    cells = dict(zip(error.HEAD, error.row("a", found, base), strict=True))
+    assert (cells["one"], cells["ms"], cells["cpu ms"], cells["rays"]) == ("2.48", "3.00", "5.00", "2.50")
+    assert (cells["one / PT"], cells["one / PT, cpu"]) == ("1.00", "0.25")
+    assert (cells["mean / PT"], cells["mean / PT, cpu"]) == ("0.20", "0.05")
+
+
+def test_subjects(tmp_path):
+    """Scenes of scripts, and a number of emissive triangles that leaves the geometry as it is."""
+    (tmp_path / "made.py").write_text(
+        "import solari_vk as sv\ndef made(path):\n    return sv.builtin('cornell_box', size=float(path.name))\n"
+    )
+    scene = from_file(tmp_path / "made.py:3.0")
+    assert scene.name == "made"
+    assert scene.bounds.max[1] == pytest.approx(3.0)
+    totals = set()
+    for count in (8, 500, 5000):
+        counts = {item.material.name: len(item.mesh.triangles) for item in glowing(count, 1000)}
+        assert counts["lamp"] == count or count == 5000
+        totals.add(counts["lamp"] + counts.get("dark", 0))
+    assert len(totals) == 1
 
 
 def test_folder_is_needed(any_device, tmp_path):
@@ -108,7 +145,7 @@ def test_quick_page_of_the_frame(any_device, tmp_path, monkeypatch, way):
     assert titles == [
         "Passes at 16x16", "Rays per pixel at 16x16", "Against bare rays at 16x16", "Path tracer at 16x16", "Start",
         "Python's time for a frame", "Growth with pixels", "Growth with triangles", "Growth with instances",
-        "Growth with lights", "Memory of a frame", "Error over time", "Error over time",
+        "Growth with lights", "Memory of a frame", "Error over time",
     ]  # fmt: skip
 
     def numbers(row: str, section: str = titles[0]) -> list[float]:

@@ -27,9 +27,8 @@ def add_parser(commands: Any) -> None:
     load.set_defaults(run=_load)
     load.add_argument("files", nargs="+", type=Path, help="files with models")
 
-    claims = parts.add_parser("claims", help="what the posts about Solari claim, measured before and after each change")
+    claims = parts.add_parser("claims", help="what the posts about Solari claim, as pairs of settings")
     claims.set_defaults(run=_claims)
-    claims.add_argument("--pictures", type=Path, metavar="FOLDER", help="write pictures of the claims that have some")
     claims.add_argument("--only", action="append", default=[], metavar="NAME", help="one claim (all; repeatable)")
 
     frame = parts.add_parser("frame", help="the realtime frame: time and rays by pass, memory, growth, error over time")
@@ -81,8 +80,8 @@ def _load(options: argparse.Namespace) -> None:
 def _claims(options: argparse.Namespace) -> None:
     from solari_vk.measure.claims.run import run
 
-    run(options.device, rays=options.rays, markdown=options.markdown, pictures=options.pictures, only=options.only,
-        quick=options.quick, seeds=options.seeds)  # fmt: skip
+    run(options.device, rays=options.rays, markdown=options.markdown, only=options.only, quick=options.quick,
+        seeds=options.seeds)  # fmt: skip
 
 
 def _frame(options: argparse.Namespace) -> None:

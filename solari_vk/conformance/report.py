@@ -10,7 +10,7 @@ from types import MappingProxyType
 from xml.etree import ElementTree
 
 from solari_vk.conformance.rules import FAULT, NOT_RUN, RED, STATUSES, UNSUPPORTED, Check, Outcome, Row, rows
-from solari_vk.measure.report import markdown_facts, markdown_table, text_table
+from solari_vk.measure.page import head, markdown_list, markdown_table, text_table
 
 _LEGEND = """\
 Written by `solari-vk conformance --markdown FILE`. A rule holds when the measured value is at most the bar. Where a
@@ -88,14 +88,16 @@ class Report:
         return "\n".join(lines + (["", *remarks] if remarks else []))
 
     def markdown(self) -> str:
-        """The report as a Markdown page with a table for each group."""
-        lines = ["# Conformance report", "", _LEGEND, "", *markdown_facts(self.header)]
+        """The report as a Markdown page with a table for each group, without the documents of the rules."""
+        legend = [" ".join(text.split()) for text in _LEGEND.split("\n\n")]
+        lines = head("Conformance report", legend, self.header)
         for group, members in self._groups().items():
-            lines += ["", f"## {group}", "", *markdown_table(_COLUMNS, [self._cells(row) for row in members])]
+            found_rows = [(row.rule.name, *self._cells(row)[2:]) for row in members]
+            lines += ["", f"## {group}", "", *markdown_table(("rule", *_COLUMNS[2:]), found_rows)]
         remarks = {"Failures": RED, "Known faults": (FAULT,), "Unsupported": (UNSUPPORTED,), "Not run": (NOT_RUN,)}
         for title, statuses in remarks.items():
             if found := self._remarks(statuses):
-                lines += ["", f"## {title}", "", *(f"- {text}" for text in found)]
+                lines += ["", f"## {title}", "", *markdown_list(found)]
         return "\n".join(lines) + "\n"
 
     def html(self) -> str:

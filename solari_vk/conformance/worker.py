@@ -19,7 +19,7 @@ from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.rays import AUTO
-from solari_vk.measure.report import device_facts, host_load
+from solari_vk.measure.page import device_facts, host_load
 
 OPENING, CLOSING = "opening the device", "closing the device"
 

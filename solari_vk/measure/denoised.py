@@ -17,7 +17,7 @@ from PIL import Image
 
 from solari_vk.files import make_folder, whole_file
 from solari_vk.gpu.device.device import Device
-from solari_vk.measure.report import Report
+from solari_vk.measure.report import measuring
 from solari_vk.measure.statistics import true_relative_mse
 from solari_vk.measure.subjects import from_file
 from solari_vk.output import oidn
@@ -39,7 +39,7 @@ MOTION = 32  # frames of a case in motion
 TURN, ORBIT, SLIDE = 1.0, 0.3, 0.004  # of a frame: pixels, degrees, and the share of the scene's size
 SEED, REFERENCE_SEED = 5, 1_000_003
 INTRO = (
-    "Written by `solari-vk bench denoise FILES --markdown FILE`. relMSE, and FLIP for high dynamic range (Andersson et "
+    "relMSE, and FLIP for high dynamic range (Andersson et "
     "al., 2021), against the path tracer; in relMSE the noise of two references cancels out. Frames are jittered and "
     "counted from a reset. Pixels with little history have two paths. OIDN denoises the mean of the same raw frames "
     "with the mean of their albedos and normals, in motion the latest frame alone. x OIDN: the denoised frame's relMSE "
@@ -91,9 +91,8 @@ def run(
             make_folder(folder)
     size, samples, limit = ((16, 16), 16, 2) if quick else ((128, 128), 4096, max(LOOKS))
     scenes = [builtin(name) for name in SCENES[: 1 if quick else None]] + [from_file(path) for path in files]
-    with Device(select, rays=rays) as device:
-        runs = f"Means over {seeds} runs with different seeds." if seeds > 1 else "One run."
-        report = Report(device, markdown, "Denoised frames in figures", (f"{INTRO} {runs}",))
+    runs = f"Means over {seeds} runs with different seeds." if seeds > 1 else "One run."
+    with measuring(select, rays, markdown, "Denoised frames in figures", f"{INTRO} {runs}") as (device, report):
         for scene in scenes:
             for case in _cases(scene, size, min(MOTION, limit)):
                 report.progress(f"{scene.name}, {case.name}")
@@ -109,8 +108,6 @@ def run(
                 if pictures is not None:
                     sheet = _sheet(found[0], truths.mean(axis=0), camera.exposure)
                     sheet.save(pictures / f"{scene.name}, {case.name}.png")
-    if markdown is not None:
-        print(f"wrote {markdown}")
 
 
 # ---- cases ------------------------------------------------------------------------------------------

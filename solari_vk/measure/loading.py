@@ -11,7 +11,7 @@ from typing import Any
 from urllib.parse import unquote
 
 from solari_vk.gpu.device.device import Device
-from solari_vk.measure.report import Report
+from solari_vk.measure.report import measuring
 from solari_vk.measure.timing import device_seconds
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.gltf.images import Images
@@ -22,10 +22,7 @@ from solari_vk.scene.model import Scene
 RUNS = 3
 HEAD = ["file", "MB", "instances", "triangles", "images", "Mpixels", "read, s", "of it images, s", "to the device, s",
         "on the device, MB"]  # fmt: skip
-INTRO = (
-    "Written by `solari-vk bench load FILES --markdown FILE`. Times are wall-clock, each the best of "
-    f"{RUNS} runs. A MB is a million bytes.",
-)
+INTRO = (f"Times are wall-clock, each the best of {RUNS} runs. A MB is a million bytes.",)
 NOTE = (
     "The file's size includes the files that it names. Triangles are those of different meshes. Reading ends with "
     "arrays in memory; images, of glTF files, are opened and decoded by several threads. The device's part is packing, "
@@ -38,11 +35,8 @@ def run(select: str | None, files: list[Path], *, rays: str | None = None, markd
 
     Raises SolariError for files that can't be loaded, and without a folder for the page.
     """
-    with Device(select, rays=rays) as device:
-        report = Report(device, markdown, "Loading", INTRO)
+    with measuring(select, rays, markdown, "Loading", *INTRO) as (device, report):
         report.table("Files", HEAD, [measure(device, path) for path in files], NOTE)
-    if markdown is not None:
-        print(f"wrote {markdown}")
 
 
 def measure(device: Device, path: Path) -> list[str]:

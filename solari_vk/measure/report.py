@@ -1,55 +1,15 @@
-"""What reports have in common: the facts about a device and its host, and tables as text and as Markdown."""
+"""The report of a measurement: printed as it comes, and written as a page of docs/measured."""
 
 from __future__ import annotations
 
-import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
-from solari_vk import __version__
 from solari_vk.files import check_writable, write_whole
 from solari_vk.gpu.device.device import Device
-
-
-def host_load() -> str:
-    """The machine's mean number of running processes over the last minute, "unknown" where the platform has none."""
-    return f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"
-
-
-def device_facts(device: Device, load: str) -> dict[str, str]:
-    """The head of a report by name; `load`: `host_load()` before the run."""
-    properties = device.properties
-    version = ".".join(map(str, properties.api_version))
-    return {
-        "device": f"{device.name} ({properties.kind}), {properties.uuid}",
-        "driver": f"{properties.driver}, Vulkan {version}",
-        "rays": f"by {device.rays}",
-        "host": f"{os.cpu_count()} cores, load before the run {load}",
-        "solari_vk": __version__,
-    }
-
-
-def markdown_facts(facts: Mapping[str, str]) -> list[str]:
-    """A list with a line a fact."""
-    return [f"- {name}: {value}" for name, value in facts.items()]
-
-
-def markdown_table(head: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[int] = ()) -> list[str]:
-    """The lines of a table; `numbers`: the indices of the columns that are aligned to the right."""
-    rule = ["---:" if column in numbers else "---" for column in range(len(head))]
-    return ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in (head, rule, *rows)]
-
-
-def text_table(head: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[int] = ()) -> list[str]:
-    """The same for a terminal, columns aligned."""
-    widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
-    aligned = [
-        [cell.rjust(width) if column in numbers else cell.ljust(width)
-         for column, (cell, width) in enumerate(zip(row, widths, strict=True))]
-        for row in (head, *rows)
-    ]  # fmt: skip
-    return ["  " + "  ".join(row).rstrip() for row in aligned]
+from solari_vk.measure.page import device_facts, head, host_load, markdown_table, text_table, wrapped
 
 
 class Report:
@@ -64,8 +24,7 @@ class Report:
             check_writable(path)
         self._path = path
         self._started = time.perf_counter()
-        self._lines = [f"# {title}", *(line for text in intro for line in ("", text)), "",
-                       *markdown_facts(device_facts(device, host_load()))]  # fmt: skip
+        self._lines = head(title, intro, device_facts(device, host_load()))
         self._figures: list[tuple[str, str, str]] = []
 
     def progress(self, text: str) -> None:
@@ -84,7 +43,7 @@ class Report:
         numbers = range(1, len(head))
         print("\n".join(["", title, *text_table(head, rows, numbers), *(f"  {note}" for note in notes)]), flush=True)
         self._lines += ["", f"## {title}", "", *markdown_table(head, rows, numbers)]
-        self._lines += [line for note in notes for line in ("", note)]
+        self._lines += [line for note in notes for line in ("", *wrapped(note))]
         self._write()
 
     def _write(self) -> None:
@@ -92,6 +51,20 @@ class Report:
             figures = ["", *markdown_table(("what", "measured", "remark"), self._figures, (1,))]
             lines = [*self._lines, *(figures if self._figures else ())]
             write_whole(self._path, "\n".join(lines) + "\n")
+
+
+@contextmanager
+def measuring(
+    select: str | None, rays: str | None, path: Path | None, title: str, *intro: str
+) -> Iterator[tuple[Device, Report]]:
+    """The device and the report of a measurement. `select` and `rays`: those of `Device`. path: a page to write.
+
+    Raises SolariError where the page can't be written.
+    """
+    with Device(select, rays=rays) as device:
+        yield device, Report(device, path, title, intro)
+    if path is not None:
+        print(f"wrote {path}")
 
 
 def milliseconds(value: float) -> str:

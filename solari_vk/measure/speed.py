@@ -14,7 +14,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.measure import rays as rays_from_python
 from solari_vk.measure.bare_rays import BOUNCES, BarePaths
 from solari_vk.measure.character import character
-from solari_vk.measure.report import Report
+from solari_vk.measure.report import Report, measuring
 from solari_vk.measure.subjects import hilly
 from solari_vk.measure.timing import best_seconds, device_seconds, seconds
 from solari_vk.reference import PathTracer
@@ -28,7 +28,7 @@ SECONDS = 3.0  # the time that each measurement may take
 LARGE_SCENE = 1_000_000  # triangles
 CROWD = 50
 INTRO = (
-    "Written by `solari-vk bench --markdown FILE`. Times are wall-clock. The two sides of a ratio run in turns.",
+    "Times are wall-clock. The two sides of a ratio run in turns.",
     "The bare ray-query kernel (`glsl/passes/bench/rays.comp`) follows the path tracer's paths without shading. The "
     "kernel that only traces (`glsl/passes/bench/plain.comp`) reads rays and writes distances. `RayTracer.trace` takes "
     "the same rays from numpy arrays and also returns triangles, positions and normals; its own kernel is the part of "
@@ -41,8 +41,7 @@ def run(select: str | None, files: list[Path], markdown: Path | None = None, *, 
 
     Raises SolariError without a folder for the page.
     """
-    with Device(select, rays=rays) as device:
-        report = Report(device, markdown, "Benchmarks", INTRO)
+    with measuring(select, rays, markdown, "Benchmarks", *INTRO) as (device, report):
         report.figure("import solari_vk", _process("import solari_vk"), "s", "aim 0.15")
         info = _process("import sys; from solari_vk.cli import main; main(['info'])")
         report.figure("solari-vk info", info, "s", "aim 0.5")
@@ -58,8 +57,6 @@ def run(select: str | None, files: list[Path], markdown: Path | None = None, *, 
         _light_tree(device, report)
         _large_scene(device, report)
         rays_from_python.run(device, report, SECONDS)
-    if markdown is not None:
-        print(f"wrote {markdown}")
 
 
 def _process(code: str) -> float:

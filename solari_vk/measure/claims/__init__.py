@@ -1,1 +1,1 @@
-"""The claims of the posts about Solari as measured pairs of before and after: `solari-vk bench claims`."""
+"""The claims of the posts about Solari as measured pairs of settings: `solari-vk bench claims`."""

@@ -42,4 +42,3 @@ def measure(device: Device, scene: Scene, plan: Plan) -> list[str]:
     vertices = sum(len(instance.mesh.positions) for instance in scene if instance.posed)
     found = [float(np.median(spent[name])) if spent[name] else float("nan") for name in ("pose", *TIMED, "frame")]
     return [scene.name, f"{vertices:,}", *(f"{value:.2f}" for value in (*found, rest))]
-

@@ -6,11 +6,8 @@ import os
 import subprocess
 import sys
 import tempfile
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -102,33 +99,8 @@ def memory(device: Device, small: tuple[int, int], large: tuple[int, int]) -> di
 # ---- host -------------------------------------------------------------------------------------------
 
 
-@contextmanager
-def _vulkan_timed(device: Device) -> Iterator[list[float]]:
-    """Yields a list to which each call of a Vulkan function that was called before this context appends its seconds."""
-    spent: list[float] = []
-
-    def timed(function: Callable[..., Any]) -> Callable[..., Any]:
-        def call(*arguments: Any) -> Any:
-            started = time.perf_counter()
-            result = function(*arguments)
-            spent.append(time.perf_counter() - started)
-            return result
-
-        return call
-
-    functions = {name: item for name, item in vars(device.vk).items() if name.startswith("vk")}
-    try:
-        vars(device.vk).update({name: timed(item) for name, item in functions.items()})
-        yield spent
-    finally:
-        vars(device.vk).update(functions)
-
-
-def host_times(device: Device, frames: int) -> dict[str, tuple[float, float]]:
-    """(milliseconds of a call of `render`, milliseconds of it in Vulkan calls) by case: medians over frames.
-
-    Each call starts on an idle device. The two medians are of different frames.
-    """
+def host_times(device: Device, frames: int) -> dict[str, float]:
+    """Milliseconds of a call of `render` by case: medians over frames. Each call starts on an idle device."""
     scene = builtin("cornell_box")
     camera = scene.camera
     instance = list(scene.instances)[-2]  # a block
@@ -152,16 +124,10 @@ def host_times(device: Device, frames: int) -> dict[str, tuple[float, float]]:
     }  # fmt: skip
     with Renderer(device, scene, (32, 32), Settings()) as renderer:
         for name, change in cases.items():
-            whole, inside = [], []
+            spent = []
             for frame in range(frames + 5):
                 change(frame)
-                whole.append(seconds(lambda: renderer.render(camera)))
+                spent.append(1e3 * seconds(lambda: renderer.render(camera)))
                 device.wait_idle()
-            for frame in range(frames):
-                change(frame)
-                with _vulkan_timed(device) as calls:
-                    renderer.render(camera)
-                inside.append(sum(calls))
-                device.wait_idle()
-            found[name] = float(np.median(whole[5:])) * 1e3, float(np.median(inside)) * 1e3
+            found[name] = float(np.median(spent[5:]))
     return found

@@ -6,16 +6,16 @@ The mean of many frames is what a user sees, because every denoiser and every ey
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from types import EllipsisType
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.gpu.device.device import Device
-from solari_vk.measure.frame.reprojection import Movement
+from solari_vk.measure.frame.passes import count_rays
+from solari_vk.measure.report import milliseconds
 from solari_vk.measure.statistics import relative_mse
 from solari_vk.reference import PathTracer
 from solari_vk.renderer import Renderer
@@ -24,6 +24,15 @@ from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import RAW, Settings
 
 Picture = NDArray[np.float64]
+HEAD = ("", "one", "mean", "noise of it", "ms", "cpu ms", "rays", "one / PT", "mean / PT", "one / PT, cpu",
+        "mean / PT, cpu")  # fmt: skip
+NOTE = (
+    "relMSE. one: a single frame in the steady state, or a sample a pixel of the path tracer (PT). mean: the mean of "
+    "{observed} consecutive frames after {warm_up}, or {observed} samples, averaged over {seeds} runs (PT: four times "
+    "as many); noise of it: without what all runs have in common, which is bias. ms, rays a pixel: of a frame or a "
+    "sample. / PT: error x time over the path tracer's of this run, with processor time for cpu, which means little on "
+    "a GPU."
+)
 
 
 @dataclass(frozen=True)
@@ -52,11 +61,8 @@ class Errors:
     rays: float = float("nan")
     """Rays per pixel of a frame."""
 
-    pixels: NDArray[np.bool_] | EllipsisType = ...
-    """The pixels that count."""
-
     def _of(self, picture: NDArray[Any]) -> float:
-        return relative_mse(picture[self.pixels], self.truth[self.pixels])
+        return relative_mse(picture, self.truth)
 
     @property
     def one(self) -> float:
@@ -135,27 +141,42 @@ def of_path_tracer(
     return found
 
 
-def of_frames(
-    renderer: Renderer, camera: Camera, truth: Picture, effort: Effort, movement: Movement | None = None
-) -> Errors:
-    """The errors of single frames in the steady state, and of the mean of the observed frames.
-
-    With a movement, whose cameras jitter, frames are reprojected, and only the last one of a run counts as single.
-    """
-    found, settings = Errors(truth, pixels=movement.rough if movement else ...), renderer.settings
-    cameras: Sequence[Camera] = movement.cameras if movement else [camera] * (effort.warm_up + effort.observed)
-    renderer.settings = replace(settings, jitter=settings.jitter and movement is None)
+def of_frames(renderer: Renderer, camera: Camera, truth: Picture, effort: Effort) -> Errors:
+    """The errors of single frames in the steady state, and of the mean of the observed frames."""
+    found = Errors(truth)
     for seed in range(effort.seeds):
         renderer.seed = seed
         renderer.reset()
+        for _ in range(effort.warm_up):
+            renderer.render(camera).wait()
         frames = []
-        for index, view in enumerate(cameras):
-            if index < effort.warm_up:
-                renderer.render(view).wait()
-                continue
-            found.add_time(renderer.device, lambda: renderer.render(view))  # noqa: B023
+        for _ in range(effort.observed):
+            found.add_time(renderer.device, lambda: renderer.render(camera))
             frames.append(renderer["radiance"])
-        found.singles += frames[-1:] if movement else frames
-        found.means.append(movement.mean(frames) if movement else np.mean(frames, axis=0, dtype=np.float64))
-    renderer.settings = settings
+        found.singles += frames
+        found.means.append(np.mean(frames, axis=0, dtype=np.float64))
     return found
+
+
+def compare(device: Device, scene: Scene, truth: Picture, effort: Effort) -> Iterator[list[str]]:
+    """A row below HEAD for the path tracer and for each of the configurations, as they are measured."""
+    binder, size, camera = SceneBinder(device, scene), (truth.shape[1], truth.shape[0]), scene.camera
+    try:
+        base = of_path_tracer(device, binder, camera, truth, effort)
+        yield row("path tracer", base, base)
+        for name, settings in configurations().items():
+            with Renderer(device, binder, size, settings) as renderer:
+                found = of_frames(renderer, camera, truth, effort)
+            found.rays = sum(count_rays(device, binder, camera, size, effort.warm_up, 2, settings).values())
+            yield row(name, found, base)
+    finally:
+        binder.destroy()
+
+
+def row(name: str, found: Errors, base: Errors) -> list[str]:
+    """The cells of a row below HEAD."""
+    cells = [f"{found.one:.3g}", f"{found.many:.3g}", f"{found.noise:.3g}", milliseconds(found.ms),
+             milliseconds(found.cpu_ms), f"{found.rays:.2f}"]  # fmt: skip
+    for times in (found.ms / base.ms, found.cpu_ms / base.cpu_ms):
+        cells += [f"{found.one / base.one * times:.2f}", f"{found.many / base.many * times:.2f}"]
+    return [name, *("" if cell == "nan" else cell for cell in cells)]

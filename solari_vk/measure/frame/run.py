@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import defaultdict
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -11,9 +10,9 @@ from solari_vk.errors import SolariError
 from solari_vk.files import make_folder
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.character import character
-from solari_vk.measure.frame import animated, costs, error, error_over_time, passes
+from solari_vk.measure.frame import animated, costs, error, passes
 from solari_vk.measure.frame.plan import Plan, Size, plan_for
-from solari_vk.measure.report import Report, milliseconds
+from solari_vk.measure.report import Report, measuring, milliseconds
 from solari_vk.measure.subjects import from_file, glowing, hilly, scattered, subjects
 from solari_vk.measure.timing import every_barrier, warm
 from solari_vk.passes import gbuffer
@@ -24,9 +23,14 @@ from solari_vk.scene.model import Scene
 from solari_vk.settings import Settings
 
 GBUFFERS = ("raster", "traced")
-HOST_AIM, BARE_AIM = 0.2, 2.0
+HOST_AIM = 0.2
+BARE_NOTE = (
+    "Aim: 2 or less. The bare kernel (`glsl/passes/bench/rays.comp`) follows paths from nearest hit to nearest hit, "
+    "without shading. Of its rays only those that start at surfaces count, because all rays of a frame with a "
+    "rasterized G-buffer start there. The frame's visibility rays end at any hit, or at the light."
+)
 INTRO = (
-    "Written by `solari-vk bench frame FILES --markdown FILE`. The times of passes are GPU timestamps, medians over "
+    "The times of passes are GPU timestamps, medians over "
     "frames. The scene stands still unless a table says otherwise.",
 )
 
@@ -43,8 +47,7 @@ def run(
     if pictures is not None:
         make_folder(pictures)
     chosen = subjects(files)
-    with Device(select, rays=rays) as device:
-        report = Report(device, markdown, "The realtime frame in figures", INTRO)
+    with measuring(select, rays, markdown, "The realtime frame in figures", *INTRO) as (device, report):
         plan = plan_for(device, quick=quick)
         for size in plan.sizes:
             _passes(device, report, chosen, size, plan, pictures)
@@ -55,8 +58,6 @@ def run(
         _animated(device, report, chosen, plan)
         _memory(device, report)
         _error(device, report, [*map(builtin, plan.error_scenes), *map(from_file, files)], plan)
-    if markdown is not None:
-        print(f"wrote {markdown}")
 
 
 def _passes(device: Device, report: Report, chosen: list[Scene], size: Size, plan: Plan, pictures: Path | None) -> None:
@@ -111,32 +112,7 @@ def _passes(device: Device, report: Report, chosen: list[Scene], size: Size, pla
         ["bare rays, million a second", *(f"{ratios[name][1]:.3f}" for name in names)],
         ["time of the frame / time of as many bare rays", *(f"{ratios[name][0]:.2f}" for name in names)],
     ]
-    report.table(f"Against bare rays at {named}", ["", *names], table, _why_slow(names, times, rays, ratios))
-
-
-def _why_slow(
-    names: list[str], times: dict[str, dict[str, float]], rays: dict[str, dict[str, float]],
-    ratios: dict[str, tuple[float, float]],
-) -> str:  # fmt: skip
-    """A note: the aim, and for scenes that miss it the stages that take the most time."""
-    lines = [
-        f"Aim: {BARE_AIM:g} or less. The bare kernel (`glsl/passes/bench/rays.comp`) follows paths from nearest hit to "
-        "nearest hit, without shading. Of its rays only those that start at surfaces count, because all rays of a "
-        "frame with a rasterized G-buffer start there. The frame's visibility rays end at any hit, or at the light."
-    ]
-    for name in names:
-        if not ratios[name][0] > BARE_AIM:
-            continue
-        by_stage: dict[str, float] = defaultdict(float)
-        for key, value in times[name].items():
-            if key != "frame":
-                by_stage[key.partition("/")[0]] += value
-        whole = sum(by_stage.values())
-        rayless = sum(value for key, value in times[name].items() if key != "frame" and key not in rays[name])
-        slowest = sorted(by_stage.items(), key=lambda item: -item[1])[:3]
-        parts = ", ".join(f"{key} {value / whole:.0%}" for key, value in slowest)
-        lines.append(f"{name} misses the aim. Its time: {parts}; all passes without rays {rayless / whole:.0%}.")
-    return " ".join(lines)
+    report.table(f"Against bare rays at {named}", ["", *names], table, BARE_NOTE)
 
 
 def _path_tracer(device: Device, report: Report, chosen: list[Scene], plan: Plan) -> None:
@@ -167,10 +143,8 @@ def _start(device: Device, report: Report, plan: Plan) -> None:
 def _host(device: Device, report: Report, frames: int) -> None:
     report.progress("host time")
     found = costs.host_times(device, frames)
-    rows = [[name, f"{whole:.3f}", f"{inside:.3f}", "yes" if whole < HOST_AIM else "no"]
-            for name, (whole, inside) in found.items()]  # fmt: skip
-    report.table("Python's time for a frame",
-                 ["cornell_box 32x32", "ms", "in Vulkan calls", f"under {HOST_AIM} ms"], rows,
+    rows = [[name, f"{spent:.3f}", "yes" if spent < HOST_AIM else "no"] for name, spent in found.items()]
+    report.table("Python's time for a frame", ["cornell_box 32x32", "ms", f"under {HOST_AIM} ms"], rows,
                  "Medians of calls of `render`, which start on an idle device. On a software device each frame clears "
                  "the processor's caches of Python's data, which makes these calls slower.")  # fmt: skip
 
@@ -231,10 +205,6 @@ def _error(device: Device, report: Report, chosen: list[Scene], plan: Plan) -> N
     for scene in chosen:
         report.progress(f"{scene.name}: error over time")
         truth, taken = error.reference(device, scene, scene.camera, size, samples, plan.reference_limit)
-        measured = list(error_over_time.compare(device, scene, truth, error.configurations(), effort))
-        for case in measured[0]:
-            report.table(
-                f"Error over time, {scene.name} {size[0]}x{size[1]}, {case}", error_over_time.HEAD,
-                [rows[case] for rows in measured], error_over_time.NOTE.format(**vars(effort)),
-                f"The reference has {taken} samples a pixel.",
-            )  # fmt: skip
+        rows = list(error.compare(device, scene, truth, effort))
+        report.table(f"Error over time, {scene.name} {size[0]}x{size[1]}", error.HEAD, rows,
+                     error.NOTE.format(**vars(effort)), f"The reference has {taken} samples a pixel.")  # fmt: skip
