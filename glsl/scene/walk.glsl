@@ -57,7 +57,7 @@ struct Walk {
     vec3 direction;
     float t_min, t_max;
     bool from_camera;   // surfaces and lights are as cameras see them
-    // The density of the direction, as MIS uses it: with INFINITY only the walk finds lights, with 0 only light samples.
+    // The density of the direction, as MIS uses it: INFINITY leaves all lights to the walk, 0 to light samples.
     float bounce_pdf;
     vec3 throughput;
     Medium medium;
