@@ -2,7 +2,7 @@
 // Turquin, "Practical Multiple Scattering Compensation for Microfacet Models" (2019), divides by it.
 #version 460
 #include "scene/brdf_table.glsl"
-#include "scene/glass.glsl"
+#include "scene/lobes/glass.glsl"
 
 layout(local_size_x = 4, local_size_y = 4, local_size_z = 4) in;
 
