@@ -17,9 +17,9 @@ struct BrdfSample {
 
 // ---- values ------------------------------------------------------------------------------------------
 
-// What lies below the layers, as far as they let its light through. A layer takes from the light below what it reflects,
-// seen from whichever direction it reflects more to. This is reciprocal and gains no energy: Kulla and Conty (2017), and
-// KHR_materials_sheen.
+// What lies below the layers, as far as they let its light through. A layer takes from the light below what it
+// reflects, seen from whichever direction it reflects more to. This is reciprocal and gains no energy: Kulla and Conty
+// (2017), and KHR_materials_sheen.
 vec3 below_layers(Brdf brdf, vec3 value, vec3 wo, vec3 wi) {
     if (!SCENE_LAYERS || value == vec3(0.0)) { return value; }
     return value * ((1.0 - sheen_cover(brdf.sheen, wo, wi)) * (1.0 - coat_cover(brdf.coat, wo, wi)));

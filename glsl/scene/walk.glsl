@@ -201,8 +201,18 @@ bool survives(inout Walk walk, float carried, uint bounce, inout uint rng) {
 struct NextEvent {
     vec3 radiance;  // unless the sample is occluded; 0: no shadow ray is needed
     vec3 origin;    // of the shadow ray
+    Medium medium;  // in which it goes
     ResolvedLightSample light_sample;
 };
+
+// The share of the light of a light sample that reaches the origin of a shadow ray.
+vec3 trace_light(vec3 origin, Medium medium, ResolvedLightSample light_sample) {
+    vec3 share = trace_light_transmittance(origin, light_sample);
+    if (!SCENE_GLASS || medium.material == NO_INDEX) { return share; }
+    bool far = is_at_infinity(light_sample.kind);
+    vec3 end = aim_light(light_sample, origin).world_position;
+    return share * transmittance(medium, far ? INFINITY : distance(origin, end));
+}
 
 // One sample of a light chosen by power. `mis`: weighted against the walk's meeting the light.
 NextEvent sample_light(
@@ -216,13 +226,8 @@ NextEvent sample_light(
     vec3 wi = light.wi * frame;
     if (!is_possible(wi.z, light.wi, surface.geometric_world_normal)) { return event; }
     event.origin = ray_origin(surface, light.wi);
+    event.medium = wi.z < 0.0 ? below : walk.medium;
     vec3 value = light.received_radiance * light.inverse_pdf * evaluate_brdf(brdf, wo, wi);
-    if (SCENE_GLASS) {
-        bool far = is_at_infinity(event.light_sample.kind);
-        vec3 position = aim_light(event.light_sample, event.origin).world_position;
-        if (wi.z < 0.0) { walk.medium = below; }
-        value *= transmittance(walk.medium, far ? INFINITY : distance(event.origin, position));
-    }
     if (mis) { value *= power_heuristic(light.solid_angle_pdf, brdf_pdf(brdf, wo, wi)); }
     event.radiance = walk.throughput * value;
     return event;

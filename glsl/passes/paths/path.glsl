@@ -183,15 +183,10 @@ bool advance(inout Path path) {
     if (max_component(sum(drawn.light)) > 0.0) {
         count_ray();
         vec3 to_light = aim_light(drawn.light_sample, path.vertex.position).world_position;
-        bool far = is_at_infinity(drawn.light_sample.kind);
-        if (!far) { to_light -= path.vertex.position; }
+        if (!is_at_infinity(drawn.light_sample.kind)) { to_light -= path.vertex.position; }
+        bool through = SCENE_GLASS && dot(to_light, path.vertex.geometric_normal) < 0.0;
         vec3 from = ray_origin(path.vertex, to_light);
-        vec3 visible = trace_light_transmittance(from, drawn.light_sample);
-        if (SCENE_GLASS) {
-            bool through = dot(to_light, path.vertex.geometric_normal) < 0.0;
-            Medium entered = through ? path.medium_below : medium;
-            visible *= transmittance(entered, far ? INFINITY : length(to_light));
-        }
+        vec3 visible = trace_light(from, through ? path.medium_below : medium, drawn.light_sample);
         if (visible != vec3(0.0)) {
             if (first) {
                 path.direct = drawn.light;

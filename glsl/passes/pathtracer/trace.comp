@@ -81,7 +81,7 @@ void main() {
                 // last, when the surface isn't needed any more
                 if (max_component(event.radiance) > 0.0) {
                     rays += 1u;
-                    radiance += event.radiance * trace_light_transmittance(event.origin, event.light_sample);
+                    radiance += event.radiance * trace_light(event.origin, event.medium, event.light_sample);
                 }
             }
         }

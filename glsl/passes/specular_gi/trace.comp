@@ -92,7 +92,7 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng) {
         // last, when the surface isn't needed any more
         if (max_component(event.radiance) > 0.0) {
             count_ray();
-            radiance += event.radiance * trace_light_transmittance(event.origin, event.light_sample);
+            radiance += event.radiance * trace_light(event.origin, event.medium, event.light_sample);
         }
         float carried = max_component(walk.throughput);
         if (!(possible && carried > 0.0)) { return radiance; }

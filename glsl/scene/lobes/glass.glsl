@@ -99,15 +99,6 @@ float visible_normal_pdf(float roughness, vec3 wo, vec3 m) {
     return D_GGX(roughness, m) * max(dot(wo, m), 0.0) / (wo.z * (1.0 + smith_lambda(roughness, wo)));
 }
 
-// Dupuy and Benyoub, "Sampling Visible GGX Normals with Spherical Caps" (2023).
-vec3 sample_visible_normal(float roughness, vec3 wo, vec2 u) {
-    vec3 wo_std = normalize(vec3(wo.xy * roughness, wo.z));
-    float z = (1.0 - u.y) * (1.0 + wo_std.z) - wo_std.z;
-    float phi = 2.0 * PI * u.x;
-    vec3 m_std = wo_std + vec3(safe_sqrt(1.0 - z * z) * vec2(cos(phi), sin(phi)), z);
-    return normalize(vec3(m_std.xy * roughness, m_std.z));
-}
-
 float glass_pdf(Glass glass, vec3 wo, vec3 wi) {
     vec3 m = glass_half_vector(glass, wo, wi);
     float reflects = glass_reflects(glass, dot(wo, m));
@@ -128,7 +119,7 @@ vec3 evaluate_glass(Glass glass, vec3 wo, vec3 wi) {
 
 // A direction, and for smooth glass its weight. `choice` and u are uniform in [0, 1).
 vec3 sample_glass(Glass glass, vec3 wo, float choice, vec2 u, out vec3 smooth_weight) {
-    vec3 m = glass.roughness <= MIRROR_ROUGHNESS ? vec3(0.0, 0.0, 1.0) : sample_visible_normal(glass.roughness, wo, u);
+    vec3 m = glass.roughness <= MIRROR_ROUGHNESS ? vec3(0.0, 0.0, 1.0) : sample_visible_normal(wo, vec2(glass.roughness), 1.0, u);
     float reflects = glass_reflects(glass, dot(wo, m));
     vec3 reflected = glass_fresnel(glass, dot(wo, m));
     if (choice < reflects) {
