@@ -6,21 +6,12 @@
 
 #include "passes/bindings.glsl"
 #include "passes/ray_count.glsl"
-#include "scene/brdf.glsl"
-#include "scene/departure.glsl"
-#include "scene/light_visibility.glsl"
-#include "scene/sampling.glsl"
-#include "scene/surface.glsl"
-#include "scene/trace.glsl"
-
-const uint MAX_MIRRORS = 64u;
+#include "scene/walk.glsl"
 
 struct HitPastMirrors {
     bool exists;
     ResolvedRayHitFull surface;
-    vec3 direction;       // of the last ray, which hit `surface`
     float ray_t;          // length of the last ray
-    vec3 throughput;      // product of the mirrors' reflectances, and of the tints of all rays but the first
     Passage first_passage;  // of the first ray
     uint mirror_count;
     vec3 first_position;  // where the first ray ended, moved off the surface
@@ -42,56 +33,45 @@ bool always_reflects(ResolvedMaterial material) {
         && (is_metal_mirror(material) || is_glass(material));
 }
 
-HitPastMirrors trace_past_mirrors(vec3 origin, vec3 direction, float t_max, float cone_width, inout uint rng) {
+// `walk` ends with the throughput of the mirrors, and of the tints of all rays but the first. Light samples find the
+// light that its first ray meets.
+HitPastMirrors trace_past_mirrors(inout Walk walk, inout uint rng) {
     HitPastMirrors found;
-    found.throughput = vec3(1.0);
     found.emitted = vec3(0.0);
-    found.first_position = origin;
+    found.first_position = walk.origin;
+    walk.bounce_pdf = 0.0;
     for (found.mirror_count = 0u; found.mirror_count < MAX_MIRRORS; found.mirror_count++) {
-        count_ray();
-        Hit hit = trace_closest_hit(origin, 0.0, direction, t_max, TRACE_BOTH_FACES, random_blend_point(rng));
-        if (SCENE_BLEND) { count_ray(); }
-        Passage passage = trace_passage(origin, direction, t_max, hit);
+        Segment segment = trace_segment(walk, NO_RECEIVER, rng);
+        count_rays(segment.rays);
         if (found.mirror_count == 0u) {
-            found.first_passage = passage;
-        } else {
-            float t_end = min(hit.t, t_max);
-            uint lamp_rays;
-            found.emitted += found.throughput * trace_radiance_passed(origin, direction, t_end, INFINITY, lamp_rays);
-            count_rays(lamp_rays);
-            found.throughput *= passage.tint;
+            found.first_passage = segment.passage;
+            segment.passage = FREE_PASSAGE;
         }
-        found.exists = hit.instance != NO_INDEX;
-        if (!found.exists) {
-            if (found.mirror_count > 0u) {
-                found.emitted += found.throughput * radiance_at_infinity(direction, INFINITY);
-            }
-            return found;
-        }
-        found.surface = resolve_ray_hit_full(hit, direction, cone_width);
-        found.direction = direction;
-        found.ray_t = hit.t;
-        origin = found.surface.world_position + found.surface.ray_offset * found.surface.geometric_world_normal;
-        if (found.mirror_count == 0u) { found.first_position = origin; }
-        if (found.mirror_count > 0u && found.surface.emits) {
-            found.emitted += found.throughput * found.surface.material.emissive;
-        }
+        found.exists = pass_segment(walk, segment, found.emitted);
+        if (!found.exists) { return found; }
+        found.surface = arrive(walk, segment.hit);
+        found.ray_t = segment.hit.t;
+        walk.origin = found.surface.world_position + found.surface.ray_offset * found.surface.geometric_world_normal;
+        if (found.mirror_count == 0u) { found.first_position = walk.origin; }
+        if (found.mirror_count > 0u) { found.emitted += emitted_light(walk, found.surface, 0.0); }
         if (!always_reflects(found.surface.material)) { return found; }
 
+        walk.bounce_pdf = INFINITY;
         vec3 normal = found.surface.world_normal;
-        if (is_glass(found.surface.material)) {
-            // All light takes the way through the glass, since one ray can't take two.
-            MaterialLobes lobes = found.surface.material.lobes;
-            if (lobes.inside) { found.throughput *= attenuation(lobes.absorption, hit.t); }
-            found.throughput *= found.surface.material.base_color;
-            vec3 bent = direction;
-            if (lobes.solid) { bent = refract(direction, normal, lobes.inside ? lobes.ior : 1.0 / lobes.ior); }
-            direction = bent == vec3(0.0) ? reflect(direction, normal) : normalize(bent);
-            origin = ray_origin(found.surface, direction);
+        if (!is_glass(found.surface.material)) {
+            walk.throughput *= fresnel(found.surface.material.base_color, -dot(walk.direction, normal));
+            walk.direction = reflect(walk.direction, normal);
             continue;
         }
-        found.throughput *= fresnel(found.surface.material.base_color, -dot(direction, normal));
-        direction = reflect(direction, normal);
+        // All light takes the way through the glass, since one ray can't take two.
+        walk.throughput *= found.surface.material.base_color;
+        MaterialLobes lobes = found.surface.material.lobes;
+        Medium below = medium_below(segment.hit.instance, found.surface.material);
+        vec3 bent = walk.direction;
+        if (lobes.solid) { bent = refract(walk.direction, normal, lobes.inside ? lobes.ior : 1.0 / lobes.ior); }
+        if (bent != vec3(0.0)) { walk.medium = below; }
+        walk.direction = bent == vec3(0.0) ? reflect(walk.direction, normal) : normalize(bent);
+        walk.origin = ray_origin(found.surface, walk.direction);
     }
     found.exists = false;
     return found;

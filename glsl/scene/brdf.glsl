@@ -5,7 +5,6 @@
 #ifndef SCENE_BRDF_GLSL
 #define SCENE_BRDF_GLSL
 
-#include "common/math.glsl"
 #include "common/random.glsl"
 #include "scene/prepared_brdf.glsl"
 
@@ -18,67 +17,33 @@ struct BrdfSample {
 
 // ---- values ------------------------------------------------------------------------------------------
 
-// What lies below the layers, as far as they let its light through.
+// What lies below the layers, as far as they let its light through. A layer takes from the light below what it
+// reflects, seen from whichever direction it reflects more to. This is reciprocal and gains no energy: Kulla and Conty
+// (2017), and KHR_materials_sheen.
 vec3 below_layers(Brdf brdf, vec3 value, vec3 wo, vec3 wi) {
     if (!SCENE_LAYERS || value == vec3(0.0)) { return value; }
-    return value * ((1.0 - sheen_cover(brdf.layers, wo, wi)) * (1.0 - coat_cover(brdf.layers, wo, wi)));
+    return value * ((1.0 - sheen_cover(brdf.sheen, wo, wi)) * (1.0 - coat_cover(brdf.coat, wo, wi)));
 }
 
+// The light of the diffuse lobe and sheen.
 vec3 evaluate_diffuse_brdf(Brdf brdf, vec3 wo, vec3 wi) {
     if (!(wo.z > 0.0 && wi.z > 0.0)) { return vec3(0.0); }
-    vec3 value = brdf.diffuse_color * (INVERSE_PI * wi.z);
-    if (brdf_lambert) { return value; }
-    if (brdf.metallic != 1.0) {
-        if (brdf_layering == LAYERING_FRESNEL_PRODUCT) {
-            value *= (1.0 - fresnel(brdf.dielectric_f0, wo.z)) * (1.0 - fresnel(brdf.dielectric_f0, wi.z));
-        } else {
-            value *= 1.0 - dielectric_albedo(brdf, albedo_terms(brdf, wi));
-        }
-    }
-    if (!SCENE_LAYERS) { return value; }
-    vec3 sheen = evaluate_sheen(brdf.layers, wo, wi);
-    return below_layers(brdf, value, wo, wi) + sheen * (1.0 - coat_cover(brdf.layers, wo, wi));
+    vec3 value = evaluate_diffuse_lobe(brdf, wo, wi);
+    if (brdf_lambert || !SCENE_LAYERS) { return value; }
+    vec3 sheen = evaluate_sheen(brdf.sheen, wo, wi);
+    return below_layers(brdf, value, wo, wi) + sheen * (1.0 - coat_cover(brdf.coat, wo, wi));
 }
 
-// Fresnel of metal and dielectric, mixed last, with multiple scattering.
-vec3 specular_fresnel(Brdf brdf, float LdotH) {
-    vec3 dielectric = fresnel(brdf.dielectric_f0, LdotH) * (1.0 + brdf.dielectric_f0 * brdf.multiscatter);
-    vec3 metal = fresnel(brdf.metal_f0, LdotH) * (1.0 + brdf.metal_f0 * brdf.multiscatter);
-    if (HAS_LOBES) { dielectric *= brdf.layer_weight * (1.0 - brdf.transmission); }
-    return mix(dielectric, metal, brdf.metallic);
-}
-
-// D of the specular lobe; pdf_per_d times it is the density of sample_specular_lobe.
-float specular_distribution(Brdf brdf, vec3 half_vector) {
-    if (SCENE_LAYERS) { return D_GGX(brdf.anisotropic_roughness, to_anisotropy(brdf, half_vector)); }
-    return D_GGX(brdf.roughness, half_vector);
-}
-
-vec3 sample_specular_lobe(Brdf brdf, vec3 wo, vec2 u) {
-    if (!SCENE_LAYERS) { return sample_ggx_vndf(wo, brdf.roughness, u); }
-    return from_anisotropy(brdf, sample_ggx_vndf(to_anisotropy(brdf, wo), brdf.anisotropic_roughness, u));
-}
-
-float specular_pdf(Brdf brdf, vec3 wo, vec3 wi) {
-    return brdf.mirror || !(wi.z > 0.0) ? 0.0 : brdf.pdf_per_d * specular_distribution(brdf, normalize(wo + wi));
-}
-
-// Returns 0 for the one direction to which a mirror reflects, smooth glass refracts: only sample_brdf finds it.
+// The light of all other lobes. It is 0 for the one direction to which a mirror reflects, smooth glass refracts: only
+// sample_brdf finds it.
 vec3 evaluate_specular_brdf(Brdf brdf, vec3 wo, vec3 wi) {
-    vec3 value = vec3(0.0);
-    if (brdf_lambert || !(wo.z > 0.0)) { return value; }
-    if (!brdf.mirror && wi.z > 0.0) {
-        vec3 half_vector = normalize(wo + wi);
-        float V = SCENE_LAYERS
-            ? V_SmithGGXCorrelated(brdf.anisotropic_roughness, to_anisotropy(brdf, wo), to_anisotropy(brdf, wi))
-            : V_SmithGGXCorrelated(brdf.roughness, wo.z, wi.z);
-        value = specular_fresnel(brdf, dot(wi, half_vector)) * (specular_distribution(brdf, half_vector) * V * wi.z);
-    }
+    if (brdf_lambert || !(wo.z > 0.0)) { return vec3(0.0); }
+    vec3 value = evaluate_specular_lobe(brdf, wo, wi);
     if (SCENE_GLASS && brdf.glass.weight > 0.0 && !brdf.mirror) {
         value += brdf.glass.weight * evaluate_glass(brdf.glass, wo, wi);
     }
     if (!SCENE_LAYERS) { return value; }
-    return below_layers(brdf, value, wo, wi) + (wi.z > 0.0 ? evaluate_coat(brdf.layers, wi) : 0.0);
+    return below_layers(brdf, value, wo, wi) + (wi.z > 0.0 ? evaluate_coat(brdf.coat, wi) : 0.0);
 }
 
 vec3 evaluate_brdf(Brdf brdf, vec3 wo, vec3 wi) {
@@ -91,12 +56,12 @@ vec3 evaluate_brdf(Brdf brdf, vec3 wo, vec3 wi) {
 float brdf_pdf(Brdf brdf, vec3 wo, vec3 wi) {
     bool above = wi.z > 0.0;
     if (!(wo.z > 0.0) || !(above || SCENE_GLASS)) { return 0.0; }
-    float pdf = above ? mix(INVERSE_PI * wi.z, specular_pdf(brdf, wo, wi), brdf.specular_probability) : 0.0;
+    float pdf = above ? mix(diffuse_pdf(wi), specular_pdf(brdf, wo, wi), brdf.specular_probability) : 0.0;
     if (!HAS_LOBES) { return pdf; }
     vec3 chosen = brdf.lobe_probabilities;
     pdf *= max(1.0 - chosen.x - chosen.y - chosen.z, 0.0);
-    if (above && chosen.x > 0.0) { pdf += chosen.x * coat_pdf(brdf.layers, wi); }
-    if (above) { pdf += chosen.y * (0.5 * INVERSE_PI); }
+    if (above && chosen.x > 0.0) { pdf += chosen.x * coat_pdf(brdf.coat, wi); }
+    if (above) { pdf += chosen.y * sheen_pdf(); }
     if (chosen.z > 0.0 && !brdf.mirror) { pdf += chosen.z * glass_pdf(brdf.glass, wo, wi); }
     return pdf;
 }
@@ -118,13 +83,13 @@ BrdfSample weigh_reflection(Brdf brdf, vec3 wo, vec3 wi, bool diffuse) {
 BrdfSample sample_lobes(Brdf brdf, vec3 wo, float choice, vec2 u) {
     vec3 chosen = brdf.lobe_probabilities;
     if (choice < chosen.x) {
-        vec3 wi = sample_coat(brdf.layers, u);
-        if (!is_mirror_coat(brdf.layers)) { return weigh_reflection(brdf, wo, wi, false); }
-        vec3 weight = vec3(coat_fresnel(brdf.layers, brdf.layers.coat_wo.z) / chosen.x);
+        vec3 wi = sample_coat(brdf.coat, u);
+        if (!is_mirror_coat(brdf.coat)) { return weigh_reflection(brdf, wo, wi, false); }
+        vec3 weight = vec3(coat_fresnel(brdf.coat, brdf.coat.wo.z) / chosen.x);
         return wi.z > 0.0 ? BrdfSample(wi, weight, INFINITY, false) : INVALID_SAMPLE;
     }
     choice -= chosen.x;
-    if (choice < chosen.y) { return weigh_sample(brdf, wo, sample_uniform_hemisphere(u), true); }
+    if (choice < chosen.y) { return weigh_sample(brdf, wo, sample_sheen(u), true); }
     choice = min((choice - chosen.y) / chosen.z, 0.99999994);
     vec3 smooth_weight;
     vec3 wi = sample_glass(brdf.glass, wo, choice, u, smooth_weight);
@@ -151,7 +116,7 @@ BrdfSample sample_brdf(Brdf brdf, vec3 wo, float choice, vec2 u) {
         if (HAS_LOBES) { weight = below_layers(brdf, weight / base_probability, wo, wi); }
         return BrdfSample(wi, weight, INFINITY, false);
     }
-    vec3 wi = diffuse ? sample_cosine_hemisphere(u) : sample_specular_lobe(brdf, wo, u);
+    vec3 wi = diffuse ? sample_diffuse_lobe(u) : sample_specular_lobe(brdf, wo, u);
     return weigh_reflection(brdf, wo, wi, diffuse);
 }
 

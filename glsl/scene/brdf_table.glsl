@@ -35,13 +35,17 @@ vec2 lookup_brdf_table(float NdotV, float perceptual_roughness) {
     return mix(smoother, rougher, part.y);
 }
 
+vec2 albedo_terms(bool mirror, float perceptual_roughness, float cosine) {
+    return mirror ? mirror_albedo(cosine) : lookup_brdf_table(cosine, perceptual_roughness);
+}
+
 // The directional albedo of GGX with multiple scattering, from the single-scattering albedo F0 A + B. Fdez-Aguero, "A
 // Multiple-Scattering Microfacet Model for Real-Time Image-based Lighting" (JCGT 2019).
 vec3 specular_albedo(vec3 f0, vec2 ab) {
     return min((f0 * ab.x + ab.y) * (1.0 + f0 * (1.0 / (ab.x + ab.y) - 1.0)), 1.0);  // not above 1 by rounding
 }
 
-// The directional albedo of white sheen (scene/sheen.glsl), in the same rows and columns.
+// The directional albedo of white sheen (scene/lobes/sheen.glsl), in the same rows and columns.
 float lookup_sheen_table(float NdotV, float perceptual_roughness) {
     uint last = BRDF_TABLE_SIZE - 1u;
     vec2 position = vec2(sqrt(saturate(NdotV)), saturate(perceptual_roughness)) * float(last);
@@ -60,7 +64,7 @@ layout(constant_id = 6) const uint GLASS_TABLE_SIZE = 16u;  // rows and columns 
 layout(constant_id = 7) const uint GLASS_TABLE_SLICES = 33u;
 const float LARGEST_ETA_RATIO = 0.5;
 
-// The albedo of single scattering of white glass (scene/glass.glsl) that is the boundary of a solid: x without
+// The albedo of single scattering of white glass (scene/lobes/glass.glsl) that is the boundary of a solid: x without
 // reflections but total internal ones, y with those of its index of refraction. It is linear in between.
 vec2 lookup_glass_table(float eta, float NdotV, float perceptual_roughness) {
     uint last = GLASS_TABLE_SIZE - 1u;

@@ -1,4 +1,4 @@
-// Shadow rays to light samples, and what lets light pass from lights that rays meet on their way.
+// Shadow rays to light samples.
 #ifndef SCENE_LIGHT_VISIBILITY_GLSL
 #define SCENE_LIGHT_VISIBILITY_GLSL
 
@@ -19,23 +19,6 @@ vec3 trace_light_transmittance(vec3 ray_origin, ResolvedLightSample light_sample
     bool at_infinity = is_at_infinity(light_sample.kind);
     vec3 segment = at_infinity ? light_sample.world_position : light_segment(ray_origin, light_sample);
     return trace_transmittance(ray_origin, segment, at_infinity ? INFINITY : 1.0);
-}
-
-// As radiance_passed, with the light of each lamp tinted by what the ray passes on its way to it. `rays` is the number
-// of rays that this takes.
-vec3 trace_radiance_passed(vec3 origin, vec3 direction, float t_max, float bounce_pdf, out uint rays) {
-    rays = 0u;
-    if (!SCENE_BLEND) { return radiance_passed(origin, direction, t_max, bounce_pdf); }
-    vec3 radiance = vec3(0.0);
-    for (uint i = scene_info.first_passed_light; SCENE_SPHERE && i < scene_info.first_light_at_infinity; i++) {
-        LightSource light = light_sources.at[i];
-        MetLight met = pass_light(light.kind, light.index, origin, direction, t_max);
-        vec3 received = met_radiance(met, light.choice.probability, bounce_pdf);
-        if (received == vec3(0.0)) { continue; }
-        rays += 1u;
-        radiance += received * trace_passage(origin, direction, met.t, NO_HIT).tint;
-    }
-    return radiance;
 }
 
 #endif

@@ -12,7 +12,6 @@ struct MaterialLobes {
     float ior;           // its index of refraction
     bool solid;          // whether light enters a volume; otherwise it passes a thin wall
     bool inside;         // whether the surface is seen from within its volume
-    vec3 absorption;     // of the volume, per meter
     bool passed_straight;  // whether rays have found the light that passes straight
     float specular_weight;  // of a dielectric's reflections
     float coat;
@@ -25,13 +24,8 @@ struct MaterialLobes {
 };
 
 const MaterialLobes NO_LOBES = MaterialLobes(
-    0.0, 1.5, false, false, vec3(0.0), false, 1.0, 0.0, 0.0, vec3(0.0, 0.0, 1.0), vec3(0.0), 0.0, 0.0, vec2(1.0, 0.0)
+    0.0, 1.5, false, false, false, 1.0, 0.0, 0.0, vec3(0.0, 0.0, 1.0), vec3(0.0), 0.0, 0.0, vec2(1.0, 0.0)
 );
-
-// The share of light that a way through a solid lets pass, by the law of Beer and Lambert.
-vec3 attenuation(vec3 absorption, float distance) {
-    return mix(exp(-absorption * distance), vec3(1.0), equal(absorption, vec3(0.0)));
-}
 
 float sampled_or_one(uint texture_index, TexturePoint point, uint channel) {
     return texture_index == NO_INDEX ? 1.0 : sample_texture(texture_index, point)[channel];
@@ -50,7 +44,6 @@ MaterialLobes resolve_lobes(Material material, TexturePoint point, bool front_fa
         lobes.ior = material.ior;
         lobes.solid = (material.flags & MATERIAL_SOLID) != 0u;
         lobes.inside = lobes.solid && material.transmission > 0.0 && !front_face;
-        lobes.absorption = material.absorption;
     }
     if (SCENE_LAYERS) {
         lobes.specular_weight = material.specular * sampled_or_one(material.specular_texture, point, 3u);

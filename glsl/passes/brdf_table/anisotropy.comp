@@ -1,7 +1,7 @@
 // Computes the directional albedo of single-scattering GGX of a white anisotropic metal: a quadrature over bounded VNDF
 // samples, as passes/brdf_table/integrate.comp.
 #version 460
-#include "scene/anisotropy.glsl"
+#include "scene/microfacet.glsl"
 #include "scene/brdf_table.glsl"
 
 layout(local_size_x = 11, local_size_y = 11) in;

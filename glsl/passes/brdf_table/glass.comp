@@ -2,7 +2,7 @@
 // Turquin, "Practical Multiple Scattering Compensation for Microfacet Models" (2019), divides by it.
 #version 460
 #include "scene/brdf_table.glsl"
-#include "scene/glass.glsl"
+#include "scene/lobes/glass.glsl"
 
 layout(local_size_x = 4, local_size_y = 4, local_size_z = 4) in;
 
@@ -32,7 +32,7 @@ void main() {
     vec2 albedo = vec2(0.0);  // without and with the reflections of dielectrics
     for (uint i = 0u; i < POINT_COUNT; i++) {
         vec2 u = vec2(0.5 * fract(float(i) * GOLDEN_RATIO), (float(i) + 0.5) / float(POINT_COUNT));
-        vec3 m = sample_visible_normal(glass.roughness, wo, u);
+        vec3 m = sample_visible_normal(wo, vec2(glass.roughness), 1.0, u);
         float along = dot(wo, m);
         float reflected = dielectric_fresnel(glass.eta, along);
         float above = unshadowed(glass, wo, 2.0 * along * m - wo, true);

@@ -1,7 +1,7 @@
 // Computes the directional albedo of white sheen by quadrature over the hemisphere.
 #version 460
 #include "scene/brdf_table.glsl"
-#include "scene/sheen.glsl"
+#include "scene/lobes/sheen.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 

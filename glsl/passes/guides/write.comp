@@ -8,10 +8,7 @@
 #include "passes/guides/mirrors.glsl"
 #include "passes/past_mirrors.glsl"
 #include "passes/ray_count.glsl"
-#include "scene/brdf.glsl"
-#include "scene/departure.glsl"
-#include "scene/surface.glsl"
-#include "scene/trace.glsl"
+#include "scene/walk.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
@@ -56,7 +53,7 @@ Guides describe_what_is_shown(GBufferSurface seen, uvec2 pixel) {
     surface.ray_offset = seen.ray_offset;
     surface.material = seen.material;
     uint instance = seen.instance;
-    vec3 direction = -seen.wo;
+    Walk walk = start_walk(vec3(0.0), -seen.wo);
     float path_length = length(seen.world_position - camera_ray.origin);
     mat4x3 chain = mat4x3(1.0), previous_chain = mat4x3(1.0);
     vec3 previous_position;
@@ -70,22 +67,23 @@ Guides describe_what_is_shown(GBufferSurface seen, uvec2 pixel) {
             bool rested = previous_chain == chain && before == mirror;
             chain = append_mirror(chain, mirror);
             previous_chain = rested ? chain : append_mirror(previous_chain, before);
-            direction = normalize(reflect(direction, surface.world_normal));
-        } else if (!is_clear_wall(surface.material, -dot(direction, surface.world_normal))) {
+            walk.direction = normalize(reflect(walk.direction, surface.world_normal));
+        } else if (!is_clear_wall(surface.material, -dot(walk.direction, surface.world_normal))) {
             break;
         }
-        vec3 origin = ray_origin(surface, direction);
+        walk.origin = ray_origin(surface, walk.direction);
         count_ray();
-        Hit hit = trace_closest_hit(origin, 0.0, direction, INFINITY, TRACE_BOTH_FACES, random_blend_point(rng));
-        passes_light = passes_light || max_component(radiance_passed(origin, direction, hit.t, INFINITY)) > 0.0;
+        Hit hit = find_surface(walk, rng);
+        passes_light = passes_light
+            || max_component(radiance_passed(walk.origin, walk.direction, hit.t, INFINITY)) > 0.0;
         instance = hit.instance;
         if (instance == NO_INDEX) {
             path_length = INFINITY;
-            previous_position = direction * FAR_AWAY;
+            previous_position = walk.direction * FAR_AWAY;
         } else {
             path_length += hit.t;
             float cone_width = camera_ray.cone_width + camera_ray.cone_spread * path_length;
-            surface = resolve_ray_hit_full(hit, direction, cone_width);
+            surface = resolve_ray_hit_full(hit, walk.direction, cone_width);
             previous_position = previous_hit_position(hit, surface.world_position);
         }
     }
@@ -93,10 +91,10 @@ Guides describe_what_is_shown(GBufferSurface seen, uvec2 pixel) {
     Guides guides = Guides(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, vec2(0.0), false, false);
     vec3 virtual_position, previous_virtual_position;
     if (instance == NO_INDEX) {
-        virtual_position = camera.world_from_view[3] + mat3(chain) * (direction * FAR_AWAY);
+        virtual_position = camera.world_from_view[3] + mat3(chain) * (walk.direction * FAR_AWAY);
         previous_virtual_position = previous_camera.world_from_view[3] + mat3(previous_chain) * previous_position;
     } else {
-        describe(guides, surface.material, dot(surface.world_normal, -direction));
+        describe(guides, surface.material, dot(surface.world_normal, -walk.direction));
         guides.lit = !passes_light && max_component(shown_emission(surface)) == 0.0;
         guides.world_normal = mat3(chain) * surface.world_normal;
         guides.depth = camera.near / (path_length * camera_ray.depth_per_t);

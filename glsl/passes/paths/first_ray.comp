@@ -20,14 +20,14 @@ Path start_path(uvec2 pixel, GBufferSurface surface, uint sample_index) {
     uint first_salt = this_frame.seed ^ PASS_SALT, salt = first_salt ^ sample_index * SAMPLE_SALT;
     Path path = start_path(seed_rng(pixel, this_frame.index, salt));
     path.vertex = make_vertex(surface);
-    path.medium_below = find_medium_below(surface.instance, surface.material);
+    path.medium_below = medium_below(surface.instance, surface.material);
     float choice = sobol_point(this_frame.index, seed_rng(pixel, 0u, first_salt)).x;
     path.choice = fract(choice + unit_float(bitfieldReverse(sample_index)));
     uint sequence = seed_rng(pixel, 0u, salt);
     path.u = sobol_point(this_frame.index, sequence + 1u);
     CameraRay ray = make_camera_ray(vec2(pixel) + 0.5);
-    path.cone_spread = ray.cone_spread;
-    path.cone_width = ray.cone_width + ray.cone_spread * distance(surface.world_position, ray.origin);
+    path.walk.cone_spread = ray.cone_spread;
+    path.walk.cone_width = ray.cone_width + ray.cone_spread * distance(surface.world_position, ray.origin);
     return path;
 }
 

@@ -15,7 +15,7 @@ void main() {
     uint index = paths_lists.at[first_entry(paths_round.index) + row];
     uvec2 pixel = uvec2(index % camera.size.x, index / camera.size.x);
     Path path = take_waiting_path(index);
-    path.cone_spread = make_camera_ray(vec2(pixel) + 0.5).cone_spread;
+    path.walk.cone_spread = make_camera_ray(vec2(pixel) + 0.5).cone_spread;
 
     bool goes_on;
     do { goes_on = advance(path); } while (goes_on && paths_round.index == LAST_ROUND);

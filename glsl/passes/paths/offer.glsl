@@ -11,10 +11,10 @@ uvec4 light_point(uint light_index, uint part, vec2 u) { return uvec4(light_inde
 // where lights at infinity overlap, such as a sun and its sky, one of them stands for all, by its radiance.
 uvec4 met_point(inout Path path) {
     bool hits = path.hit.instance != NO_INDEX;
-    vec3 origin = hits ? path.vertex.position - path.hit.t * path.direction : path.vertex.origin;
+    vec3 origin = hits ? path.vertex.position - path.hit.t * path.walk.direction : path.vertex.origin;
     for (uint i = scene_info.first_passed_light; SCENE_SPHERE && i < scene_info.first_light_at_infinity; i++) {
         LightSource light = light_sources.at[i];
-        MetLight met = pass_light(light.kind, light.index, origin, path.direction, path.hit.t);
+        MetLight met = pass_light(light.kind, light.index, origin, path.walk.direction, path.hit.t);
         if (met.inverse_pdf > 0.0) { return light_point(i, 0u, met.u); }
     }
     if (hits) {
@@ -25,7 +25,7 @@ uvec4 met_point(inout Path path) {
     float sum = 0.0;
     for (uint i = scene_info.first_light_at_infinity; i < scene_info.light_count; i++) {
         LightSource light = light_sources.at[i];
-        MetLight met = meet_light(light.kind, light.index, path.direction);
+        MetLight met = meet_light(light.kind, light.index, path.walk.direction);
         bool chosen = met.inverse_pdf > 0.0 && choose_weighted(sum, luminance(met.radiance), path.rng);
         if (chosen) { point = light_point(i, met.part, met.u); }
     }

@@ -8,10 +8,7 @@
 #include "passes/paths/vertex.glsl"
 #include "passes/ray_count.glsl"
 #include "passes/world_cache/query.glsl"
-#include "scene/trace.glsl"
 
-const uint FIRST_ROULETTE_BOUNCE = 2u;
-const uint MAX_MIRROR_BOUNCES = 64u;  // bounces at perfect mirrors, which don't count as others do
 // Paths end in a cell of the world cache when the last ray is longer than the diagonal of the cell, and when the path
 // has spread as far as the rays of a diffuse surface do on that length.
 const float MIN_RAY_IN_CELLS = 1.7320508;
@@ -22,14 +19,12 @@ layout(constant_id = 5) const bool paths_reuse = false;
 
 struct Path {
     Vertex vertex;                // where the path is; it goes on from here
-    vec3 direction;               // of the last ray
+    Walk walk;                    // along the last ray; its throughput is that since the first ray
     Hit hit;                      // of the last ray
-    uint medium;                  // the material of the solid that the path is in, or NO_INDEX
-    uint medium_below;            // the same on the other side of the vertex
+    Medium medium_below;          // on the other side of the vertex
     bool reflects_only;           // the cache stands for the diffuse lobe of the vertex
     uint bounce;                  // rays traced so far
     uint mirrors;                 // of them, those that left mirrors
-    vec3 throughput;              // since the first ray
     Lobes first_weight;           // BRDF times cosine over pdf of the first ray
     Passage first_passage;        // of the first ray to its end, which tints `radiance` and `shareable`
     PassedLight first_passed;     // along the first ray
@@ -42,7 +37,6 @@ struct Path {
     vec3 direct_transmittance;
     bool diffuse_first;           // whether the diffuse lobe proposed the first ray
     float squared_slope, spread;  // the spread grows by the slope for each meter
-    float cone_width, cone_spread;  // the same for the footprint of textures
     uint lifetime;                // of the cells that the path asks, in frames
     // What the first vertex samples with: a number of light samples, and random numbers for the direction as
     // sample_brdf takes them.
@@ -55,11 +49,11 @@ struct Path {
 // A path without its first vertex.
 Path start_path(uint rng) {
     Path path;
+    path.walk = start_walk(vec3(0.0), vec3(0.0));
     path.hit = NO_HIT;
-    path.medium = path.medium_below = NO_INDEX;
+    path.medium_below = NO_MEDIUM;
     path.reflects_only = false;
     path.bounce = path.mirrors = 0u;
-    path.throughput = vec3(1.0);
     path.first_weight = path.direct = NO_LIGHT;
     path.radiance = path.shareable = vec3(0.0);
     path.first_passage = FREE_PASSAGE;
@@ -69,7 +63,6 @@ Path start_path(uint rng) {
     path.direct_sample = LightSample(NO_INDEX, 0u, 0u);
     path.diffuse_first = true;
     path.squared_slope = path.spread = 0.0;
-    path.cone_width = path.cone_spread = 0.0;
     path.lifetime = world_cache_settings.lifetime;
     path.candidates = min(paths_settings.candidates, scene_info.part_count);
     path.rng = rng;
@@ -109,23 +102,13 @@ bool is_rough(ResolvedMaterial material) {
     return brdf_lambert || material.roughness >= paths_settings.cache_roughness;
 }
 
-// The solid on the other side of a surface, as its material, or NO_INDEX.
-uint find_medium_below(uint instance, ResolvedMaterial material) {
-    return SCENE_GLASS && material.lobes.solid && !material.lobes.inside ? instances.at[instance].material : NO_INDEX;
-}
-
-// The share of light that a way in a medium lets pass.
-vec3 pass_medium(uint medium, float distance) {
-    return medium == NO_INDEX ? vec3(1.0) : attenuation(materials.at[medium].absorption, distance);
-}
-
 // Moves the path to the surface that its last ray hit.
 void arrive(inout Path path, inout ResolvedRayHitFull surface) {
-    path.medium_below = find_medium_below(path.hit.instance, surface.material);
+    path.medium_below = medium_below(path.hit.instance, surface.material);
     regularize(surface.material, path.squared_slope);
     path.vertex = make_vertex(
         surface.world_position, surface.geometric_world_normal, surface.ray_offset, surface.world_normal,
-        -path.direction
+        -path.walk.direction
     );
     path.vertex.brdf = prepare_brdf(surface.material, path.vertex.wo);
 }
@@ -145,10 +128,10 @@ bool ask_world_cache(inout Path path, ResolvedRayHitFull surface) {
     LobeAlbedos albedos = lobe_albedos(surface.material, path.vertex.wo.z);
     bool rough = is_rough(surface.material);
     vec3 albedo = albedos.diffuse + (rough ? albedos.specular : vec3(0.0));
-    add_light(path, path.throughput * albedo * (INVERSE_PI * cached.irradiance), path.shares || path.bounce == 1u);
+    add_light(path, path.walk.throughput * albedo * (INVERSE_PI * cached.irradiance), path.shares || path.bounce == 1u);
     float share = luminance(albedos.specular) / luminance(albedos.specular + albedos.diffuse);
     if (rough || !(rand_f(path.rng) < share)) { return false; }
-    path.throughput /= share;
+    path.walk.throughput /= share;
     path.reflects_only = true;
     return true;
 }
@@ -172,90 +155,71 @@ bool advance(inout Path path) {
     drawn.light = NO_LIGHT;
     if (rand_f(path.rng) < probability) {
         drawn = draw_light(path.vertex, candidates, density, path.rng);
-        drawn.light = scale(drawn.light, path.throughput / probability);
+        drawn.light = scale(drawn.light, path.walk.throughput / probability);
     }
 
     BrdfSample next = sample_brdf(brdf, path.vertex.wo, path.choice, path.u);
     if (first) {
         path.first_weight = lobe_weights(path.vertex, next);
         path.diffuse_first = next.diffuse;
-    } else {
-        if (paths_reuse && path.bounce == 1u) {
-            // The path goes on for one of the lobes.
-            Lobes weights = lobe_weights(path.vertex, next);
-            float share = luminance(weights.diffuse) / max(luminance(sum(weights)), 1e-30);
-            path.shares = rand_f(path.rng) < share;
-            next.weight = path.shares ? weights.diffuse / share : weights.specular / (1.0 - share);
-        }
-        path.throughput *= next.weight;
+        next.weight = vec3(1.0);
+    } else if (paths_reuse && path.bounce == 1u) {
+        // The path goes on for one of the lobes.
+        Lobes weights = lobe_weights(path.vertex, next);
+        float share = luminance(weights.diffuse) / max(luminance(sum(weights)), 1e-30);
+        path.shares = rand_f(path.rng) < share;
+        next.weight = path.shares ? weights.diffuse / share : weights.specular / (1.0 - share);
     }
-    path.direction = normalize(path.vertex.frame * next.wi);
-    vec3 origin = ray_origin(path.vertex, path.direction);
-    uint medium = path.medium;
-    if (SCENE_GLASS && next.wi.z < 0.0) { path.medium = path.medium_below; }
-    float carried = max_component(sum(indirect_light(path, path.throughput)));
-    // Differs from Solari: the survival probability is at most 1, so that Russian roulette loses no energy.
-    float survival = path.bounce >= FIRST_ROULETTE_BOUNCE ? min(carried, 1.0) : 1.0;
-    bool goes_on = is_possible(next.wi.z, path.direction, path.vertex.geometric_normal) && carried > 0.0
-        && rand_f(path.rng) < survival;
-    path.throughput /= survival;
-    float mis_pdf = density > 0.0 ? next.pdf / density : INFINITY;
+    Medium medium = path.walk.medium;
+    bool goes_on = scatter(path.walk, next, path.vertex.frame, path.vertex.geometric_normal, path.medium_below);
+    path.walk.origin = ray_origin(path.vertex, path.walk.direction);
+    path.walk.bounce_pdf = density > 0.0 ? next.pdf / density : INFINITY;
     path.squared_slope += 1.0 / next.pdf;
     path.bounce += 1u;
-    path.mirrors += next.pdf == INFINITY && path.mirrors < MAX_MIRROR_BOUNCES ? 1u : 0u;
+    path.mirrors += next.pdf == INFINITY && path.mirrors < MAX_MIRRORS ? 1u : 0u;
+    float carried = max_component(sum(indirect_light(path, path.walk.throughput)));
+    goes_on = goes_on && survives(path.walk, carried, path.bounce, path.rng);
 
     if (max_component(sum(drawn.light)) > 0.0) {
         count_ray();
         vec3 to_light = aim_light(drawn.light_sample, path.vertex.position).world_position;
-        bool far = is_at_infinity(drawn.light_sample.kind);
-        if (!far) { to_light -= path.vertex.position; }
+        if (!is_at_infinity(drawn.light_sample.kind)) { to_light -= path.vertex.position; }
+        bool through = SCENE_GLASS && dot(to_light, path.vertex.geometric_normal) < 0.0;
         vec3 from = ray_origin(path.vertex, to_light);
-        vec3 transmittance = trace_light_transmittance(from, drawn.light_sample);
-        if (SCENE_GLASS) {
-            bool through = dot(to_light, path.vertex.geometric_normal) < 0.0;
-            transmittance *= pass_medium(through ? path.medium_below : medium, far ? INFINITY : length(to_light));
-        }
-        if (transmittance != vec3(0.0)) {
+        vec3 visible = trace_light(from, through ? path.medium_below : medium, drawn.light_sample);
+        if (visible != vec3(0.0)) {
             if (first) {
                 path.direct = drawn.light;
-                path.direct_transmittance = transmittance;
+                path.direct_transmittance = visible;
                 path.direct_sample = drawn.chosen;
             } else if (path.bounce == 2u) {
-                add_light(path, drawn.light.diffuse * transmittance, true);
-                add_light(path, drawn.light.specular * transmittance, false);
+                add_light(path, drawn.light.diffuse * visible, true);
+                add_light(path, drawn.light.specular * visible, false);
             } else {
-                add_light(path, sum(drawn.light) * transmittance, path.shares);
+                add_light(path, sum(drawn.light) * visible, path.shares);
             }
         }
     }
     if (!goes_on) { return false; }
 
-    count_ray();
-    path.hit = trace_closest_hit(origin, 0.0, path.direction, INFINITY, TRACE_BOTH_FACES, random_blend_point(path.rng));
-    if (SCENE_BLEND) { count_ray(); }
-    PassedLight passed = trace_passed_light(path.vertex, origin, path.direction, path.hit.t, mis_pdf);
-    Passage passage = trace_passage(origin, path.direction, INFINITY, path.hit);
+    Segment segment = trace_segment(path.walk, receiver(path.vertex), path.rng);
+    count_rays(segment.rays);
+    path.hit = segment.hit;
     if (first) {
-        path.first_passed = passed;
-        path.first_passage = passage;
-    } else {
-        add_light(path, path.throughput * passed.radiance, path.shares);
-        path.throughput *= passage.tint;
+        path.first_passed = segment.passed;
+        path.first_passage = segment.passage;
+        segment.passed = NO_PASSED_LIGHT;
+        segment.passage = FREE_PASSAGE;
     }
-    if (path.hit.instance == NO_INDEX) {
-        add_light(path, path.throughput * radiance_at_infinity(path.direction, mis_pdf), path.shares);
-        return false;
-    }
-    path.cone_width += path.cone_spread * path.hit.t;
+    vec3 found = vec3(0.0);
+    bool arrives = pass_segment(path.walk, segment, found);
+    add_light(path, found, path.shares);
+    if (!arrives) { return false; }
     path.spread += sqrt(path.squared_slope) * path.hit.t;
-    if (SCENE_GLASS) { path.throughput *= pass_medium(path.medium, path.hit.t); }
-    ResolvedRayHitFull surface = resolve_ray_hit_full(path.hit, path.direction, path.cone_width);
-    take_wall_as_met(path.hit, path.direction, surface.material, path.throughput);
-    if (surface.emits) {
-        float light_pdf = hit_light_pdf(path.vertex, path.hit, surface, path.direction);
-        vec3 light = path.throughput * surface.material.emissive * power_heuristic(mis_pdf, light_pdf);
-        add_light(path, light, path.shares);
-    }
+    ResolvedRayHitFull surface = arrive(path.walk, path.hit);
+    take_wall_as_met(path.hit, path.walk.direction, surface.material, path.walk.throughput);
+    float light_pdf = hit_light_pdf(path.vertex, path.hit, surface, path.walk.direction);
+    add_light(path, emitted_light(path.walk, surface, light_pdf), path.shares);
     arrive(path, surface);
     return ask_world_cache(path, surface) && path.bounce < paths_settings.bounces + path.mirrors;
 }

@@ -5,12 +5,7 @@
 #include "passes/bindings.glsl"
 #include "passes/paths/lobes.glsl"
 #include "passes/ray_count.glsl"
-#include "scene/brdf.glsl"
-#include "scene/departure.glsl"
-#include "scene/light_visibility.glsl"
-#include "scene/lights/tree.glsl"
-#include "scene/sampling.glsl"
-#include "scene/surface.glsl"
+#include "scene/walk.glsl"
 
 struct Vertex {
     vec3 position;
@@ -105,30 +100,6 @@ float hit_light_pdf(Vertex vertex, Hit hit, ResolvedRayHitFull surface, vec3 dir
     if (!(pdf > 0.0)) { return 0.0; }
     uint light = instances.at[hit.instance].light_index;
     return pdf * light_choice_probability(light, receiver(vertex)) / light_sources.at[light].choice.probability;
-}
-
-// The light of lamps that a ray passes.
-struct PassedLight {
-    vec3 radiance;  // where the ray starts
-    vec3 offered;   // before it is tinted on its way, over the probability with which the ray passes until there
-};
-
-const PassedLight NO_PASSED_LIGHT = PassedLight(vec3(0.0), vec3(0.0));
-
-// For a ray from a vertex, weighted by MIS against the vertex's light samples.
-PassedLight trace_passed_light(Vertex vertex, vec3 origin, vec3 direction, float t_max, float bounce_pdf) {
-    PassedLight passed = NO_PASSED_LIGHT;
-    for (uint i = scene_info.first_passed_light; SCENE_SPHERE && i < scene_info.first_light_at_infinity; i++) {
-        LightSource light = light_sources.at[i];
-        MetLight met = pass_light(light.kind, light.index, origin, direction, t_max);
-        if (!(met.inverse_pdf > 0.0)) { continue; }
-        vec3 radiance = met_radiance(met, light_choice_probability(i, receiver(vertex)), bounce_pdf);
-        if (SCENE_BLEND) { count_ray(); }
-        Passage passage = trace_passage(origin, direction, met.t, NO_HIT);
-        passed.radiance += radiance * passage.tint;
-        passed.offered += radiance / passage.probability;
-    }
-    return passed;
 }
 
 #endif

@@ -19,8 +19,9 @@ void wait(Path path, uint pixel_index, uint round_index) {
     uint row = atomicAdd(paths_round.arrived, 1u);
     paths_lists.at[first_entry(round_index) + row] = pixel_index;
     paths_waiting.at[pixel_index] = WaitingPath(
-        path.rng, state, indirect_light(path, vec3(1.0)), path.throughput, path.direction, path.hit.instance,
-        path.hit.triangle, path.hit.barycentrics, path.squared_slope, path.spread, path.cone_width, path.medium
+        path.rng, state, indirect_light(path, vec3(1.0)), path.walk.throughput, path.walk.direction, path.hit.instance,
+        path.hit.triangle, path.hit.barycentrics, path.squared_slope, path.spread, path.walk.cone_width,
+        path.walk.medium.material
     );
 }
 
@@ -33,16 +34,16 @@ Path take_waiting_path(uint pixel_index) {
     path.shares = (waiting.state & SHARES) != 0u;
     path.reflects_only = (waiting.state & REFLECTS_ONLY) != 0u;
     path.first_weight = waiting.first_weight;
-    path.throughput = waiting.throughput;
-    path.direction = waiting.direction;
+    path.walk.throughput = waiting.throughput;
+    path.walk.direction = waiting.direction;
     path.hit = Hit(0.0, waiting.instance, waiting.triangle, waiting.barycentrics, false);
     path.squared_slope = waiting.squared_slope;
     path.spread = waiting.spread;
-    path.cone_width = waiting.cone_width;
-    path.medium = waiting.medium;
-    ResolvedRayHitFull surface = resolve_ray_hit_full(path.hit, path.direction, path.cone_width);
+    path.walk.cone_width = waiting.cone_width;
+    path.walk.medium = Medium(waiting.medium);
+    ResolvedRayHitFull surface = resolve_ray_hit_full(path.hit, path.walk.direction, path.walk.cone_width);
     vec3 counted = vec3(1.0);  // already
-    take_wall_as_met(path.hit, path.direction, surface.material, counted);
+    take_wall_as_met(path.hit, path.walk.direction, surface.material, counted);
     arrive(path, surface);
     return path;
 }

@@ -7,9 +7,7 @@
 #include "passes/ray_count.glsl"
 #include "passes/world_cache/division.glsl"
 #include "passes/world_cache/map.glsl"
-#include "scene/brdf.glsl"
-#include "scene/light_visibility.glsl"
-#include "scene/sampling.glsl"
+#include "scene/walk.glsl"
 
 // The key of the cell in which a point is looked up. The point is jittered in the tangent plane, which hides the grid
 // of cells.
@@ -90,16 +88,13 @@ vec3 gathered_radiance(GatheredLight light) { return light.emitted + light.refle
 //
 // Differs from Solari, which takes 0 where the cache has no value: here the path continues until the cache has one, so
 // that no light is lost while cells appear and disappear.
-GatheredLight gather_light(
-    vec3 origin, vec3 direction, float t_max, float cone_width, bool finest_for_short_rays, uint lifetime,
-    inout uint rng
-) {
+GatheredLight gather_light(Walk walk, bool finest_for_short_rays, uint lifetime, inout uint rng) {
     GatheredLight light = GatheredLight(
-        origin, vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), NO_INDEX, FREE_PASSAGE
+        walk.origin, vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), NO_INDEX, FREE_PASSAGE
     );
-    vec3 throughput = vec3(1.0);
+    vec3 throughput = vec3(1.0);  // from the first surface on
     for (uint i = 0u; i <= MAX_CACHE_MISSES; i++) {
-        HitPastMirrors found = trace_past_mirrors(origin, direction, t_max, cone_width, rng);
+        HitPastMirrors found = trace_past_mirrors(walk, rng);
         if (i == 0u) {
             light.first_position = found.first_position;
             light.emitted = found.emitted;
@@ -111,8 +106,8 @@ GatheredLight gather_light(
         }
         if (!found.exists) { break; }
         ResolvedRayHitFull hit = found.surface;
-        vec3 albedo = surface_albedo(hit.material, dot(hit.world_normal, -found.direction));
-        vec3 reflectance = found.throughput * (INVERSE_PI * albedo);
+        vec3 albedo = surface_albedo(hit.material, dot(hit.world_normal, -walk.direction));
+        vec3 reflectance = walk.throughput * (INVERSE_PI * albedo);
         float ray_t = finest_for_short_rays ? found.ray_t : INFINITY;
         if (i == 0u) {
             light.reflectance = reflectance;
@@ -125,8 +120,8 @@ GatheredLight gather_light(
         if (i == 0u) { light.cell = cached.cell; }
         light.irradiance += throughput * (cached.found ? cached.irradiance : sample_irradiance(hit, rng));
         if (cached.found || frame_settings.world_cache == 0u) { break; }
-        origin = hit.world_position + hit.ray_offset * hit.geometric_world_normal;
-        direction = orthonormalize(hit.geometric_world_normal) * sample_cosine_hemisphere(rand_vec2f(rng));
+        walk.direction = orthonormalize(hit.geometric_world_normal) * sample_cosine_hemisphere(rand_vec2f(rng));
+        walk.throughput = vec3(1.0);
     }
     return light;
 }

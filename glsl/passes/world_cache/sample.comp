@@ -24,7 +24,7 @@ void main() {
     path.candidates = world_cache_settings.candidates;
     path.choice = rand_f(path.rng);
     path.u = rand_vec2f(path.rng);
-    path.cone_width = world_cache_bounds.at[cell].w;  // textures are filtered over the width of the cell
+    path.walk.cone_width = world_cache_bounds.at[cell].w;  // textures are filtered over the width of the cell
     path.lifetime = world_cache_samples.at[thread].life;
     while (advance(path)) {}
     world_cache_samples.at[thread].irradiance = PI * path_light(path).diffuse;

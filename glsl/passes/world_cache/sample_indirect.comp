@@ -17,12 +17,11 @@ void main() {
     WorldCacheSurface surface = load_world_cache_surface(cell);
     vec3 origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
     vec3 direction = orthonormalize(surface.geometric_world_normal) * sample_cosine_hemisphere(rand_vec2f(rng));
-    // Textures are filtered over the width of the cell.
-    float cell_size = world_cache_bounds.at[cell].w;
+    Walk walk = start_walk(origin, direction);
+    walk.t_max = world_cache_settings.ray_length;
+    walk.cone_width = world_cache_bounds.at[cell].w;  // textures are filtered over the width of the cell
     uint lifetime = world_cache_samples.at[thread].life & ~SEES_WALL;
-    GatheredLight light = gather_light(
-        origin, direction, world_cache_settings.ray_length, cell_size, false, lifetime, rng
-    );
+    GatheredLight light = gather_light(walk, false, lifetime, rng);
     world_cache_samples.at[thread].irradiance +=
         PI * gathered_radiance(light) * light.passage.tint;  // PI is the cosine over the pdf
 }

@@ -16,6 +16,9 @@ struct Receiver {
     vec3 normal;
 };
 
+// Chooses lights by power, wherever they are.
+const Receiver NO_RECEIVER = Receiver(vec3(0.0), vec3(0.0));
+
 struct ChosenLight {
     uint index;
     float probability;
@@ -88,7 +91,7 @@ ChosenLight choose_light(Receiver receiver, inout uint rng) {
 // The probability with which a receiver chooses this light.
 float light_choice_probability(uint row, Receiver receiver) {
     LightSource light = light_sources.at[row];
-    if (light.node == NO_INDEX) { return light.choice.probability; }
+    if (light.node == NO_INDEX || receiver.normal == vec3(0.0)) { return light.choice.probability; }
     return scene_info.finite_probability * leaf_probability(light.node, receiver);
 }
 

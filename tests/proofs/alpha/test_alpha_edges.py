@@ -24,7 +24,7 @@ AIMS = [
 ]
 NOISE = 0.11  # of means of 512 rays: five standard deviations
 SHADER = f"""#version 460
-#include "scene/departure.glsl"
+#include "scene/walk.glsl"
 #include "scene/trace.glsl"
 layout(local_size_x = 1) in;
 const vec2 AIMS[] = vec2[]({", ".join(f"vec2({x}, {y})" for x, y in AIMS)});

@@ -39,7 +39,7 @@ ResolvedMaterial resolve(TestMaterial m) {
     return ResolvedMaterial(
         m.base_color, vec3(0.0), m.reflectance, m.perceptual_roughness, square(m.perceptual_roughness), m.metallic,
         MaterialLobes(
-            m.transmission, m.ior, m.solid != 0u, m.inside != 0u, vec3(0.0), false, m.specular_weight, m.coat,
+            m.transmission, m.ior, m.solid != 0u, m.inside != 0u, false, m.specular_weight, m.coat,
             m.coat_roughness, m.coat_normal, m.sheen_color, m.sheen_roughness, m.anisotropy, m.anisotropy_direction
         )
     );

@@ -26,5 +26,5 @@ void main() {
         direction = orthonormalize(surface.geometric_world_normal) * sample_cosine_hemisphere(rand_vec2f(rng));
     }
     uint lifetime = world_cache_settings.lifetime;
-    answers.at[index] = gathered_radiance(gather_light(origin, direction, INFINITY, 0.0, true, lifetime, rng));
+    answers.at[index] = gathered_radiance(gather_light(start_walk(origin, direction), true, lifetime, rng));
 }

@@ -3,12 +3,13 @@
 //
 // Radiance in glass is taken over the square of the index of refraction, which is constant along refracted rays. All
 // light that reaches a camera is then as it would be otherwise, and white glass neither gains nor loses any.
-#ifndef SCENE_GLASS_GLSL
-#define SCENE_GLASS_GLSL
+#ifndef SCENE_LOBES_GLASS_GLSL
+#define SCENE_LOBES_GLASS_GLSL
 
 #include "common/math.glsl"
 #include "scene/brdf_table.glsl"
 #include "scene/microfacet.glsl"
+#include "scene/surface.glsl"
 
 struct Glass {
     float weight;        // 0: the surface isn't made of glass
@@ -31,6 +32,35 @@ float glass_reflects(Glass glass, float cosine) {
     float through = max_component((1.0 - reflected) * glass.color);
     return max_component(reflected) / max(max_component(reflected) + through, 1e-30);
 }
+
+// `cosine` is that of the direction from which the surface is seen.
+Glass prepare_glass(ResolvedMaterial material, float cosine) {
+    MaterialLobes lobes = material.lobes;
+    bool mirror = material.roughness <= MIRROR_ROUGHNESS;
+    // Where nothing is bent, a rough boundary would have no microfacet normals.
+    float ior = mirror ? lobes.ior : max(lobes.ior, 1.005);
+    Glass glass;
+    glass.weight = SCENE_GLASS ? lobes.transmission * (1.0 - material.metallic) : 0.0;
+    glass.eta = lobes.inside ? 1.0 / ior : ior;
+    glass.thin = !lobes.solid;
+    glass.roughness = material.roughness;
+    glass.color = lobes.passed_straight ? vec3(0.0) : material.base_color;
+    glass.tint = glass_tint(ior, lobes.specular_weight * reflectance_f0(material.reflectance));
+    glass.compensation = vec3(1.0);
+    if (glass.weight > 0.0 && !mirror) {
+        vec2 ab = lookup_brdf_table(cosine, material.perceptual_roughness);
+        vec3 albedo = vec3(ab.x + ab.y);
+        if (!glass.thin) {
+            vec2 ends = lookup_glass_table(glass.eta, cosine, material.perceptual_roughness);
+            albedo = mix(vec3(ends.x), vec3(ends.y), glass.tint);
+        }
+        glass.compensation = 1.0 / albedo;
+    }
+    return glass;
+}
+
+// The share of uniform incoming light that it reflects and lets pass, without `weight`.
+vec3 glass_albedo(Glass glass, float cosine) { return mix(glass.color, vec3(1.0), glass_fresnel(glass, cosine)); }
 
 // The direction in which a microfacet with normal m refracts wo; z is 0 for total internal reflection.
 vec3 refract_through(Glass glass, vec3 wo, vec3 m) {
@@ -69,15 +99,6 @@ float visible_normal_pdf(float roughness, vec3 wo, vec3 m) {
     return D_GGX(roughness, m) * max(dot(wo, m), 0.0) / (wo.z * (1.0 + smith_lambda(roughness, wo)));
 }
 
-// Dupuy and Benyoub, "Sampling Visible GGX Normals with Spherical Caps" (2023).
-vec3 sample_visible_normal(float roughness, vec3 wo, vec2 u) {
-    vec3 wo_std = normalize(vec3(wo.xy * roughness, wo.z));
-    float z = (1.0 - u.y) * (1.0 + wo_std.z) - wo_std.z;
-    float phi = 2.0 * PI * u.x;
-    vec3 m_std = wo_std + vec3(safe_sqrt(1.0 - z * z) * vec2(cos(phi), sin(phi)), z);
-    return normalize(vec3(m_std.xy * roughness, m_std.z));
-}
-
 float glass_pdf(Glass glass, vec3 wo, vec3 wi) {
     vec3 m = glass_half_vector(glass, wo, wi);
     float reflects = glass_reflects(glass, dot(wo, m));
@@ -98,7 +119,7 @@ vec3 evaluate_glass(Glass glass, vec3 wo, vec3 wi) {
 
 // A direction, and for smooth glass its weight. `choice` and u are uniform in [0, 1).
 vec3 sample_glass(Glass glass, vec3 wo, float choice, vec2 u, out vec3 smooth_weight) {
-    vec3 m = glass.roughness <= MIRROR_ROUGHNESS ? vec3(0.0, 0.0, 1.0) : sample_visible_normal(glass.roughness, wo, u);
+    vec3 m = glass.roughness <= MIRROR_ROUGHNESS ? vec3(0.0, 0.0, 1.0) : sample_visible_normal(wo, vec2(glass.roughness), 1.0, u);
     float reflects = glass_reflects(glass, dot(wo, m));
     vec3 reflected = glass_fresnel(glass, dot(wo, m));
     if (choice < reflects) {

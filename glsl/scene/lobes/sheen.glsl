@@ -1,0 +1,78 @@
+// The Charlie sheen lobe, of fibers that stand on a surface: Estevez and Kulla, "Production Friendly Microfacet Sheen
+// BRDF" (2017), with the visibility term of that paper, as KHR_materials_sheen recommends.
+#ifndef SCENE_LOBES_SHEEN_GLSL
+#define SCENE_LOBES_SHEEN_GLSL
+
+#include "common/math.glsl"
+#include "common/random.glsl"
+#include "scene/brdf_table.glsl"
+#include "scene/material_lobes.glsl"
+
+const float MIN_SHEEN_ROUGHNESS = 0.07;  // perceptual; smoother sheen would be a line at the horizon
+
+float sheen_alpha(float perceptual_roughness) { return square(max(perceptual_roughness, MIN_SHEEN_ROUGHNESS)); }
+
+float sheen_distribution(float alpha, vec3 half_vector) {
+    float sine = length(half_vector.xy);
+    return (2.0 + 1.0 / alpha) * pow(sine, 1.0 / alpha) * (0.5 * INVERSE_PI);
+}
+
+// The logarithm of the fitted shadowing term, up to a cosine of 0.5.
+float sheen_shadowing_fit(float alpha, float cosine) {
+    float rough = square(1.0 - alpha);
+    float a = mix(21.5473, 25.3245, rough), b = mix(3.82987, 3.32435, rough), c = mix(0.19823, 0.16801, rough);
+    float d = mix(-1.97760, -1.27393, rough), e = mix(-4.32054, -4.85967, rough);
+    return a / (1.0 + b * pow(cosine, c)) + d * cosine + e;
+}
+
+float sheen_lambda(float alpha, float cosine) {
+    return cosine < 0.5
+        ? exp(sheen_shadowing_fit(alpha, cosine))
+        : exp(2.0 * sheen_shadowing_fit(alpha, 0.5) - sheen_shadowing_fit(alpha, 1.0 - cosine));
+}
+
+// The lobe of white fibers times the cosine of wi, both above the surface.
+float evaluate_sheen(float alpha, vec3 wo, vec3 wi) {
+    float shadowing = 1.0 + sheen_lambda(alpha, wo.z) + sheen_lambda(alpha, wi.z);
+    return sheen_distribution(alpha, normalize(wo + wi)) / (4.0 * shadowing * max(wo.z, 1e-6));
+}
+
+// ---- the lobe of a material -------------------------------------------------------------------------
+
+struct Sheen {
+    vec3 color;
+    float roughness;  // perceptual
+    bool inside;      // wo is below the fibers
+};
+
+Sheen prepare_sheen(MaterialLobes lobes) { return Sheen(lobes.sheen_color, lobes.sheen_roughness, lobes.inside); }
+
+// The share of uniform incoming light that white sheen reflects.
+float sheen_albedo(float perceptual_roughness, float cosine) {
+    return min(lookup_sheen_table(cosine, perceptual_roughness), 1.0);
+}
+
+// The largest share of light that sheen keeps from what lies below it, for light from wi to wo. Directions within a
+// volume don't pass it.
+float sheen_cover(Sheen sheen, vec3 wo, vec3 wi) {
+    bool wi_inside = wi.z < 0.0 != sheen.inside;
+    float seen = sheen.inside ? 0.0 : sheen_albedo(sheen.roughness, wo.z);
+    float lit = wi_inside ? 0.0 : sheen_albedo(sheen.roughness, abs(wi.z));
+    return max_component(sheen.color) * max(seen, lit);
+}
+
+// Times the cosine. wo and wi are above the surface.
+vec3 evaluate_sheen(Sheen sheen, vec3 wo, vec3 wi) {
+    if (sheen.inside || sheen.color == vec3(0.0)) { return vec3(0.0); }
+    // Where the fitted shadowing lets an albedo exceed 1, the lobe is scaled down to that.
+    float largest = max(
+        lookup_sheen_table(wo.z, sheen.roughness), lookup_sheen_table(wi.z, sheen.roughness)
+    );
+    return sheen.color * (evaluate_sheen(sheen_alpha(sheen.roughness), wo, wi) / max(largest, 1.0));
+}
+
+float sheen_pdf() { return 0.5 * INVERSE_PI; }
+
+vec3 sample_sheen(vec2 u) { return sample_uniform_hemisphere(u); }
+
+#endif

@@ -1,0 +1,236 @@
+// A walk through the scene, from surface to surface. Every path is this loop:
+//
+//     Walk walk = start_walk(origin, direction);
+//     while (true) {
+//         Segment segment = trace_segment(walk, NO_RECEIVER, rng);
+//         if (!pass_segment(walk, segment, radiance)) { break; }
+//         ResolvedRayHitFull surface = arrive(walk, segment.hit);
+//         radiance += emitted_light(walk, surface, light_pdf);
+//         radiance += sample_light(walk, ...), if its shadow ray says so
+//         if (!scatter(walk, surface, sample_brdf(...)) || !survives(walk, ...)) { break; }
+//     }
+//
+// What differs between walks is where they start and end, and how they sample lights. Light samples and BRDF samples
+// are weighted by the power heuristic in solid angle: Veach, "Robust Monte Carlo Methods for Light Transport
+// Simulation" (1997), chapter 9.
+#ifndef SCENE_WALK_GLSL
+#define SCENE_WALK_GLSL
+
+#include "scene/brdf.glsl"
+#include "scene/camera.glsl"
+#include "scene/light_visibility.glsl"
+#include "scene/lights/tree.glsl"
+#include "scene/sampling.glsl"
+#include "scene/surface.glsl"
+#include "scene/trace.glsl"
+
+const uint FIRST_ROULETTE_BOUNCE = 3u;
+const uint MAX_MIRRORS = 64u;  // bounces at perfect mirrors, which don't count as others do
+
+// ---- media ------------------------------------------------------------------------------------------
+
+// A solid that absorbs light, by its material; NO_INDEX: nothing.
+struct Medium {
+    uint material;
+};
+
+const Medium NO_MEDIUM = Medium(NO_INDEX);
+
+// The medium on the other side of a surface than that from which it is seen.
+Medium medium_below(uint instance, ResolvedMaterial material) {
+    bool solid = SCENE_GLASS && material.lobes.solid && !material.lobes.inside;
+    return Medium(solid ? instances.at[instance].material : NO_INDEX);
+}
+
+// The share of light that a way in a medium lets pass, by the law of Beer and Lambert.
+vec3 transmittance(Medium medium, float distance) {
+    if (!SCENE_GLASS || medium.material == NO_INDEX) { return vec3(1.0); }
+    vec3 absorption = materials.at[medium.material].absorption;
+    return mix(exp(-absorption * distance), vec3(1.0), equal(absorption, vec3(0.0)));
+}
+
+// ---- segments ---------------------------------------------------------------------------------------
+
+// Where a walk is, and what it carries.
+struct Walk {
+    vec3 origin;
+    vec3 direction;
+    float t_min, t_max;
+    bool from_camera;   // surfaces and lights are as cameras see them
+    // The density of the direction, as MIS uses it: INFINITY leaves all lights to the walk, 0 to light samples.
+    float bounce_pdf;
+    vec3 throughput;
+    Medium medium;
+    float cone_width;   // of the footprint of textures, which grows by cone_spread for each meter
+    float cone_spread;
+};
+
+Walk start_walk(vec3 origin, vec3 direction) {
+    return Walk(origin, direction, 0.0, INFINITY, false, INFINITY, vec3(1.0), NO_MEDIUM, 0.0, 0.0);
+}
+
+Walk start_walk(CameraRay ray) {
+    Walk walk = start_walk(ray.origin, ray.direction);
+    walk.t_min = ray.t_min;
+    walk.from_camera = true;
+    walk.cone_width = ray.cone_width;
+    walk.cone_spread = ray.cone_spread;
+    return walk;
+}
+
+// The light of lamps that a ray passes.
+struct PassedLight {
+    vec3 radiance;  // where the ray starts
+    vec3 offered;   // before it is tinted on its way, over the probability with which the ray passes until there
+};
+
+const PassedLight NO_PASSED_LIGHT = PassedLight(vec3(0.0), vec3(0.0));
+
+// A ray of a walk, to the next surface if there is one.
+struct Segment {
+    Hit hit;
+    Passage passage;  // of light from the hit; all light to a camera passes free
+    PassedLight passed;
+    uint rays;        // that this took
+};
+
+Hit find_surface(Walk walk, inout uint rng) {
+    uint faces = walk.from_camera ? TRACE_FRONT_FACES : TRACE_BOTH_FACES;
+    return trace_closest_hit(walk.origin, walk.t_min, walk.direction, walk.t_max, faces, random_blend_point(rng));
+}
+
+// `receiver`: where the light samples were chosen that compete with the walk's direction.
+Segment trace_segment(Walk walk, Receiver receiver, inout uint rng) {
+    Segment segment = Segment(NO_HIT, FREE_PASSAGE, NO_PASSED_LIGHT, 1u);
+    segment.hit = find_surface(walk, rng);
+    bool tinted = SCENE_BLEND && !walk.from_camera;
+    float t_end = min(segment.hit.t, walk.t_max);
+    for (uint i = scene_info.first_passed_light; SCENE_SPHERE && i < scene_info.first_light_at_infinity; i++) {
+        LightSource light = light_sources.at[i];
+        MetLight met = pass_light(light.kind, light.index, walk.origin, walk.direction, t_end);
+        if (!(met.inverse_pdf > 0.0)) { continue; }
+        vec3 radiance = met_radiance(met, light_choice_probability(i, receiver), walk.bounce_pdf);
+        Passage passage = FREE_PASSAGE;
+        if (tinted && radiance != vec3(0.0)) {
+            passage = trace_passage(walk.origin, walk.direction, met.t, NO_HIT);
+            segment.rays += 1u;
+        }
+        segment.passed.radiance += radiance * passage.tint;
+        segment.passed.offered += radiance / passage.probability;
+    }
+    if (tinted) {
+        segment.passage = trace_passage(walk.origin, walk.direction, walk.t_max, segment.hit);
+        segment.rays += 1u;
+    }
+    return segment;
+}
+
+// Adds the light of lamps that a segment passes, and of lights at infinity if it meets no surface, and tints what the
+// walk carries. Returns whether there is a surface.
+bool pass_segment(inout Walk walk, Segment segment, inout vec3 radiance) {
+    radiance += walk.throughput * segment.passed.radiance;
+    walk.throughput *= segment.passage.tint;
+    if (segment.hit.instance != NO_INDEX) { return true; }
+    radiance += walk.throughput * radiance_at_infinity(walk.direction, walk.bounce_pdf);
+    return false;
+}
+
+// ---- surfaces ---------------------------------------------------------------------------------------
+
+// The surface that a segment met.
+ResolvedRayHitFull arrive(inout Walk walk, Hit hit) {
+    walk.cone_width += walk.cone_spread * hit.t;
+    walk.throughput *= transmittance(walk.medium, hit.t);
+    return resolve_ray_hit_full(hit, walk.direction, walk.cone_width);
+}
+
+// What a ray that has hit a wall of glass carries: such rays are those that haven't passed it straight.
+void take_wall_as_met(Hit hit, vec3 direction, inout ResolvedMaterial material, inout vec3 throughput) {
+    if (!SCENE_GLASS || (materials.at[instances.at[hit.instance].material].flags & MATERIAL_WALL) == 0u) { return; }
+    vec4 cover = resolve_cover(hit.instance, hit.triangle, hit.barycentrics, direction, false);
+    if (cover.w < 1.0) {
+        throughput /= cover.w;
+        material.lobes.passed_straight = true;
+    }
+}
+
+// What a surface emits. `light_pdf`: with which light samples choose the direction to it; all that they don't find is
+// found by walks.
+vec3 emitted_light(Walk walk, ResolvedRayHitFull surface, float light_pdf) {
+    float weight = light_pdf == 0.0 ? 1.0 : power_heuristic(walk.bounce_pdf, light_pdf);
+    return surface.emits ? walk.throughput * surface.material.emissive * weight : vec3(0.0);
+}
+
+// Where rays that go in a direction leave a surface.
+vec3 ray_origin(ResolvedRayHitFull surface, vec3 direction) {
+    bool through = SCENE_GLASS && dot(direction, surface.geometric_world_normal) < 0.0;
+    float offset = through ? -surface.ray_offset : surface.ray_offset;
+    return surface.world_position + offset * surface.geometric_world_normal;
+}
+
+// Whether a direction is possible: above the surface, or through glass below it, for its shading normal and for its
+// geometric normal. `height` is its cosine with the shading normal.
+bool is_possible(float height, vec3 direction, vec3 geometric_normal) {
+    float geometric = dot(direction, geometric_normal);
+    return (height > 0.0 && geometric > 0.0) || (SCENE_GLASS && height < 0.0 && geometric < 0.0);
+}
+
+// Leaves a surface in a sampled direction; its origin remains to be set. `frame` has the shading normal as its z axis,
+// `below` is the medium on the other side. Returns whether the direction is possible.
+bool scatter(inout Walk walk, BrdfSample next, mat3 frame, vec3 geometric_normal, Medium below) {
+    walk.direction = normalize(frame * next.wi);
+    walk.t_min = 0.0;
+    walk.from_camera = false;
+    walk.bounce_pdf = next.pdf;
+    walk.throughput *= next.weight;
+    if (SCENE_GLASS && next.wi.z < 0.0) { walk.medium = below; }
+    return is_possible(next.wi.z, walk.direction, geometric_normal);
+}
+
+// Russian roulette: from some bounce on, whether a walk goes on, with the share of light that it carries as
+// probability. Differs from Solari: the probability is at most 1, so that no energy is lost.
+bool survives(inout Walk walk, float carried, uint bounce, inout uint rng) {
+    float survival = bounce >= FIRST_ROULETTE_BOUNCE ? min(carried, 1.0) : 1.0;
+    walk.throughput /= survival;
+    return carried > 0.0 && rand_f(rng) < survival;
+}
+
+// ---- light samples ----------------------------------------------------------------------------------
+
+// A light sample that waits for its shadow ray.
+struct NextEvent {
+    vec3 radiance;  // unless the sample is occluded; 0: no shadow ray is needed
+    vec3 origin;    // of the shadow ray
+    Medium medium;  // in which it goes
+    ResolvedLightSample light_sample;
+};
+
+// The share of the light of a light sample that reaches the origin of a shadow ray.
+vec3 trace_light(vec3 origin, Medium medium, ResolvedLightSample light_sample) {
+    vec3 share = trace_light_transmittance(origin, light_sample);
+    if (!SCENE_GLASS || medium.material == NO_INDEX) { return share; }
+    bool far = is_at_infinity(light_sample.kind);
+    vec3 end = aim_light(light_sample, origin).world_position;
+    return share * transmittance(medium, far ? INFINITY : distance(origin, end));
+}
+
+// One sample of a light chosen by power. `mis`: weighted against the walk's meeting the light.
+NextEvent sample_light(
+    Walk walk, ResolvedRayHitFull surface, Brdf brdf, mat3 frame, vec3 wo, Medium below, bool mis, inout uint rng
+) {
+    NextEvent event;
+    event.radiance = vec3(0.0);
+    if (scene_info.light_count == 0u) { return event; }
+    event.light_sample = resolve_light_sample(generate_random_light_sample(rng));
+    LightContribution light = calculate_resolved_light_contribution(event.light_sample, surface.world_position);
+    vec3 wi = light.wi * frame;
+    if (!is_possible(wi.z, light.wi, surface.geometric_world_normal)) { return event; }
+    event.origin = ray_origin(surface, light.wi);
+    event.medium = wi.z < 0.0 ? below : walk.medium;
+    vec3 value = light.received_radiance * light.inverse_pdf * evaluate_brdf(brdf, wo, wi);
+    if (mis) { value *= power_heuristic(light.solid_angle_pdf, brdf_pdf(brdf, wo, wi)); }
+    event.radiance = walk.throughput * value;
+    return event;
+}
+
+#endif
