@@ -11,7 +11,7 @@ struct Vertices {
     vec3 committed[3];
 };
 
-layout(set = 0, binding = 3, scalar) writeonly buffer Corners { Vertices at[]; } corners;
+layout(set = 0, scalar) writeonly buffer Corners { Vertices at[]; } corners;
 
 void main() {
     uint index = gl_GlobalInvocationID.x;
