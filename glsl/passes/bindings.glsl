@@ -7,7 +7,7 @@
 #include "generated/settings.glsl"
 #include "scene/camera.glsl"
 
-layout(set = 1, binding = 0, scalar) uniform FrameBlock {
+layout(set = 1, scalar) uniform FrameBlock {
     uint index;             // counts the renderer's frames, and is never reset
     uint seed;
     uint has_history;       // 0 in the first frame and after a reset
@@ -22,46 +22,46 @@ layout(set = 1, binding = 0, scalar) uniform FrameBlock {
 
 // base color (gamma 2.2) and perceptual roughness 4x8 | emissive * exposure rgb9e5 | reflectance 8, metallic 8, the
 // next 5 + 6 + 5 bits of the base color | shading normal octahedral 24, flags 8
-layout(set = 1, binding = 20, rgba32ui) uniform uimage2D gbuffer;
-layout(set = 1, binding = 21, rgba32ui) uniform uimage2D previous_gbuffer;
+layout(set = 1, rgba32ui) uniform uimage2D gbuffer;
+layout(set = 1, rgba32ui) uniform uimage2D previous_gbuffer;
 // geometric normal octahedral 2x16, facing the camera | instance index, NO_INDEX without a surface
-layout(set = 1, binding = 22, rg32ui) uniform uimage2D gbuffer_surface;
-layout(set = 1, binding = 23, rg32ui) uniform uimage2D previous_gbuffer_surface;
-layout(set = 1, binding = 24, r32f) uniform image2D depth;  // near / distance along the view axis; 0 without a surface
-layout(set = 1, binding = 25, r32f) uniform image2D previous_depth;
-layout(set = 1, binding = 26, rg16f) uniform image2D motion_vectors;  // previous frame's uv minus uv, without jitter
+layout(set = 1, rg32ui) uniform uimage2D gbuffer_surface;
+layout(set = 1, rg32ui) uniform uimage2D previous_gbuffer_surface;
+layout(set = 1, r32f) uniform image2D depth;  // near / distance along the view axis; 0 without a surface
+layout(set = 1, r32f) uniform image2D previous_depth;
+layout(set = 1, rg16f) uniform image2D motion_vectors;  // previous frame's uv minus uv, without jitter
 
 // The transform of an instance in the previous frame. Each renderer of a scene has its own copy.
 struct PreviousInstance {
     mat4x3 world_from_object;
     uint id;  // Instance.id in that frame; when it differs now, the row belongs to another instance
 };
-layout(set = 1, binding = 27, scalar) buffer PreviousInstancesBlock { PreviousInstance at[]; } previous_instances;
+layout(set = 1, scalar) buffer PreviousInstancesBlock { PreviousInstance at[]; } previous_instances;
 
 // ---- lights -----------------------------------------------------------------------------------------
 
 // For each light of the previous frame its index in this frame's light_sources, or NO_INDEX; and for each light of this
 // frame its index in the previous one.
-layout(set = 1, binding = 30, scalar) readonly buffer LightTranslationBlock { uint at[]; } light_translation;
-layout(set = 1, binding = 31, scalar) readonly buffer PreviousLightBlock { uint at[]; } previous_light;
+layout(set = 1, scalar) readonly buffer LightTranslationBlock { uint at[]; } light_translation;
+layout(set = 1, scalar) readonly buffer PreviousLightBlock { uint at[]; } previous_light;
 
 // ---- results of the passes for each pixel: radiance towards the camera, linear, before exposure ------
 
-layout(set = 1, binding = 90, scalar) buffer DiDiffuseBlock { vec3 at[]; } di_diffuse;
-layout(set = 1, binding = 91, scalar) buffer DiSpecularBlock { vec3 at[]; } di_specular;
-layout(set = 1, binding = 92, scalar) buffer GiDiffuseBlock { vec3 at[]; } gi_diffuse;
-layout(set = 1, binding = 93, scalar) buffer SpecularGiBlock { vec3 at[]; } specular_gi;
-layout(set = 1, binding = 94, scalar) buffer EmissionBlock { vec3 at[]; } emission;
+layout(set = 1, scalar) buffer DiDiffuseBlock { vec3 at[]; } di_diffuse;
+layout(set = 1, scalar) buffer DiSpecularBlock { vec3 at[]; } di_specular;
+layout(set = 1, scalar) buffer GiDiffuseBlock { vec3 at[]; } gi_diffuse;
+layout(set = 1, scalar) buffer SpecularGiBlock { vec3 at[]; } specular_gi;
+layout(set = 1, scalar) buffer EmissionBlock { vec3 at[]; } emission;
 // di_diffuse + gi_diffuse
-layout(set = 1, binding = 95, scalar) buffer DiffuseRadianceBlock { vec3 at[]; } diffuse_radiance;
+layout(set = 1, scalar) buffer DiffuseRadianceBlock { vec3 at[]; } diffuse_radiance;
 // di_specular + specular_gi
-layout(set = 1, binding = 96, scalar) buffer SpecularRadianceBlock { vec3 at[]; } specular_radiance;
+layout(set = 1, scalar) buffer SpecularRadianceBlock { vec3 at[]; } specular_radiance;
 // emission + diffuse_radiance + specular_radiance
-layout(set = 1, binding = 160, scalar) buffer SampleRadianceBlock { vec3 at[]; } sample_radiance;
+layout(set = 1, scalar) buffer SampleRadianceBlock { vec3 at[]; } sample_radiance;
 // The picture, of camera.picture_size: passes/taa/resolve.comp makes it from sample_radiance.
-layout(set = 1, binding = 97, scalar) buffer RadianceBlock { vec3 at[]; } radiance;
+layout(set = 1, scalar) buffer RadianceBlock { vec3 at[]; } radiance;
 
 // Numbers of rays by pass; passes/ray_count.glsl.
-layout(set = 1, binding = 99, scalar) buffer RayCountsBlock { uint at[]; } ray_counts;
+layout(set = 1, scalar) buffer RayCountsBlock { uint at[]; } ray_counts;
 
 #endif

@@ -12,7 +12,7 @@ struct ChangedLight {
     float power;   // by which the light changed, in lumens, roughly
     float recent;  // 1 in the first frame of a change; falls to 0
 };
-layout(set = 1, binding = 34, scalar) uniform ChangedLightsBlock {
+layout(set = 1, scalar) uniform ChangedLightsBlock {
     uint count;
     ChangedLight at[8];
 } changed_lights;

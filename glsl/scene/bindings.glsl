@@ -121,13 +121,13 @@ struct LightNode {
     uint parent;   // 0 for the root too
 };
 
-layout(set = 0, binding = 1, scalar) readonly buffer InstancesBlock { Instance at[]; } instances;
-layout(set = 0, binding = 2, scalar) readonly buffer MeshesBlock { Mesh at[]; } meshes;
-layout(set = 0, binding = 3, scalar) readonly buffer MaterialsBlock { Material at[]; } materials;
-layout(set = 0, binding = 4, scalar) readonly buffer TexturesBlock { Texture at[]; } textures;
-layout(set = 0, binding = 5, scalar) readonly buffer LightSourcesBlock { LightSource at[]; } light_sources;
-layout(set = 0, binding = 6, scalar) readonly buffer LightTreeBlock { LightNode at[]; } light_tree;
-layout(set = 0, binding = 7, scalar) readonly buffer SceneInfoBlock {
+layout(set = 0, scalar) readonly buffer InstancesBlock { Instance at[]; } instances;
+layout(set = 0, scalar) readonly buffer MeshesBlock { Mesh at[]; } meshes;
+layout(set = 0, scalar) readonly buffer MaterialsBlock { Material at[]; } materials;
+layout(set = 0, scalar) readonly buffer TexturesBlock { Texture at[]; } textures;
+layout(set = 0, scalar) readonly buffer LightSourcesBlock { LightSource at[]; } light_sources;
+layout(set = 0, scalar) readonly buffer LightTreeBlock { LightNode at[]; } light_tree;
+layout(set = 0, scalar) readonly buffer SceneInfoBlock {
     uint light_count;
     uint part_count;               // of all light sources together
     uint first_passed_light;       // index into light_sources; first those that rays pass, then those at infinity
@@ -136,6 +136,6 @@ layout(set = 0, binding = 7, scalar) readonly buffer SceneInfoBlock {
 } scene_info;
 // Bindings 16 to 62 are free for the buffers of light kinds: scene/lights/. The texture array has the largest number,
 // because it has no length.
-layout(set = 0, binding = 63) uniform sampler2D texture_images[];
+layout(set = 0) uniform sampler2D texture_images[];
 
 #endif

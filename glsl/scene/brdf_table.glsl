@@ -6,15 +6,15 @@
 
 #include "common/math.glsl"
 
-layout(set = 0, binding = 10, scalar) buffer BrdfTableBlock { vec2 at[]; } brdf_table;
-layout(set = 0, binding = 11, scalar) buffer BrdfAveragesBlock { vec3 at[]; } brdf_averages;
-layout(set = 0, binding = 13, scalar) buffer SheenTableBlock { float at[]; } sheen_table;
-layout(set = 0, binding = 14, scalar) buffer GlassTableBlock { vec2 at[]; } glass_table;
-layout(set = 0, binding = 15, scalar) buffer AnisotropyTableBlock { float at[]; } anisotropy_table;
+layout(set = 0, scalar) buffer BrdfTableBlock { vec2 at[]; } brdf_table;
+layout(set = 0, scalar) buffer BrdfAveragesBlock { vec3 at[]; } brdf_averages;
+layout(set = 0, scalar) buffer SheenTableBlock { float at[]; } sheen_table;
+layout(set = 0, scalar) buffer GlassTableBlock { vec2 at[]; } glass_table;
+layout(set = 0, scalar) buffer AnisotropyTableBlock { float at[]; } anisotropy_table;
 
 // Rows: perceptual roughness from 0 to 1. Columns: the square root of the cosine to the normal from 0 to 1, because the
 // albedo of smooth surfaces changes fastest at grazing angles. The host reads the size from here.
-layout(constant_id = 2) const uint BRDF_TABLE_SIZE = 64u;
+layout(constant_id = BRDF_TABLE_SIZE_id) const uint BRDF_TABLE_SIZE = 64u;
 
 // A and B for a mirror, which is row 0: F0 A + B is Fresnel itself.
 vec2 mirror_albedo(float NdotV) {
@@ -58,10 +58,10 @@ float lookup_sheen_table(float NdotV, float perceptual_roughness) {
     );
 }
 
-layout(constant_id = 6) const uint GLASS_TABLE_SIZE = 16u;  // rows and columns of a slice
+layout(constant_id = GLASS_TABLE_SIZE_id) const uint GLASS_TABLE_SIZE = 16u;  // rows and columns of a slice
 // Slices go from an eta of 1/3 to 3, evenly in the signed square root of (eta - 1) / (eta + 1), because the albedo
 // changes fastest near 1. There is a slice at 1, as the number is odd.
-layout(constant_id = 7) const uint GLASS_TABLE_SLICES = 33u;
+layout(constant_id = GLASS_TABLE_SLICES_id) const uint GLASS_TABLE_SLICES = 33u;
 const float LARGEST_ETA_RATIO = 0.5;
 
 // The albedo of single scattering of white glass (scene/lobes/glass.glsl) that is the boundary of a solid: x without
@@ -86,7 +86,7 @@ vec2 lookup_glass_table(float eta, float NdotV, float perceptual_roughness) {
 
 // Columns: the square root of the cosine to the normal; rows: the cosine of the turn from the direction of anisotropy;
 // then perceptual roughness and the strength of anisotropy. All go from 0 to 1.
-layout(constant_id = 8) const uint ANISOTROPY_TABLE_SIZE = 11u;
+layout(constant_id = ANISOTROPY_TABLE_SIZE_id) const uint ANISOTROPY_TABLE_SIZE = 11u;
 
 // The albedo of single scattering of a white anisotropic metal towards w, whose x is along the direction of anisotropy.
 float lookup_anisotropy_table(vec3 w, float perceptual_roughness, float strength) {

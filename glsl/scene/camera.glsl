@@ -18,8 +18,8 @@ struct Camera {
     vec2 jitter;             // offset of this frame's samples from the pixels' positions, in pixels
 };
 
-layout(set = 0, binding = 8, scalar) uniform CameraBlock { Camera camera; };
-layout(set = 0, binding = 9, scalar) uniform PreviousCameraBlock { Camera previous_camera; };
+layout(set = 0, scalar) uniform CameraBlock { Camera camera; };
+layout(set = 0, scalar) uniform PreviousCameraBlock { Camera previous_camera; };
 
 bool is_parallel(Camera from) { return from.parallel_range > 0.0; }
 

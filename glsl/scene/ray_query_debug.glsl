@@ -4,9 +4,6 @@
 
 #include "generated/gpu/frame/ray_query_faults.glsl"
 
-#ifndef RAY_QUERY_FAULTS_BINDING
-#define RAY_QUERY_FAULTS_BINDING 63
-#endif
 #ifndef RAY_QUERY_INVOCATION
 #define RAY_QUERY_INVOCATION gl_GlobalInvocationID
 #endif
@@ -15,7 +12,7 @@ struct RayQueryFault {
     uint count;
     uvec3 invocation;  // the first invocation that broke the rule
 };
-layout(set = 1, binding = RAY_QUERY_FAULTS_BINDING, scalar) buffer RayQueryFaultsBlock {
+layout(set = 1, scalar) buffer RayQueryFaultsBlock {
     RayQueryFault at[];
 } ray_query_faults;
 

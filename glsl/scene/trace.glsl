@@ -20,8 +20,8 @@
 #include "scene/bindings.glsl"
 #include "scene/hit.glsl"
 
-layout(set = 0, binding = 0) uniform accelerationStructureEXT tlas;
-layout(set = 0, binding = 12) uniform accelerationStructureEXT previous_tlas;  // the previous frame's, or `tlas`
+layout(set = 0) uniform accelerationStructureEXT tlas;
+layout(set = 0) uniform accelerationStructureEXT previous_tlas;  // the previous frame's, or `tlas`
 
 // In scenes with alpha, instances say whether rays ask the shader about their triangles.
 const uint TRACE_BOTH_FACES = SCENE_ALPHA ? gl_RayFlagsNoneEXT : gl_RayFlagsOpaqueEXT;

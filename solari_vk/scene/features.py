@@ -18,8 +18,6 @@ from solari_vk.scene.material import Material
 from solari_vk.scene.objects import Instance, Mesh
 from solari_vk.scene.punctual import PunctualLight
 
-FIRST_ID = 100  # of the constants: passes have smaller numbers
-
 
 @dataclass(frozen=True)
 class Feature:
@@ -64,6 +62,6 @@ class Features:
 
 def glsl_header() -> str:
     """The declarations of the constants."""
-    plain = [f"const bool {feature.constant} = false;" for feature in FEATURES]
-    specialized = [f"layout(constant_id = {number}) {line}" for number, line in enumerate(plain, FIRST_ID)]
-    return "\n".join(("#ifdef WITHOUT_FEATURES", *plain, "#else", *specialized, "#endif"))
+    plain = {feature.constant: f"const bool {feature.constant} = false;" for feature in FEATURES}
+    specialized = [f"layout(constant_id = {name}_id) {line}" for name, line in plain.items()]
+    return "\n".join(("#ifdef WITHOUT_FEATURES", *plain.values(), "#else", *specialized, "#endif"))

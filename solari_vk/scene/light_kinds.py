@@ -21,7 +21,7 @@ choose between the kinds. Each NAME.glsl defines:
         Kinds that are aimed only: what a resolved sample is to one receiver, if that isn't the same for all.
 
 `index` is the light's record in the kind's own buffer, or for emissive meshes the instance. NAME.glsl declares the
-buffer, as binding LIGHT_RECORDS + LIGHT_NAME of set 0. tests/proofs/lights/test_light_kinds.py adds two kinds so.
+buffer, in set 0. tests/proofs/lights/test_light_kinds.py adds two kinds in this way.
 """
 
 from __future__ import annotations

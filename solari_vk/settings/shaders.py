@@ -12,7 +12,6 @@ from solari_vk.settings.settings import DEFAULTS, FIELDS, Settings
 PREFIXES = {"paths": "paths_", "denoise": "denoise_", "restir": "restir_", "light_tiles": "light_tile_",
             "world_cache": "world_cache_", "restir_di": "di_", "restir_gi": "gi_",
             "specular_gi": "specular_"}  # fmt: skip
-FIRST_BINDING = 100  # of the blocks, in descriptor set 1
 # The host alone acts on these: what is built into pipelines, and the jitter, which moves the camera.
 _OF_THE_HOST = {"jitter"} | {name for name, field in FIELDS.items() if field.rebuilds}
 
@@ -32,9 +31,9 @@ def glsl_header() -> str:
         kind = "float" if isinstance(DEFAULTS[name], float) else "uint"
         sections.setdefault(FIELDS[name].section, []).append(f"    {kind} {_member(name)};")
     blocks = [
-        f"layout(set = 1, binding = {binding}, scalar) uniform {section.title().replace('_', '')}SettingsBlock {{\n"
+        f"layout(set = 1, scalar) uniform {section.title().replace('_', '')}SettingsBlock {{\n"
         + "\n".join(members) + f"\n}} {section}_settings;"
-        for binding, (section, members) in enumerate(sections.items(), FIRST_BINDING)
+        for section, members in sections.items()
     ]  # fmt: skip
     choices = [enumeration(name, FIELDS[name].choices) for name in UNIFORMS if FIELDS[name].choices]
     return "\n".join((*choices, *blocks))

@@ -37,14 +37,12 @@ def test_union_of_modules(shaders):
 @pytest.mark.parametrize(
     ("other", "use", "message"),
     [
-        ("layout(set = 1, binding = 0, scalar) buffer V { uint at[]; } numbers;", "numbers.at[0] = 1u;",
-         r"set 1, binding 0 is numbers in two but values in one"),
         ("layout(set = 1, binding = 0, scalar) buffer V { float at[]; } values;", "values.at[0] = 1.0;",
          r"values differs between one and two: element is uint32 and float32"),
         ("layout(set = 1, binding = 0, r32ui) uniform uimage2D values;", "imageStore(values, ivec2(0), uvec4(0));",
          r"values differs between one and two: kind is storage_buffer and storage_image"),
-        ("layout(set = 1, binding = 3, scalar) buffer V { uint at[]; } values;", "values.at[0] = 1u;",
-         r"values differs between one and two: binding is 0 and 3"),
+        ("layout(set = 0, scalar) buffer V { uint at[]; } values;", "values.at[0] = 1u;",
+         r"values differs between one and two: set is 1 and 0"),
         ("layout(set = 2, binding = 0, scalar) buffer W { uint at[]; } more;", "more.at[0] = 1u;",
          r"more of two is in set 2"),
     ],
@@ -64,6 +62,31 @@ void main() {
     values.at[i] = textureLod(textures[nonuniformEXT(i)], vec2(0.5), 0.0);
 }
 """
+
+
+def test_numbers_follow_from_names(shaders):
+    """Declared numbers mean nothing: modules agree by names, and an array without a length comes last."""
+    lone = "layout(set = 0, binding = 9, scalar) readonly buffer W { uint at[]; } lone;\n"
+    first = module(shaders, "first", lone + VALUES + "void main() { values.at[0] = lone.at[0]; }\n")
+    second = module(shaders, "second", BINDLESS.replace(" binding = 0,", "").replace("set = 0, binding = 4", "set = 0")
+                    .replace("void main", "layout(set = 0, scalar) buffer X { uint at[]; } extra;\nvoid main")
+                    .replace("uint i =", "extra.at[0] = 1u; uint i =").replace("vec4 at", "uint at")
+                    .replace("textureLod", "uint(textureLod").replace("0.0);", "0.0).x);"))  # fmt: skip
+    merged = merge_bindings([first, second])
+    places = {name: (binding.set, binding.binding) for name, binding in merged.items()}
+    assert places == {"lone": (0, 0), "values": (1, 0), "extra": (0, 1), "textures": (0, 2)}
+    linked = reflect(Interface.linked(SimpleNamespace(bindings=merged), second))
+    assert {name: found.binding for name, found in linked.bindings.items()} == {
+        name: merged[name].binding for name in second.bindings}  # fmt: skip
+
+
+def test_constants_get_ids_by_name(shaders):
+    declared = "layout(constant_id = {0}_id) const uint {0} = {1}u;\n"
+    shaders.write("passes/constants.glsl", declared.format("rows", 2))
+    text = '#include "passes/constants.glsl"\n' + declared.format("columns", 3) + VALUES
+    found = module(shaders, "both", text + "void main() { values.at[0] = rows * columns; }\n")
+    assert {name: constant.default for name, constant in found.constants.items()} == {"rows": 2, "columns": 3}
+    assert len({constant.id for constant in found.constants.values()}) == 2
 
 
 def gray(device, level: int):
@@ -94,10 +117,10 @@ def test_bindless_textures_grow_while_frames_run(device, shaders):
         image.destroy()
 
 
-def test_bindless_array_must_come_last(device, shaders):
-    after = "layout(set = 0, binding = 5, scalar) buffer W { uint at[]; } more;\n"
-    found = module(shaders, "look", BINDLESS.replace("void main() {", after + "void main() { more.at[0] = 1u;"))
-    with pytest.raises(SolariError, match=r"textures: an array without a length must be .* largest binding number"):
+def test_bindless_array_must_be_the_only_one(device, shaders):
+    more = "layout(set = 0) uniform sampler2D more[];\nvoid main() { values.at[1] = textureLod(more[0], vec2(0), 0.0);"
+    found = module(shaders, "look", BINDLESS.replace("void main() {", more))
+    with pytest.raises(SolariError, match=r"(textures|more): an array without a length must be .* the only one"):
         Interface(device, [found])
 
 

@@ -5,9 +5,9 @@
 
 layout(local_size_x = 64) in;
 
-layout(set = 1, binding = 0, scalar) readonly buffer PlainOriginsBlock { vec3 at[]; } plain_origins;
-layout(set = 1, binding = 1, scalar) readonly buffer PlainDirectionsBlock { vec3 at[]; } plain_directions;
-layout(set = 1, binding = 2, scalar) writeonly buffer PlainDistancesBlock { float at[]; } plain_distances;
+layout(set = 1, scalar) readonly buffer PlainOriginsBlock { vec3 at[]; } plain_origins;
+layout(set = 1, scalar) readonly buffer PlainDirectionsBlock { vec3 at[]; } plain_directions;
+layout(set = 1, scalar) writeonly buffer PlainDistancesBlock { float at[]; } plain_distances;
 
 void main() {
     uint i = INVOCATION_INDEX.x;

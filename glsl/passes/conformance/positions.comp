@@ -11,7 +11,7 @@ struct Vertices {
     vec3 committed[3];
 };
 
-layout(set = 0, binding = 3, scalar) writeonly buffer Corners { Vertices at[]; } corners;
+layout(set = 0, scalar) writeonly buffer Corners { Vertices at[]; } corners;
 
 Vertices find_vertices(Probe probe) {
     const vec3[3] none = vec3[3](vec3(0.0), vec3(0.0), vec3(0.0));

@@ -19,8 +19,8 @@ struct Answer {
     Found committed;
 };
 
-layout(set = 0, binding = 0) uniform accelerationStructureEXT tlas;
-layout(set = 0, binding = 2, scalar) buffer Answers { Answer at[]; } answers;
+layout(set = 0) uniform accelerationStructureEXT tlas;
+layout(set = 0, scalar) buffer Answers { Answer at[]; } answers;
 
 Found found_of(RayIntersection hit, vec3 object_origin, vec3 object_direction) {
     return Found(hit.kind, hit.t, hit.instance_custom_data, hit.instance_index, hit.sbt_record_offset,

@@ -34,7 +34,7 @@ struct Found {  // RayIntersection, and Vulkan's object-space ray
     vec3 object_direction;
 };
 
-layout(set = 0, binding = 1, scalar) readonly buffer Probes { Probe at[]; } probes;
+layout(set = 0, scalar) readonly buffer Probes { Probe at[]; } probes;
 
 // The smallest t > t_min at which an object-space ray meets the ball of radius 0.5 around a point; negative for a miss.
 float sphere_t(vec3 origin, vec3 direction, vec3 center, float t_min) {

@@ -3,8 +3,8 @@
 #extension GL_EXT_scalar_block_layout : require
 
 layout(local_size_x = 64) in;
-layout(set = 0, binding = 3, r32ui) uniform readonly uimage2D probe_kinds;
-layout(set = 0, binding = 4, scalar) writeonly buffer KindsSeen { uint at[]; } kinds_seen;
+layout(set = 0, r32ui) uniform readonly uimage2D probe_kinds;
+layout(set = 0, scalar) writeonly buffer KindsSeen { uint at[]; } kinds_seen;
 
 void main() {
     uint x = gl_GlobalInvocationID.x;

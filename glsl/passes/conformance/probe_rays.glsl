@@ -23,7 +23,7 @@ struct RayAnswer {
     Found committed;
 };
 
-layout(set = 0, binding = 2, scalar) buffer RayAnswers { RayAnswer at[]; } ray_answers;
+layout(set = 0, scalar) buffer RayAnswers { RayAnswer at[]; } ray_answers;
 
 const uint ENDED_NOWHERE = 1u;  // the ray generation shader's; no shader has run after it
 const uint ENDED_AT_HIT = 2u;

@@ -12,7 +12,7 @@ struct RecordRay {
     uint miss;
 };
 
-layout(set = 0, binding = 1, scalar) readonly buffer RecordRays { RecordRay at[]; } record_rays;
-layout(set = 0, binding = 2, scalar) writeonly buffer RecordsRun { uint at[]; } records_run;
+layout(set = 0, scalar) readonly buffer RecordRays { RecordRay at[]; } record_rays;
+layout(set = 0, scalar) writeonly buffer RecordsRun { uint at[]; } records_run;
 
 #endif

@@ -25,8 +25,8 @@ struct Reported {
     vec4 attributes;
 };
 
-layout(set = 0, binding = 1, scalar) readonly buffer ReportRays { ReportRay at[]; } report_rays;
-layout(set = 0, binding = 2, scalar) buffer ReportedBlock { Reported at[]; } reported;
+layout(set = 0, scalar) readonly buffer ReportRays { ReportRay at[]; } report_rays;
+layout(set = 0, scalar) buffer ReportedBlock { Reported at[]; } reported;
 
 vec4 attributes_of(float t, uint kind) { return vec4(t, -t, float(kind), 0.25 * t + float(kind)); }
 

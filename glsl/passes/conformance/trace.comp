@@ -5,7 +5,7 @@
 
 layout(local_size_x = 64) in;
 
-layout(set = 0, binding = 0) uniform accelerationStructureEXT tlas;
+layout(set = 0) uniform accelerationStructureEXT tlas;
 
 Hit trace_ray(Ray ray) {
     RAY_QUERY(query);

@@ -22,7 +22,7 @@ struct Hit {
     uint primitive;
 };
 
-layout(set = 0, binding = 1, scalar) readonly buffer Rays { Ray at[]; } rays;
-layout(set = 0, binding = 2, scalar) writeonly buffer Hits { Hit at[]; } hits;
+layout(set = 0, scalar) readonly buffer Rays { Ray at[]; } rays;
+layout(set = 0, scalar) writeonly buffer Hits { Hit at[]; } hits;
 
 #endif

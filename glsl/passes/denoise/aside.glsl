@@ -14,7 +14,7 @@ struct Aside {
     uvec3 light;    // the radiance of both lobes and their second moments
 };
 
-layout(set = 1, binding = 153, scalar) buffer DenoiseAsideBlock { Aside at[]; } denoise_aside;
+layout(set = 1, scalar) buffer DenoiseAsideBlock { Aside at[]; } denoise_aside;
 
 const uint FRAMES_MASK = 0xFFu << 6u;
 

@@ -5,19 +5,19 @@
 #extension GL_EXT_scalar_block_layout : require
 
 // Surfaces, packed by passes/denoise/guide.glsl.
-layout(set = 1, binding = 140, scalar) buffer DenoiseGuidesBlock { uvec2 at[]; } denoise_guides;
-layout(set = 1, binding = 141, scalar) buffer PreviousDenoiseGuidesBlock { uvec2 at[]; } previous_denoise_guides;
+layout(set = 1, scalar) buffer DenoiseGuidesBlock { uvec2 at[]; } denoise_guides;
+layout(set = 1, scalar) buffer PreviousDenoiseGuidesBlock { uvec2 at[]; } previous_denoise_guides;
 // The light of a lobe over frames, packed by passes/denoise/lobe.glsl.
-layout(set = 1, binding = 142, scalar) buffer DenoiseDiffuseBlock { uvec4 at[]; } denoise_diffuse;
-layout(set = 1, binding = 143, scalar) buffer PreviousDenoiseDiffuseBlock { uvec4 at[]; } previous_denoise_diffuse;
-layout(set = 1, binding = 144, scalar) buffer DenoiseSpecularBlock { uvec4 at[]; } denoise_specular;
-layout(set = 1, binding = 145, scalar) buffer PreviousDenoiseSpecularBlock { uvec4 at[]; } previous_denoise_specular;
+layout(set = 1, scalar) buffer DenoiseDiffuseBlock { uvec4 at[]; } denoise_diffuse;
+layout(set = 1, scalar) buffer PreviousDenoiseDiffuseBlock { uvec4 at[]; } previous_denoise_diffuse;
+layout(set = 1, scalar) buffer DenoiseSpecularBlock { uvec4 at[]; } denoise_specular;
+layout(set = 1, scalar) buffer PreviousDenoiseSpecularBlock { uvec4 at[]; } previous_denoise_specular;
 // Filters work where the histories of the previous frame were, which only `denoise/temporal` reads. They read one of
 // these buffers and write the other. The first three words hold the light of both lobes, packed by
 // passes/denoise/signal.glsl. For the first pass of the blur, the last word holds the mean luminances of 3 x 3 pixels.
 #define denoise_even previous_denoise_diffuse
 #define denoise_odd previous_denoise_specular
 // The estimated standard error of the luminance of `sample_radiance`, in cd/m^2. The result `frame["error"]`.
-layout(set = 1, binding = 152, scalar) buffer ErrorBlock { float at[]; } error;
+layout(set = 1, scalar) buffer ErrorBlock { float at[]; } error;
 
 #endif

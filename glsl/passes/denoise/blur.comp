@@ -10,7 +10,7 @@
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
-layout(constant_id = 2) const uint level = 0u;
+layout(constant_id = level_id) const uint level = 0u;
 
 const uint PASS_SALT = 0x3C6EF372u;
 const float TOLERANCE = 2.2;       // standard deviations

@@ -42,8 +42,8 @@ struct Block {
     vec2 luminance;
 };
 
-layout(set = 1, binding = 150, scalar) buffer DenoiseCellsBlock { Cell at[]; } denoise_cells;
-layout(set = 1, binding = 151, scalar) buffer DenoiseBlocksBlock { Block at[]; } denoise_blocks;
+layout(set = 1, scalar) buffer DenoiseCellsBlock { Cell at[]; } denoise_cells;
+layout(set = 1, scalar) buffer DenoiseBlocksBlock { Block at[]; } denoise_blocks;
 
 uint cell_at(ivec2 pixel) {
     uvec2 cell = uvec2(pixel) / CELL;

@@ -5,7 +5,7 @@
 #extension GL_EXT_scalar_block_layout : require
 
 // Numbers of instances in this frame. Their sum is the number of all visible instances of the scene.
-layout(set = 1, binding = 28, scalar) buffer GBufferCountersBlock {
+layout(set = 1, scalar) buffer GBufferCountersBlock {
     uint drawn_first;       // drawn because they were visible in the previous frame
     uint drawn_second;      // drawn because the first ones don't hide them
     uint frustum_culled;
@@ -13,7 +13,7 @@ layout(set = 1, binding = 28, scalar) buffer GBufferCountersBlock {
 } gbuffer_counters;
 
 // The nearest triangle of each pixel: row of instances and triangle of its mesh. Undefined where depth is 0.
-layout(set = 1, binding = 29, rg32ui) uniform uimage2D raster_triangles;
+layout(set = 1, rg32ui) uniform uimage2D raster_triangles;
 
 // Vulkan's VkDrawIndirectCommand.
 struct DrawCommand {
@@ -24,12 +24,12 @@ struct DrawCommand {
 };
 
 // Draw counts of the first and the second pass: single-sided (x) and double-sided (y).
-layout(set = 1, binding = 130, scalar) buffer DrawCountsBlock { uvec2 at[2]; } draw_counts;
+layout(set = 1, scalar) buffer DrawCountsBlock { uvec2 at[2]; } draw_counts;
 // One command for each row of instances, so that the order never changes; instance_count 0 draws nothing.
-layout(set = 1, binding = 131, scalar) buffer SingleSidedDrawsBlock { DrawCommand at[]; } single_sided_draws;
-layout(set = 1, binding = 132, scalar) buffer DoubleSidedDrawsBlock { DrawCommand at[]; } double_sided_draws;
+layout(set = 1, scalar) buffer SingleSidedDrawsBlock { DrawCommand at[]; } single_sided_draws;
+layout(set = 1, scalar) buffer DoubleSidedDrawsBlock { DrawCommand at[]; } double_sided_draws;
 // For each row of instances, the Instance.id that was visible in the previous frame.
-layout(set = 1, binding = 133, scalar) buffer VisibleInstancesBlock { uint at[]; } visible_instances;
-layout(set = 1, binding = 134, scalar) buffer DepthPyramidBlock { float at[]; } depth_pyramid;
+layout(set = 1, scalar) buffer VisibleInstancesBlock { uint at[]; } visible_instances;
+layout(set = 1, scalar) buffer DepthPyramidBlock { float at[]; } depth_pyramid;
 
 #endif

@@ -8,9 +8,9 @@
 #include "scene/bindings.glsl"
 
 layout(local_size_x = 64) in;
-layout(constant_id = 0) const uint draw_pass = 0u;  // 0 for the first, 1 for the second
-layout(constant_id = 1) const bool frustum_culling = true;
-layout(constant_id = 2) const bool occlusion_culling = true;
+layout(constant_id = draw_pass_id) const uint draw_pass = 0u;  // 0 for the first, 1 for the second
+layout(constant_id = frustum_culling_id) const bool frustum_culling = true;
+layout(constant_id = occlusion_culling_id) const bool occlusion_culling = true;
 
 // The bounds of an instance in view space: center + half_axes * (a corner of the cube from -1 to 1).
 struct ViewBox {

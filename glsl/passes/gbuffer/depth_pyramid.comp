@@ -5,7 +5,7 @@
 #include "passes/gbuffer/depth_pyramid.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
-layout(constant_id = 0) const uint level = 1u;
+layout(constant_id = level_id) const uint level = 1u;
 
 void main() {
     uvec2 texel = gl_GlobalInvocationID.xy;

@@ -9,7 +9,7 @@
 // transmission 8, index of refraction 10, solid 1, inside 1, specular weight 8 | coat 8, its roughness 8, roughness of
 // sheen 8, anisotropy 8 | color of sheen 3x8, direction of anisotropy 8 | coat's normal octahedral 2x16; of scenes
 // without such lobes one texel
-layout(set = 1, binding = 135, rgba32ui) uniform uimage2D gbuffer_lobes;
+layout(set = 1, rgba32ui) uniform uimage2D gbuffer_lobes;
 
 const float LARGEST_IOR_RATIO = 0.75;  // (ior - 1) / (ior + 1) for an index of refraction of 7
 

@@ -16,8 +16,8 @@ struct PackedLightSample {
 };
 
 // The samples of the first tile, then those of the second, and so on.
-layout(set = 1, binding = 32, scalar) buffer LightTileSamplesBlock { LightSample at[]; } light_tile_samples;
-layout(set = 1, binding = 33, scalar) buffer LightTilesBlock {
+layout(set = 1, scalar) buffer LightTileSamplesBlock { LightSample at[]; } light_tile_samples;
+layout(set = 1, scalar) buffer LightTilesBlock {
     uint samples_each;
     layout(offset = 16) PackedLightSample at[];  // of light_tile_samples, resolved
 } light_tiles;

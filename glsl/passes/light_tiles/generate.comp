@@ -7,7 +7,7 @@
 
 layout(local_size_x = 256) in;
 
-layout(constant_id = 4) const uint samples_each = 1024u;
+layout(constant_id = samples_each_id) const uint samples_each = 1024u;
 
 const uint PASS_SALT = 0x85EBCA6Bu;
 

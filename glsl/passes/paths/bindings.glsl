@@ -9,10 +9,10 @@
 
 // The light of a lobe at the pixel's surface over the lobe's demodulation, and the distance to where the light of this
 // lobe came from: the length of the first ray of the first path that this lobe proposed, 0 when it proposed none.
-layout(set = 1, binding = 70, scalar) buffer PathsDiffuseBlock { vec4 at[]; } paths_diffuse;
-layout(set = 1, binding = 71, scalar) buffer PathsSpecularBlock { vec4 at[]; } paths_specular;
+layout(set = 1, scalar) buffer PathsDiffuseBlock { vec4 at[]; } paths_diffuse;
+layout(set = 1, scalar) buffer PathsSpecularBlock { vec4 at[]; } paths_specular;
 // Radiance without the denoiser.
-layout(set = 1, binding = 89, scalar) buffer RawRadianceBlock { vec3 at[]; } raw_radiance;
+layout(set = 1, scalar) buffer RawRadianceBlock { vec3 at[]; } raw_radiance;
 
 // A path that waits for its next ray, apart from what the pass that goes on with it computes again.
 struct WaitingPath {
@@ -29,10 +29,10 @@ struct WaitingPath {
     float cone_width;
     uint medium;
 };
-layout(set = 1, binding = 72, scalar) buffer PathsWaitingBlock { WaitingPath at[]; } paths_waiting;  // by pixel
+layout(set = 1, scalar) buffer PathsWaitingBlock { WaitingPath at[]; } paths_waiting;  // by pixel
 // The indices of the pixels whose paths wait: for rounds with even index, then for those with odd index.
-layout(set = 1, binding = 73, scalar) buffer PathsListsBlock { uint at[]; } paths_lists;
-layout(set = 1, binding = 74, scalar) buffer PathsRoundBlock {
+layout(set = 1, scalar) buffer PathsListsBlock { uint at[]; } paths_lists;
+layout(set = 1, scalar) buffer PathsRoundBlock {
     IndirectDispatch size;
     uint index;
     uint count;    // of paths that go on in this round
@@ -52,7 +52,7 @@ struct PathOffer {
     uint instance;
     vec3 radiance;       // that leaves the first hit towards the pixel by the diffuse lobe
 };
-layout(set = 1, binding = 75, scalar) buffer PathsOffersBlock { PathOffer at[]; } paths_offers;
+layout(set = 1, scalar) buffer PathsOffersBlock { PathOffer at[]; } paths_offers;
 
 struct PathReservoir {
     // Of a light: its index, its part, and as floats the random numbers that resolve_light takes. Of a hit: its
@@ -63,10 +63,10 @@ struct PathReservoir {
     float weight;      // an estimate of one over the sample's density; 0 when no light was found
     uint instance;     // of the hit; NO_INDEX for a light
 };
-layout(set = 1, binding = 76, scalar) buffer PathsTemporalReservoirsBlock {
+layout(set = 1, scalar) buffer PathsTemporalReservoirsBlock {
     PathReservoir at[];
 } paths_temporal_reservoirs;
 // Temporal reuse reads those of the previous frame, spatial reuse replaces them.
-layout(set = 1, binding = 77, scalar) buffer PathsReservoirsBlock { PathReservoir at[]; } paths_reservoirs;
+layout(set = 1, scalar) buffer PathsReservoirsBlock { PathReservoir at[]; } paths_reservoirs;
 
 #endif

@@ -4,8 +4,8 @@
 
 layout(local_size_x = 1) in;
 
-layout(constant_id = 4) const uint round_index = 0u;
-layout(constant_id = 6) const uint sample_index = 0u;
+layout(constant_id = round_index_id) const uint round_index = 0u;
+layout(constant_id = sample_index_id) const uint sample_index = 0u;
 
 void main() {
     paths_round.sample_index = sample_index;

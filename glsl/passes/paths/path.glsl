@@ -15,7 +15,7 @@ const float MIN_RAY_IN_CELLS = 1.7320508;
 const float MIN_SPREAD_IN_CELLS = 3.0699801;  // sqrt(3 pi)
 
 // Whether pixels share light through reservoirs: passes/paths/reservoir.glsl.
-layout(constant_id = 5) const bool paths_reuse = false;
+layout(constant_id = paths_reuse_id) const bool paths_reuse = false;
 
 struct Path {
     Vertex vertex;                // where the path is; it goes on from here

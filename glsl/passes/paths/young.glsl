@@ -5,7 +5,7 @@
 #include "passes/denoise/guide.glsl"
 #include "passes/denoise/lobe.glsl"
 
-layout(constant_id = 9) const uint young_samples = 1u;  // paths of a young pixel
+layout(constant_id = young_samples_id) const uint young_samples = 1u;  // paths of a young pixel
 
 const float YOUNG = 8.0;  // frames of history from which one path is enough
 

@@ -7,7 +7,7 @@
 #include "generated/passes/path_sampling.glsl"
 #include "scene/camera.glsl"
 
-layout(set = 1, binding = 14, scalar) uniform PathSamplingBlock {
+layout(set = 1, scalar) uniform PathSamplingBlock {
     uint seed;
     uint first_row;             // the dispatch covers rows from here
     uint row_count;
@@ -19,18 +19,18 @@ layout(set = 1, binding = 14, scalar) uniform PathSamplingBlock {
     float filter_radius;        // in pixels, 0.5 for a box of one pixel
 } path_sampling;
 
-layout(set = 1, binding = 3, scalar) buffer RadianceMeanBlock { vec3 at[]; } radiance_mean;
+layout(set = 1, scalar) buffer RadianceMeanBlock { vec3 at[]; } radiance_mean;
 // The sum over a pixel's samples of the squared deviation of luminance from its mean.
-layout(set = 1, binding = 4, scalar) buffer LuminanceDeviationsBlock { float at[]; } luminance_deviations;
-layout(set = 1, binding = 13, scalar) buffer RayCountBlock { uint at[]; } ray_count;  // rays of the pixel so far
+layout(set = 1, scalar) buffer LuminanceDeviationsBlock { float at[]; } luminance_deviations;
+layout(set = 1, scalar) buffer RayCountBlock { uint at[]; } ray_count;  // rays of the pixel so far
 
-layout(set = 1, binding = 5, scalar) buffer DepthBlock { float at[]; } aov_depth;  // along the view axis, inf: nothing
-layout(set = 1, binding = 6, scalar) buffer PositionBlock { vec3 at[]; } aov_position;
-layout(set = 1, binding = 7, scalar) buffer GeometricNormalBlock { vec3 at[]; } aov_geometric_normal;
-layout(set = 1, binding = 8, scalar) buffer ShadingNormalBlock { vec3 at[]; } aov_shading_normal;
-layout(set = 1, binding = 9, scalar) buffer AlbedoBlock { vec3 at[]; } aov_albedo;
-layout(set = 1, binding = 10, scalar) buffer RoughnessMetallicBlock { vec2 at[]; } aov_roughness_metallic;
-layout(set = 1, binding = 11, scalar) buffer EmissiveBlock { vec3 at[]; } aov_emissive;
-layout(set = 1, binding = 12, scalar) buffer InstanceIdBlock { uint at[]; } aov_instance_id;  // NO_INDEX: nothing
+layout(set = 1, scalar) buffer DepthBlock { float at[]; } aov_depth;  // along the view axis, inf: nothing
+layout(set = 1, scalar) buffer PositionBlock { vec3 at[]; } aov_position;
+layout(set = 1, scalar) buffer GeometricNormalBlock { vec3 at[]; } aov_geometric_normal;
+layout(set = 1, scalar) buffer ShadingNormalBlock { vec3 at[]; } aov_shading_normal;
+layout(set = 1, scalar) buffer AlbedoBlock { vec3 at[]; } aov_albedo;
+layout(set = 1, scalar) buffer RoughnessMetallicBlock { vec2 at[]; } aov_roughness_metallic;
+layout(set = 1, scalar) buffer EmissiveBlock { vec3 at[]; } aov_emissive;
+layout(set = 1, scalar) buffer InstanceIdBlock { uint at[]; } aov_instance_id;  // NO_INDEX: nothing
 
 #endif

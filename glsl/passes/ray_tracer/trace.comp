@@ -8,7 +8,7 @@
 #include "scene/trace.glsl"
 
 layout(local_size_x = 64) in;
-layout(constant_id = 0) const bool any_hit = false;
+layout(constant_id = any_hit_id) const bool any_hit = false;
 
 struct TracedHit {
     float t;
@@ -20,20 +20,20 @@ struct TracedHit {
     vec3 normal;
 };
 
-layout(set = 1, binding = 0, scalar) uniform RayBatchBlock {
+layout(set = 1, scalar) uniform RayBatchBlock {
     uint first;  // index of the batch's first ray in the buffers
     uint count;
     uint number;  // of the batch's first ray among all of the user's
     uint seed;
 } ray_batch;
-layout(set = 1, binding = 1, scalar) readonly buffer RayOriginsBlock { vec3 at[]; } ray_origins;
-layout(set = 1, binding = 2, scalar) readonly buffer RayDirectionsBlock { vec3 at[]; } ray_directions;
-layout(set = 1, binding = 3, scalar) readonly buffer RayStartsBlock { float at[]; } ray_starts;
-layout(set = 1, binding = 4, scalar) readonly buffer RayEndsBlock { float at[]; } ray_ends;
-layout(set = 1, binding = 5, scalar) writeonly buffer RayHitsBlock { TracedHit at[]; } ray_hits;
+layout(set = 1, scalar) readonly buffer RayOriginsBlock { vec3 at[]; } ray_origins;
+layout(set = 1, scalar) readonly buffer RayDirectionsBlock { vec3 at[]; } ray_directions;
+layout(set = 1, scalar) readonly buffer RayStartsBlock { float at[]; } ray_starts;
+layout(set = 1, scalar) readonly buffer RayEndsBlock { float at[]; } ray_ends;
+layout(set = 1, scalar) writeonly buffer RayHitsBlock { TracedHit at[]; } ray_hits;
 // The user's number of each triangle in the device's order, and the index of each mesh's first triangle in it.
-layout(set = 1, binding = 6, scalar) readonly buffer TriangleOrdersBlock { uint at[]; } triangle_orders;
-layout(set = 1, binding = 7, scalar) readonly buffer OrderStartsBlock { uint at[]; } order_starts;
+layout(set = 1, scalar) readonly buffer TriangleOrdersBlock { uint at[]; } triangle_orders;
+layout(set = 1, scalar) readonly buffer OrderStartsBlock { uint at[]; } order_starts;
 
 bool is_finite(vec3 v) { return all(lessThanEqual(abs(v), vec3(3.4028235e38))); }  // comparisons with NaN are false
 

@@ -6,11 +6,11 @@
 #include "passes/restir_di/reservoir.glsl"
 
 // The first half reads those of the previous frame, the second half replaces them.
-layout(set = 1, binding = 55, scalar) buffer DiReservoirsBlock { DiReservoir at[]; } di_reservoirs;
-layout(set = 1, binding = 57, scalar) buffer DiTemporalReservoirsBlock { DiReservoir at[]; } di_temporal_reservoirs;
+layout(set = 1, scalar) buffer DiReservoirsBlock { DiReservoir at[]; } di_reservoirs;
+layout(set = 1, scalar) buffer DiTemporalReservoirsBlock { DiReservoir at[]; } di_temporal_reservoirs;
 
 // For debug views: the index of the spatial neighbor, or NO_INDEX when none was found; whether the chosen light is
 // visible.
-layout(set = 1, binding = 58, scalar) buffer DiOutcomesBlock { uvec2 at[]; } di_outcomes;
+layout(set = 1, scalar) buffer DiOutcomesBlock { uvec2 at[]; } di_outcomes;
 
 #endif

@@ -22,8 +22,8 @@ struct GiReservoir {
     uint transmittance;  // rgb9e5, from the point to the pixel that shades with it, of scenes with blended surfaces
 };
 
-layout(set = 1, binding = 65, scalar) buffer GiTemporalReservoirsBlock { GiReservoir at[]; } gi_temporal_reservoirs;
+layout(set = 1, scalar) buffer GiTemporalReservoirsBlock { GiReservoir at[]; } gi_temporal_reservoirs;
 // Temporal reuse reads those of the previous frame, spatial reuse replaces them.
-layout(set = 1, binding = 66, scalar) buffer GiReservoirsBlock { GiReservoir at[]; } gi_reservoirs;
+layout(set = 1, scalar) buffer GiReservoirsBlock { GiReservoir at[]; } gi_reservoirs;
 
 #endif

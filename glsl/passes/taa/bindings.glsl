@@ -4,7 +4,7 @@
 
 #extension GL_EXT_scalar_block_layout : require
 
-layout(set = 1, binding = 161, scalar) buffer TaaHistoryBlock { uvec2 at[]; } taa_history;
-layout(set = 1, binding = 162, scalar) buffer PreviousTaaHistoryBlock { uvec2 at[]; } previous_taa_history;
+layout(set = 1, scalar) buffer TaaHistoryBlock { uvec2 at[]; } taa_history;
+layout(set = 1, scalar) buffer PreviousTaaHistoryBlock { uvec2 at[]; } previous_taa_history;
 
 #endif

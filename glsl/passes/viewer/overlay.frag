@@ -1,7 +1,7 @@
 // The color of the viewer's panels: vertex color times texture color, both in sRGB, as Dear ImGui blends them.
 #version 460
 
-layout(set = 0, binding = 0) uniform sampler2D image;
+layout(set = 0) uniform sampler2D image;
 
 layout(location = 0) in vec2 uv;
 layout(location = 1) in vec4 color;

@@ -13,37 +13,37 @@ struct WorldCachePoint {
     uint normal;
 };
 
-layout(set = 1, binding = 40, scalar) buffer WorldCacheChecksumsBlock { uint at[]; } world_cache_checksums;  // 0: empty
-layout(set = 1, binding = 41, scalar) buffer WorldCacheLifeBlock { uint at[]; } world_cache_life;  // frames left
+layout(set = 1, scalar) buffer WorldCacheChecksumsBlock { uint at[]; } world_cache_checksums;  // 0: empty
+layout(set = 1, scalar) buffer WorldCacheLifeBlock { uint at[]; } world_cache_life;  // frames left
 // Mean irradiance; w is the number of samples in the mean.
-layout(set = 1, binding = 42, scalar) buffer WorldCacheIrradianceBlock { vec4 at[]; } world_cache_irradiance;
+layout(set = 1, scalar) buffer WorldCacheIrradianceBlock { vec4 at[]; } world_cache_irradiance;
 // Minimum corner and size of the cell.
-layout(set = 1, binding = 43, scalar) buffer WorldCacheBoundsBlock { vec4 at[]; } world_cache_bounds;
-layout(set = 1, binding = 44, scalar) buffer WorldCacheVotesBlock { WorldCachePoint at[]; } world_cache_votes;
-layout(set = 1, binding = 45, scalar) buffer WorldCachePointsBlock { WorldCachePoint at[]; } world_cache_points;
-layout(set = 1, binding = 46, scalar) buffer WorldCacheDeltasBlock { float at[]; } world_cache_luminance_deltas;
+layout(set = 1, scalar) buffer WorldCacheBoundsBlock { vec4 at[]; } world_cache_bounds;
+layout(set = 1, scalar) buffer WorldCacheVotesBlock { WorldCachePoint at[]; } world_cache_votes;
+layout(set = 1, scalar) buffer WorldCachePointsBlock { WorldCachePoint at[]; } world_cache_points;
+layout(set = 1, scalar) buffer WorldCacheDeltasBlock { float at[]; } world_cache_luminance_deltas;
 
 // The first point of a cell's life, or DIVIDED_CELL: the cell is not used, because a wall goes through it.
 const WorldCachePoint DIVIDED_CELL = WorldCachePoint(0xFFFFFFFFu, 0u);
-layout(set = 1, binding = 52, scalar) buffer WorldCacheFirstPointsBlock {
+layout(set = 1, scalar) buffer WorldCacheFirstPointsBlock {
     WorldCachePoint at[];
 } world_cache_first_points;
 
 // For each block of the map: its number of active cells, and after the scan the index of its first one in the list of
 // active cells.
-layout(set = 1, binding = 47, scalar) buffer WorldCacheBlocksBlock { uint at[]; } world_cache_blocks;
-layout(set = 1, binding = 48, scalar) buffer WorldCacheActiveCellsBlock { uint at[]; } world_cache_active_cells;
+layout(set = 1, scalar) buffer WorldCacheBlocksBlock { uint at[]; } world_cache_blocks;
+layout(set = 1, scalar) buffer WorldCacheActiveCellsBlock { uint at[]; } world_cache_active_cells;
 // The irradiance that an active cell received in this frame, and its life before queries of other cells raised it.
 struct WorldCacheSample {
     vec3 irradiance;
     uint life;     // without the flag SEES_WALL
 };
 const uint SEES_WALL = 0x80000000u;  // the cell's point of this frame doesn't see the cell's first point
-layout(set = 1, binding = 49, scalar) buffer WorldCacheSamplesBlock { WorldCacheSample at[]; } world_cache_samples;
-layout(set = 1, binding = 50, scalar) buffer WorldCacheDispatchBlock { IndirectDispatch size; } world_cache_dispatch;
+layout(set = 1, scalar) buffer WorldCacheSamplesBlock { WorldCacheSample at[]; } world_cache_samples;
+layout(set = 1, scalar) buffer WorldCacheDispatchBlock { IndirectDispatch size; } world_cache_dispatch;
 
 // Counters of this frame.
-layout(set = 1, binding = 51, scalar) buffer WorldCacheCountersBlock {
+layout(set = 1, scalar) buffer WorldCacheCountersBlock {
     uint active_cells;
     uint updates;
     uint insert_failures;  // queries that found no free entry

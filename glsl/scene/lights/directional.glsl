@@ -14,7 +14,7 @@ struct DirectionalLight {
     float solid_angle;
 };
 
-layout(set = 0, binding = LIGHT_RECORDS + LIGHT_DIRECTIONAL, scalar) readonly buffer DirectionalLightsBlock {
+layout(set = 0, scalar) readonly buffer DirectionalLightsBlock {
     DirectionalLight at[];
 } directional_lights;
 

@@ -20,7 +20,7 @@ struct Environment {
     mat3 world_from_map;
 };
 
-layout(set = 0, binding = LIGHT_RECORDS + LIGHT_ENVIRONMENT, scalar) readonly buffer EnvironmentsBlock {
+layout(set = 0, scalar) readonly buffer EnvironmentsBlock {
     Environment at[];
 } environments;
 

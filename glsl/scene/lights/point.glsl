@@ -6,7 +6,7 @@
 #include "scene/lights/punctual.glsl"
 #include "scene/lights/types.glsl"
 
-layout(set = 0, binding = LIGHT_RECORDS + LIGHT_POINT, scalar) readonly buffer PointLightsBlock {
+layout(set = 0, scalar) readonly buffer PointLightsBlock {
     PunctualLight at[];
 } point_lights;
 

@@ -10,7 +10,7 @@
 #include "scene/lights/punctual.glsl"
 #include "scene/lights/types.glsl"
 
-layout(set = 0, binding = LIGHT_RECORDS + LIGHT_SPHERE, scalar) readonly buffer SphereLightsBlock {
+layout(set = 0, scalar) readonly buffer SphereLightsBlock {
     PunctualLight at[];
 } sphere_lights;
 

@@ -2,9 +2,6 @@
 #ifndef SCENE_LIGHTS_TYPES_GLSL
 #define SCENE_LIGHTS_TYPES_GLSL
 
-// Bindings of set 0: this number plus LIGHT_NAME for the records of each kind.
-const uint LIGHT_RECORDS = 32u;
-
 // Differs from Solari: 32 bits each for light and triangle, so that neither is limited to 65,535.
 struct LightSample {
     uint light_index;

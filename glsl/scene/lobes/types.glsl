@@ -7,9 +7,9 @@
 #include "scene/lobes/glass.glsl"
 #include "scene/lobes/sheen.glsl"
 
-layout(constant_id = 0) const uint brdf_layering = LAYERING_CONSERVING;
+layout(constant_id = brdf_layering_id) const uint brdf_layering = LAYERING_CONSERVING;
 // Every surface is base_color / pi, for comparison with closed forms.
-layout(constant_id = 1) const bool brdf_lambert = false;
+layout(constant_id = brdf_lambert_id) const bool brdf_lambert = false;
 
 const bool HAS_LOBES = SCENE_GLASS || SCENE_LAYERS;
 

@@ -1,18 +1,24 @@
 """What all shaders of a frame share: two descriptor set layouts and a pipeline layout, made from their bindings.
 
-Set 0 holds the scene, set 1 the resources of passes. An array of combined image samplers without a length is bindless:
+Set 0 holds the scene, set 1 the resources of passes. Names alone tell bindings apart: the interface numbers them in
+the order in which modules first name them, and writes the numbers into the modules (`linked`). An array of combined image samplers without a length is bindless:
 it is partially bound, may be updated after binding, and is as long as the number of textures requires.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from itertools import count
 from typing import Any
+
+import numpy as np
 
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.shaders.spirv import Binding, Module
+from solari_vk.gpu.shaders.spirv import DECORATION_BINDING, Binding, Module
+from solari_vk.gpu.shaders.spirv_code import OP_DECORATE, OP_FUNCTION
 
 SET_COUNT = 2
 DESCRIPTOR_TYPES = {
@@ -29,24 +35,20 @@ _BINDLESS_FLAGS = (
     | raw.VK_DESCRIPTOR_BINDING_UPDATE_AFTER_BIND_BIT
     | raw.VK_DESCRIPTOR_BINDING_VARIABLE_DESCRIPTOR_COUNT_BIT
 )
+_HEADER_WORDS = 5  # of a SPIR-V module
 _BINDLESS_LIMIT = 1 << 14  # lavapipe reserves 256 bytes in every set for each descriptor, used or not
 _BINDLESS_MIN = 64
 
 
 def merge_bindings(modules: Iterable[Module]) -> dict[str, Binding]:
-    """The bindings of all modules by name. Raises SolariError naming both modules if two of them disagree."""
+    """The bindings of all modules by name, numbered in this order, but bindless arrays last.
+
+    Raises SolariError naming both modules if two of them disagree.
+    """
     merged: dict[str, Binding] = {}
-    places: dict[tuple[int, int], str] = {}
     origin: dict[str, str] = {}
     for module in modules:
-        for name, binding in module.bindings.items():
-            place = (binding.set, binding.binding)
-            other = places.setdefault(place, name)
-            if other != name:
-                raise SolariError(
-                    f"set {place[0]}, binding {place[1]} is {name} in {module.name} but {other} in {origin[other]}: "
-                    "declare bindings only in the shared bindings.glsl"
-                )
+        for name, binding in sorted(module.bindings.items()):  # in an order that edits of a shader leave as it is
             known = merged.setdefault(name, binding)
             origin.setdefault(name, module.name)
             if _shape(known) != _shape(binding):
@@ -55,12 +57,14 @@ def merge_bindings(modules: Iterable[Module]) -> dict[str, Binding]:
                 )
             if binding.set >= SET_COUNT:
                 raise SolariError(f"{name} of {module.name} is in set {binding.set}; there are sets 0 and 1")
-    return merged
+    numbers = [count() for _ in range(SET_COUNT)]
+    ordered = sorted(merged.items(), key=lambda item: item[1].count == 0)
+    return {name: replace(binding, binding=next(numbers[binding.set])) for name, binding in ordered}
 
 
 def _shape(binding: Binding) -> dict[str, Any]:
     """What must be equal in all modules. Qualifiers may differ: one module may only read what another writes."""
-    return {key: value for key, value in vars(binding).items() if key not in ("readonly", "writeonly")}
+    return {key: value for key, value in vars(binding).items() if key not in ("binding", "readonly", "writeonly")}
 
 
 def _difference(one: Binding, other: Binding) -> str:
@@ -118,20 +122,30 @@ class Interface:
             known = ", ".join(sorted(self.bindings)) or "none"
             raise SolariError(f"no shader has a resource {name}; there are {known}") from None
 
+    def linked(self, module: Module) -> bytes:
+        """The SPIR-V of a module with the numbers of this interface."""
+        words = np.frombuffer(module.spirv, np.uint32).copy()
+        at = _HEADER_WORDS
+        while words[at] & 0xFFFF != OP_FUNCTION:
+            if words[at] & 0xFFFF == OP_DECORATE and words[at + 2] == DECORATION_BINDING:
+                words[at + 3] = self.bindings[module.variables[int(words[at + 1])]].binding
+            at += int(words[at]) >> 16
+        return words.tobytes()
+
     def fits(self, bindings: Mapping[str, Binding], modules: Iterable[Module]) -> bool:
         """Whether modules with these merged bindings can use this interface as it is."""
         shapes = [{name: _shape(binding) for name, binding in part.items()} for part in (bindings, self.bindings)]
         return shapes[0] == shapes[1] and _pushed_bytes(modules) == self._pushed
 
     def _find_bindless(self, index: int) -> Binding | None:
-        members = sorted((b for b in self.bindings.values() if b.set == index), key=lambda binding: binding.binding)
+        members = [binding for binding in self.bindings.values() if binding.set == index and binding.count == 0]
         for binding in members:
-            if binding.count == 0 and (binding.kind != "combined_image_sampler" or binding is not members[-1]):
+            if binding.kind != "combined_image_sampler" or binding is not members[0]:
                 raise SolariError(
-                    f"{binding.name}: an array without a length must be of combined image samplers and have the "
-                    "largest binding number of its set"
+                    f"{binding.name}: an array without a length must be of combined image samplers and the only one "
+                    "of its set"
                 )
-        return members[-1] if members and members[-1].count == 0 else None
+        return members[0] if members else None
 
     def _make_layout(self, index: int) -> raw.CData:
         bindless = self._bindless[index]

@@ -83,8 +83,8 @@ class Pipelines:
                 handle = int(raw.ffi.cast("uintptr_t", layout))
                 keys.append((*digests, item.kind, tuple(sorted(values.items())), handle))
                 if keys[-1] not in self._made and keys[-1] not in missing:
-                    stages = [self._stage(shaders, item.name, *pair)
-                              for pair in zip(item.modules, specializations, strict=True)]  # fmt: skip
+                    stages = [self._stage(shaders, item.name, module, interface.linked(module), specialization)
+                              for module, specialization in zip(item.modules, specializations, strict=True)]  # fmt: skip
                     missing[keys[-1]] = item, self._creation(stages, item.kind, layout)
             self._create(missing)
         return [(key, self._made[key][0]) for key in keys]
@@ -148,10 +148,12 @@ class Pipelines:
         self._made[key] = Pipeline(handle, _BIND_POINTS[type(item.kind)], table), token
         return None
 
-    def _stage(self, shaders: ExitStack, name: str, module: Module, specialization: raw.CData | None) -> raw.CData:
+    def _stage(
+        self, shaders: ExitStack, name: str, module: Module, linked: bytes, specialization: raw.CData | None
+    ) -> raw.CData:
         """A VkPipelineShaderStageCreateInfo, valid until `shaders` closes."""
         device = self._device
-        code = np.frombuffer(module.spirv, np.uint32)
+        code = np.frombuffer(linked, np.uint32)
         create = raw.struct("VkShaderModuleCreateInfo", codeSize=code.nbytes, pCode=code)
         shader = device.create("VkShaderModule", create, name)
         shaders.callback(device.vk.vkDestroyShaderModule, device.handle, shader, raw.NULL)

@@ -23,7 +23,7 @@ import os
 import re
 import sys
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -100,13 +100,22 @@ def compile_into_spirv(
 def _compile_text(source: bytes, stage: str, name: str, include_paths: Sequence[str], **options: Any) -> bytes:
     included = Sources([Path(name).parent, *map(Path, include_paths)]).closure(Path(name).name, source)
     generated = {path: text for path, text in included.items() if headers.is_generated(path)}
+    macros = _constant_ids(included.values())
     try:
-        spirv = shaderc.compile_source(source, stage, name, include_paths, generated, **options)
+        spirv = shaderc.compile_source(source, stage, name, include_paths, generated, macros=macros, **options)
     except shaderc.Failure as failure:
         raise CompilationError(_with_source_lines(str(failure), name, source, generated)) from None
     return dead_code.without_texts(spirv)
 
 
+def _constant_ids(texts: Iterable[bytes]) -> dict[str, int]:
+    """Numbers for the ids that constants are declared with: `layout(constant_id = size_id) const uint size = 8u;`."""
+    named = {found[1].decode() for text in texts for found in _CONSTANT.finditer(text)}
+    return {name: number for number, name in enumerate(sorted(named), _FIRST_ID)}
+
+
+_CONSTANT = re.compile(rb"\bconstant_id\s*=\s*((\w+)_id)\s*\)\s*const\s+\w+\s+\2\b")
+_FIRST_ID = 1024  # shaders may number constants of their own from 0; glslang allows ids below 2047
 _POSITION = re.compile(r"^(?P<file>.+?):(?P<line>\d+): (?:error|warning): ")
 
 
@@ -139,7 +148,7 @@ _EMPTY_MAIN = re.compile(r"\bvoid\s+main\s*\(\s*\)\s*\{\s*\}")
 # The optimizer's error for capabilities that it doesn't know. Such a module isn't optimized here, only by the driver.
 _TOO_NEW = "failed to optimize: Invalid capability"
 _WITHOUT_FEATURES = "WITHOUT_FEATURES"  # what is defined in shaders for scenes without features
-_OPTIONS = f"live code {shaderc.VULKAN_1_3:x} {shaderc.SPIRV_1_6:x}"
+_OPTIONS = f"bound, live code {shaderc.VULKAN_1_3:x} {shaderc.SPIRV_1_6:x}"
 _DIRECTIVE = re.compile(r"^\s*#\s*(version|extension)\b")
 _looking_up = threading.Lock()  # a thread that has read a file waits 5 ms for others that run Python
 

@@ -11,7 +11,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Binding:
-    """A resource that a shader declares.
+    """A resource that a shader declares. Its number `binding` is the interface's, not the shader's, once it has one.
 
     `kind` is uniform_buffer, storage_buffer, storage_image, sampled_image, combined_image_sampler, sampler or
     acceleration_structure. `count` is the length of an array of resources, 1 if it is no array, 0 for an array without
@@ -60,11 +60,12 @@ class Entry:
 
 @dataclass(frozen=True)
 class Module:
-    """A SPIR-V module with everything that the host needs to know about it."""
+    """A SPIR-V module with everything that the host needs to know about it. `variables`: the bindings' ids."""
 
     name: str
     spirv: bytes
     bindings: dict[str, Binding]
+    variables: dict[int, str]
     constants: dict[str, SpecConstant]
     entries: dict[str, Entry]
     push_constants: np.dtype[Any] | None

@@ -52,6 +52,8 @@ void shaderc_compile_options_set_target_env(void*, int, uint32_t);
 void shaderc_compile_options_set_target_spirv(void*, int);
 void shaderc_compile_options_set_suppress_warnings(void*);
 void shaderc_compile_options_set_warnings_as_errors(void*);
+void shaderc_compile_options_set_auto_bind_uniforms(void*, _Bool);
+void shaderc_compile_options_add_macro_definition(void*, const char*, size_t, const char*, size_t);
 void shaderc_compile_options_set_include_callbacks(void*, resolve, release, void*);
 void* shaderc_compile_into_spv(void*, const char*, size_t, int kind, const char* name, const char* entry, void*);
 void shaderc_result_release(void*);
@@ -146,19 +148,21 @@ def _glslc() -> str:
 
 def compile_source(
     source: bytes, stage: str, name: str, include_paths: Sequence[str], generated: Mapping[str, bytes] | None = None, *,
-    language: str = "glsl", optimization: str = "performance", suppress_warnings: bool = False,
-    warnings_as_errors: bool = False,
+    macros: Mapping[str, int] | None = None, language: str = "glsl", optimization: str = "performance",
+    suppress_warnings: bool = False, warnings_as_errors: bool = False,
 ) -> bytes:  # fmt: skip
     """SPIR-V 1.6 for Vulkan 1.3 with debug information. Raises Failure, or SolariError without a compiler.
 
-    `generated` are texts of includes that aren't files, by the paths that the sources include them by.
+    `generated` are texts of includes that aren't files, by the paths that the sources include them by. Resources that
+    are declared without a binding get some number.
     """
-    texts = generated or {}
+    texts, macros = generated or {}, macros or {}
     loaded = library()
     if loaded is None:
         return _by_command(
-            source, stage, name, include_paths, texts, language, optimization, suppress_warnings, warnings_as_errors
-        )
+            source, stage, name, include_paths, texts, macros, language, optimization, suppress_warnings,
+            warnings_as_errors,
+        )  # fmt: skip
     kept: dict[Any, Any] = {}
 
     @_ffi().callback("resolve")  # type: ignore[untyped-decorator]
@@ -187,6 +191,10 @@ def compile_source(
         loaded.shaderc_compile_options_set_target_env(options, 0, VULKAN_1_3)
         loaded.shaderc_compile_options_set_target_spirv(options, SPIRV_1_6)
         loaded.shaderc_compile_options_set_include_callbacks(options, resolve, release, _ffi().NULL)
+        loaded.shaderc_compile_options_set_auto_bind_uniforms(options, True)
+        for macro, value in macros.items():
+            text = macro.encode(), str(value).encode()
+            loaded.shaderc_compile_options_add_macro_definition(options, text[0], len(text[0]), text[1], len(text[1]))
         if suppress_warnings:
             loaded.shaderc_compile_options_set_suppress_warnings(options)
         if warnings_as_errors:
@@ -219,8 +227,8 @@ def _include(requested: str, kind: int, requesting: str, include_paths: Sequence
 
 
 def _by_command(
-    source: bytes, stage: str, name: str, include_paths: Sequence[str], generated: Mapping[str, bytes], language: str,
-    optimization: str, suppress_warnings: bool, warnings_as_errors: bool,
+    source: bytes, stage: str, name: str, include_paths: Sequence[str], generated: Mapping[str, bytes],
+    macros: Mapping[str, int], language: str, optimization: str, suppress_warnings: bool, warnings_as_errors: bool,
 ) -> bytes:  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         for path, text in generated.items():
@@ -229,6 +237,7 @@ def _by_command(
             file.write_bytes(text)
         command = [
             _glslc(), f"-fshader-stage={stage}", "-x", language, "--target-env=vulkan1.3", "--target-spv=spv1.6", "-g",
+            "-fauto-bind-uniforms", *(f"-D{macro}={value}" for macro, value in macros.items()),
             {"zero": "-O0", "size": "-Os", "performance": "-O"}[optimization],
             *(("-w",) if suppress_warnings else ()), *(("-Werror",) if warnings_as_errors else ()),
             *(f"-I{path}" for path in (os.path.dirname(name) or ".", folder, *include_paths)), "-o", "-", "-",

@@ -20,7 +20,7 @@ __all__ = ["Binding", "Entry", "Module", "SpecConstant", "reflect"]
 
 _DECORATION_SPEC_ID, _DECORATION_BLOCK, _DECORATION_ARRAY_STRIDE, _DECORATION_MATRIX_STRIDE = 1, 2, 6, 7
 _DECORATION_ROW_MAJOR, _DECORATION_NON_WRITABLE, _DECORATION_NON_READABLE = 4, 24, 25
-_DECORATION_BINDING, _DECORATION_SET, _DECORATION_OFFSET = 33, 34, 35
+DECORATION_BINDING, _DECORATION_SET, _DECORATION_OFFSET = 33, 34, 35
 _MODE_LOCAL_SIZE, _MODE_LOCAL_SIZE_ID = 17, 38
 _TYPE_BOOL, _TYPE_INT, _TYPE_FLOAT, _TYPE_VECTOR, _TYPE_MATRIX, _TYPE_IMAGE = 20, 21, 22, 23, 24, 25
 _TYPE_SAMPLER, _TYPE_SAMPLED_IMAGE, _TYPE_ARRAY, _TYPE_RUNTIME_ARRAY, _TYPE_STRUCT = 26, 27, 28, 29, 30
@@ -108,8 +108,9 @@ class _Reader:
             )
         pushed = [pointer for _, pointer, storage in self.variables if storage == code.STORAGE_PUSH_CONSTANT]
         return Module(
-            self.name, self.spirv, {binding.name: binding for binding in bound.values()}, self._spec_constants(),
-            entries, self._dtype(self.types[pushed[0]].words[2]) if pushed else None, self._sizes(),
+            self.name, self.spirv, {binding.name: binding for binding in bound.values()},
+            {variable: binding.name for variable, binding in bound.items()}, self._spec_constants(), entries,
+            self._dtype(self.types[pushed[0]].words[2]) if pushed else None, self._sizes(),
         )  # fmt: skip
 
     # ---- bindings
@@ -121,7 +122,7 @@ class _Reader:
             count = self._length(target) if self.types[target].op == _TYPE_ARRAY else 0
             target = self.types[target].words[1]
         op, words = self.types[target]
-        place = [self.decorations.get((variable, which), (0,))[0] for which in (_DECORATION_SET, _DECORATION_BINDING)]
+        place = [self.decorations.get((variable, which), (0,))[0] for which in (_DECORATION_SET, DECORATION_BINDING)]
         name = self.names.get(variable) or self.names.get(target, "")
         if op == _TYPE_STRUCT and not self.names.get(variable) and len(words) == 2 and self.types[words[1]].op == op:
             # a block without an instance name that holds one struct: GLSL calls the struct by the member's name

@@ -153,8 +153,8 @@ test_a_seeded_bug_is_noticed = bug_tests({
     "light takes colors": (measure_colored_light, Bug(
         ALPHA, "pass_through(inout Passage passage, vec4", "passage.probability *= 1.0 - cover.w;")),
     "lamps behind panes": (measure_lamps, Bug(
-        "scene/light_visibility.glsl", "trace_radiance_passed",
-        "rays = 0u; return radiance_passed(origin, direction, t_max, bounce_pdf);")),
+        "scene/walk.glsl", "pass_segment", "segment.passed.radiance = segment.passed.offered; "
+        "return correct(walk, segment, radiance);")),
     MASK: (measure_mask, Bug(ALPHA, "is_met(vec4 cover, uvec2 blend_point, uint instance_index, uint",
                              "return true;")),
 }, quick=(MASK,))  # fmt: skip

@@ -229,21 +229,21 @@ def with_shaders(measure, *arguments):
     return check
 
 
-BRDF, MICROFACET = "scene/brdf.glsl", "scene/microfacet.glsl"
+BRDF, MICROFACET, SPECULAR = "scene/brdf.glsl", "scene/microfacet.glsl", "scene/lobes/specular.glsl"
 GLOSSY = with_shaders(measure_draws, [(0.5, 1.0, 60.0)], 1_000_000)
 NUMBERS = with_shaders(measure_numbers, 200_000)
 test_a_seeded_bug_is_noticed = bug_tests({
     "furnace of dielectrics": (with_shaders(measure_furnace, 0.0), Bug(
-        "scene/prepared_brdf.glsl", "dielectric_albedo", "return vec3(0.0);")),
+        "scene/lobes/specular.glsl", "dielectric_albedo", "return vec3(0.0);")),
     "furnace of metals": (with_shaders(measure_furnace, 1.0), Bug(
         "scene/brdf_table.glsl", "lookup_brdf_table", "return 0.99 * correct(NdotV, perceptual_roughness);")),
     _WEIGHT: (GLOSSY, Bug(BRDF, "weigh_sample", "BrdfSample found = correct(brdf, wo, wi, diffuse); "
                           "found.weight *= 1.01; return found;")),
-    _SAMPLES: (GLOSSY, Bug(BRDF, "sample_specular_lobe", "return 1.1 * correct(brdf, wo, u);")),
-    "distribution": (GLOSSY, Bug(MICROFACET, "ggx_vndf_pdf_per_d", "return 1.1 * correct(wo, roughness);")),
+    _SAMPLES: (GLOSSY, Bug(SPECULAR, "sample_specular_lobe", "return 1.1 * correct(brdf, wo, u);")),
+    "distribution": (GLOSSY, Bug(MICROFACET, "ggx_vndf_pdf_per_d(vec3 wo, float", "return 1.1 * correct(wo, roughness);")),
     "distribution of both lobes": (with_shaders(measure_draws, [(0.6, 0.0, 75.0)], 1_000_000), Bug(
         BRDF, "brdf_pdf", "return 0.5 * (correct(brdf, wo, wi) + specular_pdf(brdf, wo, wi));")),
-    _VALUES: (NUMBERS, Bug(BRDF, "specular_distribution", "return correct(brdf, half_vector) - 1e-3;")),
+    _VALUES: (NUMBERS, Bug(SPECULAR, "specular_distribution", "return correct(brdf, half_vector) - 1e-3;")),
     _NUMBERS: (NUMBERS, Bug(BRDF, "weigh_sample", "BrdfSample found = correct(brdf, wo, wi, diffuse); "
                             "found.weight /= found.pdf == 0.0 ? 0.0 : 1.0; return found;")),
     "reciprocity": (NUMBERS, Bug(

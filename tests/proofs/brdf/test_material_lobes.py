@@ -207,20 +207,20 @@ def with_shaders(measure, *arguments):
     return check
 
 
-GLASS, LAYERS = "scene/glass.glsl", "scene/layers.glsl"
+GLASS = "scene/lobes/glass.glsl"
 GLASS_FURNACE, LAYER_FURNACE = with_shaders(measure_glass_furnace), with_shaders(measure_layer_furnace)
 DRAWS = with_shaders(measure_lobe_draws, 200_000)
 test_a_seeded_bug_is_noticed = bug_tests({
     "glass furnace": (GLASS_FURNACE, Bug(
         "scene/brdf_table.glsl", "lookup_glass_table", "return vec2(1.0, 0.0);")),
-    "layers gain light": (LAYER_FURNACE, Bug(LAYERS, "coat_cover", "return 1.0;")),
-    "layers lose light": (LAYER_FURNACE, Bug(LAYERS, "sheen_cover", "return 0.5 * correct(layers, wo, wi);")),
+    "layers gain light": (LAYER_FURNACE, Bug("scene/lobes/coat.glsl", "coat_cover", "return 1.0;")),
+    "layers lose light": (LAYER_FURNACE, Bug("scene/lobes/sheen.glsl", "sheen_cover", "return 0.5 * correct(sheen, wo, wi);")),
     "density of glass": (DRAWS, Bug(GLASS, "glass_jacobian", "return 1.1 * correct(glass, wo, wi, m);")),
-    "density of coats": (DRAWS, Bug(LAYERS, "coat_pdf", "return 1.1 * correct(layers, wi);")),
+    "density of coats": (DRAWS, Bug("scene/lobes/coat.glsl", "coat_pdf", "return 1.1 * correct(coat, wi);")),
     "density of anisotropic lobes": (DRAWS, Bug(
-        "scene/anisotropy.glsl", "vndf_bound", "return 1.0;")),
+        "scene/microfacet.glsl", "vndf_bound", "return 1.0;")),
     "reciprocity of glass": (with_shaders(measure_lobe_reciprocity, 100_000), Bug(
         GLASS, "evaluate_glass", "return correct(glass, wo, wi) * (1.0 + 0.1 * wo.z);")),
     "reciprocity of sheen": (with_shaders(measure_lobe_reciprocity, 100_000), Bug(
-        "scene/sheen.glsl", "evaluate_sheen", "return correct(alpha, wo, wi) * (1.0 + 0.1 * wo.z);")),
+        "scene/lobes/sheen.glsl", "evaluate_sheen(float", "return correct(alpha, wo, wi) * (1.0 + 0.1 * wo.z);")),
 }, quick=("layers gain light",))  # fmt: skip

@@ -21,10 +21,10 @@ MANY_REFLECTIONS = Bug(*FRESNEL, "float once = correct(eta, cosine); return 2.0 
 # Mitsuba leaves out light that microfacets scatter more than once, and takes a microfacet's visibility from one side as
 # independent of that from the other.
 SINGLE_SCATTERING = Bug(
-    "scene/prepared_brdf.glsl", "prepare_glass", "Glass glass = correct(material, cosine); glass.compensation = 1.0; "
+    "scene/lobes/glass.glsl", "prepare_glass", "Glass glass = correct(material, cosine); glass.compensation = 1.0; "
     "return glass;")
 INDEPENDENT_SHADOWS = Bug(
-    "scene/glass.glsl", "evaluate_glass",
+    "scene/lobes/glass.glsl", "evaluate_glass",
     "float o = smith_lambda(glass.roughness, wo), i = smith_lambda(glass.roughness, wi); "
     "return correct(glass, wo, wi) * ((1.0 + o + i) / ((1.0 + o) * (1.0 + i)));")
 INDICES = {"int_ior": 1.5, "ext_ior": 1.0}

@@ -43,7 +43,7 @@ BULB_GLSL = """
 #include "scene/lights/types.glsl"
 
 struct Bulb { vec3 position; float intensity; };
-layout(set = 0, binding = LIGHT_RECORDS + LIGHT_BULB, scalar) readonly buffer Bulbs {
+layout(set = 0, scalar) readonly buffer Bulbs {
     Bulb at[];
 } bulbs;
 
@@ -84,7 +84,7 @@ SKY_GLSL = """
 #include "scene/lights/types.glsl"
 
 struct Sky { float radiance; };
-layout(set = 0, binding = LIGHT_RECORDS + LIGHT_SKY, scalar) readonly buffer Skies { Sky at[]; } skies;
+layout(set = 0, scalar) readonly buffer Skies { Sky at[]; } skies;
 
 ResolvedLightSample resolve_sky(uint index, uint part, vec2 u, float inverse_probability) {
     vec3 direction = sample_cone(vec3(0.0, 1.0, 0.0), 2.0, u);

@@ -55,7 +55,7 @@ PATH, TREE = "passes/paths/path.glsl", "scene/lights/tree.glsl"
 test_a_seeded_bug_is_noticed = bug_tests({
     METAL: (measure_mirrors, Bug(PATH, "lobe_weights", "if (next.pdf == INFINITY) { return Lobes(next.weight, "
                                  "vec3(0.0)); } return correct(vertex, next);")),
-    MIRRORS: (measure_mirrors, Bug(PATH, "MAX_MIRROR_BOUNCES", "0u")),
+    MIRRORS: (measure_mirrors, Bug("scene/walk.glsl", "MAX_MIRRORS", "0u")),
     CHAIN: (measure_mirror_chain, Bug("passes/paths/waiting.glsl", "take_waiting_path",
                                       "Path path = correct(pixel_index); path.mirrors = 0u; return path;")),
     MIRROR_DISTANCE: (measure_mirrors, writing("lengths = lengths.yx;")),

@@ -288,7 +288,7 @@ TRACE, LOBE = "passes/specular_gi/trace.comp", "passes/specular_gi/lobe.glsl"
 test_a_seeded_bug_is_noticed = bug_tests({
     MIRROR: (measure_mirror, Bug(LOBE, "sample_specular_brdf", "BrdfSample next = correct(brdf, wo, rng); "
                                  "if (next.pdf == INFINITY) { next.weight = vec3(1.0); } return next;")),
-    GLOSSY: (measure_gallery, Bug(TRACE, "sample_light", "return vec3(0.0);")),
+    GLOSSY: (measure_gallery, Bug("scene/walk.glsl", "trace_light", "return vec3(0.0);")),
     # the pdf of another lobe
     PANEL: (measure_gallery, Bug(LOBE, "sample_specular_brdf", "BrdfSample next = correct(brdf, wo, rng); "
                                  "if (next.pdf != INFINITY) { next.weight /= 1.1; } return next;")),

@@ -8,7 +8,7 @@ layout(local_size_x = 64) in;
 // As support/brdf_runs.py numbers them.
 const uint MODE_DRAW = 0u, MODE_EVALUATE = 1u, MODE_ALBEDO = 2u, MODE_SAMPLED_ALBEDO = 3u, RESULT_COUNT = 4u;
 
-layout(constant_id = 60) const uint MODE = MODE_DRAW;
+layout(constant_id = MODE_id) const uint MODE = MODE_DRAW;
 
 struct TestMaterial {
     vec3 base_color;
@@ -29,11 +29,11 @@ struct TestMaterial {
     vec2 anisotropy_direction;
 };
 
-layout(set = 1, binding = 20, scalar) readonly buffer TestMaterialsBlock { TestMaterial at[]; } test_materials;
+layout(set = 1, scalar) readonly buffer TestMaterialsBlock { TestMaterial at[]; } test_materials;
 // One direction for each row, or one for all.
-layout(set = 1, binding = 21, scalar) readonly buffer OutgoingBlock { vec3 at[]; } outgoing;
-layout(set = 1, binding = 22, scalar) readonly buffer IncomingBlock { vec3 at[]; } incoming;
-layout(set = 1, binding = 23, scalar) buffer ResultsBlock { vec3 at[]; } results;  // rows of RESULT_COUNT
+layout(set = 1, scalar) readonly buffer OutgoingBlock { vec3 at[]; } outgoing;
+layout(set = 1, scalar) readonly buffer IncomingBlock { vec3 at[]; } incoming;
+layout(set = 1, scalar) buffer ResultsBlock { vec3 at[]; } results;  // rows of RESULT_COUNT
 
 ResolvedMaterial resolve(TestMaterial m) {
     return ResolvedMaterial(

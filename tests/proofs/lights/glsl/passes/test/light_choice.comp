@@ -15,7 +15,7 @@ struct Drawn {
     float hit_pdf;      // the same, where the ray hit the sample's triangle; -1 elsewhere
 };
 
-layout(set = 1, binding = 20, scalar) buffer DrawnBlock { Drawn at[]; } drawn;
+layout(set = 1, scalar) buffer DrawnBlock { Drawn at[]; } drawn;
 
 void main() {
     uint i = gl_GlobalInvocationID.x;

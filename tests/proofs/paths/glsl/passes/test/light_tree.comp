@@ -10,11 +10,11 @@ struct DrawnLight {
     float probability;
 };
 
-layout(set = 1, binding = 20, scalar) readonly buffer ReceiversBlock { Receiver at[]; } receivers;
+layout(set = 1, scalar) readonly buffer ReceiversBlock { Receiver at[]; } receivers;
 // The same number of draws for each receiver, receiver by receiver.
-layout(set = 1, binding = 21, scalar) writeonly buffer DrawnBlock { DrawnLight at[]; } drawn;
+layout(set = 1, scalar) writeonly buffer DrawnBlock { DrawnLight at[]; } drawn;
 // Of each light, receiver by receiver.
-layout(set = 1, binding = 22, scalar) writeonly buffer ProbabilitiesBlock { float at[]; } probabilities;
+layout(set = 1, scalar) writeonly buffer ProbabilitiesBlock { float at[]; } probabilities;
 
 void main() {
     uint i = gl_GlobalInvocationID.x;

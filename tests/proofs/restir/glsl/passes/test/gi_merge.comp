@@ -3,7 +3,7 @@
 #include "passes/restir_gi/reservoir.glsl"
 
 layout(local_size_x = 64) in;
-layout(constant_id = 60) const uint CHOICES = 1u;
+layout(constant_id = CHOICES_id) const uint CHOICES = 1u;
 
 struct Pixel {
     vec3 position;
@@ -18,9 +18,9 @@ struct MergeCase {
     GiReservoir other_found;
 };
 
-layout(set = 1, binding = 20, scalar) readonly buffer PixelsBlock { Pixel at[]; } pixels;
-layout(set = 1, binding = 21, scalar) readonly buffer CasesBlock { MergeCase at[]; } cases;
-layout(set = 1, binding = 22, scalar) buffer MergedBlock { GiReservoir at[]; } merged;
+layout(set = 1, scalar) readonly buffer PixelsBlock { Pixel at[]; } pixels;
+layout(set = 1, scalar) readonly buffer CasesBlock { MergeCase at[]; } cases;
+layout(set = 1, scalar) buffer MergedBlock { GiReservoir at[]; } merged;
 
 GBufferSurface surface_at(Pixel pixel) {
     GBufferSurface surface;

@@ -27,12 +27,12 @@ struct Chosen {
     float sum;
 };
 
-layout(set = 1, binding = 170, scalar) readonly buffer MergesBlock { Merge at[]; } merges;
-layout(set = 1, binding = 171, scalar) buffer MergedBlock { Merged at[]; } merged;
-layout(set = 1, binding = 172, scalar) readonly buffer StreamsBlock { Stream at[]; } streams;
-layout(set = 1, binding = 173, scalar) buffer ChosenBlock { Chosen at[]; } chosen;
+layout(set = 1, scalar) readonly buffer MergesBlock { Merge at[]; } merges;
+layout(set = 1, scalar) buffer MergedBlock { Merged at[]; } merged;
+layout(set = 1, scalar) readonly buffer StreamsBlock { Stream at[]; } streams;
+layout(set = 1, scalar) buffer ChosenBlock { Chosen at[]; } chosen;
 // 16 pictures, one for each random number
-layout(set = 1, binding = 174, scalar) buffer PermutedBlock { ivec2 at[]; } permuted;
+layout(set = 1, scalar) buffer PermutedBlock { ivec2 at[]; } permuted;
 
 void main() {
     uint i = gl_GlobalInvocationID.x;

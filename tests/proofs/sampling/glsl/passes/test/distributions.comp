@@ -6,8 +6,8 @@
 layout(local_size_x = 64) in;
 
 // kind, seed, axis and cone
-layout(set = 1, binding = 20, scalar) readonly buffer ParametersBlock { uint at[]; } parameters;
-layout(set = 1, binding = 21, scalar) buffer DrawsBlock { vec3 at[]; } draws;
+layout(set = 1, scalar) readonly buffer ParametersBlock { uint at[]; } parameters;
+layout(set = 1, scalar) buffer DrawsBlock { vec3 at[]; } draws;
 
 void main() {
     uint i = gl_GlobalInvocationID.x;

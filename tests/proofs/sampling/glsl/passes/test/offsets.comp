@@ -6,7 +6,7 @@
 layout(local_size_x = 64) in;
 
 // hits of the ray's own triangle, of either end's by a shadow ray, offset / reach, NaNs
-layout(set = 1, binding = 20, scalar) buffer CountsBlock { vec4 at[]; } counts;
+layout(set = 1, scalar) buffer CountsBlock { vec4 at[]; } counts;
 
 bool meets(vec3 origin, float t_min, vec3 direction, float t_max, uint instance, uint triangle) {
     Hit hit = trace_closest_hit(origin, t_min, direction, t_max, TRACE_BOTH_FACES);

@@ -5,11 +5,11 @@
 
 layout(local_size_x = 64) in;
 
-layout(set = 1, binding = 20, scalar) readonly buffer ColorsBlock { vec3 at[]; } colors;
-layout(set = 1, binding = 21, scalar) readonly buffer DirectionsBlock { vec3 at[]; } directions;
-layout(set = 1, binding = 22, scalar) readonly buffer ValuesBlock { float at[]; } values;
-layout(set = 1, binding = 23, scalar) buffer PackedBlock { uint at[]; } packed;  // rgb9e5, log2, oct 32, oct 24, unorm
-layout(set = 1, binding = 24, scalar) buffer UnpackedBlock { vec4 at[]; } unpacked;
+layout(set = 1, scalar) readonly buffer ColorsBlock { vec3 at[]; } colors;
+layout(set = 1, scalar) readonly buffer DirectionsBlock { vec3 at[]; } directions;
+layout(set = 1, scalar) readonly buffer ValuesBlock { float at[]; } values;
+layout(set = 1, scalar) buffer PackedBlock { uint at[]; } packed;  // rgb9e5, log2, oct 32, oct 24, unorm
+layout(set = 1, scalar) buffer UnpackedBlock { vec4 at[]; } unpacked;
 
 const float EXPOSURE = 0.25;
 

@@ -5,11 +5,11 @@
 
 layout(local_size_x = 64) in;
 
-layout(set = 1, binding = 20, scalar) readonly buffer WordsBlock { uvec4 at[]; } words;
-layout(set = 1, binding = 21, scalar) buffer HashesBlock { uint at[]; } hashes;    // pcg, pcg4d, seed: 6 each
-layout(set = 1, binding = 22, scalar) buffer NumbersBlock { uint at[]; } numbers;  // a sequence of 8 each
-layout(set = 1, binding = 23, scalar) buffer FloatsBlock { float at[]; } floats;   // the same sequence
-layout(set = 1, binding = 24, scalar) buffer RangedBlock { uint at[]; } ranged;    // and in [0, words.y)
+layout(set = 1, scalar) readonly buffer WordsBlock { uvec4 at[]; } words;
+layout(set = 1, scalar) buffer HashesBlock { uint at[]; } hashes;    // pcg, pcg4d, seed: 6 each
+layout(set = 1, scalar) buffer NumbersBlock { uint at[]; } numbers;  // a sequence of 8 each
+layout(set = 1, scalar) buffer FloatsBlock { float at[]; } floats;   // the same sequence
+layout(set = 1, scalar) buffer RangedBlock { uint at[]; } ranged;    // and in [0, words.y)
 
 void main() {
     uint i = gl_GlobalInvocationID.x;

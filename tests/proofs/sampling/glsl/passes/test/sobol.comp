@@ -5,9 +5,9 @@
 
 layout(local_size_x = 64) in;
 
-layout(set = 1, binding = 20, scalar) readonly buffer AskedBlock { uvec2 at[]; } asked;  // index, seed
-layout(set = 1, binding = 21, scalar) buffer PointsBlock { vec2 at[]; } points;
-layout(set = 1, binding = 22, scalar) buffer PartsBlock { uvec2 at[]; } parts;  // scrambled index, second dimension
+layout(set = 1, scalar) readonly buffer AskedBlock { uvec2 at[]; } asked;  // index, seed
+layout(set = 1, scalar) buffer PointsBlock { vec2 at[]; } points;
+layout(set = 1, scalar) buffer PartsBlock { uvec2 at[]; } parts;  // scrambled index, second dimension
 
 void main() {
     uint i = gl_GlobalInvocationID.x;

@@ -4,8 +4,8 @@
 
 layout(local_size_x = 64) in;
 
-layout(set = 1, binding = 20, scalar) readonly buffer VectorsBlock { vec3 at[]; } vectors;  // three each
-layout(set = 1, binding = 21, scalar) buffer ResultsBlock { vec3 at[]; } results;           // three each
+layout(set = 1, scalar) readonly buffer VectorsBlock { vec3 at[]; } vectors;  // three each
+layout(set = 1, scalar) buffer ResultsBlock { vec3 at[]; } results;           // three each
 
 float triangle_area(Hit hit) {
     Instance instance = instances.at[hit.instance];

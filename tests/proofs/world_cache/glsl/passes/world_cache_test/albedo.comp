@@ -9,8 +9,8 @@ struct Case {
     float metallic;
     float cosine;
 };
-layout(set = 1, binding = 128, scalar) readonly buffer CasesBlock { Case at[]; } cases;
-layout(set = 1, binding = 129, scalar) buffer AlbedosBlock { vec3 at[]; } albedos;  // ours, then summed
+layout(set = 1, scalar) readonly buffer CasesBlock { Case at[]; } cases;
+layout(set = 1, scalar) buffer AlbedosBlock { vec3 at[]; } albedos;  // ours, then summed
 
 layout(local_size_x = 8) in;
 

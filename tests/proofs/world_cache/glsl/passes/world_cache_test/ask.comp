@@ -3,12 +3,12 @@
 #version 460
 #include "passes/world_cache/query.glsl"
 
-layout(set = 1, binding = 128, scalar) buffer AnswersBlock { vec3 at[]; } answers;
+layout(set = 1, scalar) buffer AnswersBlock { vec3 at[]; } answers;
 
 layout(local_size_x = 64) in;
 
 // 0: query at the end of the second ray; 1: at the end of the first.
-layout(constant_id = 10) const uint first_ray = 0u;
+layout(constant_id = first_ray_id) const uint first_ray = 0u;
 
 void main() {
     uint index = INVOCATION_INDEX.x;

@@ -17,8 +17,8 @@ struct Answer {
     vec3 normal;
     float offset;
 };
-layout(set = 1, binding = 128, scalar) readonly buffer QueriesBlock { Query at[]; } queries;
-layout(set = 1, binding = 129, scalar) buffer AnswersBlock { Answer at[]; } answers;
+layout(set = 1, scalar) readonly buffer QueriesBlock { Query at[]; } queries;
+layout(set = 1, scalar) buffer AnswersBlock { Answer at[]; } answers;
 
 layout(local_size_x = 64) in;
 

@@ -2,8 +2,8 @@
 #version 460
 #include "passes/world_cache/query.glsl"
 
-layout(set = 1, binding = 128, scalar) readonly buffer PlacesBlock { vec3 at[]; } places;
-layout(set = 1, binding = 129, scalar) buffer SizesBlock { float at[]; } sizes;
+layout(set = 1, scalar) readonly buffer PlacesBlock { vec3 at[]; } places;
+layout(set = 1, scalar) buffer SizesBlock { float at[]; } sizes;
 
 layout(local_size_x = 64) in;
 
