@@ -1,8 +1,9 @@
 """What all shaders of a frame share: two descriptor set layouts and a pipeline layout, made from their bindings.
 
 Set 0 holds the scene, set 1 the resources of passes. Names alone tell bindings apart: the interface numbers them in
-the order in which modules first name them, and writes the numbers into the modules (`linked`). An array of combined image samplers without a length is bindless:
-it is partially bound, may be updated after binding, and is as long as the number of textures requires.
+the order in which modules first name them, and writes the numbers into the modules (`linked`). An array of combined
+image samplers without a length is bindless: it is partially bound, may be updated after binding, and is as long as the
+number of textures requires.
 """
 
 from __future__ import annotations

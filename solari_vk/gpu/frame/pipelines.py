@@ -83,8 +83,10 @@ class Pipelines:
                 handle = int(raw.ffi.cast("uintptr_t", layout))
                 keys.append((*digests, item.kind, tuple(sorted(values.items())), handle))
                 if keys[-1] not in self._made and keys[-1] not in missing:
-                    stages = [self._stage(shaders, item.name, module, interface.linked(module), specialization)
-                              for module, specialization in zip(item.modules, specializations, strict=True)]  # fmt: skip
+                    stages = [
+                        self._stage(shaders, item.name, module, interface.linked(module), specialization)
+                        for module, specialization in zip(item.modules, specializations, strict=True)
+                    ]
                     missing[keys[-1]] = item, self._creation(stages, item.kind, layout)
             self._create(missing)
         return [(key, self._made[key][0]) for key in keys]

@@ -240,7 +240,8 @@ test_a_seeded_bug_is_noticed = bug_tests({
     _WEIGHT: (GLOSSY, Bug(BRDF, "weigh_sample", "BrdfSample found = correct(brdf, wo, wi, diffuse); "
                           "found.weight *= 1.01; return found;")),
     _SAMPLES: (GLOSSY, Bug(SPECULAR, "sample_specular_lobe", "return 1.1 * correct(brdf, wo, u);")),
-    "distribution": (GLOSSY, Bug(MICROFACET, "ggx_vndf_pdf_per_d(vec3 wo, float", "return 1.1 * correct(wo, roughness);")),
+    "distribution": (GLOSSY, Bug(
+        MICROFACET, "ggx_vndf_pdf_per_d(vec3 wo, float", "return 1.1 * correct(wo, roughness);")),
     "distribution of both lobes": (with_shaders(measure_draws, [(0.6, 0.0, 75.0)], 1_000_000), Bug(
         BRDF, "brdf_pdf", "return 0.5 * (correct(brdf, wo, wi) + specular_pdf(brdf, wo, wi));")),
     _VALUES: (NUMBERS, Bug(SPECULAR, "specular_distribution", "return correct(brdf, half_vector) - 1e-3;")),

@@ -214,7 +214,8 @@ test_a_seeded_bug_is_noticed = bug_tests({
     "glass furnace": (GLASS_FURNACE, Bug(
         "scene/brdf_table.glsl", "lookup_glass_table", "return vec2(1.0, 0.0);")),
     "layers gain light": (LAYER_FURNACE, Bug("scene/lobes/coat.glsl", "coat_cover", "return 1.0;")),
-    "layers lose light": (LAYER_FURNACE, Bug("scene/lobes/sheen.glsl", "sheen_cover", "return 0.5 * correct(sheen, wo, wi);")),
+    "layers lose light": (LAYER_FURNACE, Bug(
+        "scene/lobes/sheen.glsl", "sheen_cover", "return 0.5 * correct(sheen, wo, wi);")),
     "density of glass": (DRAWS, Bug(GLASS, "glass_jacobian", "return 1.1 * correct(glass, wo, wi, m);")),
     "density of coats": (DRAWS, Bug("scene/lobes/coat.glsl", "coat_pdf", "return 1.1 * correct(coat, wi);")),
     "density of anisotropic lobes": (DRAWS, Bug(

@@ -125,7 +125,8 @@ test_a_seeded_bug_is_noticed = bug_tests({
         "scene/sampling.glsl", "resolve_light_sample(LightSample light_sample, float",
         "ResolvedLightSample found = correct(light_sample, light_probability); found.inverse_pdf *= 1.02; "
         "return found;")),
-    "weights of hits": (lambda device: measure_series(device, 5, ["mis"]), Bug("scene/walk.glsl", "emitted_light", "return correct(walk, surface, 0.0);")),
+    "weights of hits": (lambda device: measure_series(device, 5, ["mis"]), Bug(
+        "scene/walk.glsl", "emitted_light", "return correct(walk, surface, 0.0);")),
     "white walls": (lambda device: measure_white_box(device, 0.5, 0.0), Bug(
         "scene/lobes/specular.glsl", "dielectric_albedo", "return 0.5 * correct(brdf, ab);")),
     "white metal": (lambda device: measure_white_box(device, 1.0, 1.0), Bug(
