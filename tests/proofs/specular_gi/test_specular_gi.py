@@ -278,7 +278,7 @@ def camera_spread(device):
 
 
 @pytest.mark.parametrize("measure", [
-    measure_mirror, spread, *(pytest.param(m, marks=pytest.mark.slow) for m in (camera_spread, measure_gallery)),
+    measure_mirror, *(pytest.param(m, marks=pytest.mark.slow) for m in (spread, camera_spread, measure_gallery)),
 ])  # fmt: skip
 def test_rules_hold(device, measure):
     hold(measure(device))
