@@ -4,6 +4,7 @@
 #define COMMON_PACKING_GLSL
 
 #include "common/math.glsl"
+#include "common/random.glsl"
 
 // ---- unsigned normalized numbers, rounded to the nearest ---------------------------------------------
 
@@ -15,6 +16,21 @@ uint pack_unorm(float value, uint bit_count) {
 float unpack_unorm(uint bits, uint bit_count) {
     uint max_code = (1u << bit_count) - 1u, code = bits & max_code;
     return code == max_code ? 1.0 : float(code) / float(max_code);  // on some devices n / n isn't exactly 1
+}
+
+// ---- positive floats ----------------------------------------------------------------------------------
+
+// Positive floats keep all exponents, so that no exposure overflows, and their highest bits of mantissa. Rounding is
+// random: rounding to the nearest would stop means of many frames short of where they tend to.
+const float LARGEST = 1e37;
+
+uint pack_positive(float value, uint bit_count, inout uint rng) {
+    uint dropped = 31u - bit_count;
+    return (floatBitsToUint(clamp(value, 0.0, LARGEST)) + (rand_u(rng) >> (32u - dropped))) >> dropped;
+}
+
+float unpack_positive(uint bits, uint bit_count) {
+    return uintBitsToFloat((bits & ((1u << bit_count) - 1u)) << (31u - bit_count));
 }
 
 // ---- unit vectors -----------------------------------------------------------------------------------

@@ -43,18 +43,18 @@ _GROUPS = (
             "show_distance(max(paths_diffuse.at[index].w, paths_specular.at[index].w))",
         ),
     }, "paths"),
-    ViewGroup("Denoiser", "Lobe diffuse = unpack_lobe(denoise_diffuse.at[index]), "
-                          "specular = unpack_lobe(denoise_specular.at[index]);", {
+    ViewGroup("Denoiser", "", {
         "denoise_frames": (
             "number of frames that the diffuse light averages, yellow for the maximum.",
-            "show_share(diffuse.frames / float(denoise_settings.frames))",
+            "show_share(history_length(index) / float(denoise_settings.frames))",
         ),
         "denoise_frames_specular": (
-            "the same of the specular light.", "show_share(specular.frames / float(denoise_settings.frames))"
+            "the same of the specular light.",
+            "show_share(specular_history_length(index) / float(denoise_settings.frames))",
         ),
         "denoise_noise": (
             "standard error of the diffuse light before the blur over its mean, yellow for 1.",
-            "show_share(noise_of(diffuse))",
+            "show_share(history_noise(index))",
         ),
         "denoise_error": (
             "estimated standard error of the denoised luminance over it, yellow for 25 %.",

@@ -9,7 +9,7 @@ picture tends to the truth.
 
 from __future__ import annotations
 
-from solari_vk.gpu.frame.stages import History, Pass, Stage
+from solari_vk.gpu.frame.stages import History, Pass, Stage, Within
 from solari_vk.gpu.shaders.headers import constants
 
 CELL = 4  # width in pixels of a cell of `denoise_cells`
@@ -32,12 +32,18 @@ def history_stage(size: tuple[int, int]) -> Stage:
 def stage(size: tuple[int, int]) -> Stage:
     """Denoises `paths_diffuse` and `paths_specular`. Does nothing when denoise=off.
 
-    The result is in what glsl/passes/denoise/bindings.glsl calls `denoise_odd`.
+    Filters work where the histories of the previous frame were, which only `denoise/temporal` reads. Other stages ask
+    glsl/passes/denoise/api.glsl for the result.
     """
+    pixels = size[0] * size[1]
     cells = (-(-size[0] // CELL), -(-size[1] // CELL))
     return Stage(
         "denoise",
-        buffers=dict.fromkeys(("denoise_cells", "denoise_blocks"), cells[0] * cells[1]),
+        buffers={
+            **dict.fromkeys(("denoise_cells", "denoise_blocks"), cells[0] * cells[1]),
+            "denoise_even": Within("previous_denoise_diffuse", pixels),
+            "denoise_odd": Within("previous_denoise_specular", pixels),
+        },
         passes=[
             Pass("denoise/sum_cells", threads=cells),
             Pass("denoise/find_changes", threads=cells),

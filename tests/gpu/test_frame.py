@@ -403,7 +403,7 @@ def with_a(item: Pass) -> Stage:
         (Stage("s", buffers={"a": 4, "q": 4}, passes=[FILL]), "stage s declares q, which none"),
         (Stage("s", buffers={"a": 0}, passes=[FILL]), "a needs a whole number of elements above 0"),
         (Stage("s", buffers={"a": 4, "b": Within("a", 5)}, passes=[Pass("a_to_b", 1)]), "b needs 20 bytes within a"),
-        (Stage("s", buffers={"a": History(4), "b": Within("a", 1)}, passes=[Pass("a_to_b", 1)]), "without a history"),
+        (Stage("s", buffers={"a": History(4), "b": Within("a", 1)}, passes=[Pass("a_to_b", 1)]), "previous_NAME of one"),
         (Stage("s", buffers={"a": 4}, images={"picture": 3}, passes=[FILL]), "declares picture"),
         (Stage("s", buffers={"picture": 4}, passes=[Pass("accumulate", threads=1)]), "picture is a storage_image"),
         (Stage("s", images={"picture": History((0, 4))}, passes=[Pass("accumulate", threads=1)]), "size of picture is"),

@@ -1,6 +1,7 @@
 // Traces paths without shading: closest-hit rays that scatter around the geometric normal, nothing else. The baseline
 // of all passes that trace.
 #version 460
+#include "common/pixel.glsl"
 #include "common/random.glsl"
 #include "passes/pathtracer/bindings.glsl"
 #include "scene/camera.glsl"
@@ -11,7 +12,7 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 void main() {
     uvec2 pixel = INVOCATION_INDEX;
-    if (any(greaterThanEqual(pixel, camera.size))) { return; }
+    if (!is_inside(pixel, camera.size)) { return; }
     uint rng = seed_rng(pixel, path_sampling.sample_index, path_sampling.seed);
     CameraRay ray = make_camera_ray(vec2(pixel) + 0.5);
     uint rays = 0u;
@@ -26,5 +27,5 @@ void main() {
         ray.direction = orthonormalize(normal) * sample_cosine_hemisphere(rand_vec2f(rng));
         ray.t_min = 0.0;
     }
-    ray_count.at[pixel.y * camera.size.x + pixel.x] = rays;
+    ray_count.at[pixel_index(pixel, camera.size)] = rays;
 }

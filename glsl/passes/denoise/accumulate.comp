@@ -1,5 +1,6 @@
 // Adds each pixel's light to its mean over frames, whose length changes of light shorten.
 #version 460
+#include "common/pixel.glsl"
 #include "passes/denoise/aside.glsl"
 #include "passes/denoise/cell.glsl"
 #include "passes/denoise/sample.glsl"
@@ -23,8 +24,8 @@ Lobe add_sample(Lobe past, vec4 found, float confidence) {
 
 void main() {
     ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
-    if (denoise_settings.denoise == 0u || any(greaterThanEqual(pixel, ivec2(camera.size)))) { return; }
-    uint index = uint(pixel.y) * camera.size.x + uint(pixel.x), kind = kind_of(denoise_guides.at[index]);
+    if (denoise_settings.denoise == 0u || !is_inside(pixel, camera.size)) { return; }
+    uint index = pixel_index(pixel, camera.size), kind = kind_of(denoise_guides.at[index]);
     vec2 confidence = denoise_blocks.at[cell_at(pixel)].confidence;
     if (min(confidence.x, confidence.y) < 1.0) { shorten_aside(index, min(confidence.x, confidence.y)); }
     if (kind == NOTHING_SHOWN) { return; }

@@ -4,6 +4,7 @@
 #ifndef PASSES_DENOISE_AT_SAMPLE_GLSL
 #define PASSES_DENOISE_AT_SAMPLE_GLSL
 
+#include "common/pixel.glsl"
 #include "passes/denoise/likeness.glsl"
 #include "passes/denoise/signal.glsl"
 
@@ -18,7 +19,7 @@ void add_slope(inout vec3 sum, Signal own, Signal below, Signal above, vec2 weig
 }
 
 void light_at_sample(ivec2 pixel, out Signal diffuse, out Signal specular) {
-    Signals own = load_filtered(uint(pixel.y) * camera.size.x + uint(pixel.x));
+    Signals own = load_filtered(pixel_index(pixel, camera.size));
     diffuse = own.diffuse;
     specular = own.specular;
     if (camera.size == camera.picture_size) { return; }
@@ -29,7 +30,7 @@ void light_at_sample(ivec2 pixel, out Signal diffuse, out Signal specular) {
         mat2 weights;  // by the side and the lobe
         for (int side = 0; side < 2; side++) {
             ivec2 step = (2 * side - 1) * ivec2(1 - axis, axis), other = clamp(pixel + step, ivec2(0), last);
-            uint at = uint(other.y) * camera.size.x + uint(other.x);
+            uint at = pixel_index(other, camera.size);
             weights[side] = other == pixel + step ? likeness(pattern, denoise_guides.at[at], step) : vec2(0.0);
             found[side] = load_filtered(at);
         }

@@ -12,12 +12,9 @@ layout(set = 1, scalar) buffer DenoiseDiffuseBlock { uvec4 at[]; } denoise_diffu
 layout(set = 1, scalar) buffer PreviousDenoiseDiffuseBlock { uvec4 at[]; } previous_denoise_diffuse;
 layout(set = 1, scalar) buffer DenoiseSpecularBlock { uvec4 at[]; } denoise_specular;
 layout(set = 1, scalar) buffer PreviousDenoiseSpecularBlock { uvec4 at[]; } previous_denoise_specular;
-// Filters work where the histories of the previous frame were, which only `denoise/temporal` reads. They read one of
-// these buffers and write the other. The first three words hold the light of both lobes, packed by
+// Filters read one of these and write the other. The first three words hold the light of both lobes, packed by
 // passes/denoise/signal.glsl. For the first pass of the blur, the last word holds the mean luminances of 3 x 3 pixels.
-#define denoise_even previous_denoise_diffuse
-#define denoise_odd previous_denoise_specular
-// The estimated standard error of the luminance of `sample_radiance`, in cd/m^2. The result `frame["error"]`.
-layout(set = 1, scalar) buffer ErrorBlock { float at[]; } error;
+layout(set = 1, scalar) buffer DenoiseEvenBlock { uvec4 at[]; } denoise_even;
+layout(set = 1, scalar) buffer DenoiseOddBlock { uvec4 at[]; } denoise_odd;
 
 #endif

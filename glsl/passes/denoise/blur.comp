@@ -5,6 +5,7 @@
 // two pixels of a surface take the same share of each other's light, so that none is lost; in the specular lobe as far
 // as both are equally uncertain.
 #version 460
+#include "common/pixel.glsl"
 #include "passes/denoise/likeness.glsl"
 #include "passes/denoise/signal.glsl"
 
@@ -13,13 +14,6 @@ layout(local_size_x = 8, local_size_y = 8) in;
 layout(constant_id = level_id) const uint level = 0u;
 
 const uint PASS_SALT = 0x3C6EF372u;
-const float TOLERANCE = 2.2;       // standard deviations
-const float CENTER_WEIGHT = 4.0;
-const float DARKEST = 1e-30;
-const float CLEAN = 0.025;         // standard deviation over mean
-const float TOO_LITTLE = 0.25;     // share of the neighbors' weight that is taken
-// Of the noise of the pixels that a pass averages, by its level, since earlier passes averaged some of the same pixels.
-const float CORRELATION[3] = float[](0.0, 0.081, 0.125);
 
 const bool EVEN = (level & 1u) == 0u;
 
@@ -99,8 +93,8 @@ Signal mean(Sum sum, Signal center) {
 
 void main() {
     ivec2 pixel = ivec2(gl_GlobalInvocationID.xy), size = ivec2(camera.size);
-    if (denoise_settings.denoise == 0u || any(greaterThanEqual(pixel, size))) { return; }
-    uint index = uint(pixel.y) * camera.size.x + uint(pixel.x);
+    if (denoise_settings.denoise == 0u || !is_inside(pixel, size)) { return; }
+    uint index = pixel_index(pixel, camera.size);
     uvec4 bits = load_bits(index);
     uint state = state_of(bits.z);
     if (state == FILTERED) { store_bits(index, bits ^ uvec4(0u, 0u, (FILTERED ^ IN_BOTH) << 30u, 0u)); }
@@ -115,7 +109,7 @@ void main() {
         for (int x = -1; x <= 1; x++) {
             if (x == 0 && y == 0) { continue; }
             ivec2 step = ivec2(x, y) << level, other = pixel + step, inside = clamp(other, ivec2(0), size - 1);
-            uint at = uint(inside.y) * camera.size.x + uint(inside.x);
+            uint at = pixel_index(inside, camera.size);
             float share = inside == other ? float((2 - abs(x)) * (2 - abs(y))) : 0.0;
             vec2 weights = share * likeness(pattern, denoise_guides.at[at], step);
             uvec4 other_bits = load_bits(at);

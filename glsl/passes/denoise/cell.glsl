@@ -5,6 +5,7 @@
 
 #extension GL_EXT_scalar_block_layout : require
 
+#include "common/pixel.glsl"
 #include "generated/passes/denoise.glsl"
 #include "passes/denoise/lobe.glsl"
 #include "scene/camera.glsl"
@@ -45,12 +46,9 @@ struct Block {
 layout(set = 1, scalar) buffer DenoiseCellsBlock { Cell at[]; } denoise_cells;
 layout(set = 1, scalar) buffer DenoiseBlocksBlock { Block at[]; } denoise_blocks;
 
-uint cell_at(ivec2 pixel) {
-    uvec2 cell = uvec2(pixel) / CELL;
-    return cell.y * ((camera.size.x + CELL - 1u) / CELL) + cell.x;
-}
-
 uvec2 cell_count() { return (camera.size + CELL - 1u) / CELL; }
+
+uint cell_at(ivec2 pixel) { return pixel_index(uvec2(pixel) / CELL, cell_count()); }
 
 const Difference NO_DIFFERENCE = Difference(0.0, 0.0, 0.0);
 const LobeCell NO_PIXELS = LobeCell(NO_DIFFERENCE, NO_DIFFERENCE, 0.0, 0.0, 0.0, 0.0);

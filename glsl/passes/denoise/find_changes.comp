@@ -2,20 +2,13 @@
 // around it. Schied et al., "Gradient Estimation for Real-Time Adaptive Temporal Filtering" (HPG 2018), retraces paths
 // for such differences; here their sums over pixels tell them from noise.
 #version 460
+#include "common/pixel.glsl"
 #include "passes/bindings.glsl"
 #include "passes/denoise/cell.glsl"
 #include "passes/denoise/guide.glsl"
 #include "passes/light_change.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
-
-const int WIDEST = 2;  // cells from the center of the widest block
-// Standard deviations between which a difference becomes certain; and the same where all light may have changed.
-const vec2 CERTAIN = vec2(3.5, 6.0), CERTAIN_AFTER_CHANGE = vec2(0.5, 1.5);
-const float EXPONENT = 16.0;
-const float RECENT_VARIANCE = 0.111;  // of the mean of the latest frames over that of a frame: 0.2 / (2 - 0.2)
-const float DARKEST = 1e-30;
-const float FEW = 8.0;  // pixels
 
 void add_difference(inout Difference sum, Difference other) {
     sum.total += other.total;
@@ -62,8 +55,8 @@ float robust_luminance(LobeCell sum) {
 
 void main() {
     ivec2 cell = ivec2(gl_GlobalInvocationID.xy), cells = ivec2(cell_count());
-    if (denoise_settings.denoise == 0u || any(greaterThanEqual(cell, cells))) { return; }
-    Cell own = denoise_cells.at[cell.y * cells.x + cell.x];
+    if (denoise_settings.denoise == 0u || !is_inside(cell, cells)) { return; }
+    Cell own = denoise_cells.at[pixel_index(cell, cells)];
     ivec2 middle = min(cell * int(CELL) + int(CELL) / 2, ivec2(camera.size) - 1);
     vec3 position = load_guide(middle).position + camera.world_from_view[3];
     vec2 bounds = bounds_of(light_change(unpack_cell(own.diffuse), position));
@@ -75,8 +68,8 @@ void main() {
             int step = abs(y) == ring ? 1 : 2 * ring;  // the cells of the ring alone
             for (int x = -ring; x <= ring; x += max(step, 1)) {
                 ivec2 other = cell + ivec2(x, y);
-                if (any(lessThan(other, ivec2(0))) || any(greaterThanEqual(other, cells))) { continue; }
-                Cell found = denoise_cells.at[other.y * cells.x + other.x];
+                if (!is_inside(other, cells)) { continue; }
+                Cell found = denoise_cells.at[pixel_index(other, cells)];
                 add_cell(diffuse, unpack_cell(found.diffuse));
                 add_cell(specular, unpack_cell(found.specular));
             }
@@ -84,5 +77,5 @@ void main() {
         trust = min(trust, vec2(confidence(diffuse, bounds), confidence(specular, specular_bounds)));
         if (ring == 1) { light = vec2(robust_luminance(diffuse), robust_luminance(specular)); }
     }
-    denoise_blocks.at[cell.y * cells.x + cell.x] = Block(trust, light);
+    denoise_blocks.at[pixel_index(cell, cells)] = Block(trust, light);
 }

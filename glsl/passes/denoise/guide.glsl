@@ -4,8 +4,10 @@
 #define PASSES_DENOISE_GUIDE_GLSL
 
 #include "common/packing.glsl"
+#include "common/pixel.glsl"
 #include "passes/bindings.glsl"
 #include "passes/denoise/bindings.glsl"
+#include "passes/denoise/constants.glsl"
 #include "passes/guides/bindings.glsl"
 
 const uint NOTHING_SHOWN = 0u;     // no surface, or in mirrors of metal none but lights: nothing that has noise
@@ -19,8 +21,6 @@ struct Guide {
     vec3 normal;
     float material;  // perceptual roughness; of reflections the luminance of the albedo
 };
-
-const float FARTHEST = 1e6;
 
 const float NORMAL_CODES = 511.0, MATERIAL_CODES = 63.0;
 
@@ -62,11 +62,11 @@ Guide unpack_guide(uvec2 bits, ivec2 pixel, Camera from) {
 }
 
 Guide load_guide(ivec2 pixel) {
-    return unpack_guide(denoise_guides.at[uint(pixel.y) * camera.size.x + uint(pixel.x)], pixel, camera);
+    return unpack_guide(denoise_guides.at[pixel_index(pixel, camera.size)], pixel, camera);
 }
 
 Guide load_previous_guide(ivec2 pixel) {
-    uvec2 bits = previous_denoise_guides.at[uint(pixel.y) * camera.size.x + uint(pixel.x)];
+    uvec2 bits = previous_denoise_guides.at[pixel_index(pixel, camera.size)];
     return unpack_guide(bits, pixel, previous_camera);
 }
 

@@ -4,17 +4,6 @@
 
 #include "passes/denoise/guide.glsl"
 
-// Distance from the surface's plane, in widths of a pixel, beyond that of a surface that bends as the normals turn.
-const float PLANE_TOLERANCE = 1.0;
-const float DIFFUSE_NORMAL_TOLERANCE = 0.12; // 1 - the cosine between normals
-const float MIRROR_NORMAL_TOLERANCE = 0.05;  // the same for surfaces seen in mirrors
-const float SPECULAR_NORMAL_TOLERANCE = 0.1; // the same for the specular lobe, over its squared roughness
-// The least squared roughness that counts, for certain light and for uncertain light: it is better to blur reflections
-// of smooth surfaces than to show their noise, but little in new pixels and settled ones, in which the edges of bright
-// reflections aren't known.
-const float CERTAIN_ALPHA = 0.003, UNCERTAIN_ALPHA = 0.4, NARROW_ALPHA = 0.04;
-const float MATERIAL_TOLERANCE = 0.1;
-
 // What other pixels are compared with.
 struct Pattern {
     uint kind;

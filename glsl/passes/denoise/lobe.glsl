@@ -2,8 +2,8 @@
 #ifndef PASSES_DENOISE_LOBE_GLSL
 #define PASSES_DENOISE_LOBE_GLSL
 
-#include "common/math.glsl"
-#include "common/random.glsl"
+#include "common/packing.glsl"
+#include "passes/denoise/constants.glsl"
 
 // A history of frames.
 struct Lobe {
@@ -14,23 +14,9 @@ struct Lobe {
     float inverse_distance;  // mean of 1 / distance to where the light came from, in 1/m; 0 when unknown
 };
 
-const float INVERSE_OF_INFINITY = 1e-9;  // of light from the environment
 const Lobe NO_HISTORY = Lobe(vec3(0.0), 0.0, 0.0, 0.0, 0.0);
 
 // ---- packing ----------------------------------------------------------------------------------------
-
-// Positive floats keep all exponents, so that no exposure overflows, and their highest bits of mantissa. Rounding is
-// random: rounding to the nearest would stop means of many frames short of where they tend to.
-const float LARGEST = 1e37;
-
-uint pack_positive(float value, uint bit_count, inout uint rng) {
-    uint dropped = 31u - bit_count;
-    return (floatBitsToUint(clamp(value, 0.0, LARGEST)) + (rand_u(rng) >> (32u - dropped))) >> dropped;
-}
-
-float unpack_positive(uint bits, uint bit_count) {
-    return uintBitsToFloat((bits & ((1u << bit_count) - 1u)) << (31u - bit_count));
-}
 
 // Two positive floats in 16 bits each.
 uint pack_two(float low, float high, inout uint rng) {

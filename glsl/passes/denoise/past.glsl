@@ -2,16 +2,11 @@
 #ifndef PASSES_DENOISE_PAST_GLSL
 #define PASSES_DENOISE_PAST_GLSL
 
+#include "common/pixel.glsl"
 #include "passes/denoise/guide.glsl"
 #include "passes/denoise/lobe.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/guides/mirrors.glsl"
-
-// Largest distance from a surface's plane, in widths of a pixel: of the surface itself, of the same surface at another
-// sample of the pixel, and of where it shows the same reflection.
-const float SAME_PLANE = 1.5, PLANE_OF_ASIDE = 2.5, PLANE_OF_REFLECTION = 8.0;
-const float SAME_NORMAL = 0.9;      // smallest cosine between normals
-const float SAME_MATERIAL = 0.1;
 
 // A surface in the previous frame.
 struct Past {
@@ -63,10 +58,6 @@ bool is_the_same(Guide then, Past past, Guide guide, float plane_distance) {
         && abs(then.material - guide.material) < SAME_MATERIAL;
 }
 
-bool is_inside(ivec2 pixel) {
-    return all(greaterThanEqual(pixel, ivec2(0))) && all(lessThan(pixel, ivec2(camera.size)));
-}
-
 Taps no_taps() {
     Taps taps;  // without the values of pixels that don't count
     taps.count = 0;
@@ -75,10 +66,10 @@ Taps no_taps() {
 }
 
 void add_tap(inout Taps taps, ivec2 pixel, float weight, Past past, Guide guide, float plane_distance) {
-    if (abs(weight) < 1e-3 || !is_inside(pixel)) { return; }
+    if (abs(weight) < 1e-3 || !is_inside(pixel, camera.size)) { return; }
     Guide then = load_previous_guide(pixel);
     if (!is_the_same(then, past, guide, plane_distance)) { return; }
-    taps.at[taps.count] = uint(pixel.y) * camera.size.x + uint(pixel.x);
+    taps.at[taps.count] = pixel_index(pixel, camera.size);
     taps.weights[taps.count] = weight;
     taps.count += 1;
     taps.weight += weight;

@@ -6,8 +6,6 @@
 #include "passes/denoise/lobe.glsl"
 #include "passes/paths/bindings.glsl"
 
-const float RECENT = 0.2;  // weight of a frame in Lobe.recent
-
 // Radiance, and the distance to where it came from: paths_diffuse.
 vec4 diffuse_sample(uint index) { return paths_diffuse.at[index]; }
 

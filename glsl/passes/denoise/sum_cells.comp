@@ -1,12 +1,12 @@
 // Sums for each cell of pixels how much this frame's light, and that of the latest frames, differ from the mean of all
 // earlier frames.
 #version 460
+#include "common/pixel.glsl"
 #include "passes/denoise/cell.glsl"
 #include "passes/denoise/sample.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
-const float MIN_FRAMES = 3.0;          // shorter histories tell nothing
 const uint PASS_SALT = 0x1F83D9ABu;
 
 void add_difference(inout Difference sum, float value, float mean) {
@@ -30,7 +30,7 @@ void add_pixel(inout LobeCell cell, Lobe past, vec3 radiance) {
 
 void main() {
     uvec2 cell = gl_GlobalInvocationID.xy, cells = cell_count();
-    if (denoise_settings.denoise == 0u || any(greaterThanEqual(cell, cells))) { return; }
+    if (denoise_settings.denoise == 0u || !is_inside(cell, cells)) { return; }
     uvec2 begin = cell * CELL, end = min(begin + CELL, camera.size);
     LobeCell diffuse = NO_PIXELS, specular = NO_PIXELS;
     for (uint y = begin.y; y < end.y; y++) {
@@ -43,5 +43,5 @@ void main() {
         }
     }
     uint rng = seed_rng(cell, this_frame.index, this_frame.seed ^ PASS_SALT);
-    denoise_cells.at[cell.y * cells.x + cell.x] = Cell(pack_cell(diffuse, rng), pack_cell(specular, rng));
+    denoise_cells.at[pixel_index(cell, cells)] = Cell(pack_cell(diffuse, rng), pack_cell(specular, rng));
 }

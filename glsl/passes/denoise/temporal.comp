@@ -2,6 +2,7 @@
 // surfaces where its reflection was, as far as they showed the same surface.
 // Schied et al., "Spatiotemporal Variance-Guided Filtering" (HPG 2017); reflections as in Zhdan, "ReBLUR" (2021).
 #version 460
+#include "common/pixel.glsl"
 #include "passes/denoise/aside.glsl"
 #include "passes/denoise/guide.glsl"
 #include "passes/denoise/lobe.glsl"
@@ -10,10 +11,6 @@
 layout(local_size_x = 8, local_size_y = 8) in;
 
 const uint PASS_SALT = 0x6A09E667u;
-const float ONLY_SURFACE_MOTION = 0.8; // perceptual roughness from which reflections move like their surface
-const float ONLY_VIRTUAL_MOTION = 0.5;
-const float NORMALS_OF_LOBE = 0.1;     // 1 - the cosine between normals, over the squared roughness
-const float UNCERTAIN = 0.3;           // share of a pixel by which a reflection's place may be off
 
 // The mean of two histories.
 Lobe blend(Lobe a, Lobe b, float share) {
@@ -96,8 +93,8 @@ void find_unmoved(ivec2 pixel, uint index, Past past, Guide guide, inout uint rn
 
 void main() {
     ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
-    if (any(greaterThanEqual(pixel, ivec2(camera.size)))) { return; }
-    uint index = uint(pixel.y) * camera.size.x + uint(pixel.x);
+    if (!is_inside(pixel, camera.size)) { return; }
+    uint index = pixel_index(pixel, camera.size);
     Guide guide = make_guide(pixel);
     if (denoise_settings.denoise == 0u) { guide.kind = NOTHING_SHOWN; }
     bool shown = guide.kind != NOTHING_SHOWN;

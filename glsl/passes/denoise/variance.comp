@@ -1,6 +1,7 @@
 // Begins the filter: the light of each lobe, and how far it may be off, from the spread over frames and over the
 // nearest pixels. A value far from its neighbors counts as uncertain, since in few frames it is most often noise.
 #version 460
+#include "common/pixel.glsl"
 #include "passes/denoise/cell.glsl"
 #include "passes/denoise/likeness.glsl"
 #include "passes/denoise/signal.glsl"
@@ -8,12 +9,6 @@
 layout(local_size_x = 8, local_size_y = 8) in;
 
 const uint PASS_SALT = 0xBB67AE85u;
-const float NEIGHBORHOOD = 4.0;  // frames that the neighborhood's spread counts for
-const float OWN_WEIGHT = 4.0;    // of a pixel in its neighborhood
-const float SETTLED = 40.0;      // frames from which a pixel's own spread tells enough
-const float NEIGHBORS_LIMIT = 2.0, BLOCK_LIMIT = 4.0;
-const float ALIKE = 0.1;         // least weight of the neighbors that a pixel is compared with
-const float FEW_FRAMES = 2.0;    // fewer tell nothing of how samples differ
 
 struct Moments {
     float weight;
@@ -65,8 +60,8 @@ Signal begin(Lobe lobe, Moments sum, float block_luminance) {
 
 void main() {
     ivec2 pixel = ivec2(gl_GlobalInvocationID.xy), size = ivec2(camera.size);
-    if (denoise_settings.denoise == 0u || any(greaterThanEqual(pixel, size))) { return; }
-    uint index = uint(pixel.y) * camera.size.x + uint(pixel.x);
+    if (denoise_settings.denoise == 0u || !is_inside(pixel, size)) { return; }
+    uint index = pixel_index(pixel, camera.size);
     Guide guide = load_guide(pixel);
     if (guide.kind == NOTHING_SHOWN) {
         denoise_even.at[index] = denoise_odd.at[index] = uvec4(0u, 0u, IN_BOTH << 30u, 0u);
@@ -85,7 +80,7 @@ void main() {
     for (int i = settled ? 4 : 0; i < (settled ? 5 : 9); i++) {
         ivec2 step = ivec2(i % 3, i / 3) - 1, other = pixel + step;
         ivec2 inside = clamp(other, ivec2(0), size - 1);
-        uint at = uint(inside.y) * camera.size.x + uint(inside.x);
+        uint at = pixel_index(inside, camera.size);
         vec2 weights = vec2(inside == other ? (2 - abs(step.x)) * (2 - abs(step.y)) : 0);
         if (i != 4) { weights *= likeness(pattern, denoise_guides.at[at], step); }
         add_moments(diffuse, unpack_lobe(denoise_diffuse.at[at]), weights.x);

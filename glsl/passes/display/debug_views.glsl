@@ -11,8 +11,7 @@
 #include "passes/world_cache/map.glsl"
 #include "scene/sampling.glsl"
 #ifdef LIGHTING_PATHS
-#include "passes/denoise/bindings.glsl"
-#include "passes/denoise/lobe.glsl"
+#include "passes/denoise/api.glsl"
 #include "passes/paths/bindings.glsl"
 #endif
 #ifdef LIGHTING_SPLIT
@@ -83,14 +82,6 @@ ShownCell find_shown_cell(uvec2 pixel, GBufferSurface surface) {
     vec4 irradiance = world_cache_irradiance.at[cell];
     return ShownCell(true, key.checksum, cell_size, irradiance.rgb, irradiance.w, world_cache_life.at[cell]);
 }
-
-#ifdef LIGHTING_PATHS
-// The standard error of the mean over frames, over that mean.
-float noise_of(Lobe lobe) {
-    float mean = luminance(lobe.radiance), variance = max(lobe.second_moment - mean * mean, 0.0);
-    return mean > 0.0 ? sqrt(variance / lobe.frames) / mean : 0.0;
-}
-#endif
 
 vec3 show_light(uint light_index) {
     LightSource light = light_sources.at[light_index];

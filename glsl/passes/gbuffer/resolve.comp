@@ -1,5 +1,6 @@
 // The raster G-buffer: computes the surface at each pixel's center from the triangle that covers it, as a ray would.
 #version 460
+#include "common/pixel.glsl"
 #include "passes/gbuffer/bindings.glsl"
 #include "passes/gbuffer/pixel.glsl"
 #include "passes/gbuffer/raster.glsl"
@@ -8,7 +9,7 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 void main() {
     uvec2 at = gl_GlobalInvocationID.xy;
-    if (any(greaterThanEqual(at, camera.size))) { return; }
+    if (!is_inside(at, camera.size)) { return; }
     CameraRay ray = make_camera_ray(vec2(at) + 0.5);
     if (imageLoad(depth, ivec2(at)).x == 0.0) {
         store_pixel(ivec2(at), resolve_empty_pixel(ray));

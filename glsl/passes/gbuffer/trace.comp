@@ -1,5 +1,6 @@
 // The traced G-buffer: the surface that the ray through each pixel hits, in the same layout as the raster G-buffer.
 #version 460
+#include "common/pixel.glsl"
 #include "passes/gbuffer/pixel.glsl"
 #include "scene/trace.glsl"
 
@@ -7,7 +8,7 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 void main() {
     uvec2 at = INVOCATION_INDEX;
-    if (any(greaterThanEqual(at, camera.size))) { return; }
+    if (!is_inside(at, camera.size)) { return; }
     CameraRay ray = make_camera_ray(vec2(at) + 0.5);
     uvec2 blend_point = pixel_blend_point(at);
     Hit hit = trace_closest_hit(ray.origin, ray.t_min, ray.direction, INFINITY, TRACE_FRONT_FACES, blend_point);

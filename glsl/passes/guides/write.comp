@@ -2,6 +2,7 @@
 // its virtual position, and one with a thin wall of clear glass the surface seen through it: Panteleev, "Rendering
 // Perfect Reflections and Refractions in Path-Traced Games" (NVIDIA, 2020).
 #version 460
+#include "common/pixel.glsl"
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/guides/bindings.glsl"
@@ -110,7 +111,7 @@ Guides describe_what_is_shown(GBufferSurface seen, uvec2 pixel) {
 
 void main() {
     uvec2 pixel = INVOCATION_INDEX;
-    if (any(greaterThanEqual(pixel, camera.size))) { return; }
+    if (!is_inside(pixel, camera.size)) { return; }
     ivec2 at = ivec2(pixel);
 
     vec2 motion = imageLoad(motion_vectors, at).xy;

@@ -13,6 +13,8 @@ layout(set = 1, scalar) buffer PathsDiffuseBlock { vec4 at[]; } paths_diffuse;
 layout(set = 1, scalar) buffer PathsSpecularBlock { vec4 at[]; } paths_specular;
 // Radiance without the denoiser.
 layout(set = 1, scalar) buffer RawRadianceBlock { vec3 at[]; } raw_radiance;
+// The estimated standard error of the luminance of `sample_radiance`, in cd/m^2. The result `frame["error"]`.
+layout(set = 1, scalar) buffer ErrorBlock { float at[]; } error;
 
 // A path that waits for its next ray, apart from what the pass that goes on with it computes again.
 struct WaitingPath {

@@ -1,5 +1,6 @@
 // A path of each pixel, from the surface that the pixel shows: its light sample and its first ray.
 #version 460
+#include "common/pixel.glsl"
 #include "common/sobol.glsl"
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
@@ -33,8 +34,8 @@ Path start_path(uvec2 pixel, GBufferSurface surface, uint sample_index) {
 
 void main() {
     uvec2 pixel = INVOCATION_INDEX;
-    if (any(greaterThanEqual(pixel, camera.size))) { return; }
-    uint index = pixel.y * camera.size.x + pixel.x;
+    if (!is_inside(pixel, camera.size)) { return; }
+    uint index = pixel_index(pixel, camera.size);
     uint samples = count_samples(index), sample_index = paths_round.sample_index;
     if (sample_index >= samples) { return; }
     GBufferSurface surface = load_gbuffer(pixel);

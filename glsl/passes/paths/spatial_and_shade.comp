@@ -1,6 +1,7 @@
 // Reuse between neighbors: merges a pixel's reservoir with that of a neighbor, keeps the result for the next frame, and
 // adds the light of both samples to the pixel. Lin et al., "Generalized Resampled Importance Sampling" (2022).
 #version 460
+#include "common/pixel.glsl"
 #include "passes/paths/demodulation.glsl"
 #include "passes/paths/reservoir.glsl"
 #include "passes/reuse.glsl"
@@ -17,8 +18,8 @@ float sample_distance(Vertex vertex, PathReservoir reservoir) {
 
 void main() {
     uvec2 pixel = INVOCATION_INDEX;
-    if (any(greaterThanEqual(pixel, camera.size))) { return; }
-    uint index = pixel.y * camera.size.x + pixel.x;
+    if (!is_inside(pixel, camera.size)) { return; }
+    uint index = pixel_index(pixel, camera.size);
     GBufferSurface surface = load_gbuffer(pixel);
     Merge merged = Merge(paths_temporal_reservoirs.at[index], NO_LIGHT);
     if (surface.exists) {
@@ -29,7 +30,7 @@ void main() {
         PathReservoir other = EMPTY_RESERVOIR;
         if (find_spatial_neighbor(pixel, surface, restir_settings.radius, rng, neighbor, neighbor_surface)) {
             other_surface = neighbor_surface;
-            other = paths_temporal_reservoirs.at[neighbor.y * camera.size.x + neighbor.x];
+            other = paths_temporal_reservoirs.at[pixel_index(neighbor, camera.size)];
         }
         merged = merge_reservoirs(
             vertex, merged.reservoir, make_vertex(other_surface), other, false, vec2(other.confidence), rand_f(rng)

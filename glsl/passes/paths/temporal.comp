@@ -1,6 +1,7 @@
 // Reuse between frames: chooses one of the samples that a pixel's path offers, and merges it with the reservoir of a
 // pixel of the previous frame. Lin et al., "Generalized Resampled Importance Sampling" (2022).
 #version 460
+#include "common/pixel.glsl"
 #include "passes/paths/reservoir.glsl"
 #include "passes/reuse.glsl"
 
@@ -25,7 +26,7 @@ PathReservoir choose_offer(PathOffer offer, Vertex vertex, float choice) {
 // A reservoir of the previous frame, with the light's index in this frame. A reservoir whose light was removed keeps
 // its confidence; otherwise those that found a remaining light would count too much.
 PathReservoir load_previous_reservoir(uvec2 pixel) {
-    PathReservoir reservoir = paths_reservoirs.at[pixel.y * camera.size.x + pixel.x];
+    PathReservoir reservoir = paths_reservoirs.at[pixel_index(pixel, camera.size)];
     reservoir.confidence = min(reservoir.confidence, restir_settings.confidence_cap);
     if (!is_hit(reservoir) && reservoir.weight > 0.0) {
         reservoir.point.x = light_translation.at[reservoir.point.x];
@@ -45,8 +46,8 @@ float previous_confidence(float confidence, PathReservoir found) {
 
 void main() {
     uvec2 pixel = INVOCATION_INDEX;
-    if (any(greaterThanEqual(pixel, camera.size))) { return; }
-    uint index = pixel.y * camera.size.x + pixel.x;
+    if (!is_inside(pixel, camera.size)) { return; }
+    uint index = pixel_index(pixel, camera.size);
     GBufferSurface surface = load_gbuffer(pixel);
     PathReservoir reservoir = EMPTY_RESERVOIR;
     if (surface.exists) {

@@ -2,8 +2,7 @@
 #ifndef PASSES_PATHS_YOUNG_GLSL
 #define PASSES_PATHS_YOUNG_GLSL
 
-#include "passes/denoise/guide.glsl"
-#include "passes/denoise/lobe.glsl"
+#include "passes/denoise/api.glsl"
 
 layout(constant_id = young_samples_id) const uint young_samples = 1u;  // paths of a young pixel
 
@@ -12,9 +11,9 @@ const float YOUNG = 8.0;  // frames of history from which one path is enough
 // The number of paths of a pixel, by the history of its diffuse lobe before the frame's light is added: that of
 // reflections is short wherever the camera moves.
 uint count_samples(uint index) {
-    if (denoise_settings.denoise == 0u || kind_of(denoise_guides.at[index]) == NOTHING_SHOWN) { return 1u; }
+    if (!is_denoised(index)) { return 1u; }
     float enough = min(YOUNG, float(denoise_settings.frames - 1u));
-    return unpack_lobe(denoise_diffuse.at[index]).frames < enough ? young_samples : 1u;
+    return history_length(index) < enough ? young_samples : 1u;
 }
 
 #endif

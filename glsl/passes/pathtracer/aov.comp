@@ -1,5 +1,6 @@
 // Writes the path tracer's AOVs: the surface that the ray through each pixel's center hits.
 #version 460
+#include "common/pixel.glsl"
 #include "common/random.glsl"
 #include "passes/pathtracer/bindings.glsl"
 #include "scene/camera.glsl"
@@ -10,8 +11,8 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 void main() {
     uvec2 pixel = INVOCATION_INDEX + uvec2(0u, path_sampling.first_row);
-    if (any(greaterThanEqual(pixel, camera.size)) || INVOCATION_INDEX.y >= path_sampling.row_count) { return; }
-    uint index = pixel.y * camera.size.x + pixel.x;
+    if (!is_inside(pixel, camera.size) || INVOCATION_INDEX.y >= path_sampling.row_count) { return; }
+    uint index = pixel_index(pixel, camera.size);
 
     CameraRay ray = make_camera_ray(vec2(pixel) + 0.5);
     uint rng = seed_rng(pixel, floatBitsToUint(camera.jitter.x), floatBitsToUint(camera.jitter.y));

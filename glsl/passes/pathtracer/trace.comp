@@ -1,5 +1,6 @@
 // The reference path tracer: updates each pixel's mean with more samples, by walks that start at the camera.
 #version 460
+#include "common/pixel.glsl"
 #include "passes/pathtracer/bindings.glsl"
 #include "passes/pathtracer/pixel_filter.glsl"
 #include "scene/walk.glsl"
@@ -14,11 +15,11 @@ float mis_pdf(float pdf) {
 
 void main() {
     uvec2 pixel = INVOCATION_INDEX + uvec2(0u, path_sampling.first_row);
-    if (any(greaterThanEqual(pixel, camera.size)) || INVOCATION_INDEX.y >= path_sampling.row_count) { return; }
+    if (!is_inside(pixel, camera.size) || INVOCATION_INDEX.y >= path_sampling.row_count) { return; }
 
     // The mean is updated sample by sample, so that its bits don't depend on how samples are split into dispatches. A
     // mean keeps the precision of the millionth sample, which a sum would lose.
-    uint index = pixel.y * camera.size.x + pixel.x;
+    uint index = pixel_index(pixel, camera.size);
     uint sample_index = path_sampling.sample_index;
     vec3 mean = vec3(0.0);
     float deviations = 0.0;

@@ -4,6 +4,7 @@
 #ifndef PASSES_RESTIR_DI_INITIAL_AND_TEMPORAL_GLSL
 #define PASSES_RESTIR_DI_INITIAL_AND_TEMPORAL_GLSL
 
+#include "common/pixel.glsl"
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/light_tiles/light_tiles.glsl"
@@ -40,7 +41,7 @@ DiReservoir generate_initial_reservoir(uvec2 pixel, GBufferSurface surface, inou
 // A reservoir of the previous frame, with the light's index in this frame. A reservoir whose light was removed keeps
 // its confidence; otherwise those that found a remaining light would count too much.
 DiReservoir load_previous_reservoir(uvec2 pixel) {
-    DiReservoir reservoir = di_reservoirs.at[pixel.y * camera.size.x + pixel.x];
+    DiReservoir reservoir = di_reservoirs.at[pixel_index(pixel, camera.size)];
     reservoir.confidence = min(reservoir.confidence, restir_di_settings.confidence_cap);
     if (reservoir.light_sample.light_index != NO_INDEX) {
         reservoir.light_sample.light_index = light_translation.at[reservoir.light_sample.light_index];
@@ -74,7 +75,7 @@ void write_temporal_reservoir(uvec2 pixel) {
         test_visibility(surface, reservoir);
         reservoir = merge_with_previous(pixel, surface, reservoir, rng);
     }
-    di_temporal_reservoirs.at[pixel.y * camera.size.x + pixel.x] = reservoir;
+    di_temporal_reservoirs.at[pixel_index(pixel, camera.size)] = reservoir;
 }
 
 #endif

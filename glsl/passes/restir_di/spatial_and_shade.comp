@@ -2,6 +2,7 @@
 // and only then tests whether the chosen light is visible, and shades. Bitterli et al., "Spatiotemporal Reservoir
 // Resampling for Real-Time Ray Tracing with Dynamic Direct Lighting" (2020).
 #version 460
+#include "common/pixel.glsl"
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/ray_count.glsl"
@@ -30,7 +31,7 @@ uint merge_with_neighbor(uvec2 pixel, GBufferSurface surface, inout DiReservoir 
     if (!find_spatial_neighbor(pixel, surface, restir_di_settings.spatial_radius, rng, neighbor, neighbor_surface)) {
         return NO_INDEX;
     }
-    uint neighbor_index = neighbor.y * camera.size.x + neighbor.x;
+    uint neighbor_index = pixel_index(neighbor, camera.size);
     DiReservoir other = di_temporal_reservoirs.at[neighbor_index];
     vec2 here = vec2(di_target(surface, reservoir), di_target(surface, other));
     vec2 there = vec2(di_target(neighbor_surface, reservoir), di_target(neighbor_surface, other));
@@ -40,8 +41,8 @@ uint merge_with_neighbor(uvec2 pixel, GBufferSurface surface, inout DiReservoir 
 
 void main() {
     uvec2 pixel = INVOCATION_INDEX;
-    if (any(greaterThanEqual(pixel, camera.size))) { return; }
-    uint index = pixel.y * camera.size.x + pixel.x;
+    if (!is_inside(pixel, camera.size)) { return; }
+    uint index = pixel_index(pixel, camera.size);
     GBufferSurface surface = load_gbuffer(pixel);
     DiReservoir reservoir = di_temporal_reservoirs.at[index];
     uvec2 outcome = uvec2(NO_INDEX, 0u);

@@ -1,5 +1,6 @@
 // ReSTIR DI, first half as in Solari (di_initial_visibility=on): an occluded sample is dropped before the merge.
 #version 460
+#include "common/pixel.glsl"
 #include "passes/ray_count.glsl"
 #include "passes/restir_di/initial_and_temporal.glsl"
 #include "scene/light_visibility.glsl"
@@ -17,6 +18,6 @@ void test_visibility(GBufferSurface surface, inout DiReservoir reservoir) {
 
 void main() {
     uvec2 pixel = INVOCATION_INDEX;
-    if (any(greaterThanEqual(pixel, camera.size))) { return; }
+    if (!is_inside(pixel, camera.size)) { return; }
     write_temporal_reservoir(pixel);
 }

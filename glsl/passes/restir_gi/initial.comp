@@ -1,6 +1,7 @@
 // ReSTIR GI, initial samples: traces one ray in a random direction, and looks up in the world cache what its end
 // reflects. Ouyang et al., "ReSTIR GI: Path Resampling for Real-Time Path Tracing" (HPG 2021).
 #version 460
+#include "common/pixel.glsl"
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/restir_gi/reservoir.glsl"
@@ -31,9 +32,9 @@ GiReservoir generate_initial_reservoir(GBufferSurface surface, inout uint rng) {
 
 void main() {
     uvec2 pixel = INVOCATION_INDEX;
-    if (any(greaterThanEqual(pixel, camera.size))) { return; }
+    if (!is_inside(pixel, camera.size)) { return; }
     uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
     GBufferSurface surface = load_gbuffer(pixel);
-    gi_temporal_reservoirs.at[pixel.y * camera.size.x + pixel.x] =
+    gi_temporal_reservoirs.at[pixel_index(pixel, camera.size)] =
         takes_no_gi(surface) ? empty_gi_reservoir(0.0) : generate_initial_reservoir(surface, rng);
 }

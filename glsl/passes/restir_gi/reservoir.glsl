@@ -5,6 +5,7 @@
 #define PASSES_RESTIR_GI_RESERVOIR_GLSL
 
 #include "common/math.glsl"
+#include "common/pixel.glsl"
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/ray_count.glsl"
@@ -17,7 +18,7 @@ GiReservoir empty_gi_reservoir(float confidence_weight) {
 
 // The reservoir that shades the pixel in this frame. Its sample is visible from the pixel, except with
 // gi_visibility=neighbor, which tests samples of spatial neighbors only: a temporal sample may be hidden by now.
-GiReservoir load_gi_reservoir(uvec2 pixel) { return gi_reservoirs.at[pixel.y * camera.size.x + pixel.x]; }
+GiReservoir load_gi_reservoir(uvec2 pixel) { return gi_reservoirs.at[pixel_index(pixel, camera.size)]; }
 
 // The light of a reservoir's sample that reaches the pixel which shades with it.
 vec3 gi_radiance(GiReservoir reservoir) {

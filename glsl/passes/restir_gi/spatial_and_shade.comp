@@ -1,6 +1,7 @@
 // ReSTIR GI, second half: merges a pixel's reservoir with that of a neighbor, keeps the result for the next frame,
 // and shades. Ouyang et al., "ReSTIR GI: Path Resampling for Real-Time Path Tracing" (HPG 2021).
 #version 460
+#include "common/pixel.glsl"
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/restir_gi/reservoir.glsl"
@@ -22,8 +23,8 @@ vec3 shade_diffuse(GBufferSurface surface, GiReservoir reservoir) {
 
 void main() {
     uvec2 pixel = INVOCATION_INDEX;
-    if (any(greaterThanEqual(pixel, camera.size))) { return; }
-    uint index = pixel.y * camera.size.x + pixel.x;
+    if (!is_inside(pixel, camera.size)) { return; }
+    uint index = pixel_index(pixel, camera.size);
     GBufferSurface surface = load_gbuffer(pixel);
     GiReservoir reservoir = gi_temporal_reservoirs.at[index];
     if (reservoir.confidence_weight > 0.0 && restir_gi_settings.spatial != 0u) {
@@ -31,7 +32,7 @@ void main() {
         uvec2 neighbor;
         GBufferSurface neighbor_surface;
         if (find_spatial_neighbor(pixel, surface, restir_gi_settings.spatial_radius, rng, neighbor, neighbor_surface)) {
-            uint neighbor_index = neighbor.y * camera.size.x + neighbor.x;
+            uint neighbor_index = pixel_index(neighbor, camera.size);
             GiReservoir other = gi_temporal_reservoirs.at[neighbor_index];
             GiMerge merged = merge_gi_reservoirs(surface, reservoir, neighbor_surface, other, true, rand_f(rng));
             // loaded again, instead of kept across rays

@@ -2,6 +2,7 @@
 // Ouyang et al., "ReSTIR GI: Path Resampling for Real-Time Path Tracing" (HPG 2021). A pass of its own, because few
 // values live while a pass traces a ray makes rays fast on a GPU.
 #version 460
+#include "common/pixel.glsl"
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/restir_gi/reservoir.glsl"
@@ -27,8 +28,8 @@ void refresh_radiance(inout GiReservoir reservoir) {
 
 void main() {
     uvec2 pixel = INVOCATION_INDEX;
-    if (any(greaterThanEqual(pixel, camera.size))) { return; }
-    uint index = pixel.y * camera.size.x + pixel.x;
+    if (!is_inside(pixel, camera.size)) { return; }
+    uint index = pixel_index(pixel, camera.size);
     GiReservoir reservoir = gi_temporal_reservoirs.at[index];
     if (reservoir.confidence_weight == 0.0 || restir_gi_settings.temporal == 0u) { return; }
 
@@ -37,7 +38,7 @@ void main() {
     GBufferSurface neighbor_surface;
     if (!find_temporal_neighbor(pixel, surface, neighbor, neighbor_surface)) { return; }
     neighbor_surface.ray_offset = surface.ray_offset;  // the previous G-buffer has none
-    GiReservoir previous = gi_reservoirs.at[neighbor.y * camera.size.x + neighbor.x];
+    GiReservoir previous = gi_reservoirs.at[pixel_index(neighbor, camera.size)];
     previous.confidence_weight = min(previous.confidence_weight, restir_gi_settings.confidence_cap);
     refresh_radiance(previous);
     bool retest = restir_gi_settings.visibility == GI_VISIBILITY_BOTH;

@@ -2,6 +2,7 @@
 // ReSTIR GI. Smooth surfaces trace a short path, with light and BRDF samples weighted by the power heuristic (Veach
 // 1997); it ends in the world cache when its cone is wider than a cell.
 #version 460
+#include "common/pixel.glsl"
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/past_mirrors.glsl"
@@ -118,8 +119,8 @@ vec3 shade_gi_sample(GBufferSurface surface, GiReservoir reservoir, Brdf brdf, m
 
 void main() {
     uvec2 pixel = INVOCATION_INDEX;
-    if (any(greaterThanEqual(pixel, camera.size))) { return; }
-    uint index = pixel.y * camera.size.x + pixel.x;
+    if (!is_inside(pixel, camera.size)) { return; }
+    uint index = pixel_index(pixel, camera.size);
     specular_gi.at[index] = vec3(0.0);
     GBufferSurface surface = load_gbuffer(pixel);
     if (frame_settings.specular == 0u || !surface.exists) { return; }

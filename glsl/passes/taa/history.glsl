@@ -2,7 +2,8 @@
 #ifndef PASSES_TAA_HISTORY_GLSL
 #define PASSES_TAA_HISTORY_GLSL
 
-#include "passes/denoise/lobe.glsl"
+#include "common/packing.glsl"
+#include "common/pixel.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/taa/bindings.glsl"
 #include "passes/taa/samples.glsl"
@@ -14,10 +15,6 @@ struct Past {
 };
 
 const Past NO_PAST = Past(vec3(0.0), 0.0, false);
-const float LONGEST = 63.0;          // samples in a mean
-const float LONGEST_IN_MOTION = 15.0;  // the same where resampling would blur a longer one
-// The sum of differences over the largest that it can be, between which they count as common.
-const float ALONG_LINES = 0.8, OVER_AREAS = 0.95;
 
 uvec2 pack_past(Past past, inout uint rng) {
     uint red = pack_positive(past.radiance.r, 18u, rng), green = pack_positive(past.radiance.g, 18u, rng);
@@ -33,7 +30,7 @@ Past unpack_past(uvec2 bits) {
 
 Past load_past(ivec2 at) {
     ivec2 inside = clamp(at, ivec2(0), ivec2(camera.picture_size) - 1);
-    return unpack_past(previous_taa_history.at[uint(inside.y) * camera.picture_size.x + uint(inside.x)]);
+    return unpack_past(previous_taa_history.at[pixel_index(inside, camera.picture_size)]);
 }
 
 // The past between pixels.
@@ -85,7 +82,7 @@ bool is_still(ivec2 center) {
     uint known = NO_INDEX;
     for (int i = 0; i < 9; i++) {
         ivec2 pixel = center + ivec2(i % 3, i / 3) - 1;
-        if (!is_rendered(pixel)) { continue; }
+        if (!is_inside(pixel, camera.size)) { continue; }
         if (motion_in_picture(pixel) != vec2(0.0)) { return false; }
         uint instance = imageLoad(previous_gbuffer_surface, pixel).y;
         if (instance == known || instance == NO_INDEX) { continue; }
@@ -103,7 +100,7 @@ bool shows_blended(uint instance) {
 bool is_blended(ivec2 center) {
     for (int i = 0; i < 9; i++) {
         ivec2 pixel = center + ivec2(i % 3, i / 3) - 1;
-        if (!is_rendered(pixel)) { continue; }
+        if (!is_inside(pixel, camera.size)) { continue; }
         uint now = imageLoad(gbuffer_surface, pixel).y, before = imageLoad(previous_gbuffer_surface, pixel).y;
         if (shows_blended(now) || shows_blended(before)) { return true; }
     }
@@ -131,7 +128,7 @@ float common_difference(ivec2 center) {
     float sum = 0.0, squares = 0.0, count = 0.0;
     for (int i = 0; i < 9; i++) {
         ivec2 pixel = center + ivec2(i % 3, i / 3) - 1;
-        if (!is_rendered(pixel) || !is_valid(load_sample(pixel))) { continue; }
+        if (!is_inside(pixel, camera.size) || !is_valid(load_sample(pixel))) { continue; }
         Past past = load_past(ivec2(floor((vec2(pixel) + 0.5 + this_frame.sample_offset) / render_scale())));
         if (past.weight == 0.0) { continue; }
         float difference = relative_difference(load_sample(pixel), past.radiance);

@@ -2,17 +2,12 @@
 // Antialiasing Techniques" (2020). Where a pixel has had few samples, those around count too; later ones are those
 // inside it alone, so that the mean of a still picture tends to that of the pixel's area.
 #version 460
+#include "common/pixel.glsl"
 #include "passes/taa/history.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
 const uint PASS_SALT = 0x510E527Fu;
-const float BOX = 1.25;              // half width of the box of colors that are believed, in standard deviations
-const float SUSPECT = 0.5;           // share of the box beyond which changes are looked for,
-const float UNNOTICED = 0.05;        // if the nearest sample differs by more
-const float DENOISED_ERROR = 0.02;   // of the samples, over their mean
-const float INTERPOLATED = 0.125;    // weight of an interpolated sample
-const float ENOUGH = 8.0;            // samples that need no interpolated ones beside them, nor softening at rest
 
 // Moves the past into the range of what the samples around show: Salvi, "An Excursion in Temporal Supersampling" (GDC
 // 2016). Where nothing moves, the past changes only if most samples around differ from it in the same direction, as
@@ -40,8 +35,8 @@ Past limited(Past past, Neighborhood around) {
 
 void main() {
     ivec2 at = ivec2(gl_GlobalInvocationID.xy);
-    if (any(greaterThanEqual(at, ivec2(camera.picture_size)))) { return; }
-    uint index = uint(at.y) * camera.picture_size.x + uint(at.x);
+    if (!is_inside(at, camera.picture_size)) { return; }
+    uint index = pixel_index(at, camera.picture_size);
     Found found = find_own_sample(at);
     if (taa_settings.antialiasing == 0u) {
         radiance.at[index] = found.exists ? found.radiance : interpolate(at, find_neighborhood(at)).radiance;

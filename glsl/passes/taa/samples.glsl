@@ -3,21 +3,17 @@
 #define PASSES_TAA_SAMPLES_GLSL
 
 #include "common/math.glsl"
+#include "common/pixel.glsl"
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/guides/bindings.glsl"
+#include "passes/taa/constants.glsl"
 
 // Radiance, if there is any.
 struct Found {
     vec3 radiance;
     bool exists;
 };
-
-// Standard deviations of the Gaussian of a first sample, in pixels of the picture.
-const float SOFTNESS = 0.5, SOFTNESS_OF_BLENDED = 1.0;
-// Ratios of luminances up to which samples count whole: of two surfaces, and first samples of the same surface.
-const float EXCHANGED = 16.0, EXCHANGED_ON_SURFACE = 8.0;
-const float SAME_NORMAL = 0.9;  // cosine
 
 const Found NOTHING_FOUND = Found(vec3(0.0), false);
 
@@ -27,16 +23,12 @@ vec2 render_scale() { return vec2(camera.size) / vec2(camera.picture_size); }
 // Where a position of the picture lies among the samples, of which the first is at 0.
 vec2 among_samples(vec2 position) { return position * render_scale() - 0.5 - this_frame.sample_offset; }
 
-bool is_rendered(ivec2 pixel) {
-    return all(greaterThanEqual(pixel, ivec2(0))) && all(lessThan(pixel, ivec2(camera.size)));
-}
-
-vec3 load_sample(ivec2 pixel) { return sample_radiance.at[uint(pixel.y) * camera.size.x + uint(pixel.x)]; }
+vec3 load_sample(ivec2 pixel) { return sample_radiance.at[pixel_index(pixel, camera.size)]; }
 
 // The sample inside a pixel of the picture. There is at most one, and always one when nothing is upscaled.
 Found find_own_sample(ivec2 at) {
     ivec2 pixel = ivec2(ceil(among_samples(vec2(at))));
-    bool inside = all(lessThan(vec2(pixel), among_samples(vec2(at + 1)))) && is_rendered(pixel);
+    bool inside = all(lessThan(vec2(pixel), among_samples(vec2(at + 1)))) && is_inside(pixel, camera.size);
     return inside ? Found(load_sample(pixel), true) : NOTHING_FOUND;
 }
 
@@ -65,7 +57,7 @@ Neighborhood find_neighborhood(ivec2 at) {
     found.count = 0.0;
     for (int i = 0; i < 9; i++) {
         ivec2 pixel = found.center + ivec2(i % 3, i / 3) - 1;
-        if (!is_rendered(pixel)) { continue; }
+        if (!is_inside(pixel, camera.size)) { continue; }
         float other = imageLoad(guides_depth, pixel).x;
         if (other > depth) {
             depth = other;
@@ -112,7 +104,7 @@ vec3 soften(ivec2 pixel, ivec2 at, float samples, bool blended) {
         vec2 apart = (vec2(other) - where) / render_scale();
         float weight = exp(-narrowness * dot(apart, apart));
         total += weight;
-        if (!is_rendered(other)) { continue; }
+        if (!is_inside(other, camera.size)) { continue; }
         vec3 found = load_sample(other);
         if (!is_valid(found)) { continue; }
         float found_luminance = luminance(found), brighter = max(found_luminance, own_luminance);

@@ -75,8 +75,8 @@ class Resources:
                             continue
                         size = size.size
                     if isinstance(size, Within):
-                        if size.host in made:
-                            _check_within(stage, name, size, interface, made[size.host].spec)
+                        if (host := size.host.removeprefix(PREVIOUS)) in made:
+                            _check_within(stage, name, size, interface, made[host].spec)
                             within[name] = size
                             continue
                         size = size.count
@@ -150,8 +150,10 @@ def _specification(stage: Stage, name: str, size: Any, interface: Interface, att
 
 def _check_within(stage: Stage, name: str, size: Within, interface: Interface, host: tuple[Any, ...]) -> None:
     kind, copies, host_bytes, *_ = host
-    if kind != "buffer" or copies != 1:
-        raise SolariError(f"stage {stage.name}: {name} must be within a buffer without a history, not {size.host}")
+    if kind != "buffer" or (copies == 2) != size.host.startswith(PREVIOUS):
+        raise SolariError(
+            f"stage {stage.name}: {name} must be within a buffer, {PREVIOUS}NAME of one with a history, not {size.host}"
+        )
     needed = _buffer_bytes(stage, _binding(stage, interface, name), size.count)
     if needed > host_bytes:
         raise SolariError(f"stage {stage.name}: {name} needs {needed} bytes within {size.host}, which has {host_bytes}")

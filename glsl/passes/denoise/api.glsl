@@ -1,0 +1,44 @@
+// What other stages may ask the denoiser: it alone knows how its buffers are packed.
+#ifndef PASSES_DENOISE_API_GLSL
+#define PASSES_DENOISE_API_GLSL
+
+#include "passes/denoise/at_sample.glsl"
+
+struct Denoised {
+    vec3 diffuse;     // demodulated, as all light of the denoiser
+    vec3 specular;
+    vec3 reflected;   // by what the specular light must be multiplied besides: the albedo of what mirrors show
+    vec2 deviations;  // of the noise that is left in both luminances
+};
+
+// Whether the denoiser works on a pixel: it is on, and there is a surface or a reflection.
+bool is_denoised(uint index) {
+    return denoise_settings.denoise != 0u && kind_of(denoise_guides.at[index]) != NOTHING_SHOWN;
+}
+
+// The number of frames that the mean of a lobe has: before this frame's light is added, or after it.
+float history_length(uint index) { return unpack_lobe(denoise_diffuse.at[index]).frames; }
+float specular_history_length(uint index) { return unpack_lobe(denoise_specular.at[index]).frames; }
+
+// The standard error of the mean of the diffuse lobe over frames, over that mean.
+float history_noise(uint index) {
+    Lobe lobe = unpack_lobe(denoise_diffuse.at[index]);
+    float mean = luminance(lobe.radiance), variance = max(lobe.second_moment - mean * mean, 0.0);
+    return mean > 0.0 ? sqrt(variance / lobe.frames) / mean : 0.0;
+}
+
+// The estimated standard error of the luminance of light, where both lobes are multiplied by these colors.
+float standard_error(Denoised light, vec3 by_diffuse, vec3 by_specular) {
+    return ERROR_OVER_NOISE * length(light.deviations * vec2(luminance(by_diffuse), luminance(by_specular)));
+}
+
+// The light of a pixel that is denoised, after all passes of the denoiser.
+Denoised denoised(uvec2 pixel) {
+    Signal diffuse, specular;
+    light_at_sample(ivec2(pixel), diffuse, specular);
+    uint kind = kind_of(denoise_guides.at[pixel_index(pixel, camera.size)]);
+    vec2 deviations = max(vec2(diffuse.deviation, specular.deviation), 0.0);
+    return Denoised(diffuse.radiance, specular.radiance, reflected_albedo(ivec2(pixel), kind), deviations);
+}
+
+#endif

@@ -1,0 +1,29 @@
+// The numbers of antialiasing. Those without a source of their own were chosen together, by the errors in the section
+// "Antialiasing and upscaling" of docs/denoising.md.
+#ifndef PASSES_TAA_CONSTANTS_GLSL
+#define PASSES_TAA_CONSTANTS_GLSL
+
+// ---- samples; measured: docs/denoising.md, "Pixels that are new" --------------------------------------
+
+// Standard deviations of the Gaussian of a first sample, in pixels of the picture.
+const float SOFTNESS = 0.5, SOFTNESS_OF_BLENDED = 1.0;
+// Ratios of luminances up to which samples count whole: of two surfaces, and first samples of the same surface.
+const float EXCHANGED = 16.0, EXCHANGED_ON_SURFACE = 8.0;
+const float SAME_NORMAL = 0.9;       // cosine
+const float INTERPOLATED = 0.125;    // weight of an interpolated sample
+const float ENOUGH = 8.0;            // samples that need no interpolated ones beside them, nor softening at rest
+
+// ---- the history ----------------------------------------------------------------------------------------
+
+const float LONGEST = 63.0;            // samples in a mean: the largest that is packed
+const float LONGEST_IN_MOTION = 15.0;  // the same where resampling would blur a longer one
+// The sum of differences over the largest that it can be, between which they count as common.
+const float ALONG_LINES = 0.8, OVER_AREAS = 0.95;
+
+// What is believed: Salvi, "An Excursion in Temporal Supersampling" (GDC 2016).
+const float BOX = 1.25;             // half width of the box of colors that are believed, in standard deviations
+const float SUSPECT = 0.5;          // share of the box beyond which changes are looked for,
+const float UNNOTICED = 0.05;       // if the nearest sample differs by more
+const float DENOISED_ERROR = 0.02;  // of the samples, over their mean
+
+#endif
