@@ -15,7 +15,7 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
 from solari_vk.output.tone_mapping import TONEMAPS
-from solari_vk.passes import display, gbuffer, guides, lighting, pathtracer, ray_count, taa
+from solari_vk.passes import display, gbuffer, guides, lighting, pathtracer, ray_count, solari019, taa
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, check_view, views_of
 from solari_vk.rendered import PictureRenderer, RenderedFrame
 from solari_vk.scene.binder import SceneBinder
@@ -30,8 +30,7 @@ THIS_FRAME = (
     "index", "seed", "has_history", "exposure", "lighting_change", "blended_changed", "sample_offset", "picture_shift",
 )  # fmt: skip
 # Parts of the radiance. The first ones are in every frame, the others depend on the lighting.
-LIGHT = (*display.PARTS[:-1], "raw_radiance", "paths_diffuse", "paths_specular", "di_diffuse", "di_specular",
-         "gi_diffuse", "specular_gi")  # fmt: skip
+LIGHT = (*display.PARTS[:-1], "raw_radiance", "paths_diffuse", "paths_specular", *solari019.OUTPUTS)
 _GIVE_SETTINGS = "give settings=Settings.preset('solari'), or settings=Settings(name=value)"
 COUNTING = ("gbuffer", "world_cache")  # stages with a buffer of counters, NAME_counters
 
@@ -111,7 +110,7 @@ class Renderer(PictureRenderer):
             guides.stage(size, settings),
             *lighting.stages(size, settings),
             taa.stage(picture),
-            display.show_stage(picture, settings.lighting),
+            display.show_stage(picture, lighting.debug_view_pass(settings.lighting)),
             gbuffer.last_stage(instances),
         ]
         if self.count_rays:

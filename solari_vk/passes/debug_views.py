@@ -6,30 +6,13 @@ glsl/passes/display/debug_views.glsl.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from solari_vk.errors import SolariError, unknown_name
+from solari_vk.passes.solari019 import views as solari019
+from solari_vk.passes.view_group import IF_SURFACE, ViewGroup
 
 PICTURE = "picture"
 
 
-@dataclass(frozen=True)
-class ViewGroup:
-    """Views of one part of the frame.
-
-    views: for each name what the view shows, and a GLSL expression of type vec3 for the sRGB color of a pixel. The
-    expression knows `uvec2 pixel`, `ivec2 at` (the same), `uint index` (of the pixel in buffers) and
-    `GBufferSurface surface`, and what `setup`, statements that run first, declares. lighting: the one that has these
-    views, by its name in `Settings`; empty for views that every lighting has.
-    """
-
-    title: str
-    setup: str
-    views: dict[str, tuple[str, str]]
-    lighting: str = ""
-
-
-_IF_SURFACE = "if (!surface.exists) { return NOTHING; }"
 _GROUPS = (
     ViewGroup("Paths", "", {
         "paths_diffuse": (
@@ -62,14 +45,6 @@ _GROUPS = (
         ),
     }, "paths"),
     ViewGroup("", "", {
-        "di": ("Direct light.", "show_radiance(di_diffuse.at[index] + di_specular.at[index])"),
-        "gi": ("Indirect light of the diffuse lobe.", "show_radiance(gi_diffuse.at[index])"),
-        "specular": (
-            "Indirect light of the specular lobe; on smooth surfaces with the direct light.",
-            "show_radiance(specular_gi.at[index])",
-        ),
-    }, "split"),
-    ViewGroup("", "", {
         "emission": ("The light that lights themselves send to the camera.", "show_radiance(emission.at[index])"),
         "diffuse_radiance": ("All light of the diffuse lobe.", "show_radiance(diffuse_radiance.at[index])"),
         "specular_radiance": ("All light of the specular lobe.", "show_radiance(specular_radiance.at[index])"),
@@ -81,7 +56,7 @@ _GROUPS = (
         "reflectance": ("reflectance of dielectrics.", "surface.material.reflectance"),
         "emissive": ("the radiance that the surface emits.", "show_radiance(surface.material.emissive)"),
     }),
-    ViewGroup("G-buffer", _IF_SURFACE, {
+    ViewGroup("G-buffer", IF_SURFACE, {
         "shading_normal": (
             "shading normal, x, y, z as red, green, blue; gray is 0.", "show_direction(surface.world_normal)"
         ),
@@ -95,12 +70,7 @@ _GROUPS = (
             "show_motion(imageLoad(motion_vectors, at).xy)",
         ),
     }),
-    ViewGroup("Light tiles", "", {
-        "light_tiles": (
-            "one tile below the other, with the colors of its samples from left to right.", "show_light_tiles(pixel)"
-        ),
-    }, "split"),
-    ViewGroup("World cache", f"{_IF_SURFACE} ShownCell shown = find_shown_cell(pixel, surface);", {
+    ViewGroup("World cache", f"{IF_SURFACE} ShownCell shown = find_shown_cell(pixel, surface);", {
         "cache_cells": (
             "a color for each cell; dark where the cache has no cell.",
             "show_number(shown.checksum) * (shown.exists ? 1.0 : 0.2)",
@@ -122,39 +92,6 @@ _GROUPS = (
             "shown.exists ? show_share(float(shown.life) / float(world_cache_settings.lifetime)) : NOTHING",
         ),
     }),
-    ViewGroup("ReSTIR DI", f"{_IF_SURFACE} DiReservoir reservoir = di_reservoirs.at[index]; "
-                           "bool found = reservoir.light_sample.light_index != NO_INDEX;", {
-        "di_light": (
-            "the chosen light, in its instance's color; black for none.",
-            "found ? show_light(reservoir.light_sample.light_index) : NOTHING",
-        ),
-        "di_confidence": (
-            "number of frames that the sample stands for, yellow for twice the cap.",
-            "show_share(reservoir.confidence / (2.0 * restir_di_settings.confidence_cap))",
-        ),
-        "di_weight": (
-            "unbiased contribution weight on a logarithmic scale, yellow for 4096.",
-            "found ? show_share(log2(1.0 + reservoir.unbiased_contribution_weight) / 12.0) : NOTHING",
-        ),
-        "di_visibility": (
-            "white where the chosen light is visible, dark where it is occluded, black for none.",
-            "found ? vec3(di_outcomes.at[index].y != 0u ? 1.0 : 0.25) : NOTHING",
-        ),
-        "di_neighbor": (
-            "red where no similar neighbor was found.", "di_outcomes.at[index].x == NO_INDEX ? ALARM : vec3(0.5)"
-        ),
-    }, "split"),
-    ViewGroup("ReSTIR GI", f"{_IF_SURFACE} GiReservoir reservoir = gi_reservoirs.at[index];", {
-        "gi_radiance": ("radiance of the chosen sample.", "show_radiance(reservoir.radiance)"),
-        "gi_confidence": (
-            "number of frames that the sample stands for, yellow for twice the cap.",
-            "show_share(reservoir.confidence_weight / (2.0 * restir_gi_settings.confidence_cap))",
-        ),
-        "gi_weight": (
-            "unbiased contribution weight; green for that of uniform sampling, yellow for twice as much.",
-            "show_share(reservoir.unbiased_contribution_weight / (4.0 * PI))",
-        ),
-    }, "split"),
     ViewGroup("Guides", "", {
         "guide_diffuse_albedo": ("diffuse albedo.", "encode_srgb(imageLoad(guides_diffuse_albedo, at).rgb)"),
         "guide_specular_albedo": ("specular albedo.", "encode_srgb(imageLoad(guides_specular_albedo, at).rgb)"),
@@ -167,6 +104,7 @@ _GROUPS = (
             "motion, in the colors of motion.", "show_motion(imageLoad(guides_specular_motion, at).xy)"
         ),
     }),
+    *solari019.GROUPS,
 )  # fmt: skip
 
 DEBUG_VIEWS = {PICTURE: "The picture itself: radiance, exposed and tone mapped."} | {

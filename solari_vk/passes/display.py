@@ -1,4 +1,4 @@
-"""The picture: `compose` adds the light of all passes, `show` turns it into 8-bit colors; glsl/passes/display/."""
+"""The picture in 8-bit colors; glsl/passes/display/."""
 
 from __future__ import annotations
 
@@ -8,20 +8,10 @@ RAY_COUNTERS = 16  # rows for passes that count their rays: passes/ray_count.gls
 PARTS = ("emission", "diffuse_radiance", "specular_radiance", "sample_radiance")
 
 
-def compose_stage(size: tuple[int, int]) -> Stage:
-    """Linear radiance in cd/m^2: emission, the diffuse lobe and the specular lobe, and their sum."""
-    pixels = size[0] * size[1]
-    return Stage(
-        "compose",
-        buffers=dict.fromkeys(PARTS, pixels) | {"ray_counts": RAY_COUNTERS},
-        passes=[Pass("display/compose", threads=size)],
-    )
+def show_stage(size: tuple[int, int], debug_view: str = "") -> Stage:
+    """`display`, 8-bit sRGB: `radiance` after exposure and tone mapping, or what the pass `debug_view` draws.
 
-
-def show_stage(size: tuple[int, int], lighting: str = "") -> Stage:
-    """`display`, 8-bit sRGB: `radiance` after exposure and tone mapping, or a debug view of this lighting.
-
-    Without a lighting there are no debug views, and the stage needs nothing but `radiance`.
+    Without such a pass the stage needs nothing but `radiance`.
     """
-    passes = ["display/show"] + ([f"display/debug_view_{lighting}"] if lighting else [])
+    passes = ["display/show"] + [debug_view] * bool(debug_view)
     return Stage("show", images={"display": size}, passes=[Pass(name, threads=size) for name in passes])

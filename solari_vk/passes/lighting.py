@@ -3,28 +3,26 @@
 from __future__ import annotations
 
 from solari_vk.gpu.frame.stages import Stage
-from solari_vk.passes import denoise, display, light_tiles, paths, restir_di, restir_gi, specular_gi, world_cache
+from solari_vk.passes import denoise, paths, solari019, world_cache
 from solari_vk.settings import FIELDS, Settings
 
 
 def stages(size: tuple[int, int], settings: Settings) -> list[Stage]:
     """The stages that compute the light of a frame, in order; the last one adds it up."""
-    if settings.lighting == "paths":
-        return [
-            world_cache.stage(size, settings),
-            denoise.history_stage(size),
-            paths.stage(size, settings),
-            denoise.stage(size),
-            paths.compose_stage(size, settings),
-        ]
+    if settings.lighting == "split":
+        return solari019.stages(size, settings)
     return [
-        light_tiles.stage(settings),
-        world_cache.stage(size, settings),
-        restir_di.stage(size, settings),
-        restir_gi.stage(size, settings),
-        specular_gi.stage(size, settings),
-        display.compose_stage(size),
+        world_cache.paths_stage(size, settings),
+        denoise.history_stage(size),
+        paths.stage(size, settings),
+        denoise.stage(size),
+        paths.compose_stage(size, settings),
     ]
+
+
+def debug_view_pass(lighting: str) -> str:
+    """The pass that draws the debug views of a lighting."""
+    return "solari019/debug_view" if lighting == "split" else "display/debug_view"
 
 
 def that_has(resource: str) -> str:

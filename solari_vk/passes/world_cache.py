@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from solari_vk.gpu.frame.stages import Pass, Stage
 from solari_vk.gpu.shaders.headers import constants
 from solari_vk.passes.rows import rows
@@ -11,7 +13,8 @@ from solari_vk.settings.layering import brdf_constants
 BLOCK_SIZE = 16  # consecutive cells that one thread of a pass over the whole map handles
 CELLS_OF_PIXEL = 16
 FEWEST_CELLS = 1 << 16
-FRAME_BUFFERS = ("world_cache_dispatch", "world_cache_counters")
+DISPATCH = "world_cache_dispatch"  # the workgroup counts of passes over active cells
+FRAME_BUFFERS = (DISPATCH, "world_cache_counters")
 CELL_BUFFERS = (
     "world_cache_checksums",
     "world_cache_life",
@@ -26,25 +29,20 @@ CELL_BUFFERS = (
 )
 
 
-def stage(size: tuple[int, int], settings: Settings) -> Stage:
-    """A map of at most settings.world_cache_cells cells with 88 bytes each; fewer for small pictures of paths.
+def paths_stage(size: tuple[int, int], settings: Settings) -> Stage:
+    """The cache with cells that are sampled by paths; fewer cells for small pictures."""
+    cells = max(1 << (CELLS_OF_PIXEL * size[0] * size[1] - 1).bit_length(), FEWEST_CELLS)
+    sample = Pass("world_cache/sample", indirect=DISPATCH, constants=brdf_constants(settings))
+    return stage(min(settings.world_cache_cells, cells), [sample])
+
+
+def stage(cells: int, samples: Sequence[Pass]) -> Stage:
+    """A map of `cells` cells with 88 bytes each. samples: the passes that sample the light of cells.
 
     The buffer world_cache_counters holds the numbers of active cells, of updated cells, and of queries that found no
     free entry in the map. As long as the last is 0, one seed gives one picture; otherwise the entries go to the
     queries that happen to be first.
     """
-    cells = settings.world_cache_cells
-    if settings.lighting == "paths":
-        cells = min(cells, max(1 << (CELLS_OF_PIXEL * size[0] * size[1] - 1).bit_length(), FEWEST_CELLS))
-    brdf = brdf_constants(settings)
-    indirect = "world_cache_dispatch"
-    if settings.lighting == "paths":
-        samples = [Pass("world_cache/sample", indirect=indirect, constants=brdf)]
-    else:
-        samples = [
-            Pass("world_cache/sample_direct", indirect=indirect),
-            Pass("world_cache/sample_indirect", indirect=indirect, constants=brdf),
-        ]
     return Stage(
         "world_cache",
         buffers={
@@ -57,7 +55,7 @@ def stage(size: tuple[int, int], settings: Settings) -> Stage:
             Pass("world_cache/scan", threads=1),
             Pass("world_cache/scatter", threads=rows(cells // BLOCK_SIZE)),
             *samples,
-            Pass("world_cache/blend", indirect=indirect),
+            Pass("world_cache/blend", indirect=DISPATCH),
         ],
     )
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from solari_vk.settings.solari019 import SOLARI
+
 # Settings for single frames as paths give them. Measurements of the light itself take these.
 RAW: dict[str, Any] = {"denoise": False, "antialiasing": False}
 QUALITIES: dict[str, dict[str, Any]] = {
@@ -25,11 +27,5 @@ QUALITIES: dict[str, dict[str, Any]] = {
         "world_cache_cell_size": 0.05, "world_cache_max_samples": 128, "world_cache_update_cap": 200_000,
         "world_cache_updates_per_pixel": 1.0,
     },
-    "solari": {
-        "lighting": "split", "antialiasing": False, "layering": "fresnel_product", "world_cache_search_steps": 3,
-        "world_cache_updates": "all", "world_cache_updates_per_pixel": 1e9, "world_cache_relight": False,
-        "world_cache_leak_prevention": "finest", "world_cache_surfaces": "diffuse", "di_initial_visibility": True,
-        "di_target": "matte", "gi_jacobian_limit": 1.2, "gi_visibility": "neighbor", "gi_refresh": False,
-        "specular_termination": "camera_spread",
-    },
+    "solari": SOLARI,
 }  # fmt: skip

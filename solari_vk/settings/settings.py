@@ -10,14 +10,15 @@ from solari_vk.errors import SolariError, unknown_name
 from solari_vk.settings.field import Field, setting
 from solari_vk.settings.layering import LAYERINGS
 from solari_vk.settings.presets import QUALITIES as QUALITIES
+from solari_vk.settings.solari019 import SeparatePasses
 
-_frame, _taa, _paths, _denoise, _restir, _reuse, _tiles, _cache, _di, _gi, _specular = (
-    partial(setting, name) for name in ("frame", "taa", "paths", "denoise", "restir", "reuse", "light_tiles",
-                                        "world_cache", "restir_di", "restir_gi", "specular_gi"))  # fmt: skip
+_frame, _taa, _paths, _denoise, _restir, _reuse, _cache = (
+    partial(setting, name) for name in ("frame", "taa", "paths", "denoise", "restir", "reuse", "world_cache")
+)
 
 
 @dataclasses.dataclass
-class Settings:
+class Settings(SeparatePasses):
     """The constants of the realtime passes. Assigning one checks it and takes effect with the next frame.
 
     Defaults are those of Solari in Bevy 0.19 unless the meaning names Solari's value; `preset("solari")` sets all of
@@ -29,11 +30,6 @@ class Settings:
     lighting: str = _frame(
         "paths", "How light is computed: by one path a pixel; or by separate passes for direct, indirect and specular "
         "light (Solari in Bevy 0.19).", choices=("paths", "split"), rebuilds=True)  # fmt: skip
-    di: bool = _frame(True, "Direct light (ReSTIR DI), with lighting=split.")
-    gi: bool = _frame(True, "Indirect light of diffuse surfaces (ReSTIR GI), with lighting=split.")
-    specular: bool = _frame(
-        True, "Light by the specular lobe, with lighting=split: indirect light, and on smooth surfaces lights."
-    )
     world_cache: bool = _frame(
         True, "The radiance cache. Without it paths end after their last bounce, and with lighting=split indirect "
         "light is one bounce of direct.")  # fmt: skip
@@ -105,14 +101,6 @@ class Settings:
     spatial_tries: int = _reuse(5, "Attempts to find a similar neighbor. More: less noise, slower.", low=1, high=32)
     spatial_radius_halving: bool = _reuse(True, "Halve the search radius after each failed attempt.")
 
-    # ---- light tiles
-    light_tile_count: int = _tiles(
-        128, "Tiles per frame, with lighting=split. More: less correlation.", low=1, high=4096, rebuilds=True
-    )
-    light_tile_samples: int = _tiles(
-        1024, "Light samples per tile. More: less correlation.", low=1, high=65536, rebuilds=True
-    )
-
     # ---- world cache
     world_cache_cells: int = _cache(
         1 << 20, "Cells of the hash map, a power of two. Less: less memory; light is lost when full.",
@@ -171,59 +159,6 @@ class Settings:
         "reflects, mirrors included; or its base color, as if everything were diffuse (Solari).",
         choices=("whole", "diffuse"))  # fmt: skip
 
-    # ---- ReSTIR DI (lighting=split)
-    di_candidates: int = _di(8, "Light samples from which a pixel chooses. More: less noise.", low=1, high=1024)
-    di_temporal: bool = _di(True, "Reuse samples of the previous frame.")
-    di_spatial: bool = _di(True, "Reuse a sample of a neighbor.")
-    di_initial_visibility: bool = _di(
-        False, "Drop an occluded sample before reuse (Solari: on): less noise, but shadows grow halos.", rebuilds=True
-    )
-    di_target: str = _di(
-        "brdf", "Choose lights by the whole BRDF, or as if all surfaces were diffuse (Solari).",
-        choices=("brdf", "matte"))  # fmt: skip
-    di_confidence_cap: float = _di(
-        20.0, "Largest confidence of history, in frames. More: less noise, more lag.", low=1, high=1e4
-    )
-    di_spatial_radius: float = _di(
-        30.0, "Radius in pixels within which a neighbor is searched. More: fewer blotches.", low=1, high=1e4
-    )
-
-    # ---- ReSTIR GI (lighting=split)
-    gi_temporal: bool = _gi(True, "Reuse samples of the previous frame.")
-    gi_spatial: bool = _gi(True, "Reuse a sample of a neighbor.")
-    gi_confidence_cap: float = _gi(
-        8.0, "Largest confidence of history, in frames. More: less noise, more lag.", low=1, high=1e4
-    )
-    gi_spatial_radius: float = _gi(
-        30.0, "Radius in pixels within which a neighbor is searched. More: fewer blotches.", low=1, high=1e4
-    )
-    gi_jacobian_limit: float = _gi(
-        10.0, "Largest Jacobian, or inverse of it, of a sample that is merged (Solari: 1.2). Less: more noise.",
-        low=1, high=1e6)  # fmt: skip
-    gi_skip_smooth_metals: bool = _gi(True, "Trace no diffuse ray for smooth metals, which have no diffuse lobe.")
-    gi_visibility: str = _gi(
-        "both", "Which visibility a merge tests: that of each sample from both pixels; or only that of a neighbor's "
-        "sample from this pixel, which loses light at the edges of indirect shadows (Solari).",
-        choices=("both", "neighbor"))  # fmt: skip
-    gi_refresh: bool = _gi(
-        True, "Read the light of the previous frame's samples from their cells again, so that GI follows changes of "
-        "light as fast as the cache (Solari: off).")  # fmt: skip
-
-    # ---- specular GI (lighting=split)
-    specular_bounces: int = _specular(
-        3, "Surfaces that a path may visit before it ends in the cache. More: truer, slower.", low=1, high=64
-    )
-    specular_reuse_roughness: float = _specular(
-        0.4, "Roughness above which surfaces reuse the sample of ReSTIR GI, and up to which GI skips metals. More: "
-        "sharper reflections, slower.", low=0, high=1)  # fmt: skip
-    specular_di_roughness: float = _specular(
-        0.0225, "Roughness up to which specular rays find the lights; above it DI shades them. More: noisier where "
-        "lights are small.", low=0, high=1)  # fmt: skip
-    specular_termination: str = _specular(
-        "spread", "A path ends in the cache when its cone is wider than a cell. The cone begins at the surface that "
-        "the pixel shows; or at the camera, with rays longer than sqrt(3) cells (Solari).",
-        choices=("spread", "camera_spread"))  # fmt: skip
-
     revision = 0
     """A number that grows with each change."""
 
@@ -275,8 +210,9 @@ class Settings:
 
 
 _SWITCH = dict.fromkeys(("1", "true", "on", "yes"), True) | dict.fromkeys(("0", "false", "off", "no"), False)
-FIELDS: dict[str, Field] = {field.name: field.metadata["field"] for field in dataclasses.fields(Settings)}
-DEFAULTS: dict[str, Any] = {field.name: field.default for field in dataclasses.fields(Settings)}
+_fields = sorted(dataclasses.fields(Settings), key=lambda field: field.name not in Settings.__annotations__)
+FIELDS: dict[str, Field] = {field.name: field.metadata["field"] for field in _fields}
+DEFAULTS: dict[str, Any] = {field.name: field.default for field in _fields}
 
 
 def _unknown(name: str) -> SolariError:

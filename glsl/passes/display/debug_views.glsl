@@ -14,11 +14,6 @@
 #include "passes/denoise/api.glsl"
 #include "passes/paths/bindings.glsl"
 #endif
-#ifdef LIGHTING_SPLIT
-#include "passes/light_tiles/light_tiles.glsl"
-#include "passes/restir_di/bindings.glsl"
-#include "passes/restir_gi/bindings.glsl"
-#endif
 
 const vec3 NOTHING = vec3(0.0);
 const vec3 ALARM = vec3(0.9, 0.1, 0.1);
@@ -53,15 +48,6 @@ vec3 show_distance(float meters) {
 
 // ---- views of a pass --------------------------------------------------------------------------------
 
-#ifdef LIGHTING_SPLIT
-vec3 show_light_tiles(uvec2 pixel) {
-    uint samples_each = max(light_tiles.samples_each, 1u);
-    uvec2 position = pixel * uvec2(samples_each, uint(light_tiles.at.length()) / samples_each) / camera.size;
-    vec3 radiance = unpack_light_sample(light_tiles.at[position.y * samples_each + position.x]).radiance;
-    return encode_srgb(radiance / max(max_component(radiance), 1e-30));  // at full brightness most would be white
-}
-#endif
-
 struct ShownCell {
     bool exists;      // otherwise the fields below `size` are 0
     uint checksum;
@@ -81,11 +67,6 @@ ShownCell find_shown_cell(uvec2 pixel, GBufferSurface surface) {
     if (cell == NO_INDEX) { return ShownCell(false, key.checksum, cell_size, vec3(0.0), 0.0, 0u); }
     vec4 irradiance = world_cache_irradiance.at[cell];
     return ShownCell(true, key.checksum, cell_size, irradiance.rgb, irradiance.w, world_cache_life.at[cell]);
-}
-
-vec3 show_light(uint light_index) {
-    LightSource light = light_sources.at[light_index];
-    return show_number(shown_id(light.kind, light.index));
 }
 
 #endif

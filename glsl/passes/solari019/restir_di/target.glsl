@@ -1,9 +1,9 @@
 // The target function of ReSTIR DI: the luminance that a light sample adds to a pixel, without visibility.
-#ifndef PASSES_RESTIR_DI_TARGET_GLSL
-#define PASSES_RESTIR_DI_TARGET_GLSL
+#ifndef PASSES_SOLARI019_RESTIR_DI_TARGET_GLSL
+#define PASSES_SOLARI019_RESTIR_DI_TARGET_GLSL
 
 #include "passes/gbuffer/gbuffer.glsl"
-#include "passes/restir_di/reservoir.glsl"
+#include "passes/solari019/restir_di/reservoir.glsl"
 #include "scene/brdf.glsl"
 #include "scene/sampling.glsl"
 

@@ -1,6 +1,6 @@
 // The light tiles: light samples, drawn and resolved before the passes that choose among them.
-#ifndef PASSES_LIGHT_TILES_BINDINGS_GLSL
-#define PASSES_LIGHT_TILES_BINDINGS_GLSL
+#ifndef PASSES_SOLARI019_LIGHT_TILES_BINDINGS_GLSL
+#define PASSES_SOLARI019_LIGHT_TILES_BINDINGS_GLSL
 
 #include "passes/bindings.glsl"
 #include "scene/lights/types.glsl"

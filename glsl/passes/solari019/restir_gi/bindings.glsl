@@ -1,6 +1,6 @@
 // The reservoirs of indirect diffuse light, one per pixel.
-#ifndef PASSES_RESTIR_GI_BINDINGS_GLSL
-#define PASSES_RESTIR_GI_BINDINGS_GLSL
+#ifndef PASSES_SOLARI019_RESTIR_GI_BINDINGS_GLSL
+#define PASSES_SOLARI019_RESTIR_GI_BINDINGS_GLSL
 
 #extension GL_EXT_scalar_block_layout : require
 

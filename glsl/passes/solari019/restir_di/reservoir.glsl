@@ -8,8 +8,8 @@
 // later frames when its light grows, shrinks or turns, and when lights become more or less likely. What had the
 // probability 0 is the exception, because no earlier frame could find it: solari_vk/scene/lights.py gives a light that
 // was dark a new id, and triangles have the probability 0 only where their whole light is dark.
-#ifndef PASSES_RESTIR_DI_RESERVOIR_GLSL
-#define PASSES_RESTIR_DI_RESERVOIR_GLSL
+#ifndef PASSES_SOLARI019_RESTIR_DI_RESERVOIR_GLSL
+#define PASSES_SOLARI019_RESTIR_DI_RESERVOIR_GLSL
 
 #include "common/random.glsl"
 #include "scene/sampling.glsl"

@@ -1,9 +1,9 @@
 // The reservoirs of direct light, one per pixel.
-#ifndef PASSES_RESTIR_DI_BINDINGS_GLSL
-#define PASSES_RESTIR_DI_BINDINGS_GLSL
+#ifndef PASSES_SOLARI019_RESTIR_DI_BINDINGS_GLSL
+#define PASSES_SOLARI019_RESTIR_DI_BINDINGS_GLSL
 
 #include "passes/bindings.glsl"
-#include "passes/restir_di/reservoir.glsl"
+#include "passes/solari019/restir_di/reservoir.glsl"
 
 // The first half reads those of the previous frame, the second half replaces them.
 layout(set = 1, scalar) buffer DiReservoirsBlock { DiReservoir at[]; } di_reservoirs;

@@ -7,8 +7,8 @@
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/past_mirrors.glsl"
 #include "passes/ray_count.glsl"
-#include "passes/restir_gi/reservoir.glsl"
-#include "passes/specular_gi/lobe.glsl"
+#include "passes/solari019/restir_gi/reservoir.glsl"
+#include "passes/solari019/specular_gi/lobe.glsl"
 #include "passes/world_cache/query.glsl"
 #include "scene/walk.glsl"
 
@@ -123,7 +123,7 @@ void main() {
     uint index = pixel_index(pixel, camera.size);
     specular_gi.at[index] = vec3(0.0);
     GBufferSurface surface = load_gbuffer(pixel);
-    if (frame_settings.specular == 0u || !surface.exists) { return; }
+    if (solari019_settings.specular == 0u || !surface.exists) { return; }
 
     mat3 frame = orthonormalize(surface.world_normal);
     vec3 wo = surface.wo * frame;

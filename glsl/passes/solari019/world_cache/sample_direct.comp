@@ -2,7 +2,7 @@
 // Resampling for Global Illumination", 2005) over light samples, and one shadow ray to the chosen one. Differs from
 // Solari, where the cells of a workgroup share a tile, so that their errors are correlated: each cell chooses a tile.
 #version 460
-#include "passes/light_tiles/light_tiles.glsl"
+#include "passes/solari019/light_tiles/light_tiles.glsl"
 #include "passes/ray_count.glsl"
 #include "passes/world_cache/division.glsl"
 #include "passes/world_cache/update.glsl"

@@ -1,15 +1,15 @@
 // ReSTIR DI, first half: chooses one of several light samples by their unshadowed light, and merges it with the
 // reservoir of a pixel of the previous frame. Bitterli et al., "Spatiotemporal Reservoir Resampling for Real-Time Ray
 // Tracing with Dynamic Direct Lighting" (2020).
-#ifndef PASSES_RESTIR_DI_INITIAL_AND_TEMPORAL_GLSL
-#define PASSES_RESTIR_DI_INITIAL_AND_TEMPORAL_GLSL
+#ifndef PASSES_SOLARI019_RESTIR_DI_INITIAL_AND_TEMPORAL_GLSL
+#define PASSES_SOLARI019_RESTIR_DI_INITIAL_AND_TEMPORAL_GLSL
 
 #include "common/pixel.glsl"
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
-#include "passes/light_tiles/light_tiles.glsl"
-#include "passes/restir_di/bindings.glsl"
-#include "passes/restir_di/target.glsl"
+#include "passes/solari019/light_tiles/light_tiles.glsl"
+#include "passes/solari019/restir_di/bindings.glsl"
+#include "passes/solari019/restir_di/target.glsl"
 #include "passes/reuse.glsl"
 
 const uint PASS_SALT = 0x2C1B3C6Du;
@@ -69,7 +69,7 @@ void test_visibility(GBufferSurface surface, inout DiReservoir reservoir);
 void write_temporal_reservoir(uvec2 pixel) {
     GBufferSurface surface = load_gbuffer(pixel);
     DiReservoir reservoir = EMPTY_DI_RESERVOIR;
-    if (surface.exists && frame_settings.di != 0u) {
+    if (surface.exists && solari019_settings.di != 0u) {
         uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
         reservoir = generate_initial_reservoir(pixel, surface, rng);
         test_visibility(surface, reservoir);

@@ -4,7 +4,7 @@
 #include "common/pixel.glsl"
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
-#include "passes/restir_gi/reservoir.glsl"
+#include "passes/solari019/restir_gi/reservoir.glsl"
 #include "passes/reuse.glsl"
 #include "scene/brdf.glsl"
 

@@ -1,12 +1,12 @@
 // Light samples from presampled tiles: Wyman and Panteleev, "Rearchitecting Spatiotemporal Resampling for Production"
 // (2021), section 5. A pass chooses among packed samples, and resolves the chosen one again from the light itself.
-#ifndef PASSES_LIGHT_TILES_LIGHT_TILES_GLSL
-#define PASSES_LIGHT_TILES_LIGHT_TILES_GLSL
+#ifndef PASSES_SOLARI019_LIGHT_TILES_LIGHT_TILES_GLSL
+#define PASSES_SOLARI019_LIGHT_TILES_LIGHT_TILES_GLSL
 
 #include "common/packing.glsl"
 #include "common/random.glsl"
 #include "passes/bindings.glsl"
-#include "passes/light_tiles/bindings.glsl"
+#include "passes/solari019/light_tiles/bindings.glsl"
 #include "scene/sampling.glsl"
 
 struct LightCandidate {

@@ -3,7 +3,7 @@
 #version 460
 #include "common/random.glsl"
 #include "passes/bindings.glsl"
-#include "passes/light_tiles/light_tiles.glsl"
+#include "passes/solari019/light_tiles/light_tiles.glsl"
 
 layout(local_size_x = 256) in;
 

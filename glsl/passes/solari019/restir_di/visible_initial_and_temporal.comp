@@ -2,7 +2,7 @@
 #version 460
 #include "common/pixel.glsl"
 #include "passes/ray_count.glsl"
-#include "passes/restir_di/initial_and_temporal.glsl"
+#include "passes/solari019/restir_di/initial_and_temporal.glsl"
 #include "scene/light_visibility.glsl"
 #include "scene/trace.glsl"
 

@@ -6,8 +6,8 @@
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/ray_count.glsl"
-#include "passes/restir_di/bindings.glsl"
-#include "passes/restir_di/target.glsl"
+#include "passes/solari019/restir_di/bindings.glsl"
+#include "passes/solari019/restir_di/target.glsl"
 #include "passes/reuse.glsl"
 #include "scene/brdf.glsl"
 #include "scene/light_visibility.glsl"
@@ -46,7 +46,7 @@ void main() {
     GBufferSurface surface = load_gbuffer(pixel);
     DiReservoir reservoir = di_temporal_reservoirs.at[index];
     uvec2 outcome = uvec2(NO_INDEX, 0u);
-    if (surface.exists && frame_settings.di != 0u && restir_di_settings.spatial != 0u) {
+    if (surface.exists && solari019_settings.di != 0u && restir_di_settings.spatial != 0u) {
         outcome.x = merge_with_neighbor(pixel, surface, reservoir);
     }
     di_reservoirs.at[index] = reservoir;

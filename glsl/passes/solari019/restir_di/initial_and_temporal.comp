@@ -2,7 +2,7 @@
 // halos: visible_initial_and_temporal.comp.
 #version 460
 #include "common/pixel.glsl"
-#include "passes/restir_di/initial_and_temporal.glsl"
+#include "passes/solari019/restir_di/initial_and_temporal.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 

@@ -1,15 +1,15 @@
 // Reuse of indirect light between pixels by reconnection to the same point: Ouyang et al., "ReSTIR GI: Path
 // Resampling for Real-Time Path Tracing" (HPG 2021), weighted as in Lin et al., "Generalized Resampled Importance
 // Sampling" (2022).
-#ifndef PASSES_RESTIR_GI_RESERVOIR_GLSL
-#define PASSES_RESTIR_GI_RESERVOIR_GLSL
+#ifndef PASSES_SOLARI019_RESTIR_GI_RESERVOIR_GLSL
+#define PASSES_SOLARI019_RESTIR_GI_RESERVOIR_GLSL
 
 #include "common/math.glsl"
 #include "common/pixel.glsl"
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/ray_count.glsl"
-#include "passes/restir_gi/bindings.glsl"
+#include "passes/solari019/restir_gi/bindings.glsl"
 #include "scene/trace.glsl"
 
 GiReservoir empty_gi_reservoir(float confidence_weight) {
@@ -30,7 +30,7 @@ vec3 gi_radiance(GiReservoir reservoir) {
 bool takes_no_gi(GBufferSurface surface) {
     bool smooth_metal = surface.material.metallic > frame_settings.pure_metal
         && surface.material.roughness <= specular_gi_settings.reuse_roughness;
-    return !surface.exists || frame_settings.gi == 0u || (restir_gi_settings.skip_smooth_metals != 0u && smooth_metal);
+    return !surface.exists || solari019_settings.gi == 0u || (restir_gi_settings.skip_smooth_metals != 0u && smooth_metal);
 }
 
 // The cosine of the direction to a point with the shading normal; 0 below the surface.

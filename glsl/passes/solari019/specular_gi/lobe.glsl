@@ -1,6 +1,6 @@
 // The specular lobe alone: how to sample it, and how much it spreads a path.
-#ifndef PASSES_SPECULAR_GI_LOBE_GLSL
-#define PASSES_SPECULAR_GI_LOBE_GLSL
+#ifndef PASSES_SOLARI019_SPECULAR_GI_LOBE_GLSL
+#define PASSES_SOLARI019_SPECULAR_GI_LOBE_GLSL
 
 #include "common/math.glsl"
 #include "scene/brdf.glsl"

@@ -1,0 +1,91 @@
+"""The stages of the separate passes."""
+
+from __future__ import annotations
+
+from solari_vk.gpu.frame.stages import Pass, Stage
+from solari_vk.passes import display, world_cache
+from solari_vk.settings import Settings
+from solari_vk.settings.layering import brdf_constants
+
+OUTPUTS = ("di_diffuse", "di_specular", "gi_diffuse", "specular_gi")  # parts of the radiance
+
+
+def stages(size: tuple[int, int], settings: Settings) -> list[Stage]:
+    """The stages between the guides and the picture, in order."""
+    return [
+        light_tiles(settings),
+        cache(settings),
+        restir_di(size, settings),
+        restir_gi(size, settings),
+        specular_gi(size, settings),
+        compose(size),
+    ]
+
+
+def light_tiles(settings: Settings) -> Stage:
+    """Light samples drawn ahead for all passes that choose among them: all tiles, one after the other, their samples,
+    and these resolved and packed."""
+    count = settings.light_tile_count * settings.light_tile_samples
+    constants = {"samples_each": settings.light_tile_samples}
+    return Stage(
+        "light_tiles",
+        buffers={"light_tile_samples": count, "light_tiles": count},
+        passes=[Pass("solari019/light_tiles/generate", threads=count, constants=constants)],
+    )
+
+
+def cache(settings: Settings) -> Stage:
+    """The world cache with a pass for the direct light of cells and one for their indirect light."""
+    indirect = world_cache.DISPATCH
+    return world_cache.stage(settings.world_cache_cells, [
+        Pass("solari019/world_cache/sample_direct", indirect=indirect),
+        Pass("solari019/world_cache/sample_indirect", indirect=indirect, constants=brdf_constants(settings)),
+    ])  # fmt: skip
+
+
+def restir_di(size: tuple[int, int], settings: Settings) -> Stage:
+    """The light that surfaces reflect straight from lights: the reservoirs after each half, and the radiance by the
+    diffuse and the specular lobe."""
+    pixels = size[0] * size[1]
+    initial = "visible_initial_and_temporal" if settings.di_initial_visibility else "initial_and_temporal"
+    names = ("di_reservoirs", "di_temporal_reservoirs", "di_outcomes", "di_diffuse", "di_specular")
+    return Stage(
+        "restir_di",
+        buffers=dict.fromkeys(names, pixels),
+        passes=[
+            Pass(f"solari019/restir_di/{initial}", threads=size, constants={"brdf_lambert": settings.lambert}),
+            Pass("solari019/restir_di/spatial_and_shade", threads=size, constants=brdf_constants(settings)),
+        ],
+    )
+
+
+def restir_gi(size: tuple[int, int], settings: Settings) -> Stage:
+    """Indirect light of diffuse surfaces: the reservoirs before and after spatial reuse, and the radiance."""
+    brdf = brdf_constants(settings)
+    return Stage(
+        "restir_gi",
+        buffers=dict.fromkeys(("gi_temporal_reservoirs", "gi_reservoirs", "gi_diffuse"), size[0] * size[1]),
+        passes=[
+            Pass("solari019/restir_gi/initial", threads=size, constants=brdf),
+            Pass("solari019/restir_gi/temporal", threads=size),
+            Pass("solari019/restir_gi/spatial_and_shade", threads=size, constants=brdf),
+        ],
+    )
+
+
+def specular_gi(size: tuple[int, int], settings: Settings) -> Stage:
+    """Mirror and glossy reflections: the radiance specular_gi, light by the specular lobe that DI doesn't shade."""
+    return Stage(
+        "specular_gi",
+        buffers={"specular_gi": size[0] * size[1]},
+        passes=[Pass("solari019/specular_gi/trace", threads=size, constants=brdf_constants(settings))],
+    )
+
+
+def compose(size: tuple[int, int]) -> Stage:
+    """Linear radiance in cd/m^2: emission, the diffuse lobe and the specular lobe, and their sum."""
+    return Stage(
+        "compose",
+        buffers=dict.fromkeys(display.PARTS, size[0] * size[1]) | {"ray_counts": display.RAY_COUNTERS},
+        passes=[Pass("solari019/compose", threads=size)],
+    )
