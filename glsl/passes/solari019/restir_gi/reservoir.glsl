@@ -30,7 +30,8 @@ vec3 gi_radiance(GiReservoir reservoir) {
 bool takes_no_gi(GBufferSurface surface) {
     bool smooth_metal = surface.material.metallic > frame_settings.pure_metal
         && surface.material.roughness <= specular_gi_settings.reuse_roughness;
-    return !surface.exists || solari019_settings.gi == 0u || (restir_gi_settings.skip_smooth_metals != 0u && smooth_metal);
+    return !surface.exists || solari019_settings.gi == 0u
+        || (restir_gi_settings.skip_smooth_metals != 0u && smooth_metal);
 }
 
 // The cosine of the direction to a point with the shading normal; 0 below the surface.
