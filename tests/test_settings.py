@@ -141,7 +141,7 @@ def test_shaders_use_every_live_setting():
 
 def test_the_blocks_have_the_settings_types():
     """The declarations that the shaders include, as a compiler reads them."""
-    path = "passes/restir_di/initial_and_temporal.comp"
+    path = "passes/solari019/restir_di/initial_and_temporal.comp"
     blocks = reflect(compile_shader(path), path).bindings
     values = uniform_values(sv.Settings())
     for name in ("restir_di_settings", "reuse_settings"):

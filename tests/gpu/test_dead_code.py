@@ -73,14 +73,14 @@ def test_what_main_reaches_stays(shaders):
     check_spirv(spirv, "whole")
 
 
-@pytest.mark.parametrize("path", ["passes/gbuffer/raster.frag", "passes/restir_gi/temporal.comp"])
+@pytest.mark.parametrize("path", ["passes/gbuffer/raster.frag", "passes/solari019/restir_gi/temporal.comp"])
 def test_a_second_time_nothing_goes(path):
     spirv = compile_shader(path)
     assert without_dead_code(spirv) == spirv
 
 
 def test_shaders_of_overlays_alone_are_not_optimized():
-    path = "passes/restir_di/spatial_and_shade.comp"
+    path = "passes/solari019/restir_di/spatial_and_shade.comp"
     usual, other = compile_shader(path), compile_shader("passes/denoise/blur.comp")
     with seeded(Bug(path, "main", "correct();")):
         patched = compile_shader(path)

@@ -35,9 +35,9 @@ OFF: dict[str, Any] = {
 }  # fmt: skip
 # The passes that compute one part of the light, the last three with lighting=split.
 GBUFFER = ("gbuffer/",)
-DIRECT = (*GBUFFER, "light_tiles/", "restir_di/")
-INDIRECT = (*GBUFFER, "light_tiles/", "world_cache/", "restir_gi/")
-SPECULAR = (*INDIRECT, "specular_gi/")
+DIRECT = (*GBUFFER, "solari019/light_tiles/", "solari019/restir_di/")
+INDIRECT = (*GBUFFER, "solari019/light_tiles/", "world_cache/", "solari019/restir_gi/")
+SPECULAR = (*INDIRECT, "solari019/specular_gi/")
 GUIDES = (*GBUFFER, "guides/")
 PATHS = (*GBUFFER, "world_cache/", "paths/")
 # What the path tracer computes, at the centers of pixels.

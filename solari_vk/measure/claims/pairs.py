@@ -143,7 +143,7 @@ def _furnace(renderer: Renderer, scene: Scene) -> list[float]:
 
 def _skipped(renderer: Renderer, scene: Scene) -> list[float]:
     times = frame_times(renderer, scene.camera, 16, 8)
-    spent = sum(time for name, time in times.items() if "restir_gi/" in name)
+    spent = sum(time for name, time in times.items() if "solari019/restir_gi/" in name)
     return [spent, float(_mean(renderer, scene.camera, 0, 48, "radiance").mean())]
 
 

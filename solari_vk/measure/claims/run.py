@@ -19,7 +19,7 @@ from solari_vk.measure.timing import every_barrier
 from solari_vk.settings import Settings
 
 # The frame without guides and display, so that their shaders need not be compiled.
-LIGHT = ("gbuffer/", "light_tiles/", "world_cache/", "restir_di/", "restir_gi/", "specular_gi/", "display/compose",
+LIGHT = ("gbuffer/", "solari019/light_tiles/", "world_cache/", "solari019/restir_di/", "solari019/restir_gi/", "solari019/specular_gi/", "solari019/compose",
          "solari019/", "taa/")  # fmt: skip
 HEAD = ("claim", "post", "what is compared", "before", "after", "ratio", "asked", "verdict")
 INTRO = (

@@ -184,10 +184,10 @@ def test_many_lights_shrink_to_one(device):
     assert (after[:, 2] > 0).all()
 
 
-TARGET = "passes/restir_di/target.glsl"
+TARGET = "passes/solari019/restir_di/target.glsl"
 test_a_seeded_bug_is_noticed = bug_tests({
     "removed lights: reservoirs keep the old index": (test_removed_lights_are_dark_at_once, Bug(
-        "passes/restir_di/initial_and_temporal.glsl", "load_previous_reservoir",
+        "passes/solari019/restir_di/initial_and_temporal.glsl", "load_previous_reservoir",
         "DiReservoir reservoir = correct(pixel); "
         "uint index = di_reservoirs.at[pixel.y * camera.size.x + pixel.x].light_sample.light_index; "
         # An index beyond the lights may end the process.

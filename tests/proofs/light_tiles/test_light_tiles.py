@@ -30,7 +30,7 @@ from solari_vk.scene.lights import EQUAL_SHARE
 from solari_vk.scene.matrices import transform_points
 from solari_vk.scene.spatial import spatial_order
 
-FILE, PACKING = "passes/light_tiles/light_tiles.glsl", "common/packing.glsl"
+FILE, PACKING = "passes/solari019/light_tiles/light_tiles.glsl", "common/packing.glsl"
 NO_TILES = Bug(FILE, "sample_light_candidate", "return draw_light_candidate(rng);")
 _0_17, _0_18 = ("Solari in Bevy 0.17", "Presampling Lights"), ("Solari in Bevy 0.18", "Energy Loss Bug")
 ENCODED = Rule("packed radiance from 1e-4 to 1e9 times white is exact within half a step of log2 rgb9e5", *_0_18)

@@ -115,7 +115,7 @@ def measure_texels(device: Device) -> Iterator[Measurement]:
     """The light samples of a frame."""
     scene = floor_scene(matte(1.0))
     scene.environment = environment = sv.Environment(random_map(3), rotation=turned(0.5))
-    with make_renderer(device, scene, (8, 8), passes=(*GBUFFER, "light_tiles/"), **OFF) as renderer:
+    with make_renderer(device, scene, (8, 8), passes=(*GBUFFER, "solari019/light_tiles/"), **OFF) as renderer:
         frame = renderer.render(scene.camera)
         part, packed = frame["light_tile_samples"]["part"].ravel(), frame["light_tiles"].ravel()
     height, width = environment.image.shape[:2]

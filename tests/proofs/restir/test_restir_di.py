@@ -171,7 +171,7 @@ def test_initial_visibility_is_biased(device, cornell):
 
 @pytest.mark.slow
 def test_merge_weights_that_ignore_targets_are_biased(device, cornell):
-    with seeded(Bug("passes/restir_di/reservoir.glsl", "merge_share", "return correct(confidences, vec2(1.0));")):
+    with seeded(Bug("passes/solari019/restir_di/reservoir.glsl", "merge_share", "return correct(confidences, vec2(1.0));")):
         check_bias(device, cornell, (-0.10, -0.005), (-0.15, 0.02))
 
 
@@ -286,8 +286,8 @@ def test_brief_check_holds(device):
 
 test_a_seeded_bug_is_noticed = bug_tests({
     DIRECT: (brief, Bug(
-        "passes/restir_di/initial_and_temporal.glsl", "generate_initial_reservoir",
+        "passes/solari019/restir_di/initial_and_temporal.glsl", "generate_initial_reservoir",
         "DiReservoir reservoir = correct(pixel, surface, rng); "
         "reservoir.unbiased_contribution_weight *= float(restir_di_settings.candidates); return reservoir;")),
-    SHADOW: (brief, Bug("passes/restir_di/spatial_and_shade.comp", "transmittance", "return vec3(1.0);")),
+    SHADOW: (brief, Bug("passes/solari019/restir_di/spatial_and_shade.comp", "transmittance", "return vec3(1.0);")),
 })  # fmt: skip

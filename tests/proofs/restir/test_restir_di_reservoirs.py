@@ -171,7 +171,7 @@ def checking(check, *arguments):
     return run_check
 
 
-SHARE = functools.partial(Bug, "passes/restir_di/reservoir.glsl", "merge_share")
+SHARE = functools.partial(Bug, "passes/solari019/restir_di/reservoir.glsl", "merge_share")
 test_a_seeded_bug_is_noticed = bug_tests({
     "merge: weights ignore targets": (checking(check_merge, "zeros"), SHARE("return correct(confidences, vec2(1.0));")),
     "choices: confidence ignored": (checking(check_choices), SHARE("return correct(vec2(1.0), targets);")),

@@ -156,12 +156,12 @@ def test_brief_check_holds(device):
 
 
 test_a_seeded_bug_is_noticed = bug_tests({
-    INDIRECT: (brief, Bug("passes/restir_gi/initial.comp", "generate_initial_reservoir",
+    INDIRECT: (brief, Bug("passes/solari019/restir_gi/initial.comp", "generate_initial_reservoir",
                           "GiReservoir reservoir = correct(surface, rng); "
                           "reservoir.unbiased_contribution_weight *= 0.5; return reservoir;")),
-    SIXTEENTHS: (brief, Bug("passes/restir_gi/spatial_and_shade.comp", "shade_diffuse",
+    SIXTEENTHS: (brief, Bug("passes/solari019/restir_gi/spatial_and_shade.comp", "shade_diffuse",
                             "return correct(surface, reservoir) / max(reservoir.unbiased_contribution_weight, 1e-6);")),
     "cells of reservoirs: kept unread": (check_cells_of_reservoirs, Bug(
-        "passes/restir_gi/temporal.comp", "refresh_radiance",
+        "passes/solari019/restir_gi/temporal.comp", "refresh_radiance",
         "if (restir_gi_settings.refresh != 0u && frame_settings.world_cache != 0u) { correct(reservoir); }")),
 })  # fmt: skip

@@ -124,7 +124,7 @@ def test_merge_is_unbiased(device):
     check_merge(device)
 
 
-RESERVOIR = "passes/restir_gi/reservoir.glsl"
+RESERVOIR = "passes/solari019/restir_gi/reservoir.glsl"
 test_a_seeded_bug_is_noticed = bug_tests({
     "merge: no Jacobian": (check_merge, Bug(RESERVOIR, "reconnection_jacobian",
                                             "return correct(from, to, reservoir) > 0.0 ? 1.0 : 0.0;")),

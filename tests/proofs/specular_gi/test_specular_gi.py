@@ -34,7 +34,7 @@ UNBIASED = {
     **SPLIT, "gbuffer": "traced", "world_cache": False, "specular_bounces": 16,
     "specular_di_roughness": 1.0, "specular_reuse_roughness": 1.0,
 }  # fmt: skip
-_PASSES = (*GBUFFER, "specular_gi/")
+_PASSES = (*GBUFFER, "solari019/specular_gi/")
 SIDE = 32
 PANELS = {
     "mirror": np.s_[: SIDE // 2, : SIDE // 2], "smooth": np.s_[: SIDE // 2, SIDE // 2 :],
@@ -155,7 +155,7 @@ def _count_rays(device, perceptual_roughness, **settings):
         world_cache_leak_prevention="finest",
     )  # fmt: skip
     with sv.Renderer(device, sv.Scene(room, light, wall, camera), (16, 16), chosen, count_rays=True) as renderer:
-        counts, row = [], renderer.counted_passes.index("specular_gi/trace")
+        counts, row = [], renderer.counted_passes.index("solari019/specular_gi/trace")
         for _ in range(12):
             renderer.render(camera)
             counts.append(int(renderer["ray_counts"][row]))
@@ -284,7 +284,7 @@ def test_rules_hold(device, measure):
     hold(measure(device))
 
 
-TRACE, LOBE = "passes/specular_gi/trace.comp", "passes/specular_gi/lobe.glsl"
+TRACE, LOBE = "passes/solari019/specular_gi/trace.comp", "passes/solari019/specular_gi/lobe.glsl"
 test_a_seeded_bug_is_noticed = bug_tests({
     MIRROR: (measure_mirror, Bug(LOBE, "sample_specular_brdf", "BrdfSample next = correct(brdf, wo, rng); "
                                  "if (next.pdf == INFINITY) { next.weight = vec3(1.0); } return next;")),

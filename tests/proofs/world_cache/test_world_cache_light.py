@@ -235,7 +235,7 @@ def test_undivided_cells_leak_into_frames(device):
 QUERY, MAP = "passes/world_cache/query.glsl", "passes/world_cache/map.glsl"
 test_a_seeded_bug_is_noticed = bug_tests({
     "fixed point: 1 / M dropped": (lambda device: check_fixed_point(device, **BRIEF), Bug(
-        "passes/world_cache/sample_direct.comp", "sample_direct_irradiance",
+        "passes/solari019/world_cache/sample_direct.comp", "sample_direct_irradiance",
         "return float(world_cache_settings.candidates) * correct(surface, rng);")),
     "fixed point of paths: without pi": (lambda device: check_fixed_point(device, **BRIEF, lighting="paths"), Bug(
         "passes/world_cache/sample.comp", "main", "correct(); uint row = thread_index(INVOCATION_INDEX); "

@@ -1,6 +1,6 @@
 // Merges what two pixels found, for every pair of their samples and a grid of choices.
 #version 460
-#include "passes/restir_gi/reservoir.glsl"
+#include "passes/solari019/restir_gi/reservoir.glsl"
 
 layout(local_size_x = 64) in;
 layout(constant_id = CHOICES_id) const uint CHOICES = 1u;

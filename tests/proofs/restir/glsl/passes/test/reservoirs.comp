@@ -1,7 +1,7 @@
 // Merges of reservoirs, streams of weights, and the permutation of pixels.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
-#include "passes/restir_di/reservoir.glsl"
+#include "passes/solari019/restir_di/reservoir.glsl"
 #include "passes/reuse.glsl"
 
 layout(local_size_x = 64) in;

@@ -12,7 +12,7 @@ layout(constant_id = first_ray_id) const uint first_ray = 0u;
 
 void main() {
     uint index = INVOCATION_INDEX.x;
-    if (index >= answers.at.length() || frame_settings.gi == 0u) { return; }
+    if (index >= answers.at.length() || solari019_settings.gi == 0u) { return; }
     uint rng = seed_rng(uvec2(index, 1u), this_frame.index, this_frame.seed);
     float z = 2.0 * rand_f(rng) - 1.0, angle = 2.0 * PI * rand_f(rng);
     vec3 direction = vec3(sqrt(1.0 - z * z) * vec2(cos(angle), sin(angle)), z);
