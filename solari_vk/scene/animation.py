@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from solari_vk.errors import SolariError
 from solari_vk.scene import checks
+from solari_vk.scene.collection import Items
 from solari_vk.scene.keyframes import Channel, Sample, tracks
+from solari_vk.scene.objects import Light
 from solari_vk.scene.observed import Checked, checked
 from solari_vk.scene.rig import Rig
 
-if TYPE_CHECKING:
-    from solari_vk.scene.model import Scene
+
+class HasLights(Protocol):
+    """A scene, of which clips need the lights: hidden ones leave it."""
+
+    @property
+    def lights(self) -> Items[Light]: ...
 
 
 @checked
@@ -45,7 +51,7 @@ class Animation(Checked):
         found: float = self._duration  # type: ignore[attr-defined]
         return found
 
-    def apply(self, scene: Scene, seconds: float, *, loop: bool = True) -> None:
+    def apply(self, scene: HasLights, seconds: float, *, loop: bool = True) -> None:
         """Pose a scene as it is some seconds after the start.
 
         loop: start again after the end; otherwise the end stays. Raises SolariError for a time that isn't finite, and
@@ -65,7 +71,7 @@ class Animation(Checked):
         return [(track.nodes, track.path, track.at(seconds)) for track in found]
 
 
-def mix(scene: Scene, parts: Sequence[tuple[Animation, float, float]], *, loop: bool = True) -> None:
+def mix(scene: HasLights, parts: Sequence[tuple[Animation, float, float]], *, loop: bool = True) -> None:
     """Pose a scene by clips at their times in seconds, by their weights, which are divided by their sum.
 
     Values are weighted means; rotations are normalized means of quaternions, and what is visible in at least half of
