@@ -12,7 +12,7 @@ from solari_vk.errors import SolariError
 from solari_vk.scene import checks
 from solari_vk.scene.collection import Items
 from solari_vk.scene.keyframes import Channel, Sample, tracks
-from solari_vk.scene.objects import Light
+from solari_vk.scene.light import Light
 from solari_vk.scene.observed import Checked, checked
 from solari_vk.scene.rig import Rig
 

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from solari_vk.color import LUMINANCE_WEIGHTS
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
+from solari_vk.scene.light import Light
 from solari_vk.scene.matrices import rotation
-from solari_vk.scene.objects import Light
 from solari_vk.scene.observed import checked
 
 MOST_TEXELS = 2**23  # 4096 x 2048; larger pictures are averaged down

@@ -1,6 +1,6 @@
 """The kinds of lights: what the renderer has to know of each, as rows of one table.
 
-To add a kind, write its class of scene objects (derived from `objects.Light`) and its row, and put its shader code into
+To add a kind, write its class of scene objects (derived from `Light`) and its row, and put its shader code into
 glsl/scene/lights/NAME.glsl, where NAME is the row's name. `glsl_header` makes the constants and the functions that
 choose between the kinds. Each NAME.glsl defines:
 

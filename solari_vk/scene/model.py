@@ -14,16 +14,16 @@ from solari_vk.scene.animation import Animation as Animation
 from solari_vk.scene.animation import mix
 from solari_vk.scene.camera import Camera as Camera
 from solari_vk.scene.collection import Collection, Items
+from solari_vk.scene.directional import DirectionalLight as DirectionalLight
 from solari_vk.scene.environment import Environment as Environment
 from solari_vk.scene.environment import EnvironmentLight
 from solari_vk.scene.framing import default_camera, extent
+from solari_vk.scene.light import Light as Light
 from solari_vk.scene.material import Material as Material
 from solari_vk.scene.material import Texture as Texture
 from solari_vk.scene.material import TextureImage as TextureImage
 from solari_vk.scene.matrices import transform_points
-from solari_vk.scene.objects import DirectionalLight as DirectionalLight
 from solari_vk.scene.objects import Instance as Instance
-from solari_vk.scene.objects import Light as Light
 from solari_vk.scene.objects import Mesh as Mesh
 from solari_vk.scene.observed import Observable
 

@@ -1,4 +1,4 @@
-"""What is in the world: meshes, materials, instances and lights.
+"""What is in the world: meshes and their instances.
 
 Plain data over numpy, no GPU. Objects are their own handles: assign to a field at any time and every
 renderer of the scene takes up the change. Arrays are copied in, checked and made read-only, so that a
@@ -8,7 +8,6 @@ column vectors. Colors are linear Rec. 709.
 
 from __future__ import annotations
 
-import math
 from dataclasses import KW_ONLY, field
 from typing import Any, ClassVar
 
@@ -21,11 +20,6 @@ from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.deformation import Deformation, check_pose
 from solari_vk.scene.material import Material
 from solari_vk.scene.observed import Checked, checked
-
-SUN_ANGULAR_DIAMETER = 0.00930842  # radians, mean over the year
-
-
-# ---- geometry ---------------------------------------------------------------------------------------
 
 
 @checked
@@ -124,9 +118,6 @@ class Mesh(Checked):
             object.__setattr__(self, "_default_triangles", every_three)
 
 
-# ---- instances and lights ---------------------------------------------------------------------------
-
-
 @checked
 class Instance(Checked):
     """A mesh with a material at a place in the world.
@@ -192,41 +183,3 @@ class Instance(Checked):
             least *= material.base_color_texture.image.least_alpha
         whole = least >= (1.0 if material.alpha_mode == "blend" else material.alpha_cutoff)
         return "opaque" if whole else material.alpha_mode
-
-
-class Light(Checked):
-    """A light that isn't an instance. Each subclass has a row in solari_vk/scene/light_kinds.py."""
-
-    @property
-    def emits(self) -> bool:
-        """Whether the light emits anything."""
-        raise NotImplementedError
-
-
-@checked
-class DirectionalLight(Light):
-    """A sun.
-
-    direction (3,): in which its light travels, of any length. illuminance: on a surface that faces the sun, in lux.
-    color (3,): linear. angular_diameter: of the sun's disk, in radians.
-    """
-
-    direction: FloatArray
-    _: KW_ONLY
-    illuminance: float = 10_000.0
-    color: FloatArray = field(default_factory=lambda: np.ones(3, np.float32))
-    angular_diameter: float = SUN_ANGULAR_DIAMETER
-    name: str = ""
-
-    _converters = {
-        "name": checks.text,
-        "direction": checks.direction,
-        "illuminance": checks.number(0, 1e15),
-        "color": checks.color(0, 1e6),
-        "angular_diameter": checks.number(1e-5, math.pi, "radians"),
-    }
-
-    @property
-    def emits(self) -> bool:
-        """Whether the light emits anything."""
-        return self.illuminance > 0 and bool((self.color > 0).any())

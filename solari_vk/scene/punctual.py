@@ -10,7 +10,7 @@ import numpy as np
 from solari_vk.errors import SolariError
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
-from solari_vk.scene.objects import Light
+from solari_vk.scene.light import Light
 from solari_vk.scene.observed import checked
 
 MIN_RADIUS = 1e-5  # meters: the radiance of smaller spheres overflows

@@ -13,8 +13,9 @@ from solari_vk.errors import SolariError
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.collection import Items
 from solari_vk.scene.keyframes import Sample, unit_quaternions
+from solari_vk.scene.light import Light
 from solari_vk.scene.matrices import compose, upright
-from solari_vk.scene.objects import Instance, Light, Mesh
+from solari_vk.scene.objects import Instance, Mesh
 
 Matrix = NDArray[np.float64]
 NOT_MOVED = np.eye(4)  # stands for the transform of what only becomes visible or hidden with its node

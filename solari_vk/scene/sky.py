@@ -12,9 +12,10 @@ from solari_vk.color import LUMINANCE_WEIGHTS
 from solari_vk.scene import checks
 from solari_vk.scene.atmosphere import EYE, atmosphere, sky_map
 from solari_vk.scene.checks import FloatArray
+from solari_vk.scene.directional import DirectionalLight
 from solari_vk.scene.environment import EnvironmentLight
+from solari_vk.scene.light import Light
 from solari_vk.scene.matrices import rotation
-from solari_vk.scene.objects import DirectionalLight, Light
 from solari_vk.scene.observed import checked
 
 # In lux, of the sun above the atmosphere: Darula, Kittler and Gueymard, "Reference luminous solar constant and solar

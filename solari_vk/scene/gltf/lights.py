@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from solari_vk.scene.checks import LARGEST_COORDINATE, FloatArray
+from solari_vk.scene.directional import DirectionalLight
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.nodes import PlacedNode
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry, shown
+from solari_vk.scene.light import Light
 from solari_vk.scene.matrices import upright
-from solari_vk.scene.objects import DirectionalLight, Light
 from solari_vk.scene.punctual import PointLight, SpotLight
 
 EXTENSION = "KHR_lights_punctual"

@@ -14,7 +14,9 @@ import solari_vk as sv
 from solari_vk.gpu.shaders import compiler
 from solari_vk.scene import checks, light_kinds, shapes
 from solari_vk.scene.builtin import matte
-from solari_vk.scene.objects import FloatArray, Light, checked
+from solari_vk.scene.checks import FloatArray
+from solari_vk.scene.light import Light
+from solari_vk.scene.observed import checked
 
 
 @checked
