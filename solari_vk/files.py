@@ -1,9 +1,10 @@
-"""Files that are written whole or not at all, and folders for them."""
+"""Regular files that are read, files that are written whole or not at all, and folders for them."""
 
 from __future__ import annotations
 
 import errno
 import os
+import stat
 import tempfile
 import threading
 from collections.abc import Iterator
@@ -13,6 +14,22 @@ from pathlib import Path
 from solari_vk.errors import SolariError
 
 _TRIAL = bytes(4096)  # a file of a few bytes may fit on a disk that is full
+
+
+def read_regular(path: Path, who: str, length: int | None = None) -> bytes:
+    """The first `length` bytes of a file; pipes, devices and folders are refused, because they may never end."""
+    try:
+        # Non-blocking, because opening a pipe without a writer would block.
+        with open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb") as file:
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                raise SolariError(f"{who}: not a readable file: give the path of a regular file")
+            return file.read(-1 if length is None else length)
+    except FileNotFoundError:
+        raise SolariError(f"{who}: there is no such file: check the path") from None
+    except (OSError, ValueError) as error:
+        raise SolariError(f"{who}: can't be read: {getattr(error, 'strerror', None) or error}") from None
+    except (MemoryError, OverflowError):
+        raise SolariError(f"{who}: too large for this machine's memory") from None
 
 
 @contextmanager

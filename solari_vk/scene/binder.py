@@ -19,7 +19,7 @@ from solari_vk.gpu.frame.stopwatch import Stopwatch
 from solari_vk.gpu.shaders import spirv
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.scene.constants import NO_INDEX
-from solari_vk.scene.emission import Emissions
+from solari_vk.scene.emissive_meshes import Emissions
 from solari_vk.scene.features import Features
 from solari_vk.scene.geometry import Geometry, Shape
 from solari_vk.scene.lights import ORIGIN, Lights

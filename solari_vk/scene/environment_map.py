@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.alias_table import alias_table
 from solari_vk.scene.checks import FloatArray
-from solari_vk.scene.emission import Emission
+from solari_vk.scene.emissive_meshes import Emission
 from solari_vk.scene.environment import luminances
 
 _LARGEST_EXPONENT = 14  # the brightest texel lies between 2^14 and 2^15, where rgb9e5 ends at 65408

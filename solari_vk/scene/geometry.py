@@ -26,7 +26,7 @@ from solari_vk.scene.constants import (
 from solari_vk.scene.features import Features
 from solari_vk.scene.model import Instance, Mesh
 from solari_vk.scene.posed import PosedMeshes
-from solari_vk.scene.poser import PosedMesh
+from solari_vk.scene.posed_mesh import PosedMesh
 from solari_vk.scene.spatial import spatial_order
 from solari_vk.scene.table import Rows, Table
 

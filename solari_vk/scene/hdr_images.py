@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from solari_vk.errors import SolariError
 from solari_vk.scene import checks, exr, images
 from solari_vk.scene.checks import FloatArray
+from solari_vk.scene.mip_chain import LINEAR_OF_SRGB
 
 _HEADER = re.compile(rb"#\?(?P<fields>.*?)\r?\n\r?\n(?P<size>[^\n]{0,64}?)\r?\n", re.DOTALL)
 _SIZE = re.compile(rb"-Y (\d{1,9}) \+X (\d{1,9})")
@@ -72,7 +73,7 @@ def _check_size(width: int, height: int, source: Path) -> None:
 
 def _read_8_bits(source: Path) -> FloatArray:
     pixels = images.decode(images.open_image(source.read_bytes(), str(source)), str(source))
-    linear: FloatArray = images.LINEAR_OF_SRGB[pixels[..., :3]]
+    linear: FloatArray = LINEAR_OF_SRGB[pixels[..., :3]]
     return linear
 
 

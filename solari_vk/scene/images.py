@@ -1,4 +1,4 @@
-"""Pictures from files, as 8-bit RGBA, and their mip chains."""
+"""Pictures from files, as 8-bit RGBA."""
 
 from __future__ import annotations
 
@@ -73,69 +73,3 @@ def _too_large(who: str, size: str = "is too large; ") -> str:
 
 def _short(error: Exception) -> str:
     return (str(error) or type(error).__name__).splitlines()[0][:100]
-
-
-# ---- mip chains -------------------------------------------------------------------------------------
-
-
-def _srgb_to_linear() -> NDArray[np.float32]:
-    value = np.arange(256) / 255
-    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4).astype(np.float32)
-
-
-LINEAR_OF_SRGB = _srgb_to_linear()
-# The sRGB codes of 2^16 linear values: fine enough that every 8-bit code is reproduced.
-_STEPS = 2**16 - 1
-_MIDDLES = ((LINEAR_OF_SRGB[1:].astype(np.float64) + LINEAR_OF_SRGB[:-1]) / 2 * _STEPS).astype(np.float32)
-_SRGB_OF_LINEAR = np.searchsorted(_MIDDLES, np.arange(_STEPS + 1)).astype(np.uint8)
-
-
-def mip_chain(pixels: Pixels, srgb: bool) -> list[Pixels]:
-    """The levels of an image (h, w, 4), from itself down to 1 x 1.
-
-    Sizes are halved rounding down, and every pixel is the exact average of the area it covers, also where a
-    size is odd. Colors of sRGB images are averaged as light; alpha and all other images as they are.
-    """
-    levels = [np.ascontiguousarray(pixels, np.uint8)]
-    height, width = pixels.shape[:2]
-    light = _to_light(levels[0], srgb) if max(height, width) > 1 else np.empty(0, np.float32)
-    while max(height, width) > 1:
-        light = _halve(_halve(light, 0), 1)
-        height, width = light.shape[:2]
-        levels.append(_from_light(light, srgb))
-    return levels
-
-
-def _to_light(pixels: Pixels, srgb: bool) -> NDArray[np.float32]:
-    if not srgb:
-        return pixels.astype(np.float32)
-    light = np.take(LINEAR_OF_SRGB, pixels)
-    light *= _STEPS
-    light[..., 3] = pixels[..., 3]
-    return light
-
-
-def _from_light(light: NDArray[np.float32], srgb: bool) -> Pixels:
-    rounded = light + np.float32(0.5)
-    if not srgb:
-        return rounded.astype(np.uint8)
-    pixels = np.take(_SRGB_OF_LINEAR, rounded.astype(np.uint16))
-    pixels[..., 3] = rounded[..., 3]
-    return pixels
-
-
-def _halve(light: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
-    """Average along an axis to half the size, rounded down; size 1 stays."""
-    size = light.shape[axis]
-    if size == 1:
-        return light
-    light = np.moveaxis(light, axis, 0)
-    half = size // 2
-    even, odd = light[0 : 2 * half : 2], light[1 : 2 * half : 2]
-    if size % 2 == 0:
-        result = (even + odd) * np.float32(0.5)
-    else:
-        # Each result covers 2 + 1/half pixels: three pixels, weighted by their overlap.
-        index = np.arange(half, dtype=np.float32).reshape(-1, *[1] * (light.ndim - 1))
-        result = (even * (half - index) + odd * np.float32(half) + light[2::2] * (index + 1)) / np.float32(size)
-    return np.moveaxis(result, 0, axis)

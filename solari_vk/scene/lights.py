@@ -13,7 +13,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.scene import light_kinds
 from solari_vk.scene.alias_table import alias_table
 from solari_vk.scene.constants import NO_INDEX
-from solari_vk.scene.emission import Emission
+from solari_vk.scene.emissive_meshes import Emission
 from solari_vk.scene.environment import EnvironmentLight
 from solari_vk.scene.environment_map import EnvironmentMap
 from solari_vk.scene.light_kinds import AT_INFINITY, PASSED, PLACES, LightKind, kind_of

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
+from solari_vk.files import read_regular
 from solari_vk.scene import checks
-from solari_vk.scene.gltf.files import read_regular
-from solari_vk.scene.images import LINEAR_OF_SRGB
 from solari_vk.scene.libraries import library
 from solari_vk.scene.matrices import rotation, unit
+from solari_vk.scene.mip_chain import LINEAR_OF_SRGB
 from solari_vk.scene.model import Instance, Material, Mesh, Scene
 from solari_vk.scene.mtl import MtlFiles
 from solari_vk.scene.smoothing import smooth_normals

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from solari_vk.errors import SolariError
+from solari_vk.files import read_regular
 from solari_vk.scene import images
-from solari_vk.scene.gltf.files import read_regular
 from solari_vk.scene.model import Material, TextureImage
 
 LARGEST_FILE = 2**26

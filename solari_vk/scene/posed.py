@@ -29,7 +29,8 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.stopwatch import Stopwatch
 from solari_vk.scene.deformation import Deformation
 from solari_vk.scene.objects import Mesh
-from solari_vk.scene.poser import TIMED, PosedMesh, Poser
+from solari_vk.scene.posed_mesh import PosedMesh
+from solari_vk.scene.poser import TIMED, Poser
 from solari_vk.scene.table import Table
 
 

@@ -11,8 +11,8 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.device.sampler import Sampler
 from solari_vk.gpu.device.uploads import Uploads
-from solari_vk.scene.images import mip_chain
 from solari_vk.scene.matrices import by_columns
+from solari_vk.scene.mip_chain import mip_chain
 from solari_vk.scene.model import Material, Texture, TextureImage
 from solari_vk.scene.table import Rows, Table
 

@@ -9,8 +9,9 @@ import pytest
 
 import solari_vk as sv
 from solari_vk.scene.binder import SceneBinder
-from solari_vk.scene.emission import MIN_LUMINANCE, Emissions, luminance_sums, mean_luminances
-from solari_vk.scene.images import LINEAR_OF_SRGB
+from solari_vk.scene.emission import luminance_sums, mean_luminances
+from solari_vk.scene.emissive_meshes import MIN_LUMINANCE, Emissions
+from solari_vk.scene.mip_chain import LINEAR_OF_SRGB
 
 CHOICE = np.dtype([("threshold", "<u4"), ("alias", "<u4"), ("probability", "<f4")])
 CORNER = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)

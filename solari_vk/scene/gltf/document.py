@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.errors import SolariError
+from solari_vk.files import read_regular
 from solari_vk.scene.gltf import files, meshopt
 from solari_vk.scene.gltf.values import Entry, clean, shown
 
@@ -29,10 +30,10 @@ class Document:
         self.path = Path(path)
         self.file = clean(str(path))
         # Read at most what a valid file can have: a .glb declares its size, JSON has a limit.
-        head = files.read_regular(self.path, self.file, 12)
+        head = read_regular(self.path, self.file, 12)
         glb = head[:4] == _GLB_MAGIC.to_bytes(4, "little") and len(head) == 12
         max_bytes = max(struct.unpack_from("<I", head, 8)[0], 20) if glb else LARGEST_JSON + 1
-        data = files.read_regular(self.path, self.file, max_bytes)
+        data = read_regular(self.path, self.file, max_bytes)
         self._binary: Bytes | None = None
         if len(data) >= 4 and struct.unpack_from("<I", data)[0] == _GLB_MAGIC:
             text, self._binary = self._split_glb(data)
@@ -202,7 +203,7 @@ class Document:
         if uri[:5].lower() == "data:":
             return files.decode_data_uri(uri, entry)
         path = self.resource_path(entry)
-        return np.frombuffer(files.read_regular(path, f"{self.file}: {entry.place}: {shown(uri)}", length), np.uint8)
+        return np.frombuffer(read_regular(path, f"{self.file}: {entry.place}: {shown(uri)}", length), np.uint8)
 
     def resource_path(self, entry: Entry) -> Path:
         """The file that an object's 'uri' names, which must be inside the glTF's own folder."""

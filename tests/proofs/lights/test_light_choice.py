@@ -9,9 +9,9 @@ from scipy import stats
 import solari_vk as sv
 from solari_vk.scene import shapes
 from solari_vk.scene.binder import SceneBinder
-from solari_vk.scene.emission import MIN_LUMINANCE
-from solari_vk.scene.images import LINEAR_OF_SRGB
+from solari_vk.scene.emissive_meshes import MIN_LUMINANCE
 from solari_vk.scene.lights import EQUAL_SHARE
+from solari_vk.scene.mip_chain import LINEAR_OF_SRGB
 
 COUNT = 400_000
 SIDE = 12

@@ -20,7 +20,7 @@ from solari_vk.gpu.frame.frame import Pass, Stage
 from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import matte
 from solari_vk.scene.matrices import rotation, transform_points
-from solari_vk.scene.poser import MAX_REFITS
+from solari_vk.scene.posed_mesh import MAX_REFITS
 
 SIZE = (48, 64)
 CAMERA = sv.Camera.look_at((0.4, 1.3, 4.0), (0, 1, 0), near=0.1)
