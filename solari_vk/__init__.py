@@ -23,19 +23,19 @@ _HOMES = {
     "errors": ("CallbackError", "DeviceError", "SolariError", "ValidationError"),
     "gpu.device.device": ("Device", "list_devices"),
     "gpu.frame.frame": ("Frame", "HitGroup", "Pass", "RayPass", "Stage"),
-    "scene.animation": ("Animation",),
-    "scene.keyframes": ("Channel",),
+    "scene.animation.clip": ("Animation",),
+    "scene.animation.keyframes": ("Channel",),
     "scene.deformation": ("Deformation",),
-    "scene.rig": ("Rig",),
+    "scene.animation.rig": ("Rig",),
     "scene.model": (
         "Camera", "DirectionalLight", "Environment", "Instance", "Material", "Mesh", "Scene", "Texture", "TextureImage",
     ),
-    "scene.punctual": ("PointLight", "SpotLight"),
-    "scene.binder": ("SceneBinder",),
+    "scene.lights.punctual": ("PointLight", "SpotLight"),
+    "bound.binder": ("SceneBinder",),
     "scene.gltf": ("load_gltf",),
     "scene.load": ("load",),
     "scene.builtin": ("builtin",),
-    "scene.sky": ("Sky",),
+    "scene.lights.sky": ("Sky",),
     "scene.studio": ("studio_lights",),
     "output.picture": ("check_output", "save_image"),
     "output.tone_mapping": ("auto_exposure", "tonemap"),
@@ -61,6 +61,7 @@ __all__ = [
 
 if TYPE_CHECKING:
     from solari_vk import cluster, notebook, rt
+    from solari_vk.bound.binder import SceneBinder
     from solari_vk.errors import CallbackError, DeviceError, SolariError, ValidationError
     from solari_vk.frame import SceneFrame
     from solari_vk.gpu.device.device import Device, list_devices
@@ -71,12 +72,14 @@ if TYPE_CHECKING:
     from solari_vk.rendered import RenderedFrame
     from solari_vk.renderer import Renderer
     from solari_vk.scene import shapes
-    from solari_vk.scene.animation import Animation
-    from solari_vk.scene.binder import SceneBinder
+    from solari_vk.scene.animation.clip import Animation
+    from solari_vk.scene.animation.keyframes import Channel
+    from solari_vk.scene.animation.rig import Rig
     from solari_vk.scene.builtin import builtin
     from solari_vk.scene.deformation import Deformation
     from solari_vk.scene.gltf import load_gltf
-    from solari_vk.scene.keyframes import Channel
+    from solari_vk.scene.lights.punctual import PointLight, SpotLight
+    from solari_vk.scene.lights.sky import Sky
     from solari_vk.scene.load import load
     from solari_vk.scene.model import (
         Camera,
@@ -89,9 +92,6 @@ if TYPE_CHECKING:
         Texture,
         TextureImage,
     )
-    from solari_vk.scene.punctual import PointLight, SpotLight
-    from solari_vk.scene.rig import Rig
-    from solari_vk.scene.sky import Sky
     from solari_vk.scene.studio import studio_lights
     from solari_vk.settings import Settings
     from solari_vk.tracer import RayTracer

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.bound.binder import SceneBinder
+from solari_vk.bound.projection import JITTERS, CameraUniforms, Projection
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Frame
 from solari_vk.passes import pathtracer
-from solari_vk.scene.binder import SceneBinder
-from solari_vk.scene.projection import JITTERS, CameraUniforms, Projection
 
 AVERAGED = 16  # rays of a pixel in a mean
 

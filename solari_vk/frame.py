@@ -6,11 +6,11 @@ from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from typing import Any, Self
 
+from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.acceleration.checks import check_kind
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Frame, Stage
-from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Scene
 
 

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.bound.binder import SceneBinder
+from solari_vk.bound.projection import CameraUniforms, Projection
 from solari_vk.errors import SolariError, checked_keywords, unknown_name
 from solari_vk.frame import SceneFrame
 from solari_vk.gpu.device.device import Device
@@ -19,9 +21,7 @@ from solari_vk.output import oidn
 from solari_vk.output.error import ErrorEstimate
 from solari_vk.passes import pathtracer
 from solari_vk.rendered import PictureRenderer, RenderedFrame
-from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera, Scene
-from solari_vk.scene.projection import CameraUniforms, Projection
 
 DISPATCH_MS = 100.0  # aimed at: far shorter than any driver's watchdog allows, far longer than a dispatch's overhead
 MAX_SAMPLES = 64  # per pixel in one dispatch

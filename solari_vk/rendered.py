@@ -14,6 +14,8 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.bound.binder import SceneBinder
+from solari_vk.bound.projection import Projection
 from solari_vk.errors import SolariError
 from solari_vk.first_hits import FirstHits
 from solari_vk.frame import SceneFrame, SceneUser, checked_device
@@ -22,9 +24,7 @@ from solari_vk.gpu.frame.frame import Row, Stage
 from solari_vk.output.picture import png_bytes, save_image, write_png
 from solari_vk.output.tone_mapping import auto_exposure, encode_picture
 from solari_vk.passes import brdf_table, pathtracer
-from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera, Instance, Scene
-from solari_vk.scene.projection import Projection
 
 # Medians of the lit pixels after exposure, where 1 is shown as white. Outside this range little can be seen.
 DARKEST, BRIGHTEST = 1e-4, 30.0

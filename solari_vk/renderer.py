@@ -9,6 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.bound.binder import SceneBinder
+from solari_vk.bound.lights.index_translation import IndexTranslation
+from solari_vk.bound.lights.recent_changes import RecentChanges
+from solari_vk.bound.projection import CameraUniforms, Projection, jitters
 from solari_vk.errors import SolariError, checked_keywords, unknown_name
 from solari_vk.frame import SceneFrame
 from solari_vk.gpu.device.buffer import Buffer
@@ -18,11 +22,7 @@ from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes import display, gbuffer, guides, lighting, pathtracer, ray_count, solari019, taa
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, check_view, views_of
 from solari_vk.rendered import PictureRenderer, RenderedFrame
-from solari_vk.scene.binder import SceneBinder
-from solari_vk.scene.changed_lights import ChangedLights
-from solari_vk.scene.light_translation import LightTranslation
 from solari_vk.scene.model import Camera, Scene
-from solari_vk.scene.projection import CameraUniforms, Projection, jitters
 from solari_vk.settings import Settings, uniform_values
 
 # Fields of the uniform block.
@@ -81,8 +81,8 @@ class Renderer(PictureRenderer):
             self._blended_changes = 0
             self._previous_jitter = (0.0, 0.0)  # the camera's own
             self._settings_seen: tuple[Any, ...] = ()  # what the settings in the uniforms were written from
-            self._lights = self._owned.enter_context(closing(LightTranslation(device)))
-            self._changed_lights = ChangedLights()
+            self._lights = self._owned.enter_context(closing(IndexTranslation(device)))
+            self._changed_lights = RecentChanges()
             external = self._tables | self._lights.buffers
             frame = SceneFrame(device, self.binder, self._stages(self.size), external=external)
             self._frame = self._owned.enter_context(frame)

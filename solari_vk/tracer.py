@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from solari_vk.bound.binder import SceneBinder
 from solari_vk.errors import SolariError, checked_keywords
 from solari_vk.frame import SceneFrame, SceneUser
 from solari_vk.gpu.acceleration.checks import check_switch, numbers, whole_number
@@ -16,7 +17,6 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Pass, Stage, Step
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
-from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Instance, Scene
 
 SHADER = "passes/ray_tracer/trace.comp"

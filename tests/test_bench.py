@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from support.gltf_writer import GltfWriter
 
+from solari_vk.bound.binder import SceneBinder
 from solari_vk.cli import main
 from solari_vk.measure.bare_rays import plain_tracer
 from solari_vk.measure.character import character
@@ -15,7 +16,6 @@ from solari_vk.measure.frame.plan import QUICK
 from solari_vk.measure.report import Report
 from solari_vk.measure.subjects import from_file, glowing
 from solari_vk.renderer import Renderer
-from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.model import Camera
 from solari_vk.settings import Settings

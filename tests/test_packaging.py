@@ -86,7 +86,7 @@ def compiled_modules() -> set[str]:
     scenes without features, which shaders of scenes have."""
     paths = {path: shader_cache.Sources([ROOT / "glsl"]).closure(path) for path in entry_points()}
     traces = {path for path, closure in paths.items() if "scene/trace.glsl" in closure}
-    plain = {path for path, closure in paths.items() if "generated/scene/features.glsl" in closure}
+    plain = {path for path, closure in paths.items() if "generated/bound/features.glsl" in closure}
     assert 10 < len(traces) < len(plain) < len(paths) / 2
     names = {*paths, *(f"{path}.plain" for path in plain)}
     tracing = {f"{name}.rgen" for name in names if name.removesuffix(".plain") in traces}

@@ -9,7 +9,7 @@ import pytest
 from support.realtime import make_renderer
 
 import solari_vk as sv
-from solari_vk.scene.binder import SceneBinder
+from solari_vk.bound.binder import SceneBinder
 
 SIZE = (16, 12)
 

@@ -1,4 +1,4 @@
-// Descriptor set 0: the scene. solari_vk/scene/binder.py fills it, by these names.
+// Descriptor set 0: the scene. solari_vk/bound/binder.py fills it, by these names.
 #ifndef SCENE_BINDINGS_GLSL
 #define SCENE_BINDINGS_GLSL
 
@@ -7,8 +7,8 @@
 #extension GL_EXT_buffer_reference_uvec2 : require
 #extension GL_EXT_nonuniform_qualifier : require
 
-#include "generated/scene/constants.glsl"
-#include "generated/scene/features.glsl"
+#include "generated/bound/constants.glsl"
+#include "generated/bound/features.glsl"
 
 // ---- geometry: each mesh has its own addresses, so no pool limits the size of a scene ---------------
 
@@ -93,7 +93,7 @@ struct Texture {
 
 // ---- lights -----------------------------------------------------------------------------------------
 
-// A row of an alias table: solari_vk/scene/alias_table.py.
+// A row of an alias table: solari_vk/bound/lights/alias_table.py.
 struct Choice {
     uint threshold;     // random 32-bit numbers below it choose this row, all others choose `alias`
     uint alias;
@@ -105,13 +105,13 @@ layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Cho
 struct LightSource {
     Choices parts;    // null where all parts are equally likely
     uint part_count;  // for emissive meshes, the triangles of the ray mesh
-    uint kind;        // row of LIGHT_KINDS in solari_vk/scene/light_kinds.py
+    uint kind;        // row of LIGHT_KINDS in solari_vk/bound/lights/light_kinds.py
     uint index;       // of the light's record in the buffer of its kind; for emissive meshes, of the instance
     Choice choice;    // among all light sources
     uint node;        // the light's leaf in light_tree; NO_INDEX for lights at infinity
 };
 
-// A node of the tree over the lights that are not at infinity: solari_vk/scene/light_tree.py. The root is node 0.
+// A node of the tree over the lights that are not at infinity: light_tree.py. The root is node 0.
 struct LightNode {
     vec3 center;
     vec3 half_size;  // of the bounds around the center

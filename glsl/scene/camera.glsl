@@ -1,5 +1,5 @@
 // The cameras of this frame and of the previous one, their rays, and how they project points.
-// solari_vk/scene/projection.py fills the two uniform blocks.
+// solari_vk/bound/projection.py fills the two uniform blocks.
 #ifndef SCENE_CAMERA_GLSL
 #define SCENE_CAMERA_GLSL
 

@@ -2,7 +2,7 @@
 // Magnenat-Thalmann, Laperriere and Thalmann, "Joint-Dependent Local Deformations for Hand Animation and Object
 // Grasping" (Graphics Interface 1988).
 //
-// The host gives all memory by address (solari_vk/scene/posed.py) and puts barriers around this shader itself.
+// The host gives all memory by address (scene_poses.py) and puts barriers around this shader itself.
 #version 460
 #include "common/math.glsl"
 #include "scene/posed.glsl"

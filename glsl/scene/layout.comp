@@ -1,6 +1,6 @@
 // Declares the records of descriptor set 0 and computes nothing: the binder reads the layout of the records from it.
 #version 460
-#include "generated/scene/light_kinds.glsl"
+#include "generated/bound/lights/light_kinds.glsl"
 #include "scene/bindings.glsl"
 #include "scene/posed.glsl"
 

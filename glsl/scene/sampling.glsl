@@ -5,7 +5,7 @@
 
 #include "common/math.glsl"
 #include "common/random.glsl"
-#include "generated/scene/light_kinds.glsl"
+#include "generated/bound/lights/light_kinds.glsl"
 #include "scene/bindings.glsl"
 #include "scene/lights/choice.glsl"
 #include "scene/lights/types.glsl"

@@ -61,7 +61,7 @@ def add_environment(scene: Scene, camera: Camera, options: argparse.Namespace) -
     elif kind == "sky":
         _add_sky(scene, camera, lit)
     elif kind != "auto":
-        from solari_vk.scene.environment import Environment
+        from solari_vk.scene.lights.environment import Environment
 
         scene.environment = Environment(kind)
     _adjust(scene, math.radians(options.environment_rotation), options.environment_intensity)
@@ -75,7 +75,7 @@ def _room(scene: Scene) -> Room | None:
 
 def _add_sky(scene: Scene, camera: Camera, lit: bool) -> None:
     """A sky whose sun stands behind the camera's left shoulder, over a floor if the scene has no light of its own."""
-    from solari_vk.scene.sky import Sky
+    from solari_vk.scene.lights.sky import Sky
     from solari_vk.scene.studio import add_floor, heading
 
     turn, across = heading(camera) + SUN_HEADING, math.cos(SUN_HEIGHT)

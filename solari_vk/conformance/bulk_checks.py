@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk import rt
+from solari_vk.bound.spatial_order import spatial_order
 from solari_vk.conformance.probe_checks import run_rays
 from solari_vk.conformance.rules import SUITE, VULKAN, WGPU, Measurement, Rule, count_wrong
 from solari_vk.conformance.shader_runner import ShaderRunner
@@ -16,7 +17,6 @@ from solari_vk.conformance.worlds import IDENTITY, Boxes, Placed, Shapes, Triang
 from solari_vk.gpu.acceleration.tlas import Tlas
 from solari_vk.gpu.frame.frame import HitGroup, Pass, RayPass
 from solari_vk.scene.matrices import transform_directions, transform_points
-from solari_vk.scene.spatial import spatial_order
 
 Floats = NDArray[np.floating]
 _WATERTIGHT = "no ray gets through"

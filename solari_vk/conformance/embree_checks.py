@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.bound.spatial_order import spatial_order
 from solari_vk.conformance.bulk_checks import bumpy_ball, trace, turn
 from solari_vk.conformance.rules import VULKAN, Measurement, Rule
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.conformance.worlds import IDENTITY, Placed, Triangles, World
 from solari_vk.scene.matrices import transform_points
-from solari_vk.scene.spatial import spatial_order
 
 SCENES = ("soup", "instanced", "mesh of a million")
 _NEAR = 1e-4  # share of the scene's extent; closer to an edge than this, either triangle may be the hit

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.bound.spatial_order import spatial_order
 from solari_vk.conformance.bulk_checks import bumpy_ball, trace, turn
 from solari_vk.conformance.rules import VULKAN, WGPU, Measurement, Rule, count_wrong
 from solari_vk.conformance.shader_runner import ShaderRunner
@@ -23,7 +24,6 @@ from solari_vk.conformance.worlds import (
     translation,
 )
 from solari_vk.gpu.acceleration.blas_builds import build_blases
-from solari_vk.scene.spatial import spatial_order
 
 _API, _COMPACTION, _STRUCTURES = "wgpu's raytracing API", "Blas compaction", "Acceleration Structures"
 _INACTIVE = "Inactive Primitives and Instances"

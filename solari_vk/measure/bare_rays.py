@@ -8,13 +8,13 @@ from contextlib import contextmanager
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.bound.binder import SceneBinder
+from solari_vk.bound.projection import CameraUniforms
 from solari_vk.frame import SceneFrame
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Pass, Stage
 from solari_vk.measure.timing import device_seconds
-from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera
-from solari_vk.scene.projection import CameraUniforms
 
 BOUNCES = 4
 

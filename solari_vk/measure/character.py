@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.scene import shapes
-from solari_vk.scene.animation import Animation
+from solari_vk.scene.animation.clip import Animation
+from solari_vk.scene.animation.keyframes import Channel
+from solari_vk.scene.animation.rig import Rig
 from solari_vk.scene.builtin import lamp, matte
 from solari_vk.scene.deformation import Deformation
-from solari_vk.scene.keyframes import Channel
 from solari_vk.scene.model import Camera, Instance, Mesh, Scene
-from solari_vk.scene.rig import Rig
 
 HEIGHT = 2.0  # meters
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from solari_vk.bound.projection import Projection
 from solari_vk.files import make_folder, whole_file
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.report import measuring
@@ -29,7 +30,6 @@ from solari_vk.renderer import Renderer
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.matrices import rotation, turned_about
 from solari_vk.scene.model import Camera, Instance, Scene
-from solari_vk.scene.projection import Projection
 
 Picture = NDArray[np.float64]
 SCENES = ("cornell_box", "sphere_grid", "mirror_hall", "many_lights")

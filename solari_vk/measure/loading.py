@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
+from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.report import measuring
 from solari_vk.measure.timing import device_seconds
-from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.gltf.images import Images
 from solari_vk.scene.load import load
 from solari_vk.scene.material import TEXTURES

@@ -5,12 +5,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable
 
+from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Draw, Pass, Stage, Step
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
 from solari_vk.renderer import Renderer
-from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Scene
 from solari_vk.settings import Settings
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from solari_vk import rt
+from solari_vk.bound.spatial_order import spatial_order
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.bare_rays import plain_tracer
@@ -13,7 +14,6 @@ from solari_vk.measure.subjects import height_field
 from solari_vk.measure.timing import Work, best_seconds, device_seconds
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.shapes import sphere
-from solari_vk.scene.spatial import spatial_order
 from solari_vk.tracer import BATCH, RayTracer
 
 

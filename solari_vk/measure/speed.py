@@ -10,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from solari_vk.bound.binder import SceneBinder
+from solari_vk.bound.lights.light_tree import LightTree, light_tree
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure import rays as rays_from_python
 from solari_vk.measure.bare_rays import BOUNCES, BarePaths
@@ -18,10 +20,8 @@ from solari_vk.measure.report import Report, measuring
 from solari_vk.measure.subjects import hilly
 from solari_vk.measure.timing import best_seconds, device_seconds, seconds
 from solari_vk.reference import PathTracer
-from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.gltf import load_gltf
-from solari_vk.scene.light_tree import LightTree, light_tree
 from solari_vk.scene.model import Animation, Scene
 
 SECONDS = 3.0  # the time that each measurement may take

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.bound.spatial_order import spatial_order
 from solari_vk.errors import SolariError
 from solari_vk.scene.builtin import builtin, lamp, matte
 from solari_vk.scene.gltf import load_gltf
 from solari_vk.scene.model import Camera, Instance, Mesh, Scene
-from solari_vk.scene.spatial import spatial_order
 from solari_vk.scene.studio import studio_lights
 
 BUILTIN = ("cornell_box", "many_lights")

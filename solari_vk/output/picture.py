@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from solari_vk.errors import SolariError
 from solari_vk.files import check_writable, whole_file, write_whole
 from solari_vk.output.tone_mapping import Colors, encode_picture
-from solari_vk.scene import exr
+from solari_vk.scene.images import exr
 
 SUFFIXES = (".png", ".exr", ".npy")
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from solari_vk.errors import SolariError
 from solari_vk.scene.gltf import load_gltf
-from solari_vk.scene.mesh_files import UP_AXES, load_mesh_file
+from solari_vk.scene.meshes.mesh_files import UP_AXES, load_mesh_file
 from solari_vk.scene.model import Scene
 
 FORMATS = (".gltf", ".glb", *UP_AXES)

@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.errors import SolariError, checked_keywords, unknown_name
-from solari_vk.scene.animation import Animation as Animation
-from solari_vk.scene.animation import mix
+from solari_vk.scene.animation.clip import Animation as Animation
+from solari_vk.scene.animation.clip import mix
 from solari_vk.scene.camera import Camera as Camera
 from solari_vk.scene.collection import Collection, Items
-from solari_vk.scene.directional import DirectionalLight as DirectionalLight
-from solari_vk.scene.environment import Environment as Environment
-from solari_vk.scene.environment import EnvironmentLight
 from solari_vk.scene.framing import default_camera, extent
-from solari_vk.scene.light import Light as Light
+from solari_vk.scene.lights.directional import DirectionalLight as DirectionalLight
+from solari_vk.scene.lights.environment import Environment as Environment
+from solari_vk.scene.lights.environment import EnvironmentLight
+from solari_vk.scene.lights.light import Light as Light
 from solari_vk.scene.material import Material as Material
 from solari_vk.scene.material import Texture as Texture
 from solari_vk.scene.material import TextureImage as TextureImage

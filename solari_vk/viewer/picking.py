@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.bound.constants import NO_INDEX
 from solari_vk.renderer import Renderer
-from solari_vk.scene.constants import NO_INDEX
 from solari_vk.scene.model import Camera, Instance
 from solari_vk.viewer.pictures import Pictures
 

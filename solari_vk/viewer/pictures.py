@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.bound.binder import SceneBinder
 from solari_vk.errors import SolariError
 from solari_vk.gpu.device.device import Device
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, views_of
 from solari_vk.reference import MAX_SAMPLES
 from solari_vk.renderer import Renderer
-from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import Settings
 from solari_vk.viewer.comparison import difference

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
 from solari_vk.reference import PathTracer
-from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera
 from solari_vk.viewer.tone_mapped import ToneMapped
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
+from solari_vk.bound import features
+from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.shaders.compiler import CompilationError
-from solari_vk.scene import features
-from solari_vk.scene.binder import SceneBinder
 
 SHADER = """#version 460
 #include "scene/surface.glsl"

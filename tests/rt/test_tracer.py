@@ -8,8 +8,8 @@ from support.rays import World, closest_by_brute_force, intersect
 
 import solari_vk as sv
 from solari_vk import tracer as tracer_module
+from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.device.device import Device
-from solari_vk.scene.binder import SceneBinder
 
 CORNERS = np.array([[0, 0, 0], [0.9, 0, 0], [0, 0.9, 0]])
 

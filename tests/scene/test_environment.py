@@ -13,12 +13,20 @@ from support.hdr_files import hdr, rgbe
 from support.oracles import encodings, environments
 
 import solari_vk as sv
+from solari_vk.bound.lights.environment_buffers import encode_texels
 from solari_vk.errors import SolariError
 from solari_vk.output.tone_mapping import auto_exposure
-from solari_vk.scene.atmosphere import EYE, HAZE_HEIGHT, OZONE, OZONE_HALF_WIDTH, RAYLEIGH, RAYLEIGH_HEIGHT, atmosphere
-from solari_vk.scene.environment import directions, solid_angles
-from solari_vk.scene.environment_map import encode_texels
-from solari_vk.scene.sky import SUN_ILLUMINANCE
+from solari_vk.scene.lights.atmosphere import (
+    EYE,
+    HAZE_HEIGHT,
+    OZONE,
+    OZONE_HALF_WIDTH,
+    RAYLEIGH,
+    RAYLEIGH_HEIGHT,
+    atmosphere,
+)
+from solari_vk.scene.lights.environment import directions, solid_angles
+from solari_vk.scene.lights.sky import SUN_ILLUMINANCE
 
 MUTANTS = 300
 
@@ -190,7 +198,7 @@ def test_scenes_take_environments_only():
 
 def test_large_pictures_are_averaged_down(monkeypatch):
     image = np.random.default_rng(2).random((7, 15, 3)).astype(np.float32)
-    monkeypatch.setattr("solari_vk.scene.environment.MOST_TEXELS", 40)
+    monkeypatch.setattr("solari_vk.scene.lights.environment.MOST_TEXELS", 40)
     small = sv.Environment(image).image
     assert small.shape == (4, 8, 3)
     np.testing.assert_allclose(small[:3, :7], image[:6, :14].reshape(3, 2, 7, 2, 3).mean(axis=(1, 3)), rtol=1e-6)

@@ -8,7 +8,7 @@ from support.oracles import environments
 
 from solari_vk.errors import SolariError
 from solari_vk.scene.gltf import load_gltf
-from solari_vk.scene.mip_chain import LINEAR_OF_SRGB
+from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
 
 AXES = np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)])
 SIZE = 8

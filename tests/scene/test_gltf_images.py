@@ -86,7 +86,7 @@ def test_another_image_replaces_one_that_needs_a_missing_library(writer, monkeyp
 
 
 def test_images_above_the_total_are_left_out(writer, monkeypatch):
-    monkeypatch.setattr("solari_vk.scene.images.LARGEST_TOTAL_PIXEL_COUNT", 20)
+    monkeypatch.setattr("solari_vk.scene.images.image_files.LARGEST_TOTAL_PIXEL_COUNT", 20)
     for shade in (1, 2):
         image = stored(writer, encoded(np.full((3, 5, 3), shade)))
         material_with(writer, "emissiveTexture", writer.add("textures", source=image))

@@ -8,8 +8,8 @@ from PIL import Image
 from support.gltf_writer import encoded
 
 from solari_vk.errors import SolariError
-from solari_vk.scene.images import decode, open_image
-from solari_vk.scene.mip_chain import mip_chain
+from solari_vk.scene.images.image_files import decode, open_image
+from solari_vk.scene.images.mip_chain import mip_chain
 
 
 def decode_image(data, who="the image"):

@@ -11,7 +11,7 @@ from support import ktx2_files
 from support.ktx2_files import plain
 
 from solari_vk.errors import SolariError
-from solari_vk.scene.images import decode, open_image
+from solari_vk.scene.images.image_files import decode, open_image
 
 NOISE = np.random.default_rng(5).integers(0, 256, (5, 7, 4), dtype=np.uint8)
 TWO = np.repeat([[[200, 40, 40, 255]] * 4 + [[40, 40, 200, 128]] * 4], 4, axis=0)

@@ -86,7 +86,8 @@ def test_what_mtl_files_say_without_effect_is_reported(plane, monkeypatch):
         "materials that no .mtl file has are replaced by a gray one: lamp",
         "fields and options of the .mtl file that are ignored: Ks, map_d, -s, -bm",
     ]
-    for limit, text in (("images.LARGEST_TOTAL_PIXEL_COUNT", "Mi pixels in all"), ("mtl.LARGEST_FILE", "more than")):
+    texts = {"images.image_files.LARGEST_TOTAL_PIXEL_COUNT": "Mi pixels in all", "meshes.mtl.LARGEST_FILE": "more than"}
+    for limit, text in texts.items():
         with monkeypatch.context() as patch:
             patch.setattr(f"solari_vk.scene.{limit}", 3)
             with pytest.raises(SolariError, match=text):

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from solari_vk.errors import SolariError
+from solari_vk.scene.lights.punctual import PointLight, SpotLight
 from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material, Mesh, Texture, TextureImage
-from solari_vk.scene.punctual import PointLight, SpotLight
 
 TRIANGLE = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
 SPOT = {"position": [0, 1, 0], "direction": [0, -1, 0]}

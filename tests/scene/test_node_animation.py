@@ -9,7 +9,7 @@ import pytest
 
 import solari_vk as sv
 from solari_vk.errors import SolariError
-from solari_vk.scene.keyframes import Channel
+from solari_vk.scene.animation.keyframes import Channel
 
 HALF = math.sqrt(0.5)
 QUARTER = [0, HALF, 0, HALF]  # a quarter turn about y

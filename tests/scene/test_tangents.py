@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from solari_vk.scene.tangents import generate_tangents, weld
+from solari_vk.scene.meshes.tangents import generate_tangents, weld
 
 
 def grid(size, seed=0):

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solari_vk.scene.light_kinds import KIND_INDEX
+from solari_vk.bound.lights.light_kinds import KIND_INDEX
 from support.oracles.encodings import decode_octahedral, decode_rgb9e5
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.bound.binder import SceneBinder
 from solari_vk.conformance.rules import Measurement, Rule
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.partial import PartialRenderer
@@ -18,7 +19,6 @@ from solari_vk.reference import PathTracer
 from solari_vk.rendered import RenderedFrame
 from solari_vk.renderer import Renderer
 from solari_vk.scene import shapes
-from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import cornell_box, lamp, place, rgb
 from solari_vk.scene.model import Camera, Instance, Material, Mesh, Scene
 from solari_vk.settings import RAW, Settings

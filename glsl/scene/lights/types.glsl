@@ -1,4 +1,4 @@
-// What all kinds of lights share. solari_vk/scene/light_kinds.py lists the kinds and the functions that each defines.
+// What all kinds of lights share. light_kinds.py lists the kinds and the functions that each defines.
 #ifndef SCENE_LIGHTS_TYPES_GLSL
 #define SCENE_LIGHTS_TYPES_GLSL
 

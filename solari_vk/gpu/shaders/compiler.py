@@ -10,7 +10,7 @@ afterwards.
 For devices that trace rays by pipelines, compute shaders that trace are compiled as ray generation shaders; the module
 `ray_generation` documents it.
 
-Shaders of scenes have two modules: in one the features of scenes (`solari_vk.scene.features`) are specialization
+Shaders of scenes have two modules: in one the features of scenes (`solari_vk.bound.features`) are specialization
 constants, and the other, for scenes without any, has been compiled without their code.
 
 `#include "generated/settings.glsl"` includes what the Python function `solari_vk.settings.glsl_header()` returns; the

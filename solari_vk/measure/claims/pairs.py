@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.bound.constants import NO_INDEX
 from solari_vk.measure.claims.scenes import ball_in_white, street
 from solari_vk.measure.frame.passes import frame_times
 from solari_vk.reference import PathTracer
 from solari_vk.renderer import Renderer
 from solari_vk.scene.builtin import builtin, place
-from solari_vk.scene.constants import NO_INDEX
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import QUALITIES
 

@@ -7,13 +7,13 @@ from collections import defaultdict
 
 import numpy as np
 
+from solari_vk.bound.poses.pose_commands import TIMED
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.frame import passes
 from solari_vk.measure.frame.plan import Plan
 from solari_vk.measure.timing import device_seconds
 from solari_vk.renderer import Renderer
 from solari_vk.scene.model import Scene
-from solari_vk.scene.poser import TIMED
 from solari_vk.settings import Settings
 
 HEAD = ["scene", "vertices", "host: pose", "vertices on the device", "refit", "frame in motion", "frame at rest"]

@@ -8,12 +8,12 @@ from collections import defaultdict
 
 import numpy as np
 
+from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.device.device import Device
 from solari_vk.measure.bare_rays import BarePaths
 from solari_vk.measure.timing import device_seconds, warm
 from solari_vk.reference import PathTracer
 from solari_vk.renderer import Renderer
-from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.model import Camera
 from solari_vk.settings import Settings
 

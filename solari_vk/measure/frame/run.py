@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from solari_vk.bound.binder import SceneBinder
 from solari_vk.errors import SolariError
 from solari_vk.files import make_folder
 from solari_vk.gpu.device.device import Device
@@ -17,7 +18,6 @@ from solari_vk.measure.subjects import from_file, glowing, hilly, scattered, sub
 from solari_vk.measure.timing import every_barrier, warm
 from solari_vk.passes import gbuffer
 from solari_vk.renderer import Renderer
-from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.model import Scene
 from solari_vk.settings import Settings

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.scene.animation import Animation
+from solari_vk.scene.animation.clip import Animation
+from solari_vk.scene.animation.keyframes import INTERPOLATIONS, WIDTHS, Channel
+from solari_vk.scene.animation.rig import Rig
 from solari_vk.scene.gltf.accessors import Accessors
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.nodes import PlacedNode, local_matrix, own_visibility
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry, shown
-from solari_vk.scene.keyframes import INTERPOLATIONS, WIDTHS, Channel
-from solari_vk.scene.rig import Rig
 
 _POINTER = re.compile(r"/nodes/(\d{1,9})/(translation|rotation|scale|weights|extensions/KHR_node_visibility/visible)")
 _KINDS = {"translation": "VEC3", "rotation": "VEC4", "scale": "VEC3"}

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.scene.environment import Environment, directions
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.images import Images
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry, shown
+from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
+from solari_vk.scene.lights.environment import Environment, directions
 from solari_vk.scene.matrices import nearest_rotation, quaternion_rotation
-from solari_vk.scene.mip_chain import LINEAR_OF_SRGB
 
 EXTENSION = "EXT_lights_image_based"
 LARGEST_MAP = 2048  # texels around the horizon

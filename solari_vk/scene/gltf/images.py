@@ -7,10 +7,10 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from solari_vk.errors import SolariError
-from solari_vk.scene import images
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry
+from solari_vk.scene.images import image_files
 from solari_vk.scene.model import TextureImage
 
 Source = tuple[str, str | int]  # equal sources are the same image
@@ -55,7 +55,7 @@ class Images:
         def decoded(source: Source) -> TextureImage | SolariError:
             image, who, name = opened[source]
             try:
-                return TextureImage(pixels=images.decode(image, who), name=name)
+                return TextureImage(pixels=image_files.decode(image, who), name=name)
             except SolariError as error:
                 return error
 
@@ -85,10 +85,10 @@ class Images:
         who = f"{entry.file}: {entry.place}" + (f" ({file})" if file else "")
         view = source[1]
         resource = self._document.view(view, entry)[0] if isinstance(view, int) else self._document.resource(entry)
-        image = images.open_image(resource.tobytes(), who)
+        image = image_files.open_image(resource.tobytes(), who)
         self._pixel_count += image.width * image.height
-        if self._pixel_count > images.LARGEST_TOTAL_PIXEL_COUNT:
+        if self._pixel_count > image_files.LARGEST_TOTAL_PIXEL_COUNT:
             self._pixel_count -= image.width * image.height
-            limit = images.LARGEST_TOTAL_PIXEL_COUNT >> 20
+            limit = image_files.LARGEST_TOTAL_PIXEL_COUNT >> 20
             raise SolariError(f"{who} brings the file's images above {limit} Mi pixels in all: scale them down")
         return image, who, os.path.basename(entry.name) or file or entry.place

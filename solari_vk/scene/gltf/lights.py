@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 
 from solari_vk.scene.checks import LARGEST_COORDINATE, FloatArray
-from solari_vk.scene.directional import DirectionalLight
 from solari_vk.scene.gltf.document import Document
 from solari_vk.scene.gltf.nodes import PlacedNode
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry, shown
-from solari_vk.scene.light import Light
+from solari_vk.scene.lights.directional import DirectionalLight
+from solari_vk.scene.lights.light import Light
+from solari_vk.scene.lights.punctual import PointLight, SpotLight
 from solari_vk.scene.matrices import upright
-from solari_vk.scene.punctual import PointLight, SpotLight
 
 EXTENSION = "KHR_lights_punctual"
 MAX_INTENSITY = 1e15  # in lux or cd, of the scene's lights

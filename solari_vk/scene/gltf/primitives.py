@@ -15,8 +15,8 @@ from solari_vk.scene.gltf.materials import LoadedMaterial
 from solari_vk.scene.gltf.report import Report
 from solari_vk.scene.gltf.values import Entry
 from solari_vk.scene.matrices import orthogonal, unit
+from solari_vk.scene.meshes.tangents import generate_tangents
 from solari_vk.scene.model import Mesh
-from solari_vk.scene.tangents import generate_tangents
 
 _MODES = ("points", "lines", "line loops", "line strips", "triangles", "triangle strips", "triangle fans")
 _HARMLESS = ("KHR_materials_variants", "KHR_draco_mesh_compression", "KHR_xmp_json_ld")

@@ -10,9 +10,9 @@ import pytest
 from test_display import room
 
 import solari_vk as sv
+from solari_vk.bound.constants import NO_INDEX
 from solari_vk.passes.debug_views import views_of
 from solari_vk.scene.builtin import place
-from solari_vk.scene.constants import NO_INDEX
 
 SIZE = 40, 24
 SETTINGS = {"world_cache_lod_distance": 0.5}  # makes cells of several sizes visible

@@ -8,9 +8,9 @@ from support.frames import SIZE, differing, each_lighting, find, left_of, settle
 from support.realtime import add_up, make_renderer, trace_reflected
 
 import solari_vk as sv
+from solari_vk.bound.binder import SceneBinder
 from solari_vk.measure.statistics import sixteenths
 from solari_vk.scene import shapes
-from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import cornell_box, lamp, matte, place
 
 SEEDS = 4

@@ -7,9 +7,9 @@ import pytest
 from support.realtime import make_renderer
 
 import solari_vk as sv
+from solari_vk.bound.constants import NO_INDEX
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, place
-from solari_vk.scene.constants import NO_INDEX
 from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES
 
 SIZE = (24, 24)

@@ -16,13 +16,13 @@ from support.realtime import GBUFFER, get_jitter, make_renderer
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
+from solari_vk.bound.constants import NO_INDEX
 from solari_vk.gpu.frame.frame import Pass, Stage
 from solari_vk.gpu.shaders import compiler
 from solari_vk.measure.partial import PartialRenderer
 from solari_vk.passes.gbuffer import COUNTERS
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, matte, place
-from solari_vk.scene.constants import NO_INDEX
 
 SIZE = (96, 64)
 HELMET = Path(__file__).resolve().parents[2].parent / "shared/assets/FlightHelmet/FlightHelmet.gltf"

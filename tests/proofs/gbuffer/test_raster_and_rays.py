@@ -18,11 +18,11 @@ from support.realtime import GBUFFER, GUIDES, get_jitter, make_renderer
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
+from solari_vk.bound.binder import SceneBinder
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.gpu.device.device import Device
 from solari_vk.passes.gbuffer import COUNTERS
 from solari_vk.scene import shapes
-from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import builtin, matte, place
 from solari_vk.scene.matrices import transform_points
 

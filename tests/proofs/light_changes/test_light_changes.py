@@ -9,7 +9,8 @@ from support.realtime import make_renderer
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
-from solari_vk.scene import changed_lights, shapes
+from solari_vk.bound.lights import recent_changes
+from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, lamp, matte, place
 
 SIZE = (48, 48)
@@ -115,7 +116,7 @@ def test_flicker_keeps_histories(device, what):
 
 @pytest.mark.slow
 def test_lists_of_all_changes_are_noticed(device, monkeypatch):
-    monkeypatch.setattr(changed_lights, "LISTED", 0.0)
+    monkeypatch.setattr(recent_changes, "LISTED", 0.0)
     assert history_under_flicker(device, "power") < 10
 
 

@@ -9,10 +9,10 @@ from support.seeded_bugs import Bug, bug_tests
 from support.statistics import replicates
 
 import solari_vk as sv
+from solari_vk.bound.constants import NO_INDEX
 from solari_vk.measure.replication import replicate
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place
-from solari_vk.scene.constants import NO_INDEX
 
 # The colors have equal luminance, so that each lamp is chosen equally often.
 RED, GREEN, BLUE = (9.0 * np.eye(3) / np.array((0.2126, 0.7152, 0.0722))).tolist()

@@ -20,15 +20,15 @@ from support.realtime import OFF, make_renderer
 from support.seeded_bugs import Bug, bug_tests, seeded
 
 import solari_vk as sv
+from solari_vk.bound.constants import NO_INDEX
+from solari_vk.bound.lights.light_list import EQUAL_SHARE
+from solari_vk.bound.spatial_order import spatial_order
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.measure.statistics import chi_squared_p, standard_deviations
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place, rgb
-from solari_vk.scene.constants import NO_INDEX
-from solari_vk.scene.lights import EQUAL_SHARE
 from solari_vk.scene.matrices import transform_points
-from solari_vk.scene.spatial import spatial_order
 
 FILE, PACKING = "passes/solari019/light_tiles/light_tiles.glsl", "common/packing.glsl"
 NO_TILES = Bug(FILE, "sample_light_candidate", "return draw_light_candidate(rng);")
@@ -187,7 +187,7 @@ class World:
         self.scene.add(sv.Camera.look_at((0, 2, 6), (0, 0, 0), ev100=3.0))
 
     def probabilities(self, powers):
-        """Those of all lights of these powers in lumens, as the page of solari_vk/scene/lights.py says."""
+        """Those of all lights of these powers in lumens, as the page of solari_vk/bound/lights/light_list.py says."""
         return (1 - EQUAL_SHARE) * powers / powers.sum() + EQUAL_SHARE / len(powers)
 
     def resolve(self, samples, powers):

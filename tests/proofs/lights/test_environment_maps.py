@@ -24,7 +24,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.measure.statistics import chi_squared_p, standard_deviations
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import matte, place, rgb
-from solari_vk.scene.environment import directions, luminances, solid_angles
+from solari_vk.scene.lights.environment import directions, luminances, solid_angles
 
 _CLOSED = "closed form"
 BACKGROUND = Rule("the background is the map in the direction of each pixel's ray", SUITE, "Environments")

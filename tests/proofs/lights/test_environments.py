@@ -14,9 +14,10 @@ from support.realtime import make_renderer, trace
 from test_environment_maps import floor_scene, map_with_sun, random_map, turned
 
 import solari_vk as sv
-from solari_vk.scene import environment_map, shapes
+from solari_vk.bound.lights import environment_buffers
+from solari_vk.bound.lights.environment_buffers import EnvironmentBuffers
+from solari_vk.scene import shapes
 from solari_vk.scene.builtin import matte, rgb
-from solari_vk.scene.environment_map import EnvironmentMap
 
 
 @pytest.mark.slow  # eight million texels; the conformance suite measures a smaller map
@@ -32,7 +33,7 @@ def test_all_frames_have_the_path_tracers_light(device, lighting):
 
 def test_a_table_that_ignores_the_map_is_noticed(device, monkeypatch):
     """Texels are taken alike: still unbiased, but noisy where the map has a sun."""
-    monkeypatch.setattr(environment_map, "texel_weights", lambda image: np.ones(image.shape[:2]))
+    monkeypatch.setattr(environment_buffers, "texel_weights", lambda image: np.ones(image.shape[:2]))
     found = {measured.rule: measured for measured in environment_checks.measure_texels(device)}
     assert not found[environment_checks.TEXELS].holds
     noisy = {measured.rule: measured for measured in environment_checks.measure_sun(device, 256)}
@@ -66,8 +67,8 @@ def test_white_materials_reflect_a_random_map_by_their_brdf(device):
 
 def test_edits_of_a_map_show_at_once(device, monkeypatch):
     made = []
-    init = EnvironmentMap.__init__
-    monkeypatch.setattr(EnvironmentMap, "__init__", lambda *a: (made.append(a[-1]), init(*a))[1])
+    init = EnvironmentBuffers.__init__
+    monkeypatch.setattr(EnvironmentBuffers, "__init__", lambda *a: (made.append(a[-1]), init(*a))[1])
     scene = sv.Scene(sv.Camera.look_at((0, 0, 0), (1, 0, 0)))
     image = np.zeros((2, 4, 3), np.float32)
     image[:, 1:3] = 1  # the middle column is +x

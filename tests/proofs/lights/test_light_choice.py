@@ -7,11 +7,11 @@ import pytest
 from scipy import stats
 
 import solari_vk as sv
+from solari_vk.bound.binder import SceneBinder
+from solari_vk.bound.lights.emissive_meshes import MIN_LUMINANCE
+from solari_vk.bound.lights.light_list import EQUAL_SHARE
 from solari_vk.scene import shapes
-from solari_vk.scene.binder import SceneBinder
-from solari_vk.scene.emissive_meshes import MIN_LUMINANCE
-from solari_vk.scene.lights import EQUAL_SHARE
-from solari_vk.scene.mip_chain import LINEAR_OF_SRGB
+from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
 
 COUNT = 400_000
 SIDE = 12

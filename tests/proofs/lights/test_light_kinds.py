@@ -11,11 +11,12 @@ import pytest
 from support.direct_light import direct_light, direct_renderer
 
 import solari_vk as sv
+from solari_vk.bound.lights import light_kinds
 from solari_vk.gpu.shaders import compiler
-from solari_vk.scene import checks, light_kinds, shapes
+from solari_vk.scene import checks, shapes
 from solari_vk.scene.builtin import matte
 from solari_vk.scene.checks import FloatArray
-from solari_vk.scene.light import Light
+from solari_vk.scene.lights.light import Light
 from solari_vk.scene.observed import checked
 
 

@@ -22,11 +22,11 @@ from support.seeded_bugs import Bug, seeded
 from support.statistics import assert_equal
 
 import solari_vk as sv
+from solari_vk.bound.binder import SceneBinder
+from solari_vk.bound.lights.light_kinds import KIND_INDEX
 from solari_vk.measure.statistics import compare
 from solari_vk.scene import shapes
-from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import matte
-from solari_vk.scene.light_kinds import KIND_INDEX
 
 AT = {"point": (1.5, 1.3, 1.6), "spot": (0.5, 1.9, 1.3), "sphere": (0.6, 1.5, 1.2)}  # in the box, 2 m wide
 REUSE = {"restir": True}

@@ -20,7 +20,7 @@ import solari_vk as sv
 from solari_vk.conformance.rules import Measurement, Rule
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.builtin import rgb
-from solari_vk.scene.punctual import PunctualLight
+from solari_vk.scene.lights.punctual import PunctualLight
 
 Floats = NDArray[np.floating[Any]]
 _SOURCE = ("KHR_lights_punctual", "Punctual lights")

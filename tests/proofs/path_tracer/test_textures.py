@@ -142,7 +142,7 @@ def test_level_of_detail(tracer, monkeypatch, degrees, distance):
     levels = 9
     grays = (encode_srgb(np.arange(levels) / levels) * 255).round().astype(np.uint8)
     made = lambda *_: [np.full((256 >> k, 256 >> k, 4), grays[k], np.uint8) for k in range(levels)]  # noqa: E731
-    monkeypatch.setattr("solari_vk.scene.textures.mip_chain", made)
+    monkeypatch.setattr("solari_vk.bound.texture_table.mip_chain", made)
     texture = sv.Texture(image=sv.TextureImage(pixels=made()[0]))
     turn = math.radians(degrees)
     across = np.array((math.cos(turn), 0, -math.sin(turn)))

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import solari_vk as sv
+from solari_vk.bound.binder import SceneBinder
 from solari_vk.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.conformance.shader_runner import ShaderRunner
 from solari_vk.measure.statistics import chi_squared_p, standard_deviations
 from solari_vk.scene import shapes
-from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import lamp, rgb
 
 _PATHS = (SUITE, "Paths")

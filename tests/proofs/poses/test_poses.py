@@ -14,13 +14,13 @@ from support.realtime import GBUFFER, get_jitter, make_renderer
 from support.seeded_bugs import Bug, seeded
 
 import solari_vk as sv
+from solari_vk.bound.binder import SceneBinder
+from solari_vk.bound.poses.posed_mesh import MAX_REFITS
 from solari_vk.color import LUMINANCE_WEIGHTS
 from solari_vk.frame import SceneFrame
 from solari_vk.gpu.frame.frame import Pass, Stage
-from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import matte
 from solari_vk.scene.matrices import rotation, transform_points
-from solari_vk.scene.posed_mesh import MAX_REFITS
 
 SIZE = (48, 64)
 CAMERA = sv.Camera.look_at((0.4, 1.3, 4.0), (0, 1, 0), near=0.1)

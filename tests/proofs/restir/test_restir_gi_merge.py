@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from support.seeded_bugs import Bug, bug_tests
 
+from solari_vk.bound.binder import SceneBinder
 from solari_vk.conformance.shader_runner import ShaderRunner
-from solari_vk.scene.binder import SceneBinder
 from solari_vk.scene.builtin import matte
 from solari_vk.scene.model import Instance, Scene
 from solari_vk.scene.shapes import quad

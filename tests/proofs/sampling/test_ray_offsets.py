@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solari_vk.scene.binder import SceneBinder
+from solari_vk.bound.binder import SceneBinder
 from solari_vk.scene.model import Instance, Material, Mesh, Scene
 
 COUNT = 10_000  # of each group

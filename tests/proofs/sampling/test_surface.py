@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solari_vk.scene.binder import SceneBinder
+from solari_vk.bound.binder import SceneBinder
 from solari_vk.scene.model import Instance, Material, Mesh, Scene, Texture, TextureImage
 
 INF = np.float32(np.inf)

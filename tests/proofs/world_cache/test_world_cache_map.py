@@ -8,7 +8,7 @@ from map_frame import QUERY, SIZE, MapFrame
 from support.encodings import pcg4d, pcg_hash
 from support.seeded_bugs import Bug, bug_tests
 
-from solari_vk.scene.constants import NO_INDEX
+from solari_vk.bound.constants import NO_INDEX
 
 NORMALS = np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, 0, -1), (0.6, 0.64, 0.48), (-0.6, 0.64, -0.48)], np.float32)
 SIZES = np.array((0.25, 0.5), np.float32)

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 import solari_vk as sv
+from solari_vk.bound.binder import SceneBinder
+from solari_vk.bound.projection import CameraUniforms
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
 from solari_vk.passes import brdf_table, light_tiles, world_cache
-from solari_vk.scene.binder import SceneBinder
-from solari_vk.scene.projection import CameraUniforms
 from solari_vk.settings import uniform_values
 
 SHADERS = Path(__file__).parent / "glsl"

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.scene.environment import EnvironmentLight
+from solari_vk.scene.lights.environment import EnvironmentLight
 
 Floats = NDArray[np.floating[Any]]
 _ROWS = 512  # of the grid of directions over which irradiance is summed up

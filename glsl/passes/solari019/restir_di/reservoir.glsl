@@ -6,7 +6,7 @@
 // and parts are counted, whatever their probability, and targets are in the same measure: the light that a sample adds,
 // divided by the density of its point in its part. A sample's weight, an estimate of 1 / density, thus stays valid in
 // later frames when its light grows, shrinks or turns, and when lights become more or less likely. What had the
-// probability 0 is the exception, because no earlier frame could find it: solari_vk/scene/lights.py gives a light that
+// probability 0 is the exception, because no earlier frame could find it: light_list.py gives a light that
 // was dark a new id, and triangles have the probability 0 only where their whole light is dark.
 #ifndef PASSES_SOLARI019_RESTIR_DI_RESERVOIR_GLSL
 #define PASSES_SOLARI019_RESTIR_DI_RESERVOIR_GLSL

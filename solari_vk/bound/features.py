@@ -1,0 +1,67 @@
+"""Scene features: what some scenes hold and others don't, so that the shaders of the others are compiled without it.
+
+Each row of FEATURES is a boolean constant SCENE_NAME, which `generated/bound/features.glsl` declares and
+scene/bindings.glsl includes. In the modules for scenes without any feature it is plainly false: these modules hold no
+code below `if (SCENE_NAME)`, and compiling them takes a third of the time. For other scenes it is a specialization
+constant, so that one module serves each set of features, and drivers remove the code of features that are false. To add
+a feature, write its row, and use the constant in GLSL; frames over a scene do the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from solari_vk.scene.lights.environment import EnvironmentLight
+from solari_vk.scene.lights.punctual import PunctualLight
+from solari_vk.scene.material import Material
+from solari_vk.scene.objects import Instance, Mesh
+
+
+@dataclass(frozen=True)
+class Feature:
+    """A row of `FEATURES`: the class of the scene's objects that may have the feature, and whether one has it."""
+
+    name: str
+    source: type[Any]
+    held_by: Callable[[Any], bool]
+
+    @property
+    def constant(self) -> str:
+        """The name of the constant."""
+        return f"SCENE_{self.name}"
+
+
+FEATURES = (
+    Feature("ENVIRONMENT", EnvironmentLight, lambda light: True),
+    Feature("POINT", PunctualLight, lambda light: light.radius == 0),
+    Feature("SPHERE", PunctualLight, lambda light: light.radius > 0),
+    Feature("POSES", Instance, lambda instance: instance.posed),
+    Feature("ALPHA", Instance, lambda instance: instance.alpha_mode != "opaque"),
+    Feature("BLEND", Instance, lambda instance: instance.alpha_mode == "blend"),
+    Feature("VERTEX_COLORS", Mesh, lambda mesh: mesh.colors is not None),
+    Feature("SECOND_UVS", Mesh, lambda mesh: mesh.second_uvs is not None),
+    Feature("GLASS", Material, lambda material: material.transmission > 0),
+    Feature("LAYERS", Material, lambda material: material.has_layers),
+    Feature("UNLIT", Material, lambda material: material.unlit),
+)
+
+
+class Features:
+    """The features that a scene has, or has had: objects that come and go then cost one compilation of pipelines."""
+
+    def __init__(self) -> None:
+        self.constants: frozenset[str] = frozenset()
+        """The constants that are true."""
+
+    def note(self, item: Any) -> None:
+        """Take note of a new or changed object of the scene."""
+        self.constants |= {row.constant for row in FEATURES if isinstance(item, row.source) and row.held_by(item)}
+
+
+def glsl_header() -> str:
+    """The declarations of the constants."""
+    plain = {feature.constant: f"const bool {feature.constant} = false;" for feature in FEATURES}
+    specialized = [f"layout(constant_id = {name}_id) {line}" for name, line in plain.items()]
+    return "\n".join(("#ifdef WITHOUT_FEATURES", *plain.values(), "#else", *specialized, "#endif"))

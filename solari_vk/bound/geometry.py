@@ -1,0 +1,225 @@
+"""Meshes on the device: vertex and index buffers, and acceleration structures.
+
+A `Shape` is a mesh, or a mesh in the pose of an instance, whose vertices are made on the device: poses/.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.bound.constants import (
+    MESH_HAS_COLORS,
+    MESH_HAS_NORMALS,
+    MESH_HAS_SECOND_UVS,
+    MESH_HAS_TANGENTS,
+    MESH_HAS_UVS,
+)
+from solari_vk.bound.features import Features
+from solari_vk.bound.poses.posed_mesh import PosedMesh
+from solari_vk.bound.poses.scene_poses import ScenePoses
+from solari_vk.bound.spatial_order import spatial_order
+from solari_vk.bound.table import Rows, Table
+from solari_vk.gpu.acceleration.blas import Blas
+from solari_vk.gpu.acceleration.blas_builds import build_blases
+from solari_vk.gpu.acceleration.geometry import TriangleGeometry
+from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.uploads import Uploads
+from solari_vk.scene.model import Instance, Mesh
+
+Shape = Mesh | PosedMesh
+
+
+class Geometry:
+    """The `meshes` table and everything its addresses point to. layout: the records of the shaders' blocks, by name."""
+
+    def __init__(self, device: Device, layout: dict[str, Any], features: Features, watcher: Any) -> None:
+        self.table = Table(device, "meshes", layout["meshes"])
+        self.posed = ScenePoses(device, layout, self.table)
+        self.rows: Rows[Shape] = Rows()
+        self._ray_users: Rows[Shape] = Rows()
+        self._shapes: dict[tuple[Mesh, Instance], PosedMesh] = {}
+        self._attributes = layout["vertex_attributes"]
+        self._device = device
+        self._features = features
+        self._watcher = watcher
+        self._buffers: dict[Mesh, Buffer] = {}
+        self.centers: dict[Shape, NDArray[np.float32]] = {}
+        """The center (3,) of each uploaded shape's bounds, in object space."""
+        self.half_sizes: dict[Shape, NDArray[np.float32]] = {}
+        """Half the size (3,) of the same bounds."""
+        self.orders: dict[Shape, NDArray[np.int64]] = {}
+        """For each uploaded shape the mesh's triangle of each uploaded triangle."""
+        self.blases: dict[Shape, Blas] = {}
+        """The acceleration structure of each traced shape, as of the latest `update`."""
+        self._met_once: set[Mesh] = set()  # whose triangles a ray asks the shader about only once
+        self._to_upload: dict[Mesh, None] = {}
+        self.kept = True
+        """Whether no acceleration structure was destroyed since this was last set."""
+
+    def shape(self, mesh: Mesh, instance: Instance) -> Shape:
+        """An instance's mesh in its pose, or the mesh if it has none. Takes note of the pose."""
+        if not instance.posed or mesh.deformation is None:
+            return mesh
+        pose = instance.joint_matrices, instance.morph_weights  # which the mesh may no longer fit
+        mesh.deformation.check(len(mesh.positions), *pose, instance.describe())
+        shape = self._shapes.setdefault((mesh, instance), PosedMesh(mesh, instance))
+        self.posed.note(shape)
+        return shape
+
+    def acquire(self, shape: Shape, user: Instance, *, traced: bool) -> None:
+        """Add a use of a shape. traced: rays hit it, so it needs an acceleration structure."""
+        if isinstance(shape, PosedMesh):
+            self.rows.acquire(shape, user)
+            self._shapes[shape.mesh, shape.instance] = shape
+            self.posed.add(shape, self.rows[shape], traced)
+            self.acquire(shape.mesh, user, traced=False)
+            return
+        if self.rows.acquire(shape, user):
+            shape.watch(self._watcher)
+            self._to_upload[shape] = None
+        if traced and self._ray_users.acquire(shape, user):
+            self.change(shape)
+
+    def release(self, shape: Shape, user: Instance, *, traced: bool) -> None:
+        """Undo one `acquire`."""
+        if isinstance(shape, PosedMesh):
+            if self.rows.release(shape, user):
+                self.posed.remove(shape)
+                self.kept = self.blases.pop(shape, None) is None and self.kept
+                for known in (self.centers, self.half_sizes, self.orders):
+                    known.pop(shape, None)
+                self._shapes.pop((shape.mesh, shape.instance), None)
+            self.release(shape.mesh, user, traced=False)
+            return
+        mesh = shape
+        if traced and self._ray_users.release(mesh, user) and mesh in self.blases:
+            self.blases.pop(mesh).destroy()
+            self.kept = False
+        if self.rows.release(mesh, user):
+            mesh.unwatch(self._watcher)
+            self._to_upload.pop(mesh, None)
+            self._met_once.discard(mesh)
+            if mesh in self._buffers:
+                self._buffers.pop(mesh).destroy()
+                del self.centers[mesh], self.half_sizes[mesh], self.orders[mesh]
+
+    def change(self, mesh: Mesh) -> list[Any]:
+        """Take note of an edit of a mesh, which must be uploaded again; returns the instances that use it."""
+        if mesh not in self.rows:
+            return []
+        self._to_upload[mesh] = None
+        if self.posed.renew(mesh):
+            self.kept = False
+        return self.rows.users(mesh)
+
+    def meet_once(self, mesh: Mesh) -> None:
+        """Build the acceleration structure of a blended mesh so that no ray meets a triangle twice, before `update`."""
+        if mesh not in self._met_once:
+            self._met_once.add(mesh)
+            self.change(mesh)
+
+    def update(self, revision: int) -> list[Any]:
+        """Upload new and changed meshes and build their acceleration structures, and write the records of new poses.
+
+        revision: of the scene. Returns the instances that have other acceleration structures now.
+        """
+        self.table.reserve(self.rows.limit)
+        users = self._update_meshes() if self._to_upload else []
+        for shape in self.posed.update(revision, self.rows.__getitem__, lambda mesh: self._pack_attributes(mesh)[1]):
+            record = self.table.records[self.rows[shape]]
+            low, high = record["bounds_min"], record["bounds_max"]
+            self.centers[shape], self.half_sizes[shape] = (low + high) / 2, (high - low) / 2
+            self.orders[shape] = self.orders[shape.mesh]
+            if shape.blases:
+                self.blases[shape] = shape.blases[shape.side]
+                users.append(shape.instance)
+        return users
+
+    def _update_meshes(self) -> list[Any]:
+        geometries = {}
+        with self._device.uploads() as uploads:
+            for mesh in self._to_upload:
+                self._features.note(mesh)
+                geometries[mesh] = self._upload(mesh, uploads)
+        with self._device.undone_on_error():
+            blases = {mesh: Blas(self._device, [geometry], name=mesh.name or "mesh")
+                      for mesh, geometry in geometries.items() if mesh in self._ray_users}  # fmt: skip
+            build_blases(self._device, list(blases.values()))
+        for mesh, blas in blases.items():
+            if mesh in self.blases:
+                self.blases[mesh].destroy()
+                self.kept = False
+            self.blases[mesh] = blas
+        self._to_upload.clear()
+        return [user for mesh in blases for user in self._ray_users.users(mesh)]
+
+    def _upload(self, mesh: Mesh, uploads: Uploads) -> TriangleGeometry:
+        """Upload a mesh as one buffer: positions, triangles in spatial order, and other attributes if there are any."""
+        triangles = mesh.triangles
+        corners = mesh.positions[triangles]
+        order = self.orders[mesh] = spatial_order(corners.mean(axis=1))
+        triangles = triangles[order]
+        low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+        self.centers[mesh], self.half_sizes[mesh] = (low + high) / 2, (high - low) / 2
+        flags, attributes = self._pack_attributes(mesh)
+        parts: dict[str, NDArray[Any]] = {"positions": mesh.positions, "triangles": triangles}
+        if attributes is not None:
+            parts["attributes"] = attributes
+        if mesh.second_uvs is not None:
+            parts["second_uvs"] = mesh.second_uvs
+            flags |= MESH_HAS_SECOND_UVS
+        if mesh.colors is not None:
+            parts["colors"] = np.ones((len(mesh.positions), 4), np.float32)
+            parts["colors"][:, : mesh.colors.shape[1]] = mesh.colors
+            flags |= MESH_HAS_COLORS
+        buffer = self._device.buffer(sum(part.nbytes for part in parts.values()), mesh.name or "mesh")
+        if mesh in self._buffers:
+            self._buffers[mesh].destroy()
+        self._buffers[mesh] = buffer
+        addresses = dict.fromkeys(("attributes", "second_uvs", "colors"), 0)
+        offset = 0
+        for name, part in parts.items():
+            addresses[name] = buffer.address + offset
+            uploads.buffer(buffer, part, offset)
+            offset += part.nbytes
+        record = self.table.records[self.rows[mesh]]
+        for name, address in addresses.items():
+            record[name] = address
+        record["previous_positions"] = record["positions"]
+        record["triangle_count"] = len(triangles)
+        record["flags"] = flags
+        record["bounds_min"], record["bounds_max"] = low, high
+        self.table.mark([self.rows[mesh]])
+        return TriangleGeometry(
+            positions=addresses["positions"], position_count=len(mesh.positions), indices=addresses["triangles"],
+            triangle_count=len(triangles), no_duplicate_any_hit=mesh in self._met_once,
+        )  # fmt: skip
+
+    def _pack_attributes(self, mesh: Mesh) -> tuple[int, NDArray[Any] | None]:
+        """The flags of the attributes that a mesh has, and the attributes if there are any."""
+        flags, attributes = 0, np.zeros(len(mesh.positions), self._attributes)
+        for flag, name, values in (
+            (MESH_HAS_NORMALS, "normal", mesh.normals),
+            (MESH_HAS_UVS, "uv", mesh.uvs),
+            (MESH_HAS_TANGENTS, "tangent", mesh.tangents),
+        ):
+            if values is not None:
+                attributes[name] = values
+                flags |= flag
+        return flags, attributes if flags else None
+
+    def destroy(self) -> None:
+        """Free everything."""
+        self.posed.destroy()
+        for blas in self.blases.values():
+            blas.destroy()
+        for buffer in self._buffers.values():
+            buffer.destroy()
+        self.table.destroy()
+        for shape in self.rows:
+            if isinstance(shape, Mesh):
+                shape.unwatch(self._watcher)

@@ -1,0 +1,204 @@
+"""The kinds of lights: what the renderer has to know of each, as rows of one table.
+
+To add a kind, write its class of scene objects (derived from `Light`) and its row, and put its shader code into
+glsl/scene/lights/NAME.glsl, where NAME is the row's name. `glsl_header` makes the constants and the functions that
+choose between the kinds. Each NAME.glsl defines:
+
+    ResolvedLightSample resolve_NAME(uint index, uint part, vec2 u, float inverse_probability)
+        The point of a part of the light, or the direction, for random numbers u in [0, 1), with its radiance. The part
+        is a triangle of an emissive mesh or a texel of an environment, 0 for all other kinds. Its inverse_pdf is
+        inverse_probability times the inverse density of the point in area, or of the direction in solid angle.
+    float emission_cosine_NAME(uint data, float cosine)
+        The factor of a sample's radiance times projected area towards a receiver: `data` is the sample's, `cosine` the
+        cosine between its normal and the direction to the receiver.
+    uint shown_id_NAME(uint index)
+        A number that stays the same while other lights are added and removed; debug views give each number a color.
+    MetLight meet_NAME(uint index, vec3 direction)
+        Kinds at infinity only: what a ray in this direction meets if it meets no surface.
+    MetLight pass_NAME(uint index, vec3 origin, vec3 direction, float t_max)
+        Kinds that rays pass only: what a ray of this length sees of the light.
+    ResolvedLightSample aim_NAME(ResolvedLightSample light_sample, vec3 receiver)
+        Kinds that are aimed only: what a resolved sample is to one receiver, if that isn't the same for all.
+
+`index` is the light's record in the kind's own buffer, or for emissive meshes the instance. NAME.glsl declares the
+buffer, in set 0. tests/proofs/lights/test_light_kinds.py adds two kinds in this way.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.bound.features import FEATURES
+from solari_vk.color import LUMINANCE_WEIGHTS
+from solari_vk.gpu.shaders import headers
+from solari_vk.scene.lights.environment import EnvironmentLight
+from solari_vk.scene.lights.punctual import PunctualLight
+from solari_vk.scene.model import DirectionalLight, Instance
+
+AT_SURFACES, NEVER, PASSED, AT_INFINITY = PLACES = "at surfaces", "never", "passed", "at infinity"
+"""Where rays meet lights, in the order of the list of lights."""
+SHADOW_DISTANCE = 10.0  # meters from a light's shadows to what casts them, roughly: how far they move when it turns
+
+
+@dataclass(frozen=True)
+class LightKind:
+    """A row of `LIGHT_KINDS`.
+
+    name: part of the names of files, functions and constants in GLSL. source: the class of the scene's objects, of
+    which the kind is those that `holds` takes. met_by_rays: where rays meet such a light without having chosen it:
+    AT_SURFACES, AT_INFINITY, NEVER, or PASSED: on their way, which goes on. aimed: whether there is an aim_NAME.
+    buffer: the buffer of its records, whose fields `record` gives; None: the light's index is its instance's row.
+    power: luminous flux in lumens, roughly, of a light and an area in square meters: that of an emissive surface, for
+    all other kinds that of the scene's cross-section. position: a point (3,) in meters that moves when the light does,
+    None for instances, whose geometry says it. bounds: the box around the light, min and max (2, 3) in meters; None for
+    instances and lights at infinity.
+    """
+
+    name: str
+    source: type[Any]
+    met_by_rays: str
+    power: Callable[[Any, float], float]
+    buffer: str | None = None
+    record: Callable[[Any], dict[str, Any]] = lambda light: {}
+    position: Callable[[Any], NDArray[np.float64]] | None = None
+    bounds: Callable[[Any], NDArray[np.float64]] | None = None
+    aimed: bool = False
+    holds: Callable[[Any], bool] = lambda light: True
+
+
+def luminance(color: NDArray[np.float32]) -> float:
+    """The luminance of a linear Rec. 709 color (3,)."""
+    return float(sum(weight * channel for weight, channel in zip(LUMINANCE_WEIGHTS, color.tolist(), strict=True)))
+
+
+def _directional_record(light: DirectionalLight) -> dict[str, Any]:
+    half_angle = light.angular_diameter / 2
+    one_minus_cos = 2 * math.sin(half_angle / 2) ** 2
+    return {
+        "direction_to_light": -light.direction,
+        "one_minus_cos_half_angle": one_minus_cos,
+        # Divided by the disk's cosine-weighted integral, pi sin^2, not by its solid angle: a surface that faces the
+        # light's center then receives the stated illuminance however wide the disk is.
+        "radiance": light.color * (light.illuminance / (math.pi * math.sin(half_angle) ** 2)),
+        "solid_angle": 2 * math.pi * one_minus_cos,
+    }
+
+
+def _environment_record(light: EnvironmentLight) -> dict[str, Any]:
+    return {"intensity": light.intensity, "world_from_map": light.rotation.T}  # GLSL holds columns
+
+
+def _punctual_record(light: PunctualLight) -> dict[str, Any]:
+    scale, offset = light.falloff
+    area = math.pi * light.radius**2  # of the disk that the sphere's outline is: radiance times it is intensity
+    return {
+        "position": light.position,
+        "radius": light.radius,
+        "strength": light.color * (light.intensity / (area or 1.0)),
+        "axis": light.axis,
+        "cone_scale": scale,
+        "cone_offset": offset,
+        "inverse_range": 1 / light.range if light.range else 0.0,
+    }
+
+
+def _punctual_kind(name: str, met_by_rays: str, holds: Callable[[PunctualLight], bool]) -> LightKind:
+    return LightKind(
+        name, PunctualLight, met_by_rays,
+        power=lambda light, area: light.solid_angle * light.intensity * luminance(light.color),
+        buffer=f"{name}_lights",
+        record=_punctual_record,
+        position=lambda light: light.position + (SHADOW_DISTANCE * light.axis if light.falloff[0] else 0.0),
+        bounds=lambda light: light.position + light.radius * np.array([[-1.0], [1.0]]),
+        aimed=True,
+        holds=holds,
+    )  # fmt: skip
+
+
+LIGHT_KINDS = (
+    LightKind(
+        "emissive_mesh", Instance, AT_SURFACES,
+        power=lambda instance, area: (
+            math.pi * area * luminance(instance.material.emissive) * (2 if instance.material.double_sided else 1)
+        ),
+    ),
+    LightKind(
+        "directional", DirectionalLight, AT_INFINITY,
+        power=lambda light, area: area * light.illuminance * luminance(light.color),
+        buffer="directional_lights",
+        record=_directional_record,
+        position=lambda light: -SHADOW_DISTANCE * light.direction,
+    ),
+    LightKind(
+        "environment", EnvironmentLight, AT_INFINITY,
+        power=lambda light, area: area * light.flux,
+        buffer="environments",
+        record=_environment_record,
+        position=lambda light: SHADOW_DISTANCE * light.brightest,
+    ),
+    _punctual_kind("point", NEVER, lambda light: light.radius == 0),
+    _punctual_kind("sphere", PASSED, lambda light: light.radius > 0),
+)  # fmt: skip
+KIND_INDEX = {kind.name: index for index, kind in enumerate(LIGHT_KINDS)}
+"""Each kind's number in the shaders: LIGHT_NAME, and the field `kind` of light sources and of light samples."""
+
+
+def kind_of(light: Any) -> LightKind:
+    """The row of a light that is no instance."""
+    return next(kind for kind in LIGHT_KINDS if isinstance(light, kind.source) and kind.holds(light))
+
+
+def glsl_header() -> str:
+    """The generated header: LIGHT_*, the kinds' files, and functions that call those of a given kind."""
+    every = list(LIGHT_KINDS)
+    met = {place: [kind for kind in LIGHT_KINDS if kind.met_by_rays == place] for place in PLACES}
+    masks = {
+        "KINDS_AT_INFINITY": sum(1 << i for i, kind in enumerate(LIGHT_KINDS) if kind.met_by_rays == AT_INFINITY),
+        "KINDS_MET_BY_RAYS": sum(1 << i for i, kind in enumerate(LIGHT_KINDS) if kind.met_by_rays != NEVER),
+    }
+    return "\n".join([
+        headers.enumeration("LIGHT", [kind.name for kind in every]),
+        headers.constants(**masks),  # bit i says whether the kind i is one of them
+        *(f'#include "scene/lights/{kind.name}.glsl"' for kind in every),
+        _choose("ResolvedLightSample resolve_light", "uint part, vec2 u, float inverse_probability", every),
+        _choose("float emission_cosine", "float cosine", every, argument="data"),
+        _choose("uint shown_id", "", every),
+        _choose("MetLight meet_light", "vec3 direction", met[AT_INFINITY]),
+        _choose("MetLight pass_light", "vec3 origin, vec3 direction, float t_max", met[PASSED]),
+        _aim([kind for kind in LIGHT_KINDS if kind.aimed]),
+    ])
+
+
+def _is(kind: LightKind, value: str) -> str:
+    """A condition that holds if a value is the number of the kind, which costs nothing in scenes without such a light
+    if the kind is a scene feature too."""
+    features = {feature.name.lower(): f"{feature.constant} && " for feature in FEATURES}
+    return features.get(kind.name, "") + f"{value} == LIGHT_{kind.name.upper()}"
+
+
+def _choose(function: str, parameters: str, kinds: list[LightKind], argument: str = "index") -> str:
+    """A function `TYPE NAME(kind, argument, parameters)` that calls the kind's own."""
+    own = function.split()[-1].removesuffix("_light")
+    names = [argument, *(parameter.split()[-1] for parameter in parameters.split(", ") if parameter)]
+    *lines, last = [
+        f"if ({_is(kind, 'kind')}) {{ return {own}_{kind.name}({', '.join(names)}); }}"
+        for kind in sorted(kinds, key=lambda kind: "&&" not in _is(kind, "kind"))  # the last one needs no condition
+    ]
+    unconditional = last[last.index("return") : -2]
+    declared = ", ".join(["uint kind", f"uint {argument}", *([parameters] if parameters else [])])
+    return "\n".join([f"{function}({declared}) {{", *lines, unconditional, "}"])
+
+
+def _aim(kinds: list[LightKind]) -> str:
+    """A function that calls the own ones of some kinds, and returns samples of all others as they are."""
+    lines = [
+        f"if ({_is(kind, 'light_sample.kind')}) {{ return aim_{kind.name}(light_sample, receiver); }}" for kind in kinds
+    ]
+    head = "ResolvedLightSample aim_light(ResolvedLightSample light_sample, vec3 receiver) {"
+    return "\n".join([head, *lines, "return light_sample;", "}"])

@@ -1,0 +1,285 @@
+"""The list of light sources: all visible emissive instances, then all other lights by where rays meet them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.bound.constants import NO_INDEX
+from solari_vk.bound.lights import light_kinds
+from solari_vk.bound.lights.alias_table import alias_table
+from solari_vk.bound.lights.emissive_meshes import Emission
+from solari_vk.bound.lights.environment_buffers import EnvironmentBuffers
+from solari_vk.bound.lights.light_kinds import AT_INFINITY, PASSED, PLACES, LightKind, kind_of
+from solari_vk.bound.lights.light_tree import LightTree
+from solari_vk.bound.table import Table
+from solari_vk.gpu.device.device import Device
+from solari_vk.scene.lights.environment import EnvironmentLight
+from solari_vk.scene.model import Instance, Light
+
+Position = tuple[float, float, float]
+ORIGIN = (0.0, 0.0, 0.0)
+ONE_PART = Emission(1.0, 1, None)
+EQUAL_SHARE = 0.5
+"""The share of light samples that takes all lit lights with equal probability, for weak lights that are near and for
+strong ones behind walls, such as the sun: no light is taken less than half as often as by either rule alone."""
+
+
+def choice_weights(powers: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How often light samples take lights of these powers (N,), up to a factor; dark lights are never taken."""
+    lit = powers > 0
+    highest = powers.max(initial=0.0)
+    if not highest > 0:
+        return powers
+    shares = powers / highest
+    weights: NDArray[np.float64] = (1 - EQUAL_SHARE) * shares / shares.sum() + EQUAL_SHARE * lit / np.count_nonzero(lit)
+    return weights
+
+
+class LightList:
+    """The tables `light_sources` and `scene_info`, and one for each kind that has a buffer of records.
+
+    An emissive instance takes the index behind the others; when it is removed, the last one takes its place. All other
+    lights follow. When lights are added or removed or change their power, the probabilities of all lights change, and
+    all rows are uploaded. When lights move, only their records and nodes of the tree are.
+    """
+
+    def __init__(self, device: Device, layout: dict[str, Any]) -> None:
+        self.sources = Table(device, "light_sources", layout["light_sources"])
+        self.info = Table(device, "scene_info", layout["scene_info"])
+        self.tree = Table(device, "light_tree", layout["light_tree"])
+        self._nodes = LightTree(layout["light_tree"])
+        self._index_of_kind = {kind: index for index, kind in enumerate(light_kinds.LIGHT_KINDS)}
+        self._mesh_kind = next(kind for kind in self._index_of_kind if kind.source is Instance)
+        with_records = [kind for kind in self._index_of_kind if kind.buffer]
+        with_records.sort(key=lambda kind: PLACES.index(kind.met_by_rays))
+        self._records = {kind: Table(device, str(kind.buffer), layout[str(kind.buffer)]) for kind in with_records}
+        self._emissive: list[Instance] = []
+        self._index: dict[Instance, int] = {}
+        self._others: dict[LightKind, dict[Light, None]] = {kind: {} for kind in with_records}
+        self._device = device
+        self._maps: dict[Light, EnvironmentBuffers] = {}
+        self._edited: dict[Light, LightKind] = {}
+        self._changed = True
+        self._id_of: dict[Instance | Light, int] = {}
+        self._last_id = 0
+        self.ids: NDArray[np.uint32] = np.zeros(0, np.uint32)
+        """For each row of `sources` a number that stays with the light and is never used again. Each change of the list
+        makes a new array."""
+        self._power_of: dict[Instance | Light, float] = {}
+        self._powers_changed = True
+        self.powers: NDArray[np.float64] = np.zeros(0)
+        """Luminous flux of each row of `sources` in lumens, roughly. Each change makes a new array."""
+        self.places: NDArray[np.float64] = np.zeros((0, 3))
+        """The centers of the lights that aren't at infinity, the first rows, in meters. Each change makes a new
+        array."""
+        self._emissive_places = np.zeros((16, 2, 3))  # center, and half of the size of bounds
+        self._positions_changed = True
+        self.positions: NDArray[np.float64] = np.zeros((0, 3))
+        """A point of each row of `sources`, (N, 3) in meters, that moves with the light. Each change makes a new
+        array."""
+
+    @property
+    def tables(self) -> tuple[Table, ...]:
+        """All tables."""
+        return self.sources, self.info, self.tree, *self._records.values()
+
+    def index(self, instance: Instance) -> int | None:
+        """An instance's row in `sources`, None if it is no light."""
+        return self._index.get(instance)
+
+    def set_emissive(
+        self, instance: Instance, row: int, emission: Emission | None, area: float = 0.0, position: Position = ORIGIN,
+        half_size: Position = ORIGIN,
+    ) -> Instance | None:  # fmt: skip
+        """Add or update the instance of that row, or remove it if its emission is None. Returns the instance whose
+        index changed, if any.
+
+        area: of the instance's surface in the world, in square meters, times its emissive texture's mean luminance.
+        position: of the center of its bounds. half_size: half of the bounds' size.
+        """
+        index = self._index.get(instance)
+        if emission is not None:
+            self._set_power(instance, self._mesh_kind.power(instance, area))
+            if index is None:
+                index = self._index[instance] = len(self._emissive)
+                self._emissive.append(instance)
+                self.renew(instance)
+            self.sources.reserve(index + 1)
+            self._write_source(index, self._mesh_kind, row, emission)
+            self._set_place(index, position, half_size)
+            return None
+        if index is None:
+            return None
+        self._changed = self._positions_changed = self._powers_changed = True
+        del self._index[instance], self._id_of[instance], self._power_of[instance]
+        last = self._emissive.pop()
+        if last is instance:
+            return None
+        self._emissive[index] = last
+        self._emissive_places[index] = self._emissive_places[len(self._emissive)]
+        self._index[last] = index
+        self.sources.records[index] = self.sources.records[len(self._emissive)]
+        self.sources.mark([index])
+        return last
+
+    def _write_source(self, row: int, kind: LightKind, index: int, emission: Emission = ONE_PART) -> None:
+        """Write a row without its choice."""
+        record = self.sources.records[row]
+        record["kind"], record["index"] = self._index_of_kind[kind], index
+        record["part_count"] = emission.triangle_count
+        record["parts"] = 0 if emission.choices is None else emission.choices.address
+        self.sources.mark([row])
+
+    def renew(self, light: Instance | Light) -> None:
+        """Give a light another id, because what was sampled on it, such as a triangle, has another meaning now."""
+        self._last_id += 1
+        self._id_of[light] = self._last_id
+        self._changed = True
+
+    def set_light(self, light: Light, present: bool) -> None:
+        """Add, update or remove a light that is no instance."""
+        own = kind_of(light)
+        for kind, listed in self._others.items():
+            if kind is not own or not present:
+                listed.pop(light, None)
+        if not present:
+            for known in (self._id_of, self._power_of, self._edited):
+                known.pop(light, None)
+            self._drop_map(light)
+        elif light not in self._others[own]:
+            self._others[own][light] = None
+            self.renew(light)
+        else:
+            self._edited[light] = own
+        self._changed |= not present
+        if present and isinstance(light, EnvironmentLight):
+            self._update_map(light)
+
+    def _update_map(self, light: EnvironmentLight) -> None:
+        """Put an environment's image on the device if it isn't there yet."""
+        if light in self._maps and self._maps[light].image is light.image:
+            return
+        made = EnvironmentBuffers(self._device, self.sources.records["choice"].dtype, light.image)
+        self.renew(light)
+        self._drop_map(light)
+        self._maps[light] = made
+
+    def _drop_map(self, light: Light) -> None:
+        if light in self._maps:
+            self._maps.pop(light).destroy()
+
+    def _set_place(self, index: int, position: Position, half_size: Position) -> None:
+        if index >= len(self._emissive_places):
+            self._emissive_places = np.concatenate([self._emissive_places, np.zeros((index + 1, 2, 3))])
+        if self._emissive_places[index].tolist() != [[*position], [*half_size]]:
+            self._emissive_places[index] = position, half_size
+            self._positions_changed = True
+
+    def _set_power(self, light: Instance | Light, power: float) -> None:
+        known = self._power_of.get(light, 0.0)
+        if not math.isclose(power, known, rel_tol=1e-5):  # turning an instance changes its area by rounding
+            self._powers_changed = True
+        if known == 0 < power and light in self._id_of:
+            self.renew(light)
+        self._power_of[light] = power
+
+    def update(self, lit_area: Callable[[], float]) -> None:
+        """Update the arrays and tables after changes. lit_area(): the scene's cross-section, roughly, in m^2."""
+        others = [(kind, light) for kind, lights in self._others.items() for light in lights]
+        self._update_edited(lit_area)
+        if not (self._changed or self._powers_changed or self._positions_changed):
+            return
+        places = self._emissive_places[: len(self._emissive)]
+        if self._changed or self._positions_changed:
+            moving = [kind.position(light) for kind, light in others if kind.position]
+            self.positions = np.concatenate([places[:, 0], np.reshape(moving, (-1, 3))])
+            self._positions_changed = False
+        chosen_otherwise = self._changed or self._powers_changed
+        if chosen_otherwise:
+            self._update_choices(others, lit_area)
+        if self._update_tree(places, others) or chosen_otherwise:
+            self.sources.mark(range(len(self.powers)))
+
+    def _update_edited(self, lit_area: Callable[[], float]) -> None:
+        """Write the records of edited lights, unless all are about to be written."""
+        for light, kind in self._edited.items():
+            self._set_power(light, kind.power(light, lit_area() if kind.met_by_rays == AT_INFINITY else 0.0))
+        if self._edited and not self._changed:
+            index_of = {light: index for lights in self._others.values() for index, light in enumerate(lights)}
+            for light, kind in self._edited.items():
+                self._write_record(kind, index_of[light], light)
+            self._positions_changed = True
+        self._edited.clear()
+
+    def _update_choices(self, others: list[tuple[LightKind, Light]], lit_area: Callable[[], float]) -> None:
+        """Update what depends on the lights' number, order and powers."""
+        if self._changed and others:
+            area = lit_area()
+            for kind, light in others:
+                self._set_power(light, kind.power(light, area))
+        listed: list[Instance | Light] = [*self._emissive, *(light for _, light in others)]
+        self.powers = np.fromiter((self._power_of[light] for light in listed), np.float64, len(listed))
+        self._powers_changed = False
+        if self._changed:
+            self._changed = False
+            self.ids = np.fromiter((self._id_of[light] for light in listed), np.uint32, len(listed))
+            self._write_others(len(listed))
+        choices = self.sources.records["choice"]
+        choices[: len(listed)] = alias_table(choice_weights(self.powers), choices.dtype)
+
+    def _update_tree(self, places: NDArray[np.float64], others: list[tuple[LightKind, Light]]) -> bool:
+        """Update the tree over all lights but those at infinity; returns whether lights have other leaves."""
+        count, info = len(self.powers), self.info.records[0]
+        finite = int(info["first_light_at_infinity"])
+        boxes = [kind.bounds(light) for kind, light in others if kind.bounds]
+        emissive = places[:, :1] + places[:, 1:] * ((-1.0,), (1.0,))
+        bounds = np.concatenate([emissive, np.reshape(boxes, (-1, 2, 3))])
+        self.places = bounds.mean(axis=1)
+        leaves = self._nodes.leaves
+        changed = self._nodes.update(self.ids[:finite], bounds, self.powers[:finite])
+        self.tree.reserve(len(self._nodes.nodes))
+        self.tree.records[changed] = self._nodes.nodes[changed]
+        self.tree.mark(changed.tolist())
+        sources = self.sources.records[:count]
+        sources["node"][:finite], sources["node"][finite:] = self._nodes.leaves, NO_INDEX
+        info["part_count"] = min(int(sources["part_count"].sum(dtype=np.int64)), NO_INDEX)
+        info["finite_probability"] = sources["choice"]["probability"][:finite].sum(dtype=np.float64)
+        self.info.mark([0])
+        return self._nodes.leaves is not leaves
+
+    def _write_others(self, light_count: int) -> None:
+        """Write the rows behind the emissive instances, the records of their kinds, and `scene_info`."""
+        self.sources.reserve(light_count)
+        row = len(self._emissive)
+        counts = {place: sum(len(lights) for kind, lights in self._others.items() if kind.met_by_rays == place)
+                  for place in (PASSED, AT_INFINITY)}  # fmt: skip
+        first_at_infinity = light_count - counts[AT_INFINITY]
+        for kind, lights in self._others.items():
+            self._records[kind].reserve(len(lights))
+            for index, light in enumerate(lights):
+                found = self._maps.get(light)
+                self._write_source(row, kind, index, found.emission if found else ONE_PART)
+                self._write_record(kind, index, light)
+                row += 1
+        info = self.info.records[0]
+        info["light_count"], info["first_light_at_infinity"] = light_count, first_at_infinity
+        info["first_passed_light"] = first_at_infinity - counts[PASSED]
+        self.info.mark([0])
+
+    def _write_record(self, kind: LightKind, index: int, light: Light) -> None:
+        table, found = self._records[kind], self._maps.get(light)
+        for field, value in (kind.record(light) | (found.record if found else {})).items():
+            table.records[index][field] = value
+        table.mark([index])
+
+    def destroy(self) -> None:
+        """Free the tables."""
+        for table in self.tables:
+            table.destroy()
+        for found in self._maps.values():
+            found.destroy()

@@ -1,0 +1,104 @@
+"""The lights that were added, removed, moved or changed in power in recent frames, for passes that follow them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.bound.constants import NO_INDEX
+from solari_vk.bound.lights.index_translation import CHANGE_DECAY, MIN_CHANGE, Ids, Positions, Powers, translate
+
+MOST = 8  # lights in the list: those that changed most
+RECORD = np.dtype([("place", "<f4", 3), ("power", "<f4"), ("recent", "<f4")])
+"""ChangedLight in glsl/passes/light_change.glsl."""
+
+LISTED = 0.15  # change of power since a light was listed last, over the larger power, from which it is listed again
+STILL_CHANGING = CHANGE_DECAY**10  # `recent` of lights that are listed and change again: theirs is no new change
+
+Records = NDArray[Any]
+Lists = tuple[Ids, Powers, Positions, Positions]
+"""Ids, powers, places and positions; a position, unlike a place, also moves when a lamp turns."""
+
+
+def compare(old: Lists, new: Lists, cell_size: float) -> tuple[NDArray[np.uint64], Records, Powers]:
+    """The keys and records of the lights that differ between two lists, and the powers with which the lights of the new
+    list were listed last.
+
+    The powers of the old list are those with which lights were listed last, so that slow changes add up. Less than
+    LISTED of a power doesn't count, or flicker would shorten all histories. A light that moves by `cell_size` meters
+    from one frame to the next counts where it was and where it is; slower ones move shadows, which the denoiser sees.
+    A key is twice the light's id, and one more for the place that a light has left.
+    """
+    (old_ids, old_powers, old_places, old_positions), (ids, powers, places, positions) = old, new
+    rows = translate(old_ids, ids)
+    stayed = rows != NO_INDEX
+    kept = rows[stayed]
+    added = np.ones(len(ids), bool)
+    added[kept] = False
+    changes = np.abs(powers[kept] - old_powers[stayed])
+    differs = changes > LISTED * np.maximum(powers[kept], old_powers[stayed])
+    jumps = np.linalg.norm(positions[kept] - old_positions[stayed], axis=1) > cell_size
+    changes = np.where(jumps, powers[kept], changes)
+    differs |= jumps
+    gone = ~stayed
+    gone[np.flatnonzero(stayed)[jumps]] = True  # from where they were
+    listed_powers = np.array(powers)
+    listed_powers[kept[~differs]] = old_powers[stayed][~differs]
+    records = np.zeros(np.count_nonzero(differs) + np.count_nonzero(added) + np.count_nonzero(gone), RECORD)
+    records["place"] = np.concatenate([places[kept[differs]], places[added], old_places[gone]])
+    records["power"] = np.concatenate([changes[differs], powers[added], old_powers[gone]])
+    records["recent"] = 1.0
+    here = 2 * np.concatenate([ids[kept[differs]], ids[added]]).astype(np.uint64)
+    return np.concatenate([here, 2 * old_ids[gone].astype(np.uint64) + 1]), records, listed_powers
+
+
+class RecentChanges:
+    """The lights that changed most in recent frames. Lights at infinity have no place and are left out."""
+
+    def __init__(self) -> None:
+        self._seen: tuple[Any, ...] | None = None
+        self._old: Lists | None = None
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all changes so far."""
+        self._keys: NDArray[np.uint64] = np.zeros(0, np.uint64)
+        self._records: Records = np.zeros(0, RECORD)
+
+    @property
+    def uniforms(self) -> dict[str, Any]:
+        """The values of the uniform block `changed_lights`."""
+        padded = np.zeros(MOST, RECORD)
+        padded[: len(self._records)] = self._records
+        return {"changed_lights.count": len(self._records), "changed_lights.at": padded}
+
+    def update(self, ids: Ids, powers: Powers, places: Positions, positions: Positions, cell_size: float) -> None:
+        """Update the list for a frame with these lights, of which the first ones have places.
+
+        Arrays that are the same objects as in the previous call are taken to be unchanged. places: (N, 3), and
+        positions: (N or more, 3), in meters.
+        """
+        self._records["recent"] *= CHANGE_DECAY
+        lasting = self._records["recent"] > MIN_CHANGE
+        self._keys, self._records = self._keys[lasting], self._records[lasting]
+        given = ids, powers, places, positions
+        if self._seen is not None and all(a is b for a, b in zip(self._seen, given, strict=True)):
+            return
+        count = len(places)
+        new = ids[:count], powers[:count], places, positions[:count]
+        if self._old is not None:
+            keys, records, listed_powers = compare(self._old, new, cell_size)
+            self._add(keys, records)
+            new = ids[:count], listed_powers, places, positions[:count]
+        self._seen, self._old = given, new
+
+    def _add(self, keys: NDArray[np.uint64], records: Records) -> None:
+        """Add records; of a light, that of the largest change counts."""
+        changing = self._keys[self._records["recent"] > STILL_CHANGING]
+        records["recent"][np.isin(keys, changing)] = CHANGE_DECAY
+        keys, records = np.concatenate([keys, self._keys]), np.concatenate([records, self._records])
+        order = np.argsort(-records["power"] * records["recent"], kind="stable")
+        first = np.sort(np.unique(keys[order], return_index=True)[1])[:MOST]
+        self._keys, self._records = keys[order][first], records[order][first]

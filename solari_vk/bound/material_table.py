@@ -1,0 +1,116 @@
+"""Materials on the device: the `materials` table, and which textures and instances use which material."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from solari_vk.bound.constants import (
+    MATERIAL_BLEND,
+    MATERIAL_DOUBLE_SIDED,
+    MATERIAL_MASK,
+    MATERIAL_SOLID,
+    MATERIAL_UNLIT,
+    MATERIAL_WALL,
+    NO_INDEX,
+)
+from solari_vk.bound.features import Features
+from solari_vk.bound.table import Rows, Table
+from solari_vk.bound.texture_table import TextureTable
+from solari_vk.gpu.device.device import Device
+from solari_vk.scene.material import TEXTURES, UNLIT_RADIANCE
+from solari_vk.scene.model import Instance, Material, Texture, TextureImage
+
+NUMBERS = (
+    "base_color", "perceptual_roughness", "emissive", "metallic", "normal_scale", "alpha", "alpha_cutoff",
+    "transmission", "ior", "absorption", "specular", "clearcoat", "clearcoat_roughness", "clearcoat_normal_scale",
+    "sheen_color", "sheen_roughness", "anisotropy", "anisotropy_rotation",
+)  # fmt: skip
+_ALPHA_FLAGS = {"opaque": 0, "mask": MATERIAL_MASK, "blend": MATERIAL_BLEND}
+
+
+class MaterialTable:
+    """The `materials` table. watcher: is notified of edits of the materials in use."""
+
+    def __init__(
+        self, device: Device, record: np.dtype[Any], textures: TextureTable, features: Features, watcher: Any
+    ) -> None:
+        self.table = Table(device, "materials", record)
+        self.rows: Rows[Material] = Rows()
+        self.emitting: set[Material] = set()
+        """The materials that emit light, as of the last `update`."""
+        self._textures = textures
+        self._features = features
+        self._watcher = watcher
+        self._textures_of: dict[Material, dict[str, Texture]] = {}
+        self._to_write: dict[Material, None] = {}
+
+    def acquire(self, material: Material, user: Instance) -> None:
+        """Add a use of a material."""
+        if self.rows.acquire(material, user):
+            material.watch(self._watcher)
+            self._take_up(material)
+
+    def release(self, material: Material, user: Instance) -> None:
+        """Undo one `acquire`."""
+        if self.rows.release(material, user):
+            material.unwatch(self._watcher)
+            self._to_write.pop(material, None)
+            self.emitting.discard(material)
+            for slot, texture in self._textures_of.pop(material).items():
+                self._textures.release(texture, TEXTURES[slot], material)
+
+    def change(self, material: Material) -> list[Instance]:
+        """Take note of an edit of a material; returns the instances that use it."""
+        if material in self.rows:
+            self._take_up(material)
+        return self.rows.users(material)
+
+    def users_of_image(self, changed: Texture | TextureImage) -> list[Instance]:
+        """The instances whose alpha depends on a texture or an image."""
+        return [
+            instance for material in self.rows if (texture := material.base_color_texture) is not None
+            and material.alpha_mode != "opaque" and changed in (texture, texture.image)
+            for instance in self.rows.users(material)
+        ]  # fmt: skip
+
+    def _take_up(self, material: Material) -> None:
+        before = self._textures_of.get(material, {})
+        after = {slot: texture for slot in TEXTURES if (texture := getattr(material, slot)) is not None}
+        for slot, texture in after.items():  # before the release below, so that a kept texture isn't uploaded again
+            self._textures.acquire(texture, TEXTURES[slot], material)
+        for slot, texture in before.items():
+            self._textures.release(texture, TEXTURES[slot], material)
+        self._textures_of[material] = after
+        self._to_write[material] = None
+
+    def update(self) -> None:
+        """Write the records of new and changed materials; their textures must have rows."""
+        self.table.reserve(self.rows.limit)
+        for material in self._to_write:
+            self._features.note(material)
+            row = self.rows[material]
+            record = self.table.records[row]
+            for name in NUMBERS:
+                record[name] = getattr(material, name)
+            textures = self._textures_of[material]
+            for slot, srgb in TEXTURES.items():
+                record[slot] = self._textures.rows[textures[slot], srgb] if slot in textures else NO_INDEX
+            # In shaders F0 is 0.16 reflectance^2 whatever the index of refraction is; the factor is 1 for 1.5.
+            record["reflectance"] = material.reflectance * (5 * (material.ior - 1) / (material.ior + 1))
+            if material.unlit:
+                record["emissive"], record["emissive_texture"] = UNLIT_RADIANCE, NO_INDEX
+            record["flags"] = (
+                MATERIAL_DOUBLE_SIDED * material.double_sided | MATERIAL_SOLID * material.solid
+                | MATERIAL_WALL * material.is_wall | MATERIAL_UNLIT * material.unlit | _ALPHA_FLAGS[material.alpha_mode]
+            )  # fmt: skip
+            (self.emitting.add if material.emits else self.emitting.discard)(material)
+            self.table.mark([row])
+        self._to_write.clear()
+
+    def destroy(self) -> None:
+        """Free everything."""
+        self.table.destroy()
+        for material in self.rows:
+            material.unwatch(self._watcher)

@@ -1,0 +1,86 @@
+"""A mesh in the pose of an instance, as the device has it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.gpu.acceleration.blas import Blas
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.scene.deformation import Deformation
+from solari_vk.scene.objects import Instance, Mesh
+
+MAX_REFITS = 32
+MAX_GROWTH = 1.5
+"""A BLAS is built anew when the surface area of the bounds has changed by this factor since the last build."""
+
+Pose = tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]
+
+
+class PosedMesh:
+    """A mesh in the pose of an instance."""
+
+    def __init__(self, mesh: Mesh, instance: Instance) -> None:
+        self.mesh = mesh
+        self.instance = instance
+        self.pose: Pose = (None, None)
+        """What its vertices are to show."""
+        self.side = 0
+        """Which of the two positions and BLASes show the pose."""
+        self.revisions = [-1, -1]
+        """The revisions of the scene from which on the two poses are current; -1 for none."""
+        self.copies: dict[int, Buffer] = {}
+        """Positions of earlier poses by their revisions."""
+        self.buffer: Buffer | None = None
+        self.addresses = (0, 0, 0)  # two of positions, and of attributes
+        self.blases: list[Blas] = []
+        self.refits = 0
+        self.built_area = 0.0
+        self.area = 0.0
+        self.work: dict[tuple[int, ...], Any] = {}
+        """Records of work for `PoseCommands`, by what they depend on."""
+        self.build_infos: dict[tuple[int, bool], raw.CData] = {}
+        """What the device is told of builds, by side and whether they are refits."""
+
+    @property
+    def deformation(self) -> Deformation:
+        """The deformation of its mesh."""
+        assert self.mesh.deformation is not None
+        return self.mesh.deformation
+
+    @property
+    def rebuilds(self) -> bool:
+        """Whether its BLAS should be built rather than refitted."""
+        growth = self.area / self.built_area if self.built_area > 0 else 2 * MAX_GROWTH
+        return self.refits >= MAX_REFITS or not 1 / MAX_GROWTH <= growth <= MAX_GROWTH
+
+    def revision_at(self, revision: float) -> int:
+        """The revision of the latest known pose that is not newer than a revision; -1 if there is none."""
+        return max((known for known in (*self.revisions, *self.copies) if known <= revision), default=-1)
+
+    def address_at(self, revision: float) -> int | None:
+        """The address of the positions at a revision, None if they aren't known."""
+        found = self.revision_at(revision)
+        if found in self.copies:
+            return self.copies[found].address
+        return self.addresses[self.revisions.index(found)] if found >= 0 else None
+
+    def destroy(self) -> None:
+        """Free its memory; it can be made again."""
+        for owned in (self.buffer, *self.blases, *self.copies.values()):
+            if owned is not None:
+                owned.destroy()
+        self.buffer, self.blases, self.built_area, self.copies = None, [], 0.0, {}
+        self.work, self.build_infos = {}, {}
+
+    def build_info(self, scratch: int, *, update: bool) -> raw.CData:
+        """What the device is told of a build of the current side, or of its refit from the other one."""
+        info = self.build_infos.get((self.side, update))
+        if info is None:
+            info = self.blases[self.side].build_info(update=update, source=self.blases[1 - self.side])
+            self.build_infos[self.side, update] = info
+        info.scratchData.deviceAddress = scratch
+        return info

@@ -1,0 +1,256 @@
+"""Meshes in the poses of their instances on the device: vertices and acceleration structures of their own.
+
+A pose is computed by scene/deform.comp. Each posed mesh has its positions and its BLAS twice, and poses alternate
+between the two: motion vectors read the previous positions, and rays through the TLAS of the previous frame meet the
+previous pose. A BLAS is refitted from the other one, which takes a fraction of the time of a build but leaves the boxes
+of its tree as they were grouped; after some poses, and when the bounds have grown or shrunk, it is built anew.
+
+The previous frame of one renderer of the scene may be older than that of another one. Before each frame the records
+name the positions that its renderer showed last, and a pose that a renderer showed last is copied before it is lost.
+"""
+
+from __future__ import annotations
+
+import math
+import weakref
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.bound.poses.pose_commands import TIMED, PoseCommands
+from solari_vk.bound.poses.posed_mesh import PosedMesh
+from solari_vk.bound.table import Table
+from solari_vk.gpu.acceleration.blas import Blas
+from solari_vk.gpu.acceleration.geometry import TriangleGeometry
+from solari_vk.gpu.acceleration.structure import UpdateMode
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.barriers import full_barrier
+from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame.stopwatch import Stopwatch
+from solari_vk.scene.deformation import Deformation
+from solari_vk.scene.objects import Mesh
+
+
+class ScenePoses:
+    """The posed meshes of a scene. layout: the records of scene/posed.glsl, by name. meshes: the table of meshes."""
+
+    def __init__(self, device: Device, layout: dict[str, Any], meshes: Table) -> None:
+        self._device = device
+        self._meshes = meshes
+        self._commands = PoseCommands(device, layout)
+        self.tables = self._commands.tables
+        """Are uploaded between `update` and `submit`."""
+        self._influence = layout["influences"]
+        self._sources: dict[Mesh, Buffer] = {}  # influences and targets
+        self._rows: dict[PosedMesh, tuple[int, bool]] = {}  # in `meshes`, and whether rays meet it
+        self._changed: dict[PosedMesh, None] = {}
+        self._to_do: dict[PosedMesh, None] = {}  # whose vertices are to be computed by `submit`
+        self._moving: dict[PosedMesh, None] = {}  # whose records name other previous positions than positions
+        self._latest: dict[PosedMesh, None] = {}  # those whose pose is the newest are last
+        self._seen: weakref.WeakKeyDictionary[Any, int] = weakref.WeakKeyDictionary()  # the latest revision, by user
+
+    def add(self, shape: PosedMesh, row: int, traced: bool) -> None:
+        """Add a posed mesh with a row of its own, or another use of it."""
+        _, was_traced = self._rows.get(shape, (row, False))
+        self._rows[shape] = row, traced or was_traced
+        if traced and not was_traced:
+            shape.destroy()  # a mesh that no ray met has no BLAS
+        if shape.buffer is None:
+            self._changed[shape] = None
+
+    def remove(self, shape: PosedMesh) -> None:
+        """Remove a posed mesh."""
+        for known in (self._rows, self._changed, self._to_do, self._moving, self._latest):
+            known.pop(shape, None)
+        shape.destroy()
+        if not any(other.mesh is shape.mesh for other in self._rows) and shape.mesh in self._sources:
+            self._sources.pop(shape.mesh).destroy()
+
+    def note(self, shape: PosedMesh) -> None:
+        """Take note of the pose of its instance, which may have changed."""
+        pose = shape.instance.joint_matrices, shape.instance.morph_weights
+        if not all(map(_same, pose, shape.pose)):
+            shape.pose = pose
+            self._changed[shape] = None
+
+    def renew(self, mesh: Mesh) -> bool:
+        """Take note of an edit of a mesh; returns whether posed meshes were freed, which `update` makes anew."""
+        found = [shape for shape in self._rows if shape.mesh is mesh]
+        if mesh in self._sources:
+            self._sources.pop(mesh).destroy()
+        for shape in found:
+            shape.destroy()
+            self._changed[shape] = None
+        return bool(found)
+
+    # ---- records ------------------------------------------------------------------------------------
+
+    def update(
+        self, revision: int, base: Callable[[Mesh], int], packed: Callable[[Mesh], NDArray[Any] | None]
+    ) -> list[PosedMesh]:
+        """Write the records of meshes in new poses, as if they had always been there; returns these meshes.
+
+        revision: of the scene. base(mesh): the row of a mesh in its rest pose, which is uploaded. packed(mesh): its
+        attributes as records.
+        """
+        found = [shape for shape in self._changed if shape in self._rows]
+        for shape in found:
+            if shape.buffer is None:
+                self._make(shape, base(shape.mesh), packed(shape.mesh))
+                shape.revisions = [-1, -1]
+            elif shape not in self._to_do:
+                self._keep_seen(shape)
+                shape.side = 1 - shape.side
+            shape.revisions[shape.side] = revision
+            self._latest.pop(shape, None)
+            self._latest[shape] = None
+            self._to_do[shape] = None
+            self._write_record(shape, base(shape.mesh))
+            self._moving.pop(shape, None)
+        self._changed.clear()
+        if self._to_do:
+            work = [(shape, self._meshes.records[base(shape.mesh)], self._sources[shape.mesh]) for shape in self._to_do]
+            self._commands.write(work)
+        return found
+
+    # ---- motion -------------------------------------------------------------------------------------
+
+    def show(self, user: Any) -> bool:
+        """Have the previous positions be those that a user of the scene has seen last; returns whether records changed.
+
+        All that a new user has seen is the current pose. Without a user nothing is done.
+        """
+        if user is None:
+            return False
+        seen = self._seen.get(user, math.inf)
+        moved = {}
+        for shape in reversed(self._latest):
+            if shape.revisions[shape.side] <= seen:
+                break
+            if (address := shape.address_at(seen)) is not None:
+                moved[shape] = address
+        targets = {shape: shape.addresses[shape.side] for shape in self._moving} | moved
+        self._moving = dict.fromkeys(moved)
+        changed = False
+        for shape, address in targets.items():
+            row, _ = self._rows[shape]
+            record = self._meshes.records[row]
+            if record["previous_positions"] != address:
+                record["previous_positions"], changed = address, True
+                self._meshes.mark([row])
+        return changed
+
+    def note_seen(self, user: Any, revision: int) -> None:
+        """Take note that a user of the scene, if there is one, sees its current poses."""
+        if user is not None:
+            self._seen[user] = revision
+
+    def _keep_seen(self, shape: PosedMesh) -> None:
+        """Keep copies of exactly those earlier poses that are the latest ones that a user has seen, just before the
+        older of the two poses is overwritten."""
+        newest, lost = shape.revisions[shape.side], shape.revisions[1 - shape.side]
+        if not shape.copies and min(self._seen.values(), default=newest) >= newest:
+            return
+        needed = {shape.revision_at(seen) for seen in self._seen.values() if seen < newest}
+        for revision in set(shape.copies) - needed:
+            shape.copies.pop(revision).destroy()
+        if lost in needed:
+            size = shape.mesh.positions.nbytes
+            source = shape.buffer
+            assert source is not None
+            copy = shape.copies[lost] = self._device.buffer(size, "pose that a renderer has seen")
+            region = raw.struct("VkBufferCopy", srcOffset=(1 - shape.side) * size, size=size)
+
+            def record(commands: raw.CData) -> None:
+                if source.handle is not None and copy.handle is not None:
+                    self._device.vk.vkCmdPipelineBarrier2(commands, full_barrier())
+                    self._device.vk.vkCmdCopyBuffer(commands, source.handle, copy.handle, 1, region)
+
+            self._device.before_next_submit(record)
+
+    def _make(self, shape: PosedMesh, base: int, attributes: NDArray[Any] | None) -> None:
+        """Make vertices and BLASes of its own. attributes: those of the rest pose."""
+        device, mesh = self._device, shape.mesh
+        if mesh not in self._sources:
+            self._sources[mesh] = self._upload_source(mesh.deformation)
+        size = mesh.positions.nbytes
+        total = 2 * size + (0 if attributes is None else attributes.nbytes)
+        name = f"posed {mesh.name or 'mesh'}"
+        shape.buffer = buffer = device.buffer(total, name)
+        if attributes is not None:
+            buffer.upload(attributes, 2 * size)
+        shape.addresses = buffer.address, buffer.address + size, buffer.address + 2 * size
+        shape.side, shape.refits = 0, 0
+        self._moving.pop(shape, None)
+        if not self._rows[shape][1]:
+            return
+        record = self._meshes.records[base]
+        for address in shape.addresses[:2]:
+            geometry = TriangleGeometry(
+                positions=address,
+                position_count=len(mesh.positions),
+                indices=int(record["triangles"]),
+                triangle_count=int(record["triangle_count"]),
+                no_duplicate_any_hit=True,  # which blended surfaces need, and structures that are refitted allow
+            )
+            blas = Blas(device, [geometry], allow_compaction=False, name=name, update_mode=UpdateMode.PREFER_UPDATE)
+            blas.ensure_storage()
+            shape.blases.append(blas)
+
+    def _upload_source(self, deformation: Deformation | None) -> Buffer:
+        """Influences, then for each target and vertex all that it adds."""
+        assert deformation is not None
+        parts: list[NDArray[Any]] = []
+        if deformation.joints is not None and deformation.joint_weights is not None:
+            influences = np.zeros(deformation.joints.shape, self._influence)
+            influences["weight"] = deformation.joint_weights
+            influences["joint"] = np.where(deformation.joint_weights > 0, deformation.joints, 0)
+            parts.append(influences)
+        if deformation.targets is not None:
+            added = (deformation.targets, deformation.target_normals, deformation.target_tangents)
+            parts.append(np.concatenate([part for part in added if part is not None], axis=2))
+        buffer = self._device.buffer(max(sum(part.nbytes for part in parts), 4), "deformation")
+        offset = 0
+        for part in parts:
+            buffer.upload(part, offset)
+            offset += part.nbytes
+        return buffer
+
+    def _write_record(self, shape: PosedMesh, base: int) -> None:
+        row, _ = self._rows[shape]
+        self._meshes.records[row] = self._meshes.records[base]
+        record = self._meshes.records[row]
+        low, high = shape.deformation.bounds(shape.mesh.positions, *shape.pose)
+        record["bounds_min"], record["bounds_max"] = low, high
+        record["positions"] = record["previous_positions"] = shape.addresses[shape.side]
+        record["attributes"] = shape.addresses[2] if record["attributes"] else 0
+        self._meshes.mark([row])
+        x, y, z = high - low
+        shape.area = float(x * y + y * z + z * x)
+
+    def time_poses(self) -> Stopwatch:
+        """Time the device's work from now on; returns what tells the times of the latest poses, by TIMED."""
+        if self._commands.stopwatch is None:
+            self._commands.stopwatch = Stopwatch(self._device, TIMED)
+        return self._commands.stopwatch
+
+    def submit(self) -> None:
+        """Compute the vertices of new poses and bring their BLASes up to date, just before the next submission."""
+        if self._to_do:
+            self._commands.submit(list(self._to_do))
+            self._to_do.clear()
+
+    def destroy(self) -> None:
+        """Free everything."""
+        for shape in self._rows:
+            shape.destroy()
+        for source in self._sources.values():
+            source.destroy()
+        self._commands.destroy()
+
+
+def _same(a: NDArray[np.float64] | None, b: NDArray[np.float64] | None) -> bool:
+    return a is b or (a is not None and b is not None and np.array_equal(a, b))

@@ -1,0 +1,151 @@
+"""Texture images on the device with their mip chains, samplers, and the `textures` table that points to them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from solari_vk.bound.table import Rows, Table
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.image import Image
+from solari_vk.gpu.device.sampler import Sampler
+from solari_vk.gpu.device.uploads import Uploads
+from solari_vk.scene.images.mip_chain import mip_chain
+from solari_vk.scene.matrices import by_columns
+from solari_vk.scene.model import Material, Texture, TextureImage
+
+ImageKey = tuple[TextureImage, bool]  # the image, and whether its colors are sRGB
+DescriptorKey = tuple[TextureImage, bool, tuple[tuple[str, Any], ...]]
+
+_FORMATS = {True: raw.VK_FORMAT_R8G8B8A8_SRGB, False: raw.VK_FORMAT_R8G8B8A8_UNORM}
+_WRAP = {"repeat": "repeat", "mirrored_repeat": "mirror", "clamp_to_edge": "clamp"}
+
+
+class TextureTable:
+    """The table `textures` with a row for each (Texture, sRGB) pair, and `bound`, the array of images and samplers."""
+
+    def __init__(self, device: Device, record: np.dtype[Any], watcher: Any) -> None:
+        self.table = Table(device, "textures", record)
+        self.rows: Rows[tuple[Texture, bool]] = Rows()
+        self._device = device
+        self._watcher = watcher
+        self._images: dict[ImageKey, Image] = {}
+        self._image_users: Rows[ImageKey] = Rows()
+        self._descriptors: Rows[DescriptorKey] = Rows()
+        self._linked: dict[tuple[Texture, bool], DescriptorKey] = {}
+        self._to_upload: dict[ImageKey, None] = {}
+        self._unlinked = False
+        self._to_link: dict[tuple[Texture, bool], None] = {}
+        self.bound: list[tuple[Image, Sampler]]
+        # Fills unused elements of `bound`, because every element must be valid.
+        self._white = device.image(1, 1, _FORMATS[False], "white texture")
+        with device.uploads() as uploads:
+            uploads.image(self._white, [np.full((1, 1, 4), 255, np.uint8)])
+        self._blank = (self._white, device.sampler())
+        self.bound = [self._blank]
+
+    def acquire(self, texture: Texture, srgb: bool, material: Material) -> int:
+        """Add a use of a texture; returns its row."""
+        key = (texture, srgb)
+        if self.rows.acquire(key, material):
+            texture.watch(self._watcher)
+            self._to_link[key] = None
+        return self.rows[key]
+
+    def release(self, texture: Texture, srgb: bool, material: Material) -> None:
+        """Undo one `acquire`."""
+        key = (texture, srgb)
+        if self.rows.release(key, material):
+            self._to_link.pop(key, None)
+            self._unlink(key)
+            if (texture, not srgb) not in self.rows:
+                texture.unwatch(self._watcher)
+
+    def change(self, changed: Texture | TextureImage) -> None:
+        """Take note of an edit of a texture or an image."""
+        for key in self.rows:
+            if key[0] is changed:
+                self._to_link[key] = None
+        if isinstance(changed, TextureImage):
+            for image in self._image_users:
+                if image[0] is changed:
+                    self._to_upload[image] = None
+
+    def update(self) -> bool:
+        """Upload new and changed images; returns whether `bound` has changed."""
+        if not self._to_link and not self._to_upload and not self._unlinked:
+            return False
+        self._unlinked = False
+        self.table.reserve(self.rows.limit)
+        for key in self._to_link:
+            self._link(key)
+        with self._device.uploads() as uploads:
+            for needed in self._to_upload:
+                self._upload(needed, uploads)
+        self._to_link.clear()
+        self._to_upload.clear()
+        self.bound = [self._blank] * max(self._descriptors.limit, 1)
+        for descriptor in self._descriptors:
+            pixels, srgb, options = descriptor
+            image = self._images[pixels, srgb]
+            self.bound[self._descriptors[descriptor]] = (image, self._device.sampler(**dict(options)))
+        return True
+
+    def _link(self, key: tuple[Texture, bool]) -> None:
+        """Point a row at its image and sampler."""
+        texture, srgb = key
+        options = {
+            "wrap_u": _WRAP[texture.wrap_u],
+            "wrap_v": _WRAP[texture.wrap_v],
+            "magnify": texture.magnification,
+            "minify": texture.minification,
+            "mipmap": "linear" if texture.mipmaps else "none",
+        }
+        descriptor = (texture.image, srgb, tuple(options.items()))
+        if self._image_users.acquire((texture.image, srgb), key):
+            texture.image.watch(self._watcher)
+            self._to_upload[texture.image, srgb] = None
+        self._descriptors.acquire(descriptor, key)
+        self._unlink(key)
+        self._linked[key] = descriptor
+        row = self.rows[key]
+        self.table.records[row]["uv_transform"] = by_columns(texture.uv_transform)
+        self.table.records[row]["uv_set"] = texture.uv_set
+        self.table.records[row]["image"] = self._descriptors[descriptor]
+        self.table.mark([row])
+
+    def _unlink(self, key: tuple[Texture, bool]) -> None:
+        descriptor = self._linked.pop(key, None)
+        if descriptor is None:
+            return
+        self._unlinked = True
+        self._descriptors.release(descriptor, key)
+        image = descriptor[:2]
+        if self._image_users.release(image, key):
+            self._to_upload.pop(image, None)
+            if (image[0], not image[1]) not in self._image_users:
+                image[0].unwatch(self._watcher)
+            if image in self._images:
+                self._images.pop(image).destroy()
+
+    def _upload(self, key: ImageKey, uploads: Uploads) -> None:
+        source, srgb = key
+        levels = mip_chain(source.pixels, srgb)
+        height, width = source.pixels.shape[:2]
+        image = self._device.image(width, height, _FORMATS[srgb], source.name or "texture", mip_levels=len(levels))
+        uploads.image(image, levels)
+        if key in self._images:
+            self._images[key].destroy()
+        self._images[key] = image
+
+    def destroy(self) -> None:
+        """Free everything."""
+        for image in (*self._images.values(), self._white):
+            image.destroy()
+        self.table.destroy()
+        for texture, _ in self.rows:
+            texture.unwatch(self._watcher)
+        for source, _ in self._image_users:
+            source.unwatch(self._watcher)

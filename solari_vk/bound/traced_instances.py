@@ -1,0 +1,174 @@
+"""The instances as rays see them: the TLAS, and the records that it is built from, in spatial order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.bound.constants import BLENDED_MASK, SCENE_MASK
+from solari_vk.bound.spatial_order import spatial_order
+from solari_vk.bound.table import Table
+from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE, Tlas, TlasBuild, TlasCopy
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.device import Device
+
+# Masks. HIDDEN isn't 0, because Mesa 26.2 loses other instances where a mask is 0 (docs/driver_faults.md).
+VISIBLE, BLENDED, HIDDEN = (SCENE_MASK & ~BLENDED_MASK) << 24, SCENE_MASK << 24, 0x80 << 24
+NO_OPAQUE = raw.VK_GEOMETRY_INSTANCE_FORCE_NO_OPAQUE_BIT_KHR << 24
+NO_CULLING = raw.VK_GEOMETRY_INSTANCE_TRIANGLE_FACING_CULL_DISABLE_BIT_KHR << 24
+# The fields that `write` sets, in order.
+RECORD = ("transform", "custom_index_and_mask", "sbt_offset_and_flags", "blas_address")
+FEW = 64  # up to this many instances need no spatial order
+
+
+class TracedInstances:
+    """The records of the TLAS in spatial order; an instance's custom index is its row in the table of instances.
+
+    The order is computed again when instances were added or removed, and when more than half of them (and more than
+    FEW) have moved.
+    """
+
+    def __init__(self, device: Device) -> None:
+        self.tlas = Tlas(device, 16, name="scene")
+        self.table = Table(device, "tlas_instances", INSTANCE_DTYPE, RECORD)
+        self.count = 0
+        self._device = device
+        self._indices: dict[int, int] = {}  # index of the record of each row
+        self._mesh_centers: dict[int, NDArray[np.float32]] = {}  # center of each row's mesh, in object space
+        self._end = 0  # number of records, including those of removed rows
+        self._sorted = True
+        self._moved = 0
+        self._rebuild = True
+        self._build: TlasBuild | None = None
+        self.previous: Tlas | None = None
+        """The TLAS as it was in the previous frame, while it is kept."""
+        self._copy: TlasCopy | None = None
+        self._previous_differs = False
+
+    def keep_previous(self, needed: bool) -> bool:
+        """Keep the TLAS of the previous frame from now on, or free it; returns whether `previous` is another one."""
+        if needed == (self.previous is not None):
+            return False
+        if self.previous is not None:
+            self.previous.destroy()
+            self.previous = None
+        else:
+            self.previous = Tlas(self._device, self.tlas.max_instances, name="previous scene")
+            self._previous_differs = self.tlas.built
+        return True
+
+    def write(
+        self, row: int, transform: Sequence[float], mesh_center: NDArray[np.float32], visible: bool, double_sided: bool,
+        alpha_mode: str, address: int,
+    ) -> None:  # fmt: skip
+        """Set a row: world from object (12 numbers, row by row), the mesh's center (3,), and its BLAS's address."""
+        index = self._indices.get(row)
+        if index is None:
+            index = self._indices[row] = self._end
+            self._end += 1
+            self.table.reserve(self._end)
+            self._sorted = False
+        self._mesh_centers[row] = mesh_center
+        self._moved += 1
+        # By default Vulkan's front faces are glTF's: counter-clockwise in object space, for mirrored instances too.
+        mask = HIDDEN if not visible else BLENDED if alpha_mode == "blend" else VISIBLE
+        flags = (NO_CULLING if double_sided else 0) | (0 if alpha_mode == "opaque" else NO_OPAQUE)
+        self.table.set(index, *transform, row | mask, flags, address)
+
+    def remove(self, row: int) -> None:
+        """Remove a row."""
+        self._indices.pop(row, None)
+        self._mesh_centers.pop(row, None)
+        self._sorted = False
+
+    def _centers(self, rows: NDArray[np.int64]) -> NDArray[np.float64]:
+        """The centers of instances (N, 3), in world space."""
+        transforms = self.table.records["transform"][[self._indices[row] for row in rows.tolist()]].astype(np.float64)
+        mesh_centers = np.array([self._mesh_centers[row] for row in rows.tolist()])
+        centers: NDArray[np.float64] = np.einsum("nij,nj->ni", transforms[:, :, :3], mesh_centers) + transforms[:, :, 3]
+        return centers
+
+    def _rows(self) -> NDArray[np.int64]:
+        return np.fromiter(self._indices, np.int64, len(self._indices))
+
+    def lit_area(self) -> float:
+        """The area of a disk around the instances' centers, in square meters; at least 1."""
+        if not self._indices:
+            return 1.0
+        return max(float(np.square(np.ptp(self._centers(self._rows()), axis=0)).sum()) * np.pi / 4, 1.0)
+
+    def update(self) -> bool:
+        """Restore the spatial order if needed; returns whether the TLAS was replaced by a larger one."""
+        if not self._sorted or self._moved > max(self.count // 2, FEW):
+            self._sort()
+        self._rebuild |= bool(self.table.marked)
+        if self.count <= self.tlas.max_instances:
+            return False
+        self.tlas.destroy()
+        self.tlas = Tlas(self._device, max(self.count, 2 * self.tlas.max_instances), name="scene")
+        if self.previous is not None:
+            self.previous.destroy()
+            self.previous = None
+            self.keep_previous(True)
+        return True
+
+    def _sort(self) -> None:
+        rows = np.sort(self._rows())
+        if len(rows):
+            rows = rows[spatial_order(self._centers(rows))]
+        self.count = self._end = len(rows)
+        self.table.records[: self.count] = self.table.records[[self._indices[row] for row in rows.tolist()]]
+        self.table.mark(range(self.count))
+        self._indices = {row: index for index, row in enumerate(rows.tolist())}
+        self._sorted, self._moved = True, 0
+        self._rebuild = True
+
+    def mark_all(self) -> None:
+        """Mark everything, so that it is uploaded and built again."""
+        self.table.mark_all()
+        self._rebuild = True
+
+    def rebuild(self, meshes_kept: bool = True) -> None:
+        """If records changed, submit a build of the TLAS after their upload. Call it once in each frame.
+
+        meshes_kept: no structure below the TLAS was destroyed since the last call. Otherwise rays can't be traced
+        through the TLAS of the previous frame, and this frame's takes its place.
+        """
+        changed, self._rebuild = self._rebuild, False
+        keeps = changed and meshes_kept and self.previous is not None and self.previous.built
+        if keeps:
+            self._copy_to_previous()
+        if changed:
+            self._submit_build()
+        if changed or self._previous_differs:
+            if not keeps:
+                self._copy_to_previous()
+            self._previous_differs = keeps
+
+    def _copy_to_previous(self) -> None:
+        if self.previous is None:
+            return
+        needed = self.tlas, self.previous
+        if self._copy is None or self._copy.made_for != needed:
+            old, self._copy = self._copy, TlasCopy(*needed)
+            if old is not None:
+                old.destroy()
+        self._copy.submit()
+
+    def _submit_build(self) -> None:
+        needed = self.tlas, self.table.buffer.address, self.count
+        if self._build is None or self._build.made_for != needed:
+            old, self._build = self._build, TlasBuild(*needed)
+            if old is not None:
+                old.destroy()
+        self._build.submit()
+
+    def destroy(self) -> None:
+        """Free everything."""
+        for made in (self._build, self._copy, self.previous):
+            if made is not None:
+                made.destroy()
+        self.table.destroy()
+        self.tlas.destroy()

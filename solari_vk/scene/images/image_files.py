@@ -1,0 +1,75 @@
+"""Pictures from files, as 8-bit RGBA."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.errors import SolariError
+from solari_vk.scene.images import ktx2
+
+Pixels = NDArray[np.uint8]
+LARGEST_SIDE = 16_384
+LARGEST_PIXEL_COUNT = 2**27  # of one image: 512 MiB as RGBA
+LARGEST_TOTAL_PIXEL_COUNT = 2**30  # of one model: 4 GiB as RGBA
+
+
+def open_image(data: bytes | memoryview, who: str) -> Any:
+    """Open an image and check its header; `decode` reads the pixels. `who` names the image in errors."""
+    image = ktx2.Ktx2Image(bytes(data), who) if data[:12] == ktx2.IDENTIFIER else _open_by_pillow(data, who)
+    if max(image.width, image.height) > LARGEST_SIDE or image.width * image.height > LARGEST_PIXEL_COUNT:
+        raise SolariError(_too_large(who, f"has {image.width} x {image.height} pixels; "))
+    return image
+
+
+def _open_by_pillow(data: bytes | memoryview, who: str) -> Any:
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with warnings.catch_warnings():
+            # The limits below replace Pillow's warning.
+            warnings.simplefilter("ignore")
+            return Image.open(io.BytesIO(data), formats=("PNG", "JPEG", "WEBP"))
+    except UnidentifiedImageError:
+        raise SolariError(
+            f"{who} is not a PNG, JPEG, WebP or KTX2 image, or is damaged: save it again as one of these"
+        ) from None
+    except (Image.DecompressionBombError, MemoryError):
+        raise SolariError(_too_large(who)) from None
+    except Exception as error:  # Pillow raises many types of exceptions for damaged headers
+        raise SolariError(f"{who} is a damaged image ({_short(error)}): save it again") from None
+
+
+def decode(image: Any, who: str) -> Pixels:
+    """The pixels (height, width, 4) of an opened image; 16-bit values are rounded to 8, no color profile applied."""
+    try:
+        if isinstance(image, ktx2.Ktx2Image):
+            return image.decode(who)
+        if image.mode in ("I;16", "I;16B", "I;16L", "I"):
+            # Pillow's own conversion of 16-bit gray to RGBA clips at 255.
+            gray = np.asarray(image).astype(np.uint32)
+            pixels = np.full((*gray.shape, 4), 255, np.uint8)
+            pixels[..., :3] = ((gray * 255 + 32_767) // 65_535)[..., None]
+            return pixels
+        return np.asarray(image if image.mode == "RGBA" else image.convert("RGBA"))
+    except SolariError:
+        raise
+    except MemoryError:
+        raise SolariError(_too_large(who)) from None
+    except Exception as error:  # Pillow raises many types of exceptions for damaged pixels too
+        raise SolariError(f"{who} is a damaged image ({_short(error)}): save it again") from None
+
+
+def _too_large(who: str, size: str = "is too large; ") -> str:
+    return (
+        f"{who} {size}at most {LARGEST_SIDE} a side and {LARGEST_PIXEL_COUNT >> 20} Mi pixels in all are read: "
+        "scale it down"
+    )
+
+
+def _short(error: Exception) -> str:
+    return (str(error) or type(error).__name__).splitlines()[0][:100]

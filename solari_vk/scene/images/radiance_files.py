@@ -1,0 +1,163 @@
+"""Radiance from picture files: .hdr (Radiance RGBE), .exr, and .png and .jpg, whose white is 1."""
+
+from __future__ import annotations
+
+import io
+import math
+import os
+import re
+import warnings
+from contextlib import redirect_stdout
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.errors import SolariError
+from solari_vk.scene import checks
+from solari_vk.scene.checks import FloatArray
+from solari_vk.scene.images import exr, image_files
+from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
+
+_HEADER = re.compile(rb"#\?(?P<fields>.*?)\r?\n\r?\n(?P<size>[^\n]{0,64}?)\r?\n", re.DOTALL)
+_SIZE = re.compile(rb"-Y (\d{1,9}) \+X (\d{1,9})")
+_EXPOSURE = re.compile(rb"(?m)^EXPOSURE= *([0-9]+[.]?[0-9]*(?:[eE][+-]?[0-9]+)?) *\r?$")
+CALLER = 7  # stack frames from `read_radiance` to the code that makes an Environment
+SMALL_SHARE = 0.01  # of negative light, as filters that sharpen leave beside what is bright
+_LONGEST_HEADER = 2**16
+_LEAST_RUN_WIDTH, _MOST_RUN_WIDTH = 8, 0x7FFF  # widths of pictures with run lengths
+
+
+def read_radiance(path: str | os.PathLike[str]) -> FloatArray:
+    """Linear colors (height, width, 3) of a picture of all directions.
+
+    Warns of a picture that isn't twice as wide as high. Raises SolariError for files that are missing, damaged, too
+    large or of another kind.
+    """
+    source = Path(path)
+    readers = {".hdr": _read_hdr, ".exr": _read_exr, ".png": _read_8_bits, ".jpg": _read_8_bits, ".jpeg": _read_8_bits}
+    reader = readers.get(source.suffix.lower())
+    if reader is None:
+        raise SolariError(f"{source}: an environment is a file of {', '.join(readers)}, not '{source.suffix}'")
+    try:
+        image = reader(source)
+    except OSError as error:
+        raise SolariError(f"{source}: can't be read: {error.strerror or error}") from None
+    except MemoryError:
+        raise SolariError(f"{source} is too large for this machine's memory: scale it down") from None
+    height, width = image.shape[:2]
+    if width != 2 * height:
+        text = f"{source} has {width} x {height} pixels; a picture of all directions is twice as wide as high"
+        warnings.warn(f"{text}: it is stretched", stacklevel=CALLER)
+    if not np.isfinite(image).all():
+        raise SolariError(f"{source} holds NaN or infinite values: repair it in an image program")
+    if image.max() > checks.LARGEST_RADIANCE:
+        raise SolariError(f"{source} holds light above {checks.LARGEST_RADIANCE:g}: scale it down in an image program")
+    negative = image < 0
+    if negative.any():
+        if -image[negative].sum(dtype=np.float64) > SMALL_SHARE * image[~negative].sum(dtype=np.float64):
+            raise SolariError(f"{source} holds negative light: clip it at 0 in an image program")
+        warnings.warn(f"{source} holds a little negative light, which is taken for 0", stacklevel=CALLER)
+        image = image.clip(0)
+    return image
+
+
+def _check_size(width: int, height: int, source: Path) -> None:
+    if not 1 <= min(width, height) <= max(width, height) <= image_files.LARGEST_SIDE or (
+        width * height > image_files.LARGEST_PIXEL_COUNT
+    ):
+        raise SolariError(
+            f"{source} has {width} x {height} pixels; from 1 to {image_files.LARGEST_SIDE} a side and "
+            f"{image_files.LARGEST_PIXEL_COUNT >> 20} Mi in all are read: scale it down"
+        )
+
+
+def _read_8_bits(source: Path) -> FloatArray:
+    pixels = image_files.decode(image_files.open_image(source.read_bytes(), str(source)), str(source))
+    linear: FloatArray = LINEAR_OF_SRGB[pixels[..., :3]]
+    return linear
+
+
+def _read_exr(source: Path) -> FloatArray:
+    import OpenEXR
+
+    if not source.is_file():
+        raise SolariError(f"{source}: there is no such file")
+    try:
+        (left, top), (right, bottom) = OpenEXR.File(str(source), header_only=True).header()["dataWindow"]
+        _check_size(int(right) - int(left) + 1, int(bottom) - int(top) + 1, source)
+        if not exr.is_whole(source.read_bytes()):
+            raise ValueError("it is cut off")
+        with redirect_stdout(io.StringIO()):  # the library prints that it can't read pixels, and then has no channels
+            channels = OpenEXR.File(str(source), separate_channels=True).channels()
+    except (RuntimeError, ValueError, TypeError, KeyError) as error:
+        raise SolariError(f"{source} is a damaged EXR picture ({str(error)[:100]}): save it again") from None
+    names = ("R", "G", "B") if "R" in channels else ("Y", "Y", "Y")
+    if not all(name in channels for name in names):
+        raise SolariError(f"{source} has no channels R, G and B, nor Y, but {', '.join(sorted(channels)[:8])}")
+    return np.stack([np.asarray(channels[name].pixels, np.float32) for name in names], axis=-1)
+
+
+# ---- Radiance: Ward, "Real Pixels", Graphics Gems II (1991) ------------------------------------------
+
+
+def _read_hdr(source: Path) -> FloatArray:
+    data = source.read_bytes()
+    found = _HEADER.match(data[:_LONGEST_HEADER])
+    if found is None:
+        raise SolariError(f"{source} is not a Radiance picture: its header is missing")
+    header, line = found["fields"], found["size"]
+    if b"FORMAT=32-bit_rle_xyze" in header:
+        raise SolariError(f"{source} holds XYZ colors: convert it to RGBE, for example by ra_xyze -r")
+    size = _SIZE.fullmatch(line)
+    if size is None:
+        raise SolariError(f"{source} has the orientation {line[:32]!r}; '-Y height +X width' is read: save it again")
+    height, width = int(size[1]), int(size[2])
+    _check_size(width, height, source)
+    rgbe = _decode_rgbe(data, found.end(), height, width, source)
+    exposure = math.prod(float(value) for value in _EXPOSURE.findall(header))
+    if not 0 < exposure < math.inf:
+        raise SolariError(f"{source} has the EXPOSURE {exposure:g}: save it again")
+    exponents = rgbe[..., 3:].astype(np.int32)
+    scale = np.where(exponents > 0, np.ldexp(np.float32(1), exponents - 136), np.float32(0))
+    colors: FloatArray = (rgbe[..., :3] * scale / exposure).astype(np.float32)
+    return colors
+
+
+def _decode_rgbe(data: bytes, start: int, height: int, width: int, source: Path) -> NDArray[np.uint8]:
+    """The codes (height, width, 4), which are stored flat or as run lengths of each channel of a row."""
+    runs = bytes((2, 2, width >> 8, width & 0xFF)) if _LEAST_RUN_WIDTH <= width <= _MOST_RUN_WIDTH else None
+    cut = SolariError(f"{source} is cut off or damaged: load it again")
+    if runs is None or data[start : start + 4] != runs:
+        flat = np.frombuffer(data, np.uint8, offset=start)
+        if flat.size < height * width * 4:
+            raise cut
+        pixels = flat[: height * width * 4].reshape(height, width, 4)
+        if (pixels[..., :3] == 1).all(axis=-1).any():
+            raise SolariError(f"{source} has run lengths of an old kind: save it again")
+        return pixels
+    if len(data) - start < 8 * height:  # before memory is taken
+        raise cut
+    rows = np.empty((height, 4, width), np.uint8)
+    row = bytearray()
+    for y in range(height):
+        if data[start : start + 4] != runs:
+            raise cut
+        start += 4
+        row.clear()
+        while len(row) < 4 * width:
+            if start + 1 >= len(data):
+                raise cut
+            count = data[start]
+            if count > 128:
+                row += data[start + 1 : start + 2] * (count - 128)
+                start += 2
+            else:
+                row += data[start + 1 : start + 1 + count]
+                start += 1 + count
+                if count == 0 or start > len(data):
+                    raise cut
+        if len(row) != 4 * width:
+            raise cut
+        rows[y] = np.frombuffer(row, np.uint8).reshape(4, width)
+    return rows.swapaxes(1, 2)

@@ -1,0 +1,44 @@
+"""Lights at infinity that shine in one direction: suns."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import KW_ONLY, field
+
+import numpy as np
+
+from solari_vk.scene import checks
+from solari_vk.scene.checks import FloatArray
+from solari_vk.scene.lights.light import Light
+from solari_vk.scene.observed import checked
+
+SUN_ANGULAR_DIAMETER = 0.00930842  # radians, mean over the year
+
+
+@checked
+class DirectionalLight(Light):
+    """A sun.
+
+    direction (3,): in which its light travels, of any length. illuminance: on a surface that faces the sun, in lux.
+    color (3,): linear. angular_diameter: of the sun's disk, in radians.
+    """
+
+    direction: FloatArray
+    _: KW_ONLY
+    illuminance: float = 10_000.0
+    color: FloatArray = field(default_factory=lambda: np.ones(3, np.float32))
+    angular_diameter: float = SUN_ANGULAR_DIAMETER
+    name: str = ""
+
+    _converters = {
+        "name": checks.text,
+        "direction": checks.direction,
+        "illuminance": checks.number(0, 1e15),
+        "color": checks.color(0, 1e6),
+        "angular_diameter": checks.number(1e-5, math.pi, "radians"),
+    }
+
+    @property
+    def emits(self) -> bool:
+        """Whether the light emits anything."""
+        return self.illuminance > 0 and bool((self.color > 0).any())

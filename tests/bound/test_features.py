@@ -1,0 +1,71 @@
+"""Modules for scenes without features hold nothing of them; those for other scenes have them as constants."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import solari_vk as sv
+from solari_vk.bound.features import FEATURES
+from solari_vk.gpu.shaders.compiler import compile_shader
+from solari_vk.gpu.shaders.ray_generation import instructions
+from solari_vk.gpu.shaders.spirv import reflect
+
+EVERY = {feature.constant for feature in FEATURES}
+FEATURE = """#version 460
+#include "scene/surface.glsl"
+layout(local_size_x = 1) in;
+layout(set = 1, binding = 0, scalar) buffer AnswerBlock { float at[]; } answer;
+layout(set = 1, binding = 1, scalar) buffer GlassBlock { float at[]; } glass;
+float through_glass(float cosine) { return glass.at[uint(cosine)] * refract(vec3(cosine), vec3(1.0), 1.5).x; }
+void main() { FIRSTanswer.at[0] = 1.0; }
+"""
+
+
+def modules(path: str, **options):
+    return tuple(reflect(compile_shader(path, features=features, **options), path) for features in (False, True))
+
+
+@pytest.mark.parametrize(
+    ("path", "ratio"), [("passes/pathtracer/trace.comp", 0.2), ("passes/paths/later_rays.comp", 0.4)]
+)
+def test_modules_of_scenes_without_features_are_small(path, ratio):
+    """Their descriptors too: what only features read, such as an environment's tables, isn't bound."""
+    plain, every = modules(path)
+    assert not EVERY & set(plain.constants)
+    assert len(EVERY & set(every.constants)) > 6
+    assert set(plain.bindings) < set(every.bindings)
+    assert len(plain.spirv) < ratio * len(every.spirv)
+    assert plain.main.writes == every.main.writes
+
+
+def test_a_feature_costs_nothing_in_scenes_without_features(tmp_path: Path):
+    """The module without features is the same whether or not the source has a feature's code."""
+    found = {}
+    for name, first in (("without", ""), ("with", "if (SCENE_GLASS) { answer.at[1] = through_glass(answer.at[2]); } ")):
+        (tmp_path / f"{name}.comp").write_text(FEATURE.replace("FIRST", first))
+        found[name] = modules(f"{name}.comp", root=tmp_path)
+    code = [sorted(int(words[0]) for words in instructions(plain.spirv)) for plain, _ in found.values()]
+    assert code[0] == code[1], "the same instructions; declarations are in another order and ids have other numbers"
+    assert set(found["with"][1].bindings) - set(found["without"][1].bindings) == {"glass"}
+
+
+def test_a_shader_without_features_has_one_module():
+    assert compile_shader("passes/display/show.comp", features=False) == compile_shader("passes/display/show.comp")
+
+
+def test_pictures_of_both_modules_are_the_same(device):
+    """A dark lamp changes no pixel, but the modules: they stay the other ones when it is gone."""
+    scene = sv.builtin("cornell_box")
+    with sv.PathTracer(device, scene, (24, 16), max_bounces=3) as tracer:
+        plain = tracer.render(samples=4)["radiance"]
+        assert not tracer.binder.features
+        lamp = scene.add(sv.PointLight((0, 1, 0), intensity=0))
+        tracer.render(samples=1)
+        assert tracer.binder.features == {"SCENE_POINT"}
+        scene.remove(lamp)
+        tracer.render(samples=1)
+        every = tracer.render(samples=4)["radiance"]
+    np.testing.assert_array_equal(plain, every)
