@@ -16,7 +16,7 @@ from solari_vk.settings import Settings
 
 
 class PartialRenderer(Renderer):
-    """The frame with only those passes whose names start with one of `passes`, such as "gbuffer/" or "solari019/restir_di/".
+    """The frame with only those passes whose names start with one of `passes`, such as "gbuffer/" or "paths/".
 
     A resource that a running pass only declares, because another pass writes it, holds zeros.
     """

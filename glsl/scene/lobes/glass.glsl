@@ -119,7 +119,8 @@ vec3 evaluate_glass(Glass glass, vec3 wo, vec3 wi) {
 
 // A direction, and for smooth glass its weight. `choice` and u are uniform in [0, 1).
 vec3 sample_glass(Glass glass, vec3 wo, float choice, vec2 u, out vec3 smooth_weight) {
-    vec3 m = glass.roughness <= MIRROR_ROUGHNESS ? vec3(0.0, 0.0, 1.0) : sample_visible_normal(wo, vec2(glass.roughness), 1.0, u);
+    vec3 m = vec3(0.0, 0.0, 1.0);
+    if (glass.roughness > MIRROR_ROUGHNESS) { m = sample_visible_normal(wo, vec2(glass.roughness), 1.0, u); }
     float reflects = glass_reflects(glass, dot(wo, m));
     vec3 reflected = glass_fresnel(glass, dot(wo, m));
     if (choice < reflects) {

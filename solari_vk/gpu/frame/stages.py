@@ -27,8 +27,8 @@ class History:
 @dataclass(frozen=True)
 class Within:
     """The size of a buffer of `count` elements in the memory of the buffer `host`, where the same stage or an earlier
-    one declares it, else in memory of its own. A pass that writes one of the two destroys the contents of the other. Of a
-    history, `host` is the previous frame's: previous_NAME."""
+    one declares it, else in memory of its own. A pass that writes one of the two destroys the contents of the other.
+    Of a history, `host` is the previous frame's: previous_NAME."""
 
     host: str
     count: int

@@ -19,8 +19,11 @@ from solari_vk.measure.timing import every_barrier
 from solari_vk.settings import Settings
 
 # The frame without guides and display, so that their shaders need not be compiled.
-LIGHT = ("gbuffer/", "solari019/light_tiles/", "world_cache/", "solari019/restir_di/", "solari019/restir_gi/", "solari019/specular_gi/", "solari019/compose",
-         "solari019/", "taa/")  # fmt: skip
+LIGHT = (
+    "gbuffer/", "world_cache/", "taa/",
+    *(f"solari019/{name}"
+      for name in ("light_tiles/", "world_cache/", "restir_di/", "restir_gi/", "specular_gi/", "compose")),
+)  # fmt: skip
 HEAD = ("claim", "post", "what is compared", "before", "after", "ratio", "asked", "verdict")
 INTRO = (
     "Each claim of the posts about Solari is a pair of settings of the preset `solari` (Bevy 0.19) with "

@@ -215,7 +215,7 @@ TEMPORAL, PAST, BLUR = "passes/denoise/temporal.comp", "passes/denoise/past.glsl
 test_a_seeded_bug_is_noticed = bug_tests({
     EVEN: (measure_even_light, Bug(BLUR, "add_neighbor",
                                    "correct(sum, center, other, difference, 0.0, is_filtered);")),
-    ERROR: (measure_even_light, Bug("passes/paths/compose.comp", "ERROR_OVER_NOISE", "0.5")),
+    ERROR: (measure_even_light, Bug("passes/denoise/constants.glsl", "ERROR_OVER_NOISE", "0.5")),
     RETURNED: (measure_outliers, Bug(BLUR, "add_neighbor", "correct(sum, center, other, difference, weight, false);")),
     FOUND: (measure_motion, Bug(PAST, "in_pixels", "return correct(-motion);")),
     NEW: (measure_motion, Bug(PAST, "add_tap", "correct(taps, clamp(pixel, ivec2(0), ivec2(camera.size) - 1), weight, "

@@ -171,7 +171,8 @@ def test_initial_visibility_is_biased(device, cornell):
 
 @pytest.mark.slow
 def test_merge_weights_that_ignore_targets_are_biased(device, cornell):
-    with seeded(Bug("passes/solari019/restir_di/reservoir.glsl", "merge_share", "return correct(confidences, vec2(1.0));")):
+    bug = Bug("passes/solari019/restir_di/reservoir.glsl", "merge_share", "return correct(confidences, vec2(1.0));")
+    with seeded(bug):
         check_bias(device, cornell, (-0.10, -0.005), (-0.15, 0.02))
 
 

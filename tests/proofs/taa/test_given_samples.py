@@ -123,7 +123,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
     UPSCALED: (measure_areas, Bug(SAMPLES, "among_samples",
                                   "return position * render_scale() - 0.5 + this_frame.sample_offset;")),
     SHARP: (measure_motion, Bug(HISTORY, "interpolate_past", "return correct(floor(position) + 0.5, around);")),
-    FOLLOWED: (measure_changes, Bug("passes/taa/resolve.comp", "SUSPECT", "1e9")),
-    NOISE: (measure_noise, Bug(HISTORY, "LONGEST", "31.0")),
+    FOLLOWED: (measure_changes, Bug("passes/taa/constants.glsl", "SUSPECT", "1e9")),
+    NOISE: (measure_noise, Bug("passes/taa/constants.glsl", "LONGEST", "31.0")),
     NOT_FINITE: (measure_not_finite, Bug("common/math.glsl", "is_valid", "return true;")),
 }, quick=(EVEN,))  # fmt: skip
