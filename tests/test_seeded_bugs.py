@@ -9,7 +9,10 @@ from pathlib import Path
 import pytest
 from support.seeded_bugs import KNOWN, ROOTS, Bug, seeded
 
+from solari_vk.errors import SolariError
 from solari_vk.gpu.shaders.compiler import compile_shader
+from solari_vk.gpu.shaders.shader_cache import Sources
+from solari_vk.gpu.shaders.shaderc import STAGES
 
 TESTS = Path(__file__).parent
 SOURCE = """const float LIMIT = 2.0;
@@ -20,7 +23,9 @@ void main() { if (true) { twice(1.0); } }
 """
 
 
-def test_every_bug_fits_its_shader(monkeypatch):
+@pytest.fixture
+def bugs(monkeypatch):
+    """Every bug of the suite."""
     for path in sorted(TESTS.rglob("test_*.py")):
         if "seeded_bugs import" in path.read_text(encoding="utf-8") and path != Path(__file__):
             monkeypatch.syspath_prepend(str(path.parent))
@@ -28,14 +33,34 @@ def test_every_bug_fits_its_shader(monkeypatch):
             module = importlib.util.module_from_spec(spec)
             monkeypatch.setitem(sys.modules, spec.name, module)
             spec.loader.exec_module(module)
+    assert len(KNOWN) > 100, "the seeded bugs were not found"
+    return KNOWN
+
+
+def test_every_bug_fits_its_shader(bugs):
     wrong = []
-    for bug in KNOWN:
+    for bug in bugs:
         sources = [root / bug.file for root in ROOTS if (root / bug.file).is_file()]
         try:
             bug.apply(sources[0].read_text(encoding="utf-8"))
         except (ValueError, IndexError) as error:
             wrong.append(f"{bug.file}: {bug.name}: {error}")
-    assert len(KNOWN) > 100, "the seeded bugs were not found"
+    assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.slow
+def test_every_bug_compiles(bugs):
+    sources = Sources(ROOTS[:1])
+    entries = [path.relative_to(ROOTS[0]).as_posix() for path in ROOTS[0].rglob("*") if path.suffix[1:] in STAGES]
+    users = {entry: sources.closure(entry) for entry in entries}
+    wrong = []
+    for bug in bugs:
+        entry = next((entry for entry in entries if bug.file == entry or bug.file in users[entry]), None)
+        try:
+            with seeded(bug):
+                compile_shader(entry)
+        except SolariError as error:
+            wrong.append(f"{bug.file}: {bug.name}: {error}")
     assert not wrong, "\n".join(wrong)
 
 

@@ -33,7 +33,8 @@ bool has_alpha(Material material) {
     return SCENE_ALPHA && (material.flags & (MATERIAL_MASK | MATERIAL_BLEND)) != 0u;
 }
 
-// The cover of thin glass: light passes straight with the color and the probability for which pass_through accounts.
+// The cover of thin glass: light passes straight with the color and the probability for which attenuate_by_cover
+// accounts.
 vec4 resolve_wall(
     Instance instance, Material material, Mesh mesh, uint triangle, vec2 barycentrics, vec3 direction
 ) {
@@ -123,21 +124,21 @@ bool is_met(vec4 cover, uvec2 blend_point, uint instance_index, uint triangle, v
 // ---- light that passes ------------------------------------------------------------------------------
 
 // What happens to light along a segment: it passes with a probability, and takes a color.
-struct Passage {
+struct RayTransmittance {
     vec3 tint;
     float probability;
 };
 
-const Passage FREE_PASSAGE = Passage(vec3(1.0), 1.0);
+const RayTransmittance FULL_TRANSMITTANCE = RayTransmittance(vec3(1.0), 1.0);
 
-void pass_through(inout Passage passage, vec4 cover) {
-    passage.tint *= mix(vec3(1.0), cover.rgb, cover.w);
-    passage.probability *= 1.0 - cover.w;
+void attenuate_by_cover(inout RayTransmittance through, vec4 cover) {
+    through.tint *= mix(vec3(1.0), cover.rgb, cover.w);
+    through.probability *= 1.0 - cover.w;
 }
 
 // The same at a candidate of a ray, once for each edge. `passed` has the latest two edges, and is 0 at first.
-void pass_through(
-    inout Passage passage, inout uint passed, vec4 cover, uint instance_index, uint triangle, vec2 barycentrics
+void attenuate_by_cover(
+    inout RayTransmittance through, inout uint passed, vec4 cover, uint instance_index, uint triangle, vec2 barycentrics
 ) {
     Mesh mesh = meshes.at[instances.at[instance_index].ray_mesh];
     uint edge = edge_met(instance_index, mesh, triangle, barycentrics);
@@ -145,7 +146,7 @@ void pass_through(
         if (edge == (passed & 0xFFFFu) || edge == passed >> 16u) { return; }
         passed = passed << 16u | edge;
     }
-    pass_through(passage, cover);
+    attenuate_by_cover(through, cover);
 }
 
 #endif

@@ -130,7 +130,7 @@ layout(set = 0, scalar) readonly buffer LightTreeBlock { LightNode at[]; } light
 layout(set = 0, scalar) readonly buffer SceneInfoBlock {
     uint light_count;
     uint part_count;               // of all light sources together
-    uint first_passed_light;       // index into light_sources; first those that rays pass, then those at infinity
+    uint first_light_without_surface;  // index into light_sources; first those that rays pass, then those at infinity
     uint first_light_at_infinity;  // come last
     float finite_probability;      // that a row of light_sources that is not at infinity is chosen by its `choice`
 } scene_info;

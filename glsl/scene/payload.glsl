@@ -14,14 +14,14 @@ struct RayPayload {
     vec2 barycentrics;
 };
 
-void write_passage(inout RayPayload payload, Passage passage) {
-    payload.triangle = floatBitsToUint(passage.probability);
-    payload.t = passage.tint.x;
-    payload.barycentrics = passage.tint.yz;
+void write_ray_transmittance(inout RayPayload payload, RayTransmittance through) {
+    payload.triangle = floatBitsToUint(through.probability);
+    payload.t = through.tint.x;
+    payload.barycentrics = through.tint.yz;
 }
 
-Passage read_passage(RayPayload payload) {
-    return Passage(vec3(payload.t, payload.barycentrics), uintBitsToFloat(payload.triangle));
+RayTransmittance read_ray_transmittance(RayPayload payload) {
+    return RayTransmittance(vec3(payload.t, payload.barycentrics), uintBitsToFloat(payload.triangle));
 }
 
 #endif

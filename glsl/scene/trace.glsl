@@ -50,15 +50,15 @@ Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uin
 }
 
 // Returns whether nothing opaque is hit. Both faces of every triangle cast shadows.
-bool trace_passage_in(
+bool trace_transmittance_in(
     accelerationStructureEXT structure, vec3 origin, float t_min, vec3 direction, float t_max, uint mask,
-    out Passage passage
+    out RayTransmittance through
 ) {
     ray_payload.instance = 0u;  // edges that are passed, never NO_INDEX, which a miss sets
-    if (SCENE_BLEND) { write_passage(ray_payload, FREE_PASSAGE); }
+    if (SCENE_BLEND) { write_ray_transmittance(ray_payload, FULL_TRANSMITTANCE); }
     const uint flags = TRACE_ANY_HIT | gl_RayFlagsSkipClosestHitShaderEXT;
     traceRayEXT(structure, flags, mask, 0u, 0u, 0u, origin, t_min, direction, t_max, 0);
-    passage = SCENE_BLEND ? read_passage(ray_payload) : FREE_PASSAGE;
+    through = SCENE_BLEND ? read_ray_transmittance(ray_payload) : FULL_TRANSMITTANCE;
     return ray_payload.instance == NO_INDEX;
 }
 
@@ -89,11 +89,11 @@ Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uin
 }
 
 // Returns whether nothing opaque is hit. Both faces of every triangle cast shadows.
-bool trace_passage_in(
+bool trace_transmittance_in(
     accelerationStructureEXT structure, vec3 origin, float t_min, vec3 direction, float t_max, uint mask,
-    out Passage passage
+    out RayTransmittance through
 ) {
-    passage = FREE_PASSAGE;
+    through = FULL_TRANSMITTANCE;
     uint passed = 0u;
     rayQueryEXT query;
     rayQueryInitializeEXT(query, structure, TRACE_ANY_HIT, mask, origin, t_min, direction, t_max);
@@ -106,7 +106,7 @@ bool trace_passage_in(
         if (cover.w >= 1.0) {
             rayQueryConfirmIntersectionEXT(query);
         } else if (SCENE_BLEND) {
-            pass_through(passage, passed, cover, instance, triangle, barycentrics);
+            attenuate_by_cover(through, passed, cover, instance, triangle, barycentrics);
         }
     }
     return rayQueryGetIntersectionTypeEXT(query, true) == gl_RayQueryCommittedIntersectionNoneEXT;
@@ -124,22 +124,22 @@ Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uin
 }
 
 // What light on the way of a ray from its origin to its hit meets: the blended surfaces that the ray has passed.
-Passage trace_passage(vec3 origin, vec3 direction, float t_max, Hit hit) {
-    Passage passage = FREE_PASSAGE;
+RayTransmittance trace_transmittance_and_chance(vec3 origin, vec3 direction, float t_max, Hit hit) {
+    RayTransmittance through = FULL_TRANSMITTANCE;
     if (SCENE_BLEND) {
         // ends before the hit, which may be on a blended surface too
         float end = hit.instance == NO_INDEX ? t_max : uintBitsToFloat(max(floatBitsToUint(hit.t), 1u) - 1u);
-        trace_passage_in(tlas, origin, 0.0, direction, end, BLENDED_MASK, passage);
+        trace_transmittance_in(tlas, origin, 0.0, direction, end, BLENDED_MASK, through);
     }
-    return passage;
+    return through;
 }
 
 // ---- light ------------------------------------------------------------------------------------------
 
 vec3 trace_transmittance_in(accelerationStructureEXT structure, vec3 origin, vec3 direction, float t_max) {
-    Passage passage;
-    bool passes = trace_passage_in(structure, origin, 0.0, direction, t_max, SCENE_MASK, passage);
-    return passes ? passage.tint * passage.probability : vec3(0.0);
+    RayTransmittance through;
+    bool passes = trace_transmittance_in(structure, origin, 0.0, direction, t_max, SCENE_MASK, through);
+    return passes ? through.tint * through.probability : vec3(0.0);
 }
 
 // The share of light that passes: 0 behind an opaque surface. Its mean is known without random numbers.

@@ -79,18 +79,18 @@ Walk start_walk(CameraRay ray) {
 }
 
 // The light of lamps that a ray passes.
-struct PassedLight {
+struct LightAlongRay {
     vec3 radiance;  // where the ray starts
-    vec3 offered;   // before it is tinted on its way, over the probability with which the ray passes until there
+    vec3 for_reservoir;   // before it is tinted on its way, over the probability with which the ray passes until there
 };
 
-const PassedLight NO_PASSED_LIGHT = PassedLight(vec3(0.0), vec3(0.0));
+const LightAlongRay NO_LIGHT_ALONG_RAY = LightAlongRay(vec3(0.0), vec3(0.0));
 
 // A ray of a walk, to the next surface if there is one.
 struct Segment {
     Hit hit;
-    Passage passage;  // of light from the hit; all light to a camera passes free
-    PassedLight passed;
+    RayTransmittance through;  // of light from the hit; all light to a camera passes free
+    LightAlongRay passed;
     uint rays;        // that this took
 };
 
@@ -101,25 +101,25 @@ Hit find_surface(Walk walk, inout uint rng) {
 
 // `receiver`: where the light samples were chosen that compete with the walk's direction.
 Segment trace_segment(Walk walk, Receiver receiver, inout uint rng) {
-    Segment segment = Segment(NO_HIT, FREE_PASSAGE, NO_PASSED_LIGHT, 1u);
+    Segment segment = Segment(NO_HIT, FULL_TRANSMITTANCE, NO_LIGHT_ALONG_RAY, 1u);
     segment.hit = find_surface(walk, rng);
     bool tinted = SCENE_BLEND && !walk.from_camera;
     float t_end = min(segment.hit.t, walk.t_max);
-    for (uint i = scene_info.first_passed_light; SCENE_SPHERE && i < scene_info.first_light_at_infinity; i++) {
+    for (uint i = scene_info.first_light_without_surface; SCENE_SPHERE && i < scene_info.first_light_at_infinity; i++) {
         LightSource light = light_sources.at[i];
-        MetLight met = pass_light(light.kind, light.index, walk.origin, walk.direction, t_end);
+        MetLight met = cross_light(light.kind, light.index, walk.origin, walk.direction, t_end);
         if (!(met.inverse_pdf > 0.0)) { continue; }
         vec3 radiance = met_radiance(met, light_choice_probability(i, receiver), walk.bounce_pdf);
-        Passage passage = FREE_PASSAGE;
+        RayTransmittance through = FULL_TRANSMITTANCE;
         if (tinted && radiance != vec3(0.0)) {
-            passage = trace_passage(walk.origin, walk.direction, met.t, NO_HIT);
+            through = trace_transmittance_and_chance(walk.origin, walk.direction, met.t, NO_HIT);
             segment.rays += 1u;
         }
-        segment.passed.radiance += radiance * passage.tint;
-        segment.passed.offered += radiance / passage.probability;
+        segment.passed.radiance += radiance * through.tint;
+        segment.passed.for_reservoir += radiance / through.probability;
     }
     if (tinted) {
-        segment.passage = trace_passage(walk.origin, walk.direction, walk.t_max, segment.hit);
+        segment.through = trace_transmittance_and_chance(walk.origin, walk.direction, walk.t_max, segment.hit);
         segment.rays += 1u;
     }
     return segment;
@@ -129,7 +129,7 @@ Segment trace_segment(Walk walk, Receiver receiver, inout uint rng) {
 // walk carries. Returns whether there is a surface.
 bool pass_segment(inout Walk walk, Segment segment, inout vec3 radiance) {
     radiance += walk.throughput * segment.passed.radiance;
-    walk.throughput *= segment.passage.tint;
+    walk.throughput *= segment.through.tint;
     if (segment.hit.instance != NO_INDEX) { return true; }
     radiance += walk.throughput * radiance_at_infinity(walk.direction, walk.bounce_pdf);
     return false;
@@ -145,7 +145,7 @@ ResolvedRayHitFull arrive(inout Walk walk, Hit hit) {
 }
 
 // What a ray that has hit a wall of glass carries: such rays are those that haven't passed it straight.
-void take_wall_as_met(Hit hit, vec3 direction, inout ResolvedMaterial material, inout vec3 throughput) {
+void remove_straight_transmission(Hit hit, vec3 direction, inout ResolvedMaterial material, inout vec3 throughput) {
     if (!SCENE_GLASS || (materials.at[instances.at[hit.instance].material].flags & MATERIAL_WALL) == 0u) { return; }
     vec4 cover = resolve_cover(hit.instance, hit.triangle, hit.barycentrics, direction, false);
     if (cover.w < 1.0) {

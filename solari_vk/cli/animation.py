@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from solari_vk.cli.cluster import open_crew, render_files
+from solari_vk.cli.cluster import open_pool, render_files
 from solari_vk.cli.plan import ANIMATION_AVERAGE
 from solari_vk.cli.subject import Subject
 from solari_vk.errors import SolariError
@@ -29,7 +29,7 @@ def run(
     Those of a movie are in a folder beside it until it is written.
     """
     from solari_vk.cluster import Meter, Style, blocks
-    from solari_vk.cluster.ledger import open_ledger
+    from solari_vk.cluster.journal import open_journal
 
     output: Path = options.output.resolve()
     folder = output.with_name(f"{output.stem}.frames") if is_movie else output.parent
@@ -41,16 +41,16 @@ def run(
     )  # fmt: skip
     if style.clip is not None:
         subject.scene.animate(0.0, style.clip)
-    with open_crew(options) as crew:
+    with open_pool(options) as pool:
         if subject.auto_exposure:
             meter = Meter((subject.cameras[0],), options.size)
-            ev100 = next(done[1] for done in crew.map(subject.scene, [meter]) if done is not None)
+            ev100 = next(done[1] for done in pool.map(subject.scene, [meter]) if done is not None)
             for camera in subject.cameras:
                 camera.ev100 = ev100
         views = _views(options, subject, style.clip, ".png" if is_movie else output.suffix)
-        shots = blocks(style, views)
-        ledger = open_ledger(folder / f"{output.stem}.jsonl", crew, subject.scene, shots)
-        complete = render_files(crew, subject.scene, shots, ledger, options)
+        tasks = blocks(style, views)
+        journal = open_journal(folder / f"{output.stem}.jsonl", pool, subject.scene, tasks)
+        complete = render_files(pool, subject.scene, tasks, journal, options)
     if is_movie and complete:
         write_movie(output, [folder / view.name for view in views], options.fps)
         shutil.rmtree(folder)

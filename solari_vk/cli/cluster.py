@@ -15,8 +15,8 @@ from solari_vk.cli.subject import Subject
 from solari_vk.errors import SolariError
 
 if TYPE_CHECKING:
-    from solari_vk.cluster import Crew, OneDevice, ReferencePicture, Shot
-    from solari_vk.cluster.ledger import Ledger
+    from solari_vk.cluster import OneDevice, ReferencePicture, RenderTask, WorkerPool
+    from solari_vk.cluster.journal import Journal
     from solari_vk.scene.model import Scene
 
 
@@ -41,16 +41,16 @@ def is_spread(options: argparse.Namespace) -> bool:
     return options.workers is not None or options.cluster is not None
 
 
-def open_crew(options: argparse.Namespace) -> Crew | OneDevice:
+def open_pool(options: argparse.Namespace) -> WorkerPool | OneDevice:
     """The workers that the options ask for, or a device of this process; a context manager."""
-    from solari_vk.cluster import Crew, OneDevice
+    from solari_vk.cluster import OneDevice, WorkerPool
 
     choices: dict[str, Any] = {
         "device": options.device, "rays": options.rays, "validation": options.validation or None,
     }  # fmt: skip
     if not is_spread(options):
         return OneDevice(**choices, on_compile=CompileNotes())
-    return Crew(options.workers, options.cluster, **choices)
+    return WorkerPool(options.workers, options.cluster, **choices)
 
 
 class Reporter:
@@ -70,37 +70,37 @@ class Reporter:
         return False
 
 
-def words_on(crew: Crew | OneDevice) -> str:
+def words_on(pool: WorkerPool | OneDevice) -> str:
     """Who renders, for messages."""
-    if crew.worker_count == 1:
-        return f"1 worker with {crew.identity.device}"
-    return f"{crew.worker_count} workers, each with {crew.identity.device}"
+    if pool.worker_count == 1:
+        return f"1 worker with {pool.identity.device}"
+    return f"{pool.worker_count} workers, each with {pool.identity.device}"
 
 
 def render_files(
-    crew: Crew | OneDevice, scene: Scene, shots: list[Shot], ledger: Ledger, options: argparse.Namespace
+    pool: WorkerPool | OneDevice, scene: Scene, tasks: list[RenderTask], journal: Journal, options: argparse.Namespace
 ) -> bool:
-    """Render pictures into the folder of a ledger, and say how many are there. Returns whether all are."""
+    """Render pictures into the folder of a journal, and say how many are there. Returns whether all are."""
     from solari_vk.cluster import OneDevice
-    from solari_vk.cluster.ledger import render_missing
+    from solari_vk.cluster.journal import render_missing
 
-    if crew.shares_files or options.shared_folder:
-        shots = [dataclasses.replace(shot, folder=str(ledger.folder)) for shot in shots]
-    total = sum(len(shot.views) for shot in shots)
-    print(f"rendering {options.source} with {words_on(crew)}", file=sys.stderr)
-    listener = crew.device.on_compile if isinstance(crew, OneDevice) else None
+    if pool.shares_files or options.shared_folder:
+        tasks = [dataclasses.replace(task, folder=str(journal.folder)) for task in tasks]
+    total = sum(len(task.views) for task in tasks)
+    print(f"rendering {options.source} with {words_on(pool)}", file=sys.stderr)
+    listener = pool.device.on_compile if isinstance(pool, OneDevice) else None
     notes = listener if isinstance(listener, CompileNotes) else None
     with Progress("pictures", total, options.time_limit, notes) as progress:
         report = Reporter(progress)
-        done = render_missing(crew, scene, shots, ledger, report)
+        done = render_missing(pool, scene, tasks, journal, report)
     if report.reason:
         print(f"{report.reason}; the same command goes on from there", file=sys.stderr)
-    print(f"{ledger.folder}: {done} of {total} pictures, {progress.seconds:.1f} s", file=sys.stderr)
+    print(f"{journal.folder}: {done} of {total} pictures, {progress.seconds:.1f} s", file=sys.stderr)
     return done == total
 
 
 def render_spread(
-    crew: Crew | OneDevice, subject: Subject, options: argparse.Namespace, layers: list[str], samples: int | None,
+    pool: WorkerPool | OneDevice, subject: Subject, options: argparse.Namespace, layers: list[str], samples: int | None,
     progress: Progress,
 ) -> ReferencePicture:  # fmt: skip
     """The picture that --mode reference asks for, from several devices."""
@@ -108,7 +108,7 @@ def render_spread(
 
     report = Reporter(progress)
     picture = render_reference(
-        crew, subject.scene, options.size, camera=subject.cameras[0], samples=samples, seed=options.seed,
+        pool, subject.scene, options.size, camera=subject.cameras[0], samples=samples, seed=options.seed,
         max_bounces=options.max_bounces, layers=layers, denoise=options.denoise,
         target_error=options.target_error or 0.0, progress=report,
     )  # fmt: skip

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from solari_vk.cli.cluster import add_cluster_options, open_crew, render_files
+from solari_vk.cli.cluster import add_cluster_options, open_pool, render_files
 from solari_vk.cli.options import add_realtime_options, add_scene_options, count, positive
 from solari_vk.cli.plan import ANIMATION_AVERAGE, make_settings
 from solari_vk.cli.progress import check_time_limit
@@ -16,11 +16,11 @@ from solari_vk.errors import SolariError
 from solari_vk.files import make_folder
 
 if TYPE_CHECKING:
-    from solari_vk.cluster import Shot, Style, View
+    from solari_vk.cluster import RenderTask, Style, View
     from solari_vk.scene.model import Camera
 
 METERED = 8  # views whose mean exposure is that of all
-LEDGER = "views.jsonl"
+JOURNAL = "views.jsonl"
 
 
 def add_parser(commands: Any) -> None:
@@ -63,7 +63,7 @@ def add_parser(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Render the views that aren't in the folder yet; returns the exit code, 1 if some are missing."""
     from solari_vk.cluster.dataset import views_of, write_transforms
-    from solari_vk.cluster.ledger import open_ledger
+    from solari_vk.cluster.journal import open_journal
 
     check_time_limit(options.time_limit)
     style = _style(options)
@@ -71,13 +71,13 @@ def run(options: argparse.Namespace) -> int:
     make_folder(folder)
     subject = load(options)
     cameras, metered = _cameras(subject, options)
-    with open_crew(options) as crew:
-        _expose(cameras, metered, subject, options, crew)
+    with open_pool(options) as pool:
+        _expose(cameras, metered, subject, options, pool)
         views = views_of(cameras, f".{options.format}")
-        shots = _shots(style, views, options)
-        ledger = open_ledger(folder / LEDGER, crew, subject.scene, shots)
+        tasks = _tasks(style, views, options)
+        journal = open_journal(folder / JOURNAL, pool, subject.scene, tasks)
         write_transforms(folder, style, views)
-        return 0 if render_files(crew, subject.scene, shots, ledger, options) else 1
+        return 0 if render_files(pool, subject.scene, tasks, journal, options) else 1
 
 
 def _style(options: argparse.Namespace) -> Style:
@@ -110,14 +110,14 @@ def _style(options: argparse.Namespace) -> Style:
     )  # fmt: skip
 
 
-def _shots(style: Style, views: list[View], options: argparse.Namespace) -> list[Shot]:
+def _tasks(style: Style, views: list[View], options: argparse.Namespace) -> list[RenderTask]:
     """Each view alone; or, of cameras that follow a path in realtime mode, blocks, whose motion is that of the path."""
-    from solari_vk.cluster import Shot, blocks
+    from solari_vk.cluster import RenderTask, blocks
 
     if style.settings is not None and options.cameras != "random":
         return blocks(style, views)
     warm_up = style.warm_up if style.settings is not None else 0
-    return [Shot(style, number, (view,), (view,) * warm_up) for number, view in enumerate(views)]
+    return [RenderTask(style, number, (view,), (view,) * warm_up) for number, view in enumerate(views)]
 
 
 def _cameras(subject: Subject, options: argparse.Namespace) -> tuple[list[Camera], list[Camera]]:
@@ -135,7 +135,7 @@ def _cameras(subject: Subject, options: argparse.Namespace) -> tuple[list[Camera
 
 
 def _expose(
-    cameras: list[Camera], metered: list[Camera], subject: Subject, options: argparse.Namespace, crew: Any
+    cameras: list[Camera], metered: list[Camera], subject: Subject, options: argparse.Namespace, pool: Any
 ) -> None:
     """Give all cameras one exposure: the one that was asked for, or the mean of what suits the metered ones."""
     from solari_vk.cluster import Meter
@@ -143,7 +143,7 @@ def _expose(
     ev100 = subject.cameras[0].ev100
     if subject.auto_exposure:
         meter = Meter(tuple(metered), options.size)
-        ev100 = next(done[1] for done in crew.map(subject.scene, [meter]) if done is not None)
+        ev100 = next(done[1] for done in pool.map(subject.scene, [meter]) if done is not None)
     for camera in cameras:
         camera.ev100 = ev100
     print(f"{len(cameras)} views of {options.source}, EV100 {ev100:.2f}", file=sys.stderr)

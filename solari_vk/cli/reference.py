@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import solari_vk as sv
-from solari_vk.cli.cluster import is_spread, open_crew, render_spread, words_on
+from solari_vk.cli.cluster import is_spread, open_pool, render_spread, words_on
 from solari_vk.cli.compiling import CompileNotes, open_device
 from solari_vk.cli.kept import write_or_keep
 from solari_vk.cli.plan import UNLIMITED
@@ -90,10 +90,10 @@ def _render(options: argparse.Namespace, subject: Subject, names: list[str], tot
 def _render_spread(options: argparse.Namespace, subject: Subject, names: list[str], total: int | None) -> _Result:
     """On several devices."""
     wanted = [name for name in names if name != "raw_radiance"]
-    with open_crew(options) as crew:
-        print(f"rendering {options.source} with {words_on(crew)}", file=sys.stderr)
+    with open_pool(options) as pool:
+        print(f"rendering {options.source} with {words_on(pool)}", file=sys.stderr)
         with Progress("samples a pixel", total, options.time_limit) as progress:
-            picture = render_spread(crew, subject, options, [*wanted, "depth"], total, progress)
+            picture = render_spread(pool, subject, options, [*wanted, "depth"], total, progress)
     radiance, seconds, ev100 = picture.radiance, progress.seconds, None
     if subject.auto_exposure:
         surfaces = None if subject.scene.environment is None else np.isfinite(picture.layers["depth"])

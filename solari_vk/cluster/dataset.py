@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.cluster.shots import Style, View
+from solari_vk.cluster.tasks import Style, View
 from solari_vk.errors import SolariError
 from solari_vk.files import write_whole
 from solari_vk.output.animation import orbit

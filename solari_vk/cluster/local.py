@@ -12,7 +12,7 @@ from typing import Any
 import dask
 from distributed import Nanny, Scheduler, SpecCluster
 
-from solari_vk.cluster.bench import Opening
+from solari_vk.cluster.device_session import Opening
 from solari_vk.gpu.device.device import list_devices
 
 
@@ -53,5 +53,5 @@ def software_threads(process_count: int) -> dict[str, str]:
 
 
 def dask_setup(worker: Any) -> None:
-    """Is called in each worker when it starts: Ctrl-C in the terminal is for the process that has the crew."""
+    """Is called in each worker when it starts: Ctrl-C in the terminal is for the process that has the pool."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)

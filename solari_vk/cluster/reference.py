@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.cluster.bench import Bench, OneDevice
-from solari_vk.cluster.crew import Crew
+from solari_vk.cluster.device_session import DeviceSession, OneDevice
+from solari_vk.cluster.worker_pool import WorkerPool
 from solari_vk.errors import SolariError
 from solari_vk.output import oidn
 from solari_vk.output.error import ErrorEstimate, luminance
@@ -61,10 +61,10 @@ class Chunk:
     def clip(self) -> None:
         """None: a chunk shows the scene as it was given."""
 
-    def perform(self, bench: Bench) -> ChunkResult:
+    def perform(self, session: DeviceSession) -> ChunkResult:
         """Trace the samples. Chunk 0 of a picture has the picture's own seed."""
         seed = (self.seed + self.index * SEED_STEP) % 2**32
-        tracer = bench.path_tracer(self.size, self.max_bounces, seed)
+        tracer = session.path_tracer(self.size, self.max_bounces, seed)
         frame = tracer.render(self.camera, self.samples)
         width, height = self.size
         return ChunkResult(
@@ -160,11 +160,11 @@ class ReferencePicture:
 
 
 def render_reference(
-    crew: Crew | OneDevice, scene: Scene, size: tuple[int, int], *, camera: Camera | None = None,
+    pool: WorkerPool | OneDevice, scene: Scene, size: tuple[int, int], *, camera: Camera | None = None,
     samples: int | None = 256, seed: int = 0, max_bounces: int = 16, layers: Sequence[str] = (),
     denoise: bool = False, target_error: float | None = None, progress: Callable[[int, float], object] | None = None,
 ) -> ReferencePicture:  # fmt: skip
-    """A picture with `samples` samples per pixel from all workers of a crew.
+    """A picture with `samples` samples per pixel from all workers of a pool.
 
     camera: by default the scene's. layers: names of further results of PathTracer. denoise: `radiance` is denoised, in
     this process. target_error: the error at which the picture is done; samples may then be None, for as many as it
@@ -183,7 +183,7 @@ def render_reference(
     first = Chunk(0, chunk_samples(samples), camera, size, max_bounces, seed, names, guided=denoise)
     picture = ReferencePicture(denoise)
     estimate = ErrorEstimate(FIRST_DENOISED_LOOK if denoise else 2)
-    with closing(crew.map(scene, _chunks(first, samples))) as results:
+    with closing(pool.map(scene, _chunks(first, samples))) as results:
         for done in results:
             if done is not None:
                 picture.put(done[0].index, done[1])

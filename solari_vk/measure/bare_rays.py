@@ -20,10 +20,10 @@ BOUNCES = 4
 
 
 class BarePaths:
-    """The path tracer's paths without shading (glsl/passes/bench/rays.comp). A context manager."""
+    """The path tracer's paths without shading (glsl/passes/bare_rays/paths.comp). A context manager."""
 
     def __init__(self, device: Device, binder: SceneBinder, camera: Camera, size: tuple[int, int]) -> None:
-        stage = Stage("bench", buffers={"ray_count": size[0] * size[1]}, passes=[Pass("bench/rays", threads=size)])
+        stage = Stage("bench", buffers={"ray_count": size[0] * size[1]}, passes=[Pass("bare_rays/paths", threads=size)])
         self._frame = SceneFrame(device, binder, [stage])
         CameraUniforms(self._frame.uniforms).write(camera, size)
 
@@ -46,13 +46,13 @@ def plain_tracer(
     device: Device, binder: SceneBinder, origins: NDArray[np.float32], directions: NDArray[np.float32]
 ) -> Iterator[SceneFrame]:
     """A frame that traces rays, arrays of shape (N, 3), and writes the distance to the nearest hit of each to
-    "plain_distances" (glsl/passes/bench/plain.comp)."""
+    "plain_distances" (glsl/passes/bare_rays/trace.comp)."""
     rays = {"plain_origins": origins, "plain_directions": directions}
     buffers = {name: device.buffer(values.nbytes, name) for name, values in rays.items()}
     for name, values in rays.items():
         buffers[name].upload(values)
     count = len(origins)
-    stage = Stage("plain", buffers={"plain_distances": count}, passes=[Pass("bench/plain", threads=count)])
+    stage = Stage("plain", buffers={"plain_distances": count}, passes=[Pass("bare_rays/trace", threads=count)])
     with SceneFrame(device, binder, [stage], external=buffers) as frame:
         yield frame
     for buffer in buffers.values():

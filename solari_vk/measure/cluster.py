@@ -1,6 +1,6 @@
 """How well several workers share the work, and what a scheduler has to do for many more of them.
 
-Workers of a crew are compared with as many processes that know nothing of each other and render the same number of
+Workers of a pool are compared with as many processes that know nothing of each other and render the same number of
 views at the same time: what is lost is what dask, sending results and waiting for the last view cost. Both are warm,
 and take turns, so that other work on the machine slows both; the efficiency is the median of the rounds' ratios.
 
@@ -30,8 +30,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.cluster import Crew, OneDevice, Shot, Style, View
-from solari_vk.cluster.bench import Opening, Results
+from solari_vk.cluster import OneDevice, RenderTask, Style, View, WorkerPool
+from solari_vk.cluster.device_session import Opening, Results
 from solari_vk.cluster.local import software_threads
 from solari_vk.measure.report import Report
 from solari_vk.output.animation import orbit
@@ -45,9 +45,9 @@ SIMULATED_WORKERS = (50, 100)
 SIMULATED_SECONDS = 4.0  # of a job
 SIMULATED_JOBS = 5  # of a worker
 INTRO = (
-    "What `solari-vk bench cluster` measured. Views are rendered by N workers of a crew, and by N processes that know "
+    "What `solari-vk bench cluster` measured. Views are rendered by N workers of a pool, and by N processes that know "
     "nothing of each other, in turns. Figures are medians of the rounds; the efficiency is that of their ratios, in "
-    "time and in processor time, of which a crew spends that of its workers, its scheduler and the command.",
+    "time and in processor time, of which a pool spends that of its workers, its scheduler and the command.",
 )
 
 
@@ -67,8 +67,8 @@ def run(
         in_time, in_processor_time = np.median(apart / together, axis=0)
         rows.append((str(count), f"{1 / speed_apart:.2f}", f"{1 / speed:.2f}", f"{in_time:.3f}", f"{spent_apart:.3f}",
                      f"{spent:.3f}", f"{in_processor_time:.3f}"))  # fmt: skip
-    head = ("workers", "views/s of processes apart", "views/s of a crew", "efficiency", "processor s a view apart",
-            "processor s a view of a crew", "efficiency in processor time")  # fmt: skip
+    head = ("workers", "views/s of processes apart", "views/s of a pool", "efficiency", "processor s a view apart",
+            "processor s a view of a pool", "efficiency in processor time")  # fmt: skip
     report.table(f"{views} views of {SCENE}, {size[0]}x{size[1]}, {samples} samples a pixel", head, rows)
     if simulate:
         logging.getLogger("distributed").setLevel(logging.ERROR)
@@ -81,23 +81,24 @@ def run(
         report.table(f"A scheduler whose workers' jobs take {SIMULATED_SECONDS:g} s", facts, rows)
 
 
-def _shots(folder: str, views: int, size: tuple[int, int], samples: int) -> tuple[Scene, list[Shot]]:
+def _tasks(folder: str, views: int, size: tuple[int, int], samples: int) -> tuple[Scene, list[RenderTask]]:
     scene = builtin(SCENE)
     cameras = orbit(scene.camera, scene.bounds.center, views, 40.0)
     style = Style(size, samples=samples)
     return scene, [
-        Shot(style, number, (View(f"{number}.npy", camera),), folder=folder) for number, camera in enumerate(cameras)
+        RenderTask(style, number, (View(f"{number}.npy", camera),), folder=folder)
+        for number, camera in enumerate(cameras)
     ]
 
 
 def _measure(
     opening: Opening, count: int, views: int, size: tuple[int, int], samples: int
 ) -> tuple[Floats, Floats]:
-    """Seconds and processor seconds of each round (ROUNDS, 2), by processes apart and by a crew."""
+    """Seconds and processor seconds of each round (ROUNDS, 2), by processes apart and by a pool."""
     spawn = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
-        scene, shots = _shots(folder, views, size, samples)
-        crew = stack.enter_context(Crew(count, device=opening.device, rays=opening.rays))
+        scene, tasks = _tasks(folder, views, size, samples)
+        pool = stack.enter_context(WorkerPool(count, device=opening.device, rays=opening.rays))
         lines = []
         for number in range(count):
             line, other = spawn.Pipe()
@@ -109,7 +110,7 @@ def _measure(
             lines.append(line)
         for line in lines:
             line.recv()  # it has compiled its shaders
-        _finish(crew.map(scene, shots[: 4 * count]))
+        _finish(pool.map(scene, tasks[: 4 * count]))
         apart, together = [], []
         for _ in range(ROUNDS):
             started = time.perf_counter()
@@ -117,9 +118,9 @@ def _measure(
                 line.send(True)
             spent = sum(line.recv() for line in lines)
             apart.append((time.perf_counter() - started, spent))
-            before, started = _spent(crew), time.perf_counter()
-            _finish(crew.map(scene, shots))
-            together.append((time.perf_counter() - started, _spent(crew) - before))
+            before, started = _spent(pool), time.perf_counter()
+            _finish(pool.map(scene, tasks))
+            together.append((time.perf_counter() - started, _spent(pool) - before))
     return np.array(apart), np.array(together)
 
 
@@ -138,22 +139,22 @@ class _Share:
 def _apart(line: Any, opening: Opening, share: _Share) -> None:
     """A process that renders its share of the views whenever it is told to."""
     os.environ.update(software_threads(share.count))
-    scene, shots = _shots(share.folder, share.views, share.size, share.samples)
+    scene, tasks = _tasks(share.folder, share.views, share.size, share.samples)
     with OneDevice(opening.device, opening.rays) as one:
-        _finish(one.map(scene, shots[:1]))
+        _finish(one.map(scene, tasks[:1]))
         line.send(None)
         while line.recv():
             before = time.process_time()
-            _finish(one.map(scene, shots[share.number :: share.count]))
+            _finish(one.map(scene, tasks[share.number :: share.count]))
             line.send(time.process_time() - before)
 
 
-def _spent(crew: Crew) -> float:
+def _spent(pool: WorkerPool) -> float:
     """Processor seconds of the workers and of this process, which has the scheduler."""
-    return time.process_time() + float(sum(crew.client.run(time.process_time).values()))
+    return time.process_time() + float(sum(pool.client.run(time.process_time).values()))
 
 
-def _finish(results: Results[Shot]) -> None:
+def _finish(results: Results[RenderTask]) -> None:
     with closing(results):
         for _ in results:
             pass
@@ -177,7 +178,7 @@ async def _simulate(count: int) -> tuple[float, float]:
                 workers = [Worker(address, nthreads=1, memory_limit=0, dashboard=False) for _ in range(count)]
                 await asyncio.gather(*workers)
                 before = await client.run_on_scheduler(time.process_time)
-                names = [worker.address for worker in workers]  # as a crew names those that may do a job
+                names = [worker.address for worker in workers]  # as a pool names those that may do a job
                 jobs = client.map(_wait, range(count * SIMULATED_JOBS), workers=names, pure=False)
                 delays = []
                 while not all(job.done() for job in jobs):

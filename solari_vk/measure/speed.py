@@ -29,10 +29,10 @@ LARGE_SCENE = 1_000_000  # triangles
 CROWD = 50
 INTRO = (
     "Times are wall-clock. The two sides of a ratio run in turns.",
-    "The bare ray-query kernel (`glsl/passes/bench/rays.comp`) follows the path tracer's paths without shading. The "
-    "kernel that only traces (`glsl/passes/bench/plain.comp`) reads rays and writes distances. `RayTracer.trace` takes "
-    "the same rays from numpy arrays and also returns triangles, positions and normals; its own kernel is the part of "
-    "it that runs on the device.",
+    "The bare ray-query kernel (`glsl/passes/bare_rays/paths.comp`) follows the path tracer's paths without shading. "
+    "The kernel that only traces (`glsl/passes/bare_rays/trace.comp`) reads rays and writes distances. "
+    "`RayTracer.trace` takes the same rays from numpy arrays and also returns triangles, positions and normals; its "
+    "own kernel is the part of it that runs on the device.",
 )
 
 

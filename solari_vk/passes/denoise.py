@@ -1,10 +1,10 @@
 """The denoiser of lighting=paths; glsl/passes/denoise/.
 
 Light is demodulated and split in two lobes. `temporal` finds the mean of each lobe over earlier frames, along the
-motion of surfaces and of reflections. `sum_cells` and `find_changes` find where light changed, so that `accumulate`,
-which adds this frame's light, forgets what is no longer true. `variance` and `blur` average over pixels, as far as
-differences are explained by noise. What they give isn't fed back: histories stay unblurred, so that the mean of a still
-picture tends to the truth.
+motion of surfaces and of reflections. `temporal_gradient` and `history_confidence` find where light changed, so that
+`accumulate`, which adds this frame's light, forgets what is no longer true. `variance` and `blur` average over pixels,
+as far as differences are explained by noise. What they give isn't fed back: histories stay unblurred, so that the mean
+of a still picture tends to the truth.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from solari_vk.gpu.frame.stages import History, Pass, Stage, Within
 from solari_vk.gpu.shaders.headers import constants
 
 CELL = 4  # width in pixels of a cell of `denoise_cells`
-LEVELS = 5  # passes of the blur, each twice as wide as the one before; an odd number ends in `denoise_odd`
+LEVELS = 5  # passes of the blur, each twice as wide as the one before; an odd number ends in `denoise_pong`
 
 
 def history_stage(size: tuple[int, int]) -> Stage:
@@ -23,7 +23,7 @@ def history_stage(size: tuple[int, int]) -> Stage:
         "history",
         buffers={
             **dict.fromkeys(("denoise_guides", "denoise_diffuse", "denoise_specular"), History(pixels)),
-            "denoise_aside": pixels,
+            "denoise_alternate": pixels,
         },
         passes=[Pass("denoise/temporal", threads=size)],
     )
@@ -41,12 +41,12 @@ def stage(size: tuple[int, int]) -> Stage:
         "denoise",
         buffers={
             **dict.fromkeys(("denoise_cells", "denoise_blocks"), cells[0] * cells[1]),
-            "denoise_even": Within("previous_denoise_diffuse", pixels),
-            "denoise_odd": Within("previous_denoise_specular", pixels),
+            "denoise_ping": Within("previous_denoise_diffuse", pixels),
+            "denoise_pong": Within("previous_denoise_specular", pixels),
         },
         passes=[
-            Pass("denoise/sum_cells", threads=cells),
-            Pass("denoise/find_changes", threads=cells),
+            Pass("denoise/temporal_gradient", threads=cells),
+            Pass("denoise/history_confidence", threads=cells),
             Pass("denoise/accumulate", threads=size),
             Pass("denoise/variance", threads=size),
             *(Pass("denoise/blur", threads=size, constants={"level": level}) for level in range(LEVELS)),

@@ -17,15 +17,15 @@ ROUNDS = 3  # dispatches that go on with the paths that are left after their fir
 def stage(size: tuple[int, int], settings: Settings) -> Stage:
     """The light of the diffuse and of the specular lobe, demodulated, each with a distance in meters."""
     pixels, brdf = size[0] * size[1], brdf_constants(settings)
-    samples = 1 if settings.restir else settings.paths_young_samples
-    traced = brdf | {"paths_reuse": settings.restir, "young_samples": samples}
+    samples = 1 if settings.restir else settings.paths_short_history_samples
+    traced = brdf | {"paths_reuse": settings.restir, "short_history_samples": samples}
     first = Pass("paths/first_ray", threads=size, constants=traced)
-    later = Pass("paths/later_rays", indirect="paths_round", constants=traced)
+    later = Pass("paths/later_rays", indirect="paths_wave", constants=traced)
     passes = [
         part
         for sample, index in itertools.product(range(samples), range(ROUNDS + 1))
         for part in (
-            Pass("paths/next_round", threads=1, constants={"sample_index": sample, "round_index": index}),
+            Pass("paths/next_wave", threads=1, constants={"sample_index": sample, "wave_index": index}),
             later if index else first,
         )
     ]
@@ -33,10 +33,10 @@ def stage(size: tuple[int, int], settings: Settings) -> Stage:
     return Stage(
         "paths",
         buffers={
-            **dict.fromkeys(("paths_diffuse", "paths_specular", "paths_waiting"), pixels),
-            "paths_lists": 2 * pixels,
-            "paths_round": 1,
-            "paths_offers": pixels if settings.restir else 1,
+            **dict.fromkeys(("paths_diffuse", "paths_specular", "paths_states"), pixels),
+            "paths_ray_queues": 2 * pixels,
+            "paths_wave": 1,
+            "paths_reservoir_candidates": pixels if settings.restir else 1,
             **(dict.fromkeys(RESERVOIRS, pixels) if settings.restir else {}),
         },
         passes=[*passes, *reuse[: 2 * settings.restir]],
@@ -51,8 +51,8 @@ def compose_stage(size: tuple[int, int], settings: Settings) -> Stage:
         "compose",
         buffers={
             **dict.fromkeys((*PARTS, "raw_radiance"), pixels),
-            "sample_radiance": Within("paths_waiting", pixels),
-            "error": Within("paths_lists", pixels),
+            "sample_radiance": Within("paths_states", pixels),
+            "error": Within("paths_ray_queues", pixels),
             "ray_counts": RAY_COUNTERS,
         },
         passes=[Pass("paths/compose", threads=size, constants=brdf_constants(settings))],

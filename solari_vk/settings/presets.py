@@ -14,7 +14,7 @@ from solari_vk.settings.solari019 import SOLARI
 RAW: dict[str, Any] = {"denoise": False, "antialiasing": False}
 QUALITIES: dict[str, dict[str, Any]] = {
     "low": {
-        "paths_bounces": 4, "paths_candidates": 4, "paths_later_candidates": 1, "paths_young_samples": 1,
+        "paths_bounces": 4, "paths_candidates": 4, "paths_later_candidates": 1, "paths_short_history_samples": 1,
         "world_cache_cell_size": 0.3, "world_cache_candidates": 8, "world_cache_update_cap": 10_000,
     },
     "medium": {},
@@ -23,7 +23,7 @@ QUALITIES: dict[str, dict[str, Any]] = {
         "world_cache_max_samples": 64,
     },
     "ultra": {
-        "paths_bounces": 16, "paths_candidates": 32, "paths_later_candidates": 8, "paths_young_samples": 4,
+        "paths_bounces": 16, "paths_candidates": 32, "paths_later_candidates": 8, "paths_short_history_samples": 4,
         "world_cache_cell_size": 0.05, "world_cache_max_samples": 128, "world_cache_update_cap": 200_000,
         "world_cache_updates_per_pixel": 1.0,
     },

@@ -65,7 +65,7 @@ class Settings(SeparatePasses):
     paths_later_candidates: int = _paths(
         2, "The same for each further surface of a path. More: less noise.",
         low=1, high=1024)  # fmt: skip
-    paths_young_samples: int = _paths(
+    paths_short_history_samples: int = _paths(
         2, "Paths of a pixel with less than 8 frames of history, with denoise=on and restir=off. More: less noise "
         "after cuts and where surfaces or light are new, slower there.", low=1, high=16, rebuilds=True)  # fmt: skip
     paths_cache_roughness: float = _paths(

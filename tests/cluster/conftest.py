@@ -6,11 +6,11 @@ import pytest
 
 pytest.importorskip("distributed")
 
-from solari_vk.cluster import Crew
+from solari_vk.cluster import WorkerPool
 
 
 @pytest.fixture(scope="session")
-def crew(any_device):
+def pool(any_device):
     """Two workers, which validate as all devices of the suite do."""
-    with Crew(workers=2) as opened:
+    with WorkerPool(workers=2) as opened:
         yield opened

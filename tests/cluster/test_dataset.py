@@ -34,9 +34,9 @@ def contents(folder, but=()):
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.name not in but}
 
 
-def test_workers_give_the_same_files(make, crew):
+def test_workers_give_the_same_files(make, pool):
     """Streamed back, or written by the workers into a shared folder."""
-    address = crew.client.scheduler.address
+    address = pool.client.scheduler.address
     code, said, alone = make("--views", 3, "--cameras", "random", name="alone")
     assert code == 0, said
     assert "3 of 3 pictures" in said
@@ -75,7 +75,7 @@ def test_a_stopped_run_goes_on(make):
     times = {path.name: path.stat().st_mtime_ns for path in folder.iterdir()}
     damaged = folder / "00001.depth.npy"
     damaged.write_bytes(b"x")
-    (folder / "views.jsonl").open("a").write('{"shot": "cut o')
+    (folder / "views.jsonl").open("a").write('{"task": "cut o')
     code, said, _ = make("--views", 3, "--cameras", "random")
     assert code == 0, said
     now = contents(folder)
@@ -105,8 +105,8 @@ def test_a_folder_of_other_pictures_is_refused(make):
 
 def test_random_views_can_be_made_longer_with_one_exposure(make, monkeypatch):
     """Few views are metered as many: by the first places of the seed."""
-    monkeypatch.setattr("solari_vk.cluster.shots.METERED_SIDE", 8)
-    monkeypatch.setattr("solari_vk.cluster.shots.METERED_SAMPLES", 1)
+    monkeypatch.setattr("solari_vk.cluster.tasks.METERED_SIDE", 8)
+    monkeypatch.setattr("solari_vk.cluster.tasks.METERED_SAMPLES", 1)
     options = "--cameras", "random", "--exposure", "auto"
     code, said, folder = make("--views", 1, *options)
     assert code == 0, said

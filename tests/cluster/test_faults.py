@@ -21,9 +21,9 @@ from support.full_disks import room_for
 
 import solari_vk as sv
 from solari_vk.cli import main
-from solari_vk.cluster import Crew, OneDevice, Shot, Style, View, render_reference, render_shots
-from solari_vk.cluster import shots as shots_module
-from solari_vk.cluster.bench import pack
+from solari_vk.cluster import OneDevice, RenderTask, Style, View, WorkerPool, render_reference, render_tasks
+from solari_vk.cluster import tasks as shots_module
+from solari_vk.cluster.device_session import pack
 from solari_vk.cluster.identity import Identity, code_hash, device_of_worker
 from solari_vk.gpu.device.physical import DeviceReport
 from solari_vk.output.picture import save_image
@@ -73,12 +73,12 @@ def test_workers_that_would_render_other_bits_are_refused(any_device, tmp_path):
         started, address = stack.enter_context(scheduler())
         for changes in ({"SOLARI_VK_RAYS": "query"}, {"SOLARI_VK_RAYS": "pipeline"}, {"PYTHONPATH": str(copy)}):
             stack.enter_context(worker(address, **changes))
-        crew = stack.enter_context(Crew(address=address, say=said.append))
+        pool = stack.enter_context(WorkerPool(address=address, say=said.append))
         deadline = time.monotonic() + 60
-        while len(crew.refused) < 2 and time.monotonic() < deadline:
-            render_reference(crew, sv.builtin("cornell_box"), (8, 8), samples=1)
-        assert crew.worker_count == 1
-        reasons = sorted(crew.refused.values())
+        while len(pool.refused) < 2 and time.monotonic() < deadline:
+            render_reference(pool, sv.builtin("cornell_box"), (8, 8), samples=1)
+        assert pool.worker_count == 1
+        reasons = sorted(pool.refused.values())
         assert "other code of solari_vk" in reasons[0]
         assert code_hash() in reasons[0]
         assert "rays by" in reasons[1]
@@ -88,11 +88,11 @@ def test_workers_that_would_render_other_bits_are_refused(any_device, tmp_path):
             started.kill()
 
         with pytest.raises(sv.SolariError, match="the scheduler is gone"):
-            render_reference(crew, sv.builtin("cornell_box"), SIZE, samples=10_000, progress=kill)
+            render_reference(pool, sv.builtin("cornell_box"), SIZE, samples=10_000, progress=kill)
 
 
 def test_a_scheduler_that_does_not_answer(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("solari_vk.cluster.crew.CONNECT_SECONDS", 1.0)
+    monkeypatch.setattr("solari_vk.cluster.worker_pool.CONNECT_SECONDS", 1.0)
     command = ["render", "builtin:cornell_box", "-o", str(tmp_path / "x.png"), "--no-denoise"]
     assert main([*command, "--cluster", "tcp://127.0.0.1:9"]) == 2
     assert "no scheduler of dask answers at tcp://127.0.0.1:9" in capsys.readouterr().err
@@ -110,10 +110,10 @@ def test_a_scheduler_that_does_not_answer(tmp_path, capsys, monkeypatch):
     assert "a still picture in realtime mode" in capsys.readouterr().err
 
 
-def shots(folder, count=4):
+def tasks(folder, count=4):
     scene = sv.builtin("cornell_box")
     style = Style(SIZE, samples=1)
-    return scene, [Shot(style, n, (View(f"{n}.npy", scene.camera),), folder=folder) for n in range(count)]
+    return scene, [RenderTask(style, n, (View(f"{n}.npy", scene.camera),), folder=folder) for n in range(count)]
 
 
 async def finish_job(dask_worker):
@@ -137,64 +137,64 @@ def save_on_full_disk(*given, **options):
 
 
 @pytest.mark.parametrize("shared", [True, False], ids=["workers write", "files come back"])
-def test_a_full_disk(crew, tmp_path, shared):
+def test_a_full_disk(pool, tmp_path, shared):
     """The message names the file; no file is left half written, and the next run renders what is missing."""
-    scene, two = shots(str(tmp_path) if shared else None, 2)
-    _, four = shots(str(tmp_path) if shared else None)
-    ledger = tmp_path / "ledger.jsonl"
-    assert render_shots(crew, scene, two, ledger) == 2
+    scene, two = tasks(str(tmp_path) if shared else None, 2)
+    _, four = tasks(str(tmp_path) if shared else None)
+    journal = tmp_path / "ledger.jsonl"
+    assert render_tasks(pool, scene, two, journal) == 2
     whole = {path.name: path.read_bytes() for path in tmp_path.glob("*.npy")}
     if shared:
-        crew.client.run(fill_disk)
+        pool.client.run(fill_disk)
     try:
         with room_for(4000), pytest.raises(sv.SolariError, match=r"[23]\.npy: can't be written"):
-            render_shots(crew, scene, four, ledger)
+            render_tasks(pool, scene, four, journal)
     finally:
         if shared:
-            crew.client.run(empty_disk)
+            pool.client.run(empty_disk)
     assert {path.name: path.read_bytes() for path in tmp_path.glob("*.npy")} == whole
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
-    assert render_shots(crew, scene, four, ledger) == 4
+    assert render_tasks(pool, scene, four, journal) == 4
     assert {path.name for path in tmp_path.glob("*.npy")} == {f"{n}.npy" for n in range(4)}
 
 
 @pytest.mark.slow
-def test_a_job_that_kills_its_workers_is_named(crew):
-    """Dask gives up after four workers, and the crew says which job it was."""
+def test_a_job_that_kills_its_workers_is_named(pool):
+    """Dask gives up after four workers, and the pool says which job it was."""
     scene = sv.builtin("cornell_box")
     with pytest.raises(sv.SolariError, match="the deadly job ended every worker"):
-        for _ in crew.map(scene, [Deadly()]):
+        for _ in pool.map(scene, [Deadly()]):
             pass
     with OneDevice() as one:
         alone = render_reference(one, scene, SIZE, samples=2)
-    assert np.array_equal(alone.radiance, render_reference(crew, scene, SIZE, samples=2).radiance)
+    assert np.array_equal(alone.radiance, render_reference(pool, scene, SIZE, samples=2).radiance)
 
 
 class Deadly:
     name = "the deadly job"
     clip = None
 
-    def perform(self, bench):
+    def perform(self, session):
         os._exit(1)
 
 
-def test_large_scenes_are_sent_without_a_warning(crew, tmp_path, monkeypatch):
+def test_large_scenes_are_sent_without_a_warning(pool, tmp_path, monkeypatch):
     """Dask warns of large tasks. What follows a pickle is ignored."""
     key, data = pack(sv.builtin("cornell_box"))
-    monkeypatch.setattr("solari_vk.cluster.crew.pack", lambda scene: (key, data + bytes(20_000_000)))
+    monkeypatch.setattr("solari_vk.cluster.worker_pool.pack", lambda scene: (key, data + bytes(20_000_000)))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert list(filter(None, crew.map(sv.builtin("cornell_box"), [Losing(0, str(tmp_path))])))
+        assert list(filter(None, pool.map(sv.builtin("cornell_box"), [Losing(0, str(tmp_path))])))
 
 
-def test_a_lost_device_is_opened_again(crew, tmp_path, capsys):
+def test_a_lost_device_is_opened_again(pool, tmp_path, capsys):
     """A job is tried three times."""
     scene = sv.builtin("cornell_box")
-    ((_, names),) = filter(None, crew.map(scene, [Losing(2, str(tmp_path))]))
+    ((_, names),) = filter(None, pool.map(scene, [Losing(2, str(tmp_path))]))
     assert len(names) == 2
     assert capsys.readouterr().err.count("the losing job is tried again: the device is lost") == 2
     with pytest.raises(sv.DeviceError, match="the losing job: the device is lost"):
-        list(crew.map(scene, [Losing(3, str(tmp_path / "more"))]))
+        list(pool.map(scene, [Losing(3, str(tmp_path / "more"))]))
 
 
 @dataclass
@@ -206,14 +206,14 @@ class Losing:
     name: str = "the losing job"
     clip: None = None
 
-    def perform(self, bench):
+    def perform(self, session):
         folder = Path(self.folder)
         folder.mkdir(exist_ok=True)
         names = sorted(path.name for path in folder.iterdir())
         if len(names) < self.times:
             (folder / str(len(names))).touch()
             raise sv.DeviceError("the device is lost")
-        assert bench.device.name
+        assert session.device.name
         return names
 
 

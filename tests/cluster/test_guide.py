@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from solari_vk.cli import main
-from solari_vk.cluster.bench import Opening
+from solari_vk.cluster.device_session import Opening
 from solari_vk.measure import cluster
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -36,7 +36,7 @@ def test_the_program_runs(any_device, tmp_path):
 @pytest.mark.slow
 def test_a_program_without_a_guard_is_told(any_device, tmp_path):
     """Its workers would start workers."""
-    (tmp_path / "program.py").write_text("import solari_vk as sv\nwith sv.cluster.Crew(workers=1):\n    pass\n")
+    (tmp_path / "program.py").write_text("import solari_vk as sv\nwith sv.cluster.WorkerPool(workers=1):\n    pass\n")
     done = subprocess.run(
         [sys.executable, "program.py"], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)}, check=False,
         capture_output=True, text=True,

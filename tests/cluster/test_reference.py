@@ -11,7 +11,7 @@ import pytest
 
 import solari_vk as sv
 from solari_vk.cli import main
-from solari_vk.cluster import Crew, OneDevice, Shot, Style, View, render_reference
+from solari_vk.cluster import OneDevice, RenderTask, Style, View, WorkerPool, render_reference
 from solari_vk.cluster.reference import SEED_STEP, ChunkResult, ReferencePicture, chunk_samples
 from solari_vk.errors import SolariError
 
@@ -54,23 +54,23 @@ def test_the_chunks_are_samples_of_the_path_tracer(picture, device, scene):
     np.testing.assert_allclose(picture.layers["variance"], squares / (40 * 39), rtol=1e-3)
 
 
-def test_two_workers_give_the_same_bits(crew, scene, picture):
+def test_two_workers_give_the_same_bits(pool, scene, picture):
     seen = []
     other = render_reference(
-        crew, scene, SIZE, samples=40, seed=7, layers=LAYERS, progress=lambda done, error: seen.append(done)
+        pool, scene, SIZE, samples=40, seed=7, layers=LAYERS, progress=lambda done, error: seen.append(done)
     )
     assert same(picture, other)
     assert seen[-1] == 40
-    assert crew.worker_count == 2
-    assert not crew.refused
+    assert pool.worker_count == 2
+    assert not pool.refused
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 4])
 def test_other_numbers_of_workers_give_the_same_bits(scene, picture, workers):
-    with Crew(workers=workers) as crew:
-        assert same(picture, render_reference(crew, scene, SIZE, samples=40, seed=7, layers=LAYERS))
-        assert crew.worker_count == workers
+    with WorkerPool(workers=workers) as pool:
+        assert same(picture, render_reference(pool, scene, SIZE, samples=40, seed=7, layers=LAYERS))
+        assert pool.worker_count == workers
 
 
 def test_a_clip_leaves_no_pose_behind(any_device, scene, tmp_path):
@@ -81,12 +81,12 @@ def test_a_clip_leaves_no_pose_behind(any_device, scene, tmp_path):
     rig.attach(box, 0, box.transform)
     posed.animations.add(sv.Animation(rig, [sv.Channel(0, "translation", [0, 1], [(0, 0, 0), (0.3, 0.2, 0.1)])]))
     view = View("posed.npy", posed.camera, 0.9)
-    shots = [Shot(Style(SIZE, clip=clip, samples=4), 0, (view,)) for clip in (0, None)]
+    tasks = [RenderTask(Style(SIZE, clip=clip, samples=4), 0, (view,)) for clip in (0, None)]
     pictures, moved = [], []
     with OneDevice() as one:
-        for shot in shots:
+        for task in tasks:
             pictures.append(render_reference(one, posed, SIZE, samples=4).radiance)
-            ((_, files),) = one.map(posed, [shot])
+            ((_, files),) = one.map(posed, [task])
             moved.append(files["posed.npy"].sha256)
         pictures.append(render_reference(one, posed, SIZE, samples=4).radiance)
     assert moved[0] != moved[1]
@@ -94,7 +94,7 @@ def test_a_clip_leaves_no_pose_behind(any_device, scene, tmp_path):
     assert np.array_equal(pictures[0], pictures[2])
 
 
-def test_no_port_is_open_to_the_network(crew):
+def test_no_port_is_open_to_the_network(pool):
     """Whoever reaches a port of dask can run code."""
     here = psutil.Process()
     found = [
@@ -103,25 +103,25 @@ def test_no_port_is_open_to_the_network(crew):
         for connection in process.net_connections("inet")
         if connection.status == psutil.CONN_LISTEN
     ]
-    assert len(found) >= 1 + 2 * crew.worker_count
+    assert len(found) >= 1 + 2 * pool.worker_count
     assert set(found) == {"127.0.0.1"}
 
 
-def test_no_worker_is_profiled(crew):
+def test_no_worker_is_profiled(pool):
     """Dask would look at each worker's stacks 100 times a second."""
-    profiled = crew.client.run(lambda dask_worker: "profile" in dask_worker.periodic_callbacks)
-    assert len(profiled) == crew.worker_count
+    profiled = pool.client.run(lambda dask_worker: "profile" in dask_worker.periodic_callbacks)
+    assert len(profiled) == pool.worker_count
     assert not any(profiled.values())
 
 
-def test_another_seed_gives_other_bits(crew, scene, picture):
-    other = render_reference(crew, scene, SIZE, samples=40, seed=8)
+def test_another_seed_gives_other_bits(pool, scene, picture):
+    other = render_reference(pool, scene, SIZE, samples=40, seed=8)
     assert not np.array_equal(picture.radiance, other.radiance)
 
 
-def test_a_killed_worker_changes_no_bit(crew, scene, picture):
+def test_a_killed_worker_changes_no_bit(pool, scene, picture):
     """It is killed in the middle; the scheduler gives its jobs to the other, and a new process takes its place."""
-    victims = list(crew.client.run(os.getpid).values())
+    victims = list(pool.client.run(os.getpid).values())
     killed = []
 
     def kill_one(done, error):
@@ -129,26 +129,26 @@ def test_a_killed_worker_changes_no_bit(crew, scene, picture):
             killed.append(victims[0])
             os.kill(victims[0], signal.SIGKILL)
 
-    assert same(picture, render_reference(crew, scene, SIZE, samples=40, seed=7, layers=LAYERS, progress=kill_one))
+    assert same(picture, render_reference(pool, scene, SIZE, samples=40, seed=7, layers=LAYERS, progress=kill_one))
     assert killed
-    assert victims[0] not in crew.client.run(os.getpid, on_error="ignore").values()
+    assert victims[0] not in pool.client.run(os.getpid, on_error="ignore").values()
 
 
-def test_a_target_error_ends_after_the_same_chunks(crew, scene):
+def test_a_target_error_ends_after_the_same_chunks(pool, scene):
     def at_target(workers):
         return render_reference(workers, scene, SIZE, samples=None, target_error=0.15)
 
     with OneDevice() as one:
         alone = at_target(one)
-    together = at_target(crew)
+    together = at_target(pool)
     assert alone.error == together.error <= 0.15
     assert alone.samples == together.samples
     assert np.array_equal(alone.radiance, together.radiance)
 
 
-def test_an_early_end_keeps_what_is_done(crew, scene):
+def test_an_early_end_keeps_what_is_done(pool, scene):
     picture = render_reference(
-        crew, scene, SIZE, samples=10_000, layers=LAYERS, progress=lambda done, error: done > 100
+        pool, scene, SIZE, samples=10_000, layers=LAYERS, progress=lambda done, error: done > 100
     )
     assert 100 < picture.samples < 10_000
     assert np.isfinite(picture.radiance).all()
@@ -173,7 +173,7 @@ def test_chunks_out_of_order_are_summed_in_order():
     np.testing.assert_allclose(sums[0][0], expected, rtol=1e-6)
 
 
-def test_wrong_options_are_refused(crew, scene):
+def test_wrong_options_are_refused(pool, scene):
     for options, words in (
         ({"samples": None}, "give a number of samples"),
         ({"samples": 0}, "from 1 on"),
@@ -181,16 +181,16 @@ def test_wrong_options_are_refused(crew, scene):
         ({"max_bounces": -1}, "max_bounces"),
     ):
         with pytest.raises(SolariError, match=words):
-            render_reference(crew, scene, SIZE, **options)
+            render_reference(pool, scene, SIZE, **options)
     for options in ({}, {"workers": 0}, {"workers": 1, "address": "tcp://127.0.0.1:1"}):
-        with pytest.raises(SolariError, match="Crew"):
-            Crew(**options)
+        with pytest.raises(SolariError, match="WorkerPool"):
+            WorkerPool(**options)
 
 
-def test_the_command_renders_with_workers(crew, tmp_path, capsys):
+def test_the_command_renders_with_workers(pool, tmp_path, capsys):
     path = tmp_path / "picture.exr"
     code = main(["render", "builtin:cornell_box", "--size", "24x16", "--samples", "4", "--seed", "7", "--no-denoise",
-                 "--cluster", crew.client.scheduler.address, "-o", str(path), "--aov", "depth,variance"])  # fmt: skip
+                 "--cluster", pool.client.scheduler.address, "-o", str(path), "--aov", "depth,variance"])  # fmt: skip
     said = capsys.readouterr().err
     assert code == 0, said
     assert "with 2 workers, each with" in said

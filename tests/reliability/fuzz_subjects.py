@@ -18,9 +18,9 @@ from support.gltf_writer import GltfWriter, encoded, glb
 
 import solari_vk as sv
 from solari_vk.cli.subject import _find_camera
-from solari_vk.cluster import Shot, Style, View
+from solari_vk.cluster import RenderTask, Style, View
 from solari_vk.cluster.dataset import cameras_for, views_of, write_transforms
-from solari_vk.cluster.ledger import Ledger
+from solari_vk.cluster.journal import Journal
 from solari_vk.errors import SolariError
 from solari_vk.output.animation import load_path
 
@@ -192,22 +192,22 @@ def _transforms(folder: Path) -> Subject:
 
 def _ledger(folder: Path) -> Subject:
     path, camera, style = folder / "views.jsonl", sv.builtin("cornell_box").camera, Style((6, 4))
-    shots = [Shot(style, number, (View(f"{number}.npy", camera),)) for number in range(3)]
+    tasks = [RenderTask(style, number, (View(f"{number}.npy", camera),)) for number in range(3)]
     made_of = {"scene": "abc", "style": style}
-    ledger = Ledger(path, made_of)
-    for shot in shots:
-        (folder / shot.files[0]).write_bytes(b"picture")
-        ledger.note(shot, {shot.files[0]: hashlib.sha256(b"picture").hexdigest()})
+    journal = Journal(path, made_of)
+    for task in tasks:
+        (folder / task.files[0]).write_bytes(b"picture")
+        journal.note(task, {task.files[0]: hashlib.sha256(b"picture").hexdigest()})
     whole = path.read_bytes()
     lines = [json.loads(line) for line in whole.splitlines()]
 
     def load() -> None:
-        ledger = Ledger(path, made_of)
-        ledger.check(shots)
-        for shot in shots:
-            if not ledger.has(shot):
-                ledger.note(shot, {shot.files[0]: hashlib.sha256(b"picture").hexdigest()})
-        assert all(Ledger(path, made_of).has(shot) for shot in shots)
+        journal = Journal(path, made_of)
+        journal.check(tasks)
+        for task in tasks:
+            if not journal.has(task):
+                journal.note(task, {task.files[0]: hashlib.sha256(b"picture").hexdigest()})
+        assert all(Journal(path, made_of).has(task) for task in tasks)
 
     def write(generator: random.Random) -> None:
         if generator.random() < 0.5:

@@ -20,7 +20,7 @@ import solari_vk as sv
 from solari_vk import files
 from solari_vk.cli import main
 from solari_vk.cli.kept import frames_folder, write_or_keep
-from solari_vk.cluster.ledger import Ledger
+from solari_vk.cluster.journal import Journal
 from solari_vk.measure.report import Report
 
 SMALL = ["builtin:cornell_box", "--size", "8x8"]
@@ -35,7 +35,7 @@ class Disk:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.written: list[tuple[Path, int]] = []
         self.begin()
-        beside, remove, replace, append = files._beside, files._remove, os.replace, Ledger._append
+        beside, remove, replace, append = files._beside, files._remove, os.replace, Journal._append
 
         def start(path: Path) -> Path:
             self.written.append((path, 0))
@@ -58,16 +58,16 @@ class Disk:
             self.written[-1] = path, temporary.stat().st_size
             replace(temporary, path)
 
-        def note(ledger: Ledger, text: str) -> None:
-            path = ledger._path
+        def note(journal: Journal, text: str) -> None:
+            path = journal._path
             self.written.append((path, len(text)))
             before = path.stat().st_size if path.exists() else 0
             full = self._number == len(self.written) - 1
             with room_for(before + max(self._fitting, 0) if full else before + len(text)):
-                append(ledger, text)
+                append(journal, text)
 
         for owner, name, patch in (
-            (files, "_beside", start), (files, "_remove", end), (os, "replace", rename), (Ledger, "_append", note),
+            (files, "_beside", start), (files, "_remove", end), (os, "replace", rename), (Journal, "_append", note),
         ):  # fmt: skip
             monkeypatch.setattr(owner, name, patch)
 

@@ -17,12 +17,12 @@ bool is_denoised(uint index) {
 }
 
 // The number of frames that the mean of a lobe has: before this frame's light is added, or after it.
-float history_length(uint index) { return unpack_lobe(denoise_diffuse.at[index]).frames; }
-float specular_history_length(uint index) { return unpack_lobe(denoise_specular.at[index]).frames; }
+float history_length(uint index) { return unpack_lobe_history(denoise_diffuse.at[index]).frames; }
+float specular_history_length(uint index) { return unpack_lobe_history(denoise_specular.at[index]).frames; }
 
 // The standard error of the mean of the diffuse lobe over frames, over that mean.
 float history_noise(uint index) {
-    Lobe lobe = unpack_lobe(denoise_diffuse.at[index]);
+    LobeHistory lobe = unpack_lobe_history(denoise_diffuse.at[index]);
     float mean = luminance(lobe.radiance), variance = max(lobe.second_moment - mean * mean, 0.0);
     return mean > 0.0 ? sqrt(variance / lobe.frames) / mean : 0.0;
 }

@@ -5,10 +5,10 @@
 #define PASSES_DENOISE_AT_SAMPLE_GLSL
 
 #include "common/pixel.glsl"
-#include "passes/denoise/likeness.glsl"
+#include "passes/denoise/edge_stopping.glsl"
 #include "passes/denoise/signal.glsl"
 
-Signals load_filtered(uint index) { return unpack_signals(denoise_odd.at[index].xyz); }
+Signals load_filtered(uint index) { return unpack_signals(denoise_pong.at[index].xyz); }
 
 // Adds the light's slope along an axis times the distance from the pixel's center. below, above: the pixels on both
 // sides, with their weights.
@@ -23,7 +23,7 @@ void light_at_sample(ivec2 pixel, out Signal diffuse, out Signal specular) {
     diffuse = own.diffuse;
     specular = own.specular;
     if (camera.size == camera.picture_size) { return; }
-    Pattern pattern = make_pattern(load_guide(pixel), 0.0, NARROW_ALPHA);
+    EdgeStopping edges = make_edge_stopping(load_guide(pixel), 0.0, NARROW_ALPHA);
     ivec2 last = ivec2(camera.size) - 1;
     for (int axis = 0; axis < 2; axis++) {
         Signals found[2];
@@ -31,7 +31,8 @@ void light_at_sample(ivec2 pixel, out Signal diffuse, out Signal specular) {
         for (int side = 0; side < 2; side++) {
             ivec2 step = (2 * side - 1) * ivec2(1 - axis, axis), other = clamp(pixel + step, ivec2(0), last);
             uint at = pixel_index(other, camera.size);
-            weights[side] = other == pixel + step ? likeness(pattern, denoise_guides.at[at], step) : vec2(0.0);
+            weights[side] = other == pixel + step ? edge_stopping_weights(edges, denoise_guides.at[at],
+                step) : vec2(0.0);
             found[side] = load_filtered(at);
         }
         weights = transpose(weights);

@@ -7,14 +7,14 @@
 // Surfaces, packed by passes/denoise/guide.glsl.
 layout(set = 1, scalar) buffer DenoiseGuidesBlock { uvec2 at[]; } denoise_guides;
 layout(set = 1, scalar) buffer PreviousDenoiseGuidesBlock { uvec2 at[]; } previous_denoise_guides;
-// The light of a lobe over frames, packed by passes/denoise/lobe.glsl.
+// The light of a lobe over frames, packed by passes/denoise/lobe_history.glsl.
 layout(set = 1, scalar) buffer DenoiseDiffuseBlock { uvec4 at[]; } denoise_diffuse;
 layout(set = 1, scalar) buffer PreviousDenoiseDiffuseBlock { uvec4 at[]; } previous_denoise_diffuse;
 layout(set = 1, scalar) buffer DenoiseSpecularBlock { uvec4 at[]; } denoise_specular;
 layout(set = 1, scalar) buffer PreviousDenoiseSpecularBlock { uvec4 at[]; } previous_denoise_specular;
 // Filters read one of these and write the other. The first three words hold the light of both lobes, packed by
 // passes/denoise/signal.glsl. For the first pass of the blur, the last word holds the mean luminances of 3 x 3 pixels.
-layout(set = 1, scalar) buffer DenoiseEvenBlock { uvec4 at[]; } denoise_even;
-layout(set = 1, scalar) buffer DenoiseOddBlock { uvec4 at[]; } denoise_odd;
+layout(set = 1, scalar) buffer DenoiseEvenBlock { uvec4 at[]; } denoise_ping;
+layout(set = 1, scalar) buffer DenoiseOddBlock { uvec4 at[]; } denoise_pong;
 
 #endif

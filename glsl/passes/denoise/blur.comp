@@ -6,7 +6,7 @@
 // as both are equally uncertain.
 #version 460
 #include "common/pixel.glsl"
-#include "passes/denoise/likeness.glsl"
+#include "passes/denoise/edge_stopping.glsl"
 #include "passes/denoise/signal.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
@@ -17,33 +17,33 @@ const uint PASS_SALT = 0x3C6EF372u;
 
 const bool EVEN = (level & 1u) == 0u;
 
-uvec4 load_bits(uint index) { return EVEN ? denoise_even.at[index] : denoise_odd.at[index]; }
+uvec4 load_bits(uint index) { return EVEN ? denoise_ping.at[index] : denoise_pong.at[index]; }
 
 void store_bits(uint index, uvec4 bits) {
     if (EVEN) {
-        denoise_odd.at[index] = bits;
+        denoise_pong.at[index] = bits;
     } else {
-        denoise_even.at[index] = bits;
+        denoise_ping.at[index] = bits;
     }
 }
 
-struct Sum {
+struct FilterSum {
     vec3 radiance;
-    float whole;      // weight of the surfaces that are alike
-    float weight;     // of it, what was added
-    float response;   // by how much the sum changes when all its signals change by 1
+    float weight_sum;      // weight of the surfaces that are alike
+    float accepted_weight;  // of it, what was added
+    float sensitivity;   // by how much the sum changes when all its signals change by 1
     float variance;
     float deviation;  // if the noise of all pixels were the same
 };
 
-const Sum NOTHING_ADDED = Sum(vec3(0.0), 0.0, 0.0, 0.0, 0.0, 0.0);
+const FilterSum EMPTY_SUM = FilterSum(vec3(0.0), 0.0, 0.0, 0.0, 0.0, 0.0);
 
-// response: by how much the sum changes when the signal changes by 1.
-void add(inout Sum sum, Signal signal, float weight, float response) {
-    float deviation = response * signal.deviation;
+// sensitivity: by how much the sum changes when the signal changes by 1.
+void add(inout FilterSum sum, Signal signal, float weight, float sensitivity) {
+    float deviation = sensitivity * signal.deviation;
     sum.radiance += weight * signal.radiance;
-    sum.weight += weight;
-    sum.response += response;
+    sum.accepted_weight += weight;
+    sum.sensitivity += sensitivity;
     sum.variance += deviation * deviation;
     sum.deviation += deviation;
 }
@@ -69,26 +69,26 @@ bool is_clean(ivec2 pixel, uint kind, Signals signals) {
 // center's. A filtered neighbor takes no light, so that none is taken from it. Since a weight falls when signals differ
 // more, the sum responds less to the neighbor than the weight says, and more to the center. In the first pass, weights
 // hardly depend on the signals themselves.
-void add_neighbor(inout Sum sum, Signal center, Signal other, float difference, float weight, bool is_filtered) {
+void add_neighbor(inout FilterSum sum, Signal center, Signal other, float difference, float weight, bool is_filtered) {
     float variance = center.deviation * center.deviation + other.deviation * other.deviation;
     float tolerance = TOLERANCE * TOLERANCE * variance + DARKEST;
     float share = is_filtered ? 0.0 : tolerance / (tolerance + difference * difference);
     share = center.deviation < 0.0 ? 1.0 : share;
     weight = other.deviation < 0.0 ? 0.0 : weight;
-    sum.whole += weight;
+    sum.weight_sum += weight;
     weight *= share * share;
     add(sum, other, weight, level == 0u ? weight : weight * max(4.0 * share - 3.0, 0.0));
 }
 
 // The mean of the sum and the center.
-Signal mean(Sum sum, Signal center) {
+Signal mean(FilterSum sum, Signal center) {
     if (center.deviation >= 0.0) {
-        sum.whole += CENTER_WEIGHT;
-        add(sum, center, sum.whole - sum.weight, sum.whole - sum.response);
+        sum.weight_sum += CENTER_WEIGHT;
+        add(sum, center, sum.weight_sum - sum.accepted_weight, sum.weight_sum - sum.sensitivity);
     }
-    if (sum.weight == 0.0) { return Signal(vec3(0.0), -1.0); }
+    if (sum.accepted_weight == 0.0) { return Signal(vec3(0.0), -1.0); }
     float variance = mix(sum.variance, sum.deviation * sum.deviation, CORRELATION[min(level, 2u)]);
-    return Signal(sum.radiance / sum.weight, sqrt(variance) / sum.weight);
+    return Signal(sum.radiance / sum.accepted_weight, sqrt(variance) / sum.accepted_weight);
 }
 
 void main() {
@@ -103,15 +103,15 @@ void main() {
     Signals own = unpack_signals(bits.xyz);
     vec2 values = luminances(bits.w, own);
     float widest = state == NARROW ? NARROW_ALPHA : UNCERTAIN_ALPHA;
-    Pattern pattern = make_pattern(guide, max(own.specular.deviation, 0.0) / max(values.y, 1e-9), widest);
-    Sum diffuse = NOTHING_ADDED, specular = NOTHING_ADDED;
+    EdgeStopping edges = make_edge_stopping(guide, max(own.specular.deviation, 0.0) / max(values.y, 1e-9), widest);
+    FilterSum diffuse = EMPTY_SUM, specular = EMPTY_SUM;
     for (int y = -1; y <= 1; y++) {
         for (int x = -1; x <= 1; x++) {
             if (x == 0 && y == 0) { continue; }
             ivec2 step = ivec2(x, y) << level, other = pixel + step, inside = clamp(other, ivec2(0), size - 1);
             uint at = pixel_index(inside, camera.size);
             float share = inside == other ? float((2 - abs(x)) * (2 - abs(y))) : 0.0;
-            vec2 weights = share * likeness(pattern, denoise_guides.at[at], step);
+            vec2 weights = share * edge_stopping_weights(edges, denoise_guides.at[at], step);
             uvec4 other_bits = load_bits(at);
             Signals found = unpack_signals(other_bits.xyz);
             bool is_filtered = is_final(found.state);
@@ -121,8 +121,9 @@ void main() {
         }
     }
     // Where noise explains little of what neighbors differ by, or most of them are filtered, wider passes find no more.
-    vec2 taken = vec2(diffuse.weight, specular.weight), whole = vec2(diffuse.whole, specular.whole);
-    bool ends = level > 0u && all(lessThan(taken, TOO_LITTLE * whole));
+    vec2 taken = vec2(diffuse.accepted_weight, specular.accepted_weight), weight_sum = vec2(diffuse.weight_sum,
+        specular.weight_sum);
+    bool ends = level > 0u && all(lessThan(taken, TOO_LITTLE * weight_sum));
     Signals filtered = Signals(mean(diffuse, own.diffuse), mean(specular, own.specular), state);
     if (ends || is_clean(pixel, guide.kind, filtered)) { filtered.state = FILTERED; }
     uvec3 random = pcg4d(uvec4(pixel, this_frame.index, this_frame.seed ^ (PASS_SALT + level))).xyz;

@@ -7,7 +7,7 @@
 
 // Largest distance from a surface's plane, in widths of a pixel: of the surface itself, of the same surface at another
 // sample of the pixel ("Pixels that are new"), and of where it shows the same reflection.
-const float SAME_PLANE = 1.5, PLANE_OF_ASIDE = 2.5, PLANE_OF_REFLECTION = 8.0;
+const float SAME_PLANE = 1.5, PLANE_OF_ALTERNATE = 2.5, PLANE_OF_REFLECTION = 8.0;
 const float SAME_NORMAL = 0.9;    // smallest cosine between normals
 const float SAME_MATERIAL = 0.1;
 const float FARTHEST = 1e6;       // depth of what is nowhere
@@ -21,8 +21,8 @@ const float INVERSE_OF_INFINITY = 1e-9; // 1 / distance of light from the enviro
 
 // ---- changes of light: Schied et al., "Gradient Estimation" (HPG 2018); measured: "Lights that change" ----
 
-const float RECENT = 0.2;             // weight of a frame in Lobe.recent
-const float RECENT_VARIANCE = 0.111;  // of Lobe.recent over that of a frame: RECENT / (2 - RECENT)
+const float RECENT = 0.2;             // weight of a frame in LobeHistory.recent
+const float RECENT_VARIANCE = 0.111;  // of LobeHistory.recent over that of a frame: RECENT / (2 - RECENT)
 const float MIN_FRAMES = 3.0;         // shorter histories tell nothing
 const int WIDEST = 2;                 // cells from the center of the widest block
 // Standard deviations between which a difference becomes certain; and the same where all light may have changed.

@@ -3,7 +3,7 @@
 #define PASSES_DENOISE_SAMPLE_GLSL
 
 #include "passes/denoise/guide.glsl"
-#include "passes/denoise/lobe.glsl"
+#include "passes/denoise/lobe_history.glsl"
 #include "passes/paths/bindings.glsl"
 
 // Radiance, and the distance to where it came from: paths_diffuse.

@@ -3,7 +3,7 @@
 #define PASSES_DENOISE_SIGNAL_GLSL
 
 #include "passes/denoise/bindings.glsl"
-#include "passes/denoise/lobe.glsl"
+#include "passes/denoise/lobe_history.glsl"
 
 struct Signal {
     vec3 radiance;

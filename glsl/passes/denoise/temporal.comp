@@ -3,18 +3,18 @@
 // Schied et al., "Spatiotemporal Variance-Guided Filtering" (HPG 2017); reflections as in Zhdan, "ReBLUR" (2021).
 #version 460
 #include "common/pixel.glsl"
-#include "passes/denoise/aside.glsl"
+#include "passes/denoise/alternate_history.glsl"
 #include "passes/denoise/guide.glsl"
-#include "passes/denoise/lobe.glsl"
-#include "passes/denoise/past.glsl"
+#include "passes/denoise/lobe_history.glsl"
+#include "passes/denoise/previous_frame.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
 const uint PASS_SALT = 0x6A09E667u;
 
 // The mean of two histories.
-Lobe blend(Lobe a, Lobe b, float share) {
-    return Lobe(
+LobeHistory blend(LobeHistory a, LobeHistory b, float share) {
+    return LobeHistory(
         mix(a.radiance, b.radiance, share), mix(a.second_moment, b.second_moment, share),
         mix(a.recent, b.recent, share), mix(a.frames, b.frames, share),
         mix(a.inverse_distance, b.inverse_distance, share)
@@ -37,15 +37,15 @@ float curvature(ivec2 pixel, Guide guide) {
 }
 
 // The history of the specular lobe: that of the surface, or that of the reflection, which lies behind the surface.
-Lobe find_specular(ivec2 pixel, Guide guide, Past past, Taps at_surface) {
-    Lobe by_surface = read_specular(at_surface);
+LobeHistory find_specular(ivec2 pixel, Guide guide, PreviousSurface previous, Taps at_surface) {
+    LobeHistory by_surface = read_specular(at_surface);
     if (guide.kind != SURFACE_SHOWN) { return by_surface; }
     vec3 seen_along = normalize(guide.position);
-    vec3 previous_seen_along = normalize(past.position);
+    vec3 previous_seen_along = normalize(previous.position);
     float alpha = guide.material * guide.material;
     // Pixels whose normals differ, as they do where the surface is curved, reflected light from another direction.
-    float unlike = at_surface.unlike / at_surface.weight;
-    by_surface.frames /= 1.0 + square(unlike / (NORMALS_OF_LOBE * max(alpha, 0.02)));
+    float normal_divergence = at_surface.normal_divergence / at_surface.weight;
+    by_surface.frames /= 1.0 + square(normal_divergence / (NORMALS_OF_LOBE * max(alpha, 0.02)));
     float turned = length(seen_along - previous_seen_along);
     if (turned < 1e-6) { return by_surface; }
 
@@ -57,10 +57,10 @@ Lobe find_specular(ivec2 pixel, Guide guide, Past past, Taps at_surface) {
     float inverse = by_surface.inverse_distance + bulge / cosine;
     if (!(inverse > 0.0)) { return by_surface; }
     vec3 behind = seen_along / inverse;
-    vec2 where = previous_pixel(guide.position + behind, past.position + behind, pixel);
-    Taps at_reflection = find_taps(where, past, guide, PLANE_OF_REFLECTION);
+    vec2 where = previous_pixel(guide.position + behind, previous.position + behind, pixel);
+    Taps at_reflection = find_taps(where, previous, guide, PLANE_OF_REFLECTION);
     if (at_reflection.weight == 0.0) { return by_surface; }
-    Lobe by_reflection = read_specular(at_reflection);
+    LobeHistory by_reflection = read_specular(at_reflection);
     // Between pixels of a curved surface the reflection may turn by more than the lobe's width, so that its place in
     // the previous picture is uncertain.
     by_reflection.frames /= 1.0 + square(UNCERTAIN * bulge * pixel_width(guide.depth) / (alpha + 0.02));
@@ -68,27 +68,27 @@ Lobe find_specular(ivec2 pixel, Guide guide, Past past, Taps at_surface) {
 }
 
 // The light of a pixel whose surface doesn't move, from where it was kept.
-void find_unmoved(ivec2 pixel, uint index, Past past, Guide guide, inout uint rng) {
-    if (guide.kind != NOTHING_SHOWN && is_the_same(load_previous_guide(pixel), past, guide, SAME_PLANE)) {
+void keep_unmoved_history(ivec2 pixel, uint index, PreviousSurface previous, Guide guide, inout uint rng) {
+    if (guide.kind != NOTHING_SHOWN && is_the_same(load_previous_guide(pixel), previous, guide, SAME_PLANE)) {
         denoise_diffuse.at[index] = previous_denoise_diffuse.at[index];
         denoise_specular.at[index] = previous_denoise_specular.at[index];
         return;
     }
-    Lobe diffuse = NO_HISTORY, specular = NO_HISTORY;
-    Aside aside = denoise_aside.at[index];
+    LobeHistory diffuse = NO_HISTORY, specular = NO_HISTORY;
+    AlternateHistory alternate = denoise_alternate.at[index];
     bool returns = guide.kind != NOTHING_SHOWN
-        && is_the_same(unpack_guide(surface_of(aside), pixel, camera), past, guide, PLANE_OF_ASIDE);
-    if (returns) { unpack_aside(aside, diffuse, specular); }
+        && is_the_same(unpack_guide(surface_of(alternate), pixel, camera), previous, guide, PLANE_OF_ALTERNATE);
+    if (returns) { unpack_alternate(alternate, diffuse, specular); }
     uvec2 before = previous_denoise_guides.at[index];
     if (kind_of(before) != NOTHING_SHOWN) {
-        Lobe diffuse_before = unpack_lobe(previous_denoise_diffuse.at[index]);
-        Lobe specular_before = unpack_lobe(previous_denoise_specular.at[index]);
-        denoise_aside.at[index] = pack_aside(before, diffuse_before, specular_before, rng);
+        LobeHistory diffuse_before = unpack_lobe_history(previous_denoise_diffuse.at[index]);
+        LobeHistory specular_before = unpack_lobe_history(previous_denoise_specular.at[index]);
+        denoise_alternate.at[index] = pack_alternate(before, diffuse_before, specular_before, rng);
     } else if (returns) {
-        denoise_aside.at[index].surface = uvec2(0u);
+        denoise_alternate.at[index].surface = uvec2(0u);
     }
-    denoise_diffuse.at[index] = pack_lobe(diffuse, rng);
-    denoise_specular.at[index] = pack_lobe(specular, rng);
+    denoise_diffuse.at[index] = pack_lobe_history(diffuse, rng);
+    denoise_specular.at[index] = pack_lobe_history(specular, rng);
 }
 
 void main() {
@@ -100,20 +100,20 @@ void main() {
     bool shown = guide.kind != NOTHING_SHOWN;
     denoise_guides.at[index] = shown ? pack_guide(guide) : uvec2(0u);
     uint rng = seed_rng(uvec2(pixel), this_frame.index, this_frame.seed ^ PASS_SALT);
-    Lobe diffuse = NO_HISTORY, specular = NO_HISTORY;
+    LobeHistory diffuse = NO_HISTORY, specular = NO_HISTORY;
     if (denoise_settings.denoise != 0u && this_frame.has_history != 0u) {
-        Past past = find_past(pixel, guide);
-        if (past.pixel == vec2(pixel) + 0.5 && past.position == guide.position) {
-            find_unmoved(pixel, index, past, guide, rng);
+        PreviousSurface previous = find_previous_surface(pixel, guide);
+        if (previous.pixel == vec2(pixel) + 0.5 && previous.position == guide.position) {
+            keep_unmoved_history(pixel, index, previous, guide, rng);
             return;
         }
-        Taps taps = shown ? find_taps(past.pixel, past, guide, SAME_PLANE) : no_taps();
+        Taps taps = shown ? find_taps(previous.pixel, previous, guide, SAME_PLANE) : no_taps();
         if (taps.weight > 0.0) {
             diffuse = read_diffuse(taps);
-            specular = find_specular(pixel, guide, past, taps);
+            specular = find_specular(pixel, guide, previous, taps);
         }
     }
-    denoise_aside.at[index].surface = uvec2(0u);
-    denoise_diffuse.at[index] = shown ? pack_lobe(diffuse, rng) : uvec4(0u);
-    denoise_specular.at[index] = shown ? pack_lobe(specular, rng) : uvec4(0u);
+    denoise_alternate.at[index].surface = uvec2(0u);
+    denoise_diffuse.at[index] = shown ? pack_lobe_history(diffuse, rng) : uvec4(0u);
+    denoise_specular.at[index] = shown ? pack_lobe_history(specular, rng) : uvec4(0u);
 }

@@ -2,8 +2,8 @@
 // nearest pixels. A value far from its neighbors counts as uncertain, since in few frames it is most often noise.
 #version 460
 #include "common/pixel.glsl"
-#include "passes/denoise/cell.glsl"
-#include "passes/denoise/likeness.glsl"
+#include "passes/denoise/gradient_cell.glsl"
+#include "passes/denoise/edge_stopping.glsl"
 #include "passes/denoise/signal.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
@@ -16,7 +16,7 @@ struct Moments {
     float second_moment;
 };
 
-void add_moments(inout Moments sum, Lobe lobe, float weight) {
+void add_moments(inout Moments sum, LobeHistory lobe, float weight) {
     if (lobe.frames == 0.0) { weight = 0.0; }
     sum.weight += weight;
     sum.mean += weight * luminance(lobe.radiance);
@@ -29,7 +29,7 @@ struct Range {
     float darkest;    // the smallest mean plus its standard deviation
 };
 
-void extend(inout Range range, Lobe lobe) {
+void extend(inout Range range, LobeHistory lobe) {
     if (lobe.frames == 0.0) { return; }
     float mean = luminance(lobe.radiance);
     float deviation = sqrt(max(lobe.second_moment - mean * mean, 0.0) / lobe.frames);
@@ -40,7 +40,7 @@ void extend(inout Range range, Lobe lobe) {
 // In few frames, a pixel far brighter than its neighbors and the block around it is limited, unless these are black or
 // no neighbor shows a surface like the pixel's: then it isn't noise, but a small object. The history isn't limited, so
 // that this light is in the picture when more frames confirm it.
-Signal begin(Lobe lobe, Moments sum, float block_luminance) {
+Signal begin(LobeHistory lobe, Moments sum, float block_luminance) {
     if (lobe.frames == 0.0) { return Signal(vec3(0.0), -1.0); }
     float near = sum.mean / sum.weight, value = luminance(lobe.radiance);
     float alike = sum.weight - OWN_WEIGHT, others = max(sum.mean - OWN_WEIGHT * value, 0.0) / max(alike, ALIKE);
@@ -64,27 +64,28 @@ void main() {
     uint index = pixel_index(pixel, camera.size);
     Guide guide = load_guide(pixel);
     if (guide.kind == NOTHING_SHOWN) {
-        denoise_even.at[index] = denoise_odd.at[index] = uvec4(0u, 0u, IN_BOTH << 30u, 0u);
+        denoise_ping.at[index] = denoise_pong.at[index] = uvec4(0u, 0u, IN_BOTH << 30u, 0u);
         return;
     }
-    Lobe own_diffuse = unpack_lobe(denoise_diffuse.at[index]), own_specular = unpack_lobe(denoise_specular.at[index]);
+    LobeHistory own_diffuse = unpack_lobe_history(denoise_diffuse.at[index]), own_specular =
+        unpack_lobe_history(denoise_specular.at[index]);
     Moments diffuse = Moments(0.0, 0.0, 0.0), specular = diffuse;
     Range range = Range(0.0, INFINITY);
     bool settled = min(own_diffuse.frames, own_specular.frames) >= SETTLED;
     bool knows_edges = !settled && own_specular.frames >= FEW_FRAMES;
-    Pattern pattern;
+    EdgeStopping edges;
     if (!settled) {
         float uncertainty = inversesqrt(max(own_specular.frames, 1.0));
-        pattern = make_pattern(guide, uncertainty, knows_edges ? UNCERTAIN_ALPHA : NARROW_ALPHA);
+        edges = make_edge_stopping(guide, uncertainty, knows_edges ? UNCERTAIN_ALPHA : NARROW_ALPHA);
     }
     for (int i = settled ? 4 : 0; i < (settled ? 5 : 9); i++) {
         ivec2 step = ivec2(i % 3, i / 3) - 1, other = pixel + step;
         ivec2 inside = clamp(other, ivec2(0), size - 1);
         uint at = pixel_index(inside, camera.size);
         vec2 weights = vec2(inside == other ? (2 - abs(step.x)) * (2 - abs(step.y)) : 0);
-        if (i != 4) { weights *= likeness(pattern, denoise_guides.at[at], step); }
-        add_moments(diffuse, unpack_lobe(denoise_diffuse.at[at]), weights.x);
-        Lobe reflected = unpack_lobe(denoise_specular.at[at]);
+        if (i != 4) { weights *= edge_stopping_weights(edges, denoise_guides.at[at], step); }
+        add_moments(diffuse, unpack_lobe_history(denoise_diffuse.at[at]), weights.x);
+        LobeHistory reflected = unpack_lobe_history(denoise_specular.at[at]);
         add_moments(specular, reflected, weights.y);
         if (weights.x > ALIKE && i != 4) { extend(range, reflected); }
     }
@@ -98,5 +99,5 @@ void main() {
         begun.specular.deviation = min(begun.specular.deviation, range.darkest);
     }
     vec2 means = vec2(diffuse.mean, specular.mean) / max(vec2(diffuse.weight, specular.weight), 1e-9);
-    denoise_even.at[index] = uvec4(pack_signals(begun, random.xyz), pack_two(means.x, means.y, random.w));
+    denoise_ping.at[index] = uvec4(pack_signals(begun, random.xyz), pack_two(means.x, means.y, random.w));
 }

@@ -7,7 +7,7 @@
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/guides/bindings.glsl"
 #include "passes/guides/mirrors.glsl"
-#include "passes/past_mirrors.glsl"
+#include "passes/specular_chain.glsl"
 #include "passes/ray_count.glsl"
 #include "scene/walk.glsl"
 
@@ -45,7 +45,7 @@ bool is_clear_wall(ResolvedMaterial material, float cosine) {
 
 // Follows the chain of mirrors and clear walls that starts at the pixel's surface, and describes the surface at its
 // end.
-Guides describe_what_is_shown(GBufferSurface seen, uvec2 pixel) {
+Guides replace_primary_surface(GBufferSurface seen, uvec2 pixel) {
     CameraRay camera_ray = make_camera_ray(vec2(pixel) + 0.5);
     ResolvedRayHitFull surface;
     surface.world_position = seen.world_position;
@@ -76,7 +76,7 @@ Guides describe_what_is_shown(GBufferSurface seen, uvec2 pixel) {
         count_ray();
         Hit hit = find_surface(walk, rng);
         passes_light = passes_light
-            || max_component(radiance_passed(walk.origin, walk.direction, hit.t, INFINITY)) > 0.0;
+            || max_component(radiance_along_ray(walk.origin, walk.direction, hit.t, INFINITY)) > 0.0;
         instance = hit.instance;
         if (instance == NO_INDEX) {
             path_length = INFINITY;
@@ -123,7 +123,7 @@ void main() {
         guides.world_normal = surface.world_normal;
         bool is_wall = is_clear_wall(surface.material, cosine);
         if ((is_wall || is_metal_mirror(surface.material)) && frame_settings.primary_surface_replacement != 0u) {
-            Guides shown = describe_what_is_shown(surface, pixel);
+            Guides shown = replace_primary_surface(surface, pixel);
             // Lights behind glass have noise, since paths see them or what the glass reflects.
             if (shown.lit || !is_wall) { guides = shown; }
         }

@@ -4,7 +4,7 @@
 
 #extension GL_EXT_scalar_block_layout : require
 
-#include "passes/paths/lobes.glsl"
+#include "passes/paths/lobe_radiance.glsl"
 #include "passes/rows.glsl"
 
 // The light of a lobe at the pixel's surface over the lobe's demodulation, and the distance to where the light of this
@@ -17,10 +17,10 @@ layout(set = 1, scalar) buffer RawRadianceBlock { vec3 at[]; } raw_radiance;
 layout(set = 1, scalar) buffer ErrorBlock { float at[]; } error;
 
 // A path that waits for its next ray, apart from what the pass that goes on with it computes again.
-struct WaitingPath {
+struct PathState {
     uint rng;
-    uint state;  // number of rays | number of them that left mirrors << 8 | REFLECTS_ONLY | SHARES
-    Lobes first_weight;  // with the tint of the first ray's passage
+    uint state;  // number of rays | number of them that left mirrors << 8 | REFLECTS_ONLY | LEAVES_DIFFUSELY
+    LobeRadiance first_weight;  // with the tint of the first ray's passage
     vec3 throughput;
     vec3 direction;
     uint instance;
@@ -31,21 +31,21 @@ struct WaitingPath {
     float cone_width;
     uint medium;
 };
-layout(set = 1, scalar) buffer PathsWaitingBlock { WaitingPath at[]; } paths_waiting;  // by pixel
+layout(set = 1, scalar) buffer PathsStatesBlock { PathState at[]; } paths_states;  // by pixel
 // The indices of the pixels whose paths wait: for rounds with even index, then for those with odd index.
-layout(set = 1, scalar) buffer PathsListsBlock { uint at[]; } paths_lists;
-layout(set = 1, scalar) buffer PathsRoundBlock {
+layout(set = 1, scalar) buffer PathsRayQueuesBlock { uint at[]; } paths_ray_queues;
+layout(set = 1, scalar) buffer PathsWaveBlock {
     IndirectDispatch size;
     uint index;
     uint count;    // of paths that go on in this round
-    uint arrived;  // of paths that wait for the next round, so far
+    uint queued;  // of paths that wait for the next round, so far
     uint sample_index;  // which path of each pixel is traced now, from 0
-} paths_round;
+} paths_wave;
 
 // ---- reuse between pixels, with the setting restir: passes/paths/reservoir.glsl -----------------------
 
 // What a path offers to its pixel's reservoir.
-struct PathOffer {
+struct ReservoirCandidate {
     uvec4 light;         // a point of a light, as PathReservoir.point
     float light_weight;  // an estimate of the luminance that the pixel's surface reflects of lights
     float hit_weight;    // one over the density of the first ray's direction; 0 without a hit
@@ -54,7 +54,7 @@ struct PathOffer {
     uint instance;
     vec3 radiance;       // that leaves the first hit towards the pixel by the diffuse lobe
 };
-layout(set = 1, scalar) buffer PathsOffersBlock { PathOffer at[]; } paths_offers;
+layout(set = 1, scalar) buffer PathsReservoirCandidatesBlock { ReservoirCandidate at[]; } paths_reservoir_candidates;
 
 struct PathReservoir {
     // Of a light: its index, its part, and as floats the random numbers that resolve_light takes. Of a hit: its

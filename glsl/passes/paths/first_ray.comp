@@ -5,9 +5,9 @@
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/paths/demodulation.glsl"
-#include "passes/paths/offer.glsl"
-#include "passes/paths/waiting.glsl"
-#include "passes/paths/young.glsl"
+#include "passes/paths/candidate.glsl"
+#include "passes/paths/path_state.glsl"
+#include "passes/paths/short_history.glsl"
 #include "scene/trace.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
@@ -36,7 +36,7 @@ void main() {
     uvec2 pixel = INVOCATION_INDEX;
     if (!is_inside(pixel, camera.size)) { return; }
     uint index = pixel_index(pixel, camera.size);
-    uint samples = count_samples(index), sample_index = paths_round.sample_index;
+    uint samples = count_samples(index), sample_index = paths_wave.sample_index;
     if (sample_index >= samples) { return; }
     GBufferSurface surface = load_gbuffer(pixel);
     if (!surface.exists) {
@@ -46,9 +46,9 @@ void main() {
     Path path = start_path(pixel, surface, sample_index);
     bool goes_on = advance(path);
     surface = load_gbuffer(pixel);  // again, instead of kept across rays
-    Lobes light = path_light(path);
-    if (paths_reuse) { light = offer_light(path, index, surface.material.perceptual_roughness); }
-    if (goes_on) { wait(path, index, 1u); }
+    LobeRadiance light = path_light(path);
+    if (paths_reuse) { light = write_candidate(path, index, surface.material.perceptual_roughness); }
+    if (goes_on) { store_path_state(path, index, 1u); }
     Demodulation by = demodulation(surface);
     vec2 distances = path.diffuse_first ? vec2(path.hit.t, 0.0) : vec2(0.0, path.hit.t);
     vec4 diffuse = vec4(light.diffuse / by.diffuse / float(samples), distances.x);

@@ -25,15 +25,16 @@ struct Path {
     bool reflects_only;           // the cache stands for the diffuse lobe of the vertex
     uint bounce;                  // rays traced so far
     uint mirrors;                 // of them, those that left mirrors
-    Lobes first_weight;           // BRDF times cosine over pdf of the first ray
-    Passage first_passage;        // of the first ray to its end, which tints `radiance` and `shareable`
-    PassedLight first_passed;     // along the first ray
-    vec3 radiance;                // found so far where the first ray ended, without `shareable`
+    LobeRadiance first_weight;           // BRDF times cosine over pdf of the first ray
+    // of the first ray to its end, which tints `radiance` and `reusable_radiance`
+    RayTransmittance first_transmittance;
+    LightAlongRay first_along_ray;     // along the first ray
+    vec3 radiance;                // found so far where the first ray ended, without `reusable_radiance`
     // With reuse, the light that leaves the first hit by its diffuse lobe; and whether the path left it by that lobe.
-    vec3 shareable;
-    bool shares;
+    vec3 reusable_radiance;
+    bool leaves_diffusely;
     LightSample direct_sample;    // with reuse, the light sample at the first vertex
-    Lobes direct;                 // reflected light of the light sample at the first vertex, without its transmittance
+    LobeRadiance direct;  // reflected light of the light sample at the first vertex, without its transmittance
     vec3 direct_transmittance;
     bool diffuse_first;           // whether the diffuse lobe proposed the first ray
     float squared_slope, spread;  // the spread grows by the slope for each meter
@@ -55,11 +56,11 @@ Path start_path(uint rng) {
     path.reflects_only = false;
     path.bounce = path.mirrors = 0u;
     path.first_weight = path.direct = NO_LIGHT;
-    path.radiance = path.shareable = vec3(0.0);
-    path.first_passage = FREE_PASSAGE;
-    path.first_passed = NO_PASSED_LIGHT;
+    path.radiance = path.reusable_radiance = vec3(0.0);
+    path.first_transmittance = FULL_TRANSMITTANCE;
+    path.first_along_ray = NO_LIGHT_ALONG_RAY;
     path.direct_transmittance = vec3(1.0);
-    path.shares = false;
+    path.leaves_diffusely = false;
     path.direct_sample = LightSample(NO_INDEX, 0u, 0u);
     path.diffuse_first = true;
     path.squared_slope = path.spread = 0.0;
@@ -70,19 +71,20 @@ Path start_path(uint rng) {
 }
 
 // What the first vertex reflects of a radiance where the first ray ended.
-Lobes indirect_light(Path path, vec3 radiance) {
-    return scale(path.first_weight, path.first_passage.tint * radiance);
+LobeRadiance indirect_light(Path path, vec3 radiance) {
+    return scale(path.first_weight, path.first_transmittance.tint * radiance);
 }
 
 // The light that the first vertex reflects.
-Lobes path_light(Path path) {
-    Lobes direct = scale(path.direct, path.direct_transmittance);
-    Lobes indirect = scale(path.first_weight, path.first_passed.radiance + path.first_passage.tint * path.radiance);
-    return Lobes(direct.diffuse + indirect.diffuse, direct.specular + indirect.specular);
+LobeRadiance path_light(Path path) {
+    LobeRadiance direct = scale(path.direct, path.direct_transmittance);
+    LobeRadiance indirect = scale(path.first_weight, path.first_along_ray.radiance + path.first_transmittance.tint
+        * path.radiance);
+    return LobeRadiance(direct.diffuse + indirect.diffuse, direct.specular + indirect.specular);
 }
 
-void add_light(inout Path path, vec3 light, bool shares) {
-    if (paths_reuse && shares) { path.shareable += light; } else { path.radiance += light; }
+void add_light(inout Path path, vec3 light, bool leaves_diffusely) {
+    if (paths_reuse && leaves_diffusely) { path.reusable_radiance += light; } else { path.radiance += light; }
 }
 
 // The probability with which a vertex samples lights. Smooth metals find lights by reflection alone.
@@ -92,8 +94,8 @@ float light_probability(Brdf brdf) {
 }
 
 // The weight of a BRDF sample by lobe.
-Lobes lobe_weights(Vertex vertex, BrdfSample next) {
-    if (next.pdf == INFINITY) { return Lobes(vec3(0.0), next.weight); }
+LobeRadiance lobe_weights(Vertex vertex, BrdfSample next) {
+    if (next.pdf == INFINITY) { return LobeRadiance(vec3(0.0), next.weight); }
     return next.pdf > 0.0 ? scale(evaluate_lobes(vertex, next.wi), vec3(1.0 / next.pdf)) : NO_LIGHT;
 }
 
@@ -128,7 +130,8 @@ bool ask_world_cache(inout Path path, ResolvedRayHitFull surface) {
     LobeAlbedos albedos = lobe_albedos(surface.material, path.vertex.wo.z);
     bool rough = is_rough(surface.material);
     vec3 albedo = albedos.diffuse + (rough ? albedos.specular : vec3(0.0));
-    add_light(path, path.walk.throughput * albedo * (INVERSE_PI * cached.irradiance), path.shares || path.bounce == 1u);
+    add_light(path, path.walk.throughput * albedo * (INVERSE_PI * cached.irradiance), path.leaves_diffusely
+        || path.bounce == 1u);
     float share = luminance(albedos.specular) / luminance(albedos.specular + albedos.diffuse);
     if (rough || !(rand_f(path.rng) < share)) { return false; }
     path.walk.throughput /= share;
@@ -165,10 +168,10 @@ bool advance(inout Path path) {
         next.weight = vec3(1.0);
     } else if (paths_reuse && path.bounce == 1u) {
         // The path goes on for one of the lobes.
-        Lobes weights = lobe_weights(path.vertex, next);
+        LobeRadiance weights = lobe_weights(path.vertex, next);
         float share = luminance(weights.diffuse) / max(luminance(sum(weights)), 1e-30);
-        path.shares = rand_f(path.rng) < share;
-        next.weight = path.shares ? weights.diffuse / share : weights.specular / (1.0 - share);
+        path.leaves_diffusely = rand_f(path.rng) < share;
+        next.weight = path.leaves_diffusely ? weights.diffuse / share : weights.specular / (1.0 - share);
     }
     Medium medium = path.walk.medium;
     bool goes_on = scatter(path.walk, next, path.vertex.frame, path.vertex.geometric_normal, path.medium_below);
@@ -196,7 +199,7 @@ bool advance(inout Path path) {
                 add_light(path, drawn.light.diffuse * visible, true);
                 add_light(path, drawn.light.specular * visible, false);
             } else {
-                add_light(path, sum(drawn.light) * visible, path.shares);
+                add_light(path, sum(drawn.light) * visible, path.leaves_diffusely);
             }
         }
     }
@@ -206,20 +209,20 @@ bool advance(inout Path path) {
     count_rays(segment.rays);
     path.hit = segment.hit;
     if (first) {
-        path.first_passed = segment.passed;
-        path.first_passage = segment.passage;
-        segment.passed = NO_PASSED_LIGHT;
-        segment.passage = FREE_PASSAGE;
+        path.first_along_ray = segment.passed;
+        path.first_transmittance = segment.through;
+        segment.passed = NO_LIGHT_ALONG_RAY;
+        segment.through = FULL_TRANSMITTANCE;
     }
     vec3 found = vec3(0.0);
     bool arrives = pass_segment(path.walk, segment, found);
-    add_light(path, found, path.shares);
+    add_light(path, found, path.leaves_diffusely);
     if (!arrives) { return false; }
     path.spread += sqrt(path.squared_slope) * path.hit.t;
     ResolvedRayHitFull surface = arrive(path.walk, path.hit);
-    take_wall_as_met(path.hit, path.walk.direction, surface.material, path.walk.throughput);
+    remove_straight_transmission(path.hit, path.walk.direction, surface.material, path.walk.throughput);
     float light_pdf = hit_light_pdf(path.vertex, path.hit, surface, path.walk.direction);
-    add_light(path, emitted_light(path.walk, surface, light_pdf), path.shares);
+    add_light(path, emitted_light(path.walk, surface, light_pdf), path.leaves_diffusely);
     arrive(path, surface);
     return ask_world_cache(path, surface) && path.bounce < paths_settings.bounces + path.mirrors;
 }

@@ -21,7 +21,7 @@ const float MAX_JACOBIAN = 8.0;
 
 // A sample's light at a surface, without occlusion and transmittance, which targets leave out.
 struct SharedLight {
-    Lobes light;   // to be multiplied by the sample's weight
+    LobeRadiance light;   // to be multiplied by the sample's weight
     float target;  // its luminance
 };
 
@@ -38,12 +38,12 @@ Vertex make_vertex(GBufferSurface surface) {
 // Whether the specular lobe takes light from reservoirs. Samples of a smoother lobe are of no use to other pixels.
 bool shares_specular(float perceptual_roughness) { return perceptual_roughness >= restir_settings.roughness; }
 
-Lobes shared_lobes(Lobes lobes, float perceptual_roughness) {
-    return Lobes(lobes.diffuse, shares_specular(perceptual_roughness) ? lobes.specular : vec3(0.0));
+LobeRadiance shared_lobes(LobeRadiance lobes, float perceptual_roughness) {
+    return LobeRadiance(lobes.diffuse, shares_specular(perceptual_roughness) ? lobes.specular : vec3(0.0));
 }
 
 // The light of the specular lobe that goes to the pixel at once.
-vec3 kept_specular(Lobes light, float perceptual_roughness) {
+vec3 kept_specular(LobeRadiance light, float perceptual_roughness) {
     return shares_specular(perceptual_roughness) ? vec3(0.0) : light.specular;
 }
 
@@ -71,8 +71,8 @@ SharedLight reflect_sample(Vertex vertex, PathReservoir reservoir) {
     }
     vec3 wi = direction * vertex.frame;
     if (!is_possible(wi.z, direction, vertex.geometric_normal)) { return nothing; }
-    Lobes lobes = evaluate_lobes(vertex, wi);
-    Lobes light = scale(shared_lobes(lobes, vertex.brdf.perceptual_roughness), received);
+    LobeRadiance lobes = evaluate_lobes(vertex, wi);
+    LobeRadiance light = scale(shared_lobes(lobes, vertex.brdf.perceptual_roughness), received);
     return SharedLight(light, luminance(sum(light)));
 }
 
@@ -115,7 +115,7 @@ bool is_visible(Vertex vertex, PathReservoir reservoir, bool in_previous_frame) 
 // A pixel's reservoir after a merge, and the light of both samples, each by its share.
 struct Merge {
     PathReservoir reservoir;
-    Lobes light;
+    LobeRadiance light;
 };
 
 // Merges the reservoir of another pixel, whose surface is `there`, into that of this pixel, by the balance heuristic
@@ -152,7 +152,7 @@ Merge merge_reservoirs(
 
     float own_weight = own_share * own.weight, other_weight = other_share * other.weight;
     Merge merged;
-    merged.light = Lobes(
+    merged.light = LobeRadiance(
         own_light.light.diffuse * own_weight + other_light.light.diffuse * other_weight,
         own_light.light.specular * own_weight + other_light.light.specular * other_weight
     );

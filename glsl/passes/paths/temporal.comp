@@ -9,13 +9,13 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 const uint PASS_SALT = 0x9E1C5A37u;
 
-PathReservoir choose_offer(PathOffer offer, Vertex vertex, float choice) {
-    PathReservoir light = PathReservoir(offer.light, vec3(0.0), 1.0, offer.light_weight, NO_INDEX);
-    uvec4 point = uvec4(floatBitsToUint(offer.position), offer.normal);
-    PathReservoir hit = PathReservoir(point, offer.radiance, 1.0, offer.hit_weight, offer.instance);
+PathReservoir choose_candidate(ReservoirCandidate candidate, Vertex vertex, float choice) {
+    PathReservoir light = PathReservoir(candidate.light, vec3(0.0), 1.0, candidate.light_weight, NO_INDEX);
+    uvec4 point = uvec4(floatBitsToUint(candidate.position), candidate.normal);
+    PathReservoir hit = PathReservoir(point, candidate.radiance, 1.0, candidate.hit_weight, candidate.instance);
     float light_target = reflect_sample(vertex, light).target, hit_target = reflect_sample(vertex, hit).target;
-    float hit_luminance = hit_target * offer.hit_weight;
-    float luminance_sum = offer.light_weight + hit_luminance;
+    float hit_luminance = hit_target * candidate.hit_weight;
+    float luminance_sum = candidate.light_weight + hit_luminance;
     bool takes_hit = choice * luminance_sum < hit_luminance;
     PathReservoir chosen = takes_hit ? hit : light;
     float target = takes_hit ? hit_target : light_target;
@@ -53,7 +53,7 @@ void main() {
     if (surface.exists) {
         uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
         Vertex vertex = make_vertex(surface);
-        reservoir = choose_offer(paths_offers.at[index], vertex, rand_f(rng));
+        reservoir = choose_candidate(paths_reservoir_candidates.at[index], vertex, rand_f(rng));
         uvec2 neighbor;
         GBufferSurface neighbor_surface;
         if (find_temporal_neighbor(pixel, surface, neighbor, neighbor_surface)) {

@@ -3,7 +3,7 @@
 #define PASSES_PATHS_VERTEX_GLSL
 
 #include "passes/bindings.glsl"
-#include "passes/paths/lobes.glsl"
+#include "passes/paths/lobe_radiance.glsl"
 #include "passes/ray_count.glsl"
 #include "scene/walk.glsl"
 
@@ -33,8 +33,8 @@ vec3 ray_origin(Vertex vertex, vec3 direction) {
     return through ? 2.0 * vertex.position - vertex.origin : vertex.origin;
 }
 
-Lobes evaluate_lobes(Vertex vertex, vec3 wi) {
-    return Lobes(
+LobeRadiance evaluate_lobes(Vertex vertex, vec3 wi) {
+    return LobeRadiance(
         evaluate_diffuse_brdf(vertex.brdf, vertex.wo, wi), evaluate_specular_brdf(vertex.brdf, vertex.wo, wi)
     );
 }
@@ -54,7 +54,7 @@ void regularize(inout ResolvedMaterial material, float squared_slope) {
 
 // What a vertex reflects of a light sample without occlusion, over the sample's pdf, with its MIS weight against BRDF
 // samples. `density` is the number of light samples that compete with one BRDF sample.
-Lobes reflect_light(Vertex vertex, ResolvedLightSample light_sample, float density) {
+LobeRadiance reflect_light(Vertex vertex, ResolvedLightSample light_sample, float density) {
     LightContribution light = calculate_resolved_light_contribution(light_sample, vertex.position);
     vec3 wi = light.wi * vertex.frame;
     if (!is_possible(wi.z, light.wi, vertex.geometric_normal)) { return NO_LIGHT; }
@@ -66,7 +66,7 @@ Lobes reflect_light(Vertex vertex, ResolvedLightSample light_sample, float densi
 struct DrawnLight {
     LightSample chosen;
     ResolvedLightSample light_sample;
-    Lobes light;  // what the vertex reflects unless the sample is occluded; 0: no shadow ray is needed
+    LobeRadiance light;  // what the vertex reflects unless the sample is occluded; 0: no shadow ray is needed
 };
 
 Receiver receiver(Vertex vertex) { return Receiver(vertex.position, vertex.frame[2]); }
@@ -82,7 +82,7 @@ DrawnLight draw_light(Vertex vertex, uint candidates, float density, inout uint 
         uint part = choose_part(light_sources.at[light.index], rng);
         LightSample light_sample = LightSample(light.index, part, rand_u(rng));
         ResolvedLightSample resolved = resolve_light_sample(light_sample, light.probability);
-        Lobes reflected = reflect_light(vertex, resolved, density);
+        LobeRadiance reflected = reflect_light(vertex, resolved, density);
         float weight = luminance(sum(reflected));
         if (choose_weighted(weight_sum, weight, rng)) {
             drawn = DrawnLight(light_sample, resolved, reflected);

@@ -57,7 +57,7 @@ void main() {
             if (bounce == 0u) {
                 radiance += shown_emission(surface);
             } else {
-                take_wall_as_met(segment.hit, walk.direction, surface.material, walk.throughput);
+                remove_straight_transmission(segment.hit, walk.direction, surface.material, walk.throughput);
                 radiance += emitted_light(walk, surface, emissive_hit_pdf(surface, walk.direction, segment.hit.t));
             }
             path_ended = bounce == path_sampling.max_bounces;

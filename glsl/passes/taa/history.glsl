@@ -8,33 +8,33 @@
 #include "passes/taa/bindings.glsl"
 #include "passes/taa/samples.glsl"
 
-struct Past {
+struct HistorySample {
     vec3 radiance;
     float weight;  // number of samples in the mean, or less where a change made them count less; 0 without a history
     bool blended;  // whether it has shown a blended surface since it moved
 };
 
-const Past NO_PAST = Past(vec3(0.0), 0.0, false);
+const HistorySample NO_HISTORY_SAMPLE = HistorySample(vec3(0.0), 0.0, false);
 
-uvec2 pack_past(Past past, inout uint rng) {
-    uint red = pack_positive(past.radiance.r, 18u, rng), green = pack_positive(past.radiance.g, 18u, rng);
-    uint blue = pack_positive(past.radiance.b, 18u, rng), weight = uint(8.0 * min(past.weight, LONGEST) + 0.5);
-    return uvec2(red | green << 18u, green >> 14u | blue << 4u | weight << 22u | uint(past.blended) << 31u);
+uvec2 pack_history(HistorySample history, inout uint rng) {
+    uint red = pack_positive(history.radiance.r, 18u, rng), green = pack_positive(history.radiance.g, 18u, rng);
+    uint blue = pack_positive(history.radiance.b, 18u, rng), weight = uint(8.0 * min(history.weight, LONGEST) + 0.5);
+    return uvec2(red | green << 18u, green >> 14u | blue << 4u | weight << 22u | uint(history.blended) << 31u);
 }
 
-Past unpack_past(uvec2 bits) {
+HistorySample unpack_history(uvec2 bits) {
     vec3 found = vec3(unpack_positive(bits.x, 18u), unpack_positive(bits.x >> 18u | bits.y << 14u, 18u),
                       unpack_positive(bits.y >> 4u, 18u));
-    return Past(found, float(bitfieldExtract(bits.y, 22, 9)) / 8.0, bits.y >> 31u != 0u);
+    return HistorySample(found, float(bitfieldExtract(bits.y, 22, 9)) / 8.0, bits.y >> 31u != 0u);
 }
 
-Past load_past(ivec2 at) {
+HistorySample load_history(ivec2 at) {
     ivec2 inside = clamp(at, ivec2(0), ivec2(camera.picture_size) - 1);
-    return unpack_past(previous_taa_history.at[pixel_index(inside, camera.picture_size)]);
+    return unpack_history(previous_taa_history.at[pixel_index(inside, camera.picture_size)]);
 }
 
 // The past between pixels.
-Past interpolate_past(vec2 position, Neighborhood around) {
+HistorySample interpolate_history(vec2 position, Neighborhood around) {
     ivec2 corner = ivec2(floor(position - 0.5));
     vec2 share = position - 0.5 - vec2(corner);
     vec4 across = spline(share.x), down = spline(share.y);
@@ -42,9 +42,9 @@ Past interpolate_past(vec2 position, Neighborhood around) {
     float total = 0.0, shortest = LONGEST_IN_MOTION * render_scale().x * render_scale().y;
     for (int i = 0; i < 16; i++) {
         ivec2 step = ivec2(i & 3, i >> 2);
-        Past found = load_past(corner + step - 1);
+        HistorySample found = load_history(corner + step - 1);
         if (found.weight == 0.0) { continue; }
-        float weight = across[step.x] * down[step.y] * moderation(found.radiance, around);
+        float weight = across[step.x] * down[step.y] * tone_weight(found.radiance, around);
         sum += weight * found.radiance;
         total += weight;
         if (all(equal(step >> 1 ^ step & 1, ivec2(1)))) {  // one of the four nearest
@@ -53,8 +53,8 @@ Past interpolate_past(vec2 position, Neighborhood around) {
             shortest = min(shortest, found.weight);
         }
     }
-    if (low.x > high.x) { return NO_PAST; }
-    return Past(total > 0.0 ? clamp(sum / total, low, high) : high, shortest, false);
+    if (low.x > high.x) { return NO_HISTORY_SAMPLE; }
+    return HistorySample(total > 0.0 ? clamp(sum / total, low, high) : high, shortest, false);
 }
 
 // Whether what a rendered pixel shows was visible around a position of the previous picture.
@@ -107,13 +107,13 @@ bool is_blended(ivec2 center) {
     return false;
 }
 
-Past find_past(ivec2 at, Neighborhood around) {
+HistorySample find_history(ivec2 at, Neighborhood around) {
     vec2 motion = motion_in_picture(around.nearest), position = vec2(at) + 0.5 + motion;
     bool inside = all(greaterThanEqual(position, vec2(0.0))) && all(lessThan(position, vec2(camera.picture_size)));
-    if (this_frame.has_history == 0u || !inside) { return NO_PAST; }
+    if (this_frame.has_history == 0u || !inside) { return NO_HISTORY_SAMPLE; }
     // What is smaller than a pixel may be missing from the previous samples though nothing moved.
-    if (!was_visible(around.nearest, position) && !is_still(around.center)) { return NO_PAST; }
-    return motion == vec2(0.0) ? load_past(at) : interpolate_past(position, around);
+    if (!was_visible(around.nearest, position) && !is_still(around.center)) { return NO_HISTORY_SAMPLE; }
+    return motion == vec2(0.0) ? load_history(at) : interpolate_history(position, around);
 }
 
 // The difference of two luminances over their sum.
@@ -129,9 +129,10 @@ float common_difference(ivec2 center) {
     for (int i = 0; i < 9; i++) {
         ivec2 pixel = center + ivec2(i % 3, i / 3) - 1;
         if (!is_inside(pixel, camera.size) || !is_valid(load_sample(pixel))) { continue; }
-        Past past = load_past(ivec2(floor((vec2(pixel) + 0.5 + this_frame.sample_offset) / render_scale())));
-        if (past.weight == 0.0) { continue; }
-        float difference = relative_difference(load_sample(pixel), past.radiance);
+        HistorySample history = load_history(ivec2(floor((vec2(pixel) + 0.5
+            + this_frame.sample_offset) / render_scale())));
+        if (history.weight == 0.0) { continue; }
+        float difference = relative_difference(load_sample(pixel), history.radiance);
         sum += difference;
         squares += difference * difference;
         count += 1.0;

@@ -12,69 +12,71 @@ const uint PASS_SALT = 0x510E527Fu;
 // Moves the past into the range of what the samples around show: Salvi, "An Excursion in Temporal Supersampling" (GDC
 // 2016). Where nothing moves, the past changes only if most samples around differ from it in the same direction, as
 // they do when the light changes, and by the share that they have in common.
-Past limited(Past past, Neighborhood around) {
-    vec3 color = to_ycocg(past.radiance) - around.mean;
+HistorySample limited(HistorySample history, Neighborhood around) {
+    vec3 color = to_ycocg(history.radiance) - around.mean;
     vec3 extent = BOX * around.deviation + DENOISED_ERROR * around.mean.x + 1e-30;
     float outside = max_component(abs(color) / extent);
-    if (around.count == 0.0 || !(outside > SUSPECT)) { return past; }
-    bool differs = abs(relative_difference(load_sample(around.center), past.radiance)) > UNNOTICED;
-    if (!(outside > 1.0) && !differs) { return past; }
+    if (around.count == 0.0 || !(outside > SUSPECT)) { return history; }
+    bool differs = abs(relative_difference(load_sample(around.center), history.radiance)) > UNNOTICED;
+    if (!(outside > 1.0) && !differs) { return history; }
     float kept = min(1.0 / outside, 1.0), trusted = kept;
-    bool gone = SCENE_BLEND && past.blended && this_frame.blended_changed != 0u && !is_blended(around.center);
+    bool gone = SCENE_BLEND && history.blended && this_frame.blended_changed != 0u && !is_blended(around.center);
     if (!gone && is_still(around.center)) {
         // By chance all samples around may show a blended surface, or none of them, even in many frames.
-        past.blended = SCENE_BLEND && (past.blended || is_blended(around.center));
-        bool by_chance = past.blended && this_frame.lighting_change == 0.0;
+        history.blended = SCENE_BLEND && (history.blended || is_blended(around.center));
+        bool by_chance = history.blended && this_frame.lighting_change == 0.0;
         trusted = by_chance ? 1.0 : 1.0 - common_difference(around.center);
         kept = max(kept, trusted);
     } else {
-        past.blended = false;
+        history.blended = false;
     }
-    return Past(max(from_ycocg(around.mean + kept * color), vec3(0.0)), trusted * past.weight, past.blended);
+    return HistorySample(max(from_ycocg(around.mean + kept * color), vec3(0.0)), trusted * history.weight,
+        history.blended);
 }
 
 void main() {
     ivec2 at = ivec2(gl_GlobalInvocationID.xy);
     if (!is_inside(at, camera.picture_size)) { return; }
     uint index = pixel_index(at, camera.picture_size);
-    Found found = find_own_sample(at);
+    NearestSample found = find_own_sample(at);
     if (taa_settings.antialiasing == 0u) {
         radiance.at[index] = found.exists ? found.radiance : interpolate(at, find_neighborhood(at)).radiance;
         taa_history.at[index] = uvec2(0u);
         return;
     }
     Neighborhood around = find_neighborhood(at);
-    Past past = find_past(at, around);
-    if (past.weight > 0.0) { past = limited(past, around); }
+    HistorySample history = find_history(at, around);
+    if (history.weight > 0.0) { history = limited(history, around); }
 
     float weight = 1.0;
-    bool settled = past.weight >= ENOUGH;
+    bool settled = history.weight >= ENOUGH;
     if (!found.exists || !is_valid(found.radiance)) {
-        found = settled ? NOTHING_FOUND : interpolate(at, around);
+        found = settled ? NO_NEAREST_SAMPLE : interpolate(at, around);
         weight = INTERPOLATED;
     } else {
         // Not wherever means are short: those of moving reflections always are, and would be blurred. Blended surfaces
         // in motion are always softened, since it is chance which samples show them.
-        bool softens = past.weight == 0.0 || !settled && is_still(around.center);
+        bool softens = history.weight == 0.0 || !settled && is_still(around.center);
         bool blended = SCENE_BLEND && is_blended(around.center);
         if (softens || blended && !is_still(around.center)) {
-            found.radiance = soften(around.center, at, past.weight + 1.0, blended);
+            found.radiance = soften(around.center, at, history.weight + 1.0, blended);
         }
     }
     if (found.exists) {
         // A sample counts in proportion to its number in the sequence, since the denoiser knows more from frame to
         // frame. Up to a factor, these weights sum to the square of the number.
-        float total = past.weight + weight, share = 1.0 - square(past.weight / total);  // never above 1 by rounding
-        bool differs = abs(relative_difference(found.radiance, past.radiance)) > UNNOTICED;
-        if (past.weight > 0.0 && differs && !is_still(around.center)) {
+        // never above 1 by rounding
+        float total = history.weight + weight, share = 1.0 - square(history.weight / total);
+        bool differs = abs(relative_difference(found.radiance, history.radiance)) > UNNOTICED;
+        if (history.weight > 0.0 && differs && !is_still(around.center)) {
             // Means in motion have few samples: bright ones count less, or pixels at edges of lamps would flash. What
             // moves loses some light of its brightest samples.
-            float counts = share * moderation(found.radiance, around);
-            share = counts / max(counts + (1.0 - share) * moderation(past.radiance, around), 1e-30);
+            float counts = share * tone_weight(found.radiance, around);
+            share = counts / max(counts + (1.0 - share) * tone_weight(history.radiance, around), 1e-30);
         }
-        past = Past(mix(past.radiance, found.radiance, share), total, past.blended);
+        history = HistorySample(mix(history.radiance, found.radiance, share), total, history.blended);
     }
-    radiance.at[index] = past.radiance;
+    radiance.at[index] = history.radiance;
     uint rng = seed_rng(uvec2(at), this_frame.index, this_frame.seed ^ PASS_SALT);
-    taa_history.at[index] = pack_past(past, rng);
+    taa_history.at[index] = pack_history(history, rng);
 }

@@ -10,12 +10,12 @@
 #include "passes/taa/constants.glsl"
 
 // Radiance, if there is any.
-struct Found {
+struct NearestSample {
     vec3 radiance;
     bool exists;
 };
 
-const Found NOTHING_FOUND = Found(vec3(0.0), false);
+const NearestSample NO_NEAREST_SAMPLE = NearestSample(vec3(0.0), false);
 
 // Rendered pixels for each pixel of the picture.
 vec2 render_scale() { return vec2(camera.size) / vec2(camera.picture_size); }
@@ -26,10 +26,10 @@ vec2 among_samples(vec2 position) { return position * render_scale() - 0.5 - thi
 vec3 load_sample(ivec2 pixel) { return sample_radiance.at[pixel_index(pixel, camera.size)]; }
 
 // The sample inside a pixel of the picture. There is at most one, and always one when nothing is upscaled.
-Found find_own_sample(ivec2 at) {
+NearestSample find_own_sample(ivec2 at) {
     ivec2 pixel = ivec2(ceil(among_samples(vec2(at))));
     bool inside = all(lessThan(vec2(pixel), among_samples(vec2(at + 1)))) && is_inside(pixel, camera.size);
-    return inside ? Found(load_sample(pixel), true) : NOTHING_FOUND;
+    return inside ? NearestSample(load_sample(pixel), true) : NO_NEAREST_SAMPLE;
 }
 
 // ---- the samples around a pixel of the picture --------------------------------------------------------
@@ -77,7 +77,7 @@ Neighborhood find_neighborhood(ivec2 at) {
 
 // Lowers the weight of bright radiance in interpolations by how much it exceeds what is around, or lamps would bleed
 // into what is dark: Karis, "High Quality Temporal Supersampling" (2014).
-float moderation(vec3 found, Neighborhood around) {
+float tone_weight(vec3 found, Neighborhood around) {
     return around.mean.x > 0.0 ? around.mean.x / (around.mean.x + luminance(found)) : 1.0;
 }
 
@@ -121,7 +121,7 @@ float lanczos(float x) { return abs(x) < 2.0 ? sinc(x) * sinc(0.5 * x) : 0.0; }
 
 // The radiance at the center of a pixel of the picture, by Lanczos interpolation: Duchon, "Lanczos Filtering in One and
 // Two Dimensions" (1979). It stays within the range of the nearest samples, so that edges have no rings.
-Found interpolate(ivec2 at, Neighborhood around) {
+NearestSample interpolate(ivec2 at, Neighborhood around) {
     vec2 where = among_samples(vec2(at) + 0.5);
     ivec2 corner = ivec2(floor(where));
     vec3 sum = vec3(0.0), low = vec3(INFINITY), high = vec3(0.0);
@@ -131,7 +131,7 @@ Found interpolate(ivec2 at, Neighborhood around) {
         vec2 apart = vec2(corner + step) - where;
         vec3 found = load_sample(pixel);
         if (!is_valid(found)) { continue; }
-        float weight = lanczos(apart.x) * lanczos(apart.y) * moderation(found, around);
+        float weight = lanczos(apart.x) * lanczos(apart.y) * tone_weight(found, around);
         sum += weight * found;
         total += weight;
         if (all(lessThan(abs(apart), vec2(1.0)))) {
@@ -139,8 +139,8 @@ Found interpolate(ivec2 at, Neighborhood around) {
             high = max(high, found);
         }
     }
-    if (!(total > 0.0) || low.x > high.x) { return NOTHING_FOUND; }
-    return Found(clamp(sum / total, low, high), true);
+    if (!(total > 0.0) || low.x > high.x) { return NO_NEAREST_SAMPLE; }
+    return NearestSample(clamp(sum / total, low, high), true);
 }
 
 #endif

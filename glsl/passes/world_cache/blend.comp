@@ -8,7 +8,7 @@ layout(local_size_x = GROUP_SIZE) in;
 // What a frame adds to the sample count of a cell below the maximum. Differs from Solari, where it is 1: young cells
 // receive light from other young cells, which still lack later bounces. With less than 1, later samples soon outweigh
 // a cell's first ones, and multi-bounce light arrives several times as fast.
-const float YOUNG_GROWTH = 0.25;
+const float SHORT_HISTORY_GROWTH = 0.25;
 
 void main() {
     uint thread = thread_index(gl_GlobalInvocationID.xy);
@@ -19,7 +19,7 @@ void main() {
     float delta = world_cache_luminance_deltas.at[cell];
 
     float max_samples = float(world_cache_settings.max_samples);
-    float sample_count = clamp(old.w + YOUNG_GROWTH, 1.0, max_samples);
+    float sample_count = clamp(old.w + SHORT_HISTORY_GROWTH, 1.0, max_samples);
     float change = saturate(abs(delta) / max(luminance(old.rgb), 1e-30));
     float changing_max_samples = mix(max_samples, 1.0, pow(change, world_cache_settings.change_exponent));
     float share = 1.0 / min(sample_count, changing_max_samples);

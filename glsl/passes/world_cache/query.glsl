@@ -3,7 +3,7 @@
 #ifndef PASSES_WORLD_CACHE_QUERY_GLSL
 #define PASSES_WORLD_CACHE_QUERY_GLSL
 
-#include "passes/past_mirrors.glsl"
+#include "passes/specular_chain.glsl"
 #include "passes/ray_count.glsl"
 #include "passes/world_cache/division.glsl"
 #include "passes/world_cache/map.glsl"
@@ -78,7 +78,7 @@ struct GatheredLight {
     vec3 reflectance;     // of the surface that the ray, or its reflections, met: radiance over irradiance
     vec3 irradiance;      // of that surface
     uint cell;            // in which that surface was looked up, or NO_INDEX
-    Passage passage;      // of the ray, to where it ended
+    RayTransmittance through;      // of the ray, to where it ended
 };
 
 vec3 gathered_radiance(GatheredLight light) { return light.emitted + light.reflectance * light.irradiance; }
@@ -90,18 +90,18 @@ vec3 gathered_radiance(GatheredLight light) { return light.emitted + light.refle
 // that no light is lost while cells appear and disappear.
 GatheredLight gather_light(Walk walk, bool finest_for_short_rays, uint lifetime, inout uint rng) {
     GatheredLight light = GatheredLight(
-        walk.origin, vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), NO_INDEX, FREE_PASSAGE
+        walk.origin, vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), NO_INDEX, FULL_TRANSMITTANCE
     );
     vec3 throughput = vec3(1.0);  // from the first surface on
     for (uint i = 0u; i <= MAX_CACHE_MISSES; i++) {
-        HitPastMirrors found = trace_past_mirrors(walk, rng);
+        SpecularChainHit found = trace_specular_chain(walk, rng);
         if (i == 0u) {
             light.first_position = found.first_position;
             light.emitted = found.emitted;
-            light.passage = found.first_passage;
+            light.through = found.first_transmittance;
         } else {
             throughput *= PI;  // the ray's cosine over its pdf
-            throughput *= found.first_passage.tint;
+            throughput *= found.first_transmittance.tint;
             light.irradiance += throughput * found.emitted;
         }
         if (!found.exists) { break; }

@@ -72,7 +72,7 @@ float emission_cosine_sphere(uint index, float cosine) { return 1.0; }
 
 uint shown_id_sphere(uint index) { return 0xC0000000u + index; }
 
-MetLight pass_sphere(uint index, vec3 origin, vec3 direction, float t_max) {
+MetLight cross_sphere(uint index, vec3 origin, vec3 direction, float t_max) {
     PunctualLight light = sphere_lights.at[index];
     SphereCone cone = sphere_cone(light, origin);
     vec3 difference = direction - cone.axis;

@@ -170,7 +170,7 @@ def glsl_header() -> str:
         _choose("float emission_cosine", "float cosine", every, argument="data"),
         _choose("uint shown_id", "", every),
         _choose("MetLight meet_light", "vec3 direction", met[AT_INFINITY]),
-        _choose("MetLight pass_light", "vec3 origin, vec3 direction, float t_max", met[PASSED]),
+        _choose("MetLight cross_light", "vec3 origin, vec3 direction, float t_max", met[PASSED]),
         _aim([kind for kind in LIGHT_KINDS if kind.aimed]),
     ])
 

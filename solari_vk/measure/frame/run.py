@@ -25,8 +25,8 @@ from solari_vk.settings import Settings
 GBUFFERS = ("raster", "traced")
 HOST_AIM = 0.2
 BARE_NOTE = (
-    "Aim: 2 or less. The bare kernel (`glsl/passes/bench/rays.comp`) follows paths from nearest hit to nearest hit, "
-    "without shading. Of its rays only those that start at surfaces count, because all rays of a frame with a "
+    "Aim: 2 or less. The bare kernel (`glsl/passes/bare_rays/paths.comp`) follows paths from nearest hit to nearest "
+    "hit, without shading. Of its rays only those that start at surfaces count, because all rays of a frame with a "
     "rasterized G-buffer start there. The frame's visibility rays end at any hit, or at the light."
 )
 INTRO = (

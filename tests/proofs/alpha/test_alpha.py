@@ -275,7 +275,8 @@ def test_panes_that_are_moved_leave_nothing(device):
 
 test_a_seeded_bug_is_noticed = bug_tests({
     "light keeps its color": (check_colored_light, Bug(
-        "scene/alpha.glsl", "pass_through(inout Passage passage, vec4", "passage.probability *= 1.0 - cover.w;")),
+        "scene/alpha.glsl", "attenuate_by_cover(inout RayTransmittance through, vec4",
+        "through.probability *= 1.0 - cover.w;")),
     "one seed for all rays": (check_random_numbers, Bug(
         "scene/trace.glsl", "random_blend_point", "return uvec2(7u);")),
     "frames are independent": (check_even_frames, Bug(

@@ -43,7 +43,7 @@ void main() {{
     uint hits = 0u, seen = 0u;
     for (uint ray = 0u; ray < RAYS; ray++) {{
         Hit hit = trace_closest_hit(vec3(0.0), 0.0, direction, 9.0, TRACE_BOTH_FACES, random_blend_point(rng));
-        tint += trace_passage(vec3(0.0), direction, 9.0, hit).tint;
+        tint += trace_transmittance_and_chance(vec3(0.0), direction, 9.0, hit).tint;
         hits += hit.instance != NO_INDEX ? 1u : 0u;
         hit = trace_closest_hit(vec3(0.0), 0.0, direction, 9.0, TRACE_FRONT_FACES, random_blend_point(rng));
         seen += hit.instance != NO_INDEX ? 1u : 0u;

@@ -151,9 +151,9 @@ test_a_seeded_bug_is_noticed = bug_tests({
     "rays pass as often as alpha says": (measure_panes, Bug(
         ALPHA, "alpha_threshold", "return square(correct(blend_point, instance_index, triangle, edge));")),
     "light takes colors": (measure_colored_light, Bug(
-        ALPHA, "pass_through(inout Passage passage, vec4", "passage.probability *= 1.0 - cover.w;")),
+        ALPHA, "attenuate_by_cover(inout RayTransmittance through, vec4", "through.probability *= 1.0 - cover.w;")),
     "lamps behind panes": (measure_lamps, Bug(
-        "scene/walk.glsl", "pass_segment", "segment.passed.radiance = segment.passed.offered; "
+        "scene/walk.glsl", "pass_segment", "segment.passed.radiance = segment.passed.for_reservoir; "
         "return correct(walk, segment, radiance);")),
     MASK: (measure_mask, Bug(ALPHA, "is_met(vec4 cover, uvec2 blend_point, uint instance_index, uint",
                              "return true;")),

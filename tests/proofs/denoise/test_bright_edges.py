@@ -142,5 +142,5 @@ BUGS = {
 }  # fmt: skip
 test_a_seeded_bug_is_noticed = bug_tests({
     **{case: (functools.partial(check, case), bug) for case, bug in BUGS.items()},
-    "a lamp in motion: bright samples count whole": (check_moving_lamp, Bug(SAMPLES, "moderation", "return 1.0;")),
+    "a lamp in motion: bright samples count whole": (check_moving_lamp, Bug(SAMPLES, "tone_weight", "return 1.0;")),
 })

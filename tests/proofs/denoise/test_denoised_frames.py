@@ -144,7 +144,7 @@ def test_off_is_the_raw_frame(device):
     """Without the denoiser, the radiance is what the paths gave; with it and as many paths, raw_radiance still is, bit
     by bit."""
     scene = cornell_box()
-    with make(device, scene, paths_young_samples=1) as on, make(device, scene, denoise=False) as off:
+    with make(device, scene, paths_short_history_samples=1) as on, make(device, scene, denoise=False) as off:
         for _ in range(4):
             denoised, raw = on.render(), off.render()
             assert raw["radiance"].tobytes() == raw["raw_radiance"].tobytes()

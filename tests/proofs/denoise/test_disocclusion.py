@@ -103,5 +103,5 @@ test_a_seeded_bug_is_noticed = bug_tests({
         "weight *= float(center.deviation < 0.1 * luminance(center.radiance)); "
         "correct(sum, center, other, difference, weight, is_filtered);")),
     "what is uncovered: histories of what was there": (check_moving_block, Bug(
-        "passes/denoise/past.glsl", "is_the_same", "return then.kind == guide.kind;")),
+        "passes/denoise/previous_frame.glsl", "is_the_same", "return then.kind == guide.kind;")),
 })  # fmt: skip

@@ -211,7 +211,7 @@ def test_rules_hold(device, measure):
     hold(measure(device))
 
 
-TEMPORAL, PAST, BLUR = "passes/denoise/temporal.comp", "passes/denoise/past.glsl", "passes/denoise/blur.comp"
+TEMPORAL, PAST, BLUR = "passes/denoise/temporal.comp", "passes/denoise/previous_frame.glsl", "passes/denoise/blur.comp"
 test_a_seeded_bug_is_noticed = bug_tests({
     EVEN: (measure_even_light, Bug(BLUR, "add_neighbor",
                                    "correct(sum, center, other, difference, 0.0, is_filtered);")),
@@ -219,13 +219,16 @@ test_a_seeded_bug_is_noticed = bug_tests({
     RETURNED: (measure_outliers, Bug(BLUR, "add_neighbor", "correct(sum, center, other, difference, weight, false);")),
     FOUND: (measure_motion, Bug(PAST, "in_pixels", "return correct(-motion);")),
     NEW: (measure_motion, Bug(PAST, "add_tap", "correct(taps, clamp(pixel, ivec2(0), ivec2(camera.size) - 1), weight, "
-                              "past, guide, plane_distance);")),
-    SHARP: (measure_motion, Bug(PAST, "find_taps", "return correct(floor(where) + 0.5, past, guide, plane_distance);")),
-    FORGOTTEN: (measure_light_off, Bug("passes/denoise/find_changes.comp", "confidence(Difference", "return 1.0;")),
+                              "previous, guide, plane_distance);")),
+    SHARP: (measure_motion, Bug(
+        PAST, "find_taps", "return correct(floor(where) + 0.5, previous, guide, plane_distance);")),
+    FORGOTTEN: (measure_light_off, Bug(
+        "passes/denoise/history_confidence.comp", "confidence(Gradient", "return 1.0;")),
     NOT_FINITE: (measure_not_finite, Bug("common/math.glsl", "is_valid", "return true;")),
-    EDGES: (measure_edges, Bug("passes/denoise/likeness.glsl", "likeness", "pattern.plane = vec3(0.0); "
-                               "pattern.plane_offset = 0.0; return correct(pattern, other, step);")),
-    TURNS: (measure_turns, Bug("passes/denoise/aside.glsl", "unpack_aside", "diffuse = specular = NO_HISTORY;")),
-    KEPT: (measure_smooth_surfaces, Bug(TEMPORAL, "blend", "Lobe both = correct(a, b, share); "
+    EDGES: (measure_edges, Bug("passes/denoise/edge_stopping.glsl", "edge_stopping_weights", "edges.plane = vec3(0.0); "
+                               "edges.plane_offset = 0.0; return correct(edges, other, step);")),
+    TURNS: (measure_turns, Bug(
+        "passes/denoise/alternate_history.glsl", "unpack_alternate", "diffuse = specular = NO_HISTORY;")),
+    KEPT: (measure_smooth_surfaces, Bug(TEMPORAL, "blend", "LobeHistory both = correct(a, b, share); "
                                         "both.radiance *= 0.9; return both;")),
 }, quick=(FORGOTTEN,))  # fmt: skip

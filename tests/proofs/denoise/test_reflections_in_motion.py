@@ -78,7 +78,9 @@ def test_reflections_of_the_environment_follow_the_camera(device, metallic, roug
     check_environment(device, metallic, roughness)
 
 
+CONSTANTS = "passes/denoise/constants.glsl"
 test_a_seeded_bug_is_noticed = bug_tests({
-    "reflections: they move like their surface": (check, Bug("passes/denoise/constants.glsl", "ONLY_SURFACE_MOTION", "0.0")),
-    "environment: infinity counts as unknown": (check_environment, Bug("passes/denoise/constants.glsl", "INVERSE_OF_INFINITY", "0.0")),
+    "reflections: they move like their surface": (check, Bug(CONSTANTS, "ONLY_SURFACE_MOTION", "0.0")),
+    "environment: infinity counts as unknown": (check_environment, Bug(
+        CONSTANTS, "INVERSE_OF_INFINITY", "0.0")),
 })  # fmt: skip

@@ -20,7 +20,7 @@ PATHS = 3
 
 def first_frames(device, samples):
     """The light (SEEDS, h, w, 2) of both lobes in the first frames of independent runs: means of three channels."""
-    with make_renderer(device, builtin("cornell_box"), SIZE, **ALONE, paths_young_samples=samples) as renderer:
+    with make_renderer(device, builtin("cornell_box"), SIZE, **ALONE, paths_short_history_samples=samples) as renderer:
         found = []
         for seed in range(SEEDS):
             renderer.seed = 1000 * samples + seed
@@ -66,7 +66,8 @@ def test_settled_pixels_take_one_path(device):
     for frames in (9, 3):
         found = []
         for samples in (1, PATHS):
-            with make_renderer(device, builtin("cornell_box"), SIZE, **ALONE, paths_young_samples=samples) as renderer:
+            settings = ALONE | {"paths_short_history_samples": samples}
+            with make_renderer(device, builtin("cornell_box"), SIZE, **settings) as renderer:
                 for _ in range(frames):
                     frame = renderer.render()
                 found.append(np.asarray(frame["raw_radiance"]))
@@ -79,7 +80,7 @@ def test_settled_pixels_take_one_path(device):
 def test_rays_are_counted_for_all_paths(device):
     counts = []
     for samples in (1, 2):
-        settings = sv.Settings(paths_young_samples=samples, antialiasing=False)
+        settings = sv.Settings(paths_short_history_samples=samples, antialiasing=False)
         with sv.Renderer(device, builtin("cornell_box"), SIZE, settings, count_rays=True) as renderer:
             renderer.render()
             counts.append(int(renderer["ray_counts"][renderer.counted_passes.index("paths/first_ray")]))

@@ -101,7 +101,8 @@ BUGS = {
     "a solid absorbs nothing": (test_a_solid_absorbs_by_the_law_of_beer_and_lambert, Bug(
         "scene/walk.glsl", "transmittance", "return vec3(1.0);")),
     "a pane doesn't color light": (lambda picture: test_a_thin_pane_colors_shadow_rays(picture, "nee"), Bug(
-        "scene/alpha.glsl", "pass_through(inout Passage passage, vec4", "passage.probability *= 1.0 - cover.w;")),
+        "scene/alpha.glsl", "attenuate_by_cover(inout RayTransmittance through, vec4",
+        "through.probability *= 1.0 - cover.w;")),
     "the tangent is turned": (lambda picture: test_metal_spreads_light_along_its_anisotropy(picture, 0.0), Bug(
         "scene/material_lobes.glsl", "orient_lobes",
         "correct(lobes, shading_normal, coat_normal, mat3(tangent_frame[1], tangent_frame[0], tangent_frame[2]));")),

@@ -192,7 +192,7 @@ def test_a_lamp_changes_its_kind_with_its_radius(device):
             assert sources["kind"].tolist() == [KIND_INDEX[kind] for kind in kinds]
             info = binder.lights.info.records[0]
             assert info["light_count"] == info["first_light_at_infinity"] == 2
-            assert info["first_passed_light"] == kinds.count("point")
+            assert info["first_light_without_surface"] == kinds.count("point")
             boxes = binder.lights.tree.records[sources["node"]]
             assert sorted(boxes["half_size"].max(axis=1).tolist()) == [0.0, radius]
     finally:

@@ -135,14 +135,14 @@ test_a_seeded_bug_is_noticed = bug_tests({
     "the density of a cone": (over_floor("a sphere light", "nee"), Bug(
         SPHERE, "sphere_cone", "SphereCone cone = correct(light, receiver); cone.one_minus_cos *= 0.9; return cone;")),
     "hits of spheres": (over_floor("a sphere light"), Bug(
-        SPHERE, "pass_sphere", "MetLight met = correct(index, origin, direction, t_max); met.inverse_pdf *= 20.0; "
+        SPHERE, "cross_sphere", "MetLight met = correct(index, origin, direction, t_max); met.inverse_pdf *= 20.0; "
         "return met;")),
     "a spotlight's rays": (over_floor("a spotlight with a radius", "brdf"), Bug(
-        SPHERE, "pass_sphere", "MetLight met = correct(index, origin, direction, t_max); "
+        SPHERE, "cross_sphere", "MetLight met = correct(index, origin, direction, t_max); "
         "met.radiance = sphere_lights.at[index].strength; return met;")),
     "several lamps": (measure_several, Bug(
         "scene/lights/point.glsl", "emission_cosine_point", "return 0.9;")),
-    SEEN: (measure_seen, Bug(SPHERE, "pass_sphere", "MetLight met = correct(index, origin, direction, t_max); "
+    SEEN: (measure_seen, Bug(SPHERE, "cross_sphere", "MetLight met = correct(index, origin, direction, t_max); "
                              "met.radiance *= 0.25; return met;")),
     CIRCLE: (measure_seen, Bug(
         SPHERE, "sphere_cone", "light.radius *= 1.1; return correct(light, receiver);")),

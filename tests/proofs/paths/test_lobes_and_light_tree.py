@@ -56,11 +56,11 @@ test_a_seeded_bug_is_noticed = bug_tests({
     METAL: (measure_mirrors, Bug(PATH, "lobe_weights", "if (next.pdf == INFINITY) { return Lobes(next.weight, "
                                  "vec3(0.0)); } return correct(vertex, next);")),
     MIRRORS: (measure_mirrors, Bug("scene/walk.glsl", "MAX_MIRRORS", "0u")),
-    CHAIN: (measure_mirror_chain, Bug("passes/paths/waiting.glsl", "take_waiting_path",
+    CHAIN: (measure_mirror_chain, Bug("passes/paths/path_state.glsl", "load_path_state",
                                       "Path path = correct(pixel_index); path.mirrors = 0u; return path;")),
     MIRROR_DISTANCE: (measure_mirrors, writing("lengths = lengths.yx;")),
-    LOBES: (measure_lobes, Bug(PATH, "path_light", "Lobes light = correct(path); light.diffuse += light.specular; "
-                               "return light;")),
+    LOBES: (measure_lobes, Bug(PATH, "path_light", "LobeRadiance light = correct(path); "
+                               "light.diffuse += light.specular; return light;")),
     # demodulated by the other lobe
     DEMODULATION: (measure_lobes, Bug("passes/paths/demodulation.glsl", "demodulation",
                                       "Demodulation by = correct(surface); by.specular = by.diffuse; return by;")),

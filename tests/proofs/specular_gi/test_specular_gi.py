@@ -284,7 +284,7 @@ def test_rules_hold(device, measure):
     hold(measure(device))
 
 
-TRACE, LOBE = "passes/solari019/specular_gi/trace.comp", "passes/solari019/specular_gi/lobe.glsl"
+TRACE, LOBE = "passes/solari019/specular_gi/trace.comp", "passes/solari019/specular_gi/cone_spread.glsl"
 test_a_seeded_bug_is_noticed = bug_tests({
     MIRROR: (measure_mirror, Bug(LOBE, "sample_specular_brdf", "BrdfSample next = correct(brdf, wo, rng); "
                                  "if (next.pdf == INFINITY) { next.weight = vec3(1.0); } return next;")),

@@ -117,12 +117,12 @@ def test_rules_hold(device, measure):
 
 HISTORY = "passes/taa/history.glsl"
 test_a_seeded_bug_is_noticed = bug_tests({
-    EVEN: (measure_even_light, Bug(SAMPLES, "interpolate", "Found found = correct(at, around); found.radiance *= 0.9; "
+    EVEN: (measure_even_light, Bug(SAMPLES, "interpolate", "NearestSample found = correct(at, around); found.radiance *= 0.9; "
                                    "return found;")),
     AREA: (measure_areas, Bug(HISTORY, "is_still", "return false;")),
     UPSCALED: (measure_areas, Bug(SAMPLES, "among_samples",
                                   "return position * render_scale() - 0.5 + this_frame.sample_offset;")),
-    SHARP: (measure_motion, Bug(HISTORY, "interpolate_past", "return correct(floor(position) + 0.5, around);")),
+    SHARP: (measure_motion, Bug(HISTORY, "interpolate_history", "return correct(floor(position) + 0.5, around);")),
     FOLLOWED: (measure_changes, Bug("passes/taa/constants.glsl", "SUSPECT", "1e9")),
     NOISE: (measure_noise, Bug("passes/taa/constants.glsl", "LONGEST", "31.0")),
     NOT_FINITE: (measure_not_finite, Bug("common/math.glsl", "is_valid", "return true;")),

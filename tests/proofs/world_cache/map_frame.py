@@ -27,10 +27,10 @@ class MapFrame:
         self.queries = np.zeros(1, QUERY) if queries is None else queries
         self._buffer = device.buffer(self.queries.nbytes, "queries")
         self.ask(self.queries)
-        full = world_cache.stage((1, 1), sv.Settings(lighting="split", world_cache_cells=cells))
-        passes = [step for step in full.passes if "sample" not in step.name]
-        passes.append(Pass("world_cache_test/insert", threads=len(self.queries)))
-        stage = dataclasses.replace(full, passes=passes, buffers={**full.buffers, "answers": len(self.queries)})
+        full = world_cache.stage(cells, [])
+        insert = Pass("world_cache_test/insert", threads=len(self.queries))
+        buffers = {**full.buffers, "answers": len(self.queries)}
+        stage = dataclasses.replace(full, passes=[*full.passes, insert], buffers=buffers)
         self.frame = Frame(device, [stage], external={"queries": self._buffer}, glsl_root=SHADERS)
         self.frame.uniforms.update(uniform_values(sv.Settings(**ALL_CELLS | settings)))
         self.frame.uniforms["camera.size"] = SIZE

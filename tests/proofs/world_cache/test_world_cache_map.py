@@ -303,7 +303,7 @@ test_a_seeded_bug_is_noticed = bug_tests({
         MAP, "is_to_update", "return world_cache_checksums.at[cell] != EMPTY_CELL "
         "&& world_cache_first_points.at[cell] != DIVIDED_CELL;")),
     "blend: a sample too many": (lambda device: test_blend(device, 1 / 8, 1 << 20, 1e9), Bug(
-        "passes/world_cache/blend.comp", "YOUNG_GROWTH", "1.0")),
+        "passes/world_cache/blend.comp", "SHORT_HISTORY_GROWTH", "1.0")),
     "cap: by half": (lambda device: test_blend(device, 1 / 8, 700, 1e9), Bug(
         "passes/world_cache/update.glsl", "find_cell_to_update",
         "uint cell = correct(thread); return (thread & 1u) == 0u ? cell : NO_INDEX;")),

@@ -26,7 +26,7 @@ GiReservoir generate_initial_reservoir(GBufferSurface surface, inout uint rng) {
     reservoir.world_cache_cell = light.first_normal == SEEN_IN_MIRROR ? NO_INDEX : light.cell;
     reservoir.unbiased_contribution_weight = luminance(reservoir.radiance) > 0.0 ? 2.0 * PI : 0.0;
     // Samples behind blended surfaces are found with this probability.
-    if (SCENE_BLEND) { reservoir.unbiased_contribution_weight /= light.passage.probability; }
+    if (SCENE_BLEND) { reservoir.unbiased_contribution_weight /= light.through.probability; }
     return reservoir;
 }
 

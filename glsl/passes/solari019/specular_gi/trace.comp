@@ -5,10 +5,10 @@
 #include "common/pixel.glsl"
 #include "passes/bindings.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
-#include "passes/past_mirrors.glsl"
+#include "passes/specular_chain.glsl"
 #include "passes/ray_count.glsl"
 #include "passes/solari019/restir_gi/reservoir.glsl"
-#include "passes/solari019/specular_gi/lobe.glsl"
+#include "passes/solari019/specular_gi/cone_spread.glsl"
 #include "passes/world_cache/query.glsl"
 #include "scene/walk.glsl"
 
@@ -20,18 +20,19 @@ const uint SPECULAR_GI_SALT = 0x5BEC9141u;
 
 // How far light in a cell of the world cache may be from that of a point, which the width of the path's cone tells.
 struct Cone {
-    float spread;  // the squared slope of the cone: the sum of lobe_spread
+    float spread;  // the squared slope of the cone: the sum of cone_spread_of_lobe
     float width;
 };
 
 void spread(inout Cone cone, BrdfSample next, float roughness) {
-    cone.spread += next.diffuse ? lobe_spread(1.0) : next.pdf == INFINITY ? 0.0 : lobe_spread(roughness);
+    cone.spread += next.diffuse ? cone_spread_of_lobe(1.0) : next.pdf == INFINITY ? 0.0 : cone_spread_of_lobe(roughness)
+        ;
 }
 
 // Solari's rule for the cone's width: over each ray, the square of the width grows by the spread of the lobe at the
 // ray's end.
 float widen_as_solari(float spread_width, float ray_t, float roughness) {
-    return sqrt(square(spread_width) + square(ray_t) * solari_lobe_spread(roughness));
+    return sqrt(square(spread_width) + square(ray_t) * solari_cone_spread_of_lobe(roughness));
 }
 
 // Whether a path may end in the world cache: its cone is wider and its last ray longer than a cell, so that cells
@@ -54,7 +55,7 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng) {
         float ray_t = segment.hit.t;
         if (!as_solari) { cone.width += sqrt(cone.spread) * ray_t; }
         ResolvedRayHitFull surface = arrive(walk, segment.hit);
-        take_wall_as_met(segment.hit, walk.direction, surface.material, walk.throughput);
+        remove_straight_transmission(segment.hit, walk.direction, surface.material, walk.throughput);
         radiance += emitted_light(walk, surface, emissive_hit_pdf(surface, walk.direction, ray_t));
 
         bool mirror = always_reflects(surface.material);

@@ -1,6 +1,6 @@
 // The specular lobe alone: how to sample it, and how much it spreads a path.
-#ifndef PASSES_SOLARI019_SPECULAR_GI_LOBE_GLSL
-#define PASSES_SOLARI019_SPECULAR_GI_LOBE_GLSL
+#ifndef PASSES_SOLARI019_SPECULAR_GI_CONE_SPREAD_GLSL
+#define PASSES_SOLARI019_SPECULAR_GI_CONE_SPREAD_GLSL
 
 #include "common/math.glsl"
 #include "scene/brdf.glsl"
@@ -16,13 +16,13 @@ BrdfSample sample_specular_brdf(Brdf brdf, vec3 wo, inout uint rng) {
 
 // The squared slope of the cone into which a lobe spreads a path, as NVIDIA's RTXGI computes it to end paths in its
 // radiance cache (SHARC). Differs from SHARC: squares add up over a path, and the cone goes on widening after a mirror.
-float lobe_spread(float roughness) {
+float cone_spread_of_lobe(float roughness) {
     float a2 = square(min(roughness, 0.99));
     return 0.5 * a2 / (1.0 - a2);
 }
 
 // The same with Solari's clamp, which limits the square of the roughness.
-float solari_lobe_spread(float roughness) {
+float solari_cone_spread_of_lobe(float roughness) {
     float a2 = min(square(roughness), 0.99);
     return 0.5 * a2 / (1.0 - a2);
 }

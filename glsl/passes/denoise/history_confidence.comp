@@ -4,21 +4,21 @@
 #version 460
 #include "common/pixel.glsl"
 #include "passes/bindings.glsl"
-#include "passes/denoise/cell.glsl"
+#include "passes/denoise/gradient_cell.glsl"
 #include "passes/denoise/guide.glsl"
 #include "passes/light_change.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
-void add_difference(inout Difference sum, Difference other) {
+void add_gradient(inout Gradient sum, Gradient other) {
     sum.total += other.total;
     sum.squares += other.squares;
     sum.larger += other.larger;
 }
 
-void add_cell(inout LobeCell sum, LobeCell other) {
-    add_difference(sum.now, other.now);
-    add_difference(sum.recently, other.recently);
+void add_neighbor_gradient(inout LobeGradient sum, LobeGradient other) {
+    add_gradient(sum.now, other.now);
+    add_gradient(sum.recently, other.recently);
     sum.variance += other.variance;
     sum.luminance += other.luminance;
     sum.brightest = max(sum.brightest, other.brightest);
@@ -26,20 +26,20 @@ void add_cell(inout LobeCell sum, LobeCell other) {
 }
 
 // The share of the history that remains valid. Squares count as variance too, since a history may not know outliers.
-float confidence(Difference sum, float variance, vec2 bounds) {
+float confidence(Gradient sum, float variance, vec2 bounds) {
     float deviation = sqrt(max(sum.squares, variance));
     if (!(deviation > 0.0)) { return 1.0; }
     float certain = smoothstep(bounds.x, bounds.y, abs(sum.total) / deviation);
     return pow(1.0 - certain * min(abs(sum.total) / max(sum.larger, DARKEST), 1.0), EXPONENT);
 }
 
-float confidence(LobeCell sum, vec2 bounds) {
+float confidence(LobeGradient sum, vec2 bounds) {
     float recently = confidence(sum.recently, RECENT_VARIANCE * sum.variance, bounds);
     return min(confidence(sum.now, sum.variance, bounds), recently);
 }
 
 // The share of a cell's light that may have changed.
-float light_change(LobeCell cell, vec3 position) {
+float light_change(LobeGradient cell, vec3 position) {
     float irradiance = PI * cell.luminance / max(cell.pixels, 1.0);
     return max(this_frame.lighting_change, light_change(position, irradiance, ANY_CHANGE));
 }
@@ -48,7 +48,7 @@ vec2 bounds_of(float change) { return mix(CERTAIN, CERTAIN_AFTER_CHANGE, min(4.0
 
 // The mean without the brightest pixel. Few pixels tell nothing without it; no pixel is brighter than their sum, so
 // that none of them is limited.
-float robust_luminance(LobeCell sum) {
+float robust_luminance(LobeGradient sum) {
     if (sum.pixels <= FEW) { return sum.luminance; }
     return max(sum.luminance - sum.brightest, 0.0) / (sum.pixels - 1.0);
 }
@@ -56,26 +56,26 @@ float robust_luminance(LobeCell sum) {
 void main() {
     ivec2 cell = ivec2(gl_GlobalInvocationID.xy), cells = ivec2(cell_count());
     if (denoise_settings.denoise == 0u || !is_inside(cell, cells)) { return; }
-    Cell own = denoise_cells.at[pixel_index(cell, cells)];
+    GradientCell own = denoise_cells.at[pixel_index(cell, cells)];
     ivec2 middle = min(cell * int(CELL) + int(CELL) / 2, ivec2(camera.size) - 1);
     vec3 position = load_guide(middle).position + camera.world_from_view[3];
-    vec2 bounds = bounds_of(light_change(unpack_cell(own.diffuse), position));
-    vec2 specular_bounds = bounds_of(light_change(unpack_cell(own.specular), position));
+    vec2 bounds = bounds_of(light_change(unpack_gradient(own.diffuse), position));
+    vec2 specular_bounds = bounds_of(light_change(unpack_gradient(own.specular), position));
     vec2 trust = vec2(1.0), light = vec2(0.0);
-    LobeCell diffuse = NO_PIXELS, specular = NO_PIXELS;
+    LobeGradient diffuse = NO_PIXELS, specular = NO_PIXELS;
     for (int ring = 0; ring <= WIDEST; ring++) {
         for (int y = -ring; y <= ring; y++) {
             int step = abs(y) == ring ? 1 : 2 * ring;  // the cells of the ring alone
             for (int x = -ring; x <= ring; x += max(step, 1)) {
                 ivec2 other = cell + ivec2(x, y);
                 if (!is_inside(other, cells)) { continue; }
-                Cell found = denoise_cells.at[pixel_index(other, cells)];
-                add_cell(diffuse, unpack_cell(found.diffuse));
-                add_cell(specular, unpack_cell(found.specular));
+                GradientCell found = denoise_cells.at[pixel_index(other, cells)];
+                add_neighbor_gradient(diffuse, unpack_gradient(found.diffuse));
+                add_neighbor_gradient(specular, unpack_gradient(found.specular));
             }
         }
         trust = min(trust, vec2(confidence(diffuse, bounds), confidence(specular, specular_bounds)));
         if (ring == 1) { light = vec2(robust_luminance(diffuse), robust_luminance(specular)); }
     }
-    denoise_blocks.at[pixel_index(cell, cells)] = Block(trust, light);
+    denoise_blocks.at[pixel_index(cell, cells)] = CellConfidence(trust, light);
 }

@@ -1,12 +1,12 @@
 // The light of a lobe in the denoiser: its mean over frames. Radiance is demodulated and linear.
-#ifndef PASSES_DENOISE_LOBE_GLSL
-#define PASSES_DENOISE_LOBE_GLSL
+#ifndef PASSES_DENOISE_LOBE_HISTORY_GLSL
+#define PASSES_DENOISE_LOBE_HISTORY_GLSL
 
 #include "common/packing.glsl"
 #include "passes/denoise/constants.glsl"
 
 // A history of frames.
-struct Lobe {
+struct LobeHistory {
     vec3 radiance;           // the mean
     float second_moment;     // the mean of squared luminances
     float recent;            // luminance of the latest frames
@@ -14,7 +14,7 @@ struct Lobe {
     float inverse_distance;  // mean of 1 / distance to where the light came from, in 1/m; 0 when unknown
 };
 
-const Lobe NO_HISTORY = Lobe(vec3(0.0), 0.0, 0.0, 0.0, 0.0);
+const LobeHistory NO_HISTORY = LobeHistory(vec3(0.0), 0.0, 0.0, 0.0, 0.0);
 
 // ---- packing ----------------------------------------------------------------------------------------
 
@@ -25,7 +25,7 @@ uint pack_two(float low, float high, inout uint rng) {
     return bits.x >> 15u | bits.y >> 15u << 16u;
 }
 
-uvec4 pack_lobe(Lobe lobe, inout uint rng) {
+uvec4 pack_lobe_history(LobeHistory lobe, inout uint rng) {
     uint red = pack_positive(lobe.radiance.r, 21u, rng), green = pack_positive(lobe.radiance.g, 21u, rng);
     uint blue = pack_positive(lobe.radiance.b, 21u, rng);
     return uvec4(
@@ -34,8 +34,8 @@ uvec4 pack_lobe(Lobe lobe, inout uint rng) {
     );
 }
 
-Lobe unpack_lobe(uvec4 bits) {
-    return Lobe(
+LobeHistory unpack_lobe_history(uvec4 bits) {
+    return LobeHistory(
         vec3(unpack_positive(bits.x, 21u), unpack_positive(bits.x >> 21u | bits.y << 11u, 21u),
              unpack_positive(bits.y >> 10u, 21u)),
         unpack_positive(bits.z, 16u), unpack_positive(bits.z >> 16u, 16u),

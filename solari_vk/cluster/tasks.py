@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.cluster.bench import Bench
+from solari_vk.cluster.device_session import DeviceSession
 from solari_vk.cluster.reference import SEED_STEP
 from solari_vk.errors import SolariError
 from solari_vk.files import make_temporary_folder
@@ -78,7 +78,7 @@ class File:
 
 
 @dataclass(frozen=True)
-class Shot:
+class RenderTask:
     """Pictures that one worker renders in a row. first: the number of the first view among all.
 
     before: the views of the frames that are rendered first, for the realtime renderer's history. folder: where the
@@ -93,7 +93,7 @@ class Shot:
 
     def __post_init__(self) -> None:
         if len({view.time is None for view in (*self.before, *self.views)}) > 1:
-            raise SolariError(f"{self.name}: give all views of a shot a time, or none")
+            raise SolariError(f"{self.name}: give all views of a task a time, or none")
 
     @property
     def clip(self) -> int | None:
@@ -111,13 +111,13 @@ class Shot:
         last = f" to {self.views[-1].name}" if len(self.views) > 1 else ""
         return f"picture {self.views[0].name}{last}"
 
-    def perform(self, bench: Bench) -> dict[str, File]:
+    def perform(self, session: DeviceSession) -> dict[str, File]:
         """Render the pictures and write them; returns the files by name."""
         folder = make_temporary_folder() if self.folder is None else Path(self.folder)
         if not folder.is_dir():
             raise SolariError(f"{folder}: the worker has no such folder: don't give --shared-folder, or share it")
         try:
-            (self._trace if self.style.settings is None else self._play)(bench, folder)
+            (self._trace if self.style.settings is None else self._play)(session, folder)
             contents = {name: (folder / name).read_bytes() for name in self.files}
         finally:
             if self.folder is None:
@@ -127,32 +127,32 @@ class Shot:
             for name, data in contents.items()
         }
 
-    def _trace(self, bench: Bench, folder: Path) -> None:
+    def _trace(self, session: DeviceSession, folder: Path) -> None:
         style = self.style
         for number, view in enumerate(self.views, self.first):
-            self._pose(bench, view)
-            tracer = bench.path_tracer(style.size, style.max_bounces, (style.seed + number * SEED_STEP) % 2**32)
+            self._pose(session, view)
+            tracer = session.path_tracer(style.size, style.max_bounces, (style.seed + number * SEED_STEP) % 2**32)
             self._save(folder, view, tracer.render(view.camera, style.samples, denoise=style.denoise))
 
-    def _play(self, bench: Bench, folder: Path) -> None:
+    def _play(self, session: DeviceSession, folder: Path) -> None:
         style = self.style
         assert style.settings is not None
-        renderer = bench.renderer(style.size, style.settings, style.seed)
+        renderer = session.renderer(style.size, style.settings, style.seed)
         renderer.frame_count = self.first * style.frames + style.warm_up - len(self.before)
         for view in self.before:
-            self._pose(bench, view)
+            self._pose(session, view)
             renderer.render(view.camera)
         for view in self.views:
-            self._pose(bench, view)
+            self._pose(session, view)
             means = FrameMeans(renderer, style.layers)
             for _ in range(style.frames):
                 renderer.render(view.camera)
                 means.add()
             self._save(folder, view, means)
 
-    def _pose(self, bench: Bench, view: View) -> None:
+    def _pose(self, session: DeviceSession, view: View) -> None:
         if view.time is not None and self.clip is not None:
-            bench.scene.animate(view.time, self.clip)
+            session.scene.animate(view.time, self.clip)
 
     def _save(self, folder: Path, view: View, results: Any) -> None:
         layers: dict[str, NDArray[Any]] = {name: results[name] for name in self.style.layers}
@@ -162,18 +162,18 @@ class Shot:
         )  # fmt: skip
 
 
-def blocks(style: Style, views: Sequence[View], *, length: int = BLOCK) -> list[Shot]:
+def blocks(style: Style, views: Sequence[View], *, length: int = BLOCK) -> list[RenderTask]:
     """Shots of successive pictures, for the realtime renderer.
 
     The frames before the first picture show its view; those before a later block show the views before it.
     """
-    shots = []
+    tasks = []
     for start in range(0, len(views), length):
         count = style.warm_up if start == 0 else max(style.warm_up, 1)
         earlier = [view for view in views[:start] for _ in range(style.frames)][-count:] if count else []
         before = [views[0]] * (count - len(earlier)) + earlier
-        shots.append(Shot(style, start, tuple(views[start : start + length]), tuple(before)))
-    return shots
+        tasks.append(RenderTask(style, start, tuple(views[start : start + length]), tuple(before)))
+    return tasks
 
 
 @dataclass(frozen=True)
@@ -188,11 +188,11 @@ class Meter:
     def clip(self) -> None:
         """None: the scene is metered as it was given."""
 
-    def perform(self, bench: Bench) -> float:
+    def perform(self, session: DeviceSession) -> float:
         """The mean EV100 of small pictures."""
         scale = METERED_SIDE / max(self.size)
         size = (max(round(self.size[0] * scale), 1), max(round(self.size[1] * scale), 1))
-        tracer = bench.path_tracer(size, 16, 0)
+        tracer = session.path_tracer(size, 16, 0)
         values = []
         for camera in self.cameras:
             tracer.render(camera, METERED_SAMPLES)

@@ -1,6 +1,6 @@
 """The workers of a dask.distributed cluster that render, and the jobs that they have at the moment.
 
-Dask's scheduler decides who does what, and gives the jobs of a lost worker to others. A crew adds what rendering needs:
+Dask's scheduler decides who does what, and gives the jobs of a lost worker to others. A pool adds what rendering needs:
 only workers with the same code and the same device take part, jobs are handed out a few at a time, so that a job list
 may be endless, and each failure ends in one clear message.
 """
@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from typing import Any, Self
 
-from solari_vk.cluster.bench import AnyJob, Opening, Results, pack
+from solari_vk.cluster.device_session import AnyJob, Opening, Results, pack
 from solari_vk.cluster.identity import Identity
 from solari_vk.errors import DeviceError, SolariError
 from solari_vk.scene.model import Scene
@@ -24,15 +24,15 @@ from solari_vk.scene.model import Scene
 AHEAD = 2  # jobs a worker: one in work, and the next
 TICK_SECONDS = 1.0
 CONNECT_SECONDS = 10.0
-BUSY = 30.0  # seconds after which a crew doesn't wait any more for workers that don't answer
-PATIENCE = 120.0  # seconds without any worker of this machine after which a crew gives up
+BUSY = 30.0  # seconds after which a pool doesn't wait any more for workers that don't answer
+PATIENCE = 120.0  # seconds without any worker of this machine after which a pool gives up
 TRIES = 3  # of a job on devices that fail
 
 GUARD = "(workers import the script that starts them: write what it does below `if __name__ == '__main__':`)"
 
 
 @dataclass
-class _Errand:
+class _Task:
     """A job that a worker has."""
 
     job: Any
@@ -43,9 +43,9 @@ class _Errand:
     """Who may do it."""
 
 
-def _next_errand(source: Iterator[Any]) -> _Errand | None:
+def _next_task(source: Iterator[Any]) -> _Task | None:
     """The next job's, None after the last one."""
-    return next((_Errand(job) for job in source), None)
+    return next((_Task(job) for job in source), None)
 
 
 def _check_address(address: str) -> None:
@@ -66,7 +66,7 @@ def _say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
-class Crew:
+class WorkerPool:
     """Workers that render the same bits. A context manager.
 
     workers: the number of processes to start on this machine; each has a device of its own, or shares one if there are
@@ -82,9 +82,9 @@ class Crew:
         rays: str | None = None, validation: bool | None = None, say: Callable[[str], None] = _say,
     ) -> None:  # fmt: skip
         if (workers is None) == (address is None):
-            raise SolariError("Crew: give either a number of workers, or the address of a scheduler")
+            raise SolariError("WorkerPool: give either a number of workers, or the address of a scheduler")
         if workers is not None and (not isinstance(workers, int) or workers < 1):
-            raise SolariError(f"Crew: workers must be a whole number from 1 on, not {workers!r}")
+            raise SolariError(f"WorkerPool: workers must be a whole number from 1 on, not {workers!r}")
         try:
             import distributed
         except ImportError:
@@ -105,23 +105,23 @@ class Crew:
     @property
     def worker_count(self) -> int:
         """The number of workers that take part at the moment."""
-        return len(self._roster.accepted)
+        return len(self._known_workers.accepted)
 
     @property
     def refused(self) -> dict[str, str]:
         """Why workers aren't used, by their addresses."""
-        return self._roster.refused
+        return self._known_workers.refused
 
     @property
     def identity(self) -> Identity:
         """What all workers that take part are."""
-        assert self._roster.identity is not None
-        return self._roster.identity
+        assert self._known_workers.identity is not None
+        return self._known_workers.identity
 
     # ---- opening and closing ------------------------------------------------------------------------
 
     def __enter__(self) -> Self:
-        from solari_vk.cluster.roster import Roster
+        from solari_vk.cluster.workers import Workers
 
         with ExitStack() as opened:
             target = self._address
@@ -138,7 +138,7 @@ class Crew:
                 """The client of dask."""
             except (OSError, ValueError) as error:
                 raise SolariError(f"no scheduler of dask answers at {self._address}: {error}") from None
-            self._roster = Roster(self.client, self._opening, self._events, self._say)
+            self._known_workers = Workers(self.client, self._opening, self._events, self._say)
             self._await_workers()
             self._opened = opened.pop_all()
         return self
@@ -148,21 +148,21 @@ class Crew:
 
     def _await_workers(self) -> None:
         """Ask the workers that are here who they are, and wait until there is one that can take part."""
-        roster, started, said = self._roster, time.monotonic(), False
+        known_workers, started, said = self._known_workers, time.monotonic(), False
         if self._workers is not None:
             self.client.wait_for_workers(self._workers)
         while True:
-            roster.look_around()
+            known_workers.look_around()
             future = self._next_event()
             if future is not None:
-                roster.note(future)
-            elif not said and not roster.is_asking and self._workers is None:
+                known_workers.note(future)
+            elif not said and not known_workers.is_asking and self._workers is None:
                 said = True
                 self._say(f"waiting for a worker at {self._address}")
             seconds = time.monotonic() - started
-            if (not roster.is_asking or seconds > BUSY) and roster.choose():
+            if (not known_workers.is_asking or seconds > BUSY) and known_workers.choose():
                 return
-            if self._workers is not None and (len(roster.refused) >= self._workers or seconds > PATIENCE):
+            if self._workers is not None and (len(known_workers.refused) >= self._workers or seconds > PATIENCE):
                 raise self._no_worker()
 
     def _no_worker(self) -> SolariError:
@@ -190,25 +190,25 @@ class Crew:
         # a task rather than scattered data, because dask makes tasks again whose results were lost with their workers
         with dask.config.set({"distributed.admin.large-graph-warning-threshold": len(data) + 10_000_000}):
             scene_there = self.client.submit(bytes, data, key=f"solari_vk-scene-{key}")
-        source, again = iter(jobs), deque[_Errand]()
-        out: dict[Any, _Errand] = {}
+        source, again = iter(jobs), deque[_Task]()
+        out: dict[Any, _Task] = {}
         seen = time.monotonic()
         try:
             while True:
-                self._roster.look_around()
-                accepted = self._roster.accepted
-                for stranded in [future for future, errand in out.items() if errand.workers.isdisjoint(accepted)]:
+                self._known_workers.look_around()
+                accepted = self._known_workers.accepted
+                for stranded in [future for future, task in out.items() if task.workers.isdisjoint(accepted)]:
                     stranded.cancel()
                     again.append(lost := out.pop(stranded))
                     lost.losses += 1
                     if lost.losses > TRIES:
                         raise SolariError(f"{lost.job.name} ended every worker that had it, {TRIES} times in a row")
                 while len(out) < AHEAD * len(accepted):
-                    errand = again.popleft() if again else _next_errand(source)
-                    if errand is None:
+                    task = again.popleft() if again else _next_task(source)
+                    if task is None:
                         break
-                    future = self._send(errand, key, scene_there)
-                    out[future] = errand
+                    future = self._send(task, key, scene_there)
+                    out[future] = task
                     future.add_done_callback(self._events.put)
                 if accepted:
                     seen = time.monotonic()
@@ -219,53 +219,53 @@ class Crew:
                 future = self._next_event()
                 if future is None:
                     yield None
-                elif not self._roster.note(future) and future in out:
-                    errand = out.pop(future)
-                    if self._succeeded(future, errand):
-                        yield errand.job, self._result(future)
+                elif not self._known_workers.note(future) and future in out:
+                    task = out.pop(future)
+                    if self._succeeded(future, task):
+                        yield task.job, self._result(future)
                     else:
-                        again.append(errand)
+                        again.append(task)
         finally:
             for future in out:
                 future.cancel()
 
-    def _send(self, errand: _Errand, key: str, scene: Any) -> Any:
+    def _send(self, task: _Task, key: str, scene: Any) -> Any:
         """Have a job done by one of the workers that take part, of which there must be one; returns its future."""
         from solari_vk.cluster.worker import perform
 
         self._submissions += 1
-        errand.workers = frozenset(self._roster.accepted)
+        task.workers = frozenset(self._known_workers.accepted)
         return self.client.submit(
-            perform, self.identity, self._opening, key, scene, errand.job, pure=False,
-            key=f"solari_vk-{self.client.id}-{self._submissions}", workers=list(errand.workers),
+            perform, self.identity, self._opening, key, scene, task.job, pure=False,
+            key=f"solari_vk-{self.client.id}-{self._submissions}", workers=list(task.workers),
         )  # fmt: skip
 
-    def _succeeded(self, future: Any, errand: _Errand) -> bool:
+    def _succeeded(self, future: Any, task: _Task) -> bool:
         """Whether a job is done; False if it is to be tried again. Raises SolariError if it failed for good."""
         from solari_vk.cluster.worker import UnfitWorkerError
 
         if future.status == "finished":
             return True
         if future.status != "error":  # dask dropped it, as it does when the scheduler is gone
-            self._roster.check_scheduler()
+            self._known_workers.check_scheduler()
             return False
         error = future.exception()
         if isinstance(error, UnfitWorkerError):  # another process has taken the address of one that was accepted
-            self._roster.refuse(*error.args)
+            self._known_workers.refuse(*error.args)
             return False
         if isinstance(error, self._distributed.KilledWorker):
-            raise SolariError(f"{errand.job.name} ended every worker that tried it: {error}")
-        errand.tries += 1
-        if isinstance(error, DeviceError) and errand.tries <= TRIES:
-            self._say(f"{errand.job.name} is tried again: {error}")
+            raise SolariError(f"{task.job.name} ended every worker that tried it: {error}")
+        task.tries += 1
+        if isinstance(error, DeviceError) and task.tries <= TRIES:
+            self._say(f"{task.job.name} is tried again: {error}")
             return False
         if isinstance(error, SolariError):
-            raise type(error)(f"{errand.job.name}: {error}")
+            raise type(error)(f"{task.job.name}: {error}")
         raise error
 
     def _result(self, future: Any) -> Any:
         try:
             return future.result()
         except (OSError, self._distributed.CancelledError) as error:
-            self._roster.check_scheduler()
+            self._known_workers.check_scheduler()
             raise SolariError(f"a result was lost on its way: {error}") from None

@@ -1,4 +1,4 @@
-"""The ledger of a folder: which pictures it takes, which it refuses, and what it does with damage."""
+"""The journal of a folder: which pictures it takes, which it refuses, and what it does with damage."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import json
 import pytest
 
 import solari_vk as sv
-from solari_vk.cluster import Identity, Shot, Style, View, render_shots
-from solari_vk.cluster.ledger import Ledger
-from solari_vk.cluster.shots import File
+from solari_vk.cluster import Identity, RenderTask, Style, View, render_tasks
+from solari_vk.cluster.journal import Journal
+from solari_vk.cluster.tasks import File
 
 STYLE = Style((8, 8), samples=1)
 
 
 class Painter:
-    """A crew whose pictures are bytes. comes_back: their files are sent; otherwise a worker kept them to itself."""
+    """A pool whose pictures are bytes. comes_back: their files are sent; otherwise a worker kept them to itself."""
 
     identity = Identity("1", "code", "GPU", "driver", "query")
 
@@ -24,10 +24,10 @@ class Painter:
         self.comes_back, self.painted = comes_back, []
 
     def map(self, scene, jobs):
-        for shot in jobs:
-            self.painted += [view.name for view in shot.views]
-            data = {view.name: repr(view.camera.pose()).encode() for view in shot.views}
-            yield shot, {
+        for task in jobs:
+            self.painted += [view.name for view in task.views]
+            data = {view.name: repr(view.camera.pose()).encode() for view in task.views}
+            yield task, {
                 name: File(hashlib.sha256(content).hexdigest(), content if self.comes_back else None)
                 for name, content in data.items()
             }
@@ -44,10 +44,10 @@ def paint(scene, tmp_path):
 
     def run(places, exposure=0.0):
         cameras = [sv.Camera.look_at((x, 1.0, -2.4), (1, 1, 1), ev100=exposure) for x in places]
-        shots = [Shot(STYLE, n, (View(f"{n}.npy", camera),)) for n, camera in enumerate(cameras)]
-        crew = Painter()
-        assert render_shots(crew, scene, shots, tmp_path / "ledger.jsonl") == len(places)
-        return crew.painted
+        tasks = [RenderTask(STYLE, n, (View(f"{n}.npy", camera),)) for n, camera in enumerate(cameras)]
+        pool = Painter()
+        assert render_tasks(pool, scene, tasks, tmp_path / "ledger.jsonl") == len(places)
+        return pool.painted
 
     return run
 
@@ -73,7 +73,7 @@ def test_a_ledger_of_something_else_is_damaged(paint, tmp_path, head):
         paint([0])
 
 
-@pytest.mark.parametrize("line", ["1", "{}", '{"shot": [], "files": {}}', '{"shot": "a", "files": 1}'])
+@pytest.mark.parametrize("line", ["1", "{}", '{"task": [], "files": {}}', '{"task": "a", "files": 1}'])
 def test_a_damaged_line(paint, tmp_path, line):
     paint([0])
     with open(tmp_path / "ledger.jsonl", "a") as file:
@@ -83,53 +83,53 @@ def test_a_damaged_line(paint, tmp_path, line):
 
 
 def test_a_line_with_other_files(paint, tmp_path):
-    """Whatever files a line names, only the shot's own are looked at, and one that is missing is made anew."""
+    """Whatever files a line names, only the task's own are looked at, and one that is missing is made anew."""
     assert paint([0, 1]) == ["0.npy", "1.npy"]
-    ledger = tmp_path / "ledger.jsonl"
-    lines = ledger.read_text().splitlines()
+    journal = tmp_path / "ledger.jsonl"
+    lines = journal.read_text().splitlines()
     first = json.loads(lines[1])
     for files in ({}, {"\0": "a"}, {"../0.npy": first["files"]["0.npy"]}, {"0.npy": None}):
-        ledger.write_text("\n".join([lines[0], json.dumps({**first, "files": files}), lines[2], ""]))
+        journal.write_text("\n".join([lines[0], json.dumps({**first, "files": files}), lines[2], ""]))
         assert paint([0, 1]) == ["0.npy"]
 
 
 def test_a_line_that_was_cut_off(paint, tmp_path, monkeypatch):
-    """The other lines stay, also when nothing can be written: to repair the ledger takes no room."""
+    """The other lines stay, also when nothing can be written: to repair the journal takes no room."""
     assert paint([0, 1]) == ["0.npy", "1.npy"]
-    ledger = tmp_path / "ledger.jsonl"
-    whole = ledger.read_bytes()
-    ledger.write_bytes(whole[:-9])
+    journal = tmp_path / "ledger.jsonl"
+    whole = journal.read_bytes()
+    journal.write_bytes(whole[:-9])
 
     def fail(*_: object) -> None:
         raise sv.SolariError("full")
 
     with monkeypatch.context() as full:
-        full.setattr(Ledger, "_append", fail)
+        full.setattr(Journal, "_append", fail)
         with pytest.raises(sv.SolariError, match="full"):
             paint([0, 1])
-    assert ledger.read_bytes() == b"".join(whole.splitlines(True)[:2])
+    assert journal.read_bytes() == b"".join(whole.splitlines(True)[:2])
     assert paint([0, 1]) == ["1.npy"]
-    assert ledger.read_bytes() == whole
+    assert journal.read_bytes() == whole
 
 
 def test_no_shots(scene, tmp_path):
-    with pytest.raises(sv.SolariError, match="at least one shot"):
-        render_shots(Painter(), scene, [], tmp_path / "ledger.jsonl")
+    with pytest.raises(sv.SolariError, match="at least one task"):
+        render_tasks(Painter(), scene, [], tmp_path / "ledger.jsonl")
     assert not list(tmp_path.iterdir())
 
 
 def test_files_that_workers_wrote_elsewhere(scene, tmp_path, monkeypatch):
     """A folder of the same path on another machine isn't shared."""
-    monkeypatch.setattr("solari_vk.cluster.ledger.LATE_SECONDS", 0.0)
-    monkeypatch.setattr("solari_vk.cluster.ledger.TICK_SECONDS", 0.0)
-    shot = Shot(STYLE, 0, (View("0.npy", scene.camera),), folder=str(tmp_path))
+    monkeypatch.setattr("solari_vk.cluster.journal.LATE_SECONDS", 0.0)
+    monkeypatch.setattr("solari_vk.cluster.journal.TICK_SECONDS", 0.0)
+    task = RenderTask(STYLE, 0, (View("0.npy", scene.camera),), folder=str(tmp_path))
     with pytest.raises(sv.SolariError, match=r"0\.npy: a worker wrote it, but it isn't here"):
-        render_shots(Painter(comes_back=False), scene, [shot], tmp_path / "ledger.jsonl")
+        render_tasks(Painter(comes_back=False), scene, [task], tmp_path / "ledger.jsonl")
     lines = (tmp_path / "ledger.jsonl").read_text().splitlines()
     assert [list(json.loads(line)) for line in lines] == [["made_of"]]
 
 
 def test_views_of_a_shot_have_times_or_none_has(scene):
     camera = scene.camera
-    with pytest.raises(sv.SolariError, match="give all views of a shot a time, or none"):
-        Shot(STYLE, 0, (View("0.npy", camera, 1.0), View("1.npy", camera)))
+    with pytest.raises(sv.SolariError, match="give all views of a task a time, or none"):
+        RenderTask(STYLE, 0, (View("0.npy", camera, 1.0), View("1.npy", camera)))

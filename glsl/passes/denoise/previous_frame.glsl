@@ -1,15 +1,15 @@
 // Where a pixel's surface was in the previous frame, and which pixels of that frame showed it.
-#ifndef PASSES_DENOISE_PAST_GLSL
-#define PASSES_DENOISE_PAST_GLSL
+#ifndef PASSES_DENOISE_PREVIOUS_FRAME_GLSL
+#define PASSES_DENOISE_PREVIOUS_FRAME_GLSL
 
 #include "common/pixel.glsl"
 #include "passes/denoise/guide.glsl"
-#include "passes/denoise/lobe.glsl"
+#include "passes/denoise/lobe_history.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/guides/mirrors.glsl"
 
 // A surface in the previous frame.
-struct Past {
+struct PreviousSurface {
     vec2 pixel;     // in pixels without jitter; centers are at + 0.5
     vec3 position;  // relative to the previous camera
     vec3 normal;
@@ -21,7 +21,7 @@ struct Taps {
     float weights[16];
     int count;
     float weight;  // sum of the weights that count, before they were normalized; 0 when none does
-    float unlike;  // mean of 1 - the cosine between their normals and the surface's, times `weight`
+    float normal_divergence;  // mean of 1 - the cosine between their normals and the surface's, times `weight`
 };
 
 // Motion in pixels, with that of the picture by the camera's own jitter.
@@ -36,73 +36,73 @@ vec2 previous_pixel(vec3 position, vec3 previous_position, ivec2 pixel) {
     return vec2(pixel) + 0.5 + in_pixels(motion_vector(now, before));
 }
 
-Past find_past(ivec2 pixel, Guide guide) {
+PreviousSurface find_previous_surface(ivec2 pixel, Guide guide) {
     vec2 motion = in_pixels(imageLoad(guides_specular_motion, pixel).xy);
     bool moved = motion != vec2(0.0) || previous_camera.world_from_view != camera.world_from_view;
     if (guide.kind != SURFACE_SHOWN || !moved) {
-        return Past(vec2(pixel) + 0.5 + motion, guide.position, guide.normal);
+        return PreviousSurface(vec2(pixel) + 0.5 + motion, guide.position, guide.normal);
     }
     vec3 origin = camera.world_from_view[3];
     uint instance = imageLoad(gbuffer_surface, pixel).y;
     MirrorPlane plane = previous_mirror(instance, MirrorPlane(origin + guide.position, guide.normal));
     vec3 position = plane.point - previous_camera.world_from_view[3];
-    return Past(previous_pixel(guide.position, position, pixel), position, plane.normal);
+    return PreviousSurface(previous_pixel(guide.position, position, pixel), position, plane.normal);
 }
 
-bool is_the_same(Guide then, Past past, Guide guide, float plane_distance) {
+bool is_the_same(Guide then, PreviousSurface previous, Guide guide, float plane_distance) {
     if (then.kind != guide.kind) { return false; }
     bool near = guide.kind == SURFACE_SHOWN
-        ? abs(dot(then.position - past.position, past.normal)) < plane_distance * pixel_width(then.depth)
+        ? abs(dot(then.position - previous.position, previous.normal)) < plane_distance * pixel_width(then.depth)
         : abs(then.depth - guide.depth) < SAME_DEPTH * guide.depth;
-    return near && dot(then.normal, past.normal) > SAME_NORMAL
+    return near && dot(then.normal, previous.normal) > SAME_NORMAL
         && abs(then.material - guide.material) < SAME_MATERIAL;
 }
 
 Taps no_taps() {
     Taps taps;  // without the values of pixels that don't count
     taps.count = 0;
-    taps.weight = taps.unlike = 0.0;
+    taps.weight = taps.normal_divergence = 0.0;
     return taps;
 }
 
-void add_tap(inout Taps taps, ivec2 pixel, float weight, Past past, Guide guide, float plane_distance) {
+void add_tap(inout Taps taps, ivec2 pixel, float weight, PreviousSurface previous, Guide guide, float plane_distance) {
     if (abs(weight) < 1e-3 || !is_inside(pixel, camera.size)) { return; }
     Guide then = load_previous_guide(pixel);
-    if (!is_the_same(then, past, guide, plane_distance)) { return; }
+    if (!is_the_same(then, previous, guide, plane_distance)) { return; }
     taps.at[taps.count] = pixel_index(pixel, camera.size);
     taps.weights[taps.count] = weight;
     taps.count += 1;
     taps.weight += weight;
     // Splines would cancel out what grows with the square of the distance, as this does.
-    taps.unlike += abs(weight) * (1.0 - dot(normalize(then.normal), past.normal));
+    taps.normal_divergence += abs(weight) * (1.0 - dot(normalize(then.normal), previous.normal));
 }
 
 // The pixels around a position that showed the surface: by splines, which keep what moves from frame to frame sharp, or
 // by bilinear interpolation where some of the pixels showed another surface.
-Taps find_taps(vec2 where, Past past, Guide guide, float plane_distance) {
+Taps find_taps(vec2 where, PreviousSurface previous, Guide guide, float plane_distance) {
     ivec2 corner = ivec2(floor(where - 0.5));
     vec2 share = where - 0.5 - vec2(corner);
     Taps taps = no_taps();
     if (max(share.x, share.y) < 1e-3) {  // nothing moved
-        add_tap(taps, corner, 1.0, past, guide, plane_distance);
+        add_tap(taps, corner, 1.0, previous, guide, plane_distance);
         return taps;
     }
     vec4 across = spline(share.x), down = spline(share.y);
     for (int i = 0; i < 16; i++) {
         ivec2 step = ivec2(i & 3, i >> 2);
-        add_tap(taps, corner + step - 1, across[step.x] * down[step.y], past, guide, plane_distance);
+        add_tap(taps, corner + step - 1, across[step.x] * down[step.y], previous, guide, plane_distance);
     }
     if (abs(taps.weight - 1.0) < 0.02) { return taps; }
     taps = no_taps();
     for (int i = 0; i < 4; i++) {
         ivec2 step = ivec2(i & 1, i >> 1);
         vec2 weights = mix(1.0 - share, share, vec2(step));
-        add_tap(taps, corner + step, weights.x * weights.y, past, guide, plane_distance);
+        add_tap(taps, corner + step, weights.x * weights.y, previous, guide, plane_distance);
     }
     return taps;
 }
 
-void add_history(inout Lobe sum, Lobe found, float weight) {
+void add_history(inout LobeHistory sum, LobeHistory found, float weight) {
     sum.radiance += weight * found.radiance;
     sum.second_moment += weight * found.second_moment;
     sum.recent += weight * found.recent;
@@ -111,26 +111,26 @@ void add_history(inout Lobe sum, Lobe found, float weight) {
 }
 
 // Splines may fall below 0.
-Lobe without_overshoot(Lobe lobe) {
+LobeHistory without_overshoot(LobeHistory lobe) {
     vec3 radiance = max(lobe.radiance, vec3(0.0));
-    return Lobe(
+    return LobeHistory(
         radiance, max(lobe.second_moment, square(luminance(radiance))), max(lobe.recent, 0.0), max(lobe.frames, 0.0),
         max(lobe.inverse_distance, 0.0)
     );
 }
 
-Lobe read_diffuse(Taps taps) {
-    Lobe sum = NO_HISTORY;
+LobeHistory read_diffuse(Taps taps) {
+    LobeHistory sum = NO_HISTORY;
     for (int i = 0; i < taps.count; i++) {
-        add_history(sum, unpack_lobe(previous_denoise_diffuse.at[taps.at[i]]), taps.weights[i] / taps.weight);
+        add_history(sum, unpack_lobe_history(previous_denoise_diffuse.at[taps.at[i]]), taps.weights[i] / taps.weight);
     }
     return without_overshoot(sum);
 }
 
-Lobe read_specular(Taps taps) {
-    Lobe sum = NO_HISTORY;
+LobeHistory read_specular(Taps taps) {
+    LobeHistory sum = NO_HISTORY;
     for (int i = 0; i < taps.count; i++) {
-        add_history(sum, unpack_lobe(previous_denoise_specular.at[taps.at[i]]), taps.weights[i] / taps.weight);
+        add_history(sum, unpack_lobe_history(previous_denoise_specular.at[taps.at[i]]), taps.weights[i] / taps.weight);
     }
     return without_overshoot(sum);
 }

@@ -1,18 +1,18 @@
 // Rays that are reflected by metal mirrors, or pass glass, until they hit another surface, since the world cache's
 // diffuse cells can't stand for these. Differs from Solari, where all rays but those of specular GI see mirrors as
 // white walls.
-#ifndef PASSES_PAST_MIRRORS_GLSL
-#define PASSES_PAST_MIRRORS_GLSL
+#ifndef PASSES_SPECULAR_CHAIN_GLSL
+#define PASSES_SPECULAR_CHAIN_GLSL
 
 #include "passes/bindings.glsl"
 #include "passes/ray_count.glsl"
 #include "scene/walk.glsl"
 
-struct HitPastMirrors {
+struct SpecularChainHit {
     bool exists;
     ResolvedRayHitFull surface;
     float ray_t;          // length of the last ray
-    Passage first_passage;  // of the first ray
+    RayTransmittance first_transmittance;  // of the first ray
     uint mirror_count;
     vec3 first_position;  // where the first ray ended, moved off the surface
     vec3 emitted;         // light of lights seen in mirrors, which light samples can't find; includes throughput
@@ -35,8 +35,8 @@ bool always_reflects(ResolvedMaterial material) {
 
 // `walk` ends with the throughput of the mirrors, and of the tints of all rays but the first. Light samples find the
 // light that its first ray meets.
-HitPastMirrors trace_past_mirrors(inout Walk walk, inout uint rng) {
-    HitPastMirrors found;
+SpecularChainHit trace_specular_chain(inout Walk walk, inout uint rng) {
+    SpecularChainHit found;
     found.emitted = vec3(0.0);
     found.first_position = walk.origin;
     walk.bounce_pdf = 0.0;
@@ -44,8 +44,8 @@ HitPastMirrors trace_past_mirrors(inout Walk walk, inout uint rng) {
         Segment segment = trace_segment(walk, NO_RECEIVER, rng);
         count_rays(segment.rays);
         if (found.mirror_count == 0u) {
-            found.first_passage = segment.passage;
-            segment.passage = FREE_PASSAGE;
+            found.first_transmittance = segment.through;
+            segment.through = FULL_TRANSMITTANCE;
         }
         found.exists = pass_segment(walk, segment, found.emitted);
         if (!found.exists) { return found; }

@@ -1,6 +1,6 @@
 // What a path offers to its pixel's reservoir after its first ray, and what it keeps for the pixel alone.
-#ifndef PASSES_PATHS_OFFER_GLSL
-#define PASSES_PATHS_OFFER_GLSL
+#ifndef PASSES_PATHS_CANDIDATE_GLSL
+#define PASSES_PATHS_CANDIDATE_GLSL
 
 #include "passes/paths/path.glsl"
 #include "passes/paths/reservoir.glsl"
@@ -9,12 +9,12 @@ uvec4 light_point(uint light_index, uint part, vec2 u) { return uvec4(light_inde
 
 // The point of a light that the path's first ray has met. A light that it passes stands for what lies behind it too;
 // where lights at infinity overlap, such as a sun and its sky, one of them stands for all, by its radiance.
-uvec4 met_point(inout Path path) {
+uvec4 light_sample_of_hit(inout Path path) {
     bool hits = path.hit.instance != NO_INDEX;
     vec3 origin = hits ? path.vertex.position - path.hit.t * path.walk.direction : path.vertex.origin;
-    for (uint i = scene_info.first_passed_light; SCENE_SPHERE && i < scene_info.first_light_at_infinity; i++) {
+    for (uint i = scene_info.first_light_without_surface; SCENE_SPHERE && i < scene_info.first_light_at_infinity; i++) {
         LightSource light = light_sources.at[i];
-        MetLight met = pass_light(light.kind, light.index, origin, path.walk.direction, path.hit.t);
+        MetLight met = cross_light(light.kind, light.index, origin, path.walk.direction, path.hit.t);
         if (met.inverse_pdf > 0.0) { return light_point(i, 0u, met.u); }
     }
     if (hits) {
@@ -34,33 +34,34 @@ uvec4 met_point(inout Path path) {
 
 // Writes the offer of a path that has traced its first ray, and returns the light that is the pixel's alone. Until now
 // `path.radiance` is what lights emit where the ray ended.
-Lobes offer_light(inout Path path, uint index, float perceptual_roughness) {
+LobeRadiance write_candidate(inout Path path, uint index, float perceptual_roughness) {
     // Targets leave out what light passes on its way, and rays find what is behind it with a probability.
-    Passage passage = path.first_passage;
-    Lobes met = scale(path.first_weight, path.first_passed.offered + path.radiance / passage.probability);
+    RayTransmittance through = path.first_transmittance;
+    LobeRadiance met = scale(path.first_weight, path.first_along_ray.for_reservoir
+        + path.radiance / through.probability);
     float drawn_luminance = luminance(sum(shared_lobes(path.direct, perceptual_roughness)));
     float met_luminance = luminance(sum(shared_lobes(met, perceptual_roughness)));
     float luminance_sum = drawn_luminance + met_luminance;
-    PathOffer offer;
-    offer.light_weight = luminance_sum;
+    ReservoirCandidate candidate;
+    candidate.light_weight = luminance_sum;
     if (rand_f(path.rng) * luminance_sum < met_luminance) {
-        offer.light = met_point(path);
+        candidate.light = light_sample_of_hit(path);
     } else {
         uint rng = path.direct_sample.seed;
-        offer.light = light_point(path.direct_sample.light_index, path.direct_sample.part, rand_vec2f(rng));
+        candidate.light = light_point(path.direct_sample.light_index, path.direct_sample.part, rand_vec2f(rng));
     }
-    offer.instance = path.hit.instance;
+    candidate.instance = path.hit.instance;
     // the squared slope is of the first ray alone until now
-    offer.hit_weight = path.hit.instance == NO_INDEX ? 0.0 : path.squared_slope / passage.probability;
-    offer.position = path.vertex.origin;
-    offer.normal = pack_octahedral_2x16(path.vertex.geometric_normal);
-    offer.radiance = path.shareable;
-    paths_offers.at[index] = offer;
+    candidate.hit_weight = path.hit.instance == NO_INDEX ? 0.0 : path.squared_slope / through.probability;
+    candidate.position = path.vertex.origin;
+    candidate.normal = pack_octahedral_2x16(path.vertex.geometric_normal);
+    candidate.radiance = path.reusable_radiance;
+    paths_reservoir_candidates.at[index] = candidate;
 
-    Lobes light = path_light(path);
-    Lobes shareable = indirect_light(path, path.shareable);
-    light.specular += shareable.specular;
-    return Lobes(vec3(0.0), kept_specular(light, perceptual_roughness));
+    LobeRadiance light = path_light(path);
+    LobeRadiance reusable_radiance = indirect_light(path, path.reusable_radiance);
+    light.specular += reusable_radiance.specular;
+    return LobeRadiance(vec3(0.0), kept_specular(light, perceptual_roughness));
 }
 
 #endif

@@ -31,8 +31,8 @@ class Job(Protocol):
     def clip(self) -> int | None:
         """The animation whose poses the job shows, by its number; None: it shows the scene as it was given."""
 
-    def perform(self, bench: Bench) -> Any:
-        """Render on a bench that has the scene; returns the result, which can be pickled."""
+    def perform(self, session: DeviceSession) -> Any:
+        """Render on a session that has the scene; returns the result, which can be pickled."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def pack(scene: Scene) -> tuple[str, bytes]:
 Kind = TypeVar("Kind", bound=PictureRenderer)
 
 
-class Bench:
+class DeviceSession:
     """A device with the latest jobs' scene and renderers, which later jobs use again."""
 
     def __init__(self, device: Device) -> None:
@@ -125,7 +125,7 @@ Results: TypeAlias = Generator[tuple[AnyJob, Any] | None, None, None]
 
 
 class OneDevice:
-    """Does jobs one after the other on a device in this process. A context manager, as `Crew` is.
+    """Does jobs one after the other on a device in this process. A context manager, as `WorkerPool` is.
 
     device, rays, validation, on_compile: as Device takes them.
     """
@@ -140,26 +140,26 @@ class OneDevice:
         self._opening, self._on_compile = Opening(device, rays, validation), on_compile
 
     def __enter__(self) -> Self:
-        self._bench = Bench(self._opening.open())
+        self._session = DeviceSession(self._opening.open())
         self.device.on_compile = self._on_compile
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._bench.close()
+        self._session.close()
 
     @property
     def device(self) -> Device:
         """The device that works."""
-        return self._bench.device
+        return self._session.device
 
     @property
     def identity(self) -> Identity:
         """That of the device."""
-        return self._bench.identity
+        return self._session.identity
 
     def map(self, scene: Scene, jobs: Iterable[AnyJob]) -> Results[AnyJob]:
         """Yield each job with its result."""
         key, data = pack(scene)
         for job in jobs:
-            self._bench.show(key, data, job.clip)
-            yield job, job.perform(self._bench)
+            self._session.show(key, data, job.clip)
+            yield job, job.perform(self._session)

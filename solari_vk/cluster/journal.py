@@ -1,4 +1,4 @@
-"""A folder of pictures that can be left and taken up again: a ledger beside them says what is finished."""
+"""A folder of pictures that can be left and taken up again: a journal beside them says what is finished."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.cluster.bench import OneDevice, pack
-from solari_vk.cluster.crew import TICK_SECONDS, Crew
-from solari_vk.cluster.shots import Shot
+from solari_vk.cluster.device_session import OneDevice, pack
+from solari_vk.cluster.tasks import RenderTask
+from solari_vk.cluster.worker_pool import TICK_SECONDS, WorkerPool
 from solari_vk.errors import SolariError
 from solari_vk.files import cannot_be, write_whole
 from solari_vk.scene.model import Camera, Scene
@@ -24,16 +24,16 @@ from solari_vk.scene.model import Camera, Scene
 LATE_SECONDS = 60.0  # for which NFS, as it is set up by default, may not show a new file to another machine
 
 
-class Ledger:
-    """The shots whose files are in the ledger's folder, one JSON line each, with the SHA-256 of each file.
+class Journal:
+    """The tasks whose files are in the journal's folder, one JSON line each, with the SHA-256 of each file.
 
-    made_of: what all shots of the folder have in common, by name. Raises SolariError for a ledger of other pictures,
+    made_of: what all tasks of the folder have in common, by name. Raises SolariError for a journal of other pictures,
     and for one that can't be read.
     """
 
     def __init__(self, path: Path, made_of: dict[str, Any]) -> None:
         self._path = path
-        self._files: dict[str, dict[str, str]] = {}  # by the keys of the shots
+        self._files: dict[str, dict[str, str]] = {}  # by the keys of the tasks
         head = json.loads(_as_json({"made_of": made_of}))
         lines = self._read_lines()
         if not lines:
@@ -42,7 +42,7 @@ class Ledger:
         try:
             first, *others = [json.loads(line) for line in lines]
             there = dict(first["made_of"])
-            self._files = {line["shot"]: dict(line["files"]) for line in others}
+            self._files = {line["task"]: dict(line["files"]) for line in others}
         except (ValueError, TypeError, KeyError, RecursionError) as error:
             raise SolariError(f"{path}: is damaged: {error}: remove it, and all pictures are made anew") from None
         if other := [name for name, value in head["made_of"].items() if there.get(name) != value]:
@@ -74,73 +74,73 @@ class Ledger:
         except OSError as error:
             raise cannot_be("written", self._path, error) from None
 
-    def check(self, shots: Sequence[Shot]) -> None:
-        """Raise SolariError if a shot would replace a file that is in the folder as that of another one."""
+    def check(self, tasks: Sequence[RenderTask]) -> None:
+        """Raise SolariError if a task would replace a file that is in the folder as that of another one."""
         owners = {name: key for key, files in self._files.items() for name in files}
-        for shot in shots:
-            key = _key(shot)
-            for name in shot.files:
+        for task in tasks:
+            key = _key(task)
+            for name in task.files:
                 if owners.get(name, key) != key:
                     raise SolariError(
                         f"{self.folder / name}: is there already, with another camera, exposure or time, or from a run "
                         f"of another length: give another folder, or remove {self._path}"
                     )
 
-    def has(self, shot: Shot) -> bool:
-        """Whether all files of a shot are in the folder with the content that they had."""
-        files = self._files.get(_key(shot), {})
-        return all(name in files and _sha256(self.folder / name) == files[name] for name in shot.files)
+    def has(self, task: RenderTask) -> bool:
+        """Whether all files of a task are in the folder with the content that they had."""
+        files = self._files.get(_key(task), {})
+        return all(name in files and _sha256(self.folder / name) == files[name] for name in task.files)
 
-    def note(self, shot: Shot, files: dict[str, str]) -> None:
-        """Record that a shot's files are in the folder. files: the SHA-256 of each by its name."""
-        self._files[_key(shot)] = files
-        self._append(json.dumps({"shot": _key(shot), "files": files}) + "\n")
-
-
-def open_ledger(path: Path, crew: Crew | OneDevice, scene: Scene, shots: Sequence[Shot]) -> Ledger:
-    """The ledger of shots, of which all have one style. Raises SolariError for a folder with other pictures."""
-    if not shots:
-        raise SolariError(f"{path}: there is nothing to render: give at least one shot")
-    made_of = {"scene": pack(scene)[0], "device or code": crew.identity, "style": shots[0].style}
-    ledger = Ledger(path, made_of)
-    ledger.check(shots)
-    return ledger
+    def note(self, task: RenderTask, files: dict[str, str]) -> None:
+        """Record that a task's files are in the folder. files: the SHA-256 of each by its name."""
+        self._files[_key(task)] = files
+        self._append(json.dumps({"task": _key(task), "files": files}) + "\n")
 
 
-def render_shots(
-    crew: Crew | OneDevice, scene: Scene, shots: Sequence[Shot], path: Path, *,
+def open_journal(path: Path, pool: WorkerPool | OneDevice, scene: Scene, tasks: Sequence[RenderTask]) -> Journal:
+    """The journal of tasks, of which all have one style. Raises SolariError for a folder with other pictures."""
+    if not tasks:
+        raise SolariError(f"{path}: there is nothing to render: give at least one task")
+    made_of = {"scene": pack(scene)[0], "device or code": pool.identity, "style": tasks[0].style}
+    journal = Journal(path, made_of)
+    journal.check(tasks)
+    return journal
+
+
+def render_tasks(
+    pool: WorkerPool | OneDevice, scene: Scene, tasks: Sequence[RenderTask], path: Path, *,
     progress: Callable[[int], object] | None = None,
 ) -> int:  # fmt: skip
-    """Render the shots that aren't finished into the folder of their ledger, `path`; returns the number of pictures
+    """Render the tasks that aren't finished into the folder of their journal, `path`; returns the number of pictures
     that are there at the end.
 
     progress: is called with the number of finished pictures, about once a second; when it returns True, rendering ends.
-    All shots have one style. Raises SolariError without shots, for a folder with other pictures, a file that can't be
+    All tasks have one style. Raises SolariError without tasks, for a folder with other pictures, a file that can't be
     written, and when workers fail; pictures that are finished stay, and the next call goes on after them.
     """
-    return render_missing(crew, scene, shots, open_ledger(path, crew, scene, shots), progress)
+    return render_missing(pool, scene, tasks, open_journal(path, pool, scene, tasks), progress)
 
 
 def render_missing(
-    crew: Crew | OneDevice, scene: Scene, shots: Sequence[Shot], ledger: Ledger,
+    pool: WorkerPool | OneDevice, scene: Scene, tasks: Sequence[RenderTask], journal: Journal,
     progress: Callable[[int], object] | None,
 ) -> int:  # fmt: skip
-    """`render_shots` with an open ledger."""
-    missing = [shot for shot in shots if not ledger.has(shot)]
-    count = sum(len(shot.views) for shot in shots) - sum(len(shot.views) for shot in missing)
+    """`render_tasks` with an open journal."""
+    missing = [task for task in tasks if not journal.has(task)]
+    count = sum(len(task.views) for task in tasks) - sum(len(task.views) for task in missing)
     if progress is not None and progress(count):
         return count
-    with closing(crew.map(scene, missing)) as results:
+    with closing(pool.map(scene, missing)) as results:
         for done in results:
             if done is not None:
-                shot, files = done
+                task, files = done
                 for name, file in files.items():
                     if file.data is None:
-                        _await_file(ledger.folder / name)
+                        _await_file(journal.folder / name)
                     else:
-                        write_whole(ledger.folder / name, file.data)
-                ledger.note(shot, {name: file.sha256 for name, file in files.items()})
-                count += len(shot.views)
+                        write_whole(journal.folder / name, file.data)
+                journal.note(task, {name: file.sha256 for name, file in files.items()})
+                count += len(task.views)
             if progress is not None and progress(count):
                 break
     return count
@@ -159,8 +159,8 @@ def _await_file(path: Path) -> None:
         time.sleep(TICK_SECONDS)
 
 
-def _key(shot: Shot) -> str:
-    return hashlib.sha256(_as_json(dataclasses.replace(shot, folder=None)).encode()).hexdigest()[:16]
+def _key(task: RenderTask) -> str:
+    return hashlib.sha256(_as_json(dataclasses.replace(task, folder=None)).encode()).hexdigest()[:16]
 
 
 def _as_json(value: Any) -> str:

@@ -2,46 +2,47 @@
 // earlier frames.
 #version 460
 #include "common/pixel.glsl"
-#include "passes/denoise/cell.glsl"
+#include "passes/denoise/gradient_cell.glsl"
 #include "passes/denoise/sample.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
 const uint PASS_SALT = 0x1F83D9ABu;
 
-void add_difference(inout Difference sum, float value, float mean) {
+void add_gradient(inout Gradient sum, float value, float mean) {
     sum.total += value - mean;
     sum.squares += square(value - mean);
     sum.larger += max(value, mean);
 }
 
-void add_pixel(inout LobeCell cell, Lobe past, vec3 radiance) {
+void add_pixel(inout LobeGradient cell, LobeHistory history, vec3 radiance) {
     if (!is_valid(radiance)) { return; }
-    float value = luminance(radiance), mean = luminance(past.radiance);
-    float both = mix(mean, value, 1.0 / (past.frames + 1.0));
+    float value = luminance(radiance), mean = luminance(history.radiance);
+    float both = mix(mean, value, 1.0 / (history.frames + 1.0));
     cell.luminance += both;
     cell.brightest = max(cell.brightest, both);
     cell.pixels += 1.0;
-    if (past.frames < MIN_FRAMES) { return; }
-    cell.variance += max(past.second_moment - mean * mean, 0.0);
-    add_difference(cell.now, value, mean);
-    add_difference(cell.recently, mix(past.recent, value, RECENT), mean);
+    if (history.frames < MIN_FRAMES) { return; }
+    cell.variance += max(history.second_moment - mean * mean, 0.0);
+    add_gradient(cell.now, value, mean);
+    add_gradient(cell.recently, mix(history.recent, value, RECENT), mean);
 }
 
 void main() {
     uvec2 cell = gl_GlobalInvocationID.xy, cells = cell_count();
     if (denoise_settings.denoise == 0u || !is_inside(cell, cells)) { return; }
     uvec2 begin = cell * CELL, end = min(begin + CELL, camera.size);
-    LobeCell diffuse = NO_PIXELS, specular = NO_PIXELS;
+    LobeGradient diffuse = NO_PIXELS, specular = NO_PIXELS;
     for (uint y = begin.y; y < end.y; y++) {
         for (uint x = begin.x; x < end.x; x++) {
             uint index = y * camera.size.x + x, kind = kind_of(denoise_guides.at[index]);
             if (kind == NOTHING_SHOWN) { continue; }
-            add_pixel(diffuse, unpack_lobe(denoise_diffuse.at[index]), diffuse_sample(index).rgb);
+            add_pixel(diffuse, unpack_lobe_history(denoise_diffuse.at[index]), diffuse_sample(index).rgb);
             vec4 by_specular = specular_sample(index, ivec2(x, y), kind);
-            add_pixel(specular, unpack_lobe(denoise_specular.at[index]), by_specular.rgb);
+            add_pixel(specular, unpack_lobe_history(denoise_specular.at[index]), by_specular.rgb);
         }
     }
     uint rng = seed_rng(cell, this_frame.index, this_frame.seed ^ PASS_SALT);
-    denoise_cells.at[pixel_index(cell, cells)] = Cell(pack_cell(diffuse, rng), pack_cell(specular, rng));
+    denoise_cells.at[pixel_index(cell, cells)] = GradientCell(pack_gradient(diffuse, rng), pack_gradient(specular,
+        rng));
 }

@@ -9,7 +9,7 @@ from typing import Any
 
 from distributed.comm.core import CommClosedError
 
-from solari_vk.cluster.bench import Opening
+from solari_vk.cluster.device_session import Opening
 from solari_vk.cluster.identity import Identity, code_hash, version
 from solari_vk.cluster.worker import identify
 from solari_vk.errors import SolariError
@@ -17,10 +17,10 @@ from solari_vk.errors import SolariError
 LOOK_SECONDS = 1.0  # between looks at who came and went
 
 
-class Roster:
+class Workers:
     """The workers of a scheduler, each accepted, refused, or not known yet.
 
-    events: a queue in which futures of the client appear when they are done; `note` takes those of the roster.
+    events: a queue in which futures of the client appear when they are done; `note` takes those of the known_workers.
     """
 
     def __init__(self, client: Any, opening: Opening, events: SimpleQueue[Any], say: Callable[[str], None]) -> None:
@@ -31,7 +31,7 @@ class Roster:
         self.identity: Identity | None = None
         """What all accepted workers are."""
         self._asked: dict[Any, str] = {}  # futures of identities, and the workers that were asked
-        self._candidates: dict[str, Identity] = {}  # before the crew has an identity
+        self._candidates: dict[str, Identity] = {}  # before the pool has an identity
         self._looked = -LOOK_SECONDS
 
     @property

@@ -1,0 +1,56 @@
+// The light of a second surface in a pixel. Positions of samples move within the pixel, so that at edges they show one
+// of two surfaces by turns: the history of one is put aside in the frames that show the other.
+#ifndef PASSES_DENOISE_ALTERNATE_HISTORY_GLSL
+#define PASSES_DENOISE_ALTERNATE_HISTORY_GLSL
+
+#extension GL_EXT_scalar_block_layout : require
+
+#include "passes/denoise/guide.glsl"
+#include "passes/denoise/lobe_history.glsl"
+#include "passes/denoise/signal.glsl"
+
+struct AlternateHistory {
+    uvec2 surface;  // a packed guide, with the number of frames in place of the depth's last bits; 0 for none
+    uvec3 light;    // the radiance of both lobes and their second moments
+};
+
+layout(set = 1, scalar) buffer DenoiseAlternateBlock { AlternateHistory at[]; } denoise_alternate;
+
+const uint FRAMES_MASK = 0xFFu << 6u;
+
+uvec2 surface_of(AlternateHistory alternate) {
+    return uvec2(alternate.surface.x, alternate.surface.y & ~FRAMES_MASK | 0x80u << 6u);
+}
+
+uvec2 with_frames(uvec2 surface, float frames) {
+    return uvec2(surface.x, surface.y & ~FRAMES_MASK | uint(min(frames, 255.0) + 0.5) << 6u);
+}
+
+float frames_of(uvec2 surface) { return float((surface.y & FRAMES_MASK) >> 6u); }
+
+AlternateHistory pack_alternate(uvec2 guide, LobeHistory diffuse, LobeHistory specular, inout uint rng) {
+    return AlternateHistory(with_frames(guide, min(diffuse.frames, specular.frames)), uvec3(
+        pack_color(diffuse.radiance, rand_u(rng)), pack_color(specular.radiance, rand_u(rng)),
+        pack_two(diffuse.second_moment, specular.second_moment, rng)
+    ));
+}
+
+LobeHistory alternate_lobe_history(vec3 radiance, float second_moment, float frames) {
+    float mean = luminance(radiance);
+    return LobeHistory(radiance, max(second_moment, mean * mean), mean, frames, 0.0);
+}
+
+void unpack_alternate(AlternateHistory alternate, out LobeHistory diffuse, out LobeHistory specular) {
+    float frames = frames_of(alternate.surface);
+    diffuse = alternate_lobe_history(unpack_color(alternate.light.x), unpack_positive(alternate.light.z, 16u), frames);
+    specular = alternate_lobe_history(unpack_color(alternate.light.y), unpack_positive(alternate.light.z >> 16u, 16u),
+        frames);
+}
+
+// After a change of light, of which histories remain valid by the share `confidence`.
+void shorten_alternate(uint index, float confidence) {
+    uvec2 surface = denoise_alternate.at[index].surface;
+    denoise_alternate.at[index].surface = with_frames(surface, frames_of(surface) * confidence);
+}
+
+#endif
